@@ -1,5 +1,4 @@
-//! SDO access over the whole object dictionary (manual 3.1, 13): who may read and write what,
-//! with which length and in which state.
+//! SDO access to the whole object dictionary (manual 3.1, 13): permissions, lengths and states.
 
 mod gateway_support;
 
@@ -8,7 +7,7 @@ use ecan_protocol::object::{AbortCode, Access, Entry, Object, ObjectType, descri
 use ecan_sim::GatewayFault;
 use gateway_support::{Fixture, MS, chunks};
 
-/// Every entry of every object, families written out.
+/// Every entry of every object.
 fn entries() -> impl Iterator<Item = (u16, &'static Object, &'static Entry)> {
     objects().iter().flat_map(|object| {
         (0..object.count).flat_map(move |instance| {

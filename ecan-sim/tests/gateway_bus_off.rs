@@ -1,4 +1,4 @@
-//! Error states of a channel: status word, counters, registers, and the ways out of bus-off of
+//! Error states of a channel: status word, counters, registers, and the recovery policies of
 //! 0x8021:14 (manual 7, 13.2.2, 13.5).
 
 mod gateway_support;
@@ -20,7 +20,7 @@ fn bus_off(fixture: &mut Fixture) {
     fixture.gateway.bus_state(fixture.now, 0, ErrorState::BusOff, 256, 0);
 }
 
-/// Services until the controller wants to recover, `None` when it does not within 20.
+/// Services until the controller requests recovery, `None` if it does not within 20.
 fn recovery(fixture: &mut Fixture) -> Option<u32> {
     for services in 0..20 {
         if fixture.gateway.take_recovery_request(0) {

@@ -1,4 +1,4 @@
-//! 0x8001..0x8004: what an apply accepts, what it makes of the controller, filters by the
+//! 0x8001..0x8004: accepted configurations, their effect on the controller, and filters of the
 //! editing window (manual 13.4).
 
 mod gateway_support;

@@ -1,4 +1,4 @@
-//! The emulated EEPROM: it survives everything but its rebuild (manual 13.7, bit 6).
+//! The emulated EEPROM, which only a rebuild resets (manual 13.7, bit 6).
 
 mod gateway_support;
 

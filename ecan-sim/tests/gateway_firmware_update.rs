@@ -1,5 +1,5 @@
-//! Firmware partitions below FoE: progress, maintenance commands on the free partition, going back
-//! to the version before (manual 13.7, 13.8, 15.3.1).
+//! Firmware partitions without FoE: progress, maintenance commands on the free partition, return to
+//! the previous version (manual 13.7, 13.8, 15.3.1).
 
 mod gateway_support;
 

@@ -1,5 +1,5 @@
 //! The saved configuration: saving, loading and factory defaults, as a whole and by channel, and
-//! what survives a power loss (manual 13.4, 13.7).
+//! power loss (manual 13.4, 13.7).
 
 mod gateway_support;
 
@@ -15,7 +15,7 @@ const LOAD: u8 = 1 << 1;
 const FACTORY: u8 = 1 << 2;
 const ENGINEERING: u8 = 1;
 const FACTORY_MODE: u8 = 2;
-/// More than any command takes.
+/// Longer than any command.
 const LONG: u64 = 100 * MS;
 
 const OK: u32 = 0;
@@ -31,7 +31,7 @@ fn in_mode(mode: u8) -> Fixture {
     fixture
 }
 
-/// Executes a maintenance command; its status.
+/// Executes a maintenance command; returns its status.
 fn maintain(fixture: &mut Fixture, bits: u8) -> u32 {
     let sequence = fixture.upload(0xB000, 12);
     fixture.write_u8(0xB000, 4, bits);
@@ -40,7 +40,7 @@ fn maintain(fixture: &mut Fixture, bits: u8) -> u32 {
     fixture.upload(0xB000, 5)
 }
 
-/// Executes a channel's flash command; its status.
+/// Executes a channel's flash command; returns its status.
 fn flash(fixture: &mut Fixture, channel: u16, bits: u8) -> u32 {
     let sequence = fixture.upload(0x8001 + channel, 5);
     fixture.write_u8(0x8001 + channel, 3, bits);
@@ -56,7 +56,7 @@ fn power_cycle(fixture: &mut Fixture) {
     boot(fixture);
 }
 
-/// Waits for the end of a start and goes to PREOP.
+/// Waits for the boot and goes to PREOP.
 fn boot(fixture: &mut Fixture) {
     assert!(!fixture.gateway.is_responding());
     fixture.pass(1_000 * MS);
@@ -64,7 +64,7 @@ fn boot(fixture: &mut Fixture) {
     fixture.gateway.request_al_state(fixture.now, ecan_protocol::device::AlState::PreOp);
 }
 
-/// Channel 1 runs with a filter, and something of every other object is set.
+/// Channel 1 runs with a filter, and every other object has a changed value.
 fn configure(fixture: &mut Fixture) {
     let filter = StandardFilter {
         matching: StandardMatch::Two,
@@ -77,7 +77,7 @@ fn configure(fixture: &mut Fixture) {
         fixture.send(write);
     }
     fixture.apply_channel(1, McanChannelConfig::classic(250_000));
-    // asked for, never applied
+    // requested, never applied
     fixture.download(0x8004, 19, &125_000u32.to_le_bytes()).unwrap();
     fixture.apply_data_path(2, DataPathConfig::for_traffic(5, 6));
     fixture.write_u8(0x8000, 12, 3);
@@ -247,7 +247,7 @@ fn combined_commands_stop_at_the_first_failure() {
     assert_eq!(maintain(&mut fixture, SAVE | FACTORY), OK);
     assert_eq!((fixture.upload(0xB000, 8), fixture.upload(0x8000, 10)), (0, 0));
     configure(&mut fixture);
-    // no image lies in the free partition; what comes before is done
+    // the free partition is empty; earlier commands are executed
     assert_eq!(maintain(&mut fixture, SAVE | 1 << 3), IMAGE_INVALID);
     assert_eq!(fixture.upload(0xB000, 8), fixture.upload(0xB000, 7));
     fixture.download(0x8000, 10, &5u32.to_le_bytes()).unwrap();
@@ -365,7 +365,7 @@ fn crc_covers_what_is_saved_and_nothing_else() {
                 let other = candidates
                     .into_iter()
                     .find(|&value| entry.default != Some(value) && entry.accepts(value));
-                // reserved, but for its default
+                // reserved, except its default
                 let Some(value) = other else { continue };
                 let bytes = value.to_le_bytes();
                 let size = entry.ty.size_bytes().unwrap();

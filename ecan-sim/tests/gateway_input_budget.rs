@@ -1,5 +1,5 @@
-//! How channels share the frame area of the TxPDO (manual 12): whole packets only, a truncation
-//! mark and a count for what has to wait, and nothing lost by it.
+//! Division of the TxPDO frame area among the channels (manual 12): whole packets only, truncation
+//! flag and count, no loss.
 
 mod gateway_support;
 
@@ -10,7 +10,7 @@ use ecan_protocol::image::{
 };
 use gateway_support::{Fixture, MS, SERVICE, chunks, fd, standard};
 
-/// In OP with eager drain budgets, so that only the frame area limits.
+/// In OP with large drain budgets, so that only the frame area limits.
 fn with(tx: PdoProfile) -> Fixture {
     let mut fixture = Fixture::configured(tx, chunks(3));
     for channel in 0..4 {
@@ -123,7 +123,7 @@ fn balanced_budget_lends_unused_reserves() {
     fixture.deliver(3, fd(1, &[7; 64]));
     fixture.cycle();
     assert_eq!(per_channel(&fixture), [0, 0, 0, 1]);
-    // all four have a frame that no reserve can hold: one an image, none starves
+    // all four have a frame larger than any reserve: one per image, none starves
     for channel in 0..4 {
         fixture.deliver(channel, fd(1, &[7; 64]));
     }

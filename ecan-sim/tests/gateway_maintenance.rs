@@ -108,7 +108,7 @@ fn data_path_diagnostics_show_what_happens() {
     fixture.cycle();
     let show =
         |fixture: &mut Fixture, index| (1..=18).map(|at| fixture.upload(index, at)).collect();
-    // two frames a service; one frame costs 260 cycles beside 1500
+    // two frames per service; one frame costs 260 cycles in addition to 1500
     let quiet: Vec<u32> = show(&mut fixture, 0x9022);
     assert_eq!(quiet, [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1_500, 1_500]);
     let receiving: Vec<u32> = show(&mut fixture, 0x9020);

@@ -1,5 +1,5 @@
-//! Every Last PDO error of 0x8011:14 (manual 13.2): the image that causes it, and what of that
-//! image still counts. 0x8010's own errors (2, 3 and 12) are in gateway_input_budget.
+//! Every Last PDO error of 0x8011:14 (manual 13.2): the image that causes it, and the frames that
+//! are still sent. The errors of 0x8010 (2, 3 and 12) are in gateway_input_budget.
 
 mod gateway_support;
 
@@ -12,7 +12,7 @@ use gateway_support::{Fixture, chunks, standard};
 /// One good packet: channel 0, identifier 0x123, no data.
 const GOOD: [u8; 4] = [0x00, 0x00, 0x23, 0x01];
 
-/// An image of the profile with this frame area, valid in every respect that `change` leaves.
+/// An image with this frame area, valid except for `change`.
 fn image(
     profile: PdoProfile,
     packets: u8,

@@ -1,4 +1,4 @@
-//! Every status of 0x8010:2 and 0x8011:2 (manual 13.2), and what stays active meanwhile.
+//! Every status of 0x8010:2 and 0x8011:2 (manual 13.2), and the profile that stays active.
 
 mod gateway_support;
 

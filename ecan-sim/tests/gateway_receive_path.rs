@@ -14,7 +14,7 @@ const NEW: u8 = 7;
 const CRITICAL: u8 = 8;
 const DEGRADED: u8 = 15;
 
-/// In OP with this policy on channel 0, its TxPDO so big that it takes whatever is cached.
+/// In OP with this policy on channel 0 and a TxPDO large enough for the whole cache.
 fn with(policy: DataPathConfig) -> Fixture {
     let mut fixture = Fixture::configured(chunks(16), chunks(3));
     fixture.apply_data_path(0, policy);
@@ -22,7 +22,7 @@ fn with(policy: DataPathConfig) -> Fixture {
     fixture
 }
 
-/// Feeds frames while nobody fetches the input image, so that the cache fills up.
+/// Delivers frames without fetching the input image, so that the cache fills up.
 fn overflow(fixture: &mut Fixture, ids: &[u16]) -> Vec<u32> {
     assert!(fixture.write(), "fills SM3");
     for &id in ids {
@@ -124,7 +124,7 @@ fn preserve_critical_drops_uncritical_frames() {
     let feedback = 0x185;
     let ids = [feedback, feedback, 0x085, feedback, 0x705, 0x585, 0x080, feedback];
     for (critical_frames, late, expected) in [
-        // an uncritical newcomer goes itself
+        // an uncritical new frame is dropped
         (CriticalFrames::CanopenSafety, 0x186, ids.to_vec()),
         // a critical one replaces the oldest uncritical one
         (CriticalFrames::CanopenSafety, 0x086, [&ids[1..], &[0x086]].concat()),

@@ -23,7 +23,7 @@ const RXF0S: u32 = 0xA4;
 const RXF0A: u32 = 0xA8;
 const TXBCR: u32 = 0xD4;
 
-/// INIT alone, and with CCE.
+/// INIT without and with CCE.
 const INIT: u32 = 1;
 const CHANGE: u32 = 3;
 /// FD with bit rate switch.
@@ -108,7 +108,7 @@ fn protected_registers_are_locked_while_running() {
     }
 }
 
-/// Which bits of a register a write of ones sets, in a controller open for changes.
+/// Bits of a register that a write of ones sets, in a controller open for changes.
 #[test]
 fn written_registers_are_read_back() {
     let mut fixture = engineering();
@@ -138,7 +138,7 @@ fn written_registers_are_read_back() {
         let left = if offset == TEST { 0x80 } else { 0 };
         assert_eq!(read(&mut fixture, offset), left, "{offset:#x}");
     }
-    // an apply starts the controller anew
+    // an apply restarts the controller
     fixture.apply_channel(0, ecan_protocol::config::McanChannelConfig::classic(500_000));
     assert_eq!(read(&mut fixture, CCCR), 0);
     assert_ne!(read(&mut fixture, NBTP), 0);
@@ -298,7 +298,7 @@ fn unapplied_controller_stays_in_init() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Whatever is written in whatever order: cycles go on, and no frame is lost uncounted.
+    /// After any register writes in any order, cycles continue and no frame is lost uncounted.
     #[test]
     fn any_writes_leave_a_gateway_that_works(
         writes in proptest::collection::vec(

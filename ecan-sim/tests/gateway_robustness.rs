@@ -1,5 +1,5 @@
-//! Whatever comes in, the gateway stays whole: it answers with a code or a counter, keeps its
-//! books, and does the same again with the same seed.
+//! For any input, the gateway responds with a code or a counter, its counters stay consistent, and
+//! the same seed gives the same result.
 
 mod gateway_support;
 
@@ -10,7 +10,7 @@ use ecan_sim::{ErrorState, GatewayCounters, GatewayModelConfig, ReceiveLosses};
 use gateway_support::{Fixture, MS, chunks, fd, standard};
 use proptest::prelude::*;
 
-/// Something that may be done to a gateway.
+/// An action on a gateway.
 #[derive(Clone, Debug)]
 enum Step {
     Download { object: prop::sample::Index, instance: u16, subindex: u8, data: Vec<u8> },
@@ -92,7 +92,7 @@ fn run(fixture: &mut Fixture, step: &Step) {
     }
 }
 
-/// Brings the mailbox back, which may drop frames that wait.
+/// Restores the mailbox, which may drop waiting frames.
 fn make_readable(fixture: &mut Fixture) {
     if !fixture.gateway.is_responding() {
         fixture.pass(1_000 * MS);
@@ -104,8 +104,7 @@ fn make_readable(fixture: &mut Fixture) {
     }
 }
 
-/// Frames that went in, on the way out and on the way in, and are neither delivered, nor
-/// lost, nor waiting.
+/// Frames in both directions that are neither delivered, nor lost, nor waiting.
 fn unaccounted(fixture: &mut Fixture) -> (i64, i64) {
     let (mut waiting_out, mut waiting_in) = (0, 0);
     for channel in 0..4 {

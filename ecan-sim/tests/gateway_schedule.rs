@@ -1,5 +1,5 @@
-//! Scheduled transmission (manual 8.4, 13.8): frames leave at their offset behind the next
-//! Sync0 pulse, or not at all.
+//! Scheduled transmission (manual 8.4, 13.8): frames are sent at their offset after the next Sync0
+//! pulse, or dropped.
 
 mod gateway_support;
 
@@ -89,7 +89,7 @@ fn immediate_frames_do_not_wait() {
 #[test]
 fn missed_phase_is_dropped_not_moved_to_another_cycle() {
     let (mut fixture, start) = synchronous();
-    // arrives 10 us before a pulse, is parsed 20 us behind it
+    // arrives 10 us before a pulse, is parsed 20 us after it
     fixture.now = start + 5 * MS - 10_000;
     schedule(&mut fixture, 0, 0x10, 15_000);
     schedule(&mut fixture, 0, 0x11, 25_000);

@@ -1,5 +1,4 @@
-//! SM2 and SM3 as single buffers: what is accepted when, and what the master's working counter
-//! would see.
+//! SM2 and SM3 as single buffers: accepted accesses and working counters.
 
 mod gateway_support;
 

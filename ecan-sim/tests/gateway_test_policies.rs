@@ -1,5 +1,4 @@
-//! 0x8030 and the bypass options: the key rule, and what each policy cuts off
-//! (manual 9.1, 13.2.3).
+//! 0x8030 and the bypass options: key rule and effects (manual 9.1, 13.2.3).
 
 mod gateway_support;
 

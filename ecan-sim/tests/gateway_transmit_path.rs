@@ -14,7 +14,7 @@ const FIFO_FULL: u8 = 11;
 const STALE: u8 = 12;
 const DEGRADED: u8 = 15;
 
-/// In OP with this policy on channel 0 and a transmit FIFO of so many elements.
+/// In OP with this policy on channel 0 and this number of transmit elements.
 fn with(policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
     let mut fixture = Fixture::configured(chunks(3), chunks(24));
     let ram = MessageRamLayout { tx_fifo_size, ..MessageRamLayout::fd() };
@@ -236,7 +236,7 @@ fn channels_have_rings_of_their_own() {
     assert_eq!(Fixture::identifiers(&fixture.sent(3)), [0x300]);
 }
 
-/// In OP with this share of the ring for `tx_pressure`, and as [`with`].
+/// In OP with this threshold of `tx_pressure`; see [`with`].
 fn with_pressure(tx_pressure_percent: u8, policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
     let settings = GatewayModelConfig { tx_pressure_percent, ..GatewayModelConfig::default() };
     let mut fixture = Fixture::preop_with(settings);
@@ -260,7 +260,7 @@ fn tx_pressure_threshold_is_configurable() {
         fixture.cycle();
         assert!(fixture.input().header().channel_status[0].tx_pressure(), "{percent} %");
     }
-    // A full transmit FIFO of the controller is pressure, unless only a full ring is.
+    // a full transmit FIFO of the controller is pressure, except with 100 percent
     for (percent, shown) in [(99, true), (100, false)] {
         let mut fixture = with_pressure(percent, DataPathConfig::default(), 2);
         push_many(&mut fixture, 0..6);

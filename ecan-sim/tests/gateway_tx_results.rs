@@ -1,5 +1,5 @@
-//! TX_RESULT packets (manual 10): one per CAN_FRAME of each new image, in frame order, with
-//! the code for what became of the frame in the service that parsed it.
+//! TX_RESULT packets (manual 10): one per CAN_FRAME of each new image, in frame order, with the
+//! result of the service that parsed it.
 
 mod gateway_support;
 
@@ -82,7 +82,7 @@ fn bus_off() {
 
 #[test]
 fn full_ring_by_overflow_policy() {
-    // 64 fit the ring, before the service takes any out
+    // the ring holds 64 before the service sends any
     for (tx_overflow, refused, lost) in [
         (TxOverflow::DropNewest, 70 - 64, ResultCode::TxFifoFull),
         (TxOverflow::DropOldest, 70 - 64, ResultCode::TxFifoFull),
@@ -108,7 +108,7 @@ fn scheduled_frames_report_queued_and_late_ones_busy() {
     let start = fixture.start_sync0();
     fixture.pass(MS);
     fixture.start();
-    // 10 us before a pulse: the service comes 20 us behind it
+    // 10 us before a pulse: the service runs 20 us after it
     fixture.now = start + 5 * MS - 10_000;
     for offset_ns in [10_000, 100_000] {
         let frame = standard(offset_ns as u16 & 0x7FF, &[]);

@@ -1,8 +1,8 @@
-//! The simulated libethercat under the real one's names.
+//! The simulated libethercat under the names of the real one.
 //!
-//! A C program that calls `ecrt_*` itself runs on the simulated bus when the loader finds this
-//! library in place of IgH's: same soname, same functions, same symbol versions (1.6.2). The static
-//! library that this crate gives is linked by `cc` with the version script `libethercat.map`:
+//! A C program that calls `ecrt_*` itself runs on the simulated bus if the loader finds this
+//! library in place of IgH's: same soname, same functions, same symbol versions (1.6.2). `cc` links
+//! the static library of this crate with the version script `libethercat.map`:
 //!
 //! ```text
 //! cc -shared -o libethercat.so.1 -Wl,-soname,libethercat.so.1 \

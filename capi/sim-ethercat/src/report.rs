@@ -1,4 +1,4 @@
-//! Words on stderr, as the real library writes them when a call fails.
+//! Error messages on stderr, as the real library writes them.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use ecrt_sys::Errno;
 use libc::c_int;
 
-/// What a function of the library returns.
+/// Return value of a library function.
 pub(crate) trait Outcome {
     /// The error number, if the call failed.
     fn failure(&self) -> Option<Errno>;
@@ -24,8 +24,8 @@ impl<T> Outcome for *mut T {
     }
 }
 
-/// Passes on what a function returned; a failure is told.
-pub(crate) fn told<R: Outcome>(function: &str, result: R) -> R {
+/// Reports a failure on stderr, and returns the result.
+pub(crate) fn reported<R: Outcome>(function: &str, result: R) -> R {
     if let Some(errno) = result.failure() {
         line(format_args!("{function}: {errno}"));
         errno.set_last();
@@ -33,7 +33,7 @@ pub(crate) fn told<R: Outcome>(function: &str, result: R) -> R {
     result
 }
 
-/// Writes a line to stderr. Whoever has closed it wants to read none.
+/// Writes a line to stderr; a closed stderr is ignored.
 pub(crate) fn line(text: fmt::Arguments<'_>) {
     let _ = writeln!(io::stderr(), "libethercat (simulated): {text}");
 }

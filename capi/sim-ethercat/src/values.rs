@@ -1,4 +1,4 @@
-//! Reading and writing IEEE values in process data, which is little endian and not aligned.
+//! Reading and writing IEEE values in process data, which is little endian and unaligned.
 
 use std::ffi::{c_double, c_float, c_void};
 

@@ -11,7 +11,7 @@ use crate::report::line;
 
 static WORLD: Mutex<Option<Simulation>> = Mutex::new(None);
 
-/// The simulation, opened when it is first asked for. Why it cannot be is told on stderr, as an
+/// The simulation, opened when it is first asked for. Why it cannot be is reported on stderr, as an
 /// error number it is the result.
 pub(crate) fn simulation() -> Result<Simulation, c_int> {
     // A panic while opening leaves no world behind, so there is nothing half made to find.

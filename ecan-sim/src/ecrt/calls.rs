@@ -1,4 +1,4 @@
-//! What each call of the library does, with checked handles and without pointers.
+//! Library calls, with checked handles and without pointers.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use crate::ecrt::slave_view::SlaveView;
 use crate::ecrt::timing::ACTIVATE_NS;
 use crate::fault::LibraryCall;
 
-/// What a call gives: something, or a positive error number.
+/// Result of a call; the error is a positive error number.
 pub(super) type Answer<T = ()> = Result<T, c_int>;
 
 /// A handle, used as a master.
@@ -64,7 +64,7 @@ impl MasterCall {
         self.shared().reserve(self.0.client)
     }
 
-    /// Lets the slaves that were given up start again.
+    /// Restarts failed slaves.
     pub(super) fn reset(&self) -> Answer {
         self.driving(|state| state.master.reset())
     }
@@ -96,7 +96,7 @@ impl MasterCall {
         Ok(self.handle_of(Target::Config(index)))
     }
 
-    /// Activates; that takes its time, as the master's threads are exchanged.
+    /// Activates; this takes time, because the master's threads are exchanged.
     pub(super) fn activate(&self) -> Answer {
         let done = self.driving(|state| {
             let now = state.world.now_ns();
@@ -158,7 +158,7 @@ impl MasterCall {
         })?
     }
 
-    /// As the real one, every failure of it is told on stderr.
+    /// Like the real function, it writes each failure to stderr.
     pub(super) fn reference_clock_time(&self) -> Answer<u32> {
         self.driving(|state| {
             let clocks = &state.master.clocks;
@@ -173,7 +173,7 @@ impl MasterCall {
         })?
     }
 
-    /// Chooses the reference clock; none stands for the first slave.
+    /// Selects the reference clock; `None` is the first slave.
     pub(super) fn select_reference_clock(&self, config: Option<&ConfigCall>) -> Answer {
         self.configuring(|state| {
             state.master.clocks.selected = config.map(|config| config.index);
@@ -285,8 +285,7 @@ impl ConfigCall {
         })
     }
 
-    /// Puts a mapped entry into a domain of the same master handle: byte offset and bit in that
-    /// byte.
+    /// Registers a mapped entry in a domain of the same master handle; returns byte offset and bit.
     pub(super) fn register_entry(
         &self,
         entry: EntryPlace,
@@ -322,7 +321,7 @@ impl ConfigCall {
         Ok(self.insert(|config| Target::RegRequest { config, request }))
     }
 
-    /// Enters a handle of something that belongs to this configuration.
+    /// Creates a handle of an object that belongs to this configuration.
     pub(super) fn insert(&self, target: impl FnOnce(usize) -> Target) -> usize {
         let (shared, client) = (self.handle.shared.clone(), self.handle.client);
         registry::insert(Handle { shared, client, target: target(self.index) })

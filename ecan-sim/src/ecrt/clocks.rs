@@ -5,7 +5,7 @@ use crate::ecrt::slave_config::DcConfig;
 use crate::ecrt::timing::SYNC0_AHEAD_NS;
 use crate::gateway::Sync0;
 
-/// AssignActivate bit that switches Sync0 on.
+/// AssignActivate bit of Sync0.
 const SYNC0_ACTIVE: u16 = 0x0200;
 
 /// State of the distributed clocks.
@@ -13,11 +13,11 @@ const SYNC0_ACTIVE: u16 = 0x0200;
 pub(crate) struct Clocks {
     /// Last application time.
     pub(crate) app_time: u64,
-    /// When it was told, in simulated time.
+    /// When it was set, in simulated time.
     pub(crate) set_at_ns: u64,
     /// First application time: Sync0 keeps its phase to it.
     pub(crate) reference_time: u64,
-    /// Whether the slaves have got their time since the master was activated or scanned them.
+    /// Whether the slaves' times were set since activation or scan.
     pub(crate) are_set: bool,
     /// Configuration of the slave that the application has chosen as reference clock.
     pub(crate) selected: Option<usize>,
@@ -26,9 +26,9 @@ pub(crate) struct Clocks {
     pub(crate) reference: ClockDatagram,
     pub(crate) slaves: ClockDatagram,
     pub(crate) monitor: ClockDatagram,
-    /// What the datagram for the slaves brought back: lower half of the reference clock.
+    /// Result of the datagram for the slaves: lower half of the reference clock.
     pub(crate) reference_value: u32,
-    /// What the monitor's datagram brought back: the slaves' differences, combined bit by bit.
+    /// Result of the monitor datagram: the slaves' differences, combined by OR.
     pub(crate) monitor_value: u32,
 }
 
@@ -41,7 +41,7 @@ impl Clocks {
         }
     }
 
-    /// Sync0 of a slave that is started now.
+    /// Sync0 of a slave that starts now.
     pub(crate) fn sync0(&self, dc: &DcConfig) -> Option<Sync0> {
         if dc.assign_activate & SYNC0_ACTIVE == 0 {
             return None;

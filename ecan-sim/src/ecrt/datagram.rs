@@ -18,9 +18,9 @@ pub(crate) enum DatagramState {
     Queued,
     /// On the wire; `arrives_ns` is `None` when the frame was lost.
     Sent { at_ns: u64, arrives_ns: Option<u64> },
-    /// Back.
+    /// Returned.
     Received,
-    /// Not back in time.
+    /// Not returned in time.
     TimedOut,
     /// Could not be sent: no link.
     Error,

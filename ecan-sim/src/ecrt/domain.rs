@@ -5,7 +5,7 @@ use crate::ecrt::process_memory::ProcessMemory;
 use crate::scenario::EcrtVersion;
 use crate::world::{Fmmu, LogicalCommand, ProcessDirection};
 
-/// Most bytes of process data that one datagram carries.
+/// Largest process data of one datagram, in bytes.
 pub(crate) const MAX_DATAGRAM_BYTES: usize = 1486;
 
 /// One FMMU of a domain: the whole of one sync manager of one slave.
@@ -19,7 +19,7 @@ pub(crate) struct DomainFmmu {
     pub(crate) direction: ProcessDirection,
     /// First byte in the domain.
     pub(crate) offset: usize,
-    /// Bytes.
+    /// Size in bytes.
     pub(crate) size: usize,
 }
 
@@ -31,7 +31,7 @@ pub(crate) struct DomainDatagram {
     pub(crate) expected: u32,
     pub(crate) state: DatagramState,
     pub(crate) working_counter: u16,
-    /// What travels; as long as the datagram's data.
+    /// The transmitted data.
     pub(crate) wire: Vec<u8>,
 }
 
@@ -48,7 +48,7 @@ pub(crate) struct Domain {
 }
 
 impl Domain {
-    /// Adds an FMMU behind the others, or finds the one that is there; gives its first byte.
+    /// Appends an FMMU, or finds the existing one; returns its first byte.
     pub(crate) fn add_fmmu(
         &mut self,
         config: usize,
@@ -77,7 +77,7 @@ impl Domain {
         self.memory = Some(ProcessMemory::new(self.size));
     }
 
-    /// The FMMU as it is written to the slave.
+    /// The FMMU of the slave.
     pub(crate) fn slave_fmmu(&self, fmmu: &DomainFmmu) -> Fmmu {
         Fmmu {
             logical_start: self.logical_base.wrapping_add(fmmu.offset as u32),
@@ -87,7 +87,7 @@ impl Domain {
         }
     }
 
-    /// Sums the working counters of what came back.
+    /// Sums the working counters of the received datagrams.
     pub(crate) fn process(&mut self) {
         self.working_counter = self
             .datagrams
@@ -141,9 +141,9 @@ impl Used {
 
 /// Packs FMMUs into datagrams in their order; one FMMU is never split.
 ///
-/// Version 1.5 counts the first FMMU that does not fit any more for the datagram before it, and
-/// not for its own: a slave with outputs and inputs in two datagrams gets LRW and LRD with
-/// together 3 instead of LWR and LRD with 2.
+/// Version 1.5 counts the first FMMU that no longer fits for the previous datagram instead of its
+/// own: a slave with outputs and inputs in two datagrams gets LRW and LRD with together 3 instead
+/// of LWR and LRD with 2.
 fn pack(fmmus: &[DomainFmmu], version: EcrtVersion) -> Vec<DomainDatagram> {
     let mut datagrams = Vec::new();
     let mut used = Used::default();

@@ -1,4 +1,4 @@
-//! The world and its master behind one lock, and how time passes for them.
+//! The world and its master under one lock, and the passing of time.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -16,14 +16,14 @@ use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::wake_up::WakeUps;
 use crate::world::{EPOCH_NS, World};
 
-/// Longest step of a blocking call, so that it sees what other threads do.
+/// Longest step of a blocking call, to notice other threads.
 const WAIT_STEP_NS: u64 = 10_000_000;
-/// The same on an active bus, where only another thread gets on with what it waits for.
+/// The same on an active bus, where another thread must run the cycle.
 const ACTIVE_WAIT_STEP_NS: u64 = 1_000_000;
-/// How long a blocking call waits in wall-clock time for another thread to run the cycle, and the
-/// stepped clock for a worker that computes.
+/// Longest wait in wall-clock time of a blocking call for another thread to run the cycle, and of
+/// the stepped clock for a worker that computes.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// The same behind a blocked send queue.
+/// The same with a blocked send queue.
 const BLOCKED_PATIENCE: Duration = Duration::from_millis(500);
 /// Time after power-on and scan in which the slaves reach PREOP.
 const SETTLE_NS: u64 = 1_000_000_000;
@@ -36,8 +36,8 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// When the master's state machines go on without a send of the application. In the operation
-    /// phase they never do.
+    /// When the master's state machines continue without a send of the application: never in the
+    /// operation phase.
     fn machines_due(&self) -> u64 {
         match self.master.phase {
             Phase::Active => u64::MAX,
@@ -45,7 +45,7 @@ impl State {
         }
     }
 
-    /// Lets time pass up to `to`.
+    /// Advances time to `to`.
     fn run_until(&mut self, to: u64) {
         loop {
             let due = self.machines_due().max(self.world.now_ns());
@@ -67,14 +67,14 @@ pub(crate) struct Shared {
     now: AtomicU64,
     state: Mutex<State>,
     wake_ups: Mutex<Option<WakeUps>>,
-    /// Told whenever the stepped clock was moved.
+    /// Notified when the stepped clock was moved.
     moved: Condvar,
-    /// Told when a thread that the stepped clock waits for computes no longer.
+    /// Notified when a thread that the stepped clock waits for stops computing.
     settled: Condvar,
 }
 
 impl Shared {
-    /// Builds the world, and lets it live until its gateways have booted and are scanned.
+    /// Builds the world, and runs it until its gateways have booted and are scanned.
     pub(crate) fn new(
         scenario: &Scenario,
         kind: ClockKind,
@@ -126,8 +126,7 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The world as it is now. With the real clock it catches up first; the stepped one stands
-    /// still.
+    /// Accesses the world at the present time. With the real clock it catches up first.
     pub(crate) fn with<R>(&self, action: impl FnOnce(&mut State) -> R) -> R {
         let mut state = self.lock();
         if self.kind == ClockKind::Real {
@@ -136,7 +135,7 @@ impl Shared {
         action(&mut state)
     }
 
-    /// Sleeps until a time. This is what moves the stepped clock.
+    /// Sleeps until a time; this moves the stepped clock.
     pub(crate) fn sleep_until(&self, deadline: u64) {
         match self.kind {
             ClockKind::Real => MonotonicClock.sleep_until_ns(deadline),
@@ -169,14 +168,13 @@ impl Shared {
         })
     }
 
-    /// This thread moves the clock itself: nobody is to wait for it.
+    /// This thread moves the clock: no thread waits for it.
     fn stand_aside(&self, waiter: &mut Waiter, state: &mut State) {
         waiter.stand_aside(&mut state.threads);
         self.settled.notify_all();
     }
 
-    /// Waits until no thread computes that stepped time stands still for, but not for one that does
-    /// not get on.
+    /// Waits until no thread computes that stepped time waits for, with a time limit.
     fn settle<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
         let computes = |state: &mut State| !state.threads.is_settled();
         let settled = self.settled.wait_timeout_while(state, PATIENCE, computes);
@@ -209,8 +207,8 @@ impl Shared {
         self.settled.notify_all();
     }
 
-    /// Sleeps for the application: it wakes up late, as the scenario says, but for what a spin of
-    /// `spin_ns` before the deadline swallows.
+    /// Sleeps for the application: it wakes up late by the scenario's delay, reduced by a spin of
+    /// `spin_ns` before the deadline.
     pub(crate) fn sleep_as_application(&self, deadline: u64, spin_ns: u64) {
         if self.kind == ClockKind::Real {
             return MonotonicClock.sleep_and_spin_until_ns(deadline, spin_ns);
@@ -230,10 +228,10 @@ impl Shared {
         self.moved.notify_all();
     }
 
-    /// Blocks until `poll` gives something, while simulated time passes and the master works.
+    /// Blocks until `poll` returns a result, while simulated time passes and the master works.
     ///
-    /// On an active bus it is up to another thread to run the cycle, and in stepped time to move
-    /// time. `poll` is told when no thread does so.
+    /// On an active bus another thread must run the cycle, and in stepped time move the clock.
+    /// `poll` gets `true` if none does.
     pub(crate) fn wait<R>(&self, mut poll: impl FnMut(&mut State, bool) -> Option<R>) -> R {
         let mut is_alone = false;
         let mut waiter = Waiter::new(&self.lock().threads);
@@ -251,7 +249,7 @@ impl Shared {
             if self.kind == ClockKind::Stepped && active {
                 waiter.begin(&mut state.threads);
                 self.settled.notify_all();
-                // Where no send can help there is nothing to be patient for.
+                // a blocked queue needs no patience
                 let patience = if state.master.blocked { BLOCKED_PATIENCE } else { PATIENCE };
                 let idle = |state: &mut State| !waiter.is_over(&state.threads);
                 let waited = self.moved.wait_timeout_while(state, patience, idle);
@@ -294,7 +292,7 @@ impl Shared {
             if result.is_some() || state.master.phase != Phase::Active {
                 return result;
             }
-            // Behind a blocked send queue the mailbox datagrams never leave.
+            // a blocked send queue never sends the mailbox datagrams
             if state.master.sends != sends && !state.master.blocked {
                 (moved_at, sends) = (state.world.now_ns(), state.master.sends);
             }
@@ -313,7 +311,7 @@ impl Shared {
         })
     }
 
-    /// Reserves the master for a handle, after a scan and the slaves' way to PREOP have ended.
+    /// Reserves the master for a handle, after the scan and the slaves' transition to PREOP.
     pub(crate) fn reserve(&self, client: u64) -> Result<(), i32> {
         let claim = |state: &mut State, _| {
             if !state.master.is_free() {

@@ -1,8 +1,7 @@
-//! The edge to C: the table of functions, with pointers on one side and checked calls on the other.
+//! C interface: the function table, with pointers outside and checked calls inside.
 //!
-//! The only place of this crate with `unsafe`. Handles are never dereferenced (see the registry);
-//! what is dereferenced are the caller's own out-parameters and buffers, which libethercat's
-//! interface obliges it to pass valid or null.
+//! Handles are never dereferenced (see the registry). Dereferenced are only out-parameters and
+//! buffers of the caller, which are valid or null by the contract of libethercat.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
@@ -30,7 +29,7 @@ pub(crate) fn simulated_library(simulation: &Simulation) -> Ecrt {
     unsafe { Ecrt::simulated(table(version), masters, version.magic(), scenario, clock) }
 }
 
-/// A handle's number as the pointer that the caller gets.
+/// The pointer of a handle.
 fn pointer<T>(address: usize) -> *mut T {
     std::ptr::without_provenance_mut(address)
 }
@@ -40,17 +39,17 @@ fn null_with<T>(errno: c_int) -> *mut T {
     std::ptr::null_mut()
 }
 
-/// Runs a call. A panic inside it ends here, as an input/output error: it must not reach C.
+/// Runs a call. A panic becomes EIO, because it must not reach C.
 fn guarded<T>(call: impl FnOnce() -> Answer<T>) -> Answer<T> {
     catch_unwind(AssertUnwindSafe(call)).unwrap_or(Err(libc::EIO))
 }
 
-/// What a call returns that reports a status.
+/// Return value of a call that returns a status.
 fn status(call: impl FnOnce() -> Answer) -> c_int {
     guarded(call).map_or_else(|errno| -errno, |()| 0)
 }
 
-/// What a call returns that puts an entry into a domain.
+/// Return value of a call that returns a byte offset.
 fn byte_offset(call: impl FnOnce() -> Answer<usize>) -> c_int {
     guarded(call)
         .and_then(|byte| c_int::try_from(byte).map_err(|_| libc::EOVERFLOW))
@@ -65,7 +64,7 @@ fn data_or_null(call: impl FnOnce() -> Answer<*mut u8>) -> *mut u8 {
     guarded(call).unwrap_or_else(null_with)
 }
 
-/// Stores a result where the caller wants it.
+/// Stores a result in an out-parameter.
 ///
 /// # Safety
 /// `target` is null or valid for writing.
@@ -78,8 +77,8 @@ unsafe fn store<T>(target: *mut T, value: T) -> Answer {
     Ok(())
 }
 
-/// Tells where an entry lies: the bit in its byte where the caller wants it, the byte as the
-/// answer. A caller that wants no bit gets no entry that begins inside a byte.
+/// Returns the position of an entry: the bit in an out-parameter, the byte as result. Without the
+/// out-parameter an entry inside a byte is an error.
 ///
 /// # Safety
 /// `bit_position` is null or valid for writing.
@@ -127,7 +126,7 @@ fn on_reg_request(request: *const ec_reg_request_t) -> Answer<RegRequestCall> {
     RegRequestCall::find(request.addr())
 }
 
-/// A function in both of its forms: 1.6 returns a status, 1.5 returned nothing.
+/// A function in both forms: 1.6 returns a status, 1.5 returns nothing.
 macro_rules! two_forms {
     ($(#[$doc:meta])* $reported:ident / $silent:ident ($($argument:ident: $type:ty),*)
         $body:block) => {
@@ -142,7 +141,7 @@ macro_rules! two_forms {
     };
 }
 
-// Behind the macro, which they use.
+// after the macro that they use
 mod bus;
 mod configuration;
 mod emergencies;
@@ -165,7 +164,7 @@ pub use requests::*;
 pub use sdo_transfers::*;
 pub use startup_sdos::*;
 
-/// The table of a simulated release: all the functions that the SDK uses.
+/// Function table of a simulated release.
 pub fn table(version: EcrtVersion) -> Functions {
     let new = version != EcrtVersion::V1_5;
     /// The form of a function that the release has.

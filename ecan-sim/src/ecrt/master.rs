@@ -23,13 +23,13 @@ use crate::world::World;
 use bus_scan::Scan;
 use sdo::BlockingSdo;
 
-/// Lines of the kernel log that are kept.
+/// Size of the kernel log in lines.
 const LOG_LINES: usize = 1000;
 
-/// What the master is doing.
+/// Phase of the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Phase {
-    /// Nobody has reserved it.
+    /// Not reserved.
     Idle,
     /// Reserved, not activated.
     Reserved,
@@ -51,7 +51,7 @@ pub(crate) struct MasterModel {
     pub(crate) slaves: Vec<SlaveView>,
     pub(crate) scan: Option<Scan>,
     pub(crate) poll_due: u64,
-    /// A slave did not answer: the bus is to be scanned as soon as that is allowed.
+    /// A slave did not respond: the bus must be scanned when that is allowed.
     pub(crate) rescan_required: bool,
     pub(crate) responding: u32,
     pub(crate) al_states: u8,
@@ -123,7 +123,7 @@ impl MasterModel {
         self.next_client
     }
 
-    /// Whether the bus is scanned and every slave is where it shall be, or will not get there.
+    /// Whether the bus is scanned and every slave has reached its requested state or failed.
     pub(crate) fn is_settled(&self) -> bool {
         let settled = |slave: &SlaveView| {
             slave.error_flag
@@ -144,7 +144,7 @@ impl MasterModel {
         self.phase = Phase::Reserved;
     }
 
-    /// Gives the master back; whatever was configured is gone.
+    /// Releases the master; its configuration is lost.
     pub(crate) fn release(&mut self, client: u64, now: u64) {
         if self.owner == Some(client) {
             self.deactivate(now);
@@ -153,7 +153,7 @@ impl MasterModel {
         }
     }
 
-    /// Whether this handle may configure: it has the master, which is not active.
+    /// Whether this handle can configure: it has reserved the master, which is not active.
     pub(crate) fn may_configure(&self, client: u64) -> Result<(), i32> {
         match (self.owner == Some(client), self.phase) {
             (false, _) => Err(libc::EPERM),
@@ -177,7 +177,7 @@ impl MasterModel {
         self.queue.reserve(datagrams + 3);
         self.phase = Phase::Active;
         self.clocks.are_set = false;
-        // A configuration under way begins anew, for the state that is requested from now on.
+        // restart a configuration in progress for the new requested state
         for slave in &mut self.slaves {
             slave.startup = None;
             slave.due = now;
@@ -189,7 +189,7 @@ impl MasterModel {
         self.poll_due = now;
     }
 
-    /// Wants every configured slave in OP, also those that were given up with an error.
+    /// Requests OP of every configured slave, including failed ones.
     pub(crate) fn reset(&mut self) {
         if self.phase != Phase::Active {
             return;
@@ -200,7 +200,7 @@ impl MasterModel {
         }
     }
 
-    /// Back to before activation; the slaves go to PREOP.
+    /// Ends the operation phase; the slaves return to PREOP.
     pub(crate) fn deactivate(&mut self, now: u64) {
         self.domains.clear();
         self.configs.clear();
@@ -225,18 +225,18 @@ impl MasterModel {
         self.poll_due = now;
     }
 
-    /// When a state machine goes on next.
+    /// When a state machine continues.
     pub(crate) fn next_due(&self) -> u64 {
         let slaves = self.slaves.iter().map(|slave| slave.due).min().unwrap_or(u64::MAX);
         if self.is_configuring() { slaves } else { slaves.min(self.poll_due) }
     }
 
-    /// Whether a slave is being configured. Until that has ended the master looks at no other.
+    /// Whether a slave is being configured. The master polls no other slave until that has ended.
     fn is_configuring(&self) -> bool {
         self.slaves.iter().any(|slave| slave.startup.is_some())
     }
 
-    /// Lets every state machine that is due go one step.
+    /// Runs one step of every state machine that is due.
     pub(crate) fn step(&mut self, world: &mut World) {
         let now = world.now_ns();
         if self.poll_due <= now && !self.is_configuring() {
@@ -272,7 +272,7 @@ impl MasterModel {
         self.configs.get(self.slaves.get(slave)?.config?)
     }
 
-    /// Makes or finds the configuration of a slave.
+    /// Creates or finds the configuration of a slave.
     pub(crate) fn slave_config(
         &mut self,
         alias: u16,

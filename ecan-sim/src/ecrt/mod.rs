@@ -1,4 +1,4 @@
-//! A simulated libethercat: the same table of functions as the real one, in front of the world.
+//! Front end `ecrt`: a simulated libethercat with the function table of the real one.
 //!
 //! Behaves as IgH EtherCAT master 1.6.2 (or 1.5.2) does towards an application. The kernel module
 //! and the user space library are one here.
@@ -9,7 +9,7 @@ mod clocks;
 mod datagram;
 mod domain;
 mod front;
-// Its documentation at the crate's root says once what every function asks of its caller.
+// the crate root documents the safety contract of all functions
 #[allow(clippy::missing_safety_doc)]
 pub(crate) mod functions;
 mod mailbox;

@@ -1,24 +1,24 @@
-//! The SDO writes with which the master sets PDO assignment and mapping after the startup SDOs.
+//! SDO writes of PDO assignment and mapping after the startup SDOs.
 
 use crate::ecrt::pdo::SYNC_MANAGERS;
 use crate::ecrt::slave_config::{SlaveConfig, SyncConfig};
 use crate::scenario::GatewaySpec;
 
-/// One write, and where to go on when the slave refuses it.
+/// One write, and where to continue if the slave aborts it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct AssignmentWrite {
     pub(crate) index: u16,
     pub(crate) subindex: u8,
     pub(crate) value: u32,
     pub(crate) size: usize,
-    /// Place in the list to go on from after a failure.
+    /// Index in the list to continue from after a failure.
     pub(crate) after_failure: usize,
 }
 
 /// First sync manager with process data.
 const FIRST_PROCESS_SYNC: u8 = 2;
 
-/// The writes for a configuration, as far as the slave's SII allows them.
+/// The writes of a configuration, as far as the slave's SII allows them.
 ///
 /// A count that cannot be cleared skips its object, a PDO that cannot be assigned ends the list.
 pub(crate) fn assignment_writes(config: &SlaveConfig, spec: &GatewaySpec) -> Vec<AssignmentWrite> {

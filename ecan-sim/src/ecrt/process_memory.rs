@@ -1,9 +1,8 @@
 //! Memory that the simulated library shares with its caller: process data and SDO data.
 //!
-//! The caller gets a plain `uint8_t *`, as from the real library, and reads and writes it whenever
-//! it likes. The library side therefore keeps it in atomic words: both sides may touch the same
-//! byte at the same time without undefined behaviour, only with the mixed content that the
-//! mapping of a real master would show as well.
+//! The caller gets a plain `uint8_t *`, as from the real library, and reads and writes it at any
+//! time. The library keeps it in atomic words, so concurrent accesses are not undefined behaviour;
+//! they can give mixed contents, as with the mapping of a real master.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -24,17 +23,16 @@ impl ProcessMemory {
         Self { words, len }
     }
 
-    /// Bytes.
     pub(crate) fn len(&self) -> usize {
         self.len
     }
 
-    /// The address to hand to the caller. Valid while a clone of this memory lives.
+    /// Address for the caller. Valid while a clone of this memory lives.
     pub(crate) fn as_ptr(&self) -> *mut u8 {
         self.words.as_ptr().cast::<u8>().cast_mut()
     }
 
-    /// Copies from `offset` on into `target`; what lies outside is left alone.
+    /// Copies from `offset` into `target`; bytes outside keep their value.
     pub(crate) fn read(&self, offset: usize, target: &mut [u8]) {
         let inside = self.len.saturating_sub(offset).min(target.len());
         let Some(target) = target.get_mut(..inside) else { return };
@@ -50,7 +48,7 @@ impl ProcessMemory {
         }
     }
 
-    /// Copies `source` to `offset`; what lies outside is dropped.
+    /// Copies `source` to `offset`; bytes outside are dropped.
     pub(crate) fn write(&self, offset: usize, source: &[u8]) {
         let inside = self.len.saturating_sub(offset).min(source.len());
         let Some(source) = source.get(..inside) else { return };
@@ -68,8 +66,8 @@ impl ProcessMemory {
         }
     }
 
-    /// How many bytes from `offset` on lie in a word that begins before it, the words from that
-    /// one on, and where in it the bytes begin.
+    /// Number of bytes from `offset` in a word that begins before it, the words from that one on,
+    /// and the start of the bytes in it.
     fn split(&self, offset: usize, length: usize) -> Option<(usize, &[AtomicU64], usize)> {
         let skip = offset % WORD_BYTES;
         let head = if skip == 0 { 0 } else { (WORD_BYTES - skip).min(length) };
@@ -77,7 +75,7 @@ impl ProcessMemory {
     }
 }
 
-/// Copies what is there into a place of the same length.
+/// Copies `source` if it has the length of `target`.
 fn copy(target: &mut [u8], source: Option<&[u8]>) {
     if let Some(source) = source.filter(|source| source.len() == target.len()) {
         target.copy_from_slice(source);

@@ -1,8 +1,7 @@
 //! Handles of the simulated library.
 //!
-//! A handle looks like the pointer that the real library returns, but is only a number that is
-//! never dereferenced and never given out twice. So a stale or foreign pointer is recognised
-//! instead of being followed.
+//! A handle looks like a pointer of the real library, but is a number that is never dereferenced
+//! and never reused. A stale or unknown pointer is recognised instead of followed.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -10,7 +9,7 @@ use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 
 use crate::ecrt::front::Shared;
 
-/// What a handle stands for.
+/// Object of a handle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Target {
     Master,
@@ -29,15 +28,15 @@ pub(super) struct Handle {
     pub(super) target: Target,
 }
 
-/// The first address. Far from everything that is mapped, and aligned as a pointer would be.
+/// The first address: far from mapped memory, and aligned like a pointer.
 const FIRST: usize = 0x5ECA_0000;
 const STRIDE: usize = 16;
 
 static NEXT: AtomicUsize = AtomicUsize::new(FIRST);
-// A BTreeMap, since leak checkers take what a static HashMap holds for possibly lost.
+// a BTreeMap, because leak checkers report the contents of a static HashMap
 static HANDLES: LazyLock<RwLock<BTreeMap<usize, Handle>>> = LazyLock::new(RwLock::default);
 
-/// Enters a handle and gives the address that stands for it.
+/// Adds a handle; returns its address.
 pub(super) fn insert(handle: Handle) -> usize {
     let address = NEXT.fetch_add(STRIDE, Ordering::Relaxed);
     HANDLES.write().unwrap_or_else(PoisonError::into_inner).insert(address, handle);
@@ -49,7 +48,7 @@ pub(super) fn find(address: usize) -> Option<Handle> {
     HANDLES.read().unwrap_or_else(PoisonError::into_inner).get(&address).cloned()
 }
 
-/// Finds a handle that is known, without entering it twice.
+/// Finds the address of an existing handle.
 pub(super) fn address_of(shared: &Arc<Shared>, client: u64, target: Target) -> Option<usize> {
     let handles = HANDLES.read().unwrap_or_else(PoisonError::into_inner);
     handles
@@ -62,7 +61,7 @@ pub(super) fn address_of(shared: &Arc<Shared>, client: u64, target: Target) -> O
         .map(|(address, _)| *address)
 }
 
-/// Forgets what was made from a master handle, and the master handle itself if asked to.
+/// Removes the handles made from a master handle, and optionally the master handle.
 pub(super) fn forget(shared: &Arc<Shared>, client: u64, with_master: bool) {
     let mut handles = HANDLES.write().unwrap_or_else(PoisonError::into_inner);
     handles.retain(|_, handle| {

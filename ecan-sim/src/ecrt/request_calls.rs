@@ -1,4 +1,4 @@
-//! What each call for an SDO or register request does.
+//! Calls for SDO and register requests.
 
 use crate::ecrt::calls::Answer;
 use crate::ecrt::registry::{self, Handle, Target};

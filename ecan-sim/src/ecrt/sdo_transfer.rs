@@ -5,7 +5,7 @@ use ecan_protocol::object::AbortCode;
 use crate::ecrt::timing::MAILBOX_TIMEOUT_NS;
 use crate::world::World;
 
-/// Why a transfer failed: error number (positive) and abort code, 0 without one.
+/// Failure of a transfer: error number (positive) and abort code, 0 without one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SdoFailure {
     pub(crate) errno: i32,
@@ -13,13 +13,13 @@ pub(crate) struct SdoFailure {
 }
 
 impl SdoFailure {
-    /// The slave did not answer, or is in no state to.
+    /// The slave did not respond or is in the wrong state.
     pub(crate) const UNANSWERED: Self = Self { errno: libc::EIO, abort_code: 0 };
-    /// There is no such slave.
+    /// No such slave.
     pub(crate) const NO_SLAVE: Self = Self { errno: libc::EINVAL, abort_code: 0 };
 }
 
-/// What a transfer is about.
+/// Object of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SdoObject {
     pub(crate) index: u16,
@@ -40,21 +40,21 @@ impl SdoObject {
     }
 }
 
-/// What a transfer moves.
+/// Data of a transfer.
 pub(crate) enum Payload<'a> {
     Download(&'a [u8]),
     Upload(&'a mut Vec<u8>),
 }
 
-/// A transfer at the end of its time.
+/// Result of an attempt.
 pub(crate) enum Attempt {
-    /// Over.
+    /// Completed.
     Done(Result<(), SdoFailure>),
-    /// No answer yet: look again in a while.
+    /// No response yet: poll again.
     Waiting,
 }
 
-/// Lets a slave answer a transfer that began at `since`.
+/// Attempts a transfer that began at `since`.
 pub(crate) fn attempt(
     world: &mut World,
     slot: usize,

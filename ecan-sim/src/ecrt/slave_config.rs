@@ -1,4 +1,4 @@
-//! What an application configures for one slave.
+//! Configuration of one slave by the application.
 
 use crate::ecrt::pdo::{Pdo, PdoEntry, direction_of, pdo_bytes};
 use crate::ecrt::process_memory::ProcessMemory;
@@ -6,7 +6,7 @@ use crate::ecrt::sdo_transfer::SdoObject;
 use crate::scenario::GatewaySpec;
 use crate::world::ProcessDirection;
 
-/// Most sync managers that a configuration knows.
+/// Largest number of sync managers.
 pub(super) const MAX_SYNC_MANAGERS: usize = 16;
 
 /// Watchdog of a sync manager.
@@ -42,7 +42,7 @@ pub(crate) struct DcConfig {
     pub(crate) sync1_cycle: u32,
 }
 
-/// Where an SDO request is.
+/// Progress of an SDO request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RequestProgress {
     Unused,
@@ -63,7 +63,7 @@ pub(crate) struct SdoRequest {
     pub(crate) queued_at: u64,
     /// The master's copy of the data.
     pub(crate) data: Vec<u8>,
-    /// The caller's memory, and how much of it is data.
+    /// The caller's memory, and the length of the data in it.
     pub(crate) memory: ProcessMemory,
     pub(crate) data_size: usize,
     /// A finished read that the caller has not fetched.
@@ -86,7 +86,7 @@ impl SdoRequest {
         }
     }
 
-    /// Queues a transfer. A write takes the caller's data with it.
+    /// Queues a transfer. A write copies the caller's data.
     pub(crate) fn start(&mut self, writes: bool, now: u64) {
         self.writes = writes;
         self.progress = RequestProgress::Queued;
@@ -128,7 +128,7 @@ pub(crate) struct SlaveConfig {
 pub(crate) enum EntryPlace {
     /// The first one of this object.
     Object { index: u16, subindex: u8 },
-    /// By its place: sync manager, PDO in it, entry in that, each from 0.
+    /// By position: sync manager, PDO in it, entry in that, each from 0.
     Position { sync: u8, pdo: usize, entry: usize },
 }
 
@@ -169,7 +169,7 @@ impl SlaveConfig {
         self.syncs.iter_mut().flat_map(|sync| &mut sync.pdos).find(|pdo| pdo.index == index)
     }
 
-    /// Where an entry lies: sync manager, its direction, its size, bit offset.
+    /// Location of an entry: sync manager, its direction, its size, bit offset.
     pub(crate) fn locate(
         &self,
         wanted: EntryPlace,
@@ -227,7 +227,7 @@ impl RegRequest {
         }
     }
 
-    /// How far it is. Brings the data of a finished read to the caller.
+    /// Progress; copies the data of a finished read to the caller.
     pub(crate) fn fetch(&mut self) -> RequestProgress {
         if self.progress == RequestProgress::Success && !self.writes {
             self.memory.write(0, &self.data);

@@ -1,4 +1,4 @@
-//! What the master knows of a slave since the last scan.
+//! State of a slave as known to the master since the last scan.
 
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK, assignment_index, sync_manager};
@@ -30,12 +30,12 @@ pub(crate) struct SlaveView {
     /// The state machine that brings it to the requested state.
     pub(crate) startup: Option<Startup>,
     pub(crate) transfer: Option<Transfer>,
-    /// When either of them goes on.
+    /// When either of them continues.
     pub(crate) due: u64,
 }
 
 impl SlaveView {
-    /// A slave as it is found by a scan.
+    /// Scans a slave.
     pub(crate) fn scanned(world: &mut World, slot: usize) -> Option<Self> {
         let spec = world.spec(slot)?.clone();
         let outputs = read_assignment(world, slot, Direction::RxPdo);
@@ -62,12 +62,12 @@ impl SlaveView {
         })
     }
 
-    /// Whether the gateway still is the one that was scanned.
+    /// Whether the scanned gateway is still present.
     pub(crate) fn is_present(&self, world: &World) -> bool {
         world.is_reachable(self.slot) && world.generation(self.slot) == self.generation
     }
 
-    /// Whether the last AL status read says that mailbox traffic is possible.
+    /// Whether the last AL status permits mailbox traffic.
     pub(crate) fn has_mailbox(&self) -> bool {
         self.current & AL_ERROR == 0 && self.current & 0x0F != AlState::Init.raw()
     }
@@ -78,7 +78,7 @@ impl SlaveView {
     }
 }
 
-/// Reads the assigned PDOs and their mapping, as far as the slave answers.
+/// Reads the assigned PDOs and their mapping, up to the first failure.
 fn read_assignment(world: &mut World, slot: usize, direction: Direction) -> Vec<Pdo> {
     let mut pdos = Vec::new();
     let assignment = assignment_index(direction);

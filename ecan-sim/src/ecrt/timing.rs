@@ -1,17 +1,17 @@
-//! How long the simulated master takes for its work.
+//! Durations of the simulated master.
 //!
-//! Of the order that a master with a kernel tick of 4 ms and a cycle of 1 ms shows. In the
-//! operation phase every step takes at least one send besides, since the master's own datagrams
-//! travel with the application's.
+//! Typical of a master with a kernel tick of 4 ms and a cycle of 1 ms. In the operation phase every
+//! step takes at least one send in addition, because the master's own datagrams travel with the
+//! application's.
 
 /// One register access: queue, send, receive.
 pub(super) const REGISTER_NS: u64 = 1_000_000;
-/// One expedited SDO transfer: request, mailbox check, answer. In the operation phase each of the
-/// three travels with a send besides.
+/// One expedited SDO transfer: request, mailbox check, response. In the operation phase each of the
+/// three also waits for a send.
 pub(super) const SDO_NS: u64 = 2_000_000;
 /// Activation: the master's threads are exchanged.
 pub(super) const ACTIVATE_NS: u64 = 3_000_000;
-/// Between two looks at the AL status while a slave changes its state.
+/// Polling interval of the AL status during a state change.
 pub(super) const STATE_POLL_NS: u64 = 2_000_000;
 /// Longest state change.
 pub(super) const STATE_TIMEOUT_NS: u64 = 10_000_000_000;
@@ -19,28 +19,28 @@ pub(super) const STATE_TIMEOUT_NS: u64 = 10_000_000_000;
 pub(super) const SCAN_BASE_NS: u64 = 20_000_000;
 /// Scan of one slave: SII, mailbox, assigned PDOs.
 pub(super) const SCAN_SLAVE_NS: u64 = 200_000_000;
-/// Between two looks at all slaves while the master is idle.
+/// Polling interval of all slaves while the master is idle.
 pub(super) const IDLE_POLL_NS: u64 = 100_000_000;
-/// The same in the operation phase: what an application learns of its slaves lags by this.
+/// The same in the operation phase: the slave states lag by this time.
 pub(super) const ACTIVE_POLL_NS: u64 = 1_000_000_000;
 /// Settling of the slaves' clocks before Sync0 is started.
 pub(super) const CLOCK_SETTLE_NS: u64 = 100_000_000;
 /// Difference of a slave's clock at which it counts as settled.
 pub(super) const CLOCK_NEAR_NS: u64 = 10_000;
-/// How long the master waits for that.
+/// Longest wait for that.
 pub(super) const CLOCK_TIMEOUT_NS: u64 = 5_000_000_000;
 /// Distance of the first Sync0 pulse.
 pub(super) const SYNC0_AHEAD_NS: u64 = 100_000_000;
-/// How long an SDO transfer waits for its answer.
+/// Longest wait for the response of an SDO transfer.
 pub(super) const MAILBOX_TIMEOUT_NS: u64 = 1_000_000_000;
-/// How long a blocking call waits where a real one would wait for ever: the send queue is blocked,
-/// or the application does not send.
+/// Longest wait of a blocking call that would wait for ever in a real master: the send queue is
+/// blocked, or the application does not send.
 pub(super) const BLOCKED_GIVE_UP_NS: u64 = 10_000_000_000;
-/// After this long a datagram that is not back counts as lost.
+/// Time after which a datagram counts as lost.
 pub(super) const DATAGRAM_TIMEOUT_NS: u64 = 500_000;
-/// Way of a frame through the host, both directions.
+/// Latency of the host, both directions.
 pub(super) const HOST_LATENCY_NS: u64 = 20_000;
-/// Way of a frame through one slave, both directions.
+/// Latency of one slave, both directions.
 pub(super) const SLAVE_LATENCY_NS: u64 = 1_000;
 /// One byte on a 100 Mbit/s link.
 pub(super) const BYTE_NS: u64 = 80;

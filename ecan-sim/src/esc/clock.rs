@@ -1,19 +1,19 @@
-//! Registers of the distributed clock: receive times, system time, its control, Sync0.
+//! Registers of the distributed clock: receive times, system time, control, Sync0.
 //!
-//! The clock itself is the gateway's: local time is system time without the offset that the master
-//! wrote, so what the control loop does to the one it does to the other.
+//! The clock itself belongs to the gateway: local time is system time without the offset that the
+//! master wrote, so the control loop affects both.
 
 use crate::gateway::{Gateway, Sync0};
 
 use super::context::Context;
 
-/// Ports of a controller, wired or not.
+/// Ports of a controller, connected or not.
 const PORTS: usize = 4;
-/// Activation: the cyclic unit runs, and gives Sync0.
+/// Activation bits: cyclic unit, Sync0.
 const ACTIVE: u8 = 0x01;
 const SYNC0: u8 = 0x02;
 
-/// State behind 0x0900 to 0x09A7 that is not the gateway's.
+/// State of 0x0900 to 0x09A7 outside the gateway.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ClockRegisters {
     receive_times: [u32; PORTS],
@@ -27,7 +27,7 @@ impl ClockRegisters {
         context.gateway.dc_time(context.now).wrapping_add(context.way_ns)
     }
 
-    /// A write to 0x0900: latches when this frame came and when it comes back.
+    /// A write to 0x0900 latches the arrival of this frame at the ports.
     pub(super) fn latch(&mut self, context: &Context<'_>) {
         let arrival = self.system_time(context).wrapping_sub(self.offset);
         self.frame_received = arrival;
@@ -37,7 +37,7 @@ impl ClockRegisters {
         }
     }
 
-    /// 0x0900 to 0x0937 as they read now.
+    /// Writes the present values of 0x0900 to 0x0937 to `registers`.
     pub(super) fn show(&self, registers: &mut [u8], context: &Context<'_>) {
         let mut put = |at: usize, bytes: &[u8]| {
             if let Some(to) = registers.get_mut(at..at + bytes.len()) {
@@ -51,14 +51,14 @@ impl ClockRegisters {
         put(0x18, &self.frame_received.to_le_bytes());
         put(0x20, &self.offset.to_le_bytes());
         put(0x28, &self.delay.to_le_bytes());
-        // Sign and magnitude; set while the own time is behind.
+        // sign and magnitude; the sign is set while the own time is less
         let difference = context.gateway.dc_difference_ns();
         let magnitude = u32::try_from(difference.unsigned_abs()).unwrap_or(u32::MAX) & 0x7FFF_FFFF;
         let sign = if difference > 0 { 1 << 31 } else { 0 };
         put(0x2C, &(magnitude | sign).to_le_bytes());
     }
 
-    /// The master tells the time, whole or its lower half (0x0910).
+    /// The master writes the time, complete or its lower half (0x0910).
     pub(super) fn told(&self, bytes: &[u8], context: &mut Context<'_>) {
         let own = self.system_time(context);
         let told = match *bytes {
@@ -87,7 +87,7 @@ impl ClockRegisters {
     }
 }
 
-/// The cyclic unit was switched (0x0980, 0x0981): start and cycle time hold from then on.
+/// Starts or stops Sync0 after a write to 0x0980 or 0x0981, with the present start and cycle time.
 pub(super) fn switch_sync0(gateway: &mut Gateway, activation: u8, start_ns: u64, cycle_ns: u32) {
     let runs = activation & (ACTIVE | SYNC0) == ACTIVE | SYNC0 && cycle_ns > 0;
     gateway.set_dc_sync0(runs.then_some(Sync0 { start_ns, cycle_ns, shift_ns: 0 }));

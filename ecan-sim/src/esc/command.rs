@@ -1,6 +1,6 @@
 //! Commands of EtherCAT datagrams (ETG.1000.4).
 
-/// What an access does at the slave that it concerns.
+/// Kind of access at an addressed slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     /// Memory into the datagram.
@@ -21,7 +21,7 @@ impl Access {
     }
 }
 
-/// A command, by the way it finds its slaves.
+/// A command, by its addressing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Command {
     /// NOP: passes through.
@@ -32,7 +32,7 @@ pub(super) enum Command {
     Station(Access),
     /// BRD, BWR, BRW: all slaves; what is read is combined by OR.
     Broadcast(Access),
-    /// LRD, LWR, LRW: whoever maps the logical address.
+    /// LRD, LWR, LRW: the slaves that map the logical address.
     Logical(Access),
     /// ARMW: the slave at the position is read, all others are written.
     PositionReadOthersWrite,
@@ -41,7 +41,7 @@ pub(super) enum Command {
 }
 
 impl Command {
-    /// `None` for a number that no command has.
+    /// `None` for an undefined number.
     pub(super) fn from_raw(raw: u8) -> Option<Self> {
         use Access::{Exchange, Read, Write};
         Some(match raw {

@@ -1,4 +1,4 @@
-//! What an access to a slave controller needs from outside.
+//! Context of an access to a slave controller.
 
 use crate::gateway::Gateway;
 

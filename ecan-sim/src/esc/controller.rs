@@ -1,4 +1,4 @@
-//! One slave controller: which datagrams concern it, and what they count.
+//! Slave controller: addressing of datagrams and working counters.
 
 mod logical;
 mod mailbox_buffers;
@@ -18,10 +18,10 @@ use mailbox_buffers::MailboxBuffers;
 use memory::{INPUTS, MEMORY_BYTES, OUTPUTS, READ_MAILBOX, WRITE_MAILBOX};
 use registers::{address, event};
 
-/// Data of the longest datagram that a frame holds.
+/// Longest data of a datagram.
 const DATAGRAM_BYTES: usize = 1500;
 
-/// DL status: configuration loaded, the device's watchdog fed, link on ports 0 and 1, communication on them, closed loops.
+/// Bits of DL status.
 mod dl {
     pub(super) const LOADED: u16 = 1 << 0;
     pub(super) const DEVICE_WATCHDOG: u16 = 1 << 1;
@@ -32,10 +32,10 @@ mod dl {
     pub(super) const COMMUNICATION_1: u16 = 1 << 11;
     pub(super) const CLOSED_2_AND_3: u16 = 1 << 12 | 1 << 14;
 }
-/// DL control: the alias is a station address as well.
+/// DL control bit: the alias is also a station address.
 const ALIAS_IS_ADDRESS: u8 = 1;
 
-/// How often the firmware has stopped mailboxes and process data.
+/// Number of times that the firmware stopped mailboxes and process data.
 #[derive(Clone, Copy, Default, PartialEq, Eq)]
 struct Stops {
     mailbox: u32,
@@ -51,7 +51,7 @@ impl Stops {
     }
 }
 
-/// A slave controller. Its EtherCAT state, clock and process data buffers are the gateway's.
+/// A slave controller. EtherCAT state, clock and process data buffers belong to the gateway.
 pub(super) struct Controller {
     registers: Box<[u8]>,
     memory: Box<[u8]>,
@@ -59,18 +59,18 @@ pub(super) struct Controller {
     fmmus: [Option<Fmmu>; FMMUS],
     clock: ClockRegisters,
     eeprom: EepromInterface,
-    /// Start of the cyclic unit as it was written.
+    /// Written start time of the cyclic unit.
     cyclic_start: [u8; 8],
-    /// Event requests of the link and of the state.
+    /// Event requests of link and AL state.
     events: u16,
-    /// Expirations of the watchdog when its counter was cleared.
+    /// Watchdog expirations at the last clear of the counter.
     watchdogs_cleared: u32,
     mailbox: MailboxBuffers,
     scratch: Box<[u8]>,
-    /// Boots of the gateway that it has gone along with.
+    /// Number of gateway boots at the last reset of this controller.
     boots: Option<u32>,
     stops: Stops,
-    /// What was last told of the state, and of the next slave.
+    /// AL state and presence of the next slave in the last frame.
     shown_state: (AlState, bool),
     has_next: bool,
 }
@@ -96,7 +96,7 @@ impl Controller {
         }
     }
 
-    /// A frame passes. It is served up to its first fault.
+    /// Passes a frame, up to its first fault.
     pub(super) fn pass(&mut self, frame: &mut [u8], context: &mut Context<'_>) {
         self.catch_up(context);
         match for_each_datagram(frame, |datagram| self.serve(datagram, context)) {
@@ -105,12 +105,12 @@ impl Controller {
         }
     }
 
-    /// What has happened since the last frame.
+    /// Handles what has happened since the last frame.
     fn catch_up(&mut self, context: &mut Context<'_>) {
         let boots = context.gateway.boots();
         if self.boots != Some(boots) {
             *self = Self { boots: Some(boots), has_next: self.has_next, ..Self::new() };
-            // Local time began with the supply.
+            // local time starts at power-on
             let since_boot = context.gateway.dc_time_since_boot(context.now);
             context.gateway.write_dc_system_time(context.now, since_boot);
             self.stops = Stops::of(context);
@@ -134,7 +134,7 @@ impl Controller {
         self.serve_mailbox(context);
     }
 
-    /// Whatever was begun or waits in a buffer is void once the firmware has stopped it.
+    /// Voids partial accesses and buffer contents that the firmware has stopped.
     pub(super) fn notice_stops(&mut self, context: &Context<'_>) {
         let stops = Stops::of(context);
         let before = std::mem::replace(&mut self.stops, stops);
@@ -171,7 +171,7 @@ impl Controller {
     fn serve(&mut self, mut datagram: Datagram<'_>, context: &mut Context<'_>) {
         let address = datagram.slave_address();
         match Command::from_raw(datagram.command()) {
-            // What a real controller does not know, it lets pass.
+            // unknown commands pass unchanged
             None | Some(Command::None) => return,
             Some(Command::Position(access)) => {
                 datagram.count_slave_address_up();

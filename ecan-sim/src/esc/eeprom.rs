@@ -1,10 +1,10 @@
-//! The SII EEPROM interface: commands, errors, and how long they take (ETG.1000.4).
+//! SII EEPROM interface: commands, errors and their duration (ETG.1000.4).
 
 /// Bytes of 0x0502 to 0x050F.
 pub(super) const INTERFACE_BYTES: usize = 14;
 
 const WRITE_ENABLE: u16 = 1 << 0;
-/// The firmware plays the EEPROM, four bytes at a time.
+/// The firmware emulates the EEPROM, four bytes at a time.
 const EMULATED: u16 = 1 << 5;
 const TWO_ADDRESS_BYTES: u16 = 1 << 7;
 const COMMAND: u16 = 0x0700;
@@ -19,21 +19,21 @@ const BUSY: u16 = 1 << 15;
 const READ_NS: u64 = 20_000;
 const WRITE_NS: u64 = 500_000;
 const RELOAD_NS: u64 = 200_000;
-/// Words that the controller itself uses, with their checksum in the last one.
+/// Words that the controller uses; the last one has their checksum.
 const CONFIGURATION_WORDS: usize = 8;
 
-/// The interface; the words are the gateway's.
+/// EEPROM interface; the words belong to the gateway.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct EepromInterface {
     address: u32,
     data: [u8; 4],
     errors: u16,
     busy_until: u64,
-    /// The last command, shown while it runs.
+    /// The last command, reported while it runs.
     command: u16,
 }
 
-/// What a command wants of the words.
+/// Effect of a command on the words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effect {
     Nothing,
@@ -42,13 +42,13 @@ pub(super) enum Effect {
 }
 
 impl EepromInterface {
-    /// Errors that the words show at power-on.
+    /// Checks the words at power-on.
     pub(super) fn check(&mut self, words: &[u16]) {
         let is_good = words.len() >= CONFIGURATION_WORDS && checksum(words) == words[7] as u8;
         self.errors = if is_good { 0 } else { CHECKSUM_ERROR };
     }
 
-    /// The registers as they read now.
+    /// Present register values.
     pub(super) fn show(&self, now: u64) -> [u8; INTERFACE_BYTES] {
         let busy = if now < self.busy_until { BUSY | self.command } else { 0 };
         let status = EMULATED | TWO_ADDRESS_BYTES | self.errors | busy;
@@ -59,8 +59,8 @@ impl EepromInterface {
         registers
     }
 
-    /// The master has written some of the registers: `registers` as they are now, and whether the
-    /// command was among them.
+    /// The master has written some of the registers: `registers` are the new values; `has_command`
+    /// states whether the command was written.
     pub(super) fn written(
         &mut self,
         now: u64,
@@ -85,7 +85,7 @@ impl EepromInterface {
             0 => Effect::Nothing,
             READ => {
                 self.busy_until = now + READ_NS;
-                // Beyond its end an EEPROM shows what an erased one does.
+                // beyond the end, as in an erased EEPROM
                 let word = |at: usize| words.get(at).copied().unwrap_or(0xFFFF_u16).to_le_bytes();
                 let ([a, b], [c, d]) = (word(at), word(at.saturating_add(1)));
                 self.data = [a, b, c, d];
@@ -176,7 +176,7 @@ mod tests {
         assert_eq!(eeprom.show(WRITE_NS)[1], 0x20);
     }
 
-    /// As two devices on the market carry it.
+    /// Checksums of two devices on the market.
     #[test]
     fn checksum_is_the_one_of_real_devices() {
         assert_eq!(checksum(&[0x0D00, 0, 0, 0, 0, 0, 0]), 0x46);

@@ -1,11 +1,11 @@
-//! FMMUs: how logical addresses map to a slave's memory, by bytes and by bits.
+//! FMMUs: mapping of logical addresses to the memory of a slave, by bytes and by bits.
 
 /// Bytes of an FMMU's registers.
 pub(super) const FMMU_BYTES: usize = 16;
 /// FMMUs of a controller.
 pub(super) const FMMUS: usize = 8;
 
-/// One FMMU as its registers say.
+/// One FMMU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Fmmu {
     pub(super) logical: u32,
@@ -18,14 +18,13 @@ pub(super) struct Fmmu {
     pub(super) writes: bool,
 }
 
-/// What of a datagram an FMMU concerns.
+/// Part of a datagram that an FMMU maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     /// Whole bytes.
     Bytes {
         /// First byte in the datagram's data.
         at: usize,
-        /// How many.
         length: usize,
         /// First byte in the memory.
         physical: u16,
@@ -34,7 +33,6 @@ pub(super) enum Part {
     Bits {
         /// First bit in the datagram's data.
         at: usize,
-        /// How many.
         length: usize,
         /// First bit in the memory, counted from the byte 0.
         physical: usize,
@@ -42,7 +40,7 @@ pub(super) enum Part {
 }
 
 impl Fmmu {
-    /// From its registers; `None` while it is switched off or maps nothing.
+    /// Decodes registers; `None` while disabled or without a mapping.
     pub(super) fn from_registers(registers: &[u8; FMMU_BYTES]) -> Option<Self> {
         let [l0, l1, l2, l3, n0, n1, first, last, p0, p1, bit, direction, active, ..] = *registers;
         let length = u16::from_le_bytes([n0, n1]);
@@ -58,7 +56,7 @@ impl Fmmu {
         })
     }
 
-    /// The part of a datagram at a logical address with so many bytes of data.
+    /// Mapped part of a datagram at a logical address with this length of data.
     pub(super) fn part(&self, logical: u32, bytes: usize) -> Option<Part> {
         let own = i64::from(self.logical);
         let datagram = i64::from(logical);
@@ -73,7 +71,7 @@ impl Fmmu {
             let physical = self.physical.checked_add(u16::try_from(within).ok()?)?;
             return Some(Part::Bytes { at, length, physical });
         }
-        // Bits of the first and last byte that are not the FMMU's are left out.
+        // without the bits of the first and last byte outside the FMMU
         let is_first = within == 0;
         let is_last = end == own + i64::from(self.length);
         let from = at * 8 + if is_first { usize::from(self.first_bit) } else { 0 };
@@ -84,7 +82,7 @@ impl Fmmu {
     }
 }
 
-/// Copies bits between byte strings, least significant bit first; what lies outside is left out.
+/// Copies bits between byte strings, least significant bit first; bits outside are dropped.
 pub(super) fn copy_bits(from: &[u8], first: usize, to: &mut [u8], at: usize, length: usize) {
     for bit in 0..length {
         let Some(source) = from.get((first + bit) / 8) else { return };

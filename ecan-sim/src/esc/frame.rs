@@ -1,4 +1,4 @@
-//! Ethernet frames with EtherCAT datagrams, walked in place (ETG.1000.4).
+//! Ethernet frames with EtherCAT datagrams, parsed in place (ETG.1000.4).
 
 /// EtherType of EtherCAT.
 pub const ETHERCAT_ETHERTYPE: u16 = 0x88A4;
@@ -19,20 +19,20 @@ const COUNTER_BYTES: usize = 2;
 /// Another datagram follows.
 const MORE: u16 = 0x8000;
 
-/// Why a frame is not processed, or not to its end.
+/// Fault of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FrameFault {
     /// Another protocol.
     NotEtherCat,
-    /// Shorter than its headers.
+    /// Too short for its headers.
     Short,
     /// EtherCAT, but no datagrams (type 1).
     Type,
-    /// A datagram ends behind the frame or its announced length.
+    /// A datagram ends after the frame or its announced length.
     Datagram,
 }
 
-/// One datagram, in the frame.
+/// A datagram in its frame.
 pub(super) struct Datagram<'a> {
     /// Header, data, working counter.
     bytes: &'a mut [u8],
@@ -74,7 +74,7 @@ impl Datagram<'_> {
         u32::from(self.offset()) << 16 | u32::from(self.slave_address())
     }
 
-    /// Adds to the event requests that slaves tell.
+    /// Adds event requests of a slave.
     pub(super) fn add_events(&mut self, events: u16) {
         self.set_u16_at(8, self.u16_at(8) | events);
     }
@@ -89,7 +89,7 @@ impl Datagram<'_> {
         self.set_u16_at(at, self.u16_at(at).wrapping_add(by));
     }
 
-    /// As a fault of the simulation: shifts the working counter, which stays at 0 or above.
+    /// Fault: shifts the working counter, which stays at 0 or above.
     pub(super) fn shift_counter(&mut self, by: i32) {
         let at = self.bytes.len().saturating_sub(COUNTER_BYTES);
         let counter = i32::from(self.u16_at(at)).saturating_add(by).max(0);
@@ -102,7 +102,7 @@ impl Datagram<'_> {
     }
 }
 
-/// Hands each datagram to `serve`, in order. What comes before a fault has been served.
+/// Passes each datagram to `serve`, in order, up to a fault.
 pub(super) fn for_each_datagram(
     frame: &mut [u8],
     mut serve: impl FnMut(Datagram<'_>),
@@ -138,7 +138,7 @@ pub(super) fn for_each_datagram(
     }
 }
 
-/// Marks a frame as one that slaves have had.
+/// Marks a frame as processed.
 pub(super) fn mark_as_processed(frame: &mut [u8]) {
     if let Some(byte) = frame.get_mut(SOURCE_ADDRESS) {
         *byte |= LOCALLY_ADMINISTERED;

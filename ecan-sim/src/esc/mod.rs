@@ -1,9 +1,8 @@
-//! The EtherCAT front: a slave controller (ESC) before each gateway, driven by Ethernet frames.
+//! EtherCAT front end: a slave controller (ESC) before each gateway, driven by Ethernet frames.
 //!
-//! It is what a master on a wire sees: registers, station addresses, FMMUs, sync managers, the
-//! SII EEPROM, distributed clocks and mailboxes, as ETG.1000.4 describes them. What the gateway
-//! behind them does is [`crate::gateway`]'s; this front and the simulated libethercat drive the
-//! same firmware.
+//! It has what a master on a wire sees: registers, station addresses, FMMUs, sync managers, the SII
+//! EEPROM, distributed clocks and mailboxes, as specified in ETG.1000.4. This front end and the
+//! simulated libethercat drive the same firmware, [`crate::gateway`].
 
 mod clock;
 mod command;

@@ -1,4 +1,4 @@
-//! What stands in the SII EEPROM of a gateway as it leaves the factory (ETG.2010; manual 5.3, 15.7).
+//! Factory contents of the SII EEPROM of a gateway (ETG.2010; manual 5.3, 15.7).
 
 use ecan_protocol::mapping::MAX_PDO_BYTES;
 
@@ -45,13 +45,13 @@ const PDI: u16 = 0x0E80;
 const SYNC_PULSE: u16 = 1000;
 const PROTOCOL_COE: u16 = 0x0004;
 const PROTOCOL_FOE: u16 = 0x0008;
-/// CoE details: SDO, SDO information, complete access; with the scenario's word on the others.
+/// CoE details: SDO, SDO information, complete access; the scenario determines the others.
 const COE_SDO: u8 = 0x01 | 0x02 | 0x20;
 const COE_PDO_ASSIGN: u8 = 0x04;
 const COE_PDO_CONFIGURATION: u8 = 0x08;
 const FOE: u8 = 0x01;
 
-/// Process data as manual 5.3 asks for them.
+/// Process data sync managers of manual 5.3.
 const PROCESS_DATA: [SyncManagerConfig; 2] = [
     SyncManagerConfig { start: 0x1100, length: MAX_PDO_BYTES as u16, control: 0x66 },
     SyncManagerConfig { start: 0x1D00, length: MAX_PDO_BYTES as u16, control: 0x22 },
@@ -66,7 +66,7 @@ const DC_SYNC0: u8 = 4;
 /// AssignActivate of the operation mode with Sync0.
 const ASSIGN_ACTIVATE: u16 = 0x0300;
 
-/// The words of a gateway's EEPROM.
+/// EEPROM contents of a gateway.
 pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
     let settings = &spec.config;
     let mut words = vec![0; CATEGORIES];

@@ -1,7 +1,8 @@
-//! Sync managers: who may touch a buffer, and when (ETG.1000.4; manual 5.3).
+//! Sync managers: access to the buffers (ETG.1000.4; manual 5.3).
 //!
 //! A single buffer (mailbox mode) is full or empty. An access begins with its first byte and is
-//! complete with its last one, in one datagram or in several; what begins elsewhere is refused.
+//! complete with its last one, in one datagram or in several; an access that begins elsewhere is
+//! rejected.
 
 use crate::gateway::SyncManagerConfig;
 
@@ -26,18 +27,18 @@ pub(super) struct SyncManager {
     length: u16,
     control: u8,
     activate: u8,
-    /// Answer to the repeat request, in the register of the device's side.
+    /// Acknowledge of the repeat request, in the register of the device side.
     repeat_acknowledged: bool,
-    /// Single buffer: it holds something that the other side has not read.
+    /// Single buffer: its contents were not read yet.
     pub(super) is_full: bool,
-    /// An access has begun and not ended.
+    /// A partial access is in progress.
     is_open: bool,
-    /// Written completely, and not read since; read completely, and not written since.
+    /// Written completely and not read since; read completely and not written since.
     was_written: bool,
     was_read: bool,
 }
 
-/// How far an access got.
+/// Result of an access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Progress {
     Rejected,
@@ -66,7 +67,7 @@ impl SyncManager {
         self.is_enabled() && (self.start()..self.end()).contains(&address)
     }
 
-    /// As the firmware is told of it.
+    /// Configuration for the firmware.
     pub(super) fn settings(&self) -> SyncManagerConfig {
         SyncManagerConfig { start: self.start, length: self.length, control: self.control }
     }
@@ -79,21 +80,21 @@ impl SyncManager {
         self.settings().is_written_by_master()
     }
 
-    /// What is in the buffer and what was begun is gone.
+    /// Voids the contents and a partial access.
     pub(super) fn make_void(&mut self) {
         (self.is_full, self.is_open) = (false, false);
         (self.was_written, self.was_read) = (false, false);
     }
 
-    /// The master writes so many bytes from an offset on. `is_full` tells of the buffer, which may
-    /// belong to the firmware.
+    /// The master writes `bytes` bytes from an offset. `is_full` is the state of the buffer, which
+    /// may belong to the firmware.
     pub(super) fn write(&mut self, offset: usize, bytes: usize, is_full: bool) -> Progress {
         let is_free = !self.is_single() || !is_full;
         let may = self.is_written_by_master() && is_free;
         self.access(may, offset, bytes)
     }
 
-    /// The master reads, as [`write`](Self::write).
+    /// The master reads; see [`write`](Self::write).
     pub(super) fn read(&mut self, offset: usize, bytes: usize, is_full: bool) -> Progress {
         let has_data = !self.is_single() || is_full;
         let may = !self.is_written_by_master() && has_data;
@@ -108,29 +109,29 @@ impl SyncManager {
         if self.is_open { Progress::Begun } else { Progress::Complete }
     }
 
-    /// The side that fills the buffer has done so.
+    /// The buffer was filled.
     pub(super) fn filled(&mut self) {
         (self.is_full, self.was_written, self.was_read) = (true, true, false);
     }
 
-    /// The side that empties the buffer has done so.
+    /// The buffer was emptied.
     pub(super) fn emptied(&mut self) {
         (self.is_full, self.was_written, self.was_read) = (false, false, true);
     }
 
-    /// What the master's event request shows of it.
+    /// Event request for the master.
     pub(super) fn has_event(&self) -> bool {
         self.is_enabled()
             && if self.is_written_by_master() { self.was_read } else { self.was_written }
     }
 
-    /// What the device's event request shows of it.
+    /// Event request for the device.
     pub(super) fn has_device_event(&self) -> bool {
         self.is_enabled()
             && if self.is_written_by_master() { self.was_written } else { self.was_read }
     }
 
-    /// Takes the request to repeat the last message, once.
+    /// Takes a request to repeat the last message.
     pub(super) fn take_repeat_request(&mut self) -> bool {
         let requested = self.activate & ACTIVATE_REPEAT != 0;
         let is_new = requested != self.repeat_acknowledged;
@@ -159,8 +160,8 @@ impl SyncManager {
         }
     }
 
-    /// Whether the master may write this register, and writes it. The buffer can be set up only
-    /// while it is switched off.
+    /// Writes a register; returns whether it is writable. The buffer can be configured only while
+    /// it is disabled.
     pub(super) fn write_register(&mut self, at: usize, value: u8) -> bool {
         let is_on = self.activate & ACTIVATE_ENABLED != 0;
         let byte = |word: u16, place: usize| {

@@ -1,4 +1,4 @@
-//! The line of slave controllers before the gateways of a world.
+//! Line of slave controllers, one for each gateway of a world.
 
 use crate::backend_error::BackendError;
 use crate::fault::LossDirection;
@@ -14,39 +14,39 @@ use super::sii;
 /// Time that a frame takes from one slave to the next, ns: processing and cable.
 const HOP_NS: u64 = 600;
 
-/// What has come by so far.
+/// Counters of a [`Wire`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WireStatistics {
     /// EtherCAT frames.
     pub frames: u64,
-    /// Frames with a fault: served up to it, and sent back.
+    /// Invalid frames: processed up to the fault, and returned.
     pub faulty: u64,
-    /// Frames of other protocols: destroyed, as slave controllers do.
+    /// Frames of other protocols: dropped, as slave controllers do.
     pub foreign: u64,
-    /// Frames that did not come back: a fault of the scenario, or nobody there.
+    /// Frames that did not return: a fault of the scenario, or no slave.
     pub lost: u64,
 }
 
-/// Gateways on an Ethernet wire, for any EtherCAT master: frames go in, and come back as the last
-/// slave of the line has left them.
+/// Gateways on an Ethernet wire, for any EtherCAT master: frames go in and return as the last slave
+/// of the line has left them.
 ///
-/// The world behind is that of the simulated libethercat: the same firmware, buses, nodes and
-/// faults. Time is the caller's, in simulated nanoseconds; it must not run backwards. Not for the
-/// time before a `Wire` was made: gateways boot when it begins.
+/// The world is that of the simulated libethercat: the same firmware, buses, nodes and faults. The
+/// caller passes the time, in simulated nanoseconds; it must not run backwards or before the
+/// creation of the `Wire`, when the gateways boot.
 pub struct Wire {
     world: World,
     controllers: Vec<Controller>,
     /// Gateways that the present frame reaches.
     reached: Vec<usize>,
-    /// Lowest logical address so far, and what the faults make of the present cycle.
+    /// Lowest logical address so far, and the faults of the present cycle.
     lowest_logical: u32,
     fate: CycleFaults,
     statistics: WireStatistics,
 }
 
 impl Wire {
-    /// The world of a scenario at `now`, with the gateways switched on; they answer when they have
-    /// booted.
+    /// Builds the world of a scenario at `now`, with the gateways switched on; they respond after
+    /// their boot.
     ///
     /// # Errors
     /// A candump log or an EDS cannot be read; the scenario has a bridge.
@@ -80,12 +80,12 @@ impl Wire {
         })
     }
 
-    /// The world behind.
+    /// The simulated world.
     pub fn world(&self) -> &World {
         &self.world
     }
 
-    /// The world behind, to interfere with it.
+    /// The simulated world, for faults and tests.
     pub fn world_mut(&mut self) -> &mut World {
         &mut self.world
     }
@@ -95,18 +95,19 @@ impl Wire {
         self.statistics
     }
 
-    /// Lets time pass without a frame.
+    /// Advances time without a frame.
     pub fn advance(&mut self, now: u64) {
         self.world.advance(now);
     }
 
-    /// When something happens by itself, if ever: until then nothing needs [`advance`](Self::advance).
+    /// Time of the next event without a frame, if any; [`advance`](Self::advance) is not needed
+    /// before it.
     pub fn next_event(&self) -> Option<u64> {
         Some(self.world.next_event()).filter(|at| *at < u64::MAX)
     }
 
-    /// An Ethernet frame, without its checksum, goes down the line at `now`; whether it comes back.
-    /// Its bytes are then what the master receives.
+    /// Passes an Ethernet frame, without its checksum, down the line at `now`; returns whether it
+    /// comes back. Its bytes are then those that the master receives.
     pub fn pass(&mut self, now: u64, frame: &mut [u8]) -> bool {
         self.world.advance(now);
         let mut first_logical = None;
@@ -159,8 +160,8 @@ impl Wire {
         true
     }
 
-    /// What the faults make of a frame with process data. A cycle may take several frames: it begins
-    /// with the lowest logical address, and one fate meets all of it.
+    /// Faults of a frame with process data. A cycle may have several frames: it begins with the
+    /// lowest logical address, and all its frames have the same faults.
     fn fate_of(&mut self, address: u32) -> CycleFaults {
         if address <= self.lowest_logical {
             self.lowest_logical = address;

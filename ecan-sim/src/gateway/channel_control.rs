@@ -1,4 +1,3 @@
-
 use ecan_protocol::config::{
     ApplyStatus, BitTimingMode, ChannelFault, ConfigObject, FilterCommand, FilterCommandStatus,
     FilterWindow, McanChannelConfig, NodeMode,

@@ -1,5 +1,5 @@
-//! The CRC32 over stored configurations and firmware. The manual names no polynomial; this is
-//! the one of Ethernet frames (reflected 0x04C11DB7).
+//! CRC32 of stored configurations and firmware. The manual specifies no polynomial; this is the one
+//! of Ethernet frames (reflected 0x04C11DB7).
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 

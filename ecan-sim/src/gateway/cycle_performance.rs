@@ -1,7 +1,7 @@
 //! 0x9011: interrupt counts and cost of the hot paths (manual 13.2.4).
 //!
-//! A model has no hot path to measure, so costs follow from the work done: a fixed part and a
-//! part per packet, frame or byte, in CPU cycles. They are plausible, not measured.
+//! The model has no hot path to measure, so costs follow from the work: a fixed part and a part per
+//! packet, frame or byte, in CPU cycles. They are plausible, not measured.
 
 use super::pulse_train::PulseTrain;
 
@@ -9,7 +9,7 @@ use super::pulse_train::PulseTrain;
 const CYCLES_NUMERATOR: u64 = 2;
 const CYCLES_DENOMINATOR: u64 = 5;
 
-/// CPU cycles in so many nanoseconds, saturating.
+/// CPU cycles of a time, saturating.
 pub(super) fn cycles(ns: u64) -> u32 {
     u32::try_from(ns.saturating_mul(CYCLES_NUMERATOR) / CYCLES_DENOMINATOR).unwrap_or(u32::MAX)
 }
@@ -24,7 +24,7 @@ fn cost(fixed: u32, each: u32, count: usize) -> u32 {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct CyclePerformance {
     pdi_interrupts: u32,
-    /// Sync0 pulses before this number do not count; see `sync0_count`.
+    /// Sync0 pulses before this number are not counted.
     sync0_before: u64,
     phase: Option<(u32, u32)>,
     output_mapping_max: u32,
@@ -35,7 +35,7 @@ pub(super) struct CyclePerformance {
     esc_read_max: u32,
     esc_write_max: u32,
     schedule_max: u32,
-    /// Instant of the last release, and how many frames left then.
+    /// Time of the last release, and number of frames released then.
     released: (u64, usize),
 }
 
@@ -72,7 +72,7 @@ impl CyclePerformance {
         cycles
     }
 
-    /// A scheduled frame left; those of one instant leave in one service.
+    /// A scheduled frame was released; frames of one time share a service.
     pub(super) fn scheduled_released(&mut self, now: u64) {
         let (at, count) = self.released;
         let count = if at == now { count + 1 } else { 1 };
@@ -80,7 +80,7 @@ impl CyclePerformance {
         self.schedule_max = self.schedule_max.max(cost(150, 200, count));
     }
 
-    /// Clear command: counts and extremes start again.
+    /// Clear command: restarts counts and extremes.
     pub(super) fn clear(&mut self, now: u64, pulses: Option<PulseTrain>) {
         *self = Self {
             sync0_before: pulses.map_or(0, |pulses| pulses.pulses_until(now)),
@@ -88,12 +88,12 @@ impl CyclePerformance {
         };
     }
 
-    /// Pulse counting starts anew with another pulse train.
+    /// Restarts counting for another pulse train.
     pub(super) fn restart_pulses(&mut self) {
         self.sync0_before = 0;
     }
 
-    /// What a subindex of 0x9011 shows; `None` for the clear command and what is reserved.
+    /// Value of a subindex of 0x9011; `None` for the clear command and reserved ones.
     pub(super) fn readback(
         &self,
         subindex: u8,

@@ -1,7 +1,8 @@
-//! The packaged firmware file that an update carries (manual 13.8, 15.3.1).
+//! Packaged firmware file of an update (manual 13.8, 15.3.1).
 //!
-//! The manual names what the header holds, not how: the layout here is the simulator's own, and
-//! a device's file is not one. 32 bytes, little endian, and the payload behind them:
+//! The manual specifies the contents of the header but not its layout: this layout is the
+//! simulator's own, and files of real devices differ. 32 bytes, little endian, followed by the
+//! payload:
 //!
 //! | offset | field |
 //! | --- | --- |
@@ -39,7 +40,7 @@ pub struct FirmwarePackage {
     payload: Vec<u8>,
 }
 
-/// Why bytes are no firmware package.
+/// Fault of a firmware package.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum FirmwarePackageError {
     /// Shorter than the header.
@@ -48,18 +49,18 @@ pub enum FirmwarePackageError {
         /// Length of the file.
         bytes: usize,
     },
-    /// The first bytes are not those of a package: a bare application, for example.
+    /// The first bytes are not those of a package, for example of a bare application.
     #[error("the file is not in packaging format: it does not begin with ECLA")]
     NotAPackage,
-    /// The header's check does not fit the header.
+    /// The CRC of the header is wrong.
     #[error("header CRC32 is {found:#010x}, the header gives {computed:#010x}")]
     HeaderCheck {
         /// CRC32 in the file.
         found: u32,
-        /// CRC32 of the header as it is.
+        /// Computed CRC32.
         computed: u32,
     },
-    /// A field of a header that is otherwise sound has a value without meaning.
+    /// A field of an otherwise valid header has an undefined value.
     #[error("the header's field at offset {offset} is {value:#010x}, which has no meaning")]
     HeaderField {
         /// Offset of the field.
@@ -67,20 +68,20 @@ pub enum FirmwarePackageError {
         /// Its value.
         value: u32,
     },
-    /// The file is longer or shorter than the header says.
+    /// The file does not have the length given in the header.
     #[error("the header announces {announced} bytes of payload, the file has {found}")]
     Length {
-        /// Bytes of payload by the header.
+        /// Payload length in the header.
         announced: u32,
         /// Bytes of payload in the file.
         found: usize,
     },
-    /// The payload is damaged.
+    /// The CRC of the payload is wrong.
     #[error("payload CRC32 is {found:#010x}, the payload gives {computed:#010x}")]
     PayloadCheck {
         /// CRC32 in the file.
         found: u32,
-        /// CRC32 of the payload as it is.
+        /// Computed CRC32.
         computed: u32,
     },
 }
@@ -96,7 +97,7 @@ impl FirmwarePackage {
         Self { device_type, version, payload }
     }
 
-    /// Device type, as 0xF000:01 shows it.
+    /// Device type of 0xF000:01.
     #[must_use]
     pub fn device_type(&self) -> u8 {
         self.device_type
@@ -146,7 +147,7 @@ impl FirmwarePackage {
         file
     }
 
-    /// Reads a file.
+    /// Parses a file.
     ///
     /// # Errors
     /// What is wrong with it, header before payload.
@@ -157,7 +158,7 @@ impl FirmwarePackage {
     }
 }
 
-/// What a package's header says.
+/// Header of a package.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
     pub(super) device_type: u8,
@@ -200,7 +201,7 @@ impl Header {
         Ok(Self { device_type, version, payload_bytes, payload_crc })
     }
 
-    /// The payload of the file that the header was read from.
+    /// Checks length and CRC, and returns the payload of the file.
     pub(super) fn check_payload<'a>(
         &self,
         file: &'a [u8],

@@ -1,13 +1,13 @@
 //! 0xB000: access mode, maintenance status and sequence, diagnostic flags (manual 13.7).
 //!
-//! Which command needs which mode is an assumption: the manual says only that the mode may be
-//! why one is denied, that engineering mode opens some functions, and what factory mode is for.
-//! Here everyone may clear diagnostics; saving, loading, validating and activating need
-//! engineering or factory mode; restoring the factory's configuration and rebuilding the EEPROM
-//! need factory mode. In OP, where the flash must not hold the cycle up, only clearing and
-//! validating are allowed. The status numbers beside 0 and 2 follow the order in which the manual
-//! names them. Of the diagnostic flags, 0 to 3 never show: this gateway publishes images whole
-//! and has no stage in front of the parser.
+//! The mode that a command needs is an assumption: the manual states only that the mode can be the
+//! cause of a denial, that engineering mode enables some functions, and the purpose of factory
+//! mode. Here clearing diagnostics is always permitted; saving, loading, validating and activating
+//! need engineering or factory mode; restoring the factory configuration and rebuilding the EEPROM
+//! need factory mode. In OP, where the flash must not delay the cycle, only clearing and validating
+//! are permitted. The status numbers other than 0 and 2 follow the order of the manual. Diagnostic
+//! flags 0 to 3 are never set: this gateway publishes complete images and has no stage before the
+//! parser.
 
 use ecan_protocol::device::{AccessMode, MaintenanceStatus};
 
@@ -21,7 +21,7 @@ pub(super) mod flag {
     pub(in crate::gateway) const SCHED_TIMER_MISS: u16 = 1 << 9;
 }
 
-/// Bits of the maintenance command, of which the gateway takes several at once.
+/// Bits of the maintenance command; several can be set.
 pub(super) mod command {
     use ecan_protocol::device::MaintenanceCommand;
 
@@ -35,17 +35,17 @@ pub(super) mod command {
     pub(in crate::gateway) const REBUILD_EEPROM: u32 = MaintenanceCommand::RebuildEeprom as u32;
 }
 
-/// What is left to do of a command.
+/// Action of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PendingCommand {
-    /// None, or a denied command.
+    /// No command, or a denied one.
     Nothing,
     ClearDiagnostics,
-    /// These bits are allowed and take their time.
+    /// These bits are permitted and take time.
     Execute(u32),
 }
 
-/// State behind 0xB000.
+/// Access mode and command status of 0xB000.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Maintenance {
     mode: AccessMode,
@@ -55,19 +55,19 @@ pub(super) struct Maintenance {
 }
 
 impl Maintenance {
-    /// An access mode request: granted at once, for `timeout_s` seconds or, at 0, without end.
+    /// Grants an access mode, for `timeout_s` seconds or, with 0, without limit.
     pub(super) fn request_mode(&mut self, now: u64, mode: u8, timeout_s: u16) {
         self.mode = AccessMode::from_raw(mode).unwrap_or(AccessMode::Factory);
         self.mode_ends = (self.mode != AccessMode::Run && timeout_s != 0)
             .then(|| now.saturating_add(u64::from(timeout_s) * 1_000_000_000));
     }
 
-    /// When the access mode falls back to run.
+    /// When the access mode returns to run.
     pub(super) fn mode_ends(&self) -> Option<u64> {
         self.mode_ends
     }
 
-    /// Lets the access mode fall back to run when its time is over.
+    /// Returns the access mode to run when its time is over.
     pub(super) fn expire(&mut self, now: u64) {
         if self.mode_ends.is_some_and(|ends| ends <= now) {
             self.mode = AccessMode::Run;
@@ -80,7 +80,7 @@ impl Maintenance {
         self.mode >= AccessMode::Engineering
     }
 
-    /// A maintenance command. No bit at all is no command.
+    /// Starts a maintenance command; 0 is no command.
     pub(super) fn command(&mut self, bits: u32, in_op: bool, is_receiving: bool) -> PendingCommand {
         if bits == 0 {
             return PendingCommand::Nothing;
@@ -109,18 +109,18 @@ impl Maintenance {
             && !(is_receiving && bits & (VALIDATE | ACTIVATE | REBUILD_EEPROM) != 0)
     }
 
-    /// A command that takes its time is under way.
+    /// A command begins that takes time.
     pub(super) fn begin(&mut self) {
         self.status = MaintenanceStatus::Busy;
     }
 
-    /// A command is over.
+    /// A command is complete.
     pub(super) fn finish(&mut self, status: MaintenanceStatus) {
         self.status = status;
         self.sequence = self.sequence.wrapping_add(1);
     }
 
-    /// What a subindex of 0xB000 shows; `None` for the others.
+    /// Value of a subindex of 0xB000; `None` for the others.
     pub(super) fn readback(&self, subindex: u8) -> Option<u32> {
         Some(match subindex {
             2 => self.mode.raw().into(),

@@ -1,32 +1,32 @@
-//! Mailbox errors: why a request did not reach its protocol, or was none of its services
+//! Mailbox errors: a request did not reach its protocol, or is not one of its services
 //! (ETG.1000.4).
 
-/// What the reply of type 0 says.
+/// Detail of a mailbox error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MailboxError {
     /// The mailbox header has a value that the standard reserves.
     Syntax = 1,
     /// The protocol is not supported.
     UnsupportedProtocol = 2,
-    /// There is no such channel.
+    /// No such channel.
     InvalidChannel = 3,
     /// The protocol's service is not supported.
     ServiceNotSupported = 4,
     /// The protocol's header is wrong.
     InvalidHeader = 5,
-    /// The message is too short for what it says it is.
+    /// The message is too short.
     SizeTooShort = 6,
     /// Too many requests at once.
     NoMemory = 7,
-    /// The length in the header, or that of the answer, does not fit the mailbox.
+    /// The length in the header, or that of the response, does not fit the mailbox.
     InvalidSize = 8,
 }
 
 impl MailboxError {
-    /// Command of the one service that there is.
+    /// Command of the only service.
     const REPLY: u16 = 1;
 
-    /// The message behind the mailbox header.
+    /// The message after the mailbox header.
     pub(super) fn message(self) -> Vec<u8> {
         let [c0, c1] = Self::REPLY.to_le_bytes();
         let [d0, d1] = (self as u16).to_le_bytes();

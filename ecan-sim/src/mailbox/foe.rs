@@ -1,21 +1,20 @@
-//! File access over EtherCAT: the server that takes firmware and gives it back (manual 15.3.1,
-//! ETG.1000.6).
+//! File access over EtherCAT: upload and download of firmware (manual 15.3.1, ETG.1000.6).
 //!
-//! One file, `ecan_lite_app`, one transfer at a time; a new request ends the one before. A data
-//! packet that does not fill the mailbox ends the file, so a file that fills its last packet is
-//! followed by an empty one. While the flash is at work data packets are answered with BUSY, and
-//! the master sends the same packet again. The last packet is acknowledged when the whole file
-//! was written and found good.
+//! There is one file, `ecan_lite_app`, and one transfer at a time; a new request ends the previous
+//! one. A data packet that does not fill the mailbox ends the file; a file that fills its last
+//! packet is followed by an empty one. While the flash is busy, data packets are answered with
+//! BUSY, and the master repeats the packet. The last packet is acknowledged after the whole file
+//! was written and found valid.
 
 use crate::gateway::{FirmwareProgress, FirmwareUpdateError, Gateway};
 
 /// Name of the file on the device.
 const FILE_NAME: &[u8] = b"ecan_lite_app";
 const PASSWORD: u32 = 0;
-/// Opcode, a reserved byte, and the field of each opcode.
+/// Header: opcode, a reserved byte, and a field that depends on the opcode.
 const HEADER_BYTES: usize = 6;
 const MAILBOX_HEADER_BYTES: usize = 6;
-/// What BUSY counts up to.
+/// Largest value of BUSY.
 const BUSY_ENTIRE: u16 = 100;
 
 mod opcode {
@@ -45,7 +44,7 @@ impl From<FirmwareUpdateError> for Fault {
     }
 }
 
-/// The transfer under way.
+/// The transfer in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Transfer {
     Idle,
@@ -53,11 +52,11 @@ enum Transfer {
     Write {
         expected: u32,
     },
-    /// The last packet was taken and waits for its acknowledge.
+    /// The last packet was accepted and waits for its acknowledge.
     LastWritten {
         number: u32,
     },
-    /// The master reads; packet `number` is on its way, with the file from `offset` on.
+    /// The master reads; packet `number` was sent, with the file from `offset` on.
     Read {
         number: u32,
         offset: usize,
@@ -77,8 +76,8 @@ impl FoeServer {
         Self { transfer: Transfer::Idle }
     }
 
-    /// Answers a request, given from its FoE header on. The answer, from its FoE header on and at
-    /// most `room` bytes, replaces `out`; it is empty when none is due, or none fits.
+    /// Processes a request, given from its FoE header on. The response, from its FoE header on and
+    /// at most `room` bytes, replaces `out`; it is empty if none is due or fits.
     pub(crate) fn request(
         &mut self,
         now: u64,
@@ -140,7 +139,7 @@ impl FoeServer {
                 }
                 _ => Err(ILLEGAL),
             },
-            // nobody answers an error
+            // an error gets no response
             opcode::ERROR => {
                 self.end_write(gateway);
                 Ok(())
@@ -149,7 +148,7 @@ impl FoeServer {
         }
     }
 
-    /// Gives the transfer under way up.
+    /// Abandons the transfer in progress.
     fn end_write(&mut self, gateway: &mut Gateway) {
         if matches!(self.transfer, Transfer::Write { .. } | Transfer::LastWritten { .. }) {
             gateway.abandon_firmware_update();
@@ -194,7 +193,7 @@ impl FoeServer {
         Ok(())
     }
 
-    /// The master has a data packet.
+    /// The master acknowledges a data packet.
     fn acknowledged(
         &mut self,
         number: u32,
@@ -215,7 +214,7 @@ impl FoeServer {
         }
     }
 
-    /// Sends the running package from `offset` on, as much as fits.
+    /// Sends the running package from `offset` on.
     fn send(
         &mut self,
         number: u32,
@@ -225,7 +224,7 @@ impl FoeServer {
         gateway: &Gateway,
     ) -> Result<(), Fault> {
         let payload = room - HEADER_BYTES;
-        // in a mailbox without room for data no file ever ends
+        // without space for data no file would end
         if payload == 0 {
             return Err(ILLEGAL);
         }

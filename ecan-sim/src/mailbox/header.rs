@@ -1,9 +1,9 @@
-//! The mailbox header (ETG.1000.4): six bytes in front of every message.
+//! Mailbox header (ETG.1000.4): six bytes before every message.
 
 /// Bytes of the header.
 pub(super) const HEADER_BYTES: usize = 6;
 
-/// Protocols that a mailbox message may belong to.
+/// Protocols of mailbox messages.
 pub(super) mod protocol {
     /// A mailbox error.
     pub(in crate::mailbox) const ERROR: u8 = 0;
@@ -11,14 +11,14 @@ pub(super) mod protocol {
     pub(in crate::mailbox) const COE: u8 = 3;
     /// File access over EtherCAT.
     pub(in crate::mailbox) const FOE: u8 = 4;
-    /// The numbers that stand for no protocol.
+    /// Undefined protocol numbers.
     pub(in crate::mailbox) const RESERVED: std::ops::RangeInclusive<u8> = 6..=14;
 }
 
 /// A mailbox header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
-    /// Bytes behind the header.
+    /// Length of the message after the header.
     pub(super) length: u16,
     /// Station address of the source or of the destination.
     pub(super) address: u16,
@@ -26,12 +26,12 @@ pub(super) struct Header {
     pub(super) channel: u8,
     /// Protocol, 0 to 15.
     pub(super) protocol: u8,
-    /// Number of the message, 1 to 7; 0 is none.
+    /// Counter of the message, 1 to 7; 0 is none.
     pub(super) counter: u8,
 }
 
 impl Header {
-    /// Reads a header; gives what is behind it as well. `None` if there is too little.
+    /// Parses a header; also returns the bytes after it. `None` if there are too few.
     pub(super) fn parse(buffer: &[u8]) -> Option<(Self, &[u8])> {
         let (&[l0, l1, a0, a1, channel, kind], rest) = buffer.split_first_chunk()?;
         let header = Self {

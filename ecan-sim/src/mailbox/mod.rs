@@ -1,9 +1,9 @@
-//! The mailbox services of the firmware, bytes in and bytes out: the messages of SM0 and SM1
-//! (ETG.1000.4 to ETG.1000.6). What the sync managers do with them is the slave controller's.
+//! Mailbox services of the firmware: the messages of SM0 and SM1 as bytes (ETG.1000.4 to
+//! ETG.1000.6). The slave controller models the sync managers.
 //!
-//! A request is worked on when it arrives; its answer is ready
+//! A request is processed when it arrives; its response is ready
 //! [`GatewayModelConfig::mailbox_delay_ns`](crate::GatewayModelConfig::mailbox_delay_ns) later.
-//! Emergencies overtake answers.
+//! Emergencies precede responses.
 
 mod coe;
 mod errors;
@@ -34,7 +34,7 @@ pub(crate) struct MailboxServer {
 }
 
 impl MailboxServer {
-    /// A firmware that has just started, or stopped its mailboxes: nothing is remembered.
+    /// State after a start or a stop of the mailboxes.
     pub(crate) fn new() -> Self {
         Self {
             coe: CoeServer::new(),
@@ -44,9 +44,9 @@ impl MailboxServer {
         }
     }
 
-    /// The firmware takes what the master wrote to the write mailbox (SM0): `request` is the whole
-    /// buffer, as long as the sync manager. `reply_bytes` is the length of the read mailbox (SM1).
-    /// Nothing happens while the mailbox does not answer.
+    /// The firmware takes a message from the write mailbox (SM0): `request` is the whole buffer, as
+    /// long as the sync manager. `reply_bytes` is the length of the read mailbox (SM1). Does
+    /// nothing while the mailbox does not respond.
     pub(crate) fn receive(
         &mut self,
         now: u64,
@@ -60,16 +60,16 @@ impl MailboxServer {
         }
     }
 
-    /// Whether [`send`](Self::send) has something to do. Cheap: to be asked whenever the read
-    /// mailbox is empty and the slave controller is looked at.
+    /// Whether [`send`](Self::send) has a message. Cheap: to be called whenever the read mailbox is
+    /// empty.
     pub(crate) fn is_due(&self, now: u64, gateway: &Gateway) -> bool {
         let is_ready = self.outbox.next_ready().is_some_and(|time| time <= now);
         let has_emergency = gateway.has_emergency() && gateway.al_state() != AlState::Boot;
         gateway.mailbox_answers(now) && (is_ready || has_emergency)
     }
 
-    /// The read mailbox is empty: puts the next message that is ready by `now` into `out` (the
-    /// whole of SM1, rest zero). `false` if there is none.
+    /// Copies the next message that is ready by `now` into `out` (the whole of SM1, padded with
+    /// zeros), which must be empty; returns `false` if there is none.
     pub(crate) fn send(&mut self, now: u64, out: &mut [u8], gateway: &mut Gateway) -> bool {
         gateway.advance(now);
         if !gateway.mailbox_answers(now) {
@@ -85,7 +85,7 @@ impl MailboxServer {
         self.outbox.send(now, out)
     }
 
-    /// When the next answer becomes ready.
+    /// When the next response becomes ready.
     #[cfg(test)]
     fn next_ready(&self) -> Option<u64> {
         self.outbox.next_ready()
@@ -99,13 +99,13 @@ impl MailboxServer {
             self.outbox.push(ready, envelope, vec![message], reply_bytes);
             return;
         };
-        // the master did not see that the mailbox took it, and wrote it again
+        // the master did not see that the mailbox accepted the message, and wrote it again
         let is_repeated = header.counter != 0 && header.counter == self.last_counter;
         if is_repeated {
             return;
         }
         self.last_counter = header.counter;
-        // nobody answers an error with an error
+        // an error is not answered with an error
         if header.protocol == protocol::ERROR {
             return;
         }
@@ -122,8 +122,7 @@ impl MailboxServer {
         self.outbox.push(ready, envelope, messages, reply_bytes);
     }
 
-    /// The messages, without mailbox headers, that answer a request; `rest` is what is behind its
-    /// header.
+    /// Response messages, without mailbox headers; `rest` is the request after its header.
     fn answer(
         &mut self,
         now: u64,
@@ -138,7 +137,7 @@ impl MailboxServer {
         let body = rest.get(..usize::from(header.length)).ok_or(MailboxError::InvalidSize)?;
         let room = reply_bytes.saturating_sub(HEADER_BYTES);
         match header.protocol {
-            // BOOT is for firmware alone.
+            // BOOT permits FoE only
             protocol::COE if gateway.al_state() != AlState::Boot => {
                 self.coe.request(now, body, room, gateway)
             }

@@ -1,22 +1,22 @@
-//! Messages for the read mailbox: those that wait, and the last one for a repeat.
+//! Queue of messages for the read mailbox, and the last one for a repeat.
 
 use std::collections::VecDeque;
 
 use super::errors::MailboxError;
 use super::header::{HEADER_BYTES, Header, protocol};
 
-/// Answers that may wait; one of several fragments counts once.
+/// Size of the queue; a response of several fragments counts once.
 const KEPT: usize = 8;
 
-/// Whom a message goes to, and by which protocol.
+/// Destination and protocol of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct MessageAddress {
-    /// Station address of whoever asked.
+    /// Station address of the requester.
     pub(super) address: u16,
     pub(super) protocol: u8,
 }
 
-/// The answer to one request.
+/// Response to one request.
 #[derive(Debug)]
 struct Answer {
     ready: u64,
@@ -25,7 +25,7 @@ struct Answer {
     messages: VecDeque<Vec<u8>>,
 }
 
-/// What waits for the read mailbox.
+/// Messages for the read mailbox.
 #[derive(Debug, Default)]
 pub(super) struct ResponseQueue {
     answers: VecDeque<Answer>,
@@ -34,14 +34,14 @@ pub(super) struct ResponseQueue {
 }
 
 impl ResponseQueue {
-    /// Whether there is no room for another answer.
+    /// Whether the queue is full.
     pub(super) fn is_full(&self) -> bool {
         self.answers.len() >= KEPT
     }
 
-    /// Adds an answer that becomes ready at `ready`; the messages come without mailbox header.
-    /// What does not fit a read mailbox of `reply_bytes` becomes a mailbox error. One error finds
-    /// room even in a full outbox; what comes then is lost.
+    /// Adds a response that becomes ready at `ready`; the messages are without mailbox header. A
+    /// message too long for a read mailbox of `reply_bytes` becomes a mailbox error. A full queue
+    /// accepts one error; further ones are dropped.
     pub(super) fn push(
         &mut self,
         ready: u64,
@@ -64,12 +64,12 @@ impl ResponseQueue {
         }
     }
 
-    /// When the first answer is ready.
+    /// When the first response is ready.
     pub(super) fn next_ready(&self) -> Option<u64> {
         self.answers.front().map(|answer| answer.ready)
     }
 
-    /// Puts the next message that is ready by `now` into the read mailbox.
+    /// Copies the next message that is ready by `now` into the read mailbox.
     pub(super) fn send(&mut self, now: u64, out: &mut [u8]) -> bool {
         while let Some(answer) = self.answers.front_mut().filter(|answer| answer.ready <= now) {
             let (envelope, message) = (answer.envelope, answer.messages.pop_front());
@@ -83,7 +83,7 @@ impl ResponseQueue {
         false
     }
 
-    /// Puts a message into the read mailbox. `false` if it does not fit.
+    /// Copies a message into the read mailbox; returns `false` if it does not fit.
     pub(super) fn write(
         &mut self,
         envelope: MessageAddress,

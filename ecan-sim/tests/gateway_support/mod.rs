@@ -1,5 +1,4 @@
-//! A gateway on the fixture: SDO shorthand, one-call start-up to OP, and cycles without any
-//! EtherCAT frames or CAN bus around it.
+//! A gateway without EtherCAT frames or CAN bus: SDO shorthand, startup to OP, and cycles.
 #![allow(dead_code)]
 
 use ecan_protocol::can::{CanFrame, CanId};
@@ -15,7 +14,7 @@ use ecan_protocol::object::{AbortCode, SdoWrite};
 use ecan_sim::{Gateway, GatewayModelConfig, Sync0, SyncManagerConfig};
 
 pub const MS: u64 = 1_000_000;
-/// Behind the service that an SM2 write sets off.
+/// Time from an SM2 write to the end of its service.
 pub const SERVICE: u64 = 30_000;
 
 pub struct Fixture {
@@ -78,7 +77,7 @@ impl Fixture {
         fixture
     }
 
-    /// In PREOP with these profiles applied, sync managers set up and all channels running.
+    /// In PREOP with these profiles applied, sync managers configured and all channels running.
     pub fn configured(tx: PdoProfile, rx: PdoProfile) -> Self {
         Self::configured_with(GatewayModelConfig::default(), tx, rx)
     }
@@ -135,7 +134,7 @@ impl Fixture {
         assert_eq!(self.upload(0x8021 + u16::from(channel), 3), 0, "policy {channel} not applied");
     }
 
-    /// From PREOP to OP; the first input image is taken out.
+    /// From PREOP to OP; the first input image is read.
     pub fn start(&mut self) {
         self.gateway.request_al_state(self.now, AlState::SafeOp);
         assert_eq!(self.state(), (AlState::SafeOp, 0));
@@ -144,7 +143,7 @@ impl Fixture {
         assert!(self.read());
     }
 
-    /// Switches Sync0 on: pulses at every whole millisecond from now on.
+    /// Starts Sync0: pulses at every whole millisecond from now on.
     pub fn start_sync0(&mut self) -> u64 {
         let start_ns = self.now.next_multiple_of(MS);
         self.gateway.set_dc_sync0(Some(Sync0 { start_ns, cycle_ns: MS as u32, shift_ns: 0 }));
@@ -196,13 +195,13 @@ impl Fixture {
         self.writer.push(&mut self.image, channel, 0, frame.as_ref(), Timestamp::None).unwrap();
     }
 
-    /// Commits the output image, offers it to SM2 and lets the service run.
+    /// Commits the output image, writes it to SM2 and runs the service.
     pub fn write(&mut self) -> bool {
         self.writer.commit(&mut self.image, CommitFields::default());
         self.write_again()
     }
 
-    /// Offers the output image to SM2 as it is and lets the service run.
+    /// Writes the output image to SM2 unchanged and runs the service.
     pub fn write_again(&mut self) -> bool {
         let taken = self.gateway.write_outputs(self.now, &self.image);
         self.pass(SERVICE);
@@ -213,7 +212,7 @@ impl Fixture {
         self.gateway.read_inputs(self.now, &mut self.input)
     }
 
-    /// One cycle: writes the output image, and reads the input image that answers to it.
+    /// One cycle: writes the output image, and reads the next input image.
     pub fn cycle(&mut self) {
         assert!(self.write(), "SM2 refused the image");
         assert!(self.read(), "SM3 is empty");
@@ -246,7 +245,7 @@ impl Fixture {
 
     // CAN side
 
-    /// Takes everything that a channel wants to send, each confirmed at once.
+    /// Takes all frames that a channel sends; each is confirmed at once.
     pub fn sent(&mut self, channel: usize) -> Vec<CanFrame> {
         let mut frames = Vec::new();
         while let Some(frame) = self.gateway.next_transmit(channel) {

@@ -1,10 +1,10 @@
 //! The functions under libethercat's names.
 //!
-//! Each passes its arguments on to the simulator's function, which catches its own panics. The
-//! arguments are those of IgH's interface, under the same promises.
+//! Each passes its arguments to the simulator's function, which catches panics. The arguments are
+//! those of IgH's interface, with the same contract.
 
-/// Exports functions of the simulator. `told` ones say on stderr that they failed; the others are
-/// those for the cycle, which the real library keeps silent.
+/// Exports functions of the simulator. `reported` ones report failures on stderr; `silent` ones are
+/// those of the cycle, which the real library keeps silent.
 macro_rules! export {
     ($(
         $manner:ident $export:ident($($argument:ident: $type:ty),*) $(-> $result:ty)? = $function:ident;
@@ -16,8 +16,8 @@ macro_rules! export {
             export!($manner $export result)
         }
     )* };
-    (told $export:ident $result:ident) => {
-        $crate::report::told(stringify!($export), $result)
+    (reported $export:ident $result:ident) => {
+        $crate::report::reported(stringify!($export), $result)
     };
     (silent $export:ident $result:ident) => {
         $result

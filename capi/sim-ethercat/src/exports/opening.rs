@@ -7,7 +7,7 @@ use ecan_sim::{Simulation, libethercat};
 use ecrt_sys::{Errno, ec_master_t};
 use libc::{c_int, c_uint};
 
-use crate::report::told;
+use crate::report::reported;
 use crate::world;
 
 /// Major and minor version.
@@ -24,14 +24,14 @@ pub extern "C" fn ecrt_version_magic() -> c_uint {
 #[unsafe(no_mangle)]
 pub extern "C" fn ecrt_request_master(master_index: c_uint) -> *mut ec_master_t {
     let master = in_world(|world| libethercat::request_master(world, master_index));
-    told("ecrt_request_master", master)
+    reported("ecrt_request_master", master)
 }
 
 /// Opens a master for looking; null with the error number set if that cannot be.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecrt_open_master(master_index: c_uint) -> *mut ec_master_t {
     let master = in_world(|world| libethercat::open_master(world, master_index));
-    told("ecrt_open_master", master)
+    reported("ecrt_open_master", master)
 }
 
 /// Opens the world if need be. A panic meanwhile ends here.
@@ -50,6 +50,6 @@ fn in_world(
 
 export! {
     silent ecrt_release_master(master: *mut ec_master_t) = release_master;
-    told ecrt_master_reserve(master: *mut ec_master_t) -> c_int = master_reserve;
+    reported ecrt_master_reserve(master: *mut ec_master_t) -> c_int = master_reserve;
     silent ecrt_master_reset(master: *mut ec_master_t) -> c_int = master_reset;
 }

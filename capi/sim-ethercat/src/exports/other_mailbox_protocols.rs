@@ -58,16 +58,16 @@ macro_rules! unsupported {
 }
 
 unsupported! {
-    told ecrt_master_write_idn(
+    reported ecrt_master_write_idn(
         master: *mut ec_master_t, position: u16, drive: u8, idn: u16, data: *const u8,
         size: size_t, error_code: *mut u16) -> c_int;
-    told ecrt_master_read_idn(
+    reported ecrt_master_read_idn(
         master: *mut ec_master_t, position: u16, drive: u8, idn: u16, target: *mut u8,
         target_size: size_t, result_size: *mut size_t, error_code: *mut u16) -> c_int;
-    told ecrt_slave_config_idn(
+    reported ecrt_slave_config_idn(
         config: *mut ec_slave_config_t, drive: u8, idn: u16, state: ec_al_state_t,
         data: *const u8, size: size_t) -> c_int;
-    told ecrt_slave_config_create_soe_request(
+    reported ecrt_slave_config_create_soe_request(
         config: *mut ec_slave_config_t, drive: u8, idn: u16, size: size_t)
         -> *mut ec_soe_request_t;
     silent ecrt_soe_request_idn(request: *mut ec_soe_request_t, drive: u8, idn: u16) -> c_int;
@@ -78,7 +78,7 @@ unsupported! {
     silent ecrt_soe_request_write(request: *mut ec_soe_request_t) -> c_int;
     silent ecrt_soe_request_read(request: *mut ec_soe_request_t) -> c_int;
 
-    told ecrt_slave_config_create_voe_handler(
+    reported ecrt_slave_config_create_voe_handler(
         config: *mut ec_slave_config_t, size: size_t) -> *mut ec_voe_handler_t;
     silent ecrt_voe_handler_send_header(
         handler: *mut ec_voe_handler_t, vendor_id: u32, vendor_type: u16) -> c_int;
@@ -91,17 +91,17 @@ unsupported! {
     silent ecrt_voe_handler_read_nosync(handler: *mut ec_voe_handler_t) -> c_int;
     silent ecrt_voe_handler_execute(handler: *mut ec_voe_handler_t) -> ec_request_state_t;
 
-    told ecrt_slave_config_eoe_mac_address(
+    reported ecrt_slave_config_eoe_mac_address(
         config: *mut ec_slave_config_t, mac_address: *const c_uchar) -> c_int;
-    told ecrt_slave_config_eoe_ip_address(
+    reported ecrt_slave_config_eoe_ip_address(
         config: *mut ec_slave_config_t, ip_address: in_addr) -> c_int;
-    told ecrt_slave_config_eoe_subnet_mask(
+    reported ecrt_slave_config_eoe_subnet_mask(
         config: *mut ec_slave_config_t, subnet_mask: in_addr) -> c_int;
-    told ecrt_slave_config_eoe_default_gateway(
+    reported ecrt_slave_config_eoe_default_gateway(
         config: *mut ec_slave_config_t, gateway_address: in_addr) -> c_int;
-    told ecrt_slave_config_eoe_dns_address(
+    reported ecrt_slave_config_eoe_dns_address(
         config: *mut ec_slave_config_t, dns_address: in_addr) -> c_int;
-    told ecrt_slave_config_eoe_hostname(
+    reported ecrt_slave_config_eoe_hostname(
         config: *mut ec_slave_config_t, name: *const c_char) -> c_int;
 }
 

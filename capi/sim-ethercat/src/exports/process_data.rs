@@ -4,7 +4,7 @@ use ecrt_sys::{ec_domain_state_t, ec_domain_t, ec_master_t, ec_pdo_entry_reg_t};
 use libc::{c_int, size_t};
 
 export! {
-    told ecrt_domain_reg_pdo_entry_list(
+    reported ecrt_domain_reg_pdo_entry_list(
         domain: *mut ec_domain_t, entries: *const ec_pdo_entry_reg_t) -> c_int
         = domain_reg_pdo_entry_list;
     silent ecrt_domain_size(domain: *const ec_domain_t) -> size_t = domain_size;
@@ -26,7 +26,7 @@ export! {
     silent ecrt_master_sync_slave_clocks(master: *mut ec_master_t) -> c_int
         = master_sync_slave_clocks;
     // The one of the cycle that the real library does not keep silent.
-    told ecrt_master_reference_clock_time(master: *mut ec_master_t, time_ns: *mut u32) -> c_int
+    reported ecrt_master_reference_clock_time(master: *mut ec_master_t, time_ns: *mut u32) -> c_int
         = master_reference_clock_time;
     silent ecrt_master_sync_monitor_queue(master: *mut ec_master_t) -> c_int
         = master_sync_monitor_queue;

@@ -4,7 +4,7 @@ use ecrt_sys::{ec_reg_request_t, ec_request_state_t, ec_sdo_request_t, ec_slave_
 use libc::{c_int, size_t};
 
 export! {
-    told ecrt_slave_config_create_sdo_request(
+    reported ecrt_slave_config_create_sdo_request(
         config: *mut ec_slave_config_t, index: u16, subindex: u8, size: size_t)
         -> *mut ec_sdo_request_t = slave_config_create_sdo_request;
     silent ecrt_sdo_request_index(
@@ -19,7 +19,7 @@ export! {
     silent ecrt_sdo_request_write(request: *mut ec_sdo_request_t) -> c_int = sdo_request_write;
     silent ecrt_sdo_request_read(request: *mut ec_sdo_request_t) -> c_int = sdo_request_read;
 
-    told ecrt_slave_config_create_reg_request(
+    reported ecrt_slave_config_create_reg_request(
         config: *mut ec_slave_config_t, size: size_t) -> *mut ec_reg_request_t
         = slave_config_create_reg_request;
     silent ecrt_reg_request_data(request: *mut ec_reg_request_t) -> *mut u8 = reg_request_data;

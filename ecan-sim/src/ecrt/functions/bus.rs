@@ -1,4 +1,4 @@
-//! Looking at the bus.
+//! State of the bus.
 
 use super::{on_master, status, store};
 use crate::ecrt::front::State;
@@ -34,7 +34,7 @@ pub unsafe extern "C" fn master_info(
     })
 }
 
-/// `ecrt_master_scan_progress`: how far the bus scan is.
+/// `ecrt_master_scan_progress`: progress of the bus scan.
 pub unsafe extern "C" fn master_scan_progress(
     master: *mut ec_master_t,
     progress: *mut ec_master_scan_progress_t,
@@ -174,7 +174,7 @@ pub unsafe extern "C" fn master_get_pdo_entry(
 }
 
 two_forms!(
-    /// `ecrt_master_state`: what all links see.
+    /// `ecrt_master_state`: state of all links.
     master_state / master_state_silent(
     master: *const ec_master_t, state: *mut ec_master_state_t) {
     let value = on_master(master)?.with(|State { world, master, .. }| {
@@ -190,7 +190,7 @@ two_forms!(
     unsafe { store(state, value) }
 });
 
-/// `ecrt_master_link_state`: what one link sees; there is one.
+/// `ecrt_master_link_state`: state of one link; only one exists.
 pub unsafe extern "C" fn master_link_state(
     master: *const ec_master_t,
     device: c_uint,

@@ -15,12 +15,12 @@ use ecrt_sys::{
 };
 use libc::{c_char, c_int, c_uint, size_t};
 
-/// `ecrt_master_create_domain`: makes a domain.
+/// `ecrt_master_create_domain`: creates a domain.
 pub unsafe extern "C" fn master_create_domain(master: *mut ec_master_t) -> *mut ec_domain_t {
     handle_or_null(|| on_master(master).and_then(|call| call.create_domain()))
 }
 
-/// `ecrt_master_slave_config`: makes or finds the configuration of a slave.
+/// `ecrt_master_slave_config`: creates or finds the configuration of a slave.
 pub unsafe extern "C" fn master_slave_config(
     master: *mut ec_master_t,
     alias: u16,
@@ -34,7 +34,7 @@ pub unsafe extern "C" fn master_slave_config(
     })
 }
 
-/// `ecrt_master_select_reference_clock`: chooses the reference clock.
+/// `ecrt_master_select_reference_clock`: selects the reference clock.
 pub unsafe extern "C" fn master_select_reference_clock(
     master: *mut ec_master_t,
     config: *mut ec_slave_config_t,
@@ -45,7 +45,7 @@ pub unsafe extern "C" fn master_select_reference_clock(
     })
 }
 
-/// `ecrt_master_set_send_interval`: tells the interval between sends.
+/// `ecrt_master_set_send_interval`: sets the interval between sends.
 pub unsafe extern "C" fn master_set_send_interval(
     master: *mut ec_master_t,
     interval_us: size_t,
@@ -65,7 +65,8 @@ pub unsafe extern "C" fn master_activate(master: *mut ec_master_t) -> c_int {
 }
 
 two_forms!(
-    /// `ecrt_master_deactivate`: ends the operation phase; every handle made from the master is dead.
+    /// `ecrt_master_deactivate`: ends the operation phase; all handles made from the master become
+    /// invalid.
     master_deactivate / master_deactivate_silent(master: *mut ec_master_t) {
     on_master(master)?.deactivate()
 });
@@ -117,7 +118,7 @@ pub unsafe extern "C" fn slave_config_pdo_assign_add(
 }
 
 two_forms!(
-    /// `ecrt_slave_config_pdo_assign_clear`: takes every PDO off a sync manager.
+    /// `ecrt_slave_config_pdo_assign_clear`: removes all PDOs of a sync manager.
     slave_config_pdo_assign_clear / slave_config_pdo_assign_clear_silent(
     config: *mut ec_slave_config_t, sync_index: u8) {
     on_config(config)?.change_sync(sync_index, |sync| {
@@ -146,7 +147,7 @@ pub unsafe extern "C" fn slave_config_pdo_mapping_add(
 }
 
 two_forms!(
-    /// `ecrt_slave_config_pdo_mapping_clear`: takes every entry out of a PDO.
+    /// `ecrt_slave_config_pdo_mapping_clear`: removes all entries of a PDO.
     slave_config_pdo_mapping_clear / slave_config_pdo_mapping_clear_silent(
     config: *mut ec_slave_config_t, pdo_index: u16) {
     on_config(config)?.change(|config| {
@@ -157,7 +158,7 @@ two_forms!(
     })
 });
 
-/// `ecrt_slave_config_reg_pdo_entry`: puts an entry into a domain; gives its byte offset.
+/// `ecrt_slave_config_reg_pdo_entry`: registers an entry in a domain; returns its byte offset.
 pub unsafe extern "C" fn slave_config_reg_pdo_entry(
     config: *mut ec_slave_config_t,
     entry_index: u16,
@@ -186,13 +187,12 @@ two_forms!(
     })
 });
 
-/// `ecrt_slave_config_flag`: a named flag. None changes anything that is simulated.
+/// `ecrt_slave_config_flag`: a named flag; accepted without effect.
 pub unsafe extern "C" fn slave_config_flag(
     config: *mut ec_slave_config_t,
     key: *const c_char,
     _value: i32,
 ) -> c_int {
-    // Flags change nothing that is simulated.
     status(|| {
         let call = on_config(config)?;
         if key.is_null() {
@@ -206,7 +206,7 @@ pub unsafe extern "C" fn slave_config_flag(
     })
 }
 
-/// `ecrt_slave_config_state_timeout`: time that a state change may take.
+/// `ecrt_slave_config_state_timeout`: longest time of a state change.
 pub unsafe extern "C" fn slave_config_state_timeout(
     config: *mut ec_slave_config_t,
     from: ec_al_state_t,
@@ -225,7 +225,7 @@ pub unsafe extern "C" fn slave_config_state_timeout(
 }
 
 two_forms!(
-    /// `ecrt_slave_config_state`: how far the master brought the slave.
+    /// `ecrt_slave_config_state`: state of the slave.
     slave_config_state / slave_config_state_silent(
     config: *const ec_slave_config_t, state: *mut ec_slave_config_state_t) {
     let (slave, operational) = on_config(config)?.state()?;
@@ -237,7 +237,7 @@ two_forms!(
     unsafe { store(state, value) }
 });
 
-/// `ecrt_slave_config_create_sdo_request`: an SDO request that runs beside the cycle.
+/// `ecrt_slave_config_create_sdo_request`: an SDO request that runs in parallel with the cycle.
 pub unsafe extern "C" fn slave_config_create_sdo_request(
     config: *mut ec_slave_config_t,
     index: u16,

@@ -4,7 +4,7 @@ use super::{on_config, status};
 use ecrt_sys::ec_slave_config_t;
 use libc::{c_int, size_t};
 
-/// `ecrt_slave_config_emerg_size`: messages that are kept.
+/// `ecrt_slave_config_emerg_size`: sets the size of the queue.
 pub unsafe extern "C" fn slave_config_emerg_size(
     config: *mut ec_slave_config_t,
     _elements: size_t,
@@ -20,7 +20,7 @@ pub unsafe extern "C" fn slave_config_emerg_pop(
     status(|| on_config(config).and(Err(libc::ENOENT)))
 }
 
-/// `ecrt_slave_config_emerg_clear`: forgets messages and overruns.
+/// `ecrt_slave_config_emerg_clear`: clears messages and overruns.
 pub unsafe extern "C" fn slave_config_emerg_clear(config: *mut ec_slave_config_t) -> c_int {
     status(|| on_config(config).map(drop))
 }

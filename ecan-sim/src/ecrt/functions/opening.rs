@@ -1,4 +1,4 @@
-//! Getting hold of a master, and giving it back.
+//! Opening and releasing a master.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ pub fn request_master(simulation: &Simulation, index: c_uint) -> *mut ec_master_
     SimulatedMasters::of(simulation).request(index)
 }
 
-/// `ecrt_open_master`: a handle for looking only, or null as from [`request_master`].
+/// `ecrt_open_master`: a read-only handle, or null as from [`request_master`].
 pub fn open_master(simulation: &Simulation, index: c_uint) -> *mut ec_master_t {
     SimulatedMasters::of(simulation).open(index)
 }
@@ -26,7 +26,7 @@ pub unsafe extern "C" fn master_reserve(master: *mut ec_master_t) -> c_int {
     status(|| on_master(master)?.reserve())
 }
 
-/// `ecrt_release_master`: gives a master back; every handle made from it is dead.
+/// `ecrt_release_master`: releases a master; all handles made from it become invalid.
 pub unsafe extern "C" fn release_master(master: *mut ec_master_t) {
     let _ = guarded(|| {
         on_master(master)?.release();
@@ -34,7 +34,7 @@ pub unsafe extern "C" fn release_master(master: *mut ec_master_t) {
     });
 }
 
-/// `ecrt_master_reset`: lets the master try again to bring its configured slaves to OP.
+/// `ecrt_master_reset`: retries to bring the configured slaves to OP.
 pub unsafe extern "C" fn master_reset(master: *mut ec_master_t) -> c_int {
     status(|| on_master(master)?.reset())
 }

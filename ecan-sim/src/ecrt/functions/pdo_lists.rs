@@ -1,4 +1,4 @@
-//! PDOs and their entries by whole lists, and entries by their place.
+//! PDOs and entries by lists, and entries by position.
 
 use std::slice;
 
@@ -18,12 +18,12 @@ use libc::{c_int, c_uint};
 /// Index that ends a list of sync managers.
 const END_OF_SYNCS: u8 = 0xFF;
 
-/// What the called functions return: a status, or a byte offset.
+/// Return value of the called functions: a status, or a byte offset.
 fn checked(answer: c_int) -> Answer<c_int> {
     if answer < 0 { Err(-answer) } else { Ok(answer) }
 }
 
-/// A list of the caller's, empty where there is none.
+/// A list of the caller, empty if null.
 ///
 /// # Safety
 /// `first` is null or valid for reading `count` elements.
@@ -36,14 +36,14 @@ unsafe fn list<'a, T>(first: *const T, count: c_uint) -> &'a [T] {
 }
 
 /// `ecrt_slave_config_pdos`: sync managers with their PDOs and entries, up to the given number or
-/// the one with index 0xFF. What came before a refused one stays configured.
+/// index 0xFF. Those before a rejected one stay configured.
 pub unsafe extern "C" fn slave_config_pdos(
     config: *mut ec_slave_config_t,
     sync_count: c_uint,
     syncs: *const ec_sync_info_t,
 ) -> c_int {
     status(|| {
-        // The list may end before the given number, which EC_END makes the largest there is.
+        // the list may end before the given number, which EC_END sets to the maximum
         for place in 0..if syncs.is_null() { 0 } else { sync_count as usize } {
             // SAFETY: the caller passes so many elements, or ends the list behind this one.
             let sync = unsafe { &*syncs.add(place) };
@@ -95,8 +95,8 @@ unsafe fn configure_pdo(config: *mut ec_slave_config_t, sync: u8, pdo: &ec_pdo_i
     Ok(())
 }
 
-/// `ecrt_slave_config_reg_pdo_entry_pos`: puts an entry into a domain by sync manager, place of
-/// the PDO and place of the entry; gives its byte offset.
+/// `ecrt_slave_config_reg_pdo_entry_pos`: registers an entry in a domain by the positions of sync
+/// manager, PDO and entry; returns its byte offset.
 pub unsafe extern "C" fn slave_config_reg_pdo_entry_pos(
     config: *mut ec_slave_config_t,
     sync_index: u8,
@@ -118,8 +118,8 @@ pub unsafe extern "C" fn slave_config_reg_pdo_entry_pos(
     })
 }
 
-/// `ecrt_domain_reg_pdo_entry_list`: puts entries of any slaves into a domain, up to the one with
-/// index 0.
+/// `ecrt_domain_reg_pdo_entry_list`: registers entries of any slaves in a domain, up to the one
+/// with index 0.
 pub unsafe extern "C" fn domain_reg_pdo_entry_list(
     domain: *mut ec_domain_t,
     entries: *const ec_pdo_entry_reg_t,

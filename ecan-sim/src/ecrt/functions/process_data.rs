@@ -18,7 +18,7 @@ pub unsafe extern "C" fn domain_data(domain: *mut ec_domain_t) -> *mut u8 {
 }
 
 two_forms!(
-    /// `ecrt_domain_process`: judges the datagrams that came back.
+    /// `ecrt_domain_process`: evaluates the received datagrams.
     domain_process / domain_process_silent(domain: *mut ec_domain_t) {
     on_domain(domain)?.process()
 });
@@ -54,13 +54,13 @@ two_forms!(
 });
 
 two_forms!(
-    /// `ecrt_master_receive`: takes the frames that came back.
+    /// `ecrt_master_receive`: receives the returned frames.
     master_receive / master_receive_silent(master: *mut ec_master_t) {
     on_master(master)?.receive()
 });
 
 two_forms!(
-    /// `ecrt_master_application_time`: tells the application's time.
+    /// `ecrt_master_application_time`: sets the application time.
     master_application_time / master_application_time_silent(
     master: *mut ec_master_t, time_ns: u64) {
     on_master(master)?.driving(|state| {

@@ -9,7 +9,7 @@ use ecrt_sys::{
 use libc::{c_int, size_t};
 
 two_forms!(
-    /// `ecrt_sdo_request_index`: points a request at another object.
+    /// `ecrt_sdo_request_index`: sets the object of a request.
     sdo_request_index / sdo_request_index_silent(
     request: *mut ec_sdo_request_t, index: u16, subindex: u8) {
     on_request(request)?.change(|request| {
@@ -45,7 +45,7 @@ pub(super) fn request_state(progress: RequestProgress) -> ec_request_state_t {
     }
 }
 
-/// `ecrt_sdo_request_state`: how far a request is; fetches what was read.
+/// `ecrt_sdo_request_state`: state of a request; copies the data of a finished read.
 pub unsafe extern "C" fn sdo_request_state(request: *mut ec_sdo_request_t) -> ec_request_state_t {
     guarded(|| on_request(request)?.progress()).map_or(EC_REQUEST_ERROR, request_state)
 }
@@ -62,7 +62,7 @@ two_forms!(
     on_request(request)?.start(false)
 });
 
-/// `ecrt_slave_config_create_reg_request`: a register request that runs beside the cycle.
+/// `ecrt_slave_config_create_reg_request`: a register request that runs in parallel with the cycle.
 pub unsafe extern "C" fn slave_config_create_reg_request(
     config: *mut ec_slave_config_t,
     size: size_t,
@@ -75,7 +75,7 @@ pub unsafe extern "C" fn reg_request_data(request: *mut ec_reg_request_t) -> *mu
     data_or_null(|| on_reg_request(request)?.change(|request| request.memory.as_ptr()))
 }
 
-/// `ecrt_reg_request_state`: how far a register request is; fetches what was read.
+/// `ecrt_reg_request_state`: state of a register request; copies the data of a finished read.
 pub unsafe extern "C" fn reg_request_state(request: *mut ec_reg_request_t) -> ec_request_state_t {
     guarded(|| on_reg_request(request)?.change(|request| request.fetch()))
         .map_or(EC_REQUEST_ERROR, request_state)

@@ -1,4 +1,4 @@
-//! SDO transfers that wait for their answer.
+//! Blocking SDO transfers.
 
 use super::{bytes, on_master, status, store};
 use crate::ecrt::calls::Answer;
@@ -6,7 +6,7 @@ use crate::ecrt::sdo_transfer::SdoObject;
 use ecrt_sys::ec_master_t;
 use libc::{c_int, size_t};
 
-/// Transfers. The abort code is told only with `EIO`.
+/// Transfers. The abort code is set only with `EIO`.
 ///
 /// # Safety
 /// `abort_code` is null or valid for writing.
@@ -26,7 +26,7 @@ unsafe fn transfer(
     })
 }
 
-/// `ecrt_master_sdo_download`: writes an object and waits for the answer.
+/// `ecrt_master_sdo_download`: writes an object and waits for the response.
 pub unsafe extern "C" fn master_sdo_download(
     master: *mut ec_master_t,
     position: u16,
@@ -46,7 +46,7 @@ pub unsafe extern "C" fn master_sdo_download(
     })
 }
 
-/// `ecrt_master_sdo_download_complete`: the same by Complete Access, which the gateway refuses.
+/// `ecrt_master_sdo_download_complete`: the same by Complete Access, which the gateway rejects.
 pub unsafe extern "C" fn master_sdo_download_complete(
     master: *mut ec_master_t,
     position: u16,
@@ -64,7 +64,7 @@ pub unsafe extern "C" fn master_sdo_download_complete(
     })
 }
 
-/// `ecrt_master_sdo_upload`: reads an object and waits for the answer.
+/// `ecrt_master_sdo_upload`: reads an object and waits for the response.
 pub unsafe extern "C" fn master_sdo_upload(
     master: *mut ec_master_t,
     position: u16,

@@ -1,4 +1,4 @@
-//! Objects that the master writes at every start of a slave.
+//! Startup SDOs.
 
 use super::{bytes, on_config, status};
 use crate::ecrt::calls::Answer;
@@ -58,8 +58,8 @@ pub unsafe extern "C" fn slave_config_sdo32(
     status(|| add(config, SdoObject::entry(index, subindex), value.to_le_bytes().to_vec()))
 }
 
-/// `ecrt_slave_config_complete_sdo`: a whole object by Complete Access, which the gateway refuses
-/// at start-up.
+/// `ecrt_slave_config_complete_sdo`: a whole object by Complete Access, which the gateway rejects
+/// at startup.
 pub unsafe extern "C" fn slave_config_complete_sdo(
     config: *mut ec_slave_config_t,
     index: u16,

@@ -1,4 +1,4 @@
-//! The table as a C program calls it: stale, foreign and null handles.
+//! Calls of a C program with stale, unknown and null handles.
 
 use std::ptr::{null, null_mut};
 
@@ -53,7 +53,7 @@ fn handles_die_with_deactivation_and_release() {
         assert!((table.domain_data)(domain).is_null(), "no data before activation");
         assert_eq!((table.master_activate)(master), 0);
         assert_eq!(call(table.domain_process, domain), 0);
-        // A master is no domain.
+        // a master is not a domain
         assert_eq!(call(table.domain_process, master.cast()), -libc::EINVAL);
         assert_eq!(call(table.master_deactivate, master), 0);
         assert_eq!(call(table.domain_process, domain), -libc::EINVAL);

@@ -1,4 +1,4 @@
-//! The master's look at the whole bus: who answers, in which state, and the scan when that changed.
+//! Bus polling: responding slaves and their states, and the scan after a change.
 
 use ecan_protocol::device::AlState;
 
@@ -13,21 +13,21 @@ use crate::world::World;
 /// A scan in progress.
 #[derive(Debug)]
 pub(crate) struct Scan {
-    /// Gateways that answered when it began.
+    /// Gateways that responded at its begin.
     slots: Vec<usize>,
     at: usize,
     prepared: bool,
 }
 
 impl Scan {
-    /// Slaves that it is about.
+    /// Number of slaves to scan.
     pub(crate) fn total(&self) -> usize {
         self.slots.len()
     }
 }
 
 impl MasterModel {
-    /// Goes on with the scan, or looks at the slaves.
+    /// Continues the scan, or polls the slaves.
     pub(crate) fn run_bus(&mut self, world: &mut World) {
         match self.scan.take() {
             Some(scan) => self.scan_step(scan, world),
@@ -50,7 +50,7 @@ impl MasterModel {
         let changed = self.rescan_required
             || responding as usize != self.slaves.len()
             || self.slaves.iter().any(|slave| !slave.is_present(world));
-        // Between reservation and activation the slave list stays as it is.
+        // between reservation and activation the slave list does not change
         if changed && self.phase != Phase::Reserved {
             self.begin_scan(world);
             return;
@@ -61,9 +61,9 @@ impl MasterModel {
         self.look_from(0, world);
     }
 
-    /// Looks at the slaves from this one on until one has to be configured: that happens one slave
-    /// after the other, and the look goes on behind it. One that does not answer ends the look: the
-    /// bus is scanned anew, whether the slave is back by then or not.
+    /// Polls the slaves from this one on until one must be configured; polling continues after that
+    /// configuration. A slave that does not respond ends the poll with a rescan, even if it is back
+    /// by then.
     pub(crate) fn look_from(&mut self, first: usize, world: &World) {
         for index in first..self.slaves.len() {
             if self.look_at(index, world) {
@@ -72,8 +72,8 @@ impl MasterModel {
         }
     }
 
-    /// Reads a slave's state and starts its configuration if it is not where it shall be; whether
-    /// the look ends here.
+    /// Reads the state of a slave and starts its configuration if the state differs from the
+    /// requested one. Returns whether the poll ends here.
     fn look_at(&mut self, index: usize, world: &World) -> bool {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return false };
@@ -92,7 +92,7 @@ impl MasterModel {
             return false;
         }
         slave.startup = Some(Startup::BEGIN);
-        // A transfer that is running ends first.
+        // a running transfer ends first
         if slave.transfer.is_none() {
             slave.due = now;
         }
@@ -143,14 +143,15 @@ impl MasterModel {
         self.scan = Some(scan);
     }
 
-    /// Attaches configurations to the slaves they were made for.
+    /// Attaches configurations to their slaves.
     pub(crate) fn attach_configs(&mut self) {
         for config in 0..self.configs.len() {
             self.attach_config(config);
         }
     }
 
-    /// Attaches one configuration, if its slave is there, free, and of the right kind.
+    /// Attaches one configuration if its slave is present, unconfigured, and has the configured
+    /// identity.
     pub(crate) fn attach_config(&mut self, index: usize) {
         let Some(config) = self.configs.get_mut(index) else { return };
         if config.slave.is_some() {
@@ -164,7 +165,7 @@ impl MasterModel {
             return;
         }
         slave.config = Some(index);
-        // Requests of the configuration may have been waiting for it.
+        // requests of the configuration may be waiting
         if slave.is_idle() {
             slave.due = 0;
         }

@@ -1,16 +1,16 @@
-//! Distributed clocks: the application's time and what the slaves' clocks make of it.
+//! Distributed clocks: setting and correcting the clocks of the slaves.
 
 use super::MasterModel;
 use crate::ecrt::datagram::Queued;
 use crate::fault::LossDirection;
 use crate::world::World;
 
-/// System time this near to the application's is left as it is.
+/// Tolerated difference of system time to the application time.
 const TOLERANCE_NS: u64 = 1_000_000;
 
 impl MasterModel {
-    /// The reference clock: the slave that the application has chosen, or the first; every gateway
-    /// can be it. It is forgotten with the list of slaves and found again when a scan has ended.
+    /// The reference clock: the slave selected by the application, or the first one. It is unknown
+    /// during a scan.
     pub(crate) fn reference_clock(&self) -> Option<usize> {
         if self.scan.is_some() {
             return None;
@@ -22,7 +22,7 @@ impl MasterModel {
         self.slaves.get(position).map(|slave| slave.slot)
     }
 
-    /// Gives every slave the application's time, where its own is not near it.
+    /// Writes the application time to each slave whose time differs.
     pub(crate) fn set_clocks(&mut self, world: &mut World) {
         let now = world.now_ns();
         let time = self.clocks.app_time.saturating_add(now.saturating_sub(self.clocks.set_at_ns));
@@ -37,7 +37,7 @@ impl MasterModel {
         self.clocks.are_set = true;
     }
 
-    /// What a datagram of the clocks does on its way past the slaves.
+    /// Effect of a clock datagram on the slaves.
     pub(crate) fn exchange_clock(
         &mut self,
         item: Queued,
@@ -51,7 +51,7 @@ impl MasterModel {
         let reached = self.reference_clock().filter(|slot| world.is_reachable(*slot));
         let Some(reference) = reached else {
             if item == Queued::SlaveClocks {
-                // It comes back as it went.
+                // it returns unchanged
                 self.clocks.reference_value = 0;
             }
             return;
@@ -87,7 +87,7 @@ impl MasterModel {
     }
 }
 
-/// The 31 bits of a difference without its sign, as the slave shows it.
+/// Magnitude of a difference in 31 bits, as the slave reports it.
 fn magnitude(difference_ns: i64) -> u32 {
     u32::try_from(difference_ns.unsigned_abs()).unwrap_or(u32::MAX) & 0x7FFF_FFFF
 }

@@ -1,4 +1,4 @@
-//! Requests that read or write registers of a slave's controller beside the cycle.
+//! Register requests in parallel with the cycle.
 
 use ecan_protocol::device::AlState;
 use libc::c_int;
@@ -10,11 +10,8 @@ use crate::ecrt::slave_config::{RegRequest, RequestProgress};
 use crate::ecrt::timing::REGISTER_NS;
 use crate::world::World;
 
-/// AL control.
 const AL_CONTROL: u16 = 0x0120;
-/// AL status.
 const AL_STATUS: u16 = 0x0130;
-/// AL status code.
 const AL_STATUS_CODE: u16 = 0x0134;
 
 impl MasterModel {
@@ -23,7 +20,7 @@ impl MasterModel {
         self.configs.get_mut(config)?.reg_requests.get_mut(request)
     }
 
-    /// Queues an access. A write takes the caller's data with it.
+    /// Queues an access. A write copies the caller's data.
     pub(crate) fn start_reg_request(
         &mut self,
         config: usize,
@@ -96,8 +93,7 @@ impl MasterModel {
     }
 }
 
-/// A byte of the slave controller's registers. Only the state registers are modelled, the others
-/// read as 0.
+/// Reads a register byte. Only the AL registers are modelled, the others read as 0.
 fn register(world: &World, slot: usize, address: u16) -> u8 {
     let [low, high] =
         world.gateway(slot).map_or(0, |gateway| gateway.al_status_code()).to_le_bytes();
@@ -109,7 +105,7 @@ fn register(world: &World, slot: usize, address: u16) -> u8 {
     }
 }
 
-/// Writes registers. Only AL control is modelled, the others keep nothing.
+/// Writes registers. Only AL control is modelled; others are ignored.
 fn write_registers(world: &mut World, slot: usize, address: u16, data: &[u8]) {
     let control = AL_CONTROL.checked_sub(address).and_then(|at| data.get(usize::from(at)));
     if let Some(state) = control.and_then(|control| AlState::from_raw(control & 0x0F)) {

@@ -1,5 +1,4 @@
-//! SDO transfers: blocking ones, requests beside the cycle, and the attempt that both share with
-//! the startup SDOs.
+//! SDO transfers: blocking ones, and requests in parallel with the cycle.
 
 use super::MasterModel;
 use crate::ecrt::mailbox::{Transfer, TransferOwner};
@@ -8,21 +7,21 @@ use crate::ecrt::slave_config::{RequestProgress, SdoRequest};
 use crate::ecrt::timing::STATE_POLL_NS;
 use crate::world::World;
 
-/// A transfer that somebody waits for.
+/// A transfer that a blocking call waits for.
 #[derive(Debug)]
 pub(crate) struct BlockingSdo {
     pub(crate) id: u64,
     pub(crate) position: usize,
     pub(crate) object: SdoObject,
-    /// What to write; `None` reads.
+    /// Data to write; `None` reads.
     pub(crate) download: Option<Vec<u8>>,
     pub(crate) taken: bool,
-    /// Data of an upload, once it is over.
+    /// Result, with the data of an upload.
     pub(crate) result: Option<Result<Vec<u8>, SdoFailure>>,
 }
 
 impl MasterModel {
-    /// Queues a transfer for a slave by its position; gives its number.
+    /// Queues a transfer for the slave at a position; returns its ID.
     pub(crate) fn queue_blocking(
         &mut self,
         position: usize,
@@ -45,7 +44,7 @@ impl MasterModel {
         Ok(id)
     }
 
-    /// Takes the result of a transfer that is over.
+    /// Takes the result of a completed transfer.
     pub(crate) fn take_blocking(&mut self, id: u64) -> Option<Result<Vec<u8>, SdoFailure>> {
         let place = self.blocking.iter().position(|sdo| sdo.id == id)?;
         if self.blocking.get(place).is_some_and(|sdo| sdo.result.is_none()) {
@@ -54,14 +53,13 @@ impl MasterModel {
         self.blocking.swap_remove(place).result
     }
 
-    /// Gives a transfer up.
+    /// Cancels a transfer.
     pub(crate) fn forget_blocking(&mut self, id: u64) {
         self.blocking.retain(|sdo| sdo.id != id);
     }
 
-    /// Fails what the slaves are busy with, and blocking transfers that are waiting: the slaves
-    /// are about to be forgotten. Requests that are waiting belong to a configuration and outlive
-    /// its slave.
+    /// Fails the running transfers of all slaves and waiting blocking transfers: the slave list
+    /// will be cleared. Waiting requests belong to a configuration and stay.
     pub(crate) fn fail_transfers(&mut self) {
         for sdo in &mut self.blocking {
             sdo.result.get_or_insert(Err(SdoFailure::UNANSWERED));
@@ -136,7 +134,7 @@ impl MasterModel {
         }
     }
 
-    /// Goes on with the running transfer of a slave.
+    /// Continues the running transfer of a slave.
     pub(crate) fn run_transfer(&mut self, index: usize, world: &mut World) {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return };
@@ -188,7 +186,7 @@ impl MasterModel {
                 self.finish_transfer(transfer.owner, result, &upload);
                 self.end_transfer(index, now);
             }
-            // Whoever wanted it has gone.
+            // the caller no longer waits
             None => self.end_transfer(index, now),
         }
         self.scratch = upload;
@@ -252,8 +250,7 @@ impl MasterModel {
         true
     }
 
-    /// How far a request is. Its timeout is judged only when its turn comes: while nobody can serve
-    /// it, it stays busy.
+    /// Progress of a request. Its timeout is checked when it is its turn; until then it stays busy.
     pub(crate) fn request_progress(
         &mut self,
         config: usize,

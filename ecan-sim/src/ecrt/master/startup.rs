@@ -1,4 +1,4 @@
-//! The state machine that brings a slave to the state that is requested of it.
+//! State machine that brings a slave to its requested state.
 //!
 //! The order is IgH's: INIT, registers cleared, mailboxes, PREOP, startup SDOs, PDO assignment and
 //! mapping, watchdog, sync managers, FMMUs, distributed clocks, SAFEOP, OP.
@@ -30,19 +30,18 @@ const WATCHDOG_INTERVALS: u16 = 1000;
 /// Time of one watchdog divider step, ns.
 const WATCHDOG_STEP_NS: u64 = 40;
 
-/// What a step leads to.
+/// Result of a step.
 enum Next {
     Step(Startup, u64),
     Done,
-    /// Refused: not tried again.
+    /// Error: not retried.
     Failed,
-    /// No answer: tried again after the next look at the bus.
+    /// No response: retried after the next poll.
     Lost,
 }
 
 impl MasterModel {
-    /// Goes on with the configuration of a slave. When it has ended, the master looks at the slaves
-    /// behind it.
+    /// Continues the configuration of a slave. After it the master polls the following slaves.
     pub(crate) fn run_startup(&mut self, index: usize, world: &mut World) {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return };
@@ -99,7 +98,8 @@ impl MasterModel {
                 self.assignment_step(index, world, list, at, mailbox)
             }
             Startup::Watchdog => {
-                // A slave that is told nothing keeps what it has; one of both makes the other default.
+                // without a setting the slave keeps its values; one of both sets the other to its
+                // default
                 let (divider, intervals) = self.attached(index).map_or((0, 0), |c| c.watchdog);
                 if (divider, intervals) != (0, 0) {
                     let divider = if divider == 0 { WATCHDOG_DIVIDER } else { divider };
@@ -182,7 +182,7 @@ impl MasterModel {
                 index,
                 &format!("refused to change to {to}: AL status code {}", AlStatusCode(code)),
             );
-            // The master acknowledges the error in the state that the slave shows.
+            // the master acknowledges the error in the state that the slave reports
             if let Some(shown) = AlState::from_raw(status & 0x0F) {
                 world.with_gateway(slot, |gateway, now| gateway.request_al_state(now, shown));
             }
@@ -318,7 +318,7 @@ impl MasterModel {
     }
 }
 
-/// Sets the mailboxes of a slave up.
+/// Configures the mailboxes of a slave.
 pub(crate) fn set_up_mailboxes(world: &mut World, slot: usize) {
     world.with_gateway(slot, |gateway, _| gateway.set_up_mailboxes());
 }

@@ -1,4 +1,4 @@
-//! The send queue: what is sent together, what comes back when, and what blocks.
+//! Send queue: frames, losses, and blocking by an oversized datagram.
 
 use super::MasterModel;
 use crate::ecrt::datagram::{ClockDatagram, DatagramState, Queued};
@@ -16,7 +16,7 @@ const DATAGRAM_OVERHEAD: usize = 12;
 const CLOCK_BYTES: usize = 4;
 
 impl MasterModel {
-    /// Queues a datagram; one that is queued already stays where it is and is sent once.
+    /// Queues a datagram; a queued one keeps its position and is sent once.
     pub(crate) fn enqueue(&mut self, item: Queued) {
         if !self.queue.contains(&item) {
             self.queue.push(item);
@@ -40,7 +40,7 @@ impl MasterModel {
         }
     }
 
-    /// Bytes of a datagram that is to be sent.
+    /// Size of a datagram that waits to be sent.
     fn pending_bytes(&self, item: Queued) -> Option<usize> {
         match item {
             Queued::Domain { domain, datagram } => {
@@ -59,8 +59,8 @@ impl MasterModel {
         }
     }
 
-    /// Sends the queue, frame by frame. A datagram larger than a frame stops everything behind it,
-    /// now and at every later send.
+    /// Sends the queue in frames. A datagram larger than a frame blocks all datagrams after it, now
+    /// and at each later send.
     pub(crate) fn send(&mut self, world: &mut World) {
         self.sends = self.sends.wrapping_add(1);
         if !world.link_is_up() {
@@ -120,14 +120,14 @@ impl MasterModel {
         datagram.state = DatagramState::Sent { at_ns, arrives_ns };
     }
 
-    /// Takes what has come back by now, and gives up what is overdue.
+    /// Receives the returned datagrams and times out the overdue ones.
     pub(crate) fn receive(&mut self, now: u64) {
         let mut queue = std::mem::take(&mut self.queue);
         queue.retain(|item| !self.receive_one(*item, now));
         self.queue = queue;
     }
 
-    /// Whether the datagram's journey is over.
+    /// Whether the datagram has returned or timed out.
     fn receive_one(&mut self, item: Queued, now: u64) -> bool {
         let arrived = |arrives_ns: Option<u64>| arrives_ns.is_some_and(|at| at <= now);
         let overdue = |at_ns: u64| now.saturating_sub(at_ns) > DATAGRAM_TIMEOUT_NS;
@@ -160,7 +160,7 @@ impl MasterModel {
         false
     }
 
-    /// Without a link nothing can be sent.
+    /// Without a link nothing is sent.
     fn drop_queue(&mut self) {
         self.blocked = false;
         while let Some(item) = self.queue.pop() {

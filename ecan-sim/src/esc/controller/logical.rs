@@ -1,4 +1,4 @@
-//! Logical datagrams: what FMMUs map of them.
+//! Logical datagrams: mapping by FMMUs.
 
 use super::super::command::Access;
 use super::super::context::Context;
@@ -8,7 +8,8 @@ use super::registers::REGISTER_BYTES;
 use super::{Controller, DATAGRAM_BYTES};
 
 impl Controller {
-    /// A logical datagram. What is written is what came, before this slave's inputs go into it.
+    /// Processes a logical datagram. The received data is written before the inputs of this slave
+    /// are inserted.
     pub(super) fn map(
         &mut self,
         access: Access,
@@ -43,7 +44,7 @@ impl Controller {
                 let Ok(address) = u16::try_from(first) else { return false };
                 let mut scratch = std::mem::take(&mut self.scratch);
                 let own = &mut scratch[..bytes.min(DATAGRAM_BYTES)];
-                // The bits beside stay as they are.
+                // the other bits keep their value
                 let beside = if first < REGISTER_BYTES {
                     self.registers.get(first..first + own.len()).unwrap_or_default()
                 } else {
@@ -80,7 +81,7 @@ impl Controller {
     }
 }
 
-/// First byte of a stretch of bits, and how many bytes it touches.
+/// First byte of a bit range, and number of bytes.
 fn byte_range(first_bit: usize, bits: usize) -> (usize, usize) {
     let first = first_bit / 8;
     (first, (first_bit + bits).div_ceil(8) - first)

@@ -1,4 +1,4 @@
-//! The mailboxes behind SM0 and SM1: between the master's accesses and the firmware's services.
+//! Mailboxes of SM0 and SM1, between accesses of the master and services of the firmware.
 
 use crate::mailbox::MailboxServer;
 
@@ -8,12 +8,12 @@ use super::Controller;
 use super::memory::{READ_MAILBOX, WRITE_MAILBOX};
 use super::registers::REGISTER_BYTES;
 
-/// What the mailboxes hold beside the memory.
+/// State of the mailboxes outside the memory.
 pub(super) struct MailboxBuffers {
     server: MailboxServer,
-    /// The message that the master read last, for a repeat.
+    /// The last message read, for a repeat.
     last_read: Vec<u8>,
-    /// The message that a repeat has displaced: it follows.
+    /// A message that a repeat has displaced; it follows the repeat.
     displaced: Option<Vec<u8>>,
 }
 
@@ -23,14 +23,14 @@ impl MailboxBuffers {
     }
 }
 
-/// A buffer's place in the memory.
+/// Memory range of a buffer.
 fn place(sm: SyncManager) -> std::ops::Range<usize> {
     let start = sm.start().saturating_sub(REGISTER_BYTES);
     start..start + sm.length()
 }
 
 impl Controller {
-    /// Lets the firmware take what lies in the write mailbox, and fill the read mailbox.
+    /// Passes the write mailbox to the firmware, and fills the read mailbox.
     pub(super) fn serve_mailbox(&mut self, context: &mut Context<'_>) {
         let now = context.now;
         if !context.gateway.mailbox_answers(now) {
@@ -59,7 +59,7 @@ impl Controller {
         }
     }
 
-    /// The master has read the read mailbox to its end.
+    /// The master has read the read mailbox completely.
     pub(super) fn read_mailbox_was_read(&mut self, context: &mut Context<'_>) {
         let message = self.memory.get(place(self.sync_managers[READ_MAILBOX])).unwrap_or_default();
         self.mailbox.last_read.clear();
@@ -67,7 +67,7 @@ impl Controller {
         self.serve_mailbox(context);
     }
 
-    /// The master may ask once more for the message that it read last: what it got was lost.
+    /// Repeats the last message if the master requests it after a loss.
     pub(super) fn repeat_if_asked(&mut self) {
         let Self { memory, mailbox, sync_managers, .. } = self;
         let sm = &mut sync_managers[READ_MAILBOX];
@@ -84,7 +84,7 @@ impl Controller {
     }
 }
 
-/// A whole message into the read mailbox, if it still has its length.
+/// Copies a message into the read mailbox if it has the same length.
 fn put(message: &[u8], out: &mut [u8]) -> bool {
     let fits = message.len() == out.len();
     if fits {

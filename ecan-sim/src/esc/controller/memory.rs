@@ -1,12 +1,12 @@
-//! Accesses to the address space of a slave controller: registers, buffers behind sync managers,
-//! and plain memory. An access counts if any byte of it was taken.
+//! Accesses to the address space of a slave controller: registers, sync manager buffers, and plain
+//! memory. An access counts if any byte of it was accepted.
 
 use super::super::context::Context;
 use super::super::sync_manager::Progress;
 use super::Controller;
 use super::registers::REGISTER_BYTES;
 
-/// End of the memory: 8 KiB behind the registers.
+/// End of the memory: 8 KiB after the registers.
 const MEMORY_END: usize = REGISTER_BYTES + 0x2000;
 pub(in crate::esc) const MEMORY_BYTES: usize = MEMORY_END - REGISTER_BYTES;
 
@@ -25,7 +25,7 @@ enum Area {
 }
 
 impl Controller {
-    /// What lies at an address, and up to where.
+    /// Area at an address, and its end.
     fn area(&self, at: usize) -> (Area, usize) {
         if at < REGISTER_BYTES {
             return (Area::Registers, REGISTER_BYTES);
@@ -41,7 +41,7 @@ impl Controller {
         (Area::Memory, next.min().unwrap_or(MEMORY_END).min(MEMORY_END))
     }
 
-    /// The master reads from an address on. What is refused leaves `out` alone.
+    /// Reads for the master. A rejected part leaves `out` unchanged.
     pub(in crate::esc) fn read(
         &mut self,
         at: u16,
@@ -70,7 +70,7 @@ impl Controller {
         is_done
     }
 
-    /// The master writes from an address on.
+    /// Writes for the master.
     pub(in crate::esc) fn write(
         &mut self,
         at: u16,
@@ -96,7 +96,7 @@ impl Controller {
         is_done
     }
 
-    /// Memory at an address behind the registers; shorter where it ends.
+    /// Memory at an address after the registers; shorter at its end.
     pub(in crate::esc) fn memory_at(&self, at: usize, bytes: usize) -> &[u8] {
         let from = at.saturating_sub(REGISTER_BYTES).min(MEMORY_BYTES);
         &self.memory[from..(from + bytes).min(MEMORY_BYTES)]
@@ -107,7 +107,7 @@ impl Controller {
         &mut self.memory[from..(from + bytes).min(MEMORY_BYTES)]
     }
 
-    /// The buffers of process data are the firmware's.
+    /// Whether a buffer is full. Process data buffers belong to the firmware.
     pub(in crate::esc) fn buffer_is_full(&self, number: usize, context: &Context<'_>) -> bool {
         match number {
             OUTPUTS => context.gateway.outputs_full(),
@@ -175,7 +175,7 @@ impl Controller {
             return false;
         }
         if number == INPUTS && at == start {
-            // The image stands still until it has been read.
+            // the image does not change until it has been read
             let image = context.gateway.input_image();
             let to = start - REGISTER_BYTES;
             if let Some(to) = self.memory.get_mut(to..to + length.min(image.len())) {
@@ -198,7 +198,7 @@ impl Controller {
         true
     }
 
-    /// Sync managers whose buffer the firmware has filled or emptied since show it as an event.
+    /// Raises the events of buffers that the firmware has filled or emptied.
     pub(in crate::esc) fn notice_buffers(&mut self, context: &Context<'_>) {
         for number in [OUTPUTS, INPUTS] {
             let is_full = self.buffer_is_full(number, context);

@@ -1,4 +1,4 @@
-//! The registers of a slave controller (ETG.1000.4): addresses, what may be written, how they read.
+//! Registers of a slave controller (ETG.1000.4): addresses, writability, values.
 
 use ecan_protocol::device::AlState;
 
@@ -9,10 +9,10 @@ use super::super::fmmu::{FMMU_BYTES, FMMUS, Fmmu};
 use super::super::sync_manager::{SYNC_MANAGER_BYTES, SYNC_MANAGERS};
 use super::Controller;
 
-/// Registers end where the memory begins.
+/// End of the registers.
 pub(in crate::esc) const REGISTER_BYTES: usize = 0x1000;
 
-/// First addresses.
+/// Register addresses.
 pub(in crate::esc) mod address {
     pub(crate) const TYPE: usize = 0x0000;
     pub(crate) const STATION: usize = 0x0010;
@@ -54,7 +54,7 @@ pub(in crate::esc) mod address {
     pub(crate) const USER: usize = 0x0F80;
 }
 
-/// What the master may write, beside sync managers and EEPROM: address and bytes.
+/// Writable registers, except sync managers and EEPROM: address and length.
 const WRITABLE: [(usize, usize); 23] = [
     (address::STATION, 2),
     (address::WRITE_PROTECTION, 2),
@@ -81,9 +81,8 @@ const WRITABLE: [(usize, usize); 23] = [
     (address::USER, 128),
 ];
 
-/// Registers after power-on that do not start at 0. Type, revision, build, FMMUs, sync managers,
-/// KiB of memory, ports (0 and 1 MII), features (distributed clocks of 64 bits, receive errors told
-/// apart).
+/// Register defaults other than 0. Type, revision, build, FMMUs, sync managers, KiB of memory,
+/// ports (0 and 1 MII), features (64-bit distributed clocks, separate receive errors).
 const INFORMATION: [u8; 10] =
     [0x04, 0x01, 0, 0, FMMUS as u8, SYNC_MANAGERS as u8, 8, 0x0F, 0x8C, 0];
 const DEFAULTS: [(usize, &[u8]); 7] = [
@@ -96,7 +95,7 @@ const DEFAULTS: [(usize, &[u8]); 7] = [
     (address::FILTER_DEPTHS, &[4, 12]),
 ];
 
-/// A step of the watchdog divider, in nanoseconds; two more than it says.
+/// Step of the watchdog divider, in nanoseconds; the divider has two steps more than its value.
 const WATCHDOG_STEP_NS: u64 = 40;
 
 const AL_STATE: u8 = 0x0F;
@@ -108,7 +107,7 @@ pub(in crate::esc) mod event {
     pub(crate) const AL_STATUS: u16 = 1 << 3;
     pub(crate) const FIRST_SYNC_MANAGER: u16 = 1 << 4;
 }
-/// First event request of the device that is a sync manager's.
+/// First device event request of a sync manager.
 const FIRST_DEVICE_SYNC_MANAGER: u32 = 1 << 8;
 
 fn touches(at: usize, bytes: usize, register: usize, length: usize) -> bool {
@@ -125,7 +124,7 @@ pub(in crate::esc) fn initial() -> Box<[u8]> {
 }
 
 impl Controller {
-    /// So many bytes of a register, as stored.
+    /// Stored bytes of a register.
     pub(in crate::esc) fn stored<const N: usize>(&self, at: usize) -> [u8; N] {
         self.registers.get(at..at + N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
     }
@@ -136,7 +135,7 @@ impl Controller {
         }
     }
 
-    /// Adds one to a counter of a byte, up to its end.
+    /// Increments a one-byte counter, up to its limit.
     pub(in crate::esc) fn count(&mut self, at: usize) {
         let [value] = self.stored(at);
         self.store(at, &[value.saturating_add(1)]);
@@ -153,7 +152,7 @@ impl Controller {
         if let Some(from) = self.registers.get(at..at + out.len()) {
             out.copy_from_slice(from);
         }
-        // Reading acknowledges.
+        // reading acknowledges
         if touches(at, out.len(), address::DL_STATUS, 2) {
             self.events &= !event::DL_STATUS;
         }
@@ -162,7 +161,7 @@ impl Controller {
         }
     }
 
-    /// Brings what changes by itself up to date.
+    /// Updates computed registers.
     fn refresh(&mut self, at: usize, bytes: usize, context: &Context<'_>) {
         let touches = |register, length| touches(at, bytes, register, length);
         if touches(address::DL_STATUS, 2) {
@@ -218,7 +217,7 @@ impl Controller {
         }
     }
 
-    /// What the master is told of, in each datagram where it asked for it.
+    /// Event requests for the master.
     pub(in crate::esc) fn event_requests(&self) -> u16 {
         let sync_managers = self.sync_managers.iter().enumerate();
         self.events
@@ -231,7 +230,7 @@ impl Controller {
                 .sum::<u16>()
     }
 
-    /// The master writes registers; whether there was any that it may write.
+    /// The master writes registers; returns whether any of them is writable.
     pub(in crate::esc) fn write_registers(
         &mut self,
         at: usize,
@@ -246,7 +245,7 @@ impl Controller {
                 continue;
             }
             is_done = true;
-            // Counters are cleared by any write.
+            // any write clears a counter
             let is_counter = matches!(first, address::RECEIVE_ERRORS | address::WATCHDOG_COUNTERS);
             for place in from..to {
                 self.registers[place] = if is_counter { 0 } else { data[place - at] };
@@ -268,7 +267,7 @@ impl Controller {
         is_done
     }
 
-    /// What written registers set off.
+    /// Executes the effects of written registers.
     fn after_write(&mut self, at: usize, bytes: usize, context: &mut Context<'_>) {
         let touches = |register, length| touches(at, bytes, register, length);
         if touches(address::AL_CONTROL, 1) {
@@ -288,7 +287,7 @@ impl Controller {
                 self.fmmus[number] = Fmmu::from_registers(&registers);
             }
         }
-        // Read, the register shows the next pulse.
+        // reading gives the next pulse instead
         for (nth, byte) in self.cyclic_start.iter_mut().enumerate() {
             if touches(address::CYCLIC_START + nth, 1) {
                 *byte = self.registers[address::CYCLIC_START + nth];
@@ -323,8 +322,8 @@ impl Controller {
         }
     }
 
-    /// AL control was written. With a pending error only a request that acknowledges it counts; one
-    /// for INIT always does.
+    /// AL control was written. With a pending error only a request that acknowledges it is
+    /// accepted; a request for INIT always is.
     fn request_state(&mut self, context: &mut Context<'_>) {
         let [control] = self.stored(address::AL_CONTROL);
         let state = AlState::from_raw(control & AL_STATE);
@@ -339,7 +338,7 @@ impl Controller {
         self.notice_stops(context);
     }
 
-    /// Tells the firmware of the sync managers that are its.
+    /// Passes SM0 to SM3 to the firmware.
     fn after_sync_manager_write(&mut self, context: &mut Context<'_>) {
         for number in 0..4 {
             let sm = self.sync_managers[number];
@@ -397,14 +396,14 @@ impl Controller {
         self.store(address::ALIAS, &words.get(4).copied().unwrap_or(0).to_le_bytes());
     }
 
-    /// What it takes from it after a reload, too.
+    /// Loads the part of it that a reload also loads.
     pub(in crate::esc) fn load_interface_configuration(&mut self, words: &[u16]) {
         let word = |at: usize| words.get(at).copied().unwrap_or(0).to_le_bytes();
         self.store(address::PDI, &word(0));
         self.store(address::PULSE_LENGTH, &word(2));
     }
 
-    /// A frame that could not be processed to its end.
+    /// A frame could not be processed completely.
     pub(in crate::esc) fn count_processing_error(&mut self) {
         self.count(address::PROCESSING_ERRORS);
     }

@@ -1,9 +1,9 @@
-//! Complete access: an object's entries as one block (ETG.1000.6).
+//! Complete access: the entries of an object as one block (ETG.1000.6).
 //!
-//! Subindex 0 takes 16 bits, the entries behind it follow without gaps in the size of their type,
-//! which is whole bytes for every type of this dictionary; a subindex that does not exist takes
-//! nothing. An object of a single value is that value. Where subindex 0 can be written it counts
-//! the entries in use, and an upload ends with them.
+//! Subindex 0 takes 16 bits. The following entries have the size of their type, which is whole
+//! bytes for every type of this dictionary, without gaps; a missing subindex takes no space. An
+//! object of a single value is that value. A writable subindex 0 counts the entries in use, and an
+//! upload ends with them.
 
 use ecan_protocol::object::{AbortCode, Entry, Object, object};
 
@@ -12,7 +12,7 @@ use crate::gateway::Gateway;
 /// Bytes of subindex 0 in the block.
 const COUNT_BYTES: usize = 2;
 
-/// What is known of an object before its entries are touched.
+/// Properties of an object before its entries are accessed.
 fn open(index: u16, first: u8) -> Result<&'static Object, AbortCode> {
     let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
     if first > 1 {
@@ -27,7 +27,7 @@ fn open(index: u16, first: u8) -> Result<&'static Object, AbortCode> {
     Ok(object)
 }
 
-/// Bytes that an entry takes in the block.
+/// Size of an entry in the block.
 fn block_bytes(object: &Object, entry: &Entry) -> usize {
     if entry.subindex == 0 && object.highest_subindex() > 0 {
         COUNT_BYTES
@@ -36,12 +36,12 @@ fn block_bytes(object: &Object, entry: &Entry) -> usize {
     }
 }
 
-/// Subindex 0, if it can be written.
+/// Subindex 0, if it is writable.
 fn writable_count(object: &Object) -> Option<&'static Entry> {
     object.entry(0).filter(|entry| object.highest_subindex() > 0 && entry.access.can_write())
 }
 
-/// Uploads the entries from `first` on, 0 or 1. What can only be written shows zeros.
+/// Uploads the entries from `first` on, 0 or 1. Write-only entries read as zeros.
 pub(super) fn upload(
     now: u64,
     index: u16,
@@ -70,10 +70,10 @@ pub(super) fn upload(
     Ok(block)
 }
 
-/// Downloads a block that begins with subindex `first`, 0 or 1, and may end behind any entry. A
-/// count in subindex 0 becomes 0 before the entries are written, and what it is to be behind
-/// them; one that can only be read must be what it is. The first entry that is refused ends the
-/// download; what was written before it stays.
+/// Downloads a block that begins with subindex `first`, 0 or 1, and can end after any entry. A
+/// count in subindex 0 is set to 0 before the entries are written, and to its value after them; a
+/// read-only one must match. The first rejected entry ends the download; entries written before it
+/// stay.
 pub(super) fn download(
     now: u64,
     index: u16,

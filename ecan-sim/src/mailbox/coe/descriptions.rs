@@ -20,8 +20,8 @@ mod record {
     pub(super) const RECORD: u16 = 0x002A;
 }
 
-/// What an entry description may contain beside the type. The table's units are words, not the
-/// standard's codes, and are left out.
+/// Optional parts of an entry description. The units of the dictionary are texts, not the codes of
+/// the standard, and are omitted.
 mod value_info {
     pub(super) const DEFAULT: u8 = 0x10;
     pub(super) const MINIMUM: u8 = 0x20;
@@ -51,7 +51,7 @@ fn object_kind(index: u16, object: &Object) -> (u16, u8) {
     }
 }
 
-/// The description of an object, behind the SDO information header.
+/// Description of an object, after the SDO information header.
 pub(super) fn describe_object(index: u16) -> Result<Vec<u8>, AbortCode> {
     let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
     let (data_type, code) = object_kind(index, object);
@@ -66,8 +66,7 @@ pub(super) fn describe_object(index: u16) -> Result<Vec<u8>, AbortCode> {
     Ok(body)
 }
 
-/// The description of an entry, behind the SDO information header, with what is known of
-/// `wanted`.
+/// Description of an entry, after the SDO information header, with the known values of `wanted`.
 pub(super) fn describe_entry(
     index: u16,
     subindex: u8,
@@ -89,11 +88,11 @@ pub(super) fn describe_entry(
     Ok(body)
 }
 
-/// Default, least and greatest value as far as they are wanted and known, and which they are.
+/// Default, minimum and maximum, as far as wanted and known, and which they are.
 fn known_values(entry: &Entry, wanted: u8) -> (u8, Vec<u8>) {
     let size = entry.ty.size_bytes().filter(|_| entry.ty.is_integer());
     let (min, max) = match entry.ty {
-        // the table leaves a signed type without limits as it is
+        // the dictionary has no limits for this signed type
         ObjectType::I32 if (entry.min, entry.max) == (0, u32::MAX) => {
             (i32::MIN as u32, i32::MAX as u32)
         }

@@ -1,5 +1,5 @@
-//! What SDO information says of an entry's access: who may do what in which state, whether PDOs
-//! map it, and whether it belongs to the settings of the device (ETG.1000.6).
+//! Access field of SDO information: permitted access by state, PDO mapping, and whether the entry
+//! is a device setting (ETG.1000.6).
 
 use ecan_protocol::object::{Access, Entry, Object};
 
@@ -17,7 +17,7 @@ pub(super) mod rights {
     pub(in crate::mailbox::coe) const RX_MAPPABLE: u16 = 0x0040;
     /// A TxPDO maps it.
     pub(in crate::mailbox::coe) const TX_MAPPABLE: u16 = 0x0080;
-    /// To be saved, and loaded into a device that replaces this one.
+    /// Backup parameter.
     pub(in crate::mailbox::coe) const BACKUP: u16 = 0x0100;
     /// A startup parameter.
     pub(in crate::mailbox::coe) const SETTING: u16 = 0x0200;
@@ -31,9 +31,9 @@ pub(super) fn entry_rights(index: u16, entry: &Entry) -> u16 {
     }
     if entry.access.can_write() {
         field |= match index {
-            // as the gateway takes an assignment
+            // assignments are writable in PREOP and SAFEOP
             0x1C12 | 0x1C13 => rights::WRITE_PREOP | rights::WRITE_SAFEOP,
-            // while process data run the sync manager owns them
+            // the sync manager owns the memory while process data is exchanged
             0x7000..=0x7FFF => rights::WRITE_PREOP,
             _ => rights::WRITE,
         };
@@ -47,7 +47,7 @@ pub(super) fn entry_rights(index: u16, entry: &Entry) -> u16 {
     }
     match index {
         0x1C12 | 0x1C13 => field |= rights::SETTING,
-        // the configuration, but for the test controls of 0x8030
+        // the configuration, without the test policies of 0x8030
         0x8000..=0x802F if entry.access == Access::Rw && !is_command(entry) => {
             field |= rights::BACKUP | rights::SETTING;
         }
@@ -56,12 +56,12 @@ pub(super) fn entry_rights(index: u16, entry: &Entry) -> u16 {
     field
 }
 
-/// The access fields of all entries of an object together.
+/// Combined access fields of all entries of an object.
 pub(super) fn object_rights(index: u16, object: &Object) -> u16 {
     object.entries.iter().fold(0, |field, entry| field | entry_rights(index, entry))
 }
 
-/// Whether writing an entry does something, rather than setting something.
+/// Whether an entry is a command.
 fn is_command(entry: &Entry) -> bool {
     entry.name.ends_with("ommand") || entry.meaning(0) == Some("no-op")
 }

@@ -1,4 +1,4 @@
-//! SDO information: the object dictionary as the device tells it (ETG.1000.6).
+//! SDO information: the object dictionary of the device (ETG.1000.6).
 
 use ecan_protocol::object::AbortCode;
 
@@ -24,7 +24,7 @@ mod opcode {
     pub(super) const INCOMPLETE: u8 = 0x80;
 }
 
-/// Answers a request, in as many messages of up to `room` bytes as it takes.
+/// Processes a request; the response has messages of up to `room` bytes.
 pub(super) fn answer(
     request: &[u8],
     room: usize,
@@ -64,7 +64,7 @@ fn list(list_type: u16) -> Result<Vec<u8>, AbortCode> {
     Ok(std::iter::once(list_type).chain(list).flat_map(u16::to_le_bytes).collect())
 }
 
-/// Divides an answer; no fragment ends within an index of a list.
+/// Divides a response into fragments; none ends within an index of a list.
 fn fragments(opcode: u8, body: &[u8], room: usize) -> Vec<Vec<u8>> {
     let bytes = room.saturating_sub(COE_HEADER_BYTES + INFO_HEADER_BYTES) & !1;
     let parts = body.chunks(bytes.max(2));

@@ -34,7 +34,7 @@ const fn coe_header(service: u8) -> [u8; COE_HEADER_BYTES] {
     ((service as u16) << 12).to_le_bytes()
 }
 
-/// The message of an emergency, without mailbox header.
+/// Message of an emergency, without mailbox header.
 pub(super) fn emergency_message(emergency: Emergency) -> Vec<u8> {
     let Emergency { code, register, data } = emergency;
     let mut message = Vec::with_capacity(10);
@@ -56,7 +56,7 @@ impl CoeServer {
         Self { sdo: SdoServer::new() }
     }
 
-    /// Works on a CoE message; gives its answers, of up to `room` bytes each.
+    /// Processes a CoE message; returns its responses, of up to `room` bytes each.
     pub(super) fn request(
         &mut self,
         now: u64,
@@ -71,7 +71,7 @@ impl CoeServer {
                 Ok(self.sdo.request(now, rest, room, gateway)?.into_iter().collect())
             }
             service::SDO_INFORMATION => information::answer(rest, room, gateway),
-            // what only a slave sends, and process data beside the sync managers
+            // services that only a slave sends, and process data outside the sync managers
             service::EMERGENCY
             | service::SDO_RESPONSE
             | service::TX_PDO..=service::RX_PDO_REMOTE_REQUEST => {

@@ -1,12 +1,12 @@
-//! The lists of objects that SDO information knows (ETG.1000.6).
+//! Object lists of SDO information (ETG.1000.6).
 
 use ecan_protocol::object::{AbortCode, Object, objects};
 
 use super::entry_rights::{object_rights, rights};
 
-/// List type that asks for the lengths of the others.
+/// List type of the lengths of the others.
 const LENGTHS: u16 = 0;
-/// List types, from 1 on, by what an object in them has; all objects are in the first.
+/// List types, from 1 on, by the property of their objects; the first has all objects.
 const MEMBERSHIP: [Option<u16>; 5] = [
     None,
     Some(rights::RX_MAPPABLE),
@@ -28,7 +28,7 @@ fn members(membership: Option<u16>) -> impl Iterator<Item = u16> {
     })
 }
 
-/// The list of a type, or the lengths of all.
+/// List of a type, or the lengths of all.
 pub(super) fn object_list(list_type: u16) -> Result<Vec<u16>, AbortCode> {
     if list_type == LENGTHS {
         let length = |membership: &Option<u16>| members(*membership).count() as u16;

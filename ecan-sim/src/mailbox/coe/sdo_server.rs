@@ -1,5 +1,5 @@
-//! The SDO server: expedited, normal and segmented transfers, of one entry or of a whole object.
-//! What an access may do is judged by the gateway.
+//! SDO server: expedited, normal and segmented transfers, of one entry or of a whole object. The
+//! gateway checks the access.
 
 use ecan_protocol::object::AbortCode;
 
@@ -10,9 +10,9 @@ use super::segments::{SMALLEST_SEGMENT, SegmentedDownload, SegmentedUpload};
 use super::target::{COMPLETE_ACCESS, EXPEDITED, Target};
 use super::{COE_HEADER_BYTES, MailboxError, coe_header, service};
 
-/// Bytes of an SDO message behind the CoE header, before data of a normal transfer.
+/// Bytes of an SDO message after the CoE header, before the data of a normal transfer.
 const SDO_BYTES: usize = 8;
-/// Longest download that the firmware has memory for; the longest object is far shorter.
+/// Longest accepted download; the longest object is far shorter.
 const LONGEST_DOWNLOAD: usize = 1024;
 
 /// Command specifiers of the client, bits 5..7 of the command byte.
@@ -47,7 +47,7 @@ struct Initiation<'a> {
     rest: &'a [u8],
 }
 
-/// What goes on between two messages.
+/// State between two messages.
 #[derive(Debug)]
 enum Transfer {
     Idle,
@@ -66,8 +66,8 @@ impl SdoServer {
         Self { transfer: Transfer::Idle }
     }
 
-    /// Works on an SDO request; gives the response or the abort, of up to `room` bytes. A
-    /// request that begins a transfer ends the one before.
+    /// Processes an SDO request; returns the response or the abort, of up to `room` bytes. A
+    /// request that initiates a transfer ends the previous one.
     pub(super) fn request(
         &mut self,
         now: u64,
@@ -95,7 +95,7 @@ impl SdoServer {
                 (at, self.continue_download(now, body, download, gateway))
             }
             (request::ABORT, _) => return Ok(None),
-            // a segment of nothing, or of the other direction
+            // a segment without transfer, or in the other direction
             (request::UPLOAD_SEGMENT | request::DOWNLOAD_SEGMENT, running) => {
                 let nothing = Target { index: 0, subindex: 0, is_complete: false };
                 let at = match running {
@@ -172,7 +172,7 @@ impl SdoServer {
             };
             target.download(now, data.get(..size).unwrap_or(&data), gateway)?;
         } else {
-            // a normal transfer cannot do without its size
+            // a normal transfer needs its size
             if !has_size {
                 return Err(AbortCode::COMMAND);
             }
@@ -202,7 +202,7 @@ impl SdoServer {
         gateway: &mut Gateway,
     ) -> Result<Vec<u8>, AbortCode> {
         let (&command, data) = body.split_first().ok_or(AbortCode::COMMAND)?;
-        // only the smallest segment may have bytes without meaning
+        // only the smallest segment may have unused bytes
         let unused = match data.len() {
             SMALLEST_SEGMENT => usize::from(command >> 1 & 0x07),
             _ => 0,

@@ -1,13 +1,13 @@
-//! Transfers of more than one message: what is left of an upload, what has come of a download.
+//! Transfers of more than one message.
 
 use ecan_protocol::object::AbortCode;
 
 use super::target::Target;
 
-/// Data bytes that the smallest segment holds.
+/// Data bytes of the smallest segment.
 pub(super) const SMALLEST_SEGMENT: usize = 7;
 
-/// An upload whose first message did not take all of it.
+/// An upload in segments.
 #[derive(Debug)]
 pub(super) struct SegmentedUpload {
     pub(super) target: Target,
@@ -17,7 +17,7 @@ pub(super) struct SegmentedUpload {
 }
 
 impl SegmentedUpload {
-    /// An upload of which `sent` bytes have gone.
+    /// An upload with `sent` bytes already sent.
     pub(super) fn new(target: Target, data: Vec<u8>, sent: usize) -> Self {
         Self { target, data, sent, toggle: false }
     }
@@ -35,7 +35,7 @@ impl SegmentedUpload {
     }
 }
 
-/// A download whose first message did not hold all of it.
+/// A download in segments.
 #[derive(Debug)]
 pub(super) struct SegmentedDownload {
     pub(super) target: Target,
@@ -45,12 +45,12 @@ pub(super) struct SegmentedDownload {
 }
 
 impl SegmentedDownload {
-    /// A download of `announced` bytes, of which the first are there.
+    /// A download of `announced` bytes, which begins with `first`.
     pub(super) fn new(target: Target, first: &[u8], announced: usize) -> Self {
         Self { target, data: first.to_vec(), announced, toggle: false }
     }
 
-    /// Takes a segment; gives all the data with the last one.
+    /// Adds a segment; returns all the data after the last one.
     pub(super) fn take(
         &mut self,
         toggle: bool,

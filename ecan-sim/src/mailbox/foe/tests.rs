@@ -1,4 +1,4 @@
-//! FoE by its bytes, as a master sends and sees them.
+//! FoE messages byte by byte.
 
 use ecan_protocol::device::AlState;
 use proptest::prelude::*;
@@ -43,7 +43,8 @@ impl Fixture {
         self.ask(&message(opcode, password, name))
     }
 
-    /// Sends a data packet until it is taken or refused; returns the answer and the BUSYs.
+    /// Sends a data packet until it is accepted or rejected; returns the response and the number of
+    /// BUSYs.
     fn data(&mut self, number: u32, data: &[u8]) -> (Vec<u8>, usize) {
         let request = message(3, number, data);
         for busy in 0..1_000 {
@@ -56,7 +57,7 @@ impl Fixture {
         panic!("busy for ever");
     }
 
-    /// Writes a file; the answer to its last packet.
+    /// Writes a file; returns the response to its last packet.
     fn write(&mut self, file: &[u8]) -> Vec<u8> {
         assert_eq!(self.open(2, 0, NAME), [4, 0, 0, 0, 0, 0]);
         let size = self.room - 6;
@@ -86,7 +87,7 @@ impl Fixture {
         (halves, String::from_utf8(out).unwrap())
     }
 
-    /// Lets the restart that follows a good update pass.
+    /// Waits for the restart after a successful update.
     fn restart(&mut self) {
         self.now += 499 * MS;
         self.gateway.advance(self.now);
@@ -147,7 +148,7 @@ fn bytes_of_a_write() {
     fixture.now += 50 * MS;
     assert_eq!(fixture.ask(&data), [0x06, 0x00, 50, 0x00, 100, 0x00]);
     fixture.now += 50 * MS;
-    // taken, being written
+    // accepted, being written
     assert_eq!(fixture.ask(&data), [0x06, 0x00, 0x00, 0x00, 100, 0x00]);
     fixture.now += 2 * MS;
     assert_eq!(fixture.ask(&data), [0x04, 0x00, 0x01, 0x00, 0x00, 0x00]);
@@ -275,7 +276,7 @@ fn interrupted_updates_leave_the_running_version() {
         fixture.open(2, 0, NAME);
         assert_eq!(fixture.data(1, &file[..116]).0[0], 4);
     };
-    // the supply goes
+    // power loss
     let mut fixture = Fixture::new(122);
     begin(&mut fixture);
     fixture.gateway.power(fixture.now, false);
@@ -285,7 +286,7 @@ fn interrupted_updates_leave_the_running_version() {
     fixture.gateway.set_up_mailboxes();
     fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
     assert_eq!(fixture.version().1, "2.2.1");
-    // the master gives up, changes its mind, or leaves the mailbox states
+    // the master aborts, starts again, or leaves the mailbox states
     begin(&mut fixture);
     assert_eq!(fixture.ask(&message(5, 0x8000, b"stop")), []);
     assert_eq!(fixture.data(2, &[]).0, error(0x8004, "Illegal operation"));
@@ -296,9 +297,9 @@ fn interrupted_updates_leave_the_running_version() {
     assert_eq!(fixture.data(2, &[]).0, error(0x8004, "Illegal operation"));
     begin(&mut fixture);
     assert_eq!(fixture.write(&file), message(4, 27, &[]));
-    // and nothing more until the restart
+    // no further message until the restart
     assert_eq!(fixture.open(2, 0, NAME), error(0x8002, "Access denied"));
-    // the supply goes before the restart: the verified version runs
+    // power loss before the restart: the verified version runs
     fixture.gateway.power(fixture.now, false);
     fixture.gateway.power(fixture.now, true);
     fixture.now += 300 * MS;

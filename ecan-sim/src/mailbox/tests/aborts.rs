@@ -1,4 +1,4 @@
-//! What each wrong SDO request is aborted with.
+//! Abort codes of invalid SDO requests.
 
 use ecan_protocol::object::AbortCode;
 
@@ -44,7 +44,7 @@ fn initiating_requests_are_checked() {
     }
 }
 
-/// A download of 16 bytes to 0x7000:1 of which four are there.
+/// A download of 16 bytes to 0x7000:1 with four of them present.
 const BEGIN_DOWNLOAD: [u8; 14] =
     [0x00, 0x20, 0x21, 0x00, 0x70, 0x01, 16, 0, 0, 0, b'0', b'1', b'2', b'3'];
 

@@ -1,4 +1,4 @@
-//! Complete access against single accesses, and as masters use it.
+//! Complete access compared with single accesses, and as masters use it.
 
 use ecan_protocol::object::{AbortCode, objects};
 
@@ -74,7 +74,7 @@ fn assignment_replaces_any_previous_one() {
         assert_eq!(fixture.download(0x1C12, 0, true, &block), Ok(()));
         assert_eq!(fixture.upload(0x1C12, 0, true), Ok(block));
     }
-    // none at all, as SOEM and others clear it: expedited, two bytes
+    // no chunks, as SOEM and others clear it: expedited, two bytes
     let answer = fixture.coe(&[0x00, 0x20, 0x3B, 0x12, 0x1C, 0x00, 0, 0, 0, 0]);
     assert_eq!(answer[..6], [0x00, 0x30, 0x70, 0x12, 0x1C, 0x00]);
     assert_eq!(fixture.upload(0x1C12, 0, true), Ok(vec![0, 0]));

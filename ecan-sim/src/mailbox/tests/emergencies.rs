@@ -1,4 +1,4 @@
-//! Emergencies on their way to the master.
+//! Emergencies in the read mailbox.
 
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync_manager_control};

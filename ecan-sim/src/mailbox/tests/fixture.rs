@@ -1,4 +1,4 @@
-//! A gateway with its mailbox services, and a client that speaks to them in bytes.
+//! A gateway with its mailbox services, and a client that exchanges bytes.
 
 use ecan_protocol::device::AlState;
 use ecan_protocol::object::AbortCode;
@@ -41,8 +41,7 @@ impl Fixture {
         self.server.receive(self.now, &buffer, self.mailbox, &mut self.gateway);
     }
 
-    /// Reads the mailbox as soon as there is something in it: the message without what follows,
-    /// which is zero.
+    /// Reads the mailbox when a message is ready: the message without the zeros after it.
     pub(super) fn read(&mut self) -> Option<Vec<u8>> {
         self.now = self.now.max(self.server.next_ready()?);
         self.read_now()
@@ -58,20 +57,20 @@ impl Fixture {
         self.read().expect("an answer")
     }
 
-    /// Sends the body of a CoE message; gives the body of the answer, which is CoE as well.
+    /// Sends the body of a CoE message; returns the body of the CoE response.
     pub(super) fn coe(&mut self, body: &[u8]) -> Vec<u8> {
         let answer = self.exchange(&coe(body));
         assert_eq!(answer[5] & 0x0F, 3, "not CoE: {answer:02X?}");
         answer[6..].to_vec()
     }
 
-    /// Sends a CoE message that is answered with an abort, and gives its code.
+    /// Sends a CoE message that is aborted, and returns the abort code.
     pub(super) fn abort_of(&mut self, body: &[u8]) -> AbortCode {
         let answer = self.coe(body);
         abort_in(&answer).unwrap_or_else(|| panic!("no abort: {answer:02X?}"))
     }
 
-    /// Uploads as a master does, in whatever way the server chooses.
+    /// Uploads with the kind of transfer that the server chooses.
     pub(super) fn upload(
         &mut self,
         index: u16,
@@ -149,7 +148,7 @@ impl Fixture {
         Ok(())
     }
 
-    /// What the firmware says without a mailbox in between.
+    /// Value of the firmware, without the mailbox.
     pub(super) fn value(&mut self, index: u16, subindex: u8) -> Vec<u8> {
         let mut out = Vec::new();
         self.gateway.sdo_upload(self.now, index, subindex, &mut out).expect("readable");
@@ -176,7 +175,7 @@ pub(super) fn info(opcode: u8, parameters: &[u8]) -> Vec<u8> {
     body
 }
 
-/// The code in a CoE body that is an abort.
+/// Abort code of a CoE body, if it is an abort.
 pub(super) fn abort_in(body: &[u8]) -> Option<AbortCode> {
     match body {
         &[0x00, 0x20, 0x80, _, _, _, a, b, c, d] => {
@@ -186,7 +185,7 @@ pub(super) fn abort_in(body: &[u8]) -> Option<AbortCode> {
     }
 }
 
-/// A message without the rest of its mailbox.
+/// A message without the padding of its mailbox.
 pub(super) fn trimmed(mailbox: &[u8]) -> Vec<u8> {
     let length = 6 + usize::from(u16::from_le_bytes([mailbox[0], mailbox[1]]));
     assert!(mailbox[length..].iter().all(|&byte| byte == 0), "the rest is not zero");

@@ -4,7 +4,7 @@ use ecan_protocol::object::{Access, Entry, ObjectType, object, objects};
 
 use super::fixture::{Fixture, coe, info};
 
-/// Asks, and puts the fragments together.
+/// Sends a request, and joins the fragments of the response.
 fn ask(fixture: &mut Fixture, opcode: u8, parameters: &[u8]) -> Vec<u8> {
     fixture.write(&coe(&info(opcode, parameters)));
     let mut body = Vec::new();

@@ -1,4 +1,4 @@
-//! The mailbox itself: errors, counters, pace, silence, the bound of the queue, repeats.
+//! The mailbox itself: errors, counters, delay, silence, queue limit, repeats.
 
 use crate::mailbox::MailboxServer;
 use ecan_protocol::device::AlState;
@@ -10,7 +10,7 @@ use crate::gateway::{GatewayFault, GatewayModelConfig};
 const UPLOAD: [u8; 10] = [0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0];
 const DELAY: u64 = 200_000;
 
-/// The detail of an answer that is a mailbox error.
+/// Detail of a response that is a mailbox error.
 fn error_detail(answer: &[u8]) -> Option<u16> {
     match answer {
         &[4, 0, _, _, 0, kind, 1, 0, low, high] if kind & 0x0F == 0 => {
@@ -60,7 +60,7 @@ fn response_larger_than_the_read_mailbox_is_an_error() {
     fixture.mailbox = 10;
     fixture.server.receive(fixture.now, &coe(&UPLOAD), 10, &mut fixture.gateway);
     assert_eq!(fixture.read().as_deref().and_then(error_detail), Some(8));
-    // not even for the error
+    // no space even for the error
     fixture.mailbox = 9;
     fixture.server.receive(fixture.now, &coe(&UPLOAD), 9, &mut fixture.gateway);
     assert_eq!(fixture.read(), None);
@@ -88,11 +88,11 @@ fn repeated_write_is_ignored() {
     fixture.write(&message(3, 4, &UPLOAD));
     assert_eq!(fixture.server.next_ready(), None);
     assert_eq!(fixture.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
-    // without counter nothing is a repeat
+    // without a counter no message is a repeat
     for _ in 0..2 {
         assert_eq!(fixture.exchange(&message(3, 0, &UPLOAD))[8], 0x4F);
     }
-    // INIT forgets the counter
+    // INIT resets the counter
     assert_eq!(fixture.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
     fixture.server = MailboxServer::new();
     assert_eq!(fixture.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);

@@ -1,5 +1,5 @@
-//! Whatever a master writes, the services neither panic nor break the form of a mailbox, and
-//! never keep their front busy without a message.
+//! For any input, the services neither panic nor break the format of a mailbox, and never keep a
+//! front end busy without a message.
 
 use crate::mailbox::MailboxServer;
 use ecan_protocol::device::AlState;
@@ -13,14 +13,14 @@ use crate::gateway::GatewayFault;
 enum Step {
     /// Any bytes as the whole write mailbox.
     Write(Vec<u8>),
-    /// A message that may be longer or shorter than it says.
+    /// A message whose length may differ from its header.
     Message {
         protocol: u8,
         counter: u8,
         body: Vec<u8>,
         length: Option<u16>,
     },
-    /// The client of the fixture: something that must succeed whatever came before.
+    /// The client of the fixture must succeed after any input.
     Upload,
     Read,
     Mailbox(usize),
@@ -31,7 +31,7 @@ enum Step {
     Reset,
 }
 
-/// SDO requests that are likely to mean something.
+/// SDO requests that are probably valid.
 fn sdo() -> impl Strategy<Value = Vec<u8>> {
     let index = prop_oneof![
         Just(0x1008_u16),
@@ -98,7 +98,7 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// A mailbox as it must be; gives its counter.
+/// Checks the format of a mailbox; returns its counter.
 fn check_form(out: &[u8]) -> u8 {
     let length = usize::from(u16::from_le_bytes([out[0], out[1]]));
     assert!(6 + length <= out.len());
@@ -115,7 +115,7 @@ fn check_form(out: &[u8]) -> u8 {
     counter
 }
 
-/// Reads all there is; more rounds than there can be messages are an endless loop.
+/// Reads all messages; more rounds than possible messages are an endless loop.
 fn drain(fixture: &mut Fixture) {
     for _ in 0..20_000 {
         if !fixture.server.is_due(fixture.now, &fixture.gateway) {
@@ -166,7 +166,7 @@ fn run(steps: Vec<Step>) {
                 let before = out.clone();
                 if fixture.server.send(fixture.now, &mut out, &mut fixture.gateway) {
                     let found = check_form(&out);
-                    // a lost mailbox (INIT) begins anew
+                    // a stopped mailbox (INIT) restarts
                     assert!(found == counter % 7 + 1 || found == 1, "{found} behind {counter}");
                     counter = found;
                 } else {
@@ -186,7 +186,7 @@ fn run(steps: Vec<Step>) {
             }
         }
     }
-    // Beyond any silence.
+    // after any silence
     fixture.now += 1_000_000_000;
     drain(&mut fixture);
     if fixture.gateway.mailbox_answers(fixture.now) {
