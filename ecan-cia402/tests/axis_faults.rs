@@ -80,7 +80,7 @@ fn a_drive_stuck_in_fault_is_named_after_a_reset() {
     bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Fault));
     bench.cia402.reset_fault(0).unwrap();
     bench.until(2_000, |cia402| {
-        cia402.error(0) == Some(AxisError::ResetRefused { error_code: 0x7305 })
+        cia402.error(0) == Some(AxisError::ResetFailed { error_code: 0x7305 })
     });
     bench.judge();
 }
@@ -258,13 +258,13 @@ fn a_lost_working_counter_holds_until_taken_up() {
 #[test]
 fn an_axis_may_take_itself_up_after_trouble_on_the_way() {
     let mut table = moving(2);
-    table[0].auto_take_up = true;
+    table[0].auto_resume = true;
     let mut bench = Fixture::single(table).started();
     bench.steps(100);
     bench.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     bench.steps(100);
     assert!(bench.cia402.is_running(0) && !bench.cia402.is_running(1));
-    assert_eq!(bench.cia402.statistics(0).take_ups, 2);
+    assert_eq!(bench.cia402.statistics(0).activations, 2);
     // What lies in the drive is not for it to decide.
     bench.strike(0, DriveFault::Error { code: 0x2310 });
     bench.steps(500);
@@ -353,7 +353,7 @@ fn a_blocked_motor_stops_the_targets_at_the_window() {
     let mut bench = in_motion(1);
     bench.strike(0, DriveFault::Blocked { for_ms: 2_000 });
     bench.steps(400);
-    assert!(bench.cia402.statistics(0).refused_window > 0 || !bench.cia402.is_running(0));
+    assert!(bench.cia402.statistics(0).rejected_window > 0 || !bench.cia402.is_running(0));
     bench.judge();
 }
 
@@ -363,11 +363,11 @@ fn a_target_beyond_the_limits_is_refused_by_name() {
     let at = bench.cia402.target(0).unwrap();
     bench.cia402.set_target(0, at + 1_001).unwrap();
     bench.idle(5);
-    assert!(matches!(bench.cia402.decision(0), Decision::Refuse(_)));
+    assert!(matches!(bench.cia402.decision(0), Decision::Reject(_)));
     assert_eq!(bench.cia402.target(0), Some(at));
     bench.cia402.set_target(0, at + 1_000).unwrap();
     bench.idle(1);
     assert_eq!(bench.cia402.decision(0), Decision::Target(at + 1_000));
-    assert_eq!(bench.cia402.statistics(0).refused_step, 5);
+    assert_eq!(bench.cia402.statistics(0).rejected_step, 5);
     bench.judge();
 }

@@ -29,7 +29,7 @@ fn a_velocity_begins_at_zero_and_ends_there() {
     assert_eq!(bench.cia402.target(0), Some(0));
     bench.cia402.set_target(0, 2_000).unwrap();
     bench.idle(1);
-    assert!(matches!(bench.cia402.decision(0), Decision::Refuse(_)), "beyond the step limit");
+    assert!(matches!(bench.cia402.decision(0), Decision::Reject(_)), "beyond the step limit");
     let before = bench.cia402.actual(0).unwrap();
     for n in 1..=20 {
         bench.cia402.set_target(0, n * 1_000).unwrap();
@@ -279,7 +279,7 @@ fn targets_and_sync_go_out_at_their_phases() {
         assert_eq!((statistics.holds, statistics.lost_tpdos), (0, 0), "{target:?} {sync:?}");
         bench.judge();
         let while_running = bench.cia402.set_scheduled_tx(&bench.port, None, None);
-        assert_eq!(while_running, Err(ScheduleError::TakenUp { axis: 0 }));
+        assert_eq!(while_running, Err(ScheduleError::Active { axis: 0 }));
     }
 }
 

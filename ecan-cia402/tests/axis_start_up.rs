@@ -24,7 +24,7 @@ fn an_axis_is_enabled_without_moving() {
     assert!((after - before).abs() < 0.5, "from {before} to {after}");
     bench.judge();
     let statistics = bench.cia402.statistics(0);
-    assert_eq!((statistics.take_ups, statistics.lost_tpdos, statistics.holds), (1, 0, 0));
+    assert_eq!((statistics.activations, statistics.lost_tpdos, statistics.holds), (1, 0, 0));
 }
 
 #[test]

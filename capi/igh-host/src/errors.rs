@@ -149,7 +149,7 @@ impl Coded for ScheduleError {
     fn coded(&self) -> (ecan_result_t, u32) {
         match self {
             Self::NotSchedulable { .. } => (ECAN_ERR_SCHEDULE, 0),
-            Self::TakenUp { .. } => (ECAN_ERR_AXIS_STATE, 0),
+            Self::Active { .. } => (ECAN_ERR_AXIS_STATE, 0),
             _ => (ECAN_ERR_ARGUMENT, 0),
         }
     }

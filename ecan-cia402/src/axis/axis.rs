@@ -185,7 +185,7 @@ impl Axis {
     pub(crate) fn read_position(&mut self) -> Result<(), CommandError> {
         self.ready_for_commands()?;
         self.error = None;
-        self.guard.take_up();
+        self.guard.activate();
         Ok(())
     }
 
@@ -204,7 +204,7 @@ impl Axis {
             self.state = AxisState::Active;
         } else {
             self.targets.clear();
-            self.guard.take_up();
+            self.guard.activate();
             self.state = AxisState::Enabling { since_ns: now_ns };
         }
     }
@@ -302,12 +302,12 @@ impl Axis {
         self.stop_after_hold();
         let stands = target_kind(self.mode) == TargetKind::Position;
         if self.state == AxisState::Standby
-            && self.settings.auto_take_up
+            && self.settings.auto_resume
             && stands
             && self.drive.is_enabled()
             && reason.is_on_path()
         {
-            self.guard.take_up();
+            self.guard.activate();
             self.state = AxisState::Resuming;
         }
     }
@@ -353,7 +353,7 @@ impl Axis {
 
     /// The first target was sent to the enabled drive.
     pub(crate) fn activated(&mut self) {
-        self.statistics.take_ups += 1;
+        self.statistics.activations += 1;
         self.statistics.targets_sent += 1;
         self.targets.ramp.stop();
         if let AxisState::Enabling { .. } | AxisState::Resuming = self.state {
@@ -438,7 +438,7 @@ impl Axis {
             AxisState::ResettingFault(reset) => {
                 if reset.has_failed() {
                     let error_code = self.error_code(network);
-                    self.error = Some(AxisError::ResetRefused { error_code });
+                    self.error = Some(AxisError::ResetFailed { error_code });
                     self.state = AxisState::Standby;
                 } else if self.drive.state.is_some_and(|state| reset.is_complete(state)) {
                     self.state = AxisState::Standby;

@@ -66,7 +66,7 @@ impl Axis {
         let target_lost = std::mem::take(&mut self.target_lost);
         let status = network.status(self.node);
         let input = GuardInput {
-            way: watch.way(channel, target_lost),
+            path: watch.path(channel, target_lost),
             drive: self.drive_view(status.as_ref()),
             actual,
         };
@@ -164,7 +164,7 @@ impl Axis {
         if self.decision == Decision::Wait(WaitReason::HoldsOldTarget) {
             self.old_target_found();
         }
-        if matches!(self.decision, Decision::Refuse(_)) && ramp_step.is_some() {
+        if matches!(self.decision, Decision::Reject(_)) && ramp_step.is_some() {
             // The host's own motion ends at a bound, or at a motor that does not follow.
             self.targets.ramp.stop();
         }
@@ -242,9 +242,9 @@ impl Axis {
     /// was rejected, or an image is repeated.
     pub(crate) fn skipped(&mut self) {
         if self.decision.target().is_some() {
-            self.decision = Decision::Wait(WaitReason::Refused);
+            self.decision = Decision::Wait(WaitReason::Rejected);
             self.statistics.decided(self.decision, self.is_running());
         }
-        self.guard.refused();
+        self.guard.rejected();
     }
 }

@@ -119,7 +119,7 @@ pub struct AxisConfig {
     /// Takes the axis up again by itself after it held for a reason on the way to a drive that
     /// stayed enabled; in CSP only, where the drive stands meanwhile. Off, only the application
     /// does. A drive that left Operation Enabled is never enabled by itself.
-    pub auto_take_up: bool,
+    pub auto_resume: bool,
     /// Longest time for enabling: brake and power stage.
     pub enable_timeout: Duration,
     /// Number of the RPDO and the TPDO that are used, 1 to 4.
@@ -145,7 +145,7 @@ impl AxisConfig {
             tpdo_timeout: 5,
             wc_misses: 3,
             drain_images: 3,
-            auto_take_up: false,
+            auto_resume: false,
             enable_timeout: Duration::from_secs(5),
             pdo_number: 1,
             drive: DriveConfig::default(),

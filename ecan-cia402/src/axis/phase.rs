@@ -38,7 +38,7 @@ pub enum AxisError {
     },
     /// The drive stays in fault after a reset.
     #[error("the drive stays in fault after a reset{}", CodeText(*error_code))]
-    ResetRefused {
+    ResetFailed {
         /// Error code of its last emergency message; 0 where none came.
         error_code: u16,
     },

@@ -3,7 +3,7 @@
 /// A step per cycle that changes only so fast.
 ///
 /// Drives [`send_target_step`](super::Cia402::send_target_step), halt and shutdown. Integers all
-/// the way: no drift, the same on every machine.
+/// the path: no drift, the same on every machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Ramp {
     step: i64,

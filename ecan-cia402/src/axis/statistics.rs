@@ -13,13 +13,13 @@ pub struct AxisStatistics {
     /// Targets handed to the gateway, the first ones included.
     pub targets_sent: u64,
     /// Times that the axis was taken up while enabled: first targets.
-    pub take_ups: u64,
+    pub activations: u64,
     /// Targets of the application that were refused, for any reason.
-    pub targets_refused: u64,
+    pub targets_rejected: u64,
     /// Those refused because of the step limit.
-    pub refused_step: u64,
+    pub rejected_step: u64,
     /// Those refused because of the following-error window.
-    pub refused_window: u64,
+    pub rejected_window: u64,
     /// Cycles in which a running axis got no target: a missed working counter, a held image, no
     /// room.
     pub waits: u64,
@@ -79,11 +79,11 @@ impl AxisStatistics {
 
     pub(crate) fn decided(&mut self, decision: Decision, is_running: bool) {
         match decision {
-            Decision::Refuse(refusal) => {
-                self.targets_refused += 1;
+            Decision::Reject(refusal) => {
+                self.targets_rejected += 1;
                 match refusal {
-                    TargetRejection::Step { .. } => self.refused_step += 1,
-                    TargetRejection::Window { .. } => self.refused_window += 1,
+                    TargetRejection::Step { .. } => self.rejected_step += 1,
+                    TargetRejection::Window { .. } => self.rejected_window += 1,
                     _ => {}
                 }
             }

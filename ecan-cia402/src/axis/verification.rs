@@ -20,7 +20,7 @@ pub(crate) struct Reachability {
 impl Reachability {
     pub(crate) fn of(input: &GuardInput) -> Self {
         Self {
-            gateway: input.way.in_service,
+            gateway: input.path.is_ready,
             heartbeat: !input.drive.heartbeat_lost,
             operational: !input.drive.not_operational,
         }

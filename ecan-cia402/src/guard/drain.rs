@@ -22,13 +22,13 @@ impl Drain {
     /// One cycle in which no target of the axis was sent before. Gives whether nothing that was
     /// sent before the drain began can reach the drive any more; at least `minimum` new statuses
     /// have been seen then.
-    pub(crate) fn step(&mut self, way: &PathStatus, minimum: u16) -> bool {
-        if !way.in_service || way.holding || way.discarded {
+    pub(crate) fn step(&mut self, path: &PathStatus, minimum: u16) -> bool {
+        if !path.is_ready || path.is_unconfirmed || path.discarded {
             *self = Self::default();
             return false;
         }
-        let base = *self.base.get_or_insert(way.delivered);
-        let (pending, pressure) = match way.channel {
+        let base = *self.base.get_or_insert(path.delivered);
+        let (pending, pressure) = match path.channel {
             ChannelView::NotSeen => return false,
             ChannelView::BusOff | ChannelView::NotRunning => {
                 // What waits here may go out when the channel is back.
@@ -41,7 +41,7 @@ impl Drain {
         if self.statuses <= minimum || pressure || pending >= SATURATED {
             return false;
         }
-        way.covered.checked_sub(base).is_some_and(|behind| u64::from(pending) <= behind)
+        path.covered.checked_sub(base).is_some_and(|behind| u64::from(pending) <= behind)
     }
 }
 
@@ -49,13 +49,13 @@ impl Drain {
 mod tests {
     use super::*;
 
-    fn way(pending: u8, delivered: u64, covered: u64) -> PathStatus {
+    fn path(pending: u8, delivered: u64, covered: u64) -> PathStatus {
         PathStatus {
-            in_service: true,
-            complete: true,
-            holding: false,
+            is_ready: true,
+            is_complete: true,
+            is_unconfirmed: false,
             discarded: false,
-            queue_refused: false,
+            queue_rejected: false,
             image_full: false,
             target_lost: false,
             channel: ChannelView::Running { pending, pressure: false },
@@ -67,60 +67,60 @@ mod tests {
     #[test]
     fn a_quiet_channel_is_drained_when_its_status_covers_everything() {
         let mut drain = Drain::default();
-        assert!(!drain.step(&way(0, 10, 8), 2), "the status is older than the last image");
-        assert!(!drain.step(&way(0, 10, 9), 2));
-        assert!(drain.step(&way(0, 10, 10), 2));
+        assert!(!drain.step(&path(0, 10, 8), 2), "the status is older than the last image");
+        assert!(!drain.step(&path(0, 10, 9), 2));
+        assert!(drain.step(&path(0, 10, 10), 2));
     }
 
     #[test]
     fn a_waiting_frame_that_may_be_the_target_is_waited_for() {
         let mut drain = Drain::default();
         for _ in 0..10 {
-            assert!(!drain.step(&way(1, 10, 10), 2));
+            assert!(!drain.step(&path(1, 10, 10), 2));
         }
-        assert!(drain.step(&way(0, 10, 10), 2));
+        assert!(drain.step(&path(0, 10, 10), 2));
     }
 
     #[test]
     fn frames_behind_the_target_may_wait() {
         let mut drain = Drain::default();
         // One SYNC a cycle, one always waits.
-        assert!(!drain.step(&way(1, 10, 8), 2));
-        assert!(!drain.step(&way(1, 11, 9), 2));
-        assert!(!drain.step(&way(1, 12, 10), 2), "the one that waits may be the target");
-        assert!(drain.step(&way(1, 13, 11), 2), "the one that waits came behind it");
+        assert!(!drain.step(&path(1, 10, 8), 2));
+        assert!(!drain.step(&path(1, 11, 9), 2));
+        assert!(!drain.step(&path(1, 12, 10), 2), "the one that waits may be the target");
+        assert!(drain.step(&path(1, 13, 11), 2), "the one that waits came behind it");
     }
 
     #[test]
     fn a_count_at_its_end_proves_nothing() {
         let mut drain = Drain::default();
         for cycle in 0..100 {
-            assert!(!drain.step(&way(7, 10 + cycle, 8 + cycle), 2));
+            assert!(!drain.step(&path(7, 10 + cycle, 8 + cycle), 2));
         }
-        assert!(drain.step(&way(6, 110, 108), 2));
+        assert!(drain.step(&path(6, 110, 108), 2));
     }
 
     #[test]
     fn bus_off_and_pressure_are_waited_out() {
         let mut drain = Drain::default();
-        let off = PathStatus { channel: ChannelView::BusOff, ..way(0, 10, 10) };
+        let off = PathStatus { channel: ChannelView::BusOff, ..path(0, 10, 10) };
         let pressed = ChannelView::Running { pending: 0, pressure: true };
         for _ in 0..10 {
             assert!(!drain.step(&off, 1));
-            assert!(!drain.step(&PathStatus { channel: pressed, ..way(0, 10, 10) }, 1));
+            assert!(!drain.step(&PathStatus { channel: pressed, ..path(0, 10, 10) }, 1));
         }
-        assert!(drain.step(&way(0, 10, 10), 1));
+        assert!(drain.step(&path(0, 10, 10), 1));
     }
 
     #[test]
     fn a_held_image_and_a_new_session_start_it_over() {
         let mut drain = Drain::default();
-        drain.step(&way(0, 10, 10), 1);
-        assert!(!drain.step(&PathStatus { holding: true, ..way(0, 10, 10) }, 1));
-        assert!(!drain.step(&way(0, 11, 10), 1), "delivered only now");
-        assert!(!drain.step(&way(0, 11, 10), 1), "not covered");
-        assert!(drain.step(&way(0, 11, 11), 1));
-        assert!(!drain.step(&PathStatus { in_service: false, ..way(0, 11, 11) }, 1));
-        assert!(!drain.step(&way(0, 11, 11), 1));
+        drain.step(&path(0, 10, 10), 1);
+        assert!(!drain.step(&PathStatus { is_unconfirmed: true, ..path(0, 10, 10) }, 1));
+        assert!(!drain.step(&path(0, 11, 10), 1), "delivered only now");
+        assert!(!drain.step(&path(0, 11, 10), 1), "not covered");
+        assert!(drain.step(&path(0, 11, 11), 1));
+        assert!(!drain.step(&PathStatus { is_ready: false, ..path(0, 11, 11) }, 1));
+        assert!(!drain.step(&path(0, 11, 11), 1));
     }
 }

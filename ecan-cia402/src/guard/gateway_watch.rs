@@ -23,9 +23,9 @@ const STEADY: u8 = 3;
 pub(crate) struct GatewayWatch {
     pub(crate) slave: usize,
     image: ImageReport,
-    in_service: bool,
-    complete: bool,
-    holding: bool,
+    is_ready: bool,
+    is_complete: bool,
+    is_unconfirmed: bool,
     discarded: bool,
     sessions_lost: u64,
     images_discarded: u64,
@@ -39,7 +39,7 @@ pub(crate) struct GatewayWatch {
 struct ChannelWatch {
     status: ChannelStatus,
     refusals: u64,
-    queue_refused: bool,
+    queue_rejected: bool,
     image_refusals: u64,
     image_full: bool,
     received: u64,
@@ -56,9 +56,9 @@ impl GatewayWatch {
         Self {
             slave,
             image: ImageReport::None,
-            in_service: false,
-            complete: false,
-            holding: false,
+            is_ready: false,
+            is_complete: false,
+            is_unconfirmed: false,
             discarded: false,
             sessions_lost: 0,
             images_discarded: 0,
@@ -79,17 +79,17 @@ impl GatewayWatch {
         let statistics = port.statistics(gateway);
         let is_new = matches!(report.image, ImageReport::New { .. });
         let without_break = statistics.sessions_lost == self.sessions_lost;
-        self.in_service = port.gateway_is_ready(gateway) && without_break;
+        self.is_ready = port.gateway_is_ready(gateway) && without_break;
         self.sessions_lost = statistics.sessions_lost;
         self.image = report.image;
-        self.complete = report.domain.is_complete();
-        self.holding = report.is_unconfirmed;
+        self.is_complete = report.domain.is_complete();
+        self.is_unconfirmed = report.is_unconfirmed;
         self.discarded = statistics.rxpdo_discarded != self.images_discarded;
         self.images_discarded = statistics.rxpdo_discarded;
         for (number, (channel, counters)) in
             (0_u8..).zip(self.channels.iter_mut().zip(statistics.channels))
         {
-            channel.queue_refused = counters.refused_queue_full != channel.refusals;
+            channel.queue_rejected = counters.refused_queue_full != channel.refusals;
             channel.refusals = counters.refused_queue_full;
             channel.image_full = counters.refused_image_full != channel.image_refusals;
             channel.image_refusals = counters.refused_image_full;
@@ -108,7 +108,7 @@ impl GatewayWatch {
                 *latest = counters.frames_delivered;
             }
         }
-        let flows = self.complete && !self.holding;
+        let flows = self.is_complete && !self.is_unconfirmed;
         for channel in &mut self.channels {
             let in_image = if self.counts_left_only { 0 } else { channel.in_image };
             let verdict = judge(self.image, channel.status, in_image, Some(0));
@@ -118,25 +118,25 @@ impl GatewayWatch {
     }
 
     /// Whether the last image is repeated, so that nothing should be added.
-    pub(crate) fn is_holding(&self) -> bool {
-        self.holding
+    pub(crate) fn is_unconfirmed(&self) -> bool {
+        self.is_unconfirmed
     }
 
     /// Whether frames can go out at all.
-    pub(crate) fn is_in_service(&self) -> bool {
-        self.in_service
+    pub(crate) fn is_ready(&self) -> bool {
+        self.is_ready
     }
 
     /// The way to a drive on a channel.
-    pub(crate) fn way(&self, channel: u8, target_lost: bool) -> PathStatus {
+    pub(crate) fn path(&self, channel: u8, target_lost: bool) -> PathStatus {
         let watch = self.channel(channel);
         let [delivered, _, covered] = watch.delivered;
         PathStatus {
-            in_service: self.in_service,
-            complete: self.complete,
-            holding: self.holding,
+            is_ready: self.is_ready,
+            is_complete: self.is_complete,
+            is_unconfirmed: self.is_unconfirmed,
             discarded: self.discarded,
-            queue_refused: watch.queue_refused,
+            queue_rejected: watch.queue_rejected,
             image_full: watch.image_full,
             target_lost,
             channel: view(self.image, watch.status),

@@ -1,4 +1,4 @@
-//! "Nothing jumps": when an axis may get a target, and which.
+//! Decision when an axis gets a target, and which.
 
 use ecan_canopen::DriveState;
 
@@ -7,69 +7,70 @@ use super::input::{Actual, ChannelView, GuardInput, HoldReason, PositionUnavaila
 use super::position_range::PositionRange;
 use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason};
 
-/// Keeps an axis from jumping. A pure state machine: no time, no frames, no memory of the bus; it
-/// is told what each cycle brought and says what may go out.
+/// Prevents jumps of an axis: decides when it gets a target, and which. A pure state machine
+/// without time, frames and memory of the bus; its input is the status of each cycle.
 ///
-/// In each cycle [`observe`](Self::observe) comes first, once, then [`decide`](Self::decide) with the
-/// application's target, then [`sent`](Self::sent) if the frame was taken by the Port, and
-/// [`refused`](Self::refused) if not. All are real-time safe.
+/// In each cycle, call [`observe`](Self::observe) once, then [`decide`](Self::decide) with the
+/// application's target, then [`sent`](Self::sent) if the Port accepted the frame, or
+/// [`rejected`](Self::rejected) if not. All are real-time safe.
 ///
-/// # What happens when
+/// # States
 ///
-/// **Taking up** ([`take_up`](Self::take_up), from any state but `Armed` and `Running`):
-/// 1. `Draining`. Nothing goes out. It ends when every frame that was sent before is known to
-///    have left the gateway: the gateway is in service, no image is held, the channel runs
-///    without transmit pressure, its count of waiting frames is not at its end (7) and not
-///    larger than the number of frames delivered behind the last target, by a status word that
-///    is at least two images newer. Bus-off, a held image, discarded frames or a lost session
-///    start it over.
-/// 2. `Reading`. Nothing goes out. Two [`Actual::Fresh`] positions in different cycles are needed,
+/// **Activation** ([`activate`](Self::activate), from any state but `Armed` and `Running`):
+/// 1. `Draining`. Nothing is sent. It ends when every frame that was sent before has certainly
+///    left the gateway: the gateway is ready, no image is unconfirmed, the channel runs without
+///    transmit pressure, its count of waiting frames is not saturated (7) and not larger than the
+///    number of frames delivered after the last target, by a status word that is at least two
+///    images newer. Bus-off, an unconfirmed image, discarded frames or a lost session restart it.
+/// 2. `Reading`. Nothing is sent. It needs two [`Actual::Fresh`] positions in different cycles,
 ///    at most `standstill` apart: the second was produced after the first was read, so after the
-///    drain, and the axis stands. A position further away becomes the first of a new pair.
+///    drain, and the axis is at standstill. A position further away becomes the first of a new
+///    pair.
 /// 3. `Armed`. While the drive is not enabled, [`Decision::Track`] with the fresh position of the
-///    cycle accompanies the control commands; in cycles without one nothing goes out. An axis that
-///    moves more than `standstill` between two fresh positions goes back to `Reading`. Once the
-///    statusword says Operation Enabled, the fresh position of that cycle is
-///    [`Decision::First`], and with it sent the axis is `Running`. An axis whose drive was enabled
-///    all the time gets its `First` at once, unless it stands further than `step` from the last
-///    target: then the drive must be switched off and enabled anew
+///    cycle accompanies the control commands; in cycles without one nothing is sent. An axis that
+///    moves more than `standstill` between two fresh positions returns to `Reading`. When the
+///    statusword reports Operation Enabled, the fresh position of that cycle is
+///    [`Decision::First`]; after it is sent, the axis is `Running`. An axis whose drive was enabled
+///    all the time gets its `First` at once, unless it is further than `step` from the last
+///    target: then the drive must be switched off and enabled again
 ///    ([`WaitReason::HoldsOldTarget`]).
 ///
-/// **Running**. A target goes out if
+/// **Running**. A target is sent if
 /// - it is at most `step` from the last one sent ([`TargetRejection::Step`]),
 /// - it is at most `window` from the last known actual position ([`TargetRejection::Window`]),
 /// - it is inside `bounds`, or nearer to them than the last one ([`TargetRejection::Bounds`]),
-/// - the working counter of this cycle is complete, no image is held, the last one had room for
-///   every frame of the channel, and this cycle has had no target yet ([`Decision::Wait`]).
+/// - the working counter of this cycle is complete, no image is unconfirmed, the last one had space
+///   for every frame of the channel, and this cycle had no target yet ([`Decision::Wait`]).
 ///
-/// A target not taken changes nothing: the next is judged against the last one *sent*. So an
-/// application that goes on by itself while nothing is sent is refused, not followed.
+/// A rejected target changes nothing: the next is compared with the last one *sent*. An
+/// application that continues its motion while nothing is sent gets rejections; the axis does not
+/// follow it.
 ///
-/// **Holding**. From `Armed` and `Running` the axis holds, and no target goes out until it is taken
-/// up again, when
+/// **Holding**. From `Armed` and `Running` the axis holds, and no target is sent until it is
+/// activated again, when
 ///
-/// | what happened | reason |
+/// | event | reason |
 /// | --- | --- |
-/// | the gateway went out of service (OP lost, hold limit of the Port passed) | `GatewayLost` |
-/// | frames for the gateway were given up, by whomever | `FramesDiscarded` |
-/// | the working counter was incomplete in more than `wc_misses` cycles in a row; fewer only make it wait, while the Port repeats the last image | `WorkingCounter` |
+/// | the gateway is no longer ready (OP lost, hold limit of the Port exceeded) | `GatewayLost` |
+/// | frames for the gateway were discarded, by any part of the application | `FramesDiscarded` |
+/// | the working counter was incomplete in more than `wc_misses` cycles in a row; after fewer the axis only waits, while the Port repeats the last image | `WorkingCounter` |
 /// | the channel went bus-off, or left the bus otherwise | `BusOff`, `ChannelStopped` |
-/// | the transmit queue refused a frame of the channel, of whichever axis or sender | `QueueFull` |
+/// | the transmit queue rejected a frame of the channel, of any axis or sender | `QueueFull` |
 /// | the gateway reported a target of the axis as not sent | `TargetLost` |
-/// | the heartbeat that is watched timed out | `HeartbeatLost` |
-/// | the drive was out of sight and its configuration is not verified yet | `Unverified` |
-/// | the node restarted, or is known not to be Operational | `NotOperational` |
-/// | no usable TPDO came in more than `tpdo_timeout` cycles in a row; a TPDO of an incomplete or changed image, or behind a backlog, is not usable | `TpdoLost` |
+/// | the watched heartbeat timed out | `HeartbeatLost` |
+/// | the connection to the drive was lost and its configuration is not verified yet | `Unverified` |
+/// | the node restarted, or is not Operational | `NotOperational` |
+/// | no usable TPDO arrived in more than `tpdo_timeout` cycles in a row; a TPDO of an incomplete or changed image, or after a backlog, is not usable | `TpdoLost` |
 ///
 /// and from `Running` also when
 ///
-/// | what happened | reason |
+/// | event | reason |
 /// | --- | --- |
-/// | the statusword says anything but Operation Enabled | `LeftOperationEnabled` |
+/// | the statusword reports anything but Operation Enabled | `LeftOperationEnabled` |
 /// | statusword bit 12 was set and fell: the drive stopped following | `NotFollowing` |
 /// | statusword bit 13: the drive reports a following error | `FollowingError` |
 ///
-/// While being taken up the same events only keep the guard from getting further.
+/// During activation the same events only delay the guard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MotionGuard {
     limits: GuardLimits,
@@ -95,7 +96,7 @@ pub struct MotionGuard {
 }
 
 impl MotionGuard {
-    /// A guard over an axis that is not taken up.
+    /// Creates a guard of an axis that is not active.
     pub fn new(limits: GuardLimits) -> Self {
         Self {
             limits,
@@ -117,18 +118,18 @@ impl MotionGuard {
         }
     }
 
-    /// Where it stands.
+    /// Current state.
     pub fn state(&self) -> GuardState {
         self.state
     }
 
-    /// The rules in force.
+    /// Limits in force.
     pub fn limits(&self) -> &GuardLimits {
         &self.limits
     }
 
-    /// Changes the rules. The axis holds as after [`release`](Self::release): what was true under
-    /// the old rules need not be under the new ones.
+    /// Changes the limits. The axis becomes idle as after [`release`](Self::release), since its
+    /// state may not meet the new limits.
     pub fn set_limits(&mut self, limits: GuardLimits) {
         self.limits = limits;
         self.release();
@@ -144,20 +145,19 @@ impl MotionGuard {
         self.actual_age
     }
 
-    /// What keeps an axis that is being taken up from getting further; `None` where it only takes
-    /// its time, or is not being taken up.
+    /// Reason that delays the activation; `None` if nothing does, or without an activation.
     pub fn hindrance(&self) -> Option<HoldReason> {
         self.hindrance
     }
 
-    /// Whether this very cycle brought a fresh actual position.
+    /// Whether this cycle has a fresh actual position.
     pub fn is_fresh(&self) -> bool {
         self.fresh.is_some()
     }
 
     /// A target that moves nothing, to accompany a command that stops or resets the drive: the
-    /// actual position of a drive that is not enabled, else the last target sent. `None` while
-    /// neither is known.
+    /// actual position of a drive that is not enabled, else the last target sent. `None` if neither
+    /// is known.
     pub fn resting_target(&self) -> Option<i32> {
         if self.is_enabled && self.held.is_some() {
             return self.held;
@@ -169,15 +169,15 @@ impl MotionGuard {
         }
     }
 
-    /// Begins to take the axis up from its actual position. Does nothing while it is being taken
-    /// up, or is.
-    pub fn take_up(&mut self) {
+    /// Starts to activate the axis at its actual position. Does nothing if it is active or the
+    /// activation runs.
+    pub fn activate(&mut self) {
         if matches!(self.state, GuardState::Idle | GuardState::Holding { .. }) {
-            self.begin_take_up();
+            self.begin_activation();
         }
     }
 
-    fn begin_take_up(&mut self) {
+    fn begin_activation(&mut self) {
         self.state = GuardState::Draining;
         self.drain = Drain::default();
         self.first = None;
@@ -185,13 +185,13 @@ impl MotionGuard {
         self.was_following = false;
     }
 
-    /// The axis is meant to rest: no targets, and nothing that must be taken up again.
+    /// Ends targets: the axis becomes idle, not holding.
     pub fn release(&mut self) {
         self.state = GuardState::Idle;
         self.decided = None;
     }
 
-    /// The application stops the axis: no targets until it is taken up again.
+    /// Holds on command of the application: no targets until the axis is activated again.
     pub fn hold(&mut self) {
         self.trip(HoldReason::Commanded);
     }
@@ -201,14 +201,14 @@ impl MotionGuard {
         self.decided = None;
     }
 
-    /// First in the cycle: what it brought. Gives the reason when the axis begins to hold.
+    /// Takes the input of a cycle, first in the cycle. Returns the reason if the axis begins to hold.
     pub fn observe(&mut self, input: &GuardInput) -> Option<HoldReason> {
         self.decided = None;
         self.note(input);
         match self.state {
             GuardState::Idle | GuardState::Holding { .. } => None,
             GuardState::Draining => {
-                if self.drain.step(&input.way, self.limits.drain_images) {
+                if self.drain.step(&input.path, self.limits.drain_images) {
                     self.state = GuardState::Reading;
                 }
                 None
@@ -218,17 +218,17 @@ impl MotionGuard {
                 None
             }
             GuardState::Armed { target } => {
-                let reason = self.way_broken(input).or_else(|| self.drive_lost(input));
+                let reason = self.path_broken(input).or_else(|| self.drive_lost(input));
                 match (reason, self.fresh) {
                     (Some(reason), _) => self.trip(reason),
-                    (None, Some(position)) => self.follow_by_hand(target, position),
+                    (None, Some(position)) => self.track(target, position),
                     (None, None) => {}
                 }
                 reason
             }
             GuardState::Running { .. } => {
                 let reason = self
-                    .way_broken(input)
+                    .path_broken(input)
                     .or_else(|| self.drive_lost(input))
                     .or_else(|| self.drive_left(input));
                 if let Some(reason) = reason {
@@ -240,7 +240,7 @@ impl MotionGuard {
         }
     }
 
-    /// Takes notice of what every state needs.
+    /// Updates what every state needs.
     fn note(&mut self, input: &GuardInput) {
         self.fresh = None;
         self.actual_age = self.actual_age.saturating_add(1);
@@ -256,13 +256,13 @@ impl MotionGuard {
             }
             Actual::None(why) => self.no_actual = why,
         }
-        let way = &input.way;
-        self.misses = if way.complete { 0 } else { self.misses.saturating_add(1) };
-        self.waits = if way.holding {
-            Some(WaitReason::ImageHeld)
-        } else if !way.complete {
+        let path = &input.path;
+        self.misses = if path.is_complete { 0 } else { self.misses.saturating_add(1) };
+        self.waits = if path.is_unconfirmed {
+            Some(WaitReason::ImageUnconfirmed)
+        } else if !path.is_complete {
             Some(WaitReason::WorkingCounter)
-        } else if way.image_full {
+        } else if path.image_full {
             Some(WaitReason::ImageFull)
         } else {
             None
@@ -273,36 +273,36 @@ impl MotionGuard {
         }
         self.hindrance = match self.state {
             GuardState::Draining | GuardState::Reading => {
-                self.way_broken(input).or_else(|| self.drive_lost(input))
+                self.path_broken(input).or_else(|| self.drive_lost(input))
             }
             _ => None,
         };
     }
 
-    /// The way to the drive lost its trust.
-    fn way_broken(&self, input: &GuardInput) -> Option<HoldReason> {
-        let way = &input.way;
-        if !way.in_service {
+    /// Reason on the path to the drive.
+    fn path_broken(&self, input: &GuardInput) -> Option<HoldReason> {
+        let path = &input.path;
+        if !path.is_ready {
             return Some(HoldReason::GatewayLost);
         }
-        if way.discarded {
+        if path.discarded {
             return Some(HoldReason::FramesDiscarded);
         }
-        match way.channel {
+        match path.channel {
             ChannelView::BusOff => return Some(HoldReason::BusOff),
             ChannelView::NotRunning => return Some(HoldReason::ChannelStopped),
             ChannelView::NotSeen | ChannelView::Running { .. } => {}
         }
-        if way.queue_refused {
+        if path.queue_rejected {
             return Some(HoldReason::QueueFull);
         }
-        if way.target_lost {
+        if path.target_lost {
             return Some(HoldReason::TargetLost);
         }
         (self.misses > self.limits.wc_misses).then_some(HoldReason::WorkingCounter)
     }
 
-    /// The drive is not heard any more.
+    /// Reason in the reports of the drive.
     fn drive_lost(&self, input: &GuardInput) -> Option<HoldReason> {
         let drive = &input.drive;
         if drive.heartbeat_lost {
@@ -318,7 +318,7 @@ impl MotionGuard {
         is_lost.then_some(HoldReason::TpdoLost(self.no_actual))
     }
 
-    /// The drive does not follow any more.
+    /// Reason in the motion of the drive.
     fn drive_left(&self, input: &GuardInput) -> Option<HoldReason> {
         let drive = &input.drive;
         if !self.is_enabled {
@@ -332,9 +332,9 @@ impl MotionGuard {
     }
 
     fn read(&mut self, input: &GuardInput) {
-        if self.way_broken(input).is_some() {
-            // Nothing was sent since the drain, but what broke the way may have broken that too.
-            return self.begin_take_up();
+        if self.path_broken(input).is_some() {
+            // Nothing was sent since the drain, but the cause may have affected the drain, too.
+            return self.begin_activation();
         }
         if self.drive_lost(input).is_some() {
             self.first = None;
@@ -351,7 +351,7 @@ impl MotionGuard {
     }
 
     /// `Armed`: the target follows the axis while it rests.
-    fn follow_by_hand(&mut self, before: i32, position: i32) {
+    fn track(&mut self, before: i32, position: i32) {
         let is_position = self.limits.kind != TargetKind::Rate;
         if is_position && !self.is_at_rest(before, position) {
             self.state = GuardState::Reading;
@@ -362,24 +362,24 @@ impl MotionGuard {
     }
 
     fn is_at_rest(&self, before: i32, now: i32) -> bool {
-        let way = self.limits.range.distance(before, now).unsigned_abs();
-        way <= u64::from(self.limits.standstill)
+        let distance = self.limits.range.distance(before, now).unsigned_abs();
+        distance <= u64::from(self.limits.standstill)
     }
 
     fn starting_target(&self, position: i32) -> i32 {
         if self.limits.kind == TargetKind::Rate { 0 } else { position }
     }
 
-    /// Whether frames of before that are still on the host should be given up now: the working
-    /// counter made the axis hold, and the image that is repeated carries an old target.
+    /// Whether earlier frames that are still on the host should be discarded now: the working
+    /// counter made the axis hold, and the repeated image carries an old target.
     pub fn wants_discard(&self) -> bool {
         self.misses > self.limits.wc_misses
-            && self.waits == Some(WaitReason::ImageHeld)
+            && self.waits == Some(WaitReason::ImageUnconfirmed)
             && self.state == GuardState::Holding { reason: HoldReason::WorkingCounter }
     }
 
-    /// Second in the cycle: what may go out. `wanted` is the application's target; without one
-    /// the last target goes out again.
+    /// Decides what is sent, second in the cycle. `wanted` is the application's target; without one
+    /// the last target is sent again.
     pub fn decide(&mut self, wanted: Option<i32>) -> Decision {
         let decision = self.judge(wanted);
         self.decided = decision.target();
@@ -408,7 +408,7 @@ impl MotionGuard {
                 let next = wanted.unwrap_or(target);
                 match self.check(target, next) {
                     Ok(()) => Decision::Target(next),
-                    Err(refusal) => Decision::Refuse(refusal),
+                    Err(rejection) => Decision::Reject(rejection),
                 }
             }
             _ => Decision::Closed,
@@ -460,7 +460,7 @@ impl MotionGuard {
         Ok(())
     }
 
-    /// The frame with the target of [`decide`](Self::decide) was taken by the Port.
+    /// The frame with the target of [`decide`](Self::decide) was accepted by the Port.
     pub fn sent(&mut self) {
         let Some(target) = self.decided.take() else { return };
         self.waits = Some(WaitReason::Spent);
@@ -476,11 +476,11 @@ impl MotionGuard {
         }
     }
 
-    /// The frame with the target of [`decide`](Self::decide) was not taken by the Port. The
-    /// target before it stands.
-    pub fn refused(&mut self) {
+    /// The frame with the target of [`decide`](Self::decide) was rejected by the Port. The
+    /// previous target stays in force.
+    pub fn rejected(&mut self) {
         self.decided = None;
-        self.waits = Some(WaitReason::Refused);
+        self.waits = Some(WaitReason::Rejected);
     }
 }
 

@@ -64,7 +64,7 @@ struct CycleConditions {
     advance: i32,
 }
 
-fn weather() -> impl Strategy<Value = CycleConditions> {
+fn conditions() -> impl Strategy<Value = CycleConditions> {
     let rare = || prop::bool::weighted(0.03);
     let blocked = prop_oneof![40 => Just(0_u8), 1 => 1..12_u8];
     let push = prop_oneof![30 => Just(0), 1 => -3000..3000_i32];
@@ -164,20 +164,20 @@ impl Model {
         held.chain(&self.gateway.arrived).chain(&self.gateway.ring).any(of_old)
     }
 
-    fn cycle(&mut self, n: usize, weather: CycleConditions) -> Result<(), TestCaseError> {
+    fn cycle(&mut self, n: usize, conditions: CycleConditions) -> Result<(), TestCaseError> {
         // The exchange that the last cycle started: the host hears of it now.
-        let (complete, image) = self.exchange(weather);
+        let (complete, image) = self.exchange(conditions);
         let input = self.input(complete, image);
         if self.guard.observe(&input).is_some() {
             self.span += 1;
         }
-        self.guard.take_up();
+        self.guard.activate();
         if self.guard.wants_discard() {
             // Given up by the host; the gateway may have it all the same.
             self.held = None;
         }
         let wanted = match self.guard.state() {
-            GuardState::Running { target } => Some(target.saturating_add(weather.advance)),
+            GuardState::Running { target } => Some(target.saturating_add(conditions.advance)),
             _ => None,
         };
         let mut frames = Vec::new();
@@ -204,12 +204,12 @@ impl Model {
             frames.push(Frame::Sync);
             self.held = Some((frames, false));
         }
-        self.world(n, weather)
+        self.world(n, conditions)
     }
 
     /// Whether the working counter was complete, and the image that came.
-    fn exchange(&mut self, weather: CycleConditions) -> (bool, Option<Published>) {
-        if weather.lost_out {
+    fn exchange(&mut self, conditions: CycleConditions) -> (bool, Option<Published>) {
+        if conditions.lost_out {
             return (false, None);
         }
         if let Some((frames, has_arrived)) = &mut self.held
@@ -219,7 +219,7 @@ impl Model {
             *has_arrived = true;
         }
         let image = self.gateway.published.take();
-        if weather.lost_back {
+        if conditions.lost_back {
             return (false, None);
         }
         if let Some((frames, _)) = self.held.take() {
@@ -258,12 +258,12 @@ impl Model {
             Power::Enabled => DriveState::OperationEnabled,
         };
         GuardInput {
-            way: PathStatus {
-                in_service: true,
-                complete,
-                holding: self.held.is_some(),
+            path: PathStatus {
+                is_ready: true,
+                is_complete: complete,
+                is_unconfirmed: self.held.is_some(),
                 discarded: false,
-                queue_refused: false,
+                queue_rejected: false,
                 image_full: false,
                 target_lost: false,
                 channel,
@@ -283,15 +283,15 @@ impl Model {
     }
 
     /// Gateway, bus and drive, until the next exchange.
-    fn world(&mut self, n: usize, weather: CycleConditions) -> Result<(), TestCaseError> {
+    fn world(&mut self, n: usize, conditions: CycleConditions) -> Result<(), TestCaseError> {
         let gateway = &mut self.gateway;
         gateway.ring.extend(gateway.arrived.drain(..));
         if gateway.blocked > 0 {
             gateway.blocked -= 1;
             gateway.bus_off &= gateway.blocked > 0;
-        } else if weather.blocked > 0 {
-            gateway.blocked = weather.blocked;
-            gateway.bus_off = weather.bus_off;
+        } else if conditions.blocked > 0 {
+            gateway.blocked = conditions.blocked;
+            gateway.bus_off = conditions.bus_off;
         }
         // Nobody pushes an axis in the few milliseconds between reading its position and enabling.
         let is_quiet =
@@ -300,9 +300,9 @@ impl Model {
             && self.held.iter().all(|(frames, _)| frames.len() == 1)
             && self.drive.power != Power::Enabled
         {
-            self.drive.position += weather.push;
+            self.drive.position += conditions.push;
         }
-        if weather.fault {
+        if conditions.fault {
             self.drive.power = Power::Off;
         }
         for _ in 0..4 {
@@ -320,7 +320,7 @@ impl Model {
         }
         let gateway = &mut self.gateway;
         if gateway.published.is_none() {
-            let stays = if weather.backlog { gateway.received.len().min(2) } else { 0 };
+            let stays = if conditions.backlog { gateway.received.len().min(2) } else { 0 };
             let tpdos = gateway.received.drain(..gateway.received.len() - stays).collect();
             gateway.published = Some(Published {
                 tpdos,
@@ -387,17 +387,17 @@ proptest! {
 
     #[test]
     fn no_drive_gets_a_stale_or_a_far_target(
-        weather in prop::collection::vec(weather(), 20..400),
+        conditions in prop::collection::vec(conditions(), 20..400),
     ) {
         let mut model = Model::new();
-        for (n, weather) in weather.into_iter().enumerate() {
-            model.cycle(n, weather)?;
+        for (n, conditions) in conditions.into_iter().enumerate() {
+            model.cycle(n, conditions)?;
         }
     }
 }
 
 #[test]
-fn in_fair_weather_the_drive_follows() {
+fn in_fair_conditions_the_drive_follows() {
     let mut model = Model::new();
     let fair = CycleConditions {
         lost_out: false,

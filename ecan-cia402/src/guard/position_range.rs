@@ -23,7 +23,7 @@ pub enum PositionRange {
 }
 
 impl PositionRange {
-    /// The signed way from one position to another, in steps: the shorter one where the counter
+    /// Signed distance from one position to another, in steps: the shorter one if the counter
     /// wraps. Real-time safe.
     pub fn distance(self, from: i32, to: i32) -> i64 {
         match self {
@@ -31,20 +31,20 @@ impl PositionRange {
             Self::Wrapping => i64::from(to.wrapping_sub(from)),
             Self::Modulo { min, max } => {
                 let span = span(min, max);
-                let way = (i64::from(to) - i64::from(from)).rem_euclid(span);
-                if way * 2 >= span { way - span } else { way }
+                let steps = (i64::from(to) - i64::from(from)).rem_euclid(span);
+                if steps * 2 >= span { steps - span } else { steps }
             }
         }
     }
 
-    /// The position `way` steps from `from`; `None` where a linear counter ends. Real-time safe.
-    pub fn add(self, from: i32, way: i64) -> Option<i32> {
+    /// The position at a distance of `steps` from `from`; `None` if a linear counter ends before. Real-time safe.
+    pub fn add(self, from: i32, steps: i64) -> Option<i32> {
         match self {
-            Self::Linear => i32::try_from(i64::from(from).checked_add(way)?).ok(),
+            Self::Linear => i32::try_from(i64::from(from).checked_add(steps)?).ok(),
             // The cast keeps the low 32 bits: that is the wrap.
-            Self::Wrapping => Some(i64::from(from).wrapping_add(way) as i32),
+            Self::Wrapping => Some(i64::from(from).wrapping_add(steps) as i32),
             Self::Modulo { min, max } => {
-                let offset = i64::from(from).checked_sub(i64::from(min))?.checked_add(way)?;
+                let offset = i64::from(from).checked_sub(i64::from(min))?.checked_add(steps)?;
                 i32::try_from(i64::from(min) + offset.rem_euclid(span(min, max))).ok()
             }
         }
@@ -118,13 +118,13 @@ mod tests {
         #[test]
         fn going_the_distance_arrives(range in any_range(), from: i32, to: i32) {
             prop_assume!(range.contains(from) && range.contains(to));
-            let way = range.distance(from, to);
-            prop_assert_eq!(range.add(from, way), Some(to));
+            let steps = range.distance(from, to);
+            prop_assert_eq!(range.add(from, steps), Some(to));
         }
 
         #[test]
-        fn adding_stays_in_the_range(range in any_range(), from: i32, way: i64) {
-            if let Some(to) = range.add(from, way) {
+        fn adding_stays_in_the_range(range in any_range(), from: i32, steps: i64) {
+            if let Some(to) = range.add(from, steps) {
                 prop_assert!(range.contains(to) || !range.contains(from));
             }
         }

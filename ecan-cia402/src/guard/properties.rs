@@ -104,7 +104,7 @@ fn drive() -> impl Strategy<Value = DriveView> {
 }
 
 fn happening() -> impl Strategy<Value = CycleEvents> {
-    let way = (
+    let path = (
         prop::bool::weighted(0.98),
         prop::bool::weighted(0.93),
         prop::bool::weighted(0.05),
@@ -119,23 +119,23 @@ fn happening() -> impl Strategy<Value = CycleEvents> {
         1 => any::<i32>().prop_map(Some),
     ];
     let app = (wanted, prop::bool::weighted(0.9), prop::bool::weighted(0.4), rarely());
-    (way, drive(), actual(), app).prop_map(|(way, drive, actual, app)| {
-        let (in_service, complete, holding, discarded, refused, target_lost, channel) = way;
-        let (queue_refused, image_full) = refused;
+    (path, drive(), actual(), app).prop_map(|(path, drive, actual, app)| {
+        let (is_ready, is_complete, is_unconfirmed, discarded, full, target_lost, channel) = path;
+        let (queue_rejected, image_full) = full;
         let (wanted, taken, take_up, release) = app;
-        let way = PathStatus {
-            in_service,
-            complete,
-            holding,
+        let path = PathStatus {
+            is_ready,
+            is_complete,
+            is_unconfirmed,
             discarded,
-            queue_refused,
+            queue_rejected,
             image_full,
             target_lost,
             channel,
             delivered: 0,
             covered: 0,
         };
-        let input = GuardInput { way, drive, actual };
+        let input = GuardInput { path, drive, actual };
         CycleEvents { input, wanted, taken, take_up, release }
     })
 }
@@ -145,21 +145,21 @@ fn run(limits: GuardLimits, happenings: Vec<CycleEvents>) -> (MotionGuard, Vec<R
     let mut records = Vec::new();
     for (n, mut what) in happenings.into_iter().enumerate() {
         // One SYNC per cycle behind whatever was sent.
-        what.input.way.delivered = n as u64 + 100;
-        what.input.way.covered = n as u64 + 98;
+        what.input.path.delivered = n as u64 + 100;
+        what.input.path.covered = n as u64 + 98;
         guard.observe(&what.input);
         if what.release {
             guard.release();
         }
         if what.take_up {
-            guard.take_up();
+            guard.activate();
         }
         let decision = guard.decide(what.wanted);
         if decision.target().is_some() {
             if what.taken {
                 guard.sent();
             } else {
-                guard.refused();
+                guard.rejected();
             }
         }
         records.push(Record { what, decision });
@@ -169,12 +169,12 @@ fn run(limits: GuardLimits, happenings: Vec<CycleEvents>) -> (MotionGuard, Vec<R
 
 /// Whether the record of one cycle alone forbids any target of a running axis.
 fn is_breach(input: &GuardInput) -> bool {
-    let way = &input.way;
-    !way.in_service
-        || way.discarded
-        || matches!(way.channel, ChannelView::BusOff | ChannelView::NotRunning)
-        || way.queue_refused
-        || way.target_lost
+    let path = &input.path;
+    !path.is_ready
+        || path.discarded
+        || matches!(path.channel, ChannelView::BusOff | ChannelView::NotRunning)
+        || path.queue_rejected
+        || path.target_lost
         || input.drive.heartbeat_lost
         || input.drive.not_operational
         || input.drive.unverified
@@ -182,7 +182,7 @@ fn is_breach(input: &GuardInput) -> bool {
 
 /// Incomplete cycles in a row up to and including `n`.
 fn misses(records: &[Record], n: usize) -> usize {
-    records[..=n].iter().rev().take_while(|r| !r.what.input.way.complete).count()
+    records[..=n].iter().rev().take_while(|r| !r.what.input.path.is_complete).count()
 }
 
 /// Cycles since the last TPDO that could be used, at `n`.
@@ -207,8 +207,12 @@ fn judge(limits: &GuardLimits, records: &[Record]) -> Result<(), TestCaseError> 
             continue;
         }
         let input = &record.what.input;
-        prop_assert!(input.way.in_service && input.way.complete && !input.way.holding, "at {}", n);
-        prop_assert!(!input.way.image_full, "at {}", n);
+        prop_assert!(
+            input.path.is_ready && input.path.is_complete && !input.path.is_unconfirmed,
+            "at {}",
+            n
+        );
+        prop_assert!(!input.path.image_full, "at {}", n);
         prop_assert!(!is_breach(input), "at {n}: {record:?}");
         let enabled = input.drive.state == Some(DriveState::OperationEnabled);
         match record.decision {
@@ -252,7 +256,7 @@ fn judge_beginning(
     prop_assert!(between.iter().any(|r| r.what.take_up), "at {n}: nobody wanted it");
     let statuses = between
         .iter()
-        .filter(|r| matches!(r.what.input.way.channel, ChannelView::Running { .. }))
+        .filter(|r| matches!(r.what.input.path.channel, ChannelView::Running { .. }))
         .count();
     prop_assert!(statuses > usize::from(limits.drain_images), "at {n}: not drained");
     let before = between.iter().rev().find_map(fresh);
@@ -317,12 +321,12 @@ fn judge_running(
 fn well(position: i32) -> CycleEvents {
     CycleEvents {
         input: GuardInput {
-            way: PathStatus {
-                in_service: true,
-                complete: true,
-                holding: false,
+            path: PathStatus {
+                is_ready: true,
+                is_complete: true,
+                is_unconfirmed: false,
                 discarded: false,
-                queue_refused: false,
+                queue_rejected: false,
                 image_full: false,
                 target_lost: false,
                 channel: ChannelView::Running { pending: 1, pressure: false },
@@ -372,7 +376,7 @@ proptest! {
         // drive was enabled all the time.
         let last = records.last().map(|record| record.decision);
         let far = Decision::Wait(WaitReason::HoldsOldTarget);
-        let is_stuck = last == Some(far) || matches!(last, Some(Decision::Refuse(_)));
+        let is_stuck = last == Some(far) || matches!(last, Some(Decision::Reject(_)));
         prop_assert!(is_running || is_stuck, "{:?}", guard.state());
     }
 }
@@ -391,7 +395,7 @@ fn the_random_sequences_reach_what_they_are_to_judge() {
             match record.decision {
                 Decision::First(_) => firsts += 1,
                 Decision::Target(_) => targets += 1,
-                Decision::Refuse(_) => refusals += 1,
+                Decision::Reject(_) => refusals += 1,
                 Decision::Wait(_) => waits += 1,
                 _ => {}
             }

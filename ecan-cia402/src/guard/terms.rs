@@ -1,11 +1,11 @@
-//! The terms of the motion guard: what it is told beforehand, where it can stand, what it can say.
+//! Terms of the motion guard: limits, states, decisions.
 
 use std::fmt;
 
 use super::input::HoldReason;
 use super::position_range::PositionRange;
 
-/// What the targets of an axis are.
+/// Kind of the targets of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TargetKind {
     /// A position per cycle (CSP). The first one is the actual position.
@@ -13,62 +13,63 @@ pub enum TargetKind {
     Position,
     /// A velocity or torque per cycle (CSV, CST). The first one is 0.
     Rate,
-    /// A position that the drive approaches by its own profile (PP). It may be far away: only
-    /// the bounds hold it. The first one is the actual position.
+    /// A position that the drive approaches by its own profile (PP). It may be far away; only the
+    /// bounds limit it. The first one is the actual position.
     Profile,
     /// The application gives no targets (homing); the axis stays at the first one, its actual
     /// position.
     None,
 }
 
-/// The rules of one axis, in raw units and cycles.
+/// Limits of one axis, in raw units and cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GuardLimits {
-    /// What the targets are.
+    /// Kind of the targets.
     pub kind: TargetKind,
-    /// How the position counter runs.
+    /// Range of the position counter.
     pub range: PositionRange,
-    /// Farthest that a target may be from the one before, in steps (or velocity or torque
-    /// units); of no meaning for [`TargetKind::Profile`].
+    /// Longest distance of a target from the previous one, in steps (or velocity or torque
+    /// units); ignored for [`TargetKind::Profile`].
     pub step: u32,
-    /// Farthest that a position target may be from the last known actual position, in steps.
+    /// Longest distance of a position target from the last known actual position, in steps.
     pub window: u32,
-    /// Smallest and largest target. An axis that stands outside may be led back inside.
+    /// Smallest and largest target. An axis that is outside may be led back inside.
     pub bounds: Option<(i32, i32)>,
-    /// Farthest that two fresh actual positions may be apart for an axis that stands still.
+    /// Longest distance of two fresh actual positions of an axis at standstill, in steps.
     pub standstill: u32,
-    /// Cycles in a row without a usable TPDO that are put up with.
+    /// Tolerated cycles in a row without a usable TPDO.
     pub tpdo_timeout: u16,
-    /// Cycles in a row with an incomplete working counter that are put up with.
+    /// Tolerated cycles in a row with an incomplete working counter.
     pub wc_misses: u16,
-    /// New images that must be seen while stale targets are waited out, at least.
+    /// Fewest new images that must be received while old targets drain.
     pub drain_images: u16,
 }
 
-/// Where the guard stands.
+/// State of the guard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum GuardState {
-    /// The axis is not taken up.
+    /// The axis is not active.
     #[default]
     Idle,
-    /// Being taken up: targets of before may still be under way and are waited out.
+    /// Activation: old targets may still be on the path to the drive; the guard waits for their
+    /// end.
     Draining,
-    /// Being taken up: two fresh actual positions are waited for that show the axis at rest.
+    /// Activation: the guard waits for two fresh actual positions that show the axis at rest.
     Reading,
-    /// A fresh actual position is at hand; the drive is not enabled yet, and every frame to it
+    /// A fresh actual position is known; the drive is not enabled yet, and every frame to it
     /// carries its latest actual position as target.
     Armed {
         /// That position, or 0 for [`TargetKind::Rate`].
         target: i32,
     },
-    /// The application's targets go out.
+    /// The application's targets are sent.
     Running {
         /// The last target sent.
         target: i32,
     },
-    /// The axis gets no targets, until it is taken up again.
+    /// The axis gets no targets until it is activated again.
     Holding {
-        /// Why.
+        /// Cause.
         reason: HoldReason,
     },
 }
@@ -76,7 +77,7 @@ pub enum GuardState {
 impl fmt::Display for GuardState {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Idle => f.write_str("not taken up"),
+            Self::Idle => f.write_str("not active"),
             Self::Draining => f.write_str("waiting until stale targets are gone"),
             Self::Reading => f.write_str("waiting for a fresh actual position at rest"),
             Self::Armed { .. } => f.write_str("at its actual position"),
@@ -86,24 +87,24 @@ impl fmt::Display for GuardState {
     }
 }
 
-/// Why a target was not taken. The target before it stands.
+/// Rejection of a target. The previous target stays in force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TargetRejection {
-    /// Too far from the target before.
+    /// Too far from the previous target.
     #[error("the step of {step} exceeds the limit of {limit} per cycle")]
     Step {
-        /// The way from the target before.
+        /// Distance from the previous target.
         step: i64,
-        /// The limit.
+        /// Limit.
         limit: u32,
     },
     /// Too far from the actual position.
     #[error("the target is {distance} steps from the actual position, the window is {window}")]
     Window {
-        /// The way from the actual position.
+        /// Distance from the actual position.
         distance: i64,
-        /// The window.
+        /// Limit.
         window: u32,
     },
     /// Outside the bounds of the axis.
@@ -111,75 +112,75 @@ pub enum TargetRejection {
     Bounds {
         /// The target.
         target: i32,
-        /// Smallest.
+        /// Smallest target.
         min: i32,
-        /// Largest.
+        /// Largest target.
         max: i32,
     },
-    /// The position counter cannot stand there.
-    #[error("the drive's position counter never stands at {target}")]
+    /// Outside the range of the position counter.
+    #[error("the target {target} is outside the range of the drive's position counter")]
     Counter {
         /// The target.
         target: i32,
     },
-    /// The mode of the axis takes no targets.
+    /// The mode of the axis has no targets.
     #[error("the operating mode takes no targets")]
     NoTargets,
 }
 
-/// Why nothing is sent in this cycle although the axis is taken up. The application's motion must
-/// not go on meanwhile: the next target is judged against the last one that was sent.
+/// Reason for which nothing is sent in this cycle although the axis is active. The application's
+/// motion must not continue in such a cycle: the next target is compared with the last one sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WaitReason {
     /// The working counter of this cycle is incomplete (manual 15.5.2, step 8).
     WorkingCounter,
-    /// The last image may not have arrived and is repeated; a target now would follow it in the
-    /// same bus cycle.
-    ImageHeld,
+    /// The last image is unconfirmed and repeated; a target now would follow it in the same bus
+    /// cycle.
+    ImageUnconfirmed,
     /// The first target must be an actual position of this very cycle.
     NoFreshPosition,
-    /// The drive is enabled and still holds an old target, and the axis stands further than a step
-    /// from it: blocked, or targets were lost on the way. Its actual position would be a jump for
-    /// the drive; it must be switched off first.
+    /// The drive is enabled and holds an old target further than a step from its position: blocked,
+    /// or targets were lost. Its actual position would be a jump for the drive; it must be
+    /// switched off first.
     HoldsOldTarget,
-    /// The image of the last cycle had no room for a frame of the channel. If that was SYNC, the
-    /// targets of that cycle are not effective yet, and another would be a double step.
+    /// The image of the last cycle had no space for a frame of the channel. If that was SYNC, the
+    /// targets of that cycle are not effective yet, and another one would be a double step.
     ImageFull,
-    /// This cycle has had its target.
+    /// The target of this cycle was sent already.
     Spent,
-    /// A frame was refused in this cycle; the axis will hold from the next one on.
-    Refused,
+    /// A frame was rejected in this cycle; the axis will hold from the next one on.
+    Rejected,
 }
 
 impl fmt::Display for WaitReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::WorkingCounter => "the working counter is incomplete",
-            Self::ImageHeld => "the last image is repeated",
+            Self::ImageUnconfirmed => "the last image is repeated",
             Self::HoldsOldTarget => "the drive holds an old target far from the axis",
             Self::ImageFull => "the image was full",
-            Self::Spent => "the target of this cycle is out",
+            Self::Spent => "the target of this cycle was sent",
             Self::NoFreshPosition => "no fresh actual position in this cycle",
-            Self::Refused => "a frame was refused",
+            Self::Rejected => "a frame was rejected",
         })
     }
 }
 
-/// What may be sent in this cycle.
+/// Decision about the target of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Decision {
-    /// The axis is not taken up: no target.
+    /// The axis is not active: no target.
     Closed,
     /// The drive is not enabled: only its own actual position.
     Track(i32),
-    /// The drive is enabled: its actual position, whatever the application wants.
+    /// The drive is enabled: its actual position, regardless of the application's target.
     First(i32),
-    /// The application's target, or the last one again where it gave none.
+    /// The application's target, or the last one again if it gave none.
     Target(i32),
-    /// Nothing now.
+    /// Nothing in this cycle.
     Wait(WaitReason),
-    /// Not this target.
-    Refuse(TargetRejection),
+    /// The application's target is rejected.
+    Reject(TargetRejection),
 }
 
 impl Decision {
@@ -187,7 +188,7 @@ impl Decision {
     pub fn target(self) -> Option<i32> {
         match self {
             Self::Track(target) | Self::First(target) | Self::Target(target) => Some(target),
-            Self::Closed | Self::Wait(_) | Self::Refuse(_) => None,
+            Self::Closed | Self::Wait(_) | Self::Reject(_) => None,
         }
     }
 }

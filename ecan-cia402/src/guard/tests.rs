@@ -24,12 +24,12 @@ const LIMITS: GuardLimits = GuardLimits {
 /// A quiet channel, an enabled drive at `position`.
 fn good(position: i32) -> GuardInput {
     GuardInput {
-        way: PathStatus {
-            in_service: true,
-            complete: true,
-            holding: false,
+        path: PathStatus {
+            is_ready: true,
+            is_complete: true,
+            is_unconfirmed: false,
             discarded: false,
-            queue_refused: false,
+            queue_rejected: false,
             image_full: false,
             target_lost: false,
             channel: ChannelView::Running { pending: 0, pressure: false },
@@ -66,7 +66,7 @@ fn cycle(guard: &mut MotionGuard, input: &GuardInput, wanted: Option<i32>) -> De
 /// Taken up and running at `position`.
 fn running_with(limits: GuardLimits, position: i32) -> MotionGuard {
     let mut guard = MotionGuard::new(limits);
-    guard.take_up();
+    guard.activate();
     for _ in 0..20 {
         if let Decision::First(first) = cycle(&mut guard, &good(position), Some(123_456)) {
             let expected = if limits.kind == TargetKind::Rate { 0 } else { position };
@@ -92,7 +92,7 @@ fn an_axis_that_is_not_taken_up_gets_nothing() {
 #[test]
 fn while_the_drive_is_not_enabled_the_target_is_its_actual_position() {
     let mut guard = MotionGuard::new(LIMITS);
-    guard.take_up();
+    guard.activate();
     let mut tracked = Vec::new();
     for position in 1000..1012 {
         let input = in_state(DriveState::SwitchedOn, position);
@@ -115,7 +115,7 @@ fn the_first_target_is_the_actual_position_whatever_is_wanted() {
 #[test]
 fn an_axis_in_motion_is_not_taken_up() {
     let mut guard = MotionGuard::new(LIMITS);
-    guard.take_up();
+    guard.activate();
     for n in 0..50 {
         assert_eq!(cycle(&mut guard, &good(n * 6), None), Decision::Closed);
     }
@@ -127,7 +127,7 @@ fn an_axis_in_motion_is_not_taken_up() {
 fn an_axis_that_is_moved_by_hand_is_read_again() {
     let mut guard = MotionGuard::new(LIMITS);
     let off = |position| in_state(DriveState::SwitchOnDisabled, position);
-    guard.take_up();
+    guard.activate();
     for _ in 0..10 {
         cycle(&mut guard, &off(0), None);
     }
@@ -141,7 +141,7 @@ fn an_axis_that_is_moved_by_hand_is_read_again() {
 fn only_a_fresh_position_begins_anything() {
     for actual in [Actual::Late(5), Actual::None(PositionUnavailable::Incomplete)] {
         let mut guard = MotionGuard::new(LIMITS);
-        guard.take_up();
+        guard.activate();
         let input = GuardInput { actual, ..good(5) };
         for _ in 0..50 {
             assert_eq!(cycle(&mut guard, &input, None), Decision::Closed);
@@ -152,7 +152,7 @@ fn only_a_fresh_position_begins_anything() {
 #[test]
 fn a_first_target_needs_the_position_of_its_own_cycle() {
     let mut guard = MotionGuard::new(LIMITS);
-    guard.take_up();
+    guard.activate();
     for _ in 0..10 {
         cycle(&mut guard, &in_state(DriveState::SwitchedOn, 9), None);
     }
@@ -167,12 +167,12 @@ fn a_step_beyond_the_limit_is_refused_and_the_one_before_stands() {
     let mut guard = running(0);
     assert_eq!(cycle(&mut guard, &good(0), Some(100)), Decision::Target(100));
     let refusal = TargetRejection::Step { step: 101, limit: 100 };
-    assert_eq!(cycle(&mut guard, &good(100), Some(201)), Decision::Refuse(refusal));
+    assert_eq!(cycle(&mut guard, &good(100), Some(201)), Decision::Reject(refusal));
     assert_eq!(cycle(&mut guard, &good(100), Some(200)), Decision::Target(200));
     assert_eq!(cycle(&mut guard, &good(200), None), Decision::Target(200));
     assert_eq!(
         cycle(&mut guard, &good(200), Some(i32::MIN)),
-        Decision::Refuse(TargetRejection::Step { step: i64::from(i32::MIN) - 200, limit: 100 })
+        Decision::Reject(TargetRejection::Step { step: i64::from(i32::MIN) - 200, limit: 100 })
     );
 }
 
@@ -181,10 +181,10 @@ fn a_frame_that_was_not_taken_does_not_count_as_sent() {
     let mut guard = running(0);
     guard.observe(&good(0));
     assert_eq!(guard.decide(Some(80)), Decision::Target(80));
-    guard.refused();
+    guard.rejected();
     assert_eq!(guard.state(), GuardState::Running { target: 0 });
     let refusal = TargetRejection::Step { step: 160, limit: 100 };
-    assert_eq!(cycle(&mut guard, &good(0), Some(160)), Decision::Refuse(refusal));
+    assert_eq!(cycle(&mut guard, &good(0), Some(160)), Decision::Reject(refusal));
 }
 
 #[test]
@@ -195,10 +195,10 @@ fn a_target_outside_the_following_window_is_refused() {
         assert_eq!(cycle(&mut guard, &good(0), Some(target)), Decision::Target(target));
     }
     let refusal = TargetRejection::Window { distance: 1001, window: 1000 };
-    assert_eq!(cycle(&mut guard, &good(0), Some(1001)), Decision::Refuse(refusal));
+    assert_eq!(cycle(&mut guard, &good(0), Some(1001)), Decision::Reject(refusal));
     // The axis is pushed away: even the target that stands is outside now.
     let refusal = TargetRejection::Window { distance: 1100, window: 1000 };
-    assert_eq!(cycle(&mut guard, &good(-100), None), Decision::Refuse(refusal));
+    assert_eq!(cycle(&mut guard, &good(-100), None), Decision::Reject(refusal));
 }
 
 #[test]
@@ -207,12 +207,12 @@ fn bounds_hold_and_let_back_in() {
     let mut guard = running_with(limits, 0);
     assert_eq!(cycle(&mut guard, &good(0), Some(50)), Decision::Target(50));
     let refusal = TargetRejection::Bounds { target: 51, min: -50, max: 50 };
-    assert_eq!(cycle(&mut guard, &good(0), Some(51)), Decision::Refuse(refusal));
+    assert_eq!(cycle(&mut guard, &good(0), Some(51)), Decision::Reject(refusal));
     let mut outside = running_with(limits, 80);
-    assert!(matches!(cycle(&mut outside, &good(80), Some(81)), Decision::Refuse(_)));
+    assert!(matches!(cycle(&mut outside, &good(80), Some(81)), Decision::Reject(_)));
     assert_eq!(cycle(&mut outside, &good(80), None), Decision::Target(80));
     assert_eq!(cycle(&mut outside, &good(80), Some(70)), Decision::Target(70));
-    assert!(matches!(cycle(&mut outside, &good(70), Some(75)), Decision::Refuse(_)));
+    assert!(matches!(cycle(&mut outside, &good(70), Some(75)), Decision::Reject(_)));
     assert_eq!(cycle(&mut outside, &good(70), Some(0)), Decision::Target(0));
 }
 
@@ -224,18 +224,18 @@ fn a_wrapping_counter_may_wrap_and_a_linear_one_not() {
     assert_eq!(cycle(&mut guard, &good(i32::MAX), Some(i32::MIN)), wrapped);
     let mut linear = running(i32::MAX);
     let decision = cycle(&mut linear, &good(i32::MAX), Some(i32::MIN));
-    assert!(matches!(decision, Decision::Refuse(TargetRejection::Step { .. })));
+    assert!(matches!(decision, Decision::Reject(TargetRejection::Step { .. })));
 }
 
 #[test]
 fn an_incomplete_cycle_waits_and_too_many_hold() {
     let mut guard = running(0);
     let mut missed = good(0);
-    missed.way.complete = false;
-    missed.way.holding = true;
+    missed.path.is_complete = false;
+    missed.path.is_unconfirmed = true;
     missed.actual = Actual::None(PositionUnavailable::NoImage);
     for _ in 0..2 {
-        let wait = Decision::Wait(WaitReason::ImageHeld);
+        let wait = Decision::Wait(WaitReason::ImageUnconfirmed);
         assert_eq!(cycle(&mut guard, &missed, Some(50)), wait);
         assert!(!guard.wants_discard());
     }
@@ -265,7 +265,7 @@ fn a_cycle_has_one_target() {
 fn behind_a_full_image_a_cycle_is_left_out() {
     let mut guard = running(0);
     let mut full = good(0);
-    full.way.image_full = true;
+    full.path.image_full = true;
     let wait = Decision::Wait(WaitReason::ImageFull);
     assert_eq!(cycle(&mut guard, &full, Some(50)), wait);
     assert_eq!(cycle(&mut guard, &good(0), Some(50)), Decision::Target(50));
@@ -297,12 +297,12 @@ type Change = fn(&mut GuardInput);
 #[test]
 fn every_breach_holds_at_once_and_until_taken_up() {
     let breaches: [(Change, HoldReason); 13] = [
-        (|i| i.way.in_service = false, HoldReason::GatewayLost),
-        (|i| i.way.discarded = true, HoldReason::FramesDiscarded),
-        (|i| i.way.channel = ChannelView::BusOff, HoldReason::BusOff),
-        (|i| i.way.channel = ChannelView::NotRunning, HoldReason::ChannelStopped),
-        (|i| i.way.queue_refused = true, HoldReason::QueueFull),
-        (|i| i.way.target_lost = true, HoldReason::TargetLost),
+        (|i| i.path.is_ready = false, HoldReason::GatewayLost),
+        (|i| i.path.discarded = true, HoldReason::FramesDiscarded),
+        (|i| i.path.channel = ChannelView::BusOff, HoldReason::BusOff),
+        (|i| i.path.channel = ChannelView::NotRunning, HoldReason::ChannelStopped),
+        (|i| i.path.queue_rejected = true, HoldReason::QueueFull),
+        (|i| i.path.target_lost = true, HoldReason::TargetLost),
         (|i| i.drive.heartbeat_lost = true, HoldReason::HeartbeatLost),
         (|i| i.drive.not_operational = true, HoldReason::NotOperational),
         (|i| i.drive.unverified = true, HoldReason::Unverified),
@@ -329,7 +329,7 @@ fn every_breach_holds_at_once_and_until_taken_up() {
             assert_eq!(guard.decide(Some(0)), Decision::Closed, "{reason}");
         }
         assert_eq!(guard.state(), GuardState::Holding { reason });
-        guard.take_up();
+        guard.activate();
         let decisions: Vec<_> = (0..6).map(|_| cycle(&mut guard, &good(40), Some(1))).collect();
         let first = decisions.iter().position(|d| *d == Decision::First(40));
         assert!(first.is_some_and(|n| n >= 4), "after {reason}: {decisions:?}");
@@ -343,7 +343,7 @@ fn a_drive_that_holds_a_far_target_is_not_taken_up_enabled() {
         cycle(&mut guard, &good(0), Some(n * 100));
     }
     guard.hold();
-    guard.take_up();
+    guard.activate();
     for _ in 0..5 {
         assert!(cycle(&mut guard, &good(0), None).target().is_none());
     }
@@ -357,7 +357,7 @@ fn a_drive_that_holds_a_far_target_is_not_taken_up_enabled() {
 #[test]
 fn a_drive_that_never_says_that_it_follows_is_believed() {
     let mut guard = MotionGuard::new(LIMITS);
-    guard.take_up();
+    guard.activate();
     let mut input = good(0);
     input.drive.follows = false;
     for _ in 0..10 {
@@ -369,13 +369,13 @@ fn a_drive_that_never_says_that_it_follows_is_believed() {
 #[test]
 fn a_breach_during_the_take_up_starts_it_over() {
     let mut guard = MotionGuard::new(LIMITS);
-    guard.take_up();
+    guard.activate();
     for _ in 0..4 {
         cycle(&mut guard, &good(0), None);
     }
     assert_eq!(guard.state(), GuardState::Reading);
     let mut off = good(0);
-    off.way.channel = ChannelView::BusOff;
+    off.path.channel = ChannelView::BusOff;
     assert_eq!(cycle(&mut guard, &off, None), Decision::Closed);
     assert_eq!(guard.state(), GuardState::Draining);
     for n in 0..4 {
@@ -393,7 +393,7 @@ fn a_rate_begins_at_zero_and_wraps_nowhere() {
     assert_eq!(cycle(&mut guard, &good(50_000), Some(200)), Decision::Target(200));
     assert!(matches!(
         cycle(&mut guard, &good(50_000), Some(301)),
-        Decision::Refuse(TargetRejection::Step { step: 101, .. })
+        Decision::Reject(TargetRejection::Step { step: 101, .. })
     ));
 }
 
@@ -404,7 +404,7 @@ fn a_profile_target_may_be_far_and_homing_takes_none() {
     assert_eq!(cycle(&mut guard, &good(0), Some(1_000_000)), Decision::Target(1_000_000));
     let limits = GuardLimits { kind: TargetKind::None, ..LIMITS };
     let mut guard = running_with(limits, 0);
-    assert_eq!(cycle(&mut guard, &good(0), Some(1)), Decision::Refuse(TargetRejection::NoTargets));
+    assert_eq!(cycle(&mut guard, &good(0), Some(1)), Decision::Reject(TargetRejection::NoTargets));
     assert_eq!(cycle(&mut guard, &good(0), None), Decision::Target(0));
 }
 

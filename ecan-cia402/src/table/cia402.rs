@@ -199,7 +199,7 @@ impl Cia402 {
         sync_offset_ns: Option<u32>,
     ) -> Result<(), ScheduleError> {
         if let Some(axis) = self.axes.iter().find(|axis| axis.is_active()) {
-            return Err(ScheduleError::TakenUp { axis: axis.index });
+            return Err(ScheduleError::Active { axis: axis.index });
         }
         for offset_ns in [target_offset_ns, sync_offset_ns].into_iter().flatten() {
             self.check_offset(port, offset_ns)?;

@@ -156,7 +156,7 @@ impl Cia402 {
 
     /// Resets the fault of a drive, with a real edge: the bit goes out low, then high, each in
     /// several frames. The drive is not enabled by it. A drive that stays in fault ends it with
-    /// [`AxisError::ResetRefused`].
+    /// [`AxisError::ResetFailed`].
     ///
     /// # Errors
     /// A [`CommandError`].

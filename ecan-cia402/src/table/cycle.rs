@@ -19,7 +19,7 @@ pub struct SendSummary {
     /// Axes that are taken up and got nothing in this cycle: their motion must not go on.
     pub waiting: usize,
     /// Axes whose target was refused; [`decision`](Cia402::decision) says why.
-    pub refused: usize,
+    pub rejected: usize,
     /// Axes that are not taken up, or hold.
     pub closed: usize,
     /// SYNC messages.
@@ -32,14 +32,14 @@ impl SendSummary {
             Decision::Target(_) => self.targets += 1,
             Decision::Track(_) | Decision::First(_) => self.positions += 1,
             Decision::Wait(_) => self.waiting += 1,
-            Decision::Refuse(_) => self.refused += 1,
+            Decision::Reject(_) => self.rejected += 1,
             Decision::Closed => self.closed += 1,
         }
     }
 
     /// Whether every axis got a target of the application.
     pub fn all_moved(&self) -> bool {
-        self.targets > 0 && self.positions + self.waiting + self.refused + self.closed == 0
+        self.targets > 0 && self.positions + self.waiting + self.rejected + self.closed == 0
     }
 }
 
@@ -140,7 +140,7 @@ impl Cia402 {
             let outgoing = axis.prepare(stepping, with_target);
             if let Some(outgoing) = outgoing {
                 let gateway = self.gateways.get(place.0);
-                let is_open = gateway.is_some_and(|g| g.is_in_service() && !g.is_holding());
+                let is_open = gateway.is_some_and(|g| g.is_ready() && !g.is_unconfirmed());
                 if !is_open || full.contains(place) {
                     axis.skipped();
                 } else {
@@ -180,7 +180,7 @@ impl Cia402 {
             let gateway = self.gateways.get(axis.settings.address.slave);
             let counts = axis.state.is_configured()
                 && axis.reachability.operational
-                && gateway.is_some_and(|g| g.is_in_service());
+                && gateway.is_some_and(|g| g.is_ready());
             let address = axis.settings.address;
             if !counts {
                 axis.statistics.restart_tpdo_count();

@@ -27,7 +27,7 @@ pub enum ScheduleError {
     },
     /// An axis is taken up: a target at once would overtake one that is still scheduled.
     #[error("axis {axis} is taken up: disable it first")]
-    TakenUp {
+    Active {
         /// Index of the axis.
         axis: usize,
     },

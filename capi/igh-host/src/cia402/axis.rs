@@ -179,7 +179,7 @@ impl igh_cia402_axis_t {
             node_id,
             mode: settings.mode.raw(),
             pdo_number: settings.pdo_number,
-            auto_take_up: settings.auto_take_up.into(),
+            auto_take_up: settings.auto_resume.into(),
             range: igh_cia402_range_t::IGH_CIA402_RANGE_LINEAR as u8,
             range_min: 0,
             range_max: 0,
@@ -274,7 +274,7 @@ impl igh_cia402_axis_t {
             tpdo_timeout: self.tpdo_timeout,
             wc_misses: self.wc_misses,
             drain_images: self.drain_images,
-            auto_take_up: self.auto_take_up != 0,
+            auto_resume: self.auto_take_up != 0,
             enable_timeout: duration(self.enable_timeout_ms),
             pdo_number: self.pdo_number,
             drive,
@@ -442,7 +442,7 @@ mod tests {
             range: PositionRange::Modulo { min: -5, max: 7 },
             bounds: Some((-3, 3)),
             scale: Scale::steps_per_turn(4096.0).with_origin(11),
-            auto_take_up: true,
+            auto_resume: true,
             drive,
             ..defaults(0)
         };

@@ -42,7 +42,7 @@ mirror! {
         /// Axes that are taken up and got nothing in this cycle: their motion must not go on.
         waiting: u32 = rust.waiting as u32,
         /// Axes whose target was refused.
-        refused: u32 = rust.refused as u32,
+        refused: u32 = rust.rejected as u32,
         /// Axes that are not taken up, or hold.
         closed: u32 = rust.closed as u32,
         /// SYNC messages.

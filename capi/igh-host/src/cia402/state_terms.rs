@@ -62,7 +62,7 @@ mirror! {
         /// Nothing now; decision_reason is an igh_cia402_wait_t.
         IGH_CIA402_DECISION_WAIT = 4 => Decision::Wait(_),
         /// Not this target; decision_reason is an igh_cia402_refusal_t.
-        IGH_CIA402_DECISION_REFUSED = 5 => Decision::Refuse(_),
+        IGH_CIA402_DECISION_REFUSED = 5 => Decision::Reject(_),
     }
 }
 
@@ -72,7 +72,7 @@ mirror! {
         /// The working counter of this cycle is incomplete.
         IGH_CIA402_WAIT_WORKING_COUNTER = 1 => WaitReason::WorkingCounter,
         /// The last image may not have arrived and is repeated.
-        IGH_CIA402_WAIT_IMAGE_HELD = 2 => WaitReason::ImageHeld,
+        IGH_CIA402_WAIT_IMAGE_HELD = 2 => WaitReason::ImageUnconfirmed,
         /// The first target must be an actual position of this very cycle, and there is none.
         IGH_CIA402_WAIT_NO_FRESH_POSITION = 3 => WaitReason::NoFreshPosition,
         /// The drive still holds an old target, far from the axis: it must be switched off first.
@@ -82,7 +82,7 @@ mirror! {
         /// This cycle has had its target.
         IGH_CIA402_WAIT_SPENT = 6 => WaitReason::Spent,
         /// A frame was refused in this cycle; the axis will hold.
-        IGH_CIA402_WAIT_FRAME_REFUSED = 7 => WaitReason::Refused,
+        IGH_CIA402_WAIT_FRAME_REFUSED = 7 => WaitReason::Rejected,
     }
 }
 
@@ -160,7 +160,7 @@ mirror! {
         /// The drive has a fault; error_code.
         IGH_CIA402_AXIS_ERROR_FAULT = 4 => Some(AxisError::Fault { .. }),
         /// The drive stays in fault after a reset; error_code.
-        IGH_CIA402_AXIS_ERROR_RESET_REFUSED = 5 => Some(AxisError::ResetRefused { .. }),
+        IGH_CIA402_AXIS_ERROR_RESET_REFUSED = 5 => Some(AxisError::ResetFailed { .. }),
         /// The axis held; hold_reason.
         IGH_CIA402_AXIS_ERROR_HELD = 6 => Some(AxisError::Held(_)),
         /// Homing ended without a home position.
@@ -194,7 +194,7 @@ mirror! {
 pub(crate) fn decision_reason(decision: Decision) -> u8 {
     match decision {
         Decision::Wait(reason) => igh_cia402_wait_t::from(reason) as u8,
-        Decision::Refuse(rejection) => igh_cia402_refusal_t::from(rejection) as u8,
+        Decision::Reject(rejection) => igh_cia402_refusal_t::from(rejection) as u8,
         _ => 0,
     }
 }

@@ -18,13 +18,13 @@ mirror! {
         /// Targets handed to the gateway, the first ones included.
         targets_sent: u64,
         /// Times that the axis was taken up while enabled.
-        take_ups: u64,
+        take_ups: u64 = rust.activations,
         /// Targets of the application that were refused, for any reason.
-        targets_refused: u64,
+        targets_refused: u64 = rust.targets_rejected,
         /// Those refused because of the step limit.
-        refused_step: u64,
+        refused_step: u64 = rust.rejected_step,
         /// Those refused because of the following window.
-        refused_window: u64,
+        refused_window: u64 = rust.rejected_window,
         /// Cycles in which a running axis got no target: a missed working counter, a repeated
         /// image, no room.
         waits: u64,
