@@ -4,5 +4,6 @@
 
 pub mod interrupt;
 pub mod log_file;
+pub mod logging;
 pub mod new_file;
 pub mod real_time;

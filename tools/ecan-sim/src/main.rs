@@ -13,11 +13,14 @@ mod wire;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use ecan_command_line::logging::LogArguments;
 
 /// Simulated ECAN-Lite gateways for any EtherCAT master.
 #[derive(Debug, Parser)]
 #[command(name = "ecan-sim", version)]
 struct Arguments {
+    #[command(flatten)]
+    log: LogArguments,
     #[command(subcommand)]
     command: Command,
 }
@@ -30,7 +33,9 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let outcome = match &Arguments::parse().command {
+    let arguments = Arguments::parse();
+    arguments.log.start();
+    let outcome = match &arguments.command {
         Command::Wire(arguments) => wire::run(arguments).map_err(|error| error.to_string()),
         Command::Firmware(arguments) => firmware::run(arguments).map_err(|error| error.to_string()),
     };

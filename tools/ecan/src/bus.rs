@@ -47,6 +47,7 @@ impl Bus {
         }
         let master = |error: Error| Failure::Master(error.to_string());
         let diagnostics = Diagnostics::of_bus(&backend.ecrt, global.master()).map_err(master)?;
+        tracing::debug!(master = global.master(), slaves = diagnostics.slave_count(), "bus opened");
         if !diagnostics.master_state().map_err(master)?.link_up {
             let words = format!(
                 "master {} has no link: is the cable plugged in, is the first slave powered?",

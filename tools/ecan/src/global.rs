@@ -1,6 +1,7 @@
 //! Options that every command has.
 
 use clap::{Args, ValueEnum};
+use ecan_command_line::logging::LogArguments;
 
 use crate::failure::Failure;
 use crate::slave_choice::SlaveChoice;
@@ -50,6 +51,8 @@ pub struct GlobalOptions {
     /// Colours; auto: on a terminal, unless NO_COLOR is set
     #[arg(long, global = true, value_enum, default_value_t = Color::Auto, value_name = "WHEN")]
     pub color: Color,
+    #[command(flatten)]
+    pub log: LogArguments,
 }
 
 impl GlobalOptions {

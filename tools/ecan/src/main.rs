@@ -44,6 +44,7 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let Arguments { global, command } = Arguments::parse();
+    global.log.start();
     let output = Output::new(global.json, global.color);
     let outcome = match &command {
         Command::Scan => commands::scan::run(&global, &output),

@@ -40,7 +40,7 @@ With -T the exit status is 1 where fewer frames came than -n asks for, or none w
 
 /// Arguments of `dump`.
 #[derive(Debug, Args)]
-#[command(group = ArgGroup::new("file").multiple(true).args(["log", "capture"]))]
+#[command(group = ArgGroup::new("file").multiple(true).args(["record", "capture"]))]
 pub struct DumpArguments {
     /// Filters, ID:MASK or ID~MASK in hexadecimal, and j for frames that all of them pass
     #[arg(value_name = "FILTER", value_delimiter = ',', value_parser = parse_rule)]
@@ -74,11 +74,11 @@ pub struct DumpArguments {
     extra: bool,
     /// Write a candump log; nothing is shown then, but with --screen; - is standard output
     #[arg(short = 'l', long, value_name = "FILE")]
-    log: Option<PathBuf>,
+    record: Option<PathBuf>,
     /// Print in the form of the log
     #[arg(short = 'L', long, conflicts_with_all = ["ascii", "device_time"])]
     log_format: bool,
-    /// Show the frames although they go into a file, with --log or --capture
+    /// Show the frames although they go into a file, with --record or --capture
     #[arg(long, requires = "file")]
     screen: bool,
     #[command(flatten)]
@@ -130,7 +130,7 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     let FrameOptions { capture, gateway } = &arguments.options;
-    let log = arguments.log.as_deref();
+    let log = arguments.record.as_deref();
     capture.check_apart_from(log)?;
     let is_filed = log.is_some() || capture.path().is_some();
     let is_on_output = capture.is_on_output() || log.is_some_and(is_standard_stream);

@@ -25,7 +25,7 @@ Examples:
   ecan replay drive.log                        on channel 0, at the times of the log
   ecan replay drive.log --channel all          frames of can2 on channel 2, and so on
   ecan replay drive.log --speed 10 --loop 5    ten times as fast, five times
-  ecan replay drive.log --log back.log         and log what comes back
+  ecan replay drive.log --record back.log      and record what comes back
   ecan replay drive.log --capture both.pcapng  both ways, for Wireshark";
 
 /// How often the recording is sent.
@@ -64,7 +64,7 @@ pub struct ReplayArguments {
     loops: Loops,
     /// Log what comes from the bus meanwhile; - is standard output
     #[arg(long, value_name = "FILE")]
-    log: Option<PathBuf>,
+    record: Option<PathBuf>,
     /// End where no frame leaves for so many milliseconds
     #[arg(long, value_name = "MS", default_value_t = 2000)]
     timeout: u64,
@@ -98,8 +98,8 @@ impl Recording {
             let file = arguments.file.canonicalize().ok();
             file.is_some() && file == out.canonicalize().ok()
         };
-        let (log, capture) = (arguments.log.as_deref(), arguments.options.capture.path());
-        for (option, out) in [("--log", log), ("--capture", capture)] {
+        let (log, capture) = (arguments.record.as_deref(), arguments.options.capture.path());
+        for (option, out) in [("--record", log), ("--capture", capture)] {
             if out.is_some_and(same) {
                 let words = format!("{option} would overwrite the recording {name}");
                 return Err(Failure::Usage(words));
@@ -163,7 +163,7 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     let ReplayArguments { channel, options, .. } = arguments;
-    let log = arguments.log.as_deref();
+    let log = arguments.record.as_deref();
     let is_output_taken = options.capture.is_on_output() || log.is_some_and(is_standard_stream);
     let output = &output.beside(is_output_taken);
     let recording = Recording::read(arguments)?;

@@ -57,7 +57,7 @@ impl CaptureOptions {
     /// Refuses to write a log and the capture into the same file.
     pub fn check_apart_from(&self, log: Option<&Path>) -> Result<(), Failure> {
         match log.is_some() && log == self.path() {
-            true => Err(Failure::Usage("--log and --capture name the same file".to_owned())),
+            true => Err(Failure::Usage("--record and --capture name the same file".to_owned())),
             false => Ok(()),
         }
     }

@@ -239,15 +239,18 @@ fn misuse_is_told() {
     let message = fails(2, &["--ecrt", "sim", "dump", "--images"]);
     assert!(message.contains("--capture <FILE>"), "{message}");
     let message = fails(2, &["--ecrt", "sim", "dump", "--screen"]);
-    assert!(message.contains("--log <FILE>") && message.contains("--capture <FILE>"), "{message}");
-    let message = fails(2, &["--ecrt", "sim", "dump", "--log", "x", "--capture", "x"]);
-    assert_eq!(message, "ecan: --log and --capture name the same file");
+    assert!(
+        message.contains("--record <FILE>") && message.contains("--capture <FILE>"),
+        "{message}"
+    );
+    let message = fails(2, &["--ecrt", "sim", "dump", "--record", "x", "--capture", "x"]);
+    assert_eq!(message, "ecan: --record and --capture name the same file");
     let bus = bus();
     let log = bus.write("drive.log", "(1.000000) can0 123#01\n");
     let message = bus.fails(2, &["replay", &log, "--capture", &log]);
     assert!(message.contains("--capture would overwrite the recording"), "{message}");
-    let message = bus.fails(2, &["replay", &log, "--log", "x", "--capture", "x"]);
-    assert_eq!(message, "ecan: --log and --capture name the same file");
+    let message = bus.fails(2, &["replay", &log, "--record", "x", "--capture", "x"]);
+    assert_eq!(message, "ecan: --record and --capture name the same file");
     let commands: [&[&str]; 3] = [&["send", "123#"], &["gen", "-n", "9"], &["replay", &log]];
     for command in commands {
         let message = bus.fails(6, &[command, &["--capture", "/dev/full"]].concat());

@@ -42,7 +42,7 @@ fn the_screen_is_candumps() {
 fn the_log_is_candumps_on_the_screen_and_in_a_file() {
     let bus = bus();
     let shown = bus.good(&["dump", "-n", "5", "-L"]);
-    assert_eq!(bus.good(&["dump", "-n", "5", "--log", &bus.path("out.log")]), "");
+    assert_eq!(bus.good(&["dump", "-n", "5", "--record", &bus.path("out.log")]), "");
     assert_eq!(bus.read("out.log"), shown);
     let records: Vec<_> =
         shown.lines().map(|line| ecan_candump::parse_line(line).unwrap().unwrap()).collect();
@@ -225,7 +225,7 @@ fn misuse_is_named_and_told_by_the_status() {
         (2, &["dump", "-n", "0"], "0 is not in 1.."),
         (2, &["dump", "-t", "x"], "possible values: a, d, z, A"),
         (2, &["dump", "-L", "-a"], "cannot be used with"),
-        (2, &["dump", "--screen"], "--log"),
+        (2, &["dump", "--screen"], "--record"),
         (
             2,
             &["--ecrt", "sim", "dump", "--pdo-n", "25"],

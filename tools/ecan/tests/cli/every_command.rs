@@ -137,6 +137,22 @@ fn real_time_that_is_not_granted_is_no_missing_master() {
 }
 
 #[test]
+fn log_option_and_variable_write_events_to_stderr() {
+    let run = |arguments: &[&str], variable: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+        command.env_remove("ECAN_ECRT").env("RUST_LOG", variable);
+        let output = command.args(["--ecrt", "sim", "scan"]).args(arguments).output().unwrap();
+        assert!(output.status.success() && !output.stdout.is_empty());
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert!(run(&["--log", "debug"], "").contains("bus opened"));
+    assert!(run(&[], "ecan=debug").contains("bus opened"));
+    assert!(!run(&[], "").contains("bus opened"));
+    assert!(!run(&["--log", "off"], "debug").contains("bus opened"));
+    assert!(fails(2, &["scan", "--log", "ecan=loud"]).contains("expected a level"));
+}
+
+#[test]
 fn signals_that_cannot_be_caught_are_no_missing_master() {
     // The system refuses the thread that waits for them.
     let traced = |command: &[&str]| {

@@ -15,7 +15,7 @@ fn a_file_that_is_there_outlives_every_failure() {
     let commands: [&[&str]; 5] = [
         &["dump", "-l", &kept, "--force"],
         &["dump", "--capture", &kept, "--force"],
-        &["replay", &drive, "--log", &kept, "--force"],
+        &["replay", &drive, "--record", &kept, "--force"],
         &["send", "123#", "--capture", &kept, "--force"],
         &["gen", "-n", "1", "--capture", &kept, "--force"],
     ];
@@ -33,7 +33,7 @@ fn a_file_that_is_there_outlives_every_failure() {
         assert_eq!(message, words, "{command:?}");
         assert_eq!(bus.read("kept"), "precious", "{command:?}");
     }
-    bus.good(&["replay", &drive, "--log", &kept, "--force"]);
+    bus.good(&["replay", &drive, "--record", &kept, "--force"]);
     assert_eq!(bus.read("kept").lines().count(), 3);
 }
 
@@ -67,7 +67,7 @@ fn fed(arguments: &[&str], input: &str) -> (Option<i32>, String, String) {
 fn a_dash_is_standard_input_and_output() {
     let bus = Scenario::new(ECHO);
     let setting = bus.setting();
-    let replay = ["--ecrt", &setting, "replay", "-", "--log", "-"];
+    let replay = ["--ecrt", &setting, "replay", "-", "--record", "-"];
     let (status, log, errors) = fed(&replay, LOG);
     assert_eq!(status, Some(0), "{errors}");
     let frames: Vec<_> = log.lines().filter_map(|line| line.split(' ').nth(2)).collect();

@@ -123,7 +123,7 @@ const LOG: &str = "\
 fn a_recording_is_sent_at_its_times_and_its_echo_logged() {
     let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n");
     let (log, back) = (bus.write("drive.log", LOG), bus.path("back.log"));
-    let shown = bus.good(&["replay", &log, "--log", &back]);
+    let shown = bus.good(&["replay", &log, "--record", &back]);
     assert!(shown.starts_with("4 frames sent, 0 lost, 4 received in 1."), "{shown}");
     let records = |text: &str| {
         let records = text.lines().filter_map(|line| ecan_candump::parse_line(line).unwrap());
@@ -149,7 +149,7 @@ fn frames_of_a_recording_go_to_their_channels() {
         .collect();
     let bus = Scenario::new(&nodes);
     let (log, back) = (bus.write("drive.log", LOG), bus.path("back.log"));
-    let shown = bus.good(&["replay", &log, "--channel", "all", "--log", &back]);
+    let shown = bus.good(&["replay", &log, "--channel", "all", "--record", &back]);
     // can7 is no channel.
     assert!(shown.starts_with("3 frames sent, 0 lost, 3 received"), "{shown}");
     let text = bus.read("back.log");
@@ -188,7 +188,7 @@ fn misuse_is_named_and_told_by_the_status() {
         (2, &["gen", "-D", "1"], "x for a random digit"),
         (2, &[SIM, "gen", CLASSIC, "-f"], "channel 0 has no data bit rate, give --data-bitrate"),
         (2, &[SIM, "replay", CLASSIC, &fd], "fd.log, line 1 is a CAN FD frame: channel 0 has no"),
-        (2, &["replay", &good, "--log", &good], "would overwrite the recording"),
+        (2, &["replay", &good, "--record", &good], "would overwrite the recording"),
         (2, &["replay", &good, "--speed", "0"], "expected a factor"),
         (2, &["replay", &good, "--channel", "2,3"], "no frame of a chosen channel"),
         (6, &["replay", &broken], "b.log, line 1, column"),
