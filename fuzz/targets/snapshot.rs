@@ -44,7 +44,7 @@ fuzz_target!(|data: &[u8]| {
         assert!(!finding.what.is_empty() && !finding.causes.is_empty() && !finding.next.is_empty());
     }
     for (key, value) in &snapshot.values {
-        if let Some(words) = registers::words(key.index, *value) {
+        if let Some(words) = registers::text(key.index, *value) {
             assert!(!words.is_empty());
         }
     }

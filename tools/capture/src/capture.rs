@@ -1,4 +1,4 @@
-//! A capture: CAN frames, error frames and process images, each on its interface.
+//! A capture with CAN frames, error frames and PDO images, each on its interface.
 
 use std::io::{self, Write};
 
@@ -10,17 +10,17 @@ use crate::image::{self, ImageOrigin};
 use crate::pcapng::Blocks;
 use crate::socketcan;
 
-/// Which way a CAN frame went.
+/// Direction of a CAN frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Traffic {
-    /// From the bus.
+    /// Received from the bus.
     Received,
-    /// To the bus.
+    /// Sent to the bus.
     Sent,
 }
 
 impl Traffic {
-    /// The bits of a packet's flags.
+    /// Bits of the packet flags.
     const fn flags(self) -> u32 {
         match self {
             Self::Received => 1,
@@ -29,17 +29,17 @@ impl Traffic {
     }
 }
 
-/// What an interface of the capture stands for.
+/// Interface of the capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Interface {
     Can(usize),
     Images(u16),
 }
 
-/// Writes a capture.
+/// Writer of a capture.
 ///
-/// An interface is described when its first packet comes; otherwise nothing is allocated. Times are
-/// nanoseconds since 1970. Not for the cycle: writing waits for the file, see
+/// Writes the description of an interface before its first packet and allocates only then. Times
+/// are nanoseconds since 1970. Do not use it in the cycle, because it waits for the file; see
 /// [`Recorder`](crate::Recorder).
 #[derive(Debug)]
 pub struct Capture<W> {
@@ -48,19 +48,19 @@ pub struct Capture<W> {
 }
 
 impl<W: Write> Capture<W> {
-    /// Begins a capture. The writer should have a buffer; the application's name stands in the file.
+    /// Starts a capture. The writer should be buffered; `application` is stored in the file.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// I/O errors of the writer.
     pub fn new(writer: W, application: &str) -> io::Result<Self> {
         let blocks = Blocks::begin(writer, application)?;
         Ok(Self { blocks, interfaces: Vec::with_capacity(16) })
     }
 
-    /// A CAN frame; `port` counts the channels of all gateways, `can0` being the first.
+    /// Writes a CAN frame; `port` counts the channels of all gateways from `can0`.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// I/O errors of the writer.
     pub fn frame(
         &mut self,
         time_ns: u64,
@@ -73,10 +73,10 @@ impl<W: Write> Capture<W> {
         self.blocks.packet(interface, time_ns, traffic.flags(), &header, frame.data())
     }
 
-    /// An error frame of a channel.
+    /// Writes an error frame of a channel.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// I/O errors of the writer.
     pub fn error(&mut self, time_ns: u64, port: usize, error: &ErrorFrame) -> io::Result<()> {
         let interface = self.interface(Interface::Can(port))?;
         let header = socketcan::error_header(error);
@@ -84,10 +84,10 @@ impl<W: Write> Capture<W> {
         self.blocks.packet(interface, time_ns, flags, &header, error.data())
     }
 
-    /// A process image as it is, 128 * N bytes.
+    /// Writes a PDO image, 128 * N bytes.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// I/O errors of the writer.
     pub fn image(&mut self, time_ns: u64, origin: &ImageOrigin, image: &[u8]) -> io::Result<()> {
         let interface = self.interface(Interface::Images(origin.slave))?;
         let traffic = match origin.direction {
@@ -97,18 +97,18 @@ impl<W: Write> Capture<W> {
         self.blocks.packet(interface, time_ns, traffic.flags(), &origin.header(), image)
     }
 
-    /// Writes out what the writer's buffer holds.
+    /// Flushes the writer.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// I/O errors of the writer.
     pub fn flush(&mut self) -> io::Result<()> {
         self.blocks.flush()
     }
 
-    /// Ends the capture and gives the writer back.
+    /// Ends the capture and returns the writer.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// I/O errors of the writer.
     pub fn finish(self) -> io::Result<W> {
         self.blocks.finish()
     }

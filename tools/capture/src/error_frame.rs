@@ -1,16 +1,16 @@
-//! Error frames: how a host tells that something is wrong with a channel.
+//! Error frames for changes of the channel state.
 
 use ecan_protocol::image::ChannelStatus;
 
 const CONTROLLER: u32 = 1 << 2;
 const BUS_OFF: u32 = 1 << 6;
 const RESTARTED: u32 = 1 << 8;
-/// Place of the controller's state in the data, and what it says.
+/// Index of the controller state in the data, and its values.
 const CONTROLLER_STATE: usize = 1;
 const WARNING_BOTH_WAYS: u8 = 0x04 | 0x08;
 const ACTIVE_AGAIN: u8 = 0x40;
 
-/// What is wrong with a channel, in the classes and data bytes of Linux (`linux/can/error.h`).
+/// Error frame with the classes and data bytes of Linux (`linux/can/error.h`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ErrorFrame {
     classes: u32,
@@ -18,15 +18,16 @@ pub struct ErrorFrame {
 }
 
 impl ErrorFrame {
-    /// An error frame of these classes; bits 29 to 31 are not used.
+    /// Creates an error frame of these classes; bits 29 to 31 are ignored.
     pub const fn new(classes: u32, data: [u8; 8]) -> Self {
         Self { classes: classes & 0x1FFF_FFFF, data }
     }
 
-    /// What a change of the channel's status word tells (manual 7): bus-off, running again after
-    /// it, the error warning set or gone; `None` where nothing of that has changed.
+    /// Converts a change of the channel status word (manual 7): bus-off, recovery, error warning
+    /// set or cleared; `None` for other changes.
     ///
-    /// The word has one bit for warning and error passive, so the frame says warning for both.
+    /// The word has one bit for error warning and error passive; the frame reports error warning
+    /// for both.
     pub fn of_change(before: ChannelStatus, after: ChannelStatus) -> Option<Self> {
         let mut data = [0; 8];
         let classes = if before.bus_off() != after.bus_off() {
@@ -40,12 +41,12 @@ impl ErrorFrame {
         Some(Self { classes, data })
     }
 
-    /// The classes, bits 0 to 28.
+    /// Error classes, bits 0 to 28.
     pub const fn classes(&self) -> u32 {
         self.classes
     }
 
-    /// The data bytes.
+    /// Data bytes.
     pub const fn data(&self) -> &[u8; 8] {
         &self.data
     }
@@ -56,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn changes_of_the_status_word_become_error_frames() {
+    fn status_changes_become_error_frames() {
         let fine = ChannelStatus::from_raw(2);
         let warned = fine.with_warn(true);
         let off = warned.with_bus_off(true);

@@ -1,25 +1,25 @@
-//! Process images and what stands in front of them.
+//! PDO images and their header in a capture.
 
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
 
-/// The link type.
+/// Link type of images.
 pub const LINK_TYPE: u16 = 147;
-/// Bytes in front of an image.
+/// Size of the header before an image, in bytes.
 pub const IMAGE_HEADER_BYTES: usize = 16;
 
 const MAGIC: [u8; 4] = *b"ECAN";
 const VERSION: u8 = 1;
 
-/// Whose image it is, and how to read it.
+/// Origin and profile of an image.
 ///
-/// It stands in front of an image as 16 bytes, little-endian:
+/// Its header of 16 bytes precedes the image, little-endian:
 ///
 /// | Offset | Size | Content |
 /// |---|---|---|
 /// | 0 | 4 | `ECAN` |
 /// | 4 | 1 | version of this header, 1 |
-/// | 5 | 1 | bytes of this header, 16; a reader goes on behind them |
+/// | 5 | 1 | size of this header in bytes, 16; the image follows |
 /// | 6 | 1 | direction: 0 RxPDO (from the master), 1 TxPDO (from the gateway) |
 /// | 7 | 1 | 0 |
 /// | 8 | 2 | slave |
@@ -27,16 +27,16 @@ const VERSION: u8 = 1;
 /// | 12 | 4 | profile word: N - 1, channels, profile, budget, options (manual 5.4.4.1) |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImageOrigin {
-    /// Number of the gateway, as the application counts them.
+    /// Index of the gateway in the application.
     pub slave: u16,
     /// Direction of the image.
     pub direction: Direction,
-    /// The profile that is active in this direction.
+    /// Active profile of this direction.
     pub profile: PdoProfile,
 }
 
 impl ImageOrigin {
-    /// The header.
+    /// Encodes the header.
     pub fn header(&self) -> [u8; IMAGE_HEADER_BYTES] {
         let [e, c, a, n] = MAGIC;
         let direction = match self.direction {

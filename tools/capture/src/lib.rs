@@ -1,20 +1,19 @@
-//! Captures for Wireshark: CAN frames and process images of the gateway in one pcapng file.
+//! Captures for Wireshark: CAN frames and PDO images of gateways in one pcapng file.
 //!
-//! CAN frames are written in the link type that Wireshark knows (`LINKTYPE_CAN_SOCKETCAN`, 227).
-//! Process images (manual 6) have the first link type for private use (`LINKTYPE_USER0`, 147) with
-//! 16 bytes in front, see [`ImageOrigin`]; `wireshark/ecan_pdo.lua` shows their fields. Each channel
-//! and each gateway is an interface of the capture, named `can0`, `can1` ... and `ecan0` ....
+//! CAN frames use the link type `LINKTYPE_CAN_SOCKETCAN` (227). PDO images (manual 6) use the first
+//! private link type (`LINKTYPE_USER0`, 147) with a header of 16 bytes, see [`ImageOrigin`];
+//! `wireshark/ecan_pdo.lua` dissects them. Each channel and each gateway is an interface of the
+//! capture, named `can0`, `can1` ... and `ecan0` ....
 //!
-//! [`Capture`] writes where it is called. [`Recorder`] has a thread that writes, for applications
+//! [`Capture`] writes synchronously. [`Recorder`] writes on a thread of its own, for applications
 //! that must not wait.
 //!
-//! # From an application
+//! # In an application
 //!
-//! The recorder stands beside the cycle: received frames go in behind `cycle_begin`, images as they
-//! are behind `cycle_begin` (TxPDO) and `cycle_end` (RxPDO). A frame that the application sends may
-//! be recorded when it is handed over, as here, or when the gateway's transmit result (manual 10)
-//! says that it was taken. Start the recorder before the real-time settings of the cycle's thread
-//! are applied, so that its own thread does not inherit them.
+//! Call the recorder from the cycle: record received frames and the TxPDO image after the cycle
+//! begins, and the RxPDO image after it ends. Record a sent frame when it is sent, as here, or when
+//! the gateway reports its transmit result (manual 10). Start the recorder before the real-time
+//! settings of the cycle thread are applied, so that its thread does not inherit them.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -83,8 +82,8 @@
 //! # Ok(()) }
 //! ```
 //!
-//! A recorder drops and counts what the file is too slow for, see [`Recording`]. The program `ecan`
-//! records in the same way: `ecan dump`, `send`, `gen`, `replay` and `bridge` with `--capture FILE`.
+//! A recorder drops and counts packets if the file is too slow, see [`Recording`]. `ecan dump`,
+//! `send`, `gen`, `replay` and `bridge` use it for `--capture FILE`.
 
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]

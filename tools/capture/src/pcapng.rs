@@ -12,12 +12,12 @@ const SECTION_APPLICATION: u16 = 4;
 const INTERFACE_NAME: u16 = 2;
 const INTERFACE_TIME_RESOLUTION: u16 = 9;
 const PACKET_FLAGS: u16 = 2;
-/// Decimal digits behind the second.
+/// Decimal digits of the seconds' fraction.
 const NANOSECONDS: u8 = 9;
-/// Type and length in front, the length again at the end.
+/// Block type and length before the content, and the length after it.
 const FRAMING_BYTES: usize = 12;
 
-/// Writes blocks, little-endian; each is put together in one buffer that is used again.
+/// Writer of little-endian blocks; each is built in one reused buffer.
 #[derive(Debug)]
 pub struct Blocks<W> {
     writer: W,
@@ -26,13 +26,13 @@ pub struct Blocks<W> {
 }
 
 impl<W: Write> Blocks<W> {
-    /// Begins a section: the name of the program that writes it.
+    /// Starts a section with the name of the application.
     pub fn begin(writer: W, application: &str) -> io::Result<Self> {
         let mut blocks = Self { writer, block: Vec::with_capacity(4096), interfaces: 0 };
         blocks.u32(BYTE_ORDER_MAGIC);
         blocks.u16(1);
         blocks.u16(0);
-        // The length of the section is not known.
+        // Unknown section length.
         blocks.bytes(&u64::MAX.to_le_bytes());
         blocks.option(SECTION_APPLICATION, application.as_bytes());
         blocks.option(OPTION_END, &[]);
@@ -40,11 +40,11 @@ impl<W: Write> Blocks<W> {
         Ok(blocks)
     }
 
-    /// Describes an interface with time stamps in nanoseconds; its number.
+    /// Describes an interface with time stamps in nanoseconds; returns its number.
     pub fn describe(&mut self, link_type: u16, name: &str) -> io::Result<u32> {
         self.u16(link_type);
         self.u16(0);
-        // Packets of any length.
+        // No limit of the packet length.
         self.u32(0);
         self.option(INTERFACE_NAME, name.as_bytes());
         self.option(INTERFACE_TIME_RESOLUTION, &[NANOSECONDS]);
@@ -55,7 +55,7 @@ impl<W: Write> Blocks<W> {
         Ok(number)
     }
 
-    /// A packet in two parts, one behind the other.
+    /// Writes a packet with a header and content.
     pub fn packet(
         &mut self,
         interface: u32,
@@ -78,12 +78,12 @@ impl<W: Write> Blocks<W> {
         self.put(ENHANCED_PACKET)
     }
 
-    /// Writes out what the writer holds.
+    /// Flushes the writer.
     pub fn flush(&mut self) -> io::Result<()> {
         self.writer.flush()
     }
 
-    /// Ends it.
+    /// Flushes and returns the writer.
     pub fn finish(mut self) -> io::Result<W> {
         self.writer.flush()?;
         Ok(self.writer)
@@ -105,7 +105,7 @@ impl<W: Write> Blocks<W> {
         self.block.resize(self.block.len().next_multiple_of(4), 0);
     }
 
-    /// An option; a text that the format cannot hold is cut.
+    /// Appends an option; a value that is too long is truncated.
     fn option(&mut self, code: u16, value: &[u8]) {
         let length = u16::try_from(value.len()).unwrap_or(u16::MAX);
         self.u16(code);

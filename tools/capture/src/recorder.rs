@@ -1,4 +1,4 @@
-//! Writing beside the cycle: a file that is slow does not hold it up.
+//! Recording on a thread of its own, so that a slow file does not delay the cycle.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -14,17 +14,17 @@ use crate::capture::{Capture, Traffic};
 use crate::error_frame::ErrorFrame;
 use crate::image::ImageOrigin;
 
-/// Packets that may wait to be written.
+/// Maximum number of queued packets.
 const QUEUE: usize = 1 << 15;
-/// Images that may wait: a second of both directions at a cycle of 1 ms.
+/// Maximum number of queued images: one second of both directions at a cycle of 1 ms.
 const IMAGES: usize = 2048;
 
-/// For so long a file may stand still when there is a hurry.
+/// Time limit of a stalled file in a hurry.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Between two looks at what is waited for.
+/// Poll interval.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// What waits to be written.
+/// Queued packet.
 #[derive(Debug)]
 enum Packet {
     Frame { port: usize, traffic: Traffic, frame: CanFrame },
@@ -32,44 +32,43 @@ enum Packet {
     Image { origin: ImageOrigin, image: Vec<u8> },
 }
 
-/// What became of a recording.
+/// Result of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Recording {
-    /// Packets in the file.
+    /// Number of packets in the file.
     pub written: u64,
-    /// Packets for which there was no room, because the file is too slow.
+    /// Number of packets dropped because the file was too slow.
     pub dropped: u64,
 }
 
 /// A [`Capture`] with a thread that writes it.
 ///
-/// To hand something over takes neither memory nor a system call, but for waking the thread that
-/// writes. Where there is no room it is dropped and counted, or waited for if the recorder
-/// is [patient](Self::set_patient).
+/// Recording does not allocate and makes no system call except to wake the thread. If the queue is
+/// full, a packet is dropped and counted, or waited for if the recorder is
+/// [patient](Self::set_patient).
 ///
-/// A recorder that goes out of scope waits until everything is written, as
-/// [`finish`](Self::finish) does, but cannot tell what became of it.
+/// Dropping a recorder waits as [`finish`](Self::finish) does, without a result.
 #[derive(Debug)]
 pub struct Recorder {
     queue: Option<SyncSender<(u64, Packet)>>,
-    /// Buffers for images, back from the thread.
+    /// Free image buffers, returned by the thread.
     free: Receiver<Vec<u8>>,
-    /// A buffer whose image had no room in the queue.
+    /// Buffer of an image that did not fit into the queue.
     spare: Option<Vec<u8>>,
-    /// None when it has been waited for.
+    /// `None` after it was joined.
     thread: Option<JoinHandle<io::Result<u64>>>,
     is_patient: bool,
-    /// Set when nothing shall be waited for any longer.
+    /// Set to stop waiting.
     hurry: Arc<AtomicBool>,
     dropped: u64,
 }
 
 impl Recorder {
-    /// Starts the thread on a capture; the images are of up to `image_bytes` (128 * N, or 0 where
-    /// none will come). Takes all the memory that it needs.
+    /// Starts the thread for images of up to `image_bytes` (128 * N, or 0 without images).
+    /// Allocates all memory.
     ///
     /// # Errors
-    /// There is no thread to be had.
+    /// The thread cannot be started.
     pub fn start<W: Write + Send + 'static>(
         capture: Capture<W>,
         image_bytes: usize,
@@ -89,30 +88,29 @@ impl Recorder {
         Ok(Self { queue, free, spare: None, thread, is_patient: false, hurry, dropped: 0 })
     }
 
-    /// A flag that ends the waiting, of a patient recorder for room and of
-    /// [`finish`](Self::finish) for the file: whoever sets it when the user wants to stop is not
-    /// held up by a file that stands still.
+    /// Sets a flag that stops waiting for queue space and limits [`finish`](Self::finish), so that
+    /// a stalled file does not block a user who wants to stop.
     pub fn set_hurry(&mut self, hurry: Arc<AtomicBool>) {
         self.hurry = hurry;
     }
 
-    /// Waits for room instead of dropping, or not: for simulated time, never in a cycle of real time.
+    /// Selects waiting (simulated time) or dropping (real time) if the queue is full.
     pub fn set_patient(&mut self, is_patient: bool) {
         self.is_patient = is_patient;
     }
 
-    /// A CAN frame, see [`Capture::frame`]. Real-time safe unless patient.
+    /// Records a CAN frame, see [`Capture::frame`]. Real-time safe unless patient.
     pub fn frame(&mut self, time_ns: u64, port: usize, traffic: Traffic, frame: &CanFrame) {
         self.put(time_ns, Packet::Frame { port, traffic, frame: *frame });
     }
 
-    /// An error frame, see [`Capture::error`]. Real-time safe unless patient.
+    /// Records an error frame, see [`Capture::error`]. Real-time safe unless patient.
     pub fn error(&mut self, time_ns: u64, port: usize, error: ErrorFrame) {
         self.put(time_ns, Packet::Error { port, error });
     }
 
-    /// A process image, see [`Capture::image`]. Real-time safe unless patient. An image longer than
-    /// was said at the start is dropped.
+    /// Records a PDO image, see [`Capture::image`]. Real-time safe unless patient. Drops an image
+    /// longer than `image_bytes`.
     pub fn image(&mut self, time_ns: u64, origin: ImageOrigin, image: &[u8]) {
         let buffer = match self.spare.take() {
             None => self.free_buffer(),
@@ -131,20 +129,19 @@ impl Recorder {
         }
     }
 
-    /// Whether it can write no more; [`finish`](Self::finish) tells why.
+    /// Returns whether the thread has ended; [`finish`](Self::finish) returns the reason.
     pub fn is_over(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Waits until everything is written, no longer than a second once it is in a
-    /// [hurry](Self::set_hurry).
+    /// Waits until everything is written, at most one second in a [hurry](Self::set_hurry).
     ///
     /// # Errors
-    /// Why it could not be; [`io::ErrorKind::TimedOut`] where the file stands still.
+    /// Error of the file; [`io::ErrorKind::TimedOut`] if it is stalled.
     pub fn finish(mut self) -> io::Result<Recording> {
         if !self.has_ended() {
-            let words = "it stands still, packets are missing";
-            return Err(io::Error::new(io::ErrorKind::TimedOut, words));
+            let text = "output is stalled; packets were dropped";
+            return Err(io::Error::new(io::ErrorKind::TimedOut, text));
         }
         match self.join() {
             None => Ok(Recording { written: 0, dropped: self.dropped }),
@@ -153,8 +150,7 @@ impl Recorder {
         }
     }
 
-    /// Lets the thread come to its end, and waits for that; leaves it to itself where it takes too long
-    /// for a hurry.
+    /// Ends the thread and waits for it; detaches it at the limit in a hurry.
     fn has_ended(&mut self) -> bool {
         self.queue = None;
         let mut deadline = None;
@@ -171,7 +167,7 @@ impl Recorder {
         true
     }
 
-    /// What the thread has come to; none where that was taken already.
+    /// Result of the thread; `None` if it was taken before.
     fn join(&mut self) -> Option<std::thread::Result<io::Result<u64>>> {
         self.thread.take().map(JoinHandle::join)
     }
@@ -180,7 +176,7 @@ impl Recorder {
         self.hurry.load(Ordering::Relaxed)
     }
 
-    /// Waits a little, if it is worth it.
+    /// Waits for a short time if patient.
     fn has_waited(&self) -> bool {
         let waits = self.is_patient && !self.is_in_hurry();
         if waits {
@@ -204,7 +200,7 @@ impl Recorder {
         loop {
             match queue.try_send(waiting) {
                 Ok(()) => return,
-                // Nobody there: the thread's error tells.
+                // The error of the thread is returned by `finish`.
                 Err(TrySendError::Disconnected(_)) => return,
                 Err(TrySendError::Full(back)) => waiting = back,
             }
@@ -221,14 +217,14 @@ impl Recorder {
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        // Nobody is left to be told.
+        // The result cannot be reported.
         if self.has_ended() {
             let _ = self.join();
         }
     }
 }
 
-/// Writes what comes, and writes it out whenever nothing more waits.
+/// Writes packets and flushes whenever the queue is empty.
 fn write_all<W: Write>(
     mut capture: Capture<W>,
     packets: &Receiver<(u64, Packet)>,

@@ -1,12 +1,12 @@
-//! CAN frames as `LINKTYPE_CAN_SOCKETCAN` has them.
+//! Packets of `LINKTYPE_CAN_SOCKETCAN`.
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
 use crate::error_frame::ErrorFrame;
 
-/// The link type.
+/// Link type of CAN frames.
 pub const LINK_TYPE: u16 = 227;
-/// In front of the data.
+/// Size of the header before the data, in bytes.
 const HEADER_BYTES: usize = 8;
 
 const EXTENDED: u32 = 1 << 31;
@@ -15,14 +15,14 @@ const ERROR: u32 = 1 << 29;
 const BIT_RATE_SWITCH: u8 = 1;
 const ERROR_STATE: u8 = 2;
 const FD: u8 = 4;
-/// Data bytes of a classic frame.
+/// Maximum length of a classic frame in bytes.
 const CLASSIC_BYTES: u8 = 8;
 
-/// Header of a data, remote or FD frame; its data follow.
+/// Header of a data, remote or FD frame, without its data.
 pub fn frame_header(frame: &CanFrame) -> [u8; HEADER_BYTES] {
     let id = frame.id().raw() | if frame.id().is_extended() { EXTENDED } else { 0 };
     let dlc = frame.dlc().value();
-    // A classic frame may say more than 8 and carry 8; the raw DLC has a place of its own then.
+    // A classic frame with a DLC above 8 has 8 bytes; its DLC has a field of its own.
     let raw_dlc = if dlc > CLASSIC_BYTES { dlc } else { 0 };
     let length = frame.data().len() as u8;
     match frame.kind() {
@@ -36,12 +36,12 @@ pub fn frame_header(frame: &CanFrame) -> [u8; HEADER_BYTES] {
     }
 }
 
-/// Header of an error frame; its 8 bytes follow.
+/// Header of an error frame, without its 8 data bytes.
 pub fn error_header(error: &ErrorFrame) -> [u8; HEADER_BYTES] {
     header(error.classes() | ERROR, CLASSIC_BYTES, 0, 0)
 }
 
-/// The identifier is big-endian in this link type.
+/// The CAN ID is big-endian in this link type.
 fn header(id: u32, length: u8, flags: u8, raw_dlc: u8) -> [u8; HEADER_BYTES] {
     let [a, b, c, d] = id.to_be_bytes();
     [a, b, c, d, length, flags, 0, raw_dlc]

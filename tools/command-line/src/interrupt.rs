@@ -1,19 +1,19 @@
-//! Ctrl-C and SIGTERM as a flag that the cycle looks at.
+//! SIGINT and SIGTERM as a flag for the cycle.
 
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Signals that come sooner after the first belong to it: `timeout` and shells send one to a process
-/// and, once more, to its group.
+/// Later signals within this time belong to the first: `timeout` and shells signal a process and
+/// its group.
 const ONE_REQUEST: Duration = Duration::from_millis(200);
-/// Exit status of a program that was ended by its second signal, as shells tell Ctrl-C.
+/// Exit status after the second signal, as in shells for SIGINT.
 const ENDED_BY_SIGNAL: i32 = 130;
 
-/// The system does not let signals be caught.
+/// The signal handlers cannot be installed.
 #[derive(Debug, thiserror::Error)]
-#[error("Ctrl-C and SIGTERM cannot be caught: {reason}")]
+#[error("cannot install handlers for SIGINT and SIGTERM: {reason}")]
 pub struct InterruptError {
     reason: String,
 }
@@ -21,7 +21,7 @@ pub struct InterruptError {
 impl From<ctrlc::Error> for InterruptError {
     fn from(error: ctrlc::Error) -> Self {
         let reason = match error {
-            // What `ctrlc` says of it leaves out the reason.
+            // The `Display` of `ctrlc` omits the reason.
             ctrlc::Error::System(error) => error.to_string(),
             other => other.to_string(),
         };
@@ -29,16 +29,16 @@ impl From<ctrlc::Error> for InterruptError {
     }
 }
 
-/// Set once the user asked the program to stop.
+/// Flag set by the user's request to stop.
 #[derive(Debug, Clone, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Catches Ctrl-C, SIGTERM and SIGHUP from now on. Whoever sends another one does not want to
-    /// wait: it ends the process at once, with exit status 130.
+    /// Installs handlers for SIGINT, SIGTERM and SIGHUP. A second signal exits the process at once,
+    /// with status 130.
     ///
     /// # Errors
-    /// The system's, when no handler can be set.
+    /// The system rejects the handlers.
     pub fn install() -> Result<Self, InterruptError> {
         let interrupt = Self::default();
         let flag = interrupt.clone();
@@ -53,8 +53,8 @@ impl Interrupt {
         Ok(interrupt)
     }
 
-    /// As [`install`](Self::install), for work that nothing ends in its middle: later signals change
-    /// nothing.
+    /// As [`install`](Self::install), for work that must not be interrupted: later signals have no
+    /// effect.
     ///
     /// # Errors
     /// As [`install`](Self::install).
@@ -62,38 +62,37 @@ impl Interrupt {
         Self::install_patient_with(|| ())
     }
 
-    /// As [`install_patient`](Self::install_patient), for work that takes its time: the first signal
-    /// writes these words to standard error, so that the user knows that he was heard.
+    /// As [`install_patient`](Self::install_patient); the first signal prints `message` on standard
+    /// error.
     ///
     /// # Errors
     /// As [`install`](Self::install).
-    pub fn install_saying(words: &'static str) -> Result<Self, InterruptError> {
-        // Nobody may be there to read it.
-        Self::install_patient_with(move || drop(writeln!(std::io::stderr(), "{words}")))
+    pub fn install_with_message(message: &'static str) -> Result<Self, InterruptError> {
+        Self::install_patient_with(move || drop(writeln!(std::io::stderr(), "{message}")))
     }
 
-    fn install_patient_with(say: impl Fn() + Send + 'static) -> Result<Self, InterruptError> {
+    fn install_patient_with(on_signal: impl Fn() + Send + 'static) -> Result<Self, InterruptError> {
         let interrupt = Self::default();
         let flag = interrupt.0.clone();
         ctrlc::set_handler(move || {
             if !flag.swap(true, Ordering::Relaxed) {
-                say();
+                on_signal();
             }
         })?;
         Ok(interrupt)
     }
 
-    /// Asks the program to stop, as a signal does.
+    /// Sets the flag, as a signal does.
     pub fn request(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// The flag itself, for those who wait.
+    /// The flag itself, for other threads.
     pub fn flag(&self) -> Arc<AtomicBool> {
         self.0.clone()
     }
 
-    /// Whether to stop.
+    /// Returns whether to stop.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

@@ -1,4 +1,4 @@
-//! candump log files: reading a recording, writing what came back.
+//! Reading and writing of candump log files.
 
 use std::fmt::Display;
 use std::io::{BufWriter, Read, Write};
@@ -10,66 +10,65 @@ use thiserror::Error;
 
 use crate::new_file::{Existing, create, is_standard_stream};
 
-/// A log that cannot be read or written.
+/// Error of a log file.
 #[derive(Debug, Error)]
 pub enum LogFileError {
     /// The file cannot be read.
     #[error("cannot read {}: {error}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Reason.
         error: std::io::Error,
     },
-    /// A line that the grammar does not allow.
+    /// Syntax error in a line.
     #[error("{}, line {line}, {cause}", path.display())]
     Line {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The line, from 1.
+        /// Line, from 1.
         line: usize,
         /// Column and reason.
         cause: ParseError,
     },
-    /// There is no frame in it.
+    /// The file contains no frame.
     #[error("{} holds no frame", path.display())]
     Empty {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// The file cannot be written.
     #[error("cannot write {}: {error}", path.display())]
     Write {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Reason.
         error: std::io::Error,
     },
 }
 
-/// One frame of a recording.
+/// Frame of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoggedFrame {
     /// Line in the file, from 1.
     pub line: usize,
     /// Time stamp in nanoseconds.
     pub time_ns: u64,
-    /// Interface of the recording.
+    /// Interface name.
     pub interface: String,
-    /// The frame.
     pub frame: CanFrame,
 }
 
-/// A whole log.
+/// Contents of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Log {
-    /// Its frames, in its order.
+    /// Frames in the order of the file.
     pub frames: Vec<LoggedFrame>,
-    /// Lines with error messages of a CAN interface (`candump -e`), which are no frames of the bus.
+    /// Number of SocketCAN error messages (`candump -e`), which are not CAN frames.
     pub error_messages: usize,
 }
 
-/// Reads the frames of a whole log, without the error messages in it.
+/// Reads the frames of a log, without error messages.
 ///
 /// # Errors
 /// As [`read_log`].
@@ -77,11 +76,10 @@ pub fn read(path: &Path) -> Result<Vec<LoggedFrame>, LogFileError> {
     read_log(path).map(|log| log.frames)
 }
 
-/// Reads a whole log, or standard input where the path is `-`.
+/// Reads a log; `-` is standard input.
 ///
 /// # Errors
-/// The file and why it cannot be read, or the line and column where it is no candump log, or that
-/// it holds no frame.
+/// The file cannot be read, a line is invalid, or there is no frame.
 pub fn read_log(path: &Path) -> Result<Log, LogFileError> {
     let mut text = String::new();
     let read = match is_standard_stream(path) {
@@ -109,25 +107,25 @@ pub fn read_log(path: &Path) -> Result<Log, LogFileError> {
     Ok(log)
 }
 
-/// Writes frames as a candump log.
+/// Writer of a candump log.
 pub struct Writer {
     file: BufWriter<Box<dyn Write + Send>>,
     path: PathBuf,
 }
 
 impl Writer {
-    /// Creates the file, or empties it; `-` is standard output.
+    /// Creates or truncates the file; `-` is standard output.
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// [`LogFileError::Write`].
     pub fn create(path: &Path) -> Result<Self, LogFileError> {
         Self::create_with(path, Existing::Replace)
     }
 
-    /// As [`create`](Self::create), with a choice of what becomes of a file that is there.
+    /// As [`create`](Self::create), with a policy for an existing file.
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// [`LogFileError::Write`].
     pub fn create_with(path: &Path, existing: Existing) -> Result<Self, LogFileError> {
         let path = path.to_owned();
         match create(&path, existing) {
@@ -136,10 +134,10 @@ impl Writer {
         }
     }
 
-    /// Appends a frame; `port` counts the channels of all gateways, `can0` being the first.
+    /// Appends a frame; `port` counts the channels of all gateways from `can0`.
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// [`LogFileError::Write`].
     pub fn write(
         &mut self,
         time_ns: u64,
@@ -150,26 +148,26 @@ impl Writer {
         self.write_line(Record { time_ns, interface: &interface, frame, direction: None })
     }
 
-    /// Appends a line of the log's grammar, given without its end.
+    /// Appends a line, given without line break.
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// [`LogFileError::Write`].
     pub fn write_line(&mut self, line: impl Display) -> Result<(), LogFileError> {
         writeln!(self.file, "{line}").map_err(|error| self.fault(error))
     }
 
-    /// Writes out what has been appended so far.
+    /// Flushes the buffer.
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// [`LogFileError::Write`].
     pub fn flush(&mut self) -> Result<(), LogFileError> {
         self.file.flush().map_err(|error| self.fault(error))
     }
 
-    /// Writes everything out.
+    /// Flushes and closes the file.
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// [`LogFileError::Write`].
     pub fn finish(mut self) -> Result<(), LogFileError> {
         self.flush()
     }
@@ -190,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_written_is_read_and_faults_name_their_line() {
+    fn log_round_trips_and_errors_name_the_line() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.log");
         let frame =

@@ -1,4 +1,4 @@
-//! The options that make a program's thread keep its cycle (manual 13.9), and what is said about it.
+//! Real-time options of a program (manual 13.9).
 
 use clap::Args;
 use ecan_host::{
@@ -6,29 +6,29 @@ use ecan_host::{
     RealTimeError,
 };
 
-/// Stack that is touched in advance with `--lock-memory`, in bytes.
+/// Size of the stack to prefault with `--lock-memory`, in bytes.
 const STACK_BYTES: usize = 256 * 1024;
 
-/// Options for a thread that is to be in time.
+/// Real-time options of a thread.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Real time")]
 pub struct ThreadArguments {
-    /// Run under SCHED_FIFO with this priority, 1 to 99.
+    /// Run under SCHED_FIFO with this priority, 1 to 99
     #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(u8).range(1..=99))]
     rt_priority: Option<u8>,
-    /// Run on this CPU only; several with commas between.
+    /// Run on these CPUs only, comma-separated
     #[arg(long, value_name = "CPU", value_delimiter = ',')]
     cpu: Option<Vec<usize>>,
-    /// Keep all memory in RAM.
+    /// Lock all memory in RAM
     #[arg(long)]
     lock_memory: bool,
-    /// Give up where the system does not grant what these options ask for.
+    /// Fail if the system denies a requested real-time setting
     #[arg(long)]
     rt_required: bool,
 }
 
 impl ThreadArguments {
-    /// What is asked of the system.
+    /// Returns the settings.
     pub fn settings(&self) -> RealTimeConfig {
         let need = if self.rt_required { Need::Required } else { Need::Optional };
         RealTimeConfig {
@@ -44,23 +44,23 @@ impl ThreadArguments {
     }
 }
 
-/// Options for the thread of the cycle.
+/// Real-time options of the cycle thread.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Real time")]
 pub struct RealTimeArguments {
     #[command(flatten)]
     thread: ThreadArguments,
-    /// Keep the processors out of sleep states that take longer than so many microseconds to leave.
+    /// Limit the exit latency of CPU sleep states, in us
     #[arg(long, value_name = "US")]
     cpu_latency_us: Option<u32>,
-    /// Look at the clock for the last so many microseconds before each cycle instead of sleeping.
+    /// Spin instead of sleeping for this time before each cycle, in us
     #[arg(long, value_name = "US", default_value_t = 0, hide_default_value = true,
           value_parser = clap::value_parser!(u64).range(..=MAX_SPIN_NS / 1000))]
     spin_us: u64,
 }
 
 impl RealTimeArguments {
-    /// Whether any of them is given.
+    /// Returns whether any option is given.
     pub fn is_given(&self) -> bool {
         self.settings() != RealTimeConfig::default()
     }
@@ -73,33 +73,34 @@ impl RealTimeArguments {
         }
     }
 
-    /// Applies them to this thread and says, a line each, what was granted.
+    /// Applies the settings to this thread and reports each result as a line.
     ///
-    /// To be called when the threads that shall not inherit them run, and before the cycle does.
+    /// Call it after starting threads that must not inherit the settings, and before the cycle
+    /// starts.
     ///
     /// # Errors
-    /// What `--rt-required` asks for was not granted.
-    pub fn apply(&self, mut say: impl FnMut(&str)) -> Result<(), RealTimeError> {
+    /// A setting was denied and `--rt-required` is given.
+    pub fn apply(&self, mut report_line: impl FnMut(&str)) -> Result<(), RealTimeError> {
         let report = self.settings().apply()?;
         for outcome in &report.outcomes {
-            say(&outcome.to_string());
+            report_line(&outcome.to_string());
         }
         if !report.is_complete() {
-            say("going on without it");
+            report_line("continuing without the denied settings");
         }
         Ok(())
     }
 
-    /// Makes the Adapter wait for its cycles as asked for.
+    /// Sets the cycle timing of the Adapter.
     pub fn set_timing(&self, adapter: &mut Adapter) {
         adapter.set_cycle_timing(self.settings().timing);
     }
 }
 
-/// Prints how the cycle was kept.
+/// Prints the cycle statistics.
 pub fn print_statistics(adapter: &Adapter, statistics: &CycleStatistics) {
     println!("\n{statistics}");
     if !adapter.clock().is_free_running() {
-        println!("these are simulated times: --real-time measures the machine");
+        println!("simulated times; use --real-time to measure this machine");
     }
 }

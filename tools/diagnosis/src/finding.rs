@@ -1,32 +1,32 @@
-//! What a finding is.
+//! Findings.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// How much a finding matters.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Something does not work.
+    /// A function does not work.
     Fault,
-    /// Something works with losses, worked with losses before, or will not work as it stands.
+    /// Losses, past losses, or a configuration that will fail.
     Warning,
 }
 
-/// Where a finding is.
+/// Location of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Location {
     /// The gateway as an EtherCAT slave.
     Slave,
-    /// Process data to the host.
+    /// TxPDO, process data to the host.
     TxPdo,
-    /// Process data from the host.
+    /// RxPDO, process data from the host.
     RxPdo,
     /// A CAN channel, 0 to 3.
     Channel(u8),
-    /// The gateway's firmware and its configuration.
+    /// Firmware and its configuration.
     Device,
 }
 
@@ -42,22 +42,22 @@ impl fmt::Display for Location {
     }
 }
 
-/// Something that is amiss, in words.
+/// Problem with causes and next step.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// A name that stays, for programs.
+    /// Stable identifier, for programs.
     pub id: &'static str,
-    /// How much it matters.
+    /// Severity.
     pub severity: Severity,
-    /// Where.
+    /// Location.
     pub place: Location,
-    /// What was found.
+    /// Description of the problem.
     pub what: String,
-    /// What may be behind it, the most likely cause first.
+    /// Possible causes, the most likely first.
     pub causes: Vec<String>,
-    /// What to do next.
+    /// Next step.
     pub next: String,
-    /// The manual's chapter.
+    /// Chapter of the manual.
     pub chapter: &'static str,
 }
 
@@ -78,23 +78,22 @@ impl Finding {
         Self { severity: Severity::Warning, ..Self::fault(id, place, what) }
     }
 
-    pub(crate) fn because(mut self, causes: &[&str]) -> Self {
+    pub(crate) fn causes(mut self, causes: &[&str]) -> Self {
         self.causes.extend(causes.iter().map(|cause| (*cause).to_owned()));
         self
     }
 
-    pub(crate) fn or_because(mut self, cause: impl Into<String>) -> Self {
+    pub(crate) fn cause(mut self, cause: impl Into<String>) -> Self {
         self.causes.push(cause.into());
         self
     }
 
-    /// A cause that may not be there.
-    pub(crate) fn because_of(mut self, cause: Option<String>) -> Self {
+    pub(crate) fn cause_if(mut self, cause: Option<String>) -> Self {
         self.causes.extend(cause);
         self
     }
 
-    pub(crate) fn so(mut self, next: impl Into<String>, chapter: &'static str) -> Self {
+    pub(crate) fn next_step(mut self, next: impl Into<String>, chapter: &'static str) -> Self {
         self.next = next.into();
         self.chapter = chapter;
         self

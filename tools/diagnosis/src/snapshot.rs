@@ -1,4 +1,4 @@
-//! Everything that was read of a gateway, as plain data that a file can hold.
+//! Values of a gateway as plain data, for analysis and files.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -9,8 +9,7 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::object::object;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// An entry of the object dictionary; as text `0x8010:02`, the subindex in decimal as in the
-/// manual.
+/// Entry of the object dictionary; as text `0x8010:02` with a decimal subindex, as in the manual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ObjectKey {
     /// Index.
@@ -34,7 +33,7 @@ impl FromStr for ObjectKey {
             let index = u16::from_str_radix(index, 16).ok()?;
             Some(Self { index, subindex: subindex.parse().ok()? })
         });
-        key.ok_or_else(|| format!("\"{text}\" is no object, expected one like 0x8010:02"))
+        key.ok_or_else(|| format!("invalid object \"{text}\"; expected for example 0x8010:02"))
     }
 }
 
@@ -50,74 +49,73 @@ impl<'de> Deserialize<'de> for ObjectKey {
     }
 }
 
-/// Why an entry could not be read.
+/// Error of reading an entry.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ReadError {
-    /// The gateway refused this entry; others may be read.
+    /// The gateway rejected this entry; other entries may be readable.
     Refused(String),
-    /// The gateway did not answer; there is no sense in asking on.
+    /// The gateway does not respond; further reads are pointless.
     Silent(String),
 }
 
-/// How much is read.
+/// Amount of data to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
-    /// What findings are made of, some 420 entries, and 23 more of a channel whose configuration was
-    /// not applied.
+    /// Entries for findings: about 420, plus 23 per channel whose configuration was not applied.
     Findings,
-    /// Besides, the whole configuration of the channels and the capabilities, some 650 entries.
+    /// In addition the whole channel configuration and the capabilities, about 650 entries.
     Everything,
 }
 
-/// What was read of one gateway.
+/// Values of one gateway.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Snapshot {
-    /// Place in the ring, from 0.
+    /// Position of the slave.
     pub position: u16,
-    /// AL state as the master last saw it: 1 INIT, 2 PREOP, 3 BOOT, 4 SAFEOP, 8 OP; bit 4 marks an
-    /// error. 0 where it is not known.
+    /// AL state from the master: 1 INIT, 2 PREOP, 3 BOOT, 4 SAFEOP, 8 OP; bit 4 is the error flag.
+    /// 0 if unknown.
     pub al_state: u8,
-    /// Whether the master met an error with the slave and holds it where it is.
+    /// Whether the master set the error flag and keeps the slave in its state.
     pub has_error_flag: bool,
-    /// AL status code, ESC register 0x0134; none where it could not be read.
+    /// AL status code, ESC register 0x0134; `None` if not read.
     pub al_status_code: Option<u16>,
     /// Values by object.
     pub values: BTreeMap<ObjectKey, u32>,
-    /// Entries that the gateway refused, and why.
+    /// Rejected entries with reasons.
     pub refused: BTreeMap<ObjectKey, String>,
-    /// Why reading ended early, if it did.
+    /// Reason for an early end of reading.
     pub silence: Option<String>,
 }
 
-/// Objects that findings are made of.
+/// Objects for findings.
 const FINDING_OBJECTS: [u16; 22] = [
     0x1C12, 0x1C13, 0x8000, 0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022,
     0x8023, 0x8024, 0x8030, 0x9000, 0x9001, 0x9002, 0x9003, 0x9011, 0xB000, 0xF000,
 ];
 /// Data path diagnostics.
 const DATA_PATH_OBJECTS: [u16; 4] = [0x9020, 0x9021, 0x9022, 0x9023];
-/// Of the channel configuration, what findings are made of.
+/// Entries of the channel configuration for findings.
 const CHANNEL_ENTRIES: [u8; 18] =
     [2, 4, 7, 8, 9, 15, 16, 18, 19, 20, 21, 22, 23, 24, 33, 34, 49, 55];
-/// What tells besides why the configuration of a channel was not applied: manual bit timing, frames
-/// that no filter matches, and the Message RAM.
+/// Additional entries if the configuration of a channel was not applied: manual bit timing,
+/// non-match policies, Message RAM.
 const APPLY_ENTRIES: [u8; 23] =
     [25, 26, 27, 28, 29, 30, 31, 32, 36, 37, 61, 62, 63, 64, 65, 66, 67, 68, 69, 70, 71, 72, 73];
-/// Of the capabilities.
+/// Entries of the capabilities.
 const CAPABILITY_ENTRIES: [u8; 9] = [1, 3, 4, 5, 6, 7, 8, 11, 29];
 
 impl Snapshot {
-    /// Reads the values of a gateway through `read`, which uploads one entry. The states of the
-    /// slave are left to the caller.
+    /// Reads the values of a gateway with `read`, which uploads one entry. The caller sets the
+    /// states of the slave.
     ///
-    /// Ends early, and says so in [`silence`](Self::silence), when the gateway does not answer.
+    /// Stops if the gateway does not respond, and sets [`silence`](Self::silence).
     pub fn read(depth: Depth, mut read: impl FnMut(ObjectKey) -> Result<u32, ReadError>) -> Self {
         let mut snapshot = Self::default();
         for index in FINDING_OBJECTS.into_iter().chain(DATA_PATH_OBJECTS) {
             for subindex in subindices(index, depth) {
                 let key = ObjectKey { index, subindex };
-                // Beyond the count of an assignment is nothing.
+                // There are no entries after the count of an assignment.
                 if is_assignment(index)
                     && snapshot.get(index, 0).is_some_and(|it| it < subindex.into())
                 {
@@ -143,44 +141,44 @@ impl Snapshot {
         snapshot
     }
 
-    /// Whether an entry is worth reading for findings, after what was read before it.
+    /// Returns whether an entry is needed for findings, given the values read before.
     fn explains_a_finding(&self, key: ObjectKey) -> bool {
         let is_channel = (0x8001..=0x8004).contains(&key.index);
         let tells_of_apply = is_channel && APPLY_ENTRIES.contains(&key.subindex);
         !tells_of_apply || self.get(key.index, 2).is_some_and(|status| status != 0)
     }
 
-    /// A value that was read.
+    /// Value that was read.
     pub fn get(&self, index: u16, subindex: u8) -> Option<u32> {
         self.values.get(&ObjectKey { index, subindex }).copied()
     }
 
-    /// A value for a text: in the words of `told`, or "unknown" where it was not read.
-    pub(crate) fn told(&self, index: u16, subindex: u8, told: impl Fn(u32) -> String) -> String {
-        self.get(index, subindex).map_or_else(|| "unknown".to_owned(), told)
+    /// Value formatted by `text`, or "unknown" if it was not read.
+    pub(crate) fn text_of(&self, index: u16, subindex: u8, text: impl Fn(u32) -> String) -> String {
+        self.get(index, subindex).map_or_else(|| "unknown".to_owned(), text)
     }
 
-    /// A number for a text, or "unknown".
+    /// Value as a number, or "unknown".
     pub(crate) fn number(&self, index: u16, subindex: u8) -> String {
-        self.told(index, subindex, |value| value.to_string())
+        self.text_of(index, subindex, |value| value.to_string())
     }
 
-    /// Puts a value in.
+    /// Sets a value.
     pub fn set(&mut self, index: u16, subindex: u8, value: u32) {
         self.values.insert(ObjectKey { index, subindex }, value);
     }
 
-    /// AL state; `None` for a number that is none.
+    /// AL state; `None` for an invalid number.
     pub fn state(&self) -> Option<AlState> {
         AlState::from_status(self.al_state.into())
     }
 
-    /// AL status code, where one was read that is an error.
+    /// AL status code, if it was read and is an error.
     pub fn status_code(&self) -> Option<AlStatusCode> {
         self.al_status_code.filter(|code| *code != 0).map(AlStatusCode)
     }
 
-    /// Whether a profile is in force in a direction (0x8010 or 0x8011), so that process data flow.
+    /// Returns whether the profile of a direction (0x8010 or 0x8011) is active.
     pub(crate) fn active_bytes(&self, index: u16) -> Option<u32> {
         self.get(index, 9).filter(|bytes| *bytes != 0)
     }
@@ -196,7 +194,7 @@ fn is_assignment(index: u16) -> bool {
     matches!(index, 0x1C12 | 0x1C13)
 }
 
-/// The editing windows show one filter at a time, and that is not state.
+/// The editing windows show one filter at a time and are not state.
 fn is_filter_in_window(subindex: u8) -> bool {
     FilterWindow::BOTH.iter().any(|window| {
         [window.index, window.command, window.status].contains(&subindex)
@@ -204,7 +202,7 @@ fn is_filter_in_window(subindex: u8) -> bool {
     })
 }
 
-/// What is read of an object, in ascending order.
+/// Subindices to read of an object, in ascending order.
 fn subindices(index: u16, depth: Depth) -> impl Iterator<Item = u8> {
     let entries = object(index).map_or(&[][..], |object| object.entries);
     let is_wanted = move |subindex: u8| match (index, depth) {

@@ -68,11 +68,11 @@ fn numbers_out_of_all_bounds_are_told_and_do_not_stop_the_program() {
     assert_eq!(
         what("frame-area"),
         [
-            "23 active bytes do not hold the header of 24",
+            "23 active bytes are smaller than the header of 24",
             "1024 active bytes leave 4294967295 for frames instead of 1000"
         ]
     );
     assert!(what("assignment-differs")[0].contains("assigns 4294967295 chunks"), "{found:#?}");
     let alone = found.iter().find(|it| it.id == "no-acknowledge").unwrap();
-    assert!(alone.causes[1].ends_with("this channel is at pin group 0"), "{alone:#?}");
+    assert!(alone.causes[1].ends_with("this channel uses pin group 0"), "{alone:#?}");
 }

@@ -10,13 +10,13 @@ fn each_status_of_an_apply_command_has_its_causes() {
     let causes = |status| with(0x8001, 2, status).causes;
     assert_eq!(with(0x8001, 2, 3).id, "apply-failed");
     // The manual says no more than "fail".
-    assert!(causes(1)[0].contains("gives no reason"), "{:#?}", causes(1));
+    assert!(causes(1)[0].contains("not specified by the gateway"), "{:#?}", causes(1));
     // The configuration could not be converted.
-    assert!(causes(3)[0].contains("no bit timing fits"), "{:#?}", causes(3));
-    assert!(causes(3)[1].contains("0x8001 is out of its range"), "{:#?}", causes(3));
+    assert!(causes(3)[0].contains("no bit timing matches"), "{:#?}", causes(3));
+    assert!(causes(3)[1].contains("0x8001 is out of range"), "{:#?}", causes(3));
     // The controller was not restarted, or its driver failed.
     assert!(causes(4)[0].contains("did not restart"), "{:#?}", causes(4));
-    assert!(causes(77)[0].contains("gives no reason"), "{:#?}", causes(77));
+    assert!(causes(77)[0].contains("not specified by the gateway"), "{:#?}", causes(77));
     // An exceeded Message RAM may be any of them.
     for status in [1, 3, 4] {
         let causes = causes(status);
@@ -50,7 +50,7 @@ fn what_is_wrong_with_the_values_is_the_first_cause_of_a_failed_apply() {
         snapshot.set(0x8004, 2, 3);
         snapshot.set(0x8004, 65, 9);
     });
-    assert_eq!(found.causes[0], "0x8004:65 is 9, which means nothing");
+    assert_eq!(found.causes[0], "invalid value 9 of 0x8004:65");
     // Manual bit timing, read and not read.
     let manual = |timing: &[(u8, u32)]| {
         only(|snapshot| {
@@ -61,14 +61,14 @@ fn what_is_wrong_with_the_values_is_the_first_cause_of_a_failed_apply() {
     };
     let found = manual(&[(15, 0), (25, 2), (26, 63), (27, 16), (28, 20)]);
     assert!(found.causes[0].starts_with("manual nominal bit timing BRP 2 TSEG1 63"), "{found:#?}");
-    assert!(manual(&[]).causes[0].starts_with("no bit timing fits"));
+    assert!(manual(&[]).causes[0].starts_with("no bit timing matches"));
 }
 
 #[test]
 fn a_failed_flash_command_is_told_by_its_status() {
     let found = with(0x8004, 4, 1);
     assert_eq!(found.id, "flash-failed");
-    assert!(found.causes[0].contains("nothing is stored"), "{found:#?}");
+    assert!(found.causes[0].contains("no saved configuration"), "{found:#?}");
     assert!(found.next.contains("0x8004:03 = 1"), "{found:#?}");
     assert!(with(0x8004, 4, 3).causes[0].contains("another firmware"));
     assert!(with(0x8004, 4, 4).causes[0].contains("did not restart"));

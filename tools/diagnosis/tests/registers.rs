@@ -1,7 +1,7 @@
 //! Registers of the M_CAN core in words.
 #![allow(missing_docs)]
 
-use ecan_diagnosis::registers::{REGISTERS, register, register_named, words};
+use ecan_diagnosis::registers::{REGISTERS, register, register_named, text};
 use ecan_protocol::object::WRITABLE_REGISTERS;
 
 #[test]
@@ -20,13 +20,13 @@ fn values_are_told_in_words() {
         (0x50, 0x0000_0009, "new frame in RX FIFO0, frame lost in RX FIFO0"),
         (0x50, 0, "none"),
         (0x94, 0x8281, "in RX FIFO0, element 1, by extended filter 2"),
-        (0xA4, 0x0300_0030, "48 frames wait, full, a frame was lost"),
+        (0xA4, 0x0300_0030, "48 frames pending, full, frame lost"),
         (0xC4, 0x0020_0000, "0 elements free, full"),
-        (0xF4, 0x0000_0002, "2 events wait"),
+        (0xF4, 0x0000_0002, "2 events pending"),
     ] {
-        assert_eq!(words(offset, value).unwrap(), expected, "0x{offset:02X}");
+        assert_eq!(text(offset, value).unwrap(), expected, "0x{offset:02X}");
     }
-    assert_eq!(words(0x18, 1), None);
+    assert_eq!(text(0x18, 1), None);
 }
 
 #[test]

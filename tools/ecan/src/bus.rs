@@ -1,4 +1,4 @@
-//! The bus that the commands look at, and which of its slaves is meant.
+//! The bus of a command and the selection of its slaves.
 
 use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveKind, SlaveQuery as _};
 use ecan_protocol::device::Capabilities;
@@ -10,7 +10,7 @@ use crate::global::GlobalOptions;
 use crate::output::Output;
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose, every_gateway, one_or_all};
 
-/// A bus, looked at through a handle that reserves nothing.
+/// A bus, opened without reserving the master.
 #[derive(Debug)]
 pub struct Bus {
     ecrt: Ecrt,
@@ -24,12 +24,12 @@ pub fn sim_options(clock: ClockKind) -> SimOptions {
 }
 
 impl Bus {
-    /// Opens the library and the master; says on standard error when they are simulated.
+    /// Opens the library and the master; reports a simulation on standard error.
     pub fn open(global: &GlobalOptions, output: &Output) -> Result<Self, Failure> {
         Self::open_with_clock(global, output, ClockKind::Stepped)
     }
 
-    /// As [`open`](Self::open), with the clock of a simulation that names none.
+    /// As [`open`](Self::open), with the default clock of a simulation.
     pub fn open_with_clock(
         global: &GlobalOptions,
         output: &Output,
@@ -40,7 +40,7 @@ impl Bus {
         Self::of(&ecan_sim::open(&setting, &options)?, global, output)
     }
 
-    /// The bus of a library that is open already.
+    /// Opens the bus of a loaded library.
     pub fn of(backend: &Backend, global: &GlobalOptions, output: &Output) -> Result<Self, Failure> {
         if let Some(simulation) = &backend.simulation {
             output.note(simulation.banner());
@@ -50,7 +50,7 @@ impl Bus {
         tracing::debug!(master = global.master(), slaves = diagnostics.slave_count(), "bus opened");
         if !diagnostics.master_state().map_err(master)?.link_up {
             let words = format!(
-                "master {} has no link: is the cable plugged in, is the first slave powered?",
+                "master {} has no link; check the cable and the supply of the first slave",
                 global.master()
             );
             return Err(Failure::Master(words));
@@ -58,7 +58,6 @@ impl Bus {
         Ok(Self { ecrt: backend.ecrt.clone(), diagnostics, choice: global.slave })
     }
 
-    /// The library.
     pub fn ecrt(&self) -> &Ecrt {
         &self.ecrt
     }
@@ -67,33 +66,33 @@ impl Bus {
         &self.diagnostics
     }
 
-    /// The clock that waiting for a slave goes by.
+    /// Clock for waiting on slaves.
     pub fn clock(&self) -> &dyn Clock {
         self.ecrt.clock().as_ref()
     }
 
-    /// What the master knows of each slave.
+    /// Information of the master about each slave.
     pub fn slaves(&self) -> Result<Vec<SlaveInfo>, Failure> {
         let infos = (0..self.diagnostics.slave_count()).map(|at| self.diagnostics.slave_info(at));
         infos.collect::<Result<_, _>>().map_err(Failure::Device)
     }
 
-    /// What each slave is, asked just now.
+    /// Identifies each slave now.
     pub fn kinds(&self) -> Vec<SlaveKind<Error>> {
         self.diagnostics.slave_kinds()
     }
 
-    /// Whether the user named a slave.
+    /// Returns whether `--slave` was given.
     pub fn is_chosen(&self) -> bool {
         self.choice.is_some()
     }
 
-    /// The slave that the command is about: the one chosen, or the only gateway.
+    /// Returns the selected slave, or the only gateway.
     pub fn slave(&self) -> Result<usize, Failure> {
         choose(self, self.choice)
     }
 
-    /// The gateways that a command is about which takes all of them: the one chosen, or every one.
+    /// Returns the selected gateway, or every gateway.
     pub fn chosen_or_every_gateway(&self) -> Result<Vec<usize>, Failure> {
         match self.choice {
             Some(_) => Ok(vec![self.slave()?]),
@@ -101,7 +100,7 @@ impl Bus {
         }
     }
 
-    /// The slaves of a command that takes one gateway, or all where the user says so.
+    /// Returns the selected or only gateway, or all gateways with `--all`.
     pub fn one_or_all(&self, all: bool) -> Result<Recognised, Failure> {
         one_or_all(self, self.choice, all)
     }
@@ -111,7 +110,7 @@ impl Bus {
         serial_number(|subindex| self.read(slave, Capabilities::INDEX, subindex))
     }
 
-    /// Which firmware a gateway runs.
+    /// Firmware version of a gateway.
     pub fn firmware_version(&self, slave: usize) -> Result<FirmwareVersion, Failure> {
         let text = match self.text(slave, 0x100A) {
             Err(Failure::Device(error)) if self.diagnostics.is_denial(&error) => None,
@@ -125,7 +124,7 @@ impl Bus {
         self.diagnostics.sdo_upload_u32(slave, index, subindex).map_err(Failure::Device)
     }
 
-    /// Downloads a number, in the size that the table gives the object.
+    /// Downloads a number, in the size of the object in the table.
     pub fn write(&self, slave: usize, index: u16, subindex: u8, value: u32) -> Result<(), Failure> {
         let entry = ecan_protocol::object::lookup(index, subindex).map(|(_, entry)| entry);
         let size = entry.and_then(|entry| entry.ty.size_bytes()).unwrap_or(4);
@@ -134,7 +133,7 @@ impl Bus {
         self.diagnostics.sdo_download(slave, index, subindex, data).map_err(Failure::Device)
     }
 
-    /// A text object.
+    /// Uploads a text object.
     pub fn text(&self, slave: usize, index: u16) -> Result<String, Failure> {
         let mut bytes = [0; 64];
         let length = self.diagnostics.sdo_upload(slave, index, 0, &mut bytes);
@@ -144,7 +143,7 @@ impl Bus {
 }
 
 impl Candidates for Bus {
-    fn places(&self) -> Result<Vec<(usize, u16)>, Failure> {
+    fn positions(&self) -> Result<Vec<(usize, u16)>, Failure> {
         Ok(self.slaves()?.iter().map(|slave| slave.alias).enumerate().collect())
     }
 
@@ -157,7 +156,7 @@ impl Candidates for Bus {
     }
 }
 
-/// A bus over a simulation that a test holds in its hands.
+/// Bus of a simulation in a test.
 #[cfg(test)]
 impl Bus {
     pub fn over(ecrt: &Ecrt) -> Self {

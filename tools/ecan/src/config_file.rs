@@ -1,4 +1,4 @@
-//! A configuration file, and where its gateways are on a bus.
+//! A configuration file and the positions of its gateways on a bus.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
-/// Reads a file that must be sound.
+/// Reads a valid file.
 pub fn read(path: &Path) -> Result<ConfigFile, Failure> {
     load(path).map_err(|error| match error {
         ConfigFileError::Read { path, reason } => {
@@ -22,12 +22,12 @@ pub fn read(path: &Path) -> Result<ConfigFile, Failure> {
     })
 }
 
-/// The master of a file, unless the user names another.
+/// Master of a file, unless the user selects another.
 pub fn master(file: &ConfigFile, global: &GlobalOptions) -> u32 {
     global.master.unwrap_or(file.adapter.master_index)
 }
 
-/// Opens the bus that a file is about.
+/// Opens the bus of a file.
 pub fn open_bus(
     file: &ConfigFile,
     global: &GlobalOptions,
@@ -38,21 +38,21 @@ pub fn open_bus(
     Bus::open_with_clock(&GlobalOptions { master, ..global.clone() }, output, clock)
 }
 
-/// The places of a file's gateways on its bus: all, or the one chosen.
+/// Gateways of a file on its bus: all, or the selected one.
 pub fn places(file: &ConfigFile, bus: &Bus) -> Result<Vec<ResolvedGateway>, Failure> {
     let mut places = find(bus.diagnostics(), &file.adapter.slaves).map_err(of_place)?;
     if bus.is_chosen() {
         let chosen = bus.slave()?;
         places.retain(|place| place.slave == chosen);
         if places.is_empty() {
-            let words = format!("slave {chosen} is no gateway of the file");
+            let words = format!("slave {chosen} is not a gateway of the file");
             return Err(Failure::Slave(words));
         }
     }
     Ok(places)
 }
 
-/// Why a gateway of a file cannot be addressed.
+/// Converts the error of a gateway that cannot be addressed.
 pub fn of_place(fault: ResolveError) -> Failure {
     match fault {
         ResolveError::Device(error) => Failure::Device(error),

@@ -1,35 +1,35 @@
-//! Asking before something that cannot be taken back.
+//! Confirmation of irreversible actions.
 
 use std::io::{BufRead, IsTerminal, Write};
 
 use crate::failure::Failure;
 
-/// Asks on the terminal, unless the user has said `--yes`. `what` is to be confirmed; `refused` says
-/// what did not happen without.
+/// Asks on the terminal, unless `--yes` was given. `what` is the action to confirm; `rejected`
+/// states what was not done.
 ///
 /// # Errors
-/// [`Failure::Usage`] where nobody is there to be asked, or the answer is no.
+/// [`Failure::Usage`] if there is no terminal or the answer is no.
 pub fn confirm(
     is_granted: bool,
     what: &str,
     question: std::fmt::Arguments<'_>,
-    refused: &str,
+    rejected: &str,
 ) -> Result<(), Failure> {
     if is_granted {
         return Ok(());
     }
     let stdin = std::io::stdin();
     if !stdin.is_terminal() {
-        let words = format!("nobody is there to confirm {what}; say --yes to do it without asking");
+        let words = format!("cannot ask for confirmation of {what}; use --yes");
         return Err(Failure::Usage(words));
     }
     let mut stderr = std::io::stderr();
-    // Where nobody can read the question nobody confirms it.
+    // If the question cannot be written, nothing is confirmed.
     let _ = write!(stderr, "{question} [y/N] ").and_then(|()| stderr.flush());
     let mut answer = String::new();
     stdin.lock().read_line(&mut answer).map_err(Failure::Input)?;
     match answer.trim() {
         "y" | "Y" | "yes" => Ok(()),
-        _ => Err(Failure::Usage(format!("{refused}: not confirmed"))),
+        _ => Err(Failure::Usage(format!("{rejected}: not confirmed"))),
     }
 }

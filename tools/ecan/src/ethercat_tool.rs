@@ -1,7 +1,7 @@
-//! IgH's command line tool `ethercat`: started, and what it says made into types.
+//! Runs IgH's command line tool `ethercat` and parses its output.
 //!
-//! Its words are those of 1.5 and 1.6. Only long options are used: `-p` is the position of a slave
-//! in IgH's tool, while manual 15.3.1 takes it for the password.
+//! Supports the output of 1.5 and 1.6. Uses long options only: `-p` is the position of a slave in
+//! IgH's tool, but the password in manual 15.3.1.
 
 use std::ffi::OsStr;
 use std::os::unix::process::CommandExt;
@@ -16,7 +16,7 @@ use thiserror::Error;
 
 use crate::program::{self, RunError};
 
-/// Where IgH's own installation puts the tool, for those whose PATH does not lead there.
+/// Default paths of the tool, for a PATH without it.
 const USUAL_PLACES: [&str; 4] = [
     "/opt/etherlab/bin/ethercat",
     "/usr/local/etherlab/bin/ethercat",
@@ -24,68 +24,68 @@ const USUAL_PLACES: [&str; 4] = [
     "/usr/bin/ethercat",
 ];
 
-/// How long it may take; the master itself waits some seconds for a mailbox.
+/// Time limit of a command; the master itself waits some seconds for a mailbox.
 pub const LIMIT: Duration = Duration::from_secs(5);
-/// How long it may take to write a file.
+/// Time limit of writing a file.
 pub const WRITE_LIMIT: Duration = Duration::from_secs(600);
 
-/// Why the tool did not do what it was asked for.
+/// Error of the tool.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ToolError {
-    /// There is none.
+    /// The tool was not found.
     #[error(
-        "IgH's tool ethercat was not found on the PATH, nor as {}; name it with --ethercat",
+        "IgH's tool ethercat not found on the PATH or as {}; set --ethercat",
         USUAL_PLACES.join(", ")
     )]
     NotFound,
-    /// It cannot be started.
+    /// The tool cannot be started.
     #[error("cannot start {}: {reason}", program.display())]
     NotStarted {
-        /// The program.
+        /// Path of the program.
         program: PathBuf,
-        /// Why.
+        /// Reason.
         reason: String,
     },
-    /// It ended with a status that is not 0.
+    /// The exit status is not 0.
     #[error("ethercat {command}: {message}")]
     Failed {
-        /// Its command.
+        /// Command of the tool.
         command: &'static str,
-        /// The first line of what it said.
+        /// First line of its error output.
         message: String,
     },
-    /// It did not end.
-    #[error("ethercat {command} did not end within {} s, and was ended", limit.as_secs())]
+    /// The tool did not exit in time.
+    #[error("ethercat {command} did not exit within {} s and was killed", limit.as_secs())]
     TimedOut {
-        /// Its command.
+        /// Command of the tool.
         command: &'static str,
-        /// How long it was waited for.
+        /// Time limit.
         limit: Duration,
     },
-    /// A signal ended it.
-    #[error("ethercat {command} was ended by a signal before it was done")]
+    /// A signal terminated the tool.
+    #[error("ethercat {command} was terminated by a signal")]
     Killed {
-        /// Its command.
+        /// Command of the tool.
         command: &'static str,
     },
-    /// It said something else than a tool of IgH's would.
-    #[error("ethercat {command} printed \"{text}\", which is no answer of IgH's tool")]
+    /// Unexpected output.
+    #[error("ethercat {command} printed \"{text}\", which is not output of IgH's tool")]
     Unreadable {
-        /// Its command.
+        /// Command of the tool.
         command: &'static str,
-        /// The first line of what it printed.
+        /// First line of the output.
         text: String,
     },
-    /// Its `foe_write` does not know how to choose a slave.
+    /// `foe_write` has no option to select a slave.
     #[error(
-        "foe_write of this ethercat tool has no option --position: it is none of IgH's, see its \
-         foe_write --help"
+        "foe_write of this ethercat tool has no option --position; use IgH's tool (see foe_write \
+         --help)"
     )]
     NoPosition,
 }
 
 impl ToolError {
-    /// Whether no other call can do better: there is no tool, or no master for it.
+    /// Returns whether other calls fail too: no tool, or no master for it.
     pub fn is_about_host(&self) -> bool {
         match self {
             Self::NotFound | Self::NotStarted { .. } | Self::NoPosition => true,
@@ -98,16 +98,16 @@ impl ToolError {
         }
     }
 
-    /// What to do about it; empty where the message says all.
+    /// Returns a remedy; empty if the message is sufficient.
     pub fn remedy(&self) -> &'static str {
         let Self::Failed { message, .. } = self else {
             return "";
         };
         let remedies = [
-            ("Permission denied", "run it with sudo, or give yourself the right to /dev/EtherCAT*"),
+            ("Permission denied", "run with sudo, or get access to /dev/EtherCAT*"),
             (
                 "No such file or directory",
-                "is the master's module loaded? systemctl start ethercat",
+                "check that the master's module is loaded: systemctl start ethercat",
             ),
             (
                 "version magic",
@@ -120,20 +120,20 @@ impl ToolError {
     }
 }
 
-/// A slave as `ethercat slaves` lists it.
+/// Slave in the output of `ethercat slaves`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ListedSlave {
-    /// Place in the ring.
+    /// Position of the slave.
     pub position: usize,
-    /// Its alias, where it is the slave that has it and not one behind.
+    /// Alias, if it is set on this slave and not on one before it.
     pub alias: Option<u16>,
-    /// AL state in words.
+    /// AL state as text.
     pub state: String,
 }
 
 impl ListedSlave {
-    /// Its AL state; `None` for words that are none, as while it is scanned. The tool appends
-    /// `+ERROR` where the state's error flag is set.
+    /// Returns the AL state; `None` for other text, for example during a scan. The tool appends
+    /// `+ERROR` if the error flag of the state is set.
     pub fn al_state(&self) -> Option<AlState> {
         let word = self.state.split('+').next().unwrap_or_default();
         use AlState::{Boot, Init, Op, PreOp, SafeOp};
@@ -141,7 +141,7 @@ impl ListedSlave {
     }
 }
 
-/// Type of a number, as `--type` names it; the tool refuses data of another length.
+/// Type of a number for `--type`; the tool rejects data of another length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberType {
     /// 8 bits.
@@ -162,7 +162,7 @@ impl NumberType {
     }
 }
 
-/// What `foe_write --help` tells of its arguments.
+/// Arguments listed by `foe_write --help`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct FoeArguments {
     has_password_argument: bool,
@@ -181,7 +181,7 @@ impl FoeArguments {
     }
 }
 
-/// The tool, and the master that it is to talk to.
+/// The tool and the index of its master.
 #[derive(Clone, Debug)]
 pub struct EthercatTool {
     program: PathBuf,
@@ -190,7 +190,7 @@ pub struct EthercatTool {
 }
 
 impl EthercatTool {
-    /// The tool that is named, else the first on the PATH, else in one of the usual places.
+    /// Finds the tool: the given path, else the first on the PATH, else a default path.
     ///
     /// # Errors
     /// [`ToolError::NotFound`].
@@ -207,12 +207,12 @@ impl EthercatTool {
         Ok(Self { program, master, is_shielded: false })
     }
 
-    /// The same, out of reach of the terminal's Ctrl-C: for work that is to be brought to its end.
+    /// Returns the tool in a process group of its own, so that Ctrl-C does not reach it.
     pub fn shielded(self) -> Self {
         Self { is_shielded: true, ..self }
     }
 
-    /// Standard output, as text, of a command that ends well.
+    /// Runs a command and returns its standard output as text.
     fn run<S: AsRef<OsStr>>(
         &self,
         command: &'static str,
@@ -232,7 +232,6 @@ impl EthercatTool {
         tool.arg(command).arg("--master").arg(self.master.to_string()).args(arguments);
         tool.env("LC_ALL", "C");
         if self.is_shielded {
-            // A process group of its own.
             tool.process_group(0);
         }
         let output = program::run(&mut tool, limit).map_err(|error| match error {
@@ -253,7 +252,7 @@ impl EthercatTool {
         Err(ToolError::Failed { command, message })
     }
 
-    /// The slaves of the bus.
+    /// Lists the slaves of the bus.
     ///
     /// # Errors
     /// Any [`ToolError`] but [`ToolError::NoPosition`].
@@ -262,7 +261,7 @@ impl EthercatTool {
         listed.lines().filter(|line| !line.trim().is_empty()).map(read_slave).collect()
     }
 
-    /// Vendor id and product code of a slave, by its SII.
+    /// Vendor ID and product code of a slave, from its SII.
     ///
     /// # Errors
     /// Any [`ToolError`] but [`ToolError::NoPosition`].
@@ -288,7 +287,7 @@ impl EthercatTool {
         self.run("upload", arguments)
     }
 
-    /// A number of the object dictionary.
+    /// Reads a number of the object dictionary.
     ///
     /// # Errors
     /// Any [`ToolError`] but [`ToolError::NoPosition`].
@@ -301,7 +300,7 @@ impl EthercatTool {
         read_number("upload", &self.upload(slave, object, kind.name())?)
     }
 
-    /// A register of the slave controller, of 16 bits.
+    /// Reads a 16-bit register of the slave controller.
     ///
     /// # Errors
     /// Any [`ToolError`] but [`ToolError::NoPosition`].
@@ -313,7 +312,7 @@ impl EthercatTool {
         u16::try_from(read_number(COMMAND, &printed)?).map_err(|_| unreadable(COMMAND, &printed))
     }
 
-    /// A text of the object dictionary.
+    /// Reads a text of the object dictionary.
     ///
     /// # Errors
     /// Any [`ToolError`] but [`ToolError::NoPosition`].
@@ -322,7 +321,7 @@ impl EthercatTool {
         Ok(printed.trim_end_matches(['\n', '\0']).to_owned())
     }
 
-    /// The SII, up to the end of its categories.
+    /// Reads the SII up to the end of its categories.
     ///
     /// # Errors
     /// Any [`ToolError`] but [`ToolError::NoPosition`].
@@ -330,8 +329,8 @@ impl EthercatTool {
         self.run_for_bytes("sii_read", ["--position", &slave.to_string()], LIMIT)
     }
 
-    /// Writes a file to a slave, with the password 0. Returns when the slave has taken or refused
-    /// all of it.
+    /// Writes a file to a slave, with password 0. Returns when the slave has accepted or rejected
+    /// the whole file.
     ///
     /// # Errors
     /// Any [`ToolError`].
@@ -350,19 +349,18 @@ impl EthercatTool {
     }
 }
 
-/// Whether what the tool said is a slave's answer that it does not have an object in the form that
-/// was asked for: an abort code, data of another size, or no CoE in its SII.
+/// Returns whether the message of the tool means that the slave does not have the object in the
+/// requested form: an abort code, data of another size, or no CoE in its SII.
 pub fn is_denial(said: &str) -> bool {
     let code = said.split_once("aborted with code 0x").and_then(|(_, behind)| behind.get(..8));
     let code = code.and_then(|digits| u32::from_str_radix(digits, 16).ok());
-    // Data of another size, shorter and longer; and no CoE.
     let others =
         ["Data type mismatch", "Value too large for defined data type", "Protocol not supported"];
     code.is_some_and(|code| denies_object(AbortCode(code)))
         || others.iter().any(|words| said.contains(words))
 }
 
-/// A number such as `0x0202 514`.
+/// Parses a number such as `0x0202 514`.
 fn read_number(command: &'static str, printed: &str) -> Result<u32, ToolError> {
     let number = printed.split_whitespace().next().and_then(crate::value::parse_unsigned);
     let number = number.and_then(|number| u32::try_from(number).ok());
@@ -374,7 +372,7 @@ fn unreadable(command: &'static str, printed: &str) -> ToolError {
     ToolError::Unreadable { command, text }
 }
 
-/// A line such as `1  5:0  PREOP  +  ECAN-Lite`.
+/// Parses a line such as `1  5:0  PREOP  +  ECAN-Lite`.
 fn read_slave(line: &str) -> Result<ListedSlave, ToolError> {
     let mut cells = line.split_whitespace();
     let mut read = || {
@@ -392,7 +390,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slaves_are_read_with_their_aliases() {
+    fn slave_list_is_parsed_with_aliases() {
         let read = |line: &str| read_slave(line).map(|it| (it.position, it.alias, it.state));
         assert_eq!(read("0     0:0  PREOP  +  ECAN-Lite"), Ok((0, None, "PREOP".to_owned())));
         assert_eq!(read("11  5:0   OP      +  a name"), Ok((11, Some(5), "OP".to_owned())));
@@ -401,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn states_with_an_error_are_states() {
+    fn al_state_ignores_error_suffix() {
         let of = |state: &str| {
             ListedSlave { position: 0, alias: None, state: state.to_owned() }.al_state()
         };
@@ -410,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slave_without_the_object_is_told_from_a_silent_one() {
+    fn missing_object_differs_from_no_response() {
         for said in [
             "SDO transfer aborted with code 0x06020000: This object does not exist",
             "SDO transfer aborted with code 0x06090011",
@@ -430,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_is_never_given_to_a_tool_that_may_take_it_for_a_password() {
+    fn foe_write_without_position_option_is_rejected() {
         let of_1_6 = "foe_write [OPTIONS] <FILENAME> [<PASSWORD>]\n  --position    -p <pos>";
         let of_1_5 = "foe_write [OPTIONS] <FILENAME>\n  --position    -p <pos>";
         let read = |help| FoeArguments::read(help).map(|it| it.has_password_argument);
@@ -439,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_of_the_host_are_told_from_those_of_a_slave() {
+    fn host_errors_differ_from_slave_errors() {
         let failed =
             |message: &str| ToolError::Failed { command: "slaves", message: message.to_owned() };
         let host = failed("Failed to open master device /dev/EtherCAT0: Permission denied");

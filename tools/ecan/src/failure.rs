@@ -1,4 +1,4 @@
-//! Why a command failed, and the exit status that says so.
+//! Errors of a command and their exit status.
 
 use std::path::PathBuf;
 
@@ -8,61 +8,61 @@ use ecan_host::MaintenanceError;
 use ecan_sim::BackendError;
 use thiserror::Error;
 
-/// Why a command failed.
+/// Error of a command.
 #[derive(Debug, Error)]
 pub enum Failure {
-    /// Something was looked at and is amiss; it was printed already.
-    #[error("something is amiss, see above")]
-    Amiss,
-    /// An argument that only the program can judge.
+    /// Problems were found and printed.
+    #[error("problems found; see the report above")]
+    ProblemsFound,
+    /// Invalid argument.
     #[error("{0}")]
     Usage(String),
-    /// There is no library.
+    /// The EtherCAT library is not available.
     #[error("{0}")]
     Library(#[from] BackendError),
-    /// There is no master, or it cannot be asked.
+    /// No master, or the master does not respond.
     #[error("{0}")]
     Master(String),
-    /// This host does not give what the program asks it for: real time, a thread, its signals.
+    /// The host denies a resource: real time, a thread or a signal handler.
     #[error("{0}")]
     Host(String),
-    /// No slave, or none chosen.
+    /// No such slave, or none selected.
     #[error("{0}")]
     Slave(String),
-    /// A slave refused, or did not answer.
+    /// A slave aborted a transfer or did not respond.
     #[error("{0}")]
     Device(ecan_host::Error),
-    /// A slave refused, did not answer, or is in no state for it, by other words than the library's.
+    /// A slave rejected a request, did not respond, or is in the wrong state.
     #[error("{0}")]
     Refused(String),
-    /// A gateway is not in service.
+    /// A gateway is not ready.
     #[error("the gateway at position {position}: {reason}")]
     OutOfService {
-        /// Its place in the ring.
+        /// Position of the slave.
         position: usize,
-        /// Why.
+        /// Reason.
         reason: String,
     },
-    /// Fewer frames than were asked for came, or are known to have left.
+    /// Fewer frames than required were received or confirmed as sent.
     #[error("{0}")]
     TooFew(String),
-    /// The user gave up before all was done.
+    /// The user stopped the command before it was complete.
     #[error("{0}")]
     Interrupted(String),
-    /// A CAN log.
+    /// Error of a candump log.
     #[error("{0}")]
     Log(#[from] LogFileError),
-    /// An address or a terminal for other programs cannot be had.
+    /// An address or terminal for clients is not available.
     #[error("{0}")]
     Bridge(String),
-    /// A file.
+    /// Error of a file.
     #[error("cannot {what} {}: {reason}", path.display())]
     File {
-        /// What was tried: read, write.
+        /// Failed operation: read, write.
         what: &'static str,
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Why it failed.
+        /// Reason.
         reason: String,
     },
     /// Standard input cannot be read.
@@ -71,22 +71,22 @@ pub enum Failure {
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(std::io::Error),
-    /// The reader of standard output went away.
-    #[error("the reader of the output went away")]
+    /// The reader of standard output has closed it.
+    #[error("standard output was closed by its reader")]
     ReaderGone,
 }
 
 impl Failure {
-    /// That a thread cannot be started.
+    /// Error for a thread that cannot be started.
     pub fn of_thread(error: std::io::Error) -> Self {
         Self::Host(format!("cannot start a thread: {error}"))
     }
 
-    /// The exit status, see [`crate::global::EXIT_STATUS`].
+    /// Returns the exit status, see [`crate::global::EXIT_STATUS`].
     pub fn status(&self) -> u8 {
         match self {
             Self::ReaderGone => 0,
-            Self::Amiss | Self::TooFew(_) | Self::Interrupted(_) => 1,
+            Self::ProblemsFound | Self::TooFew(_) | Self::Interrupted(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,
@@ -116,7 +116,7 @@ impl From<MaintenanceError> for Failure {
     }
 }
 
-/// Of standard output alone: what else can go wrong with the system is told by its own words.
+/// For errors of standard output only.
 impl From<std::io::Error> for Failure {
     fn from(error: std::io::Error) -> Self {
         match error.kind() {

@@ -1,24 +1,24 @@
-//! Which firmware a gateway runs, and the serial number of the gateway (manual 13.8).
+//! Firmware version and serial number of a gateway (manual 13.8).
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// Which firmware a gateway runs.
+/// Firmware version of a gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FirmwareVersion {
-    /// 0x100A, where the gateway has it.
+    /// 0x100A, if the gateway has it.
     pub firmware: Option<String>,
     /// 0xF000:05 and :06 as MAJOR.MINOR.BUILD.
     pub numbers: String,
-    /// 0xF000:05, the high byte is major and the low byte is minor.
+    /// 0xF000:05, the high byte is major, the low byte minor.
     pub version: u16,
     /// 0xF000:06.
     pub build: u16,
 }
 
 impl FirmwareVersion {
-    /// From 0x100A and the numbers of 0xF000; `number` gets their subindices.
+    /// Builds the version from 0x100A and the numbers of 0xF000; `number` reads a subindex.
     ///
     /// # Errors
     /// The first error of `number`.
@@ -31,7 +31,7 @@ impl FirmwareVersion {
         Ok(Self { firmware, numbers: format!("{major}.{minor}.{build}"), version, build })
     }
 
-    /// Whether it is the version that the user names: by 0x100A, or in numbers.
+    /// Returns whether `named` is this version, as text of 0x100A or as numbers.
     pub fn is_version(&self, named: &str) -> bool {
         Some(named) == self.firmware.as_deref() || named == self.numbers
     }
@@ -46,7 +46,7 @@ impl fmt::Display for FirmwareVersion {
     }
 }
 
-/// The serial number of 0xF000:07 and :08; `number` gets their subindices.
+/// Reads the serial number of 0xF000:07 and :08; `number` reads a subindex.
 ///
 /// # Errors
 /// The first error of `number`.
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_version_is_named_by_its_text_or_by_its_numbers() {
+    fn version_matches_text_or_numbers() {
         let read = |text: Option<&str>| {
             let number = |subindex| Ok::<_, ()>(if subindex == 5 { 0x0E04 } else { 94 });
             FirmwareVersion::read(text.map(str::to_owned), number).unwrap()
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn a_serial_number_has_two_halves() {
+    fn serial_number_combines_two_halves() {
         let halves = |subindex| if subindex == 7 { Ok(2) } else { Err(subindex) };
         assert_eq!(serial_number(halves), Err(8));
         assert_eq!(serial_number(|it| Ok::<_, ()>(it.into())), Ok(0x8_0000_0007));

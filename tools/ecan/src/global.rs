@@ -1,4 +1,4 @@
-//! Options that every command has.
+//! Options of every command.
 
 use clap::{Args, ValueEnum};
 use ecan_command_line::logging::LogArguments;
@@ -6,25 +6,24 @@ use ecan_command_line::logging::LogArguments;
 use crate::failure::Failure;
 use crate::slave_choice::SlaveChoice;
 
-/// What the exit status says, for the end of the help.
+/// Exit statuses, for the end of the help.
 pub const EXIT_STATUS: &str = "\
 Exit status:
-  0  done, and nothing amiss
-  1  looked, and something is amiss (a difference, a fault)
-  2  wrong use of the program
-  3  no EtherCAT master: library, module, permission, no link
-  4  no such slave, or several and none chosen
-  5  a slave refused or did not answer
-  6  a file cannot be read, written or understood
-  7  this host does not give what was asked for: real time (--rt-required), a thread
+  0  success, no problems found
+  1  problems found (difference or fault), or not all frames sent
+  2  invalid arguments
+  3  no EtherCAT master: library, module, permission or link is missing
+  4  no such slave, or several slaves and none selected
+  5  slave rejected a request or did not respond
+  6  file cannot be read, written or parsed
+  7  host denied a resource: real time (--rt-required) or a thread
 
 Without hardware: ecan --ecrt sim scan";
 
 /// When to use colours.
-// Plain comments: a doc comment on a value would spread every help over twice the lines.
+// Not doc comments on the values: they would double the length of every help.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Color {
-    // On a terminal, unless NO_COLOR is set.
     #[default]
     Auto,
     Always,
@@ -35,20 +34,20 @@ pub enum Color {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Bus and output")]
 pub struct GlobalOptions {
-    /// EtherCAT library: a path, or sim, sim:echo, sim:drives, sim:FILE.toml for a simulated master;
-    /// otherwise ECAN_ECRT, otherwise libethercat.so.1
+    /// EtherCAT library: a path, or sim, sim:echo, sim:drives, sim:FILE.toml (simulated)
+    /// [default: ECAN_ECRT, or libethercat.so.1]
     #[arg(long, global = true, value_name = "LIBRARY")]
     pub ecrt: Option<String>,
-    /// Master of the library; otherwise that of the configuration file, otherwise 0
+    /// Index of the EtherCAT master [default: from the configuration file, or 0]
     #[arg(long, global = true, value_name = "N")]
     pub master: Option<u32>,
-    /// Slave: its position, alias=N or serial=N; needed only where there are several gateways
+    /// Slave: position, alias=N or serial=N [default: the only gateway]
     #[arg(long, global = true, value_name = "SLAVE")]
     pub slave: Option<SlaveChoice>,
     /// Print JSON
     #[arg(long, global = true)]
     pub json: bool,
-    /// Colours; auto: on a terminal, unless NO_COLOR is set
+    /// Use colours; auto: on a terminal unless NO_COLOR is set
     #[arg(long, global = true, value_enum, default_value_t = Color::Auto, value_name = "WHEN")]
     pub color: Color,
     #[command(flatten)]
@@ -56,15 +55,17 @@ pub struct GlobalOptions {
 }
 
 impl GlobalOptions {
-    /// Refuses `--slave`, which the command would not obey. (clap does not hold an option in front
-    /// of a command against those behind it.)
+    /// Rejects `--slave` for a command that does not use it. (clap does not check an option before the
+    /// command against those after it.)
     ///
     /// # Errors
-    /// [`Failure::Usage`] with what the command is about instead.
-    pub fn without_slave(&self, instead: &str) -> Result<(), Failure> {
+    /// [`Failure::Usage`] with the reason.
+    pub fn without_slave(&self, reason: &str) -> Result<(), Failure> {
         match self.slave {
             None => Ok(()),
-            Some(_) => Err(Failure::Usage(format!("--slave means nothing here: {instead}"))),
+            Some(_) => {
+                Err(Failure::Usage(format!("--slave is not used by this command: {reason}")))
+            }
         }
     }
 

@@ -76,7 +76,6 @@ fn main() -> ExitCode {
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
-        // Whoever read it has had enough.
         Err(Failure::ReaderGone) => ExitCode::SUCCESS,
         Err(failure) => {
             output.failure(&failure);

@@ -1,4 +1,4 @@
-//! Objects as a user names them: by numbers, or by the names of the manual's tables.
+//! Objects by number or by the names of the manual's tables.
 
 use std::str::FromStr;
 
@@ -6,27 +6,29 @@ use ecan_protocol::object::{Object, objects};
 
 use crate::value::parse_unsigned;
 
-/// An entry of the object dictionary.
+/// Entry of the object dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectPath {
     pub index: u16,
     pub subindex: u8,
 }
 
-/// A name as it is compared: letters and digits, in lower case.
+/// Normalizes a name for comparison: letters and digits, in lower case.
 fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }
 
-/// The index that a text names, with `@N` for one of a family.
+/// Finds the index of a number or name; `@N` selects one object of a family.
 fn find_index(text: &str) -> Result<u16, String> {
     if let Some(number) = parse_unsigned(text) {
-        return u16::try_from(number).map_err(|_| format!("{text} is no object index"));
+        return u16::try_from(number)
+            .map_err(|_| format!("invalid object index {text}; allowed: 0 to 0xFFFF"));
     }
     let (name, nth) = match text.split_once('@') {
         None => (text, None),
         Some((name, nth)) => {
-            let nth = nth.parse::<u16>().map_err(|_| format!("\"{nth}\" is no number"))?;
+            let nth =
+                nth.parse::<u16>().map_err(|_| format!("invalid number \"{nth}\" after @"))?;
             (name, Some(nth))
         }
     };
@@ -36,18 +38,18 @@ fn find_index(text: &str) -> Result<u16, String> {
     let object: &Object = match (exact, &found[..]) {
         (Some(exact), _) => exact,
         (None, [only]) => only,
-        (None, []) => return Err(format!("no object is called \"{name}\"; see `ecan sdo list`")),
+        (None, []) => return Err(format!("unknown object \"{name}\"; see `ecan sdo list`")),
         (None, several) => {
             let names: Vec<_> = several.iter().map(|object| object.name).collect();
-            return Err(format!("\"{name}\" may be {}", names.join(", ")));
+            return Err(format!("ambiguous object \"{name}\"; candidates: {}", names.join(", ")));
         }
     };
     match (nth, object.count) {
         (Some(nth), count) if nth >= count => {
-            Err(format!("{} has only {count}, from @0 on", object.name))
+            Err(format!("{}@{nth} does not exist; allowed: @0 to @{}", object.name, count - 1))
         }
         (None, count) if count > 1 => {
-            Err(format!("there are {count} of {}: write @0 to @{}", object.name, count - 1))
+            Err(format!("{} is a family; select @0 to @{}", object.name, count - 1))
         }
         (nth, _) => Ok(object.first + nth.unwrap_or(0) * object.stride),
     }
@@ -55,10 +57,11 @@ fn find_index(text: &str) -> Result<u16, String> {
 
 fn find_subindex(index: u16, text: &str) -> Result<u8, String> {
     if let Some(number) = parse_unsigned(text) {
-        return u8::try_from(number).map_err(|_| format!("{text} is no subindex"));
+        return u8::try_from(number)
+            .map_err(|_| format!("invalid subindex {text}; allowed: 0 to 255"));
     }
     let object = ecan_protocol::object::object(index)
-        .ok_or_else(|| format!("0x{index:04X} has no names; write the subindex as a number"))?;
+        .ok_or_else(|| format!("entries of 0x{index:04X} have no names; use a number"))?;
     let wanted = plain(text);
     let entries = object.entries.iter().filter(|entry| plain(entry.name).contains(&wanted));
     let found: Vec<_> = entries.collect();
@@ -72,7 +75,11 @@ fn find_subindex(index: u16, text: &str) -> Result<u8, String> {
                 .iter()
                 .map(|entry| format!("{} (:{})", entry.name, entry.subindex))
                 .collect();
-            Err(format!("\"{text}\" of {} may be {}", object.name, names.join(", ")))
+            Err(format!(
+                "ambiguous entry \"{text}\" of {}; candidates: {}",
+                object.name,
+                names.join(", ")
+            ))
         }
     }
 }
@@ -96,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_and_names_mean_the_same() {
+    fn numbers_and_names_select_objects() {
         assert_eq!(parse("0x8010:3"), Ok((0x8010, 3)));
         assert_eq!(parse("32784:0x03"), Ok((0x8010, 3)));
         assert_eq!(parse("0x1008"), Ok((0x1008, 0)));
@@ -105,14 +112,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_clear_is_said() {
-        assert!(parse("0x8010:300").unwrap_err().contains("no subindex"));
-        assert!(parse("0x18010:0").unwrap_err().contains("no object index"));
+    fn ambiguous_or_unknown_path_is_rejected() {
+        assert!(parse("0x8010:300").unwrap_err().contains("invalid subindex"));
+        assert!(parse("0x18010:0").unwrap_err().contains("invalid object index"));
         assert!(parse("nonsense").unwrap_err().contains("ecan sdo list"));
         assert!(parse("mcan channel config:1").unwrap_err().contains("@0 to @3"));
-        assert!(parse("mcan channel config@4:1").unwrap_err().contains("only 4"));
+        assert!(parse("mcan channel config@4:1").unwrap_err().contains("@0 to @3"));
         assert!(parse("0x8010:nonsense").unwrap_err().contains("has no entry"));
-        assert!(parse("pdo profile:1").unwrap_err().contains("may be"));
-        assert!(parse("0x5555:name").unwrap_err().contains("as a number"));
+        assert!(parse("pdo profile:1").unwrap_err().contains("ambiguous"));
+        assert!(parse("0x5555:name").unwrap_err().contains("use a number"));
     }
 }

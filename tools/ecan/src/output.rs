@@ -1,4 +1,4 @@
-//! What the program prints: text for people, or JSON for programs.
+//! Output of the program: text for people, JSON for programs.
 
 use std::io::{IsTerminal, Write};
 
@@ -7,24 +7,21 @@ use serde::Serialize;
 use crate::failure::Failure;
 use crate::global::Color;
 
-/// Where and how to print.
+/// Output settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Output {
     json: bool,
     color: bool,
-    is_beside: bool,
+    is_on_stderr: bool,
 }
 
-/// A colour that says something.
+/// Colour by meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
-    /// As it should be.
     Good,
-    /// To be looked at.
     Warning,
-    /// Wrong.
     Bad,
-    /// Beside the point.
+    /// Less important.
     Faint,
 }
 
@@ -37,28 +34,28 @@ impl Output {
                 std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none()
             }
         };
-        Self { json, color: is_wanted && !json, is_beside: false }
+        Self { json, color: is_wanted && !json, is_on_stderr: false }
     }
 
-    /// The same on standard error, where standard output is taken.
-    pub fn beside(self, is_taken: bool) -> Self {
-        Self { is_beside: is_taken, color: self.color && !is_taken, ..self }
+    /// Redirects to standard error if standard output is in use.
+    pub fn on_stderr(self, is_stdout_used: bool) -> Self {
+        Self { is_on_stderr: is_stdout_used, color: self.color && !is_stdout_used, ..self }
     }
 
-    /// Whether colours are wanted.
+    /// Returns whether colours are used.
     pub fn has_color(&self) -> bool {
         self.color
     }
 
-    /// Where data go.
+    /// Returns the stream for data.
     pub fn stream(&self) -> Box<dyn Write> {
-        match self.is_beside {
+        match self.is_on_stderr {
             false => Box::new(std::io::stdout().lock()),
             true => Box::new(std::io::stderr().lock()),
         }
     }
 
-    /// A text in a colour, where there are colours.
+    /// Colours a text, if colours are used.
     pub fn toned(&self, tone: Tone, text: impl std::fmt::Display) -> String {
         let code = match tone {
             Tone::Good => 32,
@@ -69,8 +66,8 @@ impl Output {
         if self.color { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_string() }
     }
 
-    /// Prints data: as JSON where it is wanted, else by `text`. That the reader has gone is no
-    /// failure: the exit status still tells what was found.
+    /// Prints data as JSON with `--json`, else by `text`. A closed standard output is not an error: the
+    /// exit status still reports the result.
     pub fn data<T: Serialize>(
         &self,
         data: &T,
@@ -86,7 +83,7 @@ impl Output {
         unless_reader_gone(printed.and_then(|()| stream.flush()))
     }
 
-    /// As [`data`](Self::data), of one or of several: JSON is a list only where that was asked for.
+    /// As [`data`](Self::data), for one or several items: JSON is a list only if `is_list`.
     pub fn one_or_list<T: Serialize>(
         &self,
         is_list: bool,
@@ -99,25 +96,25 @@ impl Output {
         }
     }
 
-    /// Prints bytes as they are.
+    /// Prints bytes unchanged.
     pub fn bytes(&self, bytes: &[u8]) -> Result<(), Failure> {
         let mut stream = self.stream();
         unless_reader_gone(stream.write_all(bytes).and_then(|()| stream.flush()))
     }
 
-    /// A line beside the data, on standard error.
+    /// Prints a line on standard error.
     pub fn note(&self, text: impl std::fmt::Display) {
         let _ = writeln!(std::io::stderr(), "{text}");
     }
 
-    /// How far a long work is, on standard error; not where a program reads what is printed.
+    /// Prints progress on standard error, except with `--json`.
     pub fn progress(&self, text: impl std::fmt::Display) {
         if !self.json {
             self.note(text);
         }
     }
 
-    /// Why the program fails, on standard error.
+    /// Prints an error on standard error.
     pub fn failure(&self, failure: &Failure) {
         self.note(format_args!("ecan: {failure}"));
     }

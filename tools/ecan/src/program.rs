@@ -1,4 +1,4 @@
-//! Other programs: run to their end, or to a limit of time.
+//! Runs other programs with a time limit.
 
 use std::io::Read;
 use std::process::{Child, Command, Output, Stdio};
@@ -7,22 +7,22 @@ use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
-/// Between two looks at a program that has closed its output and runs on.
+/// Poll interval of a program that has closed its output.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// Why there is no output of a program.
+/// Error of running a program.
 #[derive(Debug, Error)]
 pub enum RunError {
-    /// It cannot be started, or not be waited for.
+    /// The program cannot be started or waited for.
     #[error(transparent)]
     System(#[from] std::io::Error),
-    /// It did not end in time, and was ended.
-    #[error("it did not end within {} s, and was ended", .0.as_secs())]
+    /// The program did not exit in time and was killed.
+    #[error("the program did not exit within {} s and was killed", .0.as_secs())]
     TimedOut(Duration),
 }
 
-/// Runs a program without input and collects what it prints. At the limit it is killed; what it
-/// started itself is not.
+/// Runs a program without input and collects its output. At the limit the program is killed, but
+/// not its children.
 ///
 /// # Errors
 /// [`RunError`].
@@ -33,7 +33,7 @@ pub fn run(command: &mut Command, limit: Duration) -> Result<Output, RunError> {
     match collect(&mut child, deadline) {
         Ok(Some(output)) => Ok(output),
         other => {
-            // It may have ended just now. Nothing is left of it either way.
+            // It may have exited just now; either way it is reaped.
             let _ = child.kill();
             child.wait()?;
             other?;
@@ -42,9 +42,9 @@ pub fn run(command: &mut Command, limit: Duration) -> Result<Output, RunError> {
     }
 }
 
-/// What it printed, once it has ended; `None` at the deadline.
+/// Returns the output after the program exits; `None` at the deadline.
 fn collect(child: &mut Child, deadline: Instant) -> std::io::Result<Option<Output>> {
-    // Both at once: a pipe that nobody empties stops whoever writes to it.
+    // Read both pipes in parallel: a full pipe blocks the program.
     let stdout = drain(child.stdout.take())?;
     let stderr = drain(child.stderr.take())?;
     let left = || deadline.saturating_duration_since(Instant::now());
@@ -61,14 +61,14 @@ fn collect(child: &mut Child, deadline: Instant) -> std::io::Result<Option<Outpu
     }
 }
 
-/// All that comes out of a pipe, once it is closed. The thread is not waited for: a program that was
-/// killed may have left the pipe to others.
+/// Reads a pipe until it is closed. The thread is not joined: children of a killed program may keep
+/// the pipe open.
 fn drain(pipe: Option<impl Read + Send + 'static>) -> std::io::Result<Receiver<Vec<u8>>> {
     let (sender, receiver) = channel();
     std::thread::Builder::new().name("pipe".to_owned()).spawn(move || {
         let mut bytes = Vec::new();
         if let Some(mut pipe) = pipe {
-            // What was read before an error stays.
+            // Keep what was read before an error.
             let _ = pipe.read_to_end(&mut bytes);
         }
         let _ = sender.send(bytes);
@@ -89,7 +89,7 @@ mod tests {
     const LONG: Duration = Duration::from_secs(600);
 
     #[test]
-    fn what_a_program_prints_is_collected_however_much_it_is() {
+    fn large_output_is_collected() {
         let both = "head -c 300000 /dev/zero; head -c 300001 /dev/zero >&2; exit 3";
         let output = run(&mut shell(both), LONG).unwrap();
         assert_eq!((output.stdout.len(), output.stderr.len()), (300_000, 300_001));
@@ -97,22 +97,22 @@ mod tests {
     }
 
     #[test]
-    fn a_program_that_does_not_end_is_ended() {
+    fn hanging_program_is_killed() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("pid");
         let hangs = format!("echo $$ > {}; echo begun; exec sleep 1000", file.display());
-        // Long enough for the shell to write its number.
+        // Long enough for the shell to write its process ID.
         let ended = run(&mut shell(&hangs), Duration::from_secs(2));
         let error = ended.unwrap_err();
         assert!(matches!(error, RunError::TimedOut(_)), "{error}");
-        assert_eq!(error.to_string(), "it did not end within 2 s, and was ended");
+        assert_eq!(error.to_string(), "the program did not exit within 2 s and was killed");
         let id = std::fs::read_to_string(file).unwrap();
         let process = std::path::Path::new("/proc").join(id.trim());
         assert!(!process.exists(), "it is killed and reaped");
     }
 
     #[test]
-    fn a_program_that_closes_its_output_is_waited_for_and_ended() {
+    fn program_that_closes_its_output_is_waited_for() {
         let closes = "exec >&- 2>&-; exec sleep 1000";
         let ended = run(&mut shell(closes), Duration::from_millis(50));
         assert!(matches!(ended, Err(RunError::TimedOut(_))));
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_that_is_not_there_is_told() {
+    fn missing_program_returns_error() {
         let missing = run(&mut Command::new("/none/such"), LONG);
         assert!(matches!(missing, Err(RunError::System(_))));
     }

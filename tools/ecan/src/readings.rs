@@ -1,11 +1,10 @@
-//! Several values of one slave, of which some may be missing: another firmware version has other
-//! entries, and that is no reason to tell nothing.
+//! Values of one slave, some of which may be missing: other firmware versions have other entries.
 
 use ecan_host::Error;
 
 use crate::failure::Failure;
 
-/// What came of the readings so far.
+/// State of a series of reads.
 #[derive(Debug, Default)]
 pub struct Readings {
     read: usize,
@@ -14,7 +13,7 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// The value, or why there is none.
+    /// Counts a result; returns the value or the reason why it is missing.
     pub fn note<T>(&mut self, reading: Result<T, Failure>) -> Result<T, String> {
         let failure = match reading {
             Ok(value) => {
@@ -38,11 +37,11 @@ impl Readings {
         Err(reason)
     }
 
-    /// Whether it makes sense to ask on: each question to a slave that is silent takes as long as
-    /// the master waits for a mailbox.
+    /// Checks whether to continue: each request to a slave that does not respond takes as long as
+    /// the mailbox timeout of the master.
     ///
     /// # Errors
-    /// It has not answered yet: the reason.
+    /// The slave has not responded yet: the reason.
     pub fn answers(&mut self) -> Result<(), Failure> {
         match self.first.take_if(|_| self.read == 0 && self.unanswered > 0) {
             Some(first) => Err(first),
@@ -50,7 +49,7 @@ impl Readings {
         }
     }
 
-    /// Whether there is anything to print.
+    /// Checks whether there is anything to print.
     ///
     /// # Errors
     /// Nothing was read: the first reason.
@@ -61,20 +60,20 @@ impl Readings {
         }
     }
 
-    /// Whether the slave answered, if only to refuse.
+    /// Checks whether the slave responded to every request, at least with an abort code.
     ///
     /// # Errors
-    /// [`Failure::Refused`] where it did not.
+    /// [`Failure::Refused`] if it did not.
     pub fn end(&self) -> Result<(), Failure> {
         match self.unanswered {
             0 => Ok(()),
-            1 => Err(Failure::Refused("1 value was not read, see above".to_owned())),
-            more => Err(Failure::Refused(format!("{more} values were not read, see above"))),
+            1 => Err(Failure::Refused("1 value was not read; see above".to_owned())),
+            more => Err(Failure::Refused(format!("{more} values were not read; see above"))),
         }
     }
 }
 
-/// The words in the place of a value.
+/// Text in place of a missing value.
 pub fn not_read(reason: &str) -> String {
     format!("not read: {reason}")
 }

@@ -1,4 +1,4 @@
-//! Which slave of a bus is meant, and what speaks against it.
+//! Selection of a slave on a bus.
 
 use std::fmt::{self, Display};
 use std::str::FromStr;
@@ -9,21 +9,21 @@ use ecan_host::SlaveKind;
 use crate::failure::Failure;
 use crate::value::parse_unsigned;
 
-/// The slave that the user names.
+/// Selected slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlaveChoice {
-    /// By its place in the ring, from 0.
+    /// Position, from 0.
     Position(usize),
-    /// By its station alias.
+    /// Station alias.
     Alias(u16),
-    /// By the serial number of 0xF000:07 and :08.
+    /// Serial number of 0xF000:07 and :08.
     Serial(u64),
 }
 
-/// `--all` of a command that takes one gateway otherwise.
+/// `--all` of a command for one gateway.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct AllArgument {
-    /// All gateways of the bus, one after the other; with --json a list
+    /// Process all gateways of the bus in turn; JSON output is a list
     #[arg(long)]
     pub all: bool,
 }
@@ -33,20 +33,18 @@ impl FromStr for SlaveChoice {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let wrong = || "expected a position, alias=NUMBER or serial=NUMBER".to_owned();
-        let unset = |why: &str| Err(format!("{why}; choose the slave by its position"));
+        let unset = |why: &str| Err(format!("{why}; select the slave by its position"));
         match text.split_once('=') {
             None => text.parse().map(Self::Position).map_err(|_| wrong()),
             Some(("alias", number)) => {
                 let alias = parse_unsigned(number).ok_or_else(wrong)?;
                 match u16::try_from(alias).map_err(|_| wrong())? {
-                    0 => unset("alias 0 means that none is set"),
+                    0 => unset("alias 0 means no alias"),
                     alias => Ok(Self::Alias(alias)),
                 }
             }
             Some(("serial", number)) => match parse_unsigned(number).ok_or_else(wrong)? {
-                0 | u64::MAX => {
-                    unset(&format!("serial number {number} means that none is programmed"))
-                }
+                0 | u64::MAX => unset(&format!("serial number {number} means no serial number")),
                 serial => Ok(Self::Serial(serial)),
             },
             Some(_) => Err(wrong()),
@@ -54,39 +52,39 @@ impl FromStr for SlaveChoice {
     }
 }
 
-/// Which slaves are gateways, and which cannot be asked.
+/// Slaves of a bus by kind.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Recognised {
-    /// Positions of those that are.
+    /// Positions of the gateways.
     pub gateways: Vec<usize>,
-    /// Those that may be.
+    /// Slaves that may be gateways.
     pub unknown: Vec<Unknown>,
 }
 
-/// A slave that does not tell what it is.
+/// Slave that could not be identified.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unknown {
-    /// Place in the ring.
+    /// Position of the slave.
     pub position: usize,
-    /// Why it does not.
+    /// Reason.
     pub reason: String,
 }
 
 impl Display for Unknown {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "slave {} {}", self.position, self.words())
+        write!(formatter, "slave {} {}", self.position, self.text())
     }
 }
 
 impl Unknown {
-    /// That it cannot be asked, and why.
-    pub fn words(&self) -> String {
-        format!("cannot be asked whether it is an ECAN-Lite: {}", self.reason)
+    /// Message without the position.
+    pub fn text(&self) -> String {
+        format!("cannot be identified: {}", self.reason)
     }
 }
 
 impl Recognised {
-    /// From what each of the slaves is.
+    /// Sorts the slaves by kind.
     pub fn new<E: Display>(kinds: impl IntoIterator<Item = (usize, SlaveKind<E>)>) -> Self {
         let mut recognised = Self::default();
         for (position, kind) in kinds {
@@ -103,27 +101,27 @@ impl Recognised {
     }
 }
 
-/// The slaves of a bus, one of which is meant.
+/// Slaves of a bus, for the selection of one.
 pub trait Candidates {
-    /// Position and alias of each; alias 0 is none.
-    fn places(&self) -> Result<Vec<(usize, u16)>, Failure>;
+    /// Position and alias of each slave; alias 0 means none.
+    fn positions(&self) -> Result<Vec<(usize, u16)>, Failure>;
 
-    /// Which of them are gateways.
+    /// Identifies the gateways.
     fn recognised(&self) -> Result<Recognised, Failure>;
 
     /// Serial number of a gateway.
     fn serial(&self, slave: usize) -> Result<u64, Failure>;
 }
 
-/// The slave that is named, or else the only gateway.
+/// Returns the selected slave, or the only gateway.
 ///
 /// # Errors
-/// [`Failure::Slave`] where it is not there, or where a choice is left.
+/// [`Failure::Slave`] if it does not exist or the selection is ambiguous.
 pub fn choose(candidates: &impl Candidates, choice: Option<SlaveChoice>) -> Result<usize, Failure> {
-    let places = candidates.places()?;
-    let count = places.len();
+    let slaves = candidates.positions()?;
+    let count = slaves.len();
     let positions = |is_it: &dyn Fn(&(usize, u16)) -> bool| -> Vec<_> {
-        places.iter().filter(|place| is_it(place)).map(|(position, _)| *position).collect()
+        slaves.iter().filter(|slave| is_it(slave)).map(|(position, _)| *position).collect()
     };
     match choice {
         None => only_gateway(&candidates.recognised()?, count),
@@ -145,20 +143,20 @@ fn one_of(found: &[usize], choice: Option<SlaveChoice>, slaves: usize) -> Result
             let what = match choice {
                 Some(SlaveChoice::Serial(serial)) => format!("serial number {serial}"),
                 Some(SlaveChoice::Alias(alias)) => format!("alias {alias}"),
-                Some(SlaveChoice::Position(_)) | None => "place".to_owned(),
+                Some(SlaveChoice::Position(_)) | None => "position".to_owned(),
             };
             let several = list(several);
             let words =
-                format!("slaves {several} have the same {what}; choose one by its position");
+                format!("slaves {several} have the same {what}; select one by its position");
             Err(Failure::Slave(words))
         }
     }
 }
 
-/// The only slave that is a gateway, where no other may be one.
+/// Returns the only gateway, if every other slave is identified.
 ///
 /// # Errors
-/// [`Failure::Slave`] where there is none, or a choice is left.
+/// [`Failure::Slave`] if there is none or the selection is ambiguous.
 pub fn only_gateway(recognised: &Recognised, slaves: usize) -> Result<usize, Failure> {
     match (&recognised.gateways[..], &recognised.unknown[..]) {
         ([only], []) => Ok(*only),
@@ -169,20 +167,20 @@ pub fn only_gateway(recognised: &Recognised, slaves: usize) -> Result<usize, Fai
             let mut all: Vec<_> = gateways.iter().copied().chain(unknown).collect();
             all.sort_unstable();
             let words = match all[..] {
-                [only] => format!("{first}; if it is one, choose it with --slave {only}"),
-                _ => format!("{first}; choose one with --slave, of {}", list(&all)),
+                [only] => format!("{first}; if it is an ECAN-Lite, select it with --slave {only}"),
+                _ => format!("{first}; select one with --slave: {}", list(&all)),
             };
             Err(Failure::Slave(words))
         }
     }
 }
 
-/// The gateways of a command that takes one, or all where the user says so (`--all`).
+/// Returns the only or selected gateway, or all with `--all`.
 ///
 /// # Errors
-/// [`Failure::Usage`] where the user says both.
-/// [`Failure::Slave`] where one is meant and is not there, or a choice is left; where all are meant
-/// and none is there. Of all, those that cannot be asked are left to the caller.
+/// [`Failure::Usage`] if both options are given.
+/// [`Failure::Slave`] if the slave does not exist, the selection is ambiguous, or there is no
+/// gateway. With `--all` the caller handles slaves that cannot be identified.
 pub fn one_or_all(
     candidates: &impl Candidates,
     choice: Option<SlaveChoice>,
@@ -190,7 +188,7 @@ pub fn one_or_all(
 ) -> Result<Recognised, Failure> {
     let only = |gateway| Recognised { gateways: vec![gateway], unknown: Vec::new() };
     if choice.is_some() && all {
-        return Err(Failure::Usage("--slave chooses one gateway, --all all: take one".to_owned()));
+        return Err(Failure::Usage("--slave and --all exclude each other".to_owned()));
     }
     if choice.is_some() {
         return choose(candidates, choice).map(only);
@@ -198,25 +196,25 @@ pub fn one_or_all(
     let recognised = candidates.recognised()?;
     match recognised.gateways.len() + recognised.unknown.len() {
         1.. if all => Ok(recognised),
-        count => match only_gateway(&recognised, candidates.places()?.len()) {
-            // Names the other way out, where several are in question.
+        count => match only_gateway(&recognised, candidates.positions()?.len()) {
+            // Suggests --all if there are several candidates.
             Err(Failure::Slave(words)) if count > 1 => {
-                Err(Failure::Slave(format!("{words}, or take --all")))
+                Err(Failure::Slave(format!("{words}, or all with --all")))
             }
             other => other.map(only),
         },
     }
 }
 
-/// Every gateway, where no other slave may be one.
+/// Returns every gateway, if every other slave is identified.
 ///
 /// # Errors
-/// [`Failure::Slave`] where there is none, or a slave cannot be asked.
+/// [`Failure::Slave`] if there is none or a slave cannot be identified.
 pub fn every_gateway(candidates: &impl Candidates) -> Result<Vec<usize>, Failure> {
     let recognised = candidates.recognised()?;
     if recognised.gateways.is_empty() || !recognised.unknown.is_empty() {
-        // Tells why.
-        only_gateway(&recognised, candidates.places()?.len())?;
+        // Returns the reason.
+        only_gateway(&recognised, candidates.positions()?.len())?;
     }
     Ok(recognised.gateways)
 }
@@ -240,18 +238,18 @@ fn of_serial(candidates: &impl Candidates, wanted: u64, slaves: usize) -> Result
     }
 }
 
-/// Why none of so many slaves is the one that is meant.
+/// Error if no slave matches the selection.
 fn none_found(choice: Option<SlaveChoice>, slaves: usize) -> Failure {
     let words = match (choice, slaves) {
-        (_, 0) => "no slave answers on the bus".to_owned(),
+        (_, 0) => "no slave responds on the bus".to_owned(),
         (None, _) => format!(
-            "none of the {slaves} slaves shows itself as an ECAN-Lite; choose one with --slave"
+            "none of the {slaves} slaves is identified as an ECAN-Lite; select one with --slave"
         ),
         (Some(SlaveChoice::Position(position)), 1) => {
-            format!("there is no slave {position}: there is only slave 0")
+            format!("slave {position} does not exist; allowed: 0")
         }
         (Some(SlaveChoice::Position(position)), _) => {
-            format!("there is no slave {position}: there are slaves 0 to {}", slaves - 1)
+            format!("slave {position} does not exist; allowed: 0 to {}", slaves - 1)
         }
         (Some(SlaveChoice::Alias(alias)), _) => {
             format!("no slave has the alias {alias}; see `ecan scan`")
@@ -263,9 +261,9 @@ fn none_found(choice: Option<SlaveChoice>, slaves: usize) -> Failure {
     Failure::Slave(words)
 }
 
-/// That the gateways at these positions leave a choice.
+/// Message for an ambiguous selection.
 fn several_found(positions: &[usize]) -> String {
-    format!("there are several gateways; choose one with --slave, of {}", list(positions))
+    format!("several gateways; select one with --slave: {}", list(positions))
 }
 
 fn list(positions: &[usize]) -> String {
@@ -277,7 +275,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slaves_are_chosen_by_position_alias_or_serial_number() {
+    fn slave_choice_parses_position_alias_and_serial() {
         let parse = |text: &str| text.parse::<SlaveChoice>();
         assert_eq!(parse("3"), Ok(SlaveChoice::Position(3)));
         assert_eq!(parse("alias=0x1001"), Ok(SlaveChoice::Alias(0x1001)));
@@ -285,7 +283,7 @@ mod tests {
         for wrong in ["", "-1", "alias=", "alias=65536", "name=x", "0x"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
-        assert!(parse("alias=0").unwrap_err().contains("none is set"));
-        assert!(parse("serial=0x0").unwrap_err().contains("none is programmed"));
+        assert!(parse("alias=0").unwrap_err().contains("no alias"));
+        assert!(parse("serial=0x0").unwrap_err().contains("no serial number"));
     }
 }

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-/// Prints rows with columns as wide as their widest cell; the last one is ragged.
+/// Prints rows with columns as wide as their widest cell; the last column is not padded.
 pub fn print<const N: usize>(out: &mut dyn Write, rows: &[[String; N]]) -> std::io::Result<()> {
     let width = |column: usize| {
         rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max()
@@ -23,7 +23,7 @@ pub fn print<const N: usize>(out: &mut dyn Write, rows: &[[String; N]]) -> std::
 #[cfg(test)]
 mod tests {
     #[test]
-    fn columns_line_up() {
+    fn columns_are_aligned() {
         let rows = [["a", "long one", ""], ["bcd", "x", "end"]];
         let rows = rows.map(|row| row.map(str::to_owned));
         let mut out = Vec::new();

@@ -1,9 +1,9 @@
-//! Values of objects: from text to bytes and back, with units and meanings.
+//! Conversion of object values between text and bytes, with units and meanings.
 
 use ecan_protocol::object::{Entry, ObjectType};
 use serde::{Serialize, Serializer};
 
-/// A number without sign, in decimal or with 0x in hexadecimal.
+/// Parses an unsigned number, decimal or hexadecimal with 0x.
 pub fn parse_unsigned(text: &str) -> Option<u64> {
     match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
         Some(digits) => u64::from_str_radix(digits, 16).ok(),
@@ -11,7 +11,7 @@ pub fn parse_unsigned(text: &str) -> Option<u64> {
     }
 }
 
-/// A value as the device gave it. In JSON a number, a text, or nothing for bytes.
+/// Value of an object. In JSON a number, a text, or null for bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Value {
@@ -27,7 +27,7 @@ fn nothing<S: Serializer>(_: &[u8], serializer: S) -> Result<S::Ok, S::Error> {
 }
 
 impl Value {
-    /// Bytes of a known entry, or of one that is not in the table.
+    /// Decodes the bytes of a known entry, or of one that is not in the table.
     pub fn of(bytes: &[u8], entry: Option<&Entry>) -> Self {
         let mut number = [0; 8];
         let is_number = bytes.len() <= number.len() && !bytes.is_empty();
@@ -49,10 +49,9 @@ impl Value {
         }
     }
 
-    /// The value as text, with its unit.
+    /// Formats the value with its unit.
     pub fn text(&self, entry: Option<&Entry>) -> String {
         let unit = entry.and_then(|entry| entry.unit).map_or_else(String::new, |unit| {
-            // A unit such as "128 bytes" is a factor.
             let factor = if unit.starts_with(|c: char| c.is_ascii_digit()) { "x " } else { "" };
             format!(" {factor}{unit}")
         });
@@ -68,7 +67,7 @@ impl Value {
         }
     }
 
-    /// What the value means by the table: a word for it, or the bits that are set.
+    /// Returns the meaning of the value from the table: a name, or the names of the set bits.
     pub fn meaning(&self, entry: Option<&Entry>) -> Option<String> {
         let (Self::Unsigned(value), Some(entry)) = (self, entry) else { return None };
         let value = u32::try_from(*value).ok()?;
@@ -85,22 +84,20 @@ impl Value {
     }
 }
 
-/// The bytes to write for a text.
+/// Encodes a text for a write.
 pub fn encode(
     text: &str,
     entry: Option<&Entry>,
     ty: Option<ObjectType>,
 ) -> Result<Vec<u8>, String> {
     let Some(ty) = ty.or(entry.map(|entry| entry.ty)) else {
-        return Err("the object is not in the table: say its type with --type".to_owned());
+        return Err("the object is not in the table; set its type with --type".to_owned());
     };
     match ty {
         ObjectType::VisibleString => Ok(text.as_bytes().to_vec()),
-        ObjectType::String16 => {
-            Err("units of the process image are not written by name".to_owned())
-        }
+        ObjectType::String16 => Err("PDO image chunks cannot be written as text".to_owned()),
         ObjectType::I32 => {
-            let value: i32 = text.parse().map_err(|_| format!("\"{text}\" is no whole number"))?;
+            let value: i32 = text.parse().map_err(|_| format!("invalid integer \"{text}\""))?;
             Ok(value.to_le_bytes().to_vec())
         }
         ObjectType::U8 | ObjectType::U16 | ObjectType::U32 => {
@@ -109,16 +106,19 @@ pub fn encode(
                 entry.values.iter().find(is_it).map(|(number, _)| u64::from(*number))
             });
             let value = parse_unsigned(text).or(word).ok_or_else(|| {
-                let words: Vec<_> =
-                    entry.iter().flat_map(|it| it.values).map(|(_, word)| *word).collect();
-                match &words[..] {
-                    [] => format!("\"{text}\" is no number"),
-                    words => format!("\"{text}\" is no number, and none of {}", words.join(", ")),
+                let names: Vec<_> =
+                    entry.iter().flat_map(|it| it.values).map(|(_, name)| *name).collect();
+                match &names[..] {
+                    [] => format!("invalid number \"{text}\""),
+                    names => format!(
+                        "invalid value \"{text}\"; allowed: a number or {}",
+                        names.join(", ")
+                    ),
                 }
             })?;
             let bytes = ty.size_bytes().unwrap_or(4);
             if value > u64::from(ty.max_value()) {
-                return Err(format!("{value} does not fit, possible is 0..{}", ty.max_value()));
+                return Err(format!("{value} is out of range; allowed: 0 to {}", ty.max_value()));
             }
             Ok(value.to_le_bytes().get(..bytes).unwrap_or_default().to_vec())
         }
@@ -153,12 +153,12 @@ mod tests {
     }
 
     #[test]
-    fn words_and_numbers_are_written() {
+    fn encode_accepts_names_and_numbers() {
         let mode = Some(entry(0xB000, 1));
         assert_eq!(encode("factory", mode, None), Ok(vec![2]));
         assert_eq!(encode("0x2", mode, None), Ok(vec![2]));
-        assert!(encode("off", mode, None).unwrap_err().contains("none of run, engineering"));
-        assert!(encode("256", mode, None).unwrap_err().contains("possible is 0..255"));
+        assert!(encode("off", mode, None).unwrap_err().contains("a number or run, engineering"));
+        assert!(encode("256", mode, None).unwrap_err().contains("allowed: 0 to 255"));
         assert!(encode("1", None, None).unwrap_err().contains("--type"));
         assert_eq!(encode("1", None, Some(ObjectType::U16)), Ok(vec![1, 0]));
     }

@@ -1,4 +1,4 @@
-//! What is wrong on a CAN bus, or with the channel at it (manual 5.4.6, 13.4, 13.5, 16.3).
+//! Findings of a CAN bus and its channel (manual 5.4.6, 13.4, 13.5, 16.3).
 
 use ecan_protocol::config::NodeMode;
 use ecan_protocol::image::{ChannelState, ChannelStatus};
@@ -11,7 +11,7 @@ use crate::registers::{
 };
 use crate::snapshot::{ObjectKey, Snapshot};
 
-/// What was read of one channel.
+/// Values of one channel.
 pub(super) struct Channel<'a> {
     pub(super) snapshot: &'a Snapshot,
     pub(super) number: u8,
@@ -40,7 +40,7 @@ impl Channel<'_> {
         self.snapshot.get(0x9000 + u16::from(self.number), subindex)
     }
 
-    /// The channel's 0x8001 to 0x8004.
+    /// Object 0x8001 to 0x8004 of the channel.
     pub(super) fn config_object(&self) -> u16 {
         0x8001 + u16::from(self.number)
     }
@@ -49,12 +49,12 @@ impl Channel<'_> {
         self.snapshot.get(self.config_object(), subindex)
     }
 
-    /// An entry of the configuration, for what is to be done.
+    /// Entry of the configuration object.
     pub(super) fn config_entry(&self, subindex: u8) -> ObjectKey {
         ObjectKey { index: self.config_object(), subindex }
     }
 
-    /// An entry of the data path control.
+    /// Entry of the data path control.
     fn data_path_entry(&self, subindex: u8) -> ObjectKey {
         ObjectKey { index: 0x8021 + u16::from(self.number), subindex }
     }
@@ -82,17 +82,17 @@ impl Channel<'_> {
     }
 
     fn protocol(&self) -> ProtocolStatus {
-        // Without a value: no change since the last look.
+        // Default without a value: no change since the last read.
         ProtocolStatus::from_raw(self.information(2).unwrap_or(0x0707))
     }
 
     /// "500 kbit/s, sample point 75.0 to 87.5 %"
     pub(super) fn rates(&self) -> String {
-        let told = |subindex, words: fn(u32) -> String| {
-            self.snapshot.told(self.config_object(), subindex, words)
+        let text_of = |subindex, text: fn(u32) -> String| {
+            self.snapshot.text_of(self.config_object(), subindex, text)
         };
-        let rate = |subindex| told(subindex, |rate| format!("{} kbit/s", rate / 1000));
-        let percent = |subindex| told(subindex, |raw| format!("{:.1}", f64::from(raw) / 10.0));
+        let rate = |subindex| text_of(subindex, |rate| format!("{} kbit/s", rate / 1000));
+        let percent = |subindex| text_of(subindex, |raw| format!("{:.1}", f64::from(raw) / 10.0));
         let mut text = format!("{}, sample point {} to {} %", rate(19), percent(21), percent(22));
         if self.config(15) == Some(1) {
             text.push_str(&format!(
@@ -105,16 +105,19 @@ impl Channel<'_> {
         text
     }
 
-    /// How the pins are rotated, where they are.
+    /// Text of the pin rotation, if it is not 0.
     fn rotation(&self) -> Option<String> {
         let rotation = self.snapshot.get(0x8000, 13).filter(|rotation| *rotation != 0)?;
         let channels = CHANNELS as u32;
         let group = (u32::from(self.number) + rotation % channels) % channels;
-        Some(format!("the pins are rotated by {rotation}: this channel is at pin group {group}"))
+        Some(format!("the pins are rotated by {rotation}: this channel uses pin group {group}"))
     }
 
     fn compare_rates(&self) -> String {
-        format!("bit rate or sample point differ from the other nodes; here {}", self.rates())
+        format!(
+            "bit rate or sample point differs from the other nodes; this channel: {}",
+            self.rates()
+        )
     }
 
     fn error_state(&self) -> Option<Finding> {
@@ -131,23 +134,24 @@ impl Channel<'_> {
         }
         if status.state() == ChannelState::Error {
             let finding =
-                self.fault("channel-error", "the channel is in its error state").because(&[
+                self.fault("channel-error", "the channel is in its error state").causes(&[
                     "the last configuration was not applied",
                     "the controller did not start",
                 ]);
             let (apply, status) = (self.config_entry(1), self.config_entry(2));
-            let next = format!("look at its apply status ({status}), apply it again ({apply} = 1)");
-            return Some(finding.so(next, "16.3"));
+            let next = format!("read the apply status ({status}) and apply again ({apply} = 1)");
+            return Some(finding.next_step(next, "16.3"));
         }
         if protocol.is_warning || counters.transmit >= 96 || counters.receive >= 96 {
             let what = format!("error warning: {counters}");
             let finding = self
                 .warning("error-warning", what)
-                .because(&["termination, cable or a bad contact", "disturbance on the cable"])
-                .or_because(self.compare_rates());
-            return Some(
-                finding.so("measure 60 ohms across the bus, then watch the counters", "16.3"),
-            );
+                .causes(&["termination, cable or contact", "interference on the cable"])
+                .cause(self.compare_rates());
+            return Some(finding.next_step(
+                "check for 60 ohms between CAN_H and CAN_L, then watch the counters",
+                "16.3",
+            ));
         }
         None
     }
@@ -159,16 +163,21 @@ impl Channel<'_> {
                 format!("recovery is manual ({policy} = 0): apply the channel again ({apply} = 1)")
             }
             Some(3) => format!(
-                "the policy keeps it off the bus ({policy} = 3): apply the channel again \
+                "the policy keeps the channel off the bus ({policy} = 3): apply the channel again \
                  ({apply} = 1)"
             ),
-            _ => "it recovers by itself once 128 times 11 recessive bits were seen".to_owned(),
+            _ => "recovery is automatic after 128 sequences of 11 recessive bits".to_owned(),
         };
-        self.fault("bus-off", "the channel is bus-off: it neither sends nor receives")
-            .because(&["CAN_H and CAN_L are short-circuited or swapped", "termination is missing"])
-            .or_because(self.compare_rates())
-            .because(&["another node sends with another bit rate, or CAN FD to nodes without it"])
-            .so(format!("mend the bus first: 60 ohms between CAN_H and CAN_L; {recovery}"), "16.3")
+        self.fault("bus-off", "the channel is bus-off and does not send or receive")
+            .causes(&["CAN_H and CAN_L are short-circuited or swapped", "termination is missing"])
+            .cause(self.compare_rates())
+            .causes(&[
+                "another node uses another bit rate, or sends CAN FD frames to classic nodes",
+            ])
+            .next_step(
+                format!("repair the bus wiring first: 60 ohms between CAN_H and CAN_L; {recovery}"),
+                "16.3",
+            )
     }
 
     fn error_passive(&self, counters: ErrorCounters) -> Finding {
@@ -176,25 +185,28 @@ impl Channel<'_> {
         let is_alone = protocol.last_error == LastErrorCode::Acknowledge
             || (counters.transmit == 128 && counters.receive == 0 && !counters.is_receive_passive);
         if is_alone {
-            let what = format!("nobody acknowledges what the channel sends: {counters}");
+            let what = format!("no node acknowledges frames from this channel: {counters}");
             return self
                 .fault("no-acknowledge", what)
-                .because(&["no other node is on this bus, switched on and not in listen mode"])
-                .because_of(self.rotation())
-                .or_because(self.compare_rates())
-                .because(&["the cable is open, or plugged into another channel"])
-                .so("connect a second node with the same rates; see `ecan pins`", "16.3");
+                .causes(&["no other active node on this bus (off, or in listen mode)"])
+                .cause_if(self.rotation())
+                .cause(self.compare_rates())
+                .causes(&["the cable is open or connected to another channel"])
+                .next_step(
+                    "connect a second node with the same bit rates; see `ecan pins`",
+                    "16.3",
+                );
         }
         self.fault("error-passive", format!("error passive: {counters}"))
-            .or_because(self.compare_rates())
-            .because(&[
-                "termination is missing or there is too much of it",
-                "disturbance on the cable",
+            .cause(self.compare_rates())
+            .causes(&[
+                "termination is missing, or too many terminations",
+                "interference on the cable",
             ])
-            .so("measure 60 ohms across the bus, then compare the timing of all nodes", "16.3")
+            .next_step("check for 60 ohms between CAN_H and CAN_L, then compare the bit timing of all nodes", "16.3")
     }
 
-    /// The last error of the protocol status, where the state does not tell it already.
+    /// Last error code of the protocol status, unless the state implies it.
     fn bus_error(&self) -> Option<Finding> {
         let protocol = self.protocol();
         if !self.is_running() {
@@ -204,14 +216,19 @@ impl Channel<'_> {
             let what = format!("{} in the data phase of CAN FD frames", protocol.last_data_error);
             let finding = self
                 .warning("data-phase-error", what)
-                .because(&[
+                .causes(&[
                     "the sample points of the data phase differ",
-                    "the transmitter delay is not compensated (TDC), needed from 5 Mbit/s on",
-                    "BRS is used towards nodes that have another data bit rate",
-                    "stubs or cables too long for this data bit rate",
+                    "transmitter delay compensation (TDC) is off, but needed from 5 Mbit/s",
+                    "frames with BRS are sent to nodes with another data bit rate",
+                    "stubs or cables are too long for this data bit rate",
                 ])
-                .or_because(format!("here {}", self.rates()));
-            return Some(finding.so("set the same data sample point on all nodes; TDC on", "16.3"));
+                .cause(format!("this channel: {}", self.rates()));
+            return Some(
+                finding.next_step(
+                    "set the same data sample point on all nodes and enable TDC",
+                    "16.3",
+                ),
+            );
         }
         let error = protocol.last_error;
         if !error.is_error() || protocol.is_bus_off || protocol.is_error_passive {
@@ -219,20 +236,22 @@ impl Channel<'_> {
         }
         let causes: &[&str] = match error {
             LastErrorCode::Acknowledge => {
-                &["no other node is on this bus, switched on and not in listen mode"]
+                &["no other active node on this bus (off, or in listen mode)"]
             }
             LastErrorCode::Bit1 | LastErrorCode::Bit0 => &[
-                "two nodes send the same identifier",
-                "CAN_H or CAN_L is short-circuited, or the transceiver is not supplied",
+                "two nodes send the same CAN ID",
+                "CAN_H or CAN_L is short-circuited, or the transceiver has no supply",
             ],
-            LastErrorCode::Form => &["CAN FD frames reach a channel that is set to classic CAN"],
-            _ => &["disturbance, termination or a bad contact"],
+            LastErrorCode::Form => {
+                &["the channel is configured for classic CAN and receives CAN FD frames"]
+            }
+            _ => &["interference, termination or contact"],
         };
         let finding = self
             .warning("bus-error", format!("the last error on the bus was a {error}"))
-            .because(causes)
-            .or_because(self.compare_rates());
-        Some(finding.so("watch whether the error counters rise while frames are sent", "16.3"))
+            .causes(causes)
+            .cause(self.compare_rates());
+        Some(finding.next_step("watch the error counters while frames are sent", "16.3"))
     }
 
     fn bus_off_history(&self) -> Option<Finding> {
@@ -242,13 +261,15 @@ impl Channel<'_> {
             return None;
         }
         let finding = self
-            .warning("bus-off-past", format!("the channel was bus-off {count} times and came back"))
-            .because(&["a loose contact or a plug that was pulled", "termination is missing"])
-            .or_because(self.compare_rates());
-        Some(finding.so("clear with `ecan diag --clear` and look whether it comes again", "16.3"))
+            .warning("bus-off-past", format!("the channel was bus-off {count} times and recovered"))
+            .causes(&["a loose contact or unplugged connector", "termination is missing"])
+            .cause(self.compare_rates());
+        Some(
+            finding.next_step("clear with `ecan diag --clear` and check whether it recurs", "16.3"),
+        )
     }
 
-    /// "CAN is not sent" and "CAN cannot be received" of 5.4.6.
+    /// "CAN is not sent" and "CAN cannot be received" of manual 5.4.6.
     fn masks(&self) -> Option<Finding> {
         let bit = |mask: u32| mask >> self.number & 1 == 1;
         let tx = bit(self.snapshot.active_mask(0x8010)?);
@@ -267,19 +288,25 @@ impl Channel<'_> {
     }
 
     fn not_applied(&self) -> Finding {
-        self.fault("channel-off", "the channel is in the channel masks but switched off")
-            .or_because(format!(
-                "its parameters were not applied ({} = 1) after the start of the gateway",
+        self.fault("channel-off", "the channel is in the channel masks but disabled")
+            .cause(format!(
+                "its configuration was not applied ({} = 1) after the start of the gateway",
                 self.config_entry(1)
             ))
-            .because(&["its last apply failed"])
-            .so("write its parameters and apply them, in the startup list of the master", "5.4.6")
+            .causes(&["the last apply failed"])
+            .next_step(
+                "write and apply its configuration in the startup list of the master",
+                "5.4.6",
+            )
     }
 
     fn left_out(&self, id: &'static str, word: &str, object: u16) -> Finding {
-        self.warning(id, format!("frames of this channel are not {word}: its mask leaves it out"))
-            .or_because(format!("the mask of 0x{object:04X}:04 does not have bit {}", self.number))
-            .so(format!("set the bit in 0x{object:04X}:04 and apply, in PREOP"), "5.4.6")
+        self.warning(
+            id,
+            format!("frames of this channel are not {word}: the channel mask excludes it"),
+        )
+        .cause(format!("bit {} is not set in 0x{object:04X}:04", self.number))
+        .next_step(format!("set the bit in 0x{object:04X}:04 and apply, in PREOP"), "5.4.6")
     }
 
     fn node_mode(&self) -> Option<Finding> {
@@ -289,16 +316,21 @@ impl Channel<'_> {
         let mode = NodeMode::from_raw(u8::try_from(self.config(8)?).ok()?)?;
         let what = match mode {
             NodeMode::Normal => return None,
-            NodeMode::Listen => "the channel listens only: it neither sends nor acknowledges",
+            NodeMode::Listen => "listen mode: the channel does not send or acknowledge",
             NodeMode::InternalLoopback => {
-                "internal loopback: no frame leaves or enters the channel"
+                "internal loopback: the channel is disconnected from the bus"
             }
-            NodeMode::ExternalLoopback => "external loopback: the channel hears only itself",
+            NodeMode::ExternalLoopback => {
+                "external loopback: the channel receives only its own frames"
+            }
         };
         let finding =
-            self.warning("node-mode", what).because(&["it was set for a test and left so"]);
+            self.warning("node-mode", what).causes(&["the mode was not reset after a test"]);
         let (mode, apply) = (self.config_entry(8), self.config_entry(1));
-        Some(finding.so(format!("write node mode 0 ({mode}) and apply ({apply} = 1)"), "13.4"))
+        Some(
+            finding
+                .next_step(format!("write node mode 0 ({mode}) and apply ({apply} = 1)"), "13.4"),
+        )
     }
 
     fn receive_losses(&self) -> Option<Finding> {
@@ -320,17 +352,15 @@ impl Channel<'_> {
         let budget = self.data_path_entry(5);
         let finding = self
             .warning("receive-loss", what.join(", "))
-            .or_because(format!(
-                "the bus brings more frames per cycle than the drain budget takes ({budget})"
-            ))
-            .because(&[
-                "the TxPDO is too small for them (0x8010:16)",
-                "nobody reads the process data: the gateway is not in OP",
-                "frames that nobody needs pass the filters",
+            .cause(format!("more frames per cycle on the bus than the drain budget ({budget})"))
+            .causes(&[
+                "the TxPDO is too small (0x8010:16)",
+                "the gateway is not in OP: no process data exchange",
+                "the filters pass unneeded frames",
             ]);
         let next =
             format!("plan the traffic with `ecan plan`; raise {budget} and N, or set filters");
-        Some(finding.so(next, "16.3"))
+        Some(finding.next_step(next, "16.3"))
     }
 
     fn transmit_pressure(&self) -> Option<Finding> {
@@ -341,25 +371,30 @@ impl Channel<'_> {
         }
         let what = match count {
             0 => "the transmit FIFO is full".to_owned(),
-            _ => format!("{count} times a frame found no room to be sent"),
+            _ => format!("the transmit queue was full {count} times"),
         };
-        let finding = self.warning("transmit-pressure", what).because(&[
-            "the host sends more frames than the bus carries at this bit rate",
-            "nobody acknowledges, so that the first frame is repeated for ever",
-            "higher priorities on the bus leave no room",
+        let finding = self.warning("transmit-pressure", what).causes(&[
+            "the host sends more frames than the bit rate allows",
+            "no acknowledgement: the first frame is repeated forever",
+            "frames with higher priority occupy the bus",
         ]);
-        Some(finding.so("look for bus errors first, then plan the load with `ecan plan`", "16.3"))
+        Some(
+            finding.next_step(
+                "check for bus errors first, then plan the load with `ecan plan`",
+                "16.3",
+            ),
+        )
     }
 
     fn event_losses(&self) -> Option<Finding> {
         let events = EventFifoStatus::from_raw(self.information(7).unwrap_or(0));
         let flags = self.information(3).unwrap_or(0);
         (events.has_lost || flags >> 15 & 1 == 1).then(|| {
-            self.warning("event-loss", "transmit events were lost: results of frames are missing")
-                .because(&["the transmit event FIFO has fewer elements than the transmit FIFO"])
-                .so(
+            self.warning("event-loss", "transmit events were lost: transmit results are missing")
+                .causes(&["the transmit event FIFO has fewer elements than the transmit FIFO"])
+                .next_step(
                     format!(
-                        "set {} to {} at least and apply ({} = 1)",
+                        "set {} to at least {} and apply ({} = 1)",
                         self.config_entry(73),
                         self.config_entry(70),
                         self.config_entry(1)
@@ -373,8 +408,8 @@ impl Channel<'_> {
         let interrupts = Interrupts(self.information(3)?);
         interrupts.has_ram_failure().then(|| {
             self.fault("message-ram", format!("the Message RAM failed: {interrupts}"))
-                .because(&["a fault of the hardware", "registers were written by hand"])
-                .so("power-cycle; if it comes again, send a bundle to the support", "16.3")
+                .causes(&["a hardware fault", "registers were written manually"])
+                .next_step("power-cycle; if it recurs, send a bundle to support", "16.3")
         })
     }
 }

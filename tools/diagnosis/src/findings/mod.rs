@@ -1,4 +1,4 @@
-//! What is amiss, chapter by chapter.
+//! Findings by chapter of the manual.
 
 mod channel;
 mod channel_command;
@@ -12,10 +12,10 @@ use ecan_protocol::mapping::CHANNELS;
 use crate::finding::Finding;
 use crate::snapshot::Snapshot;
 
-/// Everything that is amiss in a snapshot: faults before warnings, and among them what the others
-/// may follow from first: EtherCAT, process data, CAN, device.
+/// Returns all findings of a snapshot: faults before warnings, then by possible causality:
+/// EtherCAT, process data, CAN, device.
 ///
-/// A gateway that waits in PREOP for its master, without an error, is well.
+/// A gateway in PREOP without error has no findings.
 pub fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     let mut found = operation::findings(snapshot);
     found.extend(process_data::findings(snapshot));

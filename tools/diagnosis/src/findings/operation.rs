@@ -1,4 +1,4 @@
-//! OP cannot be reached or was left (manual 5.4.6, 16.1).
+//! Findings if OP is not reached or was left (manual 5.4.6, 16.1).
 
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::CHUNK_BYTES;
@@ -6,9 +6,10 @@ use ecan_protocol::mapping::CHUNK_BYTES;
 use crate::finding::{Finding, Location};
 use crate::snapshot::Snapshot;
 
-/// Outputs that arrive closer behind a Sync0 pulse than this may have missed it, in microseconds.
+/// Minimum time between a Sync0 pulse and the outputs in microseconds; below, the outputs may have
+/// missed the pulse.
 const CLOSE_US: u32 = 20;
-/// N from which process data do not fit one datagram.
+/// N from which process data exceed one datagram.
 const LARGE_CHUNKS: u32 = 12;
 
 pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
@@ -34,19 +35,23 @@ fn state(snapshot: &Snapshot) -> Option<Finding> {
             Finding::fault(
                 "state-unknown",
                 Location::Slave,
-                format!("the AL state reads as 0x{:02X}, which is none", snapshot.al_state),
+                format!("invalid AL state 0x{:02X}", snapshot.al_state),
             )
-            .because(&[
-                "the slave is starting, or its link is bad",
+            .causes(&[
+                "the slave is starting, or its link is disturbed",
                 "the slave controller has no working EEPROM",
             ])
-            .so("look again, then at the cable and the link lamps", "16.1"),
+            .next_step("read again, then check the cable and the link LEDs", "16.1"),
         ),
         (Some(AlState::Op), false) | (Some(AlState::PreOp), false) => None,
         (Some(AlState::Boot), _) => Some(
-            Finding::warning("state-boot", Location::Slave, "the gateway is in BOOT, for firmware")
-                .because(&["a firmware update is under way", "a firmware update was broken off"])
-                .so("let the update end, or do it again; then power-cycle", "15.7"),
+            Finding::warning(
+                "state-boot",
+                Location::Slave,
+                "the gateway is in BOOT, for a firmware update",
+            )
+            .causes(&["a firmware update is in progress", "a firmware update was interrupted"])
+            .next_step("wait for the end of the update or repeat it, then power-cycle", "15.7"),
         ),
         (Some(AlState::Init), false) => Some(
             Finding::fault(
@@ -54,43 +59,46 @@ fn state(snapshot: &Snapshot) -> Option<Finding> {
                 Location::Slave,
                 "the gateway stays in INIT, without mailbox",
             )
-            .because(&[
+            .causes(&[
                 "the master is still scanning the bus",
                 "the mailbox sync managers of the SII are damaged",
-                "the master has no configuration for it and leaves it alone",
+                "the master has no configuration for the slave",
             ])
-            .so("look again in some seconds; then read the kernel log for its name", "16.1"),
+            .next_step(
+                "retry after some seconds, then search the kernel log for the slave",
+                "16.1",
+            ),
         ),
         (Some(AlState::SafeOp), false) => Some(
             Finding::warning(
                 "state-safeop",
                 Location::Slave,
-                "the gateway is in SAFEOP: its inputs are alive, what it is sent is thrown away",
+                "the gateway is in SAFEOP: inputs are valid, outputs are ignored",
             )
-            .because(&[
-                "the master is on its way to OP, or was told to stop there",
+            .causes(&[
+                "the master is changing to OP, or was configured to stay in SAFEOP",
                 "the application no longer sends process data",
-                "SM2, the assignment 0x1C12 and the profile 0x8011 do not fit each other",
+                "SM2, the assignment 0x1C12 and the profile 0x8011 do not match",
             ])
-            .so("look whether the application runs and its working counter is complete", "16.1"),
+            .next_step("check that the application runs with a complete working counter", "16.1"),
         ),
         (Some(state), true) => Some(held(snapshot, state)),
     }
 }
 
-/// The master gave up, without a code from the slave.
+/// The master reports an error without a code of the slave.
 fn held(snapshot: &Snapshot, state: AlState) -> Finding {
-    let what = format!("the master met an error with the gateway and holds it in {state}");
+    let what = format!("the master reports an error and keeps the gateway in {state}");
     let finding = Finding::fault("state-error", Location::Slave, what);
     let finding = match state {
-        AlState::SafeOp | AlState::Op => finding.because(&[
-            "process data stop for longer than the watchdog: the application does not keep its \
+        AlState::SafeOp | AlState::Op => finding.causes(&[
+            "process data stop for longer than the watchdog time: the application misses its \
              cycle, or frames are lost",
-            "the DC shift is too small, so that outputs come behind Sync0",
-            "SM2, the assignment 0x1C12 and the profile 0x8011 do not fit each other",
+            "the DC shift is too small: outputs arrive after Sync0",
+            "SM2, the assignment 0x1C12 and the profile 0x8011 do not match",
         ]),
-        _ => finding.because(&[
-            "a startup SDO was refused: a value of the configuration that this firmware does not \
+        _ => finding.causes(&[
+            "a startup SDO was aborted: a value of the configuration that this firmware does not \
              take",
             "the assignment 0x1C12/0x1C13 has another number of chunks than N of 0x8010/0x8011",
             "SM2/SM3 in the SII are not 0x1100 and 0x1D00 with 3072 bytes and control bytes 0x66 \
@@ -99,24 +107,28 @@ fn held(snapshot: &Snapshot, state: AlState) -> Finding {
     };
     let code = match snapshot.al_status_code {
         None => "read the AL status code (ethercat reg_read 0x0134) and the kernel log",
-        Some(_) => "read the kernel log: it names the SDO or the step that failed",
+        Some(_) => "read the kernel log for the failed SDO or step",
     };
-    finding.so(format!("{code}; check the SII with scripts/ecan_sii_sm_layout.sh check"), "16.1")
+    finding.next_step(
+        format!("{code}; check the SII with scripts/ecan_sii_sm_layout.sh check"),
+        "16.1",
+    )
 }
 
 fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Finding {
-    let state = snapshot.state().map_or_else(|| "no state".to_owned(), |state| state.to_string());
+    let state =
+        snapshot.state().map_or_else(|| "an unknown state".to_owned(), |state| state.to_string());
     let what = format!("the gateway is in {state} with AL status code {code}");
     let (id, causes, next): (_, &[&str], _) = match code.0 {
         0x001B | 0x002A => (
             "al-watchdog",
             &[
-                "the application stopped, or its cycle came late by more than the watchdog time",
+                "the application stopped, or a cycle was late by more than the watchdog time",
                 "EtherCAT frames are lost: cable, connector, network interface",
                 "the host pauses: no real-time priority, power saving, interrupt coalescing",
-                "the watchdog that the application sets is too short for its cycle",
+                "the watchdog time is too short for the cycle of the application",
             ],
-            "look at the cycle statistics of the application, then run `ecan doctor`",
+            "check the cycle statistics of the application, then run `ecan doctor`",
         ),
         0x0017 | 0x001C | 0x001D | 0x001E | 0x0024 | 0x0025 => (
             "al-sync-manager",
@@ -127,58 +139,58 @@ fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Finding {
                  0x66 and 0x22",
                 "the profile was written but not applied before SAFEOP",
             ],
-            "compare N on both sides, then scripts/ecan_sii_sm_layout.sh check",
+            "compare N on both sides, then run scripts/ecan_sii_sm_layout.sh check",
         ),
         0x001A | 0x002C..=0x002E | 0x0030..=0x0037 => (
             "al-sync",
             &[
-                "the DC shift is too small: outputs arrive behind Sync0",
+                "the DC shift is too small: outputs arrive after Sync0",
                 "Sync0 is not generated: AssignActivate or the Sync0 period is wrong",
-                "the host's cycle jitters by more than the shift leaves",
+                "the jitter of the host's cycle exceeds the shift",
             ],
-            "enlarge the shift, compare the Sync0 period with the cycle, look at 0x9011:02",
+            "increase the shift, compare the Sync0 period with the cycle, check 0x9011:02",
         ),
         0x0016 | 0x0015 | 0x0043 | 0x0044 => (
             "al-mailbox",
             &[
                 "the mailbox sync managers of the SII are damaged",
-                "a master with a configuration of its own uses other mailbox addresses",
+                "the configuration of the master uses other mailbox addresses",
             ],
-            "scripts/ecan_sii_sm_layout.sh check; compare the ESI file with the firmware",
+            "run scripts/ecan_sii_sm_layout.sh check; compare the ESI file with the firmware",
         ),
         0x0006 | 0x0050 | 0x0051 => (
             "al-eeprom",
             &[
-                "the SII belongs to another firmware",
-                "the SII is damaged, or its emulation does not answer",
+                "the SII is from another firmware",
+                "the SII is damaged, or its emulation does not respond",
             ],
             "rebuild the EEPROM (0xB000:04 bit 6, in factory mode) and power-cycle",
         ),
         _ => (
             "al-error",
             &[
-                "the master asks for something that this firmware does not do",
-                "a startup SDO was refused before",
+                "the master requests a function that this firmware does not support",
+                "a startup SDO was aborted before",
             ],
-            "read the kernel log for the step that failed",
+            "read the kernel log for the failed step",
         ),
     };
-    Finding::fault(id, Location::Slave, what).because(causes).so(next, "16.1")
+    Finding::fault(id, Location::Slave, what).causes(causes).next_step(next, "16.1")
 }
 
 fn silence(snapshot: &Snapshot) -> Option<Finding> {
     let why = snapshot.silence.as_ref()?;
     let finding =
         Finding::fault("mailbox-silent", Location::Slave, format!("objects cannot be read: {why}"))
-            .because(&[
+            .causes(&[
                 "the gateway is not in PREOP or higher, or it is starting",
-                "process data leave mailbox traffic no room in the cycle",
-                "the link to it is bad",
+                "process data leave no bandwidth for the mailbox in the cycle",
+                "the link is disturbed",
             ]);
-    Some(finding.so("bring it to PREOP; look at its state with `ecan scan`", "16.1"))
+    Some(finding.next_step("bring it to PREOP; check its state with `ecan scan`", "16.1"))
 }
 
-/// The master's mapping against the profile in force.
+/// Compares the mapping of the master with the active profile.
 fn assignment(
     snapshot: &Snapshot,
     profile: u16,
@@ -191,17 +203,17 @@ fn assignment(
         return None;
     }
     let what = format!(
-        "0x{assignment:04X} assigns {chunks} chunks, the profile in force (0x{profile:04X}) has \
+        "0x{assignment:04X} assigns {chunks} chunks, the active profile (0x{profile:04X}) has \
          {bytes} bytes, N = {}",
         bytes / CHUNK_BYTES as u32
     );
-    let finding = Finding::fault("assignment-differs", place, what).because(&[
+    let finding = Finding::fault("assignment-differs", place, what).causes(&[
         "the master project selects another number of chunks than it writes as PDO size \
          multiplier",
         "the profile was applied before the assignment was written",
-        "another program changed the assignment afterwards",
+        "another program changed the assignment later",
     ]);
-    Some(finding.so(
+    Some(finding.next_step(
         "write the assignment, then the profile, then its apply command, all in PREOP",
         "5.4.6, 16.1",
     ))
@@ -213,12 +225,12 @@ fn large_images(snapshot: &Snapshot) -> Option<Finding> {
     if chunks < LARGE_CHUNKS || snapshot.state() == Some(AlState::Op) {
         return None;
     }
-    let what = format!("N = {chunks}: {bytes} bytes do not fit one EtherCAT datagram");
-    let finding = Finding::warning("images-large", Location::Slave, what).because(&[
-        "the installed master does not split process data over datagrams, so that N is at most 11",
+    let what = format!("N = {chunks}: {bytes} bytes exceed one EtherCAT datagram");
+    let finding = Finding::warning("images-large", Location::Slave, what).causes(&[
+        "the installed master does not split process data over datagrams: N is at most 11",
         "an old application maps several gateways into one domain",
     ]);
-    Some(finding.so("choose N of 11 or less, or a master that carries large PDOs", "16.1"))
+    Some(finding.next_step("use N of 11 or less, or a master that supports large PDOs", "16.1"))
 }
 
 fn sync_phase(snapshot: &Snapshot) -> Option<Finding> {
@@ -233,17 +245,17 @@ fn sync_phase(snapshot: &Snapshot) -> Option<Finding> {
         return None;
     }
     let what = format!(
-        "outputs arrive from {:.1} to {:.1} us behind a Sync0 pulse: some come when the pulse is \
+        "outputs arrive {:.1} to {:.1} us after a Sync0 pulse: some come when the pulse is \
          just over",
         us(min),
         us(max)
     );
-    let finding = Finding::warning("sync-shift-small", Location::Slave, what).because(&[
-        "the DC shift is too small, so that outputs of a late cycle miss their pulse",
-        "the host's cycle jitters: no real-time priority, power saving, interrupt coalescing",
+    let finding = Finding::warning("sync-shift-small", Location::Slave, what).causes(&[
+        "the DC shift is too small: outputs of a late cycle miss their pulse",
+        "the host's cycle has jitter: no real-time priority, power saving, interrupt coalescing",
     ]);
-    Some(finding.so(
-        "enlarge the shift by more than the jitter, clear with `ecan diag --clear`, look again",
+    Some(finding.next_step(
+        "increase the shift by more than the jitter, run `ecan diag --clear`, check again",
         "16.1",
     ))
 }

@@ -1,20 +1,20 @@
-//! Names of the registers.
+//! Register names.
 
 use ecan_protocol::object::WRITABLE_REGISTERS;
 
-/// A register of the MCAN core.
+/// Register of the M_CAN core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Register {
     /// Offset in bytes.
     pub offset: u16,
     /// Name.
     pub name: &'static str,
-    /// What it is.
+    /// Description.
     pub description: &'static str,
 }
 
 impl Register {
-    /// Whether the register service takes a write (the whitelist of manual 13.6).
+    /// Returns whether the register service accepts writes (whitelist of manual 13.6).
     pub fn is_writable(&self) -> bool {
         WRITABLE_REGISTERS.iter().any(|(offset, _)| *offset == self.offset)
     }
@@ -24,7 +24,7 @@ const fn named(offset: u16, name: &'static str, description: &'static str) -> Re
     Register { offset, name, description }
 }
 
-/// The registers in the range of the service, 0x0004 to 0x0404, that have a name.
+/// Named registers in the range of the service, 0x0004 to 0x0404.
 pub const REGISTERS: [Register; 45] = [
     named(0x0004, "ENDN", "endianness"),
     named(0x000C, "DBTP", "data bit timing and prescaler"),
@@ -73,12 +73,12 @@ pub const REGISTERS: [Register; 45] = [
     named(0x00F8, "TXEFA", "transmit event FIFO acknowledge"),
 ];
 
-/// The register at an offset, if it has a name.
+/// Named register at an offset.
 pub fn register(offset: u16) -> Option<Register> {
     REGISTERS.into_iter().find(|register| register.offset == offset)
 }
 
-/// The register of a name, in whatever case.
+/// Register by name, case-insensitive.
 pub fn register_named(name: &str) -> Option<Register> {
     REGISTERS.into_iter().find(|register| register.name.eq_ignore_ascii_case(name))
 }

@@ -4,10 +4,10 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// The error counters of a channel (register ECR, 0x9000:01).
+/// Error counters of a channel (register ECR, 0x9000:01).
 ///
-/// By ISO 11898-1 a node warns from 96 on, is error passive from 128 on, and leaves the bus when
-/// the transmit counter passes 255.
+/// ISO 11898-1: error warning from 96, error passive from 128, bus-off if the transmit counter
+/// exceeds 255.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct ErrorCounters {
     /// Transmit error counter, 0 to 255.
@@ -21,7 +21,7 @@ pub struct ErrorCounters {
 }
 
 impl ErrorCounters {
-    /// From the register.
+    /// Decodes the register.
     pub const fn from_raw(raw: u32) -> Self {
         let [transmit, receive, logged, _] = raw.to_le_bytes();
         Self { transmit, receive: receive & 0x7F, is_receive_passive: receive & 0x80 != 0, logged }

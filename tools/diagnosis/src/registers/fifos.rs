@@ -1,4 +1,4 @@
-//! RXF0S, RXF1S, TXFQS, TXEFS and HPMS: what waits in the Message RAM.
+//! RXF0S, RXF1S, TXFQS, TXEFS and HPMS: fill levels of the Message RAM.
 
 use std::fmt;
 
@@ -12,23 +12,23 @@ const fn bit(raw: u32, at: u32) -> bool {
     raw >> at & 1 == 1
 }
 
-/// A receive FIFO (registers RXF0S and RXF1S, 0x9000:04 and :05).
+/// Receive FIFO (registers RXF0S and RXF1S, 0x9000:04 and :05).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct ReceiveFifoStatus {
-    /// Frames that wait, 0 to 64.
+    /// Pending frames, 0 to 64.
     pub fill: u8,
-    /// Where the next one is taken.
+    /// Get index.
     pub get_index: u8,
-    /// Where the next one is put.
+    /// Put index.
     pub put_index: u8,
-    /// No room is left.
+    /// The FIFO is full.
     pub is_full: bool,
     /// A frame was lost.
     pub has_lost: bool,
 }
 
 impl ReceiveFifoStatus {
-    /// From the register.
+    /// Decodes the register.
     pub const fn from_raw(raw: u32) -> Self {
         Self {
             fill: field(raw, 0, 0x7F),
@@ -42,27 +42,27 @@ impl ReceiveFifoStatus {
 
 impl fmt::Display for ReceiveFifoStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} frames wait", self.fill)?;
+        write!(f, "{} frames pending", self.fill)?;
         f.write_str(if self.is_full { ", full" } else { "" })?;
-        f.write_str(if self.has_lost { ", a frame was lost" } else { "" })
+        f.write_str(if self.has_lost { ", frame lost" } else { "" })
     }
 }
 
-/// The transmit FIFO or queue (register TXFQS, 0x9000:06).
+/// Transmit FIFO or queue (register TXFQS, 0x9000:06).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct TransmitQueueStatus {
     /// Free elements, 0 to 32; 0 in queue mode.
     pub free: u8,
-    /// Where the next one is taken.
+    /// Get index.
     pub get_index: u8,
-    /// Where the next one is put.
+    /// Put index.
     pub put_index: u8,
-    /// No room is left.
+    /// The FIFO is full.
     pub is_full: bool,
 }
 
 impl TransmitQueueStatus {
-    /// From the register.
+    /// Decodes the register.
     pub const fn from_raw(raw: u32) -> Self {
         Self {
             free: field(raw, 0, 0x3F),
@@ -80,19 +80,19 @@ impl fmt::Display for TransmitQueueStatus {
     }
 }
 
-/// The transmit event FIFO (register TXEFS, 0x9000:07).
+/// Transmit event FIFO (register TXEFS, 0x9000:07).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct EventFifoStatus {
-    /// Events that wait, 0 to 32.
+    /// Pending events, 0 to 32.
     pub fill: u8,
-    /// No room is left.
+    /// The FIFO is full.
     pub is_full: bool,
     /// An event was lost.
     pub has_lost: bool,
 }
 
 impl EventFifoStatus {
-    /// From the register.
+    /// Decodes the register.
     pub const fn from_raw(raw: u32) -> Self {
         Self { fill: field(raw, 0, 0x3F), is_full: bit(raw, 24), has_lost: bit(raw, 25) }
     }
@@ -100,27 +100,27 @@ impl EventFifoStatus {
 
 impl fmt::Display for EventFifoStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} events wait", self.fill)?;
+        write!(f, "{} events pending", self.fill)?;
         f.write_str(if self.is_full { ", full" } else { "" })?;
-        f.write_str(if self.has_lost { ", an event was lost" } else { "" })
+        f.write_str(if self.has_lost { ", event lost" } else { "" })
     }
 }
 
-/// The last high priority message (register HPMS, 0x9000:08).
+/// Last high priority message (register HPMS, 0x9000:08).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct HighPriorityStatus {
-    /// Element where it is.
+    /// Index of the element.
     pub buffer: u8,
-    /// Where it was put: 0 nowhere, 1 lost, 2 RX FIFO0, 3 RX FIFO1.
+    /// Storage: 0 none, 1 lost, 2 RX FIFO0, 3 RX FIFO1.
     pub storage: u8,
-    /// The filter that matched.
+    /// Index of the matching filter.
     pub filter: u8,
-    /// It matched an extended filter.
+    /// The filter is an extended one.
     pub is_extended: bool,
 }
 
 impl HighPriorityStatus {
-    /// From the register.
+    /// Decodes the register.
     pub const fn from_raw(raw: u32) -> Self {
         Self {
             buffer: field(raw, 0, 0x3F),

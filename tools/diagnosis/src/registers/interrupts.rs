@@ -4,9 +4,9 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::bit_words::set_words;
+use crate::bit_names::set_names;
 
-/// Bits of IR with what they mean.
+/// Names of the bits of IR.
 pub const INTERRUPTS: [(u8, &str); 30] = [
     (0, "new frame in RX FIFO0"),
     (1, "RX FIFO0 watermark"),
@@ -40,35 +40,35 @@ pub const INTERRUPTS: [(u8, &str); 30] = [
     (29, "access to a reserved address"),
 ];
 
-/// The interrupt flags of a channel (register IR, 0x9000:03).
+/// Interrupt flags of a channel (register IR, 0x9000:03).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Interrupts(
-    /// As read.
+    /// Raw register value.
     pub u32,
 );
 
 impl Interrupts {
-    /// Frames that the controller lost since the flags were cleared: RX FIFO0, RX FIFO1.
+    /// Whether RX FIFO0 and RX FIFO1 lost frames since the flags were cleared.
     pub const fn lost(self) -> (bool, bool) {
         (self.0 >> 3 & 1 == 1, self.0 >> 7 & 1 == 1)
     }
 
-    /// The Message RAM failed: an access came too late, a bit is broken, or its watchdog expired.
+    /// Message RAM failure: late access, bit error, or watchdog.
     pub const fn has_ram_failure(self) -> bool {
         self.0 & (1 << 17 | 1 << 21 | 1 << 26) != 0
     }
 
-    /// The flags that are set, in words.
-    pub fn words(self) -> Vec<&'static str> {
-        set_words(self.0, &INTERRUPTS)
+    /// Names of the set flags.
+    pub fn names(self) -> Vec<&'static str> {
+        set_names(self.0, &INTERRUPTS)
     }
 }
 
 impl fmt::Display for Interrupts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.words()[..] {
+        match self.names()[..] {
             [] => f.write_str("none"),
-            ref words => f.write_str(&words.join(", ")),
+            ref names => f.write_str(&names.join(", ")),
         }
     }
 }

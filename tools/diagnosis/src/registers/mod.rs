@@ -1,6 +1,6 @@
-//! The MCAN registers behind 0x9000..0x9003 and 0xA000..0xA003 in words (manual 13.5, 13.6).
+//! Decoder of the MCAN registers in 0x9000..0x9003 and 0xA000..0xA003 (manual 13.5, 13.6).
 //!
-//! The manual names the registers; their bits are those of the Bosch M_CAN core.
+//! The manual names the registers; their bits are defined by the Bosch M_CAN core.
 
 mod catalogue;
 mod error_counters;
@@ -14,8 +14,8 @@ pub use fifos::{EventFifoStatus, HighPriorityStatus, ReceiveFifoStatus, Transmit
 pub use interrupts::{INTERRUPTS, Interrupts};
 pub use protocol_status::{Activity, LastErrorCode, ProtocolStatus};
 
-/// A register's value in words; `None` for one whose bits are not told here.
-pub fn words(offset: u16, value: u32) -> Option<String> {
+/// Text of a register value; `None` if the register is not decoded.
+pub fn text(offset: u16, value: u32) -> Option<String> {
     Some(match offset {
         0x0040 => ErrorCounters::from_raw(value).to_string(),
         0x0044 => ProtocolStatus::from_raw(value).to_string(),

@@ -4,13 +4,13 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// What the controller is doing on the bus.
+/// Activity of the controller on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Activity {
-    /// Not in step with the bus yet.
+    /// Synchronising to the bus.
     Synchronising,
-    /// In step, neither sending nor receiving.
+    /// Idle.
     Idle,
     /// Receiving.
     Receiving,
@@ -18,30 +18,30 @@ pub enum Activity {
     Sending,
 }
 
-/// The kind of the last error on the bus.
+/// Last error code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LastErrorCode {
-    /// The last frame went well.
+    /// The last frame was without error.
     None,
     /// More than five equal bits in a row.
     Stuff,
     /// A fixed part of a frame had the wrong form.
     Form,
-    /// Nobody acknowledged a frame.
+    /// No acknowledgement.
     Acknowledge,
-    /// A recessive bit was sent, a dominant one was seen.
+    /// A recessive bit was sent, a dominant one was read.
     Bit1,
-    /// A dominant bit was sent, a recessive one was seen.
+    /// A dominant bit was sent, a recessive one was read.
     Bit0,
     /// The CRC did not match.
     Crc,
-    /// Nothing new since the register was last read.
+    /// No event since the last read of the register.
     NoChange,
 }
 
 impl LastErrorCode {
-    /// From three bits.
+    /// Decodes three bits.
     pub const fn from_raw(raw: u32) -> Self {
         match raw & 7 {
             0 => Self::None,
@@ -55,7 +55,7 @@ impl LastErrorCode {
         }
     }
 
-    /// Whether it tells of an error.
+    /// Returns whether it is an error.
     pub const fn is_error(self) -> bool {
         !matches!(self, Self::None | Self::NoChange)
     }
@@ -76,18 +76,18 @@ impl fmt::Display for LastErrorCode {
     }
 }
 
-/// The protocol status of a channel (register PSR, 0x9000:02).
+/// Protocol status of a channel (register PSR, 0x9000:02).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct ProtocolStatus {
     /// Last error in the arbitration phase and in classic frames.
     pub last_error: LastErrorCode,
-    /// What the controller is doing.
+    /// Activity of the controller.
     pub activity: Activity,
-    /// Error passive: a counter has reached 128.
+    /// Error passive: a counter reached 128.
     pub is_error_passive: bool,
-    /// A counter has reached 96.
+    /// Error warning: a counter reached 96.
     pub is_warning: bool,
-    /// Off the bus.
+    /// Bus-off.
     pub is_bus_off: bool,
     /// Last error in the data phase of CAN FD frames with bit rate switch.
     pub last_data_error: LastErrorCode,
@@ -104,7 +104,7 @@ pub struct ProtocolStatus {
 }
 
 impl ProtocolStatus {
-    /// From the register.
+    /// Decodes the register.
     pub const fn from_raw(raw: u32) -> Self {
         Self {
             last_error: LastErrorCode::from_raw(raw),
@@ -147,7 +147,7 @@ impl fmt::Display for ProtocolStatus {
             write!(f, ", in the data phase: {}", self.last_data_error)?;
         }
         for (is_set, word) in [
-            (self.has_received_fd, "a CAN FD frame was received"),
+            (self.has_received_fd, "CAN FD frame received"),
             (self.has_received_brs, "with bit rate switch"),
             (self.has_received_esi, "from an error passive sender"),
             (self.has_protocol_exception, "protocol exception"),

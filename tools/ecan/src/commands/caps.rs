@@ -1,4 +1,4 @@
-//! `ecan caps`: 0xF000 in words (manual 13.8).
+//! `ecan caps`: capabilities of a gateway (0xF000, manual 13.8).
 
 use std::io::Write;
 
@@ -14,7 +14,7 @@ use crate::readings::{Readings, not_read};
 use crate::table;
 use crate::value::Value;
 
-/// An entry of the capability object.
+/// Entry of the capability object.
 #[derive(Debug, Serialize)]
 struct Capability {
     position: usize,
@@ -22,7 +22,7 @@ struct Capability {
     name: &'static str,
     value: Option<u32>,
     meaning: Option<String>,
-    /// Why it was not read.
+    /// Reason for a missing value.
     error: Option<String>,
 }
 
@@ -61,12 +61,9 @@ fn print(capabilities: &[Capability], out: &mut dyn Write) -> std::io::Result<()
                 Some(value) => Value::Unsigned(value.into()).text(entry),
                 None => not_read(it.error.as_deref().unwrap_or_default()),
             };
-            [format!(":{:02}", it.subindex), it.name.to_owned(), value, words(&it.meaning)]
+            let meaning = it.meaning.clone().unwrap_or_default();
+            [format!(":{:02}", it.subindex), it.name.to_owned(), value, meaning]
         })
         .collect();
     table::print(out, &rows)
-}
-
-fn words(meaning: &Option<String>) -> String {
-    meaning.clone().unwrap_or_default()
 }

@@ -25,67 +25,67 @@ use crate::output::Output;
 pub const EXAMPLES: &str = "\
 Examples:
   ecan dump --bitrate 1000000                  everything on all channels
-  ecan dump --channel 0 -t a 123:7FF           identifier 123 on channel 0, with times
-  ecan dump --listen-only -l drive.log         record without taking part in the bus
-  ecan dump --config cell.toml --channel 1     with bit rates, filters and all else of a file
-  ecan dump --capture bus.pcapng               a file for Wireshark
-  ecan dump --capture - | wireshark -k -i -    or live
+  ecan dump --channel 0 -t a 123:7FF           CAN ID 123 on channel 0, with time stamps
+  ecan dump --listen-only -l drive.log         record without acknowledging
+  ecan dump --config cell.toml --channel 1     with the settings of a configuration file
+  ecan dump --capture bus.pcapng               write a file for Wireshark
+  ecan dump --capture - | wireshark -k -i -    show live in Wireshark
   ecan dump -n 1 -T 500 701:7FF || echo quiet  wait half a second for a heartbeat
 
-Filters are hexadecimal. ID:MASK passes frames that agree with ID in the bits of MASK, ID~MASK the
-others; a frame is shown that one of them passes, or with j all of them. An ID of 8 digits means an
-extended one.
+Filters are hexadecimal. ID:MASK passes frames whose CAN ID equals ID in the bits of MASK, ID~MASK
+passes the others. A frame is printed if one filter passes it; with j, if all pass it. An ID of 8
+digits is extended.
 
-With -T the exit status is 1 where fewer frames came than -n asks for, or none without -n.";
+With -T the exit status is 1 if fewer frames than -n are received, or none without -n.";
 
 /// Arguments of `dump`.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("file").multiple(true).args(["record", "capture"]))]
 pub struct DumpArguments {
-    /// Filters, ID:MASK or ID~MASK in hexadecimal, and j for frames that all of them pass
+    /// Filters in hexadecimal, ID:MASK or ID~MASK; j passes frames that match all of them
     #[arg(value_name = "FILTER", value_delimiter = ',', value_parser = parse_rule)]
     rules: Vec<Rule>,
-    /// Channels, 0 to 3 with commas between, or all
+    /// Channels 0 to 3, comma-separated, or all
     #[arg(long, value_name = "CHANNELS", default_value = "all")]
     channel: Channels,
-    /// Listen without acknowledging: another node on the bus has to
+    /// Listen without acknowledging; another node must acknowledge
     #[arg(long)]
     listen_only: bool,
-    /// End after so many frames
+    /// Exit after this number of frames, at least 1
     #[arg(short = 'n', long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// End when no frame has come for so many milliseconds
+    /// Exit if no frame is received for this time, in ms
     #[arg(short = 'T', long, value_name = "MS")]
     timeout: Option<u64>,
-    /// Times on the screen: a absolute, d difference, z since the first frame, A with the date
+    /// Time stamps: a absolute, d delta, z since the first frame, A with the date
     #[arg(short = 't', long, value_enum, value_name = "STYLE", ignore_case = false)]
     time: Option<Style>,
-    /// Times in nanoseconds instead of microseconds
+    /// Print time stamps in nanoseconds instead of microseconds
     #[arg(short = 'N', long)]
     nanoseconds: bool,
-    /// Show the gateway's own time stamp too, as it gives it: 16 bits, of differences within an image
+    /// Print the gateway's time stamp too, in raw units
     #[arg(short = 'H', long)]
     device_time: bool,
-    /// Show the characters of the data
+    /// Print the ASCII characters of the data
     #[arg(short = 'a', long)]
     ascii: bool,
-    /// Mark direction, bit rate switch and error state indicator
+    /// Print direction, bit rate switch and error state indicator
     #[arg(short = 'x', long)]
     extra: bool,
-    /// Write a candump log; nothing is shown then, but with --screen; - is standard output
+    /// Write a candump log and print nothing unless --screen is given; - is stdout
     #[arg(short = 'l', long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Print in the form of the log
+    /// Print in the format of the log
     #[arg(short = 'L', long, conflicts_with_all = ["ascii", "device_time"])]
     log_format: bool,
-    /// Show the frames although they go into a file, with --record or --capture
+    /// Print the frames in addition to --record or --capture
     #[arg(long, requires = "file")]
     screen: bool,
     #[command(flatten)]
     options: FrameOptions,
 }
 
-/// A word of the filter.
+/// Positional argument: a filter or `j`.
 #[derive(Clone, Copy, Debug)]
 enum Rule {
     Filter(Filter),
@@ -95,12 +95,12 @@ enum Rule {
 fn parse_rule(text: &str) -> Result<Rule, String> {
     match text {
         "j" | "J" => Ok(Rule::Join),
-        name if names_channel(name) => Err(format!("a channel is chosen with --channel {name}")),
+        name if names_channel(name) => Err(format!("use --channel {name} to select a channel")),
         text => text.parse().map(Rule::Filter).map_err(|error| format!("{error}")),
     }
 }
 
-/// Which frames are wanted.
+/// Filters of the command line.
 #[derive(Debug)]
 struct Selection {
     filters: Vec<Filter>,
@@ -135,7 +135,7 @@ pub fn run(
     let is_filed = log.is_some() || capture.path().is_some();
     let is_on_output = capture.is_on_output() || log.is_some_and(is_standard_stream);
     if arguments.screen && is_on_output {
-        let words = "--screen and a file that is standard output exclude each other";
+        let words = "--screen and a file on standard output exclude each other";
         return Err(Failure::Usage(words.to_owned()));
     }
     let settings = Settings::of(gateway)?;
@@ -167,7 +167,7 @@ pub fn run(
     heard.and(printed)
 }
 
-/// Runs the cycle until enough has come.
+/// Runs the cycle until enough frames are received.
 fn listen(
     arguments: &DumpArguments,
     mut service: Service,
@@ -195,7 +195,6 @@ fn listen(
         if interrupt.is_set() && heard == 0 {
             service.output().note(format_args!("# {}", service.silence()));
         }
-        // Who has had enough need not hear that there was too little.
         if ended.is_err() || is_complete || interrupt.is_set() || printer.is_over() {
             return ended.and(service.finish());
         }
@@ -206,12 +205,12 @@ fn listen(
     }
 }
 
-/// Whether enough frames came before the silence, and if not, why.
+/// Checks whether enough frames were received.
 fn judge(heard: u64, wanted: u64, service: &Service) -> Result<(), Failure> {
     let words = match heard {
         enough if enough >= wanted => return Ok(()),
         0 => service.silence(),
-        few => format!("{few} of {wanted} frames came"),
+        few => format!("{few} of {wanted} frames received"),
     };
     match session(service.port()) {
         Session::Ready => Err(Failure::TooFew(words)),

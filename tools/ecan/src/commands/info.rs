@@ -1,4 +1,4 @@
-//! `ecan info`: one gateway.
+//! `ecan info`: state of a gateway.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -17,7 +17,7 @@ use crate::readings::{Readings, not_read};
 use crate::slave_choice::{AllArgument, Recognised};
 use crate::table;
 
-/// A direction of process data.
+/// Profile of one direction of process data.
 #[derive(Debug, Serialize)]
 struct Profile {
     bytes: u32,
@@ -27,17 +27,17 @@ struct Profile {
     pdo_errors: u32,
 }
 
-/// A CAN channel.
+/// CAN channel.
 #[derive(Debug, Serialize)]
 struct Channel {
     channel: usize,
     #[serde(flatten)]
     state: Option<ChannelState>,
-    /// Why it was not read.
+    /// Reason for a missing state.
     error: Option<String>,
 }
 
-/// What a channel tells.
+/// State of a channel.
 #[derive(Debug, Serialize)]
 struct ChannelState {
     status: u16,
@@ -46,7 +46,7 @@ struct ChannelState {
     data_bitrate: Option<u32>,
 }
 
-/// What `info` tells.
+/// Output of `info`.
 #[derive(Debug, Serialize)]
 struct Info {
     position: u16,
@@ -62,11 +62,11 @@ struct Info {
     tx_pdo: Option<Profile>,
     rx_pdo: Option<Profile>,
     channels: Vec<Channel>,
-    /// Why a value above is missing, by its name.
+    /// Reasons for missing values, by field name.
     errors: BTreeMap<&'static str, String>,
 }
 
-/// Which gateways.
+/// Selection of gateways.
 #[derive(Debug, Args)]
 pub struct InfoArguments {
     #[command(flatten)]

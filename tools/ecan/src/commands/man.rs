@@ -12,6 +12,6 @@ pub fn run(command: &clap::Command, directory: &Path, output: &Output) -> Result
         path: directory.to_owned(),
         reason: error.to_string(),
     })?;
-    output.note(format_args!("manual pages are in {}", directory.display()));
+    output.note(format_args!("manual pages written to {}", directory.display()));
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! `ecan pins`: which connector each CAN channel is at (manual 13.3).
+//! `ecan pins`: connector of each CAN channel (manual 13.3).
 
 use std::io::Write;
 
@@ -19,21 +19,21 @@ const ACTIVE: u8 = 13;
 const MASK: u8 = 14;
 const STATUS: u8 = 15;
 
-/// What to do with the pins.
+/// Arguments of `pins`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  ecan pins                    show the rotation in force
-  ecan pins 1                  rotate by one: CAN0 comes out where CAN1 was
+  ecan pins                    show the active rotation
+  ecan pins 1                  rotate by one: CAN0 uses the pins of CAN1
 
-The rotation is taken over at once, but not in OP; it restarts the channels.
-Keep it over a power cycle with the Flash command of the maintenance object.")]
+The rotation is applied immediately and restarts the channels; it cannot be changed in OP.
+To keep it after a power cycle, run `ecan config save`.")]
 pub struct PinsArguments {
-    /// Rotation of the channels over the fixed groups of pins, 0 to 3; shown if left out
+    /// Rotation of the channels over the pin groups, 0 to 3 [default: show it]
     rotation: Option<u8>,
 }
 
-/// The rotation.
+/// Rotation of the channels.
 #[derive(Debug, Serialize)]
 struct Pins {
     position: usize,
@@ -76,7 +76,7 @@ fn set(bus: &Bus, slave: usize, rotation: u32) -> Result<(), Failure> {
     let supported = read(bus, slave)?.supported;
     if !supported.contains(&rotation) {
         let known: Vec<_> = supported.iter().map(ToString::to_string).collect();
-        let words = format!("the gateway has the rotations {}, not {rotation}", known.join(", "));
+        let words = format!("rotation {rotation} is not supported; allowed: {}", known.join(", "));
         return Err(Failure::Usage(words));
     }
     bus.write(slave, SYSTEM, REQUESTED, rotation)?;
@@ -85,9 +85,9 @@ fn set(bus: &Bus, slave: usize, rotation: u32) -> Result<(), Failure> {
         return Ok(());
     }
     let is_in_op = bus.diagnostics().al_state(slave).is_ok_and(|it| it == Some(AlState::Op));
-    let hint = if is_in_op { ": it is in OP, stop the application first" } else { "" };
+    let hint = if is_in_op { "; the gateway is in OP, stop the application first" } else { "" };
     Err(Failure::Refused(format!(
-        "the gateway did not take the rotation over, 0x8000:15 is {}, {} is in force{hint}",
+        "rotation not applied: status {} (0x8000:15), active rotation {}{hint}",
         pins.apply_status, pins.active
     )))
 }

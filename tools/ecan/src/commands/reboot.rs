@@ -8,29 +8,29 @@ use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
-/// Time between two looks, ns.
+/// Poll interval in ns.
 const LOOK_NS: u64 = 20_000_000;
-/// A gateway that did not vanish in this time did not restart, ns.
+/// Time after which a gateway that is still on the bus has not restarted, in ns.
 const VANISH_NS: u64 = 5_000_000_000;
 
-/// How to restart.
+/// Arguments of `reboot`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   ecan reboot
-  ecan reboot --wait           wait until it is back, and print its version
+  ecan reboot --wait           wait until it responds, and print its version
 
-An application that drives the bus loses the gateway meanwhile.")]
+A running application loses the gateway during the restart.")]
 pub struct RebootArguments {
-    /// Wait until the gateway is back and answers
+    /// Wait until the gateway responds again
     #[arg(long)]
     wait: bool,
-    /// How long to wait, in seconds
+    /// Time limit of --wait, in s
     #[arg(long, value_name = "S", default_value_t = 30, requires = "wait")]
     timeout: u16,
 }
 
-/// What came back.
+/// Result of the restart.
 #[derive(Debug, Serialize)]
 struct Restarted {
     position: usize,
@@ -58,12 +58,12 @@ pub fn run(
     }
     output.data(&restarted, |out| match (&restarted.firmware, restarted.after_ms) {
         (Some(firmware), Some(ms)) => {
-            writeln!(out, "slave {slave} is back after {ms} ms with firmware {firmware}")
+            writeln!(out, "slave {slave}: restarted in {ms} ms, firmware {firmware}")
         }
         (None, Some(ms)) => {
-            writeln!(out, "slave {slave} is back after {ms} ms; 0x100A, its version, is not read")
+            writeln!(out, "slave {slave}: restarted in {ms} ms, firmware version (0x100A) not read")
         }
-        (_, None) => writeln!(out, "slave {slave} restarts"),
+        (_, None) => writeln!(out, "slave {slave}: restarting"),
     })
 }
 
@@ -71,13 +71,13 @@ fn command(bus: &Bus, slave: usize) -> Result<(), Failure> {
     bus.write(slave, 0x8000, 1, 1)
 }
 
-/// Restarts a gateway and waits until it is back and answers; tells how long that took, ns.
+/// Restarts a gateway and waits until it responds; returns the duration in ns.
 pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64, Failure> {
     command(bus, slave)?;
     wait(bus, slave, timeout_ns)
 }
 
-/// Waits until the gateway has gone and come back; tells how long that took, ns.
+/// Waits until the gateway has left the bus and responds again; returns the duration in ns.
 fn wait(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64, Failure> {
     let clock = bus.clock();
     let start = clock.now_ns();
@@ -86,28 +86,28 @@ fn wait(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64, Failure> {
     let seconds = timeout_ns / 1_000_000_000;
     while is_there(bus, slave) {
         if elapsed() >= VANISH_NS {
-            let words = "took the command but did not restart; it is still on the bus";
+            let words = "accepted the command but did not restart";
             return Err(Failure::Refused(format!("slave {slave} {words}")));
         }
         if elapsed() >= timeout_ns {
             let words = format!("slave {slave} is still on the bus after {seconds} s");
             return Err(Failure::Slave(format!(
-                "{words}; it took the command, and may restart yet"
+                "{words}; it accepted the command and may still restart"
             )));
         }
         look_again();
     }
     while !is_there(bus, slave) || bus.read(slave, 0xF000, 5).is_err() {
         if elapsed() >= timeout_ns {
-            let words = format!("slave {slave} is not back after {seconds} s");
-            return Err(Failure::Slave(format!("{words}; look at its lamps and its supply")));
+            let words = format!("slave {slave} does not respond {seconds} s after the restart");
+            return Err(Failure::Slave(format!("{words}; check its LEDs and its supply")));
         }
         look_again();
     }
     Ok(elapsed())
 }
 
-/// Whether the master sees the slave with a mailbox.
+/// Returns whether the master sees the slave in a state with mailbox.
 fn is_there(bus: &Bus, slave: usize) -> bool {
     let state = bus.diagnostics().al_state(slave);
     state.is_ok_and(|state| state.is_some_and(|state| state.has_mailbox()))

@@ -15,14 +15,14 @@ use crate::output::{Output, Tone};
 use crate::table;
 use crate::value::parse_unsigned;
 
-/// Range of offsets.
+/// Range of register offsets.
 const OFFSETS: std::ops::RangeInclusive<u64> = 0x0004..=0x0404;
-/// Tries while the service is busy.
+/// Attempts while the service is busy.
 const TRIES: u32 = 20;
-/// Time between two tries, ns.
+/// Time between two attempts, in ns.
 const PAUSE_NS: u64 = 5_000_000;
 
-/// What to do with registers.
+/// Arguments of `reg`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -30,9 +30,9 @@ Examples:
   ecan reg read PSR --channel 0
   ecan reg write IR 0xFFFFFFFF --channel 0       clear the interrupt flags
 
-A write needs engineering mode (0xB000:01): it is asked for and given back. The gateway takes
-writes only to the registers of its whitelist; DBTP, NBTP, TDCR, GFC and XIDAM besides only while
-CCCR has INIT and CCE set, which takes the channel off the bus.")]
+A write needs engineering mode (0xB000:01), which is requested and restored. Only registers of the
+whitelist are writable. DBTP, NBTP, TDCR, GFC and XIDAM are writable only while CCCR has INIT and CCE
+set, which disconnects the channel from the bus.")]
 pub struct RegArguments {
     #[command(subcommand)]
     action: Action,
@@ -42,7 +42,7 @@ pub struct RegArguments {
 enum Action {
     /// Read a register
     Read {
-        /// Its name, or its offset
+        /// Name or offset of the register
         #[arg(value_parser = parse_offset)]
         register: u16,
         /// CAN channel, 0 to 3
@@ -51,17 +51,17 @@ enum Action {
     },
     /// Write a register of the whitelist
     Write {
-        /// Its name, or its offset
+        /// Name or offset of the register
         #[arg(value_parser = parse_offset)]
         register: u16,
-        /// The value
+        /// Value, 0 to 0xFFFFFFFF
         #[arg(value_parser = parse_value)]
         value: u32,
         /// CAN channel, 0 to 3
         #[arg(long, value_name = "N", value_parser = crate::frames::channels::parse_channel)]
         channel: u8,
     },
-    /// List the registers that have a name, and which may be written
+    /// List the named registers and their access
     List,
 }
 
@@ -70,19 +70,19 @@ fn parse_offset(text: &str) -> Result<u16, String> {
         return Ok(register.offset);
     }
     let offset = parse_unsigned(text)
-        .ok_or_else(|| format!("no register is called \"{text}\"; see `ecan reg list`"))?;
+        .ok_or_else(|| format!("unknown register \"{text}\"; see `ecan reg list`"))?;
     match u16::try_from(offset) {
         Ok(it) if OFFSETS.contains(&offset) && it.is_multiple_of(4) => Ok(it),
-        _ => Err("offsets are multiples of 4 from 0x0004 to 0x0404".to_owned()),
+        _ => Err("invalid offset; allowed: multiples of 4 from 0x0004 to 0x0404".to_owned()),
     }
 }
 
 fn parse_value(text: &str) -> Result<u32, String> {
-    let value = parse_unsigned(text).ok_or_else(|| format!("\"{text}\" is no number"))?;
-    u32::try_from(value).map_err(|_| format!("{text} does not fit, possible is 0..0xFFFFFFFF"))
+    let value = parse_unsigned(text).ok_or_else(|| format!("invalid number \"{text}\""))?;
+    u32::try_from(value).map_err(|_| format!("{text} is out of range; allowed: 0 to 0xFFFFFFFF"))
 }
 
-/// A register's value.
+/// Value of a register.
 #[derive(Debug, Serialize)]
 struct Reading {
     position: usize,
@@ -91,11 +91,11 @@ struct Reading {
     name: Option<&'static str>,
     value: u32,
     words: Option<String>,
-    /// Time of the access on the gateway.
+    /// Time of the access, from the gateway.
     timestamp: u64,
 }
 
-/// A register of the list.
+/// Register in the list.
 #[derive(Debug, Serialize)]
 struct Listed {
     offset: u16,
@@ -151,7 +151,7 @@ fn list(output: &Output) -> Result<(), Failure> {
     })
 }
 
-/// The gateway would refuse it, too; but then its engineering mode would have been on for nothing.
+/// Checked here, although the gateway rejects it too: saves a change to engineering mode.
 fn check_whitelist(offset: u16) -> Result<(), Failure> {
     let known = register(offset);
     if known.is_some_and(|it| it.is_writable()) {
@@ -160,25 +160,25 @@ fn check_whitelist(offset: u16) -> Result<(), Failure> {
     let name = known.map_or_else(|| format!("0x{offset:04X}"), |it| it.name.to_owned());
     let names: Vec<_> = REGISTERS.iter().filter(|it| it.is_writable()).map(|it| it.name).collect();
     Err(Failure::Usage(format!(
-        "{name} is not in the whitelist of the gateway (manual 13.6); it takes writes to {}",
+        "{name} is not writable (manual 13.6); allowed: {}",
         names.join(", ")
     )))
 }
 
-/// Tells when a plain register does not hold what was written.
+/// Warns if a plain register does not contain the written value.
 fn judge_readback(reading: &Reading, written: u32, output: &Output) -> Result<(), Failure> {
-    // Commands, flags that clear themselves, and registers with bits of the hardware.
+    // Commands, self-clearing flags, and registers with hardware bits.
     const COMMANDS: [&str; 8] = ["IR", "CCCR", "TEST", "RXF0A", "RXF1A", "TXBAR", "TXBCR", "TXEFA"];
     let name = reading.name.unwrap_or_default();
     if reading.value == written || COMMANDS.contains(&name) {
         return Ok(());
     }
     let words = format!(
-        "{name} does not hold 0x{written:08X}: a protected register keeps its value unless CCCR has \
-         INIT and CCE set, and bits without a meaning stay 0"
+        "{name} does not contain 0x{written:08X}: a protected register is writable only while CCCR has \
+         INIT and CCE set, and reserved bits read 0"
     );
     output.note(output.toned(Tone::Warning, words));
-    Err(Failure::Amiss)
+    Err(Failure::ProblemsFound)
 }
 
 fn print(reading: &Reading, out: &mut dyn Write) -> std::io::Result<()> {
@@ -191,14 +191,14 @@ fn print(reading: &Reading, out: &mut dyn Write) -> std::io::Result<()> {
     }
 }
 
-/// What a command of the service came to.
+/// Result of a command of the service.
 enum Answer {
     Done,
-    /// The access mode is missing.
+    /// Access mode required.
     Denied,
 }
 
-/// The register service of one channel.
+/// Register service of one channel.
 struct Service<'a> {
     bus: &'a Bus,
     slave: usize,
@@ -247,38 +247,36 @@ impl Service<'_> {
             offset,
             name: register(offset).map(|it| it.name),
             value,
-            words: registers::words(offset, value),
+            words: registers::text(offset, value),
             timestamp,
         })
     }
 
-    /// Gives a command and waits while the service is busy.
+    /// Executes a command and retries while the service is busy.
     fn command(&self, command: u32) -> Result<Answer, Failure> {
         let clock = self.bus.clock();
         for _ in 0..TRIES {
             self.set(2, command)?;
             match self.get(3)? {
                 0 => return Ok(Answer::Done),
-                1 => return Err(refused("the offset is not one of the gateway")),
-                2 => return Err(refused("the register is not in the gateway's whitelist")),
+                1 => return Err(rejected("unknown offset")),
+                2 => return Err(rejected("register not in the whitelist of the gateway")),
                 3 => clock.sleep_until_ns(clock.now_ns().saturating_add(PAUSE_NS)),
                 4 => return Ok(Answer::Denied),
-                other => return Err(refused(&format!("status {other}, not in the manual"))),
+                other => return Err(rejected(&format!("unknown status {other}"))),
             }
         }
-        Err(refused("the register service stays busy"))
+        Err(rejected("still busy"))
     }
 
     fn permitted(&self, command: u32) -> Result<(), Failure> {
         match self.command(command)? {
             Answer::Done => Ok(()),
-            Answer::Denied => {
-                Err(refused("access denied although engineering mode was asked for (0xB000:01)"))
-            }
+            Answer::Denied => Err(rejected("access denied in engineering mode (0xB000:01)")),
         }
     }
 
-    /// Does something in engineering mode, and gives the mode back whatever comes.
+    /// Runs an action in engineering mode and always restores the mode.
     fn in_engineering_mode<R>(
         &self,
         action: impl FnOnce() -> Result<R, Failure>,
@@ -288,8 +286,8 @@ impl Service<'_> {
     }
 }
 
-fn refused(words: &str) -> Failure {
-    Failure::Refused(format!("register service: {words}"))
+fn rejected(reason: &str) -> Failure {
+    Failure::Refused(format!("register service: {reason}"))
 }
 
 #[cfg(test)]
@@ -309,17 +307,20 @@ mod tests {
     }
 
     #[test]
-    fn engineering_mode_is_given_back() {
+    fn engineering_mode_is_restored() {
         with_bus(|bus| {
             let service = Service { bus, slave: 0, channel: 0 };
             assert_eq!(service.write(0x54, 5).unwrap().value, 5);
-            assert_eq!(mode(bus), 0, "given back after the write");
-            // A write that the gateway itself refuses gives it back as well.
+            assert_eq!(mode(bus), 0, "restored after the write");
+            // A rejected write restores it too.
             let refused = service.write(0x44, 5).unwrap_err();
-            assert!(refused.to_string().contains("not in the gateway's whitelist"), "{refused}");
+            assert!(
+                refused.to_string().contains("not in the whitelist of the gateway"),
+                "{refused}"
+            );
             assert_eq!(refused.status(), 5);
             assert_eq!(mode(bus), 0);
-            // Somebody else's mode stays as it is.
+            // A mode set by another program is kept.
             bus.write(0, 0xB000, 1, 2).unwrap();
             service.write(0x54, 6).unwrap();
             assert_eq!(mode(bus), 2);
@@ -327,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn protected_registers_are_written_behind_init_and_cce() {
+    fn protected_register_needs_init_and_cce() {
         with_bus(|bus| {
             let service = Service { bus, slave: 0, channel: 0 };
             assert_eq!(service.write(0x80, 0x3F).unwrap().value, 0, "kept");

@@ -1,4 +1,4 @@
-//! `ecan replay`: a recording, sent again at its times.
+//! `ecan replay`: sends a recording at its recorded times.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -22,13 +22,13 @@ use crate::output::Output;
 /// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
-  ecan replay drive.log                        on channel 0, at the times of the log
-  ecan replay drive.log --channel all          frames of can2 on channel 2, and so on
+  ecan replay drive.log                        on channel 0, at the recorded times
+  ecan replay drive.log --channel all          frames of can2 on channel 2, etc.
   ecan replay drive.log --speed 10 --loop 5    ten times as fast, five times
-  ecan replay drive.log --record back.log      and record what comes back
-  ecan replay drive.log --capture both.pcapng  both ways, for Wireshark";
+  ecan replay drive.log --record back.log      and record received frames
+  ecan replay drive.log --capture both.pcapng  sent and received, for Wireshark";
 
-/// How often the recording is sent.
+/// Number of repetitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Loops {
     Times(u64),
@@ -42,7 +42,7 @@ impl FromStr for Loops {
         match text.parse() {
             _ if text == "i" => Ok(Self::Endless),
             Ok(times) if times > 0 => Ok(Self::Times(times)),
-            _ => Err("expected a number above 0, or i for ever".to_owned()),
+            _ => Err("expected a number above 0, or i for infinite".to_owned()),
         }
     }
 }
@@ -50,22 +50,21 @@ impl FromStr for Loops {
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArguments {
-    /// A candump log; - is standard input
+    /// Candump log; - is stdin
     file: PathBuf,
-    /// Channel for all frames, or several with commas between, or all: then canN of the log goes to
-    /// channel N, and frames of other interfaces stay out
+    /// Channels: one for all frames; with several or all, canN of the log goes to channel N
     #[arg(long, value_name = "CHANNELS", default_value = "0")]
     channel: Channels,
-    /// So many times as fast as recorded
+    /// Speed factor, 0.001 to 1000000; 2 is twice the recorded speed
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = parse_speed)]
     speed: f64,
-    /// So many times over, or i for ever
+    /// Number of repetitions, or i for infinite
     #[arg(short = 'l', long = "loop", value_name = "TIMES", default_value = "1")]
     loops: Loops,
-    /// Log what comes from the bus meanwhile; - is standard output
+    /// Record received frames in a candump log; - is stdout
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// End where no frame leaves for so many milliseconds
+    /// Exit if no frame is sent for this time, in ms
     #[arg(long, value_name = "MS", default_value_t = 2000)]
     timeout: u64,
     #[command(flatten)]
@@ -77,15 +76,15 @@ fn parse_speed(text: &str) -> Result<f64, String> {
     speed.ok_or_else(|| "expected a factor of 0.001 to 1000000".to_owned())
 }
 
-/// The recording, round after round.
+/// Iterator over the recording and its repetitions.
 #[derive(Debug)]
 struct Recording {
     frames: Vec<Recorded>,
-    /// Lines of the log that are none.
+    /// Lines of the log without a CAN frame.
     error_messages: usize,
     loops: Loops,
     speed: f64,
-    /// Frames given so far.
+    /// Frames returned so far.
     given: u64,
 }
 
@@ -110,13 +109,13 @@ impl Recording {
         Ok(Self { frames, error_messages, loops, speed, given: 0 })
     }
 
-    /// The channels that it goes to.
+    /// Channels of the frames.
     fn channels(&self) -> Channels {
         let mask = self.frames.iter().fold(0, |mask, it| mask | 1 << it.channel);
         Channels::of_mask(mask)
     }
 
-    /// Frames in all, if there is an end.
+    /// Total number of frames; `None` if infinite.
     fn total(&self) -> Option<u64> {
         match self.loops {
             Loops::Times(times) => Some(times.saturating_mul(self.frames.len() as u64)),
@@ -124,7 +123,7 @@ impl Recording {
         }
     }
 
-    /// Refuses a channel without CAN FD for frames that need it.
+    /// Rejects CAN FD frames for a channel without CAN FD.
     fn check_fd(&self, file: &Path, prepared: &Prepared<'_>) -> Result<(), Failure> {
         let is_fd = |it: &&Recorded| it.logged.frame.as_ref().is_fd();
         self.frames.iter().filter(is_fd).try_for_each(|it| {
@@ -134,7 +133,7 @@ impl Recording {
     }
 }
 
-/// The frames, each with when it is due.
+/// Frames with their due time.
 impl Iterator for Recording {
     type Item = Result<Due, Failure>;
 
@@ -148,8 +147,7 @@ impl Iterator for Recording {
         self.given += 1;
         let time_ns = |it: Option<&Recorded>| it.map_or(0, |it| it.logged.time_ns);
         let (first_ns, last_ns) = (time_ns(self.frames.first()), time_ns(self.frames.last()));
-        // A round follows the one before as its last frame followed the first, and none may stand
-        // before it.
+        // A repetition starts at the time of the previous last frame, and never before it.
         let round_ns = last_ns.saturating_sub(first_ns).saturating_mul(round);
         let recorded_ns = logged.time_ns.saturating_sub(first_ns).saturating_add(round_ns);
         let after_ns = (recorded_ns as f64 / self.speed) as u64;
@@ -165,7 +163,7 @@ pub fn run(
     let ReplayArguments { channel, options, .. } = arguments;
     let log = arguments.record.as_deref();
     let is_output_taken = options.capture.is_on_output() || log.is_some_and(is_standard_stream);
-    let output = &output.beside(is_output_taken);
+    let output = &output.on_stderr(is_output_taken);
     let recording = Recording::read(arguments)?;
     let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
@@ -185,7 +183,7 @@ pub fn run(
     };
     if recording.error_messages > 0 {
         let count = recording.error_messages;
-        output.note(format_args!("# error messages in the log, which are no frames: {count}"));
+        output.note(format_args!("# error messages in the log skipped: {count}"));
     }
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
     let record = Record::Received(printer);

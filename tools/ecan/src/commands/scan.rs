@@ -1,4 +1,4 @@
-//! `ecan scan`: the slaves of the bus.
+//! `ecan scan`: slaves of the bus.
 
 use std::io::Write;
 
@@ -13,7 +13,7 @@ use crate::output::{Output, Tone};
 use crate::slave_choice::Unknown;
 use crate::table;
 
-/// A slave of the bus.
+/// Slave of the bus.
 #[derive(Debug, Serialize)]
 struct Found {
     position: u16,
@@ -24,9 +24,9 @@ struct Found {
     vendor_id: u32,
     product_code: u32,
     revision: u32,
-    /// Not known where it cannot be asked.
+    /// `None` if the slave cannot be identified.
     is_gateway: Option<bool>,
-    /// Why it cannot be asked.
+    /// Reason why it cannot be identified.
     unknown: Option<String>,
     serial: Option<u64>,
     firmware: Option<String>,
@@ -70,7 +70,7 @@ pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
 
 fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
     if found.is_empty() {
-        return writeln!(out, "no slave answers on the bus");
+        return writeln!(out, "no slave responds on the bus");
     }
     let heads = ["POS", "ALIAS", "STATE", "NAME", "FIRMWARE", "HARDWARE", "SERIAL", "IDENTITY"];
     let mut rows = vec![heads.map(str::to_owned)];
@@ -98,7 +98,7 @@ fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Resu
         }
     }
     if found.iter().any(|slave| slave.has_error_flag) {
-        let words = "E: the master met an error with this slave and holds it in its state";
+        let words = "E: error flag set, the master keeps the slave in this state";
         writeln!(out, "{}", output.toned(Tone::Bad, words))?;
     }
     Ok(())

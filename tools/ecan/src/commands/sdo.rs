@@ -1,4 +1,4 @@
-//! `ecan sdo`: objects, by number or by name.
+//! `ecan sdo`: access to objects by number or name.
 
 use std::io::Write;
 
@@ -15,11 +15,11 @@ use crate::readings::{Readings, not_read};
 use crate::table;
 use crate::value::{Value, encode};
 
-/// Objects of a slave.
+/// Arguments of `sdo`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-An object is INDEX:SUBINDEX, or OBJECT:ENTRY by the manual's names, of which a part is enough;
-OBJECT@N is one of a family.
+An object is INDEX:SUBINDEX, or OBJECT:ENTRY with (parts of) the names of the manual; OBJECT@N selects
+one object of a family.
   ecan sdo read 0x8010:3
   ecan sdo read 'device objects:serial number low'
   ecan sdo write 'device maintenance:access mode request' engineering
@@ -34,30 +34,30 @@ pub struct SdoArguments {
 enum Action {
     /// Read an object
     Read {
-        /// The object
+        /// Object
         object: ObjectPath,
     },
-    /// Write an object; words of the table are taken for their numbers
+    /// Write an object; names of values are accepted
     Write {
-        /// The object
+        /// Object
         object: ObjectPath,
-        /// The value
+        /// Value
         value: String,
-        /// Its type, for an object that is not in the table
+        /// Type of an object that is not in the table
         #[arg(long = "type", value_enum)]
         ty: Option<Type>,
     },
-    /// List objects; with one, its entries, or the one that is named, with their values
+    /// List all objects, or the entries of one object with their values
     List {
-        /// An object, or a part of its name; all if left out
+        /// Object, or part of its name [default: all]
         object: Option<String>,
-        /// Leave the values out: nothing is read
+        /// List names only, without reading values
         #[arg(long)]
         names: bool,
     },
 }
 
-/// Types to write.
+/// Types for a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Type {
     U8,
@@ -79,7 +79,7 @@ impl From<Type> for ObjectType {
     }
 }
 
-/// A value that was read.
+/// Result of a read.
 #[derive(Debug, Serialize)]
 struct Read {
     position: usize,
@@ -88,10 +88,10 @@ struct Read {
     name: Option<&'static str>,
     bytes: Option<Vec<u8>>,
     value: Option<Value>,
-    /// The value as it is shown.
+    /// Displayed text of the value.
     text: Option<String>,
     meaning: Option<String>,
-    /// Why it was not read.
+    /// Reason for a missing value.
     error: Option<String>,
 }
 
@@ -104,7 +104,7 @@ impl Read {
     }
 }
 
-/// An object of the table.
+/// Object of the table.
 #[derive(Debug, Serialize)]
 struct Listed {
     index: u16,
@@ -201,7 +201,7 @@ fn list_objects(objects: &[&'static Object], output: &Output) -> Result<(), Fail
     })
 }
 
-/// One object with its entries, or the objects whose names have this part.
+/// Lists the entries of one object, or the objects whose names contain `name`.
 fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
     let path: ObjectPath = match name.parse() {
         Ok(path) => path,
@@ -218,7 +218,7 @@ fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Res
     let Some(known) = object(path.index) else {
         return Err(Failure::Usage(format!("0x{:04X} is not in the table", path.index)));
     };
-    // An entry is named behind a colon; without one it is the whole object.
+    // Without a colon, the whole object is listed.
     let wanted = name.contains(':').then_some(path.subindex);
     let entries: Vec<_> = known.entries.iter().filter(|it| is_wanted(it, wanted)).collect();
     if let (Some(subindex), []) = (wanted, &entries[..]) {
@@ -230,7 +230,7 @@ fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Res
     }
     let readable: Vec<_> = entries.iter().filter(|entry| entry.access.can_read()).collect();
     if readable.is_empty() {
-        return Err(Failure::Usage(format!("{name} can only be written")));
+        return Err(Failure::Usage(format!("{name} is write-only")));
     }
     let bus = Bus::open(global, output)?;
     let slave = bus.slave()?;
@@ -270,7 +270,7 @@ fn heading(index: u16, object: &Object) -> String {
     format!("0x{index:04X} {} (manual {})", object.name, object.chapter)
 }
 
-/// An entry of the table.
+/// Entry of the table.
 #[derive(Debug, Serialize)]
 struct ListedEntry {
     subindex: u8,

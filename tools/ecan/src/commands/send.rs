@@ -20,39 +20,38 @@ use crate::output::Output;
 /// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
-  ecan send 123#DEADBEEF                       an 8 digit identifier is an extended one
+  ecan send 123#DEADBEEF                       a CAN ID of 8 digits is extended
   ecan send --channel 1 000#0101 123#R4        several frames; R is a remote frame
   ecan send --data-bitrate 2000000 123##1AABB  CAN FD; 1 is the bit rate switch, 2 ESI
   ecan send --config cell.toml 123#01          with the bit rates of a configuration file
 
-The command ends when the frames have left the gateway, which means that another node has
-acknowledged them.";
+The command exits when the gateway has sent the frames, that is, another node has acknowledged them.";
 
 /// Arguments of `send`.
 #[derive(Debug, Args)]
 pub struct SendArguments {
-    /// Frames as cansend has them: ID#DATA, ID#R[LENGTH], ID##FLAGS[DATA]
+    /// Frames in the format of cansend: ID#DATA, ID#R[LENGTH], ID##FLAGS[DATA]
     #[arg(value_name = "FRAME", required = true, value_parser = parse)]
     frames: Vec<CanFrame>,
-    /// Channel, 0 to 3
+    /// CAN channel, 0 to 3
     #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
     channel: u8,
-    /// Wait so many milliseconds for a frame to leave
+    /// Time limit for the transmission, in ms
     #[arg(long, value_name = "MS", default_value_t = 1000)]
     timeout: u64,
     #[command(flatten)]
     options: FrameOptions,
 }
 
-/// A frame; cansend allows dots between bytes.
+/// Parses a frame; dots between bytes are allowed, as in cansend.
 fn parse(text: &str) -> Result<CanFrame, String> {
     if names_channel(text) {
-        return Err(format!("a channel is chosen with --channel {text}"));
+        return Err(format!("use --channel {text} to select a channel"));
     }
     parse_frame(&text.replace('.', "")).map_err(|error| error.to_string())
 }
 
-/// What is printed.
+/// Output of `send`.
 #[derive(Debug, Serialize)]
 struct Sent {
     channel: u8,
@@ -65,7 +64,7 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     let SendArguments { frames, channel, options, .. } = arguments;
-    let output = &output.beside(options.capture.is_on_output());
+    let output = &output.on_stderr(options.capture.is_on_output());
     let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
@@ -91,7 +90,7 @@ pub fn run(
     })
 }
 
-/// Whether all have left, and if not, why.
+/// Checks whether all frames were sent.
 fn judge(
     arguments: &SendArguments,
     departures: &TransmitTracker,
@@ -103,19 +102,19 @@ fn judge(
     if let Some((number, code)) = departures.first_failure() {
         let frame = usize::try_from(number).ok().and_then(|number| frames.get(number));
         let text = frame.map_or_else(String::new, |frame| FrameText(frame).to_string());
-        let words = format!("channel {channel} of the gateway refused {text}: {code}");
+        let words = format!("channel {channel} of the gateway rejected {text}: {code}");
         return Err(Failure::TooFew(words));
     }
     if outcome.sent >= count && outcome.bus_off.is_none() {
         return Ok(());
     }
     let otherwise = match outcome.unknown {
-        0 => "stopped, or the gateway took none in time",
-        _ => "the gateway has not said what became of them",
+        0 => "stopped, or not accepted by the gateway in time",
+        _ => "transmit result unknown",
     };
     let words = match count.saturating_sub(outcome.sent) {
-        0 => "whether the frames have left is not known".to_owned(),
-        behind => format!("{behind} of {count} frames have not left within {timeout} ms"),
+        0 => "transmission of the frames is not confirmed".to_owned(),
+        behind => format!("{behind} of {count} frames not sent within {timeout} ms"),
     };
     Err(departures.failure(service, words, Some(otherwise)))
 }

@@ -90,8 +90,7 @@ fn can_fd_goes_over_slcan_and_bit_rates_are_those_of_the_channel() {
     bridge.terminate();
     let (status, errors) = bridge.wait();
     assert_eq!(status, Some(0), "{errors}");
-    let told =
-        format!("# slcan bridge at {address}: 1 frames for the bus were refused: the channel");
+    let told = format!("# slcan bridge at {address}: 1 frames to the bus rejected: wrong bit rate");
     assert_eq!(errors.matches(&told).count(), 1, "{errors}");
     assert_eq!(errors.matches('#').count(), 1, "{errors}");
 }
@@ -183,7 +182,7 @@ fn refuses_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
     let (status, errors) = bridge.wait();
     assert_eq!(status, Some(0), "{errors}");
     let refused = answers.iter().filter(|is_taken| !**is_taken).count();
-    let note = format!("# {refused} frames of clients refused while nothing could be sent");
+    let note = format!("# {refused} client frames rejected: channel not available");
     assert!(errors.contains(&note), "{errors}");
     let back = errors.lines().rfind(|line| line.ends_with(end)).unwrap();
     let back: f64 = back["# (".len()..].split(')').next().unwrap().parse().unwrap();
@@ -252,7 +251,7 @@ fn misuse_is_named_and_told_by_the_status() {
         (2, &["bridge", "--slcan", "localhost"], "expected a port, an IP address"),
         (2, &["bridge", "--channel", "all"], "expected a channel, 0 to 3"),
         (2, &["bridge", "--max-clients", "0"], "0 is not in 1..=1000"),
-        (6, &["--ecrt", "sim", "bridge", "--pty", "/dev/null"], "cannot make the link /dev/null"),
+        (6, &["--ecrt", "sim", "bridge", "--pty", "/dev/null"], "cannot create the link /dev/null"),
         (6, &["--ecrt", "sim", "bridge", "--slcan", &port], "cannot listen on 127.0.0.1:"),
     ];
     for (status, arguments, words) in cases {

@@ -72,7 +72,7 @@ gateway 0: position 0
          nominal  500000 bit/s, error 0 ppm, sample point 81.25 % (BRP 1 TSEG1 129 TSEG2 30 SJW 30)
          Message RAM 3456 of 8192 bytes, filters: 0 standard, 0 extended
 EtherCAT: 2048 bytes of process data, 2 frame(s), 176.0 us of 1000 us (17.6 %)
-Sync0: 500 us behind the start of its period
+Sync0: 500 us after the start of its period
 ";
     assert_eq!(good(&["config", "check", text(&path)]), expected);
     let json = good(&["config", "check", text(&path), "--json"]);
@@ -120,9 +120,9 @@ fn every_fault_of_a_file_is_told_with_its_place() {
 fn a_file_is_applied_part_by_part() {
     let (_directory, path) = file(SMALL);
     let expected = format!(
-        "slave 0 has gateway 0 of {}
+        "slave 0: configured as gateway 0 of {}
   abilities              0 written,  7 read back
-  no diagnostic test     0 written,  5 read back
+  diagnostic tests off   0 written,  5 read back
   PDO assignment        20 written,  0 read back
   PDO profiles          12 written,  8 read back
   CAN0                  43 written,  1 read back
@@ -176,9 +176,9 @@ fn what_was_written_is_told_where_the_next_gateway_fails() {
     let told = ends(5, &["--ecrt", &bus, "config", "apply", path, "--steps"]);
     let places: Vec<_> = told.lines().filter(|line| line.starts_with("slave ")).collect();
     let expected = [
-        format!("slave 0 has gateway 0 of {path}"),
-        format!("slave 1 has only a part of gateway 1 of {path}"),
-        format!("slave 2 was not reached, it has nothing of gateway 2 of {path}"),
+        format!("slave 0: configured as gateway 0 of {path}"),
+        format!("slave 1: partially configured as gateway 1 of {path}"),
+        format!("slave 2: skipped, not configured as gateway 2 of {path}"),
     ];
     assert_eq!(places, expected, "{told}");
     let (first, rest) = told.split_once("slave 1 ").unwrap();
@@ -206,7 +206,7 @@ fn what_was_compared_is_told_where_the_next_gateway_fails() {
     assert!(told.contains("Nominal bitrate): the file has 250000, the device 500000\n"), "{told}");
     let not: Vec<_> = told.lines().filter(|line| line.contains(": not compared: ")).collect();
     assert!(not[0].starts_with("slave 1: not compared: SDO upload 0x8002:19"), "{told}");
-    assert_eq!(not[1..], ["slave 2: not compared: not reached"]);
+    assert_eq!(not[1..], ["slave 2: not compared: skipped"]);
     let json = ends(5, &["--ecrt", &bus, "config", "diff", path, "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert!(json[0]["differences"].is_array() && json[1]["differences"].is_null());
@@ -227,7 +227,9 @@ fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
     );
     assert!(!listed.contains("0x1C12"), "{listed}");
     let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(errors.contains("that the master sets up at each start differ too (--active"));
+    assert!(
+        errors.contains("that the master writes at each start differ too (shown with --active")
+    );
     let json = ends(1, &["--ecrt", "sim", "config", "diff", text(&path), "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!((&json[0]["position"], &json[0]["gateway"]), (&0.into(), &0.into()));
@@ -247,11 +249,11 @@ fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
 #[test]
 fn the_flash_is_saved_loaded_and_restored() {
     let saved = simulated(&["config", "save"]);
-    assert!(saved.starts_with("slave 0: its configuration is saved in the Flash (CRC32 active 0x"));
+    assert!(saved.starts_with("slave 0: configuration saved in the Flash (CRC32 active 0x"));
     let factory = simulated(&["config", "factory", "--yes"]);
     assert!(factory.ends_with(", stored 0x00000000)\n"), "{factory}");
     let message = fails(5, &["--ecrt", "sim", "config", "load"]);
-    assert!(message.contains("status 4 (image invalid: nothing is stored"), "{message}");
+    assert!(message.contains("status 4 (image invalid: no saved configuration"), "{message}");
     let json: serde_json::Value =
         serde_json::from_str(&simulated(&["config", "save", "--json"])).unwrap();
     assert_eq!(json["active_crc"], json["stored_crc"]);
@@ -266,7 +268,7 @@ fn the_flash_is_saved_loaded_and_restored() {
 #[test]
 fn the_factorys_configuration_comes_back_only_when_it_is_confirmed() {
     let message = fails(2, &["--ecrt", "sim", "config", "factory"]);
-    let expected = "ecan: nobody is there to confirm the loss of the configuration; say --yes to do \
+    let expected = "ecan: cannot ask for confirmation of the loss of the configuration; use --yes to do \
                     it without asking";
     assert_eq!(message, expected);
     let asked = |typed| {
@@ -274,12 +276,11 @@ fn the_factorys_configuration_comes_back_only_when_it_is_confirmed() {
         command.args(["--ecrt", "sim", "config", "factory"]).env_remove("ECAN_ECRT");
         with_answer(&mut command, typed)
     };
-    let question =
-        "Restore the factory's configuration of slave 0, and forget the saved one? [y/N]";
+    let question = "Restore the factory configuration of slave 0 and erase the saved one? [y/N]";
     for typed in ["n\n", "\n"] {
         let (status, shown) = asked(typed);
         assert!(shown.contains(question), "{shown}");
-        assert!(shown.contains("nothing was restored: not confirmed"), "{shown}");
+        assert!(shown.contains("not restored: not confirmed"), "{shown}");
         assert_eq!(status, 2);
     }
     assert_eq!(asked("y\n").0, 0);
@@ -313,9 +314,12 @@ fn of_several_gateways_one_is_chosen() {
     let scenario = two_gateways();
     let setting = format!("sim:{}", scenario.path().display());
     let applied = good(&["--ecrt", &setting, "config", "apply", text(&path)]);
-    assert!(applied.contains("slave 0 has gateway 0") && applied.contains("slave 1 has gateway 1"));
+    assert!(
+        applied.contains("slave 0: configured as gateway 0")
+            && applied.contains("slave 1: configured as gateway 1")
+    );
     let applied = good(&["--ecrt", &setting, "--slave", "alias=7", "config", "apply", text(&path)]);
-    assert!(applied.starts_with("slave 1 has gateway 1"), "{applied}");
+    assert!(applied.starts_with("slave 1: configured as gateway 1"), "{applied}");
     let message = fails(4, &["--ecrt", &setting, "config", "save"]);
     assert!(message.contains("several gateways; choose one with --slave"), "{message}");
     good(&["--ecrt", &setting, "--slave", "1", "config", "save"]);
@@ -327,12 +331,12 @@ fn of_several_gateways_one_is_chosen() {
     let message = fails(4, &["--ecrt", &setting, "config", "apply", text(&both)]);
     assert!(message.contains("gateways 0 and 1 of the file are the same slave 1"), "{message}");
     let message = fails(2, &["config", "export", text(&path)]);
-    assert!(message.contains("2 gateways; choose one with --gateway"), "{message}");
+    assert!(message.contains("2 gateways; select one with --gateway"), "{message}");
     let list = good(&["config", "export", "--gateway", "1", "--format", "ethercat", text(&path)]);
     assert!(list.contains("download -a 7 -p 0 --type uint8 0x1c12 0 2  #"), "{list}");
     let (_directory, one) = file(SMALL);
     let message = fails(4, &["--ecrt", &setting, "--slave", "1", "config", "diff", text(&one)]);
-    assert!(message.contains("slave 1 is no gateway of the file"), "{message}");
+    assert!(message.contains("slave 1 is not a gateway of the file"), "{message}");
 }
 
 #[test]
@@ -379,15 +383,15 @@ fn the_flash_of_several_gateways_is_that_of_a_file_or_of_all() {
     assert_eq!(places(&run(&["save", "--all"])), ["slave 0", "slave 1", "slave 2"]);
     assert_eq!(places(&run(&["factory", "--yes", path])), ["slave 0", "slave 1"]);
     let message = fails(2, &["--ecrt", &bus, "config", "factory", "--all"]);
-    assert!(message.contains("nobody is there to confirm"), "{message}");
+    assert!(message.contains("cannot ask for confirmation of"), "{message}");
     let list: serde_json::Value = serde_json::from_str(&run(&["save", "--all", "--json"])).unwrap();
     assert_eq!(list[2]["position"], 2);
     assert_eq!(list[2]["active_crc"], list[2]["stored_crc"]);
     let message = fails(4, &["--ecrt", &bus, "config", "save"]);
-    assert!(message.ends_with("choose one with --slave, of 0, 1, 2, or take --all"), "{message}");
+    assert!(message.ends_with("select one with --slave: 0, 1, 2, or all with --all"), "{message}");
     for (wrong, words) in [
         (&["save", "--all", path][..], "cannot be used with"),
-        (&["load", "--all", "--slave", "1"], "--all all: take one"),
+        (&["load", "--all", "--slave", "1"], "exclude each other"),
     ] {
         let message = fails(2, &[&["--ecrt", &bus, "config"][..], wrong].concat());
         assert!(message.contains(words), "{wrong:?}: {message}");
@@ -399,12 +403,15 @@ fn the_flash_of_several_gateways_is_that_of_a_file_or_of_all() {
     let failing = setting(&failing);
     let told = ends(5, &["--ecrt", &failing, "config", "save", "--all"]);
     let lines: Vec<_> = told.lines().collect();
-    assert!(lines[0].starts_with("slave 0: its configuration is saved"), "{told}");
+    assert!(lines[0].starts_with("slave 0: configuration saved"), "{told}");
     assert!(lines[1].starts_with("slave 1: ") && lines[1].contains("status 5 (Flash error"));
-    assert_eq!(lines[2], "slave 2: not reached, nothing was done");
+    assert_eq!(lines[2], "slave 2: skipped");
     let silent = first_silent();
     let message = fails(4, &["--ecrt", &setting(&silent), "config", "save", "--all"]);
-    assert!(message.contains("slave 0 cannot be asked") && message.ends_with("; nothing was done"));
+    assert!(
+        message.contains("slave 0 cannot be identified")
+            && message.ends_with("; no gateway was changed")
+    );
 }
 
 #[test]
@@ -417,12 +424,16 @@ fn misuse_is_named_and_told_by_the_status() {
         (2, &["config", "check"], "<FILE>"),
         (2, &["config", "export", path, "--format", "eni"], "possible values: csv, twincat"),
         (2, &["config", "export", path, "--gateway", "1"], "no gateway 1: it has 1"),
-        (2, &["config", "export", path, "--slave", "0"], "choose it with --gateway"),
+        (
+            2,
+            &["config", "export", path, "--slave", "0"],
+            "use --gateway to select a gateway of the file",
+        ),
         (2, &["config", "export", path, "--format", "csv", "--json"], "take one"),
         (
             2,
             &["config", "check", path, "--slave", "0"],
-            "--slave means nothing here: the whole file",
+            "--slave is not used by this command: the whole file",
         ),
         (6, &["config", "check", missing], "cannot read "),
         (6, &["config", "export", missing], "cannot read "),

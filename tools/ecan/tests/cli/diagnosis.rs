@@ -33,7 +33,7 @@ RxPDO  not active  24 chunks  0 OK    0 OK        0       0
 CAN0  disabled, 0 received and 0 to send pending
 CAN1  disabled";
     assert!(report.starts_with(expected), "{report}");
-    assert!(report.ends_with("\nno finding\n"), "{report}");
+    assert!(report.ends_with("\nno findings\n"), "{report}");
     assert!(report.contains("  APPL OutputMapping max cycles  0  0.0 us\n"), "{report}");
 }
 
@@ -56,18 +56,18 @@ CAN1  bus-off, CAN FD, warning, bus-off, 0 received and 0 to send pending
 slave 0, PREOP, ECAN-Lite, firmware 2.2.1, serial 4294967297
 AL status code: not read
 diagnostic flags: none
-fault [profile-mapping-reload] TxPDO: the profile was not applied: 0x8010:02 is 5 (master mapping reload required: PDO assignment and size multiplier differ)
-  may be 1. 0x1C12/0x1C13 assign another number of chunks than N = 8
+fault [profile-mapping-reload] TxPDO: profile not applied: 0x8010:02 is 5 (master mapping reload required: PDO assignment and size multiplier differ)
+  causes 1. 0x1C12/0x1C13 assign another number of chunks than N = 8
          2. the profile was applied before the assignment was written
-         3. the mapping in the master project was changed but not loaded again
+         3. the mapping in the master project was changed but not reloaded
   next   select the first N chunks in the master, load its mapping, then apply
   manual 5.4.6
-fault [bus-off] CAN1: the channel is bus-off: it neither sends nor receives
-  may be 1. CAN_H and CAN_L are short-circuited or swapped
+fault [bus-off] CAN1: the channel is bus-off and does not send or receive
+  causes 1. CAN_H and CAN_L are short-circuited or swapped
          2. termination is missing
-         3. bit rate or sample point differ from the other nodes; here 500 kbit/s, sample point 75.0 to 87.5 %, data phase 5000 kbit/s, 75.0 to 87.5 %
-         4. another node sends with another bit rate, or CAN FD to nodes without it
-  next   mend the bus first: 60 ohms between CAN_H and CAN_L; it recovers by itself once 128 times 11 recessive bits were seen
+         3. bit rate or sample point differs from the other nodes; this channel: 500 kbit/s, sample point 75.0 to 87.5 %, data phase 5000 kbit/s, 75.0 to 87.5 %
+         4. another node uses another bit rate, or sends CAN FD frames to classic nodes
+  next   repair the bus wiring first: 60 ohms between CAN_H and CAN_L; recovery is automatic after 128 sequences of 11 recessive bits
   manual 16.3
 ";
     assert_eq!(brief, expected);
@@ -90,10 +90,10 @@ fn numbers_of_a_file_that_no_gateway_shows_are_explained_too() {
     let path = bundle(directory.path(), &changes);
     let report = ends(1, &["diag", "--brief", "--from", &path]);
     for words in [
-        "[frame-area] TxPDO: 23 active bytes do not hold the header of 24\n",
+        "[frame-area] TxPDO: 23 active bytes are smaller than the header of 24\n",
         "[assignment-differs] TxPDO: 0x1C13 assigns 4294967295 chunks",
-        "the pins are rotated by 4294967295: this channel is at pin group 3\n",
-        "may be 1. RX FIFO0 size (subindex 62) = 200 is out of range; allowed: 0 to 64\n",
+        "the pins are rotated by 4294967295: this channel uses pin group 3\n",
+        "causes 1. RX FIFO0 size (subindex 62) = 200 is out of range; allowed: 0 to 64\n",
         "apply it (0x8002:01 = 1) and read 0x8002:02 again\n",
     ] {
         assert!(report.contains(words), "{words}: {report}");
@@ -142,14 +142,14 @@ fn the_masters_tool_tells_the_al_status_code() {
     let output = crate::support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success());
-    let words = "is not known: ethercat reg_read did not end within 5 s, and was ended";
+    let words = "not read: ethercat reg_read did not exit within 5 s and was killed";
     assert!(errors.contains(words), "{errors}");
     // One that fails likewise.
     write_program(tool.as_ref(), "#!/bin/sh\necho 'Failed to open /dev/EtherCAT0' >&2\nexit 1\n");
     let output = crate::support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success());
-    let words = "the AL status code is not known: ethercat reg_read: Failed to open /dev/EtherCAT0";
+    let words = "AL status code not read: ethercat reg_read: Failed to open /dev/EtherCAT0";
     assert!(errors.contains(words), "{errors}");
 }
 
@@ -192,7 +192,7 @@ fault [mailbox-silent]";
         "slave 0, PREOP, ECAN-Lite, firmware not read, serial 4294967297\n",
         "RxPDO  not active  24 chunks  not read  0 OK        not read  0\n",
         "\n  ECR        not read\n",
-        "\n  counters   received dropped not read, 0 times no room to send, 0 times bus-off\n",
+        "\n  counters   received dropped not read, 0 TX backpressure, 0 bus-off\n",
         "; TX FIFO full 0 times, stale not read; ",
         "\nno finding; 5 entries were not read\n",
     ] {
@@ -231,7 +231,7 @@ fn clearing_is_said_and_done_after_reading() {
     let output = crate::support::ecan(&["--ecrt", "sim", "diag", "--clear", "--brief"]);
     assert!(output.status.success());
     let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(errors.ends_with("counters and flags are cleared\n"), "{errors}");
+    assert!(errors.ends_with("counters and flags cleared\n"), "{errors}");
     // The gateway has to take each of the commands.
     for (index, subindex) in [(0x8010, 8), (0x8011, 8), (0x9011, 14), (0xB000, 4)] {
         let file = scenario(&format!(
@@ -274,7 +274,7 @@ fn all_gateways_are_looked_at_one_after_the_other() {
     let silent = crate::support::first_silent();
     let silent = setting(&silent);
     let report = ends(1, &["--ecrt", &silent, "diag", "--all", "--brief"]);
-    assert!(report.contains("fault [mailbox-silent]") && report.ends_with("\nno finding\n"));
+    assert!(report.contains("fault [mailbox-silent]") && report.ends_with("\nno findings\n"));
     let output = crate::support::ecan(&[
         "--ecrt", &silent, "diag", "--all", "--brief", "--clear", "--slave", "1",
     ]);
@@ -282,7 +282,7 @@ fn all_gateways_are_looked_at_one_after_the_other() {
     let output = crate::support::ecan(&["--ecrt", &silent, "diag", "--all", "--brief", "--clear"]);
     assert_eq!(output.status.code(), Some(5));
     let errors = String::from_utf8(output.stderr).unwrap();
-    assert!(errors.contains("\nslave 1: counters and flags are cleared\n"), "{errors}");
+    assert!(errors.contains("\nslave 1: counters and flags cleared\n"), "{errors}");
     let message = fails(2, &["--ecrt", &silent, "diag", "--all", "--record", "bundle.json"]);
     assert!(message.contains("cannot be used with"), "{message}");
 }
@@ -305,14 +305,14 @@ fn wrong_use_is_named_and_told_by_the_status() {
     let two = setting(&two);
     let cases: [(i32, &[&str], &str); 12] = [
         (6, &["diag", "--from", &missing], "cannot read"),
-        (6, &["diag", "--from", &damaged], "no JSON"),
-        (6, &["diag", "--from", &foreign], "no bundle of `ecan diag --record`"),
-        (6, &["diag", "--from", &newer], "version 9, this program knows 1"),
+        (6, &["diag", "--from", &damaged], "invalid JSON"),
+        (6, &["diag", "--from", &foreign], "not a bundle of `ecan diag --record`"),
+        (6, &["diag", "--from", &newer], "version 9, is not supported; supported: 1"),
         (6, &["diag", "--from", &partial], "missing field"),
         (6, &["--ecrt", "sim", "diag", "--record", &nowhere], "cannot write"),
         (2, &["diag", "--from", &missing, "--clear"], "cannot be used with"),
-        (2, &["diag", "--from", &missing, "--slave", "1"], "--slave means nothing here"),
-        (2, &["--slave", "1", "diag", "--from", &missing], "--slave means nothing here"),
+        (2, &["diag", "--from", &missing, "--slave", "1"], "--slave is not used by this command"),
+        (2, &["--slave", "1", "diag", "--from", &missing], "--slave is not used by this command"),
         (3, &["diag"], "libethercat.so.1"),
         (4, &["--ecrt", &two, "diag"], "choose one with --slave"),
         (4, &["--ecrt", "sim", "diag", "--slave", "7"], "there is no slave 7"),

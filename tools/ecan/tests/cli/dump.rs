@@ -82,7 +82,7 @@ fn it_ends_after_a_count_or_a_silence_and_tells_by_the_status() {
     let words = "ecan: no frame came: do the others on the bus have 500000/5000000 bit/s?";
     assert_eq!(message, words);
     let message = bus().fails(1, &["dump", "-T", "9000", "-n", "9"]);
-    assert_eq!(message, "ecan: 5 of 9 frames came");
+    assert_eq!(message, "ecan: 5 of 9 frames received");
     assert_eq!(bus().good(&["dump", "-T", "9000", "-n", "5"]).lines().count(), 5);
     let message = bus().fails(1, &["dump", "-T", "9000", "700:7FF"]);
     assert_eq!(message, "ecan: no frame came that passes the filters");
@@ -217,8 +217,8 @@ fn it_ends_cleanly_when_stopped_or_when_nobody_reads() {
 #[test]
 fn misuse_is_named_and_told_by_the_status() {
     let cases: [(i32, &[&str], &str); 14] = [
-        (2, &["dump", "can0"], "a channel is chosen with --channel can0"),
-        (2, &["dump", "can2,123:7FF"], "a channel is chosen with --channel can2"),
+        (2, &["dump", "can0"], "use --channel can0"),
+        (2, &["dump", "can2,123:7FF"], "use --channel can2"),
         (2, &["dump", "123"], "expected ID:MASK or ID~MASK"),
         (2, &["dump", "12G:7FF"], "expected ID:MASK or ID~MASK"),
         (2, &["dump", "--channel", "4"], "expected channels 0 to 3"),

@@ -91,7 +91,7 @@ fn of_several_gateways_one_has_to_be_chosen() {
     let files = Scenario::new("");
     for command in commands_of_one(&files) {
         let message = fails(4, &with(&command, &["--ecrt", &setting(&bus)]));
-        let expected = "there are several gateways; choose one with --slave, of 0, 1";
+        let expected = "several gateways; select one with --slave: 0, 1";
         assert!(message.contains(expected), "{command:?}: {message}");
     }
 }
@@ -102,13 +102,13 @@ fn a_gateway_that_cannot_be_asked_leaves_a_choice() {
     let files = Scenario::new("");
     for command in commands_of_one(&files).into_iter().chain([words("monitor --once")]) {
         let message = fails(4, &with(&command, &["--ecrt", &setting(&bus)]));
-        let expected = "slave 0 cannot be asked whether it is an ECAN-Lite: SDO upload 0xF000:09";
+        let expected = "slave 0 cannot be identified: SDO upload 0xF000:09";
         assert!(message.contains(expected), "{command:?}: {message}");
-        let ways = message.trim_end_matches(", or take --all");
-        assert!(ways.ends_with("; choose one with --slave, of 0, 1"), "{message}");
+        let ways = message.trim_end_matches(", or all with --all");
+        assert!(ways.ends_with("; select one with --slave: 0, 1"), "{message}");
     }
     let message = fails(4, &["--ecrt", &setting(&bus), "info", "--slave", "serial=4294967297"]);
-    assert!(message.contains("; but slave 0 cannot be asked"), "{message}");
+    assert!(message.contains("; but slave 0 cannot be identified"), "{message}");
 }
 
 #[test]
@@ -116,7 +116,7 @@ fn a_slave_that_is_not_there_is_told() {
     let files = Scenario::new("");
     for command in commands_of_one(&files).into_iter().chain(commands_of_all(&files)) {
         let cases = [
-            ("9", "there is no slave 9: there is only slave 0"),
+            ("9", "slave 9 does not exist: allowed: 0"),
             ("alias=3", "no slave has the alias 3"),
             ("serial=5", "no gateway has the serial number 5"),
         ];
@@ -183,7 +183,10 @@ fn signals_that_cannot_be_caught_are_no_missing_master() {
         let ended = traced(&[&program[..], &with(&command, &[])].concat()).unwrap();
         let errors = String::from_utf8(ended.stderr).unwrap();
         assert_eq!(ended.status.code(), Some(7), "{command:?}: {errors}");
-        assert!(errors.contains("ecan: Ctrl-C and SIGTERM cannot be caught: "), "{errors}");
+        assert!(
+            errors.contains("ecan: cannot install handlers for SIGINT and SIGTERM: "),
+            "{errors}"
+        );
     }
 }
 
@@ -215,6 +218,6 @@ fn an_empty_bus_is_told() {
     let files = Scenario::new("");
     for command in commands_of_one(&files) {
         let message = fails(4, &with(&command, &["--ecrt", &setting(&empty)]));
-        assert!(message.contains("no slave answers on the bus"), "{command:?}: {message}");
+        assert!(message.contains("no slave responds on the bus"), "{command:?}: {message}");
     }
 }

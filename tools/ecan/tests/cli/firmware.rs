@@ -65,7 +65,7 @@ POS  STATE  FIRMWARE  SERIAL
     assert_eq!((&json[0]["firmware"], &json[0]["numbers"]), (&"2.2.1".into(), &"2.2.1".into()));
     let (status, _, errors) = firmware(&tool.program, &["version"]);
     assert_eq!(status, 4);
-    assert!(errors.contains("several gateways; choose one with --slave, of 0, 1, or take --all"));
+    assert!(errors.contains("several gateways; select one with --slave: 0, 1, or all with --all"));
 }
 
 #[test]
@@ -77,12 +77,12 @@ fn a_version_that_cannot_be_read_has_its_reason_in_its_row() {
     let expected = "\
 POS  STATE  FIRMWARE  SERIAL
 0    PREOP  2.2.1     4294967297
-1    PREOP  -         not read: it cannot be asked whether it is an ECAN-Lite: ethercat \
+1    PREOP  -         not read: it cannot be identified: ethercat \
 upload: Failed to upload SDO: Input/output error
 2    PREOP  2.2.1     4294967299
 ";
     assert_eq!(out, expected);
-    assert!(errors.contains("1 of 3 gateways were not read, see above"), "{errors}");
+    assert!(errors.contains("1 of 3 gateways were not read; see above"), "{errors}");
     // One that refuses an object.
     let bus = crate::support::scenario(
         "[[gateway]]\n[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
@@ -102,7 +102,10 @@ fn a_good_package_is_written_and_the_new_version_read_back() {
     let (status, out, errors) = update(&tool, package.path(), &["--expect-version", "3.0.7"]);
     assert_eq!(status, 0, "{errors}");
     assert_eq!(out, "POS  BEFORE  AFTER  RESULT\n0    2.2.1   3.0.7  updated\n");
-    assert!(errors.contains("package for simulated gateways (of ecan-sim); a real one refuses it"));
+    assert!(
+        errors
+            .contains("package for simulated gateways (from ecan-sim); a real gateway rejects it")
+    );
     assert_eq!(running(&tool, 0), NEW);
     let path = package.path().to_str().unwrap();
     let expected = ["foe_write", "--master", "0", "--position", "0", "--output-file"];
@@ -129,13 +132,13 @@ fn wrong_packages_are_refused_by_the_gateway_and_the_old_version_stays() {
     damaged[4000] ^= 1;
     let mut bare = vec![0; 5000];
     bare[..4].copy_from_slice(&[0x97, 0x01, 0, 0]);
-    let cases = [(for_another, ""), (damaged, "and damaged: payload CRC32"), (bare, "bare")];
+    let cases = [(for_another, ""), (damaged, "payload CRC32"), (bare, "bare")];
     for (bytes, warning) in cases {
         let (tool, file) = (FakeEthercat::new(1, Behaviour::Good), file(&bytes));
         let (status, out, errors) = update(&tool, file.path(), &[]);
         assert_eq!(status, 5, "{out}{errors}");
         assert!(errors.contains(warning), "{errors}");
-        assert!(out.contains("0    2.2.1   2.2.1  the gateway refuses the file: not in pack"));
+        assert!(out.contains("0    2.2.1   2.2.1  the gateway rejects the file: it is not a pack"));
         assert!(errors.contains("the gateway does not run the new firmware"), "{errors}");
         assert_eq!(running(&tool, 0), 0x0202_0001);
     }
@@ -158,7 +161,7 @@ fn a_flash_that_fails_is_told() {
     tool.master().line.wire.world_mut().inject(Fault::Gateway { gateway: 0, fault });
     let (status, out, _) = update(&tool, package.path(), &[]);
     assert_eq!(status, 5);
-    assert!(out.contains("flash could not be erased or written"), "{out}");
+    assert!(out.contains("flash of the gateway cannot be erased or written"), "{out}");
 }
 
 #[test]
@@ -195,7 +198,7 @@ fn a_version_that_has_not_changed_is_no_success() {
     let same = FakeEthercat::new(1, Behaviour::Good);
     let (status, out, _) = update(&same, package.path(), &["--timeout", "4"]);
     assert_eq!(status, 1);
-    assert!(out.contains("2.2.1  the version has not changed: the file holds the same"), "{out}");
+    assert!(out.contains("2.2.1  version unchanged: the file contains the same"), "{out}");
 }
 
 #[test]
@@ -204,7 +207,7 @@ fn the_same_version_again_is_a_success_where_it_is_expected() {
     let more = ["--timeout", "4", "--expect-version", "2.2.1"];
     let (status, out, _) = update(&same, package.path(), &more);
     assert_eq!(status, 0, "{out}");
-    assert!(out.contains("installed again"), "{out}");
+    assert!(out.contains("reinstalled"), "{out}");
 }
 
 #[test]
@@ -215,7 +218,7 @@ fn without_a_restart_there_is_no_success_whatever_the_tool_says() {
         let more = [&["--timeout", "1"], expected].concat();
         let (status, out, _) = update(&liar, package.path(), &more);
         assert_eq!(status, 1);
-        assert!(out.contains("the gateway was not seen to restart"), "{out}");
+        assert!(out.contains("no restart observed"), "{out}");
     }
 }
 
@@ -224,7 +227,7 @@ fn a_gateway_that_does_not_come_back_is_told() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::NeverBack), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--timeout", "1"]);
     assert_eq!(status, 5);
-    assert!(out.contains("written, but the gateway does not answer since"), "{out}");
+    assert!(out.contains("written, but the gateway does not respond"), "{out}");
     assert!(out.contains("Slave 0 does not exist"), "{out}");
     let tool = FakeEthercat::new(1, Behaviour::NeverBack);
     let (_, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
@@ -239,7 +242,9 @@ fn several_gateways_are_updated_in_turn() {
     tool.master().line.wire.world_mut().inject(Fault::Gateway { gateway: 1, fault });
     let (status, out, errors) = update(&tool, package.path(), &["--all"]);
     assert_eq!(status, 5, "{out}");
-    assert!(out.contains("0    2.2.1   3.0.7  updated\n1    2.2.1   2.2.1  the gateway's flash"));
+    assert!(
+        out.contains("0    2.2.1   3.0.7  updated\n1    2.2.1   2.2.1  the flash of the gateway")
+    );
     assert!(out.contains("\n2    2.2.1   3.0.7  updated\n2 of 3 gateways run the new firmware\n"));
     assert!(errors.contains("1 of 3 gateways do not run the new firmware"), "{errors}");
     assert!(
@@ -258,12 +263,14 @@ fn a_file_that_does_harm_goes_to_one_gateway_only() {
     let tool = FakeEthercat::new(2, Behaviour::NeverBack);
     let (status, out, _) = update(&tool, package.path(), &["--all", "--timeout", "1"]);
     assert_eq!((status, tool.writes().len()), (5, 1), "{out}");
-    assert!(out.contains("1    -       -      nothing was written: slave 0 did not come back\n"));
+    assert!(out.contains(
+        "1    -       -      nothing written: slave 0 did not respond after the restart\n"
+    ));
     let tool = FakeEthercat::new(2, Behaviour::Good);
     let more = ["--all", "--expect-version", "3.1.0"];
     let (status, out, _) = update(&tool, package.path(), &more);
     assert_eq!((status, tool.writes().len()), (5, 1), "{out}");
-    assert!(out.contains("nothing was written: slave 0 came back with a wrong version"), "{out}");
+    assert!(out.contains("nothing written: slave 0 runs a wrong version"), "{out}");
     assert_eq!(running(&tool, 1), 0x0202_0001);
 }
 
@@ -272,10 +279,10 @@ fn other_devices_get_no_firmware() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::Foreign), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--slave", "0"]);
     assert_eq!((status, tool.writes().len()), (5, 0), "{out}");
-    assert!(out.contains("it does not show itself as an ECAN-Lite"), "{out}");
+    assert!(out.contains("not identified as an ECAN-Lite"), "{out}");
     let (status, _, errors) = update(&tool, package.path(), &[]);
     assert_eq!((status, tool.writes().len()), (4, 0));
-    assert!(errors.contains("none of the 1 slaves shows itself as an ECAN-Lite"), "{errors}");
+    assert!(errors.contains("none of the 1 slaves is identified as an ECAN-Lite"), "{errors}");
 }
 
 #[test]
@@ -284,12 +291,12 @@ fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
     let tool = FakeEthercat::new(2, Behaviour::Silent { position: 0, product_code });
     let (status, out, errors) = update(&tool, package.path(), &[]);
     assert_eq!((status, tool.writes().len()), (4, 0), "{out}");
-    let words = "slave 0 cannot be asked whether it is an ECAN-Lite: ethercat upload: Failed to";
+    let words = "slave 0 cannot be identified: ethercat upload: Failed to";
     assert!(errors.contains(words), "{errors}");
-    assert!(errors.contains("choose one with --slave, of 0, 1, or take --all"), "{errors}");
+    assert!(errors.contains("select one with --slave: 0, 1, or all with --all"), "{errors}");
     let (status, out, errors) = update(&tool, package.path(), &["--all"]);
     assert_eq!((status, tool.writes().len()), (1, 1), "{out}{errors}");
-    let line = "\n0    -       -      nothing was written: it cannot be asked whether it is an";
+    let line = "\n0    -       -      nothing written: it cannot be identified it is an";
     assert!(out.contains(line), "{out}");
     assert!(out.contains("\n1    2.2.1   3.0.7  updated\n1 of 2 gateways run the new"), "{out}");
     // The identity in the SII tells that it is another device.
@@ -301,7 +308,7 @@ fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
     let bus = crate::support::first_silent();
     let path = package.path().to_str().unwrap();
     let simulated = ["--ecrt", &crate::support::setting(&bus), "firmware", "update", path, "--yes"];
-    assert!(fails(4, &simulated).contains("slave 0 cannot be asked"));
+    assert!(fails(4, &simulated).contains("slave 0 cannot be identified"));
     let out = crate::support::ends(1, &[&simulated[..], &["--all"]].concat());
     assert!(out.contains("\n1    2.2.1   3.0.7  updated\n"), "{out}");
 }
@@ -332,16 +339,16 @@ fn an_interrupt_lets_the_gateway_have_its_firmware_and_ends_the_work() {
     let expected = "\
 POS  BEFORE  AFTER  RESULT
 0    2.2.1   3.0.7  updated
-1    -       -      nothing was written: interrupted before its turn
-2    -       -      nothing was written: interrupted before its turn
+1    -       -      nothing written: interrupted before the update
+2    -       -      nothing written: interrupted before the update
 1 of 3 gateways run the new firmware
 ";
     assert_eq!(out, expected, "{errors}");
     assert_eq!(tool.writes().len(), 1);
     assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, 0x0202_0001]);
-    let said = "interrupted: the gateway whose turn it is gets its firmware, no other\n\
+    let said = "interrupted: stopping after the current gateway\n\
                 slave 0: 2.2.1 -> 3.0.7, updated\n\
-                slave 1: nothing was written: interrupted before its turn\n";
+                slave 1: nothing written: interrupted before the update\n";
     assert!(errors.contains(said), "{errors}");
 }
 
@@ -358,13 +365,13 @@ fn at_a_terminal_it_asks_first_and_shows_how_far_it_is() {
     for typed in ["n\n", "\n"] {
         let (status, shown) = at_a_terminal(&tool, package.path(), typed);
         assert_eq!((status, tool.writes().len()), (2, 0), "{shown}");
-        assert!(shown.contains(", 20032 bytes, to slave 0 (PREOP)?"), "{shown}");
-        assert!(shown.contains("nothing was written: not confirmed"), "{shown}");
+        assert!(shown.contains(" (20032 bytes) to slave 0 (PREOP)?"), "{shown}");
+        assert!(shown.contains("nothing written: not confirmed"), "{shown}");
     }
     let (status, shown) = at_a_terminal(&tool, package.path(), "y\n");
     assert_eq!((status, tool.writes().len()), (0, 1), "{shown}");
     assert!(shown.contains("slave 0: writing 19.56 KiB"), "{shown}");
-    assert!(shown.contains("slave 0: written, waiting for it to come back"), "{shown}");
+    assert!(shown.contains("slave 0: written, waiting for the restart"), "{shown}");
 }
 
 #[test]
@@ -374,14 +381,14 @@ fn what_the_real_tool_says_is_put_into_words() {
         (
             Behaviour::Fails("Failed to open master device /dev/EtherCAT0: Permission denied"),
             3,
-            "run it with sudo",
+            "run with sudo",
         ),
         (
             Behaviour::Fails(
                 "Failed to open master device /dev/EtherCAT0: No such file or directory",
             ),
             3,
-            "is the master's module loaded?",
+            "check that the master's module is loaded",
         ),
         (
             Behaviour::Fails("ioctl() version magic is differing: /dev/EtherCAT0: 31, tool: 33"),
@@ -391,17 +398,17 @@ fn what_the_real_tool_says_is_put_into_words() {
         (
             Behaviour::WriteFails("Failed to open master device /dev/EtherCAT0: Permission denied"),
             3,
-            "run it with sudo",
+            "run with sudo",
         ),
         (
             Behaviour::WriteFails("FoE write aborted with error code 0x0000800a: No rights."),
             5,
-            "refuses the password",
+            "rejects the password",
         ),
         (Behaviour::WriteFails("Failed to write via FoE: FOE_TIMEOUT_ERROR"), 5, "interrupted"),
         (Behaviour::WriteFails("Failed to write via FoE: FOE_MBOX_PROT_ERROR"), 5, "PREOP"),
         (Behaviour::WriteFails("something that nobody has seen"), 5, "nobody has seen"),
-        (Behaviour::Babbles, 5, "\"Good morning!\", which is no answer of IgH's tool"),
+        (Behaviour::Babbles, 5, "\"Good morning!\", which is not output of IgH's tool"),
     ];
     for (behaviour, expected, words) in cases {
         let tool = FakeEthercat::new(1, behaviour.clone());
@@ -419,17 +426,13 @@ fn misuse_is_named_before_anything_is_written() {
     let (empty, short, directory) = (file(b""), file(b"abc"), TempDir::new().unwrap());
     let of = |file: &NamedTempFile| file.path().to_str().unwrap().to_owned();
     let cases: [(i32, &[&str], &str); 9] = [
-        (2, &["update", path], "say --yes"),
+        (2, &["update", path], "use --yes"),
         (2, &["update", path, "--yes", "--all", "--slave", "0"], "take one"),
-        (
-            4,
-            &["update", path, "--yes", "--slave", "7"],
-            "there is no slave 7: there is only slave 0",
-        ),
+        (4, &["update", path, "--yes", "--slave", "7"], "there is no slave 7: allowed: 0"),
         (4, &["update", path, "--yes", "--slave", "alias=9"], "no slave has the alias 9"),
         (6, &["update", "/nonexistent.bin", "--yes"], "cannot read /nonexistent.bin: No such file"),
         (6, &["update", &of(&empty), "--yes"], "it is empty"),
-        (6, &["update", &of(&short), "--yes"], "3 bytes are too few"),
+        (6, &["update", &of(&short), "--yes"], "3 bytes are too small"),
         (6, &["update", directory.path().to_str().unwrap(), "--yes"], "directory"),
         (2, &["update"], "required arguments"),
     ];
@@ -442,7 +445,7 @@ fn misuse_is_named_before_anything_is_written() {
     let missing = ["firmware", "version", "--ethercat", "/nonexistent/ethercat"];
     assert!(fails(3, &missing).contains("cannot start /nonexistent/ethercat: No such file"));
     let both = ["--ecrt", "sim", "firmware", "version", "--ethercat", program];
-    assert!(fails(2, &both).contains("the chosen one is simulated"));
+    assert!(fails(2, &both).contains("cannot be used with a simulated master"));
 }
 
 #[test]
@@ -462,5 +465,5 @@ POS  BEFORE  AFTER  RESULT
     let wrong = file(&vec![0x55; 4000]);
     let wrong = wrong.path().to_str().unwrap();
     let message = fails(5, &["--ecrt", "sim", "firmware", "update", wrong, "--yes"]);
-    assert!(message.contains("it looks like the same byte all over"), "{message}");
+    assert!(message.contains("looks like a single repeated byte"), "{message}");
 }

@@ -80,7 +80,7 @@ fn can_fd_goes_where_the_file_has_a_data_bit_rate() {
     let message = bus.fails(2, &[&["send"][..], &fd].concat());
     assert_eq!(message, format!("ecan: 123##1AA is a CAN FD frame: {none}"));
     let message = bus.fails(2, &[&gen_fd[..], &["0"]].concat());
-    assert_eq!(message, format!("ecan: CAN FD frames are asked for: {none}"));
+    assert_eq!(message, format!("ecan: CAN FD frames are requested: {none}"));
     let log = bus.write("fd.log", "(1.000000) can0 1FF##1AA\n");
     let message = bus.fails(2, &["replay", &log, "--config", &path]);
     assert_eq!(message, format!("ecan: {log}, line 1 is a CAN FD frame: {none}"));
@@ -153,11 +153,11 @@ fn the_slave_is_one_of_the_file() {
         let (found, text) = run(&arguments);
         assert!(found == status && text.contains(words), "{arguments:?}: {found} {text}");
     };
-    let several = format!("{two} describes several gateways; choose one with --slave, of 0, 1\n");
+    let several = format!("{two} describes several gateways; select one with --slave: 0, 1\n");
     check(send(&two, "1", &[]), 4, &several);
     check(send(&two, "1", &["--slave", "alias=7"]), 0, "can1 123# sent\n");
     check(send(&two, "1", &["--slave", "1"]), 0, "can1 123# sent\n");
-    check(send(&two, "1", &["--slave", "2"]), 4, "slave 2 is no gateway of the file\n");
+    check(send(&two, "1", &["--slave", "2"]), 4, "slave 2 is not a gateway of the file\n");
     check(send(&two, "1", &["--slave", "3"]), 4, "there is no slave 3");
     // A channel that the file does not have, by name.
     let missing = format!("channel 2 is not in {two}: gateway 1 there has channel 1\n");

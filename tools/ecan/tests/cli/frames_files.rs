@@ -29,7 +29,7 @@ fn a_file_that_is_there_outlives_every_failure() {
         // Without --force not even a run that could succeed touches it.
         let without: Vec<_> = command.iter().copied().filter(|it| *it != "--force").collect();
         let message = bus.fails(6, &without);
-        let words = format!("ecan: cannot write {kept}: it exists; --force overwrites it");
+        let words = format!("ecan: cannot write {kept}: file exists; use --force to overwrite it");
         assert_eq!(message, words, "{command:?}");
         assert_eq!(bus.read("kept"), "precious", "{command:?}");
     }

@@ -76,7 +76,7 @@ fn a_host_that_is_well_set_up_has_nothing_amiss() {
     let (status, report) = doctor(host.path(), &[]);
     let expected = "\
 good     kernel module       ec_master 1.6.2 1.6.2
-good     network driver      ec_generic (generic: frames go through the network stack; a native driver is more even)
+good     network driver      ec_generic (generic: frames pass the network stack; a native driver has less jitter)
 good     device node         /dev/EtherCAT0 can be opened
 good     interface           enp4s0, driver igb, link is up
 good     coalescing          enp4s0: rx-usecs 0, tx-usecs 0
@@ -86,7 +86,7 @@ good     locked memory       RLIMIT_MEMLOCK is unlimited
 good     isolated CPUs       3 of 0-3
 good     clock source        tsc
 good     power governor      performance on 1 CPUs
-good     sleep states        left within 2 us
+good     sleep states        exit latency 2 us
 ";
     assert_eq!((status, report.as_str()), (Some(0), expected));
 }
@@ -103,7 +103,12 @@ fn each_thing_amiss_is_told_with_its_remedy() {
     use Change::{Ethtool, Put, Remove};
     let cases: [(Change, &str, &str, &str); 16] = [
         (Remove(&["sys/module/ec_master"]), "kernel module", "is not loaded", "systemctl enable"),
-        (Remove(&["sys/module/ec_generic"]), "network driver", "no driver", "DEVICE_MODULES"),
+        (
+            Remove(&["sys/module/ec_generic"]),
+            "network driver",
+            "no network driver",
+            "DEVICE_MODULES",
+        ),
         (Remove(&["dev/EtherCAT0"]), "device node", "does not exist", "load the module"),
         (Remove(&["etc/ethercat.conf"]), "interface", "names the interface", "/etc/ethercat.conf"),
         (
@@ -113,7 +118,12 @@ fn each_thing_amiss_is_told_with_its_remedy() {
             "ip link",
         ),
         (Put(&[("sys/class/net/enp4s0/carrier", "0\n")]), "interface", "no link", "cable"),
-        (Put(&[("sys/class/net/enp4s0/speed", "1000\n")]), "interface", "1000 Mbit/s", "no switch"),
+        (
+            Put(&[("sys/class/net/enp4s0/speed", "1000\n")]),
+            "interface",
+            "1000 Mbit/s",
+            "without a switch",
+        ),
         (Ethtool(ETHTOOL_BAD), "coalescing", "rx-usecs 3", "-C enp4s0 adaptive-rx off rx-usecs 0"),
         (
             Put(&[
@@ -121,7 +131,7 @@ fn each_thing_amiss_is_told_with_its_remedy() {
                 ("proc/version", "Linux version 6.8.0-45-generic SMP PREEMPT_DYNAMIC\n"),
             ]),
             "real-time kernel",
-            "6.8.0-45-generic is no PREEMPT_RT kernel",
+            "6.8.0-45-generic is not a PREEMPT_RT kernel",
             "linux-image-rt",
         ),
         (
@@ -197,10 +207,10 @@ fn each_thing_amiss_is_told_with_its_remedy() {
         let (status, json) = doctor(host.path(), &["--json"]);
         assert_eq!(status, Some(1), "{json}");
         let checks: Vec<serde_json::Value> = serde_json::from_str(&json).unwrap();
-        let is_amiss = |check: &&serde_json::Value| {
+        let has_problem = |check: &&serde_json::Value| {
             matches!(check["verdict"].as_str(), Some("bad" | "warning"))
         };
-        let amiss: Vec<_> = checks.iter().filter(is_amiss).collect();
+        let amiss: Vec<_> = checks.iter().filter(has_problem).collect();
         assert_eq!(amiss.len(), 1, "{name}: {amiss:?}");
         assert_eq!(amiss[0]["name"], name);
         assert!(amiss[0]["found"].as_str().unwrap().contains(found), "{amiss:?}");
@@ -223,10 +233,10 @@ fn a_capability_stands_for_its_limit_and_a_native_driver_for_the_interface() {
     let (status, report) = doctor(host.path(), &[]);
     assert_eq!(status, Some(0), "{report}");
     for line in [
-        "good     real-time priority  permitted to this user (CAP_SYS_NICE)",
-        "good     locked memory       permitted to this user (CAP_IPC_LOCK)",
+        "good     real-time priority  permitted (CAP_SYS_NICE)",
+        "good     locked memory       permitted (CAP_IPC_LOCK)",
         "good     network driver      ec_generic, ec_igb (native)",
-        "good     interface           00:1B:21:00:00:01, driven by the master alone",
+        "good     interface           00:1B:21:00:00:01, native driver of the master",
         "skipped  coalescing          the native driver polls",
     ] {
         assert!(report.contains(line), "{report}");
@@ -239,7 +249,7 @@ fn long_sleep_states_matter_where_programs_cannot_limit_them() {
     put(host.path(), "sys/devices/system/cpu/cpu0/cpuidle/state2/latency", "200\n");
     let (status, report) = doctor(host.path(), &[]);
     assert_eq!(status, Some(0), "{report}");
-    assert!(report.contains("left within 200 us; programs can limit them"), "{report}");
+    assert!(report.contains("exit latency 200 us; programs can limit it"), "{report}");
     std::fs::remove_file(host.path().join("dev/cpu_dma_latency")).unwrap();
     let (status, report) = doctor(host.path(), &[]);
     assert_eq!(status, Some(1), "{report}");
@@ -264,17 +274,16 @@ fn library_and_bus_are_looked_at_on_this_host() {
     let report = String::from_utf8(output.stdout).unwrap();
     for line in [
         "good     library             simulated EtherCAT master (scenario echo), version 1.6\n",
-        "skipped  device node         not needed: the master is simulated\n",
+        "skipped  device node         not needed with a simulated master\n",
         "good     bus                 1 slave, 1 ECAN-Lite\n",
-        "good     process data        slave 0: N = 8 requested, a plain master carries 11\n",
-        "skipped  SII layout          the master is simulated, and has no SII\n",
+        "good     process data        slave 0: N = 8 requested, a standard master supports 11\n",
+        "skipped  SII layout          the simulated master has no SII\n",
     ] {
         assert!(report.contains(line), "{report}");
     }
     let bus = crate::support::first_silent();
     let report = crate::support::ends(1, &["--ecrt", &crate::support::setting(&bus), "doctor"]);
-    let line =
-        "bad      bus                 2 slaves, 1 ECAN-Lite; slave 0 cannot be asked whether";
+    let line = "bad      bus                 2 slaves, 1 ECAN-Lite; slave 0 cannot be identified";
     assert!(report.contains(line), "{report}");
     let output = ecan(&["--ecrt", "/none/libethercat.so.1", "doctor"]);
     assert_eq!(output.status.code(), Some(1));
@@ -290,11 +299,7 @@ fn wrong_use_is_named_and_told_by_the_status() {
         (6, &["doctor", "--root", "/none"], "cannot look at /none: it is no directory"),
         (3, &["--ecrt", "sim:none", "doctor"], "unknown scenario \"none\""),
         (2, &["doctor", "now"], "unexpected argument"),
-        (
-            2,
-            &["--ecrt", "sim", "--slave", "0", "doctor"],
-            "one gateway is looked at by `ecan diag`",
-        ),
+        (2, &["--ecrt", "sim", "--slave", "0", "doctor"], "use `ecan diag` for a gateway"),
     ];
     for (status, arguments, words) in cases {
         let message = fails(status, arguments);

@@ -18,7 +18,7 @@ POS  ALIAS  STATE  NAME       FIRMWARE  HARDWARE  SERIAL      IDENTITY
 fn a_slave_that_cannot_be_asked_is_listed_with_the_reason() {
     let bus = first_silent();
     let listed = good(&["--ecrt", &setting(&bus), "scan"]);
-    let line = "\nslave 0 cannot be asked whether it is an ECAN-Lite: SDO upload 0xF000:09";
+    let line = "\nslave 0 cannot be identified: SDO upload 0xF000:09";
     assert!(listed.contains(line), "{listed}");
     let json = good(&["--ecrt", &setting(&bus), "scan", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
@@ -58,7 +58,7 @@ fn all_gateways_tell_about_themselves() {
     assert!(told.starts_with("slave     1, alias 7"), "{told}");
     for both in [&["info", "--all", "--slave", "1"][..], &["--slave", "1", "info", "--all"]] {
         let message = fails(2, &[&["--ecrt", &setting(&two)][..], both].concat());
-        assert!(message.ends_with("--all all: take one"), "{message}");
+        assert!(message.ends_with("exclude each other"), "{message}");
     }
 }
 
@@ -76,7 +76,7 @@ fn a_version_that_is_not_there_is_not_an_empty_one() {
     assert!(json(&["scan"])[0]["firmware"].is_null());
     assert!(json(&["info"])["firmware"].is_null());
     assert!(json(&["reboot", "--wait"])["firmware"].is_null());
-    let words = " ms; 0x100A, its version, is not read\n";
+    let words = " ms, firmware version (0x100A) not read\n";
     assert!(run(&["reboot", "--wait"]).ends_with(words));
     assert!(run(&["firmware", "version"]).contains("\n0    PREOP  2.2.1     4294967297\n"));
     let tested = run(&["selftest", "--frames", "1", "--channels", "0"]);
@@ -189,13 +189,13 @@ fn of_several_gateways_one_is_chosen() {
         [&["--ecrt", setting][..], choice].concat()
     }
     let message = fails(4, &on(&setting, &["info"]));
-    assert!(message.contains("several gateways; choose one with --slave, of 0, 1"), "{message}");
+    assert!(message.contains("several gateways; select one with --slave: 0, 1"), "{message}");
     for choice in ["1", "alias=7", "serial=4294967298"] {
         let info = good(&on(&setting, &["info", "--slave", choice]));
         assert!(info.starts_with("slave     1, alias 7, PREOP\n"), "{info}");
     }
     let message = fails(4, &on(&setting, &["info", "--slave", "2"]));
-    assert!(message.contains("there is no slave 2: there are slaves 0 to 1"), "{message}");
+    assert!(message.contains("slave 2 does not exist; allowed: 0 to 1"), "{message}");
     assert!(
         fails(4, &on(&setting, &["info", "--slave", "alias=8"]))
             .contains("no slave has the alias 8")
@@ -210,13 +210,13 @@ fn an_alias_or_a_serial_number_that_several_have_is_no_choice() {
     );
     let setting = setting(&bus);
     let on = |choice| fails(4, &["--ecrt", &setting, "info", "--slave", choice]);
-    let expected = "ecan: slaves 0, 2 have the same alias 5; choose one by its position";
+    let expected = "ecan: slaves 0, 2 have the same alias 5; select one by its position";
     assert_eq!(on("alias=5"), expected);
-    let expected = "ecan: slaves 0, 1 have the same serial number 9; choose one by its position";
+    let expected = "ecan: slaves 0, 1 have the same serial number 9; select one by its position";
     assert_eq!(on("serial=9"), expected);
     let wrong = |choice| fails(2, &["--ecrt", &setting, "info", "--slave", choice]);
-    assert!(wrong("alias=0").contains("alias 0 means that none is set"));
-    assert!(wrong("serial=0").contains("serial number 0 means that none is programmed"));
+    assert!(wrong("alias=0").contains("alias 0 means no alias"));
+    assert!(wrong("serial=0").contains("serial number 0 means no serial number"));
 }
 
 #[test]
@@ -224,9 +224,9 @@ fn wrong_use_is_named_and_told_by_the_status() {
     let cases: [(i32, &[&str], &str); 12] = [
         (2, &[], "Usage"),
         (2, &["scans"], "unrecognized subcommand"),
-        (2, &["sdo", "read", "nonsense"], "no object is called \"nonsense\""),
+        (2, &["sdo", "read", "nonsense"], "unknown object \"nonsense\""),
         (2, &["sdo", "read", "0x8010:nonsense"], "has no entry"),
-        (2, &["sdo", "write", "0xB000:1", "off"], "none of run, engineering, factory"),
+        (2, &["sdo", "write", "0xB000:1", "off"], "allowed: a number or run, engineering, factory"),
         (2, &["sdo", "write", "0x5000:1", "1"], "--type"),
         (2, &["--slave", "first", "info"], "expected a position"),
         (2, &["--ecrt", "sim", "sdo", "list", "0x5000"], "not in the table"),

@@ -355,5 +355,5 @@ fn wrong_use_is_told() {
     let message = fails(3, &["--ecrt", &setting(&reserved), "selftest"]);
     assert!(message.contains("another application has reserved it"), "{message}");
     let message = fails(4, &["--ecrt", "sim", "--slave", "3", "selftest"]);
-    assert_eq!(message, "ecan: there is no slave 3: there is only slave 0");
+    assert_eq!(message, "ecan: slave 3 does not exist; allowed: 0");
 }

@@ -25,7 +25,7 @@ fn of_several_gateways_the_chosen_one_sends() {
     let second = "[[gateway]]\nalias = 7\n[[node]]\nkind = \"echo\"\nbus = \"1.0\"\n";
     let bus = Scenario::new(second);
     let message = bus.fails(4, &["send", "123#"]);
-    assert!(message.contains("several gateways; choose one with --slave, of 0, 1"), "{message}");
+    assert!(message.contains("several gateways; select one with --slave: 0, 1"), "{message}");
     assert_eq!(bus.good(&["send", "123#", "--slave", "alias=7"]), "can0 123# sent\n");
     // The first has nobody on its bus.
     bus.fails(1, &["send", "123#", "--slave", "0", "--timeout", "100"]);
@@ -36,7 +36,7 @@ fn a_frame_that_nobody_acknowledges_has_not_left() {
     let alone = Scenario::new("");
     let message = alone.fails(1, &["send", "123#11", "124#22", "--timeout", "300"]);
     assert!(message.contains("can0 run, warning: error passive"), "{message}");
-    assert!(message.contains("2 of 2 frames have not left within 300 ms"), "{message}");
+    assert!(message.contains("2 of 2 frames not sent within 300 ms"), "{message}");
     assert!(message.contains("is there another node at 500000/5000000 bit/s"), "{message}");
 }
 
@@ -46,7 +46,7 @@ fn a_channel_off_the_bus_is_named() {
     let alone = Scenario::new(fault);
     let message = alone.fails(1, &["send", "123#11", "--timeout", "1000"]);
     assert!(message.contains("can0 bus-off"), "{message}");
-    let words = "1 of 1 frames have not left within 1000 ms: channel 0 went bus-off";
+    let words = "1 of 1 frames not sent within 1000 ms: channel 0 went bus-off";
     assert!(message.contains(words), "{message}");
 }
 
@@ -171,7 +171,7 @@ fn misuse_is_named_and_told_by_the_status() {
     let (good, fd) = (write("good.log", LOG), write("fd.log", "(1.000000) can0 1FF##1AA\n"));
     let (broken, empty) = (write("b.log", "(1.000000) can0 1#\n"), write("e.log", "\n"));
     let cases: [(i32, &[&str], &str); 18] = [
-        (2, &["send", "can1", "123#"], "a channel is chosen with --channel can1"),
+        (2, &["send", "can1", "123#"], "use --channel can1"),
         (2, &["send"], "<FRAME>"),
         (2, &["send", "123"], "column 4"),
         (2, &["send", "123#1"], "two hex digits"),
@@ -212,7 +212,7 @@ fn a_log_with_error_messages_and_raw_lengths_is_replayed() {
     let output = bus.run(&["replay", &log]);
     let errors = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(0), "{errors}");
-    let note = "# error messages in the log, which are no frames: 2\n";
+    let note = "# error messages in the log skipped: 2\n";
     assert!(errors.ends_with(note), "{errors}");
     assert!(String::from_utf8(output.stdout).unwrap().starts_with("2 frames sent, 0 lost"));
     assert!(bus.good(&["plan", "--replay", &log]).contains("frames"));

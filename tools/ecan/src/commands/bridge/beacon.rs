@@ -1,4 +1,4 @@
-//! socketcand's beacon: tells programs on the network where a bridge is.
+//! socketcand's beacon: announces a bridge on the network.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
@@ -7,12 +7,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// Where programs listen for it, by its protocol.
+/// UDP port of the beacon in the protocol.
 pub const PORT: u16 = 42_000;
-/// The protocol allows three seconds; python-can listens for little more.
+/// Period. The protocol allows three seconds; python-can listens for little more.
 const INTERVAL: Duration = Duration::from_secs(1);
 
-/// Sends the beacon again and again until it is dropped.
+/// Sends the beacon periodically until dropped.
 #[derive(Debug)]
 pub struct Beacon {
     is_over: Arc<AtomicBool>,
@@ -20,8 +20,7 @@ pub struct Beacon {
 }
 
 impl Beacon {
-    /// Announces the bridge at `server` to this address, which may be that of all machines of a
-    /// network.
+    /// Announces the bridge at `server` to an address, which may be a broadcast address.
     pub fn start(to: SocketAddr, server: SocketAddr, channel: u8) -> io::Result<Self> {
         let any: IpAddr = match to {
             SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
@@ -30,14 +29,14 @@ impl Beacon {
         let socket = UdpSocket::bind((any, 0))?;
         socket.set_broadcast(true)?;
         socket.connect(to)?;
-        // A server on all addresses is reached at the one from which the beacon comes.
+        // A server on all addresses is announced with the source address of the beacon.
         let ip = if server.ip().is_unspecified() { socket.local_addr()?.ip() } else { server.ip() };
         let text = text(SocketAddr::new(ip, server.port()), channel);
         let is_over = Arc::new(AtomicBool::new(false));
         let over = is_over.clone();
         let thread = thread::Builder::new().name("bridge beacon".to_owned()).spawn(move || {
             while !over.load(Ordering::Acquire) {
-                // Nobody there, or no network for the moment.
+                // Errors are ignored: no receiver, or no network at the moment.
                 let _ = socket.send(text.as_bytes());
                 thread::park_timeout(INTERVAL);
             }
@@ -51,7 +50,7 @@ impl Drop for Beacon {
         self.is_over.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
-            // A panic in it has been reported on stderr already.
+            // The panic hook has reported a panic already.
             let _ = thread.join();
         }
     }

@@ -1,4 +1,4 @@
-//! Where other programs come in.
+//! Addresses and servers for clients.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::failure::Failure;
 
-/// Where to listen.
+/// Listening address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Listening(pub SocketAddr);
 
@@ -33,7 +33,7 @@ impl FromStr for Listening {
     }
 }
 
-/// Where other programs come in, in words.
+/// Address for clients, as text.
 #[derive(Clone, Debug, Serialize)]
 pub struct Place {
     pub protocol: &'static str,
@@ -41,7 +41,7 @@ pub struct Place {
     pub channel: u8,
 }
 
-/// A server; it ends when this is dropped.
+/// A server; stops when dropped.
 #[derive(Debug)]
 pub enum Endpoint {
     Server(BridgeServer),
@@ -49,19 +49,19 @@ pub enum Endpoint {
     Interface(SocketCanBridge),
 }
 
-/// A name for a terminal, taken away in the end.
+/// Symbolic link to a terminal; removed when dropped.
 #[derive(Debug)]
 pub struct Link(PathBuf);
 
 impl Drop for Link {
     fn drop(&mut self) {
-        // One that is gone already is no error.
+        // It may already be removed.
         let _ = std::fs::remove_file(&self.0);
     }
 }
 
 impl Endpoint {
-    /// Listens.
+    /// Listens on an address.
     pub fn listen(
         protocol: BridgeProtocol,
         Listening(address): Listening,
@@ -74,9 +74,10 @@ impl Endpoint {
         server.map(Self::Server).map_err(|error| Failure::Bridge(error.to_string()))
     }
 
-    /// Makes a terminal, with a link to it where a path is given.
+    /// Opens a terminal, with a link to it if a path is given.
     pub fn terminal(link: &Path) -> Result<Self, Failure> {
-        let no_terminal = |error| Failure::Bridge(format!("cannot make a terminal: {error}"));
+        let no_terminal =
+            |error| Failure::Bridge(format!("cannot open a pseudo-terminal: {error}"));
         let queue = BridgeConfig::default().queue;
         let bridge = SerialBridge::open(queue).map_err(no_terminal)?;
         if link.as_os_str().is_empty() {
@@ -84,14 +85,14 @@ impl Endpoint {
         }
         let linked = std::os::unix::fs::symlink(bridge.path(), link);
         linked.map_err(|error| Failure::File {
-            what: "make the link",
+            what: "create the link",
             path: link.to_owned(),
             reason: error.to_string(),
         })?;
         Ok(Self::Terminal { bridge, link: Some(Link(link.to_owned())) })
     }
 
-    /// Couples a CAN interface of this host.
+    /// Connects a CAN interface of this host.
     pub fn interface(name: &str) -> Result<Self, Failure> {
         let bridge = SocketCanBridge::open(name, BridgeConfig::default().queue);
         bridge.map(Self::Interface).map_err(|error| Failure::Bridge(error.to_string()))
@@ -123,14 +124,14 @@ impl Endpoint {
         Place { protocol, address, channel }
     }
 
-    /// Where it speaks socketcand, if it does.
+    /// Address of the socketcand server, if any.
     pub fn socketcand_address(&self) -> Option<SocketAddr> {
         let Self::Server(server) = self else { return None };
         let info = server.info();
         (info.protocol() == BridgeProtocol::Socketcand).then(|| info.address())
     }
 
-    /// Whether other machines reach it.
+    /// Returns whether other machines can connect.
     pub fn is_open_to_others(&self) -> bool {
         match self {
             Self::Server(server) => !server.info().address().ip().is_loopback(),
@@ -138,40 +139,34 @@ impl Endpoint {
         }
     }
 
-    /// Fails where it cannot go on.
+    /// Returns an error if the endpoint has failed.
     pub fn check(&self) -> Result<(), Failure> {
         let Self::Interface(bridge) = self else { return Ok(()) };
         bridge.end().map_or(Ok(()), |error| {
             let name = bridge.interface();
-            Err(Failure::Bridge(format!("the CAN interface {name} is gone: {error}")))
+            Err(Failure::Bridge(format!("CAN interface {name} is not available: {error}")))
         })
     }
 
-    /// What did not go through, in words; nothing where all did.
+    /// Loss counters with their texts; empty without losses.
     pub fn losses(&self) -> Vec<String> {
         let counted = self.clients().statistics();
         let has_own_words = counted.dropped_to_bus + counted.mismatched + counted.discarded;
         let words = [
-            (counted.dropped_to_bus, "frames for the bus were dropped: too many waited"),
-            (
-                counted.dropped_to_clients,
-                "frames of the bus were dropped: nobody took them in time",
-            ),
+            (counted.dropped_to_bus, "frames to the bus dropped: queue full"),
+            (counted.dropped_to_clients, "frames from the bus dropped: clients too slow"),
             (
                 counted.rejected.saturating_sub(has_own_words),
-                "commands or frames were refused: malformed, unknown, or at the wrong time",
+                "commands or frames rejected: malformed, unknown, or out of sequence",
             ),
             (
                 counted.mismatched,
-                "frames for the bus were refused: the channel has another bit rate, or no CAN FD",
+                "frames to the bus rejected: wrong bit rate, or CAN FD is disabled",
             ),
-            (
-                counted.discarded,
-                "frames for the bus were refused: nothing could be sent, or the channel only listens",
-            ),
+            (counted.discarded, "frames to the bus rejected: channel not available or listen-only"),
             (
                 counted.unsupported,
-                "CAN FD frames were not passed on: the interface is one of classic CAN (with \
+                "CAN FD frames from the bus dropped: the interface is classic CAN (with \
                  ip link set INTERFACE mtu 72 a virtual one carries them)",
             ),
         ];
@@ -185,7 +180,7 @@ mod tests {
     use super::Listening;
 
     #[test]
-    fn addresses_may_be_short() {
+    fn short_addresses_are_completed() {
         let parse = |text: &str| text.parse::<Listening>().map(|it| it.0.to_string());
         assert_eq!(parse("0"), Ok("127.0.0.1:0".to_owned()));
         assert_eq!(parse("29536"), Ok("127.0.0.1:29536".to_owned()));

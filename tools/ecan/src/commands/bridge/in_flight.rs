@@ -1,16 +1,16 @@
-//! Frames of clients that the gateway has.
+//! Frames of clients in the gateway.
 
 use std::collections::HashMap;
 
 use ecan_mcan_port::SendTicket;
 
-/// The gateway has told by then what became of a frame, or it never will: the image that told it was
-/// lost. Tickets come again after 65536 images, 65 s of the usual cycle.
+/// Time limit of a transmit result: later the image with the result must be lost. Tickets repeat
+/// after 65536 images, 65 s with the usual cycle.
 const LIMIT_NS: u64 = 10_000_000_000;
-/// Between two looks for old ones.
+/// Interval of removing old entries.
 const LOOK_NS: u64 = 1_000_000_000;
 
-/// What has been handed over and waits for its transmit result.
+/// Frames that wait for their transmit result.
 #[derive(Debug)]
 pub struct InFlight<T> {
     frames: HashMap<SendTicket, (u64, T)>,
@@ -36,7 +36,7 @@ impl<T> InFlight<T> {
         self.frames.clear();
     }
 
-    /// Forgets what is too old; how many that were.
+    /// Removes old entries and returns their number.
     pub fn forget_old(&mut self, now_ns: u64) -> usize {
         if now_ns < self.next_look_ns {
             return 0;
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_never_told_is_forgotten() {
+    fn entry_without_result_expires() {
         let ticket = |sequence| SendTicket { slave: 0, sequence, index: 0 };
         let mut under_way = InFlight::default();
         let start = 5 * LIMIT_NS;

@@ -35,63 +35,61 @@ pub const EXAMPLES: &str = "\
 Examples:
   ecan bridge --bitrate 1000000                slcan on a free port, which is printed
   ecan bridge --channel 2 --slcan 3333 --socketcand 29536
-  ecan bridge --pty /tmp/can0                  slcan on a terminal, for slcand and the like
+  ecan bridge --pty /tmp/can0                  slcan on a pseudo-terminal, for example for slcand
   ecan bridge --channel 1 --socketcan vcan0    a CAN interface: candump vcan0, cansend vcan0 123#01
-  ecan bridge --socketcand --beacon            which SavvyCAN and python-can find
+  ecan bridge --socketcand --beacon            SavvyCAN and python-can find the bridge
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
 
-The bit rates of the channel are those of the options, of the file, or else those that the gateway
-is set to: a client that names others hears nothing and cannot send. Frames go through once per EtherCAT cycle.
+The bit rates come from the options, the file, or the gateway's configuration. A client that requests
+other bit rates cannot send or receive. Frames are exchanged once per EtherCAT cycle.
 
-A virtual CAN interface: modprobe vcan; ip link add dev vcan0 type vcan; ip link set vcan0 up";
+Create a virtual CAN interface: modprobe vcan; ip link add dev vcan0 type vcan; ip link set vcan0 up";
 
 /// Arguments of `bridge`.
 #[derive(Debug, Args)]
 pub struct BridgeArguments {
-    /// Channel, 0 to 3
+    /// CAN channel, 0 to 3
     #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
     channel: u8,
-    /// Speak slcan over TCP: a port, an address or both; 127.0.0.1 and a free port otherwise.
-    /// The default where no other way in is chosen
+    /// Serve slcan over TCP at PORT, IP or IP:PORT [default: 127.0.0.1, free port]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
-    /// Speak socketcand over TCP: classic CAN frames
+    /// Serve socketcand over TCP, classic CAN frames only
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     socketcand: Option<Listening>,
-    /// Announce socketcand by its beacon (UDP port 42000), as SavvyCAN and python-can look for it: to
-    /// this address, for instance a network's broadcast address; 127.0.0.1 otherwise
+    /// Announce socketcand by beacon (UDP port 42000) to this address [default: 127.0.0.1]
     #[arg(long, value_name = "IP", num_args = 0..=1, default_missing_value = "127.0.0.1",
           requires = "socketcand")]
     beacon: Option<IpAddr>,
-    /// Speak slcan on a pseudo-terminal, as a serial adapter does; LINK becomes a link to it
+    /// Serve slcan on a pseudo-terminal with the symbolic link LINK
     #[arg(long, value_name = "LINK", num_args = 0..=1, default_missing_value = "")]
     pty: Option<PathBuf>,
-    /// Couple a CAN interface of this host, virtual or real, as vcan0; CAN FD where its MTU is 72
+    /// Connect a CAN interface of this host, for example vcan0; CAN FD if its MTU is 72
     #[arg(long, value_name = "INTERFACE", value_parser = parse_interface)]
     socketcan: Option<String>,
-    /// Clients at a time, of slcan and socketcand over TCP
+    /// Maximum number of TCP clients, slcan and socketcand
     #[arg(long, value_name = "COUNT", default_value_t = 8,
           value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_clients: u16,
-    /// Listen without acknowledging; what clients send is refused
+    /// Listen without acknowledging; frames of clients are rejected
     #[arg(long)]
     listen_only: bool,
     #[command(flatten)]
     options: FrameOptions,
 }
 
-/// A name that an interface can have.
+/// Parses the name of a network interface.
 fn parse_interface(text: &str) -> Result<String, String> {
     let is_possible = (1..=15).contains(&text.len())
         && text.bytes().all(|byte| byte.is_ascii_graphic() && !matches!(byte, b'/' | b':'));
     match is_possible {
         true => Ok(text.to_owned()),
-        false => Err("expected the name of a network interface, as vcan0".to_owned()),
+        false => Err("expected the name of a network interface, for example vcan0".to_owned()),
     }
 }
 
-/// A frame of a client.
+/// Frame of a client.
 #[derive(Clone, Copy, Debug)]
 struct PendingFrame {
     front: usize,
@@ -104,10 +102,10 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let output = &output.beside(arguments.options.capture.is_on_output());
+    let output = &output.on_stderr(arguments.options.capture.is_on_output());
     let settings = Settings::of(&arguments.options.gateway)?;
     let interrupt = Interrupt::install()?;
-    // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.
+    // Before the cycle: the threads of the servers must not inherit its real-time settings.
     let fronts = listen(arguments)?;
     let mut gate = TransmitGate::shut(&fronts);
     let wishes = GatewayRequirements {
@@ -127,7 +125,7 @@ pub fn run(
         };
         fronts.iter().for_each(|front| front.clients().set_bus(rates));
     }
-    // Open before anyone knows where to come in: who comes at once is not refused.
+    // Open before the addresses are printed: early clients are not rejected.
     gate.set_open(!arguments.listen_only, 0, &fronts, output);
     announce(arguments.channel, &fronts, output)?;
     let _beacon = start_beacon(arguments, &fronts)?;
@@ -173,7 +171,7 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Endpoint>, Failure> {
     Ok(fronts)
 }
 
-/// Tells the network where socketcand is, if that is wanted.
+/// Starts the beacon, if requested.
 fn start_beacon(
     arguments: &BridgeArguments,
     fronts: &[Endpoint],
@@ -186,12 +184,15 @@ fn start_beacon(
     started.map(Some).map_err(failed)
 }
 
-/// Tells where the servers are.
+/// Prints the addresses of the servers.
 fn announce(channel: u8, fronts: &[Endpoint], output: &Output) -> Result<(), Failure> {
     let places: Vec<_> = fronts.iter().map(|front| front.place(channel)).collect();
     for (front, place) in fronts.iter().zip(&places) {
         if front.is_open_to_others() {
-            output.note(format_args!("whoever reaches {} can send on the bus", place.address));
+            output.note(format_args!(
+                "every host that can connect to {} can send on the bus",
+                place.address
+            ));
         }
     }
     output.data(&places, |out| {
@@ -201,7 +202,7 @@ fn announce(channel: u8, fronts: &[Endpoint], output: &Output) -> Result<(), Fai
     })
 }
 
-/// A bus that takes nothing for so long, although there is something, has nobody who acknowledges.
+/// A bus without progress for this time, despite pending frames, has no acknowledging node.
 const STANDSTILL_NS: u64 = 1_000_000_000;
 
 /// Frames between the bus and the clients.
@@ -211,13 +212,13 @@ struct Traffic {
     is_listening: bool,
     service: Service,
     fronts: Vec<Endpoint>,
-    /// Frames of clients that the gateway has.
+    /// Client frames in the gateway.
     under_way: InFlight<PendingFrame>,
-    /// A frame for which there was no room.
+    /// Frame that waits for space.
     waiting: Option<PendingFrame>,
     turns: RoundRobin,
     gate: TransmitGate,
-    /// When the gateway took a frame last, or had none to send.
+    /// Time of the last accepted frame, or without pending frames.
     moved_ns: u64,
 }
 
@@ -235,19 +236,19 @@ impl Traffic {
                     if report.code.is_success() {
                         self.deliver(&held.frame, time_ns, Some(held));
                     } else {
-                        output.note(format_args!("# a client's frame was lost: {}", report.code));
+                        output.note(format_args!("# client frame lost: {}", report.code));
                     }
                 }
             }
         }
         let is_in_service = session(self.service.port()) == Session::Ready;
         if !is_in_service {
-            // Nothing is told any more of frames before the loss.
+            // Results of frames before the loss never arrive.
             self.under_way.clear();
         }
         let forgotten = self.under_way.forget_old(cycle.now_ns);
         if forgotten > 0 {
-            output.note(format_args!("# what became of {forgotten} frames of clients is not told"));
+            output.note(format_args!("# {forgotten} client frames: transmit result unknown"));
         }
         let status = channel_status(self.service.port(), self.channel);
         if self.waiting.is_none() && status.tx_pending() == 0 {
@@ -267,15 +268,15 @@ impl Traffic {
                     self.waiting = Some(held);
                     break;
                 }
-                // A client's mistake is no reason to leave the others alone.
-                Err(error) => output.note(format_args!("# a client's frame was refused: {error}")),
+                // An invalid frame of one client must not stop the others.
+                Err(error) => output.note(format_args!("# client frame rejected: {error}")),
             }
         }
         self.service.end(cycle)?;
         self.fronts.iter().try_for_each(Endpoint::check)
     }
 
-    /// Says what did not go through, where there is anything.
+    /// Reports losses.
     fn tell_losses(&self, output: &Output) {
         for front in &self.fronts {
             let Place { protocol, address, .. } = front.place(self.channel);
@@ -292,7 +293,7 @@ impl Traffic {
         })
     }
 
-    /// Hands a frame of the bus to all clients but the one that sent it.
+    /// Passes a frame from the bus to all clients except its sender.
     fn deliver(&self, frame: &CanFrame, time_ns: u64, sent: Option<PendingFrame>) {
         for (number, front) in self.fronts.iter().enumerate() {
             let sender = sent.filter(|held| held.front == number);

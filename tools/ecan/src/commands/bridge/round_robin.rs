@@ -1,14 +1,14 @@
-//! Who is next.
+//! Round-robin selection.
 
-/// Takes from several sources in turn: one that never ends keeps none of the others waiting.
+/// Takes from several sources in turn, so that none is starved.
 #[derive(Debug, Default)]
 pub struct RoundRobin {
     next: usize,
 }
 
 impl RoundRobin {
-    /// The next thing of the first of `count` sources that has one, beginning behind the source of the
-    /// last one.
+    /// Returns the next item of the first of `count` sources that has one, starting after the last
+    /// source.
     pub fn next<T>(&mut self, count: usize, mut take: impl FnMut(usize) -> Option<T>) -> Option<T> {
         let (from, until) = (self.next.min(count), count);
         (from..until).chain(0..from).find_map(|source| {
@@ -24,7 +24,7 @@ mod tests {
     use super::RoundRobin;
 
     #[test]
-    fn a_source_without_end_starves_nobody() {
+    fn endless_source_starves_no_other() {
         let mut turns = RoundRobin::default();
         let mut rest = [usize::MAX, 2, 0, 3];
         let mut order = Vec::new();

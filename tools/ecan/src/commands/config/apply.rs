@@ -1,4 +1,4 @@
-//! `ecan config apply`: a file, written to the gateways.
+//! `ecan config apply`: writes a file to the gateways.
 
 use std::io::Write;
 use std::path::Path;
@@ -13,20 +13,20 @@ use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::{Output, Tone};
 
-/// What was done to a slave.
+/// Result for a slave.
 #[derive(Debug, Serialize)]
 struct Applied {
     position: usize,
     gateway: usize,
-    /// Whether it has all of its gateway.
+    /// Whether the configuration was written completely.
     is_complete: bool,
-    /// Why it has not; none where another one failed before its turn.
+    /// Reason of the failure; `None` if another gateway failed before.
     error: Option<String>,
     parts: Vec<Part>,
     steps: Vec<String>,
 }
 
-/// A part of the sequence, in the order of the manual.
+/// Part of the sequence, in the order of the manual.
 #[derive(Debug, Serialize)]
 struct Part {
     name: String,
@@ -78,12 +78,12 @@ impl Applied {
         let Self { position: slave, gateway, steps, .. } = self;
         let path = path.display();
         let (tone, has) = match (self.is_complete, &self.error) {
-            (true, _) => (Tone::Good, "has"),
-            (false, Some(_)) if !steps.is_empty() => (Tone::Bad, "has only a part of"),
-            (false, Some(_)) => (Tone::Bad, "has nothing of"),
-            (false, None) => (Tone::Warning, "was not reached, it has nothing of"),
+            (true, _) => (Tone::Good, "configured as"),
+            (false, Some(_)) if !steps.is_empty() => (Tone::Bad, "partially configured as"),
+            (false, Some(_)) => (Tone::Bad, "not configured as"),
+            (false, None) => (Tone::Warning, "skipped, not configured as"),
         };
-        let heading = format!("slave {slave} {has} gateway {gateway} of {path}");
+        let heading = format!("slave {slave}: {has} gateway {gateway} of {path}");
         writeln!(out, "{}", output.toned(tone, heading))?;
         for Part { name, writes, readbacks } in &self.parts {
             writeln!(out, "  {name:<20} {writes:>3} written, {readbacks:>2} read back")?;
@@ -118,7 +118,7 @@ fn part_of(step: &StartupStep) -> String {
     let (index, subindex) = step.object();
     match index {
         0xF000 => "abilities".to_owned(),
-        0x8030 => "no diagnostic test".to_owned(),
+        0x8030 => "diagnostic tests off".to_owned(),
         0x1C12 | 0x1C13 => "PDO assignment".to_owned(),
         0x8010 | 0x8011 => "PDO profiles".to_owned(),
         0x8001..=0x8004 if (43..=60).contains(&subindex) => {

@@ -1,4 +1,4 @@
-//! `ecan config check`: the faults of a file, or what comes out of it.
+//! `ecan config check`: faults of a file, or its derived settings.
 
 use std::io::Write;
 use std::path::Path;
@@ -71,7 +71,7 @@ struct Channel {
     extended_filters: usize,
 }
 
-/// A bit timing at a clock of 80 MHz.
+/// Bit timing at a clock of 80 MHz.
 #[derive(Debug, Serialize)]
 struct Timing {
     bitrate: u32,
@@ -87,7 +87,7 @@ struct Timing {
 impl Timing {
     fn of(bitrate: u32, timing: BitTiming) -> Self {
         let BitTiming { brp, tseg1, tseg2, sjw } = timing;
-        // From the periods per bit: the bit rate itself is rounded.
+        // From the time quanta per bit: the bit rate itself is rounded.
         let reached = f64::from(MCAN_CLOCK_HZ) / f64::from(timing.clocks_per_bit().max(1));
         let error = (reached / f64::from(bitrate.max(1)) - 1.0) * 1e6;
         Self {
@@ -120,7 +120,7 @@ pub fn run(path: &Path, output: &Output) -> Result<(), Failure> {
                 }
                 Ok(())
             })?;
-            return Err(Failure::Amiss);
+            return Err(Failure::ProblemsFound);
         }
     };
     let checked = of_file(&file);
@@ -181,7 +181,7 @@ fn image(gateway: &GatewayConfig, direction: Direction, multiplier: u8) -> Image
 
 fn channel(number: u8, settings: &ChannelConfig, filters: (usize, usize)) -> Option<Channel> {
     let can: &McanChannelConfig = &settings.can;
-    // A file without faults has timings.
+    // A file without faults has valid timings.
     let (nominal, data) = can.timings(MCAN_CLOCK_HZ).ok()?;
     Some(Channel {
         channel: number,
@@ -200,7 +200,7 @@ fn print(checked: &Checked, output: &Output, out: &mut dyn Write) -> std::io::Re
     for (number, gateway) in checked.gateways.iter().enumerate() {
         let alias = match gateway.alias {
             0 => String::new(),
-            alias => format!(" behind alias {alias}"),
+            alias => format!(" after alias {alias}"),
         };
         writeln!(out, "gateway {number}: position {}{alias}", gateway.position)?;
         for image in &gateway.images {
@@ -231,7 +231,7 @@ fn print(checked: &Checked, output: &Output, out: &mut dyn Write) -> std::io::Re
             us(f64::from(wire.cycle_ns)),
         )?;
         if let Some(shift) = wire.sync0_shift_ns {
-            writeln!(out, "Sync0: {} us behind the start of its period", us(f64::from(shift)))?;
+            writeln!(out, "Sync0: {} us after the start of its period", us(f64::from(shift)))?;
         }
     }
     for warning in &checked.warnings {

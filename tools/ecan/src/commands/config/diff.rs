@@ -1,4 +1,4 @@
-//! `ecan config diff`: the gateways against a file.
+//! `ecan config diff`: compares the gateways with a file.
 
 use std::path::Path;
 
@@ -14,9 +14,9 @@ use crate::output::{Output, Tone};
 struct Compared {
     position: usize,
     gateway: usize,
-    /// None where they were not read, since this or another gateway failed.
+    /// `None` if not read because this or another gateway failed.
     differences: Option<Vec<Differing>>,
-    /// Why they were not read.
+    /// Reason.
     error: Option<String>,
 }
 
@@ -70,7 +70,7 @@ pub fn run(
     output.data(&compared, |out| {
         for Compared { position, differences, error, .. } in &compared {
             let Some(differences) = differences else {
-                let why = error.as_deref().unwrap_or("not reached");
+                let why = error.as_deref().unwrap_or("skipped");
                 let words = output.toned(Tone::Bad, format_args!("not compared: {why}"));
                 writeln!(out, "slave {position}: {words}")?;
                 continue;
@@ -85,13 +85,13 @@ pub fn run(
     let (counted, total) = (all().filter(counts).count(), all().count());
     if total > counted {
         output.note(format_args!(
-            "{} entries that the master sets up at each start differ too (--active shows them)",
+            "{} entries that the master writes at each start differ too (shown with --active)",
             total - counted
         ));
     }
     match failed {
         Some(failure) => Err(failure),
         None if counted == 0 => Ok(()),
-        None => Err(Failure::Amiss),
+        None => Err(Failure::ProblemsFound),
     }
 }

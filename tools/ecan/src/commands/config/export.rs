@@ -1,4 +1,4 @@
-//! `ecan config export`: the startup sequence for other masters (manual 5.4.3, 5.4.5).
+//! `ecan config export`: startup list for other masters (manual 5.4.3, 5.4.5).
 
 use std::path::PathBuf;
 
@@ -14,12 +14,12 @@ use crate::output::Output;
 
 #[derive(Debug, Args)]
 pub struct ExportArguments {
-    /// The file
+    /// Configuration file
     file: PathBuf,
-    /// The list's format; csv where none is given, but not with --json, which is one of its own
+    /// Format of the list [default: csv]; not with --json
     #[arg(long, value_enum)]
     format: Option<ListFormat>,
-    /// Index of the gateway in the file, where it has several
+    /// Index of the gateway in the file
     #[arg(long, value_name = "INDEX")]
     gateway: Option<usize>,
 }
@@ -27,13 +27,13 @@ pub struct ExportArguments {
 /// Formats of startup lists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ListFormat {
-    /// Every write and every check, a line each
+    /// Every write and check, one per line
     Csv,
     /// XML of a TwinCAT startup list
     Twincat,
-    /// Columns of CODESYS' startup parameters, divided by semicolons
+    /// Columns of the CODESYS startup parameters, separated by semicolons
     Codesys,
-    /// A shell script of `ethercat download` lines, with checks
+    /// Shell script with `ethercat download` and checks
     Ethercat,
 }
 
@@ -48,7 +48,7 @@ impl From<ListFormat> for Format {
     }
 }
 
-/// A step, for programs.
+/// Step in JSON.
 #[derive(Debug, Serialize)]
 struct Step {
     index: u16,
@@ -77,9 +77,9 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    global.without_slave("the list is of a gateway of the file; choose it with --gateway")?;
+    global.without_slave("use --gateway to select a gateway of the file")?;
     if global.json && arguments.format.is_some() {
-        let words = "--json prints the steps for programs, --format a list: take one";
+        let words = "--json and --format exclude each other";
         return Err(Failure::Usage(words.to_owned()));
     }
     let file = config_file::read(&arguments.file)?;
@@ -88,12 +88,12 @@ pub fn run(
         (Some(gateway), _) => gateway,
         (None, 1) => 0,
         (None, count) => {
-            let words = format!("the file has {count} gateways; choose one with --gateway");
+            let words = format!("the file has {count} gateways; select one with --gateway");
             return Err(Failure::Usage(words));
         }
     };
     let Some(slave) = slaves.get(gateway) else {
-        let words = format!("the file has no gateway {gateway}: it has {}", slaves.len());
+        let words = format!("gateway {gateway} does not exist; the file has {}", slaves.len());
         return Err(Failure::Usage(words));
     };
     let steps = file.startup(gateway);

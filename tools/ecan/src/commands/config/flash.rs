@@ -1,4 +1,4 @@
-//! `ecan config save`, `load` and `factory`: the Flash of gateways (manual 13.7).
+//! `ecan config save`, `load` and `factory`: Flash commands (manual 13.7).
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -16,24 +16,24 @@ use crate::global::GlobalOptions;
 use crate::output::{Output, Tone};
 use crate::slave_choice::{AllArgument, Recognised};
 
-/// Whose Flash.
+/// Selection of gateways.
 #[derive(Debug, Args)]
 pub struct FlashArguments {
-    /// A configuration file, read only for which gateways are meant; otherwise the one of the bus
+    /// Configuration file that selects the gateways [default: the gateway of the bus]
     #[arg(conflicts_with = "all")]
     file: Option<PathBuf>,
     #[command(flatten)]
     all: AllArgument,
 }
 
-/// What was done to a gateway.
+/// Result for a gateway.
 #[derive(Debug, Serialize)]
 struct Done {
     position: usize,
-    /// The checksums afterwards; none where nothing was done.
+    /// Checksums after the command; `None` if it was not executed.
     active_crc: Option<u32>,
     stored_crc: Option<u32>,
-    /// Why nothing was done; none where another one failed before its turn.
+    /// Reason; `None` if another gateway failed before.
     error: Option<String>,
 }
 
@@ -48,10 +48,10 @@ pub fn run(
     if command == FlashCommand::Factory {
         let list: Vec<_> = positions.iter().map(ToString::to_string).collect();
         let question = format_args!(
-            "Restore the factory's configuration of slave {}, and forget the saved one?",
+            "Restore the factory configuration of slave {} and erase the saved one?",
             list.join(", ")
         );
-        confirm(is_confirmed, "the loss of the configuration", question, "nothing was restored")?;
+        confirm(is_confirmed, "the loss of the configuration", question, "not restored")?;
     }
     let is_list = arguments.all.all || arguments.file.is_some();
     let mut all = Vec::new();
@@ -79,7 +79,7 @@ pub fn run(
     failed.map_or(Ok(()), Err)
 }
 
-/// The bus, and the gateways that the command is about.
+/// The bus and the selected gateways.
 fn gateways(
     arguments: &FlashArguments,
     global: &GlobalOptions,
@@ -93,7 +93,7 @@ fn gateways(
     let Recognised { gateways, unknown } = bus.one_or_all(arguments.all.all)?;
     match unknown.first() {
         None => Ok((bus, gateways)),
-        Some(first) => Err(Failure::Slave(format!("{first}; nothing was done"))),
+        Some(first) => Err(Failure::Slave(format!("{first}; no gateway was changed"))),
     }
 }
 
@@ -115,14 +115,14 @@ impl Done {
         let Some((active, stored)) = self.active_crc.zip(self.stored_crc) else {
             let (tone, words) = match &self.error {
                 Some(error) => (Tone::Bad, error.as_str()),
-                None => (Tone::Warning, "not reached, nothing was done"),
+                None => (Tone::Warning, "skipped"),
             };
             return writeln!(out, "slave {position}: {}", output.toned(tone, words));
         };
         let what = match command {
-            FlashCommand::Save => "its configuration is saved in the Flash",
-            FlashCommand::Load => "the saved configuration is loaded",
-            FlashCommand::Factory => "the factory's configuration is restored, none is saved",
+            FlashCommand::Save => "configuration saved in the Flash",
+            FlashCommand::Load => "saved configuration loaded",
+            FlashCommand::Factory => "factory configuration restored, saved configuration erased",
         };
         writeln!(
             out,

@@ -1,4 +1,4 @@
-//! `ecan config`: one file describes the gateways.
+//! `ecan config`: configuration file of the gateways.
 
 mod apply;
 mod check;
@@ -18,18 +18,17 @@ use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
-/// The configuration of gateways.
+/// Arguments of `config`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-A first configuration, from the file to the gateway's Flash:
+First configuration, from the file to the Flash of the gateway:
   ecan config example > cell.toml      # every key, with comments
-  ecan config check cell.toml          # all faults; bit timing, Message RAM, sizes
-  ecan config apply cell.toml          # in PREOP, with each readback checked
+  ecan config check cell.toml          # faults, bit timing, Message RAM, sizes
+  ecan config apply cell.toml          # in PREOP, with readback
   ecan config diff cell.toml && ecan config save cell.toml
   ecan config export cell.toml --format twincat > startup.xml
 
-The master is the file's, unless --master names another. --slave leaves out the other gateways of
-the file.")]
+The file selects the master, unless --master is given. --slave selects one gateway of the file.")]
 pub struct ConfigArguments {
     #[command(subcommand)]
     action: Action,
@@ -39,27 +38,26 @@ pub struct ConfigArguments {
 enum Action {
     /// Print a commented file with every key
     Example,
-    /// Check a file: all its faults, or what comes out of it; touches no bus
+    /// Check a file offline: print all faults, or the derived settings
     ///
-    /// Bit timings are those at the default MCAN clock of 80 MHz.
+    /// Bit timings are computed for the default MCAN clock of 80 MHz.
     Check {
-        /// The file
+        /// Configuration file
         file: PathBuf,
     },
-    /// Write a file to the gateways in PREOP, in the manual's order (5.4.3)
+    /// Write a file to the gateways in PREOP, in the order of the manual (5.4.3)
     Apply {
-        /// The file
+        /// Configuration file
         file: PathBuf,
         /// Print every step
         #[arg(long)]
         steps: bool,
     },
-    /// Compare the gateways with a file, entry by entry; exit status 1 where they differ
+    /// Compare the gateways with a file; exit status 1 if they differ
     Diff {
-        /// The file
+        /// Configuration file
         file: PathBuf,
-        /// Count also what the master sets up at each start: the PDO assignment, and what is active
-        /// of the profiles
+        /// Include objects that the master writes at each start: PDO assignment, active profiles
         #[arg(long)]
         active: bool,
     },
@@ -67,15 +65,15 @@ enum Action {
     Save(flash::FlashArguments),
     /// Load the saved configuration
     Load(flash::FlashArguments),
-    /// Restore the factory's configuration and forget the saved one; asks first
+    /// Restore the factory configuration and erase the saved one, after confirmation
     Factory {
         #[command(flatten)]
         whose: flash::FlashArguments,
-        /// Do not ask
+        /// Do not ask for confirmation
         #[arg(long)]
         yes: bool,
     },
-    /// Print the startup sequence for another EtherCAT master (5.4.3, 5.4.5)
+    /// Print the startup list for another EtherCAT master (5.4.3, 5.4.5)
     Export(export::ExportArguments),
 }
 
@@ -87,7 +85,7 @@ pub fn run(
     match &arguments.action {
         Action::Example => output.bytes(EXAMPLE.as_bytes()),
         Action::Check { file } => {
-            global.without_slave("the whole file is checked, without a bus")?;
+            global.without_slave("the whole file is checked offline")?;
             check::run(file, output)
         }
         Action::Apply { file, steps } => apply::run(file, *steps, global, output),
@@ -101,7 +99,7 @@ pub fn run(
     }
 }
 
-/// The bus that a file is about, with the places of its gateways: all, or the one chosen.
+/// Opens the bus of a file and finds its gateways: all, or the selected one.
 fn places(
     file: &ConfigFile,
     global: &GlobalOptions,

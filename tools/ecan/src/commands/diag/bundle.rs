@@ -1,4 +1,4 @@
-//! The file for the support: everything that was read, with versions and the state of the host.
+//! Support bundle: everything that was read, with versions and the state of the host.
 
 use std::path::Path;
 
@@ -9,19 +9,19 @@ use crate::failure::Failure;
 
 use super::file_failure;
 
-/// What the file says it is.
+/// Format name in the file.
 const FORMAT: &str = "ecan-diagnosis";
-/// Of the format.
+/// Format version.
 const VERSION: u32 = 1;
 
-/// Everything that was read.
+/// Contents of the bundle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Bundle {
     format: String,
     version: u32,
-    /// The program that wrote it.
+    /// Program that wrote it.
     pub(super) program: String,
-    /// Seconds since 1970, UTC.
+    /// Time in seconds since 1970, UTC.
     pub(super) taken_s: u64,
     pub(super) host: Host,
     pub(super) master: Master,
@@ -29,7 +29,7 @@ pub(super) struct Bundle {
     pub(super) snapshot: Snapshot,
 }
 
-/// The machine.
+/// Host information.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Host {
     pub(super) kernel: String,
@@ -38,11 +38,11 @@ pub(super) struct Host {
     pub(super) library: String,
     pub(super) module: Option<String>,
     pub(super) is_simulated: bool,
-    /// What `ecan doctor` finds.
+    /// Results of `ecan doctor`.
     pub(super) checks: serde_json::Value,
 }
 
-/// The master and what is on its bus.
+/// The master and its bus.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Master {
     pub(super) index: u32,
@@ -51,7 +51,7 @@ pub(super) struct Master {
     pub(super) slaves: Vec<Slave>,
 }
 
-/// A slave as the master knows it.
+/// Slave in the view of the master.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Slave {
     pub(super) position: u16,
@@ -63,15 +63,15 @@ pub(super) struct Slave {
     pub(super) al_state: u8,
     pub(super) has_error_flag: bool,
     pub(super) sync_managers: u8,
-    /// Links of the ports 0 to 3.
+    /// Link state of the ports 0 to 3.
     pub(super) links: [bool; 4],
 }
 
-/// Which gateway it is.
+/// Identity of the gateway.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gateway {
     pub(super) name: String,
-    /// 0x100A and 0x1009; none where they were not read.
+    /// 0x100A and 0x1009; `None` if not read.
     pub(super) firmware: Option<String>,
     pub(super) hardware: Option<String>,
     pub(super) serial: Option<u64>,
@@ -103,15 +103,17 @@ impl Bundle {
         let text =
             std::fs::read_to_string(path).map_err(|error| file_failure("read", path, error))?;
         let wrong = |reason: String| file_failure("understand", path, reason);
-        // Format and version first: what they are tells more than the first missing field.
+        // Check format and version first: this gives a better message than the first missing field.
         let value: serde_json::Value =
-            serde_json::from_str(&text).map_err(|error| wrong(format!("no JSON: {error}")))?;
+            serde_json::from_str(&text).map_err(|error| wrong(format!("invalid JSON: {error}")))?;
         if value["format"] != FORMAT {
-            return Err(wrong("it is no bundle of `ecan diag --record`".to_owned()));
+            return Err(wrong("not a bundle of `ecan diag --record`".to_owned()));
         }
         if value["version"] != VERSION {
             let version = &value["version"];
-            return Err(wrong(format!("it has version {version}, this program knows {VERSION}")));
+            return Err(wrong(format!(
+                "bundle version {version} is not supported; supported: {VERSION}"
+            )));
         }
         serde_json::from_value(value).map_err(|error| wrong(error.to_string()))
     }

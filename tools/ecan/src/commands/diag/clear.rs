@@ -1,4 +1,4 @@
-//! Clearing of counters and flags after they were read.
+//! Clears counters and flags after reading.
 
 use ecan_host::{Maintenance, MaintenanceError};
 use ecan_protocol::device::MaintenanceCommand;
@@ -6,7 +6,8 @@ use ecan_protocol::device::MaintenanceCommand;
 use crate::bus::Bus;
 use crate::failure::Failure;
 
-/// Clears PDO errors both ways, cycle statistics, and the runtime diagnostics with their flags.
+/// Clears the PDO errors of both directions, the cycle statistics, the runtime diagnostics and
+/// flags.
 pub(super) fn clear(bus: &Bus, slave: usize) -> Result<(), Failure> {
     for profile in [0x8010, 0x8011] {
         bus.write(slave, profile, 8, 0b10)?;
@@ -16,7 +17,7 @@ pub(super) fn clear(bus: &Bus, slave: usize) -> Result<(), Failure> {
     let cleared = maintenance.command(MaintenanceCommand::ClearDiagnostics, bus.clock());
     cleared.map_err(|error| match error {
         MaintenanceError::Device(error) => Failure::Device(error),
-        other => Failure::Refused(format!("the diagnostics are not cleared: {other}")),
+        other => Failure::Refused(format!("diagnostics not cleared: {other}")),
     })
 }
 
@@ -31,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_an_operation_left_behind_is_cleared() {
+    fn counters_of_an_operation_are_cleared() {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
         let simulation = backend.simulation.clone().unwrap();
@@ -54,7 +55,7 @@ mod tests {
                 .map(|(index, subindex)| bus.read(0, index, subindex).unwrap())
         };
         let before = counts();
-        assert_eq!(before[..2], [14, 1], "an image of zeros is a bad header");
+        assert_eq!(before[..2], [14, 1], "an all-zero image has a bad header");
         assert!(before[2] > 0);
         clear(&bus, 0).unwrap();
         assert_eq!(counts(), [0, 0, 0]);

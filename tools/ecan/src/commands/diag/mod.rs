@@ -1,4 +1,4 @@
-//! `ecan diag`: what is wrong with a gateway, why, and what to do (manual 16).
+//! `ecan diag`: problems of a gateway, with causes and remedies (manual 16).
 
 mod bundle;
 mod clear;
@@ -19,27 +19,26 @@ use crate::slave_choice::AllArgument;
 use bundle::Bundle;
 use report::Report;
 
-/// How to look.
+/// Arguments of `diag`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   ecan diag
   ecan diag --brief --slave 1
-  ecan diag --brief --all            one report after the other, of every gateway
-  ecan diag --record bundle.json     everything in one file, to send to the support
-  ecan diag --from bundle.json       explain such a file; touches no bus
-  ecan diag --clear                  clear counters and flags after they were read
+  ecan diag --brief --all            one report per gateway
+  ecan diag --record bundle.json     write a bundle for support
+  ecan diag --from bundle.json       explain a bundle, offline
+  ecan diag --clear                  clear counters and flags after reading
 
-Exit status 1 when there is a finding. A gateway that waits in PREOP for its master is well.")]
+Exit status 1 if there is a finding. A gateway in PREOP without application is not a finding.")]
 pub struct DiagArguments {
-    /// Write everything that was read, versions and the state of the host to a file
+    /// Write a support bundle: values, versions and the state of the host
     #[arg(long, value_name = "FILE", conflicts_with = "all")]
     record: Option<PathBuf>,
-    /// Explain a file that --record wrote
+    /// Explain a file written by --record, offline
     #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "clear", "all"])]
     from: Option<PathBuf>,
-    /// Clear PDO errors (0x8010/0x8011:08), cycle statistics (0x9011:14) and diagnostic flags
-    /// (0xB000:04 bit 5) after reading
+    /// Clear PDO errors, cycle statistics and diagnostic flags after reading
     #[arg(long)]
     clear: bool,
     #[command(flatten)]
@@ -47,8 +46,7 @@ pub struct DiagArguments {
     /// Print the findings only
     #[arg(long)]
     brief: bool,
-    /// IgH's command line tool, which reads the AL status code; otherwise ethercat on the PATH or where
-    /// IgH installs it
+    /// Path of IgH's tool ethercat, which reads the AL status [default: PATH, IgH's paths]
     #[arg(long, value_name = "PROGRAM")]
     ethercat: Option<PathBuf>,
 }
@@ -59,18 +57,18 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     if let Some(path) = &arguments.from {
-        global.without_slave("--from explains a file, which is of one gateway")?;
+        global.without_slave("--from explains the gateway of a file")?;
         return explain(&[Bundle::load(path)?], arguments, output);
     }
     let bus = Bus::open(global, output)?;
     let slaves = read::slaves(&bus, arguments.all.all)?;
     let look = |slave: &usize| read::bundle(&bus, *slave, arguments, global, output);
     let bundles = slaves.iter().map(look).collect::<Result<Vec<_>, _>>()?;
-    // What was read is told whatever becomes of the rest; and what was not recorded is not cleared.
+    // Print the report even if the rest fails; clear only after recording.
     let explained = explain(&bundles, arguments, output);
     if let (Some(path), [bundle]) = (&arguments.record, &bundles[..]) {
         bundle.save(path)?;
-        output.note(format_args!("recorded in {}", path.display()));
+        output.note(format_args!("written to {}", path.display()));
     }
     if arguments.clear {
         clear_all(&bus, &slaves, arguments.all.all, output)?;
@@ -78,7 +76,7 @@ pub fn run(
     explained
 }
 
-/// Clears every one that lets itself be cleared; tells of the first that does not.
+/// Clears every gateway; returns the first error.
 fn clear_all(
     bus: &Bus,
     slaves: &[usize],
@@ -89,14 +87,14 @@ fn clear_all(
     for slave in slaves {
         let place = if names_slave { format!("slave {slave}: ") } else { String::new() };
         match clear::clear(bus, *slave) {
-            Ok(()) => output.note(format_args!("{place}counters and flags are cleared")),
+            Ok(()) => output.note(format_args!("{place}counters and flags cleared")),
             Err(failure) => failed = failed.or(Some(failure)),
         }
     }
     failed.map_or(Ok(()), Err)
 }
 
-/// Prints what was read; [`Failure::Amiss`] where there is a finding.
+/// Prints the report; [`Failure::ProblemsFound`] if there is a finding.
 fn explain(bundles: &[Bundle], arguments: &DiagArguments, output: &Output) -> Result<(), Failure> {
     let reports: Vec<_> = bundles.iter().map(Report::new).collect();
     output.one_or_list(arguments.all.all, &reports, |out| {
@@ -110,7 +108,7 @@ fn explain(bundles: &[Bundle], arguments: &DiagArguments, output: &Output) -> Re
     })?;
     match reports.iter().all(|report| report.findings.is_empty()) {
         true => Ok(()),
-        false => Err(Failure::Amiss),
+        false => Err(Failure::ProblemsFound),
     }
 }
 

@@ -1,4 +1,4 @@
-//! Reading everything of a gateway, of its master and of the host.
+//! Reads the values of a gateway, its master and the host.
 
 use ecan_diagnosis::{Depth, ReadError, Snapshot};
 use ecan_host::Error;
@@ -15,8 +15,8 @@ use crate::slave_choice::Recognised;
 use super::DiagArguments;
 use super::bundle::{Bundle, Gateway, Host, Master, Slave};
 
-/// The slaves to look at: as for every command; but the only slave of a bus is looked at even where
-/// it does not show itself as a gateway, and of all, those that cannot be asked are looked at too.
+/// Selects the slaves, with two differences to other commands: the only slave of a bus is read even
+/// if it is not identified as a gateway, and `--all` includes slaves that cannot be identified.
 pub(super) fn slaves(bus: &Bus, all: bool) -> Result<Vec<usize>, Failure> {
     match bus.one_or_all(all) {
         Err(Failure::Slave(_)) if !bus.is_chosen() && bus.diagnostics().slave_count() == 1 => {
@@ -56,7 +56,7 @@ pub(super) fn bundle(
     snapshot.al_state = info.al_state;
     snapshot.has_error_flag = info.error_flag;
     snapshot.al_status_code = al_status_code(bus, slave, arguments, global, output);
-    // Each further question to one that is silent takes as long as the master waits for a mailbox.
+    // Each further request to a silent slave takes the mailbox timeout of the master.
     let answers = has_mailbox && snapshot.silence.is_none();
     let text = |index| if answers { bus.text(slave, index).ok() } else { None };
     let gateway = Gateway {
@@ -75,12 +75,12 @@ fn read_error(error: Error) -> ReadError {
     }
 }
 
-/// Of the slave controller.
+/// AL status code register of the slave controller.
 const AL_STATUS_CODE: u16 = 0x0134;
 
-/// The AL status code by the master's own tool: the library reads registers for the owner of the
-/// master only. A simulated master has no such tool, unless one is named; where a named one fails,
-/// that is said.
+/// Reads the AL status code with IgH's tool: the library reads registers only for the owner of the
+/// master. A simulated master has no tool unless one is given; an error of a given tool is
+/// reported.
 fn al_status_code(
     bus: &Bus,
     slave: usize,
@@ -96,7 +96,7 @@ fn al_status_code(
     match tool.and_then(|tool| tool.register(slave, AL_STATUS_CODE)) {
         Ok(code) => Some(code),
         Err(error) => {
-            output.note(format_args!("the AL status code is not known: {error}"));
+            output.note(format_args!("AL status code not read: {error}"));
             None
         }
     }

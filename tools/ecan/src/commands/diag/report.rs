@@ -1,10 +1,10 @@
-//! What was read, decoded, with its findings.
+//! Decoded values with their findings.
 
 use ecan_diagnosis::registers::{
     ErrorCounters, EventFifoStatus, HighPriorityStatus, Interrupts, ProtocolStatus,
     ReceiveFifoStatus, TransmitQueueStatus,
 };
-use ecan_diagnosis::{Finding, Snapshot, findings, flag_words};
+use ecan_diagnosis::{Finding, Snapshot, findings, flag_names};
 use ecan_protocol::device::AlStatusCode;
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::bundle::Bundle;
 
-/// The report on one gateway. What was not read is none, not zero.
+/// Report of a gateway. A missing value is `None`, not zero.
 #[derive(Debug, Serialize)]
 pub(super) struct Report<'a> {
     pub(super) position: u16,
@@ -28,7 +28,7 @@ pub(super) struct Report<'a> {
     pub(super) bundle: &'a Bundle,
 }
 
-/// A direction of process data.
+/// Direction of process data.
 #[derive(Debug, Serialize)]
 pub(super) struct Direction {
     pub(super) name: &'static str,
@@ -42,7 +42,7 @@ pub(super) struct Direction {
     pub(super) overflows: Option<u32>,
 }
 
-/// A CAN channel.
+/// CAN channel.
 #[derive(Debug, Serialize)]
 pub(super) struct Channel {
     pub(super) channel: u8,
@@ -67,18 +67,18 @@ pub(super) struct Channel {
     pub(super) last_error: Option<u32>,
 }
 
-/// An entry of 0x9011.
+/// Entry of 0x9011.
 #[derive(Debug, Serialize)]
 pub(super) struct Measured {
     pub(super) subindex: u8,
     pub(super) name: &'static str,
     pub(super) value: i64,
-    /// The value in microseconds, for one that counts CPU cycles.
+    /// Value in microseconds, if it counts CPU cycles.
     pub(super) us: Option<f64>,
 }
 
 impl Channel {
-    /// Switched off, and nothing has ever happened on it.
+    /// The channel is disabled and was never used.
     pub(super) fn is_quiet(&self) -> bool {
         let counts = [
             self.rx_dropped,
@@ -117,21 +117,21 @@ impl<'a> Report<'a> {
                 .map(|number| channel(snapshot, number))
                 .collect(),
             performance: performance(snapshot),
-            flags: snapshot.get(0xB000, 6).map(flag_words),
+            flags: snapshot.get(0xB000, 6).map(flag_names),
             findings: findings(snapshot),
             bundle,
         }
     }
 }
 
-/// Whether anything of an object was read.
+/// Returns whether anything of an object was read.
 fn is_read(snapshot: &Snapshot, index: u16) -> bool {
     snapshot.values.keys().any(|key| key.index == index)
 }
 
 fn meaning(index: u16, subindex: u8, value: u32) -> &'static str {
     let entry = lookup(index, subindex).map(|(_, entry)| entry);
-    entry.and_then(|entry| entry.meaning(value)).unwrap_or("not in the manual")
+    entry.and_then(|entry| entry.meaning(value)).unwrap_or("unknown")
 }
 
 fn direction(snapshot: &Snapshot, name: &'static str, object: u16, assignment: u16) -> Direction {
@@ -161,7 +161,7 @@ fn channel(snapshot: &Snapshot, number: u8) -> Channel {
         status_words: status.map(|status| status.to_string()),
         error_counters: information(1).map(ErrorCounters::from_raw),
         protocol: information(2).map(ProtocolStatus::from_raw),
-        interrupts: information(3).map(|raw| Interrupts(raw).words()),
+        interrupts: information(3).map(|raw| Interrupts(raw).names()),
         fifo0: information(4).map(ReceiveFifoStatus::from_raw),
         fifo1: information(5).map(ReceiveFifoStatus::from_raw),
         transmit: information(6).map(TransmitQueueStatus::from_raw),

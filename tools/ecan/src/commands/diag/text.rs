@@ -1,4 +1,4 @@
-//! The report for people.
+//! Text form of the report.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -26,7 +26,7 @@ pub(super) fn print(
         if report.channels.is_empty() {
             writeln!(out, "\nchannels: {NOT_READ}")?;
         }
-        // Quiet channels are a line each, without gaps.
+        // Unused channels take one line each, without gaps.
         let mut follows_quiet = false;
         for channel in &report.channels {
             if !(follows_quiet && channel.is_quiet()) {
@@ -40,7 +40,7 @@ pub(super) fn print(
         writeln!(out)?;
     }
     if report.findings.is_empty() {
-        write!(out, "{}", output.toned(Tone::Good, "no finding"))?;
+        write!(out, "{}", output.toned(Tone::Good, "no findings"))?;
         return match refused.len() {
             0 => writeln!(out),
             1 => writeln!(out, "; 1 entry was not read"),
@@ -63,14 +63,14 @@ fn heading(report: &Report, out: &mut dyn Write) -> Written {
     writeln!(out, "diagnostic flags: {}", listed(report.flags.as_deref()))
 }
 
-/// In the place of a value.
+/// Text of a missing value.
 const NOT_READ: &str = "not read";
 
 fn or_not_read(value: Option<impl Display>) -> String {
     value.map_or_else(|| NOT_READ.to_owned(), |value| value.to_string())
 }
 
-/// Names of bits.
+/// Names of the set bits.
 fn listed(words: Option<&[&str]>) -> String {
     match words {
         None => NOT_READ.to_owned(),
@@ -107,7 +107,7 @@ fn directions(report: &Report, out: &mut dyn Write) -> Written {
     table::print(out, &rows)
 }
 
-/// A count, the words for it, and its name for when it was not read.
+/// A count, its text, and its name for a missing value.
 type Count<'a> = (Option<u32>, &'a dyn Fn(u32) -> String, &'a str);
 
 fn counts<const N: usize>(counts: [Count<'_>; N]) -> String {
@@ -128,13 +128,13 @@ fn print_channel(channel: &Channel, out: &mut dyn Write) -> Written {
     let interrupts = listed(channel.interrupts.as_deref());
     let counters = counts([
         (channel.rx_dropped, &|n| format!("{n} received dropped"), "received dropped"),
-        (channel.tx_backpressure, &|n| format!("{n} times no room to send"), "no room to send"),
-        (channel.bus_off_count, &|n| format!("{n} times bus-off"), "bus-off"),
+        (channel.tx_backpressure, &|n| format!("{n} TX backpressure"), "TX backpressure"),
+        (channel.bus_off_count, &|n| format!("{n} bus-off"), "bus-off"),
     ]);
     let path = [
         counts([
             (channel.cache_dropped, &|n| format!("RX cache dropped {n}"), "RX cache dropped"),
-            (channel.cache_watermark, &|n| format!("held {n} at most"), "held at most"),
+            (channel.cache_watermark, &|n| format!("peak {n}"), "peak"),
         ]),
         counts([
             (channel.tx_fifo_full, &|n| format!("TX FIFO full {n} times"), "TX FIFO full"),
@@ -193,7 +193,7 @@ fn print_finding(finding: &Finding, output: &Output, out: &mut dyn Write) -> Wri
     let word = output.toned(tone, word);
     writeln!(out, "{word} [{}] {}: {}", finding.id, finding.place, finding.what)?;
     for (number, cause) in (1..).zip(&finding.causes) {
-        let label = if number == 1 { "may be" } else { "      " };
+        let label = if number == 1 { "causes" } else { "      " };
         writeln!(out, "  {label} {number}. {cause}")?;
     }
     writeln!(out, "  next   {}", finding.next)?;

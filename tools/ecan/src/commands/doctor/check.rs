@@ -1,18 +1,17 @@
-//! What a check is.
+//! A check of the host and its result.
 
 use serde::Serialize;
 
-/// What a check came to.
+/// Result of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// As it should be.
     Good,
-    /// The cycle will not be as even as it could be.
+    /// The cycle has more jitter than necessary.
     Warning,
-    /// Nothing works like this.
+    /// EtherCAT cannot work.
     Bad,
-    /// Not looked at.
+    /// Not checked.
     Skipped,
 }
 
@@ -33,7 +32,7 @@ pub struct Check {
     pub name: &'static str,
     pub verdict: Verdict,
     pub found: String,
-    /// What to do; empty where nothing is amiss.
+    /// Remedy; empty without a problem.
     pub remedy: String,
 }
 
@@ -54,7 +53,7 @@ impl Check {
         Self { verdict: Verdict::Bad, ..Self::warning(name, found, remedy) }
     }
 
-    pub fn is_amiss(&self) -> bool {
+    pub fn has_problem(&self) -> bool {
         matches!(self.verdict, Verdict::Warning | Verdict::Bad)
     }
 }

@@ -1,4 +1,4 @@
-//! The gateways on the bus: N against what the master carries, and what only the SII tells.
+//! Checks of the gateways on the bus: N against the limit of the master, and the SII.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use super::{Check, sii};
 
 const SII: &str = "SII layout";
 
-/// What stands behind the checks of the library; `tool` is IgH's, where it is not found by itself.
+/// The checks that need the library; `tool` is the path of IgH's tool, if given.
 pub(super) fn checks(
     library: Option<Ecrt>,
     tool: Option<&Path>,
@@ -20,7 +20,7 @@ pub(super) fn checks(
 ) -> Vec<Check> {
     const NAME: &str = "bus";
     let Some(ecrt) = library else {
-        return vec![Check::skipped(NAME, "there is no library to look with")];
+        return vec![Check::skipped(NAME, "no library")];
     };
     let diagnostics = match Diagnostics::of_bus(&ecrt, global.master()) {
         Ok(diagnostics) => diagnostics,
@@ -32,7 +32,7 @@ pub(super) fn checks(
     checks.extend(gateways.iter().map(|slave| process_data(&diagnostics, *slave)));
     checks.extend(gateways.iter().map(|slave| {
         if ecrt.is_simulated() {
-            return Check::skipped(SII, "the master is simulated, and has no SII");
+            return Check::skipped(SII, "the simulated master has no SII");
         }
         let tool = EthercatTool::find(tool, global.master());
         judge_layout(*slave, tool.and_then(|tool| tool.sii(*slave)))
@@ -41,7 +41,7 @@ pub(super) fn checks(
 }
 
 fn cannot_look(name: &'static str, error: &Error) -> Check {
-    Check::bad(name, error.to_string(), "mend what is said above, then look at `ecan scan`")
+    Check::bad(name, error.to_string(), "fix the problems above, then run `ecan scan`")
 }
 
 fn judge_slaves(name: &'static str, count: usize, gateways: usize, unknown: &[Unknown]) -> Check {
@@ -52,17 +52,17 @@ fn judge_slaves(name: &'static str, count: usize, gateways: usize, unknown: &[Un
         return Check::bad(
             name,
             format!("{found}; {}", words.join("; ")),
-            "bring it to PREOP, look at its supply and cable, then at `ecan diag --slave POSITION`; \
+            "bring it to PREOP, check its supply and cable, then run `ecan diag --slave POSITION`; \
              a gateway without a mailbox takes no configuration",
         );
     }
     if gateways == 0 {
-        return Check::bad(name, found, "look at cable and supply, then at `ecan scan`");
+        return Check::bad(name, found, "check cable and supply, then run `ecan scan`");
     }
     Check::good(name, found)
 }
 
-/// The larger N of both directions, of the active profile or else of the requested one.
+/// Larger N of both directions, from the active or else the requested profile.
 fn chunks(diagnostics: &Diagnostics, slave: usize) -> Result<(u32, bool), Error> {
     let value = |index, subindex| diagnostics.sdo_upload_u32(slave, index, subindex);
     let active = value(0x8010, 9)?.max(value(0x8011, 9)?) / 128;
@@ -80,7 +80,7 @@ fn process_data(diagnostics: &Diagnostics, slave: usize) -> Check {
     }
 }
 
-/// By the SII, which the library does not show: it takes IgH's tool.
+/// Check of the SII with IgH's tool: the library does not read it.
 fn judge_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
     let script = format!("scripts/ecan_sii_sm_layout.sh check --position {slave}");
     let sii = match sii {
@@ -89,7 +89,7 @@ fn judge_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
     };
     let faults = sii::faults(&sii);
     if faults.is_empty() {
-        return Check::good(SII, format!("slave {slave}: SM2 and SM3 as in manual 15.7"));
+        return Check::good(SII, format!("slave {slave}: SM2 and SM3 match manual 15.7"));
     }
     Check::bad(
         SII,
@@ -104,14 +104,14 @@ fn judge_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
 fn judge_chunks(name: &'static str, slave: usize, n: u32, is_active: bool) -> Check {
     let word = if is_active { "active" } else { "requested" };
     let max = u32::from(MAX_PLAIN_MULTIPLIER);
-    let found = format!("slave {slave}: N = {n} {word}, a plain master carries {max}");
+    let found = format!("slave {slave}: N = {n} {word}, a standard master supports {max}");
     if n <= max {
         return Check::good(name, found);
     }
     Check::warning(
         name,
         found,
-        "choose a smaller N, or a master that splits process data over datagrams; an older one \
+        "use a smaller N, or a master that splits process data over datagrams; an older one \
          stops sending altogether",
     )
 }
@@ -121,20 +121,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_sii_that_cannot_be_read_is_left_to_the_script() {
+    fn unreadable_sii_refers_to_the_script() {
         let check = judge_layout(3, Err(ToolError::NotFound));
-        assert!(!check.is_amiss());
+        assert!(!check.has_problem());
         assert!(check.found.ends_with("see scripts/ecan_sii_sm_layout.sh check --position 3"));
         let check = judge_layout(1, Ok(Vec::new()));
         assert_eq!(check.found, "slave 1: the SII has no category 41 (sync managers)");
-        assert!(check.is_amiss());
+        assert!(check.has_problem());
     }
 
     #[test]
-    fn n_is_compared_with_what_the_master_carries() {
-        assert!(!judge_chunks("process data", 0, 11, true).is_amiss());
+    fn multiplier_is_compared_with_master_limit() {
+        assert!(!judge_chunks("process data", 0, 11, true).has_problem());
         let large = judge_chunks("process data", 2, 12, false);
-        assert_eq!(large.found, "slave 2: N = 12 requested, a plain master carries 11");
-        assert!(large.is_amiss());
+        assert_eq!(large.found, "slave 2: N = 12 requested, a standard master supports 11");
+        assert!(large.has_problem());
     }
 }

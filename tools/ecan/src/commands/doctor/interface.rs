@@ -7,10 +7,10 @@ use crate::program::{self, RunError};
 
 use super::{Check, Root, master};
 
-/// How long ethtool may take.
+/// Time limit of ethtool.
 const LIMIT: Duration = Duration::from_secs(5);
 
-/// Where the master's configuration may be.
+/// Paths of the master's configuration.
 const CONFIGURATIONS: [&str; 5] = [
     "etc/ethercat.conf",
     "etc/sysconfig/ethercat",
@@ -18,21 +18,21 @@ const CONFIGURATIONS: [&str; 5] = [
     "usr/local/etc/ethercat.conf",
     "opt/etherlab/etc/ethercat.conf",
 ];
-/// The address that stands for every interface.
+/// Address that stands for any interface.
 const ANY: &str = "ff:ff:ff:ff:ff:ff";
 const INTERFACES: &str = "sys/class/net";
 
-/// What is known of the master's interface.
+/// Network interface of the master.
 enum Interface {
-    /// The network stack shows it.
+    /// Interface of the network stack.
     Shown(String),
-    /// A native driver took it away from the network stack.
+    /// Interface of a native driver, not visible in the network stack.
     Native(String),
-    /// It cannot be told; why, and what to do.
+    /// Unknown; reason and remedy.
     Unknown(Check),
 }
 
-/// A value of a shell-like configuration file.
+/// Value in a shell-like configuration file.
 fn setting(root: &Root, name: &str) -> Option<String> {
     let text = CONFIGURATIONS.iter().find_map(|path| root.text(path))?;
     let line =
@@ -44,14 +44,14 @@ fn find(name: &'static str, root: &Root, master: u32) -> Interface {
     let Some(address) = setting(root, &format!("MASTER{master}_DEVICE")) else {
         return Interface::Unknown(Check::warning(
             name,
-            format!("no configuration of the master names the interface (MASTER{master}_DEVICE)"),
-            "set it to the address of the interface in /etc/ethercat.conf and restart the master",
+            format!("the master's configuration sets no interface (MASTER{master}_DEVICE)"),
+            "set MASTER0_DEVICE to the address of the interface in /etc/ethercat.conf and restart the master",
         ));
     };
     if address.eq_ignore_ascii_case(ANY) {
         return Interface::Unknown(Check::skipped(
             name,
-            format!("MASTER{master}_DEVICE takes whichever interface comes first"),
+            format!("MASTER{master}_DEVICE selects the first interface found"),
         ));
     }
     let is_it = |interface: &String| {
@@ -66,7 +66,7 @@ fn find(name: &'static str, root: &Root, master: u32) -> Interface {
         None => Interface::Unknown(Check::bad(
             name,
             format!("no interface has the address {address} of MASTER{master}_DEVICE"),
-            "compare it with `ip link`; a card that was exchanged has another address",
+            "compare it with `ip link`; a replaced card has another address",
         )),
     }
 }
@@ -76,7 +76,7 @@ pub(super) fn link(root: &Root, master: u32) -> Check {
     let interface = match find(NAME, root, master) {
         Interface::Shown(interface) => interface,
         Interface::Native(address) => {
-            return Check::good(NAME, format!("{address}, driven by the master alone"));
+            return Check::good(NAME, format!("{address}, native driver of the master"));
         }
         Interface::Unknown(check) => return check,
     };
@@ -88,17 +88,17 @@ pub(super) fn link(root: &Root, master: u32) -> Check {
         return Check::bad(
             NAME,
             format!("{interface}{driver}: no link"),
-            "ip link set IFACE up; look at the cable and at the supply of the first slave",
+            "ip link set IFACE up; check the cable and the supply of the first slave",
         );
     }
     if !matches!(speed.as_str(), "100" | "" | "-1") {
         return Check::warning(
             NAME,
-            format!("{interface}{driver}: link at {speed} Mbit/s, EtherCAT has 100"),
-            "connect the first slave directly; no switch belongs between",
+            format!("{interface}{driver}: link at {speed} Mbit/s; EtherCAT needs 100"),
+            "connect the first slave directly, without a switch",
         );
     }
-    Check::good(NAME, format!("{interface}{driver}, link is up"))
+    Check::good(NAME, format!("{interface}{driver}, link up"))
 }
 
 pub(super) fn coalescing(root: &Root, master: u32) -> Check {
@@ -106,21 +106,21 @@ pub(super) fn coalescing(root: &Root, master: u32) -> Check {
     let interface = match find(NAME, root, master) {
         Interface::Shown(interface) => interface,
         Interface::Native(_) => return Check::skipped(NAME, "the native driver polls"),
-        Interface::Unknown(_) => return Check::skipped(NAME, "the interface is not known"),
+        Interface::Unknown(_) => return Check::skipped(NAME, "interface unknown"),
     };
     let Some(ethtool) = root.ethtool() else {
-        return Check::skipped(NAME, "ethtool is not there");
+        return Check::skipped(NAME, "ethtool not found");
     };
     match program::run(Command::new(ethtool).args(["-c", &interface]), LIMIT) {
         Ok(ran) if ran.status.success() => {
             judge_coalescing(NAME, &interface, &String::from_utf8_lossy(&ran.stdout))
         }
         Err(error @ RunError::TimedOut(_)) => Check::skipped(NAME, format!("ethtool: {error}")),
-        _ => Check::skipped(NAME, format!("the driver of {interface} does not tell")),
+        _ => Check::skipped(NAME, format!("not reported by the driver of {interface}")),
     }
 }
 
-/// From what `ethtool -c` prints.
+/// Evaluates the output of `ethtool -c`.
 fn judge_coalescing(name: &'static str, interface: &str, text: &str) -> Check {
     let value = |key: &str| {
         let line =
@@ -138,7 +138,7 @@ fn judge_coalescing(name: &'static str, interface: &str, text: &str) -> Check {
     }
     let adaptive = if is_adaptive { ", adaptive" } else { "" };
     let remedy = format!("ethtool -C {interface} adaptive-rx off rx-usecs 0 tx-usecs 0");
-    Check::warning(name, format!("{found}{adaptive}: frames wait for others"), &remedy)
+    Check::warning(name, format!("{found}{adaptive}: frames are delayed"), &remedy)
 }
 
 #[cfg(test)]
@@ -146,14 +146,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_words_of_ethtool_are_understood() {
+    fn ethtool_output_is_parsed() {
         let judge = |text| judge_coalescing("coalescing", "enp4s0", text);
         let off = "Coalesce parameters for enp4s0:\nAdaptive RX: off  TX: off\nrx-usecs: 0\n\
                    rx-frames: n/a\ntx-usecs:\t0\n";
         assert_eq!(judge(off).found, "enp4s0: rx-usecs 0, tx-usecs 0");
-        assert!(!judge(off).is_amiss());
+        assert!(!judge(off).has_problem());
         let on = judge("Adaptive RX: on  TX: off\nrx-usecs: 3\n");
-        assert_eq!(on.found, "enp4s0: rx-usecs 3, tx-usecs 0, adaptive: frames wait for others");
+        assert_eq!(on.found, "enp4s0: rx-usecs 3, tx-usecs 0, adaptive: frames are delayed");
         assert!(on.remedy.contains("-C enp4s0 adaptive-rx off"));
     }
 }

@@ -1,4 +1,4 @@
-//! The library of the master.
+//! Check of the EtherCAT library.
 
 use ecan_host::Ecrt;
 use ecan_sim::{BackendError, ClockKind, EcrtSetting};
@@ -10,7 +10,7 @@ use crate::output::Output;
 
 use super::{Check, Root};
 
-/// Loads the library, or tells why not. A wrong setting is a failure of the program.
+/// Loads the library. An invalid setting is an error of the program, not a result.
 pub(super) fn load(
     global: &GlobalOptions,
     output: &Output,
@@ -45,19 +45,19 @@ pub(super) fn check(library: &Result<Ecrt, String>) -> Check {
     }
 }
 
-/// Library and kernel module refuse each other unless they are of one version.
+/// Library and kernel module must have the same version.
 pub(super) fn same_version(root: &Root, library: (u8, u8)) -> Check {
     const NAME: &str = "versions";
     let (major, minor) = library;
     let Some(module) = root.first_line("sys/module/ec_master/version") else {
-        return Check::skipped(NAME, "the module does not tell its version");
+        return Check::skipped(NAME, "module version unknown");
     };
     let found = format!("library {major}.{minor}, module {module}");
     let mut parts = module.split(['.', ' ', '-']).map(|part| part.parse::<u8>().ok());
     if [parts.next(), parts.next()] == [Some(Some(major)), Some(Some(minor))] {
         return Check::good(NAME, found);
     }
-    Check::bad(NAME, found, "install both from one version, and load the module anew")
+    Check::bad(NAME, found, "install both from one version, and reload the module")
 }
 
 #[cfg(test)]
@@ -65,16 +65,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn library_and_module_are_compared() {
+    fn library_and_module_versions_are_compared() {
         let directory = tempfile::tempdir().unwrap();
         let root = Root::at(directory.path().to_owned());
-        assert!(!same_version(&root, (1, 6)).is_amiss());
+        assert!(!same_version(&root, (1, 6)).has_problem());
         let module = directory.path().join("sys/module/ec_master");
         std::fs::create_dir_all(&module).unwrap();
         std::fs::write(module.join("version"), "1.6.2 1.6.2-2-gabcdef\n").unwrap();
-        assert!(!same_version(&root, (1, 6)).is_amiss());
+        assert!(!same_version(&root, (1, 6)).has_problem());
         let other = same_version(&root, (1, 5));
         assert_eq!(other.found, "library 1.5, module 1.6.2 1.6.2-2-gabcdef");
-        assert!(other.is_amiss() && other.remedy.contains("from one version"));
+        assert!(other.has_problem() && other.remedy.contains("from one version"));
     }
 }

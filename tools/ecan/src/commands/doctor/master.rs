@@ -1,13 +1,13 @@
-//! The master's kernel modules and its device node.
+//! Checks of the master's kernel modules and device node.
 
 use std::fs::OpenOptions;
 use std::io::ErrorKind;
 
 use super::{Check, Root};
 
-/// The module of the master itself.
+/// Module of the master.
 const MASTER: &str = "ec_master";
-/// The kernel's access to the embedded controller of ACPI, which only sounds like the master's.
+/// Module of the ACPI embedded controller, with a similar name.
 const ACPI: &str = "ec_sys";
 const GENERIC: &str = "ec_generic";
 
@@ -17,17 +17,17 @@ pub(super) fn kernel_module(root: &Root) -> Check {
         return Check::bad(
             NAME,
             "ec_master is not loaded",
-            "systemctl enable --now ethercat (or ethercatctl start); after a kernel update build \
+            "systemctl enable --now ethercat (or ethercatctl start); after a kernel update rebuild \
              the modules anew",
         );
     }
     match root.first_line("sys/module/ec_master/version") {
         Some(version) => Check::good(NAME, format!("ec_master {version}")),
-        None => Check::good(NAME, "ec_master, of a version that it does not tell"),
+        None => Check::good(NAME, "ec_master, version unknown"),
     }
 }
 
-/// Modules that drive network interfaces for the master.
+/// Modules of the master for network interfaces.
 fn drivers(root: &Root) -> Vec<String> {
     let modules = root.names("sys/module");
     let is_driver =
@@ -35,7 +35,7 @@ fn drivers(root: &Root) -> Vec<String> {
     modules.into_iter().filter(is_driver).collect()
 }
 
-/// Whether the master drives an interface without the network stack.
+/// Returns whether the master has a native driver.
 pub(super) fn has_native_driver(root: &Root) -> bool {
     drivers(root).iter().any(|name| name != GENERIC)
 }
@@ -46,14 +46,14 @@ pub(super) fn network_driver(root: &Root) -> Check {
     if drivers.is_empty() {
         return Check::bad(
             NAME,
-            "no driver of the master is loaded",
+            "no network driver of the master is loaded",
             "set DEVICE_MODULES in /etc/ethercat.conf, to generic or to the native driver of the \
              interface, and restart the master",
         );
     }
     let kind = match drivers.iter().any(|name| name != GENERIC) {
         true => "native",
-        false => "generic: frames go through the network stack; a native driver is more even",
+        false => "generic: frames pass the network stack; a native driver has less jitter",
     };
     Check::good(NAME, format!("{} ({kind})", drivers.join(", ")))
 }
@@ -73,13 +73,13 @@ fn judge_opening(name: &'static str, node: &str, kind: ErrorKind, reason: &str) 
         ErrorKind::NotFound => Check::bad(
             name,
             format!("{node} does not exist"),
-            "load the module; choose a master that there is (--master); in a container pass the \
+            "load the module; select an existing master (--master); in a container, pass the \
              device in",
         ),
         ErrorKind::PermissionDenied => Check::bad(
             name,
-            format!("{node} is not permitted to this user"),
-            "scripts/setup_host.sh apply gives it to a group by a udev rule; then join the group and \
+            format!("no permission for {node}"),
+            "run scripts/setup_host.sh apply for a group by a udev rule; then join the group and \
              log in again",
         ),
         _ => Check::bad(
@@ -95,10 +95,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_forbidden_node_is_told_from_a_missing_one() {
+    fn forbidden_and_missing_node_differ() {
         let judge = |kind| judge_opening("device node", "/dev/EtherCAT0", kind, "reason");
         let forbidden = judge(ErrorKind::PermissionDenied);
-        assert_eq!(forbidden.found, "/dev/EtherCAT0 is not permitted to this user");
+        assert_eq!(forbidden.found, "no permission for /dev/EtherCAT0");
         assert!(forbidden.remedy.contains("udev rule"));
         assert!(judge(ErrorKind::NotFound).remedy.contains("load the module"));
         assert!(judge(ErrorKind::Other).found.ends_with("reason"));

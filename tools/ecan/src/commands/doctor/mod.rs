@@ -1,6 +1,6 @@
-//! `ecan doctor`: what is wrong with the host and its set-up, and the remedy.
+//! `ecan doctor`: problems of the host and their remedies.
 //!
-//! What the host shows in files is looked at below a root directory, each by a function of its own.
+//! Each check of files is a function that reads below a root directory.
 
 mod check;
 mod gateways;
@@ -25,23 +25,22 @@ pub use check::Check;
 use check::Verdict;
 pub use root::Root;
 
-/// How to look at the host.
+/// Arguments of `doctor`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   ecan doctor
-  ecan doctor --root /mnt/image      look at another system's files
+  ecan doctor --root /mnt/image      check the files of another system
 
-Exit status 1 when something is amiss.")]
+Exit status 1 if problems are found.")]
 pub struct DoctorArguments {
-    /// Look at the host's files below this directory; leaves out library and bus
+    /// Check the files below this directory, without library and bus
     #[arg(long, value_name = "DIRECTORY")]
     root: Option<PathBuf>,
-    /// The ethtool to ask for the interrupt coalescing; found by itself, but not with --root
+    /// Path of ethtool for the interrupt coalescing [default: found, not with --root]
     #[arg(long, value_name = "PROGRAM")]
     ethtool: Option<PathBuf>,
-    /// IgH's command line tool, which reads the SII; otherwise ethercat on the PATH or where IgH
-    /// installs it
+    /// Path of IgH's tool ethercat, which reads the SII [default: PATH, IgH's paths]
     #[arg(long, value_name = "PROGRAM")]
     ethercat: Option<PathBuf>,
 }
@@ -51,11 +50,11 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    global.without_slave("it looks at the host; one gateway is looked at by `ecan diag`")?;
+    global.without_slave("doctor checks the host; use `ecan diag` for a gateway")?;
     let checks = match &arguments.root {
         Some(path) if !path.is_dir() => {
-            let (path, reason) = (path.clone(), "it is no directory".to_owned());
-            return Err(Failure::File { what: "look at", path, reason });
+            let (path, reason) = (path.clone(), "not a directory".to_owned());
+            return Err(Failure::File { what: "read", path, reason });
         }
         Some(path) => {
             let root = Root::at(path.clone()).with_ethtool(arguments.ethtool.clone());
@@ -67,11 +66,11 @@ pub fn run(
         }
     };
     output.data(&checks, |out| print(&checks, output, out))?;
-    let is_amiss = checks.iter().any(Check::is_amiss);
-    if is_amiss { Err(Failure::Amiss) } else { Ok(()) }
+    let has_problem = checks.iter().any(Check::has_problem);
+    if has_problem { Err(Failure::ProblemsFound) } else { Ok(()) }
 }
 
-/// The checks that look at files.
+/// Checks of files.
 pub fn host_checks(root: &Root, master: u32) -> Vec<Check> {
     [master_checks(root, master), real_time_checks(root)].concat()
 }
@@ -98,7 +97,7 @@ fn real_time_checks(root: &Root) -> Vec<Check> {
     ]
 }
 
-/// Library and bus besides.
+/// Checks of files, library and bus.
 fn all_checks(
     root: &Root,
     tool: Option<&Path>,
@@ -111,7 +110,7 @@ fn all_checks(
         Ok(ecrt) if ecrt.is_simulated() => {
             let names =
                 ["kernel module", "network driver", "device node", "interface", "coalescing"];
-            let skipped = |name| Check::skipped(name, "not needed: the master is simulated");
+            let skipped = |name| Check::skipped(name, "not needed with a simulated master");
             checks.extend(names.map(skipped));
         }
         Ok(ecrt) => {
@@ -135,7 +134,7 @@ fn print(checks: &[Check], output: &Output, out: &mut dyn Write) -> std::io::Res
         })
         .collect();
     table::print(out, &rows)?;
-    for check in checks.iter().filter(|check| check.is_amiss()) {
+    for check in checks.iter().filter(|check| check.has_problem()) {
         let name = output.toned(tone(check.verdict), check.name);
         writeln!(out, "\n{name}: {}\n  remedy: {}", check.found, check.remedy)?;
     }

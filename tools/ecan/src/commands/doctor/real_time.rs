@@ -1,14 +1,14 @@
-//! What makes a cycle even: kernel, limits, CPUs, clock (manual 13.9, 15.6).
+//! Checks of real-time properties: kernel, limits, CPUs, clock (manual 13.9, 15.6).
 
 use super::{Check, Root};
 
-/// Priority of a cycle thread that leaves room below the kernel's own.
+/// Priority of a cycle thread, below the kernel's own threads.
 const PRIORITY: u64 = 80;
-/// Memory that a program with locked memory may need, in bytes.
+/// Memory of a program with locked memory, in bytes.
 const LOCKED_BYTES: u64 = 256 << 20;
-/// Sleep states that take longer to leave show in the cycle, in microseconds.
+/// Acceptable exit latency of sleep states, in microseconds.
 const WAKE_UP_US: u64 = 50;
-/// Capabilities by bit of CapEff.
+/// Capability bits of CapEff.
 const CAP_IPC_LOCK: u32 = 14;
 const CAP_SYS_NICE: u32 = 23;
 
@@ -25,12 +25,12 @@ pub(super) fn kernel(root: &Root) -> Check {
     }
     Check::warning(
         NAME,
-        format!("{release} is no PREEMPT_RT kernel: cycles may come late by milliseconds"),
+        format!("{release} is not a PREEMPT_RT kernel: cycles may be late by milliseconds"),
         "install a kernel with PREEMPT_RT (linux-image-rt-amd64, or Ubuntu's real-time kernel)",
     )
 }
 
-/// A soft limit of /proc/self/limits: none where it is unlimited.
+/// Soft limit in /proc/self/limits; the inner `None` is unlimited.
 fn limit(root: &Root, name: &str) -> Option<Option<u64>> {
     let text = root.text("proc/self/limits")?;
     let value = text.lines().find_map(|line| line.strip_prefix(name))?.split_whitespace().next()?;
@@ -47,18 +47,18 @@ fn has_capability(root: &Root, bit: u32) -> bool {
 pub(super) fn priority_limit(root: &Root) -> Check {
     const NAME: &str = "real-time priority";
     if has_capability(root, CAP_SYS_NICE) {
-        return Check::good(NAME, "permitted to this user (CAP_SYS_NICE)");
+        return Check::good(NAME, "permitted (CAP_SYS_NICE)");
     }
     match limit(root, "Max realtime priority") {
-        None => Check::skipped(NAME, "the limits cannot be read"),
+        None => Check::skipped(NAME, "limits not readable"),
         Some(None) => Check::good(NAME, "RLIMIT_RTPRIO is unlimited"),
         Some(Some(limit)) if limit >= PRIORITY => {
             Check::good(NAME, format!("RLIMIT_RTPRIO is {limit}"))
         }
         Some(Some(limit)) => Check::warning(
             NAME,
-            format!("RLIMIT_RTPRIO is {limit}, a cycle thread needs {PRIORITY}"),
-            "scripts/setup_host.sh apply gives it to a group; or LimitRTPRIO=90 of a systemd service, \
+            format!("RLIMIT_RTPRIO is {limit}; a cycle thread needs {PRIORITY}"),
+            "run scripts/setup_host.sh apply for a group; or LimitRTPRIO=90 of a systemd service, \
              or setcap cap_sys_nice+ep PROGRAM",
         ),
     }
@@ -67,10 +67,10 @@ pub(super) fn priority_limit(root: &Root) -> Check {
 pub(super) fn memory_limit(root: &Root) -> Check {
     const NAME: &str = "locked memory";
     if has_capability(root, CAP_IPC_LOCK) {
-        return Check::good(NAME, "permitted to this user (CAP_IPC_LOCK)");
+        return Check::good(NAME, "permitted (CAP_IPC_LOCK)");
     }
     match limit(root, "Max locked memory") {
-        None => Check::skipped(NAME, "the limits cannot be read"),
+        None => Check::skipped(NAME, "limits not readable"),
         Some(None) => Check::good(NAME, "RLIMIT_MEMLOCK is unlimited"),
         Some(Some(bytes)) if bytes >= LOCKED_BYTES => {
             Check::good(NAME, format!("RLIMIT_MEMLOCK is {} MiB", bytes >> 20))
@@ -78,7 +78,7 @@ pub(super) fn memory_limit(root: &Root) -> Check {
         Some(Some(bytes)) => Check::warning(
             NAME,
             format!("RLIMIT_MEMLOCK is {} KiB: memory may be paged out in a cycle", bytes >> 10),
-            "scripts/setup_host.sh apply gives it to a group; or LimitMEMLOCK=infinity of a systemd \
+            "run scripts/setup_host.sh apply for a group; or LimitMEMLOCK=infinity of a systemd \
              service, or setcap cap_ipc_lock+ep PROGRAM",
         ),
     }
@@ -97,10 +97,10 @@ pub(super) fn isolated_cpus(root: &Root) -> Check {
                 list("nohz_full").map_or_else(String::new, |it| format!(", nohz_full {it}"));
             Check::good(NAME, format!("{cpus} of {online}{ticks}"))
         }
-        None if online == "0" => Check::skipped(NAME, "there is only one CPU"),
+        None if online == "0" => Check::skipped(NAME, "only one CPU"),
         None => Check::warning(
             NAME,
-            format!("none of {online}: other programs share the CPU of the cycle"),
+            format!("none of {online}: other programs run on the CPU of the cycle"),
             "isolcpus=N nohz_full=N rcu_nocbs=N on the kernel's command line, and bind the cycle \
              thread to N",
         ),
@@ -111,7 +111,7 @@ pub(super) fn clock_source(root: &Root) -> Check {
     const NAME: &str = "clock source";
     let directory = "sys/devices/system/clocksource/clocksource0";
     let Some(source) = root.first_line(format!("{directory}/current_clocksource")) else {
-        return Check::skipped(NAME, "the kernel does not tell");
+        return Check::skipped(NAME, "not reported by the kernel");
     };
     if !matches!(source.as_str(), "hpet" | "acpi_pm" | "jiffies" | "refined-jiffies" | "pit") {
         return Check::good(NAME, source);
@@ -121,7 +121,7 @@ pub(super) fn clock_source(root: &Root) -> Check {
         Some(list) if list.split_whitespace().any(|it| it == "tsc") => {
             "clocksource=tsc on the kernel's command line"
         }
-        _ => "the kernel found the CPU's counter unstable: look at the firmware's power settings",
+        _ => "the kernel marked the TSC unstable; check the power settings of the BIOS",
     };
     Check::warning(NAME, format!("{source} is slow to read"), remedy)
 }
@@ -135,13 +135,13 @@ pub(super) fn power_governor(root: &Root) -> Check {
     };
     let governors: Vec<_> = root.names(CPUS).iter().filter_map(governor).collect();
     if governors.is_empty() {
-        return Check::skipped(NAME, "the frequency is not scaled here");
+        return Check::skipped(NAME, "no frequency scaling");
     }
     match governors.iter().find(|(_, governor)| governor != "performance") {
         None => Check::good(NAME, format!("performance on {} CPUs", governors.len())),
         Some((cpu, governor)) => Check::warning(
             NAME,
-            format!("{governor} on {cpu}: the CPU changes its frequency in the cycle"),
+            format!("{governor} on {cpu}: the CPU frequency changes during the cycle"),
             "cpupower frequency-set -g performance",
         ),
     }
@@ -161,14 +161,14 @@ pub(super) fn sleep_states(root: &Root) -> Check {
         .filter_map(|state| number(state, "latency"))
         .max();
     match longest {
-        None => Check::skipped(NAME, "the kernel does not tell"),
-        Some(us) if us <= WAKE_UP_US => Check::good(NAME, format!("left within {us} us")),
+        None => Check::skipped(NAME, "not reported by the kernel"),
+        Some(us) if us <= WAKE_UP_US => Check::good(NAME, format!("exit latency {us} us")),
         Some(us) if root.exists("dev/cpu_dma_latency") => {
-            Check::good(NAME, format!("left within {us} us; programs can limit them"))
+            Check::good(NAME, format!("exit latency {us} us; programs can limit it"))
         }
         Some(us) => Check::warning(
             NAME,
-            format!("left within {us} us, and /dev/cpu_dma_latency is missing"),
+            format!("exit latency {us} us, and /dev/cpu_dma_latency is missing"),
             "intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line",
         ),
     }

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-/// Where ethtool may be on this host.
+/// Paths of ethtool.
 const ETHTOOLS: [&str; 4] =
     ["/usr/sbin/ethtool", "/sbin/ethtool", "/usr/bin/ethtool", "/usr/local/sbin/ethtool"];
 
-/// Where the host's /proc, /sys, /dev and /etc are.
+/// Directory with /proc, /sys, /dev and /etc of a host.
 #[derive(Clone, Debug)]
 pub struct Root {
     path: PathBuf,
@@ -22,22 +22,22 @@ impl Default for Root {
 }
 
 impl Root {
-    /// Another tree of files. No program of that tree is run.
+    /// Another file tree. Its programs are not run.
     pub fn at(path: PathBuf) -> Self {
         Self { path, ethtool: None }
     }
 
-    /// The same, with this ethtool.
+    /// Sets the path of ethtool.
     pub fn with_ethtool(self, program: Option<PathBuf>) -> Self {
         Self { ethtool: program.or(self.ethtool), path: self.path }
     }
 
-    /// The program that tells how an interface coalesces interrupts.
+    /// Path of ethtool.
     pub fn ethtool(&self) -> Option<&Path> {
         self.ethtool.as_deref()
     }
 
-    /// The path of a file that is named without a slash in front.
+    /// Path of a file, given without a leading slash.
     pub fn path(&self, name: impl AsRef<Path>) -> PathBuf {
         self.path.join(name)
     }
@@ -46,17 +46,17 @@ impl Root {
         self.path(name).exists()
     }
 
-    /// A file's text; none where it cannot be read.
+    /// Text of a file; `None` if it cannot be read.
     pub fn text(&self, name: impl AsRef<Path>) -> Option<String> {
         std::fs::read_to_string(self.path(name)).ok()
     }
 
-    /// The first line of a file, without blanks around it.
+    /// First line of a file, trimmed.
     pub fn first_line(&self, name: impl AsRef<Path>) -> Option<String> {
         Some(self.text(name)?.lines().next().unwrap_or_default().trim().to_owned())
     }
 
-    /// The names in a directory, sorted.
+    /// Names in a directory, sorted.
     pub fn names(&self, directory: impl AsRef<Path>) -> Vec<String> {
         let entries = std::fs::read_dir(self.path(directory)).into_iter().flatten().flatten();
         let mut names: Vec<_> =
@@ -65,7 +65,7 @@ impl Root {
         names
     }
 
-    /// The last part of what a link points at.
+    /// Last component of the target of a link.
     pub fn link_name(&self, link: impl AsRef<Path>) -> Option<String> {
         let target = std::fs::read_link(self.path(link)).ok()?;
         Some(target.file_name()?.to_string_lossy().into_owned())

@@ -1,16 +1,16 @@
-//! Whether the SII of a gateway describes SM2 and SM3 as manual 15.7 wants them.
+//! Check of the SII of a gateway: SM2 and SM3 must match manual 15.7.
 
 use ecan_protocol::mapping::{
     Direction, MAX_PDO_BYTES, sync_manager_address, sync_manager_control,
 };
 
-/// SM2 and SM3.
+/// Expected SM2 and SM3.
 const WANTED: [(&str, Direction); 2] = [("SM2", Direction::RxPdo), ("SM3", Direction::TxPdo)];
 
-/// Of the sync managers, in the SII.
+/// Category of the sync managers in the SII.
 const CATEGORY: u16 = 41;
 
-/// What is not as it should be; empty where all is well.
+/// Returns the deviations; empty if the layout is correct.
 pub(super) fn faults(sii: &[u8]) -> Vec<String> {
     let words: Vec<_> = sii.chunks_exact(2).map(|it| u16::from_le_bytes([it[0], it[1]])).collect();
     let Some(managers) = category(&words) else {
@@ -31,13 +31,12 @@ pub(super) fn faults(sii: &[u8]) -> Vec<String> {
             faults.push(format!("the control byte of {name} is 0x{byte:02X}"));
         }
     }
-    faults
-        .extend(missing.filter_map(|it| WANTED.get(it)).map(|it| format!("{} is not there", it.0)));
+    faults.extend(missing.filter_map(|it| WANTED.get(it)).map(|it| format!("{} is missing", it.0)));
     faults
 }
 
-/// The words of the sync managers' category. Categories begin at word 0x40, each with its kind and
-/// its length in words.
+/// Words of the category of the sync managers. Categories start at word 0x40, each with type and
+/// length in words.
 fn category(words: &[u16]) -> Option<&[u16]> {
     let mut rest = words.get(0x40..)?;
     while let [kind, length, behind @ ..] = rest {
@@ -70,7 +69,7 @@ mod tests {
     ];
 
     #[test]
-    fn the_layout_of_the_manual_has_no_fault() {
+    fn layout_of_the_manual_has_no_fault() {
         assert_eq!(faults(&image(&GOOD)), [""; 0]);
     }
 
@@ -87,8 +86,8 @@ mod tests {
             changed(&[(15, 0x64), (19, 0x20)]),
             ["the control byte of SM2 is 0x64", "the control byte of SM3 is 0x20"]
         );
-        assert_eq!(changed(&[(4, 8)]), ["SM2 is not there", "SM3 is not there"]);
-        assert_eq!(changed(&[(4, 12)]), ["SM3 is not there"]);
+        assert_eq!(changed(&[(4, 8)]), ["SM2 is missing", "SM3 is missing"]);
+        assert_eq!(changed(&[(4, 12)]), ["SM3 is missing"]);
         let none = ["the SII has no category 41 (sync managers)"];
         assert_eq!(changed(&[(3, 42)]), none);
         assert_eq!(changed(&[(4, 0x7FFF)]), none);

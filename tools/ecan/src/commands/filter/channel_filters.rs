@@ -1,4 +1,4 @@
-//! The filters of a channel as the gateway holds them.
+//! Acceptance filters of a channel in the gateway.
 
 use ecan_protocol::config::{ApplyStatus, FilterCommand, FilterCommandStatus, FilterWindow};
 use ecan_protocol::image::{ChannelState, ChannelStatus};
@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::bus::Bus;
 use crate::failure::Failure;
 
-/// Which of the two lists.
+/// List of filters: standard or extended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Standard,
@@ -32,7 +32,7 @@ impl Kind {
     }
 }
 
-/// A filter in the numbers of the window.
+/// Filter in the numbers of the editing window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct RawFilter {
     #[serde(rename = "type")]
@@ -43,7 +43,7 @@ pub struct RawFilter {
     pub id2: u32,
 }
 
-/// Elements of the Message RAM that filters may name.
+/// Number of filters in the Message RAM configuration.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ElementCounts {
     pub(super) fifo0: u8,
@@ -51,7 +51,7 @@ pub(super) struct ElementCounts {
     pub(super) buffers: u8,
 }
 
-/// The filters of one channel.
+/// Filters of one channel.
 pub struct ChannelFilters<'a> {
     pub bus: &'a Bus,
     pub slave: usize,
@@ -71,7 +71,7 @@ impl ChannelFilters<'_> {
         self.bus.write(self.slave, self.object(), subindex, value)
     }
 
-    /// What happens to frames without a filter: standard, extended.
+    /// Non-match policies: standard, extended.
     pub(super) fn non_match(&self) -> Result<[u32; 2], Failure> {
         Ok([self.get(36)?, self.get(37)?])
     }
@@ -85,7 +85,7 @@ impl ChannelFilters<'_> {
         Ok(ElementCounts { fifo0: count(62)?, fifo1: count(64)?, buffers: count(67)? })
     }
 
-    /// Whether the channel takes part in its bus, so that an apply changes nothing but filters.
+    /// Returns whether the channel runs, so that an apply changes only the filters.
     pub(super) fn is_running(&self) -> Result<bool, Failure> {
         let raw = self.bus.read(self.slave, 0x9000 + u16::from(self.channel), 9)?;
         Ok(ChannelStatus::from_raw(raw as u16).state() != ChannelState::Disabled)
@@ -98,11 +98,11 @@ impl ChannelFilters<'_> {
         if status == ApplyStatus::Ok {
             return Ok(());
         }
-        let words = format!("CAN{} was not applied, status {status}", self.channel);
-        Err(Failure::Refused(format!("{words}; it runs as before")))
+        let words = format!("CAN{}: configuration not applied, status {status}", self.channel);
+        Err(Failure::Refused(format!("{words}; the previous one stays active")))
     }
 
-    /// Reads a list, one filter after the other through the window.
+    /// Reads a list through the window, filter by filter.
     pub fn read(&self, kind: Kind) -> Result<Vec<RawFilter>, Failure> {
         let window = kind.window();
         (0..self.get(window.count)?).map(|number| self.load(kind, number)).collect()
@@ -136,21 +136,21 @@ impl ChannelFilters<'_> {
         let status = self.get(window.status)?;
         let reason = match u8::try_from(status).ok().and_then(FilterCommandStatus::from_raw) {
             Some(FilterCommandStatus::Ok) => return Ok(()),
-            Some(FilterCommandStatus::InvalidIndex) => "the index is invalid".to_owned(),
-            Some(FilterCommandStatus::InvalidCommand) => "the command is invalid".to_owned(),
-            None => format!("status {status}, not in the manual"),
+            Some(FilterCommandStatus::InvalidIndex) => "invalid index".to_owned(),
+            Some(FilterCommandStatus::InvalidCommand) => "invalid command".to_owned(),
+            None => format!("unknown status {status}"),
         };
         let name = kind.name();
         Err(Failure::Refused(format!("{name} filter {number} of CAN{}: {reason}", self.channel)))
     }
 
-    /// Adds a filter behind the others.
+    /// Appends a filter.
     pub(super) fn append(&self, kind: Kind, filter: RawFilter) -> Result<(), Failure> {
         let window = kind.window();
         let (count, max) = (self.get(window.count)?, self.get(window.max)?);
         if count >= max {
             let name = kind.name();
-            return Err(Failure::Usage(format!("all {max} {name} filters are in use")));
+            return Err(Failure::Usage(format!("no free {name} filter; {max} are in use")));
         }
         self.save(kind, count, &filter)?;
         self.set(window.count, count + 1)
@@ -162,9 +162,16 @@ impl ChannelFilters<'_> {
         if usize::from(number) >= filters.len() {
             let name = kind.name();
             let words = match filters.len() {
-                0 => format!("CAN{} has no {name} filter", self.channel),
-                1 => format!("CAN{} has only the {name} filter 0", self.channel),
-                more => format!("CAN{} has the {name} filters 0 to {}", self.channel, more - 1),
+                0 => format!("CAN{}: no {name} filters", self.channel),
+                1 => format!(
+                    "CAN{}: invalid filter number; allowed for {name} filters: 0",
+                    self.channel
+                ),
+                more => format!(
+                    "CAN{}: invalid filter number; allowed for {name} filters: 0 to {}",
+                    self.channel,
+                    more - 1
+                ),
             };
             return Err(Failure::Usage(words));
         }
@@ -172,7 +179,7 @@ impl ChannelFilters<'_> {
         self.replace(kind, &filters)
     }
 
-    /// Writes a whole list, and puts what was behind it out of use.
+    /// Writes a whole list and disables the filters after it.
     pub fn replace(&self, kind: Kind, filters: &[RawFilter]) -> Result<(), Failure> {
         let window = kind.window();
         let before = self.get(window.count)?;

@@ -22,7 +22,7 @@ pub use channel_filters::{ChannelFilters, Kind as FilterKind, RawFilter};
 use channel_filters::Kind;
 use new_filter::NewFilter;
 
-/// What to do with filters.
+/// Arguments of `filter`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -33,8 +33,8 @@ Examples:
   ecan filter remove 1 --channel 0
   ecan filter clear --channel 0
 
-Filters take effect when the channel is applied, which restarts it: done at once on a channel that
-runs, unless --no-apply is given. They are lost with the power until the configuration is saved.")]
+Filters take effect when the channel is applied, which restarts it. A running channel is applied
+immediately, unless --no-apply is given. To keep filters after a power cycle, run `ecan config save`.")]
 pub struct FilterArguments {
     #[command(subcommand)]
     action: Action,
@@ -42,12 +42,12 @@ pub struct FilterArguments {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// List the filters and what happens to frames that none of them matches
+    /// List the filters and the non-match policies
     List {
         #[command(flatten)]
         channel: ChannelArgument,
     },
-    /// Add a filter behind the others
+    /// Append a filter
     Add {
         #[command(flatten)]
         channel: ChannelArgument,
@@ -56,26 +56,26 @@ enum Action {
         #[command(flatten)]
         apply: ApplyArgument,
     },
-    /// Remove a filter; those behind it move up
+    /// Remove a filter; the following filters move up
     Remove {
-        /// Its number in the list
+        /// Number in the list
         number: u8,
         #[command(flatten)]
         channel: ChannelArgument,
-        /// Of the list for 29-bit identifiers
+        /// Select the list for 29-bit CAN IDs
         #[arg(long)]
         extended: bool,
         #[command(flatten)]
         apply: ApplyArgument,
     },
-    /// Remove all filters, or those of one kind
+    /// Remove all filters, or all of one kind
     Clear {
         #[command(flatten)]
         channel: ChannelArgument,
-        /// Only those for 11-bit identifiers
+        /// Remove filters for 11-bit CAN IDs only
         #[arg(long, conflicts_with = "extended")]
         standard: bool,
-        /// Only those for 29-bit identifiers
+        /// Remove filters for 29-bit CAN IDs only
         #[arg(long)]
         extended: bool,
         #[command(flatten)]
@@ -92,12 +92,12 @@ struct ChannelArgument {
 
 #[derive(Debug, Args)]
 struct ApplyArgument {
-    /// Leave the channel as it runs; the filters wait for the next apply
+    /// Do not apply; the filters take effect at the next apply
     #[arg(long)]
     no_apply: bool,
 }
 
-/// The filters of a channel.
+/// Filters of a channel.
 #[derive(Debug, Serialize)]
 struct Listed {
     position: usize,
@@ -157,7 +157,7 @@ pub fn run(
         if filters.is_running()? {
             filters.apply()?;
         } else {
-            let words = "is off: the filters take effect when it is applied";
+            let words = "is off: filters take effect at the next apply";
             output.note(format_args!("CAN{} {words}", channel.channel));
         }
     }
@@ -201,17 +201,17 @@ fn print(listed: &Listed, out: &mut dyn Write) -> std::io::Result<()> {
     ];
     for (name, non_match, filters) in rules {
         let count = match filters.len() {
-            0 => "no filter".to_owned(),
+            0 => "no filters".to_owned(),
             1 => "1 filter".to_owned(),
             more => format!("{more} filters"),
         };
         let mask = match name {
             "extended" if *extended_mask != 0x1FFF_FFFF => {
-                format!("; identifiers are masked with 0x{extended_mask:08X}")
+                format!("; CAN IDs are masked with 0x{extended_mask:08X}")
             }
             _ => String::new(),
         };
-        writeln!(out, "CAN{channel} {name}: {count}; frames that match none: {non_match}{mask}")?;
+        writeln!(out, "CAN{channel} {name}: {count}; other frames: {non_match}{mask}")?;
         let rows: Vec<_> = filters
             .iter()
             .map(|it| {

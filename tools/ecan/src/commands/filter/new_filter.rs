@@ -1,4 +1,4 @@
-//! A filter as the user describes it.
+//! Options of a new filter.
 
 use clap::{ArgGroup, Args, ValueEnum};
 use ecan_protocol::config::{
@@ -10,37 +10,37 @@ use crate::value::parse_unsigned;
 
 use super::channel_filters::{ElementCounts, Kind, RawFilter};
 
-/// The options of a new filter.
+/// Options of a new filter.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("identifiers").required(true).args(["id", "range", "mask"]))]
 pub(super) struct NewFilter {
-    /// For 29-bit identifiers
+    /// Filter 29-bit CAN IDs
     #[arg(long)]
     extended: bool,
-    /// One identifier or two
+    /// Match one or two CAN IDs
     #[arg(long, num_args = 1..=2, value_name = "ID", value_parser = parse_identifier)]
     id: Vec<u32>,
-    /// From the first identifier to the last
+    /// Match CAN IDs from FIRST to LAST
     #[arg(long, num_args = 2, value_names = ["FIRST", "LAST"], value_parser = parse_identifier)]
     range: Vec<u32>,
-    /// Identifiers that equal this one in the bits of the mask
+    /// Match CAN IDs that equal ID in the bits of MASK
     #[arg(long, num_args = 2, value_names = ["ID", "MASK"], value_parser = parse_identifier)]
     mask: Vec<u32>,
-    /// The range counts without the global mask 0x8001:40
+    /// Do not apply the global mask 0x8001:40 to the range
     #[arg(long, requires = "range", requires = "extended")]
     unmasked: bool,
-    /// What happens to the frames
+    /// Action for matching frames
     #[arg(long, value_enum, default_value_t = To::Fifo0, value_name = "WHERE")]
     to: To,
-    /// Into this receive buffer; only with one --id
+    /// Store matching frames in this receive buffer; only with one --id
     #[arg(long, value_name = "N", conflicts_with_all = ["to", "range", "mask"])]
     buffer: Option<u8>,
-    /// Mark the frames as sync messages for the timestamp unit
+    /// Mark matching frames as sync messages for the timestamp unit
     #[arg(long)]
     sync: bool,
 }
 
-/// Where a frame goes.
+/// Destination of matching frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum To {
     Fifo0,
@@ -52,11 +52,11 @@ enum To {
 }
 
 fn parse_identifier(text: &str) -> Result<u32, String> {
-    let value = parse_unsigned(text).ok_or_else(|| format!("\"{text}\" is no identifier"))?;
-    u32::try_from(value).map_err(|_| format!("{text} is above 0x1FFFFFFF"))
+    let value = parse_unsigned(text).ok_or_else(|| format!("invalid CAN ID \"{text}\""))?;
+    u32::try_from(value).map_err(|_| format!("{text} is out of range; allowed: 0 to 0x1FFFFFFF"))
 }
 
-/// A filter in the types of the library.
+/// Converts the options to a filter of the library.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Filter {
     Standard(StandardFilter),
@@ -76,8 +76,8 @@ impl NewFilter {
         }
     }
 
-    /// The filter; identifiers that do not fit their kind are told by [`Filter::check`], but for
-    /// those that the type cannot hold.
+    /// Builds the filter. [`Filter::check`] reports CAN IDs that do not fit; only those that the
+    /// type cannot hold are rejected here.
     pub(super) fn build(&self) -> Result<Filter, String> {
         let (matching, ids) = match (&self.id[..], &self.range[..], &self.mask[..]) {
             ([one], _, _) => (ExtendedMatch::Two, [*one, *one]),
@@ -87,11 +87,11 @@ impl NewFilter {
             }
             (_, [first, last], _) => (ExtendedMatch::Range, [*first, *last]),
             (_, _, [id, mask]) => (ExtendedMatch::Masked, [*id, *mask]),
-            _ => return Err("give --id, --range or --mask".to_owned()),
+            _ => return Err("one of --id, --range or --mask is required".to_owned()),
         };
         let (action, sync) = (self.action(), self.sync);
         if self.buffer.is_some() && self.id.len() > 1 {
-            return Err("a receive buffer takes one --id".to_owned());
+            return Err("a receive buffer needs exactly one --id".to_owned());
         }
         let [id1, id2] = ids;
         if self.extended {
@@ -104,7 +104,7 @@ impl NewFilter {
         };
         let short = |id: u32| {
             u16::try_from(id).ok().filter(|id| *id <= 0x7FF).ok_or_else(|| {
-                format!("0x{id:X} is above 0x7FF; 29-bit identifiers need --extended")
+                format!("0x{id:X} is out of range; allowed: 0 to 0x7FF; use --extended for 29-bit CAN IDs")
             })
         };
         let (id1, id2) = (short(id1)?, short(id2)?);
@@ -120,7 +120,7 @@ impl Filter {
         }
     }
 
-    /// Whether identifiers, FIFOs and buffers are there.
+    /// Checks CAN IDs, FIFOs and buffers.
     pub(super) fn check(&self, counts: ElementCounts) -> Result<(), String> {
         let mut config = McanChannelConfig::default();
         config.ram.rx_fifo0.size = counts.fifo0;

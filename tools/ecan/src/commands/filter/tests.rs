@@ -1,4 +1,4 @@
-//! Lists that change in one and the same gateway.
+//! Changes of the filter lists in one gateway.
 
 use ecan_sim::{Backend, ClockKind, SimOptions};
 
@@ -32,14 +32,17 @@ fn filters_are_added_and_removed_in_order() {
     assert_eq!(filters.read(Kind::Standard).unwrap(), [list[0], list[2], list[3]]);
     assert_eq!(filters.read(Kind::Extended).unwrap(), [range(7, 8)]);
     let message = filters.remove(Kind::Standard, 3).unwrap_err();
-    assert_eq!(message.to_string(), "CAN2 has the standard filters 0 to 2");
+    assert_eq!(
+        message.to_string(),
+        "CAN2: invalid filter number; allowed for standard filters: 0 to 2"
+    );
     filters.replace(Kind::Standard, &[]).unwrap();
     assert_eq!(filters.read(Kind::Standard).unwrap(), []);
-    // What was behind the list is out of use, too: a larger count brings no old filter back.
+    // Filters after the list are disabled: a larger count does not enable them.
     bus.write(0, 0x8003, 49, 4).unwrap();
     let unused = RawFilter { matching: 0, action: 0, sync: 0, id1: 0, id2: 0 };
     assert_eq!(filters.read(Kind::Standard).unwrap(), [unused; 4]);
-    // Another channel never had any.
+    // The other channel has no filters.
     let other = ChannelFilters { bus: &bus, slave: 0, channel: 1 };
     assert_eq!(other.read(Kind::Standard).unwrap(), []);
 }
@@ -53,7 +56,7 @@ fn a_full_list_takes_no_more() {
     }
     let full = filters.append(Kind::Extended, range(1, 1)).unwrap_err();
     assert!(matches!(full, Failure::Usage(_)));
-    assert_eq!(full.to_string(), "all 24 extended filters are in use");
+    assert_eq!(full.to_string(), "no free extended filter; 24 are in use");
 }
 
 #[test]
@@ -70,11 +73,14 @@ fn a_running_channel_takes_its_filters_over() {
     };
     let before = applied();
     filters.append(Kind::Standard, range(1, 2)).unwrap();
-    assert_eq!(applied(), before, "only the list has changed");
+    assert_eq!(applied(), before, "only the list changed");
     filters.apply().unwrap();
     assert_ne!(applied(), before, "the controller was restarted");
-    // A configuration that does not work is told.
+    // An invalid configuration is reported.
     bus.write(0, 0x8001, 62, 64).unwrap();
     let message = filters.apply().unwrap_err();
-    assert!(message.to_string().starts_with("CAN0 was not applied, status 4"), "{message}");
+    assert!(
+        message.to_string().starts_with("CAN0: configuration not applied, status 4"),
+        "{message}"
+    );
 }

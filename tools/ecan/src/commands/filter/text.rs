@@ -1,10 +1,10 @@
-//! Filters in words.
+//! Text of filters.
 
 use ecan_protocol::config::{ExtendedMatch, FilterAction, NonMatch, StandardMatch};
 
 use super::channel_filters::{Kind, RawFilter};
 
-/// Which identifiers a filter matches.
+/// CAN IDs matched by a filter.
 pub(super) fn identifiers(kind: Kind, filter: &RawFilter) -> String {
     let RawFilter { id1, id2, .. } = *filter;
     let digits = if kind == Kind::Standard { 3 } else { 8 };
@@ -19,7 +19,7 @@ pub(super) fn identifiers(kind: Kind, filter: &RawFilter) -> String {
         false => format!("{} and {}", id(id1), id(id2)),
     };
     let masked = || format!("{} in the bits of {}", id(id1), id(id2));
-    let unknown = || format!("type {}, not known", filter.matching);
+    let unknown = || format!("unknown type {}", filter.matching);
     match kind {
         Kind::Standard => match StandardMatch::from_raw(raw) {
             Some(StandardMatch::Range) => range(),
@@ -32,7 +32,7 @@ pub(super) fn identifiers(kind: Kind, filter: &RawFilter) -> String {
             Some(ExtendedMatch::Range) => range(),
             Some(ExtendedMatch::Two) => two(),
             Some(ExtendedMatch::Masked) => masked(),
-            Some(ExtendedMatch::RangeUnmasked) => format!("{}, without the global mask", range()),
+            Some(ExtendedMatch::RangeUnmasked) => format!("{}, without global mask", range()),
             None => unknown(),
         },
     }
@@ -42,10 +42,10 @@ fn decode_action(filter: &RawFilter) -> Option<FilterAction> {
     FilterAction::from_raw(u8::try_from(filter.action).ok()?, filter.id2)
 }
 
-/// What happens to its frames.
+/// Action for matching frames.
 pub(super) fn action(filter: &RawFilter) -> String {
     match decode_action(filter) {
-        Some(FilterAction::Disabled) => "out of use".to_owned(),
+        Some(FilterAction::Disabled) => "disabled".to_owned(),
         Some(FilterAction::Fifo0) => "RX FIFO0".to_owned(),
         Some(FilterAction::Fifo1) => "RX FIFO1".to_owned(),
         Some(FilterAction::Reject) => "refused".to_owned(),
@@ -53,16 +53,16 @@ pub(super) fn action(filter: &RawFilter) -> String {
         Some(FilterAction::PriorityFifo0) => "RX FIFO0, priority mark".to_owned(),
         Some(FilterAction::PriorityFifo1) => "RX FIFO1, priority mark".to_owned(),
         Some(FilterAction::RxBuffer(buffer)) => format!("RX buffer {buffer}"),
-        None => format!("action {}, not known", filter.action),
+        None => format!("unknown action {}", filter.action),
     }
 }
 
-/// What happens to frames without a filter.
+/// Text of a non-match policy.
 pub(super) fn non_match(raw: u32) -> &'static str {
     match u8::try_from(raw).ok().and_then(NonMatch::from_raw) {
         Some(NonMatch::Fifo0) => "RX FIFO0",
         Some(NonMatch::Fifo1) => "RX FIFO1",
         Some(NonMatch::Reject | NonMatch::RejectToo) => "refused",
-        None => "not known",
+        None => "unknown",
     }
 }

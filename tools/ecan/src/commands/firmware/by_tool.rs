@@ -1,4 +1,4 @@
-//! Gateways behind IgH's `ethercat` tool.
+//! Gateways accessed with IgH's tool `ethercat`.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -16,8 +16,8 @@ use crate::failure::Failure;
 /// Name of the firmware file on a gateway (manual 15.3.1).
 const FILE_NAME: &str = "ecan_lite_app";
 
-/// All that is asked of the bus goes through the tool, so that it is the tool's master that is
-/// looked at before and after.
+/// Uses the tool for every access, so that the checks before and after the update use the same
+/// master.
 #[derive(Debug)]
 pub struct ByTool {
     tool: EthercatTool,
@@ -25,13 +25,13 @@ pub struct ByTool {
 }
 
 impl ByTool {
-    /// With the tool that is named, or the one that is found.
+    /// Uses the given tool, or the one that is found.
     pub fn open(named: Option<&Path>, master: u32) -> Result<Self, Failure> {
         let tool = EthercatTool::find(named, master).map_err(failure)?;
         Ok(Self { tool, opened: Instant::now() })
     }
 
-    /// The same for writing: a Ctrl-C does not end the tool in the middle of a transfer.
+    /// Variant for writing: Ctrl-C does not terminate the tool during a transfer.
     pub fn shielded(self) -> Self {
         Self { tool: self.tool.shielded(), ..self }
     }

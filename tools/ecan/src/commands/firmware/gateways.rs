@@ -1,4 +1,4 @@
-//! The gateways of a bus, as keeping their firmware needs them.
+//! Gateways of a bus, for firmware updates.
 
 use std::time::Duration;
 
@@ -11,43 +11,43 @@ use crate::failure::Failure;
 use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, one_or_all};
 
-/// A slave that is there.
+/// Slave on the bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SlaveEntry {
-    /// Place in the ring.
+    /// Position of the slave.
     pub position: usize,
-    /// Its alias, if it has one.
+    /// Alias, if set.
     pub alias: Option<u16>,
-    /// AL state in words.
+    /// AL state as text.
     pub state: String,
-    /// AL state; `None` for words that are none.
+    /// AL state; `None` for other text.
     pub al_state: Option<AlState>,
 }
 
-/// How often a gateway is looked for while it restarts.
+/// Poll interval during the restart of a gateway.
 pub const LOOK_EVERY: Duration = Duration::from_millis(500);
 
-/// A bus, and how a firmware file gets to a gateway on it.
+/// Bus with access to the firmware of its gateways.
 pub trait Gateways {
-    /// Who is there.
+    /// Lists the slaves.
     fn present(&self) -> Result<Vec<SlaveEntry>, Failure>;
 
-    /// What the master read in the slave's SII.
+    /// Vendor ID and product code in the SII.
     fn identity(&self, slave: usize) -> Result<Identity, Failure>;
 
-    /// A number of 0xF000.
+    /// Reads a number of 0xF000.
     fn number(&self, slave: usize, subindex: u8) -> Result<u32, Failure>;
 
-    /// Whether this is the slave's answer that it has no such number.
+    /// Returns whether an error means that the slave does not have the object.
     fn is_denial(&self, failure: &Failure) -> bool;
 
-    /// 0x100A.
+    /// Reads 0x100A.
     fn software_version(&self, slave: usize) -> Result<String, Failure>;
 
-    /// 0xB000:11, what the gateway itself says of its last firmware transfer.
+    /// Reads 0xB000:11, the gateway's status of its last firmware transfer.
     fn foe_status(&self, slave: usize) -> Result<u32, Failure>;
 
-    /// Writes the file; `progress` gets the bytes that were taken so far, where that is known.
+    /// Writes the file; `progress` gets the number of accepted bytes, if known.
     fn write(
         &self,
         slave: usize,
@@ -55,17 +55,17 @@ pub trait Gateways {
         progress: &dyn Fn(u64),
     ) -> Result<(), Rejection>;
 
-    /// Lets [`LOOK_EVERY`] pass.
+    /// Waits for [`LOOK_EVERY`].
     fn pause(&self);
 
-    /// Time of the clock that waiting goes by, since any moment.
+    /// Time of a monotonic clock.
     fn now(&self) -> Duration;
 }
 
-/// Which firmware a gateway runs, and which gateway it is.
+/// Firmware and identity of a gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Running {
-    /// Its firmware.
+    /// Firmware version.
     #[serde(flatten)]
     pub version: FirmwareVersion,
     /// 0xF000:07 and :08.
@@ -73,10 +73,10 @@ pub struct Running {
 }
 
 impl Running {
-    /// Reads all of it.
+    /// Reads both.
     pub fn read(gateways: &dyn Gateways, slave: usize) -> Result<Self, Failure> {
         let number = |subindex| gateways.number(slave, subindex);
-        // The numbers first: they tell whether it answers at all.
+        // The numbers first: they show whether the gateway responds.
         let (mut version, serial) = (FirmwareVersion::read(None, number)?, serial_number(number)?);
         version.firmware = match gateways.software_version(slave) {
             Err(failure) if gateways.is_denial(&failure) => None,
@@ -92,7 +92,7 @@ impl std::fmt::Display for Running {
     }
 }
 
-/// The slaves that are there, to be asked.
+/// Adapter for the identification of slaves.
 struct SlaveQueryAdapter<'a> {
     gateways: &'a dyn Gateways,
     present: &'a [SlaveEntry],
@@ -120,7 +120,7 @@ impl SlaveQuery for SlaveQueryAdapter<'_> {
 }
 
 impl Candidates for SlaveQueryAdapter<'_> {
-    fn places(&self) -> Result<Vec<(usize, u16)>, Failure> {
+    fn positions(&self) -> Result<Vec<(usize, u16)>, Failure> {
         let place = |slave: &SlaveEntry| (slave.position, slave.alias.unwrap_or(0));
         Ok(self.present.iter().map(place).collect())
     }
@@ -136,27 +136,25 @@ impl Candidates for SlaveQueryAdapter<'_> {
     }
 }
 
-/// Why a slave gets no firmware for an ECAN-Lite; `None` where it is one.
+/// Reason why a slave is not an ECAN-Lite; `None` if it is one.
 pub fn reason_against(gateways: &dyn Gateways, slave: &SlaveEntry) -> Option<String> {
     let asked = SlaveQueryAdapter { gateways, present: std::slice::from_ref(slave) };
     match slave_kinds(&asked, &[slave.position]).into_iter().next() {
         Some(SlaveKind::Gateway) => None,
         Some(SlaveKind::Unknown(why)) => Some(why.to_string()),
-        Some(SlaveKind::Other) | None => {
-            Some("it does not show itself as an ECAN-Lite (0xF000)".to_owned())
-        }
+        Some(SlaveKind::Other) | None => Some("not identified as an ECAN-Lite (0xF000)".to_owned()),
     }
 }
 
-/// What the user means.
+/// Selected slaves.
 pub struct Selection {
-    /// The gateways: one, or all.
+    /// Selected gateways.
     pub gateways: Vec<SlaveEntry>,
-    /// Of all, those that cannot be asked.
+    /// Slaves that cannot be identified, with `--all`.
     pub unknown: Vec<(SlaveEntry, Unknown)>,
 }
 
-/// The gateways that the user means: one, or all.
+/// Selects one gateway, or all.
 pub fn chosen(
     gateways: &dyn Gateways,
     choice: Option<SlaveChoice>,

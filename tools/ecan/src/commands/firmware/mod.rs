@@ -1,4 +1,4 @@
-//! `ecan firmware`: which firmware runs, and another one (manual 15.3.1).
+//! `ecan firmware`: shows and updates the firmware (manual 15.3.1).
 
 mod by_tool;
 mod gateways;
@@ -30,74 +30,73 @@ use crate::global::GlobalOptions;
 use crate::output::{Output, Tone};
 use crate::table;
 
-/// Which firmware runs, and another one, over FoE (manual 15.3.1).
+/// Show or update the firmware over FoE (manual 15.3.1)
 ///
-/// The bus is reached through IgH's command line tool ethercat, since FoE is not among the functions
-/// of its library. With --ecrt sim the gateways are simulated in this process.
+/// Uses IgH's command line tool ethercat, because its library has no FoE functions. With --ecrt
+/// sim, the gateways are simulated in this process.
 #[derive(Debug, Args)]
 pub struct FirmwareArguments {
     #[command(subcommand)]
     action: Action,
-    /// IgH's command line tool; otherwise ethercat on the PATH or where IgH installs it
+    /// Path of IgH's tool ethercat [default: PATH, IgH's paths]
     #[arg(long, global = true, value_name = "PATH")]
     ethercat: Option<PathBuf>,
-    /// All gateways of the bus, one after the other
+    /// Process all gateways of the bus in turn
     #[arg(long, global = true)]
     all: bool,
 }
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Tell which firmware runs (0x100A, 0xF000:05 and :06)
+    /// Show the running firmware (0x100A, 0xF000:05 and :06)
     Version,
-    /// Write a packaged firmware file, wait for the restart, and read the version back
+    /// Write a firmware package, wait for the restart and read the version back
     #[command(after_help = "\
 Examples:
   sudo ecan firmware update /tmp/ecan_lite_v140494.bin
   sudo ecan firmware update new.bin --all --yes --expect-version 14.4.94
   ecan --ecrt sim firmware update new.bin --yes     (new.bin from `ecan-sim firmware`)
 
-With --all a gateway that does not come back, or comes back with another version than the expected
-one, ends the work: the others keep what they have.
+With --all, the command stops at a gateway that does not respond after the restart, or that runs
+another version than the expected one; the remaining gateways are not changed.
 
-An interrupt (Ctrl-C) lets the gateway whose turn it is get its firmware, and ends the work.
+Ctrl-C stops the command after the current gateway.
 
-It succeeds only when the version that was read back is another than before, or the expected one
-after a restart. The exit status is 1 if the version is not the wanted one, or a gateway was left out
-because it cannot be asked or by an interrupt, 5 if a gateway refused or did not come back.
+An update succeeds if the version changed, or if the expected version runs after a restart. Exit
+status 1: wrong version, gateway not identified, or interrupted; 5: gateway rejected the file or does
+not respond after the restart.
 
-The ethercat tool is given 10 minutes for the transfer and 5 seconds for anything else; then it is
-ended, and that is told.")]
+The ethercat tool is killed after 10 minutes (transfer) or 5 seconds (other commands).")]
     Update(UpdateArguments),
 }
 
 #[derive(Debug, Args)]
 struct UpdateArguments {
-    /// The packaged firmware, ecan_lite_v*.bin
+    /// Firmware package, ecan_lite_v*.bin
     file: PathBuf,
-    /// Do not ask
+    /// Do not ask for confirmation
     #[arg(long)]
     yes: bool,
-    /// The version that has to run afterwards: as 0x100A shows it, or MAJOR.MINOR.BUILD
+    /// Expected version after the update, as in 0x100A or MAJOR.MINOR.BUILD
     #[arg(long, value_name = "VERSION")]
     expect_version: Option<String>,
-    /// Seconds that a gateway may take to come back
-    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    /// Time limit for the restart of a gateway, in s
+    #[arg(long, value_name = "S", default_value_t = 60)]
     timeout: u32,
 }
 
-/// What `version` tells of a gateway.
+/// Output of `version` for a gateway.
 #[derive(Debug, Serialize)]
 struct Version {
     position: usize,
     state: String,
     #[serde(flatten)]
     running: Option<Running>,
-    /// Why it was not read.
+    /// Reason for a missing version.
     error: Option<String>,
 }
 
-/// What `update` tells of a gateway.
+/// Output of `update` for a gateway.
 #[derive(Debug, Serialize)]
 struct UpdateReport<'a> {
     #[serde(flatten)]
@@ -118,7 +117,7 @@ pub fn run(
             version(&*gateways, chosen, output)
         }
         Action::Update(wanted) => {
-            // The file first: there is no need of a bus to find it wrong.
+            // Check the file first: this needs no bus.
             let file = FirmwareFile::read(&wanted.file)?;
             let (gateways, is_simulated) = open(arguments, global, output)?;
             let chosen = gateways::chosen(&*gateways, global.slave, arguments.all)?;
@@ -127,8 +126,8 @@ pub fn run(
                 output.note(format_args!("ecan: warning: {words}"));
             }
             ask(wanted, &file, &chosen)?;
-            let said = "interrupted: the gateway whose turn it is gets its firmware, no other";
-            let interrupt = Interrupt::install_saying(said)?;
+            let said = "interrupted: stopping after the current gateway";
+            let interrupt = Interrupt::install_with_message(said)?;
             let update = Update {
                 gateways: &*gateways,
                 file: &file,
@@ -140,7 +139,7 @@ pub fn run(
     }
 }
 
-/// The way to the gateways, and whether they are simulated.
+/// Opens the gateways; `true` if they are simulated.
 fn open(
     arguments: &FirmwareArguments,
     global: &GlobalOptions,
@@ -157,15 +156,14 @@ fn open(
             Ok((Box::new(tool), false))
         }
         (EcrtSetting::Simulated(_), Some(_)) => {
-            let words =
-                "--ethercat names the tool of a real master, and the chosen one is simulated";
+            let words = "--ethercat cannot be used with a simulated master";
             Err(Failure::Usage(words.to_owned()))
         }
         (setting @ EcrtSetting::Simulated(_), None) => {
             let options = sim_options(ClockKind::Stepped);
             let backend = ecan_sim::open(&setting, &options)?;
             let Some(simulation) = backend.simulation.clone() else {
-                return Err(Failure::Master("the simulation gives no access to it".to_owned()));
+                return Err(Failure::Master("the simulation cannot be accessed".to_owned()));
             };
             let bus = Bus::of(&backend, global, output)?;
             Ok((Box::new(Simulated { bus, simulation }), true))
@@ -179,7 +177,7 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
     for SlaveEntry { position, state, .. } in chosen.gateways {
         let (running, error) = match Running::read(gateways, position) {
             Ok(running) => (Some(running), None),
-            // No other one can be read either, or there is none.
+            // The others fail too, or there are none.
             Err(failure @ Failure::Master(_)) => return Err(failure),
             Err(failure) if is_only => return Err(failure),
             Err(failure) => (None, Some(failure.to_string())),
@@ -191,7 +189,7 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
             position,
             state,
             running: None,
-            error: Some(format!("it {}", unknown.words())),
+            error: Some(format!("{}", unknown.text())),
         });
     }
     versions.sort_by_key(|version| version.position);
@@ -213,7 +211,7 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
     match unread {
         0 => Ok(()),
         unread => {
-            let words = format!("{unread} of {} gateways were not read, see above", versions.len());
+            let words = format!("{unread} of {} gateways were not read; see above", versions.len());
             Err(Failure::Refused(words))
         }
     }
@@ -223,13 +221,13 @@ fn ask(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Selection) -> Res
     let words = |slave: &SlaveEntry| format!("{} ({})", slave.position, slave.state);
     let slaves: Vec<_> = chosen.gateways.iter().map(words).collect();
     let question = format_args!(
-        "Write {}, {} bytes, to slave {}? It stops its CAN traffic and restarts.",
+        "Write {} ({} bytes) to slave {}? CAN traffic stops and the gateway restarts.",
         file.path.display(),
         file.bytes.len(),
         slaves.join(", ")
     );
     let is_granted = wanted.yes || chosen.gateways.is_empty();
-    confirm(is_granted, "the update", question, "nothing was written")
+    confirm(is_granted, "the update", question, "nothing written")
 }
 
 fn update_all(
@@ -245,7 +243,7 @@ fn update_all(
             Some(reason) => Report::left(slave.position, reason),
             None if interrupt.is_set() => {
                 is_interrupted = true;
-                Report::left_out(slave.position, "interrupted before its turn".to_owned())
+                Report::left_out(slave.position, "interrupted before the update".to_owned())
             }
             None => update.run(slave, reports.is_empty()),
         };
@@ -258,7 +256,7 @@ fn update_all(
     reports.sort_by_key(|report| report.position);
     let told: Vec<_> = reports
         .iter()
-        .map(|report| UpdateReport { report, is_good: report.is_good(), words: report.words() })
+        .map(|report| UpdateReport { report, is_good: report.is_good(), words: report.text() })
         .collect();
     output.data(&told, |out| print(&reports, output, out))?;
     if let Some(Report { outcome: Outcome::Refused { refusal }, .. }) =
@@ -270,15 +268,15 @@ fn update_all(
     let all = reports.len();
     let words = match (good, all) {
         (good, all) if good == all => return Ok(()),
-        (_, 1) => "the gateway does not run the new firmware, see above".to_owned(),
-        _ => format!("{} of {all} gateways do not run the new firmware, see above", all - good),
+        (_, 1) => "the gateway does not run the new firmware; see above".to_owned(),
+        _ => format!("{} of {all} gateways do not run the new firmware; see above", all - good),
     };
     if reports.iter().any(Report::is_refused) {
         Err(Failure::Refused(words))
     } else if is_interrupted {
         Err(Failure::Interrupted(format!("interrupted: {words}")))
     } else {
-        Err(Failure::Amiss)
+        Err(Failure::ProblemsFound)
     }
 }
 
@@ -297,7 +295,7 @@ fn print(reports: &[Report], output: &Output, out: &mut dyn Write) -> std::io::R
             report.position.to_string(),
             or_dash(&report.before),
             or_dash(&report.after),
-            output.toned(tone, report.words()),
+            output.toned(tone, report.text()),
         ]
     }));
     table::print(out, &rows)?;

@@ -1,50 +1,50 @@
-//! Why a firmware file was not taken, in words (manual 15.3.1).
+//! Reasons why a firmware file was rejected (manual 15.3.1).
 
 use serde::Serialize;
 
 use crate::ethercat_tool::ToolError;
 
-/// A file that was not taken: who said what, and what is to be done.
+/// Rejection of a firmware file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Rejection {
-    /// What kind of refusal.
+    /// Cause.
     pub cause: Cause,
-    /// What the tool or the device said.
+    /// Message of the tool or the device.
     pub said: String,
 }
 
-/// Kinds of refusals.
+/// Causes of a rejection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
     /// No tool, no master, no permission.
     Host,
-    /// The slave is not there.
+    /// No such slave.
     NoSlave,
     /// The password is not 0.
     Password,
-    /// The file is not what the device takes.
+    /// The device does not accept the file.
     Verify,
-    /// The flash could not be erased or written, or is full.
+    /// The flash cannot be erased or written, or is full.
     Flash,
     /// The device has no file of this name.
     Name,
-    /// The device does not take firmware now.
+    /// The device does not accept firmware in this state.
     State,
-    /// The transfer stopped in the middle.
+    /// The transfer was interrupted.
     Interrupted,
-    /// The gateway refused, and the master does not tell why.
+    /// The gateway rejected the file; the master does not report why.
     Unexplained,
-    /// Something that the manual does not name.
+    /// Cause not in the manual.
     Other,
 }
 
 impl Cause {
-    /// By what the device or the tool said. IgH's tool prints the number of an FoE error and a text
-    /// of its own; the device's text stands in the kernel log alone. The manual names texts, no
-    /// numbers: those here are of ETG.1000.6.
+    /// Finds the cause in a message. IgH's tool prints the number of an FoE error with a text of
+    /// its own; the text of the device is only in the kernel log. The manual gives texts without
+    /// numbers; the numbers here are from ETG.1000.6.
     fn of(said: &str) -> Self {
-        // Texts first: a device may give them any number.
+        // Texts first: a device may use any number for them.
         let causes: [(Self, &[&str]); 8] = [
             (Self::Password, &["Password invalid"]),
             (Self::Verify, &["OTA verify failed"]),
@@ -89,51 +89,50 @@ impl Cause {
         })
     }
 
-    /// Cause and treatment.
-    pub fn words(self) -> &'static str {
+    /// Cause and remedy.
+    pub fn text(self) -> &'static str {
         match self {
-            Self::Host => "the master cannot be reached",
-            Self::NoSlave => "the slave is not on the bus: supply, cable, position",
+            Self::Host => "the master is not accessible",
+            Self::NoSlave => "the slave is not on the bus; check supply, cable and position",
             Self::Password => {
-                "the gateway refuses the password: it takes 0, so the ethercat tool confuses \
-                 position and password, or this gateway has another one"
+                "the gateway rejects the password 0: the ethercat tool confuses position and password, \
+                 or this gateway uses another password"
             }
             Self::Verify => {
-                "the gateway refuses the file: not in packaging format (a bare application?), or \
-                 its header, version, signature or CRC does not fit this device"
+                "the gateway rejects the file: it is not a package, or its header, version, \
+                 signature or CRC does not match this device"
             }
             Self::Flash => {
-                "the gateway's flash could not be erased or written: check the supply, the state \
-                 of the slave and whether the file fits"
+                "the flash of the gateway cannot be erased or written; check the supply, the state \
+                 of the slave and the size of the file"
             }
-            Self::Name => "the gateway knows no file ecan_lite_app: is it an ECAN-Lite?",
+            Self::Name => "the slave has no file ecan_lite_app; check that it is an ECAN-Lite",
             Self::State => {
-                "the gateway takes no firmware in this state: bring it to PREOP with its mailbox \
-                 working, and try again"
+                "the gateway accepts no firmware in this state; bring it to PREOP and retry"
             }
             Self::Interrupted => {
-                "the transfer was interrupted; the version that ran before stays. Check supply and \
-                 cable, and try again"
+                "the transfer was interrupted and the previous version stays; check supply and \
+                 cable, and retry"
             }
             Self::Unexplained => {
-                "the gateway answered with an error, and this version of the master does not tell \
-                 which: the file is not in packaging format or does not fit this device, the \
-                 password is not 0, or its flash failed; the kernel log (dmesg) may tell more"
+                "the gateway reported an error that this version of the master does not show: the \
+                 file is not a package or does not match this device, the password is not 0, or \
+                 the flash failed; see the kernel log (dmesg)"
             }
-            Self::Other => "the ethercat tool failed; the kernel log (dmesg) may tell more",
+            Self::Other => "the ethercat tool failed; see the kernel log (dmesg)",
         }
     }
 }
 
 impl Rejection {
-    /// A refusal by its words.
+    /// Builds a rejection from a message.
     pub fn new(said: impl Into<String>) -> Self {
         let said = said.into();
         Self { cause: Cause::of(&said), said }
     }
 
-    /// Adds what the gateway itself says of the transfer in 0xB000:11. The manual gives no numbers
-    /// for it: where it is one of FoE, and nothing else is known, it is the cause.
+    /// Adds the status of the transfer in 0xB000:11. The manual gives no numbers for it: a number
+    /// of FoE is used as the cause if no other is known.
     pub fn add_status(&mut self, status: u32) {
         if status == 0 {
             return;
@@ -141,7 +140,7 @@ impl Rejection {
         if matches!(self.cause, Cause::Unexplained | Cause::Other) {
             self.cause = Cause::of_code(status).unwrap_or(self.cause);
         }
-        self.said.push_str(&format!("; 0xB000:11 of the gateway is {status:#06x}"));
+        self.said.push_str(&format!("; status 0xB000:11 = {status:#06x}"));
     }
 }
 
@@ -160,7 +159,7 @@ impl From<ToolError> for Rejection {
 
 impl std::fmt::Display for Rejection {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(formatter, "{} ({})", self.cause.words(), self.said)
+        write!(formatter, "{} ({})", self.cause.text(), self.said)
     }
 }
 
@@ -169,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn texts_of_the_manual_and_of_the_tool_have_causes() {
+    fn known_messages_have_causes() {
         let cases = [
             ("Password invalid", Cause::Password),
             ("FoE OTA verify failed", Cause::Verify),

@@ -1,4 +1,4 @@
-//! Gateways of the simulator in this process, which forgets them when the program ends.
+//! Simulated gateways in this process; their state ends with the program.
 
 use std::time::Duration;
 
@@ -12,13 +12,12 @@ use super::rejection::Rejection;
 use crate::bus::Bus;
 use crate::failure::Failure;
 
-/// Bytes that are written at once.
+/// Bytes per write.
 const PIECE: usize = 1024;
-/// After a piece that has to come again.
+/// Wait before a write is repeated, in ns.
 const BUSY_NS: u64 = 10_000_000;
 
-/// The simulated bus and the hand that reaches behind it: FoE is not among the functions of
-/// libethercat.
+/// The simulated bus, accessed directly: libethercat has no FoE functions.
 #[derive(Debug)]
 pub struct Simulated {
     pub bus: Bus,
@@ -26,7 +25,7 @@ pub struct Simulated {
 }
 
 impl Simulated {
-    /// Does something to a gateway until it is no longer busy.
+    /// Repeats an action until the gateway is no longer busy.
     fn until_done(
         &self,
         slave: usize,

@@ -1,4 +1,4 @@
-//! One gateway's update: write, wait, read the version back, and judge.
+//! Update of one gateway: write, wait, read the version back, evaluate.
 
 use std::time::Duration;
 
@@ -11,58 +11,58 @@ use super::rejection::{Cause, Rejection};
 use crate::failure::Failure;
 use crate::slave_choice::Unknown;
 
-/// How long a gateway that is back with the same version is looked at before that counts: it may
-/// have missed an answer only, and restart yet.
+/// Time for which a gateway with an unchanged version is observed: it may have missed a response
+/// and restart later.
 const SETTLING: Duration = Duration::from_secs(5);
 
-/// What became of an update.
+/// Result of an update.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "result")]
 pub enum Outcome {
-    /// Another version runs, and it is the expected one if one was named.
+    /// Another version runs, which is the expected one, if given.
     Updated,
-    /// The gateway restarted with the version that ran before, and that was expected.
+    /// The gateway restarted with the same version, which was expected.
     Reinstalled,
-    /// The version is what it was.
+    /// The version did not change.
     Unchanged {
-        /// Whether the gateway was seen to restart.
+        /// Whether a restart was observed.
         has_restarted: bool,
     },
     /// Another version runs, but not the expected one.
     WrongVersion {
-        /// The expected one.
+        /// Expected version.
         expected: String,
     },
-    /// The file was not taken.
+    /// The file was rejected.
     Refused {
-        /// Why.
+        /// Reason.
         refusal: Rejection,
     },
-    /// The gateway does not answer since.
+    /// The gateway does not respond after the update.
     NotBack {
-        /// What was said last.
+        /// Last error.
         reason: String,
     },
     /// Nothing was written.
     NotTried {
-        /// Why.
+        /// Reason.
         reason: String,
-        /// Whether it is for what a gateway did: this one, or the one before.
+        /// Whether the cause is a gateway: this one, or the one before.
         #[serde(skip)]
         is_refusal: bool,
     },
 }
 
-/// What became of one gateway.
+/// Result for a gateway.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Place in the ring.
+    /// Position of the slave.
     pub position: usize,
-    /// What ran before.
+    /// Version before.
     pub before: Option<Running>,
-    /// What runs now, read back.
+    /// Version after, read back.
     pub after: Option<Running>,
-    /// The judgement.
+    /// Result.
     #[serde(flatten)]
     pub outcome: Outcome,
 }
@@ -72,90 +72,89 @@ impl Report {
         matches!(self.outcome, Outcome::Updated | Outcome::Reinstalled)
     }
 
-    /// Whether it is the gateway that failed, and not the version that is another.
+    /// Returns whether the gateway failed, as opposed to an unexpected version.
     pub fn is_refused(&self) -> bool {
         use Outcome::{NotBack, NotTried, Refused};
         matches!(self.outcome, Refused { .. } | NotBack { .. } | NotTried { is_refusal: true, .. })
     }
 
-    /// Whether the fault is in front of all gateways.
+    /// Returns whether the problem affects all gateways.
     pub fn is_about_host(&self) -> bool {
         matches!(&self.outcome, Outcome::Refused { refusal } if refusal.cause == Cause::Host)
     }
 
-    /// Why no further gateway gets this file; `None` where it may.
+    /// Reason to stop before the next gateway; `None` to continue.
     pub fn halts(&self) -> Option<String> {
         let position = self.position;
         match self.outcome {
-            Outcome::NotBack { .. } => Some(format!("slave {position} did not come back")),
-            Outcome::WrongVersion { .. } => {
-                Some(format!("slave {position} came back with a wrong version"))
+            Outcome::NotBack { .. } => {
+                Some(format!("slave {position} did not respond after the restart"))
             }
-            _ if self.is_about_host() => Some("the master cannot be reached".to_owned()),
+            Outcome::WrongVersion { .. } => Some(format!("slave {position} runs a wrong version")),
+            _ if self.is_about_host() => Some("the master is not accessible".to_owned()),
             _ => None,
         }
     }
 
-    /// One that keeps what it has, for what it or the one before it did.
+    /// Gateway without update because of its own error or that of the one before.
     pub fn left(position: usize, reason: String) -> Self {
         let outcome = Outcome::NotTried { reason, is_refusal: true };
         Self { position, before: None, after: None, outcome }
     }
 
-    /// One that is left out for a reason that is no gateway's fault.
+    /// Gateway without update for another reason.
     pub fn left_out(position: usize, reason: String) -> Self {
         let outcome = Outcome::NotTried { reason, is_refusal: false };
         Self { position, before: None, after: None, outcome }
     }
 
-    /// One that cannot be asked whether it is a gateway.
+    /// Slave that cannot be identified.
     pub fn unknown(slave: &Unknown) -> Self {
-        Self::left_out(slave.position, format!("it {}", slave.words()))
+        Self::left_out(slave.position, format!("{}", slave.text()))
     }
 
-    /// The gateway, its versions and the judgement.
+    /// Position, versions and result.
     pub fn line(&self) -> String {
         let versions = match (&self.before, &self.after) {
             (Some(before), Some(after)) if before != after => format!("{before} -> {after}, "),
             (Some(before), _) => format!("{before}, "),
             (None, _) => String::new(),
         };
-        format!("slave {}: {versions}{}", self.position, self.words())
+        format!("slave {}: {versions}{}", self.position, self.text())
     }
 
-    /// The judgement in words.
-    pub fn words(&self) -> String {
+    /// Text of the result.
+    pub fn text(&self) -> String {
         match &self.outcome {
             Outcome::Updated => "updated".to_owned(),
-            Outcome::Reinstalled => "installed again, the same version".to_owned(),
+            Outcome::Reinstalled => "reinstalled, same version".to_owned(),
             Outcome::Unchanged { has_restarted: true } => {
-                "the version has not changed: the file holds the same version, or the gateway has \
-                 gone back to the old one"
+                "version unchanged: the file contains the same version, or the gateway rolled back"
                     .to_owned()
             }
             Outcome::Unchanged { has_restarted: false } => {
-                "the version has not changed: the gateway was not seen to restart, or the master \
-                 has not scanned it again; switch it off and on, or restart the master, and look \
+                "version unchanged, no restart observed, or the master has not rescanned the bus; \
+                 power-cycle the gateway or restart the master, and check \
                  with `ecan firmware version`"
                     .to_owned()
             }
-            Outcome::WrongVersion { expected } => format!("wrong version, {expected} was expected"),
+            Outcome::WrongVersion { expected } => format!("wrong version, expected {expected}"),
             Outcome::Refused { refusal } => refusal.to_string(),
-            Outcome::NotBack { reason } => format!(
-                "written, but the gateway does not answer since ({reason}); what it runs is unknown"
-            ),
-            Outcome::NotTried { reason, .. } => format!("nothing was written: {reason}"),
+            Outcome::NotBack { reason } => {
+                format!("written, but the gateway does not respond ({reason}); version unknown")
+            }
+            Outcome::NotTried { reason, .. } => format!("nothing written: {reason}"),
         }
     }
 }
 
-/// What every gateway gets.
+/// Settings of the update.
 #[derive(Debug)]
 pub struct Update<'a> {
     pub gateways: &'a dyn Gateways,
     pub file: &'a FirmwareFile,
     pub expected: Option<&'a str>,
-    /// How long a gateway may take to come back.
+    /// Time limit for the restart.
     pub patience: Duration,
 }
 
@@ -166,7 +165,8 @@ impl std::fmt::Debug for dyn Gateways + '_ {
 }
 
 impl Update<'_> {
-    /// Updates one gateway. `is_first`: none restarted before, so that it has to answer at once.
+    /// Updates one gateway. `is_first`: no gateway has restarted before, so it must respond at
+    /// once.
     pub fn run(&self, slave: &SlaveEntry, is_first: bool) -> Report {
         let position = slave.position;
         let report = |before, after, outcome| Report { position, before, after, outcome };
@@ -186,11 +186,11 @@ impl Update<'_> {
             if let Ok(status) = self.gateways.foe_status(position) {
                 refusal.add_status(status);
             }
-            // It may be away just now; then the report says nothing of what runs.
+            // It may be restarting; the report then has no version.
             let after = Running::read(self.gateways, position).ok();
             return report(Some(before), after, Outcome::Refused { refusal });
         }
-        bar.set_style(spinner("slave {msg}: written, waiting for it to come back  {elapsed}"));
+        bar.set_style(spinner("slave {msg}: written, waiting for the restart  {elapsed}"));
         let (after, has_restarted) = match self.wait(position, &before) {
             Ok(back) => back,
             Err(error) => {
@@ -216,7 +216,7 @@ impl Update<'_> {
         }
     }
 
-    /// The slaves behind one that restarts are away with it for a while.
+    /// Slaves after a restarting one are unreachable for a while.
     fn read_before(&self, position: usize, is_first: bool) -> Result<Running, Failure> {
         let deadline = self.gateways.now() + self.patience;
         loop {
@@ -228,8 +228,8 @@ impl Update<'_> {
         }
     }
 
-    /// What runs afterwards, and whether the gateway was away meanwhile. Another gateway in its
-    /// place counts as away.
+    /// Reads the version after the update, and whether the gateway was unreachable in between.
+    /// Another gateway at its position counts as unreachable.
     fn wait(&self, position: usize, before: &Running) -> Result<(Running, bool), Failure> {
         let deadline = self.gateways.now() + self.patience;
         let (mut was_away, mut back_since) = (false, None);
@@ -238,7 +238,7 @@ impl Update<'_> {
             let now = self.gateways.now();
             match &last {
                 Ok(running) if running.serial != before.serial => was_away = true,
-                // Read twice, so that no half of it is of the time before.
+                // Read twice, so that both halves are from after the restart.
                 Ok(running) if running != before => {
                     let again = Running::read(self.gateways, position);
                     if again.as_ref().is_ok_and(|again| again == running) {
@@ -258,12 +258,12 @@ impl Update<'_> {
         if running.serial == before.serial {
             return Ok((running, was_away));
         }
-        let words = "another gateway, of serial number";
+        let words = "another gateway, with serial number";
         Err(Failure::Refused(format!("{words} {}, is at its position", running.serial)))
     }
 
-    /// On a terminal only. The tool says nothing before it is done, so that its bar shows the time
-    /// alone.
+    /// Progress bar, on a terminal only. The tool reports nothing before the end, so its bar shows
+    /// only the time.
     fn progress_bar(&self, position: usize) -> ProgressBar {
         let bytes = self.file.bytes.len() as u64;
         let bar = ProgressBar::new(bytes).with_message(position.to_string());

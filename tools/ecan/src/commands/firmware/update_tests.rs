@@ -1,4 +1,4 @@
-//! Waiting for a gateway, by a clock that only the gateway's answers move.
+//! Waiting for a gateway, with a clock that only the gateway's responses advance.
 
 use std::cell::Cell;
 use std::path::PathBuf;
@@ -13,10 +13,10 @@ use super::rejection::Rejection;
 use super::update::{Outcome, Update};
 use crate::failure::Failure;
 
-/// A gateway that is away for a while after it was written.
+/// Gateway that is unreachable for a while after the update.
 struct Slow {
     now: Cell<Duration>,
-    /// That every answer takes.
+    /// Duration of a response.
     answer: Duration,
     boot: Duration,
     written: Cell<Option<Duration>>,
@@ -31,13 +31,13 @@ impl Slow {
         self.now.set(self.now.get() + time);
     }
 
-    /// Whether it has the new firmware.
+    /// Whether the new firmware runs.
     fn is_new(&self) -> Result<bool, Failure> {
         self.pass(self.answer);
         match self.written.get() {
             None => Ok(false),
             Some(at) if self.now.get() < at + self.boot => {
-                Err(Failure::Refused("no answer".to_owned()))
+                Err(Failure::Refused("no response".to_owned()))
             }
             Some(_) => Ok(true),
         }
@@ -95,7 +95,7 @@ fn slave() -> SlaveEntry {
     SlaveEntry { position: 0, alias: None, state, al_state }
 }
 
-/// What became of it, and how long it was waited for.
+/// Result of the update and the waiting time.
 fn update(gateway: &Slow, patience: Duration) -> (Outcome, Duration) {
     let file = FirmwareFile { path: PathBuf::new(), bytes: vec![0; 256] };
     let update = Update { gateways: gateway, file: &file, expected: None, patience };

@@ -1,16 +1,16 @@
-//! The frames of cangen: identifiers, lengths and data that are random, counted or fixed.
+//! Frame generator of cangen: CAN IDs, lengths and data are random, incremented or fixed.
 
 use std::str::FromStr;
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameError};
 use fastrand::Rng;
 
-/// Data bytes that an increment counts in.
+/// Number of data bytes of an incremented counter.
 const COUNTER_BYTES: usize = 8;
 /// Letter of a random digit in fixed data.
 const RANDOM_DIGIT: char = 'x';
 
-/// How identifiers are made.
+/// Mode of the CAN ID.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IdMode {
     Random,
@@ -33,13 +33,13 @@ impl FromStr for IdMode {
                 u32::from_str_radix(digits, 16)
                     .ok()
                     .filter(|_| digits.bytes().all(|digit| digit.is_ascii_hexdigit()))
-                    .ok_or("expected r, e, o, i or a hexadecimal identifier")?,
+                    .ok_or("expected r, e, o, i or a hexadecimal CAN ID")?,
             ),
         })
     }
 }
 
-/// How lengths are made.
+/// Mode of the length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LengthMode {
     Random,
@@ -59,18 +59,18 @@ impl FromStr for LengthMode {
                     .parse()
                     .ok()
                     .filter(|length| Dlc::from_fd_len(*length).is_some())
-                    .ok_or("expected r, i or a length: 0 to 8, of CAN FD up to 64")?,
+                    .ok_or("expected r, i or a length: 0 to 8, or up to 64 for CAN FD")?,
             ),
         })
     }
 }
 
-/// How data are made.
+/// Mode of the data.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DataMode {
     Random,
     Increment,
-    /// Digits from the first byte on; none for a random one.
+    /// Digits from the first byte on; `None` is a random digit.
     Fixed(Vec<Option<u8>>),
 }
 
@@ -78,7 +78,7 @@ impl FromStr for DataMode {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let wrong = || "expected r, i or bytes in hexadecimal, x for a random digit".to_owned();
+        let wrong = || "expected r, i or hexadecimal bytes, with x for a random digit".to_owned();
         let digit = |letter: char| match letter {
             RANDOM_DIGIT => Ok(None),
             letter => letter.to_digit(16).map(|digit| Some(digit as u8)).ok_or_else(wrong),
@@ -95,7 +95,7 @@ impl FromStr for DataMode {
     }
 }
 
-/// What is made.
+/// Pattern of the frames.
 #[derive(Clone, Debug)]
 pub struct Pattern {
     pub id: IdMode,
@@ -105,11 +105,11 @@ pub struct Pattern {
     pub is_remote: bool,
     pub is_fd: bool,
     pub has_bit_rate_switch: bool,
-    /// Formats in turn at random, CAN FD among them where `is_fd`.
+    /// Mixes formats at random, with CAN FD if `is_fd`.
     pub is_mixed: bool,
 }
 
-/// Makes frames, one after the other.
+/// Generates frames.
 #[derive(Debug)]
 pub struct Generator {
     pattern: Pattern,
@@ -119,7 +119,7 @@ pub struct Generator {
 
 impl Generator {
     /// # Errors
-    /// A fixed identifier or length that such frames cannot have.
+    /// A fixed CAN ID or length is invalid for these frames.
     pub fn new(pattern: Pattern, seed: u64) -> Result<Self, FrameError> {
         if let IdMode::Fixed(id) = pattern.id {
             CanId::new(id, pattern.is_extended)?;
@@ -133,16 +133,16 @@ impl Generator {
         Ok(Self { pattern, random: Rng::with_seed(seed), made: 0 })
     }
 
-    /// Leaves CAN FD out of a mixture.
+    /// Removes CAN FD from a mix.
     pub fn without_fd(mut self) -> Self {
         self.pattern.is_fd = false;
         self
     }
 
-    /// The next frame.
+    /// Returns the next frame.
     ///
     /// # Errors
-    /// None that [`new`](Self::new) lets pass.
+    /// None for a pattern that [`new`](Self::new) accepts.
     pub fn next_frame(&mut self) -> Result<CanFrame, FrameError> {
         let Pattern { is_mixed, is_fd, has_bit_rate_switch, is_remote, .. } = self.pattern;
         let is_fd = is_fd && (!is_mixed || self.random.bool());
@@ -186,7 +186,7 @@ impl Generator {
             LengthMode::Increment => (self.made % u64::from(codes)) as u8,
         };
         let length = Dlc::new(code).map_or(0, Dlc::fd_len);
-        // A counter needs a byte to be seen in.
+        // An incremented counter needs at least one byte.
         length.max(usize::from(self.pattern.data == DataMode::Increment))
     }
 
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn fixed_and_counted_frames_are_cangens() {
+    fn fixed_and_incremented_frames_match_cangen() {
         assert_eq!(made(pattern("42A", "1", "i"), 3), ["42A#00", "42A#01", "42A#02"]);
         assert_eq!(
             made(pattern("i", "i", "11223344"), 4),
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn random_frames_differ_keep_to_their_bounds_and_come_again_with_the_seed() {
+    fn random_frames_respect_bounds_and_seed() {
         let frames = made(pattern("o", "r", "r"), 200);
         assert_eq!(frames, made(pattern("o", "r", "r"), 200));
         let read = |text: &String| ecan_candump::parse_frame(text).unwrap();
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_frames_are_refused() {
+    fn invalid_pattern_is_rejected() {
         assert!(Generator::new(pattern("800", "1", "r"), 1).is_err());
         assert!(Generator::new(pattern("1", "12", "r"), 1).is_err());
         assert!("9".parse::<LengthMode>().is_err());

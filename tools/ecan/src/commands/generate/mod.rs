@@ -20,64 +20,64 @@ use generator::{DataMode, Generator, IdMode, LengthMode, Pattern};
 /// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
-  ecan gen                                     random frames, five a second, until Ctrl-C
-  ecan gen -g 4 -I 42A -L 1 -D i -n 100        fixed identifier and length, counted data
-  ecan gen -g 0 -n 100000                      as many as the bus takes
+  ecan gen                                     random frames, 5 per second, until Ctrl-C
+  ecan gen -g 4 -I 42A -L 1 -D i -n 100        fixed CAN ID and length, incremented data
+  ecan gen -g 0 -n 100000                      at full bus load
   ecan gen --data-bitrate 2000000 -b -L 64     CAN FD with bit rate switch
 
-Modes: r random, i counted up; of identifiers also e random even and o random odd; anything else is
-fixed. In data x is a random digit, as in 11xx3344.";
+Modes: r random, i incremented; for CAN IDs also e random even and o random odd; any other value is
+fixed. In data, x is a random digit, for example 11xx3344.";
 
 /// Arguments of `gen`.
 #[derive(Debug, Args)]
 pub struct GenArguments {
-    /// Channel, 0 to 3
+    /// CAN channel, 0 to 3
     #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
     channel: u8,
-    /// Gap between frames in milliseconds, also with decimals; 0 sends what the bus takes
+    /// Gap between frames in ms, decimals allowed; 0 sends at full bus load
     #[arg(short = 'g', long, value_name = "MS", default_value = "200", value_parser = parse_gap)]
     gap: u64,
-    /// End after so many frames
+    /// Exit after this number of frames
     #[arg(short = 'n', long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// Identifier
+    /// CAN ID: r random, e random even, o random odd, i incremented, or hexadecimal
     #[arg(short = 'I', long, value_name = "MODE", default_value = "r")]
     id: IdMode,
-    /// Length
+    /// Length: r random, i incremented, or 0 to 8 (CAN FD: up to 64)
     #[arg(short = 'L', long, value_name = "MODE", default_value = "r")]
     length: LengthMode,
-    /// Data
+    /// Data: r random, i incremented, or hexadecimal with x for a random digit
     #[arg(short = 'D', long, value_name = "MODE", default_value = "r")]
     data: DataMode,
-    /// Extended identifiers
+    /// Send extended CAN IDs
     #[arg(short = 'e', long)]
     extended: bool,
-    /// CAN FD frames; needs --data-bitrate, or a data bit rate in the file of --config
+    /// Send CAN FD frames; needs a data bit rate (--data-bitrate or --config)
     #[arg(short = 'f', long)]
     fd: bool,
-    /// CAN FD frames with bit rate switch; as with --fd
+    /// Send CAN FD frames with bit rate switch
     #[arg(short = 'b', long)]
     brs: bool,
-    /// Remote frames
+    /// Send remote frames
     #[arg(short = 'R', long, conflicts_with_all = ["fd", "brs"])]
     remote: bool,
-    /// Mix formats: standard and extended, remote, and CAN FD where there is a data bit rate
+    /// Mix standard, extended, remote and, with a data bit rate, CAN FD frames
     #[arg(short = 'm', long, conflicts_with_all = ["extended", "fd", "brs", "remote"])]
     mix: bool,
     /// Print the frames
     #[arg(short = 'v', long)]
     verbose: bool,
-    /// Seed of what is random [default: another in each run]
+    /// Seed of the random generator [default: different in each run]
     #[arg(long, value_name = "SEED")]
     seed: Option<u64>,
-    /// End where no frame leaves for so many milliseconds
+    /// Exit if no frame is sent for this time, in ms
     #[arg(long, value_name = "MS", default_value_t = 2000)]
     timeout: u64,
     #[command(flatten)]
     options: FrameOptions,
 }
 
-/// Milliseconds with decimals, as nanoseconds.
+/// Parses milliseconds with decimals, in nanoseconds.
 fn parse_gap(text: &str) -> Result<u64, String> {
     let gap: f64 = text.parse().map_err(|_| "expected milliseconds".to_owned())?;
     if (0.0..=3.6e6).contains(&gap) {
@@ -88,7 +88,7 @@ fn parse_gap(text: &str) -> Result<u64, String> {
 }
 
 impl GenArguments {
-    /// Frames of CAN FD among them, if such are asked for or mixed in.
+    /// Returns whether CAN FD frames are requested or mixed in.
     fn generator(&self) -> Result<Generator, Failure> {
         let pattern = Pattern {
             id: self.id,
@@ -116,7 +116,7 @@ pub fn run(
         let words = "--verbose and a capture on standard output exclude each other";
         return Err(Failure::Usage(words.to_owned()));
     }
-    let output = &output.beside(is_output_taken);
+    let output = &output.on_stderr(is_output_taken);
     let mut generator = arguments.generator()?;
     let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
@@ -128,7 +128,7 @@ pub fn run(
     };
     let prepared = Prepared::new(&settings, wishes, global, output)?;
     if arguments.fd || arguments.brs {
-        prepared.needs_fd("CAN FD frames are asked for", *channel)?;
+        prepared.needs_fd("CAN FD frames are requested", *channel)?;
     }
     if !prepared.has_fd(*channel) {
         generator = generator.without_fd();

@@ -138,5 +138,5 @@ fn print_once(
     }
     let snapshot = collector.snapshot();
     output.data(&snapshot, |out| text::print(out, &snapshot))?;
-    if snapshot.is_amiss() { Err(Failure::Amiss) } else { Ok(()) }
+    if snapshot.has_problem() { Err(Failure::ProblemsFound) } else { Ok(()) }
 }

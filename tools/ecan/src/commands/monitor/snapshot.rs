@@ -143,7 +143,7 @@ pub struct Event {
 
 impl Snapshot {
     /// Whether a gateway is out of service, or a channel off the bus.
-    pub fn is_amiss(&self) -> bool {
+    pub fn has_problem(&self) -> bool {
         self.gateways.iter().any(|gateway| {
             gateway.standing != GatewayState::InService
                 || gateway.channels.iter().any(|channel| channel.is_bus_off)

@@ -1,4 +1,4 @@
-//! `ecan plan`: what a configuration costs, and what speaks against it.
+//! `ecan plan`: load of a configuration, with warnings.
 
 mod report;
 mod traffic;
@@ -18,10 +18,10 @@ use crate::output::{Output, Tone};
 
 use report::Report;
 
-/// Bit rate of a plan that names none, in bit/s: what a gateway has from the factory.
+/// Default nominal bit rate of a plan in bit/s: the factory setting of a gateway.
 const BITRATE: u32 = 500_000;
 
-/// The configuration and its traffic.
+/// Arguments of `plan`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -30,34 +30,34 @@ Examples:
   ecan plan --bitrate 1000000 --data-bitrate 5000000 --pdo-n 8 --channel 0,2
   ecan plan --channel all --replay drive.log
 
-Without --bitrate it is 500000. Exit status 1 when the configuration would not work. Touches no bus.")]
+The default bit rate is 500000 bit/s. Exit status 1 if the configuration cannot work. Runs offline.")]
 pub struct PlanArguments {
     /// Number of gateways
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "config",
           value_parser = clap::value_parser!(u16).range(1..=64))]
     slaves: u16,
-    /// CAN channels of every gateway, 0 to 3 with commas between, or all [default: 0, or all of the
-    /// file]
+    /// CAN channels of every gateway, 0 to 3, comma-separated, or all [default: 0, or all channels
+    /// of the file]
     #[arg(long, value_name = "CHANNELS")]
     channel: Option<Channels>,
-    /// Frames that each channel sends per cycle; as many come back
+    /// Frames per channel and cycle, in each direction
     #[arg(long, value_name = "N", default_value_t = 1)]
     frames: u32,
-    /// Data bytes of each frame [default: 8, and 64 on a channel with CAN FD]
+    /// Data bytes per frame [default: 8, or 64 with CAN FD]
     #[arg(long, value_name = "N")]
     bytes: Option<u8>,
-    /// Plan the frames of a candump log in place of these, at their mean rate; they go to one channel,
-    /// or of several to the one that their interface names, counted over all gateways
+    /// Plan the mean load of a candump log instead; several channels: canN of the log goes to
+    /// channel N, counted over all gateways
     #[arg(long, value_name = "FILE", conflicts_with_all = ["frames", "bytes"])]
     replay: Option<PathBuf>,
-    /// Another name of --data-bitrate
+    /// Alias of --data-bitrate
     #[arg(long, value_name = "BITRATE", hide = true, conflicts_with_all = ["data_bitrate", "config"])]
     fd: Option<u32>,
     #[command(flatten)]
     setup: SetupOptions,
 }
 
-/// The gateways and the channels that carry the traffic.
+/// Configuration of the gateways and their loaded channels.
 struct Planned {
     adapter: AdapterConfig,
     port: PortConfig,
@@ -83,7 +83,7 @@ pub fn run(arguments: &PlanArguments, output: &Output) -> Result<(), Failure> {
             .iter()
             .try_for_each(|fault| writeln!(out, "{} {fault}", output.toned(Tone::Bad, "fault:")))
     })?;
-    if faults.is_empty() { Ok(()) } else { Err(Failure::Amiss) }
+    if faults.is_empty() { Ok(()) } else { Err(Failure::ProblemsFound) }
 }
 
 fn of_options(arguments: &PlanArguments) -> Planned {

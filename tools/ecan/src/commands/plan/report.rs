@@ -1,17 +1,17 @@
-//! The plan for programs.
+//! JSON form of the plan.
 
 use ecan_mcan_port::{CpuCost, ImageFill, ImagePlan, PortPlan};
 use serde::Serialize;
 
-/// What the table says, as data.
+/// Contents of the plan table.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     cycle_ns: u32,
     wire_ns: u64,
     wire_bytes: usize,
-    /// Of the cycle.
+    /// Per cycle.
     wire_share: f64,
-    /// An estimate, for the images alone.
+    /// Estimate for the images only.
     cpu_ns: f64,
     working_counter: WorkingCounter,
     mailbox: Mailbox,
@@ -21,7 +21,7 @@ pub(super) struct Report {
     faults: Vec<String>,
 }
 
-/// Of a complete exchange, by the release of IgH.
+/// Expected working counter per release of IgH.
 #[derive(Debug, Serialize)]
 struct WorkingCounter {
     igh_1_6: u32,
@@ -41,7 +41,7 @@ struct Channel {
     channel: u8,
     sent_per_cycle: f64,
     received_per_cycle: f64,
-    /// Frames that a service of the gateway takes from the bus, and hands to it.
+    /// Frames per service of the gateway, from the bus and to the bus.
     rx_budget: u8,
     tx_budget: u8,
     least_load: f64,

@@ -1,4 +1,4 @@
-//! The traffic of a plan: so many frames a cycle, or those of a recording.
+//! Traffic of a plan: a number of frames per cycle, or a recording.
 
 use std::path::Path;
 
@@ -10,10 +10,10 @@ use crate::frames::recording::{self, Recorded};
 
 use super::{PlanArguments, Planned};
 
-/// Identifier of frames that are no recorded ones.
+/// CAN ID of frames without a recording.
 const FRAME_ID: u16 = 0x123;
 
-/// What is sent, and the same coming back.
+/// Traffic sent; the same amount is received.
 pub(super) fn of(
     arguments: &PlanArguments,
     planned: &Planned,
@@ -27,7 +27,7 @@ pub(super) fn of(
     Ok([sent, back].concat())
 }
 
-/// As many frames on each channel.
+/// Traffic with the same number of frames on each channel.
 fn even(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>, Failure> {
     let rate = FrameRate::PerCycle(arguments.frames);
     let mut streams = Vec::new();
@@ -42,7 +42,7 @@ fn even(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>
     }
     match streams.is_empty() {
         false => Ok(streams),
-        true => Err(Failure::Usage("the gateways have none of the chosen channels".to_owned())),
+        true => Err(Failure::Usage("no gateway has one of the selected channels".to_owned())),
     }
 }
 

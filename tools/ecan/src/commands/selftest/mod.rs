@@ -109,7 +109,8 @@ pub fn run(
     let is_watched = std::io::stderr().is_terminal();
     let test = gateway::Test { arguments, rates: &rates, master, is_watched, output };
     test.check()?;
-    let interrupt = Interrupt::install_saying("stopping: the configuration is put back first")?;
+    let interrupt =
+        Interrupt::install_with_message("stopping: the configuration is put back first")?;
     let bus = Bus::open(&global, output)?;
     let slaves = slaves(&bus, arguments, output)?;
     if let Some(directory) = &arguments.report {
@@ -158,7 +159,7 @@ pub fn run(
     match unwritten {
         Some(failure) => Err(failure),
         None if is_good => Ok(()),
-        None => Err(Failure::Amiss),
+        None => Err(Failure::ProblemsFound),
     }
 }
 
