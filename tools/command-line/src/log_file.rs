@@ -56,6 +56,7 @@ pub struct LoggedFrame {
     pub time_ns: u64,
     /// Interface name.
     pub interface: String,
+    /// CAN frame.
     pub frame: CanFrame,
 }
 

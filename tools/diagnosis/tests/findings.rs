@@ -46,7 +46,7 @@ fn what_was_not_read_is_no_zero_in_a_finding() {
     has("dropped 7 frames (unknown old, unknown new, unknown critical), unknown waited at most");
     has("the mask is unknown; ");
     has("PDO errors, number unknown, ");
-    has("here unknown, sample point unknown to unknown %");
+    has("this channel: unknown, sample point unknown to unknown %");
 }
 
 // 5.4.6 and 16.1: OP
@@ -168,7 +168,7 @@ fn each_pdo_error_has_its_cause() {
         (7, "pdo-invalid-timestamp", "timestamp format"),
         (8, "pdo-truncated", "payload_len"),
         (9, "pdo-unsupported-profile", "0xF000:12"),
-        (10, "pdo-duplicate", "does no harm"),
+        (10, "pdo-duplicate", "is harmless"),
         (11, "pdo-unsupported-option", "0xF000:15"),
         (12, "pdo-active-area", "mapping of the master differ"),
         (13, "pdo-reserved-bit", "must be 0"),

@@ -14,8 +14,8 @@ fn values_are_told_in_words() {
         (
             0x44,
             0x0011_3660,
-            "synchronising, error passive, last error: no error, in the data phase: CRC error, a CAN \
-             FD frame was received, with bit rate switch, transmitter delay 17 mtq",
+            "synchronising, error passive, last error: no error, in the data phase: CRC error, CAN \
+             FD frame received, with bit rate switch, transmitter delay 17 mtq",
         ),
         (0x50, 0x0000_0009, "new frame in RX FIFO0, frame lost in RX FIFO0"),
         (0x50, 0, "none"),

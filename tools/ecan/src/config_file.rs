@@ -56,7 +56,7 @@ pub fn places(file: &ConfigFile, bus: &Bus) -> Result<Vec<ResolvedGateway>, Fail
 pub fn of_place(fault: ResolveError) -> Failure {
     match fault {
         ResolveError::Device(error) => Failure::Device(error),
-        ResolveError::State { .. } => Failure::Refused(fault.to_string()),
+        ResolveError::State { .. } => Failure::Rejected(fault.to_string()),
         ResolveError::NoAlias { .. } | ResolveError::NoSlave { .. } | ResolveError::Same { .. } => {
             Failure::Slave(fault.to_string())
         }

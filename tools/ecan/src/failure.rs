@@ -34,10 +34,10 @@ pub enum Failure {
     Device(ecan_host::Error),
     /// A slave rejected a request, did not respond, or is in the wrong state.
     #[error("{0}")]
-    Refused(String),
+    Rejected(String),
     /// A gateway is not ready.
-    #[error("the gateway at position {position}: {reason}")]
-    OutOfService {
+    #[error("slave {position}: {reason}")]
+    NotReady {
         /// Position of the slave.
         position: usize,
         /// Reason.
@@ -45,7 +45,7 @@ pub enum Failure {
     },
     /// Fewer frames than required were received or confirmed as sent.
     #[error("{0}")]
-    TooFew(String),
+    Incomplete(String),
     /// The user stopped the command before it was complete.
     #[error("{0}")]
     Interrupted(String),
@@ -86,11 +86,11 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::ReaderGone => 0,
-            Self::ProblemsFound | Self::TooFew(_) | Self::Interrupted(_) => 1,
+            Self::ProblemsFound | Self::Incomplete(_) | Self::Interrupted(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,
-            Self::Device(_) | Self::Refused(_) | Self::OutOfService { .. } => 5,
+            Self::Device(_) | Self::Rejected(_) | Self::NotReady { .. } => 5,
             Self::File { .. }
             | Self::Input(_)
             | Self::Output(_)
@@ -111,7 +111,7 @@ impl From<MaintenanceError> for Failure {
     fn from(error: MaintenanceError) -> Self {
         match error {
             MaintenanceError::Device(error) => Self::Device(error),
-            other => Self::Refused(other.to_string()),
+            other => Self::Rejected(other.to_string()),
         }
     }
 }

@@ -63,12 +63,12 @@ impl Readings {
     /// Checks whether the slave responded to every request, at least with an abort code.
     ///
     /// # Errors
-    /// [`Failure::Refused`] if it did not.
+    /// [`Failure::Rejected`] if it did not.
     pub fn end(&self) -> Result<(), Failure> {
         match self.unanswered {
             0 => Ok(()),
-            1 => Err(Failure::Refused("1 value was not read; see above".to_owned())),
-            more => Err(Failure::Refused(format!("{more} values were not read; see above"))),
+            1 => Err(Failure::Rejected("1 value was not read; see above".to_owned())),
+            more => Err(Failure::Rejected(format!("{more} values were not read; see above"))),
         }
     }
 }

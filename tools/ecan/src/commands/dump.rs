@@ -148,13 +148,13 @@ pub fn run(
         is_log: arguments.log_format,
         is_json: global.json,
     };
-    let wishes = GatewayRequirements {
+    let requirements = GatewayRequirements {
         is_listening: arguments.listen_only,
         has_device_time: arguments.device_time,
         has_end: arguments.count.is_some() || arguments.timeout.is_some(),
         ..GatewayRequirements::on(arguments.channel)
     };
-    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    let prepared = Prepared::new(&settings, requirements, global, output)?;
     let is_shown = !is_filed || arguments.screen;
     let destination = Destination { is_shown, log, existing: capture.existing() };
     let mut printer = Printer::start(screen, destination, &interrupt)?;
@@ -213,7 +213,7 @@ fn judge(heard: u64, wanted: u64, service: &Service) -> Result<(), Failure> {
         few => format!("{few} of {wanted} frames received"),
     };
     match session(service.port()) {
-        Session::Ready => Err(Failure::TooFew(words)),
-        _ => Err(service.out_of_service(&words)),
+        Session::Ready => Err(Failure::Incomplete(words)),
+        _ => Err(service.not_ready(&words)),
     }
 }

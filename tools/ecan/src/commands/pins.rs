@@ -86,7 +86,7 @@ fn set(bus: &Bus, slave: usize, rotation: u32) -> Result<(), Failure> {
     }
     let is_in_op = bus.diagnostics().al_state(slave).is_ok_and(|it| it == Some(AlState::Op));
     let hint = if is_in_op { "; the gateway is in OP, stop the application first" } else { "" };
-    Err(Failure::Refused(format!(
+    Err(Failure::Rejected(format!(
         "rotation not applied: status {} (0x8000:15), active rotation {}{hint}",
         pins.apply_status, pins.active
     )))

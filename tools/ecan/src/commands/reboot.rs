@@ -87,7 +87,7 @@ fn wait(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64, Failure> {
     while is_there(bus, slave) {
         if elapsed() >= VANISH_NS {
             let words = "accepted the command but did not restart";
-            return Err(Failure::Refused(format!("slave {slave} {words}")));
+            return Err(Failure::Rejected(format!("slave {slave} {words}")));
         }
         if elapsed() >= timeout_ns {
             let words = format!("slave {slave} is still on the bus after {seconds} s");

@@ -287,7 +287,7 @@ impl Service<'_> {
 }
 
 fn rejected(reason: &str) -> Failure {
-    Failure::Refused(format!("register service: {reason}"))
+    Failure::Rejected(format!("register service: {reason}"))
 }
 
 #[cfg(test)]

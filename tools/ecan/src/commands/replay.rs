@@ -168,13 +168,13 @@ pub fn run(
     let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
     let total = recording.total();
-    let wishes = GatewayRequirements {
+    let requirements = GatewayRequirements {
         required: recording.channels(),
         has_results: true,
         has_end: total.is_some(),
         ..GatewayRequirements::on(*channel)
     };
-    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    let prepared = Prepared::new(&settings, requirements, global, output)?;
     recording.check_fd(&arguments.file, &prepared)?;
     let destination = Destination { is_shown: false, log, existing: options.capture.existing() };
     let printer = Printer::start(Screen::default(), destination, &interrupt)?;

@@ -68,21 +68,22 @@ pub fn run(
     let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
-    let wishes = GatewayRequirements { has_results: true, ..GatewayRequirements::on(channels) };
-    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    let requirements =
+        GatewayRequirements { has_results: true, ..GatewayRequirements::on(channels) };
+    let prepared = Prepared::new(&settings, requirements, global, output)?;
     if let Some(fd) = frames.iter().find(|frame| frame.as_ref().is_fd()) {
         prepared.needs_fd(format_args!("{} is a CAN FD frame", FrameText(fd)), *channel)?;
     }
     let Some(mut service) = prepared.enter(&options.capture, &interrupt, output)? else {
-        return Err(Failure::TooFew("stopped before a frame was sent".to_owned()));
+        return Err(Failure::Incomplete("stopped before a frame was sent".to_owned()));
     };
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
     let mut sender =
         Sender { channels, timeout_ns, interrupt: &interrupt, record: Record::Nothing };
     let due = |frame: &CanFrame| Ok(Due { after_ns: 0, channel: *channel, frame: *frame });
-    let (departures, outcome) = sender.send(&mut service, frames.iter().map(due));
+    let (tracker, outcome) = sender.send(&mut service, frames.iter().map(due));
     outcome.and(service.finish())?;
-    judge(arguments, &departures, &service)?;
+    judge(arguments, &tracker, &service)?;
     let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
     let sent = Sent { channel: *channel, frames: texts };
     output.data(&sent, |out| {
@@ -93,17 +94,17 @@ pub fn run(
 /// Checks whether all frames were sent.
 fn judge(
     arguments: &SendArguments,
-    departures: &TransmitTracker,
+    tracker: &TransmitTracker,
     service: &Service,
 ) -> Result<(), Failure> {
     let SendArguments { frames, channel, timeout, .. } = arguments;
-    let outcome = departures.outcome();
+    let outcome = tracker.outcome();
     let count = frames.len() as u64;
-    if let Some((number, code)) = departures.first_failure() {
+    if let Some((number, code)) = tracker.first_failure() {
         let frame = usize::try_from(number).ok().and_then(|number| frames.get(number));
         let text = frame.map_or_else(String::new, |frame| FrameText(frame).to_string());
         let words = format!("channel {channel} of the gateway rejected {text}: {code}");
-        return Err(Failure::TooFew(words));
+        return Err(Failure::Incomplete(words));
     }
     if outcome.sent >= count && outcome.bus_off.is_none() {
         return Ok(());
@@ -116,5 +117,5 @@ fn judge(
         0 => "transmission of the frames is not confirmed".to_owned(),
         behind => format!("{behind} of {count} frames not sent within {timeout} ms"),
     };
-    Err(departures.failure(service, words, Some(otherwise)))
+    Err(tracker.failure(service, words, Some(otherwise)))
 }

@@ -1,4 +1,4 @@
-//! The bit rates of a channel: in words, and as a gateway has them.
+//! Bit rates of a channel: text, and configuration of a gateway.
 
 use std::fmt;
 
@@ -8,13 +8,13 @@ use ecan_protocol::config::{BitTimingMode, ConfigObject, McanChannelConfig};
 use crate::bus::Bus;
 use crate::failure::Failure;
 
-/// Entries of 0x8001..0x8004 that say how bits are timed, besides the bit rates: timing mode,
-/// non-ISO CAN FD, sample points (manual 13.4).
+/// Entries of 0x8001..0x8004 for the bit timing besides the bit rates: timing mode, non-ISO CAN FD,
+/// sample points (manual 13.4).
 const TIMING: [u8; 6] = [7, 9, 21, 22, 23, 24];
-/// Those that count in manual mode.
+/// Entries for manual timing mode.
 const MANUAL_TIMING: [u8; 11] = [16, 25, 26, 27, 28, 29, 30, 31, 32, 33, 34];
 
-/// Nominal bit rate, and that of the data with CAN FD, in bit/s.
+/// Nominal bit rate and, with CAN FD, data bit rate, in bit/s.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BitRates {
     nominal: u32,
@@ -36,7 +36,7 @@ impl fmt::Display for BitRates {
     }
 }
 
-/// A channel with the bit rates that the gateway is set to, and all else by default.
+/// Reads the bit timing of a channel from the gateway; all else is default.
 pub fn of_gateway(bus: &Bus, slave: usize, channel: u8) -> Result<ChannelConfig, Failure> {
     let index = 0x8001 + u16::from(channel);
     let read = |subindex| bus.read(slave, index, subindex);
@@ -48,9 +48,9 @@ pub fn of_gateway(bus: &Bus, slave: usize, channel: u8) -> Result<ChannelConfig,
     let mut take = |subindex| {
         let value = read(subindex)?;
         settings.can.set_value(subindex, value).map_err(|_| {
-            Failure::Refused(format!(
-                "the gateway has {value} in 0x{index:04X}:{subindex:02}, which means nothing; \
-                 choose the bit rate with --bitrate"
+            Failure::Rejected(format!(
+                "invalid value {value} in 0x{index:04X}:{subindex:02} of the gateway; \
+                 set the bit rate with --bitrate"
             ))
         })
     };
@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_channel_is_taken_as_the_gateway_is_set() {
+    fn bit_timing_is_read_from_the_gateway() {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
         let bus = Bus::over(&backend.ecrt);

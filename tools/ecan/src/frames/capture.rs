@@ -1,4 +1,4 @@
-//! A capture for Wireshark, written beside the cycle.
+//! Capture of frames and images for Wireshark.
 
 use std::collections::HashMap;
 use std::io::BufWriter;
@@ -20,41 +20,40 @@ use crate::frames::channels::Channels;
 use crate::frames::single_gateway::{channel_status, session};
 use crate::output::Output;
 
-/// Frames that wait for their results, at first.
+/// Initial capacity for frames without transmit result.
 const UNDER_WAY: usize = 4096;
 
-/// Where to and what.
+/// Capture options.
 #[derive(Debug, Args)]
 pub struct CaptureOptions {
-    /// Write a capture for Wireshark (pcapng): frames that came, and frames that the gateway took;
-    /// - is standard output, and what else is printed goes to standard error
+    /// Write received and sent frames for Wireshark (pcapng); - is stdout
     #[arg(long, value_name = "FILE")]
     capture: Option<PathBuf>,
-    /// Write the process images too, those that differ from the one before in their header
+    /// Write PDO images too, whenever their header changes
     #[arg(long, requires = "capture")]
     images: bool,
-    /// Overwrite files that exist
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
 }
 
 impl CaptureOptions {
-    /// What becomes of files that are there.
+    /// Policy for existing files.
     pub fn existing(&self) -> Existing {
         Existing::forced(self.force)
     }
 
-    /// Whether the capture goes to standard output.
+    /// Returns whether the capture goes to standard output.
     pub fn is_on_output(&self) -> bool {
         self.path().is_some_and(is_standard_stream)
     }
 
-    /// The file, where there is to be a capture.
+    /// Path of the capture, if any.
     pub fn path(&self) -> Option<&Path> {
         self.capture.as_deref()
     }
 
-    /// Refuses to write a log and the capture into the same file.
+    /// Rejects the same file for a log and the capture.
     pub fn check_apart_from(&self, log: Option<&Path>) -> Result<(), Failure> {
         match log.is_some() && log == self.path() {
             true => Err(Failure::Usage("--record and --capture name the same file".to_owned())),
@@ -63,28 +62,28 @@ impl CaptureOptions {
     }
 }
 
-/// The fixed header of an image.
+/// Fixed header of an image.
 type ImageHeader = [u8; HEADER_BYTES];
 
-/// A capture of one gateway.
+/// Capture of one gateway.
 #[derive(Debug)]
 pub struct FrameCapture {
     recorder: Recorder,
     path: PathBuf,
     has_images: bool,
-    /// The channels whose state is recorded.
+    /// Channels whose state is recorded.
     channels: Channels,
-    /// From the clock to the times of the file.
+    /// Offset from the cycle clock to the time since 1970.
     since_1970_ns: u64,
     status: [Option<ChannelStatus>; CHANNELS],
-    /// Of the last images, RxPDO and TxPDO.
+    /// Headers of the last images, RxPDO and TxPDO.
     headers: (ImageHeader, ImageHeader),
-    /// Frames whose result is to come, with their channels.
+    /// Frames without transmit result, with their channels.
     under_way: HashMap<SendTicket, (u8, CanFrame)>,
 }
 
 impl FrameCapture {
-    /// Creates the file, if it is wanted, and starts the thread that writes it.
+    /// Creates the file, if requested, and starts the recorder.
     pub fn start(
         options: &CaptureOptions,
         adapter: &AdapterConfig,
@@ -119,14 +118,14 @@ impl FrameCapture {
         }
     }
 
-    /// Says what the clock's time is, and whether it goes on while the file is waited for.
+    /// Sets the time base, and waits for the file in simulated time.
     pub fn with_time(mut self, is_real_time: bool, since_1970_ns: u64) -> Self {
         self.recorder.set_patient(!is_real_time);
         Self { since_1970_ns, ..self }
     }
 
-    /// What the beginning of a cycle has brought: the image of the gateway, changes of the channels'
-    /// status as error frames, frames that came, and frames that are known to be in the gateway.
+    /// Records the results of a cycle start: the TxPDO image, status changes as error frames,
+    /// received frames, and sent frames with a transmit result.
     pub fn after_begin(&mut self, port: &Port, now_ns: u64, arrivals: &[Arrival]) {
         for channel in self.channels.iter() {
             let now = channel_status(port, channel);
@@ -139,7 +138,7 @@ impl FrameCapture {
         }
         self.image(port, now_ns, Direction::TxPdo);
         if session(port) != Session::Ready {
-            // Nothing is told any more of frames before the loss.
+            // Results of frames before the loss never arrive.
             self.under_way.clear();
         }
         for arrival in arrivals {
@@ -159,12 +158,12 @@ impl FrameCapture {
         }
     }
 
-    /// A frame was put into an image.
+    /// Adds a frame that waits for its transmit result.
     pub fn under_way(&mut self, ticket: SendTicket, channel: u8, frame: &CanFrame) {
         self.under_way.insert(ticket, (channel, *frame));
     }
 
-    /// What the end of a cycle has sent: the image for the gateway.
+    /// Records the RxPDO image at the end of a cycle.
     pub fn after_end(&mut self, port: &Port, now_ns: u64) {
         self.image(port, now_ns, Direction::RxPdo);
     }
@@ -198,12 +197,12 @@ impl FrameCapture {
         self.recorder.image(self.absolute_ns(now_ns), origin, image);
     }
 
-    /// Whether it can write no more.
+    /// Returns whether the recorder has ended.
     pub fn is_over(&self) -> bool {
         self.recorder.is_over()
     }
 
-    /// Removes the file of a run that has not begun: there is nothing in it.
+    /// Removes the file of a run that did not start.
     pub fn discard(self) {
         let _ = self.recorder.finish();
         if self.path.metadata().is_ok_and(|found| found.is_file()) {
@@ -211,11 +210,11 @@ impl FrameCapture {
         }
     }
 
-    /// Waits until everything is written; says what was dropped.
+    /// Waits until everything is written and reports dropped packets.
     pub fn finish(self, output: &Output) -> Result<(), Failure> {
         let recording = self.recorder.finish().map_err(|error| write_failure(self.path, error))?;
         if recording.dropped > 0 {
-            let words = "packets are not in the capture: the file is too slow";
+            let words = "packets dropped from the capture: the file is too slow";
             output.note(format_args!("# {} {words}", recording.dropped));
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! The channels that a command is about.
+//! Channels of a command.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,19 +7,19 @@ use ecan_mcan_port::Port;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::CHANNELS;
 
-/// One or several channels of a gateway, as in `0`, `can0`, `0,2` or `all`.
+/// One or several channels of a gateway: `0`, `can0`, `0,2` or `all`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Channels {
     mask: u8,
-    /// All of them, however many that are.
+    /// Whether `all` was given.
     is_all: bool,
 }
 
 impl Channels {
-    /// All that there are.
+    /// All channels.
     pub const ALL: Self = Self { mask: (1 << CHANNELS) - 1, is_all: true };
 
-    /// None of them.
+    /// No channel.
     pub const NONE: Self = Self::of_mask(0);
 
     /// One channel, 0 to 3.
@@ -27,24 +27,24 @@ impl Channels {
         Self::of_mask(1 << channel)
     }
 
-    /// Those whose bits are set.
+    /// Channels of a bit mask.
     pub const fn of_mask(mask: u8) -> Self {
         Self { mask, is_all: false }
     }
 
-    /// Whether no channel is named, but all that there are.
-    pub fn is_whatever_there_is(self) -> bool {
+    /// Returns whether `all` was given rather than a list.
+    pub fn is_all(self) -> bool {
         self.is_all
     }
 
-    /// Their numbers, in order.
+    /// Channel numbers in ascending order.
     pub fn iter(self) -> impl Iterator<Item = u8> {
         (0..CHANNELS as u8).filter(move |channel| self.contains(*channel))
     }
 
-    /// Gateway and channel for the frames of a recorded interface: the one channel there is, of the
-    /// first gateway; of several `canN` is channel N, counted over all gateways. None for what has
-    /// no place here.
+    /// Gateway and channel for the frames of a recorded interface. With one channel, all frames go
+    /// to it on the first gateway; with several, `canN` goes to channel N, counted over all
+    /// gateways. `None` for other interfaces.
     pub fn place_of(self, interface: &str, gateways: usize) -> Option<(usize, u8)> {
         let mut chosen = self.iter();
         if let (Some(only), None) = (chosen.next(), chosen.next()) {
@@ -56,7 +56,7 @@ impl Channels {
         (gateway < gateways && self.contains(channel)).then_some((gateway, channel))
     }
 
-    /// Whether a channel is among them.
+    /// Returns whether a channel is included.
     pub fn contains(self, channel: u8) -> bool {
         self.mask.checked_shr(channel.into()).is_some_and(|mask| mask & 1 == 1)
     }
@@ -71,7 +71,7 @@ impl FromStr for Channels {
         }
         text.split(',').try_fold(Self::NONE, |channels, name| match parse_channel(name) {
             Ok(channel) => Ok(Self::of_mask(channels.mask | 1 << channel)),
-            Err(_) => Err("expected channels 0 to 3 with commas between, or all".to_owned()),
+            Err(_) => Err("expected channels 0 to 3, comma-separated, or all".to_owned()),
         })
     }
 }
@@ -87,7 +87,7 @@ impl fmt::Display for Channels {
     }
 }
 
-/// A channel, 0 to 3, also written as `can0`.
+/// Parses a channel 0 to 3, also written as `can0`.
 pub fn parse_channel(text: &str) -> Result<u8, String> {
     let number = text.strip_prefix("can").or_else(|| text.strip_prefix("CAN")).unwrap_or(text);
     let channel = number.parse().ok().filter(|channel| usize::from(*channel) < CHANNELS);
@@ -100,7 +100,7 @@ pub fn can_config(port: &Port, channel: u8) -> Option<&McanChannelConfig> {
     gateway.channels.get(usize::from(channel))?.as_ref().map(|channel| &channel.can)
 }
 
-/// Whether a word is the name of a channel, where can-utils have one and this program does not.
+/// Returns whether an argument is a channel name, which can-utils accept as an interface.
 pub fn names_channel(text: &str) -> bool {
     text.starts_with("can") && parse_channel(text).is_ok()
 }
@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn channels_are_read_by_number_or_all() {
+    fn channels_parse_numbers_and_all() {
         let parse = |text: &str| text.parse::<Channels>().map(|it| it.iter().collect::<Vec<_>>());
         assert_eq!(parse("2"), Ok(vec![2]));
         assert_eq!(parse("3,0"), Ok(vec![0, 3]));
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn recorded_interfaces_have_their_places() {
+    fn recorded_interfaces_map_to_channels() {
         let two: Channels = "0,2".parse().unwrap();
         let one = Channels::only(3);
         assert_eq!(one.place_of("vcan7", 1), Some((0, 3)));

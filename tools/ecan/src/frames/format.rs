@@ -1,4 +1,4 @@
-//! A line for a frame: candump's screen, candump's log, or JSON.
+//! Output formats of a frame: candump screen, candump log, or JSON.
 
 use std::fmt::Write;
 
@@ -10,15 +10,15 @@ use serde::Serialize;
 
 use crate::frames::timestamp::{Style, Timestamps};
 
-/// A frame with its time.
+/// Frame with time stamp.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedFrame {
-    /// Since 1970, or since the start of a simulation.
+    /// Time since 1970, or since the start of a stepped simulation.
     pub time_ns: u64,
     pub received: ReceivedFrame,
 }
 
-/// What is shown; the least by default.
+/// Output settings.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Screen {
     pub style: Option<Style>,
@@ -29,7 +29,7 @@ pub struct Screen {
     pub is_json: bool,
 }
 
-/// A frame for other programs, one object on a line.
+/// JSON form of a frame, one per line.
 #[derive(Debug, Serialize)]
 struct Line {
     time_ns: u64,
@@ -44,13 +44,13 @@ struct Line {
     device_time: Option<u64>,
 }
 
-/// Makes the lines of the screen, one after the other.
+/// Formatter for screen lines.
 #[derive(Debug)]
 pub struct ScreenLines {
     screen: Screen,
     timestamps: Option<Timestamps>,
     log: LogLines,
-    /// An extended identifier was seen.
+    /// Whether an extended CAN ID was seen.
     is_indented: bool,
 }
 
@@ -65,20 +65,20 @@ impl ScreenLines {
         }
     }
 
-    /// The line of the next frame, without its end.
-    pub fn line(&mut self, heard: &TimedFrame) -> String {
+    /// Formats the next frame, without line break.
+    pub fn line(&mut self, timed: &TimedFrame) -> String {
         if self.screen.is_json {
-            return json(heard);
+            return json(timed);
         }
         if self.screen.is_log {
-            return self.log.line(heard);
+            return self.log.line(timed);
         }
-        let ReceivedFrame { frame, channel, timestamp, .. } = &heard.received;
+        let ReceivedFrame { frame, channel, timestamp, .. } = &timed.received;
         self.is_indented |= frame.id().is_extended();
         let mut line = String::from(" ");
         // Writing to a String cannot fail.
         if let Some(timestamps) = &mut self.timestamps {
-            let _ = write!(line, "{} ", timestamps.text(heard.time_ns));
+            let _ = write!(line, "{} ", timestamps.text(timed.time_ns));
         }
         let _ = write!(line, " can{channel}");
         if self.screen.has_extra {
@@ -95,7 +95,7 @@ impl ScreenLines {
     }
 }
 
-/// Makes the lines of a log.
+/// Formatter for log lines.
 #[derive(Debug)]
 pub struct LogLines {
     timestamps: Timestamps,
@@ -108,10 +108,10 @@ impl LogLines {
         Self { timestamps, has_extra: screen.has_extra }
     }
 
-    /// The line of the next frame, without its end.
-    pub fn line(&mut self, heard: &TimedFrame) -> String {
-        let ReceivedFrame { frame, channel, .. } = &heard.received;
-        let time = self.timestamps.text(heard.time_ns);
+    /// Formats the next frame, without line break.
+    pub fn line(&mut self, timed: &TimedFrame) -> String {
+        let ReceivedFrame { frame, channel, .. } = &timed.received;
+        let time = self.timestamps.text(timed.time_ns);
         let mark = if self.has_extra { " R" } else { "" };
         format!("{time} can{channel} {}{mark}", FrameText(frame))
     }
@@ -133,11 +133,11 @@ fn device_time(timestamp: Timestamp) -> Option<u64> {
     }
 }
 
-fn json(heard: &TimedFrame) -> String {
-    let ReceivedFrame { frame, channel, timestamp, .. } = &heard.received;
+fn json(timed: &TimedFrame) -> String {
+    let ReceivedFrame { frame, channel, timestamp, .. } = &timed.received;
     let (has_bit_rate_switch, has_error_state) = fd_flags(frame);
     let line = Line {
-        time_ns: heard.time_ns,
+        time_ns: timed.time_ns,
         channel: *channel,
         id: frame.id().raw(),
         is_extended: frame.id().is_extended(),

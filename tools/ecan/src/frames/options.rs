@@ -1,4 +1,4 @@
-//! What the commands that carry frames are told about the gateway and its channels.
+//! Gateway and channel options of the frame commands.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use ecan_protocol::config::SamplePointWindow;
 
 use crate::frames::capture::CaptureOptions;
 
-/// Options of the commands that carry frames.
+/// Options of the frame commands.
 #[derive(Debug, Args)]
 pub struct FrameOptions {
     #[command(flatten)]
@@ -21,7 +21,7 @@ pub struct FrameOptions {
     pub gateway: GatewayOptions,
 }
 
-/// Options whose values a configuration file has.
+/// Options that exclude a configuration file.
 const OF_THE_FILE: [&str; 7] = [
     "bitrate",
     "data_bitrate",
@@ -32,57 +32,55 @@ const OF_THE_FILE: [&str; 7] = [
     "cycle_us",
 ];
 
-/// What a command is told about the gateway, its channels and its own thread.
+/// Options for the gateway, its channels and the cycle thread.
 #[derive(Debug, Args)]
 pub struct GatewayOptions {
     #[command(
         flatten,
-        next_help_heading = "Gateway: so it stays until its power is cycled, and `config save` would \
-                             store it"
+        next_help_heading = "Gateway (settings stay active until a power cycle; `config save` would store them)"
     )]
     pub setup: SetupOptions,
     #[command(flatten)]
     pub real_time: RealTimeArguments,
 }
 
-/// What a gateway and its channels are to be set to.
+/// Options for the gateway and its channels.
 #[derive(Clone, Debug, Args)]
 pub struct SetupOptions {
-    /// Take everything about the gateway from this configuration file, see `ecan config`: its place,
-    /// PDO size, profiles, channels with bit rates and filters, data path, cycle, clocks
+    /// Use a configuration file for all gateway settings, see `ecan config`
     #[arg(long, value_name = "FILE", conflicts_with_all = OF_THE_FILE)]
     pub config: Option<PathBuf>,
-    /// Nominal bit rate in bit/s; classic CAN, unless there is a data bit rate too
-    /// [default: the bit rates that the gateway is set to, of a plan 500000]
+    /// Nominal bit rate in bit/s; classic CAN without --data-bitrate [default: from the gateway;
+    /// 500000 in a plan]
     #[arg(long, value_name = "BITRATE")]
     pub bitrate: Option<u32>,
-    /// Use CAN FD, with this data bit rate in bit/s
+    /// Enable CAN FD with this data bit rate in bit/s
     #[arg(long, value_name = "BITRATE")]
     pub data_bitrate: Option<u32>,
-    /// Sample point in percent [default: as the gateway is set, or 75 to 87.5 with --bitrate]
+    /// Sample point in % [default: from the gateway, or 75 to 87.5 with --bitrate]
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
     sample_point: Option<u16>,
-    /// Sample point of the data phase in percent [default: 75 to 87.5, as the gateway finds it]
+    /// Sample point of the data phase in % [default: 75 to 87.5, chosen by the gateway]
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent, requires = "data_bitrate")]
     data_sample_point: Option<u16>,
-    /// PDO size per direction, in chunks of 128 bytes
+    /// PDO size per direction in chunks of 128 bytes, 1 to 24
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub pdo_n: u8,
-    /// The installed master carries more than 1486 bytes of process data per sync manager
+    /// Allow PDO sizes above 11 chunks, for masters that support large PDOs
     #[arg(long)]
     pub large_pdos: bool,
-    /// EtherCAT cycle in microseconds
+    /// EtherCAT cycle time, in us
     #[arg(long, value_name = "US", default_value_t = 1000,
           value_parser = clap::value_parser!(u32).range(100..=100_000))]
     pub cycle_us: u32,
 }
 
-/// Process data watchdog of a gateway that no file configures: a tool on a computer without real
-/// time may pause for longer than the default of 100 ms.
+/// Default process data watchdog. Longer than the 100 ms of an application, because a computer without
+/// real time may pause.
 pub const WATCHDOG: Duration = Duration::from_secs(1);
 
 impl SetupOptions {
-    /// So many gateways on the EtherCAT line.
+    /// Adapter configuration for a number of gateways.
     pub fn adapter(&self, count: u16) -> AdapterConfig {
         let mut adapter = AdapterConfig::new(count)
             .with_multiplier(self.pdo_n)
@@ -92,7 +90,7 @@ impl SetupOptions {
         adapter
     }
 
-    /// One CAN channel; `otherwise` is asked for the bit rates that no option names.
+    /// Configuration of a channel; `otherwise` returns the bit rates without an option.
     pub fn channel<E>(
         &self,
         otherwise: impl FnOnce() -> Result<ChannelConfig, E>,
@@ -118,9 +116,10 @@ impl SetupOptions {
     }
 }
 
-/// Percent with at most one decimal, as thousandths.
+/// Parses a percentage with at most one decimal, in per mille.
 fn parse_percent(text: &str) -> Result<u16, String> {
-    let wrong = || "expected percent with at most one decimal, as in 87.5".to_owned();
+    let wrong =
+        || "expected a percentage below 100 with at most one decimal, for example 87.5".to_owned();
     let (whole, tenths) = text.split_once('.').unwrap_or((text, "0"));
     let is_number = |digits: &str| digits.bytes().all(|digit| digit.is_ascii_digit());
     if tenths.len() != 1 || !is_number(tenths) || !is_number(whole) {

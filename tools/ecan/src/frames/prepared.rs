@@ -1,4 +1,4 @@
-//! From the options to a gateway that may go into service.
+//! Preparation of a gateway for the frame commands.
 
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -15,31 +15,30 @@ use crate::frames::settings::{GatewayRequirements, Planned, Settings};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
-/// A gateway that is there and can be what is wanted of it, on a bus that nothing was written to.
-/// Now is the time to create files, and threads that keep out of what the cycle's thread asks for.
+/// A checked gateway on an unmodified bus. Create files and threads now, before the real-time
+/// settings of the cycle thread are applied.
 #[derive(Debug)]
 pub struct Prepared<'a> {
     bus: Bus,
     place: GatewaySetup,
     cache_depth: u32,
-    /// The configuration file.
+    /// Path of the configuration file.
     config_path: Option<PathBuf>,
     real_time: &'a RealTimeArguments,
 }
 
 impl<'a> Prepared<'a> {
-    /// Looks for the library, the master and the gateway that the user chose, and checks what it is
-    /// to be set to.
+    /// Finds the library, the master and the selected gateway, and checks its configuration.
     pub fn new(
         settings: &Settings<'a>,
-        wishes: GatewayRequirements,
+        requirements: GatewayRequirements,
         global: &GlobalOptions,
         output: &Output,
     ) -> Result<Self, Failure> {
-        let kind = if wishes.has_end { ClockKind::Stepped } else { ClockKind::Real };
+        let kind = if requirements.has_end { ClockKind::Stepped } else { ClockKind::Real };
         let bus = settings.open_bus(global, output, kind)?;
         let Planned { positions, adapter, config, channels } =
-            settings.for_one(&bus, wishes, global)?;
+            settings.for_one(&bus, requirements, global)?;
         let position = positions.first().copied().unwrap_or_default();
         config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
         let place = GatewaySetup { position, adapter, config, channels };
@@ -48,7 +47,7 @@ impl<'a> Prepared<'a> {
         Ok(Self { bus, place, cache_depth, config_path, real_time })
     }
 
-    /// Refuses what needs CAN FD on a channel that has none.
+    /// Rejects a request for CAN FD on a classic channel.
     pub fn needs_fd(&self, what: impl Display, channel: u8) -> Result<(), Failure> {
         match self.has_fd(channel) {
             true => Ok(()),
@@ -56,14 +55,14 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// Whether a channel carries CAN FD.
+    /// Returns whether a channel has CAN FD.
     pub fn has_fd(&self, channel: u8) -> bool {
         let gateway = self.place.config.gateways.first();
         let channel = gateway.and_then(|it| it.channels.get(usize::from(channel)));
         channel.is_some_and(|it| it.as_ref().is_some_and(|it| it.can.fd))
     }
 
-    /// Brings it into service, with a capture where one is wanted; `None` when the user gave up.
+    /// Starts the gateway, with a capture if requested; `None` if the user stops.
     pub fn enter(
         self,
         capture: &CaptureOptions,

@@ -1,4 +1,4 @@
-//! Writing beside the cycle: an output that is slow, or stands still, does not hold it up.
+//! Output on a thread of its own, so that a slow or stalled output does not delay the cycle.
 
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -14,30 +14,30 @@ use crate::failure::Failure;
 use crate::frames::format::{LogLines, Screen, ScreenLines, TimedFrame};
 use crate::output::Output;
 
-/// Frames that may wait to be written: some seconds of four full channels.
+/// Maximum number of queued frames: some seconds of four full channels.
 const QUEUE: usize = 1 << 17;
-/// For so long an output may stand still once the user wants to stop.
+/// Time limit of a stalled output when the user stops.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Between two looks at the interrupt while something is waited for.
+/// Poll interval of the interrupt.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// Where to.
+/// Destinations.
 #[derive(Clone, Copy, Debug)]
 pub struct Destination<'a> {
-    /// On the screen.
+    /// Print on the screen.
     pub is_shown: bool,
-    /// Into a log; `-` is standard output.
+    /// Path of a log; `-` is standard output.
     pub log: Option<&'a Path>,
-    /// What becomes of a log that is there.
+    /// Policy for an existing log.
     pub existing: Existing,
 }
 
-/// The thread that writes.
+/// Output thread.
 #[derive(Debug)]
 pub struct Printer {
     queue: Option<SyncSender<TimedFrame>>,
     thread: JoinHandle<Result<(), Failure>>,
-    /// Nothing comes from it; it is cut when the thread is at its end.
+    /// Disconnected when the thread ends; carries no data.
     end: Receiver<()>,
     interrupt: Interrupt,
     log: Option<PathBuf>,
@@ -45,7 +45,7 @@ pub struct Printer {
 }
 
 impl Printer {
-    /// Starts it; creates the log.
+    /// Creates the log and starts the thread.
     pub fn start(
         screen: Screen,
         destination: Destination<'_>,
@@ -55,7 +55,7 @@ impl Printer {
         let writer = log.map(|path| Writer::create_with(path, existing)).transpose()?;
         let lines = is_shown.then(|| ScreenLines::new(screen));
         let log_lines = writer.map(|writer| (writer, LogLines::new(screen)));
-        let print = move |heard: &Receiver<TimedFrame>| print_all(heard, lines, log_lines);
+        let print = move |timed: &Receiver<TimedFrame>| print_all(timed, lines, log_lines);
         let printer = Self::start_with(QUEUE, interrupt, print)?;
         Ok(Self { log: log.map(Path::to_owned), ..printer })
     }
@@ -65,42 +65,42 @@ impl Printer {
         interrupt: &Interrupt,
         write: impl FnOnce(&Receiver<TimedFrame>) -> Result<(), Failure> + Send + 'static,
     ) -> Result<Self, Failure> {
-        let (queue, heard) = sync_channel(capacity);
+        let (queue, timed) = sync_channel(capacity);
         let (until_end, end) = sync_channel::<()>(0);
         let spawned = std::thread::Builder::new().name("printer".to_owned()).spawn(move || {
             let _until_end = until_end;
-            write(&heard)
+            write(&timed)
         });
         let thread = spawned.map_err(Failure::of_thread)?;
         let interrupt = interrupt.clone();
         Ok(Self { queue: Some(queue), thread, end, interrupt, log: None, dropped: 0 })
     }
 
-    /// Hands a frame over. In real time one for which there is no room is dropped; simulated time
-    /// can wait, until the user wants to stop.
-    pub fn put(&mut self, mut heard: TimedFrame, is_real_time: bool) {
+    /// Queues a frame. If the queue is full, real time drops the frame; simulated time waits until
+    /// the user stops.
+    pub fn put(&mut self, mut timed: TimedFrame, is_real_time: bool) {
         let Some(queue) = &self.queue else { return };
-        while let Err(error) = queue.try_send(heard) {
+        while let Err(error) = queue.try_send(timed) {
             match error {
-                // The thread's error tells.
+                // The error of the thread is returned by `finish`.
                 TrySendError::Disconnected(_) => return,
                 TrySendError::Full(_) if is_real_time || self.interrupt.is_set() => {
                     self.dropped += 1;
                     return;
                 }
-                TrySendError::Full(back) => heard = back,
+                TrySendError::Full(back) => timed = back,
             }
             std::thread::sleep(LOOK);
         }
     }
 
-    /// Whether it can write no more.
+    /// Returns whether the thread has ended.
     pub fn is_over(&self) -> bool {
         self.thread.is_finished()
     }
 
-    /// Waits until everything is written; says what was dropped. When the user wants to stop it waits
-    /// no longer than a second.
+    /// Waits until everything is written and reports dropped frames; at most a second after the
+    /// user stops.
     pub fn finish(mut self, output: &Output) -> Result<(), Failure> {
         self.queue = None;
         let mut deadline = None;
@@ -117,36 +117,36 @@ impl Printer {
             Err(panic) => std::panic::resume_unwind(panic),
         }
         if self.dropped > 0 {
-            let words = "frames were not written: the output is too slow";
+            let words = "frames dropped: the output is too slow";
             output.note(format_args!("# {} {words}", self.dropped));
         }
         Ok(())
     }
 }
 
-/// That nobody takes what is written.
+/// Error of a stalled output.
 fn stands_still(log: Option<PathBuf>) -> Failure {
-    let error = std::io::Error::new(ErrorKind::TimedOut, "it stands still, frames are missing");
+    let error = std::io::Error::new(ErrorKind::TimedOut, "output is stalled; frames were dropped");
     match log.filter(|path| !is_standard_stream(path)) {
         Some(path) => LogFileError::Write { path, error }.into(),
         None => Failure::Output(error),
     }
 }
 
-/// Writes what comes, and writes it out whenever nothing more waits.
+/// Writes frames and flushes whenever the queue is empty.
 fn print_all(
-    heard: &Receiver<TimedFrame>,
+    timed: &Receiver<TimedFrame>,
     mut screen: Option<ScreenLines>,
     mut log: Option<(Writer, LogLines)>,
 ) -> Result<(), Failure> {
     let mut stream = BufWriter::new(std::io::stdout());
-    while let Ok(first) = heard.recv() {
-        for heard in std::iter::once(first).chain(heard.try_iter()) {
+    while let Ok(first) = timed.recv() {
+        for timed in std::iter::once(first).chain(timed.try_iter()) {
             if let Some(screen) = &mut screen {
-                writeln!(stream, "{}", screen.line(&heard))?;
+                writeln!(stream, "{}", screen.line(&timed))?;
             }
             if let Some((log, lines)) = &mut log {
-                log.write_line(lines.line(&heard)).map_err(of_log)?;
+                log.write_line(lines.line(&timed)).map_err(of_log)?;
             }
         }
         stream.flush()?;
@@ -157,7 +157,7 @@ fn print_all(
     Ok(())
 }
 
-/// A log that goes to standard output is as good as the screen.
+/// Errors of a log on standard output are treated as output errors.
 fn of_log(error: LogFileError) -> Failure {
     match error {
         LogFileError::Write { path, error } if is_standard_stream(&path) => error.into(),
@@ -174,7 +174,7 @@ mod tests {
     use super::*;
     use crate::global::Color;
 
-    fn heard() -> TimedFrame {
+    fn timed_frame() -> TimedFrame {
         let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap();
         let (timestamp, source) = (Timestamp::None, ReceiveSource::default());
         let received = ReceivedFrame { slave: 0, channel: 0, frame, timestamp, source };
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn an_output_that_stands_still_holds_nobody_who_wants_to_stop() {
+    fn stalled_output_does_not_block_stopping() {
         let interrupt = Interrupt::default();
         let (release, held) = sync_channel::<()>(0);
         let mut printer = Printer::start_with(1, &interrupt, move |_| {
@@ -190,13 +190,13 @@ mod tests {
             Ok(())
         })
         .unwrap();
-        printer.put(heard(), false);
+        printer.put(timed_frame(), false);
         interrupt.request();
-        // There is no room, and simulated time would wait for it.
-        printer.put(heard(), false);
+        // The queue is full; simulated time would wait.
+        printer.put(timed_frame(), false);
         assert_eq!(printer.dropped, 1);
         let failure = printer.finish(&Output::new(false, Color::Never)).unwrap_err();
-        let words = "cannot write the output: it stands still, frames are missing";
+        let words = "cannot write the output: output is stalled; frames were dropped";
         assert_eq!((failure.to_string().as_str(), failure.status()), (words, 6));
         drop(release);
     }

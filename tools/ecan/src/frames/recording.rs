@@ -1,4 +1,4 @@
-//! A candump log, and where its frames go.
+//! Frames of a candump log with their channels.
 
 use std::path::Path;
 
@@ -7,26 +7,25 @@ use ecan_command_line::log_file::{self, Log, LoggedFrame};
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
 
-/// A frame of a recording with its place.
+/// Frame of a recording with its destination.
 #[derive(Clone, Debug)]
 pub struct Recorded {
-    /// The gateway, from 0.
+    /// Index of the gateway.
     pub gateway: usize,
     pub channel: u8,
     pub logged: LoggedFrame,
 }
 
-/// A log, as far as it goes to chosen channels.
+/// Frames of a log for the selected channels.
 #[derive(Clone, Debug)]
 pub struct RecordedLog {
-    /// At least one.
+    /// Frames, at least one.
     pub frames: Vec<Recorded>,
-    /// Lines of the log that are no frames of a bus.
+    /// Number of error messages in the log.
     pub error_messages: usize,
 }
 
-/// The frames of a log that go to these channels of so many gateways; see
-/// [`Channels::place_of`].
+/// Reads the frames for the selected channels of a number of gateways; see [`Channels::place_of`].
 pub fn read(path: &Path, channels: Channels, gateways: usize) -> Result<RecordedLog, Failure> {
     let place = |logged: LoggedFrame| {
         let (gateway, channel) = channels.place_of(&logged.interface, gateways)?;
@@ -37,7 +36,7 @@ pub fn read(path: &Path, channels: Channels, gateways: usize) -> Result<Recorded
     match frames.is_empty() {
         false => Ok(RecordedLog { frames, error_messages }),
         true => {
-            let words = format!("{} holds no frame of a chosen channel", path.display());
+            let words = format!("{} has no frames for the selected channels", path.display());
             Err(Failure::Usage(words))
         }
     }

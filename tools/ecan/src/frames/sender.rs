@@ -1,4 +1,4 @@
-//! Sending frames at their times, until they have left.
+//! Sends frames at their due times and waits for their transmission.
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{ReceiveSource, Received, ReceivedFrame};
@@ -14,26 +14,26 @@ use crate::frames::summary::Summary;
 use crate::frames::transmit_tracker::TransmitTracker;
 use crate::output::Output;
 
-/// How long frames may take to leave once the user wants to stop, in cycles' time: a computer that
-/// pauses takes nothing away from them.
-const FAREWELL_NS: u64 = 100_000_000;
+/// Time for pending frames after the user stops, in cycle time, so that pauses of the computer do
+/// not count.
+const GRACE_NS: u64 = 100_000_000;
 
-/// A frame, and when it is due.
+/// Frame with due time.
 #[derive(Clone, Copy, Debug)]
 pub struct Due {
-    /// After the start, in nanoseconds.
+    /// Due time after the start, in nanoseconds.
     pub after_ns: u64,
     pub channel: u8,
     pub frame: CanFrame,
 }
 
-/// What is written meanwhile.
+/// Frames to record.
 #[derive(Debug)]
 pub enum Record {
     Nothing,
-    /// The frames that go out.
+    /// Sent frames.
     Sent(Printer),
-    /// The frames that come.
+    /// Received frames.
     Received(Printer),
 }
 
@@ -54,7 +54,7 @@ impl Record {
             let Due { channel, frame, .. } = due;
             let (timestamp, source) = (Timestamp::None, ReceiveSource::default());
             let received = ReceivedFrame { slave: 0, channel, frame, timestamp, source };
-            // The screen of what is sent shows no times.
+            // Sent frames are printed without time stamps.
             printer.put(TimedFrame { time_ns: 0, received }, service.is_real_time());
         }
     }
@@ -69,7 +69,7 @@ impl Record {
         }
     }
 
-    /// Writes the last of it.
+    /// Finishes the record.
     pub fn finish(self, output: &Output) -> Result<(), Failure> {
         match self {
             Self::Nothing => Ok(()),
@@ -81,16 +81,16 @@ impl Record {
 /// Sends frames through one gateway.
 #[derive(Debug)]
 pub struct Sender<'a> {
-    /// The channels that are watched.
+    /// Observed channels.
     pub channels: Channels,
-    /// For so long no frame may leave, in nanoseconds.
+    /// Time limit without progress, in nanoseconds.
     pub timeout_ns: u64,
     pub interrupt: &'a Interrupt,
     pub record: Record,
 }
 
 impl Sender<'_> {
-    /// Sends all, `total` if there is an end, tells how it went, and judges it.
+    /// Sends all frames (`total`, if finite), prints the summary and checks it.
     pub fn run(
         mut self,
         mut service: Service,
@@ -98,62 +98,62 @@ impl Sender<'_> {
         total: Option<u64>,
         output: &Output,
     ) -> Result<(), Failure> {
-        let (departures, outcome) = self.send(&mut service, frames);
+        let (tracker, outcome) = self.send(&mut service, frames);
         let recorded = self.record.finish(output);
         let captured = service.finish();
-        let wanted = total.filter(|_| !self.interrupt.is_set()).unwrap_or(departures.count());
-        let summary = Summary::of(&departures, service.port(), wanted);
+        let wanted = total.filter(|_| !self.interrupt.is_set()).unwrap_or(tracker.count());
+        let summary = Summary::of(&tracker, service.port(), wanted);
         let told = match recorded {
             Err(Failure::Output(_) | Failure::ReaderGone) => Ok(()),
             _ => summary.print(output),
         };
         outcome.and(recorded).and(captured).and(told)?;
-        summary.judge(|words| departures.failure(&service, words, None))
+        summary.judge(|words| tracker.failure(&service, words, None))
     }
 
-    /// Sends all and waits until they have left; also where that fails, it is known how far it came.
+    /// Sends all frames and waits for their transmission; returns the tracker also on errors.
     pub fn send(
         &mut self,
         service: &mut Service,
         frames: impl Iterator<Item = Result<Due, Failure>>,
     ) -> (TransmitTracker, Result<(), Failure>) {
-        let mut departures = TransmitTracker::new(self.channels, service);
+        let mut tracker = TransmitTracker::new(self.channels, service);
         let outcome = self
-            .hand_over(service, frames, &mut departures)
-            .and_then(|()| self.settle(service, &mut departures));
-        departures.close(service, self.interrupt, outcome.is_ok());
-        (departures, outcome)
+            .hand_over(service, frames, &mut tracker)
+            .and_then(|()| self.settle(service, &mut tracker));
+        tracker.close(service, self.interrupt, outcome.is_ok());
+        (tracker, outcome)
     }
 
-    /// Puts all into images, each when it is due.
+    /// Sends all frames when they are due.
     fn hand_over(
         &mut self,
         service: &mut Service,
         mut frames: impl Iterator<Item = Result<Due, Failure>>,
-        departures: &mut TransmitTracker,
+        tracker: &mut TransmitTracker,
     ) -> Result<(), Failure> {
         let start_ns = service.now_ns();
         let mut next = frames.next().transpose()?;
         while next.is_some() && !self.interrupt.is_set() && !self.record.is_over() {
             let cycle = service.begin();
-            departures.look(&cycle, service.port());
+            tracker.look(&cycle, service.port());
             self.record.received(&cycle, service);
-            let mut has_room = true;
+            let mut has_space = true;
             while let Some(due) = next.filter(|due| due.after_ns <= cycle.now_ns - start_ns)
-                && has_room
+                && has_space
             {
                 match service.send(due.channel, &due.frame)? {
                     Some(ticket) => {
-                        departures.taken(ticket, cycle.now_ns);
+                        tracker.taken(ticket, cycle.now_ns);
                         self.record.sent(due, service);
                         next = frames.next().transpose()?;
                     }
-                    // It waits for the next cycle, and with it all behind it: their order holds.
-                    None => has_room = false,
+                    // The frame and all after it wait for the next cycle, in order.
+                    None => has_space = false,
                 }
             }
-            // A long gap is no standstill.
-            let is_stuck = !has_room && departures.standstill_ns(cycle.now_ns) >= self.timeout_ns;
+            // A gap between due times is not a stall.
+            let is_stuck = !has_space && tracker.stall_ns(cycle.now_ns) >= self.timeout_ns;
             service.end(cycle)?;
             if is_stuck {
                 break;
@@ -162,28 +162,28 @@ impl Sender<'_> {
         Ok(())
     }
 
-    /// Runs the cycle until everything has left, or nothing has for too long. Who has had enough
-    /// waits only as long as frames that are on their way need.
+    /// Runs the cycle until all frames are sent or there is no progress; after a stop by the user,
+    /// only for the pending frames.
     fn settle(
         &mut self,
         service: &mut Service,
-        departures: &mut TransmitTracker,
+        tracker: &mut TransmitTracker,
     ) -> Result<(), Failure> {
         let cycle_ns = u64::from(service.port().adapter().config().cycle_ns());
-        let mut farewell_ns = 0;
-        while !departures.are_settled(service.port()) {
+        let mut grace_ns = 0;
+        while !tracker.are_settled(service.port()) {
             let cycle = service.begin();
-            departures.look(&cycle, service.port());
+            tracker.look(&cycle, service.port());
             self.record.received(&cycle, service);
             let now_ns = cycle.now_ns;
             service.end(cycle)?;
             if self.interrupt.is_set() {
-                farewell_ns += cycle_ns;
-                if farewell_ns > FAREWELL_NS {
+                grace_ns += cycle_ns;
+                if grace_ns > GRACE_NS {
                     break;
                 }
             }
-            if departures.standstill_ns(now_ns) >= self.timeout_ns {
+            if tracker.stall_ns(now_ns) >= self.timeout_ns {
                 break;
             }
         }

@@ -1,4 +1,4 @@
-//! A gateway in service, and the cycle that keeps it there.
+//! A running gateway with its cycle, for the frame commands.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -23,55 +23,55 @@ use crate::frames::single_gateway::{session, statistics};
 use crate::frames::status_watch::StatusWatch;
 use crate::output::Output;
 
-/// Things that come back in a cycle, at first.
+/// Initial capacity for received items.
 const ARRIVALS: usize = 512;
 
-/// Depth of a channel's transmit cache where the gateway does not tell (manual 13.8).
+/// Default depth of a channel's transmit cache (manual 13.8).
 pub const CACHE_DEPTH: u32 = 64;
 
-/// One gateway, and its configuration as the only one of a Port.
+/// Gateway with its configuration.
 #[derive(Debug)]
 pub struct GatewaySetup {
-    /// Its place in the ring.
+    /// Position of the slave.
     pub position: usize,
-    /// The EtherCAT side.
+    /// EtherCAT configuration.
     pub adapter: AdapterConfig,
-    /// The CAN side.
+    /// CAN configuration.
     pub config: PortConfig,
-    /// The channels of which changes are told.
+    /// Channels whose changes are reported.
     pub channels: Channels,
 }
 
-/// A cycle between its beginning and its end.
+/// Started cycle.
 #[derive(Debug)]
 pub struct Cycle {
-    /// When it began, on the clock, in nanoseconds.
+    /// Start time on the cycle clock, in nanoseconds.
     pub now_ns: u64,
-    /// What came back.
+    /// Received items.
     pub arrivals: Vec<Arrival>,
 }
 
-/// A gateway in service.
+/// Running gateway.
 #[derive(Debug)]
 pub struct Service {
     port: Port,
-    /// What came back on the way into service, until the first cycle; then an empty store.
+    /// Items received during startup, until the first cycle; later an empty buffer.
     store: Vec<Arrival>,
     watch: StatusWatch,
-    /// The channels whose frames arrive.
+    /// Channels whose frames are received.
     heard: Channels,
-    /// From the clock to the time since 1970; none for simulated time that does not run by itself.
+    /// Offset from the cycle clock to the time since 1970; 0 for stepped time.
     since_1970_ns: u64,
     capture: Option<FrameCapture>,
-    /// Its place in the ring.
+    /// Position of the slave.
     position: usize,
-    /// Depth of the firmware's transmit cache of each channel (0xF000:29).
+    /// Depth of the firmware's transmit cache per channel (0xF000:29).
     cache_depth: u32,
     output: Output,
 }
 
 impl Service {
-    /// Brings a gateway into service on a bus that is open; `None` when the user gave up.
+    /// Starts a gateway; `None` if the user stops.
     pub fn start(
         ecrt: &Ecrt,
         place: GatewaySetup,
@@ -116,21 +116,20 @@ impl Service {
         }))
     }
 
-    /// What the commands need that carry frames of their own: the channels whose frames arrive, how
-    /// deep the gateway's transmit caches are, and a capture.
+    /// Sets the received channels, the depth of the transmit caches, and the capture.
     pub fn equip(&mut self, heard: Channels, cache_depth: u32, capture: Option<FrameCapture>) {
         let (is_real_time, since_1970_ns) = (self.is_real_time(), self.since_1970_ns);
         (self.heard, self.cache_depth) = (heard, cache_depth);
         self.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
     }
 
-    /// Waits for the next cycle and begins it.
+    /// Waits for the next cycle and starts it.
     pub fn begin(&mut self) -> Cycle {
         self.begin_with(|_| true)
     }
 
-    /// As [`begin`](Self::begin), without the frames that `wants` refuses: they go into no capture
-    /// either.
+    /// As [`begin`](Self::begin); frames for which `wants` is false are dropped, also from the
+    /// capture.
     pub fn begin_with(&mut self, mut wants: impl FnMut(&ReceivedFrame) -> bool) -> Cycle {
         let mut arrivals = std::mem::take(&mut self.store);
         let mut cycle = self.port.next_cycle();
@@ -148,7 +147,7 @@ impl Service {
         Cycle { now_ns, arrivals }
     }
 
-    /// Hands a frame over; `None` where there is no room in this cycle.
+    /// Sends a frame; `None` without space in this cycle.
     pub fn send(&mut self, channel: u8, frame: &CanFrame) -> Result<Option<SendTicket>, Failure> {
         let Some(mut cycle) = self.port.open_cycle() else { return Ok(None) };
         let to = cycle.channel(0, channel).map_err(|error| Failure::Usage(error.to_string()))?;
@@ -165,8 +164,8 @@ impl Service {
         }
     }
 
-    /// Ends a cycle. Says on standard error what has changed on the bus. A capture that cannot be
-    /// written any more is a failure.
+    /// Ends a cycle and reports bus changes on standard error. Fails if the capture cannot be
+    /// written.
     pub fn end(&mut self, cycle: Cycle) -> Result<(), Failure> {
         let ended = self.port.open_cycle().map_or(Ok(()), |open| open.end().map(drop));
         self.store = cycle.arrivals;
@@ -183,39 +182,38 @@ impl Service {
         ended.map_err(|error| Failure::Master(error.to_string()))
     }
 
-    /// No more cycles follow: says what was not said yet, and waits until the capture, if there is
-    /// one, is written.
+    /// Reports the remaining changes and finishes the capture.
     pub fn finish(&mut self) -> Result<(), Failure> {
         self.watch.finish(&self.port, comments(self.output, self.absolute_ns(self.now_ns())));
         self.finish_capture()
     }
 
-    /// Waits until the capture, if there is one, is written; says what was dropped.
+    /// Finishes the capture and reports dropped packets.
     fn finish_capture(&mut self) -> Result<(), Failure> {
         self.capture.take().map_or(Ok(()), |capture| capture.finish(&self.output))
     }
 
-    /// The configuration of a channel; none where it is not in service.
+    /// Configuration of a channel; `None` if it is disabled.
     pub fn can(&self, channel: u8) -> Option<&McanChannelConfig> {
         can_config(&self.port, channel)
     }
 
-    /// Frames that a channel holds at the most: in the firmware's cache, and in the CAN controller.
+    /// Maximum number of frames in a channel: firmware cache and CAN controller.
     pub fn capacity(&self, channel: u8) -> u64 {
         let controller = self.can(channel).map_or(0, |can| can.ram.tx_fifo_size);
         u64::from(self.cache_depth) + u64::from(controller)
     }
 
-    /// That the gateway was lost, and what came of it.
-    pub fn out_of_service(&self, what: &str) -> Failure {
+    /// Error for a lost gateway.
+    pub fn not_ready(&self, what: &str) -> Failure {
         let reason = match session(&self.port) {
-            Session::Ready => format!("it was lost for a while: {what}"),
-            session => format!("it was lost and is {session}: {what}"),
+            Session::Ready => format!("lost temporarily: {what}"),
+            session => format!("lost, now {session}: {what}"),
         };
-        Failure::OutOfService { position: self.position, reason }
+        Failure::NotReady { position: self.position, reason }
     }
 
-    /// That no frame came, or none that is wanted, and what the bit rates have to do with it.
+    /// Text for missing frames, with the bit rates.
     pub fn silence(&self) -> String {
         let counts = statistics(&self.port).channels;
         if self
@@ -223,7 +221,7 @@ impl Service {
             .iter()
             .any(|at| counts.get(usize::from(at)).is_some_and(|it| it.frames_received > 0))
         {
-            return "no frame came that passes the filters".to_owned();
+            return "no received frame passes the filters".to_owned();
         }
         let channels = self.heard.iter();
         let mut rates: Vec<_> = channels
@@ -235,14 +233,14 @@ impl Service {
             true => rates.iter().map(|(_, rates)| rates.to_string()).collect(),
             false => rates.iter().map(|(at, rates)| format!("{rates} on can{at}")).collect(),
         };
-        format!("no frame came: do the others on the bus have {}?", words.join(", "))
+        format!("no frame received; check that the other nodes use {}", words.join(", "))
     }
 
     pub fn port(&self) -> &Port {
         &self.port
     }
 
-    /// Where lines beside the data go.
+    /// Destination of status lines.
     pub fn output(&self) -> &Output {
         &self.output
     }
@@ -251,23 +249,23 @@ impl Service {
         &mut self.port
     }
 
-    /// The clock of the cycle in nanoseconds.
+    /// Time of the cycle clock in nanoseconds.
     pub fn now_ns(&self) -> u64 {
         self.port.adapter().clock().now_ns()
     }
 
-    /// A time of the clock as time since 1970, or as time of a stepped simulation.
+    /// Converts a time of the cycle clock to the time since 1970, or of a stepped simulation.
     pub fn absolute_ns(&self, time_ns: u64) -> u64 {
         time_ns.wrapping_add(self.since_1970_ns)
     }
 
-    /// Whether time goes on while nobody waits.
+    /// Returns whether the clock runs freely.
     pub fn is_real_time(&self) -> bool {
         self.port.adapter().clock().is_free_running()
     }
 }
 
-/// Lines on standard error, with a time.
+/// Status lines with a time stamp on standard error.
 fn comments(output: Output, time_ns: u64) -> impl FnMut(String) {
     let (seconds, micros) = parts(time_ns);
     move |line| output.note(format_args!("# ({seconds:010}.{micros:06}) {line}"))
@@ -286,28 +284,28 @@ fn since_1970_ns(clock: &dyn Clock) -> u64 {
     u64::try_from(since.as_nanos()).unwrap_or(0).wrapping_sub(clock.now_ns())
 }
 
-/// That something needs CAN FD, on a channel that has none by the options or the file.
+/// Error for CAN FD on a classic channel.
 pub fn without_fd(what: impl Display, channel: u8, file: Option<&Path>) -> Failure {
     Failure::Usage(match file {
-        None => format!("{what}: channel {channel} has no data bit rate, give --data-bitrate"),
+        None => format!("{what}: channel {channel} has no data bit rate; set --data-bitrate"),
         Some(path) => {
             format!("{what}: channel {channel} has no data_bitrate in {}", path.display())
         }
     })
 }
 
-/// The error of a gateway that is the only one of its Port.
+/// Error of the only gateway of a Port.
 pub fn failure(position: usize, error: PortError) -> Failure {
     match error {
         PortError::Config(faults) => Failure::Usage(faults.to_string()),
         PortError::Adapter(ecan_host::Error::Config(faults)) => Failure::Usage(faults.to_string()),
         PortError::Adapter(ecan_host::Error::Open(error)) => Failure::Master(error.to_string()),
         PortError::Cycle(error) => Failure::Master(error.to_string()),
-        error => Failure::OutOfService { position, reason: error.to_string() },
+        error => Failure::NotReady { position, reason: error.to_string() },
     }
 }
 
-/// Why the way into service ended.
+/// Reason for the end of the startup.
 enum Stop {
     Interrupted,
     Failed(PortError),

@@ -1,4 +1,4 @@
-//! What gateways are set to: by the options of the command, or by a configuration file.
+//! Gateway configuration from options or from a configuration file.
 
 use std::path::{Path, PathBuf};
 
@@ -19,29 +19,29 @@ use crate::frames::options::GatewayOptions;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
-/// What a command wants of the gateway.
+/// Requirements of a command.
 #[derive(Clone, Copy, Debug)]
 pub struct GatewayRequirements {
-    /// The channels that it uses.
+    /// Channels to use.
     pub channels: Channels,
-    /// The channels that there must be.
+    /// Channels that must exist.
     pub required: Channels,
     /// Listen without sending or acknowledging.
     pub is_listening: bool,
-    /// Received frames carry the gateway's time.
+    /// Received frames need time stamps of the gateway.
     pub has_device_time: bool,
-    /// The gateway tells what became of each frame.
+    /// Transmit results are needed.
     pub has_results: bool,
-    /// The command ends by itself, so a simulation need not take the time it simulates.
+    /// The command ends, so a simulation need not run in real time.
     pub has_end: bool,
 }
 
 impl GatewayRequirements {
-    /// To use these channels; each that is named must be there.
+    /// Requirements for channels; listed ones must exist.
     pub fn on(channels: Channels) -> Self {
         Self {
             channels,
-            required: if channels.is_whatever_there_is() { Channels::NONE } else { channels },
+            required: if channels.is_all() { Channels::NONE } else { channels },
             is_listening: false,
             has_device_time: false,
             has_results: false,
@@ -70,20 +70,20 @@ impl GatewayRequirements {
     }
 }
 
-/// Gateways of a bus and their configuration.
+/// Gateways of a bus with their configuration.
 #[derive(Debug)]
 pub struct Planned {
-    /// Their places in the ring.
+    /// Positions of the slaves.
     pub positions: Vec<usize>,
-    /// The EtherCAT side.
+    /// EtherCAT configuration.
     pub adapter: AdapterConfig,
-    /// The CAN side.
+    /// CAN configuration.
     pub config: PortConfig,
-    /// The channels that the command uses.
+    /// Channels to use.
     pub channels: Channels,
 }
 
-/// Where the settings come from.
+/// Source of the settings.
 #[derive(Debug)]
 pub struct Settings<'a> {
     options: &'a GatewayOptions,
@@ -91,7 +91,7 @@ pub struct Settings<'a> {
 }
 
 impl<'a> Settings<'a> {
-    /// Reads the file, where the options name one.
+    /// Reads the file, if given.
     pub fn of(options: &'a GatewayOptions) -> Result<Self, Failure> {
         let file = match &options.setup.config {
             Some(path) => Some((path.clone(), config_file::read(path)?)),
@@ -100,12 +100,12 @@ impl<'a> Settings<'a> {
         Ok(Self { options, file })
     }
 
-    /// What the cycle's thread is to be.
+    /// Real-time options.
     pub fn real_time(&self) -> &'a RealTimeArguments {
         &self.options.real_time
     }
 
-    /// The configuration file, where there is one.
+    /// Path of the configuration file, if given.
     pub fn config_path(&self) -> Option<PathBuf> {
         self.file.as_ref().map(|(path, _)| path.clone())
     }
@@ -123,24 +123,24 @@ impl<'a> Settings<'a> {
         }
     }
 
-    /// The gateway that the user chose, or the only one there is.
+    /// Configuration for the selected or only gateway.
     pub fn for_one(
         &self,
         bus: &Bus,
-        wishes: GatewayRequirements,
+        requirements: GatewayRequirements,
         global: &GlobalOptions,
     ) -> Result<Planned, Failure> {
         let Some((path, file)) = &self.file else {
-            return self.of_options(bus, vec![bus.slave()?], wishes, global.master());
+            return self.of_options(bus, vec![bus.slave()?], requirements, global.master());
         };
         let places = config_file::places(file, bus)?;
         match places[..] {
-            [place] => of_file(path, file, &[place], wishes, global),
+            [place] => of_file(path, file, &[place], requirements, global),
             [] => Err(no_gateway(path)),
             [..] => {
                 let slaves: Vec<_> = places.iter().map(|place| place.slave.to_string()).collect();
                 Err(Failure::Slave(format!(
-                    "{} describes several gateways; choose one with --slave, of {}",
+                    "{} describes several gateways; select one with --slave: {}",
                     path.display(),
                     slaves.join(", ")
                 )))
@@ -148,27 +148,27 @@ impl<'a> Settings<'a> {
         }
     }
 
-    /// The gateway that the user chose, or all: of the file, or of the bus.
+    /// Configuration for the selected gateway, or for all of the file or bus.
     pub fn for_all(
         &self,
         bus: &Bus,
-        wishes: GatewayRequirements,
+        requirements: GatewayRequirements,
         global: &GlobalOptions,
     ) -> Result<Planned, Failure> {
         if let Some((path, file)) = &self.file {
             let places = config_file::places(file, bus)?;
-            return of_file(path, file, &places, wishes, global);
+            return of_file(path, file, &places, requirements, global);
         }
         let positions = bus.chosen_or_every_gateway()?;
-        self.of_options(bus, positions, wishes, global.master())
+        self.of_options(bus, positions, requirements, global.master())
     }
 
-    /// By the options; where they name no bit rates, those that each gateway is set to.
+    /// Configuration from the options; default bit rates are those of each gateway.
     fn of_options(
         &self,
         bus: &Bus,
         positions: Vec<usize>,
-        wishes: GatewayRequirements,
+        requirements: GatewayRequirements,
         master: u32,
     ) -> Result<Planned, Failure> {
         let setup = &self.options.setup;
@@ -178,57 +178,56 @@ impl<'a> Settings<'a> {
         let mut config = PortConfig::default();
         for (slave, position) in adapter.slaves.iter_mut().zip(&positions) {
             slave.position = u16::try_from(*position)
-                .map_err(|_| Failure::Slave(format!("there is no slave {position}")))?;
+                .map_err(|_| Failure::Slave(format!("slave {position} does not exist")))?;
             let mut gateway = GatewayConfig::default();
             for (channel, place) in (0..).zip(&mut gateway.channels) {
-                if wishes.channels.contains(channel) {
+                if requirements.channels.contains(channel) {
                     let own = || bit_rates::of_gateway(bus, *position, channel);
                     *place = Some(setup.channel(own)?);
                 }
             }
-            wishes.apply(&mut gateway);
+            requirements.apply(&mut gateway);
             config.gateways.push(gateway).map_err(|_| too_many(positions.len()))?;
         }
-        Ok(Planned { positions, adapter, config, channels: wishes.channels })
+        Ok(Planned { positions, adapter, config, channels: requirements.channels })
     }
 }
 
-/// Gateways of a file, as it describes them. All of their channels are in service; the command uses
-/// those that it wishes for.
+/// Configuration from a file. All its channels are enabled; the command uses the requested ones.
 fn of_file(
     path: &Path,
     file: &ConfigFile,
     places: &[ResolvedGateway],
-    wishes: GatewayRequirements,
+    requirements: GatewayRequirements,
     global: &GlobalOptions,
 ) -> Result<Planned, Failure> {
     let mut adapter = AdapterConfig { slaves: List::new(), startup: List::new(), ..file.adapter };
     adapter.master_index = config_file::master(file, global);
     if let Some(dc) = &mut adapter.dc {
-        // Where the reference clock is not among these gateways, the master looks for one.
+        // If the reference clock is not among these gateways, the master selects one.
         let place = |gateway| places.iter().position(|place| place.gateway == gateway);
         dc.reference = dc.reference.and_then(place);
     }
     let mut config = PortConfig::default();
-    let mut channels = wishes.channels;
+    let mut channels = requirements.channels;
     for place in places {
         let slave = file.adapter.slaves.get(place.gateway);
         let gateway = file.port.gateways.get(place.gateway);
         let (Some(slave), Some(gateway)) = (slave, gateway) else { return Err(no_gateway(path)) };
         let enabled = Channels::of_mask(gateway.channel_mask());
-        if let Some(missing) = wishes.required.iter().find(|it| !enabled.contains(*it)) {
+        if let Some(missing) = requirements.required.iter().find(|it| !enabled.contains(*it)) {
             return Err(Failure::Usage(format!(
-                "channel {missing} is not in {}: gateway {} there has {enabled}",
+                "channel {missing} is not in {}; gateway {} has {enabled}",
                 path.display(),
                 place.gateway
             )));
         }
-        if wishes.channels.is_whatever_there_is() && places.len() == 1 {
+        if requirements.channels.is_all() && places.len() == 1 {
             channels = enabled;
         }
         config.add_gateway_of(&file.port, place.gateway).map_err(|_| too_many(places.len()))?;
         if let Some(gateway) = config.gateways.last_mut() {
-            wishes.apply(gateway);
+            requirements.apply(gateway);
         }
         let full = |_| Failure::Usage(format!("{} has too many gateways", path.display()));
         for step in file.adapter.startup_of(place.gateway) {
@@ -248,6 +247,6 @@ fn too_many(count: usize) -> Failure {
 }
 
 fn no_gateway(path: &Path) -> Failure {
-    let reason = "it describes no gateway".to_owned();
+    let reason = "the file describes no gateway".to_owned();
     Failure::File { what: "use", path: path.to_owned(), reason }
 }

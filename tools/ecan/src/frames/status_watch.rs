@@ -1,4 +1,4 @@
-//! Telling what changes on channels and in the gateway's session.
+//! Reports changes of channel states and of the session.
 
 use ecan_mcan_port::{Port, Session};
 use ecan_protocol::image::{ChannelState, ChannelStatus};
@@ -8,13 +8,12 @@ use crate::frames::bit_rates::BitRates;
 use crate::frames::channels::{Channels, can_config};
 use crate::frames::single_gateway::{channel_status, session, statistics};
 
-/// A channel that comes and goes would fill the screen: in the long run it gets a line in so many
-/// nanoseconds.
+/// Interval of the lines of a channel with frequent changes, in nanoseconds.
 const PAUSE_NS: u64 = 1_000_000_000;
-/// Lines that it may have one after the other.
+/// Maximum number of lines in a burst.
 const AT_ONCE: u64 = 3;
 
-/// What of a channel's status is worth a line.
+/// Reported part of a channel status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Condition {
     state: ChannelState,
@@ -33,7 +32,7 @@ impl Condition {
         takes_part && !self.has_warning && !self.is_bus_off
     }
 
-    fn words(self) -> String {
+    fn text(self) -> String {
         match self {
             Self { is_bus_off: true, .. } => "bus-off".to_owned(),
             Self { state, has_warning: true, .. } => {
@@ -44,20 +43,20 @@ impl Condition {
     }
 }
 
-/// What is known of a channel, and what was said of it.
+/// Last reported state of a channel.
 #[derive(Clone, Copy, Debug, Default)]
 struct LastReported {
     seen: Option<Condition>,
-    /// Until then its lines have been used up, a pause each.
+    /// Time until which the line budget is used up.
     paid_until_ns: u64,
     /// Changes since the last line.
     changes: u32,
 }
 
 impl LastReported {
-    /// Takes what it is now; the words for it, where they are due.
+    /// Updates the state; returns a line if one is due.
     fn next(&mut self, now: Condition, now_ns: u64) -> Option<String> {
-        // Before the first image there is no status to speak of.
+        // There is no status before the first image.
         let is_unknown = self.seen.is_none() && now.state == ChannelState::Disabled;
         if is_unknown {
             return None;
@@ -73,9 +72,9 @@ impl LastReported {
         self.rest()
     }
 
-    /// The words for changes that were not told.
+    /// Returns a line for unreported changes.
     fn rest(&mut self) -> Option<String> {
-        let words = self.seen?.words();
+        let words = self.seen?.text();
         match std::mem::take(&mut self.changes) {
             0 => None,
             1 => Some(words),
@@ -84,7 +83,7 @@ impl LastReported {
     }
 }
 
-/// How many lost images of the gateway were told.
+/// Reported number of lost images.
 #[derive(Debug, Default)]
 struct Losses {
     told: u64,
@@ -92,7 +91,7 @@ struct Losses {
 }
 
 impl Losses {
-    /// Takes their number; how many there are to tell, at most once in a pause.
+    /// Updates the number; returns the number to report, at most once per interval.
     fn next(&mut self, lost: u64, now_ns: u64) -> Option<u64> {
         let new = lost.saturating_sub(self.told);
         if new == 0 || now_ns < self.next_ns {
@@ -103,7 +102,7 @@ impl Losses {
     }
 }
 
-/// Remembers what was seen last.
+/// Change detector.
 #[derive(Debug)]
 pub struct StatusWatch {
     channels: Channels,
@@ -113,19 +112,19 @@ pub struct StatusWatch {
 }
 
 impl StatusWatch {
-    /// Starts with a gateway in service and channels that run as they should.
+    /// Starts with a ready gateway and running channels.
     pub fn new(channels: Channels, port: &Port) -> Self {
         let losses = Losses { told: lost_images(port), ..Losses::default() };
         Self { channels, told: Default::default(), session: Session::Ready, losses }
     }
 
-    /// Hands a line for what has changed to `say`, of each channel in the long run one a second, and
-    /// of lost images.
+    /// Passes a line for each change to `say`: lost images, and up to one per second and channel in
+    /// the long run.
     pub fn look(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
         let session = session(port);
         if session != self.session {
             self.session = session;
-            say(format!("the gateway is {session}"));
+            say(format!("gateway: {session}"));
         }
         self.tell_losses(port, now_ns, &mut say);
         if session != Session::Ready {
@@ -137,28 +136,28 @@ impl StatusWatch {
             let Some(words) = told.and_then(|told| told.next(now, now_ns)) else { continue };
             let rates = can_config(port, channel).filter(|_| now.has_warning || now.is_bus_off);
             let rates = rates.map_or_else(String::new, |can| format!(", at {}", BitRates::of(can)));
-            say(format!("can{channel} {words}{rates}"));
+            say(format!("can{channel}: {words}{rates}"));
         }
     }
 
-    /// What is left to say when no more looks follow.
+    /// Reports the remaining changes.
     pub fn finish(&mut self, port: &Port, mut say: impl FnMut(String)) {
         self.tell_losses(port, u64::MAX, &mut say);
         for (channel, told) in self.told.iter_mut().enumerate() {
             if let Some(words) = told.rest() {
-                say(format!("can{channel} {words}"));
+                say(format!("can{channel}: {words}"));
             }
         }
     }
 
     fn tell_losses(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
         if let Some(lost) = self.losses.next(lost_images(port), now_ns) {
-            say(format!("lost images of the gateway: {lost}; frames of the bus may be missing"));
+            say(format!("gateway: {lost} images lost, received frames may be missing"));
         }
     }
 }
 
-/// Images that never came, or damaged: those leave the same gap.
+/// Lost and invalid images.
 fn lost_images(port: &Port) -> u64 {
     statistics(port).txpdo_lost
 }
@@ -168,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_channel_that_comes_and_goes_is_told_at_once_and_then_once_a_second() {
+    fn frequent_changes_are_reported_once_a_second() {
         let condition =
             |is_bus_off| Condition { state: ChannelState::Run, has_warning: false, is_bus_off };
         let mut told = LastReported::default();
@@ -178,7 +177,7 @@ mod tests {
             .collect();
         let later = ["bus-off (998 changes)", "bus-off (1000 changes)"];
         assert_eq!(lines, [&["bus-off", "run", "bus-off"][..], &later].concat());
-        // What was held back comes when the time is over, also when nothing happens any more.
+        // Withheld changes are reported later, even without new changes.
         let last = told.next(condition(false), 3_500_000_000);
         assert_eq!(last.as_deref(), Some("run (999 changes)"));
         assert_eq!(told.next(condition(false), 9_000_000_000), None);

@@ -1,30 +1,30 @@
-//! candump's times.
+//! Time stamps of candump.
 
 use clap::ValueEnum;
 
-/// How a time is shown.
+/// Style of time stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Style {
-    /// Seconds since 1970; in a simulation that does not run in real time, since its start
+    /// Seconds since 1970, or since the start of a stepped simulation
     #[value(name = "a")]
     Absolute,
-    /// Since the frame before
+    /// Time since the previous frame
     #[value(name = "d")]
     Delta,
-    /// Since the first frame
+    /// Time since the first frame
     #[value(name = "z")]
     Zero,
-    /// Date and time of the day
+    /// Date and time of day
     #[value(name = "A")]
     Date,
 }
 
-/// Writes the times of frames, one after the other.
+/// Formatter for time stamps.
 #[derive(Debug)]
 pub struct Timestamps {
     style: Style,
     has_nanoseconds: bool,
-    /// The first frame, or the last one.
+    /// Time of the first or the previous frame.
     reference_ns: Option<u64>,
 }
 
@@ -33,7 +33,7 @@ impl Timestamps {
         Self { style, has_nanoseconds, reference_ns: None }
     }
 
-    /// The time of the next frame, in brackets.
+    /// Formats the time of the next frame, in parentheses.
     pub fn text(&mut self, time_ns: u64) -> String {
         match self.style {
             Style::Absolute => self.bracket(&format!("{:010}", seconds(time_ns)), time_ns),
@@ -63,7 +63,7 @@ fn seconds(time_ns: u64) -> u64 {
     time_ns / 1_000_000_000
 }
 
-/// Local date and time of the day.
+/// Local date and time of day.
 fn date(time_ns: u64) -> String {
     let since_1970 = i64::try_from(seconds(time_ns)).ok();
     let time = since_1970.and_then(|seconds| jiff::Timestamp::from_second(seconds).ok());
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_written_as_candump_does() {
+    fn time_stamps_match_candump() {
         let first = 1_398_128_223_803_317_555;
         let frames = [first, first + 20_000_500, first + 1_020_000_000];
         let texts = |style, has_nanoseconds| {

@@ -1,4 +1,4 @@
-//! Whether frames have left: the gateway's results, and what waits in its channels (manual 7, 10).
+//! Tracks the transmission of frames by transmit results and pending counts (manual 7, 10).
 
 use std::collections::HashMap;
 
@@ -12,40 +12,40 @@ use crate::frames::channels::{Channels, can_config};
 use crate::frames::service::{Cycle, Service};
 use crate::frames::single_gateway::{channel_status, session};
 
-/// Cycles behind the last result after which a channel's status has seen all frames.
+/// Cycles after the last result until the channel status covers all frames.
 const STATUS_CYCLES: usize = 3;
-/// Frames that wait for their results, at first.
+/// Initial capacity for frames without result.
 const UNDER_WAY: usize = 4096;
-/// Where the pending count of the status word ends.
+/// Saturation value of the pending count in the status word.
 const SATURATED: u32 = 7;
 
-/// The way of frames out of the gateway.
+/// Transmission state of the frames of a gateway.
 #[derive(Debug)]
 pub struct TransmitTracker {
     channels: Channels,
-    /// Frames without a result, with their numbers.
+    /// Frames without result, with their numbers.
     open: HashMap<SendTicket, u64>,
     taken: u64,
     handed_over: u64,
     failed: u64,
     first_failure: Option<(u64, ResultCode)>,
     quiet_cycles: usize,
-    /// Frames handed over, as of the last cycles, the oldest first.
+    /// Accepted frames after the last cycles, the oldest first.
     recently_handed_over: [u64; STATUS_CYCLES],
-    /// Of those handed over, the frames that have left for sure.
+    /// Number of accepted frames that were sent for sure.
     departed: u64,
-    /// Frames that the channels hold at the most.
+    /// Maximum number of frames in the channels.
     capacity: u64,
-    /// Frames that waited in the channels at the end.
+    /// Frames pending in the channels at the end.
     waiting: u64,
     /// Frames that a lost gateway may have held.
     doubtful: u64,
     pending: u32,
     session: Session,
     was_lost: bool,
-    /// The user did not wait for the end.
+    /// The user stopped.
     is_stopped: bool,
-    /// A channel that was off the bus meanwhile; it may be back.
+    /// Channel that was bus-off; it may have recovered.
     bus_off: Option<u8>,
     last_progress_ns: u64,
     start_ns: u64,
@@ -53,7 +53,7 @@ pub struct TransmitTracker {
 }
 
 impl TransmitTracker {
-    /// Of a gateway in service, from now on.
+    /// Starts tracking a ready gateway.
     pub fn new(channels: Channels, service: &Service) -> Self {
         let now_ns = service.now_ns();
         Self {
@@ -80,14 +80,14 @@ impl TransmitTracker {
         }
     }
 
-    /// A frame was put into an image; its number counts from 0.
+    /// Adds a frame; numbers count from 0.
     pub fn taken(&mut self, ticket: SendTicket, now_ns: u64) {
         self.open.insert(ticket, self.taken);
         self.taken += 1;
         (self.quiet_cycles, self.last_progress_ns) = (0, now_ns);
     }
 
-    /// Looks at what a cycle brought.
+    /// Evaluates a cycle.
     pub fn look(&mut self, cycle: &Cycle, port: &Port) {
         self.watch_session(session(port));
         let is_off = |channel: &u8| channel_status(port, *channel).bus_off();
@@ -116,7 +116,7 @@ impl TransmitTracker {
         }
         self.pending = pending;
         if pending < SATURATED {
-            // What was handed over so long ago and does not wait has left.
+            // Frames accepted that long ago and not pending were sent.
             let [oldest, ..] = self.recently_handed_over;
             self.departed = self.departed.max(oldest.saturating_sub(pending.into()));
         }
@@ -125,7 +125,7 @@ impl TransmitTracker {
         *newest = self.handed_over;
     }
 
-    /// A gateway that is lost forgets what it holds.
+    /// A lost gateway drops its frames.
     fn watch_session(&mut self, session: Session) {
         if self.session == Session::Ready && session != Session::Ready {
             self.was_lost = true;
@@ -135,44 +135,44 @@ impl TransmitTracker {
         self.session = session;
     }
 
-    /// Frames that the channels may hold.
+    /// Number of frames that the channels may hold.
     fn possibly_held(&self) -> u64 {
         (self.handed_over - self.departed).min(self.capacity)
     }
 
-    /// The channels that are watched.
+    /// Tracked channels.
     pub fn channels(&self) -> Channels {
         self.channels
     }
 
-    /// Frames put into images.
+    /// Number of frames added.
     pub fn count(&self) -> u64 {
         self.taken
     }
 
-    /// From the start to the last frame that is known to have left, in nanoseconds.
+    /// Time from the start to the last sent frame, in nanoseconds.
     pub fn elapsed_ns(&self) -> u64 {
         self.last_departure_ns.saturating_sub(self.start_ns)
     }
 
-    /// The number of the first frame that the gateway did not take, and what it says.
+    /// Number and result of the first rejected frame.
     pub fn first_failure(&self) -> Option<(u64, ResultCode)> {
         self.first_failure
     }
 
-    /// Since the last frame or result, in nanoseconds.
-    pub fn standstill_ns(&self, now_ns: u64) -> u64 {
+    /// Time since the last frame or result, in nanoseconds.
+    pub fn stall_ns(&self, now_ns: u64) -> u64 {
         now_ns.saturating_sub(self.last_progress_ns)
     }
 
-    /// Whether nothing more is to come: every frame has its result, and no channel holds any.
+    /// Returns whether every frame has its result and no channel holds frames.
     pub fn are_settled(&self, port: &Port) -> bool {
         self.open.is_empty()
             && self.quiet_cycles >= STATUS_CYCLES
             && self.channels.iter().all(|it| channel_status(port, it).tx_pending() == 0)
     }
 
-    /// No more cycles follow: counts what waits in the channels. A gateway that answers is asked.
+    /// Ends tracking: counts the pending frames, with a mailbox access if the gateway responds.
     pub fn close(&mut self, service: &mut Service, interrupt: &Interrupt, has_answers: bool) {
         self.is_stopped = interrupt.is_set();
         if !has_answers || self.session != Session::Ready {
@@ -183,7 +183,7 @@ impl TransmitTracker {
             self.waiting = self.pending.into();
             return;
         }
-        // The status counts no further (0x9000:11).
+        // The status word saturates; read the count (0x9000:11).
         let channels: Vec<_> = self.channels.iter().map(u16::from).collect();
         let counted = service.port_mut().diagnose(|diagnostics| {
             let count = |channel| diagnostics.sdo_upload_u32(0, 0x9000 + channel, 11);
@@ -195,8 +195,7 @@ impl TransmitTracker {
         }
     }
 
-    /// What became of the frames, once [closed](Self::close). Frames that still wait in a channel
-    /// have not left.
+    /// Final counts, after [`close`](Self::close). Frames pending in a channel are not sent.
     pub fn outcome(&self) -> Outcome {
         let doubtful = self.doubtful.min(self.handed_over);
         let waiting = self.waiting.min(self.handed_over - doubtful);
@@ -212,18 +211,18 @@ impl TransmitTracker {
         }
     }
 
-    /// That frames stayed behind, in these words, and why, as far as gateway and channels tell.
+    /// Error for unsent frames, with the cause if known.
     pub fn failure(&self, service: &Service, words: String, otherwise: Option<&str>) -> Failure {
         if self.was_lost {
-            return service.out_of_service(&words);
+            return service.not_ready(&words);
         }
         match self.cause(service.port()).or(otherwise.map(str::to_owned)) {
-            Some(cause) => Failure::TooFew(format!("{words}: {cause}")),
-            None => Failure::TooFew(words),
+            Some(cause) => Failure::Incomplete(format!("{words}: {cause}")),
+            None => Failure::Incomplete(words),
         }
     }
 
-    /// Why frames do not leave, as far as the channels tell.
+    /// Cause of unsent frames in the view of the channels.
     fn cause(&self, port: &Port) -> Option<String> {
         let rates = |channel| {
             can_config(port, channel).map_or_else(String::new, |can| BitRates::of(can).to_string())
@@ -231,8 +230,7 @@ impl TransmitTracker {
         if let Some(channel) = self.bus_off {
             let rates = rates(channel);
             return Some(format!(
-                "channel {channel} went bus-off: do the others on the bus have {rates}, is the wiring \
-                 right?"
+                "channel {channel} went bus-off; check that the other nodes use {rates}, and the wiring"
             ));
         }
         let holds_frames = |channel: &u8| channel_status(port, *channel).tx_pending() > 0;
@@ -241,39 +239,39 @@ impl TransmitTracker {
         let rates = rates(channel);
         Some(if status.warn() {
             format!(
-                "channel {channel} gets no acknowledgement: is there another node at {rates}, \
-                 are wiring and termination right?"
+                "channel {channel} gets no acknowledgement; check for another node with {rates}, \
+                 wiring and termination"
             )
         } else {
-            format!("channel {channel} has not sent what it holds: is the bus full?")
+            format!("channel {channel} has pending frames; check the bus load")
         })
     }
 }
 
-/// Frames that wait in the channels, as far as their status tells: it counts to 7.
+/// Pending frames in the channels, from their status, up to 7 each.
 fn pending(channels: Channels, port: &Port) -> u32 {
     channels.iter().map(|it| u32::from(channel_status(port, it).tx_pending())).sum()
 }
 
-/// What became of frames.
+/// Final counts.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
-    /// Known to have left.
+    /// Sent frames.
     pub sent: u64,
-    /// Refused by the gateway.
+    /// Frames rejected by the gateway.
     pub refused: u64,
-    /// Still in a channel.
+    /// Frames pending in a channel.
     pub waiting: u64,
-    /// Without a word from the gateway, or in one that was lost.
+    /// Frames without result, or in a gateway that was lost.
     pub unknown: u64,
-    /// On their way when the user stopped.
+    /// Frames in transit when the user stopped.
     pub under_way: u64,
-    /// A channel that was off the bus: what it held may be lost.
+    /// Channel that was bus-off: its frames may be lost.
     pub bus_off: Option<u8>,
 }
 
 impl Outcome {
-    /// Not known to have left.
+    /// Frames not confirmed as sent.
     pub fn lost(&self) -> u64 {
         self.refused + self.waiting + self.unknown
     }

@@ -119,7 +119,7 @@ fn a_terminal_is_a_serial_adapter() {
 #[test]
 fn frames_of_an_outage_are_refused_and_never_sent() {
     let fault = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 500";
-    let late = refuses_during("kind = \"silent\"", fault, "the gateway is in service");
+    let late = refuses_during("kind = \"silent\"", fault, "gateway: in service");
     assert_eq!(late, [0; 0]);
 }
 

@@ -314,8 +314,8 @@ fn wrong_use_is_named_and_told_by_the_status() {
         (2, &["diag", "--from", &missing, "--slave", "1"], "--slave is not used by this command"),
         (2, &["--slave", "1", "diag", "--from", &missing], "--slave is not used by this command"),
         (3, &["diag"], "libethercat.so.1"),
-        (4, &["--ecrt", &two, "diag"], "choose one with --slave"),
-        (4, &["--ecrt", "sim", "diag", "--slave", "7"], "there is no slave 7"),
+        (4, &["--ecrt", &two, "diag"], "select one with --slave"),
+        (4, &["--ecrt", "sim", "diag", "--slave", "7"], "slave 7 does not exist"),
     ];
     for (status, arguments, words) in cases {
         let message = fails(status, arguments);

@@ -79,13 +79,13 @@ fn filters_choose_frames() {
 fn it_ends_after_a_count_or_a_silence_and_tells_by_the_status() {
     assert_eq!(bus().good(&["dump", "-n", "1"]).lines().count(), 1);
     let message = bus().fails(1, &["dump", "-T", "100"]);
-    let words = "ecan: no frame came: do the others on the bus have 500000/5000000 bit/s?";
+    let words = "ecan: no frame received; check that the other nodes use 500000/5000000 bit/s";
     assert_eq!(message, words);
     let message = bus().fails(1, &["dump", "-T", "9000", "-n", "9"]);
     assert_eq!(message, "ecan: 5 of 9 frames received");
     assert_eq!(bus().good(&["dump", "-T", "9000", "-n", "5"]).lines().count(), 5);
     let message = bus().fails(1, &["dump", "-T", "9000", "700:7FF"]);
-    assert_eq!(message, "ecan: no frame came that passes the filters");
+    assert_eq!(message, "ecan: no received frame passes the filters");
     // Nothing is on the other channels.
     bus().fails(1, &["dump", "-T", "9000", "--channel", "1,2,3"]);
 }
@@ -155,8 +155,8 @@ fn lost_images_are_comments_on_standard_error() {
     let errors = String::from_utf8(output.stderr).unwrap();
     let told: Vec<_> = errors.lines().filter_map(|line| line.split(") ").nth(1)).collect();
     // The second waits until a second after the first has gone by.
-    let expected = [3, 1, 2]
-        .map(|n| format!("lost images of the gateway: {n}; frames of the bus may be missing"));
+    let expected =
+        [3, 1, 2].map(|n| format!("gateway: {n} images lost, received frames may be missing"));
     assert_eq!(told, expected, "{errors}");
     assert_eq!(String::from_utf8(output.stdout).unwrap().lines().count(), 4000 - 6);
 
@@ -172,7 +172,10 @@ fn lost_images_are_comments_on_standard_error() {
     let told: Vec<_> = errors.lines().filter_map(|line| line.split("gateway: ").nth(1)).collect();
     assert_eq!(
         told,
-        ["1; frames of the bus may be missing", "2; frames of the bus may be missing"],
+        [
+            "1 images lost, received frames may be missing",
+            "2 images lost, received frames may be missing"
+        ],
         "{errors}"
     );
 }
@@ -232,7 +235,7 @@ fn misuse_is_named_and_told_by_the_status() {
             "N = 25 is out of range; allowed: 1 to 24",
         ),
         (2, &["--ecrt", "sim", "dump", "--bitrate", "333"], "bit/s"),
-        (2, &["dump", "--sample-point", "120"], "expected percent"),
+        (2, &["dump", "--sample-point", "120"], "expected a percentage"),
         (3, &["--ecrt", "/nonexistent.so", "dump"], "/nonexistent.so"),
         (6, &["--ecrt", "sim", "dump", "-l", "/nonexistent/a.log"], "cannot write /nonexistent/a"),
     ];

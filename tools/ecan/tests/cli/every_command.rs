@@ -116,7 +116,7 @@ fn a_slave_that_is_not_there_is_told() {
     let files = Scenario::new("");
     for command in commands_of_one(&files).into_iter().chain(commands_of_all(&files)) {
         let cases = [
-            ("9", "slave 9 does not exist: allowed: 0"),
+            ("9", "slave 9 does not exist; allowed: 0"),
             ("alias=3", "no slave has the alias 3"),
             ("serial=5", "no gateway has the serial number 5"),
         ];

@@ -77,7 +77,7 @@ fn a_version_that_cannot_be_read_has_its_reason_in_its_row() {
     let expected = "\
 POS  STATE  FIRMWARE  SERIAL
 0    PREOP  2.2.1     4294967297
-1    PREOP  -         not read: it cannot be identified: ethercat \
+1    PREOP  -         not read: cannot be identified: ethercat \
 upload: Failed to upload SDO: Input/output error
 2    PREOP  2.2.1     4294967299
 ";
@@ -151,7 +151,7 @@ fn where_the_master_does_not_tell_why_the_gateway_does() {
     let json: Value = serde_json::from_str(&out).unwrap();
     assert_eq!((status, &json[0]["refusal"]["cause"]), (5, &Value::from("verify")));
     let words = json[0]["words"].as_str().unwrap();
-    assert!(words.contains("FOE_ACK_ERROR; 0xB000:11 of the gateway is 0x8010"), "{words}");
+    assert!(words.contains("FOE_ACK_ERROR; status 0xB000:11 = 0x8010"), "{words}");
 }
 
 #[test]
@@ -189,7 +189,7 @@ fn another_version_than_the_expected_one_is_no_success() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--expect-version", "3.1.0"]);
     assert_eq!(status, 1);
-    assert!(out.contains("3.0.7  wrong version, 3.1.0 was expected"), "{out}");
+    assert!(out.contains("3.0.7  wrong version, expected 3.1.0"), "{out}");
 }
 
 #[test]
@@ -248,7 +248,7 @@ fn several_gateways_are_updated_in_turn() {
     assert!(out.contains("\n2    2.2.1   3.0.7  updated\n2 of 3 gateways run the new firmware\n"));
     assert!(errors.contains("1 of 3 gateways do not run the new firmware"), "{errors}");
     assert!(
-        errors.contains("slave 0: 2.2.1 -> 3.0.7, updated\nslave 1: 2.2.1, the gateway's"),
+        errors.contains("slave 0: 2.2.1 -> 3.0.7, updated\nslave 1: 2.2.1, the flash"),
         "{errors}"
     );
     assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, NEW]);
@@ -296,7 +296,7 @@ fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
     assert!(errors.contains("select one with --slave: 0, 1, or all with --all"), "{errors}");
     let (status, out, errors) = update(&tool, package.path(), &["--all"]);
     assert_eq!((status, tool.writes().len()), (1, 1), "{out}{errors}");
-    let line = "\n0    -       -      nothing written: it cannot be identified it is an";
+    let line = "\n0    -       -      nothing written: cannot be identified:";
     assert!(out.contains(line), "{out}");
     assert!(out.contains("\n1    2.2.1   3.0.7  updated\n1 of 2 gateways run the new"), "{out}");
     // The identity in the SII tells that it is another device.
@@ -428,7 +428,7 @@ fn misuse_is_named_before_anything_is_written() {
     let cases: [(i32, &[&str], &str); 9] = [
         (2, &["update", path], "use --yes"),
         (2, &["update", path, "--yes", "--all", "--slave", "0"], "take one"),
-        (4, &["update", path, "--yes", "--slave", "7"], "there is no slave 7: allowed: 0"),
+        (4, &["update", path, "--yes", "--slave", "7"], "slave 7 does not exist; allowed: 0"),
         (4, &["update", path, "--yes", "--slave", "alias=9"], "no slave has the alias 9"),
         (6, &["update", "/nonexistent.bin", "--yes"], "cannot read /nonexistent.bin: No such file"),
         (6, &["update", &of(&empty), "--yes"], "it is empty"),

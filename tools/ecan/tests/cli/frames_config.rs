@@ -158,7 +158,7 @@ fn the_slave_is_one_of_the_file() {
     check(send(&two, "1", &["--slave", "alias=7"]), 0, "can1 123# sent\n");
     check(send(&two, "1", &["--slave", "1"]), 0, "can1 123# sent\n");
     check(send(&two, "1", &["--slave", "2"]), 4, "slave 2 is not a gateway of the file\n");
-    check(send(&two, "1", &["--slave", "3"]), 4, "there is no slave 3");
+    check(send(&two, "1", &["--slave", "3"]), 4, "slave 3 does not exist");
     // A channel that the file does not have, by name.
     let missing = format!("channel 2 is not in {two}: gateway 1 there has channel 1\n");
     check(send(&two, "2", &["--slave", "1"]), 2, &missing);
@@ -198,7 +198,7 @@ fn channels_that_the_file_does_not_have_are_refused_by_name() {
     // All means all that there are; a channel that is not named stays out of sight.
     assert!(bus.good(&["dump", "-n", "1", "--config", &path]).starts_with("  can0  123 "));
     let arguments = ["dump", "--channel", "2", "-T", "9000", "--config", &path];
-    let words = "ecan: no frame came: do the others on the bus have 125000/1000000 bit/s?";
+    let words = "ecan: no frame received; check that the other nodes use 125000/1000000 bit/s";
     assert_eq!(bus.fails(1, &arguments), words);
 }
 

@@ -46,7 +46,7 @@ fn an_output_that_nobody_reads_does_not_hold_who_was_told_to_stop() {
     unread.terminate();
     let (status, errors) = unread.wait();
     assert_eq!(status, Some(6), "{errors}");
-    assert!(errors.contains("cannot write the output: it stands still"), "{errors}");
+    assert!(errors.contains("cannot write the output: output is stalled"), "{errors}");
 }
 
 #[test]
@@ -72,7 +72,7 @@ fn who_stops_gen_hears_of_no_losses() {
         assert!(running.line().starts_with("  can0 "));
     }
     let line = summary_line(&mut running);
-    assert!(line.contains(" frames sent, 0 lost, ") && !line.contains("under way"), "{line}");
+    assert!(line.contains(" frames sent, 0 lost, ") && !line.contains("in transit"), "{line}");
     let (status, errors) = running.wait();
     assert_eq!(status, Some(0), "{errors}");
 }
@@ -86,7 +86,10 @@ fn frames_that_nobody_takes_are_under_way_when_stopped() {
         assert!(running.line().starts_with("  can0 "));
     }
     let line = summary_line(&mut running);
-    assert!(line.starts_with("0 frames sent, 0 lost, ") && line.contains(" under way, "), "{line}");
+    assert!(
+        line.starts_with("0 frames sent, 0 lost, ") && line.contains(" in transit, "),
+        "{line}"
+    );
     assert_eq!(running.wait().0, Some(0));
 }
 
@@ -95,15 +98,15 @@ fn a_lost_gateway_is_named_and_is_no_full_bus() {
     let fault = "[[fault]]\nat_ms = 9000\nkind = \"power_off\"\ngateway = 0\n";
     let bus = Scenario::new(&format!("{ECHO}{fault}"));
     let (summary, errors) = summary(&bus, 5, &["gen", "--seed", "1", "-n", "20000", "-g", "1"]);
-    assert!(errors.contains("the gateway at position 0: it was lost and is waiting"), "{errors}");
-    assert!(!errors.contains("bus full"), "{errors}");
+    assert!(errors.contains("slave 0: lost, now waiting"), "{errors}");
+    assert!(!errors.contains("bus load"), "{errors}");
     let of = |name: &str| summary[name].as_u64().unwrap();
     // What left long before the loss has left; what the channel may have held then is not known.
     assert!(of("sent") > 1000 && of("lost") < 20, "{summary}");
     assert_eq!(of("sent") + of("lost") + of("not_tried"), 20_000);
 
     let message = bus.fails(5, &["dump", "-T", "20000"]);
-    assert!(message.contains("it was lost and is waiting for OP: no frame came"), "{message}");
+    assert!(message.contains("lost, now waiting for OP: no frame received"), "{message}");
 }
 
 #[test]
@@ -112,7 +115,7 @@ fn frames_that_a_gateway_may_have_held_when_it_was_lost_are_not_called_sent() {
     let bus = Scenario::new(&format!("{ECHO}{fault}"));
     let (summary, errors) =
         summary(&bus, 5, &["gen", "--seed", "1", "-n", "50000", "-g", "0", "-L", "8"]);
-    assert!(errors.contains("at position 0: it was lost for a while: "), "{errors}");
+    assert!(errors.contains("slave 0: lost temporarily: "), "{errors}");
     let of = |name: &str| summary[name].as_u64().unwrap();
     assert_eq!(of("sent") + of("lost"), 50_000);
     // Its cache holds 64 frames, the controller 32, and images were under way.

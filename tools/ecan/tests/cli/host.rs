@@ -78,7 +78,7 @@ fn a_host_that_is_well_set_up_has_nothing_amiss() {
 good     kernel module       ec_master 1.6.2 1.6.2
 good     network driver      ec_generic (generic: frames pass the network stack; a native driver has less jitter)
 good     device node         /dev/EtherCAT0 can be opened
-good     interface           enp4s0, driver igb, link is up
+good     interface           enp4s0, driver igb, link up
 good     coalescing          enp4s0: rx-usecs 0, tx-usecs 0
 good     real-time kernel    6.8.1-1015-realtime, PREEMPT_RT
 good     real-time priority  RLIMIT_RTPRIO is 90
@@ -106,11 +106,11 @@ fn each_thing_amiss_is_told_with_its_remedy() {
         (
             Remove(&["sys/module/ec_generic"]),
             "network driver",
-            "no network driver",
+            "no network driver of",
             "DEVICE_MODULES",
         ),
         (Remove(&["dev/EtherCAT0"]), "device node", "does not exist", "load the module"),
-        (Remove(&["etc/ethercat.conf"]), "interface", "names the interface", "/etc/ethercat.conf"),
+        (Remove(&["etc/ethercat.conf"]), "interface", "sets no interface", "/etc/ethercat.conf"),
         (
             Put(&[("sys/class/net/enp4s0/address", "00:1b:21:00:00:02\n")]),
             "interface",
@@ -296,7 +296,7 @@ fn library_and_bus_are_looked_at_on_this_host() {
 #[test]
 fn wrong_use_is_named_and_told_by_the_status() {
     let cases: [(i32, &[&str], &str); 4] = [
-        (6, &["doctor", "--root", "/none"], "cannot look at /none: it is no directory"),
+        (6, &["doctor", "--root", "/none"], "cannot read /none: not a directory"),
         (3, &["--ecrt", "sim:none", "doctor"], "unknown scenario \"none\""),
         (2, &["doctor", "now"], "unexpected argument"),
         (2, &["--ecrt", "sim", "--slave", "0", "doctor"], "use `ecan diag` for a gateway"),

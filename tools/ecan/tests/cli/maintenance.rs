@@ -161,7 +161,7 @@ fn a_plan_of_a_recording_is_about_the_channels_that_replay_sends_to() {
     std::fs::write(log.path(), "(1.000000) vcan7 123#01\n(1.100000) vcan7 123#01\n").unwrap();
     for command in [&["plan", "--replay", path][..], &["--ecrt", "sim", "replay", path]] {
         let message = fails(2, &[command, &["--channel", "all"]].concat());
-        assert_eq!(message, format!("ecan: {path} holds no frame of a chosen channel"));
+        assert_eq!(message, format!("ecan: {path} has no frames for the selected channels"));
         good(&[command, &["--channel", "3"]].concat());
     }
     good(&["plan", "--replay", path, "--channel", "all", "--slaves", "2"]);
@@ -208,7 +208,7 @@ fn wrong_use_is_named_and_told_by_the_status() {
         (2, vec!["reg", "read", "PSX", "--channel", "0"], "unknown register \"PSX\""),
         (2, vec!["reg", "read", "0x45", "--channel", "0"], "multiples of 4"),
         (2, vec!["reg", "read", "0x408", "--channel", "0"], "from 0x0004 to 0x0404"),
-        (2, vec!["reg", "write", "PSR", "1", "--channel", "0"], "PSR is not in the whitelist"),
+        (2, vec!["reg", "write", "PSR", "1", "--channel", "0"], "PSR is not writable"),
         (2, vec!["reg", "write", "IR", "0x100000000", "--channel", "0"], "does not fit"),
         (3, vec!["reg", "read", "PSR", "--channel", "0"], "libethercat.so.1"),
         (2, add(&[]), "required"),

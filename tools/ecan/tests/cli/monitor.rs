@@ -8,8 +8,8 @@ use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting, simul
 #[test]
 fn once_it_prints_gateways_channels_and_the_cycle() {
     let expected = "\
-gateway  state       WC   incomplete  lost images  faulty images  lost  reason
-0        in service  3/3  0           0            0              0
+gateway  state  WC   incomplete  lost images  faulty images  lost  reason
+0        ready  3/3  0           0            0              0
 
 gateway 0
 channel  state  load   frames/s  TEC  REC  rx/tx wait  dropped  bus-offs  received
@@ -26,7 +26,7 @@ can3     run    0.0 %  0.0       0    0    0/0         0        0         0
     assert!(cycle.contains(" cycles, 0 overruns, 0 skipped\n"), "{cycle}");
     let period = "  period   1000.0 1000.0 1000.0 1000.0 1000.0 1000.0\n";
     assert!(cycle.contains(period), "{cycle}");
-    assert!(cycle.ends_with(" s  gateway 0 is in service\n"), "{cycle}");
+    assert!(cycle.ends_with(" s  gateway 0: ready\n"), "{cycle}");
 }
 
 #[test]
@@ -51,7 +51,7 @@ fn frames_are_counted_with_rate_and_load() {
     assert!((load - rate * 111.0 / 500_000.0).abs() < 1e-6, "{load}");
     assert_eq!(channel["state"], "run");
     assert_eq!(snapshot["gateways"][0]["channels"][1]["state"], "disabled");
-    assert_eq!(snapshot["gateways"][0]["standing"], "in_service");
+    assert_eq!(snapshot["gateways"][0]["state"], "ready");
     assert_eq!(snapshot["is_simulated"], true);
     assert!(snapshot["cycle"]["cycles"].as_u64().unwrap() > 4000);
 }
@@ -71,11 +71,8 @@ fn a_gateway_switched_off_and_on_is_shown_as_lost_and_back() {
     assert_ne!(rows[2][4], "0", "cycles without the gateway are incomplete");
     let events: Vec<_> = shown.lines().filter_map(|it| it.split_once(" s  ")).collect();
     let words: Vec<_> = events.iter().map(|(_, words)| *words).collect();
-    assert_eq!(
-        words[..3],
-        ["gateway 0 is in service", "gateway 1 is in service", "gateway 1 is lost"]
-    );
-    assert!(words[3].starts_with("gateway 1 is back after "), "{shown}");
+    assert_eq!(words[..3], ["gateway 0: ready", "gateway 1: ready", "gateway 1: lost"]);
+    assert!(words[3].starts_with("gateway 1: ready again after "), "{shown}");
     assert_eq!(words.len(), 4);
 }
 
@@ -84,10 +81,10 @@ fn a_gateway_lost_at_the_end_is_shown_and_told_by_the_status() {
     let file = losing("kind = \"power_off\"");
     let shown = ends(1, &["--ecrt", &setting(&file), "monitor", "--for", "9"]);
     let rows: Vec<_> = shown.lines().collect();
-    assert!(rows[1].starts_with("0        in service  3/3"), "{shown}");
+    assert!(rows[1].starts_with("0        ready  3/3"), "{shown}");
     assert!(rows[2].starts_with("1        LOST        0/3"), "{shown}");
-    assert!(rows[2].contains("  waits for "), "{shown}");
-    assert!(shown.ends_with(" s  gateway 1 is lost\n"), "{shown}");
+    assert!(rows[2].contains("  waiting for "), "{shown}");
+    assert!(shown.ends_with(" s  gateway 1: lost\n"), "{shown}");
     let is_silent = |line: &&str| line.split_whitespace().filter(|it| *it == "-").count() == 8;
     let silent = shown.lines().filter(is_silent);
     assert_eq!(silent.count(), 4, "{shown}");
@@ -99,7 +96,7 @@ fn a_short_bus_off_is_told_too() {
     let bus = Scenario::new(fault);
     let shown = bus.good(&["monitor", "--for", "7"]);
     let (before, after) = shown.split_once("gateway 0 can1 bus-off\n").unwrap();
-    assert!(after.ends_with(" s  gateway 0 can1 back on the bus\n"), "{shown}");
+    assert!(after.ends_with(" s  gateway 0 can1: recovered\n"), "{shown}");
     let row = before.lines().find(|line| line.starts_with("can1")).unwrap();
     assert_eq!(row.split_whitespace().nth(9), Some("1"), "{row}");
 }
@@ -109,7 +106,7 @@ fn without_a_terminal_it_prints_once_and_says_so() {
     let output = ecan(&["--ecrt", "sim", "monitor"]);
     assert!(output.status.success());
     let errors = String::from_utf8(output.stderr).unwrap();
-    let note = "standard output is no terminal: printing once, after 1 s, as with --once\n";
+    let note = "standard output is not a terminal: printing once, after 1 s, as with --once\n";
     assert!(errors.ends_with(note), "{errors}");
     assert_eq!(String::from_utf8(output.stdout).unwrap(), simulated(&["monitor", "--once"]));
 }
@@ -136,7 +133,7 @@ fn misuse_is_named_and_told_by_the_status() {
         ),
         (2, &["--ecrt", "sim", "monitor", "--bitrate", "333"], "bit/s"),
         (3, &["--ecrt", "/nonexistent.so", "monitor"], "/nonexistent.so"),
-        (4, &["--ecrt", "sim", "--slave", "3", "monitor"], "there is no slave 3"),
+        (4, &["--ecrt", "sim", "--slave", "3", "monitor"], "slave 3 does not exist"),
     ];
     for (status, arguments, words) in cases {
         let message = fails(status, arguments);

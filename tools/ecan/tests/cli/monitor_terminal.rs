@@ -6,14 +6,14 @@ use rustix::process::Signal;
 
 const MONITOR: [&str; 3] = ["--ecrt", "sim", "monitor"];
 /// What stands below everything.
-const KEYS: &str = "q end  p pause  c clear  arrows choose  ? help";
+const KEYS: &str = "q end  p pause  c clear  arrows select  ? help";
 
 #[test]
 fn it_ends_with_its_terminal() {
     // Whether the signal comes depends on how it was started.
     for start in [OnScreen::start, OnScreen::start_leader] {
         let mut monitor = start((100, 40), &MONITOR);
-        monitor.wait_for("in service 3/3");
+        monitor.wait_for("ready      3/3");
         monitor.close();
         let (status, errors) = monitor.end();
         assert_eq!(status.code(), Some(0), "{errors}");
@@ -24,7 +24,7 @@ fn it_ends_with_its_terminal() {
 #[test]
 fn it_ends_by_a_signal_though_nobody_reads_its_terminal() {
     let mut monitor = OnScreen::start((100, 40), &MONITOR);
-    monitor.wait_for("in service 3/3");
+    monitor.wait_for("ready      3/3");
     monitor.fill();
     monitor.signal(Signal::TERM);
     let (status, errors) = monitor.end();
@@ -37,8 +37,7 @@ fn every_size_shows_what_it_has_room_for_also_while_it_changes() {
     let bus = scenario("[[gateway]]\n[[gateway]]\n");
     let mut monitor = OnScreen::start((20, 5), &["--ecrt", &setting(&bus), "monitor"]);
     let tiny = |screen: String| {
-        screen.starts_with("0 in service\n1 in service\n")
-            && screen.ends_with("\nSIMULATED  q end  ?")
+        screen.starts_with("0 ready\n1 ready\n") && screen.ends_with("\nSIMULATED  q end  ?")
     };
     monitor.wait_until("tiny screen", |it| tiny(it.screen()));
     for (columns, rows) in [(80, 24), (120, 40), (54, 14), (200, 60)] {

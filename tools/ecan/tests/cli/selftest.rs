@@ -31,7 +31,7 @@ fn every_channel_is_tested_by_loopback() {
     let printed = simulated(&["selftest", "--config", &path(&cell)]);
     let expected = "\
 gateway 4294967297 at position 0: passed
-  good    recognition                                an ECAN-Lite, by 0xF000
+  good    recognition                                ECAN-Lite (0xF000)
   good    identity                                   vendor 0x00004543, product 0x4C495445, revision 0x00020002
   good    firmware                                   2.2.1
   good    serial number                              4294967297
@@ -86,10 +86,10 @@ fn a_channel_without_its_partner_fails() {
     assert!(printed.starts_with("gateway 4294967297 at position 0: FAILED\n"), "{printed}");
     let failed = lines(&printed, "FAILED  wire");
     assert_eq!(failed.len(), 4, "{printed}");
-    let words = "FAILED  wire from channel 2 to 3, 250 kbit/s          0 of 96 frames came (nobody \
-                 acknowledges: is channel 2 wired to channel 3, and terminated?); channel 2 has \
-                 error counters: 128 transmit errors, 0 receive errors; channel 3 has error \
-                 counters: 128 transmit errors, 0 receive errors";
+    let words = "FAILED  wire from channel 2 to 3, 250 kbit/s          0 of 96 frames received (no \
+                 acknowledgement; check the wiring from channel 2 to channel 3 and its termination); \
+                 channel 2: error counters 128 transmit errors, 0 receive errors; channel 3: error \
+                 counters 128 transmit errors, 0 receive errors";
     assert_eq!(lines(&printed, "wire from channel 2 to 3, 250"), [words]);
     assert_eq!(lines(&printed, "good    wire from channel 0 to 1").len(), 2, "{printed}");
     assert_eq!(lines(&printed, "good    loopback").len(), 8, "{printed}");
@@ -107,9 +107,9 @@ fn a_node_that_falsifies_frames_fails_its_bus_alone() {
     assert_eq!(failed.len(), 4, "{printed}");
     for line in failed {
         assert!(line.contains("from channel 0 to 1") || line.contains("from channel 1 to 0"));
-        assert!(line.contains(" frames came falsified, in the first byte "), "{line}");
-        assert!(line.contains(" was sent as 0x"), "{line}");
-        let strange = "that the test did not send to it: is another node on its bus?";
+        assert!(line.contains(" frames received with errors, the first: byte "), "{line}");
+        assert!(line.contains(": sent 0x"), "{line}");
+        let strange = "from another sender; check for other nodes on its bus";
         assert!(line.contains(strange), "{line}");
     }
     assert_eq!(lines(&printed, "good    wire from channel 2 to 3").len(), 2, "{printed}");
@@ -159,7 +159,7 @@ fn a_gateway_that_leaves_service_fails_though_it_comes_back() {
     // Where it is not back before the end of the test, the frames that it did not send tell.
     let failed = lines(&printed, "FAILED  ");
     let tells = |line: &&str| {
-        line.contains("the gateway went out of service") || line.contains(" of 255 frames came")
+        line.contains("the gateway was lost") || line.contains(" of 255 frames received")
     };
     assert!(!failed.is_empty() && failed.iter().all(tells), "{printed}");
     assert!(!printed.contains("this computer"), "{printed}");
@@ -227,16 +227,16 @@ fn a_test_that_is_stopped_has_its_report_and_puts_the_configuration_back() {
     let output = child.wait_with_output().unwrap();
     let printed = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(1), "{message}");
-    let words = "stopping: the configuration is put back first\n";
-    assert_eq!(message, format!("{words}ecan: stopped before the test was over\n"));
+    let words = "stopping after restoring the configuration\n";
+    assert_eq!(message, format!("{words}ecan: stopped before the end of the test\n"));
     let expected = "\
 gateway 4294967297 at position 0: FAILED
-  good    recognition    an ECAN-Lite, by 0xF000
+  good    recognition    ECAN-Lite (0xF000)
   good    identity       vendor 0x00004543, product 0x4C495445, revision 0x00020002
   good    firmware       2.2.1
   good    serial number  4294967297
   good    configuration  as before the test, by a restart
-  FAILED  test           stopped before it was over
+  FAILED  test           stopped before the end
 ";
     assert!(printed.starts_with(expected), "{printed}");
     let report: serde_json::Value =
@@ -282,10 +282,12 @@ fn a_serial_number_is_there_once() {
     let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
     let failed = lines(&printed, "FAILED  serial number");
     assert_eq!(failed.len(), 1, "{printed}");
-    assert!(failed.iter().all(|line| line.ends_with("5 is that of another gateway too")));
+    assert!(
+        failed.iter().all(|line| line.ends_with("5 is also the serial number of another gateway"))
+    );
     let bus = scenario("[[gateway]]\nserial = 0\n");
     let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
-    assert_eq!(lines(&printed, "none is programmed").len(), 1, "{printed}");
+    assert_eq!(lines(&printed, "not programmed").len(), 1, "{printed}");
 }
 
 #[test]
@@ -332,15 +334,15 @@ fn wrong_use_is_told() {
     let message = simulated(2, &["--wired", "0-4"]);
     assert!(message.contains("expected pairs of channels 0 to 3, as in 0-1,2-3"), "{message}");
     let message = simulated(2, &["--wired", "0-1,1-2"]);
-    assert!(message.contains("channel 1 is named twice"), "{message}");
+    assert!(message.contains("channel 1 is used twice"), "{message}");
     assert!(simulated(2, &["--frames", "0"]).contains("0 is not in 1..=256"));
     assert!(simulated(2, &["--channels", "5"]).contains("expected channels 0 to 3"));
     assert!(simulated(2, &["--pdo-n", "25"]).starts_with("ecan: "));
     let message = simulated(4, &["--gateways", "2"]);
-    let expected = "ecan: 2 gateways must be there, but 1 show themselves; see `ecan scan`";
+    let expected = "ecan: expected 2 gateways, found 1; see `ecan scan`";
     assert_eq!(message, expected);
     let both = ["--ecrt", "sim", "--slave", "0", "selftest", "--gateways", "1"];
-    assert!(fails(2, &both).contains("--slave names one: give either"));
+    assert!(fails(2, &both).contains("--gateways and --slave exclude each other"));
     let message = simulated(6, &["--config", "/nonexistent/cell.toml"]);
     assert!(message.starts_with("ecan: cannot read /nonexistent/cell.toml: "), "{message}");
     let empty = scenario("[[gateway]]\nn = 5\n");
@@ -350,7 +352,7 @@ fn wrong_use_is_told() {
     let message = simulated(6, &["--report", &report]);
     assert!(message.starts_with("ecan: cannot write "), "{message}");
     let message = simulated(6, &["--report", &path(&empty)]);
-    assert!(message.ends_with(": it is no directory"), "{message}");
+    assert!(message.ends_with(": not a directory"), "{message}");
     let reserved = scenario("reserved = true\n[[gateway]]\n");
     let message = fails(3, &["--ecrt", &setting(&reserved), "selftest"]);
     assert!(message.contains("another application has reserved it"), "{message}");

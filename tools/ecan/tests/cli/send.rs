@@ -37,7 +37,7 @@ fn a_frame_that_nobody_acknowledges_has_not_left() {
     let message = alone.fails(1, &["send", "123#11", "124#22", "--timeout", "300"]);
     assert!(message.contains("can0 run, warning: error passive"), "{message}");
     assert!(message.contains("2 of 2 frames not sent within 300 ms"), "{message}");
-    assert!(message.contains("is there another node at 500000/5000000 bit/s"), "{message}");
+    assert!(message.contains("check for another node with 500000/5000000 bit/s"), "{message}");
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn generated_frames_that_stay_behind_are_lost() {
         let behind = summary["lost"].as_u64().unwrap() + summary["not_tried"].as_u64().unwrap();
         assert_eq!(behind.to_string(), count);
         let errors = String::from_utf8(output.stderr).unwrap();
-        let words = format!("{count} of {count} frames are not known to have left: channel 0 gets");
+        let words = format!("{count} of {count} frames not confirmed as sent: channel 0 gets");
         assert!(errors.contains(&words), "{errors}");
     }
 }
@@ -186,11 +186,11 @@ fn misuse_is_named_and_told_by_the_status() {
         (2, &["gen", "-L", "9"], "expected r, i or a length"),
         (2, &["gen", "-L", "12"], "12 data bytes do not fit"),
         (2, &["gen", "-D", "1"], "x for a random digit"),
-        (2, &[SIM, "gen", CLASSIC, "-f"], "channel 0 has no data bit rate, give --data-bitrate"),
+        (2, &[SIM, "gen", CLASSIC, "-f"], "channel 0 has no data bit rate; set --data-bitrate"),
         (2, &[SIM, "replay", CLASSIC, &fd], "fd.log, line 1 is a CAN FD frame: channel 0 has no"),
         (2, &["replay", &good, "--record", &good], "would overwrite the recording"),
         (2, &["replay", &good, "--speed", "0"], "expected a factor"),
-        (2, &["replay", &good, "--channel", "2,3"], "no frame of a chosen channel"),
+        (2, &["replay", &good, "--channel", "2,3"], "no frames for the selected channels"),
         (6, &["replay", &broken], "b.log, line 1, column"),
         (6, &["replay", &empty], "holds no frame"),
     ];

@@ -295,7 +295,7 @@ fn nothing_is_written_unasked_or_to_the_wrong_slave() {
         assert!(!bench.has_written());
         assert_eq!(bench.get("eeprom"), image);
     };
-    refused(|_| (), &["fix"], 2, "nothing written; --yes");
+    refused(|_| (), &["fix"], 2, "nothing was written; --yes");
     refused(|bench| bench.put("state", b"OP"), &["fix", "--yes"], 1, "is in OP: stop the app");
     refused(|bench| bench.put("unit", b"0x0001 1"), &["fix", "--yes"], 1, "as an ECAN-Lite");
     let taken = ["fix", "--yes", "--backup", "state"];

@@ -92,7 +92,7 @@ fn parse_interface(text: &str) -> Result<String, String> {
 /// Frame of a client.
 #[derive(Clone, Copy, Debug)]
 struct PendingFrame {
-    front: usize,
+    endpoint: usize,
     client: ClientId,
     frame: CanFrame,
 }
@@ -106,16 +106,16 @@ pub fn run(
     let settings = Settings::of(&arguments.options.gateway)?;
     let interrupt = Interrupt::install()?;
     // Before the cycle: the threads of the servers must not inherit its real-time settings.
-    let fronts = listen(arguments)?;
-    let mut gate = TransmitGate::shut(&fronts);
-    let wishes = GatewayRequirements {
+    let endpoints = listen(arguments)?;
+    let mut gate = TransmitGate::closed(&endpoints);
+    let requirements = GatewayRequirements {
         is_listening: arguments.listen_only,
         has_results: true,
         has_end: false,
         ..GatewayRequirements::on(Channels::only(arguments.channel))
     };
     let capture = &arguments.options.capture;
-    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    let prepared = Prepared::new(&settings, requirements, global, output)?;
     let opened = prepared.enter(capture, &interrupt, output)?;
     let Some(service) = opened else { return Ok(()) };
     if let Some(can) = service.can(arguments.channel) {
@@ -123,18 +123,18 @@ pub fn run(
             true => BusRates::fd(can.nominal_bitrate, can.data_bitrate),
             false => BusRates::classic(can.nominal_bitrate),
         };
-        fronts.iter().for_each(|front| front.clients().set_bus(rates));
+        endpoints.iter().for_each(|endpoint| endpoint.clients().set_bus(rates));
     }
     // Open before the addresses are printed: early clients are not rejected.
-    gate.set_open(!arguments.listen_only, 0, &fronts, output);
-    announce(arguments.channel, &fronts, output)?;
-    let _beacon = start_beacon(arguments, &fronts)?;
+    gate.set_open(!arguments.listen_only, 0, &endpoints, output);
+    announce(arguments.channel, &endpoints, output)?;
+    let _beacon = start_beacon(arguments, &endpoints)?;
     let moved_ns = service.now_ns();
     let mut bridge = Traffic {
         channel: arguments.channel,
         is_listening: arguments.listen_only,
         service,
-        fronts,
+        endpoints,
         under_way: InFlight::default(),
         waiting: None,
         turns: RoundRobin::default(),
@@ -154,29 +154,29 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Endpoint>, Failure> {
     let has_another =
         arguments.socketcand.is_some() || arguments.pty.is_some() || arguments.socketcan.is_some();
     let slcan = arguments.slcan.or((!has_another).then_some(Listening::ANY));
-    let mut fronts = Vec::new();
+    let mut endpoints = Vec::new();
     let wanted =
         [(BridgeProtocol::Slcan, slcan), (BridgeProtocol::Socketcand, arguments.socketcand)];
     for (protocol, at) in wanted {
         if let Some(at) = at {
-            fronts.push(Endpoint::listen(protocol, at, arguments.max_clients)?);
+            endpoints.push(Endpoint::listen(protocol, at, arguments.max_clients)?);
         }
     }
     if let Some(link) = &arguments.pty {
-        fronts.push(Endpoint::terminal(link)?);
+        endpoints.push(Endpoint::terminal(link)?);
     }
     if let Some(interface) = &arguments.socketcan {
-        fronts.push(Endpoint::interface(interface)?);
+        endpoints.push(Endpoint::interface(interface)?);
     }
-    Ok(fronts)
+    Ok(endpoints)
 }
 
 /// Starts the beacon, if requested.
 fn start_beacon(
     arguments: &BridgeArguments,
-    fronts: &[Endpoint],
+    endpoints: &[Endpoint],
 ) -> Result<Option<Beacon>, Failure> {
-    let server = fronts.iter().find_map(Endpoint::socketcand_address);
+    let server = endpoints.iter().find_map(Endpoint::socketcand_address);
     let Some((ip, server)) = arguments.beacon.zip(server) else { return Ok(None) };
     let to = SocketAddr::new(ip, beacon::PORT);
     let started = Beacon::start(to, server, arguments.channel);
@@ -185,10 +185,10 @@ fn start_beacon(
 }
 
 /// Prints the addresses of the servers.
-fn announce(channel: u8, fronts: &[Endpoint], output: &Output) -> Result<(), Failure> {
-    let places: Vec<_> = fronts.iter().map(|front| front.place(channel)).collect();
-    for (front, place) in fronts.iter().zip(&places) {
-        if front.is_open_to_others() {
+fn announce(channel: u8, endpoints: &[Endpoint], output: &Output) -> Result<(), Failure> {
+    let places: Vec<_> = endpoints.iter().map(|endpoint| endpoint.place(channel)).collect();
+    for (endpoint, place) in endpoints.iter().zip(&places) {
+        if endpoint.is_open_to_others() {
             output.note(format_args!(
                 "every host that can connect to {} can send on the bus",
                 place.address
@@ -203,7 +203,7 @@ fn announce(channel: u8, fronts: &[Endpoint], output: &Output) -> Result<(), Fai
 }
 
 /// A bus without progress for this time, despite pending frames, has no acknowledging node.
-const STANDSTILL_NS: u64 = 1_000_000_000;
+const STALL_NS: u64 = 1_000_000_000;
 
 /// Frames between the bus and the clients.
 #[derive(Debug)]
@@ -211,7 +211,7 @@ struct Traffic {
     channel: u8,
     is_listening: bool,
     service: Service,
-    fronts: Vec<Endpoint>,
+    endpoints: Vec<Endpoint>,
     /// Client frames in the gateway.
     under_way: InFlight<PendingFrame>,
     /// Frame that waits for space.
@@ -241,8 +241,8 @@ impl Traffic {
                 }
             }
         }
-        let is_in_service = session(self.service.port()) == Session::Ready;
-        if !is_in_service {
+        let is_ready = session(self.service.port()) == Session::Ready;
+        if !is_ready {
             // Results of frames before the loss never arrive.
             self.under_way.clear();
         }
@@ -254,11 +254,10 @@ impl Traffic {
         if self.waiting.is_none() && status.tx_pending() == 0 {
             self.moved_ns = cycle.now_ns;
         }
-        let is_standing_still = cycle.now_ns - self.moved_ns >= STANDSTILL_NS;
-        let can_send =
-            is_in_service && !status.bus_off() && !is_standing_still && !self.is_listening;
+        let is_stalled = cycle.now_ns - self.moved_ns >= STALL_NS;
+        let can_send = is_ready && !status.bus_off() && !is_stalled && !self.is_listening;
         let held = self.waiting.take_if(|_| !can_send);
-        self.gate.set_open(can_send, held.iter().count(), &self.fronts, output);
+        self.gate.set_open(can_send, held.iter().count(), &self.endpoints, output);
         while let Some(held) = self.waiting.take().or_else(|| self.next_of_clients()) {
             match self.service.send(self.channel, &held.frame) {
                 Ok(Some(ticket)) => {
@@ -273,34 +272,34 @@ impl Traffic {
             }
         }
         self.service.end(cycle)?;
-        self.fronts.iter().try_for_each(Endpoint::check)
+        self.endpoints.iter().try_for_each(Endpoint::check)
     }
 
     /// Reports losses.
     fn tell_losses(&self, output: &Output) {
-        for front in &self.fronts {
-            let Place { protocol, address, .. } = front.place(self.channel);
-            for loss in front.losses() {
+        for endpoint in &self.endpoints {
+            let Place { protocol, address, .. } = endpoint.place(self.channel);
+            for loss in endpoint.losses() {
                 output.note(format_args!("# {protocol} bridge at {address}: {loss}"));
             }
         }
     }
 
     fn next_of_clients(&mut self) -> Option<PendingFrame> {
-        self.turns.next(self.fronts.len(), |front| {
-            let (client, frame) = self.fronts.get(front)?.clients().next_for_bus()?;
-            Some(PendingFrame { front, client, frame })
+        self.turns.next(self.endpoints.len(), |endpoint| {
+            let (client, frame) = self.endpoints.get(endpoint)?.clients().next_for_bus()?;
+            Some(PendingFrame { endpoint, client, frame })
         })
     }
 
     /// Passes a frame from the bus to all clients except its sender.
     fn deliver(&self, frame: &CanFrame, time_ns: u64, sent: Option<PendingFrame>) {
-        for (number, front) in self.fronts.iter().enumerate() {
-            let sender = sent.filter(|held| held.front == number);
+        for (number, endpoint) in self.endpoints.iter().enumerate() {
+            let sender = sent.filter(|held| held.endpoint == number);
             if sender.is_some() {
-                front.clients().count_sent();
+                endpoint.clients().count_sent();
             }
-            front.clients().deliver(frame, time_ns, sender.map(|held| held.client));
+            endpoint.clients().deliver(frame, time_ns, sender.map(|held| held.client));
         }
     }
 }

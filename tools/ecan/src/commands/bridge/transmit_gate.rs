@@ -14,23 +14,29 @@ pub struct TransmitGate {
 
 impl TransmitGate {
     /// Whether the gate is closed.
-    pub fn shut(fronts: &[Endpoint]) -> Self {
-        for front in fronts {
-            front.clients().set_accepting(false);
+    pub fn closed(endpoints: &[Endpoint]) -> Self {
+        for endpoint in endpoints {
+            endpoint.clients().set_accepting(false);
         }
-        Self { is_open: false, kept_before: kept(fronts) }
+        Self { is_open: false, kept_before: kept(endpoints) }
     }
 
     /// Opens or closes the gate and reports lost frames. `held` pending frames are dropped with
     /// those in the queues.
-    pub fn set_open(&mut self, is_open: bool, held: usize, fronts: &[Endpoint], output: &Output) {
+    pub fn set_open(
+        &mut self,
+        is_open: bool,
+        held: usize,
+        endpoints: &[Endpoint],
+        output: &Output,
+    ) {
         if is_open == self.is_open {
             return;
         }
         self.is_open = is_open;
         // Before the first endpoint is closed: from then on its frames are rejected.
-        let kept_before = kept(fronts);
-        let waiting: usize = fronts.iter().map(|it| it.clients().set_accepting(is_open)).sum();
+        let kept_before = kept(endpoints);
+        let waiting: usize = endpoints.iter().map(|it| it.clients().set_accepting(is_open)).sum();
         let dropped = held + waiting;
         if !is_open {
             self.kept_before = kept_before + waiting as u64;
@@ -40,13 +46,13 @@ impl TransmitGate {
             }
             return;
         }
-        let refused = kept(fronts) - self.kept_before;
+        let refused = kept(endpoints) - self.kept_before;
         if refused > 0 {
             output.note(format_args!("# {refused} client frames rejected: channel not available"));
         }
     }
 }
 
-fn kept(fronts: &[Endpoint]) -> u64 {
-    fronts.iter().map(|front| front.clients().statistics().discarded).sum()
+fn kept(endpoints: &[Endpoint]) -> u64 {
+    endpoints.iter().map(|endpoint| endpoint.clients().statistics().discarded).sum()
 }

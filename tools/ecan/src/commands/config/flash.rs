@@ -100,7 +100,7 @@ fn gateways(
 fn failure(error: MaintenanceError, position: usize) -> Failure {
     match error {
         MaintenanceError::Device(error) => Failure::Device(error),
-        other => Failure::Refused(format!("slave {position}: {other}")),
+        other => Failure::Rejected(format!("slave {position}: {other}")),
     }
 }
 

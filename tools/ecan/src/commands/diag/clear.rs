@@ -17,7 +17,7 @@ pub(super) fn clear(bus: &Bus, slave: usize) -> Result<(), Failure> {
     let cleared = maintenance.command(MaintenanceCommand::ClearDiagnostics, bus.clock());
     cleared.map_err(|error| match error {
         MaintenanceError::Device(error) => Failure::Device(error),
-        other => Failure::Refused(format!("diagnostics not cleared: {other}")),
+        other => Failure::Rejected(format!("diagnostics not cleared: {other}")),
     })
 }
 

@@ -99,7 +99,7 @@ impl ChannelFilters<'_> {
             return Ok(());
         }
         let words = format!("CAN{}: configuration not applied, status {status}", self.channel);
-        Err(Failure::Refused(format!("{words}; the previous one stays active")))
+        Err(Failure::Rejected(format!("{words}; the previous one stays active")))
     }
 
     /// Reads a list through the window, filter by filter.
@@ -141,7 +141,7 @@ impl ChannelFilters<'_> {
             None => format!("unknown status {status}"),
         };
         let name = kind.name();
-        Err(Failure::Refused(format!("{name} filter {number} of CAN{}: {reason}", self.channel)))
+        Err(Failure::Rejected(format!("{name} filter {number} of CAN{}: {reason}", self.channel)))
     }
 
     /// Appends a filter.

@@ -42,7 +42,7 @@ fn failure(error: ToolError) -> Failure {
         "" => error.to_string(),
         remedy => format!("{error}; {remedy}"),
     };
-    if error.is_about_host() { Failure::Master(words) } else { Failure::Refused(words) }
+    if error.is_about_host() { Failure::Master(words) } else { Failure::Rejected(words) }
 }
 
 impl Gateways for ByTool {
@@ -73,7 +73,7 @@ impl Gateways for ByTool {
     }
 
     fn is_denial(&self, failure: &Failure) -> bool {
-        matches!(failure, Failure::Refused(words) if is_denial(words))
+        matches!(failure, Failure::Rejected(words) if is_denial(words))
     }
 
     fn software_version(&self, slave: usize) -> Result<String, Failure> {

@@ -212,7 +212,7 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
         0 => Ok(()),
         unread => {
             let words = format!("{unread} of {} gateways were not read; see above", versions.len());
-            Err(Failure::Refused(words))
+            Err(Failure::Rejected(words))
         }
     }
 }
@@ -272,7 +272,7 @@ fn update_all(
         _ => format!("{} of {all} gateways do not run the new firmware; see above", all - good),
     };
     if reports.iter().any(Report::is_refused) {
-        Err(Failure::Refused(words))
+        Err(Failure::Rejected(words))
     } else if is_interrupted {
         Err(Failure::Interrupted(format!("interrupted: {words}")))
     } else {

@@ -259,7 +259,7 @@ impl Update<'_> {
             return Ok((running, was_away));
         }
         let words = "another gateway, with serial number";
-        Err(Failure::Refused(format!("{words} {}, is at its position", running.serial)))
+        Err(Failure::Rejected(format!("{words} {}, is at its position", running.serial)))
     }
 
     /// Progress bar, on a terminal only. The tool reports nothing before the end, so its bar shows

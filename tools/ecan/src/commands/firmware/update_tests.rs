@@ -37,7 +37,7 @@ impl Slow {
         match self.written.get() {
             None => Ok(false),
             Some(at) if self.now.get() < at + self.boot => {
-                Err(Failure::Refused("no response".to_owned()))
+                Err(Failure::Rejected("no response".to_owned()))
             }
             Some(_) => Ok(true),
         }

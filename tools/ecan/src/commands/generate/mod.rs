@@ -121,12 +121,12 @@ pub fn run(
     let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
-    let wishes = GatewayRequirements {
+    let requirements = GatewayRequirements {
         has_results: true,
         has_end: count.is_some(),
         ..GatewayRequirements::on(channels)
     };
-    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    let prepared = Prepared::new(&settings, requirements, global, output)?;
     if arguments.fd || arguments.brs {
         prepared.needs_fd("CAN FD frames are requested", *channel)?;
     }

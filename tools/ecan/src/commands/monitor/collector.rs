@@ -1,6 +1,6 @@
-//! From raw numbers to what is shown: rates, differences since clearing, percentiles, events.
+//! Converts raw counters to displayed values: rates, differences, percentiles, events.
 //!
-//! Runs beside the cycle: histograms and texts take time and memory.
+//! Runs on a thread other than the cycle: histograms and texts allocate.
 
 use std::collections::VecDeque;
 
@@ -14,36 +14,36 @@ use super::snapshot::{
     CLASSES, ChannelView, CycleView, Errors, Event, GatewayState, GatewayView, Snapshot, Times,
 };
 
-/// Events that are kept.
+/// Maximum number of events.
 const EVENTS: usize = 200;
 
-/// Error counters of one gateway; none where it does not answer.
+/// Error counters of one gateway; `None` if it does not respond.
 pub type GatewayErrors = Option<[Errors; CHANNELS]>;
 
-/// Counters at one moment.
+/// Counters at one time.
 #[derive(Clone, Debug)]
 struct Moment {
     now_ns: u64,
     gateways: Vec<Counted>,
 }
 
-/// What rates are made of, per channel.
+/// Counters for the rates, per channel.
 #[derive(Clone, Copy, Debug, Default)]
 struct Counted {
     received: [u64; CHANNELS],
     busy_s: [f64; CHANNELS],
 }
 
-/// What is remembered of one gateway.
+/// Stored values of one gateway.
 #[derive(Clone, Debug, Default)]
 struct Memory {
     position: usize,
     now: GatewayObservation,
-    /// Counters when they were cleared.
+    /// Counters at the last clear.
     base: SlaveStatistics,
     errors: GatewayErrors,
     errors_base: GatewayErrors,
-    /// When it was seen lost.
+    /// Time of the last loss.
     lost_ns: Option<u64>,
 }
 
@@ -52,7 +52,7 @@ struct Memory {
 pub struct Collector {
     is_simulated: bool,
     cycle_ns: u32,
-    /// Over which rates are taken.
+    /// Window for the rates.
     window_ns: u64,
     start_ns: Option<u64>,
     cycles: CycleStatistics,
@@ -65,7 +65,8 @@ pub struct Collector {
 }
 
 impl Collector {
-    /// For the gateways at these positions; rates are taken over the last `window_ns`.
+    /// Creates a collector for the gateways at these positions; rates are computed over the last
+    /// `window_ns`.
     pub fn new(positions: &[usize], cycle_ns: u32, window_ns: u64, is_simulated: bool) -> Self {
         let memory = |position: &usize| Memory { position: *position, ..Memory::default() };
         Self {
@@ -83,7 +84,7 @@ impl Collector {
         }
     }
 
-    /// Takes in what the cycle saw.
+    /// Adds an observation of the cycle.
     pub fn take(&mut self, observation: &Observation) {
         self.start_ns.get_or_insert(observation.now_ns);
         self.measure(observation);
@@ -99,21 +100,21 @@ impl Collector {
         };
         let gateways = observation.gateways.iter().map(counted).collect();
         self.history.push_back(Moment { now_ns: observation.now_ns, gateways });
-        // One moment at or before the start of the window stays.
+        // Keep one moment at or before the start of the window.
         let begin_ns = observation.now_ns.saturating_sub(self.window_ns);
         while self.history.get(1).is_some_and(|second| second.now_ns <= begin_ns) {
             self.history.pop_front();
         }
     }
 
-    /// Takes in the error counters of a gateway.
+    /// Adds the error counters of a gateway.
     pub fn take_errors(&mut self, at: usize, errors: GatewayErrors) {
         if let Some(gateway) = self.gateways.get_mut(at) {
             gateway.errors = errors;
         }
     }
 
-    /// Counts anew from here on.
+    /// Clears all counters.
     pub fn clear(&mut self) {
         self.cycles.clear();
         self.histogram = [0; CLASSES];
@@ -139,7 +140,7 @@ impl Collector {
         }
         self.unmeasured += observation.unmeasured;
         if observation.unmeasured > 0 {
-            // They came behind the marks: what begins next is no period after the last one.
+            // Unmeasured cycles came after the marks: the next mark starts a new period.
             self.cycles.pause();
             self.last_begin_ns = None;
         }
@@ -162,19 +163,19 @@ impl Collector {
         let (before, position, lost_ns) = (memory.now, memory.position, memory.lost_ns);
         let (was, is) = (before.session == Session::Ready, seen.session == Session::Ready);
         let mut lines = Vec::new();
-        // By the counter too: it may be lost and back between two looks.
+        // Check the counter too: a gateway may be lost and ready again between two observations.
         let is_lost_anew = seen.statistics.sessions_lost > before.statistics.sessions_lost;
         let mut lost_ns = if is_lost_anew { Some(now_ns) } else { lost_ns };
         if is_lost_anew {
-            lines.push(format!("gateway {position} is lost"));
+            lines.push(format!("gateway {position}: lost"));
         }
         if is && (!was || is_lost_anew) {
             lines.push(match lost_ns.take() {
                 Some(since_ns) => {
                     let away_s = now_ns.saturating_sub(since_ns) as f64 / 1e9;
-                    format!("gateway {position} is back after {away_s:.1} s")
+                    format!("gateway {position}: ready again after {away_s:.1} s")
                 }
-                None => format!("gateway {position} is in service"),
+                None => format!("gateway {position}: ready"),
             });
         }
         if let (false, Session::Failed(fault)) = (seen.session == before.session, seen.session) {
@@ -185,10 +186,10 @@ impl Collector {
             for (channel, ((old, new), has_been_off)) in channels.enumerate() {
                 let was_off = was && old.bus_off();
                 if !was_off && (new.bus_off() || has_been_off) {
-                    lines.push(format!("gateway {position} can{channel} bus-off"));
+                    lines.push(format!("gateway {position} can{channel}: bus-off"));
                 }
                 if !new.bus_off() && (was_off || has_been_off) {
-                    lines.push(format!("gateway {position} can{channel} back on the bus"));
+                    lines.push(format!("gateway {position} can{channel}: recovered"));
                 }
             }
         }
@@ -200,7 +201,7 @@ impl Collector {
         }
     }
 
-    /// Everything as it stands.
+    /// Returns the current state.
     pub fn snapshot(&self) -> Snapshot {
         let now_ns = self.history.back().map_or(0, |moment| moment.now_ns);
         Snapshot {
@@ -224,21 +225,21 @@ impl Collector {
     fn gateway(&self, at: usize, memory: &Memory) -> GatewayView {
         let (now, base) = (&memory.now.statistics, &memory.base);
         let since = |count: fn(&SlaveStatistics) -> u64| count(now).saturating_sub(count(base));
-        let standing = match memory.now.session {
-            Session::Ready => GatewayState::InService,
+        let state = match memory.now.session {
+            Session::Ready => GatewayState::Ready,
             _ if now.sessions > 0 => GatewayState::Lost,
             _ => GatewayState::Starting,
         };
         let reason = match (memory.now.session, memory.now.waiting_for) {
             (Session::Ready, _) => String::new(),
             (Session::Failed(fault), _) => fault.to_string(),
-            (_, Some(awaited)) => format!("waits for {awaited}"),
+            (_, Some(awaited)) => format!("waiting for {awaited}"),
             (session, None) => session.to_string(),
         };
         let domain = &memory.now.domain;
         GatewayView {
             position: memory.position,
-            standing,
+            state,
             reason,
             working_counter: domain.working_counter,
             expected_working_counter: domain.expected_working_counter,
@@ -247,7 +248,7 @@ impl Collector {
             faulty_images: since(|it| it.parse_errors),
             times_lost: since(|it| it.sessions_lost),
             times_in_service: since(|it| it.sessions),
-            channels: std::array::from_fn(|channel| self.channel(at, memory, standing, channel)),
+            channels: std::array::from_fn(|channel| self.channel(at, memory, state, channel)),
         }
     }
 
@@ -255,7 +256,7 @@ impl Collector {
         &self,
         at: usize,
         memory: &Memory,
-        standing: GatewayState,
+        state: GatewayState,
         channel: usize,
     ) -> ChannelView {
         let received = |statistics: &SlaveStatistics| {
@@ -273,7 +274,7 @@ impl Collector {
             }
         });
         let view = ChannelView { received: total, ..ChannelView::default() };
-        if standing != GatewayState::InService {
+        if state != GatewayState::Ready {
             return view;
         }
         let status = memory.now.channels.get(channel).copied().unwrap_or_default();
@@ -293,7 +294,7 @@ impl Collector {
         }
     }
 
-    /// Frames a second, and share of the bus, over the window.
+    /// Frames per second and bus load over the window.
     fn rates(&self, at: usize, channel: usize) -> (f64, f64) {
         let of = |moment: &Moment| {
             let counted = moment.gateways.get(at)?;
@@ -313,12 +314,12 @@ impl Collector {
     }
 }
 
-/// A counter of the gateway since it was cleared here; a restart begins at 0 again.
+/// Counter of the gateway since the last clear; starts at 0 after a restart.
 fn since(now: u64, base: u64) -> u64 {
     now.checked_sub(base).unwrap_or(now)
 }
 
-/// The class of a period.
+/// Histogram class of a period.
 fn class(period_ns: u64, cycle_ns: u32) -> usize {
     let difference_ns = period_ns as i64 - i64::from(cycle_ns);
     let ends_ns = [-100_000, -10_000, -1_000, 1_001, 10_001, 100_001];
@@ -345,7 +346,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn periods_have_their_classes() {
+    fn periods_are_classified() {
         let table = [
             (0, 0),
             (899_999, 0),
@@ -372,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_of_unmeasured_cycles_is_no_period() {
+    fn gap_of_unmeasured_cycles_is_not_a_period() {
         let mut collector = Collector::new(&[0], 1_000_000, u64::MAX, true);
         let mut observe = |starts_ns: [u64; 2], unmeasured| {
             let mut observation = Observation::new(1);
@@ -386,7 +387,7 @@ mod tests {
             collector.snapshot().cycle
         };
         observe([1_000_000, 2_000_000], 3);
-        // Five milliseconds behind the last one that was measured.
+        // Five milliseconds after the last measured one.
         let cycle = observe([7_000_000, 8_000_000], 0);
         assert_eq!((cycle.cycles, cycle.unmeasured), (4, 3));
         assert_eq!(cycle.histogram, [0, 0, 0, 2, 0, 0, 0]);
@@ -397,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loss_and_return_between_two_looks_is_told() {
+    fn loss_and_recovery_between_observations_is_reported() {
         let mut collector = Collector::new(&[4], 1_000_000, u64::MAX, true);
         let ready = |lost| {
             move |gateway: &mut GatewayObservation| {
@@ -410,14 +411,14 @@ mod tests {
         observe(&mut collector, 500_000_000, ready(1));
         let snapshot = collector.snapshot();
         let words: Vec<_> = snapshot.events.iter().map(|it| it.words.as_str()).collect();
-        let expected = ["gateway 4 is in service", "gateway 4 is lost", "gateway 4 is back"];
+        let expected = ["gateway 4: ready", "gateway 4: lost", "gateway 4: ready again"];
         assert_eq!(words.len(), 3);
         assert!(words.iter().zip(expected).all(|(is, begin)| is.starts_with(begin)), "{words:?}");
         assert_eq!(snapshot.gateways[0].times_lost, 1);
     }
 
     #[test]
-    fn rates_are_of_the_window_and_counters_since_clearing() {
+    fn rates_use_the_window_and_counters_the_last_clear() {
         let mut collector = Collector::new(&[0], 1_000_000, 1_000_000_000, true);
         let at = |frames: u64| {
             move |gateway: &mut GatewayObservation| {

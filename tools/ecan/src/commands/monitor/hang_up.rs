@@ -1,4 +1,4 @@
-//! Noticing that the terminal has gone away: its window was closed, its connection broke.
+//! Detection of a closed terminal: window or connection closed.
 
 use std::io::IsTerminal;
 use std::sync::Arc;
@@ -7,16 +7,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
 
-/// Set once the terminal has gone away. A program need not get SIGHUP then, and reading from such a
-/// terminal does not wait any more.
+/// Set when the terminal is closed. A program may not get SIGHUP then, and reading from such a
+/// terminal does not block.
 #[derive(Clone, Debug, Default)]
 pub struct HangUp(Arc<AtomicBool>);
 
 impl HangUp {
-    /// Watches standard output, and standard input where it is a terminal, on a thread that nobody
-    /// waits for.
+    /// Watches standard output, and standard input if it is a terminal, on a detached thread.
     ///
     /// # Errors
+    /// The thread cannot be started.
     /// The system's, when there can be no more threads.
     pub fn watch() -> std::io::Result<Self> {
         let hang_up = Self::default();
@@ -28,16 +28,16 @@ impl HangUp {
         Ok(hang_up)
     }
 
-    /// Whether the terminal has gone away.
+    /// Returns whether the terminal is closed.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// Returns when one of the terminals is gone, or cannot be watched.
+/// Returns when one of the terminals is closed or cannot be polled.
 fn wait() {
     let (input, output) = (std::io::stdin(), std::io::stdout());
-    // The end of a terminal is told without being asked for; nothing else is wanted.
+    // A hang-up is always reported; no other events are requested.
     let mut ends = vec![PollFd::new(&output, PollFlags::empty())];
     if input.is_terminal() {
         ends.push(PollFd::new(&input, PollFlags::empty()));

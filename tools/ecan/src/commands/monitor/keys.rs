@@ -1,10 +1,10 @@
-//! What keys do.
+//! Keys of the monitor.
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use ecan_protocol::mapping::CHANNELS;
 
-/// What the user chose.
+/// Selection of the user.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Choice {
     /// Index of a gateway.
@@ -14,7 +14,7 @@ pub struct Choice {
     pub has_help: bool,
 }
 
-/// What is left to do after a key.
+/// Action after a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     None,
@@ -23,7 +23,7 @@ pub enum Action {
 }
 
 impl Choice {
-    /// Takes in a key, with so many gateways there.
+    /// Handles a key, for this number of gateways.
     pub fn press(&mut self, key: KeyEvent, gateways: usize) -> Action {
         if key.kind == KeyEventKind::Release {
             return Action::None;
@@ -31,7 +31,7 @@ impl Choice {
         let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
         match key.code {
             KeyCode::Char('c') if is_control => return Action::Quit,
-            // With the help open Esc only closes it.
+            // With the help open, Esc only closes it.
             KeyCode::Esc if self.has_help => self.has_help = false,
             KeyCode::Char('q') | KeyCode::Esc => return Action::Quit,
             KeyCode::Char('c') => return Action::Clear,
@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_end_pause_clear_and_choose() {
+    fn keys_quit_pause_clear_and_select() {
         let mut choice = Choice::default();
         let control_c = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
         assert_eq!(choice.press(control_c, 2), Action::Quit);

@@ -1,4 +1,4 @@
-//! `ecan monitor`: gateways, channels and the cycle at a glance.
+//! `ecan monitor`: live view of gateways, channels and cycle.
 
 mod collector;
 mod hang_up;
@@ -27,42 +27,41 @@ use collector::Collector;
 use observation::Observation;
 use watcher::Watcher;
 
-/// Between two looks at the gateways, in nanoseconds.
+/// Interval of observations, in nanoseconds.
 const LOOK_NS: u64 = 100_000_000;
 
 /// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
-  ecan monitor --bitrate 1000000               all gateways of the bus, on the whole terminal
-  ecan --slave 1 monitor --listen-only         one gateway, without taking part in its CAN buses
-  ecan monitor --config cell.toml              the gateways of a file, set as it says
-  ecan monitor --once --for 10                 print how things stand after 10 seconds
-  ecan monitor --for 60 --json > minute.json   for other programs
+  ecan monitor --bitrate 1000000               all gateways of the bus, in full-screen mode
+  ecan --slave 1 monitor --listen-only         one gateway, without acknowledging on its CAN buses
+  ecan monitor --config cell.toml              the gateways of a file, with its settings
+  ecan monitor --once --for 10                 print the state after 10 seconds
+  ecan monitor --for 60 --json > minute.json   JSON output
 
-Keys: q, Esc, Ctrl-C end; p pause; c clear counters; arrows choose gateway and channel; ? help.
+Keys: q, Esc, Ctrl-C end; p pause; c clear counters; arrows select gateway and channel; ? help.
 
-The program runs the cycle itself: it cannot watch beside another application of the master.
-Where standard output is no terminal, it prints once. Then the exit status is 1 where a gateway
-is not in service at the end, or a channel off the bus.
+The command runs the cycle itself: it cannot run in parallel with another application of the master.
+If standard output is not a terminal, it prints once. Exit status 1 if a gateway is not ready at the
+end or a channel is bus-off.
 
-Load is the share of the CAN bus of the frames that reach the host, without stuff bits: it leaves
-out what filters or full buffers keep back. TEC and REC are the error counters of the CAN controller.
-Dropped frames and bus-offs are the gateway's own counters, since it was switched on, until c is
-pressed; all others count from the start.";
+Load is the bus load of the frames that reach the host, without stuff bits and without frames that
+filters or full buffers drop. TEC and REC are the error counters of the CAN controller. Dropped frames
+and bus-offs are counted by the gateway from its start or the last clear, all others from the start.";
 
 /// Arguments of `monitor`.
 #[derive(Debug, Args)]
 pub struct MonitorArguments {
-    /// Print once how things stand, without the whole terminal
+    /// Print the current state once and exit, without full-screen mode
     #[arg(long)]
     once: bool,
-    /// Watch for so many seconds, then print; as --once
+    /// Observe for this time, in s, then print as with --once
     #[arg(long = "for", value_name = "SECONDS", value_parser = parse_seconds)]
     seconds: Option<f64>,
-    /// Channels to enable, 0 to 3 with commas between, or all; with --config those of the file
+    /// Channels to enable, 0 to 3, comma-separated, or all; with --config: channels of the file
     #[arg(long, value_name = "CHANNELS", default_value = "all", conflicts_with = "config")]
     channel: Channels,
-    /// Listen without acknowledging: another node on the bus has to
+    /// Listen without acknowledging; another node must acknowledge
     #[arg(long)]
     listen_only: bool,
     #[command(flatten)]
@@ -79,7 +78,7 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    // The terminal has to be put back, which takes a second at most.
+    // The terminal must be restored, which takes up to a second.
     let interrupt = Interrupt::install_patient()?;
     let is_asked_once = arguments.once || arguments.seconds.is_some() || global.json;
     if is_asked_once || !std::io::stdout().is_terminal() {
@@ -91,7 +90,7 @@ pub fn run(
     terminal::run(watcher, arguments, &interrupt, output)
 }
 
-/// Watches for some time, then prints.
+/// Observes for a time, then prints.
 fn print_once(
     arguments: &MonitorArguments,
     interrupt: &Interrupt,
@@ -104,7 +103,7 @@ fn print_once(
     let bus = settings.open_bus(global, output, ClockKind::Stepped)?;
     if !is_asked {
         output.note(format_args!(
-            "standard output is no terminal: printing once, after {seconds} s, as with --once"
+            "standard output is not a terminal: printing once after {seconds} s, as with --once"
         ));
     }
     let mut watcher = Watcher::open(&bus, &settings, arguments, global)?;

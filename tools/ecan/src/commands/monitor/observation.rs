@@ -1,4 +1,4 @@
-//! What the cycle hands over: raw numbers, in memory that goes back and forth.
+//! Raw values of the cycle, in preallocated memory that is passed back and forth.
 
 use ecan_host::{CycleStart, DomainReport};
 use ecan_mcan_port::{
@@ -8,17 +8,17 @@ use ecan_protocol::can::FrameBits;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
 
-/// Cycles that an observation has room for.
+/// Maximum number of cycles in an observation.
 const MARKS: usize = 4096;
 
-/// When a cycle began, and when its work was done.
+/// Start and end of the work of a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Mark {
     pub start: CycleStart,
     pub end_ns: u64,
 }
 
-/// One gateway as the cycle sees it.
+/// Gateway in the view of the cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GatewayObservation {
     pub session: Session,
@@ -26,24 +26,24 @@ pub struct GatewayObservation {
     pub domain: DomainReport,
     pub statistics: SlaveStatistics,
     pub channels: [ChannelStatus; CHANNELS],
-    /// Whether a cycle since the look before found the channel off the bus.
+    /// Whether the channel was bus-off in a cycle since the last observation.
     pub has_been_bus_off: [bool; CHANNELS],
-    /// Bus time of the frames that arrived, since the start, in seconds.
+    /// Bus time of the received frames since the start, in seconds.
     pub busy_s: [f64; CHANNELS],
 }
 
-/// Everything since the observation before.
+/// Values since the last observation.
 #[derive(Debug, Default)]
 pub struct Observation {
     pub now_ns: u64,
     pub marks: Vec<Mark>,
-    /// Cycles for which there was no room.
+    /// Cycles that did not fit.
     pub unmeasured: u64,
     pub gateways: Vec<GatewayObservation>,
 }
 
 impl Observation {
-    /// With room for so many gateways.
+    /// Allocates for a number of gateways.
     pub fn new(gateways: usize) -> Self {
         Self {
             now_ns: 0,
@@ -53,12 +53,12 @@ impl Observation {
         }
     }
 
-    /// Whether so many more cycles may have no room.
+    /// Returns whether `count` further cycles may not fit.
     pub fn is_nearly_full(&self) -> bool {
         self.marks.len() >= MARKS / 2
     }
 
-    /// Begins anew; keeps the memory.
+    /// Clears the values and keeps the memory.
     pub fn clear(&mut self) {
         self.marks.clear();
         self.unmeasured = 0;
@@ -67,7 +67,7 @@ impl Observation {
         }
     }
 
-    /// Notes a cycle. Allocates nothing.
+    /// Records a cycle. Does not allocate.
     pub fn mark(&mut self, mark: Mark) {
         if self.marks.len() < self.marks.capacity() {
             self.marks.push(mark);
@@ -76,7 +76,7 @@ impl Observation {
         }
     }
 
-    /// Notes how everything stands. Allocates nothing.
+    /// Records the state of the gateways. Does not allocate.
     pub fn look(&mut self, port: &Port, busy: &BusTime, now_ns: u64) {
         self.now_ns = now_ns;
         self.look_for_bus_off(port);
@@ -97,8 +97,8 @@ impl Observation {
         }
     }
 
-    /// Notes channels that are off the bus, once a cycle: a look may come too late for them.
-    /// Allocates nothing.
+    /// Records channels in bus-off, once per cycle: an observation may miss a short one. Does not
+    /// allocate.
     pub fn look_for_bus_off(&mut self, port: &Port) {
         for channel in port.channels() {
             let Some(gateway) = self.gateways.get_mut(channel.slave()) else { continue };
@@ -110,13 +110,13 @@ impl Observation {
     }
 }
 
-/// Adds up how long the frames that arrive were on their bus, without stuff bits.
+/// Sums the bus time of received frames, without stuff bits.
 #[derive(Debug)]
 pub struct BusTime {
     gateways: Vec<[ChannelTime; CHANNELS]>,
 }
 
-/// Bit rates of a channel in bit/s, and the time its frames took.
+/// Bit rates of a channel in bit/s, and the bus time of its frames.
 #[derive(Clone, Copy, Debug, Default)]
 struct ChannelTime {
     nominal_bitrate: u32,
@@ -125,7 +125,7 @@ struct ChannelTime {
 }
 
 impl BusTime {
-    /// For gateways of this configuration.
+    /// For the gateways of a configuration.
     pub fn new(config: &PortConfig) -> Self {
         let channel = |channel: &Option<ChannelConfig>| {
             let Some(ChannelConfig { can, .. }) = channel else { return ChannelTime::default() };
@@ -137,7 +137,7 @@ impl BusTime {
         Self { gateways: gateways.collect() }
     }
 
-    /// Counts what came back, where it is a frame. Allocates nothing.
+    /// Counts a received frame. Does not allocate.
     pub fn count(&mut self, received: &Received) {
         let Received::Frame(received) = received else { return };
         let gateway = self.gateways.get_mut(received.slave);

@@ -1,4 +1,4 @@
-//! A snapshot as a screen. A pure function of the snapshot and of what the user chose.
+//! Draws a snapshot. A pure function of the snapshot and the user's selection.
 
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -12,26 +12,26 @@ use super::keys::Choice;
 use super::snapshot::{CLASS_NAMES, CLASSES, ChannelView, GatewayState, GatewayView, Snapshot};
 use super::text::{CHANNEL_TITLES, channel_cells, cycle_counts, cycle_times, gateway_cells};
 
-/// Below this there is room for the worst news only.
+/// Minimum height of the full screen; below, only problems are shown.
 const LEAST_WIDTH: u16 = 54;
 const LEAST_HEIGHT: u16 = 14;
-/// Lines that are to be left there before events have some of them.
+/// Minimum number of free lines before events are shown.
 const LEAST_EVENTS: usize = 4;
-/// Frame, titles and one gateway.
+/// Border, titles and one gateway.
 const LEAST_GATEWAYS: u16 = 4;
-/// Frame and titles around the channels; the line of the one chosen.
+/// Border and titles of the channels, and the line of the selected one.
 const CHANNELS_HEIGHT: u16 = CHANNELS as u16 + 4;
 const CYCLE_HEIGHT: u16 = 6;
 const HISTOGRAM_HEIGHT: u16 = CLASSES as u16 + 2;
 const HELP: &str = "\
 q, Esc, Ctrl-C  end
-p               pause and go on
+p               pause and continue
 c               clear counters
-up, down        choose a gateway
-left, right     choose a channel
+up, down        select a gateway
+left, right     select a channel
 ?               close this help";
 
-/// Draws everything.
+/// Draws the screen.
 pub fn draw(frame: &mut Frame, snapshot: &Snapshot, choice: Choice, has_color: bool) {
     let area = frame.area();
     let tint = Tint(has_color);
@@ -49,7 +49,7 @@ pub fn draw(frame: &mut Frame, snapshot: &Snapshot, choice: Choice, has_color: b
     }
 }
 
-/// Colours, where they are wanted.
+/// Colours, if enabled.
 #[derive(Clone, Copy)]
 struct Tint(bool);
 
@@ -59,9 +59,9 @@ impl Tint {
     }
 
     fn gateway(self, gateway: &GatewayView) -> Style {
-        match gateway.standing {
-            GatewayState::InService if !has_trouble(gateway) => self.of(Color::Green),
-            GatewayState::InService | GatewayState::Starting => self.of(Color::Yellow),
+        match gateway.state {
+            GatewayState::Ready if !has_problem(gateway) => self.of(Color::Green),
+            GatewayState::Ready | GatewayState::Starting => self.of(Color::Yellow),
             GatewayState::Lost => self.of(Color::Red).add_modifier(Modifier::BOLD),
         }
     }
@@ -77,17 +77,15 @@ impl Tint {
     }
 }
 
-fn has_trouble(gateway: &GatewayView) -> bool {
+fn has_problem(gateway: &GatewayView) -> bool {
     gateway.channels.iter().any(|channel| channel.is_bus_off || channel.has_warning)
 }
 
-/// A line for each gateway, those with trouble first. What room is left has the keys and the latest
-/// events.
+/// One line per gateway, those with problems first; the remaining lines show the keys and the
+/// latest events.
 fn draw_tiny(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
     let mut gateways: Vec<_> = snapshot.gateways.iter().collect();
-    gateways.sort_by_key(|gateway| {
-        (gateway.standing == GatewayState::InService, !has_trouble(gateway))
-    });
+    gateways.sort_by_key(|gateway| (gateway.state == GatewayState::Ready, !has_problem(gateway)));
     let mut lines: Vec<Line> = Vec::new();
     if choice.is_paused {
         lines.push(Line::raw("PAUSED"));
@@ -96,7 +94,7 @@ fn draw_tiny(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice,
         let off = (0..CHANNELS).zip(&gateway.channels).filter(|(_, channel)| channel.is_bus_off);
         let off: String = off.map(|(at, _)| format!(" can{at}")).collect();
         let words = match off.as_str() {
-            "" => format!("{} {}", gateway.position, gateway.standing.words()),
+            "" => format!("{} {}", gateway.position, gateway.state.text()),
             off => format!("{} bus-off{off}", gateway.position),
         };
         Line::styled(words, tint.gateway(gateway))
@@ -118,7 +116,7 @@ fn draw_tiny(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice,
 }
 
 fn draw_whole(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
-    // Without title and keys. One gateway and its channels always have their place.
+    // Without title and keys. One gateway and its channels are always shown.
     let room = area.height - 2;
     let wanted = u16::try_from(snapshot.gateways.len()).unwrap_or(u16::MAX).saturating_add(3);
     let others = CHANNELS_HEIGHT + CYCLE_HEIGHT;
@@ -148,15 +146,15 @@ fn draw_whole(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice
     draw_cycle(frame, cycle_area, snapshot);
     draw_histogram(frame, histogram_area, snapshot);
     draw_events(frame, event_area, snapshot);
-    let keys = "q end  p pause  c clear  arrows choose  ? help";
+    let keys = "q end  p pause  c clear  arrows select  ? help";
     frame.render_widget(Paragraph::new(keys), key_area);
 }
 
 fn title(snapshot: &Snapshot, choice: Choice) -> Paragraph<'static> {
-    let in_service = snapshot.gateways.iter().filter(|it| it.standing == GatewayState::InService);
+    let ready = snapshot.gateways.iter().filter(|it| it.state == GatewayState::Ready);
     let mut words = format!(
-        "ecan monitor  {} of {} in service  {:.0} s",
-        in_service.count(),
+        "ecan monitor  {} of {} ready  {:.0} s",
+        ready.count(),
         snapshot.gateways.len(),
         snapshot.seconds
     );
@@ -171,7 +169,7 @@ fn title(snapshot: &Snapshot, choice: Choice) -> Paragraph<'static> {
     Paragraph::new(Line::from(spans))
 }
 
-/// A table of which the columns that find no room at the right are left out.
+/// Table that omits the columns at the right that do not fit.
 fn columns<const N: usize>(widths: [u16; N], room: u16) -> Vec<Constraint> {
     let mut used = 0;
     let fits = |width: &u16| {
@@ -181,7 +179,7 @@ fn columns<const N: usize>(widths: [u16; N], room: u16) -> Vec<Constraint> {
     widths.into_iter().take_while(fits).map(Constraint::Length).collect()
 }
 
-/// What the reason has at least.
+/// Minimum width of the reason.
 const REASON_WIDTH: u16 = 15;
 
 fn draw_gateways(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
@@ -230,9 +228,9 @@ fn draw_channels(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Cho
     }
 }
 
-/// The channel chosen, in a line.
+/// State of the selected channel, as a line.
 fn in_words(channel: &ChannelView) -> String {
-    let Some(state) = &channel.state else { return "the gateway is not in service".to_owned() };
+    let Some(state) = &channel.state else { return "the gateway is not ready".to_owned() };
     let mut words = state.clone();
     let marks = [
         (channel.has_warning, "error warning, error passive or degraded bus"),
@@ -256,10 +254,10 @@ fn draw_cycle(frame: &mut Frame, area: Rect, snapshot: &Snapshot) {
 fn draw_histogram(frame: &mut Frame, area: Rect, snapshot: &Snapshot) {
     let counts = snapshot.cycle.histogram;
     let all = counts.iter().sum::<u64>().max(1);
-    // Name, count and share beside the bar.
+    // Name, count and bar.
     let room = u64::from(area.width.saturating_sub(2 + 10 + 1 + 12 + 1));
     let lines = CLASS_NAMES.iter().zip(counts).map(|(name, count)| {
-        // A few of many show all the same.
+        // At least one block for a count above 0.
         let length = (count.saturating_mul(room) / all).max(u64::from(count > 0));
         let bar: String = std::iter::repeat_n('█', length as usize).collect();
         Line::raw(format!("{name:>10} {count:>12} {bar}"))
@@ -277,7 +275,7 @@ fn draw_events(frame: &mut Frame, area: Rect, snapshot: &Snapshot) {
     frame.render_widget(Paragraph::new(latest_events(snapshot, room)).block(block), area);
 }
 
-/// The last events, so many at most.
+/// The last events.
 fn latest_events(snapshot: &Snapshot, room: usize) -> Vec<Line<'_>> {
     let skipped = snapshot.events.len().saturating_sub(room);
     let events = snapshot.events.iter().skip(skipped);

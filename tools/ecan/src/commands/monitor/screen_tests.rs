@@ -1,4 +1,4 @@
-//! Screens as text.
+//! Tests of the screens as text.
 
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
@@ -6,7 +6,7 @@ use ratatui::backend::TestBackend;
 use super::super::snapshot::{CycleView, Errors, Event, Times};
 use super::*;
 
-/// What the screen shows, without the blanks at the ends of its lines.
+/// Text of the screen, without trailing blanks.
 fn screen(width: u16, height: u16, snapshot: &Snapshot, choice: Choice) -> String {
     let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
     terminal.draw(|frame| draw(frame, snapshot, choice, true)).unwrap();
@@ -15,7 +15,7 @@ fn screen(width: u16, height: u16, snapshot: &Snapshot, choice: Choice) -> Strin
     (0..height).map(|y| format!("{}\n", row(y).trim_end())).collect()
 }
 
-/// Colour of the first place where these words stand.
+/// Colour at the first occurrence of a text.
 fn color(snapshot: &Snapshot, words: &str, has_color: bool) -> Color {
     let mut terminal = Terminal::new(TestBackend::new(100, 30)).unwrap();
     let choice = Choice { channel: 3, ..Choice::default() };
@@ -45,7 +45,7 @@ fn channel(load: f64) -> ChannelView {
 fn gateway(position: usize) -> GatewayView {
     GatewayView {
         position,
-        standing: GatewayState::InService,
+        state: GatewayState::Ready,
         working_counter: 3,
         expected_working_counter: 3,
         times_in_service: 1,
@@ -76,7 +76,7 @@ fn healthy(gateways: usize) -> Snapshot {
             ..CycleView::default()
         },
         gateways: (0..gateways).map(gateway).collect(),
-        events: vec![Event { seconds: 0.9, words: "gateway 0 is in service".to_owned() }],
+        events: vec![Event { seconds: 0.9, words: "gateway 0: ready".to_owned() }],
     }
 }
 
@@ -97,19 +97,19 @@ fn lost() -> Snapshot {
     let mut snapshot = healthy(2);
     let channels = std::array::from_fn(|_| ChannelView::default());
     snapshot.gateways[1] = GatewayView {
-        standing: GatewayState::Lost,
-        reason: "waits for OP".to_owned(),
+        state: GatewayState::Lost,
+        reason: "waiting for OP".to_owned(),
         working_counter: 0,
         incomplete_cycles: 812,
         times_lost: 1,
         channels,
         ..gateway(1)
     };
-    snapshot.events.push(Event { seconds: 60.9, words: "gateway 1 is lost".to_owned() });
+    snapshot.events.push(Event { seconds: 60.9, words: "gateway 1: lost".to_owned() });
     snapshot
 }
 
-/// Compares a screen with the file that has it.
+/// Compares a screen with its file.
 macro_rules! shows {
     ($name:literal, $size:expr, $snapshot:expr, $choice:expr) => {
         let (width, height) = $size;
@@ -141,7 +141,7 @@ fn a_lost_slave_stays_on_the_screen_as_lost() {
     shows!("lost", (100, 25), lost(), Choice { gateway: 1, ..FIRST });
     assert_eq!(color(&lost(), "LOST", true), Color::Red);
     assert_eq!(color(&lost(), "LOST", false), Color::Reset);
-    assert_eq!(color(&healthy(1), "in service 3/3", true), Color::Green);
+    assert_eq!(color(&healthy(1), "ready      3/3", true), Color::Green);
 }
 
 #[test]
@@ -151,16 +151,16 @@ fn a_narrow_terminal_leaves_out_columns_at_the_right() {
 
 #[test]
 fn a_tiny_terminal_has_the_worst_first() {
-    assert_eq!(screen(20, 2, &lost(), FIRST), "1 LOST\n0 in service\n");
+    assert_eq!(screen(20, 2, &lost(), FIRST), "1 LOST\n0 ready\n");
     assert_eq!(screen(26, 2, &bus_off(), FIRST), "0 bus-off can1\nSIMULATED  q end  ? help\n");
     let real = Snapshot { is_simulated: false, ..bus_off() };
     assert_eq!(screen(26, 3, &real, FIRST), "0 bus-off can1\n\nq end  ? help\n");
     let expected = "\
 1 LOST
-0 in service
+0 ready
 
-     0.9 s  gateway 0 is in service
-    60.9 s  gateway 1 is lost
+     0.9 s  gateway 0: ready
+    60.9 s  gateway 1: lost
 
 SIMULATED  q end  ? help
 ";

@@ -1,44 +1,44 @@
-//! What is shown: everything at one moment, as plain values.
+//! Displayed values as plain data.
 
 use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
-/// Number of classes of the histogram.
+/// Number of histogram classes.
 pub const CLASSES: usize = 7;
-/// What each class holds: by how many microseconds a period differs from the cycle.
+/// Class limits: difference between period and cycle in microseconds.
 pub const CLASS_NAMES: [&str; CLASSES] =
     ["< -100", "-100..-10", "-10..-1", "-1..+1", "+1..+10", "+10..+100", "> +100"];
 
-/// Everything at one moment. Counters count since the start, or since they were cleared.
+/// Displayed values at one time. Counters count from the start or the last clear.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Snapshot {
-    /// Since the watching began.
+    /// Time since the start.
     pub seconds: f64,
-    /// The master is a simulated one.
+    /// Whether the master is simulated.
     pub is_simulated: bool,
     pub cycle: CycleView,
     pub gateways: Vec<GatewayView>,
-    /// What has changed, the latest last.
+    /// Events, the latest last.
     pub events: Vec<Event>,
 }
 
-/// How the cycle is kept.
+/// Timing of the cycle.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CycleView {
-    /// As it should be.
+    /// Nominal cycle time.
     pub cycle_us: f64,
     pub cycles: u64,
-    /// Cycles whose next point had passed already, and points left out.
+    /// Overruns and skipped deadlines.
     pub overruns: u64,
     pub skipped: u64,
-    /// Cycles that the display did not get to measure.
+    /// Cycles without measurement.
     pub unmeasured: u64,
-    /// From the start of a cycle to the next.
+    /// Time between the starts of two cycles.
     pub period: Times,
-    /// From the start of a cycle to the end of its work.
+    /// Time from the start of a cycle to the end of its work.
     pub run_time: Times,
-    /// Periods by their difference from the cycle: below -100 us, to -10, to -1, to +1, to +10, to
-    /// +100 us, above.
+    /// Number of periods by difference from the cycle: below -100 us, to -10, -1, +1, +10, +100 us,
+    /// above.
     pub histogram: [u64; CLASSES],
 }
 
@@ -53,23 +53,23 @@ pub struct Times {
     pub max_us: f64,
 }
 
-/// Where a gateway stands.
+/// State of a gateway.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GatewayState {
-    /// Not yet in service.
+    /// Not ready since the start.
     #[default]
     Starting,
-    InService,
-    /// It was in service.
+    Ready,
+    /// Not ready after it was ready.
     Lost,
 }
 
 impl GatewayState {
-    pub fn words(self) -> &'static str {
+    pub fn text(self) -> &'static str {
         match self {
             Self::Starting => "starting",
-            Self::InService => "in service",
+            Self::Ready => "ready",
             Self::Lost => "LOST",
         }
     }
@@ -78,19 +78,19 @@ impl GatewayState {
 /// One gateway.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct GatewayView {
-    /// Its place in the ring.
+    /// Position of the slave.
     pub position: usize,
-    pub standing: GatewayState,
-    /// What it waits for, or what is wrong; empty in service.
+    pub state: GatewayState,
+    /// Awaited event or error; empty if ready.
     pub reason: String,
     pub working_counter: u32,
     pub expected_working_counter: u32,
-    /// Cycles whose working counter was not complete.
+    /// Cycles with an incomplete working counter.
     pub incomplete_cycles: u64,
-    /// Images of the gateway that did not arrive, or with faults.
+    /// Images that were lost or invalid.
     pub lost_images: u64,
     pub faulty_images: u64,
-    /// Times that it was lost while in service, and came into service.
+    /// Number of losses, and of changes to ready.
     pub times_lost: u64,
     pub times_in_service: u64,
     pub channels: [ChannelView; CHANNELS],
@@ -99,53 +99,53 @@ pub struct GatewayView {
 /// One CAN channel.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ChannelView {
-    /// As the gateway's last image tells; none while it is not in service.
+    /// State in the last image; `None` while the gateway is not ready.
     pub state: Option<String>,
     pub is_bus_off: bool,
-    /// Error warning, error passive or a degraded bus.
+    /// Error warning, error passive or degraded bus.
     pub has_warning: bool,
     pub has_rx_pressure: bool,
     pub has_tx_pressure: bool,
-    /// Frames that wait in the gateway, 0 to 7 where 7 may be more.
+    /// Pending frames in the gateway, 0 to 7; 7 may be more.
     pub rx_pending: u8,
     pub tx_pending: u8,
-    /// Frames a second from the bus.
+    /// Received frames per second.
     pub rx_per_second: f64,
-    /// Frames from the bus.
+    /// Received frames.
     pub received: u64,
-    /// Share of the bus that these frames take at least; 1 is all of it.
+    /// Minimum bus load of these frames, 0 to 1.
     pub load: f64,
-    /// What only the mailbox tells; none where it did not answer yet.
+    /// Error counters from the mailbox; `None` without a response.
     pub errors: Option<Errors>,
 }
 
-/// Error counters of a channel (0x9000, manual 13.5). Dropped frames and bus-offs are the gateway's,
-/// since it was switched on, or since they were cleared here.
+/// Error counters of a channel (0x9000, manual 13.5). Dropped frames and bus-offs are counted by
+/// the gateway, from its start or the last clear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Errors {
     /// Transmit error counter.
     pub transmit: u8,
-    /// Receive error counter, 128 where the controller says that it is passive.
+    /// Receive error counter; 128 if the controller is error passive.
     pub receive: u8,
-    /// Frames from the bus that the gateway dropped.
+    /// Received frames dropped by the gateway.
     pub dropped: u64,
-    /// Times that the channel went off the bus.
+    /// Number of bus-offs.
     pub bus_offs: u64,
 }
 
-/// Something that has changed.
+/// Event.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Event {
-    /// Since the watching began.
+    /// Time since the start.
     pub seconds: f64,
     pub words: String,
 }
 
 impl Snapshot {
-    /// Whether a gateway is out of service, or a channel off the bus.
+    /// Returns whether a gateway is not ready or a channel is bus-off.
     pub fn has_problem(&self) -> bool {
         self.gateways.iter().any(|gateway| {
-            gateway.standing != GatewayState::InService
+            gateway.state != GatewayState::Ready
                 || gateway.channels.iter().any(|channel| channel.is_bus_off)
         })
     }

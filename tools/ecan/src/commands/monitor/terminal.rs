@@ -1,4 +1,4 @@
-//! The whole terminal: the cycle on the main thread, drawing and mailbox on threads of their own.
+//! Full-screen mode: the cycle on the main thread, drawing and mailbox on other threads.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,20 +23,20 @@ use super::snapshot::Snapshot;
 use super::watcher::{Watcher, read_errors};
 use super::{LOOK_NS, MonitorArguments};
 
-/// Observations that go back and forth between the cycle and the drawing.
+/// Number of observations passed between the cycle and the drawing.
 const OBSERVATIONS: usize = 3;
-/// Over which rates are taken, in nanoseconds.
+/// Window for the rates, in nanoseconds.
 const WINDOW_NS: u64 = 1_000_000_000;
-/// Longest wait for a key before the next drawing.
+/// Maximum time of waiting for a key before the next drawing.
 const FRAME: Duration = Duration::from_millis(100);
-/// How long the drawing may take to end. It never does while its terminal takes or gives nothing.
+/// Time limit for the end of the drawing, which blocks if its terminal is blocked.
 const END: Duration = Duration::from_secs(1);
-/// Between two looks whether it has ended.
+/// Poll interval of the end.
 const LOOK: Duration = Duration::from_millis(5);
-/// Between two readings of the error counters.
+/// Interval of reading the error counters.
 const ERRORS_PAUSE: Duration = Duration::from_millis(1000);
 
-/// Watches until the user has had enough.
+/// Runs until the user quits.
 pub fn run(
     mut watcher: Watcher,
     arguments: &MonitorArguments,
@@ -47,11 +47,11 @@ pub fn run(
     let (full, seen) = sync_channel(OBSERVATIONS);
     let (spent, empty) = sync_channel(OBSERVATIONS);
     for _ in 1..OBSERVATIONS {
-        // There is room for all of them.
+        // All observations fit into the queue.
         let _ = spent.try_send(Observation::new(gateways));
     }
     let (errors_out, errors_in) = channel();
-    // Before the thread of the cycle asks for more than they are to have.
+    // Started before the real-time settings of the cycle thread, which it must not inherit.
     let _mailbox = Mailbox::start(watcher.open_diagnostics()?, gateways, errors_out)?;
     let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
     let hang_up = HangUp::watch().map_err(Failure::of_thread)?;
@@ -82,20 +82,20 @@ pub fn run(
         if now_ns < look_ns {
             continue;
         }
-        // While the drawing is late the cycle goes on with what it has.
+        // If the drawing is late, the cycle continues with its own observations.
         if let Ok(next) = empty.try_recv() {
             look_ns = now_ns.saturating_add(LOOK_NS);
             watcher.look(&mut observation);
             guard.hand_over(std::mem::replace(&mut observation, next));
         }
     }
-    // The terminal is as it was before anything else is said.
+    // The terminal is restored before anything else is printed.
     let drawn = guard.finish();
-    // There is none any more: of course it could not be drawn on.
+    // The terminal is closed: errors of drawing are expected.
     if hang_up.is_set() { outcome } else { drawn.and(outcome) }
 }
 
-/// The drawing's thread, ended on every way out of the cycle.
+/// Thread of the drawing; ended when dropped.
 struct Joined {
     full: Option<SyncSender<Observation>>,
     thread: Option<JoinHandle<Result<(), Failure>>>,
@@ -104,7 +104,7 @@ struct Joined {
 impl Joined {
     fn hand_over(&self, observation: Observation) {
         if let Some(full) = &self.full {
-            // There is room for all observations; without a reader the loop ends.
+            // All observations fit; without receiver the loop ends.
             let _ = full.try_send(observation);
         }
     }
@@ -119,7 +119,7 @@ impl Joined {
         let deadline = Instant::now() + END;
         while !thread.is_finished() {
             if Instant::now() >= deadline {
-                // It hangs in its terminal: what can be done is done from here, the program goes.
+                // The thread is blocked by its terminal: restore it from here and exit.
                 restore_in_time();
                 return Ok(());
             }
@@ -139,10 +139,10 @@ impl Drop for Joined {
     }
 }
 
-/// Puts a snapshot on the screen.
+/// Draws a snapshot.
 type Draw = fn(&mut Frame<'_>, &Snapshot, Choice, bool);
 
-/// What the drawing's thread has.
+/// State of the drawing thread.
 struct Drawing {
     collector: Collector,
     seen: Receiver<Observation>,
@@ -154,7 +154,7 @@ struct Drawing {
     draw: Draw,
 }
 
-/// Tells the cycle that the drawing has ended, however it did.
+/// Reports the end of the drawing to the cycle.
 struct Over(Arc<AtomicBool>);
 
 impl Drop for Over {
@@ -163,17 +163,17 @@ impl Drop for Over {
     }
 }
 
-/// Restores the terminal when it goes; a panic restores it before its message too.
+/// Restores the terminal when dropped; the panic hook restores it before its message.
 struct Restored;
 
 impl Drop for Restored {
     fn drop(&mut self) {
-        // Where the terminal is gone there is nothing to restore, and nowhere to say so.
+        // A closed terminal needs no restoring.
         let _ = ratatui::try_restore();
     }
 }
 
-/// Restores the terminal as far as it takes that.
+/// Restores the terminal, ignoring errors.
 fn restore_in_time() {
     let (ending, ended) = channel::<()>();
     let restore = move || {
@@ -188,7 +188,7 @@ fn restore_in_time() {
 impl Drawing {
     fn run(mut self) -> Result<(), Failure> {
         let _over = Over(self.is_over.clone());
-        // Until the bus runs, what is said is said on the terminal as it is.
+        // Messages before the cycle starts appear on the normal screen.
         let Ok(first) = self.seen.recv() else { return Ok(()) };
         self.take(first);
         let restored = Restored;
@@ -237,8 +237,7 @@ impl Drawing {
     }
 }
 
-/// Reads error counters now and then. Not waited for at the end: a slave that is lost may keep the
-/// master waiting.
+/// Reads the error counters periodically. Not joined at the end: a lost slave may block the master.
 struct Mailbox {
     _stop: Sender<()>,
 }

@@ -1,5 +1,5 @@
-//! The terminal after a panic. Each program that panics is this test program itself, on a
-//! pseudo-terminal: the panic is real, and so is what puts the terminal right.
+//! State of the terminal after a panic. The panicking program is this test program itself, on a
+//! pseudo-terminal.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -15,30 +15,30 @@ mod timed_reader;
 
 use terminal::{ENTER, OnTerminal};
 
-/// Names the file that, once it is there, is the sign for the panic.
+/// Path of the file that triggers the panic.
 const SIGN: &str = "ECAN_TEST_PANIC_SIGN";
-/// What the program says that panics.
+/// Panic message.
 const WORDS: &str = "a panic for the test";
-/// What a failed test program returns.
+/// Exit status of a failed test program.
 const FAILED: i32 = 101;
 
-/// Whether this is a program that was started on a terminal of its own.
+/// Returns whether this process was started on a terminal of its own.
 fn is_on_its_terminal() -> bool {
     std::env::var_os(SIGN).is_some()
 }
 
-/// Whether it is time.
+/// Returns whether the trigger file exists.
 fn is_time() -> bool {
     std::env::var_os(SIGN).is_some_and(|path| Path::new(&path).exists())
 }
 
-/// Draws as the monitor does, until it is time to panic.
+/// Draws like the monitor until the trigger.
 fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot, choice: Choice, has_color: bool) {
     assert!(!is_time(), "{WORDS}");
     screen::draw(frame, snapshot, choice, has_color);
 }
 
-/// A drawing on its thread as the monitor has it, and the way to hand it observations.
+/// A drawing thread as in the monitor, and its queue.
 fn start(draw: Draw) -> (Joined, Arc<AtomicBool>) {
     let (full, seen) = sync_channel(OBSERVATIONS);
     let (spent, _) = sync_channel(OBSERVATIONS);
@@ -70,7 +70,7 @@ fn program_whose_drawing_panics() {
     while !is_over.load(Ordering::Relaxed) {
         std::thread::yield_now();
     }
-    // The panic goes on here.
+    // The panic continues here.
     let _ = joined.finish();
 }
 
@@ -87,7 +87,7 @@ fn program_whose_cycle_panics() {
     }
 }
 
-/// Runs one of the programs until its screen is there, lets it panic, and waits for its end.
+/// Runs a program until its screen is shown, triggers the panic, and waits for its end.
 fn panics(program: &str) {
     let directory = tempfile::tempdir().unwrap();
     let sign: PathBuf = directory.path().join("sign");
@@ -101,7 +101,7 @@ fn panics(program: &str) {
     std::fs::write(&sign, "").unwrap();
     let (status, said) = monitor.end();
     assert_eq!(status, Some(FAILED), "{said}");
-    // Behind the screen, where it can be read.
+    // After the screen, where it is readable.
     assert!(said.contains(WORDS), "{said}");
 }
 

@@ -1,4 +1,4 @@
-//! A snapshot as lines of text.
+//! Prints a snapshot as text.
 
 use std::io::Write;
 
@@ -6,7 +6,7 @@ use crate::table;
 
 use super::snapshot::{CLASS_NAMES, ChannelView, CycleView, GatewayView, Snapshot, Times};
 
-/// Prints everything.
+/// Prints all values.
 pub fn print(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Result<()> {
     let mut rows = vec![
         ["gateway", "state", "WC", "incomplete", "lost images", "faulty images", "lost", "reason"]
@@ -39,12 +39,12 @@ pub fn print(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Result<()> {
     Ok(())
 }
 
-/// What a gateway's row says.
+/// Cells of a gateway's row.
 pub fn gateway_cells(gateway: &GatewayView) -> [String; 8] {
     let GatewayView { working_counter, expected_working_counter, .. } = gateway;
     [
         gateway.position.to_string(),
-        gateway.standing.words().to_owned(),
+        gateway.state.text().to_owned(),
         format!("{working_counter}/{expected_working_counter}"),
         gateway.incomplete_cycles.to_string(),
         gateway.lost_images.to_string(),
@@ -54,7 +54,7 @@ pub fn gateway_cells(gateway: &GatewayView) -> [String; 8] {
     ]
 }
 
-/// Over the cells of a channel.
+/// Headers of the channel table.
 pub const CHANNEL_TITLES: [&str; 10] = [
     "channel",
     "state",
@@ -68,7 +68,7 @@ pub const CHANNEL_TITLES: [&str; 10] = [
     "received",
 ];
 
-/// What a channel's row says.
+/// Cells of a channel's row.
 pub fn channel_cells(at: usize, channel: &ChannelView) -> [String; 10] {
     let count = |value: Option<u64>| value.map_or_else(|| "-".to_owned(), |it| it.to_string());
     let errors = channel.errors;
@@ -88,18 +88,18 @@ pub fn channel_cells(at: usize, channel: &ChannelView) -> [String; 10] {
     ]
 }
 
-/// State, with a mark where the channel warns.
+/// State, with a mark for a warning.
 fn state(channel: &ChannelView) -> String {
     let state = channel.state.clone().unwrap_or_else(|| "-".to_owned());
     if channel.has_warning && !channel.is_bus_off { format!("{state}, warning") } else { state }
 }
 
-/// The status counts no further than 7.
+/// The status word counts to 7.
 fn waiting(frames: u8) -> String {
     if frames >= 7 { "7+".to_owned() } else { frames.to_string() }
 }
 
-/// How many cycles, and which were not kept.
+/// Numbers of cycles, overruns and skipped deadlines.
 pub fn cycle_counts(cycle: &CycleView) -> String {
     let unmeasured = match cycle.unmeasured {
         0 => String::new(),
@@ -109,7 +109,7 @@ pub fn cycle_counts(cycle: &CycleView) -> String {
     format!("{cycles} cycles, {overruns} overruns, {skipped} skipped{unmeasured}")
 }
 
-/// A table of the times of the cycle, in microseconds.
+/// Table of the times of the cycle, in microseconds.
 pub fn cycle_times(cycle: &CycleView) -> [String; 3] {
     let row = |name: &str, cells: [String; 6]| {
         let cells = cells.map(|cell| format!("{cell:>7}"));

@@ -1,4 +1,4 @@
-//! The cycle: keeps the gateways in service and notes what it sees.
+//! The cycle: keeps the gateways ready and records their state.
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::Diagnostics;
@@ -16,7 +16,7 @@ use super::collector::GatewayErrors;
 use super::observation::{BusTime, Mark, Observation};
 use super::snapshot::Errors;
 
-/// Gateways under watch.
+/// Observed gateways.
 #[derive(Debug)]
 pub struct Watcher {
     port: Port,
@@ -25,21 +25,22 @@ pub struct Watcher {
 }
 
 impl Watcher {
-    /// Configures the gateway chosen, or all of them. No cycle runs yet.
+    /// Configures the selected gateway, or all. No cycle runs yet.
     pub fn open(
         bus: &Bus,
         settings: &Settings<'_>,
         arguments: &MonitorArguments,
         global: &GlobalOptions,
     ) -> Result<Self, Failure> {
-        let wishes = GatewayRequirements {
+        let requirements = GatewayRequirements {
             is_listening: arguments.listen_only,
             ..GatewayRequirements::on(arguments.channel)
         };
-        let Planned { positions, adapter, config, .. } = settings.for_all(bus, wishes, global)?;
+        let Planned { positions, adapter, config, .. } =
+            settings.for_all(bus, requirements, global)?;
         let first = positions.first().copied().unwrap_or_default();
         let failed = |error| match failure(first, error) {
-            Failure::OutOfService { reason, .. } if positions.len() > 1 => Failure::Refused(reason),
+            Failure::NotReady { reason, .. } if positions.len() > 1 => Failure::Rejected(reason),
             other => other,
         };
         config.check(&adapter).map_err(|faults| failed(faults.into()))?;
@@ -48,8 +49,7 @@ impl Watcher {
         Ok(Self { port, positions, busy })
     }
 
-    /// Activates the master: from now on [`cycle`](Self::cycle) has to run. The waiting goes by
-    /// what the Port says.
+    /// Activates the master; from now on [`cycle`](Self::cycle) must be called.
     pub fn activate(
         &mut self,
         options: &crate::frames::options::GatewayOptions,
@@ -60,7 +60,7 @@ impl Watcher {
         begun.map(|_| ()).map_err(|error| Failure::Master(error.to_string()))
     }
 
-    /// Waits for a cycle and runs it. Allocates nothing while all goes well.
+    /// Waits for a cycle and runs it. Does not allocate without errors.
     pub fn cycle(&mut self, observation: &mut Observation) -> Result<(), Failure> {
         let mut cycle = self.port.next_cycle();
         for received in cycle.received() {
@@ -73,7 +73,7 @@ impl Watcher {
         ended.map(drop).map_err(|error| Failure::Master(error.to_string()))
     }
 
-    /// Notes how everything stands.
+    /// Records the state of the gateways.
     pub fn look(&self, observation: &mut Observation) {
         observation.look(&self.port, &self.busy, self.now_ns());
     }
@@ -103,13 +103,13 @@ impl Watcher {
         self.port.adapter().is_simulated()
     }
 
-    /// A handle for the mailbox, for another thread.
+    /// Handle for the mailbox, for another thread.
     pub fn open_diagnostics(&self) -> Result<Diagnostics, Failure> {
         let opened = self.port.adapter().open_diagnostics();
         opened.map_err(|error| Failure::Master(error.to_string()))
     }
 
-    /// Reads the error counters of all gateways while the cycle goes on.
+    /// Reads the error counters of all gateways while the cycle runs.
     pub fn read_errors(&mut self) -> Vec<GatewayErrors> {
         let count = self.positions.len();
         let read = self
@@ -118,7 +118,7 @@ impl Watcher {
         read.unwrap_or_default()
     }
 
-    /// Runs the cycle until all gateways are in service, or the time for that is over.
+    /// Runs the cycle until all gateways are ready, or the time limit is reached.
     pub fn wait_ready(
         &mut self,
         interrupt: &Interrupt,
@@ -140,7 +140,7 @@ const ERROR_COUNTERS: u8 = 1;
 const DROPPED: u8 = 13;
 const BUS_OFFS: u8 = 15;
 
-/// Reads the error counters of a gateway's channels; none where it does not answer. Blocks.
+/// Reads the error counters of a gateway's channels; `None` without a response. Blocks.
 pub fn read_errors(diagnostics: &Diagnostics, at: usize) -> GatewayErrors {
     let mut errors = [Errors::default(); CHANNELS];
     for (place, index) in errors.iter_mut().zip(INFORMATION..) {

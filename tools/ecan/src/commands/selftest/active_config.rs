@@ -1,4 +1,4 @@
-//! What a gateway does by its configuration, and not only holds.
+//! Active configuration of a gateway, as opposed to stored objects.
 
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::{CHANNELS, Direction};
@@ -6,13 +6,13 @@ use ecan_protocol::mapping::{CHANNELS, Direction};
 use crate::bus::Bus;
 use crate::failure::Failure;
 
-/// What is in force.
+/// Active configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ActiveConfig {
-    /// Per direction: bytes of an image, 0 without a profile, and the profile word (0x8010,
+    /// Per direction: image size in bytes, 0 without a profile, and the profile word (0x8010,
     /// 0x8011:09, :12).
     profiles: [(u32, u32); 2],
-    /// Which channels take part in their buses (0x9000:09).
+    /// Which channels are active on their bus (0x9000:09).
     on_bus: [bool; CHANNELS],
     /// Active control words (0x8021:20).
     data_paths: [u32; CHANNELS],
@@ -37,7 +37,7 @@ impl ActiveConfig {
         Ok(Self { profiles, on_bus, data_paths })
     }
 
-    /// Whether a profile is in force, or a channel on its bus, that was not `before`.
+    /// Returns whether a profile or channel is active that was not active `before`.
     pub(super) fn has_more_than(&self, before: &Self) -> bool {
         let profiles = before.profiles.iter().zip(&self.profiles);
         let channels = before.on_bus.iter().zip(&self.on_bus);
@@ -60,19 +60,21 @@ impl ActiveConfig {
         of(self) == of(other)
     }
 
-    /// What is not as it was `before`.
+    /// Returns a difference to `before`.
     pub(super) fn difference(&self, before: &Self) -> Option<String> {
         for direction in Direction::ALL {
             if !self.has_profile_of(before, direction) {
                 let object = direction.profile_object();
-                return Some(format!("another profile is in force by 0x{object:04X}"));
+                return Some(format!("0x{object:04X}: another profile is active"));
             }
         }
         for channel in (0..).take(CHANNELS) {
             let words = match (before.is_on_bus(channel), self.is_on_bus(channel)) {
-                (false, true) => "takes part in its bus, as it did not before",
-                (true, false) => "does not take part in its bus any more",
-                _ if !self.has_data_path_of(before, channel) => "has another data path",
+                (false, true) => "is active and was not before",
+                (true, false) => "is not active any more",
+                _ if !self.has_data_path_of(before, channel) => {
+                    "has another data path configuration"
+                }
                 _ => continue,
             };
             return Some(format!("channel {channel} {words}"));

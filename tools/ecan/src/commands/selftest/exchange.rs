@@ -1,4 +1,4 @@
-//! Sending the frames of a test through a gateway in service, and comparing what comes back.
+//! Sends the frames of a test and compares the received frames.
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus};
@@ -12,32 +12,32 @@ use crate::frames::service::Service;
 
 use super::frames::{difference, frame, origin};
 
-/// A standstill of so many nanoseconds ends a test; a frame of 64 bytes takes 6 ms at 125 kbit/s.
+/// Time without progress that ends a test, in ns; a frame of 64 bytes takes 6 ms at 125 kbit/s.
 const STANDSTILL_NS: u64 = 500_000_000;
-/// Cycles behind the last frame in which nothing more may come.
+/// Cycles to wait for further frames after the last one.
 const QUIET_CYCLES: u32 = 20;
 
-/// From one channel to another, or to itself.
+/// Route from one channel to another, or to itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Route {
     pub(super) from: u8,
     pub(super) to: u8,
 }
 
-/// What became of the frames of a route.
+/// Frame counts of a route.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub(super) struct Counts {
-    /// Handed to the gateway.
+    /// Sent frames.
     pub(super) sent: u32,
-    /// Came back as they were sent.
+    /// Frames received unchanged.
     pub(super) received: u32,
-    /// Came with other contents.
+    /// Frames received with other contents.
     pub(super) wrong: u32,
-    /// Came more than once.
+    /// Frames received more than once.
     pub(super) repeated: u32,
-    /// Came on the channel though nobody of the test sent them there.
+    /// Received frames that the test did not send.
     pub(super) strange: u32,
-    /// What was wrong with the first wrong one.
+    /// Description of the first wrong frame.
     pub(super) first_wrong: Option<String>,
 }
 
@@ -47,9 +47,9 @@ pub(super) struct ChannelState {
     pub(super) channel: u8,
     pub(super) counters: ErrorCounters,
     pub(super) status: ProtocolStatus,
-    /// Frames dropped before they were packed, :13.
+    /// Frames dropped before packing, :13.
     pub(super) dropped: u32,
-    /// Times that it went off the bus, :15.
+    /// Number of bus-offs, :15.
     pub(super) bus_off_count: u32,
 }
 
@@ -68,14 +68,14 @@ impl ChannelState {
         })
     }
 
-    /// Whether its frames get no acknowledgement. A channel alone on its bus counts up to 128, where
-    /// it is error passive, and no further.
+    /// Returns whether frames get no acknowledgement: the counter of a channel alone on its bus
+    /// stops at 128, error passive.
     pub(super) fn is_unheard(&self) -> bool {
         let is_alone = self.counters.transmit == 128 && !self.status.is_bus_off;
         is_alone || self.status.last_error == LastErrorCode::Acknowledge
     }
 
-    /// What its counters tell of errors since `before`.
+    /// Returns the errors since `before`.
     pub(super) fn faults(&self, before: &Self) -> Vec<String> {
         let Self { channel, counters, status, .. } = self;
         let mut faults = Vec::new();
@@ -85,9 +85,9 @@ impl ChannelState {
         }
         let ErrorCounters { transmit, receive, logged, .. } = *counters;
         if transmit > 0 || receive > 0 || logged > 0 {
-            let mut words = format!("channel {channel} has error counters: {counters}");
+            let mut words = format!("channel {channel}: error counters {counters}");
             if status.last_error.is_error() {
-                words.push_str(&format!(", the last {}", status.last_error));
+                words.push_str(&format!(", last error {}", status.last_error));
             }
             faults.push(words);
         }
@@ -99,7 +99,7 @@ impl ChannelState {
     }
 }
 
-/// What a channel's counters say, before or after a test.
+/// Text of the error counters of a channel.
 pub(super) fn states(service: &mut Service, channels: &[u8]) -> Result<Vec<ChannelState>, Failure> {
     let channels = channels.to_vec();
     let read = service.port_mut().diagnose(move |diagnostics| {
@@ -110,15 +110,15 @@ pub(super) fn states(service: &mut Service, channels: &[u8]) -> Result<Vec<Chann
     });
     match read {
         Ok(states) => states.map_err(Failure::Device),
-        Err(error) => Err(Failure::Refused(error.to_string())),
+        Err(error) => Err(Failure::Rejected(error.to_string())),
     }
 }
 
-/// A route while its frames are under way.
+/// Route during a test.
 struct Traffic {
     route: Route,
     frames: Vec<CanFrame>,
-    /// Whether each frame came.
+    /// Whether each frame was received.
     has_come: Vec<bool>,
     counts: Counts,
 }
@@ -132,7 +132,7 @@ impl Traffic {
         self.has_come.iter().all(|has_come| *has_come)
     }
 
-    /// Takes a frame that came on the route's channel, if it is one of its own.
+    /// Handles a frame received on the route's channel, if it belongs to the route.
     fn take(&mut self, came: &CanFrame) -> bool {
         let Some((_, number)) = origin(came).filter(|(from, _)| *from == self.route.from) else {
             return false;
@@ -158,8 +158,8 @@ impl Traffic {
     }
 }
 
-/// Sends `count` frames on every route at once; ends when all have come and nothing follows, or
-/// when nothing moves. `None` when the user gave up.
+/// Sends `count` frames on every route in parallel; returns when all are received and no frame
+/// follows, or without progress. `None` if the user stops.
 pub(super) fn exchange(
     service: &mut Service,
     routes: &[Route],
@@ -191,7 +191,7 @@ pub(super) fn exchange(
                 false => traffic.counts.strange += 1,
             }
         }
-        // Each channel in turn, so that none takes the whole image.
+        // In turn, so that no channel fills the whole image.
         let mut is_open = [true; CHANNELS];
         while is_open.contains(&true) {
             for (traffic, is_open) in traffics.iter_mut().zip(&mut is_open) {

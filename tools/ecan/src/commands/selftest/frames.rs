@@ -1,16 +1,16 @@
-//! The frames of a test: each tells by its identifier who sent it and which one it is.
+//! Frames of a test; the CAN ID contains the sender and the number.
 
 use ecan_protocol::can::{CanFrame, CanId, FrameError, FrameKind};
 
-/// Most frames of one sender.
+/// Maximum number of frames per sender.
 pub(super) const MOST: u16 = 256;
-/// The upper bits of the extended identifiers.
+/// Upper bits of the extended CAN IDs.
 const EXTENDED: u32 = 0x1555_0000;
 const CLASSIC_LENGTHS: [usize; 9] = [8, 0, 1, 2, 3, 4, 5, 6, 7];
 const FD_LENGTHS: [usize; 16] = [64, 0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48];
 
-/// Frame `number` of a channel: all lengths, both kinds of identifiers, and with CAN FD classic
-/// frames and CAN FD frames with and without the bit rate switch.
+/// Frame `number` of a channel: all lengths, both kinds of CAN IDs and, with CAN FD, classic and
+/// CAN FD frames with and without bit rate switch.
 pub(super) fn frame(channel: u8, number: u16, is_fd: bool) -> Result<CanFrame, FrameError> {
     let raw = u16::from(channel) << 8 | number & 0xFF;
     let id = match number % 2 {
@@ -32,8 +32,8 @@ pub(super) fn frame(channel: u8, number: u16, is_fd: bool) -> Result<CanFrame, F
     }
 }
 
-/// The data go through bit patterns that are hard on stuffing and drivers, and through ones
-/// that tell each byte of each frame from the others.
+/// The data alternate between bit patterns that stress stuffing and transceivers, and patterns that
+/// make each byte of each frame unique.
 fn pattern(channel: u8, number: u16, at: usize) -> u8 {
     match number / 2 % 5 {
         0 => 0x00,
@@ -46,7 +46,7 @@ fn pattern(channel: u8, number: u16, at: usize) -> u8 {
     }
 }
 
-/// Who sent a frame, and which one it is; `None` for a frame that is not of a test.
+/// Sender and number of a frame; `None` for a frame that is not from a test.
 pub(super) fn origin(frame: &CanFrame) -> Option<(u8, u16)> {
     let (id, is_extended) = (frame.id().raw(), frame.id().is_extended());
     let raw = if is_extended { id.checked_sub(EXTENDED)? } else { id };
@@ -58,8 +58,8 @@ pub(super) fn origin(frame: &CanFrame) -> Option<(u8, u16)> {
     channel.filter(|_| is_kind).map(|channel| (channel, number))
 }
 
-/// What is wrong with a frame that came for another one. The error state of the sender, ESI, is
-/// no part of it: the error counters tell.
+/// Returns the difference between a sent and a received frame. Ignores the ESI bit, because the
+/// error counters show error states.
 pub(super) fn difference(sent: &CanFrame, came: &CanFrame) -> Option<String> {
     let kind = |frame: &CanFrame| match frame.kind() {
         FrameKind::Data => "a classic frame",
@@ -68,14 +68,14 @@ pub(super) fn difference(sent: &CanFrame, came: &CanFrame) -> Option<String> {
         FrameKind::Fd { brs: false, .. } => "a CAN FD frame without bit rate switch",
     };
     if kind(sent) != kind(came) {
-        return Some(format!("{} was sent, {} came", kind(sent), kind(came)));
+        return Some(format!("sent {}, received {}", kind(sent), kind(came)));
     }
     let (sent, came) = (sent.data(), came.data());
     if sent.len() != came.len() {
-        return Some(format!("{} bytes were sent, {} came", sent.len(), came.len()));
+        return Some(format!("sent {} bytes, received {}", sent.len(), came.len()));
     }
     let (at, (sent, came)) = sent.iter().zip(came).enumerate().find(|(_, (a, b))| a != b)?;
-    Some(format!("byte {at} was sent as 0x{sent:02X} and came as 0x{came:02X}"))
+    Some(format!("byte {at}: sent 0x{sent:02X}, received 0x{came:02X}"))
 }
 
 #[cfg(test)]
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_tell_who_sent_them_and_are_of_every_kind() {
+    fn frames_cover_every_kind_and_identify_the_sender() {
         let mut kinds = HashSet::new();
         for (channel, number) in (0..4).flat_map(|channel| (0..MOST).map(move |it| (channel, it))) {
             let classic = frame(channel, number, false).unwrap();
@@ -95,21 +95,21 @@ mod tests {
             assert_eq!(origin(&fd), Some((channel, number)));
             kinds.insert((fd.kind(), fd.data().len(), fd.id().is_extended()));
         }
-        // Two kinds of identifiers; 9 lengths of classic frames, 16 of each kind of CAN FD.
+        // Two kinds of CAN IDs; 9 lengths of classic frames, 16 of each kind of CAN FD.
         assert_eq!(kinds.len(), 2 * (9 + 16 + 16));
     }
 
     #[test]
-    fn differences_are_told() {
+    fn differences_are_described() {
         let id = CanId::standard(0x100).unwrap();
         let one = CanFrame::classic(id, &[1, 2]).unwrap();
         let says = |other: CanFrame| difference(&one, &other);
         assert_eq!(says(one), None);
-        let words = "byte 1 was sent as 0x02 and came as 0x06";
+        let words = "byte 1: sent 0x02, received 0x06";
         assert_eq!(says(CanFrame::classic(id, &[1, 6]).unwrap()).as_deref(), Some(words));
-        let words = "2 bytes were sent, 1 came";
+        let words = "sent 2 bytes, received 1";
         assert_eq!(says(CanFrame::classic(id, &[1]).unwrap()).as_deref(), Some(words));
-        let words = "a classic frame was sent, a CAN FD frame without bit rate switch came";
+        let words = "sent a classic frame, received a CAN FD frame without bit rate switch";
         assert_eq!(says(CanFrame::fd(id, &[1, 2], false, false).unwrap()).as_deref(), Some(words));
     }
 }

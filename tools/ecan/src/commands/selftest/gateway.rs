@@ -1,4 +1,4 @@
-//! The test of one gateway, from its identity to its wires.
+//! Test of one gateway, from identity to wiring.
 
 use std::time::Duration;
 
@@ -22,20 +22,20 @@ use super::report::{Check, Figures, Report};
 use super::saved::{Restored, Saved, read_patiently, wait_present};
 use super::{SelftestArguments, identity};
 
-/// Cycles of so many nanoseconds may let the watchdog of a gateway run out.
+/// Cycle time in ns that may trigger the watchdog of a gateway.
 const PAUSE_NS: u64 = WATCHDOG.as_nanos() as u64 / 2;
 
-/// What is tested, and how.
+/// Settings of a test.
 pub(super) struct Test<'a> {
     pub(super) arguments: &'a SelftestArguments,
     pub(super) rates: &'a [Rate],
     pub(super) master: u32,
-    /// Tell what is tested just now.
+    /// Report progress.
     pub(super) is_watched: bool,
     pub(super) output: &'a Output,
 }
 
-/// How frames go.
+/// Path of the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TestPath {
     Loopback,
@@ -51,7 +51,7 @@ impl TestPath {
     }
 }
 
-/// A run of frames over several channels at once.
+/// Frames over several channels in parallel.
 struct Run<'a> {
     way: TestPath,
     rate: &'a Rate,
@@ -61,7 +61,7 @@ struct Run<'a> {
 }
 
 impl Test<'_> {
-    /// Whether the options fit together, before anything is touched.
+    /// Checks the options before the bus is accessed.
     pub(super) fn check(&self) -> Result<(), Failure> {
         for run in self.runs(0)? {
             let checked = run.config.check(&run.adapter);
@@ -70,7 +70,7 @@ impl Test<'_> {
         Ok(())
     }
 
-    /// Tests a slave. The report of a test that the user stopped says so.
+    /// Tests a slave. The report marks a test stopped by the user.
     pub(super) fn run(
         &self,
         bus: &Bus,
@@ -104,12 +104,12 @@ impl Test<'_> {
         let saved = match Saved::read(bus, slave) {
             Ok(saved) => saved,
             Err(error) => {
-                report.add("configuration", Err(format!("cannot be read: {error}")));
+                report.add("configuration", Err(format!("not read: {error}")));
                 return Ok(());
             }
         };
         let tested = self.run_all(bus, slave, runs, interrupt, report);
-        // No master, so nothing was changed.
+        // Without a master, nothing was changed.
         if let Err(failure @ Failure::Master(_)) = tested {
             return Err(failure);
         }
@@ -120,7 +120,7 @@ impl Test<'_> {
         };
         report.add(
             "configuration",
-            restored.map(words).map_err(|why| format!("is not as before the test: {why}")),
+            restored.map(words).map_err(|why| format!("not restored: {why}")),
         );
         if !tested? {
             report.stop();
@@ -128,7 +128,7 @@ impl Test<'_> {
         Ok(())
     }
 
-    /// Whether it came to the end, and the user did not give up.
+    /// Returns whether the test ended without stop by the user.
     fn run_all(
         &self,
         bus: &Bus,
@@ -144,19 +144,19 @@ impl Test<'_> {
                 TestPath::Wire => format!("wires, {}", run.rate.name()),
             };
             if self.is_watched {
-                self.output.note(format_args!("testing the gateway at position {slave}: {name}"));
+                self.output.note(format_args!("testing slave {slave}: {name}"));
             }
             if !is_first && has_restarted(bus, slave) {
-                let words = "the gateway restarted since the test before";
-                report.add(format!("service, {}", run.rate.name()), Err(words.to_owned()));
+                let words = "the gateway restarted since the previous test";
+                report.add(format!("ready, {}", run.rate.name()), Err(words.to_owned()));
             }
             match self.run_one(bus, slave, run, interrupt, report) {
                 Ok(true) => {}
                 Ok(false) => return Ok(false),
-                // Another program has the master, or there is none.
+                // Another program has reserved the master, or there is none.
                 Err(failure @ Failure::Master(_)) if is_first => return Err(failure),
                 Err(failure) => {
-                    // A gateway that does not come into service would not at the next rate either.
+                    // A gateway that does not become ready will not at the next bit rate either.
                     report.add(name, Err(failure.to_string()));
                     return Ok(true);
                 }
@@ -177,13 +177,13 @@ impl Test<'_> {
         let Run { adapter, config, .. } = &run;
         let (adapter, config) = (adapter.clone(), config.clone());
         let place = GatewaySetup { position: slave, adapter, config, channels: Channels::NONE };
-        wait_present(bus, slave).map_err(Failure::Refused)?;
+        wait_present(bus, slave).map_err(Failure::Rejected)?;
         let real_time = &self.arguments.real_time;
         let started = Service::start(bus.ecrt(), place, real_time, interrupt, self.output)?;
         let Some(service) = started else { return Ok(false) };
-        // From here on a failure is one of the gateway or of its link.
+        // From here on, an error is one of the gateway or its link.
         self.exchange(service, run, interrupt, report)
-            .map_err(|failure| Failure::Refused(failure.to_string()))
+            .map_err(|failure| Failure::Rejected(failure.to_string()))
     }
 
     fn exchange(
@@ -203,7 +203,7 @@ impl Test<'_> {
         let after = states(&mut service, &channels)?;
         let pause = pause(&service);
         if let Some(words) = losses(&service) {
-            report.add(format!("service, {}", rate.name()), Err(words + &pause));
+            report.add(format!("ready, {}", rate.name()), Err(words + &pause));
         }
         for (route, counts) in routes.into_iter().zip(counts) {
             let is_concerned = |channel| channel == route.from || channel == route.to;
@@ -223,7 +223,7 @@ impl Test<'_> {
         Ok(true)
     }
 
-    /// Everything that is run with a gateway: at each bit rate the loopbacks, then the wires.
+    /// Runs everything with a gateway: at each bit rate the loopbacks, then the wires.
     fn runs(&self, slave: usize) -> Result<Vec<Run<'_>>, Failure> {
         let loops: Vec<_> =
             self.arguments.channels.iter().map(|it| Route { from: it, to: it }).collect();
@@ -234,7 +234,7 @@ impl Test<'_> {
             })
             .collect();
         let position = u16::try_from(slave)
-            .map_err(|_| Failure::Slave(format!("there is no slave {slave}")))?;
+            .map_err(|_| Failure::Slave(format!("slave {slave} does not exist")))?;
         let mut runs = Vec::new();
         for rate in self.rates {
             let ways = [
@@ -272,22 +272,22 @@ impl Test<'_> {
     }
 }
 
-/// Whether a gateway has lost the profile of the test before. One that cannot be asked shows itself
-/// in the next test.
+/// Returns whether a gateway has lost the profile of the previous test. A gateway that does not
+/// respond fails the next test.
 fn has_restarted(bus: &Bus, slave: usize) -> bool {
     read_patiently(bus, slave, 0x8010, 9).is_ok_and(|bytes| bytes == 0)
 }
 
-/// Whether the gateway went out of service.
+/// Returns whether the gateway was lost.
 fn losses(service: &Service) -> Option<String> {
     match statistics(service.port()).sessions_lost {
         0 => None,
-        1 => Some("the gateway went out of service".to_owned()),
-        more => Some(format!("the gateway went out of service {more} times")),
+        1 => Some("the gateway was lost".to_owned()),
+        more => Some(format!("the gateway was lost {more} times")),
     }
 }
 
-/// What is to be said behind a fault that may be due to this computer.
+/// Remark for an error that this computer may have caused.
 fn pause(service: &Service) -> String {
     let measured = service.port().adapter().cycle_statistics();
     match measured.map_or(0, |it| it.period().max_ns) {
@@ -299,7 +299,7 @@ fn pause(service: &Service) -> String {
     }
 }
 
-/// What a route has shown; `states` are those of its channels before and after.
+/// Result of a route; `states` are those of its channels before and after.
 fn judge(
     way: TestPath,
     route: Route,
@@ -311,17 +311,17 @@ fn judge(
     let came = counts.received + counts.wrong;
     if came < u32::from(wanted) {
         let why = missing(way, route, states).map_or_else(String::new, |why| format!(" ({why})"));
-        faults.push(format!("{came} of {wanted} frames came{why}"));
+        faults.push(format!("{came} of {wanted} frames received{why}"));
     }
     if let Some(first) = &counts.first_wrong {
-        faults.push(format!("{} frames came falsified, in the first {first}", counts.wrong));
+        faults.push(format!("{} frames received with errors, the first: {first}", counts.wrong));
     }
     if counts.repeated > 0 {
-        faults.push(format!("{} frames came again", counts.repeated));
+        faults.push(format!("{} frames received twice", counts.repeated));
     }
     if counts.strange > 0 {
         let (to, strange) = (route.to, counts.strange);
-        let words = "that the test did not send to it: is another node on its bus?";
+        let words = "from another sender; check for other nodes on its bus";
         faults.push(format!("channel {to} received {strange} frames {words}"));
     }
     faults.extend(states.iter().flat_map(|(before, after)| after.faults(before)));
@@ -332,7 +332,7 @@ fn judge(
     }
 }
 
-/// Why frames are missing, as far as the sender tells.
+/// Reason for missing frames in the view of the sender.
 fn missing(
     way: TestPath,
     Route { from, to }: Route,
@@ -340,7 +340,7 @@ fn missing(
 ) -> Option<String> {
     let (_, sender) = states.iter().find(|(_, state)| state.channel == from)?;
     (way == TestPath::Wire && sender.is_unheard()).then(|| {
-        format!("nobody acknowledges: is channel {from} wired to channel {to}, and terminated?")
+        format!("no acknowledgement; check the wiring from channel {from} to channel {to} and its termination")
     })
 }
 
@@ -365,7 +365,7 @@ mod tests {
         Bus::over(&backend.ecrt)
     }
 
-    /// Runs something of the test that this command line means.
+    /// Runs a part of the test for a command line.
     fn with_test<T>(line: &[&str], run: impl FnOnce(&Test<'_>) -> T) -> T {
         let Line { arguments } = Line::parse_from(line);
         let rates = Rate::usual();
@@ -389,7 +389,7 @@ mod tests {
         report.checks.iter().find(|it| it.name == "configuration").unwrap()
     }
 
-    /// All that can be written, and what is in force: profiles, data paths, states of channels.
+    /// All writable values and the active configuration: profiles, data paths, channels.
     fn everything(bus: &Bus) -> Vec<(u16, u8, u32)> {
         let objects = [
             0x1C12, 0x1C13, 0x8000, 0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8020, 0x8021,
@@ -414,16 +414,16 @@ mod tests {
     }
 
     #[test]
-    fn a_fresh_gateway_is_as_fresh_again() {
+    fn fresh_gateway_is_restored() {
         let bus = bus();
-        // Values that nobody has put into force.
+        // Values that were not applied.
         for (index, subindex, value) in [(0x8002, 19, 800_000), (0x8003, 36, 2), (0x8023, 4, 1)] {
             bus.write(0, index, subindex, value).unwrap();
         }
         let before = everything(&bus);
         assert!(before.contains(&(0x8010, 9, 0)) && before.contains(&(0x9000, 9, 0)));
         let report = tested(&bus);
-        // Echo nodes on the buses: the loopbacks are good, the wires are not.
+        // Echo nodes on the buses: the loopbacks pass, the wires fail.
         let good: Vec<_> = report.checks.iter().filter(|it| it.name.starts_with("loop")).collect();
         assert!(good.len() == 24 && good.iter().all(|it| it.is_good), "{good:?}");
         assert!(!report.is_good);
@@ -432,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gateway_in_use_has_its_profiles_channels_and_filters_again() {
+    fn gateway_in_use_is_restored() {
         let bus = bus();
         let write = |index, subindex, value| bus.write(0, index, subindex, value).unwrap();
         for direction in ecan_protocol::mapping::Direction::ALL {
@@ -442,7 +442,7 @@ mod tests {
             write(direction.profile_object(), 3, 3);
             write(direction.profile_object(), 1, 1);
         }
-        // Channel 1 is on its bus, with a filter; the others are not.
+        // Channel 1 is active, with a filter; the others are not.
         for (subindex, value) in [(19, 800_000), (43, 0), (50, 1), (51, 1), (53, 5), (54, 6)] {
             write(0x8002, subindex, value);
         }
@@ -467,9 +467,9 @@ mod tests {
     }
 
     #[test]
-    fn a_gateway_that_needs_no_restart_gets_none() {
+    fn gateway_is_not_restarted_without_need() {
         let bus = bus();
-        // By an earlier test, say.
+        // For example from an earlier test.
         with_test(&["selftest"], |test| {
             let run = test.runs(0).unwrap().into_iter().next().unwrap();
             test.run_one(&bus, 0, run, &Interrupt::default(), &mut Report::default()).unwrap();

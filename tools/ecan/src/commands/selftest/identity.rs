@@ -1,4 +1,4 @@
-//! Who a gateway is: recognition, identity, versions, serial number.
+//! Identity of a gateway: recognition, identity, versions, serial number.
 
 use ecan_protocol::device::Recognition;
 
@@ -9,7 +9,7 @@ use crate::firmware_version::FirmwareVersion;
 use super::report::Report;
 use super::saved::wait_present;
 
-/// Looks at a slave; whether it is a gateway that further tests make sense with.
+/// Checks a slave; returns whether further tests make sense.
 pub(super) fn check(
     bus: &Bus,
     slave: usize,
@@ -45,7 +45,7 @@ pub(super) fn check(
     report.add(
         "serial number",
         match serial {
-            Ok(0 | u64::MAX) => Err("none is programmed".to_owned()),
+            Ok(0 | u64::MAX) => Err("not programmed".to_owned()),
             Ok(serial) => Ok(serial.to_string()),
             Err(error) => Err(error.to_string()),
         },
@@ -57,12 +57,12 @@ fn recognise(bus: &Bus, slave: usize) -> Result<String, String> {
     let upload = |subindex| bus.diagnostics().sdo_upload_u32(slave, 0xF000, subindex);
     let it = Recognition::read(upload).map_err(|error| error.to_string())?;
     match it.looks_like_ecan_lite() {
-        true => Ok("an ECAN-Lite, by 0xF000".to_owned()),
-        false => Err("no ECAN-Lite: 0xF000 tells of another device".to_owned()),
+        true => Ok("ECAN-Lite (0xF000)".to_owned()),
+        false => Err("not an ECAN-Lite (0xF000)".to_owned()),
     }
 }
 
-/// The identity of the SII, which the master goes by, must be that of the firmware.
+/// The identity in the SII, which the master uses, must match that of the firmware.
 fn identity(bus: &Bus, slave: usize, of_sii: [u32; 3]) -> Result<String, String> {
     let names = ["vendor", "product", "revision"];
     for ((subindex, name), sii) in (1..).zip(names).zip(of_sii) {
@@ -75,7 +75,7 @@ fn identity(bus: &Bus, slave: usize, of_sii: [u32; 3]) -> Result<String, String>
     Ok(format!("vendor 0x{vendor:08X}, product 0x{product:08X}, revision 0x{revision:08X}"))
 }
 
-/// The version, where it is the expected one.
+/// Returns the version if it is the expected one.
 fn version(
     running: Result<FirmwareVersion, Failure>,
     expected: Option<&str>,
@@ -83,7 +83,7 @@ fn version(
     let running = running.map_err(|error| error.to_string())?;
     match expected {
         Some(expected) if !running.is_version(expected) => {
-            Err(format!("{running}, not {expected}"))
+            Err(format!("{running}, expected {expected}"))
         }
         _ => Ok(running.to_string()),
     }

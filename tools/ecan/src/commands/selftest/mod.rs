@@ -1,4 +1,4 @@
-//! `ecan selftest`: the production line's check of gateways.
+//! `ecan selftest`: production test of gateways.
 
 mod active_config;
 mod exchange;
@@ -34,55 +34,54 @@ use wiring::Wiring;
 pub const EXAMPLES: &str = "\
 Examples:
   ecan selftest                         every gateway of the bus, each channel by loopback
-  ecan selftest --wired 0-1,2-3         and by real frames where channels are wired
+  ecan selftest --wired 0-1,2-3         and by frames on the bus between wired channels
   ecan selftest --expect-version 2.2.1 --gateways 4 --report /var/lib/line
   ecan --slave serial=4294967297 selftest --config cell.toml
 
-Without --config the bit rates are 125, 250, 500 and 1000 kbit/s, and 500/2000 and 1000/5000 kbit/s
-with CAN FD. Every gateway that shows itself as an ECAN-Lite is tested, one after the other, unless
---slave names one. The loopback stays inside the CAN controller; wired channels must be alone on
-their bus.
+Default bit rates are 125, 250, 500 and 1000 kbit/s, and 500/2000 and 1000/5000 kbit/s with CAN FD.
+Every identified ECAN-Lite is tested in turn, unless --slave is given. The loopback is internal to the
+CAN controller. Wired channels must be alone on their bus.
 
-What the test changes of a gateway's configuration is put back at the end. Where its channels were
-off, it restarts for that: no command takes a channel off its bus again. Its Flash is not written.
+The test restores the configuration of the gateway. If its channels were off, the gateway is restarted
+for that, because no command deactivates a channel. The Flash is not written.
 
-Reports are SERIAL.json, or position-POSITION.json without a serial number. None replaces an earlier
-one: the next is SERIAL-2.json.
+Reports are named SERIAL.json, or position-POSITION.json without serial number. Earlier reports are
+kept: the next one is SERIAL-2.json.
 
-The exit status is 0 when all is good and 1 when something failed.";
+Exit status 0 if all tests pass, 1 if a test fails.";
 
 /// Arguments of `selftest`.
 #[derive(Debug, Args)]
 pub struct SelftestArguments {
-    /// Test at the bit rates of this configuration file
+    /// Use the bit rates of this configuration file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Channels to test by loopback: numbers with commas between, or all
+    /// Channels for the loopback test, 0 to 3, comma-separated, or all
     #[arg(long, value_name = "CHANNELS", default_value = "all")]
     channels: Channels,
-    /// Channels that are wired together, in pairs: 0-1,2-3
+    /// Pairs of wired channels, for example 0-1,2-3
     #[arg(long, value_name = "PAIRS")]
     wired: Option<Wiring>,
-    /// The firmware must have this version, as `ecan firmware version` tells it
+    /// Expected firmware version, as shown by `ecan firmware version`
     #[arg(long, value_name = "VERSION")]
     expect_version: Option<String>,
-    /// There must be so many gateways on the bus
+    /// Expected number of gateways; fail if the bus has another number
     #[arg(long, value_name = "COUNT")]
     gateways: Option<usize>,
-    /// Frames in each direction at each bit rate; 96 have every length
+    /// Frames per direction and bit rate; 96 cover every length
     #[arg(long, value_name = "COUNT", default_value_t = 96,
           value_parser = clap::value_parser!(u16).range(1..=i64::from(frames::MOST)))]
     frames: u16,
-    /// Write a report for each gateway into this directory
+    /// Write a report per gateway into this directory
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// PDO size per direction, in chunks of 128 bytes
+    /// PDO size per direction in chunks of 128 bytes, 1 to 24
     #[arg(long, value_name = "N", default_value_t = 5)]
     pdo_n: u8,
-    /// The installed master carries more than 1486 bytes of process data per sync manager
+    /// Allow PDO sizes above 11 chunks, for masters that support large PDOs
     #[arg(long)]
     large_pdos: bool,
-    /// EtherCAT cycle in microseconds
+    /// EtherCAT cycle time, in us
     #[arg(long, value_name = "US", default_value_t = 1000,
           value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     cycle_us: u32,
@@ -90,7 +89,7 @@ pub struct SelftestArguments {
     real_time: RealTimeArguments,
 }
 
-/// What is printed.
+/// Output of the test.
 #[derive(Debug, Serialize)]
 struct Selftest {
     is_good: bool,
@@ -109,8 +108,7 @@ pub fn run(
     let is_watched = std::io::stderr().is_terminal();
     let test = gateway::Test { arguments, rates: &rates, master, is_watched, output };
     test.check()?;
-    let interrupt =
-        Interrupt::install_with_message("stopping: the configuration is put back first")?;
+    let interrupt = Interrupt::install_with_message("stopping after restoring the configuration")?;
     let bus = Bus::open(&global, output)?;
     let slaves = slaves(&bus, arguments, output)?;
     if let Some(directory) = &arguments.report {
@@ -123,7 +121,7 @@ pub fn run(
     for slave in slaves {
         let mut report = match test.run(&bus, slave, &interrupt) {
             Ok(report) => report,
-            // What is known of the gateways before is told all the same.
+            // Print the results of the gateways before the error.
             Err(failure) => {
                 stopped = Some(failure);
                 break;
@@ -132,19 +130,22 @@ pub fn run(
         let serial = report.own_serial();
         let is_duplicate = serial.is_some_and(|serial| !serials.insert(serial));
         if let Some(serial) = serial.filter(|_| is_duplicate) {
-            report.add("serial number", Err(format!("{serial} is that of another gateway too")));
+            report.add(
+                "serial number",
+                Err(format!("{serial} is also the serial number of another gateway")),
+            );
             report.is_good = false;
         }
         if let Some(directory) = &arguments.report
             && let Err(failure) = report.write(directory, is_duplicate)
         {
-            // The test goes on, and is printed.
+            // The test continues and is printed.
             unwritten.get_or_insert(failure);
         }
         let was_stopped = report.was_stopped;
         reports.push(report);
         if was_stopped {
-            stopped = Some(Failure::TooFew("stopped before the test was over".to_owned()));
+            stopped = Some(Failure::Incomplete("stopped before the end of the test".to_owned()));
             break;
         }
     }
@@ -170,7 +171,7 @@ fn print(is_good: bool, gateways: Vec<Report>, output: &Output) -> Result<(), Fa
     })
 }
 
-/// The slaves to test: the one chosen, or every gateway.
+/// Slaves to test: the selected one, or every gateway.
 fn slaves(
     bus: &Bus,
     arguments: &SelftestArguments,
@@ -178,24 +179,24 @@ fn slaves(
 ) -> Result<Vec<usize>, Failure> {
     if bus.is_chosen() {
         if arguments.gateways.is_some() {
-            let words = "--gateways counts those of the whole bus, --slave names one: give either";
+            let words = "--gateways and --slave exclude each other";
             return Err(Failure::Usage(words.to_owned()));
         }
         return Ok(vec![bus.slave()?]);
     }
-    // One that cannot be asked is tested, and fails by that.
+    // A slave that cannot be identified is tested, and fails.
     let (all, kinds) = (0..bus.diagnostics().slave_count(), bus.kinds());
     let (gateways, others): (Vec<_>, Vec<_>) = all.partition(|at| kinds[*at].may_be_gateway());
     if let Some(expected) = arguments.gateways.filter(|expected| *expected != gateways.len()) {
-        let words = format!("{expected} gateways must be there, but {}", gateways.len());
-        return Err(Failure::Slave(format!("{words} show themselves; see `ecan scan`")));
+        let words = format!("expected {expected} gateways, found {}", gateways.len());
+        return Err(Failure::Slave(format!("{words}; see `ecan scan`")));
     }
     if gateways.is_empty() {
-        // Tells why there is none.
+        // Returns the reason.
         return Ok(vec![bus.slave()?]);
     }
     for other in others {
-        output.note(format_args!("slave {other} does not show itself as an ECAN-Lite: not tested"));
+        output.note(format_args!("slave {other} is not identified as an ECAN-Lite: not tested"));
     }
     Ok(gateways)
 }

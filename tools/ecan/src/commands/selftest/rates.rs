@@ -1,4 +1,4 @@
-//! The bit rates that channels are tested at.
+//! Bit rates of a test.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use ecan_protocol::config::{McanChannelConfig, NodeMode};
 use crate::config_file;
 use crate::failure::Failure;
 
-/// The list without a file: nominal and data bit rate in bit/s.
+/// Default list: nominal and data bit rate in bit/s.
 const USUAL: [(u32, Option<u32>); 6] = [
     (125_000, None),
     (250_000, None),
@@ -19,20 +19,20 @@ const USUAL: [(u32, Option<u32>); 6] = [
     (1_000_000, Some(5_000_000)),
 ];
 
-/// One way to set a channel's bit rates.
+/// Bit rate configuration of a channel.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Rate {
     can: McanChannelConfig,
 }
 
 impl Rate {
-    /// The list without a file.
+    /// Default list.
     pub(super) fn usual() -> Vec<Self> {
         let settings = USUAL.map(|(nominal, data)| plain(nominal, data));
         settings.into_iter().map(|it| Self { can: it.can }).collect()
     }
 
-    /// Every one of a file, each once, in the file's order.
+    /// Bit rates of a file, without duplicates, in the order of the file.
     pub(super) fn of_file(file: &ConfigFile) -> Vec<Self> {
         let mut rates = Vec::new();
         for channel in file.port.gateways.iter().flat_map(|it| it.channels.iter().flatten()) {
@@ -42,7 +42,7 @@ impl Rate {
             can.nominal_sample_point = own.nominal_sample_point;
             can.manual_nominal = own.manual_nominal;
             can.non_iso = own.non_iso;
-            // In classic CAN nothing of the data phase has an effect.
+            // The data phase has no effect in classic CAN.
             if own.fd {
                 can.data_sample_point = own.data_sample_point;
                 can.manual_data = own.manual_data;
@@ -57,7 +57,7 @@ impl Rate {
         rates
     }
 
-    /// A channel with these bit rates.
+    /// Channel with these bit rates.
     pub(super) fn channel(&self, mode: NodeMode) -> ChannelConfig {
         let data = self.is_fd().then_some(self.can.data_bitrate);
         let mut settings = plain(self.can.nominal_bitrate, data);
@@ -69,7 +69,7 @@ impl Rate {
         self.can.fd
     }
 
-    /// As in `500 kbit/s` or `500/2000 kbit/s FD`.
+    /// Name such as `500 kbit/s` or `500/2000 kbit/s FD`.
     pub(super) fn name(&self) -> String {
         let kilo = |rate: u32| match rate % 1000 {
             0 => (rate / 1000).to_string(),
@@ -82,7 +82,7 @@ impl Rate {
         }
     }
 
-    /// In bit/s: nominal, and data with CAN FD.
+    /// Nominal and, with CAN FD, data bit rate in bit/s.
     pub(super) fn bit_rates(&self) -> (u32, Option<u32>) {
         (self.can.nominal_bitrate, self.can.fd.then_some(self.can.data_bitrate))
     }
@@ -95,11 +95,11 @@ fn plain(nominal: u32, data: Option<u32>) -> ChannelConfig {
     }
 }
 
-/// Reads a file that must be sound and have a channel.
+/// Reads a valid file with at least one channel.
 pub(super) fn read(path: &Path) -> Result<ConfigFile, Failure> {
     let file = config_file::read(path)?;
     if Rate::of_file(&file).is_empty() {
-        let reason = "it has no channel, so there is no bit rate to test".to_owned();
+        let reason = "the file has no channel and thus no bit rate to test".to_owned();
         return Err(Failure::File { what: "use", path: path.to_owned(), reason });
     }
     Ok(file)

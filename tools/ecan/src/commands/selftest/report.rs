@@ -1,4 +1,4 @@
-//! The report of a gateway.
+//! Report of a gateway.
 
 use std::fs::File;
 use std::io::{ErrorKind, Write};
@@ -11,20 +11,20 @@ use crate::output::{Output, Tone};
 
 use super::exchange::{ChannelState, Counts};
 
-/// One thing that was looked at.
+/// Check of a gateway.
 #[derive(Debug, Serialize)]
 pub(super) struct Check {
-    /// What was looked at.
+    /// Name of the check.
     pub(super) name: String,
     pub(super) is_good: bool,
-    /// What was found.
+    /// Result text.
     pub(super) words: String,
-    /// Figures, where frames were sent.
+    /// Figures of a frame test.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) frames: Option<Figures>,
 }
 
-/// What the frames of a test have shown.
+/// Figures of a frame test.
 #[derive(Debug, Serialize)]
 pub(super) struct Figures {
     pub(super) from: u8,
@@ -33,17 +33,17 @@ pub(super) struct Figures {
     pub(super) data_bitrate: Option<u32>,
     #[serde(flatten)]
     pub(super) counts: Counts,
-    /// The channels after the test: the one that sends, and the one that receives if it is another.
+    /// Channels after the test: sender, and receiver if different.
     pub(super) channels: Vec<ChannelState>,
 }
 
-/// Everything about a gateway.
+/// Report of a gateway.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Report {
     pub(super) is_good: bool,
-    /// The user stopped the test before it was over.
+    /// Whether the user stopped the test.
     pub(super) was_stopped: bool,
-    /// When the test began, by this computer's clock.
+    /// Start time of the test, from the clock of this computer.
     pub(super) time: String,
     pub(super) position: usize,
     pub(super) serial: Option<u64>,
@@ -53,31 +53,31 @@ pub(super) struct Report {
     pub(super) product_code: u32,
     pub(super) revision: u32,
     pub(super) checks: Vec<Check>,
-    /// Where it was written.
+    /// Path of the written report.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) file: Option<String>,
 }
 
 impl Report {
-    /// Adds what was found, good or not.
+    /// Adds a result.
     pub(super) fn add(&mut self, name: impl Into<String>, found: Result<String, String>) {
         let is_good = found.is_ok();
         let (Ok(words) | Err(words)) = found;
         self.checks.push(Check { name: name.into(), is_good, words, frames: None });
     }
 
-    /// Notes that the test came to no end.
+    /// Marks the test as incomplete.
     pub(super) fn stop(&mut self) {
         self.was_stopped = true;
-        self.add("test", Err("stopped before it was over".to_owned()));
+        self.add("test", Err("stopped before the end".to_owned()));
     }
 
-    /// Whether everything so far is good.
+    /// Returns whether all checks passed so far.
     pub(super) fn is_good_so_far(&self) -> bool {
         self.checks.iter().all(|check| check.is_good)
     }
 
-    /// As a person calls the gateway.
+    /// Title for people.
     pub(super) fn title(&self) -> String {
         match self.own_serial() {
             Some(serial) => format!("gateway {serial} at position {}", self.position),
@@ -100,7 +100,7 @@ impl Report {
                 true => output.toned(Tone::Good, "good  "),
                 false => output.toned(Tone::Bad, "FAILED"),
             };
-            // What belongs to a check stands behind it, also on further lines.
+            // The result follows the name, possibly on several lines.
             let words = words.replace('\n', "\n          ");
             writeln!(out, "  {mark}  {name:<width$}  {words}")?;
         }
@@ -110,13 +110,13 @@ impl Report {
         }
     }
 
-    /// The serial number, where one is programmed.
+    /// Serial number, if programmed.
     pub(super) fn own_serial(&self) -> Option<u64> {
         self.serial.filter(|serial| !matches!(*serial, 0 | u64::MAX))
     }
 
-    /// Writes it into a directory, in a new file of its serial number's name, and of its position's
-    /// where that does not tell it from another gateway.
+    /// Writes the report to a new file in a directory, named after the serial number, or after the
+    /// position if the serial number is not unique.
     pub(super) fn write(&mut self, directory: &Path, is_duplicate: bool) -> Result<(), Failure> {
         let position = self.position;
         let name = match self.own_serial() {
@@ -133,7 +133,7 @@ impl Report {
     }
 }
 
-/// A file that was not there: those of earlier tests stay.
+/// Creates a file that does not exist; earlier reports are kept.
 fn create(directory: &Path, name: &str) -> Result<(PathBuf, File), Failure> {
     let mut number = 1_u32;
     loop {
@@ -151,10 +151,10 @@ fn create(directory: &Path, name: &str) -> Result<(PathBuf, File), Failure> {
     }
 }
 
-/// Makes sure that there is a directory for the reports, before the tests begin.
+/// Creates the directory for the reports before the tests start.
 pub(super) fn prepare(directory: &Path) -> Result<(), Failure> {
     if directory.exists() && !directory.is_dir() {
-        let reason = "it is no directory".to_owned();
+        let reason = "not a directory".to_owned();
         return Err(Failure::File { what: "write to", path: PathBuf::from(directory), reason });
     }
     std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))

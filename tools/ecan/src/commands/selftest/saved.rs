@@ -1,4 +1,4 @@
-//! What a gateway has before a test, and putting it back afterwards.
+//! Saves and restores the configuration of a gateway.
 
 use std::collections::BTreeMap;
 
@@ -15,39 +15,39 @@ use crate::failure::Failure;
 
 use super::active_config::ActiveConfig;
 
-/// How often the state of a slave is looked at, in nanoseconds.
+/// Poll interval of the slave state, in nanoseconds.
 const LOOK_EVERY_NS: u64 = 50_000_000;
-/// How long a slave may take to be there, or in PREOP again, in nanoseconds.
+/// Time limit for a slave to respond or to reach PREOP, in nanoseconds.
 const STATE_NS: u64 = 10_000_000_000;
-/// How long a restart may take, in nanoseconds.
+/// Time limit of a restart, in nanoseconds.
 const RESTART_NS: u64 = 30_000_000_000;
-/// Objects that hold configuration.
+/// Configuration objects.
 const OBJECTS: [u16; 12] = [
     0x8000, 0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022, 0x8023, 0x8024,
 ];
 
-/// The filters of a channel: standard and extended ones.
+/// Filters of a channel: standard and extended.
 type Filters = [Vec<RawFilter>; 2];
 
-/// The configuration of a gateway.
+/// Configuration of a gateway.
 #[derive(Debug)]
 pub(super) struct Saved {
     slave: usize,
     serial: u64,
-    /// Every value that can be written and is no command.
+    /// Every writable value that is not a command.
     values: BTreeMap<(u16, u8), u32>,
     filters: [Filters; CHANNELS],
-    /// The entries of 0x1C12 and 0x1C13.
+    /// Entries of 0x1C12 and 0x1C13.
     assignments: [Vec<u32>; 2],
     active_config: ActiveConfig,
 }
 
-/// How the configuration was put back.
+/// Method of the restoration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Restored {
-    /// By writing it.
+    /// By writing the values.
     Written,
-    /// The gateway was restarted first.
+    /// By a restart and writing the values.
     Restarted,
 }
 
@@ -70,12 +70,12 @@ impl Saved {
         Ok(Self { slave, serial, values, filters, assignments, active_config })
     }
 
-    /// Waits until the master has let go of the gateway, and puts everything back that the test has
-    /// changed on the channels `tested`. Says what could not be put back. A gateway that was lost
-    /// has some time to come back.
+    /// Waits until the master has released the gateway, and restores everything that the test has
+    /// changed on the channels `tested`. Returns the reason if that fails. A lost gateway gets some
+    /// time to respond.
     ///
-    /// No command takes a profile out of force again, nor a channel off its bus (manual 13.2, 13.4):
-    /// where that is needed the gateway restarts.
+    /// No command deactivates a profile or a channel (manual 13.2, 13.4): the gateway is restarted
+    /// for that.
     pub(super) fn restore(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<Restored, String> {
         let mut deadline = bus.clock().now_ns() + STATE_NS;
         let mut is_restarted = false;
@@ -105,7 +105,7 @@ impl Saved {
         let now = ActiveConfig::read(bus, self.slave).map_err(words)?;
         if now.has_more_than(&self.active_config) {
             let restarted = reboot::restart(bus, self.slave, RESTART_NS);
-            restarted.map_err(|failure| format!("it was to restart, but {failure}"))?;
+            restarted.map_err(|failure| format!("restart failed: {failure}"))?;
             *is_restarted = true;
             self.wait_own_place(bus)?;
         }
@@ -113,12 +113,12 @@ impl Saved {
         self.compare(bus)
     }
 
-    /// Waits for PREOP. In a ring another gateway may stand in the place of one that is away.
+    /// Waits for PREOP. Another gateway may be at the position of an unreachable one.
     fn wait_own_place(&self, bus: &Bus) -> Result<(), String> {
         wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
         match bus.serial(self.slave) {
             Ok(serial) if serial == self.serial => Ok(()),
-            Ok(serial) => Err(format!("gateway {serial} stands in its place")),
+            Ok(serial) => Err(format!("gateway {serial} is at its position")),
             Err(failure) => Err(failure.to_string()),
         }
     }
@@ -169,23 +169,23 @@ impl Saved {
         Ok(())
     }
 
-    /// What is not as it was.
+    /// Checks for differences to the saved configuration.
     fn compare(&self, bus: &Bus) -> Result<(), String> {
         let now = Self::read(bus, self.slave).map_err(|failure| failure.to_string())?;
         for ((index, subindex), value) in &self.values {
             let found = now.values.get(&(*index, *subindex));
             if let Some(found) = found.filter(|found| *found != value) {
                 let object = ecan_protocol::object::describe(*index, *subindex);
-                return Err(format!("{object} was {value} and now is {found}"));
+                return Err(format!("{object} was {value} and is {found}"));
             }
         }
         if let Some(channel) =
             (0..CHANNELS).find(|at| now.filters.get(*at) != self.filters.get(*at))
         {
-            return Err(format!("the filters of channel {channel} are others"));
+            return Err(format!("the filters of channel {channel} differ"));
         }
         if now.assignments != self.assignments {
-            return Err("0x1C12 or 0x1C13 assigns other PDOs".to_owned());
+            return Err("the PDO assignment (0x1C12, 0x1C13) differs".to_owned());
         }
         match now.active_config.difference(&self.active_config) {
             Some(words) => Err(words),
@@ -194,7 +194,7 @@ impl Saved {
     }
 }
 
-/// Configuration: what can be written, but no commands and no editing windows.
+/// Returns whether an entry is configuration: writable, but not a command or editing window.
 fn entries() -> impl Iterator<Item = (u16, u8)> {
     let is_value = |index: u16, subindex: u8| match index {
         0x8001..=0x8004 => !FilterWindow::BOTH.iter().any(|window| {
@@ -227,7 +227,7 @@ fn read_assignment(bus: &Bus, slave: usize, direction: Direction) -> Result<Vec<
     (1..=count).map(|subindex| bus.read(slave, index, subindex)).collect()
 }
 
-/// Count 0, the entries, the count.
+/// Writes count 0, the entries, then the count.
 fn write_assignment(
     bus: &Bus,
     slave: usize,
@@ -242,7 +242,7 @@ fn write_assignment(
     bus.write(slave, index, 0, u32::try_from(entries.len()).unwrap_or_default())
 }
 
-/// A command that puts values into force; its status tells whether it did.
+/// Executes an apply command and checks its status.
 fn apply(bus: &Bus, slave: usize, command: SdoWrite, status: u8) -> Result<(), Failure> {
     let SdoWrite { index, subindex, value, .. } = command;
     bus.write(slave, index, subindex, value)?;
@@ -250,12 +250,12 @@ fn apply(bus: &Bus, slave: usize, command: SdoWrite, status: u8) -> Result<(), F
         0 => Ok(()),
         found => {
             let object = ecan_protocol::object::describe(index, subindex);
-            Err(Failure::Refused(format!("{object} ends with status {found}")))
+            Err(Failure::Rejected(format!("{object}: status {found}")))
         }
     }
 }
 
-/// Reads from a slave that may be away for some time.
+/// Reads from a slave that may be unreachable for some time.
 pub(super) fn read_patiently(
     bus: &Bus,
     slave: usize,
@@ -273,8 +273,7 @@ pub(super) fn read_patiently(
     }
 }
 
-/// Waits until the master knows a slave. While it looks at the bus again, since some slave came or
-/// went, it knows none.
+/// Waits until the master lists a slave. During a rescan of the bus it lists none.
 pub(super) fn wait_present(bus: &Bus, slave: usize) -> Result<(), String> {
     wait(bus, slave, |_| true)
 }
@@ -289,8 +288,8 @@ fn wait(bus: &Bus, slave: usize, is_fit: fn(Option<AlState>) -> bool) -> Result<
         if bus.clock().now_ns() >= deadline {
             return Err(match state {
                 Err(error) => error.to_string(),
-                Ok(Some(state)) => format!("it stays in {state}"),
-                Ok(None) => "it stays in no known state".to_owned(),
+                Ok(Some(state)) => format!("the slave stays in {state}"),
+                Ok(None) => "the state of the slave is unknown".to_owned(),
             });
         }
         bus.clock().sleep_until_ns(bus.clock().now_ns() + LOOK_EVERY_NS);

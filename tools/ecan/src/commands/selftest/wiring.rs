@@ -1,10 +1,10 @@
-//! Which channels are wired together.
+//! Pairs of wired channels.
 
 use std::str::FromStr;
 
 use ecan_protocol::mapping::CHANNELS;
 
-/// Pairs of channels, as in `0-1,2-3`; each channel at most once.
+/// Pairs of channels, for example `0-1,2-3`; each channel at most once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Wiring(Vec<(u8, u8)>);
 
@@ -18,7 +18,7 @@ impl FromStr for Wiring {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let wrong = || "expected pairs of channels 0 to 3, as in 0-1,2-3".to_owned();
+        let wrong = || "expected pairs of channels 0 to 3, for example 0-1,2-3".to_owned();
         let mut pairs = Vec::new();
         let mut is_used = [false; CHANNELS];
         for pair in text.split(',') {
@@ -27,7 +27,7 @@ impl FromStr for Wiring {
                 let channel: u8 = text.parse().map_err(|_| wrong())?;
                 let used = is_used.get_mut(usize::from(channel)).ok_or_else(wrong)?;
                 match std::mem::replace(used, true) {
-                    true => Err(format!("channel {channel} is named twice")),
+                    true => Err(format!("channel {channel} is used twice")),
                     false => Ok(channel),
                 }
             };
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pairs_name_each_channel_once() {
+    fn pairs_use_each_channel_once() {
         let parse = |text: &str| text.parse::<Wiring>();
         assert_eq!(parse("0-1,3-2"), Ok(Wiring(vec![(0, 1), (3, 2)])));
         for wrong in ["", "0", "0-4", "0-1,", "0:1", "a-b", "0-0", "0-1,1-2"] {
