@@ -23,6 +23,8 @@
 //! # let ecrt = ecan_sim::open(&setting, &options)?.ecrt;
 //! # let directory = tempfile::tempdir()?;
 //! # let path = directory.path().join("drive.pcapng");
+//! use std::time::Duration;
+//!
 //! use ecan_capture::{Capture, ImageOrigin, Recorder, Traffic};
 //! use ecan_host::AdapterConfig;
 //! use ecan_protocol::can::{CanFrame, CanId};

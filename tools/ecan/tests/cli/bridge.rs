@@ -126,7 +126,7 @@ fn frames_of_an_outage_are_refused_and_never_sent() {
 #[test]
 fn frames_are_refused_while_the_channel_is_bus_off() {
     let fault = "kind = \"bus_off\"\ngateway = 0\nchannel = 0";
-    let late = refuses_during("kind = \"silent\"", fault, "can0 run");
+    let late = refuses_during("kind = \"silent\"", fault, "can0: run");
     assert_eq!(late, [0; 0]);
 }
 
@@ -135,7 +135,7 @@ fn frames_are_refused_while_the_channel_is_bus_off() {
 fn frames_are_refused_while_nobody_acknowledges() {
     let node = "kind = \"drive\"\nname = \"partner\"\nnode_id = 1";
     let fault = "kind = \"drive_power_cycle\"\nnode = \"partner\"\noff_ms = 3000";
-    let late = refuses_during(node, fault, "can0 run");
+    let late = refuses_during(node, fault, "can0: run");
     let queue_and_controller = 64 + 32;
     assert!(late.len() <= queue_and_controller, "{} frames came late", late.len());
 }

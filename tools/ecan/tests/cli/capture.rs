@@ -134,7 +134,7 @@ fn a_channel_that_goes_off_the_bus_leaves_an_error_frame() {
     let bus = Scenario::replaying(&FRAMES, fault);
     let path = bus.path("out.pcapng");
     let output = bus.run(&["dump", "--channel", "0", "-T", "9000", "--capture", &path]);
-    assert!(String::from_utf8(output.stderr).unwrap().contains(") can0 bus-off"));
+    assert!(String::from_utf8(output.stderr).unwrap().contains(") can0: bus-off"));
     let is_bus_off = |block: &[u8]| block[20..28] == [0x20, 0, 0, 0x40, 8, 0, 0, 0];
     let blocks = blocks(&std::fs::read(&path).unwrap());
     assert!(blocks.iter().any(|(block_type, block)| *block_type == 6 && is_bus_off(block)));

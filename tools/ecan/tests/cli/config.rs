@@ -428,7 +428,7 @@ fn misuse_is_named_and_told_by_the_status() {
             &["config", "export", path, "--slave", "0"],
             "use --gateway to select a gateway of the file",
         ),
-        (2, &["config", "export", path, "--format", "csv", "--json"], "take one"),
+        (2, &["config", "export", path, "--format", "csv", "--json"], "exclude each other"),
         (
             2,
             &["config", "check", path, "--slave", "0"],

@@ -194,7 +194,7 @@ fault [mailbox-silent]";
         "\n  ECR        not read\n",
         "\n  counters   received dropped not read, 0 TX backpressure, 0 bus-off\n",
         "; TX FIFO full 0 times, stale not read; ",
-        "\nno finding; 5 entries were not read\n",
+        "\nno findings; 5 entries were not read\n",
     ] {
         assert!(report.contains(words), "{words}: {report}");
     }
@@ -307,7 +307,7 @@ fn wrong_use_is_named_and_told_by_the_status() {
         (6, &["diag", "--from", &missing], "cannot read"),
         (6, &["diag", "--from", &damaged], "invalid JSON"),
         (6, &["diag", "--from", &foreign], "not a bundle of `ecan diag --record`"),
-        (6, &["diag", "--from", &newer], "version 9, is not supported; supported: 1"),
+        (6, &["diag", "--from", &newer], "version 9 is not supported; supported: 1"),
         (6, &["diag", "--from", &partial], "missing field"),
         (6, &["--ecrt", "sim", "diag", "--record", &nowhere], "cannot write"),
         (2, &["diag", "--from", &missing, "--clear"], "cannot be used with"),

@@ -138,7 +138,7 @@ fn changes_on_the_bus_are_comments_on_standard_error() {
     let output = bus.run(&["dump", "--channel", "0", "-T", "9000"]);
     let errors = String::from_utf8(output.stderr).unwrap();
     let comments: Vec<_> = errors.lines().filter(|line| line.starts_with("# (")).collect();
-    assert!(comments[0].ends_with(") can0 bus-off, at 500000/5000000 bit/s"), "{errors}");
+    assert!(comments[0].ends_with(") can0: bus-off, at 500000/5000000 bit/s"), "{errors}");
     assert!(!String::from_utf8(output.stdout).unwrap().contains('#'));
 }
 
@@ -193,7 +193,7 @@ fn a_gateway_that_is_lost_comes_back() {
     let comments: Vec<_> = errors.lines().filter_map(|line| line.split_once(") ")).collect();
     let words: Vec<_> = comments.into_iter().map(|(_, words)| words).collect();
     let course = ["waiting for OP", "being verified", "in service"];
-    assert_eq!(words, course.map(|words| format!("the gateway is {words}")));
+    assert_eq!(words, course.map(|words| format!("gateway: {words}")));
 }
 
 #[test]

@@ -427,11 +427,11 @@ fn misuse_is_named_before_anything_is_written() {
     let of = |file: &NamedTempFile| file.path().to_str().unwrap().to_owned();
     let cases: [(i32, &[&str], &str); 9] = [
         (2, &["update", path], "use --yes"),
-        (2, &["update", path, "--yes", "--all", "--slave", "0"], "take one"),
+        (2, &["update", path, "--yes", "--all", "--slave", "0"], "exclude each other"),
         (4, &["update", path, "--yes", "--slave", "7"], "slave 7 does not exist; allowed: 0"),
         (4, &["update", path, "--yes", "--slave", "alias=9"], "no slave has the alias 9"),
         (6, &["update", "/nonexistent.bin", "--yes"], "cannot read /nonexistent.bin: No such file"),
-        (6, &["update", &of(&empty), "--yes"], "it is empty"),
+        (6, &["update", &of(&empty), "--yes"], "file is empty"),
         (6, &["update", &of(&short), "--yes"], "3 bytes are too small"),
         (6, &["update", directory.path().to_str().unwrap(), "--yes"], "directory"),
         (2, &["update"], "required arguments"),

@@ -160,9 +160,9 @@ fn the_slave_is_one_of_the_file() {
     check(send(&two, "1", &["--slave", "2"]), 4, "slave 2 is not a gateway of the file\n");
     check(send(&two, "1", &["--slave", "3"]), 4, "slave 3 does not exist");
     // A channel that the file does not have, by name.
-    let missing = format!("channel 2 is not in {two}: gateway 1 there has channel 1\n");
+    let missing = format!("channel 2 is not in {two}; gateway 1 has channel 1\n");
     check(send(&two, "2", &["--slave", "1"]), 2, &missing);
-    let missing = format!("channel 1 is not in {two}: gateway 0 there has channel 0\n");
+    let missing = format!("channel 1 is not in {two}; gateway 0 has channel 0\n");
     check(send(&two, "1", &["--slave", "0"]), 2, &missing);
     // With one gateway in the file there is no question, whatever else is on the bus.
     let second_alone = &TWO[TWO.rfind("[[gateway]]").unwrap()..];
@@ -183,7 +183,7 @@ fn channels_that_the_file_does_not_have_are_refused_by_name() {
     let bus = bus(250, &FRAMES);
     let path = bus.path("cell.toml");
     let log = bus.write("drive.log", "(1.000000) can0 123#01\n(1.000000) can3 124#02\n");
-    let has = format!("is not in {path}: gateway 0 there has channels 0, 2");
+    let has = format!("is not in {path}; gateway 0 has channels 0, 2");
     let cases: [(&str, &[&str]); 5] = [
         ("1", &["dump", "--channel", "0,1"]),
         ("1", &["dump", "--channel", "0,1,2,3"]),

@@ -37,7 +37,8 @@ fn every_size_shows_what_it_has_room_for_also_while_it_changes() {
     let bus = scenario("[[gateway]]\n[[gateway]]\n");
     let mut monitor = OnScreen::start((20, 5), &["--ecrt", &setting(&bus), "monitor"]);
     let tiny = |screen: String| {
-        screen.starts_with("0 ready\n1 ready\n") && screen.ends_with("\nSIMULATED  q end  ?")
+        let states: Vec<_> = screen.lines().take(2).map(str::trim_end).collect();
+        states == ["0 ready", "1 ready"] && screen.ends_with("\nSIMULATED  q end  ?")
     };
     monitor.wait_until("tiny screen", |it| tiny(it.screen()));
     for (columns, rows) in [(80, 24), (120, 40), (54, 14), (200, 60)] {

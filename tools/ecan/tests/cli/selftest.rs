@@ -257,7 +257,7 @@ fn several_gateways_are_tested_in_turn_and_each_has_its_report() {
         ["gateway 4294967297 at position 0: passed", "gateway 4294967298 at position 1: FAILED"];
     assert_eq!(heads, expected);
     assert_eq!(lines(&printed, "FAILED  firmware").len(), 1, "{printed}");
-    assert!(printed.contains("2.2.3, not 2.2.1"), "{printed}");
+    assert!(printed.contains("2.2.3, expected 2.2.1"), "{printed}");
     let report = |serial: &str| -> serde_json::Value {
         serde_json::from_str(&bus.read(&format!("reports/{serial}.json"))).unwrap()
     };
@@ -332,7 +332,10 @@ fn wrong_use_is_told() {
         fails(status, &[&["--ecrt", "sim", "selftest"][..], arguments].concat())
     };
     let message = simulated(2, &["--wired", "0-4"]);
-    assert!(message.contains("expected pairs of channels 0 to 3, as in 0-1,2-3"), "{message}");
+    assert!(
+        message.contains("expected pairs of channels 0 to 3, for example 0-1,2-3"),
+        "{message}"
+    );
     let message = simulated(2, &["--wired", "0-1,1-2"]);
     assert!(message.contains("channel 1 is used twice"), "{message}");
     assert!(simulated(2, &["--frames", "0"]).contains("0 is not in 1..=256"));

@@ -35,7 +35,7 @@ fn of_several_gateways_the_chosen_one_sends() {
 fn a_frame_that_nobody_acknowledges_has_not_left() {
     let alone = Scenario::new("");
     let message = alone.fails(1, &["send", "123#11", "124#22", "--timeout", "300"]);
-    assert!(message.contains("can0 run, warning: error passive"), "{message}");
+    assert!(message.contains("can0: run, warning: error passive"), "{message}");
     assert!(message.contains("2 of 2 frames not sent within 300 ms"), "{message}");
     assert!(message.contains("check for another node with 500000/5000000 bit/s"), "{message}");
 }
@@ -45,7 +45,7 @@ fn a_channel_off_the_bus_is_named() {
     let fault = "[[fault]]\nat_ms = 1100\nkind = \"bus_off\"\ngateway = 0\nchannel = 0\n";
     let alone = Scenario::new(fault);
     let message = alone.fails(1, &["send", "123#11", "--timeout", "1000"]);
-    assert!(message.contains("can0 bus-off"), "{message}");
+    assert!(message.contains("can0: bus-off"), "{message}");
     let words = "1 of 1 frames not sent within 1000 ms: channel 0 went bus-off";
     assert!(message.contains(words), "{message}");
 }
