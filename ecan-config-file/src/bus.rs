@@ -5,14 +5,14 @@ use std::time::Duration;
 use ecan_host::{AdapterConfig, ClockSource, DcSync, MAX_SLAVES, MAX_STARTUP_STEPS};
 use ecan_mcan_port::{MAX_FILTERS, PortConfig};
 
-use crate::ConfigFile;
 use crate::document::{Document, Table};
 use crate::gateway;
+use ecan_mcan_port::Config;
 
 /// Largest index of a master or slave.
 const INDEX_MAX: u32 = 0xFFFF;
 
-pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> ConfigFile {
+pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Config {
     let mut adapter = AdapterConfig::new(0);
     let mut port = PortConfig::default();
     if let Some(master) = table.unsigned(document, "master", (0, INDEX_MAX)) {
@@ -51,7 +51,7 @@ pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Con
         }
     }
     table.finish(document);
-    ConfigFile { adapter, port }
+    (adapter, port).into()
 }
 
 fn read_dc(document: &mut Document<'_>, mut table: Table<'_, '_>, cycle_ns: u32) -> DcSync {

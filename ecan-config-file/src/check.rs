@@ -10,13 +10,13 @@ use ecan_protocol::image::ProfileError;
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::lookup;
 
-use crate::ConfigFile;
 use crate::document::Document;
 use crate::filter::{EXTENDED_TABLE, STANDARD_TABLE};
 use crate::gateway::CHANNEL_TABLES;
+use ecan_mcan_port::Config;
 
 /// Checks the configuration and reports its faults to the document.
-pub(crate) fn check(document: &mut Document<'_>, file: &ConfigFile) {
+pub(crate) fn check(document: &mut Document<'_>, file: &Config) {
     let Err(faults) = file.port.check(&file.adapter) else { return };
     for fault in faults.0 {
         document.semantic_fault(&locations(&fault), fault.to_string());
@@ -27,7 +27,7 @@ pub(crate) fn check(document: &mut Document<'_>, file: &ConfigFile) {
 }
 
 /// The fault of a bit rate without a timing that an invalid sample point window hides.
-fn hidden_by(file: &ConfigFile, fault: &PortConfigFault) -> Option<PortConfigFault> {
+fn hidden_by(file: &Config, fault: &PortConfigFault) -> Option<PortConfigFault> {
     let PortConfigFault::Channel { slave, channel, fault } = *fault else { return None };
     let ChannelFault::Timing { phase, error: BitTimingError::Window { .. } } = fault else {
         return None;

@@ -19,7 +19,8 @@
 //! [`EXAMPLE`] is such a file with every key in it. An unknown key is a fault, and so is a value that
 //! the gateway would reject; all faults are reported together, with line and column.
 //!
-//! The content of a file is plain data ([`ConfigFile`]). [`apply`] writes it to a gateway,
+//! The content of a file is a [`Config`]; policies of 0x8020 are in its
+//! [`startup`](ecan_host::AdapterConfig::startup) SDOs. [`apply`] writes it to a gateway,
 //! [`differences`] compares, [`FlashCommand::run`] saves it in the flash of the gateway, and
 //! [`export`] makes startup lists for other masters. All of these block and allocate: do not call
 //! them in the cycle.
@@ -46,59 +47,37 @@ mod warning;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
-use std::str::FromStr;
 
-use ecan_host::{AdapterConfig, Expectation, StartupStep};
-use ecan_mcan_port::PortConfig;
+use ecan_host::{Expectation, StartupStep};
+use ecan_mcan_port::Config;
 
 pub use compare::differences;
 pub use device::{ResolveError, ResolvedGateway, apply, find};
 pub use difference::{Difference, Expected};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{ConfigChecksums, FlashCommand};
-pub use warning::{Elements, FileWarning};
+pub use warning::{Elements, FileWarning, warnings};
 
 use document::{Document, Table};
 
 /// A commented file with every key. The values are the defaults, unless a comment says otherwise.
 pub const EXAMPLE: &str = include_str!("example.toml");
 
-/// Content of a file: the configurations of Adapter and Port, checked together.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ConfigFile {
-    /// The EtherCAT side. Policies of 0x8020, if the file has any, are in its
-    /// [`startup`](AdapterConfig::startup).
-    pub adapter: AdapterConfig,
-    /// The CAN side, one gateway for each slave.
-    pub port: PortConfig,
-}
-
-impl ConfigFile {
-    /// Returns the complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2):
-    /// checks of its capabilities, PDO assignment, profiles, channels with their filters and data
-    /// paths, each with its readback. Checks that every value passes are omitted. Empty for a gateway
-    /// that the file does not have.
-    pub fn startup(&self, gateway: usize) -> Vec<StartupStep> {
-        let mut steps = self.port.startup_plan(&self.adapter).steps(&self.adapter, gateway);
-        steps.retain(|step| {
-            let StartupStep::Expect { expected, .. } = step else { return true };
-            !matches!(expected, Expectation::HasBits(0) | Expectation::AtLeast(0))
-        });
-        steps
-    }
-}
-
-impl FromStr for ConfigFile {
-    type Err = FileFaults;
-
-    /// Reads a configuration from the text of a file.
-    fn from_str(text: &str) -> Result<Self, FileFaults> {
-        read(text, &[])
-    }
+/// Returns the complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2):
+/// checks of its capabilities, PDO assignment, profiles, channels with their filters and data paths,
+/// each with its readback. Checks that every value passes are omitted. Empty for a gateway that the
+/// configuration does not have.
+pub fn startup(config: &Config, gateway: usize) -> Vec<StartupStep> {
+    let mut steps = config.port.startup_plan(&config.adapter).steps(&config.adapter, gateway);
+    steps.retain(|step| {
+        let StartupStep::Expect { expected, .. } = step else { return true };
+        !matches!(expected, Expectation::HasBits(0) | Expectation::AtLeast(0))
+    });
+    steps
 }
 
 /// Reads the text; `invalid` are the locations and values of bytes that are not UTF-8.
-fn read(text: &str, invalid: &[(usize, u8)]) -> Result<ConfigFile, FileFaults> {
+fn read(text: &str, invalid: &[(usize, u8)]) -> Result<Config, FileFaults> {
     let (mut document, root) = Document::parse(text);
     for (at, byte) in invalid {
         document.invalid_byte(*at, *byte);
@@ -115,7 +94,7 @@ fn read(text: &str, invalid: &[(usize, u8)]) -> Result<ConfigFile, FileFaults> {
 ///
 /// # Errors
 /// Every fault, with line and column; bytes that are not UTF-8 do not hide other faults.
-pub fn parse(bytes: &[u8]) -> Result<ConfigFile, FileFaults> {
+pub fn parse(bytes: &[u8]) -> Result<Config, FileFaults> {
     let mut text = String::with_capacity(bytes.len());
     let mut invalid = Vec::new();
     for chunk in bytes.utf8_chunks() {
@@ -145,7 +124,7 @@ fn bytes(path: &Path) -> io::Result<Vec<u8>> {
 ///
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
-pub fn load(path: impl AsRef<Path>) -> Result<ConfigFile, ConfigFileError> {
+pub fn load(path: impl AsRef<Path>) -> Result<Config, ConfigFileError> {
     let path = path.as_ref();
     let bytes =
         bytes(path).map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;

@@ -7,7 +7,7 @@ use ecan_protocol::image::{BudgetPolicy, PdoProfile};
 use ecan_protocol::mapping::Direction;
 use thiserror::Error;
 
-use crate::ConfigFile;
+use ecan_mcan_port::Config;
 
 /// A warning: the configuration works only for shorter frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -85,36 +85,33 @@ impl std::fmt::Display for Elements {
     }
 }
 
-impl ConfigFile {
-    /// Returns warnings about settings that may lose frames: elements that are too short for CAN FD,
-    /// shares of an image that are too small for a frame. [`PortPlan`] evaluates the traffic.
-    /// Allocates; do not call it in the cycle.
-    pub fn warnings(&self) -> Vec<FileWarning> {
-        let mut warnings = Vec::new();
-        let plan = PortPlan::of(&self.adapter, &self.port, &[]);
-        for (slave, (gateway, images)) in self.port.gateways.iter().zip(&plan.gateways).enumerate()
-        {
-            for (channel, settings) in channels(gateway) {
-                warnings.extend(short_elements(slave, channel, settings, &self.port));
-                let Some(frame) = largest_frame(settings.can.fd) else { continue };
-                for image in [&images.rx, &images.tx] {
-                    let direction = image.direction;
-                    let frame_bytes = image.packet_bytes(frame.as_ref(), false);
-                    let share_bytes = share(direction, &image.profile);
-                    if frame_bytes > share_bytes {
-                        warnings.push(FileWarning::ShareBelowFrame {
-                            slave,
-                            channel,
-                            direction,
-                            frame_bytes,
-                            share_bytes,
-                        });
-                    }
+/// Returns warnings about settings that may lose frames: elements that are too short for CAN FD,
+/// shares of an image that are too small for a frame. [`PortPlan`] evaluates the traffic.
+/// Allocates; do not call it in the cycle.
+pub fn warnings(config: &Config) -> Vec<FileWarning> {
+    let mut warnings = Vec::new();
+    let plan = PortPlan::of(&config.adapter, &config.port, &[]);
+    for (slave, (gateway, images)) in config.port.gateways.iter().zip(&plan.gateways).enumerate() {
+        for (channel, settings) in channels(gateway) {
+            warnings.extend(short_elements(slave, channel, settings, &config.port));
+            let Some(frame) = largest_frame(settings.can.fd) else { continue };
+            for image in [&images.rx, &images.tx] {
+                let direction = image.direction;
+                let frame_bytes = image.packet_bytes(frame.as_ref(), false);
+                let share_bytes = share(direction, &image.profile);
+                if frame_bytes > share_bytes {
+                    warnings.push(FileWarning::ShareBelowFrame {
+                        slave,
+                        channel,
+                        direction,
+                        frame_bytes,
+                        share_bytes,
+                    });
                 }
             }
         }
-        warnings
     }
+    warnings
 }
 
 fn channels(gateway: &GatewayConfig) -> impl Iterator<Item = (u8, &ChannelConfig)> {

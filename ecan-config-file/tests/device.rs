@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use common::{MS, bench, two, with};
 use ecan_config_file::{
     Difference, Expected, FlashCommand, ResolveError, ResolvedGateway, apply, differences, find,
+    startup,
 };
 use ecan_host::{Adapter, Clock, Error, MaintenanceError, StartupStep};
 use ecan_mcan_port::Port;
@@ -26,7 +27,7 @@ fn saved_configuration_survives_power_cycle() {
     let places = find(bus, &file.adapter.slaves).unwrap();
     assert_eq!(places, [0, 1].map(|at| ResolvedGateway { gateway: at, slave: at }));
     for ResolvedGateway { gateway, slave } in places {
-        let steps = file.startup(gateway);
+        let steps = startup(&file, gateway);
         assert!(!differences(bus, slave, &steps).unwrap().is_empty());
         let mut done = 0;
         apply(bus, slave, &steps, &mut |_| done += 1).unwrap();
@@ -48,7 +49,7 @@ fn saved_configuration_survives_power_cycle() {
     let adapter: &mut Adapter = port.adapter_mut();
     let bus = adapter.diagnostics();
     for slave in 0..2 {
-        assert_eq!(differences(bus, slave, &file.startup(slave)).unwrap(), []);
+        assert_eq!(differences(bus, slave, &startup(&file, slave)).unwrap(), []);
     }
 }
 
@@ -56,7 +57,7 @@ fn saved_configuration_survives_power_cycle() {
 fn unsaved_configuration_is_lost_by_power_cycle() {
     let (bench, file) = (bench(2), two());
     let (bus, clock) = (&bench.bus, bench.ecrt.clock().as_ref());
-    let steps = file.startup(1);
+    let steps = startup(&file, 1);
     let unsaved = FlashCommand::Load.run(bus, 1, clock).unwrap_err();
     assert!(
         matches!(unsaved, MaintenanceError::Status(MaintenanceStatus::ImageInvalid)),
@@ -81,7 +82,7 @@ fn unsaved_configuration_is_lost_by_power_cycle() {
 fn difference_names_entry_and_filter() {
     let (bench, file) = (bench(2), two());
     let bus = &bench.bus;
-    let steps = file.startup(1);
+    let steps = startup(&file, 1);
     apply(bus, 1, &steps, &mut |_| {}).unwrap();
     // The second standard filter has another end, in the editing window.
     for (subindex, value) in [(43, 1), (45, 1)] {
@@ -104,7 +105,7 @@ fn failed_step_is_reported_and_ends_the_sequence() {
     let (bench, mut file) = (bench(2), two());
     let bus = &bench.bus;
     file.adapter.add_startup(0, StartupStep::expect(0xF000, 2, 5)).unwrap();
-    let steps = file.startup(0);
+    let steps = startup(&file, 0);
     let mut done = 0;
     let error = apply(bus, 0, &steps, &mut |_| done += 1).unwrap_err();
     assert_eq!(done, steps.len() - 1);
@@ -181,7 +182,7 @@ fn gateway_in_op_is_not_changed() {
         adapter.receive().unwrap();
         adapter.send().unwrap();
     }
-    let error = apply(&bench.bus, 1, &file.startup(1), &mut |_| panic!("a step")).unwrap_err();
+    let error = apply(&bench.bus, 1, &startup(&file, 1), &mut |_| panic!("a step")).unwrap_err();
     assert!(matches!(error, ResolveError::State { slave: 1, state: AlState::Op }), "{error}");
     assert!(error.to_string().contains("slave 1 is in OP"), "{error}");
 }

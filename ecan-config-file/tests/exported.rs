@@ -8,9 +8,9 @@ mod ethercrab_support;
 mod startup_lists;
 
 use common::two;
-use ecan_config_file::ConfigFile;
 use ecan_config_file::export::{Format, SlaveAddress, export};
 use ecan_host::StartupStep;
+use ecan_mcan_port::Config;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::{CommitFields, ImageReader, ImageWriter, Packet, Timestamp};
 use ecan_protocol::mapping::Direction;
@@ -27,7 +27,7 @@ fn frame(gateway: usize) -> (u8, CanFrame) {
     }
 }
 
-fn send(file: &ConfigFile, gateway: usize, image: &mut [u8]) {
+fn send(file: &Config, gateway: usize, image: &mut [u8]) {
     let multiplier = file.adapter.slaves[gateway].rx_multiplier;
     let profile = file.port.gateways[gateway].profile(Direction::RxPdo, multiplier);
     let mut writer = ImageWriter::new(Direction::RxPdo, profile);
@@ -37,7 +37,7 @@ fn send(file: &ConfigFile, gateway: usize, image: &mut [u8]) {
 }
 
 /// Number of echoes of the frame in an image.
-fn received(file: &ConfigFile, gateway: usize, image: &[u8]) -> u32 {
+fn received(file: &Config, gateway: usize, image: &[u8]) -> u32 {
     let multiplier = file.adapter.slaves[gateway].tx_multiplier;
     let profile = file.port.gateways[gateway].profile(Direction::TxPdo, multiplier);
     let reader = ImageReader::new(Direction::TxPdo, profile);
@@ -101,7 +101,7 @@ fn brings_gateways_to_op(lists: [Vec<Line>; 2]) {
 }
 
 fn steps_and_list(gateway: usize, format: Format) -> (Vec<StartupStep>, String) {
-    let steps = two().startup(gateway);
+    let steps = ecan_config_file::startup(&two(), gateway);
     let list = export(format, &steps, SlaveAddress::default());
     (steps, list)
 }
@@ -166,7 +166,7 @@ fn ethercat_lines_start_gateways_up_to_op() {
 
 #[test]
 fn failed_check_stops_the_ethercat_lines() {
-    let steps = two().startup(1);
+    let steps = ecan_config_file::startup(&two(), 1);
     let script =
         export(Format::Ethercat, &steps, SlaveAddress { master: 1, alias: 7, position: 0 });
     assert!(script.contains("ethercat download -m 1 -a 7 -p 0 --type uint16 0x1c12 1 5632  # "));

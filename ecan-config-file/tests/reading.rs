@@ -3,15 +3,16 @@
 
 use std::time::Duration;
 
-use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load, parse};
+use ecan_config_file::{ConfigFileError, EXAMPLE, FileFaults, load, parse};
 use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
+use ecan_mcan_port::Config;
 use ecan_protocol::config::{
     DataPathConfig, ExtendedMatch, FilterAction, MessageRamLayout, NodeMode,
 };
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 
-fn read(text: &str) -> Result<ConfigFile, FileFaults> {
-    text.parse()
+fn read(text: &str) -> Result<Config, FileFaults> {
+    parse(text.as_bytes())
 }
 
 #[test]
@@ -302,7 +303,7 @@ fn receive_buffer_filter_matches_one_can_id() {
         assert_eq!(found, [(9, &*format!("`match` {why}")), (10, &*format!("`id2` {why}"))]);
 
         let file = read(&filter).unwrap();
-        let steps = file.startup(0);
+        let steps = ecan_config_file::startup(&file, 0);
         let values = |subindex| {
             let written = steps.iter().filter_map(|step| match step {
                 StartupStep::Download(it) if (it.index, it.subindex) == (0x8001, subindex) => {
@@ -325,7 +326,7 @@ fn checks_that_every_value_passes_are_omitted() {
         let text = format!(
             "[[gateway]]\nn = 3\ncan0 = {{ bitrate = 500_000 }}\ntx_pdo = {{ options = [{options}] }}\n"
         );
-        let steps = read(&text).unwrap().startup(0);
+        let steps = ecan_config_file::startup(&read(&text).unwrap(), 0);
         let of_options = steps.iter().filter_map(|step| match *step {
             StartupStep::Expect { index: 0xF000, subindex: 15, expected } => Some(expected),
             _ => None,

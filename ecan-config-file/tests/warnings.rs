@@ -1,11 +1,12 @@
 //! Warnings about configurations that do not work for every frame.
 #![allow(missing_docs)]
 
-use ecan_config_file::{ConfigFile, Elements, FileWarning};
+use ecan_config_file::{Elements, FileWarning, parse};
 use ecan_protocol::mapping::Direction;
 
 fn warnings(text: &str) -> Vec<FileWarning> {
-    text.parse::<ConfigFile>().unwrap_or_else(|faults| panic!("{text}: {faults}")).warnings()
+    let config = parse(text.as_bytes()).unwrap_or_else(|faults| panic!("{text}: {faults}"));
+    ecan_config_file::warnings(&config)
 }
 
 /// Elements that are too short, and their bytes.

@@ -1,23 +1,22 @@
-//! Configuration files: read, checked, and what is sound of them as startup lists.
+//! Configuration files: read, checked, and exported as startup lists.
 #![no_main]
 
-use ecan_config_file::ConfigFile;
 use ecan_config_file::export::{Format, SlaveAddress, export};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {
-    match text.parse::<ConfigFile>() {
+    match ecan_config_file::parse(text.as_bytes()) {
         Ok(file) => {
             for gateway in 0..file.port.gateways.len() {
-                let steps = file.startup(gateway);
+                let steps = ecan_config_file::startup(&file, gateway);
                 for format in [Format::Csv, Format::TwinCat, Format::Codesys, Format::Ethercat] {
                     assert!(!export(format, &steps, SlaveAddress::default()).is_empty());
                 }
             }
-            assert!(file.warnings().iter().all(|warning| !warning.to_string().is_empty()));
+            assert!(ecan_config_file::warnings(&file).iter().all(|warning| !warning.to_string().is_empty()));
         }
         Err(faults) => {
-            // Each fault in a line of the text.
+            // Each fault is in a line of the text.
             let lines = text.matches('\n').count() + 1;
             assert!(!faults.0.is_empty());
             assert!(faults.0.iter().all(|it| (1..=lines).contains(&it.line) && it.column > 0));

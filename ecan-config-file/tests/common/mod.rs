@@ -1,8 +1,8 @@
 //! Simulated gateways in stepped time.
 #![allow(dead_code, missing_docs)]
 
-use ecan_config_file::ConfigFile;
 use ecan_host::{Diagnostics, Ecrt};
+use ecan_mcan_port::Config;
 use ecan_sim::{ClockKind, Scenario, SimOptions, Simulation, echo, open_scenario};
 
 pub const MS: u64 = 1_000_000;
@@ -43,8 +43,8 @@ id2 = 0x1F00
 bitrate = 500_000
 "#;
 
-pub fn two() -> ConfigFile {
-    TWO.parse().unwrap()
+pub fn two() -> Config {
+    ecan_config_file::parse(TWO.as_bytes()).unwrap()
 }
 
 pub struct Fixture {

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use ecan_config_file::{ConfigFile, ConfigFileError, ResolveError, ResolvedGateway, find, load};
+use ecan_config_file::{ConfigFileError, ResolveError, ResolvedGateway, find, load};
+use ecan_mcan_port::Config;
 use ecan_sim::ClockKind;
 
 use crate::bus::Bus;
@@ -11,7 +12,7 @@ use crate::global::GlobalOptions;
 use crate::output::Output;
 
 /// Reads a valid file.
-pub fn read(path: &Path) -> Result<ConfigFile, Failure> {
+pub fn read(path: &Path) -> Result<Config, Failure> {
     load(path).map_err(|error| match error {
         ConfigFileError::Read { path, reason } => {
             Failure::File { what: "read", path, reason: reason.to_string() }
@@ -23,13 +24,13 @@ pub fn read(path: &Path) -> Result<ConfigFile, Failure> {
 }
 
 /// Master of a file, unless the user selects another.
-pub fn master(file: &ConfigFile, global: &GlobalOptions) -> u32 {
+pub fn master(file: &Config, global: &GlobalOptions) -> u32 {
     global.master.unwrap_or(file.adapter.master_index)
 }
 
 /// Opens the bus of a file.
 pub fn open_bus(
-    file: &ConfigFile,
+    file: &Config,
     global: &GlobalOptions,
     output: &Output,
     clock: ClockKind,
@@ -39,7 +40,7 @@ pub fn open_bus(
 }
 
 /// Gateways of a file on its bus: all, or the selected one.
-pub fn places(file: &ConfigFile, bus: &Bus) -> Result<Vec<ResolvedGateway>, Failure> {
+pub fn places(file: &Config, bus: &Bus) -> Result<Vec<ResolvedGateway>, Failure> {
     let mut places = find(bus.diagnostics(), &file.adapter.slaves).map_err(of_place)?;
     if bus.is_chosen() {
         let chosen = bus.slave()?;

@@ -16,9 +16,10 @@
 use std::ffi::{OsStr, c_char, c_int};
 use std::os::unix::ffi::OsStrExt;
 
-use ecan_config_file::{ConfigFile, ConfigFileError, FileFault, FileFaults};
+use ecan_config_file::{ConfigFileError, FileFault, FileFaults};
 use ecan_mcan_host::boundary::{Call, OutArray, OutPointer, Sealed, call};
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_port::Config;
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
 use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
@@ -79,7 +80,7 @@ unsafe fn take(
     call: Call,
     igh_config: *mut ecan_igh_config_t,
     config: *mut igh_mcan_port_config_t,
-    file: &ConfigFile,
+    file: &Config,
 ) -> Result<(), ecan_result_t> {
     let port = PortPlain::of(call, &file.port)?;
     // SAFETY: the caller's promise.
@@ -358,7 +359,8 @@ mod tests {
 
     /// What a Rust application hands to the Adapter and the Port.
     fn in_rust(text: &str) -> (AdapterConfig, PortConfig) {
-        let file: ConfigFile = text.parse().unwrap_or_else(|faults| panic!("{faults}"));
+        let file =
+            ecan_config_file::parse(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
         (file.adapter, file.port)
     }
 

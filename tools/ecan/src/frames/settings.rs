@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use ecan_command_line::real_time::RealTimeArguments;
-use ecan_config_file::{ConfigFile, ResolvedGateway};
+use ecan_config_file::ResolvedGateway;
 use ecan_host::AdapterConfig;
+use ecan_mcan_port::Config;
 use ecan_mcan_port::{GatewayConfig, MAX_GATEWAYS, PortConfig};
 use ecan_protocol::config::{List, NodeMode};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
@@ -87,7 +88,7 @@ pub struct Planned {
 #[derive(Debug)]
 pub struct Settings<'a> {
     options: &'a GatewayOptions,
-    file: Option<(PathBuf, ConfigFile)>,
+    file: Option<(PathBuf, Config)>,
 }
 
 impl<'a> Settings<'a> {
@@ -196,7 +197,7 @@ impl<'a> Settings<'a> {
 /// Configuration from a file. All its channels are enabled; the command uses the requested ones.
 fn of_file(
     path: &Path,
-    file: &ConfigFile,
+    file: &Config,
     places: &[ResolvedGateway],
     requirements: GatewayRequirements,
     global: &GlobalOptions,

@@ -47,7 +47,7 @@ pub fn run(
     for place in places {
         let mut done = Applied::nothing(place);
         if failed.is_none() {
-            let steps = file.startup(place.gateway);
+            let steps = ecan_config_file::startup(&file, place.gateway);
             let written =
                 apply(bus.diagnostics(), place.slave, &steps, &mut |step| done.note(step));
             failed = written.map_err(config_file::of_place).err();

@@ -3,7 +3,8 @@
 use std::io::Write;
 use std::path::Path;
 
-use ecan_config_file::{ConfigFile, ConfigFileError, FileFault, load};
+use ecan_config_file::{ConfigFileError, FileFault, load};
+use ecan_mcan_port::Config;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortPlan};
 use ecan_protocol::can::{BitTiming, MCAN_CLOCK_HZ};
 use ecan_protocol::config::{MESSAGE_RAM_BYTES, McanChannelConfig};
@@ -127,7 +128,7 @@ pub fn run(path: &Path, output: &Output) -> Result<(), Failure> {
     output.data(&checked, |out| print(&checked, output, out))
 }
 
-fn of_file(file: &ConfigFile) -> Checked {
+fn of_file(file: &Config) -> Checked {
     let plan = PortPlan::of(&file.adapter, &file.port, &[]);
     let gateways = file.adapter.slaves.iter().zip(&file.port.gateways);
     Checked {
@@ -161,7 +162,9 @@ fn of_file(file: &ConfigFile) -> Checked {
         }),
         warnings: {
             let of_plan = plan.warnings.iter().map(ToString::to_string);
-            of_plan.chain(file.warnings().iter().map(ToString::to_string)).collect()
+            of_plan
+                .chain(ecan_config_file::warnings(file).iter().map(ToString::to_string))
+                .collect()
         },
     }
 }

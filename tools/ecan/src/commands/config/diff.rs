@@ -54,7 +54,11 @@ pub fn run(
     for ResolvedGateway { gateway, slave: position } in places {
         let mut it = Compared { position, gateway, differences: None, error: None };
         if failed.is_none() {
-            match differences(bus.diagnostics(), position, &file.startup(gateway)) {
+            match differences(
+                bus.diagnostics(),
+                position,
+                &ecan_config_file::startup(&file, gateway),
+            ) {
                 Ok(found) => {
                     it.differences = Some(found.into_iter().map(Differing::from).collect());
                 }

@@ -96,7 +96,7 @@ pub fn run(
         let words = format!("gateway {gateway} does not exist; the file has {}", slaves.len());
         return Err(Failure::Usage(words));
     };
-    let steps = file.startup(gateway);
+    let steps = ecan_config_file::startup(&file, gateway);
     let data: Vec<_> = steps.iter().map(Step::from).collect();
     let (alias, position) = (slave.alias, slave.position);
     let place = SlaveAddress { master: config_file::master(&file, global), alias, position };

@@ -9,7 +9,8 @@ mod flash;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use ecan_config_file::{ConfigFile, EXAMPLE, FlashCommand, ResolvedGateway};
+use ecan_config_file::{EXAMPLE, FlashCommand, ResolvedGateway};
+use ecan_mcan_port::Config;
 use ecan_sim::ClockKind;
 
 use crate::bus::Bus;
@@ -101,7 +102,7 @@ pub fn run(
 
 /// Opens the bus of a file and finds its gateways: all, or the selected one.
 fn places(
-    file: &ConfigFile,
+    file: &Config,
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(Bus, Vec<ResolvedGateway>), Failure> {

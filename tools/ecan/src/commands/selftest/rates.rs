@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use ecan_config_file::ConfigFile;
 use ecan_mcan_port::ChannelConfig;
+use ecan_mcan_port::Config;
 use ecan_protocol::config::{McanChannelConfig, NodeMode};
 
 use crate::config_file;
@@ -33,7 +33,7 @@ impl Rate {
     }
 
     /// Bit rates of a file, without duplicates, in the order of the file.
-    pub(super) fn of_file(file: &ConfigFile) -> Vec<Self> {
+    pub(super) fn of_file(file: &Config) -> Vec<Self> {
         let mut rates = Vec::new();
         for channel in file.port.gateways.iter().flat_map(|it| it.channels.iter().flatten()) {
             let own = channel.can;
@@ -96,7 +96,7 @@ fn plain(nominal: u32, data: Option<u32>) -> ChannelConfig {
 }
 
 /// Reads a valid file with at least one channel.
-pub(super) fn read(path: &Path) -> Result<ConfigFile, Failure> {
+pub(super) fn read(path: &Path) -> Result<Config, Failure> {
     let file = config_file::read(path)?;
     if Rate::of_file(&file).is_empty() {
         let reason = "the file has no channel and thus no bit rate to test".to_owned();
