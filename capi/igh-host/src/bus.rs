@@ -149,8 +149,8 @@ impl Bus {
         if !matches!(self.layer, Layer::Port(_)) {
             return Ok(());
         }
-        let words = format_args!("there is a Port on this master already: deinit it first");
-        Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words))
+        let text = format_args!("there is a Port on this master already: deinit it first");
+        Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text))
     }
 
     /// Refuses axes beside those that there are.
@@ -158,8 +158,8 @@ impl Bus {
         if self.axes.is_none() {
             return Ok(());
         }
-        let words = format_args!("there are axes on this Port already: deinit them first");
-        Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words))
+        let text = format_args!("there are axes on this Port already: deinit them first");
+        Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text))
     }
 
     /// Takes the Port off the Adapter.

@@ -222,8 +222,8 @@ pub(crate) unsafe fn clear(context: *mut Words) {
 /// The error of a context that names a living object already.
 #[cold]
 fn living(call: Call) -> ecan_result_t {
-    let words = format_args!("the context is initialised already: deinit it first");
-    call.fail(ecan_result_t::ECAN_ERR_ORDER, words)
+    let text = format_args!("the context is initialised already: deinit it first");
+    call.fail(ecan_result_t::ECAN_ERR_ORDER, text)
 }
 
 /// Enters the object that a context names. Takes no lock and allocates nothing.
@@ -246,8 +246,8 @@ pub(crate) unsafe fn enter<T: Pooled>(
         return Err(not_initialised(call, kind));
     };
     if slot.is_busy.load(Ordering::Acquire) {
-        let words = format_args!("the context is in use by another call");
-        return Err(call.fail(ecan_result_t::ECAN_ERR_BUSY, words));
+        let text = format_args!("the context is in use by another call");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_BUSY, text));
     }
     // No exchange, which would cost as much as the rest of a call: of two threads that come at the
     // very same instant, against the rules, both may pass.
@@ -280,11 +280,11 @@ pub(crate) unsafe fn enter_to_end<T: Pooled>(
 /// The error of a context that names no object.
 #[cold]
 pub(crate) fn not_initialised(call: Call, kind: Kind) -> ecan_result_t {
-    let words = format_args!(
+    let text = format_args!(
         "the context is not initialised, is deinitialised, or was copied: call {} on it",
         kind.init()
     );
-    call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, words)
+    call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text)
 }
 
 #[cfg(test)]

@@ -120,7 +120,7 @@ static void numbers(ecan_igh_config_t *config)
     GOOD(ecan_igh_config_set_dc_monitor(config, UINT32_MAX));
     GOOD(ecan_igh_config_set_dc_reference(config, SIZE_MAX));
     BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
-    WORDS("reference clock");
+    ERROR_HAS("reference clock");
     GOOD(ecan_igh_config_set_dc_reference(config, 0));
     GOOD(ecan_igh_check_config(config));
     GOOD(ecan_igh_config_set_dc_sync0(config, 0, 0));
@@ -170,9 +170,9 @@ static void slaves(ecan_igh_config_t *config)
     GOOD(ecan_igh_config_set_slave_position(config, 1, 0, 0));
     GOOD(ecan_igh_config_set_dc_sync0(config, 1500, 0));
     BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
-    WORDS("24");
-    WORDS("1486");
-    WORDS("1500");
+    ERROR_HAS("24");
+    ERROR_HAS("1486");
+    ERROR_HAS("1500");
     GOOD(ecan_igh_config_set_dc_sync0(config, 0, 0));
     GOOD(ecan_igh_config_set_pdo_multiplier(config, 3));
     BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));

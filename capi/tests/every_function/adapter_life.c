@@ -136,23 +136,23 @@ static void refused_starts(void)
     check_about(NULL);
     simulate(&config, "sim:nonsense");
     BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
-    WORDS("nonsense");
+    ERROR_HAS("nonsense");
     simulate(&config, "sim:/nowhere/at/all.toml");
     BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
-    WORDS("/nowhere/at/all.toml");
+    ERROR_HAS("/nowhere/at/all.toml");
     simulate(&config, "/nowhere/libethercat.so.1");
     BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
-    WORDS("/nowhere/libethercat.so.1");
+    ERROR_HAS("/nowhere/libethercat.so.1");
     BAD(ECAN_ERR_ECRT, ecan_igh_attach(&context, &config, &context));
     simulate(&config, "sim");
     GOOD(ecan_igh_config_suggest_scenario(&config, "nonsense"));
     BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
-    WORDS("nonsense");
+    ERROR_HAS("nonsense");
 
     SAME(0, write_scenario("seed = 1\nno_such_key = 2\n", setting, sizeof(setting)));
     simulate(&config, setting);
     BAD(ECAN_ERR_ECRT, ecan_igh_init(&context, &config));
-    WORDS("no_such_key");
+    ERROR_HAS("no_such_key");
     remove_scenario(setting);
 
     simulate(&config, "sim:echo");

@@ -20,26 +20,26 @@ static void privileges(void)
 
     settings.priority = 100;
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_apply_real_time(&settings, report, sizeof(report)));
-    WORDS("100");
+    ERROR_HAS("100");
     settings.priority = -1;
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_apply_real_time(&settings, report, sizeof(report)));
     settings.priority = 0;
     settings.lock_memory = 1;
     settings.stack_bytes = UINT32_MAX;
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_apply_real_time(&settings, report, sizeof(report)));
-    WORDS("stack");
+    ERROR_HAS("stack");
     settings.lock_memory = 0;
 
     /* A CPU that hardly any machine has: told where it may lack, an error where it may not. */
     settings.cpu_mask = UINT64_C(1) << 63;
     GOOD(ecan_igh_apply_real_time(&settings, report, sizeof(report)));
-    WORDS_IN("CPU 63: not granted", report);
+    TEXT_HAS("CPU 63: not granted", report);
     GOOD(ecan_igh_apply_real_time(&settings, report, 8));
     SAME(7, strlen(report));
     settings.is_required = 1;
     BAD(ECAN_ERR_PRIVILEGE, ecan_igh_apply_real_time(&settings, report, sizeof(report)));
-    WORDS("CPU 63");
-    WORDS_IN("CPU 63", report);
+    ERROR_HAS("CPU 63");
+    TEXT_HAS("CPU 63", report);
 
     /* Granted or not, in words. */
     settings.is_required = 0;
@@ -47,7 +47,7 @@ static void privileges(void)
     settings.priority = 1;
     applied = ecan_igh_apply_real_time(&settings, report, sizeof(report));
     SAME(ECAN_OK, applied);
-    WORDS_IN("SCHED_FIFO priority 1: ", report);
+    TEXT_HAS("SCHED_FIFO priority 1: ", report);
 }
 
 static void cycles(ecan_igh_context_t *context, int count)
@@ -69,7 +69,7 @@ static void statistics(ecan_igh_context_t *context)
     GOOD(ecan_igh_set_cycle_timing(context, 1000, 3));
     GOOD(ecan_igh_set_cycle_timing(context, 0, 0));
     BAD(ECAN_ERR_ORDER, ecan_igh_get_cycle_statistics(context, &measured));
-    WORDS("ecan_igh_measure_cycles");
+    ERROR_HAS("ecan_igh_measure_cycles");
     BAD(ECAN_ERR_ORDER, ecan_igh_get_cycle_statistics_text(context, text, sizeof(text)));
     GOOD(ecan_igh_measure_cycles(context));
     GOOD(ecan_igh_get_cycle_statistics(context, &measured));
@@ -89,8 +89,8 @@ static void statistics(ecan_igh_context_t *context)
     SAME(0, measured.skipped);
     SAME(0, measured.max_period_error_ns);
     GOOD(ecan_igh_get_cycle_statistics_text(context, text, sizeof(text)));
-    WORDS_IN("master_period: min/max 1000.000/1000.000 us", text);
-    WORDS_IN("cycles 101, overruns 0, skipped 0", text);
+    TEXT_HAS("master_period: min/max 1000.000/1000.000 us", text);
+    TEXT_HAS("cycles 101, overruns 0, skipped 0", text);
     BAD(ECAN_ERR_NULL, ecan_igh_get_cycle_statistics(context, NULL));
     BAD(ECAN_ERR_NULL, ecan_igh_get_cycle_statistics_text(context, NULL, 1));
     BAD(ECAN_ERR_NULL, ecan_igh_get_cycle_start(context, NULL));

@@ -27,7 +27,7 @@ static void waiting_transfers(ecan_igh_context_t *context)
     BAD(ECAN_ERR_BUFFER, ecan_igh_sdo_upload(context, 0, 0x1018, 1, data, 0, &length));
     BAD(ECAN_ERR_SDO, ecan_igh_sdo_upload(context, 0, 0x5555, 0, data, 64, &length));
     SAME(ABORT_NO_OBJECT, ecan_last_abort_code());
-    WORDS("0x5555");
+    ERROR_HAS("0x5555");
     BAD(ECAN_ERR_SDO, ecan_igh_sdo_upload(context, 0, 0x1018, 99, data, 64, &length));
     SAME(ABORT_NO_SUBINDEX, ecan_last_abort_code());
     BAD(ECAN_ERR_SDO, ecan_igh_sdo_download(context, 0, 0x1018, 1, ZERO, 4));

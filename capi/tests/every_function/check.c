@@ -87,7 +87,7 @@ void check_true(const char *file, int line, const char *what, int condition)
     }
 }
 
-void check_words(const char *file, int line, const char *part, const char *text)
+void check_text(const char *file, int line, const char *part, const char *text)
 {
     checks++;
     if (strstr(text, part) == NULL) {

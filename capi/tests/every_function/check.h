@@ -38,9 +38,9 @@
 
 #define TRUE(condition) check_true(__FILE__, __LINE__, #condition, (condition))
 
-/* A part of the words of the last error, or of another text. */
-#define WORDS(part) check_words(__FILE__, __LINE__, (part), ecan_last_error())
-#define WORDS_IN(part, text) check_words(__FILE__, __LINE__, (part), (text))
+/* Checks for a part of the text of the last error, or of another text. */
+#define ERROR_HAS(part) check_text(__FILE__, __LINE__, (part), ecan_last_error())
+#define TEXT_HAS(part, text) check_text(__FILE__, __LINE__, (part), (text))
 
 #define ITEMS(array) (sizeof(array) / sizeof((array)[0]))
 
@@ -52,7 +52,7 @@ void check_none(const char *file, int line, const char *call, int code, long lon
 void check_same(const char *file, int line, const char *what, long long expected,
                 long long found);
 void check_true(const char *file, int line, const char *what, int condition);
-void check_words(const char *file, int line, const char *part, const char *text);
+void check_text(const char *file, int line, const char *part, const char *text);
 
 /* What is being tried; told with a failure. NULL for nothing in particular. */
 void check_about(const char *about);

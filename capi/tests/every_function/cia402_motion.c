@@ -86,8 +86,8 @@ static void too_early(void)
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_enable_all_timeout(&motors, 100));
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_change_mode(&motors, 0, IGH_CIA402_MODE_CSP));
     BAD(ECAN_ERR_AXES, igh_cia402_configure_csp_all_timeout(&motors, 1));
-    WORDS("axis 0");
-    WORDS("axis 2");
+    ERROR_HAS("axis 0");
+    ERROR_HAS("axis 2");
 }
 
 static void unknown_numbers(void)
@@ -317,7 +317,7 @@ static void words_and_load(void)
     size_t count = 99;
 
     GOOD(igh_cia402_get_axis_text(&motors, 2, text, sizeof(text)));
-    WORDS_IN("axis 2, node 2", text);
+    TEXT_HAS("axis 2, node 2", text);
     igh_cia402_get_axis_text(&motors, 2, cut, sizeof(cut));
     SAME(0, strncmp(cut, text, sizeof(cut) - 1));
     SAME(0, cut[sizeof(cut) - 1]);

@@ -136,7 +136,7 @@ static void in_the_cycle(void)
     SAME(ECAN_OK, code);
     SAME(ECAN_ERR_SDO, ecan_last_error_code());
     SAME(ABORT_NO_OBJECT, ecan_last_abort_code());
-    WORDS("igh_cia402_sdo_poll");
+    ERROR_HAS("igh_cia402_sdo_poll");
     SAME(0, length);
 }
 
@@ -172,7 +172,7 @@ void test_cia402_sdo(void)
     in_the_cycle();
     /* A node that is not there is named. */
     BAD(ECAN_ERR_AXES, igh_cia402_configure_csp_all_timeout(&motors, 10000));
-    WORDS("node 99");
+    ERROR_HAS("node 99");
     GOOD(igh_cia402_context_deinit(&motors));
     GOOD(ecan_igh_deinit(&igh));
     BAD(ECAN_ERR_NOT_INITIALISED,

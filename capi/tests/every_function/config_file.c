@@ -88,9 +88,9 @@ static void unreadable(void)
 {
     size_t count = 99;
     BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, "/no/such/cell.toml"));
-    WORDS("cannot read /no/such/cell.toml: No such file");
+    ERROR_HAS("cannot read /no/such/cell.toml: No such file");
     BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, "/"));
-    WORDS("directory");
+    ERROR_HAS("directory");
     BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, ""));
     /* A path need not be UTF-8. */
     BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, "/no/\xFF"));
@@ -114,15 +114,15 @@ static void all_faults_are_told(void)
     for (size_t i = 0; i < ITEMS(FAULTS); i++) {
         SAME(FAULTS[i].line, faults[i].line);
         SAME(FAULTS[i].column, faults[i].column);
-        WORDS_IN(FAULTS[i].words, faults[i].reason);
-        WORDS(FAULTS[i].words);
+        TEXT_HAS(FAULTS[i].words, faults[i].reason);
+        ERROR_HAS(FAULTS[i].words);
         snprintf(place, sizeof(place), "line %u, column %u: ", (unsigned)FAULTS[i].line,
                  (unsigned)FAULTS[i].column);
-        WORDS(place);
+        ERROR_HAS(place);
     }
-    WORDS(path);
+    ERROR_HAS(path);
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_load_config(&igh_config, &config, path));
-    WORDS("10 faults");
+    ERROR_HAS("10 faults");
     remove_file(path);
 
     /* No more than there is room for, and all are counted. */
@@ -146,10 +146,10 @@ static void no_text(void)
         igh_mcan_port_parse_config(&igh_config, &config, "master = 0\n# 10 \xB5s\n", faults,
                                    ITEMS(faults), &count));
     TRUE(count > 0);
-    WORDS("line 2, column 6: byte 0xB5 is not UTF-8");
+    ERROR_HAS("line 2, column 6: byte 0xB5 is not UTF-8");
     BAD(ECAN_ERR_CONFIG,
         igh_mcan_port_parse_config(&igh_config, &config, "", faults, ITEMS(faults), &count));
-    WORDS("no slave is configured");
+    ERROR_HAS("no slave is configured");
     BAD(ECAN_ERR_CONFIG,
         igh_mcan_port_parse_config(&igh_config, &config, "[[[", faults, ITEMS(faults), &count));
     untouched();
@@ -170,7 +170,7 @@ static void very_many_faults(void)
         igh_mcan_port_parse_config(&igh_config, &config, text, all, MANY, &count));
     SAME(MANY, count);
     SAME(MANY + 1, all[MANY - 1].line);
-    WORDS_IN("`key_1999`", all[MANY - 1].reason);
+    TEXT_HAS("`key_1999`", all[MANY - 1].reason);
     free(all);
     free(text);
     untouched();
@@ -187,7 +187,7 @@ static void too_much(void)
         end += sprintf(end, "[[gateway]]\nn = 1\ncan0 = { bitrate = 500_000 }\n");
     }
     BAD(ECAN_ERR_FULL, igh_mcan_port_parse_config(&igh_config, &config, text, faults, 32, &count));
-    WORDS("33 gateways, 32 are the most");
+    ERROR_HAS("33 gateways, 32 are the most");
     SAME(0, count);
     end = text + sprintf(text, "cycle_us = 100_000\nwatchdog_us = 1_000_000\n");
     for (int i = 0; i < GATEWAYS; i++) {
@@ -199,7 +199,7 @@ static void too_much(void)
         end += sprintf(end, "]\n");
     }
     BAD(ECAN_ERR_FULL, igh_mcan_port_parse_config(&igh_config, &config, text, faults, 32, &count));
-    WORDS("576 filters, 512 are the most");
+    ERROR_HAS("576 filters, 512 are the most");
     free(text);
     untouched();
 }

@@ -206,7 +206,7 @@ void test_config_file_in_service(void)
     GOOD(igh_mcan_port_set_paced(&config, 0, 0));
     GOOD(ecan_igh_init(&igh, &igh_config));
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_init(&port, &igh, &config));
-    WORDS("igh_mcan_port_apply_config");
+    ERROR_HAS("igh_mcan_port_apply_config");
     GOOD(ecan_igh_deinit(&igh));
     GOOD(igh_mcan_port_apply_config(&igh_config, &config));
     GOOD(ecan_igh_init(&igh, &igh_config));

@@ -20,10 +20,10 @@ static void frames(void)
     stream[1].cycles = 10;
     stream[1].way = IGH_MCAN_ROUTE_FROM_BUS;
     GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 2, text, sizeof(text)));
-    WORDS_IN("plan for 1 gateway(s), cycle 1000.0 us", text);
-    WORDS_IN("slave 0 LRW 768", text);
-    WORDS_IN("classic, 29 bit, 8 bytes", text);
-    WORDS_IN("nothing speaks against it", text);
+    TEXT_HAS("plan for 1 gateway(s), cycle 1000.0 us", text);
+    TEXT_HAS("slave 0 LRW 768", text);
+    TEXT_HAS("classic, 29 bit, 8 bytes", text);
+    TEXT_HAS("nothing speaks against it", text);
     GOOD(igh_mcan_port_plan(&igh_config, &config, NULL, 0, NULL, 0));
     GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 2, text, 10));
     SAME(9, strlen(text));
@@ -32,9 +32,9 @@ static void frames(void)
     stream[0].frames = 8;
     GOOD(ecan_igh_config_set_pdo_multiplier(&igh_config, 12));
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));
-    WORDS("% of the bus");
-    WORDS("1486");
-    WORDS_IN("plan for 1 gateway(s)", text);
+    ERROR_HAS("% of the bus");
+    ERROR_HAS("1486");
+    TEXT_HAS("plan for 1 gateway(s)", text);
     GOOD(ecan_igh_config_set_pdo_multiplier(&igh_config, 3));
 
     /* A schedule without Sync0. */
@@ -43,7 +43,7 @@ static void frames(void)
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));
     GOOD(ecan_igh_config_set_dc_sync0(&igh_config, 1000, 700));
     GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));
-    WORDS_IN("leaves at", text);
+    TEXT_HAS("leaves at", text);
     GOOD(ecan_igh_config_set_dc_sync0(&igh_config, 0, 0));
 
     stream[0].way = 3;
@@ -71,11 +71,11 @@ static void axes(void)
         igh_cia402_plan(&igh_config, &config, axis, 2, 1, text, sizeof(text)));
     GOOD(igh_cia402_axis_init(&axis[1], 0, 0, 2, 0));
     GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 0, text, sizeof(text)));
-    WORDS_IN("slave 0 can0", text);
+    TEXT_HAS("slave 0 can0", text);
     GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 4, text, sizeof(text)));
     GOOD(igh_cia402_axis_init(&axis[1], 0, 1, 2, 0));
     BAD(ECAN_ERR_CONFIG, igh_cia402_plan(&igh_config, &config, axis, 2, 1, text, sizeof(text)));
-    WORDS("channel 1");
+    ERROR_HAS("channel 1");
     BAD(ECAN_ERR_NULL, igh_cia402_plan(&igh_config, &config, NULL, 1, 1, NULL, 0));
     BAD(ECAN_ERR_NULL, igh_cia402_plan(NULL, &config, axis, 1, 1, NULL, 0));
     BAD(ECAN_ERR_NULL, igh_cia402_plan(&igh_config, NULL, axis, 1, 1, NULL, 0));

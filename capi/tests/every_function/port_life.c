@@ -170,7 +170,7 @@ static void refused_starts(void)
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_init(&port, &igh, &other));
     GOOD(igh_mcan_port_set_classic_channel(&other, 0, 0, 250000));
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_init(&port, &igh, &other));
-    WORDS("igh_mcan_port_apply_config");
+    ERROR_HAS("igh_mcan_port_apply_config");
     GOOD(igh_mcan_port_init(&port, &igh, &config));
     BAD(ECAN_ERR_ORDER, igh_mcan_port_init(&port, &igh, &config));
     BAD(ECAN_ERR_ORDER, igh_mcan_port_init(&second, &igh, &config));

@@ -63,8 +63,8 @@ impl<const N: usize> Text<N> {
         let mut value = Self::EMPTY;
         // As C counts, with NUL at the end.
         let Some(place) = value.bytes[..N - 1].get_mut(..text.len()) else {
-            let words = format_args!("`{name}` has {} bytes, at most {} fit", text.len(), N - 1);
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+            let text = format_args!("`{name}` has {} bytes, at most {} fit", text.len(), N - 1);
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
         };
         place.copy_from_slice(text.as_bytes());
         value.length = text.len();
@@ -182,8 +182,8 @@ impl AdapterPlain {
         step: StartupStep,
     ) -> Result<(), ecan_result_t> {
         let Some(place) = self.startup.iter_mut().find(|place| place.is_none()) else {
-            let words = format_args!("{ECAN_IGH_MAX_STARTUP_SDOS} startup SDOs are the most");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, words));
+            let text = format_args!("{ECAN_IGH_MAX_STARTUP_SDOS} startup SDOs are the most");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, text));
         };
         *place = Some(StartupPlain { slave: slave as u16, step });
         Ok(())
@@ -221,9 +221,9 @@ impl AdapterPlain {
             ..Self::new()
         };
         if slaves.len() > ECAN_IGH_MAX_SLAVES {
-            let words =
+            let text =
                 format_args!("{} gateways, {ECAN_IGH_MAX_SLAVES} are the most", slaves.len());
-            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, words));
+            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, text));
         }
         for (place, settings) in plain.slaves.iter_mut().zip(slaves) {
             // Startup steps follow; their base is made of the Port's configuration.

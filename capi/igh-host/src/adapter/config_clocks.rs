@@ -92,8 +92,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_source(
             0 => ClockSource::Host,
             1 => ClockSource::Reference,
             _ => {
-                let words = format_args!("{source} is no ecan_igh_clock_source_t");
-                return Err(call.argument("source", words));
+                let text = format_args!("{source} is no ecan_igh_clock_source_t");
+                return Err(call.argument("source", text));
             }
         };
         Ok(())

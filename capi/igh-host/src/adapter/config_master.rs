@@ -125,8 +125,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_count(
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let config = unsafe { AdapterPlain::open(call, config)? };
         if !(1..=ECAN_IGH_MAX_SLAVES).contains(&count) {
-            let words = format_args!("{count} is not 1 to {ECAN_IGH_MAX_SLAVES}");
-            return Err(call.argument("count", words));
+            let text = format_args!("{count} is not 1 to {ECAN_IGH_MAX_SLAVES}");
+            return Err(call.argument("count", text));
         }
         config.slave_count = count;
         Ok(())

@@ -12,8 +12,8 @@ use super::config::{AdapterPlain, ecan_igh_config_t};
 
 fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result_t> {
     if !(1..=ECAN_PDO_MAX_MULTIPLIER).contains(&multiplier) {
-        let words = format_args!("{multiplier} is not 1 to {ECAN_PDO_MAX_MULTIPLIER}");
-        return Err(call.argument(name, words));
+        let text = format_args!("{multiplier} is not 1 to {ECAN_PDO_MAX_MULTIPLIER}");
+        return Err(call.argument(name, text));
     }
     Ok(multiplier as u8)
 }

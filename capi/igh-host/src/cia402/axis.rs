@@ -222,12 +222,12 @@ impl igh_cia402_axis_t {
     /// with the whole table.
     pub(crate) fn checked(&self, call: Call, axis: usize) -> Result<AxisConfig, ecan_result_t> {
         if self.seal != SEAL {
-            let words = format_args!("axis {axis} is not filled: call igh_cia402_axis_init first");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, words));
+            let text = format_args!("axis {axis} is not filled: call igh_cia402_axis_init first");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
         }
         let fault = |name: &str, value: i64| {
-            let words = format_args!("axis {axis}: `{name}` cannot be {value}");
-            call.fail(ecan_result_t::ECAN_ERR_CONFIG, words)
+            let text = format_args!("axis {axis}: `{name}` cannot be {value}");
+            call.fail(ecan_result_t::ECAN_ERR_CONFIG, text)
         };
         let address = NodeAddress {
             slave: self.slave.into(),

@@ -40,10 +40,10 @@ fn network<'a>(
 ) -> Result<(&'a mut Port, Network, NodeHandle), ecan_result_t> {
     bus.need_owned(call)?;
     if bus.axes_mut().is_some() {
-        let words = format_args!(
+        let text = format_args!(
             "there are axes on this Port: transfer with igh_cia402_sdo_upload or _download"
         );
-        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
     }
     let port = bus.need_port(call)?;
     let Place { slave, channel, node_id } = *place;

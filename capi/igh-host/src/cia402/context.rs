@@ -59,8 +59,8 @@ pub(crate) fn need_axis(call: Call, cia402: &Cia402, axis: usize) -> Result<(), 
     if axis < count {
         return Ok(());
     }
-    let words = format_args!("there is no axis {axis}, the table has {count}");
-    Err(call.fail(ecan_result_t::ECAN_ERR_AXIS, words))
+    let text = format_args!("there is no axis {axis}, the table has {count}");
+    Err(call.fail(ecan_result_t::ECAN_ERR_AXIS, text))
 }
 
 /// Puts axes on a Port, with default settings. Nothing is sent; SYNC and the host's heartbeat begin

@@ -40,8 +40,8 @@ pub(crate) fn put_value(
     if room.push_bytes(value) {
         return Ok(());
     }
-    let words = format_args!("the value has {} bytes, more than fit", value.len());
-    Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words))
+    let text = format_args!("the value has {} bytes, more than fit", value.len());
+    Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
 }
 
 /// Reads an object of a drive and waits. Runs the cycle meanwhile, with the axes at their last

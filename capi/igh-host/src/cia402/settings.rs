@@ -95,14 +95,14 @@ impl igh_cia402_settings_t {
     /// As Rust takes them.
     pub(crate) fn checked(&self, call: Call) -> Result<Cia402Config, ecan_result_t> {
         if self.seal != SEAL {
-            let words = format_args!(
+            let text = format_args!(
                 "`settings` is not filled: call igh_cia402_default_settings on it first"
             );
-            return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, words));
+            return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
         }
         let fault = |name: &str, value: u32| {
-            let words = format_args!("`{name}` cannot be {value}");
-            call.fail(ecan_result_t::ECAN_ERR_CONFIG, words)
+            let text = format_args!("`{name}` cannot be {value}");
+            call.fail(ecan_result_t::ECAN_ERR_CONFIG, text)
         };
         let host_heartbeat = match self.host_heartbeat_ms {
             0 => None,

@@ -87,8 +87,8 @@ impl PortPlain {
         let PortConfig { gateways, filters } = config;
         let mut plain = Self::new();
         let full = |what, count, most| {
-            let words = format_args!("{count} {what}, {most} are the most");
-            Err(call.fail(ecan_result_t::ECAN_ERR_FULL, words))
+            let text = format_args!("{count} {what}, {most} are the most");
+            Err(call.fail(ecan_result_t::ECAN_ERR_FULL, text))
         };
         if gateways.len() > ECAN_IGH_MAX_SLAVES {
             return full("gateways", gateways.len(), ECAN_IGH_MAX_SLAVES);
@@ -190,8 +190,8 @@ impl PortPlain {
 
 #[cold]
 fn not_enabled(call: Call, slave: usize, channel: u8) -> ecan_result_t {
-    let words = format_args!("channel {channel} of slave {slave} is not enabled");
-    call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words)
+    let text = format_args!("channel {channel} of slave {slave} is not enabled");
+    call.fail(ecan_result_t::ECAN_ERR_CHANNEL, text)
 }
 
 impl GatewayPlain {
@@ -234,8 +234,8 @@ impl GatewayPlain {
         channel: u8,
     ) -> Result<&mut Option<ChannelPlain>, ecan_result_t> {
         self.channels.get_mut(usize::from(channel)).ok_or_else(|| {
-            let words = format_args!("channel {channel} is not 0 to {}", ECAN_MCAN_CHANNELS - 1);
-            call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words)
+            let text = format_args!("channel {channel} is not 0 to {}", ECAN_MCAN_CHANNELS - 1);
+            call.fail(ecan_result_t::ECAN_ERR_CHANNEL, text)
         })
     }
 

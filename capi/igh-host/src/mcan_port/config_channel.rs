@@ -37,11 +37,11 @@ pub unsafe extern "C" fn igh_mcan_port_set_channel_mask(
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
         if channel_mask >> ECAN_MCAN_CHANNELS != 0 || canfd_mask & !channel_mask != 0 {
-            let words = format_args!(
+            let text = format_args!(
                 "masks 0x{channel_mask:02X} and 0x{canfd_mask:02X}: only the bits 0 to 3, and CAN \
                  FD only of channels that are enabled"
             );
-            return Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words));
+            return Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, text));
         }
         for (channel, place) in gateway.channels.iter_mut().enumerate() {
             let (is_enabled, is_fd) =
@@ -240,8 +240,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_object(
 
 #[cold]
 fn no_object(call: ecan_mcan_host::boundary::Call, index: u16, subindex: u8) -> ecan_result_t {
-    let words = format_args!("{} is no configuration", describe(index, subindex));
-    call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, words)
+    let text = format_args!("{} is no configuration", describe(index, subindex));
+    call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, text)
 }
 
 /// Sets any policy object of a channel's data path, 0x8021..0x8024, by the manual's (decimal)

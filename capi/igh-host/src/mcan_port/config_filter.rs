@@ -61,8 +61,8 @@ fn add(
 ) -> Result<(), ecan_result_t> {
     config.channel(call, slave, channel)?;
     let Some(place) = config.filters.iter_mut().find(|place| place.is_none()) else {
-        let words = format_args!("{IGH_MCAN_MAX_FILTERS} filters are the most");
-        return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, words));
+        let text = format_args!("{IGH_MCAN_MAX_FILTERS} filters are the most");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, text));
     };
     *place = Some((slave as u16, channel, filter));
     Ok(())

@@ -15,8 +15,8 @@ use crate::entry::{Context, enter};
 use crate::errors::{self, OrCode as _};
 use crate::handle::{self, Entered, Kind, Words};
 
-/// CAN and CAN FD through the gateways of one master. Belongs to the thread of the cycle and stays
-/// where it is: a copy names nothing. Ends with its ecan_igh_context_t at the latest.
+/// CAN and CAN FD through the gateways of one master. Belongs to the thread of the cycle; do not
+/// move or copy it. Ends with its ecan_igh_context_t at the latest.
 #[repr(C)]
 #[derive(Debug)]
 pub struct igh_mcan_port_t {
@@ -41,18 +41,18 @@ impl Context for igh_mcan_port_t {
     }
 }
 
-/// Puts a Port on a master that is not active yet. ecan_igh_wait_op_timeout() then brings the
-/// gateways into service.
+/// Opens a Port on a master that is not active yet. ecan_igh_wait_op_timeout() then waits until the
+/// gateways are ready.
 ///
-/// @param port    Whatever it holds; the manual's fragments leave it uninitialised.
-/// @param igh     The master. Must stay where it is as long as the Port is used.
-/// @param config  The one that was given to igh_mcan_port_apply_config(). Is copied.
+/// @param port    Any content; the manual's fragments leave it uninitialised.
+/// @param igh     The master. Must not move while the Port is used.
+/// @param config  The configuration that was applied with igh_mcan_port_apply_config(). Is copied.
 ///
 /// @usage   not rt, the cycle's thread, after ecan_igh_init and before the bus is active
 /// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault, or for another configuration than the one
-///          that was applied; ECAN_ERR_ORDER where there is a Port already or the bus is active;
+///          that was applied; ECAN_ERR_ORDER if there is a Port already or the bus is active;
 ///          ECAN_ERR_SDO, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY. The master stays as it is after an error.
+///          ECAN_ERR_BUSY. An error does not change the master.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_init(
     port: *mut igh_mcan_port_t,
@@ -65,11 +65,13 @@ pub unsafe extern "C" fn igh_mcan_port_init(
             call.out("port", port)?;
             (bus::enter(call, igh.cast())?, PortPlain::read(call, config)?)
         };
-        // A living Port may well be this one, which stays.
+        // The existing Port may be this one; it stays.
         bus.need_no_port(call)?;
         if bus.need_adapter(call)?.phase() != Phase::Configured {
-            let words = format_args!("the bus is active already: a Port is put on it before");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+            let text = format_args!(
+                "the bus is active already: call igh_mcan_port_init before activation"
+            );
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
         }
         // SAFETY: as above.
         unsafe { handle::clear(port.cast()) };
@@ -77,10 +79,10 @@ pub unsafe extern "C" fn igh_mcan_port_init(
         let serial = bus.add_port(call, |adapter| {
             let config = config.settings(adapter.slave_count());
             if applied.is_some_and(|applied| applied != config) {
-                let words = format_args!(
+                let text = format_args!(
                     "the configuration is not the one that igh_mcan_port_apply_config was given"
                 );
-                let code = call.fail(ecan_result_t::ECAN_ERR_CONFIG, words);
+                let code = call.fail(ecan_result_t::ECAN_ERR_CONFIG, text);
                 return Err((code, Box::new(adapter)));
             }
             Port::on(adapter, config)
@@ -92,16 +94,15 @@ pub unsafe extern "C" fn igh_mcan_port_init(
     })
 }
 
-/// Takes the gateways out of service and configures them anew: the way to switch N or channels at
-/// run time (manual 14.2). Then wait for OP again. Frames not delivered are lost, statistics start
-/// anew, axes on it end.
+/// Configures the gateways again, to change N or channels at run time (manual 14.2). Then wait for
+/// OP again. Frames that were not delivered are lost, statistics restart, axes on the Port end.
 ///
 /// @param igh_config  Of the Adapter; the Port's part of it is `config`.
 /// @param config      Of the gateways.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As ecan_igh_init(); a faulty configuration changes nothing. After any other error
-///          another reconfigure may be tried. ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
+///          reconfigure again. ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_reconfigure(
     port: *mut igh_mcan_port_t,
@@ -126,7 +127,7 @@ pub unsafe extern "C" fn igh_mcan_port_reconfigure(
     })
 }
 
-/// Whether every gateway is in service: in OP and verified.
+/// Returns 1 if every gateway is ready: in OP and verified.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
@@ -135,10 +136,10 @@ pub unsafe extern "C" fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c
     enter!(igh_mcan_port_is_ready, port).get(|_, port| Ok(port.is_ready().into()))
 }
 
-/// Takes the Port off the master, which stays active. Axes on it end.
+/// Closes the Port; the master stays active. Axes on the Port end.
 ///
 /// @usage   not rt, the cycle's thread, any time
-/// @return  ECAN_OK, also for a Port that ended already or never was; ECAN_ERR_NULL,
+/// @return  ECAN_OK, also for a Port that is closed already or was never opened; ECAN_ERR_NULL,
 ///          ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_deinit(port: *mut igh_mcan_port_t) -> c_int {

@@ -19,7 +19,7 @@ use crate::bus;
 use crate::entry::enter;
 use crate::errors::OrCode as _;
 
-/// Sleeps until the next cycle is due; as ecan_igh_wait_next_cycle().
+/// Sleeps until the next deadline; as ecan_igh_wait_next_cycle().
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -33,15 +33,15 @@ pub unsafe extern "C" fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_
     })
 }
 
-/// First in the cycle: fetches the images, judges them, and goes on with bringing gateways into
-/// service. What the last cycle brought and was not received is gone. Does nothing while a cycle
-/// is open already. Keep the words of an error if they matter: a frame that is refused later in the
-/// cycle has others.
+/// Receives and checks the images, and continues the verification of gateways. First in the cycle.
+/// Items of the last cycle that were not received are dropped. Does nothing while a cycle is open.
+/// Copy the text of an error if you need it: a frame that is rejected later in the cycle replaces
+/// it.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed: the cycle is open all the
-///          same, call igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER where the bus is not
-///          active; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: the cycle is open, call
+///          igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER if the bus is not active;
+///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -> c_int {
     call("igh_mcan_port_cycle_begin", |call| {
@@ -54,11 +54,11 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -
     })
 }
 
-/// Last in the cycle: publishes the images, or held ones once more, and sends.
+/// Publishes the images, or repeats unconfirmed ones, and sends. Last in the cycle.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed, and the cycle may go on
-///          with the next call; ECAN_ERR_ORDER where the bus is not active; ECAN_ERR_NULL,
+/// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: continue with the next cycle;
+///          ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_NULL,
 ///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) -> c_int {
@@ -72,7 +72,7 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) -> 
     })
 }
 
-/// An item as C sees it.
+/// Converts an item of an image.
 #[inline(always)]
 fn rx_frame(item: &ReceivedView<'_>) -> igh_mcan_rx_frame_t {
     match item {
@@ -81,7 +81,7 @@ fn rx_frame(item: &ReceivedView<'_>) -> igh_mcan_rx_frame_t {
     }
 }
 
-/// An item that has left its image, as C sees it.
+/// Converts an item that was copied from its image.
 pub(crate) fn owned_rx_frame(item: &Received) -> igh_mcan_rx_frame_t {
     match item {
         Received::Frame(received) => igh_mcan_rx_frame_t::from_frame(
@@ -108,7 +108,7 @@ fn tx_result(report: &TransmitReport) -> igh_mcan_rx_frame_t {
     }
 }
 
-/// Hands what came back to C, as much as there is room for.
+/// Passes received items to C until the array is full.
 pub(crate) fn receive(cycle: &mut Cycle<'_>, room: &mut OutArray<igh_mcan_rx_frame_t>) {
     let mut items = cycle.received();
     while !room.is_full()
@@ -118,13 +118,13 @@ pub(crate) fn receive(cycle: &mut Cycle<'_>, room: &mut OutArray<igh_mcan_rx_fra
     }
 }
 
-/// Takes what came back: frames of the buses, and the outcome of frames sent where the option
-/// TX_RESULT is set (kind). In the order of the images and of the slaves. What does not fit stays
-/// for another call in the same cycle.
+/// Receives items: frames of the buses and, with the option TX_RESULT, results of transmissions
+/// (kind), in the order of the images and of the slaves. Items that do not fit remain for another
+/// call in the same cycle.
 ///
-/// @param rx        Room for frames.
-/// @param capacity  Frames that fit.
-/// @param rx_count  Gets the number of frames taken.
+/// @param rx        Gets the items.
+/// @param capacity  Items that fit.
+/// @param rx_count  Gets the number of items.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,

@@ -1,6 +1,6 @@
 //! Preflight plan
 //!
-//! What configurations cost on wire, CAN buses, images and mailboxes, and what speaks against them,
+//! Load of configurations on wire, CAN buses, images and mailboxes, with warnings and errors,
 //! before anything touches a bus.
 
 use std::ffi::{c_char, c_int};
@@ -14,7 +14,7 @@ use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortPlan};
 use super::config::{PortPlain, igh_mcan_port_config_t};
 use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
 
-/// Where frames of a plan go.
+/// Route of the frames of a plan.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_frame_route_t {
@@ -22,7 +22,7 @@ pub enum igh_mcan_frame_route_t {
     IGH_MCAN_ROUTE_TO_BUS = 0,
     /// From the bus through the gateway to the host.
     IGH_MCAN_ROUTE_FROM_BUS = 1,
-    /// Between other nodes: it only takes bus time.
+    /// Between other nodes: only bus time counts.
     IGH_MCAN_ROUTE_ON_BUS_ONLY = 2,
 }
 
@@ -30,12 +30,12 @@ pub enum igh_mcan_frame_route_t {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_mcan_frame_stream_t {
-    /// One of them, made by igh_mcan_tx_frame_set_can() and the like; slave, channel, kind of
-    /// identifier, flags, length and schedule count.
+    /// One of them, filled by igh_mcan_tx_frame_set_can() or a similar function; slave, channel,
+    /// kind of CAN ID, flags, length and schedule are relevant.
     pub frame: igh_mcan_tx_frame_t,
-    /// So many frames ...
+    /// Number of frames ...
     pub frames: u32,
-    /// ... in so many cycles; 0 counts as 1. More than one frame needs 1.
+    /// ... in this number of cycles; 0 counts as 1. More than one frame needs 1.
     pub cycles: u32,
     /// An igh_mcan_frame_route_t.
     pub way: u8,
@@ -50,8 +50,8 @@ impl igh_mcan_frame_stream_t {
             1 => FrameRoute::FromBus,
             2 => FrameRoute::OnBusOnly,
             way => {
-                let words = format_args!("{way} is no igh_mcan_frame_route_t");
-                return Err(call.argument("way", words));
+                let text = format_args!("{way} is no igh_mcan_frame_route_t");
+                return Err(call.argument("way", text));
             }
         };
         let rate = match (self.frames, self.cycles) {
@@ -59,9 +59,9 @@ impl igh_mcan_frame_stream_t {
             (0, _) => FrameRate::PerCycle(0),
             (1, cycles) => FrameRate::EveryCycles(cycles),
             (frames, cycles) => {
-                let words =
+                let text =
                     format_args!("{frames} frames in {cycles} cycles: one of them must be 1");
-                return Err(call.argument("frames", words));
+                return Err(call.argument("frames", text));
             }
         };
         Ok(FrameStream {
@@ -75,7 +75,7 @@ impl igh_mcan_frame_stream_t {
     }
 }
 
-/// Makes the plan and puts it into words.
+/// Makes the plan and stores its text.
 pub(crate) fn plan(
     call: Call,
     adapter: &AdapterPlain,
@@ -93,16 +93,16 @@ pub(crate) fn plan(
         .map_err(|faults| call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{faults}")))
 }
 
-/// Plans configurations for a traffic.
+/// Plans configurations for a given traffic.
 ///
-/// @param streams  The frames; may be NULL where count is 0.
-/// @param text     Gets the plan as a table with its warnings; cut where it does not fit. 4096
+/// @param streams  The frames; may be NULL if count is 0.
+/// @param text     Gets the plan as a table with its warnings; cut if it does not fit. 4096
 ///                 bytes are enough for a few gateways.
-/// @param size     Bytes of the text, NUL included; 0 asks for none.
+/// @param size     Bytes of the text, NUL included; 0 for no text.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG where something would not work, with
-///          everything in ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream;
+/// @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of
+///          them in ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream;
 ///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_plan(

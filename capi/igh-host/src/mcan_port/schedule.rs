@@ -1,7 +1,7 @@
 //! Scheduled transmission
 //!
-//! Frames sent at a phase of Sync0 (manual 8.4, 13.8, 13.9): the time that they have to get there,
-//! and what became of them, as far as the gateway tells. igh_mcan_port_schedule_can() and its like
+//! Frames sent at a phase of Sync0 (manual 8.4, 13.8, 13.9): the margin of their transport and
+//! their results, as the gateway reports them. igh_mcan_port_schedule_can() and similar functions
 //! send them.
 
 use std::ffi::c_int;
@@ -20,24 +20,23 @@ use super::state::{find_channel, need_slave};
 use crate::entry::enter;
 
 mirror! {
-    /// The times that the margin of a schedule is reckoned with, and what is done without margin.
-    /// The manual gives no times; docs/ASSUMPTIONS.md says where the defaults come from.
+    /// Times for the margin of a schedule, and the reaction to a missing margin. The manual gives
+    /// no times; docs/ASSUMPTIONS.md gives the source of the defaults.
     #[derive(Default)]
     pub struct igh_mcan_schedule_settings_t from rust: ScheduleConfig {
-        /// Latest time behind the point of the grid at which the cycle is sent, in nanoseconds.
+        /// Latest time after the deadline at which the cycle is sent, in nanoseconds.
         latest_send_ns: u32,
-        /// Way of an image through host and network card, in nanoseconds, beside its time on the
-        /// wire.
+        /// Time of an image in host and network card, in nanoseconds, without its time on the wire.
         transport_ns: u32,
-        /// What the firmware needs until a frame waits for its phase, in nanoseconds.
+        /// Time of the firmware until a frame waits for its phase, in nanoseconds.
         processing_ns: u32,
-        /// Interval at which the gateway's diagnostics are read once a frame was scheduled, in
+        /// Interval at which the gateway's diagnostics are read after the first scheduled frame, in
         /// milliseconds; 0 never reads them.
         watch_ms: u32,
-        /// 1 refuses frames without margin; 0 sends and counts them.
+        /// 1 rejects frames without margin; 0 sends and counts them.
         refuse_without_margin: u8 = (rust.margin_check == MarginCheck::Reject).into(),
-        /// 1 gives up an image of scheduled frames only that may not have arrived, since published
-        /// again they could leave a period late.
+        /// 1 discards an unconfirmed image that contains only scheduled frames: repeated, they
+        /// could be sent a period late.
         give_up_missed: u8,
         /// Not used.
         reserved: [u8; 2] = [0; 2],
@@ -61,65 +60,64 @@ impl From<igh_mcan_schedule_settings_t> for ScheduleConfig {
 }
 
 mirror! {
-    /// Times around the Sync0 pulse that the offset of a scheduled frame counts from, in
-    /// nanoseconds from the point of the cycle's grid.
+    /// Times around the Sync0 pulse that is the reference of a scheduled frame's offset, in
+    /// nanoseconds from the deadline of the cycle.
     #[derive(Default)]
     pub struct igh_mcan_schedule_margin_t from rust: ScheduleMargin {
         /// Earliest arrival of the image in the gateway.
         earliest_arrival_ns: u64,
         /// Latest arrival of the image in the gateway.
         latest_arrival_ns: u64,
-        /// The pulse that the offset counts from.
+        /// The pulse that is the reference of the offset.
         pulse_ns: u64,
-        /// The phase at which the frame leaves.
+        /// The phase at which the frame is sent.
         release_ns: u64,
         /// From the pulse before to the earliest arrival.
         after_pulse_ns: i64,
-        /// From the latest arrival to the pulse; negative where the pulse falls among the arrivals.
+        /// From the latest arrival to the pulse; negative if the pulse falls among the arrivals.
         before_pulse_ns: i64,
-        /// From the end of the firmware's work to the phase; negative where frames may be dropped.
+        /// From the end of the firmware's work to the phase; negative if frames may be dropped.
         before_release_ns: i64,
-        /// The least of the three: what there is to spare.
+        /// The smallest of the three.
         least_ns: i64 = rust.least_ns(),
     }
 }
 
 mirror! {
-    /// What became of a channel's scheduled frames. `scheduled` is the sum of `sent` to `open`; all
-    /// but `open` only grow.
+    /// Results of a channel's scheduled frames. `scheduled` is the sum of `sent` to `open`; all
+    /// except `open` only grow.
     #[derive(Default)]
     pub struct igh_mcan_schedule_account_t from rust: ScheduleAccount {
-        /// Frames that were taken.
+        /// Accepted frames.
         scheduled: u64,
-        /// Frames that the gateway took and, by its flags, handed to the CAN controller at their
-        /// phase.
+        /// Frames that the gateway accepted and, by its flags, passed to the CAN controller at
+        /// their phase.
         sent: u64,
-        /// Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT.
+        /// Frames that the gateway dropped because they arrived after their phase. Needs TX_RESULT.
         late_dropped: u64,
-        /// Frames that found the gateway's schedule full. Needs TX_RESULT.
+        /// Frames that the gateway rejected because its schedule was full. Needs TX_RESULT.
         queue_full: u64,
-        /// Frames that the gateway did not take for another reason. Needs TX_RESULT.
+        /// Frames that the gateway rejected for another reason. Needs TX_RESULT.
         not_sent: u64,
-        /// Frames that never left the host: discarded, or taken back since the cycle ended too
+        /// Frames that the host did not send: discarded, or removed because the cycle ended too
         /// late.
         withdrawn: u64,
-        /// Frames of which it cannot be told, among them those of an image that was published
-        /// again, a period late.
+        /// Frames with an unknown result, for example of an image that was repeated a period late.
         unknown: u64,
-        /// Frames of which it is not told yet.
+        /// Frames without a result so far.
         open: u64,
-        /// Frames that were refused since their cycle had begun too late for the phase.
+        /// Frames that were rejected because their cycle began too late for the phase.
         refused_late: u64,
-        /// Frames among `scheduled` that were taken without margin.
+        /// Frames among `scheduled` that were accepted without margin.
         without_margin: u64,
     }
 }
 
-/// Flag of 0xB000:06: a scheduled frame was dropped since its phase had passed.
+/// Flag of 0xB000:06: a scheduled frame was dropped because its phase had passed.
 pub const IGH_MCAN_SCHEDULE_LATE_DROP: u16 = 0x0040;
 /// Flag of 0xB000:06: a scheduled frame found the queue full.
 pub const IGH_MCAN_SCHEDULE_QUEUE_FULL: u16 = 0x0080;
-/// Flag of 0xB000:06: a scheduled frame was refused by the CAN controller at its phase.
+/// Flag of 0xB000:06: the CAN controller rejected a scheduled frame at its phase.
 pub const IGH_MCAN_SCHEDULE_TX_FAIL: u16 = 0x0100;
 /// Flag of 0xB000:06: the timer missed a phase.
 pub const IGH_MCAN_SCHEDULE_TIMER_MISS: u16 = 0x0200;
@@ -132,20 +130,20 @@ mirror! {
         fifo_full: u32,
         /// :12 Frames dropped as stale.
         stale_drops: u32,
-        /// :13 Times that the channel went off the bus.
+        /// :13 Times that the channel was bus-off.
         bus_offs: u32,
     }
 }
 
 mirror! {
-    /// What a gateway tells of its scheduled transmission.
+    /// Diagnostics of a gateway's scheduled transmission.
     #[derive(Default)]
     pub struct igh_mcan_schedule_diagnostics_t from rust: ScheduleDiagnostics {
-        /// When the reading ended, on the clock of ecan_igh_now_ns().
+        /// End of the reading, on the clock of ecan_igh_now_ns().
         read_at_ns: u64,
         /// Per channel; all 0 for one that is not enabled.
         channels: [igh_mcan_channel_drops_t; ECAN_MCAN_CHANNELS] = rust.channels.map(Into::into),
-        /// 0x9011:02 Sync0 pulses counted.
+        /// 0x9011:02 Number of Sync0 pulses.
         sync0_count: u32,
         /// 0x9011:04 Smallest distance from a Sync0 pulse to the arrival of an image, in CPU cycles
         /// of the gateway (0x8000:04).
@@ -177,7 +175,7 @@ pub unsafe extern "C" fn igh_mcan_port_default_schedule(
     })
 }
 
-/// Sets them for a gateway.
+/// Sets the schedule settings of a gateway.
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -196,12 +194,12 @@ pub unsafe extern "C" fn igh_mcan_port_set_schedule(
     })
 }
 
-/// The margin that an offset has against cycle, wire and firmware.
+/// Gets the margin of an offset against cycle, wire and firmware.
 ///
-/// @param offset_ns  Behind Sync0, in nanoseconds.
+/// @param offset_ns  Time after Sync0, in nanoseconds.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, whatever the margin is; ECAN_ERR_SCHEDULE for an offset that cannot be
+/// @return  ECAN_OK, for every margin; ECAN_ERR_SCHEDULE for an offset that cannot be
 ///          scheduled at all; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
 ///          ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
@@ -220,7 +218,7 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_margin(
     })
 }
 
-/// What became of a channel's scheduled frames.
+/// Gets the results of a channel's scheduled frames.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
@@ -239,10 +237,10 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_account(
     })
 }
 
-/// The last look at what the gateway tells of scheduled transmission.
+/// Gets the last diagnostics of a gateway's scheduled transmission.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_NOT_READY before the first look of this session; ECAN_ERR_NULL,
+/// @return  ECAN_OK; ECAN_ERR_NOT_READY before the first reading of this session; ECAN_ERR_NULL,
 ///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_schedule_diagnostics(
@@ -253,15 +251,15 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_diagnostics(
     enter!(igh_mcan_port_get_schedule_diagnostics, port -> diagnostics).fill(|call, port| {
         let gateway = need_slave(call, port, slave)?;
         let diagnostics = port.schedule_diagnostics(gateway).ok_or_else(|| {
-            let words = format_args!("no look was taken at slave {slave} yet");
-            call.fail(ecan_result_t::ECAN_ERR_NOT_READY, words)
+            let text = format_args!("the diagnostics of slave {slave} were not read yet");
+            call.fail(ecan_result_t::ECAN_ERR_NOT_READY, text)
         })?;
         Ok(diagnostics.into())
     })
 }
 
-/// Has the gateway clear the flags of 0xB000:06, and with them its other runtime diagnostics, in
-/// the cycles to come (manual 13.7, bit 5).
+/// Clears the flags of 0xB000:06 and the gateway's other runtime diagnostics in the next cycles
+/// (manual 13.7, bit 5).
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.

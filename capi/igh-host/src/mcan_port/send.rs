@@ -1,7 +1,7 @@
 //! Sending
 //!
-//! A packet is written once, straight into the process image. A frame that is not taken leaves no
-//! trace; for some codes it may be sent again in a later cycle (ecan_result_is_temporary()).
+//! A packet is written once, directly into the PDO image. A rejected frame has no effect; after
+//! some codes it may be sent again in a later cycle (ecan_result_is_temporary()).
 
 use std::ffi::c_int;
 
@@ -22,7 +22,7 @@ use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
-/// Where a frame went; igh_mcan_rx_frame_t of kind IGH_MCAN_RX_TX_RESULT names the same.
+/// Image and index of a sent frame, as in an igh_mcan_rx_frame_t of kind IGH_MCAN_RX_TX_RESULT.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct igh_mcan_ticket_t {
@@ -30,7 +30,7 @@ pub struct igh_mcan_ticket_t {
     pub slave: u16,
     /// Sequence of the image.
     pub sequence: u16,
-    /// Place of the frame among the frames of the image, from 0.
+    /// Index of the frame in the image, from 0.
     pub frame_index: u8,
     /// Not used.
     pub reserved: [u8; 3],
@@ -64,13 +64,13 @@ fn at(offset_ns: u32, tag: u16) -> SendOptions {
 /// @param channel  Channel of the gateway, 0 to 3.
 /// @param can_id   11 bits; 29 bits with IGH_MCAN_FLAG_EXT.
 /// @param flags    0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_RTR.
-/// @param data     Data; may be NULL where len is 0 and for a remote frame.
-/// @param len      Bytes, 0 to 8; of a remote frame the DLC that it asks for.
+/// @param data     Data; may be NULL if len is 0 and for a remote frame.
+/// @param len      Bytes, 0 to 8; of a remote frame the requested DLC.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  ECAN_OK; ECAN_ERR_NO_ROOM, ECAN_ERR_QUEUE_FULL, ECAN_ERR_BUS_OFF, ECAN_ERR_NOT_READY:
-///          not now; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER where no
-///          cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+///          temporary; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER if no cycle
+///          is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_send_can(
     port: *mut igh_mcan_port_t,
@@ -89,7 +89,7 @@ pub unsafe extern "C" fn igh_mcan_port_send_can(
             let frame = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
             return send(call, &mut bus, slave, channel, frame, SendOptions::default());
         }
-        // By far the most frequent frame takes the shortest way.
+        // The shortest path for the most frequent kind of frame.
         // SAFETY: as above.
         let data = unsafe { call.items("data", data, len)? };
         let id = CanId::new(can_id, flags != 0).map_err(|error| call.error(&error))?;
@@ -106,7 +106,7 @@ pub unsafe extern "C" fn igh_mcan_port_send_can(
 /// Sends a CAN FD frame.
 ///
 /// @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI; IGH_MCAN_FLAG_FD is
-///               understood.
+///               accepted.
 /// @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
@@ -131,13 +131,13 @@ pub unsafe extern "C" fn igh_mcan_port_send_canfd(
 }
 
 /// Sends a classic CAN frame at a phase of the next Sync0 period (manual 8.4, 13.8). Needs
-/// distributed clocks. A frame that reaches the gateway behind its phase is dropped there.
+/// distributed clocks. The gateway drops a frame that arrives after its phase.
 ///
 /// @param offset_ns  Phase, in nanoseconds, below the Sync0 period.
-/// @param tag        Mark of the application.
+/// @param tag        Tag of the application.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
-/// @return  As igh_mcan_port_send_can(); ECAN_ERR_SCHEDULE where it cannot be scheduled.
+/// @return  As igh_mcan_port_send_can(); ECAN_ERR_SCHEDULE if it cannot be scheduled.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_schedule_can(
     port: *mut igh_mcan_port_t,
@@ -162,7 +162,7 @@ pub unsafe extern "C" fn igh_mcan_port_schedule_can(
 /// Sends a CAN FD frame at a phase of the next Sync0 period; as igh_mcan_port_schedule_can().
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
-/// @return  As igh_mcan_port_send_canfd(); ECAN_ERR_SCHEDULE where it cannot be scheduled.
+/// @return  As igh_mcan_port_send_canfd(); ECAN_ERR_SCHEDULE if it cannot be scheduled.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_schedule_canfd(
     port: *mut igh_mcan_port_t,
@@ -199,7 +199,7 @@ fn send_tx(
     send(call, bus, tx.slave.into(), tx.channel, tx.frame(call)?, options)
 }
 
-/// Sends a frame that was made by igh_mcan_tx_frame_set_can() and the like.
+/// Sends a frame that igh_mcan_tx_frame_set_can() or a similar function filled.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  As the functions above; ECAN_ERR_ARGUMENT for an unknown hint.
@@ -216,13 +216,13 @@ pub unsafe extern "C" fn igh_mcan_port_send(
     })
 }
 
-/// Sends frames in order and stops at the first that is not taken, so that the order holds when the
-/// rest is sent in a later cycle.
+/// Sends frames in order and stops at the first rejected one, so that the order is kept if the rest
+/// is sent in a later cycle.
 ///
-/// @param sent  Gets the number of frames taken, from the front.
+/// @param sent  Gets the number of sent frames, from the first one.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
-/// @return  ECAN_OK where all were taken; otherwise why the next one was not, as
+/// @return  ECAN_OK if all were sent; otherwise the code of the rejected one, as
 ///          igh_mcan_port_send().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_send_batch(
@@ -249,16 +249,15 @@ pub unsafe extern "C" fn igh_mcan_port_send_batch(
     })
 }
 
-/// One whole cycle, for bring-up and test scripts: begin, receive, send, end. Keeping the period is
-/// up to the caller.
+/// Runs one whole cycle, for test scripts: begin, receive, send, end. The caller keeps the period.
 ///
-/// @param tx        Frames to send; may be NULL where tx_count is 0.
-/// @param rx        Room for what came back.
-/// @param rx_count  Gets the number of frames taken.
+/// @param tx        Frames to send; may be NULL if tx_count is 0.
+/// @param rx        Gets the received items.
+/// @param rx_count  Gets the number of received items.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK where all frames were taken; otherwise the first thing that went wrong, as the
-///          functions that it stands for. The cycle is whole in any case.
+/// @return  ECAN_OK if all frames were sent; otherwise the first error, as the functions that it
+///          stands for. The cycle is complete in any case.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_exchange(
     port: *mut igh_mcan_port_t,
@@ -292,10 +291,11 @@ pub unsafe extern "C" fn igh_mcan_port_exchange(
     })
 }
 
-/// Where the frame went that was sent last. Ask behind the send whose TX_RESULT is of interest.
+/// Gets image and index of the frame that was sent last. Call it after the send whose TX_RESULT you
+/// need.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_ORDER where nothing was sent yet; ECAN_ERR_NULL,
+/// @return  ECAN_OK; ECAN_ERR_ORDER if nothing was sent yet; ECAN_ERR_NULL,
 ///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_last_ticket(
@@ -319,10 +319,10 @@ pub unsafe extern "C" fn igh_mcan_port_get_last_ticket(
     })
 }
 
-/// Bytes left in the image of this cycle; a packet needs 4 to 78 of them (manual 8.3).
+/// Returns the free bytes in the image of this cycle; a packet needs 4 to 78 of them (manual 8.3).
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  The bytes; 0 where there is no such gateway.
+/// @return  The bytes; 0 if the slave is not configured.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_image_room(
     port: *mut igh_mcan_port_t,
@@ -332,11 +332,11 @@ pub unsafe extern "C" fn igh_mcan_port_image_room(
         .get_or(0, |_, port| Ok(port.gateway(slave).map_or(0, |gateway| port.image_room(gateway))))
 }
 
-/// Gives up every frame that is not known to have reached the gateway. Frames of an image that is
-/// held may have been executed all the same.
+/// Discards every frame whose delivery to the gateway is not confirmed. The gateway may still have
+/// executed frames of an unconfirmed image.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  The number of frames given up, 0 or more; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+/// @return  The number of discarded frames, 0 or more; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
 ///          ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_discard_pending(

@@ -14,31 +14,31 @@ use crate::bus;
 use crate::entry::enter;
 use crate::errors::{self, OrCode as _};
 
-/// Where a gateway's session stands.
+/// State of a gateway's session.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_session_t {
-    /// The slave is not in OP, or its process data do not arrive.
+    /// The slave is not in OP, or its process data are missing.
     IGH_MCAN_SESSION_WAITING = 0,
-    /// In OP, being verified; only empty images go out.
+    /// In OP, being verified; only empty images are sent.
     IGH_MCAN_SESSION_VERIFYING = 1,
-    /// In service.
+    /// Ready.
     IGH_MCAN_SESSION_READY = 2,
-    /// Verification failed; it starts over every second.
+    /// Verification failed; it starts again every second.
     IGH_MCAN_SESSION_FAILED = 3,
 }
 
-/// What became of the TxPDO image of a cycle.
+/// Kind of the TxPDO image of a cycle.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_image_t {
-    /// The gateway is not in service.
+    /// The gateway is not ready.
     IGH_MCAN_IMAGE_NONE = 0,
     /// A new image.
     IGH_MCAN_IMAGE_NEW = 1,
-    /// The image of an earlier cycle again: nothing new arrived.
+    /// The image of an earlier cycle again.
     IGH_MCAN_IMAGE_REPEATED = 2,
-    /// An image that cannot be used, or only up to the fault; see igh_mcan_port_get_parse_diag().
+    /// An image with a fault, usable up to the fault at most; see igh_mcan_port_get_parse_diag().
     IGH_MCAN_IMAGE_FAULT = 3,
 }
 
@@ -46,18 +46,17 @@ pub enum igh_mcan_image_t {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_mcan_cycle_report_t {
-    /// The working counter and what it tells.
+    /// Working counter and delivery.
     pub domain: ecan_igh_domain_report_t,
     /// An igh_mcan_image_t.
     pub image: u8,
-    /// 1 where the gateway marked the image as incomplete (manual 6.1).
+    /// 1 if the gateway marked the image as incomplete (manual 6.1).
     pub is_incomplete: u8,
-    /// 1 where the image's layout is not the configured one: its frames may be misread.
+    /// 1 if the image's layout is not the configured one: its frames may be misread.
     pub layout_changed: u8,
-    /// 1 where the last RxPDO image may not have arrived and is published again; frames sent now
-    /// wait.
+    /// 1 if the last RxPDO image is unconfirmed and is repeated; frames sent now wait.
     pub is_holding: u8,
-    /// Images that were lost before this one, by the sequence.
+    /// Images lost before this one, by the sequence.
     pub lost_images: u16,
     /// Not used.
     pub reserved: u16,
@@ -71,11 +70,11 @@ pub(crate) fn need_slave(
     port.gateway(slave).or_code(call)
 }
 
-/// Where a gateway's session stands.
+/// Returns the state of a gateway's session.
 ///
-/// @param text  Gets the same in words, with the reason of a failure and what is waited for; may be
+/// @param text  Gets the state as text, with the reason of a failure and the pending step; may be
 ///              NULL.
-/// @param size  Bytes of the buffer; what does not fit is cut.
+/// @param size  Bytes of the buffer; a longer text is cut.
 ///
 /// @usage   rt with text NULL, the cycle's thread, after init
 /// @return  An igh_mcan_session_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
@@ -87,37 +86,33 @@ pub unsafe extern "C" fn igh_mcan_port_get_session(
     text: *mut c_char,
     size: usize,
 ) -> c_int {
-    getter(
-        "igh_mcan_port_get_session",
-        |error| error.code(),
-        |call| {
-            // SAFETY: the pointers are C's, valid or NULL as the header demands.
-            let (mut bus, room) = unsafe {
-                let room = (!text.is_null()).then(|| call.room("text", text, size)).transpose()?;
-                (bus::enter_port(call, port.cast())?, room)
+    getter("igh_mcan_port_get_session", ecan_result_t::code, |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, room) = unsafe {
+            let room = (!text.is_null()).then(|| call.room("text", text, size)).transpose()?;
+            (bus::enter_port(call, port.cast())?, room)
+        };
+        let port = bus.need_port(call)?;
+        let gateway = need_slave(call, port, slave)?;
+        let session = port.session(gateway);
+        if let Some(mut room) = room {
+            let text = match port.waiting_for(gateway) {
+                Some(awaited) => format!("{session}; it waits for {awaited}"),
+                None => session.to_string(),
             };
-            let port = bus.need_port(call)?;
-            let gateway = need_slave(call, port, slave)?;
-            let session = port.session(gateway);
-            if let Some(mut room) = room {
-                let words = match port.waiting_for(gateway) {
-                    Some(awaited) => format!("{session}; it waits for {awaited}"),
-                    None => session.to_string(),
-                };
-                put_text(&mut room, &words);
-            }
-            let value = match session {
-                Session::Waiting => igh_mcan_session_t::IGH_MCAN_SESSION_WAITING,
-                Session::Verifying => igh_mcan_session_t::IGH_MCAN_SESSION_VERIFYING,
-                Session::Ready => igh_mcan_session_t::IGH_MCAN_SESSION_READY,
-                Session::Failed(_) => igh_mcan_session_t::IGH_MCAN_SESSION_FAILED,
-            };
-            Ok(value as c_int)
-        },
-    )
+            put_text(&mut room, &text);
+        }
+        let value = match session {
+            Session::Waiting => igh_mcan_session_t::IGH_MCAN_SESSION_WAITING,
+            Session::Verifying => igh_mcan_session_t::IGH_MCAN_SESSION_VERIFYING,
+            Session::Ready => igh_mcan_session_t::IGH_MCAN_SESSION_READY,
+            Session::Failed(_) => igh_mcan_session_t::IGH_MCAN_SESSION_FAILED,
+        };
+        Ok(value as c_int)
+    })
 }
 
-/// What the current cycle brought from a gateway.
+/// Gets the report of the current cycle with a gateway.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
@@ -154,9 +149,9 @@ pub unsafe extern "C" fn igh_mcan_port_get_cycle_report(
     })
 }
 
-/// The last fault in a TxPDO image (manual 16.2).
+/// Gets the last fault in a TxPDO image (manual 16.2).
 ///
-/// @param diag  Gets it; error 0 where there was none.
+/// @param diag  Gets the fault; error 0 for none.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
@@ -172,7 +167,7 @@ pub unsafe extern "C" fn igh_mcan_port_get_parse_diag(
     })
 }
 
-/// Status of a channel from the last TxPDO image (manual 7); all 0 before the first.
+/// Gets the status of a channel from the last TxPDO image (manual 7); all 0 before the first.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,

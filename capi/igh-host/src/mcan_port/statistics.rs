@@ -16,37 +16,37 @@ mirror! {
     /// Counters of one gateway.
     #[derive(Default)]
     pub struct igh_mcan_statistics_t from rust: SlaveStatistics {
-        /// Cycles run since the gateway was in service for the first time.
+        /// Cycles since the gateway was ready for the first time.
         cycles: u64,
-        /// Those of them whose working counter was not complete.
+        /// Cycles among them with an incomplete working counter.
         incomplete_cycles: u64,
         /// RxPDO images published with a new sequence.
         rxpdo_published: u64,
-        /// Cycles in which an image was published again because it may not have arrived.
+        /// Cycles in which an unconfirmed image was repeated.
         rxpdo_repeated: u64,
-        /// RxPDO images with frames that were given up.
+        /// RxPDO images with discarded frames.
         rxpdo_discarded: u64,
         /// TxPDO images with new content.
         txpdo_received: u64,
-        /// Cycles that brought no new TxPDO image.
+        /// Cycles without a new TxPDO image.
         txpdo_repeated: u64,
-        /// TxPDO images that never arrived, by the gaps in the sequence.
+        /// Lost TxPDO images, by the gaps in the sequence.
         txpdo_lost: u64,
         /// TxPDO images that were being written while they were read.
         txpdo_torn: u64,
-        /// TxPDO images that the gateway marked as incomplete: frames stayed behind or were lost.
+        /// TxPDO images that the gateway marked as incomplete: frames were delayed or lost.
         txpdo_incomplete: u64,
         /// TxPDO images of another layout than the configured one.
         txpdo_layout_changes: u64,
         /// TxPDO images or packets with a fault: bad CRC, bad header, bad packet.
         parse_errors: u64,
-        /// Transmit results that match no send.
+        /// Transmit results without a matching frame.
         unmatched_results: u64,
-        /// Times that the gateway was verified and taken into service.
+        /// Times that the gateway became ready.
         sessions: u64,
-        /// Times that the gateway was lost while in service.
+        /// Times that the gateway was lost while ready.
         sessions_lost: u64,
-        /// Verifications that failed.
+        /// Failed verifications.
         verification_failures: u64,
     }
 }
@@ -57,17 +57,17 @@ mirror! {
     pub struct igh_mcan_channel_statistics_t from rust: ChannelStatistics {
         /// Frames of RxPDO images that were published.
         frames_sent: u64,
-        /// Frames of images that the gateway took.
+        /// Frames of delivered images.
         frames_delivered: u64,
-        /// Frames of images that were given up, by the application or after a lost session.
+        /// Frames of discarded images, by the application or after a lost session.
         frames_discarded: u64,
-        /// Frames taken out of TxPDO images.
+        /// Frames received in TxPDO images.
         frames_received: u64,
-        /// Frames refused because the image was full.
+        /// Frames rejected because the image was full.
         refused_image_full: u64,
-        /// Frames refused because the gateway's transmit queue might not hold them.
+        /// Frames rejected because the gateway's transmit queue might overflow.
         refused_queue_full: u64,
-        /// Frames refused because the channel is bus-off.
+        /// Frames rejected because the channel was bus-off.
         refused_bus_off: u64,
         /// Transmit results that reported success: code 0 or 1 (manual 10).
         results_ok: u64,
@@ -77,7 +77,7 @@ mirror! {
 }
 
 mirror! {
-    /// What a gateway can do (0xF000, manual 13.8), read when the Port was made.
+    /// Capabilities of a gateway (0xF000, manual 13.8), read when the Port was opened.
     #[derive(Default)]
     pub struct igh_mcan_capabilities_t from rust: &Capabilities {
         /// :07, :08 Serial number, 0 when not programmed.
@@ -106,7 +106,7 @@ mirror! {
         firmware_minor: u16,
         /// :09 Bit n for header version n.
         header_version_mask: u16,
-        /// :13 Greatest PDO of a direction in bytes.
+        /// :13 Maximum PDO size of a direction in bytes.
         max_pdo_bytes: u16,
         /// :17 Bytes per N.
         size_unit_bytes: u16,
@@ -128,18 +128,18 @@ mirror! {
         device_type: u8,
         /// :02 CAN channels.
         channel_count: u8,
-        /// :10 Smallest N.
+        /// :10 Minimum N.
         multiplier_min: u8,
-        /// :11 Greatest N.
+        /// :11 Maximum N.
         multiplier_max: u8,
-        /// :14 Greatest number of channels.
+        /// :14 Maximum number of channels.
         max_channels: u8,
         /// :15 Option flags that can be set.
         option_mask: u8,
     }
 }
 
-/// Counters of a gateway.
+/// Gets the counters of a gateway.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
@@ -155,7 +155,7 @@ pub unsafe extern "C" fn igh_mcan_port_get_statistics(
     })
 }
 
-/// Counters of a channel.
+/// Gets the counters of a channel.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
@@ -175,7 +175,7 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_statistics(
     })
 }
 
-/// What a gateway can do.
+/// Gets the capabilities of a gateway.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.

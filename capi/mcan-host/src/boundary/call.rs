@@ -1,39 +1,38 @@
-//! One call from C: its panics, its pointers, its errors.
+//! A call from C: its panics, pointers and errors.
 
 use std::ffi::{CStr, c_char, c_int};
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 
-use super::places::{OutArray, OutPointer};
+use super::out_pointer::{OutArray, OutPointer};
 use crate::common::last_error;
 use crate::common::result::ecan_result_t;
 
 /// An error of the layers below, as C sees it.
 pub trait ToResult: fmt::Display {
-    /// The code that it is.
+    /// Its code.
     fn result(&self) -> ecan_result_t;
 
-    /// The abort code of a refused SDO transfer; 0 for other errors.
+    /// Abort code of an aborted SDO transfer; 0 for other errors.
     fn abort_code(&self) -> u32 {
         0
     }
 }
 
-/// One call from C.
+/// A call from C.
 #[derive(Clone, Copy, Debug)]
 pub struct Call {
     function: &'static str,
 }
 
-/// Runs a call from C and gives its return value.
+/// Runs a call from C and returns its return value.
 #[inline(always)]
 pub fn call(function: &'static str, body: impl FnOnce(Call) -> Result<(), ecan_result_t>) -> c_int {
     getter(function, |error| error.code(), |call| body(call).map(|()| 0))
 }
 
-/// Runs a call from C that returns something else than a code; `failed` says what in case of an
-/// error.
+/// Runs a call from C that returns a value; `failed` makes the value of an error.
 #[inline(always)]
 pub fn getter<R>(
     function: &'static str,
@@ -41,7 +40,7 @@ pub fn getter<R>(
     body: impl FnOnce(Call) -> Result<R, ecan_result_t>,
 ) -> R {
     let call = Call { function };
-    // What a panic leaves half done is behind a handle that is poisoned, or the caller's own.
+    // A panic leaves unfinished work only in a poisoned handle or in the caller's own objects.
     match catch_unwind(AssertUnwindSafe(|| body(call))) {
         Ok(Ok(value)) => value,
         Ok(Err(error)) => failed(error),
@@ -49,42 +48,52 @@ pub fn getter<R>(
     }
 }
 
+/// As [`getter`], with a fixed value for every error.
+#[inline(always)]
+pub fn getter_or<R>(
+    function: &'static str,
+    failed: R,
+    body: impl FnOnce(Call) -> Result<R, ecan_result_t>,
+) -> R {
+    getter(function, |_| failed, body)
+}
+
 #[cold]
 fn panicked(call: Call, panic: &(dyn std::any::Any + Send)) -> ecan_result_t {
-    let words = panic
+    let text = panic
         .downcast_ref::<&str>()
         .copied()
         .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
         .unwrap_or("unknown");
-    call.fail(ecan_result_t::ECAN_ERR_INTERNAL, format_args!("internal fault: {words}"))
+    call.fail(ecan_result_t::ECAN_ERR_INTERNAL, format_args!("internal fault: {text}"))
 }
 
 impl Call {
-    /// Name of the function.
+    /// Name of the called function.
     pub fn function(self) -> &'static str {
         self.function
     }
 
-    /// Notes an error and gives its code.
+    /// Notes an error and returns its code.
     #[cold]
-    pub fn fail(self, code: ecan_result_t, words: fmt::Arguments<'_>) -> ecan_result_t {
-        last_error::note(self.function, code, words);
+    pub fn fail(self, code: ecan_result_t, text: fmt::Arguments<'_>) -> ecan_result_t {
+        last_error::note(self.function, code, text);
         code
     }
 
-    /// Notes an error of the layers below and gives its code.
+    /// Notes an error of the layers below and returns its code.
     #[cold]
     pub fn error(self, error: &dyn ToResult) -> ecan_result_t {
         let code = error.result();
-        let words = format_args!("{error}");
-        last_error::note_with_abort_code(self.function, code, words, error.abort_code());
+        let text = format_args!("{error}");
+        last_error::note_with_abort_code(self.function, code, text, error.abort_code());
         code
     }
 
-    /// A value out of its range.
+    /// Reports a value out of range.
     #[cold]
-    pub fn argument(self, name: &str, words: fmt::Arguments<'_>) -> ecan_result_t {
-        self.fail(ecan_result_t::ECAN_ERR_ARGUMENT, format_args!("`{name}` {words}"))
+    pub fn argument(self, name: &str, text: fmt::Arguments<'_>) -> ecan_result_t {
+        self.fail(ecan_result_t::ECAN_ERR_ARGUMENT, format_args!("`{name}` {text}"))
     }
 
     #[cold]
@@ -92,26 +101,26 @@ impl Call {
         self.fail(ecan_result_t::ECAN_ERR_NULL, format_args!("`{name}` is NULL"))
     }
 
-    /// A value that C lends.
+    /// Borrows a value of C.
     ///
     /// # Errors
     /// NULL.
     ///
     /// # Safety
-    /// `pointer` is NULL or valid for reading, and not written to meanwhile.
+    /// `pointer` is NULL or valid for reading, and not written to during the call.
     #[inline]
     pub unsafe fn read<'a, T>(self, name: &str, pointer: *const T) -> Result<&'a T, ecan_result_t> {
         // SAFETY: the caller's promise.
         unsafe { pointer.as_ref() }.ok_or_else(|| self.null(name))
     }
 
-    /// An initialised value of C that is to be changed.
+    /// Borrows an initialised value of C to change it.
     ///
     /// # Errors
     /// NULL.
     ///
     /// # Safety
-    /// `pointer` is NULL or valid for reading and writing, and not used otherwise meanwhile.
+    /// `pointer` is NULL or valid for reading and writing, and not used otherwise during the call.
     #[inline]
     pub unsafe fn change<'a, T>(
         self,
@@ -122,7 +131,7 @@ impl Call {
         unsafe { pointer.as_mut() }.ok_or_else(|| self.null(name))
     }
 
-    /// A place for a result, whatever bytes it holds.
+    /// Takes a pointer for a result; its content is ignored.
     ///
     /// # Errors
     /// NULL.
@@ -138,7 +147,7 @@ impl Call {
         OutPointer::new(pointer).ok_or_else(|| self.null(name))
     }
 
-    /// A place for a result that the caller may leave out.
+    /// Takes a pointer for a result that may be NULL.
     ///
     /// # Safety
     /// As for [`out`](Self::out).
@@ -146,13 +155,13 @@ impl Call {
         OutPointer::new(pointer)
     }
 
-    /// Items that C lends. None may be at NULL.
+    /// Borrows items of C; NULL is allowed for none.
     ///
     /// # Errors
     /// NULL with a count.
     ///
     /// # Safety
-    /// `items` is NULL or valid for reading `count` items, and not written to meanwhile.
+    /// `items` is NULL or valid for reading `count` items, and not written to during the call.
     #[inline]
     pub unsafe fn items<'a, T>(
         self,
@@ -167,11 +176,11 @@ impl Call {
             return Err(self.null(name));
         }
         self.size::<T>(name, count)?;
-        // SAFETY: not NULL and not larger than can be, so valid by the caller's promise.
+        // SAFETY: not NULL and of a possible size, so valid by the caller's promise.
         Ok(unsafe { slice::from_raw_parts(items, count) })
     }
 
-    /// Room for items.
+    /// Takes an array for items.
     ///
     /// # Errors
     /// NULL with a capacity.
@@ -196,18 +205,21 @@ impl Call {
     fn size<T>(self, name: &str, count: usize) -> Result<(), ecan_result_t> {
         let bytes = count.checked_mul(size_of::<T>());
         if bytes.is_none_or(|bytes| bytes > isize::MAX as usize) {
-            return Err(self.argument(name, format_args!("with {count} items cannot be")));
+            return Err(self.argument(
+                name,
+                format_args!("with {count} items is larger than the address space"),
+            ));
         }
         Ok(())
     }
 
-    /// Bytes of C that end with NUL: a text of any encoding, or a path.
+    /// Borrows bytes of C that end with NUL: a text of any encoding, or a path.
     ///
     /// # Errors
     /// NULL.
     ///
     /// # Safety
-    /// `bytes` is NULL or ends with NUL, and is not written to meanwhile.
+    /// `bytes` is NULL or ends with NUL, and is not written to during the call.
     pub unsafe fn c_str<'a>(
         self,
         name: &str,
@@ -220,13 +232,13 @@ impl Call {
         Ok(unsafe { CStr::from_ptr(bytes) })
     }
 
-    /// A text of C.
+    /// Borrows a text of C.
     ///
     /// # Errors
     /// NULL, or not UTF-8.
     ///
     /// # Safety
-    /// `text` is NULL or ends with NUL, and is not written to meanwhile.
+    /// `text` is NULL or ends with NUL, and is not written to during the call.
     pub unsafe fn text<'a>(
         self,
         name: &str,
@@ -243,7 +255,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_panic_ends_as_a_code() {
+    fn panic_becomes_a_code() {
         let code = call("f", |_| panic!("at {}", "work"));
         assert_eq!(code, ecan_result_t::ECAN_ERR_INTERNAL.code());
         // SAFETY: the text ends with NUL and is not changed while it is read.
@@ -252,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn null_is_a_code_but_not_without_items() {
+    fn null_is_rejected_except_for_no_items() {
         let call = Call { function: "f" };
         // SAFETY: NULL is allowed everywhere here.
         unsafe {

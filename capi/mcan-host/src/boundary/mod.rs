@@ -1,11 +1,11 @@
 //! The boundary between C and Rust: no panic crosses it, every pointer is checked for NULL, and
-//! every error leaves its words behind.
+//! every error leaves its text behind.
 
 mod call;
 mod mirror;
-mod places;
+mod out_pointer;
 mod sealed;
 
-pub use call::{Call, ToResult, call, getter};
-pub use places::{OutArray, OutPointer, put_text};
+pub use call::{Call, ToResult, call, getter, getter_or};
+pub use out_pointer::{OutArray, OutPointer, put_text};
 pub use sealed::{Plain, Sealed};

@@ -9,13 +9,13 @@ use crate::common::result::ecan_result_t;
 pub trait Plain: Sized {
     /// The struct of C.
     type Storage;
-    /// Marks an initialised value; a number that bytes on a stack do not have by chance.
+    /// Marks an initialised value; uninitialised memory hardly contains it by chance.
     const SEAL: u64;
-    /// What initialises it.
+    /// The function that initialises it.
     const INIT: &'static str;
 }
 
-/// How the value lies in the struct.
+/// Layout of the value in the struct.
 #[derive(Debug)]
 #[repr(C)]
 pub struct Sealed<T> {
@@ -24,14 +24,14 @@ pub struct Sealed<T> {
 }
 
 impl<T: Plain> Sealed<T> {
-    /// Checked when a call is compiled.
+    /// Evaluated at compile time.
     const FITS: () = assert!(
         !std::mem::needs_drop::<T>()
             && size_of::<Self>() <= size_of::<T::Storage>()
             && align_of::<Self>() <= align_of::<T::Storage>()
     );
 
-    /// Stores a value, whatever was there.
+    /// Stores a value; the previous content is ignored.
     ///
     /// # Errors
     /// NULL.
@@ -51,14 +51,13 @@ impl<T: Plain> Sealed<T> {
         Ok(())
     }
 
-    /// The value that [`init`](Self::init) stored, to be changed.
+    /// Borrows the value that [`init`](Self::init) stored, to change it.
     ///
     /// # Errors
-    /// NULL, or nothing was stored there.
+    /// NULL, or not initialised.
     ///
-    /// # Safety
-    /// `storage` is NULL or valid for reading and writing, and not used otherwise meanwhile. Where
-    /// it has the seal, it has a value behind it.
+    /// # Safety `storage` is NULL or valid for reading and writing, and not used otherwise during
+    /// the call. A value follows the seal.
     pub unsafe fn change<'a>(
         call: Call,
         name: &str,
@@ -69,18 +68,18 @@ impl<T: Plain> Sealed<T> {
             Self::read(call, name, storage)?;
             call.change(name, storage.cast::<Self>())?
         };
-        // SAFETY: there is a value behind a seal.
+        // SAFETY: a value follows the seal.
         Ok(unsafe { sealed.value.assume_init_mut() })
     }
 
-    /// The value that [`init`](Self::init) stored.
+    /// Borrows the value that [`init`](Self::init) stored.
     ///
     /// # Errors
     /// As for [`change`](Self::change).
     ///
     /// # Safety
-    /// `storage` is NULL or valid for reading, and not written to meanwhile. Where it has the seal,
-    /// it has a value behind it.
+    /// `storage` is NULL or valid for reading, and not written to during the call. A value follows
+    /// the seal.
     pub unsafe fn read<'a>(
         call: Call,
         name: &str,
@@ -90,10 +89,10 @@ impl<T: Plain> Sealed<T> {
         // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
         let sealed = unsafe { call.read(name, storage.cast::<Self>())? };
         if sealed.seal != T::SEAL {
-            let words = format_args!("`{name}` is not initialised: call {} first", T::INIT);
-            return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, words));
+            let text = format_args!("`{name}` is not initialised: call {} first", T::INIT);
+            return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
         }
-        // SAFETY: there is a value behind a seal.
+        // SAFETY: a value follows the seal.
         Ok(unsafe { sealed.value.assume_init_ref() })
     }
 }

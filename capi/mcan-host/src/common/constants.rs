@@ -1,6 +1,6 @@
 //! Constants
 
-/// First cycle for bring-up, in microseconds (manual 15.5.2).
+/// Cycle for the first startup, in microseconds (manual 15.5.2).
 pub const ECAN_DEFAULT_CYCLE_US: u32 = 10_000;
 /// PDO size for classic CAN and CANopen, in chunks of 128 bytes (manual 15.5.2).
 pub const ECAN_DEFAULT_PDO_MULTIPLIER: u32 = 3;

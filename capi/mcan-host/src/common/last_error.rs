@@ -1,4 +1,4 @@
-//! The last error, in words
+//! The last error
 
 use std::cell::RefCell;
 use std::ffi::{c_char, c_int};
@@ -6,7 +6,7 @@ use std::fmt::{self, Write};
 
 use super::result::ecan_result_t;
 
-/// Room for the text; what is longer is cut at its end.
+/// Size of the text buffer; a longer text is cut.
 const TEXT_BYTES: usize = 8192;
 
 struct LastError {
@@ -27,8 +27,7 @@ impl LastError {
     }
 }
 
-/// Writes up to the end of the buffer and keeps a NUL behind it; text is only cut between
-/// characters.
+/// Writes up to the end of the buffer, with NUL after it; a text is cut between characters only.
 impl Write for LastError {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         let mut room = (TEXT_BYTES - 1 - self.length).min(text.len());
@@ -43,35 +42,36 @@ impl Write for LastError {
 }
 
 thread_local! {
-    // Constant and without a destructor, so that reaching it never allocates.
+    // Constant and without a destructor, so that access never allocates.
     static LAST: RefCell<LastError> = const { RefCell::new(LastError::none()) };
 }
 
-/// Notes an error of this thread. Allocates nothing as far as `words` does not.
-pub fn note(function: &'static str, code: ecan_result_t, words: fmt::Arguments<'_>) {
-    note_with_abort_code(function, code, words, 0);
+/// Notes an error of this thread. Allocates nothing if `text` does not.
+pub fn note(function: &'static str, code: ecan_result_t, text: fmt::Arguments<'_>) {
+    note_with_abort_code(function, code, text, 0);
 }
 
 /// As [`note`], with the abort code of an SDO transfer.
 pub fn note_with_abort_code(
     function: &'static str,
     code: ecan_result_t,
-    words: fmt::Arguments<'_>,
+    text: fmt::Arguments<'_>,
     abort_code: u32,
 ) {
-    // It is only borrowed elsewhere while this thread is inside `words`, which never comes here.
+    // It is borrowed elsewhere only while `text` is formatted, which never calls this function.
     let _ = LAST.try_with(|last| {
         let Ok(mut last) = last.try_borrow_mut() else { return };
         last.start(code);
-        // An error here is a cut text.
-        let _ = write!(last, "{function}: ").and_then(|()| last.write_fmt(words));
+        // A text that was cut is an error here.
+        let _ = write!(last, "{function}: ").and_then(|()| last.write_fmt(text));
         last.abort_code = abort_code;
     });
 }
 
-/// The last error of this thread in words: which function, which slave, which object, why.
+/// Returns the text of this thread's last error: the function, the slave, the object and the
+/// reason.
 ///
-/// A successful call leaves it as it is, like errno.
+/// A successful call does not change it, like errno.
 ///
 /// @usage   rt, any thread, any time
 /// @return  The text, in UTF-8; "" before the first error. Valid until the thread's next error, and
@@ -82,7 +82,7 @@ pub extern "C" fn ecan_last_error() -> *const c_char {
         .unwrap_or(c"".as_ptr())
 }
 
-/// The code that belongs to ecan_last_error().
+/// Returns the code of ecan_last_error().
 ///
 /// @usage   rt, any thread, any time
 /// @return  A negative ecan_result_t; 0 before the first error.
@@ -91,16 +91,17 @@ pub extern "C" fn ecan_last_error_code() -> c_int {
     LAST.try_with(|last| last.try_borrow().map_or(0, |last| last.code)).unwrap_or(0)
 }
 
-/// The abort code with which a slave or a CANopen node refused the SDO transfer of the last error.
+/// Returns the abort code with which a slave or a CANopen node aborted the SDO transfer of the last
+/// error.
 ///
 /// @usage   rt, any thread, any time
-/// @return  0x06090030 for example; 0 where the last error was no refused transfer.
+/// @return  0x06090030 for example; 0 if the last error was not an aborted transfer.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_last_abort_code() -> u32 {
     LAST.try_with(|last| last.try_borrow().map_or(0, |last| last.abort_code)).unwrap_or(0)
 }
 
-/// Forgets the last error of this thread.
+/// Clears the last error of this thread.
 ///
 /// @usage   rt, any thread, any time
 #[unsafe(no_mangle)]
@@ -124,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_noted_is_told_in_the_same_thread_only() {
+    fn error_is_visible_in_its_thread_only() {
         note_with_abort_code("f", ecan_result_t::ECAN_ERR_SDO, format_args!("slave {}", 2), 7);
         assert_eq!(text(), "f: slave 2");
         assert_eq!((ecan_last_error_code(), ecan_last_abort_code()), (-24, 7));
@@ -137,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_text_is_cut_between_characters() {
+    fn long_text_is_cut_between_characters() {
         note("f", ecan_result_t::ECAN_ERR_CONFIG, format_args!("{}", "ä".repeat(TEXT_BYTES)));
         let cut = text();
         assert!(cut.len() >= TEXT_BYTES - 2 && cut.len() < TEXT_BYTES, "{}", cut.len());

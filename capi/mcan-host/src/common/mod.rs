@@ -1,4 +1,4 @@
-//! What all C headers share: `igh_ecan_common.h`.
+//! Shared part of all C headers: `igh_ecan_common.h`.
 
 pub mod constants;
 pub mod last_error;

@@ -2,188 +2,122 @@
 
 use std::ffi::{CStr, c_char, c_int};
 
-/// What functions return: 0, or one of these negative codes.
-///
-/// ecan_last_error() tells the particulars: which slave, which object, what was expected.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ecan_result_t {
-    /// Done.
-    ECAN_OK = 0,
-    /// A pointer is NULL that must not be.
-    ECAN_ERR_NULL = -1,
-    /// A value is out of its range.
-    ECAN_ERR_ARGUMENT = -2,
-    /// The object was not initialised, is deinitialised, or was copied to another place.
-    ECAN_ERR_NOT_INITIALISED = -3,
-    /// The call does not fit what was done before: wrong order.
-    ECAN_ERR_ORDER = -4,
-    /// Another thread, or a callback's caller, is inside this object.
-    ECAN_ERR_BUSY = -5,
-    /// The buffer is too small; what was needed is told where there is a place for it.
-    ECAN_ERR_BUFFER = -6,
-    /// A table of the configuration is full.
-    ECAN_ERR_FULL = -7,
-    /// The configuration has faults; ecan_last_error() names every one.
-    ECAN_ERR_CONFIG = -8,
-    /// No such slave is configured.
-    ECAN_ERR_SLAVE = -9,
-    /// The channel does not exist or is not enabled.
-    ECAN_ERR_CHANNEL = -10,
-    /// Not a CAN frame: identifier, length or flags.
-    ECAN_ERR_FRAME = -11,
-    /// A CAN FD frame for a channel that is configured for classic CAN.
-    ECAN_ERR_NOT_FD = -12,
-    /// The frame cannot be scheduled: no Sync0, no such capability, or beyond the period.
-    ECAN_ERR_SCHEDULE = -13,
-    /// The image of this cycle is full; send again in a later cycle.
-    ECAN_ERR_NO_ROOM = -14,
-    /// The gateway's transmit queue is full; send again in a later cycle.
-    ECAN_ERR_QUEUE_FULL = -15,
-    /// The channel is bus-off.
-    ECAN_ERR_BUS_OFF = -16,
-    /// The gateway is not in service: not in OP, or not verified yet.
-    ECAN_ERR_NOT_READY = -17,
-    /// The image was being written while it was read; skip it in this cycle.
-    ECAN_ERR_IMAGE_BUSY = -18,
-    /// The image, or the rest of it, cannot be parsed.
-    ECAN_ERR_PARSE = -19,
-    /// The EtherCAT master library could not be had, or its setting is wrong.
-    ECAN_ERR_ECRT = -20,
-    /// The EtherCAT master could not be opened, or a call of its library failed.
-    ECAN_ERR_MASTER = -21,
-    /// A configured slave is not on the bus.
-    ECAN_ERR_NOT_FOUND = -22,
-    /// The slave is another one than configured, or no ECAN-Lite.
-    ECAN_ERR_IDENTITY = -23,
-    /// An SDO transfer failed; ecan_last_abort_code() tells why the slave refused.
-    ECAN_ERR_SDO = -24,
-    /// An object reads back something else than its configuration demands.
-    ECAN_ERR_READBACK = -25,
-    /// What was waited for did not happen in time.
-    ECAN_ERR_TIMEOUT = -26,
-    /// A slave did not reach PREOP or OP.
-    ECAN_ERR_NOT_OPERATIONAL = -27,
-    /// A gateway in OP was not taken into service: what it reads back is not what was configured.
-    ECAN_ERR_VERIFICATION = -28,
-    /// The master belongs to someone else: the call is its owner's business.
-    ECAN_ERR_ATTACHED = -29,
-    /// No such axis.
-    ECAN_ERR_AXIS = -30,
-    /// The axis cannot do this now, or not at all.
-    ECAN_ERR_AXIS_STATE = -31,
-    /// One or more axes are not where they are to be; ecan_last_error() names each.
-    ECAN_ERR_AXES = -32,
-    /// A CANopen transfer or command failed.
-    ECAN_ERR_CANOPEN = -33,
-    /// The application gave up waiting (ecan_igh_stop_waiting_when()).
-    ECAN_ERR_STOPPED = -34,
-    /// The system does not grant what a real-time thread needs; ecan_last_error() says why and what
-    /// to do.
-    ECAN_ERR_PRIVILEGE = -35,
-    /// A file cannot be read; ecan_last_error() says which and why.
-    ECAN_ERR_FILE = -36,
-    /// A fault of the library itself. Please report it with the text of ecan_last_error().
-    ECAN_ERR_INTERNAL = -99,
-}
+use crate::mirror;
 
-const fn c_text(text: &'static str) -> &'static CStr {
-    match CStr::from_bytes_with_nul(text.as_bytes()) {
-        Ok(text) => text,
-        Err(_) => c"",
+mirror! {
+    /// Return value of the functions: 0, or one of these negative codes.
+    ///
+    /// ecan_last_error() gives the details: the slave, the object, the expected value.
+    pub enum ecan_result_t as &'static CStr {
+        /// Done.
+        ECAN_OK = 0 => c"done",
+        /// A pointer that must not be NULL is NULL.
+        ECAN_ERR_NULL = -1 => c"a pointer is NULL",
+        /// A value is out of range.
+        ECAN_ERR_ARGUMENT = -2 => c"an argument is out of range",
+        /// The object is not initialised, is deinitialised, or was moved or copied.
+        ECAN_ERR_NOT_INITIALISED = -3 => c"the object is not initialised",
+        /// The call does not fit the calls before it: wrong order.
+        ECAN_ERR_ORDER = -4 => c"the call is not allowed in this state",
+        /// Another thread, or the caller of a callback, uses this object.
+        ECAN_ERR_BUSY = -5 => c"the object is in use by another call",
+        /// The buffer is too small; the necessary size is returned if the function has a parameter
+        /// for it.
+        ECAN_ERR_BUFFER = -6 => c"the buffer is too small",
+        /// A list of the configuration is full.
+        ECAN_ERR_FULL = -7 => c"a list is full",
+        /// The configuration has faults; ecan_last_error() names every one.
+        ECAN_ERR_CONFIG = -8 => c"the configuration has faults",
+        /// The slave is not configured.
+        ECAN_ERR_SLAVE = -9 => c"the slave is not configured",
+        /// The channel does not exist or is not enabled.
+        ECAN_ERR_CHANNEL = -10 => c"the channel does not exist or is not enabled",
+        /// Not a CAN frame: CAN ID, length or flags.
+        ECAN_ERR_FRAME = -11 => c"not a CAN frame",
+        /// A CAN FD frame for a channel that is configured for classic CAN.
+        ECAN_ERR_NOT_FD = -12 => c"the channel is configured for classic CAN",
+        /// The frame cannot be scheduled: no Sync0, no such capability, or beyond the period.
+        ECAN_ERR_SCHEDULE = -13 => c"the frame cannot be scheduled",
+        /// The image of this cycle is full; send again in a later cycle.
+        ECAN_ERR_NO_ROOM = -14 => c"the image of this cycle is full",
+        /// The gateway's transmit queue is full; send again in a later cycle.
+        ECAN_ERR_QUEUE_FULL = -15 => c"the gateway's transmit queue is full",
+        /// The channel is bus-off.
+        ECAN_ERR_BUS_OFF = -16 => c"the channel is bus-off",
+        /// The gateway is not ready: not in OP, or not verified yet.
+        ECAN_ERR_NOT_READY = -17 => c"the gateway is not ready",
+        /// The image was being written while it was read; skip it in this cycle.
+        ECAN_ERR_IMAGE_BUSY = -18 => c"the image changed while it was read",
+        /// The image, or the rest of it, cannot be parsed.
+        ECAN_ERR_PARSE = -19 => c"the image cannot be parsed",
+        /// The EtherCAT master library cannot be loaded, or its setting is wrong.
+        ECAN_ERR_ECRT = -20 => c"the EtherCAT master library cannot be loaded",
+        /// The EtherCAT master cannot be opened, or a call of its library failed.
+        ECAN_ERR_MASTER = -21 => c"a call of the EtherCAT master failed",
+        /// A configured slave is not on the bus.
+        ECAN_ERR_NOT_FOUND = -22 => c"a configured slave is not on the bus",
+        /// The slave is not the configured one, or not an ECAN-Lite.
+        ECAN_ERR_IDENTITY = -23 => c"the slave is not the configured one",
+        /// An SDO transfer failed; ecan_last_abort_code() is the slave's reason.
+        ECAN_ERR_SDO = -24 => c"an SDO transfer failed",
+        /// The readback of an object differs from its configuration.
+        ECAN_ERR_READBACK = -25 => c"the readback of an object differs",
+        /// A timeout expired.
+        ECAN_ERR_TIMEOUT = -26 => c"a timeout expired",
+        /// A slave did not reach PREOP or OP.
+        ECAN_ERR_NOT_OPERATIONAL = -27 => c"a slave did not reach its state",
+        /// The verification of a gateway in OP failed: its readback differs from the configuration.
+        ECAN_ERR_VERIFICATION = -28 => c"the verification of a gateway failed",
+        /// The context is attached: only the owner of the master may do this.
+        ECAN_ERR_ATTACHED = -29 => c"only the owner of the master may do this",
+        /// The axis does not exist.
+        ECAN_ERR_AXIS = -30 => c"the axis does not exist",
+        /// The state or the mode of the axis does not allow this.
+        ECAN_ERR_AXIS_STATE = -31 => c"the state of the axis does not allow this",
+        /// One or more axes did not reach the requested state; ecan_last_error() names each.
+        ECAN_ERR_AXES = -32 => c"not every axis reached the requested state",
+        /// A CANopen transfer or command failed.
+        ECAN_ERR_CANOPEN = -33 => c"a CANopen service failed",
+        /// The application cancelled the wait (ecan_igh_stop_waiting_when()).
+        ECAN_ERR_STOPPED = -34 => c"cancelled by the application",
+        /// The system denied a real-time request; ecan_last_error() gives the reason and what to
+        /// do.
+        ECAN_ERR_PRIVILEGE = -35 => c"the system denied a real-time request",
+        /// A file cannot be read; ecan_last_error() names it, with the reason.
+        ECAN_ERR_FILE = -36 => c"a file cannot be read",
+        /// An internal fault of the library. Please report it with the text of ecan_last_error().
+        ECAN_ERR_INTERNAL = -99 => c"internal fault of the library",
     }
-}
-
-macro_rules! results {
-    ($($name:ident: $words:literal,)*) => {
-        impl ecan_result_t {
-            /// All codes.
-            pub const ALL: &[Self] = &[$(Self::$name,)*];
-
-            const fn names(self) -> (&'static CStr, &'static CStr) {
-                match self {
-                    $(Self::$name => (
-                        c_text(concat!(stringify!($name), "\0")),
-                        c_text(concat!($words, "\0")),
-                    ),)*
-                }
-            }
-        }
-    };
-}
-
-results! {
-    ECAN_OK: "done",
-    ECAN_ERR_NULL: "a pointer is NULL",
-    ECAN_ERR_ARGUMENT: "an argument is out of its range",
-    ECAN_ERR_NOT_INITIALISED: "the object is not initialised",
-    ECAN_ERR_ORDER: "the call comes at the wrong time",
-    ECAN_ERR_BUSY: "the object is in use by another call",
-    ECAN_ERR_BUFFER: "the buffer is too small",
-    ECAN_ERR_FULL: "the table is full",
-    ECAN_ERR_CONFIG: "the configuration has faults",
-    ECAN_ERR_SLAVE: "no such slave",
-    ECAN_ERR_CHANNEL: "no such channel, or it is not enabled",
-    ECAN_ERR_FRAME: "not a CAN frame",
-    ECAN_ERR_NOT_FD: "the channel is configured for classic CAN",
-    ECAN_ERR_SCHEDULE: "the frame cannot be scheduled",
-    ECAN_ERR_NO_ROOM: "the image of this cycle is full",
-    ECAN_ERR_QUEUE_FULL: "the gateway's transmit queue is full",
-    ECAN_ERR_BUS_OFF: "the channel is bus-off",
-    ECAN_ERR_NOT_READY: "the gateway is not in service",
-    ECAN_ERR_IMAGE_BUSY: "the image was changing while it was read",
-    ECAN_ERR_PARSE: "the image cannot be parsed",
-    ECAN_ERR_ECRT: "the EtherCAT master library could not be loaded",
-    ECAN_ERR_MASTER: "the EtherCAT master refused",
-    ECAN_ERR_NOT_FOUND: "a configured slave is not on the bus",
-    ECAN_ERR_IDENTITY: "the slave is not the configured one",
-    ECAN_ERR_SDO: "an SDO transfer failed",
-    ECAN_ERR_READBACK: "an object reads back another value",
-    ECAN_ERR_TIMEOUT: "not done in time",
-    ECAN_ERR_NOT_OPERATIONAL: "a slave does not reach its state",
-    ECAN_ERR_VERIFICATION: "a gateway failed verification",
-    ECAN_ERR_ATTACHED: "the master belongs to another owner",
-    ECAN_ERR_AXIS: "no such axis",
-    ECAN_ERR_AXIS_STATE: "the axis cannot do this now",
-    ECAN_ERR_AXES: "not every axis got there",
-    ECAN_ERR_CANOPEN: "a CANopen service failed",
-    ECAN_ERR_STOPPED: "the application gave up waiting",
-    ECAN_ERR_PRIVILEGE: "the system does not grant a privilege",
-    ECAN_ERR_FILE: "a file cannot be read",
-    ECAN_ERR_INTERNAL: "internal fault of the library",
 }
 
 impl ecan_result_t {
-    /// The value that C sees.
+    /// The value that C gets.
     pub const fn code(self) -> c_int {
         self as c_int
     }
-
-    fn of(code: c_int) -> Option<Self> {
-        Self::ALL.iter().copied().find(|result| result.code() == code)
-    }
 }
 
-/// The name of a code, as it is written in this header.
+/// Returns the name of a code, as it is written in this header.
 ///
 /// @usage   rt, any thread, any time
-/// @return  "ECAN_ERR_SDO" for example; "unknown result" for a value that is no code. Static.
+/// @return  "ECAN_ERR_SDO" for example; "unknown result" for a value that is not a code. Static.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_result_name(code: c_int) -> *const c_char {
-    ecan_result_t::of(code).map_or(c"unknown result", |result| result.names().0).as_ptr()
+    let pair = ecan_result_t::PAIRS.iter().find(|(result, ..)| result.code() == code);
+    pair.map_or(c"unknown result".as_ptr(), |(_, name, _)| name.as_ptr().cast())
 }
 
-/// What a code means, in a few words.
+/// Returns the meaning of a code, in a few text.
 ///
 /// @usage   rt, any thread, any time
-/// @return  "the EtherCAT master refused" for example. Static.
+/// @return  "an SDO transfer failed" for example. Static.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_result_text(code: c_int) -> *const c_char {
-    ecan_result_t::of(code).map_or(c"unknown result", |result| result.names().1).as_ptr()
+    ecan_result_t::to_rust(code).unwrap_or(c"unknown result").as_ptr()
 }
 
-/// Whether a frame that was refused with a code may be sent again in a later cycle: no room, the
-/// queue full, bus-off, or the gateway not in service.
+/// Returns 1 for a code after which a frame may be sent again in a later cycle: the image or the
+/// queue is full, the channel is bus-off, or the gateway is not ready.
 ///
 /// @usage   rt, any thread, any time
 /// @return  1 or 0.
@@ -199,16 +133,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_code_has_its_name_and_words() {
-        for result in ecan_result_t::ALL {
+    fn every_code_has_its_name_and_text() {
+        for (result, ..) in ecan_result_t::PAIRS {
             // SAFETY: both functions return static C strings.
             let name = unsafe { CStr::from_ptr(ecan_result_name(result.code())) };
             // SAFETY: as above.
-            let words = unsafe { CStr::from_ptr(ecan_result_text(result.code())) };
+            let text = unsafe { CStr::from_ptr(ecan_result_text(result.code())) };
             assert_eq!(name.to_str().unwrap(), format!("{result:?}"));
-            assert!(!words.is_empty());
+            assert!(!text.is_empty());
             assert!(result.code() <= 0);
         }
-        assert_eq!(ecan_result_name(7), c"unknown result".as_ptr());
+        let unknown = c"unknown result";
+        // SAFETY: as above.
+        assert_eq!(unsafe { CStr::from_ptr(ecan_result_name(7)) }, unknown);
     }
 }

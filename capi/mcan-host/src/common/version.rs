@@ -13,12 +13,12 @@ const fn number(text: &str) -> c_int {
     value
 }
 
-/// Version of the library that was linked: major * 10000 + minor * 100 + patch.
+/// Returns the version of the linked library: major * 10000 + minor * 100 + patch.
 ///
-/// Compare with ECAN_VERSION, the version of the header that was compiled against.
+/// Compare it with ECAN_VERSION, the version of the header.
 ///
 /// @usage   rt, any thread, any time
-/// @return  100 for 0.1.0.
+/// @return  200 for 0.2.0.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_version() -> c_int {
     number(env!("CARGO_PKG_VERSION_MAJOR")) * 10_000
@@ -26,10 +26,10 @@ pub extern "C" fn ecan_version() -> c_int {
         + number(env!("CARGO_PKG_VERSION_PATCH"))
 }
 
-/// Version of the library that was linked, as text.
+/// Returns the version of the linked library as text.
 ///
 /// @usage   rt, any thread, any time
-/// @return  "0.1.0" for example. Static.
+/// @return  "0.2.0" for example. Static.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_version_text() -> *const c_char {
     concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()

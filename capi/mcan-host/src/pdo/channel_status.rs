@@ -6,7 +6,7 @@ use ecan_protocol::image::ChannelStatus;
 
 use crate::boundary::call;
 
-/// State of a CAN channel (manual 7). The device may tell other values.
+/// State of a CAN channel (manual 7). The device may report other values.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_state_t {
@@ -42,9 +42,9 @@ pub struct igh_mcan_channel_status_t {
     pub rx_pressure: u8,
     /// The transmit queue is filling up.
     pub tx_pressure: u8,
-    /// There is something to read in the channel's diagnostic object.
+    /// The channel's diagnostic object has new content.
     pub detail_pending: u8,
-    /// A counter has reached its end.
+    /// A counter has reached its maximum.
     pub counter_saturated: u8,
     /// Received frames that wait, as a coarse figure: 0 to 7.
     pub rx_pending: u8,
@@ -70,7 +70,7 @@ impl From<ChannelStatus> for igh_mcan_channel_status_t {
     }
 }
 
-/// Takes a channel status word apart.
+/// Decodes a channel status word.
 ///
 /// @param raw     The word of the image header.
 /// @param status  Is overwritten.

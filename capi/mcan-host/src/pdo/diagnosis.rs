@@ -1,4 +1,4 @@
-//! What was wrong with an image
+//! Faults of an image
 
 use std::ffi::{c_char, c_int};
 
@@ -7,8 +7,8 @@ use ecan_protocol::image::{ImageFault, ParseDiagnosis, PdoError};
 use crate::boundary::{ToResult, call, put_text};
 use crate::common::result::ecan_result_t;
 
-/// Errors of the encapsulation layer, as 0x8010:14 and 0x8011:14 tell them (manual 13.2), and two
-/// of an image that was read while it was written.
+/// Errors of the encapsulation layer, as 0x8010:14 and 0x8011:14 report them (manual 13.2), and two
+/// for an image that was read while it was written.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_pdo_error_t {
@@ -50,16 +50,16 @@ pub enum igh_mcan_pdo_error_t {
     IGH_MCAN_PDO_TORN = 257,
 }
 
-/// What was wrong with an image and where, with the fields that the manual asks for (16.2). Fields
-/// that do not apply are 0.
+/// Fault of an image and its location, with the fields that the manual demands (16.2). Fields that
+/// do not apply are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct igh_mcan_pdo_parse_diag_t {
-    /// An igh_mcan_pdo_error_t; 0 where nothing was wrong.
+    /// An igh_mcan_pdo_error_t; 0 for no fault.
     pub error: u16,
     /// Offset in the image where the faulty packet starts, in bytes; 0 for the header.
     pub offset: u16,
-    /// Offset behind that packet, padding included, as far as it is known.
+    /// Offset after that packet, padding included, if it is known.
     pub packet_end: u16,
     /// Control word of the packet.
     pub ctrl: u16,
@@ -145,9 +145,9 @@ impl ToResult for ParseDiagnosis {
     }
 }
 
-/// Puts a diagnosis into words.
+/// Gets a diagnosis as text.
 ///
-/// @param text  Buffer; what does not fit is cut. Ends with NUL.
+/// @param text  Buffer; the text ends with NUL and is cut if it does not fit.
 /// @param size  Bytes of the buffer, 256 are enough.
 ///
 /// @usage   not rt, any thread, any time
@@ -162,12 +162,15 @@ pub unsafe extern "C" fn igh_mcan_pdo_diag_text(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (diag, mut room) =
             unsafe { (call.read("diag", diag)?, call.room("text", text, size)?) };
-        let words = diag.to_diagnosis().ok_or_else(|| {
+        let text = diag.to_diagnosis().ok_or_else(|| {
             call.argument("diag", format_args!("has the unknown error {}", diag.error))
         })?;
-        if put_text(&mut room, &words.to_string()) {
+        if put_text(&mut room, &text.to_string()) {
             return Ok(());
         }
-        Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, format_args!("{size} bytes are too few")))
+        Err(call.fail(
+            ecan_result_t::ECAN_ERR_BUFFER,
+            format_args!("the buffer of {size} bytes is too small"),
+        ))
     })
 }

@@ -10,9 +10,9 @@ use crate::common::result::ecan_result_t;
 
 /// Flag: 29-bit identifier.
 pub const IGH_MCAN_FLAG_EXT: u8 = 1;
-/// Flag: remote frame, classic CAN only. Its length is the DLC that it asks for; it has no data.
+/// Flag: remote frame, classic CAN only. Its length is the requested DLC; it has no data.
 pub const IGH_MCAN_FLAG_RTR: u8 = 2;
-/// Flag: CAN FD frame whose data run at the data bit rate.
+/// Flag: CAN FD frame with bit rate switch.
 pub const IGH_MCAN_FLAG_BRS: u8 = 4;
 /// Flag: CAN FD frame with the error state indicator.
 pub const IGH_MCAN_FLAG_ESI: u8 = 8;
@@ -33,7 +33,7 @@ pub enum igh_mcan_hint_t {
     IGH_MCAN_HINT_QUEUE = 3,
 }
 
-/// Where the gateway's CAN controller had stored a received frame (manual 8.1), in
+/// Buffer of the gateway's CAN controller that held a received frame (manual 8.1), in
 /// igh_mcan_rx_frame_t.source.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,17 +48,17 @@ pub enum igh_mcan_source_t {
     IGH_MCAN_SOURCE_HIGH_PRIORITY = 3,
 }
 
-/// What igh_mcan_rx_frame_t.kind says.
+/// Kind of a received item, in igh_mcan_rx_frame_t.kind.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_rx_kind_t {
     /// A CAN frame from the bus.
     IGH_MCAN_RX_FRAME = 0,
-    /// What became of a frame that was sent (manual 10).
+    /// The result of a transmission (manual 10).
     IGH_MCAN_RX_TX_RESULT = 1,
 }
 
-/// Form of igh_mcan_rx_frame_t.timestamp (manual 8.4). The manual gives no unit.
+/// Format of igh_mcan_rx_frame_t.timestamp (manual 8.4). The manual gives no unit.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_timestamp_t {
@@ -72,12 +72,12 @@ pub enum igh_mcan_timestamp_t {
     IGH_MCAN_TIMESTAMP_FULL64 = 3,
 }
 
-/// What became of a frame that was sent (manual 10), in igh_mcan_rx_frame_t.result. It tells of the
-/// way into the CAN controller, not of reception by any node. The device may tell other values.
+/// Result of a transmission (manual 10), in igh_mcan_rx_frame_t.result. It covers the path into the
+/// CAN controller, not the reception by a node. The device may report other values.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_tx_result_t {
-    /// Handed to the CAN controller.
+    /// Passed to the CAN controller.
     IGH_MCAN_TX_RESULT_OK = 0,
     /// Waits in the gateway's transmit queue.
     IGH_MCAN_TX_RESULT_QUEUED = 1,
@@ -91,8 +91,8 @@ pub enum igh_mcan_tx_result_t {
     IGH_MCAN_TX_RESULT_BUS_OFF = 5,
 }
 
-/// A frame to send, with its destination. Filled by the igh_mcan_tx_frame_set functions, or by
-/// hand: set it to zero first.
+/// A frame to send, with its destination. Filled by the igh_mcan_tx_frame_set functions, or by the
+/// application, which sets it to zero first.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_mcan_tx_frame_t {
@@ -102,19 +102,19 @@ pub struct igh_mcan_tx_frame_t {
     pub channel: u8,
     /// IGH_MCAN_FLAG_ values.
     pub flags: u8,
-    /// Identifier, 11 or 29 bits.
+    /// CAN ID, 11 or 29 bits.
     pub can_id: u32,
     /// Data bytes; the DLC of a remote frame.
     pub len: u8,
     /// An igh_mcan_hint_t.
     pub hint: u8,
-    /// Other than 0: sent offset_ns into the next Sync0 period (manual 8.4).
+    /// Not 0: sent offset_ns into the next Sync0 period (manual 8.4).
     pub scheduled: u8,
     /// Not used.
     pub reserved: u8,
     /// Phase of Sync0, in nanoseconds.
     pub offset_ns: u32,
-    /// Mark of the application for a scheduled frame.
+    /// Tag of the application for a scheduled frame.
     pub tag: u16,
     /// Not used.
     pub reserved2: u16,
@@ -122,7 +122,7 @@ pub struct igh_mcan_tx_frame_t {
     pub data: [u8; 64],
 }
 
-/// A received frame, or the outcome of one that was sent.
+/// A received frame, or the result of a transmission.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_mcan_rx_frame_t {
@@ -132,7 +132,7 @@ pub struct igh_mcan_rx_frame_t {
     pub channel: u8,
     /// IGH_MCAN_FLAG_ values.
     pub flags: u8,
-    /// Identifier, 11 or 29 bits.
+    /// CAN ID, 11 or 29 bits.
     pub can_id: u32,
     /// Data bytes; the DLC of a remote frame.
     pub len: u8,
@@ -140,21 +140,21 @@ pub struct igh_mcan_rx_frame_t {
     pub kind: u8,
     /// An igh_mcan_source_t.
     pub source: u8,
-    /// Form of the timestamp, an igh_mcan_timestamp_t.
+    /// Format of the timestamp, an igh_mcan_timestamp_t.
     pub timestamp_format: u8,
     /// TX_RESULT: an igh_mcan_tx_result_t.
     pub result: u8,
-    /// TX_RESULT: place of the frame among the frames of its image, from 0.
+    /// TX_RESULT: index of the frame in its image, from 0.
     pub frame_index: u8,
     /// TX_RESULT: sequence of the image in which the frame was sent.
     pub sequence: u16,
-    /// TX_RESULT: 1 where this SDK remembers such a send, else 0.
+    /// TX_RESULT: 1 if this SDK sent such a frame, else 0.
     pub is_known: u8,
     /// Not used.
     pub reserved: [u8; 7],
-    /// When the gateway received the frame.
+    /// Time at which the gateway received the frame.
     pub timestamp: u64,
-    /// Data; bytes behind len are 0.
+    /// Data; bytes after len are 0.
     pub data: [u8; 64],
 }
 
@@ -164,7 +164,7 @@ impl ToResult for FrameError {
     }
 }
 
-/// A frame of classic CAN from what C says of it.
+/// Makes a classic CAN frame of the arguments of C.
 ///
 /// # Errors
 /// [`ecan_result_t::ECAN_ERR_FRAME`].
@@ -183,7 +183,7 @@ pub fn classic_frame(
     remote_frame(call, id, data.len())
 }
 
-/// As [`classic_frame`] where the data of a remote frame may be at NULL.
+/// As [`classic_frame`]; the data of a remote frame may be NULL.
 ///
 /// # Errors
 /// As there, and NULL.
@@ -214,7 +214,7 @@ fn remote_frame<'a>(call: Call, id: CanId, length: usize) -> Result<FrameRef<'a>
     FrameRef::remote(id, dlc).map_err(|e| call.error(&e))
 }
 
-/// A CAN FD frame from what C says of it.
+/// Makes a CAN FD frame of the arguments of C.
 ///
 /// # Errors
 /// [`ecan_result_t::ECAN_ERR_FRAME`].
@@ -238,12 +238,12 @@ fn known_flags(call: Call, flags: u8, known: u8, what: &str) -> Result<(), ecan_
         return Ok(());
     }
     let unknown = flags & !known;
-    let words = format_args!("flags 0x{unknown:02X} do not belong to {what}");
-    Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, words))
+    let text = format_args!("flags 0x{unknown:02X} are not allowed for {what}");
+    Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, text))
 }
 
 impl igh_mcan_tx_frame_t {
-    /// The frame that C describes.
+    /// Frame that C describes.
     ///
     /// # Errors
     /// [`ecan_result_t::ECAN_ERR_FRAME`].
@@ -270,7 +270,7 @@ impl igh_mcan_tx_frame_t {
         check_hint(call, self.hint.into())
     }
 
-    /// When it is to be sent.
+    /// Schedule of the frame; `None` if it is sent at once.
     #[inline]
     pub fn schedule(&self) -> Option<Schedule> {
         (self.scheduled != 0).then_some(Schedule { tag: self.tag, offset_ns: self.offset_ns })
@@ -336,7 +336,7 @@ impl igh_mcan_rx_frame_t {
         data: [0; 64],
     };
 
-    /// A received frame.
+    /// Converts a received frame.
     #[inline(always)]
     pub fn from_frame(
         slave: usize,
@@ -369,13 +369,13 @@ impl igh_mcan_rx_frame_t {
         }
     }
 
-    /// A frame as it stands in an image.
+    /// Converts a frame of an image.
     #[inline(always)]
     pub fn from_packet(slave: usize, packet: &FramePacket<'_>) -> Self {
         Self::from_frame(slave, packet.channel, packet.frame, packet.timestamp, packet.id_aux)
     }
 
-    /// The outcome of a frame that was sent.
+    /// Converts the result of a transmission.
     pub fn from_result(slave: usize, result: &TxResult, is_known: bool) -> Self {
         Self {
             slave: slave as u16,
@@ -405,6 +405,6 @@ impl ToResult for PushError {
 pub(super) fn check_hint(call: Call, hint: c_int) -> Result<u8, ecan_result_t> {
     match hint {
         0..=3 => Ok(hint as u8),
-        _ => Err(call.argument("hint", format_args!("{hint} is not 0 to 3"))),
+        _ => Err(call.argument("hint", format_args!("{hint} is out of range; allowed: 0 to 3"))),
     }
 }

@@ -13,7 +13,7 @@ use super::profile::igh_mcan_pdo_profile_t;
 use crate::boundary::{Call, OutArray, Plain, Sealed, call};
 use crate::common::result::ecan_result_t;
 
-/// The header of an image, as transmitted (manual 6). Nothing in it is judged.
+/// The header of an image, as transmitted (manual 6), without any check.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct igh_mcan_pdo_header_t {
@@ -23,19 +23,19 @@ pub struct igh_mcan_pdo_header_t {
     pub flags: u8,
     /// Sequence number of the image.
     pub seq_begin: u16,
-    /// The same, written last: an image is whole where both agree.
+    /// The same, written last: an image is complete if both agree.
     pub seq_end: u16,
     /// Valid bytes of the frame area.
     pub payload_len: u16,
     /// CRC over them; 0 without CRC.
     pub payload_crc16: u16,
-    /// Short identifier of the layout.
+    /// Short ID of the layout.
     pub layout_id: u16,
-    /// Channels that take part.
+    /// Enabled channels.
     pub channel_mask: u8,
     /// Packets in the frame area.
     pub frame_count: u8,
-    /// Overflows and truncations of this image, 255 for more.
+    /// Overflows and truncations of this image, at most 255.
     pub overflow_sat: u8,
     /// 1 = CRC-16/CCITT-FALSE, 0 = none.
     pub crc_alg: u8,
@@ -62,21 +62,21 @@ impl From<&Header> for igh_mcan_pdo_header_t {
     }
 }
 
-/// How an image's sequence number follows the one before (manual 6.1).
+/// Relation of an image's sequence number to the one before (manual 6.1).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_pdo_arrival_t {
-    /// The first image, or one whose number went back, as after a restart of the sender.
+    /// The first image, or one with a lower number, as after a restart of the sender.
     IGH_MCAN_PDO_FIRST = 0,
-    /// The number that was due.
+    /// The expected number.
     IGH_MCAN_PDO_NEXT = 1,
-    /// The same image again; its packets are known.
+    /// The same image again; its packets were read already.
     IGH_MCAN_PDO_REPEATED = 2,
-    /// A new image, with others lost before it.
+    /// A new image after lost ones.
     IGH_MCAN_PDO_GAP = 3,
 }
 
-/// Follows the sequence numbers of one direction. Plain data without resources.
+/// Tracks the sequence numbers of one direction. Plain data without resources.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_mcan_pdo_sequence_t {
@@ -109,15 +109,15 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_header(
         let (image, out) =
             unsafe { (call.items("image", image, size)?, call.out("header", header)?) };
         let Some(head) = image.first_chunk::<HEADER_BYTES>() else {
-            let words = format_args!("the image has {size} bytes, its header {HEADER_BYTES}");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+            let text = format_args!("the image has {size} bytes, its header {HEADER_BYTES}");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
         };
         out.set((&Header::parse(head)).into());
         Ok(())
     })
 }
 
-/// Judges an image and takes its frames out (manual 6.1).
+/// Checks an image and reads its frames (manual 6.1).
 fn parse(
     call: Call,
     profile: &igh_mcan_pdo_profile_t,
@@ -178,34 +178,34 @@ unsafe fn parse_into(
     let found = parsed.map_err(|diagnosis| match diagnosis.pdo_error() {
         Some(PdoError::ActiveArea) => call.fail(
             ecan_result_t::ECAN_ERR_BUFFER,
-            format_args!("{size} bytes are no image of this profile"),
+            format_args!("{size} bytes are not an image of this profile"),
         ),
         _ => call.error(&diagnosis),
     })?;
     if found > capacity {
-        let words = format_args!("the image holds {found} frames, {capacity} fit");
-        return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+        let text = format_args!("the image holds {found} frames, {capacity} fit");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
     }
     Ok(())
 }
 
-/// Judges an image as manual 6.1 asks and takes its frames and transmit results out, with a
-/// diagnosis where something is wrong with it (manual 16.2).
+/// Checks an image as manual 6.1 demands and reads its frames and transmit results, with a
+/// diagnosis of a fault (manual 16.2).
 ///
-/// Stateless: that an image is the one of the cycle before is for igh_mcan_pdo_sequence_observe().
+/// Stateless: igh_mcan_pdo_sequence_observe() detects an image that was read before.
 ///
 /// @param profile   The profile that is active on the device.
 /// @param txpdo     The image.
 /// @param size      Its bytes, at least those of the profile.
-/// @param frames    Room for the frames; their slave index is 0.
+/// @param frames    Gets the frames; their slave index is 0.
 /// @param capacity  Frames that fit; an image holds at most ECAN_PDO_MAX_PACKETS.
-/// @param count     Gets the number of frames stored. Those before a fault are stored and valid.
-/// @param diag      Gets what was wrong, error 0 for nothing; may be NULL.
+/// @param count     Gets the number of frames stored. Frames before a fault are stored and valid.
+/// @param diag      Gets the fault, error 0 for none; may be NULL.
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_PARSE for a fault of the image; ECAN_ERR_IMAGE_BUSY for one that was
-///          being written; ECAN_ERR_BUFFER where size is too small or more frames are there than
-///          fit; ECAN_ERR_NULL, ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
+///          being written; ECAN_ERR_BUFFER if size is too small or not all frames fit;
+///          ECAN_ERR_NULL, ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_parse_frames_ex(
     profile: *const igh_mcan_pdo_profile_t,
@@ -242,7 +242,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_frames(
     })
 }
 
-/// Begins to follow sequence numbers.
+/// Starts tracking sequence numbers.
 ///
 /// @param sequence  Is overwritten.
 ///
@@ -258,7 +258,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_sequence_init(
     })
 }
 
-/// Judges the number of an image that was received intact, and remembers it.
+/// Compares the number of an image that was received intact with the last one, and stores it.
 ///
 /// @param number  seq_begin of the image.
 /// @param lost    Gets the number of images lost before this one; may be NULL.

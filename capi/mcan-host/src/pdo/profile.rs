@@ -7,7 +7,7 @@ use ecan_protocol::image::{
 };
 use ecan_protocol::mapping::Direction;
 
-use crate::boundary::{Call, ToResult, call, getter};
+use crate::boundary::{Call, ToResult, call, getter_or};
 use crate::common::result::ecan_result_t;
 
 /// Direction of an image, as the slave sees it.
@@ -20,7 +20,7 @@ pub enum igh_mcan_direction_t {
     IGH_MCAN_TXPDO = 1,
 }
 
-/// How frames are packed (manual 9).
+/// Encapsulation profile: the format of the packets (manual 9).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_encapsulation_t {
@@ -34,7 +34,7 @@ pub enum igh_mcan_encapsulation_t {
     IGH_MCAN_ENCAPSULATION_WINDOW64_TIMESTAMPED = 5,
 }
 
-/// How channels share an image (manual 12).
+/// Budget policy: how channels share an image (manual 12).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_mcan_budget_t {
@@ -42,19 +42,19 @@ pub enum igh_mcan_budget_t {
     IGH_MCAN_BUDGET_BALANCED = 0,
     /// No reserve, everything shared.
     IGH_MCAN_BUDGET_SHARED_ONLY = 1,
-    /// Equal parts for each enabled channel, none borrowed.
+    /// Equal parts for each enabled channel, without borrowing.
     IGH_MCAN_BUDGET_DETERMINISTIC = 2,
 }
 
-/// Option: the gateway reports what became of each frame sent (manual 9.1, 10). TxPDO only.
+/// Option: the gateway reports the result of each transmission (manual 9.1, 10). TxPDO only.
 pub const IGH_MCAN_OPTION_TX_RESULT: u8 = 0x01;
 /// Option: packets are padded to 4 bytes.
 pub const IGH_MCAN_OPTION_ALIGN4: u8 = 0x02;
 /// Option: no CRC. For performance tests.
 pub const IGH_MCAN_OPTION_NO_CRC16: u8 = 0x04;
-/// Option: the CAN side is cut off. For tests.
+/// Option: the CAN side is disconnected. For tests.
 pub const IGH_MCAN_OPTION_APP_BYPASS: u8 = 0x08;
-/// Option: bytes behind the payload are left as they were.
+/// Option: bytes after the payload keep their old content.
 pub const IGH_MCAN_OPTION_PAYLOAD_ONLY: u8 = 0x10;
 
 /// The PDO profile of one direction, 0x8010:03..07 or 0x8011:03..07 (manual 13.2).
@@ -65,7 +65,7 @@ pub struct igh_mcan_pdo_profile_t {
     pub direction: u8,
     /// PDO size multiplier N, 1 to 24: the image has 128 times as many bytes.
     pub multiplier: u8,
-    /// Channels that take part, bit 0 for channel 0.
+    /// Enabled channels, bit 0 for channel 0.
     pub channel_mask: u8,
     /// An igh_mcan_encapsulation_t.
     pub encapsulation: u8,
@@ -83,36 +83,39 @@ impl ToResult for ProfileError {
     }
 }
 
-/// An encapsulation profile by its number.
+/// Encapsulation profile of a number.
 ///
 /// # Errors
 /// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
 pub fn encapsulation(call: Call, raw: c_int) -> Result<EncapsulationProfile, ecan_result_t> {
     let profile = u8::try_from(raw).ok().and_then(EncapsulationProfile::from_raw);
-    profile.ok_or_else(|| call.argument("encapsulation", format_args!("{raw} is not 0, 1, 4 or 5")))
+    profile.ok_or_else(|| {
+        call.argument("encapsulation", format_args!("{raw} is invalid; allowed: 0, 1, 4, 5"))
+    })
 }
 
-/// A budget policy by its number.
+/// Budget policy of a number.
 ///
 /// # Errors
 /// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
 pub fn budget(call: Call, raw: c_int) -> Result<BudgetPolicy, ecan_result_t> {
     let policy = u8::try_from(raw).ok().and_then(BudgetPolicy::from_raw);
-    policy.ok_or_else(|| call.argument("budget", format_args!("{raw} is not 0 to 2")))
+    policy.ok_or_else(|| {
+        call.argument("budget", format_args!("{raw} is out of range; allowed: 0 to 2"))
+    })
 }
 
-/// Options by their bits.
+/// Options of their bits.
 ///
 /// # Errors
 /// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
 pub fn options(call: Call, bits: u8) -> Result<OptionFlags, ecan_result_t> {
-    OptionFlags::from_bits(bits).ok_or_else(|| {
-        call.argument("options", format_args!("0x{bits:02X} has bits that are reserved"))
-    })
+    OptionFlags::from_bits(bits)
+        .ok_or_else(|| call.argument("options", format_args!("0x{bits:02X} has reserved bits")))
 }
 
 impl igh_mcan_pdo_profile_t {
-    /// The profile that C describes.
+    /// Profile that C describes.
     ///
     /// # Errors
     /// The first fault.
@@ -121,7 +124,9 @@ impl igh_mcan_pdo_profile_t {
             0 => Direction::RxPdo,
             1 => Direction::TxPdo,
             other => {
-                return Err(call.argument("direction", format_args!("{other} is not 0 or 1")));
+                return Err(
+                    call.argument("direction", format_args!("{other} is invalid; allowed: 0, 1"))
+                );
             }
         };
         let profile = PdoProfile {
@@ -135,7 +140,7 @@ impl igh_mcan_pdo_profile_t {
         Ok((direction, profile))
     }
 
-    /// As C sees a profile.
+    /// Converts a profile for C.
     pub fn new(direction: Direction, profile: &PdoProfile) -> Self {
         Self {
             direction: u8::from(direction == Direction::TxPdo),
@@ -149,7 +154,7 @@ impl igh_mcan_pdo_profile_t {
     }
 }
 
-/// Makes a profile: N chunks of 128 bytes for these channels, everything else at its default.
+/// Fills a profile: N chunks of 128 bytes for these channels, all other fields at their defaults.
 ///
 /// @param profile       Is overwritten.
 /// @param direction     An igh_mcan_direction_t.
@@ -197,50 +202,39 @@ pub unsafe extern "C" fn igh_mcan_pdo_profile_check(
     })
 }
 
-/// The profile word, as 0x8010:12 and 0x8011:12 read when the profile is active (manual 13.2).
+/// Returns the profile word, as in 0x8010:12 and 0x8011:12 when the profile is active (manual
+/// 13.2).
 ///
 /// @usage   rt, any thread, any time
-/// @return  The word; 0, which no sound profile has, for a faulty profile or NULL.
+/// @return  The word; 0, which no valid profile has, for a faulty profile or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_profile_word(profile: *const igh_mcan_pdo_profile_t) -> u32 {
-    getter(
-        "igh_mcan_pdo_profile_word",
-        |_| 0,
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.word())
-        },
-    )
+    getter_or("igh_mcan_pdo_profile_word", 0, |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.word())
+    })
 }
 
-/// The layout_id of the image header: the profile word folded to 16 bits (manual 5.4.4.1).
+/// Returns the layout_id of the image header: the profile word folded to 16 bits (manual 5.4.4.1).
 ///
 /// @usage   rt, any thread, any time
-/// @return  The id; 0 for a faulty profile or NULL.
+/// @return  The ID; 0 for a faulty profile or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_layout_id(profile: *const igh_mcan_pdo_profile_t) -> u16 {
-    getter(
-        "igh_mcan_pdo_layout_id",
-        |_| 0,
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.layout_id())
-        },
-    )
+    getter_or("igh_mcan_pdo_layout_id", 0, |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.layout_id())
+    })
 }
 
-/// Bytes of an image under a profile: 128 * N.
+/// Returns the bytes of an image with a profile: 128 * N.
 ///
 /// @usage   rt, any thread, any time
 /// @return  The bytes; 0 for a faulty profile or NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_bytes(profile: *const igh_mcan_pdo_profile_t) -> usize {
-    getter(
-        "igh_mcan_pdo_bytes",
-        |_| 0,
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.pdo_bytes())
-        },
-    )
+    getter_or("igh_mcan_pdo_bytes", 0, |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.pdo_bytes())
+    })
 }

@@ -1,4 +1,4 @@
-//! Making frames to send
+//! Frames to send
 
 use std::ffi::c_int;
 
@@ -11,19 +11,20 @@ use super::frames::{
 use crate::boundary::{Call, call};
 use crate::common::result::ecan_result_t;
 
-/// A slave index and a channel as they are stored in a frame.
+/// Checks a slave index and a channel for a frame.
 fn place(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t> {
     if usize::from(channel) >= CHANNELS {
-        let words = format_args!("channel {channel} is not 0 to {}", CHANNELS - 1);
-        return Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words));
+        let text =
+            format_args!("channel {channel} is out of range; allowed: 0 to {}", CHANNELS - 1);
+        return Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, text));
     }
     u16::try_from(slave).map_err(|_| {
-        let words = format_args!("slave index {slave} is out of range");
-        call.fail(ecan_result_t::ECAN_ERR_SLAVE, words)
+        let text = format_args!("slave index {slave} is out of range");
+        call.fail(ecan_result_t::ECAN_ERR_SLAVE, text)
     })
 }
 
-/// Makes a classic CAN frame that is sent at once.
+/// Fills a classic CAN frame that is sent at once.
 ///
 /// @param frame    Is overwritten.
 /// @param slave    Slave index.
@@ -31,11 +32,11 @@ fn place(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t> {
 /// @param can_id   11 bits; 29 bits with IGH_MCAN_FLAG_EXT.
 /// @param flags    0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_RTR.
 /// @param data     Data; may be NULL where len is 0 and for a remote frame.
-/// @param len      Bytes, 0 to 8; of a remote frame the DLC that it asks for.
+/// @param len      Bytes, 0 to 8; of a remote frame the requested DLC.
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL or ECAN_ERR_FRAME; the frame
-///          is only written to with ECAN_OK.
+///          is written only with ECAN_OK.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
     frame: *mut igh_mcan_tx_frame_t,
@@ -56,10 +57,10 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
     })
 }
 
-/// Makes a CAN FD frame that is sent at once.
+/// Fills a CAN FD frame that is sent at once.
 ///
 /// @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI; IGH_MCAN_FLAG_FD is
-///               understood.
+///               accepted.
 /// @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
 ///
 /// @usage   rt, any thread, any time
@@ -83,14 +84,14 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
     })
 }
 
-/// Makes a frame to send of one that was received, as an echo or a bridge does; slave and channel
-/// are those that it came from.
+/// Fills a frame to send from a received one, as an echo or a bridge does, for the slave and
+/// channel that received it.
 ///
 /// @param frame     Is overwritten.
-/// @param received  A frame, no TX_RESULT.
+/// @param received  A frame, not a TX_RESULT.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME for what is no frame.
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME if it is not a frame.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
     frame: *mut igh_mcan_tx_frame_t,
@@ -100,8 +101,8 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (out, rx) = unsafe { (call.out("frame", frame)?, call.read("received", received)?) };
         if rx.kind != igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8 {
-            let words = format_args!("`received` is a TX_RESULT, no frame");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, words));
+            let text = format_args!("`received` is a TX_RESULT, not a frame");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, text));
         }
         let value = igh_mcan_tx_frame_t {
             slave: place(call, rx.slave.into(), rx.channel)?,
@@ -123,10 +124,10 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
     })
 }
 
-/// Has a frame sent at a phase of the next Sync0 period instead of at once (manual 8.4).
+/// Schedules a frame for a phase of the next Sync0 period instead of at once (manual 8.4).
 ///
 /// @param offset_ns  Phase, in nanoseconds, below the Sync0 period.
-/// @param tag        Mark of the application.
+/// @param tag        Tag of the application.
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK or ECAN_ERR_NULL.
@@ -144,7 +145,7 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_schedule(
     })
 }
 
-/// Gives the gateway a hint how to send a frame (manual 8.1).
+/// Sets the hint for the gateway's transmit path (manual 8.1).
 ///
 /// @param hint  An igh_mcan_hint_t.
 ///

@@ -15,12 +15,12 @@ use ecan_protocol::image::{CommitFields, ImageWriter, Schedule};
 
 use super::frames::{classic_frame_at, fd_frame, igh_mcan_tx_frame_t};
 use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, Plain, Sealed, call, getter};
+use crate::boundary::{Call, Plain, Sealed, call, getter_or};
 use crate::common::result::ecan_result_t;
 
 /// Writes the images of one direction into a buffer of the application. Plain data without
-/// resources: it may be copied and needs no end. One writer serves one buffer; it remembers the
-/// sequence number and how far earlier images reached.
+/// resources: it may be copied and needs no deinit. One writer serves one buffer; it stores the
+/// sequence number and the length of earlier images.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_mcan_pdo_writer_t {
@@ -30,7 +30,7 @@ pub struct igh_mcan_pdo_writer_t {
 
 struct Writer {
     writer: ImageWriter,
-    /// The image that is begun, NULL for none, and its bytes.
+    /// The started image, NULL for none, and its bytes.
     image: *mut u8,
     size: usize,
 }
@@ -54,14 +54,14 @@ impl Writer {
         unsafe { Sealed::change(call, "writer", writer) }
     }
 
-    /// The writer, and the image that is begun.
+    /// Writer and started image.
     ///
     /// # Safety
-    /// The buffer given to `begin` is still valid and not used otherwise meanwhile.
+    /// The buffer given to `begin` is still valid and not used otherwise during the call.
     unsafe fn parts(&mut self, call: Call) -> Result<(&mut ImageWriter, &mut [u8]), ecan_result_t> {
         if self.image.is_null() {
-            let words = format_args!("no image is begun: call igh_mcan_pdo_writer_begin first");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+            let text = format_args!("no image is started: call igh_mcan_pdo_writer_begin first");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
         }
         // SAFETY: the caller's promise; `begin` has checked the size.
         let image = unsafe { std::slice::from_raw_parts_mut(self.image, self.size) };
@@ -110,10 +110,10 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_init(
     })
 }
 
-/// Starts an image in a buffer. What was added since the last finish is forgotten.
+/// Starts an image in a buffer. Frames added since the last finish are dropped.
 ///
-/// @param rxpdo       Buffer of the image, in place in the process data for example. Must stay
-///                    valid until igh_mcan_pdo_writer_finish().
+/// @param rxpdo       Buffer of the image, in the process data for example. Must stay valid until
+///                    igh_mcan_pdo_writer_finish().
 /// @param rxpdo_size  Its bytes, at least those of the profile.
 ///
 /// @usage   rt, one thread at a time, after init
@@ -131,8 +131,8 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_begin(
         unsafe { call.out("rxpdo", rxpdo)? };
         let needed = state.writer.profile().pdo_bytes();
         if rxpdo_size < needed {
-            let words = format_args!("the buffer has {rxpdo_size} bytes, the image {needed}");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+            let text = format_args!("the buffer has {rxpdo_size} bytes, the image {needed}");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
         }
         state.writer.begin();
         (state.image, state.size) = (rxpdo, needed);
@@ -140,12 +140,12 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_begin(
     })
 }
 
-/// Adds a frame to the image; its slave index is not looked at.
+/// Adds a frame to the image; its slave index is ignored.
 ///
 /// @usage   rt, one thread at a time, after begin
-/// @return  ECAN_OK; ECAN_ERR_NO_ROOM where the image is full; ECAN_ERR_CHANNEL where the profile
-///          does not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ORDER. The image is unchanged but for ECAN_OK.
+/// @return  ECAN_OK; ECAN_ERR_NO_ROOM if the image is full; ECAN_ERR_CHANNEL if the profile does
+///          not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ORDER. The image changes only with ECAN_OK.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_add(
     writer: *mut igh_mcan_pdo_writer_t,
@@ -154,7 +154,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_add(
     call("igh_mcan_pdo_writer_add", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (writer, tx) = unsafe { (Writer::open(call, writer)?, call.read("frame", frame)?) };
-        // SAFETY: the image is C's as long as it is begun.
+        // SAFETY: C keeps the image valid until it is finished.
         unsafe {
             let hint = tx.checked_hint(call)?;
             writer.push(call, tx.channel, hint, tx.frame(call)?, tx.schedule())
@@ -180,7 +180,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_add_can(
         let (writer, frame) = unsafe {
             (Writer::open(call, writer)?, classic_frame_at(call, can_id, flags, data, len)?)
         };
-        // SAFETY: the image is C's as long as it is begun.
+        // SAFETY: C keeps the image valid until it is finished.
         unsafe { writer.push(call, channel, 0, frame, None) }
     })
 }
@@ -202,14 +202,14 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_add_canfd(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (writer, data) =
             unsafe { (Writer::open(call, writer)?, call.items("data", data, len)?) };
-        // SAFETY: the image is C's as long as it is begun.
+        // SAFETY: C keeps the image valid until it is finished.
         unsafe { writer.push(call, channel, 0, fd_frame(call, can_id, flags, data)?, None) }
     })
 }
 
-/// Makes what was added an image: clears what earlier ones left behind it, computes the CRC, writes
-/// the header, and the second sequence number last. Call it in every cycle that has something to
-/// send: the device does nothing with an image whose sequence number it has seen.
+/// Finishes the image: clears the rest of earlier images, computes the CRC, writes the header, and
+/// the second sequence number last. Call it in every cycle with frames to send: the device ignores
+/// an image whose sequence number it has received before.
 ///
 /// @param sequence  Gets the image's sequence number, to which a TX_RESULT refers; may be NULL.
 ///
@@ -223,7 +223,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_finish(
     call("igh_mcan_pdo_writer_finish", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (state, out) = unsafe { (Writer::open(call, writer)?, call.optional_out(sequence)) };
-        // SAFETY: the image is C's as long as it is begun.
+        // SAFETY: C keeps the image valid until it is finished.
         let (image_writer, image) = unsafe { state.parts(call)? };
         let number = image_writer.commit(image, CommitFields::default());
         state.image = std::ptr::null_mut();
@@ -251,34 +251,26 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_set_next_sequence(
     })
 }
 
-/// Bytes left in the image; a packet needs 4 to 78 of them (manual 8.3).
+/// Returns the free bytes of the image; a packet needs 4 to 78 of them (manual 8.3).
 ///
 /// @usage   rt, one thread at a time, after init
-/// @return  The bytes; 0 where there is no writer.
+/// @return  The bytes; 0 if there is no writer.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_room(writer: *mut igh_mcan_pdo_writer_t) -> usize {
-    getter(
-        "igh_mcan_pdo_writer_room",
-        |_| 0,
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            Ok(unsafe { Writer::open(call, writer)? }.writer.room())
-        },
-    )
+    getter_or("igh_mcan_pdo_writer_room", 0, |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        Ok(unsafe { Writer::open(call, writer)? }.writer.room())
+    })
 }
 
-/// Frames in the image so far, at most 255.
+/// Returns the number of frames in the image, at most 255.
 ///
 /// @usage   rt, one thread at a time, after init
-/// @return  The number; 0 where there is no writer.
+/// @return  The number; 0 if there is no writer.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_frames(writer: *mut igh_mcan_pdo_writer_t) -> usize {
-    getter(
-        "igh_mcan_pdo_writer_frames",
-        |_| 0,
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            Ok(unsafe { Writer::open(call, writer)? }.writer.frames().into())
-        },
-    )
+    getter_or("igh_mcan_pdo_writer_frames", 0, |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        Ok(unsafe { Writer::open(call, writer)? }.writer.frames().into())
+    })
 }

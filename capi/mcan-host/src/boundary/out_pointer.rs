@@ -1,9 +1,9 @@
-//! Places that C gives for results.
+//! Pointers of C for results.
 
 use std::ffi::c_char;
 use std::ptr::NonNull;
 
-/// A place that C gave for a result.
+/// A pointer of C for a result.
 #[derive(Debug)]
 pub struct OutPointer<T>(NonNull<T>);
 
@@ -20,7 +20,7 @@ impl<T> OutPointer<T> {
     }
 }
 
-/// Room that C gave for items.
+/// An array of C for items.
 #[derive(Debug)]
 pub struct OutArray<T> {
     items: *mut T,
@@ -34,7 +34,7 @@ impl<T> OutArray<T> {
         Self { items, capacity, count: 0 }
     }
 
-    /// Stores the next item; false where there is no room for it.
+    /// Stores the next item; returns false if the array is full.
     #[inline(always)]
     pub fn push(&mut self, item: T) -> bool {
         if self.count == self.capacity {
@@ -46,13 +46,13 @@ impl<T> OutArray<T> {
         true
     }
 
-    /// Whether another item fits.
+    /// Returns true if no other item fits.
     #[inline]
     pub fn is_full(&self) -> bool {
         self.count == self.capacity
     }
 
-    /// Items stored.
+    /// Number of stored items.
     #[inline]
     pub fn count(&self) -> usize {
         self.count
@@ -60,13 +60,14 @@ impl<T> OutArray<T> {
 }
 
 impl OutArray<u8> {
-    /// Stores as many bytes as fit.
+    /// Stores the bytes that fit; returns false if some do not.
     pub fn push_bytes(&mut self, bytes: &[u8]) -> bool {
         bytes.iter().all(|byte| self.push(*byte))
     }
 }
 
-/// Copies a text into a buffer of C, cut where it does not fit, with NUL at its end.
+/// Copies a text into a buffer of C, with NUL at its end; cuts it if it does not fit, and returns
+/// false then.
 pub fn put_text(room: &mut OutArray<c_char>, text: &str) -> bool {
     let fits = text.len() < room.capacity;
     let mut length = text.len().min(room.capacity.saturating_sub(1));
@@ -84,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_is_cut_to_the_room() {
+    fn long_text_is_cut_to_the_buffer() {
         let mut buffer = [1; 4];
         let mut room = OutArray::new(buffer.as_mut_ptr(), 4);
         assert!(!put_text(&mut room, "aöö"));
@@ -92,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_stored_beyond_the_capacity() {
+    fn full_array_rejects_items() {
         let mut buffer = [0; 3];
         let mut room = OutArray::new(buffer.as_mut_ptr(), 2);
         assert!(!room.push_bytes(&[1, 2, 3]));
