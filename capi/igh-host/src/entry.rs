@@ -2,7 +2,7 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::boundary::{Call, Opaque, Sealed, call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
 
 use crate::bus::Bus;
@@ -117,6 +117,48 @@ impl<C: Context, T> EntryInto<C, T> {
         })
     }
 }
+
+/// A call that changes a configuration of C; made by [`change!`].
+pub(crate) struct Change<S> {
+    function: &'static str,
+    config: *mut S,
+}
+
+impl<S: Opaque> Change<S> {
+    /// # Safety
+    /// As for [`Sealed::change`], as long as this lives.
+    pub(crate) unsafe fn new(function: &'static str, config: *mut S) -> Self {
+        Self { function, config }
+    }
+
+    /// Changes the configuration.
+    pub(crate) fn with(
+        self,
+        change: impl FnOnce(Call, &mut S::Value) -> Result<(), ecan_result_t>,
+    ) -> c_int {
+        // SAFETY: the promise of `new`.
+        call(self.function, |call| {
+            change(call, unsafe { Sealed::change(call, "config", self.config)? })
+        })
+    }
+
+    /// Sets a field for which every value is allowed.
+    pub(crate) fn set(self, set: impl FnOnce(&mut S::Value)) -> c_int {
+        self.with(|_, config| {
+            set(config);
+            Ok(())
+        })
+    }
+}
+
+/// Begins an exported function that changes a configuration.
+macro_rules! change {
+    ($function:ident, $config:ident) => {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { $crate::entry::Change::new(stringify!($function), $config) }
+    };
+}
+pub(crate) use change;
 
 /// Begins an exported function with its name, its context and, after `->`, its only result.
 macro_rules! enter {

@@ -1,16 +1,15 @@
 //! Configuration
 //!
-//! Plain data: it may be copied and needs no end. Nothing touches the bus before ecan_igh_init().
+//! Plain data: it may be copied and needs no deinit. Nothing touches the bus before
+//! ecan_igh_init().
 
 use std::ffi::{c_char, c_int};
-use std::time::Duration;
 
 use ecan_host::{
-    AdapterConfig, DcSync, Error, Identity, SlaveConfig, StartupEntry, StartupPlan, StartupStep,
+    AdapterConfig, Error, MAX_SLAVES, MAX_STARTUP_STEPS, SlaveConfig, StartupPlan, StartupStep,
 };
-use ecan_mcan_host::boundary::{Call, OutArray, Plain, Sealed, call, put_text};
-use ecan_mcan_host::common::constants::{ECAN_DEFAULT_CYCLE_US, ECAN_DEFAULT_PDO_MULTIPLIER};
-use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::boundary::{Call, Opaque, OutArray, Sealed, call, put_text};
+use ecan_mcan_host::common::result::ecan_result_t::{self, *};
 use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::List;
 
@@ -24,7 +23,10 @@ pub const ECAN_IGH_MAX_STARTUP_SDOS: usize = 256;
 /// Most bytes of the setting `ecrt`, NUL included.
 pub const ECAN_IGH_MAX_SETTING: usize = 512;
 
-/// What the Adapter is told. About 50 kilobytes.
+const _: () =
+    assert!(ECAN_IGH_MAX_SLAVES == MAX_SLAVES && ECAN_IGH_MAX_STARTUP_SDOS == MAX_STARTUP_STEPS);
+
+/// Configuration of the Adapter. About 50 kilobytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ecan_igh_config_t {
@@ -32,26 +34,9 @@ pub struct ecan_igh_config_t {
     pub opaque: [u64; 6144],
 }
 
-/// One slave.
+/// A short text of C.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct SlavePlain {
-    pub(crate) alias: u16,
-    pub(crate) position: u16,
-    pub(crate) rx_multiplier: u8,
-    pub(crate) tx_multiplier: u8,
-    pub(crate) identity: Option<Identity>,
-}
-
-/// A startup step of the application or of a configuration file.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct StartupPlain {
-    pub(crate) slave: u16,
-    pub(crate) step: StartupStep,
-}
-
-/// A short text in place.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Text<const N: usize> {
+pub struct Text<const N: usize> {
     bytes: [u8; N],
     length: usize,
 }
@@ -62,11 +47,11 @@ impl<const N: usize> Text<N> {
     pub(crate) fn new(call: Call, name: &str, text: &str) -> Result<Self, ecan_result_t> {
         let mut value = Self::EMPTY;
         // As C counts, with NUL at the end.
-        let Some(place) = value.bytes[..N - 1].get_mut(..text.len()) else {
+        let Some(bytes) = value.bytes[..N - 1].get_mut(..text.len()) else {
             let text = format_args!("`{name}` has {} bytes, at most {} fit", text.len(), N - 1);
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
+            return Err(call.fail(ECAN_ERR_BUFFER, text));
         };
-        place.copy_from_slice(text.as_bytes());
+        bytes.copy_from_slice(text.as_bytes());
         value.length = text.len();
         Ok(value)
     }
@@ -77,21 +62,15 @@ impl<const N: usize> Text<N> {
     }
 }
 
-/// What is in an [`ecan_igh_config_t`].
-pub(crate) struct AdapterPlain {
-    pub(crate) master_index: u32,
+/// Content of an [`ecan_igh_config_t`].
+#[derive(Clone, Copy)]
+#[expect(missing_debug_implementations, reason = "no one prints 50 kilobytes")]
+pub struct IghConfig {
+    /// Has all slaves that a configuration may have; the first `slave_count` are configured.
+    pub(crate) adapter: AdapterConfig,
     pub(crate) slave_count: usize,
-    pub(crate) slaves: [SlavePlain; ECAN_IGH_MAX_SLAVES],
-    pub(crate) cycle_ns: u32,
-    pub(crate) dc: Option<DcSync>,
-    pub(crate) allow_large_pdos: bool,
-    pub(crate) preop_timeout_ms: u32,
-    pub(crate) watchdog_us: u32,
-    /// In order.
-    pub(crate) startup: [Option<StartupPlain>; ECAN_IGH_MAX_STARTUP_SDOS],
-    /// Whether the setting was set, empty included.
-    pub(crate) is_ecrt_set: bool,
-    pub(crate) ecrt: Text<ECAN_IGH_MAX_SETTING>,
+    /// The choice of the application, an empty one included.
+    pub(crate) ecrt: Option<Text<ECAN_IGH_MAX_SETTING>>,
     pub(crate) scenario: Text<64>,
     pub(crate) is_stepped: bool,
     pub(crate) seed: Option<u64>,
@@ -99,34 +78,18 @@ pub(crate) struct AdapterPlain {
     pub(crate) port: Option<PortPlain>,
 }
 
-impl Plain for AdapterPlain {
-    type Storage = ecan_igh_config_t;
+impl Opaque for ecan_igh_config_t {
+    type Value = IghConfig;
     const SEAL: u64 = 0x6563_616e_5f69_6763;
     const INIT: &'static str = "ecan_igh_default_config";
 }
 
-impl AdapterPlain {
+impl IghConfig {
     fn new() -> Self {
-        let slave = |position| SlavePlain {
-            alias: 0,
-            position: position as u16,
-            rx_multiplier: ECAN_DEFAULT_PDO_MULTIPLIER as u8,
-            tx_multiplier: ECAN_DEFAULT_PDO_MULTIPLIER as u8,
-            identity: None,
-        };
-        let defaults = AdapterConfig::new(1);
         Self {
-            master_index: 0,
+            adapter: AdapterConfig::new(ECAN_IGH_MAX_SLAVES as u16),
             slave_count: 1,
-            slaves: std::array::from_fn(slave),
-            cycle_ns: ECAN_DEFAULT_CYCLE_US * 1000,
-            dc: None,
-            allow_large_pdos: false,
-            preop_timeout_ms: defaults.preop_timeout.as_millis() as u32,
-            watchdog_us: defaults.watchdog.as_micros() as u32,
-            startup: [None; ECAN_IGH_MAX_STARTUP_SDOS],
-            is_ecrt_set: false,
-            ecrt: Text::EMPTY,
+            ecrt: None,
             scenario: Text::EMPTY,
             is_stepped: false,
             seed: None,
@@ -134,138 +97,58 @@ impl AdapterPlain {
         }
     }
 
-    /// The configuration of C, to be changed.
-    ///
-    /// # Safety
-    /// As for [`Sealed::change`].
-    pub(crate) unsafe fn open<'a>(
-        call: Call,
-        config: *mut ecan_igh_config_t,
-    ) -> Result<&'a mut Self, ecan_result_t> {
-        // SAFETY: the caller's promise.
-        unsafe { Sealed::change(call, "config", config) }
-    }
-
-    /// The configuration of C.
-    ///
-    /// # Safety
-    /// As for [`Sealed::read`].
-    pub(crate) unsafe fn read<'a>(
-        call: Call,
-        config: *const ecan_igh_config_t,
-    ) -> Result<&'a Self, ecan_result_t> {
-        // SAFETY: the caller's promise.
-        unsafe { Sealed::read(call, "config", config) }
-    }
-
-    /// A slave that is configured.
+    /// A configured slave, to change it.
     pub(crate) fn slave(
         &mut self,
         call: Call,
         slave: usize,
-    ) -> Result<&mut SlavePlain, ecan_result_t> {
+    ) -> Result<&mut SlaveConfig, ecan_result_t> {
         let count = self.slave_count;
-        self.slaves[..count].get_mut(slave).ok_or_else(|| no_slave(call, slave, count))
+        self.adapter.slaves[..count].get_mut(slave).ok_or_else(|| no_slave(call, slave, count))
     }
 
-    /// A slave that is configured, to be looked at.
-    pub(crate) fn slave_of(&self, call: Call, slave: usize) -> Result<&SlavePlain, ecan_result_t> {
+    /// A configured slave.
+    pub(crate) fn slave_of(&self, call: Call, slave: usize) -> Result<&SlaveConfig, ecan_result_t> {
         let count = self.slave_count;
-        self.slaves[..count].get(slave).ok_or_else(|| no_slave(call, slave, count))
+        self.adapter.slaves[..count].get(slave).ok_or_else(|| no_slave(call, slave, count))
     }
 
-    /// Another startup step of a slave that is configured.
+    /// Adds a startup step to a configured slave.
     pub(crate) fn add_startup(
         &mut self,
         call: Call,
         slave: usize,
-        step: StartupStep,
+        step: impl Into<StartupStep>,
     ) -> Result<(), ecan_result_t> {
-        let Some(place) = self.startup.iter_mut().find(|place| place.is_none()) else {
-            let text = format_args!("{ECAN_IGH_MAX_STARTUP_SDOS} startup SDOs are the most");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, text));
-        };
-        *place = Some(StartupPlain { slave: slave as u16, step });
-        Ok(())
+        self.slave(call, slave)?;
+        self.adapter
+            .add_startup(slave, step)
+            .map_err(|full| call.fail(ECAN_ERR_FULL, format_args!("startup SDOs: {full}")))
     }
 
-    /// As an Adapter's configuration says; what it has no word for stays: the library and the
-    /// simulation.
-    ///
-    /// # Errors
-    /// More slaves or startup steps than there is room for.
-    pub(crate) fn with(&self, call: Call, config: &AdapterConfig) -> Result<Self, ecan_result_t> {
-        let AdapterConfig {
-            master_index,
-            ref slaves,
-            ref startup,
-            cycle: _,
-            dc,
-            allow_large_pdos,
-            preop_timeout,
-            watchdog,
-        } = *config;
-        let mut plain = Self {
-            master_index,
-            slave_count: slaves.len(),
-            cycle_ns: config.cycle_ns(),
-            dc,
-            allow_large_pdos,
-            preop_timeout_ms: u32::try_from(preop_timeout.as_millis()).unwrap_or(u32::MAX),
-            watchdog_us: u32::try_from(watchdog.as_micros()).unwrap_or(u32::MAX),
-            is_ecrt_set: self.is_ecrt_set,
-            ecrt: self.ecrt,
-            scenario: self.scenario,
-            is_stepped: self.is_stepped,
-            seed: self.seed,
-            ..Self::new()
-        };
-        if slaves.len() > ECAN_IGH_MAX_SLAVES {
-            let text =
-                format_args!("{} gateways, {ECAN_IGH_MAX_SLAVES} are the most", slaves.len());
-            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, text));
+    /// Replaces everything except the library and the simulation.
+    pub(crate) fn with(&self, adapter: &AdapterConfig, port: PortPlain) -> Self {
+        let mut all = Self::new().adapter.slaves;
+        for (slave, configured) in all.iter_mut().zip(adapter.slaves) {
+            *slave = configured;
         }
-        for (place, settings) in plain.slaves.iter_mut().zip(slaves) {
-            // Startup steps follow; their base is made of the Port's configuration.
-            let SlaveConfig { alias, position, rx_multiplier, tx_multiplier, identity } = *settings;
-            *place = SlavePlain { alias, position, rx_multiplier, tx_multiplier, identity };
+        Self {
+            adapter: AdapterConfig { slaves: all, ..*adapter },
+            slave_count: adapter.slaves.len(),
+            port: Some(port),
+            ..*self
         }
-        for entry in startup {
-            plain.add_startup(call, entry.slave, entry.step)?;
-        }
-        Ok(plain)
     }
 
-    /// The gateways' configuration that igh_mcan_port_apply_config() gave.
+    /// The gateways' configuration of igh_mcan_port_apply_config().
     pub(crate) fn applied(&self) -> Option<PortConfig> {
         self.port.as_ref().map(|port| port.settings(self.slave_count))
     }
 
-    /// The Adapter's configuration.
+    /// The Adapter's configuration, with the configured slaves.
     pub(crate) fn to_rust(&self) -> AdapterConfig {
-        let slaves = self.slaves[..self.slave_count].iter().map(|slave| SlaveConfig {
-            alias: slave.alias,
-            position: slave.position,
-            rx_multiplier: slave.rx_multiplier,
-            tx_multiplier: slave.tx_multiplier,
-            identity: slave.identity,
-        });
-        let startup = self
-            .startup
-            .iter()
-            .flatten()
-            .map(|entry| StartupEntry { slave: entry.slave.into(), step: entry.step });
-        AdapterConfig {
-            master_index: self.master_index,
-            // infallible: both lists have the capacity of C's arrays.
-            slaves: List::collect(slaves).unwrap_or_default(),
-            startup: List::collect(startup).unwrap_or_default(),
-            cycle: Duration::from_nanos(self.cycle_ns.into()),
-            dc: self.dc,
-            allow_large_pdos: self.allow_large_pdos,
-            preop_timeout: Duration::from_millis(self.preop_timeout_ms.into()),
-            watchdog: Duration::from_micros(self.watchdog_us.into()),
-        }
+        let slaves = self.adapter.slaves.into_iter().take(self.slave_count);
+        AdapterConfig { slaves: List::collect(slaves).unwrap_or_default(), ..self.adapter }
     }
 
     /// The startup steps of the gateways.
@@ -275,9 +158,9 @@ impl AdapterPlain {
 }
 
 /// Fills a configuration: one slave at position 0, N = 3 (384 bytes), a cycle of 10 ms, no
-/// distributed clocks, master 0, the setting `ecrt` left to the environment (manual 15.5.2).
+/// distributed clocks, master 0, the setting `ecrt` of the environment (manual 15.5.2).
 ///
-/// @param config  Is overwritten, whatever it holds.
+/// @param config  Is overwritten.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK or ECAN_ERR_NULL.
@@ -285,7 +168,7 @@ impl AdapterPlain {
 pub unsafe extern "C" fn ecan_igh_default_config(config: *mut ecan_igh_config_t) -> c_int {
     call("ecan_igh_default_config", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { Sealed::init(call, "config", config, AdapterPlain::new()) }
+        unsafe { Sealed::init(call, "config", config, IghConfig::new()) }
     })
 }
 
@@ -298,14 +181,14 @@ pub unsafe extern "C" fn ecan_igh_default_config(config: *mut ecan_igh_config_t)
 pub unsafe extern "C" fn ecan_igh_check_config(config: *const ecan_igh_config_t) -> c_int {
     call("ecan_igh_check_config", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::read(call, config)? }.to_rust();
-        config.check().map_err(Error::from).or_code(call)
+        let config = unsafe { Sealed::read(call, "config", config)? };
+        config.to_rust().check().map_err(Error::from).or_code(call)
     })
 }
 
-/// The setting `ecrt` of a configuration: which EtherCAT master library it asks for.
+/// Gets the setting `ecrt` of a configuration, which selects the EtherCAT master library.
 ///
-/// @param setting  Buffer; "" where nothing is set and the environment decides.
+/// @param setting  Buffer; "" if nothing is set and the environment decides.
 /// @param size     Its bytes; ECAN_IGH_MAX_SETTING are enough.
 ///
 /// @usage   not rt, any thread, any time
@@ -318,11 +201,12 @@ pub unsafe extern "C" fn ecan_igh_config_get_ecrt(
 ) -> c_int {
     call("ecan_igh_config_get_ecrt", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, mut room): (_, OutArray<c_char>) =
-            unsafe { (AdapterPlain::read(call, config)?, call.room("setting", setting, size)?) };
-        if put_text(&mut room, config.ecrt.get().unwrap_or_default()) {
+        let (config, mut room): (_, OutArray<c_char>) = unsafe {
+            (Sealed::read(call, "config", config)?, call.room("setting", setting, size)?)
+        };
+        if put_text(&mut room, config.ecrt.as_ref().and_then(Text::get).unwrap_or_default()) {
             return Ok(());
         }
-        Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, format_args!("{size} bytes are too few")))
+        Err(call.fail(ECAN_ERR_BUFFER, format_args!("the buffer of {size} bytes is too small")))
     })
 }

@@ -3,31 +3,38 @@
 use std::ffi::c_int;
 
 use ecan_host::{ClockSource, DcSync};
-use ecan_mcan_host::boundary::{Call, call};
-use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::boundary::Call;
+use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_ORDER};
+use ecan_mcan_host::mirror;
 
-use super::config::{AdapterPlain, ecan_igh_config_t};
+use super::config::ecan_igh_config_t;
+use crate::entry::{Change, change};
 
-/// Which clock the others follow.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ecan_igh_clock_source_t {
-    /// The host's: the reference clock is corrected to the application's time in each cycle.
-    ECAN_IGH_CLOCK_HOST = 0,
-    /// The reference clock's: a phase-locked loop shifts the points of the host's cycle.
-    ECAN_IGH_CLOCK_REFERENCE = 1,
+mirror! {
+    /// The clock that the others follow.
+    pub enum ecan_igh_clock_source_t as ClockSource {
+        /// The host's: the reference clock is corrected to the application's time in each cycle.
+        ECAN_IGH_CLOCK_HOST = 0 => ClockSource::Host,
+        /// The reference clock: a phase-locked loop shifts the deadlines of the host's cycle.
+        ECAN_IGH_CLOCK_REFERENCE = 1 => ClockSource::Reference,
+    }
 }
 
-fn need_dc(call: Call, config: &mut AdapterPlain) -> Result<&mut DcSync, ecan_result_t> {
-    config.dc.as_mut().ok_or_else(|| {
-        call.fail(ecan_result_t::ECAN_ERR_ORDER, format_args!("distributed clocks are off"))
+/// Changes the settings of distributed clocks that are on.
+fn change_dc(
+    change: Change<ecan_igh_config_t>,
+    set: impl FnOnce(Call, &mut DcSync) -> Result<(), ecan_result_t>,
+) -> c_int {
+    change.with(|call, config| match &mut config.adapter.dc {
+        Some(dc) => set(call, dc),
+        None => Err(call.fail(ECAN_ERR_ORDER, format_args!("distributed clocks are off"))),
     })
 }
 
-/// Switches distributed clocks with Sync0 on (manual 8.4, 15.6). 15.6.1 lists proven phases.
+/// Enables distributed clocks with Sync0 (manual 8.4, 15.6). 15.6.1 lists proven phases.
 ///
-/// @param cycle_us  Period of Sync0 in microseconds, a whole multiple of the cycle; 0 switches
-///                  distributed clocks off.
+/// @param cycle_us  Period of Sync0 in microseconds, a whole multiple of the cycle; 0 disables
+///                  distributed clocks.
 /// @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
 ///
 /// @usage   not rt, any thread, before init
@@ -39,17 +46,16 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_sync0(
     cycle_us: u32,
     shift_us: u32,
 ) -> c_int {
-    call("ecan_igh_config_set_dc_sync0", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::open(call, config)? };
+    change!(ecan_igh_config_set_dc_sync0, config).with(|call, config| {
         let ns = |name, us: u32| {
             let most = u32::MAX / 1000;
-            us.checked_mul(1000)
-                .ok_or_else(|| call.argument(name, format_args!("{us} is above {most}")))
+            us.checked_mul(1000).ok_or_else(|| {
+                call.argument(name, format_args!("{us} is out of range; allowed: 0 to {most}"))
+            })
         };
         let (cycle_ns, shift_ns) = (ns("cycle_us", cycle_us)?, ns("shift_us", shift_us)?);
-        let before = config.dc.unwrap_or(DcSync::new(cycle_ns, shift_ns));
-        config.dc = (cycle_ns > 0).then_some(DcSync { cycle_ns, shift_ns, ..before });
+        let before = config.adapter.dc.unwrap_or(DcSync::new(cycle_ns, shift_ns));
+        config.adapter.dc = (cycle_ns > 0).then_some(DcSync { cycle_ns, shift_ns, ..before });
         Ok(())
     })
 }
@@ -57,22 +63,20 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_sync0(
 /// Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
 ///          clocks are off.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_assign_activate(
     config: *mut ecan_igh_config_t,
     word: u16,
 ) -> c_int {
-    call("ecan_igh_config_set_dc_assign_activate", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::open(call, config)? };
-        need_dc(call, config)?.assign_activate = word;
+    change_dc(change!(ecan_igh_config_set_dc_assign_activate, config), |_, dc| {
+        dc.assign_activate = word;
         Ok(())
     })
 }
 
-/// Chooses which clock the others follow; the host's by default.
+/// Selects the clock that the others follow; the host's by default.
 ///
 /// @param source  An ecan_igh_clock_source_t.
 ///
@@ -84,59 +88,47 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_source(
     config: *mut ecan_igh_config_t,
     source: c_int,
 ) -> c_int {
-    call("ecan_igh_config_set_dc_source", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::open(call, config)? };
-        let dc = need_dc(call, config)?;
-        dc.source = match source {
-            0 => ClockSource::Host,
-            1 => ClockSource::Reference,
-            _ => {
-                let text = format_args!("{source} is no ecan_igh_clock_source_t");
-                return Err(call.argument("source", text));
-            }
-        };
+    change_dc(change!(ecan_igh_config_set_dc_source, config), |call, dc| {
+        dc.source = ecan_igh_clock_source_t::to_rust(source).ok_or_else(|| {
+            call.argument("source", format_args!("{source} is invalid; allowed: 0, 1"))
+        })?;
         Ok(())
     })
 }
 
-/// Chooses the slave whose clock is the reference; by default the first on the bus that has one.
+/// Selects the slave whose clock is the reference; by default the first on the bus with a clock.
 ///
-/// @param slave  Slave index; whether there is such a slave is told by ecan_igh_check_config().
+/// @param slave  Slave index; ecan_igh_check_config() checks it.
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
 ///          clocks are off.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_reference(
     config: *mut ecan_igh_config_t,
     slave: usize,
 ) -> c_int {
-    call("ecan_igh_config_set_dc_reference", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::open(call, config)? };
-        need_dc(call, config)?.reference = Some(slave);
+    change_dc(change!(ecan_igh_config_set_dc_reference, config), |_, dc| {
+        dc.reference = Some(slave);
         Ok(())
     })
 }
 
-/// Sets how often the differences between the slaves' clocks are measured; every 100 cycles by
-/// default.
+/// Sets the interval at which the differences between the slaves' clocks are measured; 100 cycles
+/// by default.
 ///
-/// @param every  Cycles from measurement to measurement; 0 is never.
+/// @param every  Cycles from measurement to measurement; 0 for never.
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
 ///          clocks are off.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_monitor(
     config: *mut ecan_igh_config_t,
     every: u32,
 ) -> c_int {
-    call("ecan_igh_config_set_dc_monitor", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::open(call, config)? };
-        need_dc(call, config)?.monitor_every = every;
+    change_dc(change!(ecan_igh_config_set_dc_monitor, config), |_, dc| {
+        dc.monitor_every = every;
         Ok(())
     })
 }

@@ -3,16 +3,18 @@
 use std::ffi::{c_int, c_void};
 
 use ecan_host::{Identity, StartupStep};
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::{Call, Sealed, call};
 use ecan_mcan_host::common::constants::ECAN_PDO_MAX_MULTIPLIER;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_protocol::object::{ObjectType, SdoWrite};
 
-use super::config::{AdapterPlain, ecan_igh_config_t};
+use super::config::ecan_igh_config_t;
+use crate::entry::change;
 
 fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result_t> {
     if !(1..=ECAN_PDO_MAX_MULTIPLIER).contains(&multiplier) {
-        let text = format_args!("{multiplier} is not 1 to {ECAN_PDO_MAX_MULTIPLIER}");
+        let text =
+            format_args!("{multiplier} is out of range; allowed: 1 to {ECAN_PDO_MAX_MULTIPLIER}");
         return Err(call.argument(name, text));
     }
     Ok(multiplier as u8)
@@ -29,13 +31,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_pdo_multiplier(
     config: *mut ecan_igh_config_t,
     n: u32,
 ) -> c_int {
-    call("ecan_igh_config_set_pdo_multiplier", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::open(call, config)? };
-        let n = multiplier(call, "n", n)?;
-        for slave in &mut config.slaves {
-            (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
-        }
+    change!(ecan_igh_config_set_pdo_multiplier, config).with(|call, config| {
+        config.adapter = config.adapter.with_multiplier(multiplier(call, "n", n)?);
         Ok(())
     })
 }
@@ -50,9 +47,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multiplier(
     slave: usize,
     n: u32,
 ) -> c_int {
-    call("ecan_igh_config_set_slave_pdo_multiplier", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let slave = unsafe { AdapterPlain::open(call, config)? }.slave(call, slave)?;
+    change!(ecan_igh_config_set_slave_pdo_multiplier, config).with(|call, config| {
+        let slave = config.slave(call, slave)?;
         let n = multiplier(call, "n", n)?;
         (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
         Ok(())
@@ -73,9 +69,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multipliers(
     rx_n: u32,
     tx_n: u32,
 ) -> c_int {
-    call("ecan_igh_config_set_slave_pdo_multipliers", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let slave = unsafe { AdapterPlain::open(call, config)? }.slave(call, slave)?;
+    change!(ecan_igh_config_set_slave_pdo_multipliers, config).with(|call, config| {
+        let slave = config.slave(call, slave)?;
         let sizes = (multiplier(call, "rx_n", rx_n)?, multiplier(call, "tx_n", tx_n)?);
         (slave.rx_multiplier, slave.tx_multiplier) = sizes;
         Ok(())
@@ -99,7 +94,11 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_pdo_multipliers(
     call("ecan_igh_config_get_slave_pdo_multipliers", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (config, rx, tx) = unsafe {
-            (AdapterPlain::read(call, config)?, call.out("rx_n", rx_n)?, call.out("tx_n", tx_n)?)
+            (
+                Sealed::read(call, "config", config)?,
+                call.out("rx_n", rx_n)?,
+                call.out("tx_n", tx_n)?,
+            )
         };
         let slave = config.slave_of(call, slave)?;
         rx.set(slave.rx_multiplier.into());
@@ -108,11 +107,11 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_pdo_multipliers(
     })
 }
 
-/// Says where a slave is.
+/// Sets the position of a slave.
 ///
 /// @param alias     Station alias that the position counts from; 0 counts from the start of the
 ///                  bus.
-/// @param position  Ring position, from 0.
+/// @param position  Position, from 0.
 ///
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -123,15 +122,14 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_position(
     alias: u16,
     position: u16,
 ) -> c_int {
-    call("ecan_igh_config_set_slave_position", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let slave = unsafe { AdapterPlain::open(call, config)? }.slave(call, slave)?;
+    change!(ecan_igh_config_set_slave_position, config).with(|call, config| {
+        let slave = config.slave(call, slave)?;
         (slave.alias, slave.position) = (alias, position);
         Ok(())
     })
 }
 
-/// Gets where a slave is, as ecan_igh_config_set_slave_position() says it.
+/// Gets the position of a slave, as ecan_igh_config_set_slave_position() sets it.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -146,7 +144,7 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_position(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (config, alias, position) = unsafe {
             (
-                AdapterPlain::read(call, config)?,
+                Sealed::read(call, "config", config)?,
                 call.out("alias", alias)?,
                 call.out("position", position)?,
             )
@@ -158,8 +156,8 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_position(
     })
 }
 
-/// Demands a vendor id and a product code (object 0x1018). Without it the identity of the slave
-/// found is taken, and that it is an ECAN-Lite is seen by its contents.
+/// Sets the required vendor ID and product code (object 0x1018). Without it the SDK accepts every
+/// slave whose objects identify it as an ECAN-Lite.
 ///
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -170,20 +168,18 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_identity(
     vendor_id: u32,
     product_code: u32,
 ) -> c_int {
-    call("ecan_igh_config_set_slave_identity", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let slave = unsafe { AdapterPlain::open(call, config)? }.slave(call, slave)?;
-        slave.identity = Some(Identity { vendor_id, product_code });
+    change!(ecan_igh_config_set_slave_identity, config).with(|call, config| {
+        config.slave(call, slave)?.identity = Some(Identity { vendor_id, product_code });
         Ok(())
     })
 }
 
-/// Adds a startup SDO of the application: it is written after the Port's own, in the order in
-/// which they were added, at every (re)configuration of the slave.
+/// Adds a startup SDO of the application: written after the Port's own, in the order of the calls,
+/// at every (re)configuration of the slave.
 ///
 /// @param index     Object.
 /// @param subindex  Subindex.
-/// @param data      Value, little endian, as it goes over the bus. Is copied.
+/// @param data      Value, little endian, as on the bus. Is copied.
 /// @param size      Its bytes: 1, 2 or 4.
 ///
 /// @usage   not rt, any thread, before init
@@ -198,17 +194,18 @@ pub unsafe extern "C" fn ecan_igh_config_add_startup_sdo(
     data: *const c_void,
     size: usize,
 ) -> c_int {
-    call("ecan_igh_config_add_startup_sdo", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, data) = unsafe {
-            (AdapterPlain::open(call, config)?, call.items("data", data.cast::<u8>(), size)?)
-        };
+    change!(ecan_igh_config_add_startup_sdo, config).with(|call, config| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let data = unsafe { call.items("data", data.cast::<u8>(), size)? };
         config.slave(call, slave)?;
         let ty = match size {
             1 => ObjectType::U8,
             2 => ObjectType::U16,
             4 => ObjectType::U32,
-            _ => return Err(call.argument("size", format_args!("{size} is not 1, 2 or 4"))),
+            _ => {
+                let text = format_args!("{size} is invalid; allowed: 1, 2, 4");
+                return Err(call.argument("size", text));
+            }
         };
         let mut bytes = [0; 4];
         bytes[..size].copy_from_slice(data);

@@ -12,10 +12,10 @@ use std::ffi::{c_int, c_void};
 use std::time::Duration;
 
 use ecan_host::{Adapter, Error, Master};
-use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::boundary::{Call, Sealed, call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
 
-use super::config::{AdapterPlain, ecan_igh_config_t};
+use super::config::ecan_igh_config_t;
 use super::library;
 use crate::bus::{self, Bus};
 use crate::callback::StopCallback;
@@ -71,7 +71,7 @@ pub unsafe extern "C" fn ecan_igh_init(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let config = unsafe {
             call.out("context", context)?;
-            AdapterPlain::read(call, config)?
+            Sealed::read(call, "config", config)?
         };
         // SAFETY: as above.
         unsafe {
@@ -113,7 +113,7 @@ pub unsafe extern "C" fn ecan_igh_attach(
         let config = unsafe {
             call.out("context", context)?;
             call.out("master", master)?;
-            AdapterPlain::read(call, config)?
+            Sealed::read(call, "config", config)?
         };
         // SAFETY: as above.
         unsafe {
@@ -225,7 +225,7 @@ pub unsafe extern "C" fn ecan_igh_reconfigure(
 ) -> c_int {
     enter!(ecan_igh_reconfigure, context).on_bus(|call, bus| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::read(call, config)? };
+        let config = unsafe { Sealed::read(call, "config", config)? };
         if bus.port_mut().is_some() {
             let text = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
             return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));

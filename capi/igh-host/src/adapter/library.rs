@@ -7,7 +7,7 @@ use ecan_host::{Ecrt, EcrtSetting};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_ECRT};
 
-use super::config::AdapterPlain;
+use super::config::IghConfig;
 
 /// A loaded library.
 pub(crate) struct Library {
@@ -23,8 +23,8 @@ fn default_library() -> Option<PathBuf> {
 
 /// Loads the library that the configuration selects. A simulated one identifies itself on standard
 /// error.
-pub(crate) fn open(call: Call, config: &AdapterPlain) -> Result<Library, ecan_result_t> {
-    let explicit = config.is_ecrt_set.then(|| config.ecrt.get().unwrap_or_default());
+pub(crate) fn open(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
+    let explicit = config.ecrt.as_ref().map(|text| text.get().unwrap_or_default());
     let setting = match EcrtSetting::resolve(explicit).map_err(|error| failed(call, &error))? {
         EcrtSetting::Library(None) if explicit.is_none() => EcrtSetting::Library(default_library()),
         setting => setting,
@@ -38,22 +38,22 @@ fn failed(call: Call, error: &dyn Display) -> ecan_result_t {
 }
 
 #[cfg(not(feature = "sim"))]
-fn load(setting: &EcrtSetting, _: &AdapterPlain) -> Result<Library, ecan_host::LoadError> {
+fn load(setting: &EcrtSetting, _: &IghConfig) -> Result<Library, ecan_host::LoadError> {
     Ok(Library { ecrt: setting.load()?, is_stepped: false })
 }
 
 #[cfg(feature = "sim")]
-fn load(setting: &EcrtSetting, config: &AdapterPlain) -> Result<Library, ecan_sim::BackendError> {
+fn load(setting: &EcrtSetting, config: &IghConfig) -> Result<Library, ecan_sim::BackendError> {
     use ecan_sim::{ClockKind, SimOptions};
 
     let clock = if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real };
-    let last_position = config.slaves[..config.slave_count].iter().map(|s| s.position).max();
+    let last_position = config.to_rust().slaves.iter().map(|slave| slave.position).max();
     let options = SimOptions {
         suggested: config.scenario.get().map(str::to_owned),
         clock: Some(clock),
         seed: config.seed,
         slaves: last_position.map(|position| usize::from(position) + 1),
-        carries_large_pdos: config.allow_large_pdos.then_some(true),
+        carries_large_pdos: config.adapter.allow_large_pdos.then_some(true),
         bridges: Some(ecan_sim_bridge::make),
     };
     let backend = ecan_sim::open(setting, &options)?;

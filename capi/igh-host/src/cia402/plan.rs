@@ -3,10 +3,10 @@
 use std::ffi::{c_char, c_int};
 
 use ecan_cia402::{Cia402Config, axis_traffic};
-use ecan_mcan_host::boundary::call;
+use ecan_mcan_host::boundary::{Sealed, call};
 
 use super::axis::igh_cia402_axis_t;
-use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
+use crate::adapter::config::ecan_igh_config_t;
 use crate::mcan_port::config::{PortPlain, igh_mcan_port_config_t};
 use crate::mcan_port::plan::plan;
 
@@ -32,7 +32,7 @@ pub unsafe extern "C" fn igh_cia402_plan(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (adapter, port, axes, room) = unsafe {
             (
-                AdapterPlain::read(call, igh_config)?,
+                Sealed::read(call, "config", igh_config)?,
                 PortPlain::read(call, config)?,
                 call.items("axes", axes, axis_count)?,
                 call.room("text", text, size)?,

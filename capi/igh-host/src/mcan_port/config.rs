@@ -5,7 +5,7 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::{Call, Plain, Sealed, call};
+use ecan_mcan_host::boundary::{Call, Opaque, Sealed, call};
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{
@@ -15,7 +15,7 @@ use ecan_mcan_port::{
 use ecan_protocol::config::{DataPathConfig, List, McanChannelConfig};
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 
-use crate::adapter::config::{AdapterPlain, ECAN_IGH_MAX_SLAVES, ecan_igh_config_t};
+use crate::adapter::config::{ECAN_IGH_MAX_SLAVES, ecan_igh_config_t};
 use crate::errors::{OrCode as _, no_slave};
 
 /// Most filters of a configuration, of all channels together.
@@ -67,8 +67,8 @@ pub(crate) struct PortPlain {
     pub(crate) filters: [Option<(u16, u8, AcceptanceFilter)>; IGH_MCAN_MAX_FILTERS],
 }
 
-impl Plain for PortPlain {
-    type Storage = igh_mcan_port_config_t;
+impl Opaque for igh_mcan_port_config_t {
+    type Value = PortPlain;
     const SEAL: u64 = 0x6d63_616e_5f63_6667;
     const INIT: &'static str = "igh_mcan_port_default_config";
 }
@@ -297,8 +297,9 @@ pub unsafe extern "C" fn igh_mcan_port_apply_config(
 ) -> c_int {
     call("igh_mcan_port_apply_config", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (adapter, port) =
-            unsafe { (AdapterPlain::open(call, igh_config)?, PortPlain::read(call, config)?) };
+        let (adapter, port) = unsafe {
+            (Sealed::change(call, "config", igh_config)?, PortPlain::read(call, config)?)
+        };
         let slaves = adapter.slave_count;
         let checked = port.settings(slaves).check(&adapter.to_rust());
         checked.map_err(PortError::from).or_code(call)?;
@@ -320,7 +321,7 @@ pub unsafe extern "C" fn igh_mcan_port_check_config(
     call("igh_mcan_port_check_config", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (adapter, port) =
-            unsafe { (AdapterPlain::read(call, igh_config)?, PortPlain::read(call, config)?) };
+            unsafe { (Sealed::read(call, "config", igh_config)?, PortPlain::read(call, config)?) };
         let checked = port.settings(adapter.slave_count).check(&adapter.to_rust());
         checked.map_err(PortError::from).or_code(call)
     })

@@ -22,7 +22,7 @@ use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Config;
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
-use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
+use crate::adapter::config::ecan_igh_config_t;
 use crate::errors;
 
 /// Bytes of the words of a fault, NUL included.
@@ -84,9 +84,9 @@ unsafe fn take(
 ) -> Result<(), ecan_result_t> {
     let port = PortPlain::of(call, &file.port)?;
     // SAFETY: the caller's promise.
-    let adapter = unsafe { AdapterPlain::open(call, igh_config)? };
+    let adapter = unsafe { Sealed::change(call, "config", igh_config)? };
     // Applied, so that nothing of the file is left out where an application forgets to.
-    let with = AdapterPlain { port: Some(port), ..adapter.with(call, &file.adapter)? };
+    let with = adapter.with(&file.adapter, port);
     // SAFETY: the caller's promise.
     unsafe { Sealed::init(call, "config", config, port)? };
     *adapter = with;
@@ -104,7 +104,7 @@ unsafe fn need_places(
 ) -> Result<(), ecan_result_t> {
     // SAFETY: the caller's promise.
     unsafe {
-        AdapterPlain::read(call, igh_config)?;
+        Sealed::read(call, "config", igh_config)?;
         call.out("config", config)?;
     }
     Ok(())
@@ -345,7 +345,7 @@ mod tests {
                 // SAFETY: both are initialised.
                 let (adapter, port) = unsafe {
                     (
-                        AdapterPlain::read(call, self.adapter.as_ptr())?,
+                        Sealed::read(call, "config", self.adapter.as_ptr())?,
                         PortPlain::read(call, self.port.as_ptr())?,
                     )
                 };
@@ -390,8 +390,11 @@ mod tests {
         assert_eq!(c.parse(EXAMPLE), 0);
         let code = call("look", |call| {
             // SAFETY: as above.
-            let plain = unsafe { AdapterPlain::read(call, c.adapter.as_ptr())? };
-            assert_eq!((plain.ecrt.get(), plain.seed), (Some("sim:echo"), Some(7)));
+            let plain = unsafe { Sealed::read(call, "config", c.adapter.as_ptr())? };
+            assert_eq!(
+                (plain.ecrt.as_ref().and_then(|text| text.get()), plain.seed),
+                (Some("sim:echo"), Some(7))
+            );
             Ok(())
         });
         assert_eq!(code, 0);

@@ -3,12 +3,12 @@
 use std::ffi::c_int;
 
 use ecan_host::Phase;
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::{Call, Sealed, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Port;
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
-use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
+use crate::adapter::config::ecan_igh_config_t;
 use crate::adapter::context::ecan_igh_context_t;
 use crate::bus::{self, Bus};
 use crate::entry::{Context, enter};
@@ -114,7 +114,7 @@ pub unsafe extern "C" fn igh_mcan_port_reconfigure(
         let (mut bus, adapter, config) = unsafe {
             (
                 bus::enter_port(call, port.cast())?,
-                AdapterPlain::read(call, igh_config)?,
+                Sealed::read(call, "config", igh_config)?,
                 PortPlain::read(call, config)?,
             )
         };

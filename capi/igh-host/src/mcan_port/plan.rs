@@ -6,13 +6,13 @@
 use std::ffi::{c_char, c_int};
 
 use ecan_host::Faults;
-use ecan_mcan_host::boundary::{Call, OutArray, call, put_text};
+use ecan_mcan_host::boundary::{Call, OutArray, Sealed, call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::igh_mcan_tx_frame_t;
 use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortPlan};
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
-use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
+use crate::adapter::config::{IghConfig, ecan_igh_config_t};
 
 /// Route of the frames of a plan.
 #[repr(C)]
@@ -78,7 +78,7 @@ impl igh_mcan_frame_stream_t {
 /// Makes the plan and stores its text.
 pub(crate) fn plan(
     call: Call,
-    adapter: &AdapterPlain,
+    adapter: &IghConfig,
     port: &PortPlain,
     traffic: &[FrameStream],
     mut room: OutArray<c_char>,
@@ -117,7 +117,7 @@ pub unsafe extern "C" fn igh_mcan_port_plan(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (adapter, port, streams, room) = unsafe {
             (
-                AdapterPlain::read(call, igh_config)?,
+                Sealed::read(call, "config", igh_config)?,
                 PortPlain::read(call, config)?,
                 call.items("streams", streams, count)?,
                 call.room("text", text, size)?,

@@ -5,10 +5,10 @@ use std::mem::MaybeUninit;
 use super::call::Call;
 use crate::common::result::ecan_result_t;
 
-/// A value without resources that lives in an opaque struct of C, which may copy it.
-pub trait Plain: Sized {
-    /// The struct of C.
-    type Storage;
+/// An opaque struct of C that holds a value without resources and may be copied.
+pub trait Opaque: Sized + 'static {
+    /// Type of the value.
+    type Value: 'static;
     /// Marks an initialised value; uninitialised memory hardly contains it by chance.
     const SEAL: u64;
     /// The function that initialises it.
@@ -18,17 +18,17 @@ pub trait Plain: Sized {
 /// Layout of the value in the struct.
 #[derive(Debug)]
 #[repr(C)]
-pub struct Sealed<T> {
+pub struct Sealed<S: Opaque> {
     seal: u64,
-    value: MaybeUninit<T>,
+    value: MaybeUninit<S::Value>,
 }
 
-impl<T: Plain> Sealed<T> {
+impl<S: Opaque> Sealed<S> {
     /// Evaluated at compile time.
     const FITS: () = assert!(
-        !std::mem::needs_drop::<T>()
-            && size_of::<Self>() <= size_of::<T::Storage>()
-            && align_of::<Self>() <= align_of::<T::Storage>()
+        !std::mem::needs_drop::<S::Value>()
+            && size_of::<Self>() <= size_of::<S>()
+            && align_of::<Self>() <= align_of::<S>()
     );
 
     /// Stores a value; the previous content is ignored.
@@ -41,13 +41,13 @@ impl<T: Plain> Sealed<T> {
     pub unsafe fn init(
         call: Call,
         name: &str,
-        storage: *mut T::Storage,
-        value: T,
+        storage: *mut S,
+        value: S::Value,
     ) -> Result<(), ecan_result_t> {
         const { Self::FITS };
         // SAFETY: the caller's promise; it fits.
         let out = unsafe { call.out(name, storage.cast::<Self>())? };
-        out.set(Self { seal: T::SEAL, value: MaybeUninit::new(value) });
+        out.set(Self { seal: S::SEAL, value: MaybeUninit::new(value) });
         Ok(())
     }
 
@@ -61,8 +61,8 @@ impl<T: Plain> Sealed<T> {
     pub unsafe fn change<'a>(
         call: Call,
         name: &str,
-        storage: *mut T::Storage,
-    ) -> Result<&'a mut T, ecan_result_t> {
+        storage: *mut S,
+    ) -> Result<&'a mut S::Value, ecan_result_t> {
         // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
         let sealed = unsafe {
             Self::read(call, name, storage)?;
@@ -83,13 +83,13 @@ impl<T: Plain> Sealed<T> {
     pub unsafe fn read<'a>(
         call: Call,
         name: &str,
-        storage: *const T::Storage,
-    ) -> Result<&'a T, ecan_result_t> {
+        storage: *const S,
+    ) -> Result<&'a S::Value, ecan_result_t> {
         const { Self::FITS };
         // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
         let sealed = unsafe { call.read(name, storage.cast::<Self>())? };
-        if sealed.seal != T::SEAL {
-            let text = format_args!("`{name}` is not initialised: call {} first", T::INIT);
+        if sealed.seal != S::SEAL {
+            let text = format_args!("`{name}` is not initialised: call {} first", S::INIT);
             return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
         }
         // SAFETY: a value follows the seal.

@@ -10,7 +10,7 @@ use ecan_protocol::mapping::HEADER_BYTES;
 use super::diagnosis::igh_mcan_pdo_parse_diag_t;
 use super::frames::igh_mcan_rx_frame_t;
 use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, OutArray, Plain, Sealed, call};
+use crate::boundary::{Call, Opaque, OutArray, Sealed, call};
 use crate::common::result::ecan_result_t;
 
 /// The header of an image, as transmitted (manual 6), without any check.
@@ -84,8 +84,8 @@ pub struct igh_mcan_pdo_sequence_t {
     pub opaque: [u64; 2],
 }
 
-impl Plain for SequenceTracker {
-    type Storage = igh_mcan_pdo_sequence_t;
+impl Opaque for igh_mcan_pdo_sequence_t {
+    type Value = SequenceTracker;
     const SEAL: u64 = 0x6d63_616e_5f73_6571;
     const INIT: &'static str = "igh_mcan_pdo_sequence_init";
 }

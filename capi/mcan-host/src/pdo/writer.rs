@@ -15,7 +15,7 @@ use ecan_protocol::image::{CommitFields, ImageWriter, Schedule};
 
 use super::frames::{classic_frame_at, fd_frame, igh_mcan_tx_frame_t};
 use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, Plain, Sealed, call, getter_or};
+use crate::boundary::{Call, Opaque, Sealed, call, getter_or};
 use crate::common::result::ecan_result_t;
 
 /// Writes the images of one direction into a buffer of the application. Plain data without
@@ -28,15 +28,17 @@ pub struct igh_mcan_pdo_writer_t {
     pub opaque: [u64; 16],
 }
 
-struct Writer {
+/// Content of an [`igh_mcan_pdo_writer_t`].
+#[derive(Debug)]
+pub struct Writer {
     writer: ImageWriter,
     /// The started image, NULL for none, and its bytes.
     image: *mut u8,
     size: usize,
 }
 
-impl Plain for Writer {
-    type Storage = igh_mcan_pdo_writer_t;
+impl Opaque for igh_mcan_pdo_writer_t {
+    type Value = Writer;
     const SEAL: u64 = 0x6d63_616e_5f77_7274;
     const INIT: &'static str = "igh_mcan_pdo_writer_init";
 }
