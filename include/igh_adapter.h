@@ -19,7 +19,8 @@ extern "C" {
 /* ---------------------------------------------------------------------------
  * Configuration
  *
- * Plain data: it may be copied and needs no end. Nothing touches the bus before ecan_igh_init().
+ * Plain data: it may be copied and needs no deinit. Nothing touches the bus before
+ * ecan_igh_init().
  * --------------------------------------------------------------------------- */
 
 /** Most slaves of a configuration. */
@@ -31,7 +32,7 @@ extern "C" {
 /** Most bytes of the setting `ecrt`, NUL included. */
 #define ECAN_IGH_MAX_SETTING 512
 
-/** What the Adapter is told. About 50 kilobytes. */
+/** Configuration of the Adapter. About 50 kilobytes. */
 typedef struct {
     /** Not for the application. */
     uint64_t opaque[6144];
@@ -39,9 +40,9 @@ typedef struct {
 
 /**
  * Fills a configuration: one slave at position 0, N = 3 (384 bytes), a cycle of 10 ms, no
- * distributed clocks, master 0, the setting `ecrt` left to the environment (manual 15.5.2).
+ * distributed clocks, master 0, the setting `ecrt` of the environment (manual 15.5.2).
  *
- * @param config  Is overwritten, whatever it holds.
+ * @param config  Is overwritten.
  *
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK or ECAN_ERR_NULL.
@@ -58,9 +59,9 @@ int ecan_igh_default_config(ecan_igh_config_t *config);
 int ecan_igh_check_config(const ecan_igh_config_t *config);
 
 /**
- * The setting `ecrt` of a configuration: which EtherCAT master library it asks for.
+ * Gets the setting `ecrt` of a configuration, which selects the EtherCAT master library.
  *
- * @param setting  Buffer; "" where nothing is set and the environment decides.
+ * @param setting  Buffer; "" if nothing is set and the environment decides.
  * @param size     Its bytes; ECAN_IGH_MAX_SETTING are enough.
  *
  * @usage   not rt, any thread, any time
@@ -73,18 +74,18 @@ int ecan_igh_config_get_ecrt(const ecan_igh_config_t *config, char *setting, siz
  * --------------------------------------------------------------------------- */
 
 /**
- * Chooses the EtherCAT master library.
+ * Selects the EtherCAT master library.
  *
- * Without this call the environment variable ECAN_ECRT decides, and without that the installed
- * libethercat.so.1. The SDK never falls back to the simulator by itself.
+ * Without this call the environment variable ECAN_ECRT selects it, and without that variable it is
+ * the installed libethercat.so.1. The SDK never falls back to the simulator automatically.
  *
  * @param setting  "" for libethercat.so.1; the path of a library; "sim" for the built-in
  *                 simulator with the scenario that was suggested; "sim:echo", "sim:drives" or
- *                 "sim:FILE.toml" for a scenario. NULL undoes the choice. Is copied.
+ *                 "sim:FILE.toml" for a scenario. NULL removes the choice. Is copied.
  *
  * @usage   not rt, any thread, before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
- *          Whether there is such a library is told by ecan_igh_init().
+ *          ecan_igh_init() reports a library that cannot be loaded.
  */
 int ecan_igh_config_set_ecrt(ecan_igh_config_t *config, const char *setting);
 
@@ -97,11 +98,10 @@ int ecan_igh_config_set_ecrt(ecan_igh_config_t *config, const char *setting);
 int ecan_igh_config_suggest_scenario(ecan_igh_config_t *config, const char *name);
 
 /**
- * Chooses the clock of a simulated master, unless its scenario does. The real library takes no
- * notice.
+ * Selects the clock of a simulated master, unless its scenario does. A real library ignores it.
  *
- * @param stepped  0: wall-clock time, the default. Else: the time passes only while the program
- *                 waits for the next cycle, as fast as the machine goes; same seed, same result.
+ * @param stepped  0: wall-clock time, the default. Else: time passes only while the program waits
+ *                 for the next cycle, as fast as the machine allows; same seed, same result.
  *
  * @usage   not rt, any thread, before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
@@ -109,7 +109,7 @@ int ecan_igh_config_suggest_scenario(ecan_igh_config_t *config, const char *name
 int ecan_igh_config_set_stepped_clock(ecan_igh_config_t *config, int stepped);
 
 /**
- * Sets the seed of everything random in a simulation, in place of the scenario's.
+ * Sets the seed of a simulation, in place of the scenario's.
  *
  * @usage   not rt, any thread, before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
@@ -117,7 +117,7 @@ int ecan_igh_config_set_stepped_clock(ecan_igh_config_t *config, int stepped);
 int ecan_igh_config_set_seed(ecan_igh_config_t *config, uint64_t seed);
 
 /**
- * Chooses the EtherCAT master.
+ * Selects the EtherCAT master.
  *
  * @param index  0 for /dev/EtherCAT0, the default.
  *
@@ -137,7 +137,7 @@ int ecan_igh_config_set_master_index(ecan_igh_config_t *config, uint32_t index);
 int ecan_igh_config_set_slave_count(ecan_igh_config_t *config, size_t count);
 
 /**
- * Gets the number of slaves, as igh_mcan_port_load_config() found it in a file for example.
+ * Gets the number of slaves, after igh_mcan_port_load_config() for example.
  *
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
@@ -147,7 +147,7 @@ int ecan_igh_config_get_slave_count(const ecan_igh_config_t *config, size_t *cou
 /**
  * Sets the period of the application's cycle.
  *
- * @param cycle_us  Microseconds, 1 to 4294967. A sound one is 100 to 100000, and shorter than the
+ * @param cycle_us  Microseconds, 1 to 4294967. Typical are 100 to 100000; must be shorter than the
  *                  watchdog: ecan_igh_config_set_watchdog_us().
  *
  * @usage   not rt, any thread, before init
@@ -175,7 +175,7 @@ int ecan_igh_config_get_cycle_ns(const ecan_igh_config_t *config, uint32_t *cycl
 int ecan_igh_config_allow_large_pdos(ecan_igh_config_t *config, int allow);
 
 /**
- * Sets how long the slaves may take to answer in PREOP, in milliseconds; 10000 by default.
+ * Sets the time in which the slaves must respond in PREOP, in milliseconds; 10000 by default.
  *
  * @usage   not rt, any thread, before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
@@ -183,11 +183,11 @@ int ecan_igh_config_allow_large_pdos(ecan_igh_config_t *config, int allow);
 int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t timeout_ms);
 
 /**
- * Sets the process data watchdog of the gateways: one that gets no outputs for so long leaves OP
- * for SAFEOP (AL status code 0x001B) and sends no frames of the application any more.
+ * Sets the process data watchdog of the gateways: a gateway that receives no outputs for this time
+ * changes from OP to SAFEOP (AL status code 0x001B) and sends no more frames of the application.
  *
- * @param watchdog_us  A multiple of 100 from 100 to 6553500, 100000 by default. Longer than two
- *                     cycles, or a single lost frame ends operation.
+ * @param watchdog_us  A multiple of 100 from 100 to 6553500, 100000 by default. Must be longer
+ *                     than two cycles, or a single lost frame ends operation.
  *
  * @usage   not rt, any thread, before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others
@@ -199,19 +199,19 @@ int ecan_igh_config_set_watchdog_us(ecan_igh_config_t *config, uint32_t watchdog
  * Configuration of the distributed clocks
  * --------------------------------------------------------------------------- */
 
-/** Which clock the others follow. */
+/** The clock that the others follow. */
 typedef enum {
     /** The host's: the reference clock is corrected to the application's time in each cycle. */
     ECAN_IGH_CLOCK_HOST = 0,
-    /** The reference clock's: a phase-locked loop shifts the points of the host's cycle. */
+    /** The reference clock: a phase-locked loop shifts the deadlines of the host's cycle. */
     ECAN_IGH_CLOCK_REFERENCE = 1,
 } ecan_igh_clock_source_t;
 
 /**
- * Switches distributed clocks with Sync0 on (manual 8.4, 15.6). 15.6.1 lists proven phases.
+ * Enables distributed clocks with Sync0 (manual 8.4, 15.6). 15.6.1 lists proven phases.
  *
- * @param cycle_us  Period of Sync0 in microseconds, a whole multiple of the cycle; 0 switches
- *                  distributed clocks off.
+ * @param cycle_us  Period of Sync0 in microseconds, a whole multiple of the cycle; 0 disables
+ *                  distributed clocks.
  * @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
  *
  * @usage   not rt, any thread, before init
@@ -224,13 +224,13 @@ int ecan_igh_config_set_dc_sync0(ecan_igh_config_t *config, uint32_t cycle_us, u
  * Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
  *          clocks are off.
  */
 int ecan_igh_config_set_dc_assign_activate(ecan_igh_config_t *config, uint16_t word);
 
 /**
- * Chooses which clock the others follow; the host's by default.
+ * Selects the clock that the others follow; the host's by default.
  *
  * @param source  An ecan_igh_clock_source_t.
  *
@@ -241,24 +241,24 @@ int ecan_igh_config_set_dc_assign_activate(ecan_igh_config_t *config, uint16_t w
 int ecan_igh_config_set_dc_source(ecan_igh_config_t *config, int source);
 
 /**
- * Chooses the slave whose clock is the reference; by default the first on the bus that has one.
+ * Selects the slave whose clock is the reference; by default the first on the bus with a clock.
  *
- * @param slave  Slave index; whether there is such a slave is told by ecan_igh_check_config().
+ * @param slave  Slave index; ecan_igh_check_config() checks it.
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
  *          clocks are off.
  */
 int ecan_igh_config_set_dc_reference(ecan_igh_config_t *config, size_t slave);
 
 /**
- * Sets how often the differences between the slaves' clocks are measured; every 100 cycles by
- * default.
+ * Sets the interval at which the differences between the slaves' clocks are measured; 100 cycles
+ * by default.
  *
- * @param every  Cycles from measurement to measurement; 0 is never.
+ * @param every  Cycles from measurement to measurement; 0 for never.
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
  *          clocks are off.
  */
 int ecan_igh_config_set_dc_monitor(ecan_igh_config_t *config, uint32_t every);
@@ -314,11 +314,11 @@ int ecan_igh_config_get_slave_pdo_multipliers(const ecan_igh_config_t *config,
                                               uint32_t *tx_n);
 
 /**
- * Says where a slave is.
+ * Sets the position of a slave.
  *
  * @param alias     Station alias that the position counts from; 0 counts from the start of the
  *                  bus.
- * @param position  Ring position, from 0.
+ * @param position  Position, from 0.
  *
  * @usage   not rt, any thread, before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -329,7 +329,7 @@ int ecan_igh_config_set_slave_position(ecan_igh_config_t *config,
                                        uint16_t position);
 
 /**
- * Gets where a slave is, as ecan_igh_config_set_slave_position() says it.
+ * Gets the position of a slave, as ecan_igh_config_set_slave_position() sets it.
  *
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -340,8 +340,8 @@ int ecan_igh_config_get_slave_position(const ecan_igh_config_t *config,
                                        uint16_t *position);
 
 /**
- * Demands a vendor id and a product code (object 0x1018). Without it the identity of the slave
- * found is taken, and that it is an ECAN-Lite is seen by its contents.
+ * Sets the required vendor ID and product code (object 0x1018). Without it the SDK accepts every
+ * slave whose objects identify it as an ECAN-Lite.
  *
  * @usage   not rt, any thread, before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -352,12 +352,12 @@ int ecan_igh_config_set_slave_identity(ecan_igh_config_t *config,
                                        uint32_t product_code);
 
 /**
- * Adds a startup SDO of the application: it is written after the Port's own, in the order in
- * which they were added, at every (re)configuration of the slave.
+ * Adds a startup SDO of the application: written after the Port's own, in the order of the calls,
+ * at every (re)configuration of the slave.
  *
  * @param index     Object.
  * @param subindex  Subindex.
- * @param data      Value, little endian, as it goes over the bus. Is copied.
+ * @param data      Value, little endian, as on the bus. Is copied.
  * @param size      Its bytes: 1, 2 or 4.
  *
  * @usage   not rt, any thread, before init

@@ -59,34 +59,37 @@ extern "C" {
  * --------------------------------------------------------------------------- */
 
 /**
- * What functions return: 0, or one of these negative codes.
+ * Return value of the functions: 0, or one of these negative codes.
  *
- * ecan_last_error() tells the particulars: which slave, which object, what was expected.
+ * ecan_last_error() gives the details: the slave, the object, the expected value.
  */
 typedef enum {
     /** Done. */
     ECAN_OK = 0,
-    /** A pointer is NULL that must not be. */
+    /** A pointer that must not be NULL is NULL. */
     ECAN_ERR_NULL = -1,
-    /** A value is out of its range. */
+    /** A value is out of range. */
     ECAN_ERR_ARGUMENT = -2,
-    /** The object was not initialised, is deinitialised, or was copied to another place. */
+    /** The object is not initialised, is deinitialised, or was moved or copied. */
     ECAN_ERR_NOT_INITIALISED = -3,
-    /** The call does not fit what was done before: wrong order. */
+    /** The call does not fit the calls before it: wrong order. */
     ECAN_ERR_ORDER = -4,
-    /** Another thread, or a callback's caller, is inside this object. */
+    /** Another thread, or the caller of a callback, uses this object. */
     ECAN_ERR_BUSY = -5,
-    /** The buffer is too small; what was needed is told where there is a place for it. */
+    /**
+     * The buffer is too small; the necessary size is returned if the function has a parameter
+     * for it.
+     */
     ECAN_ERR_BUFFER = -6,
-    /** A table of the configuration is full. */
+    /** A list of the configuration is full. */
     ECAN_ERR_FULL = -7,
     /** The configuration has faults; ecan_last_error() names every one. */
     ECAN_ERR_CONFIG = -8,
-    /** No such slave is configured. */
+    /** The slave is not configured. */
     ECAN_ERR_SLAVE = -9,
     /** The channel does not exist or is not enabled. */
     ECAN_ERR_CHANNEL = -10,
-    /** Not a CAN frame: identifier, length or flags. */
+    /** Not a CAN frame: CAN ID, length or flags. */
     ECAN_ERR_FRAME = -11,
     /** A CAN FD frame for a channel that is configured for classic CAN. */
     ECAN_ERR_NOT_FD = -12,
@@ -98,72 +101,72 @@ typedef enum {
     ECAN_ERR_QUEUE_FULL = -15,
     /** The channel is bus-off. */
     ECAN_ERR_BUS_OFF = -16,
-    /** The gateway is not in service: not in OP, or not verified yet. */
+    /** The gateway is not ready: not in OP, or not verified yet. */
     ECAN_ERR_NOT_READY = -17,
     /** The image was being written while it was read; skip it in this cycle. */
     ECAN_ERR_IMAGE_BUSY = -18,
     /** The image, or the rest of it, cannot be parsed. */
     ECAN_ERR_PARSE = -19,
-    /** The EtherCAT master library could not be had, or its setting is wrong. */
+    /** The EtherCAT master library cannot be loaded, or its setting is wrong. */
     ECAN_ERR_ECRT = -20,
-    /** The EtherCAT master could not be opened, or a call of its library failed. */
+    /** The EtherCAT master cannot be opened, or a call of its library failed. */
     ECAN_ERR_MASTER = -21,
     /** A configured slave is not on the bus. */
     ECAN_ERR_NOT_FOUND = -22,
-    /** The slave is another one than configured, or no ECAN-Lite. */
+    /** The slave is not the configured one, or not an ECAN-Lite. */
     ECAN_ERR_IDENTITY = -23,
-    /** An SDO transfer failed; ecan_last_abort_code() tells why the slave refused. */
+    /** An SDO transfer failed; ecan_last_abort_code() is the slave's reason. */
     ECAN_ERR_SDO = -24,
-    /** An object reads back something else than its configuration demands. */
+    /** The readback of an object differs from its configuration. */
     ECAN_ERR_READBACK = -25,
-    /** What was waited for did not happen in time. */
+    /** A timeout expired. */
     ECAN_ERR_TIMEOUT = -26,
     /** A slave did not reach PREOP or OP. */
     ECAN_ERR_NOT_OPERATIONAL = -27,
-    /** A gateway in OP was not taken into service: what it reads back is not what was configured. */
+    /** The verification of a gateway in OP failed: its readback differs from the configuration. */
     ECAN_ERR_VERIFICATION = -28,
-    /** The master belongs to someone else: the call is its owner's business. */
+    /** The context is attached: only the owner of the master may do this. */
     ECAN_ERR_ATTACHED = -29,
-    /** No such axis. */
+    /** The axis does not exist. */
     ECAN_ERR_AXIS = -30,
-    /** The axis cannot do this now, or not at all. */
+    /** The state or the mode of the axis does not allow this. */
     ECAN_ERR_AXIS_STATE = -31,
-    /** One or more axes are not where they are to be; ecan_last_error() names each. */
+    /** One or more axes did not reach the requested state; ecan_last_error() names each. */
     ECAN_ERR_AXES = -32,
     /** A CANopen transfer or command failed. */
     ECAN_ERR_CANOPEN = -33,
-    /** The application gave up waiting (ecan_igh_stop_waiting_when()). */
+    /** The application cancelled the wait (ecan_igh_stop_waiting_when()). */
     ECAN_ERR_STOPPED = -34,
     /**
-     * The system does not grant what a real-time thread needs; ecan_last_error() says why and what
-     * to do.
+     * The system denied a real-time request; ecan_last_error() gives the reason and what to
+     * do.
      */
     ECAN_ERR_PRIVILEGE = -35,
-    /** A file cannot be read; ecan_last_error() says which and why. */
+    /** A file cannot be read; ecan_last_error() names it, with the reason. */
     ECAN_ERR_FILE = -36,
-    /** A fault of the library itself. Please report it with the text of ecan_last_error(). */
+    /** An internal fault of the library. Please report it with the text of ecan_last_error(). */
     ECAN_ERR_INTERNAL = -99,
 } ecan_result_t;
 
 /**
- * The name of a code, as it is written in this header.
+ * Returns the name of a code, as it is written in this header.
  *
  * @usage   rt, any thread, any time
- * @return  "ECAN_ERR_SDO" for example; "unknown result" for a value that is no code. Static.
+ * @return  "ECAN_ERR_SDO" for example; "unknown result" for a value that is not a code. Static.
  */
 const char *ecan_result_name(int code);
 
 /**
- * What a code means, in a few words.
+ * Returns the meaning of a code, in a few text.
  *
  * @usage   rt, any thread, any time
- * @return  "the EtherCAT master refused" for example. Static.
+ * @return  "an SDO transfer failed" for example. Static.
  */
 const char *ecan_result_text(int code);
 
 /**
- * Whether a frame that was refused with a code may be sent again in a later cycle: no room, the
- * queue full, bus-off, or the gateway not in service.
+ * Returns 1 for a code after which a frame may be sent again in a later cycle: the image or the
+ * queue is full, the channel is bus-off, or the gateway is not ready.
  *
  * @usage   rt, any thread, any time
  * @return  1 or 0.
@@ -171,13 +174,14 @@ const char *ecan_result_text(int code);
 int ecan_result_is_temporary(int code);
 
 /* ---------------------------------------------------------------------------
- * The last error, in words
+ * The last error
  * --------------------------------------------------------------------------- */
 
 /**
- * The last error of this thread in words: which function, which slave, which object, why.
+ * Returns the text of this thread's last error: the function, the slave, the object and the
+ * reason.
  *
- * A successful call leaves it as it is, like errno.
+ * A successful call does not change it, like errno.
  *
  * @usage   rt, any thread, any time
  * @return  The text, in UTF-8; "" before the first error. Valid until the thread's next error, and
@@ -186,7 +190,7 @@ int ecan_result_is_temporary(int code);
 const char *ecan_last_error(void);
 
 /**
- * The code that belongs to ecan_last_error().
+ * Returns the code of ecan_last_error().
  *
  * @usage   rt, any thread, any time
  * @return  A negative ecan_result_t; 0 before the first error.
@@ -194,15 +198,16 @@ const char *ecan_last_error(void);
 int ecan_last_error_code(void);
 
 /**
- * The abort code with which a slave or a CANopen node refused the SDO transfer of the last error.
+ * Returns the abort code with which a slave or a CANopen node aborted the SDO transfer of the last
+ * error.
  *
  * @usage   rt, any thread, any time
- * @return  0x06090030 for example; 0 where the last error was no refused transfer.
+ * @return  0x06090030 for example; 0 if the last error was not an aborted transfer.
  */
 uint32_t ecan_last_abort_code(void);
 
 /**
- * Forgets the last error of this thread.
+ * Clears the last error of this thread.
  *
  * @usage   rt, any thread, any time
  */
@@ -212,7 +217,7 @@ void ecan_clear_last_error(void);
  * Constants
  * --------------------------------------------------------------------------- */
 
-/** First cycle for bring-up, in microseconds (manual 15.5.2). */
+/** Cycle for the first startup, in microseconds (manual 15.5.2). */
 #define ECAN_DEFAULT_CYCLE_US 10000
 
 /** PDO size for classic CAN and CANopen, in chunks of 128 bytes (manual 15.5.2). */
@@ -259,20 +264,20 @@ typedef enum {
  * --------------------------------------------------------------------------- */
 
 /**
- * Version of the library that was linked: major * 10000 + minor * 100 + patch.
+ * Returns the version of the linked library: major * 10000 + minor * 100 + patch.
  *
- * Compare with ECAN_VERSION, the version of the header that was compiled against.
+ * Compare it with ECAN_VERSION, the version of the header.
  *
  * @usage   rt, any thread, any time
- * @return  100 for 0.1.0.
+ * @return  200 for 0.2.0.
  */
 int ecan_version(void);
 
 /**
- * Version of the library that was linked, as text.
+ * Returns the version of the linked library as text.
  *
  * @usage   rt, any thread, any time
- * @return  "0.1.0" for example. Static.
+ * @return  "0.2.0" for example. Static.
  */
 const char *ecan_version_text(void);
 

@@ -24,10 +24,10 @@ extern "C" {
 /** Flag: 29-bit identifier. */
 #define IGH_MCAN_FLAG_EXT 1
 
-/** Flag: remote frame, classic CAN only. Its length is the DLC that it asks for; it has no data. */
+/** Flag: remote frame, classic CAN only. Its length is the requested DLC; it has no data. */
 #define IGH_MCAN_FLAG_RTR 2
 
-/** Flag: CAN FD frame whose data run at the data bit rate. */
+/** Flag: CAN FD frame with bit rate switch. */
 #define IGH_MCAN_FLAG_BRS 4
 
 /** Flag: CAN FD frame with the error state indicator. */
@@ -49,7 +49,7 @@ typedef enum {
 } igh_mcan_hint_t;
 
 /**
- * Where the gateway's CAN controller had stored a received frame (manual 8.1), in
+ * Buffer of the gateway's CAN controller that held a received frame (manual 8.1), in
  * igh_mcan_rx_frame_t.source.
  */
 typedef enum {
@@ -63,15 +63,15 @@ typedef enum {
     IGH_MCAN_SOURCE_HIGH_PRIORITY = 3,
 } igh_mcan_source_t;
 
-/** What igh_mcan_rx_frame_t.kind says. */
+/** Kind of a received item, in igh_mcan_rx_frame_t.kind. */
 typedef enum {
     /** A CAN frame from the bus. */
     IGH_MCAN_RX_FRAME = 0,
-    /** What became of a frame that was sent (manual 10). */
+    /** The result of a transmission (manual 10). */
     IGH_MCAN_RX_TX_RESULT = 1,
 } igh_mcan_rx_kind_t;
 
-/** Form of igh_mcan_rx_frame_t.timestamp (manual 8.4). The manual gives no unit. */
+/** Format of igh_mcan_rx_frame_t.timestamp (manual 8.4). The manual gives no unit. */
 typedef enum {
     /** None: other profiles than 1 and 5. */
     IGH_MCAN_TIMESTAMP_NONE = 0,
@@ -84,11 +84,11 @@ typedef enum {
 } igh_mcan_timestamp_t;
 
 /**
- * What became of a frame that was sent (manual 10), in igh_mcan_rx_frame_t.result. It tells of the
- * way into the CAN controller, not of reception by any node. The device may tell other values.
+ * Result of a transmission (manual 10), in igh_mcan_rx_frame_t.result. It covers the path into the
+ * CAN controller, not the reception by a node. The device may report other values.
  */
 typedef enum {
-    /** Handed to the CAN controller. */
+    /** Passed to the CAN controller. */
     IGH_MCAN_TX_RESULT_OK = 0,
     /** Waits in the gateway's transmit queue. */
     IGH_MCAN_TX_RESULT_QUEUED = 1,
@@ -103,8 +103,8 @@ typedef enum {
 } igh_mcan_tx_result_t;
 
 /**
- * A frame to send, with its destination. Filled by the igh_mcan_tx_frame_set functions, or by
- * hand: set it to zero first.
+ * A frame to send, with its destination. Filled by the igh_mcan_tx_frame_set functions, or by the
+ * application, which sets it to zero first.
  */
 typedef struct {
     /** Slave index. */
@@ -113,19 +113,19 @@ typedef struct {
     uint8_t channel;
     /** IGH_MCAN_FLAG_ values. */
     uint8_t flags;
-    /** Identifier, 11 or 29 bits. */
+    /** CAN ID, 11 or 29 bits. */
     uint32_t can_id;
     /** Data bytes; the DLC of a remote frame. */
     uint8_t len;
     /** An igh_mcan_hint_t. */
     uint8_t hint;
-    /** Other than 0: sent offset_ns into the next Sync0 period (manual 8.4). */
+    /** Not 0: sent offset_ns into the next Sync0 period (manual 8.4). */
     uint8_t scheduled;
     /** Not used. */
     uint8_t reserved;
     /** Phase of Sync0, in nanoseconds. */
     uint32_t offset_ns;
-    /** Mark of the application for a scheduled frame. */
+    /** Tag of the application for a scheduled frame. */
     uint16_t tag;
     /** Not used. */
     uint16_t reserved2;
@@ -133,7 +133,7 @@ typedef struct {
     uint8_t data[64];
 } igh_mcan_tx_frame_t;
 
-/** A received frame, or the outcome of one that was sent. */
+/** A received frame, or the result of a transmission. */
 typedef struct {
     /** Slave index. */
     uint16_t slave;
@@ -141,7 +141,7 @@ typedef struct {
     uint8_t channel;
     /** IGH_MCAN_FLAG_ values. */
     uint8_t flags;
-    /** Identifier, 11 or 29 bits. */
+    /** CAN ID, 11 or 29 bits. */
     uint32_t can_id;
     /** Data bytes; the DLC of a remote frame. */
     uint8_t len;
@@ -149,30 +149,30 @@ typedef struct {
     uint8_t kind;
     /** An igh_mcan_source_t. */
     uint8_t source;
-    /** Form of the timestamp, an igh_mcan_timestamp_t. */
+    /** Format of the timestamp, an igh_mcan_timestamp_t. */
     uint8_t timestamp_format;
     /** TX_RESULT: an igh_mcan_tx_result_t. */
     uint8_t result;
-    /** TX_RESULT: place of the frame among the frames of its image, from 0. */
+    /** TX_RESULT: index of the frame in its image, from 0. */
     uint8_t frame_index;
     /** TX_RESULT: sequence of the image in which the frame was sent. */
     uint16_t sequence;
-    /** TX_RESULT: 1 where this SDK remembers such a send, else 0. */
+    /** TX_RESULT: 1 if this SDK sent such a frame, else 0. */
     uint8_t is_known;
     /** Not used. */
     uint8_t reserved[7];
-    /** When the gateway received the frame. */
+    /** Time at which the gateway received the frame. */
     uint64_t timestamp;
-    /** Data; bytes behind len are 0. */
+    /** Data; bytes after len are 0. */
     uint8_t data[64];
 } igh_mcan_rx_frame_t;
 
 /* ---------------------------------------------------------------------------
- * Making frames to send
+ * Frames to send
  * --------------------------------------------------------------------------- */
 
 /**
- * Makes a classic CAN frame that is sent at once.
+ * Fills a classic CAN frame that is sent at once.
  *
  * @param frame    Is overwritten.
  * @param slave    Slave index.
@@ -180,11 +180,11 @@ typedef struct {
  * @param can_id   11 bits; 29 bits with IGH_MCAN_FLAG_EXT.
  * @param flags    0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_RTR.
  * @param data     Data; may be NULL where len is 0 and for a remote frame.
- * @param len      Bytes, 0 to 8; of a remote frame the DLC that it asks for.
+ * @param len      Bytes, 0 to 8; of a remote frame the requested DLC.
  *
  * @usage   rt, any thread, any time
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL or ECAN_ERR_FRAME; the frame
- *          is only written to with ECAN_OK.
+ *          is written only with ECAN_OK.
  */
 int igh_mcan_tx_frame_set_can(igh_mcan_tx_frame_t *frame,
                               size_t slave,
@@ -195,10 +195,10 @@ int igh_mcan_tx_frame_set_can(igh_mcan_tx_frame_t *frame,
                               size_t len);
 
 /**
- * Makes a CAN FD frame that is sent at once.
+ * Fills a CAN FD frame that is sent at once.
  *
  * @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI; IGH_MCAN_FLAG_FD is
- *               understood.
+ *               accepted.
  * @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
  *
  * @usage   rt, any thread, any time
@@ -213,22 +213,22 @@ int igh_mcan_tx_frame_set_canfd(igh_mcan_tx_frame_t *frame,
                                 size_t len);
 
 /**
- * Makes a frame to send of one that was received, as an echo or a bridge does; slave and channel
- * are those that it came from.
+ * Fills a frame to send from a received one, as an echo or a bridge does, for the slave and
+ * channel that received it.
  *
  * @param frame     Is overwritten.
- * @param received  A frame, no TX_RESULT.
+ * @param received  A frame, not a TX_RESULT.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME for what is no frame.
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME if it is not a frame.
  */
 int igh_mcan_tx_frame_set_received(igh_mcan_tx_frame_t *frame, const igh_mcan_rx_frame_t *received);
 
 /**
- * Has a frame sent at a phase of the next Sync0 period instead of at once (manual 8.4).
+ * Schedules a frame for a phase of the next Sync0 period instead of at once (manual 8.4).
  *
  * @param offset_ns  Phase, in nanoseconds, below the Sync0 period.
- * @param tag        Mark of the application.
+ * @param tag        Tag of the application.
  *
  * @usage   rt, any thread, any time
  * @return  ECAN_OK or ECAN_ERR_NULL.
@@ -236,7 +236,7 @@ int igh_mcan_tx_frame_set_received(igh_mcan_tx_frame_t *frame, const igh_mcan_rx
 int igh_mcan_tx_frame_set_schedule(igh_mcan_tx_frame_t *frame, uint32_t offset_ns, uint16_t tag);
 
 /**
- * Gives the gateway a hint how to send a frame (manual 8.1).
+ * Sets the hint for the gateway's transmit path (manual 8.1).
  *
  * @param hint  An igh_mcan_hint_t.
  *
@@ -249,7 +249,7 @@ int igh_mcan_tx_frame_set_hint(igh_mcan_tx_frame_t *frame, int hint);
  * PDO profiles
  * --------------------------------------------------------------------------- */
 
-/** Option: the gateway reports what became of each frame sent (manual 9.1, 10). TxPDO only. */
+/** Option: the gateway reports the result of each transmission (manual 9.1, 10). TxPDO only. */
 #define IGH_MCAN_OPTION_TX_RESULT 1
 
 /** Option: packets are padded to 4 bytes. */
@@ -258,10 +258,10 @@ int igh_mcan_tx_frame_set_hint(igh_mcan_tx_frame_t *frame, int hint);
 /** Option: no CRC. For performance tests. */
 #define IGH_MCAN_OPTION_NO_CRC16 4
 
-/** Option: the CAN side is cut off. For tests. */
+/** Option: the CAN side is disconnected. For tests. */
 #define IGH_MCAN_OPTION_APP_BYPASS 8
 
-/** Option: bytes behind the payload are left as they were. */
+/** Option: bytes after the payload keep their old content. */
 #define IGH_MCAN_OPTION_PAYLOAD_ONLY 16
 
 /** Direction of an image, as the slave sees it. */
@@ -272,7 +272,7 @@ typedef enum {
     IGH_MCAN_TXPDO = 1,
 } igh_mcan_direction_t;
 
-/** How frames are packed (manual 9). */
+/** Encapsulation profile: the format of the packets (manual 9). */
 typedef enum {
     /** Data length by DLC, no timestamp. The device default. */
     IGH_MCAN_ENCAPSULATION_COMPACT = 0,
@@ -284,13 +284,13 @@ typedef enum {
     IGH_MCAN_ENCAPSULATION_WINDOW64_TIMESTAMPED = 5,
 } igh_mcan_encapsulation_t;
 
-/** How channels share an image (manual 12). */
+/** Budget policy: how channels share an image (manual 12). */
 typedef enum {
     /** A small reserve for each channel, the rest shared. The device default. */
     IGH_MCAN_BUDGET_BALANCED = 0,
     /** No reserve, everything shared. */
     IGH_MCAN_BUDGET_SHARED_ONLY = 1,
-    /** Equal parts for each enabled channel, none borrowed. */
+    /** Equal parts for each enabled channel, without borrowing. */
     IGH_MCAN_BUDGET_DETERMINISTIC = 2,
 } igh_mcan_budget_t;
 
@@ -300,7 +300,7 @@ typedef struct {
     uint8_t direction;
     /** PDO size multiplier N, 1 to 24: the image has 128 times as many bytes. */
     uint8_t multiplier;
-    /** Channels that take part, bit 0 for channel 0. */
+    /** Enabled channels, bit 0 for channel 0. */
     uint8_t channel_mask;
     /** An igh_mcan_encapsulation_t. */
     uint8_t encapsulation;
@@ -313,7 +313,7 @@ typedef struct {
 } igh_mcan_pdo_profile_t;
 
 /**
- * Makes a profile: N chunks of 128 bytes for these channels, everything else at its default.
+ * Fills a profile: N chunks of 128 bytes for these channels, all other fields at their defaults.
  *
  * @param profile       Is overwritten.
  * @param direction     An igh_mcan_direction_t.
@@ -337,23 +337,24 @@ int igh_mcan_pdo_profile_default(igh_mcan_pdo_profile_t *profile,
 int igh_mcan_pdo_profile_check(const igh_mcan_pdo_profile_t *profile);
 
 /**
- * The profile word, as 0x8010:12 and 0x8011:12 read when the profile is active (manual 13.2).
+ * Returns the profile word, as in 0x8010:12 and 0x8011:12 when the profile is active (manual
+ * 13.2).
  *
  * @usage   rt, any thread, any time
- * @return  The word; 0, which no sound profile has, for a faulty profile or NULL.
+ * @return  The word; 0, which no valid profile has, for a faulty profile or NULL.
  */
 uint32_t igh_mcan_pdo_profile_word(const igh_mcan_pdo_profile_t *profile);
 
 /**
- * The layout_id of the image header: the profile word folded to 16 bits (manual 5.4.4.1).
+ * Returns the layout_id of the image header: the profile word folded to 16 bits (manual 5.4.4.1).
  *
  * @usage   rt, any thread, any time
- * @return  The id; 0 for a faulty profile or NULL.
+ * @return  The ID; 0 for a faulty profile or NULL.
  */
 uint16_t igh_mcan_pdo_layout_id(const igh_mcan_pdo_profile_t *profile);
 
 /**
- * Bytes of an image under a profile: 128 * N.
+ * Returns the bytes of an image with a profile: 128 * N.
  *
  * @usage   rt, any thread, any time
  * @return  The bytes; 0 for a faulty profile or NULL.
@@ -372,8 +373,8 @@ size_t igh_mcan_pdo_bytes(const igh_mcan_pdo_profile_t *profile);
 
 /**
  * Writes the images of one direction into a buffer of the application. Plain data without
- * resources: it may be copied and needs no end. One writer serves one buffer; it remembers the
- * sequence number and how far earlier images reached.
+ * resources: it may be copied and needs no deinit. One writer serves one buffer; it stores the
+ * sequence number and the length of earlier images.
  */
 typedef struct {
     /** Not for the application. */
@@ -392,10 +393,10 @@ typedef struct {
 int igh_mcan_pdo_writer_init(igh_mcan_pdo_writer_t *writer, const igh_mcan_pdo_profile_t *profile);
 
 /**
- * Starts an image in a buffer. What was added since the last finish is forgotten.
+ * Starts an image in a buffer. Frames added since the last finish are dropped.
  *
- * @param rxpdo       Buffer of the image, in place in the process data for example. Must stay
- *                    valid until igh_mcan_pdo_writer_finish().
+ * @param rxpdo       Buffer of the image, in the process data for example. Must stay valid until
+ *                    igh_mcan_pdo_writer_finish().
  * @param rxpdo_size  Its bytes, at least those of the profile.
  *
  * @usage   rt, one thread at a time, after init
@@ -404,12 +405,12 @@ int igh_mcan_pdo_writer_init(igh_mcan_pdo_writer_t *writer, const igh_mcan_pdo_p
 int igh_mcan_pdo_writer_begin(igh_mcan_pdo_writer_t *writer, uint8_t *rxpdo, size_t rxpdo_size);
 
 /**
- * Adds a frame to the image; its slave index is not looked at.
+ * Adds a frame to the image; its slave index is ignored.
  *
  * @usage   rt, one thread at a time, after begin
- * @return  ECAN_OK; ECAN_ERR_NO_ROOM where the image is full; ECAN_ERR_CHANNEL where the profile
- *          does not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ORDER. The image is unchanged but for ECAN_OK.
+ * @return  ECAN_OK; ECAN_ERR_NO_ROOM if the image is full; ECAN_ERR_CHANNEL if the profile does
+ *          not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_NULL,
+ *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ORDER. The image changes only with ECAN_OK.
  */
 int igh_mcan_pdo_writer_add(igh_mcan_pdo_writer_t *writer, const igh_mcan_tx_frame_t *frame);
 
@@ -440,9 +441,9 @@ int igh_mcan_pdo_writer_add_canfd(igh_mcan_pdo_writer_t *writer,
                                   size_t len);
 
 /**
- * Makes what was added an image: clears what earlier ones left behind it, computes the CRC, writes
- * the header, and the second sequence number last. Call it in every cycle that has something to
- * send: the device does nothing with an image whose sequence number it has seen.
+ * Finishes the image: clears the rest of earlier images, computes the CRC, writes the header, and
+ * the second sequence number last. Call it in every cycle with frames to send: the device ignores
+ * an image whose sequence number it has received before.
  *
  * @param sequence  Gets the image's sequence number, to which a TX_RESULT refers; may be NULL.
  *
@@ -461,28 +462,28 @@ int igh_mcan_pdo_writer_finish(igh_mcan_pdo_writer_t *writer, uint16_t *sequence
 int igh_mcan_pdo_writer_set_next_sequence(igh_mcan_pdo_writer_t *writer, uint16_t sequence);
 
 /**
- * Bytes left in the image; a packet needs 4 to 78 of them (manual 8.3).
+ * Returns the free bytes of the image; a packet needs 4 to 78 of them (manual 8.3).
  *
  * @usage   rt, one thread at a time, after init
- * @return  The bytes; 0 where there is no writer.
+ * @return  The bytes; 0 if there is no writer.
  */
 size_t igh_mcan_pdo_writer_room(igh_mcan_pdo_writer_t *writer);
 
 /**
- * Frames in the image so far, at most 255.
+ * Returns the number of frames in the image, at most 255.
  *
  * @usage   rt, one thread at a time, after init
- * @return  The number; 0 where there is no writer.
+ * @return  The number; 0 if there is no writer.
  */
 size_t igh_mcan_pdo_writer_frames(igh_mcan_pdo_writer_t *writer);
 
 /* ---------------------------------------------------------------------------
- * What was wrong with an image
+ * Faults of an image
  * --------------------------------------------------------------------------- */
 
 /**
- * Errors of the encapsulation layer, as 0x8010:14 and 0x8011:14 tell them (manual 13.2), and two
- * of an image that was read while it was written.
+ * Errors of the encapsulation layer, as 0x8010:14 and 0x8011:14 report them (manual 13.2), and two
+ * for an image that was read while it was written.
  */
 typedef enum {
     /** No error. */
@@ -524,15 +525,15 @@ typedef enum {
 } igh_mcan_pdo_error_t;
 
 /**
- * What was wrong with an image and where, with the fields that the manual asks for (16.2). Fields
- * that do not apply are 0.
+ * Fault of an image and its location, with the fields that the manual demands (16.2). Fields that
+ * do not apply are 0.
  */
 typedef struct {
-    /** An igh_mcan_pdo_error_t; 0 where nothing was wrong. */
+    /** An igh_mcan_pdo_error_t; 0 for no fault. */
     uint16_t error;
     /** Offset in the image where the faulty packet starts, in bytes; 0 for the header. */
     uint16_t offset;
-    /** Offset behind that packet, padding included, as far as it is known. */
+    /** Offset after that packet, padding included, if it is known. */
     uint16_t packet_end;
     /** Control word of the packet. */
     uint16_t ctrl;
@@ -559,9 +560,9 @@ typedef struct {
 } igh_mcan_pdo_parse_diag_t;
 
 /**
- * Puts a diagnosis into words.
+ * Gets a diagnosis as text.
  *
- * @param text  Buffer; what does not fit is cut. Ends with NUL.
+ * @param text  Buffer; the text ends with NUL and is cut if it does not fit.
  * @param size  Bytes of the buffer, 256 are enough.
  *
  * @usage   not rt, any thread, any time
@@ -573,19 +574,19 @@ int igh_mcan_pdo_diag_text(const igh_mcan_pdo_parse_diag_t *diag, char *text, si
  * Reading images
  * --------------------------------------------------------------------------- */
 
-/** How an image's sequence number follows the one before (manual 6.1). */
+/** Relation of an image's sequence number to the one before (manual 6.1). */
 typedef enum {
-    /** The first image, or one whose number went back, as after a restart of the sender. */
+    /** The first image, or one with a lower number, as after a restart of the sender. */
     IGH_MCAN_PDO_FIRST = 0,
-    /** The number that was due. */
+    /** The expected number. */
     IGH_MCAN_PDO_NEXT = 1,
-    /** The same image again; its packets are known. */
+    /** The same image again; its packets were read already. */
     IGH_MCAN_PDO_REPEATED = 2,
-    /** A new image, with others lost before it. */
+    /** A new image after lost ones. */
     IGH_MCAN_PDO_GAP = 3,
 } igh_mcan_pdo_arrival_t;
 
-/** The header of an image, as transmitted (manual 6). Nothing in it is judged. */
+/** The header of an image, as transmitted (manual 6), without any check. */
 typedef struct {
     /** Header version and length, 0x16. */
     uint8_t ver_ihl;
@@ -593,19 +594,19 @@ typedef struct {
     uint8_t flags;
     /** Sequence number of the image. */
     uint16_t seq_begin;
-    /** The same, written last: an image is whole where both agree. */
+    /** The same, written last: an image is complete if both agree. */
     uint16_t seq_end;
     /** Valid bytes of the frame area. */
     uint16_t payload_len;
     /** CRC over them; 0 without CRC. */
     uint16_t payload_crc16;
-    /** Short identifier of the layout. */
+    /** Short ID of the layout. */
     uint16_t layout_id;
-    /** Channels that take part. */
+    /** Enabled channels. */
     uint8_t channel_mask;
     /** Packets in the frame area. */
     uint8_t frame_count;
-    /** Overflows and truncations of this image, 255 for more. */
+    /** Overflows and truncations of this image, at most 255. */
     uint8_t overflow_sat;
     /** 1 = CRC-16/CCITT-FALSE, 0 = none. */
     uint8_t crc_alg;
@@ -613,7 +614,7 @@ typedef struct {
     uint16_t channel_status[4];
 } igh_mcan_pdo_header_t;
 
-/** Follows the sequence numbers of one direction. Plain data without resources. */
+/** Tracks the sequence numbers of one direction. Plain data without resources. */
 typedef struct {
     /** Not for the application. */
     uint64_t opaque[2];
@@ -632,23 +633,23 @@ typedef struct {
 int igh_mcan_pdo_parse_header(const uint8_t *image, size_t size, igh_mcan_pdo_header_t *header);
 
 /**
- * Judges an image as manual 6.1 asks and takes its frames and transmit results out, with a
- * diagnosis where something is wrong with it (manual 16.2).
+ * Checks an image as manual 6.1 demands and reads its frames and transmit results, with a
+ * diagnosis of a fault (manual 16.2).
  *
- * Stateless: that an image is the one of the cycle before is for igh_mcan_pdo_sequence_observe().
+ * Stateless: igh_mcan_pdo_sequence_observe() detects an image that was read before.
  *
  * @param profile   The profile that is active on the device.
  * @param txpdo     The image.
  * @param size      Its bytes, at least those of the profile.
- * @param frames    Room for the frames; their slave index is 0.
+ * @param frames    Gets the frames; their slave index is 0.
  * @param capacity  Frames that fit; an image holds at most ECAN_PDO_MAX_PACKETS.
- * @param count     Gets the number of frames stored. Those before a fault are stored and valid.
- * @param diag      Gets what was wrong, error 0 for nothing; may be NULL.
+ * @param count     Gets the number of frames stored. Frames before a fault are stored and valid.
+ * @param diag      Gets the fault, error 0 for none; may be NULL.
  *
  * @usage   rt, any thread, any time
  * @return  ECAN_OK; ECAN_ERR_PARSE for a fault of the image; ECAN_ERR_IMAGE_BUSY for one that was
- *          being written; ECAN_ERR_BUFFER where size is too small or more frames are there than
- *          fit; ECAN_ERR_NULL, ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
+ *          being written; ECAN_ERR_BUFFER if size is too small or not all frames fit;
+ *          ECAN_ERR_NULL, ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
  */
 int igh_mcan_pdo_parse_frames_ex(const igh_mcan_pdo_profile_t *profile,
                                  const uint8_t *txpdo,
@@ -672,7 +673,7 @@ int igh_mcan_pdo_parse_frames(const igh_mcan_pdo_profile_t *profile,
                               size_t *count);
 
 /**
- * Begins to follow sequence numbers.
+ * Starts tracking sequence numbers.
  *
  * @param sequence  Is overwritten.
  *
@@ -682,7 +683,7 @@ int igh_mcan_pdo_parse_frames(const igh_mcan_pdo_profile_t *profile,
 int igh_mcan_pdo_sequence_init(igh_mcan_pdo_sequence_t *sequence);
 
 /**
- * Judges the number of an image that was received intact, and remembers it.
+ * Compares the number of an image that was received intact with the last one, and stores it.
  *
  * @param number  seq_begin of the image.
  * @param lost    Gets the number of images lost before this one; may be NULL.
@@ -698,7 +699,7 @@ int igh_mcan_pdo_sequence_observe(igh_mcan_pdo_sequence_t *sequence,
  * Channel status
  * --------------------------------------------------------------------------- */
 
-/** State of a CAN channel (manual 7). The device may tell other values. */
+/** State of a CAN channel (manual 7). The device may report other values. */
 typedef enum {
     /** Not enabled. */
     IGH_MCAN_STATE_DISABLED = 0,
@@ -730,9 +731,9 @@ typedef struct {
     uint8_t rx_pressure;
     /** The transmit queue is filling up. */
     uint8_t tx_pressure;
-    /** There is something to read in the channel's diagnostic object. */
+    /** The channel's diagnostic object has new content. */
     uint8_t detail_pending;
-    /** A counter has reached its end. */
+    /** A counter has reached its maximum. */
     uint8_t counter_saturated;
     /** Received frames that wait, as a coarse figure: 0 to 7. */
     uint8_t rx_pending;
@@ -741,7 +742,7 @@ typedef struct {
 } igh_mcan_channel_status_t;
 
 /**
- * Takes a channel status word apart.
+ * Decodes a channel status word.
  *
  * @param raw     The word of the image header.
  * @param status  Is overwritten.
@@ -756,7 +757,7 @@ int igh_mcan_channel_status_decode(uint16_t raw, igh_mcan_channel_status_t *stat
  * --------------------------------------------------------------------------- */
 
 /**
- * CRC-16/CCITT-FALSE, as of the image's payload (manual 6).
+ * Computes CRC-16/CCITT-FALSE, the checksum of an image's payload (manual 6).
  *
  * @usage   rt, any thread, any time
  * @return  The CRC; 0xFFFF, that of no bytes, for NULL.
@@ -764,19 +765,19 @@ int igh_mcan_channel_status_decode(uint16_t raw, igh_mcan_channel_status_t *stat
 uint16_t igh_mcan_pdo_crc16(const uint8_t *data, size_t len);
 
 /**
- * The DLC of a number of data bytes (manual 8.2).
+ * Returns the DLC of a number of data bytes (manual 8.2).
  *
  * @param is_fd  0 for classic CAN, else CAN FD.
  *
  * @usage   rt, any thread, any time
- * @return  0 to 15; ECAN_ERR_FRAME where no DLC says this length.
+ * @return  0 to 15; ECAN_ERR_FRAME if no DLC stands for this length.
  */
 int igh_mcan_dlc_from_len(size_t len, int is_fd);
 
 /**
- * The number of data bytes that a DLC says (manual 8.2).
+ * Returns the number of data bytes of a DLC (manual 8.2).
  *
- * @param is_fd  0 for classic CAN, where 8 to 15 all say 8 bytes; else CAN FD.
+ * @param is_fd  0 for classic CAN, where 8 to 15 all stand for 8 bytes; else CAN FD.
  *
  * @usage   rt, any thread, any time
  * @return  0 to 64; ECAN_ERR_ARGUMENT above 15.

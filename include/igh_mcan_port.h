@@ -20,23 +20,23 @@ extern "C" {
 /* ---------------------------------------------------------------------------
  * Configuration
  *
- * Plain data: it may be copied and needs no end. igh_mcan_port_apply_config() hands it to the
- * Adapter's configuration, whose startup SDOs it then decides.
+ * Plain data: it may be copied and needs no deinit. igh_mcan_port_apply_config() passes it to the
+ * Adapter's configuration, whose startup SDOs it then determines.
  * --------------------------------------------------------------------------- */
 
 /** Most filters of a configuration, of all channels together. */
 #define IGH_MCAN_MAX_FILTERS 512
 
-/** What the Port is told about the gateways. About 40 kilobytes. */
+/** Configuration of the gateways. About 40 kilobytes. */
 typedef struct {
     /** Not for the application. */
     uint64_t opaque[5120];
 } igh_mcan_port_config_t;
 
 /**
- * Fills a configuration: no channel enabled, encapsulation 0, no options, frames paced.
+ * Fills a configuration: no channel enabled, encapsulation 0, no options, pacing on.
  *
- * @param config  Is overwritten, whatever it holds.
+ * @param config  Is overwritten.
  *
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK or ECAN_ERR_NULL.
@@ -44,12 +44,12 @@ typedef struct {
 int igh_mcan_port_default_config(igh_mcan_port_config_t *config);
 
 /**
- * Hands a configuration to the Adapter's: ecan_igh_init() then writes PDO profiles, channel masks,
- * bit rates, filters and budgets as startup SDOs (manual 15.5.2, step 4). Is copied; call it again
- * after changing something. The gateways of the first slave_count slaves are taken.
+ * Applies a configuration to the Adapter's: ecan_igh_init() then writes PDO profiles, channel
+ * masks, bit rates, filters and budgets as startup SDOs (manual 15.5.2, step 4). Is copied; call
+ * it again after a change. Only the gateways of the first slave_count slaves count.
  *
- * Without this call the gateways keep what they were told last; a Port then verifies that it is
- * what its own configuration says.
+ * Without this call the gateways keep their last configuration; a Port then verifies that it is
+ * the Port's configuration.
  *
  * @usage   not rt, any thread, before ecan_igh_init
  * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error(); ECAN_ERR_NULL,
@@ -72,10 +72,10 @@ int igh_mcan_port_check_config(const ecan_igh_config_t *igh_config,
  * --------------------------------------------------------------------------- */
 
 /**
- * Says which channels of a gateway are enabled, and which of them for CAN FD.
+ * Sets the enabled channels of a gateway, and those of them for CAN FD.
  *
- * A channel that was enabled keeps its settings as far as its kind stays; a new one gets 500
- * kbit/s, with CAN FD and 5 Mbit/s in the data phase.
+ * A channel that was enabled keeps its settings unless it changes between classic CAN and CAN FD;
+ * a new one gets 500 kbit/s, with CAN FD and 5 Mbit/s in the data phase.
  *
  * @param channel_mask  Channels to enable, bit 0 for channel 0.
  * @param canfd_mask    Those of them for CAN FD.
@@ -90,7 +90,7 @@ int igh_mcan_port_set_channel_mask(igh_mcan_port_config_t *config,
                                    uint8_t canfd_mask);
 
 /**
- * Gets which channels of a gateway are enabled, and which of them for CAN FD. Their bit rates are
+ * Gets the enabled channels of a gateway, and those of them for CAN FD. Their bit rates are
  * objects 19 and 20 (igh_mcan_port_get_channel_object()).
  *
  * @param channel_mask  Gets the channels, bit 0 for channel 0.
@@ -105,13 +105,13 @@ int igh_mcan_port_get_channel_mask(const igh_mcan_port_config_t *config,
                                    uint8_t *canfd_mask);
 
 /**
- * Enables a channel for classic CAN, with everything else at its default.
+ * Enables a channel for classic CAN, with all other settings at their defaults.
  *
  * @param bitrate  Bit/s.
  *
  * @usage   not rt, any thread, before apply
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
- *          Whether the bit rate can be had is told by igh_mcan_port_apply_config().
+ *          igh_mcan_port_apply_config() checks the bit rate.
  */
 int igh_mcan_port_set_classic_channel(igh_mcan_port_config_t *config,
                                       size_t slave,
@@ -120,7 +120,7 @@ int igh_mcan_port_set_classic_channel(igh_mcan_port_config_t *config,
 
 /**
  * Enables a channel for CAN FD with bit rate switch and transmitter delay compensation (manual
- * 14.3), with everything else at its default.
+ * 14.3), with all other settings at their defaults.
  *
  * @param nominal  Bit/s of the arbitration phase.
  * @param data     Bit/s of the data phase.
@@ -135,7 +135,7 @@ int igh_mcan_port_set_canfd_channel(igh_mcan_port_config_t *config,
                                     uint32_t data);
 
 /**
- * Sets the windows in which the firmware may choose the sample points; 75 to 87.5 % by default.
+ * Sets the windows from which the firmware selects the sample points; 75 to 87.5 % by default.
  *
  * @param nominal_min, nominal_max  Arbitration phase, in 0.1 %.
  * @param data_min, data_max        Data phase, in 0.1 %.
@@ -152,7 +152,7 @@ int igh_mcan_port_set_sample_points(igh_mcan_port_config_t *config,
                                     uint16_t data_max);
 
 /**
- * Sets the traffic that budgets and Message RAM of a channel are made for (manual 13.2.2); 8 and 8
+ * Sets the traffic for budgets and Message RAM of a channel (manual 13.2.2); 8 and 8
  * by default.
  *
  * @param received  Frames from the bus per cycle; at most 8 are drained.
@@ -168,17 +168,16 @@ int igh_mcan_port_set_traffic(igh_mcan_port_config_t *config,
                               uint8_t sent);
 
 /**
- * Sets any configuration object of a channel, 0x8001..0x8004, by the manual's (decimal) subindex:
+ * Sets a configuration object of a channel, 0x8001..0x8004, by the manual's (decimal) subindex:
  * bit timing mode (7), node mode (8), manual timing (25 to 32), delay compensation (16, 33, 34),
- * Message RAM, timestamps and all others of manual 13.4. Filters have functions of their own.
+ * Message RAM, timestamps and all others of manual 13.4. Filters have their own functions.
  *
  * @param subindex  7 and up.
- * @param value     As it would be written by SDO.
+ * @param value     As for an SDO download.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK; ECAN_ERR_ARGUMENT for a subindex that is no configuration or a value that it
- *          does not have; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE,
- *          ECAN_ERR_CHANNEL.
+ * @return  ECAN_OK; ECAN_ERR_ARGUMENT for a subindex without configuration or an invalid value;
+ *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
  */
 int igh_mcan_port_set_channel_object(igh_mcan_port_config_t *config,
                                      size_t slave,
@@ -199,11 +198,11 @@ int igh_mcan_port_get_channel_object(const igh_mcan_port_config_t *config,
                                      uint32_t *value);
 
 /**
- * Sets any policy object of a channel's data path, 0x8021..0x8024, by the manual's (decimal)
+ * Sets a policy object of a channel's data path, 0x8021..0x8024, by the manual's (decimal)
  * subindex (13.2.2): budgets, caches, overflow and critical-frame policies, bus-off recovery.
  *
  * @param subindex  1, 4 to 19.
- * @param value     As it would be written by SDO.
+ * @param value     As for an SDO download.
  *
  * @usage   not rt, any thread, before apply
  * @return  As igh_mcan_port_set_channel_object().
@@ -230,46 +229,46 @@ int igh_mcan_port_get_data_path_object(const igh_mcan_port_config_t *config,
  * Acceptance filters (manual 13.4)
  * --------------------------------------------------------------------------- */
 
-/** Which identifiers a filter matches. */
+/** Match rule of a filter. */
 typedef enum {
-    /** From id1 to id2, both included; extended ones after the channel's global mask. */
+    /** From id1 to id2, both included; extended CAN IDs after the channel's global mask. */
     IGH_MCAN_MATCH_RANGE = 0,
     /** id1 and id2. */
     IGH_MCAN_MATCH_TWO = 1,
-    /** Those that equal id1 in the bits set in id2. */
+    /** CAN IDs that equal id1 in the bits set in id2. */
     IGH_MCAN_MATCH_MASKED = 2,
-    /** Extended filters: from id1 to id2 without the global mask. Standard filters: none. */
+    /** Extended filters: from id1 to id2 without the global mask. Standard filters: no CAN ID. */
     IGH_MCAN_MATCH_RANGE_UNMASKED = 3,
 } igh_mcan_match_t;
 
-/** What happens to a frame that a filter matches. */
+/** Action for a frame that a filter matches. */
 typedef enum {
-    /** The filter is out of use. */
+    /** The filter is disabled. */
     IGH_MCAN_FILTER_DISABLED = 0,
     /** Into RX FIFO 0. */
     IGH_MCAN_FILTER_FIFO0 = 1,
     /** Into RX FIFO 1. */
     IGH_MCAN_FILTER_FIFO1 = 2,
-    /** Refused. */
+    /** Rejected. */
     IGH_MCAN_FILTER_REJECT = 3,
-    /** Marked as a priority message; it goes where later filters say. */
+    /** Marked as a priority message; later filters select the buffer. */
     IGH_MCAN_FILTER_PRIORITY = 4,
     /** Marked as a priority message, into RX FIFO 0. */
     IGH_MCAN_FILTER_PRIORITY_FIFO0 = 5,
     /** Marked as a priority message, into RX FIFO 1. */
     IGH_MCAN_FILTER_PRIORITY_FIFO1 = 6,
-    /** Into the receive buffer whose number is id2; the filter means the one identifier id1. */
+    /** Into the receive buffer with number id2; the filter matches only id1. */
     IGH_MCAN_FILTER_BUFFER = 7,
 } igh_mcan_filter_action_t;
 
 /**
- * Adds a filter for 11-bit identifiers behind those that the channel has; at most 64.
+ * Adds a filter for 11-bit CAN IDs after the existing ones of the channel; at most 64.
  *
- * What no filter matches is accepted or refused by 0x8001:36 (igh_mcan_port_set_channel_object()).
+ * 0x8001:36 accepts or rejects frames that no filter matches (igh_mcan_port_set_channel_object()).
  *
  * @param matching  An igh_mcan_match_t.
  * @param action    An igh_mcan_filter_action_t.
- * @param id1, id2  Identifiers, or identifier and mask.
+ * @param id1, id2  CAN IDs, or CAN ID and mask.
  *
  * @usage   not rt, any thread, before apply
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL,
@@ -284,7 +283,7 @@ int igh_mcan_port_add_standard_filter(igh_mcan_port_config_t *config,
                                       uint16_t id2);
 
 /**
- * Adds a filter for 29-bit identifiers; as igh_mcan_port_add_standard_filter(), at most 24.
+ * Adds a filter for 29-bit CAN IDs; as igh_mcan_port_add_standard_filter(), at most 24.
  *
  * @usage   not rt, any thread, before apply
  * @return  As there.
@@ -310,7 +309,7 @@ int igh_mcan_port_clear_filters(igh_mcan_port_config_t *config, size_t slave, ui
  * --------------------------------------------------------------------------- */
 
 /**
- * Sets how frames are packed: 0x8010:05 and 0x8011:05 (manual 9); 0 by default.
+ * Sets the encapsulation profiles: 0x8010:05 and 0x8011:05 (manual 9); 0 by default.
  *
  * @param tx_encapsulation  Of the TxPDO, slave to master: an igh_mcan_encapsulation_t. 1 and 5
  *                          bring timestamps.
@@ -325,7 +324,8 @@ int igh_mcan_port_set_encapsulation(igh_mcan_port_config_t *config,
                                     int rx_encapsulation);
 
 /**
- * Sets how channels share the images: 0x8010:06 and 0x8011:06 (manual 12); balanced by default.
+ * Sets the budget policies of the images: 0x8010:06 and 0x8011:06 (manual 12); balanced by
+ * default.
  *
  * @param tx_budget, rx_budget  An igh_mcan_budget_t each.
  *
@@ -340,8 +340,8 @@ int igh_mcan_port_set_budget(igh_mcan_port_config_t *config,
 /**
  * Sets the options of the images: 0x8010:07 and 0x8011:07 (manual 9.1); none by default.
  *
- * @param tx_options  IGH_MCAN_OPTION_ values; with _TX_RESULT every frame sent is reported on.
- * @param rx_options  IGH_MCAN_OPTION_ values but for _TX_RESULT.
+ * @param tx_options  IGH_MCAN_OPTION_ values; _TX_RESULT reports the result of every transmission.
+ * @param rx_options  IGH_MCAN_OPTION_ values except _TX_RESULT.
  *
  * @usage   not rt, any thread, before apply
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
@@ -352,8 +352,8 @@ int igh_mcan_port_set_options(igh_mcan_port_config_t *config,
                               uint8_t rx_options);
 
 /**
- * Says whether frames are refused that would overrun the gateway's transmit queue or meet a
- * channel that is bus-off; they are, by default. Otherwise the queue drops what it cannot hold.
+ * Enables pacing, which is on by default: frames that would overflow the gateway's transmit queue,
+ * or for a channel that is bus-off, are rejected. Without pacing the queue drops them.
  *
  * @usage   not rt, any thread, before apply
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -361,11 +361,12 @@ int igh_mcan_port_set_options(igh_mcan_port_config_t *config,
 int igh_mcan_port_set_paced(igh_mcan_port_config_t *config, size_t slave, int paced);
 
 /**
- * Sets when a gateway in service counts as lost: nothing is sent then until it has been verified
- * again.
+ * Sets the limits after which a gateway that was ready counts as lost: nothing is sent until it is
+ * verified again.
  *
- * @param hold_limit   Images in a row that may miss it; 10 by default.
- * @param input_limit  Cycles in a row without a new TxPDO image; 100 by default, 0 for no limit.
+ * @param hold_limit   Consecutive images without confirmed delivery; 10 by default.
+ * @param input_limit  Consecutive cycles without a new TxPDO image; 100 by default, 0 for no
+ *                     limit.
  *
  * @usage   not rt, any thread, before apply
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -376,8 +377,8 @@ int igh_mcan_port_set_limits(igh_mcan_port_config_t *config,
                              uint16_t input_limit);
 
 /**
- * Permits the application bypass and the tests of 0x8030, which cut the CAN side off; a Port that
- * finds them active refuses to start otherwise.
+ * Allows the application bypass and the tests of 0x8030, which disconnect the CAN side; otherwise
+ * a Port that finds them active does not start.
  *
  * @usage   not rt, any thread, before apply
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -475,30 +476,30 @@ int igh_mcan_port_parse_config(ecan_igh_config_t *igh_config,
 /* ---------------------------------------------------------------------------
  * Preflight plan
  *
- * What configurations cost on wire, CAN buses, images and mailboxes, and what speaks against them,
+ * Load of configurations on wire, CAN buses, images and mailboxes, with warnings and errors,
  * before anything touches a bus.
  * --------------------------------------------------------------------------- */
 
-/** Where frames of a plan go. */
+/** Route of the frames of a plan. */
 typedef enum {
     /** From the host through the gateway to the bus. */
     IGH_MCAN_ROUTE_TO_BUS = 0,
     /** From the bus through the gateway to the host. */
     IGH_MCAN_ROUTE_FROM_BUS = 1,
-    /** Between other nodes: it only takes bus time. */
+    /** Between other nodes: only bus time counts. */
     IGH_MCAN_ROUTE_ON_BUS_ONLY = 2,
 } igh_mcan_frame_route_t;
 
 /** Frames of one kind on one channel, for a plan. */
 typedef struct {
     /**
-     * One of them, made by igh_mcan_tx_frame_set_can() and the like; slave, channel, kind of
-     * identifier, flags, length and schedule count.
+     * One of them, filled by igh_mcan_tx_frame_set_can() or a similar function; slave, channel,
+     * kind of CAN ID, flags, length and schedule are relevant.
      */
     igh_mcan_tx_frame_t frame;
-    /** So many frames ... */
+    /** Number of frames ... */
     uint32_t frames;
-    /** ... in so many cycles; 0 counts as 1. More than one frame needs 1. */
+    /** ... in this number of cycles; 0 counts as 1. More than one frame needs 1. */
     uint32_t cycles;
     /** An igh_mcan_frame_route_t. */
     uint8_t way;
@@ -507,16 +508,16 @@ typedef struct {
 } igh_mcan_frame_stream_t;
 
 /**
- * Plans configurations for a traffic.
+ * Plans configurations for a given traffic.
  *
- * @param streams  The frames; may be NULL where count is 0.
- * @param text     Gets the plan as a table with its warnings; cut where it does not fit. 4096
+ * @param streams  The frames; may be NULL if count is 0.
+ * @param text     Gets the plan as a table with its warnings; cut if it does not fit. 4096
  *                 bytes are enough for a few gateways.
- * @param size     Bytes of the text, NUL included; 0 asks for none.
+ * @param size     Bytes of the text, NUL included; 0 for no text.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG where something would not work, with
- *          everything in ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream;
+ * @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of
+ *          them in ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream;
  *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
  */
 int igh_mcan_port_plan(const ecan_igh_config_t *igh_config,
@@ -531,8 +532,8 @@ int igh_mcan_port_plan(const ecan_igh_config_t *igh_config,
  * --------------------------------------------------------------------------- */
 
 /**
- * CAN and CAN FD through the gateways of one master. Belongs to the thread of the cycle and stays
- * where it is: a copy names nothing. Ends with its ecan_igh_context_t at the latest.
+ * CAN and CAN FD through the gateways of one master. Belongs to the thread of the cycle; do not
+ * move or copy it. Ends with its ecan_igh_context_t at the latest.
  */
 typedef struct {
     /** Not for the application. */
@@ -540,41 +541,40 @@ typedef struct {
 } igh_mcan_port_t;
 
 /**
- * Puts a Port on a master that is not active yet. ecan_igh_wait_op_timeout() then brings the
- * gateways into service.
+ * Opens a Port on a master that is not active yet. ecan_igh_wait_op_timeout() then waits until the
+ * gateways are ready.
  *
- * @param port    Whatever it holds; the manual's fragments leave it uninitialised.
- * @param igh     The master. Must stay where it is as long as the Port is used.
- * @param config  The one that was given to igh_mcan_port_apply_config(). Is copied.
+ * @param port    Any content; the manual's fragments leave it uninitialised.
+ * @param igh     The master. Must not move while the Port is used.
+ * @param config  The configuration that was applied with igh_mcan_port_apply_config(). Is copied.
  *
  * @usage   not rt, the cycle's thread, after ecan_igh_init and before the bus is active
  * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault, or for another configuration than the one
- *          that was applied; ECAN_ERR_ORDER where there is a Port already or the bus is active;
+ *          that was applied; ECAN_ERR_ORDER if there is a Port already or the bus is active;
  *          ECAN_ERR_SDO, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY. The master stays as it is after an error.
+ *          ECAN_ERR_BUSY. An error does not change the master.
  */
 int igh_mcan_port_init(igh_mcan_port_t *port,
                        ecan_igh_context_t *igh,
                        const igh_mcan_port_config_t *config);
 
 /**
- * Takes the gateways out of service and configures them anew: the way to switch N or channels at
- * run time (manual 14.2). Then wait for OP again. Frames not delivered are lost, statistics start
- * anew, axes on it end.
+ * Configures the gateways again, to change N or channels at run time (manual 14.2). Then wait for
+ * OP again. Frames that were not delivered are lost, statistics restart, axes on the Port end.
  *
  * @param igh_config  Of the Adapter; the Port's part of it is `config`.
  * @param config      Of the gateways.
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  As ecan_igh_init(); a faulty configuration changes nothing. After any other error
- *          another reconfigure may be tried. ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
+ *          reconfigure again. ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
  */
 int igh_mcan_port_reconfigure(igh_mcan_port_t *port,
                               const ecan_igh_config_t *igh_config,
                               const igh_mcan_port_config_t *config);
 
 /**
- * Whether every gateway is in service: in OP and verified.
+ * Returns 1 if every gateway is ready: in OP and verified.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
@@ -582,10 +582,10 @@ int igh_mcan_port_reconfigure(igh_mcan_port_t *port,
 int igh_mcan_port_is_ready(igh_mcan_port_t *port);
 
 /**
- * Takes the Port off the master, which stays active. Axes on it end.
+ * Closes the Port; the master stays active. Axes on the Port end.
  *
  * @usage   not rt, the cycle's thread, any time
- * @return  ECAN_OK, also for a Port that ended already or never was; ECAN_ERR_NULL,
+ * @return  ECAN_OK, also for a Port that is closed already or was never opened; ECAN_ERR_NULL,
  *          ECAN_ERR_BUSY.
  */
 int igh_mcan_port_deinit(igh_mcan_port_t *port);
@@ -601,7 +601,7 @@ int igh_mcan_port_deinit(igh_mcan_port_t *port);
  * --------------------------------------------------------------------------- */
 
 /**
- * Sleeps until the next cycle is due; as ecan_igh_wait_next_cycle().
+ * Sleeps until the next deadline; as ecan_igh_wait_next_cycle().
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -609,36 +609,36 @@ int igh_mcan_port_deinit(igh_mcan_port_t *port);
 int igh_mcan_port_wait_next_cycle(igh_mcan_port_t *port);
 
 /**
- * First in the cycle: fetches the images, judges them, and goes on with bringing gateways into
- * service. What the last cycle brought and was not received is gone. Does nothing while a cycle
- * is open already. Keep the words of an error if they matter: a frame that is refused later in the
- * cycle has others.
+ * Receives and checks the images, and continues the verification of gateways. First in the cycle.
+ * Items of the last cycle that were not received are dropped. Does nothing while a cycle is open.
+ * Copy the text of an error if you need it: a frame that is rejected later in the cycle replaces
+ * it.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed: the cycle is open all the
- *          same, call igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER where the bus is not
- *          active; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: the cycle is open, call
+ *          igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER if the bus is not active;
+ *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_mcan_port_cycle_begin(igh_mcan_port_t *port);
 
 /**
- * Last in the cycle: publishes the images, or held ones once more, and sends.
+ * Publishes the images, or repeats unconfirmed ones, and sends. Last in the cycle.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed, and the cycle may go on
- *          with the next call; ECAN_ERR_ORDER where the bus is not active; ECAN_ERR_NULL,
+ * @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: continue with the next cycle;
+ *          ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_NULL,
  *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_mcan_port_cycle_end(igh_mcan_port_t *port);
 
 /**
- * Takes what came back: frames of the buses, and the outcome of frames sent where the option
- * TX_RESULT is set (kind). In the order of the images and of the slaves. What does not fit stays
- * for another call in the same cycle.
+ * Receives items: frames of the buses and, with the option TX_RESULT, results of transmissions
+ * (kind), in the order of the images and of the slaves. Items that do not fit remain for another
+ * call in the same cycle.
  *
- * @param rx        Room for frames.
- * @param capacity  Frames that fit.
- * @param rx_count  Gets the number of frames taken.
+ * @param rx        Gets the items.
+ * @param capacity  Items that fit.
+ * @param rx_count  Gets the number of items.
  *
  * @usage   rt, the cycle's thread, in an open cycle
  * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
@@ -652,17 +652,17 @@ int igh_mcan_port_receive(igh_mcan_port_t *port,
 /* ---------------------------------------------------------------------------
  * Sending
  *
- * A packet is written once, straight into the process image. A frame that is not taken leaves no
- * trace; for some codes it may be sent again in a later cycle (ecan_result_is_temporary()).
+ * A packet is written once, directly into the PDO image. A rejected frame has no effect; after
+ * some codes it may be sent again in a later cycle (ecan_result_is_temporary()).
  * --------------------------------------------------------------------------- */
 
-/** Where a frame went; igh_mcan_rx_frame_t of kind IGH_MCAN_RX_TX_RESULT names the same. */
+/** Image and index of a sent frame, as in an igh_mcan_rx_frame_t of kind IGH_MCAN_RX_TX_RESULT. */
 typedef struct {
     /** Slave index. */
     uint16_t slave;
     /** Sequence of the image. */
     uint16_t sequence;
-    /** Place of the frame among the frames of the image, from 0. */
+    /** Index of the frame in the image, from 0. */
     uint8_t frame_index;
     /** Not used. */
     uint8_t reserved[3];
@@ -675,13 +675,13 @@ typedef struct {
  * @param channel  Channel of the gateway, 0 to 3.
  * @param can_id   11 bits; 29 bits with IGH_MCAN_FLAG_EXT.
  * @param flags    0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_RTR.
- * @param data     Data; may be NULL where len is 0 and for a remote frame.
- * @param len      Bytes, 0 to 8; of a remote frame the DLC that it asks for.
+ * @param data     Data; may be NULL if len is 0 and for a remote frame.
+ * @param len      Bytes, 0 to 8; of a remote frame the requested DLC.
  *
  * @usage   rt, the cycle's thread, in an open cycle
  * @return  ECAN_OK; ECAN_ERR_NO_ROOM, ECAN_ERR_QUEUE_FULL, ECAN_ERR_BUS_OFF, ECAN_ERR_NOT_READY:
- *          not now; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER where no
- *          cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ *          temporary; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER if no cycle
+ *          is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_mcan_port_send_can(igh_mcan_port_t *port,
                            size_t slave,
@@ -695,7 +695,7 @@ int igh_mcan_port_send_can(igh_mcan_port_t *port,
  * Sends a CAN FD frame.
  *
  * @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI; IGH_MCAN_FLAG_FD is
- *               understood.
+ *               accepted.
  * @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
  *
  * @usage   rt, the cycle's thread, in an open cycle
@@ -711,13 +711,13 @@ int igh_mcan_port_send_canfd(igh_mcan_port_t *port,
 
 /**
  * Sends a classic CAN frame at a phase of the next Sync0 period (manual 8.4, 13.8). Needs
- * distributed clocks. A frame that reaches the gateway behind its phase is dropped there.
+ * distributed clocks. The gateway drops a frame that arrives after its phase.
  *
  * @param offset_ns  Phase, in nanoseconds, below the Sync0 period.
- * @param tag        Mark of the application.
+ * @param tag        Tag of the application.
  *
  * @usage   rt, the cycle's thread, in an open cycle
- * @return  As igh_mcan_port_send_can(); ECAN_ERR_SCHEDULE where it cannot be scheduled.
+ * @return  As igh_mcan_port_send_can(); ECAN_ERR_SCHEDULE if it cannot be scheduled.
  */
 int igh_mcan_port_schedule_can(igh_mcan_port_t *port,
                                size_t slave,
@@ -733,7 +733,7 @@ int igh_mcan_port_schedule_can(igh_mcan_port_t *port,
  * Sends a CAN FD frame at a phase of the next Sync0 period; as igh_mcan_port_schedule_can().
  *
  * @usage   rt, the cycle's thread, in an open cycle
- * @return  As igh_mcan_port_send_canfd(); ECAN_ERR_SCHEDULE where it cannot be scheduled.
+ * @return  As igh_mcan_port_send_canfd(); ECAN_ERR_SCHEDULE if it cannot be scheduled.
  */
 int igh_mcan_port_schedule_canfd(igh_mcan_port_t *port,
                                  size_t slave,
@@ -746,7 +746,7 @@ int igh_mcan_port_schedule_canfd(igh_mcan_port_t *port,
                                  uint16_t tag);
 
 /**
- * Sends a frame that was made by igh_mcan_tx_frame_set_can() and the like.
+ * Sends a frame that igh_mcan_tx_frame_set_can() or a similar function filled.
  *
  * @usage   rt, the cycle's thread, in an open cycle
  * @return  As the functions above; ECAN_ERR_ARGUMENT for an unknown hint.
@@ -754,13 +754,13 @@ int igh_mcan_port_schedule_canfd(igh_mcan_port_t *port,
 int igh_mcan_port_send(igh_mcan_port_t *port, const igh_mcan_tx_frame_t *frame);
 
 /**
- * Sends frames in order and stops at the first that is not taken, so that the order holds when the
- * rest is sent in a later cycle.
+ * Sends frames in order and stops at the first rejected one, so that the order is kept if the rest
+ * is sent in a later cycle.
  *
- * @param sent  Gets the number of frames taken, from the front.
+ * @param sent  Gets the number of sent frames, from the first one.
  *
  * @usage   rt, the cycle's thread, in an open cycle
- * @return  ECAN_OK where all were taken; otherwise why the next one was not, as
+ * @return  ECAN_OK if all were sent; otherwise the code of the rejected one, as
  *          igh_mcan_port_send().
  */
 int igh_mcan_port_send_batch(igh_mcan_port_t *port,
@@ -769,16 +769,15 @@ int igh_mcan_port_send_batch(igh_mcan_port_t *port,
                              size_t *sent);
 
 /**
- * One whole cycle, for bring-up and test scripts: begin, receive, send, end. Keeping the period is
- * up to the caller.
+ * Runs one whole cycle, for test scripts: begin, receive, send, end. The caller keeps the period.
  *
- * @param tx        Frames to send; may be NULL where tx_count is 0.
- * @param rx        Room for what came back.
- * @param rx_count  Gets the number of frames taken.
+ * @param tx        Frames to send; may be NULL if tx_count is 0.
+ * @param rx        Gets the received items.
+ * @param rx_count  Gets the number of received items.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK where all frames were taken; otherwise the first thing that went wrong, as the
- *          functions that it stands for. The cycle is whole in any case.
+ * @return  ECAN_OK if all frames were sent; otherwise the first error, as the functions that it
+ *          stands for. The cycle is complete in any case.
  */
 int igh_mcan_port_exchange(igh_mcan_port_t *port,
                            const igh_mcan_tx_frame_t *tx,
@@ -788,28 +787,29 @@ int igh_mcan_port_exchange(igh_mcan_port_t *port,
                            size_t *rx_count);
 
 /**
- * Where the frame went that was sent last. Ask behind the send whose TX_RESULT is of interest.
+ * Gets image and index of the frame that was sent last. Call it after the send whose TX_RESULT you
+ * need.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_ORDER where nothing was sent yet; ECAN_ERR_NULL,
+ * @return  ECAN_OK; ECAN_ERR_ORDER if nothing was sent yet; ECAN_ERR_NULL,
  *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_mcan_port_get_last_ticket(igh_mcan_port_t *port, igh_mcan_ticket_t *ticket);
 
 /**
- * Bytes left in the image of this cycle; a packet needs 4 to 78 of them (manual 8.3).
+ * Returns the free bytes in the image of this cycle; a packet needs 4 to 78 of them (manual 8.3).
  *
  * @usage   rt, the cycle's thread, after init
- * @return  The bytes; 0 where there is no such gateway.
+ * @return  The bytes; 0 if the slave is not configured.
  */
 size_t igh_mcan_port_image_room(igh_mcan_port_t *port, size_t slave);
 
 /**
- * Gives up every frame that is not known to have reached the gateway. Frames of an image that is
- * held may have been executed all the same.
+ * Discards every frame whose delivery to the gateway is not confirmed. The gateway may still have
+ * executed frames of an unconfirmed image.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  The number of frames given up, 0 or more; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+ * @return  The number of discarded frames, 0 or more; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
  *          ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_discard_pending(igh_mcan_port_t *port, size_t slave);
@@ -817,47 +817,44 @@ int igh_mcan_port_discard_pending(igh_mcan_port_t *port, size_t slave);
 /* ---------------------------------------------------------------------------
  * Scheduled transmission
  *
- * Frames sent at a phase of Sync0 (manual 8.4, 13.8, 13.9): the time that they have to get there,
- * and what became of them, as far as the gateway tells. igh_mcan_port_schedule_can() and its like
+ * Frames sent at a phase of Sync0 (manual 8.4, 13.8, 13.9): the margin of their transport and
+ * their results, as the gateway reports them. igh_mcan_port_schedule_can() and similar functions
  * send them.
  * --------------------------------------------------------------------------- */
 
-/** Flag of 0xB000:06: a scheduled frame was dropped since its phase had passed. */
+/** Flag of 0xB000:06: a scheduled frame was dropped because its phase had passed. */
 #define IGH_MCAN_SCHEDULE_LATE_DROP 64
 
 /** Flag of 0xB000:06: a scheduled frame found the queue full. */
 #define IGH_MCAN_SCHEDULE_QUEUE_FULL 128
 
-/** Flag of 0xB000:06: a scheduled frame was refused by the CAN controller at its phase. */
+/** Flag of 0xB000:06: the CAN controller rejected a scheduled frame at its phase. */
 #define IGH_MCAN_SCHEDULE_TX_FAIL 256
 
 /** Flag of 0xB000:06: the timer missed a phase. */
 #define IGH_MCAN_SCHEDULE_TIMER_MISS 512
 
 /**
- * The times that the margin of a schedule is reckoned with, and what is done without margin.
- * The manual gives no times; docs/ASSUMPTIONS.md says where the defaults come from.
+ * Times for the margin of a schedule, and the reaction to a missing margin. The manual gives
+ * no times; docs/ASSUMPTIONS.md gives the source of the defaults.
  */
 typedef struct {
-    /** Latest time behind the point of the grid at which the cycle is sent, in nanoseconds. */
+    /** Latest time after the deadline at which the cycle is sent, in nanoseconds. */
     uint32_t latest_send_ns;
-    /**
-     * Way of an image through host and network card, in nanoseconds, beside its time on the
-     * wire.
-     */
+    /** Time of an image in host and network card, in nanoseconds, without its time on the wire. */
     uint32_t transport_ns;
-    /** What the firmware needs until a frame waits for its phase, in nanoseconds. */
+    /** Time of the firmware until a frame waits for its phase, in nanoseconds. */
     uint32_t processing_ns;
     /**
-     * Interval at which the gateway's diagnostics are read once a frame was scheduled, in
+     * Interval at which the gateway's diagnostics are read after the first scheduled frame, in
      * milliseconds; 0 never reads them.
      */
     uint32_t watch_ms;
-    /** 1 refuses frames without margin; 0 sends and counts them. */
+    /** 1 rejects frames without margin; 0 sends and counts them. */
     uint8_t refuse_without_margin;
     /**
-     * 1 gives up an image of scheduled frames only that may not have arrived, since published
-     * again they could leave a period late.
+     * 1 discards an unconfirmed image that contains only scheduled frames: repeated, they
+     * could be sent a period late.
      */
     uint8_t give_up_missed;
     /** Not used. */
@@ -865,61 +862,58 @@ typedef struct {
 } igh_mcan_schedule_settings_t;
 
 /**
- * Times around the Sync0 pulse that the offset of a scheduled frame counts from, in
- * nanoseconds from the point of the cycle's grid.
+ * Times around the Sync0 pulse that is the reference of a scheduled frame's offset, in
+ * nanoseconds from the deadline of the cycle.
  */
 typedef struct {
     /** Earliest arrival of the image in the gateway. */
     uint64_t earliest_arrival_ns;
     /** Latest arrival of the image in the gateway. */
     uint64_t latest_arrival_ns;
-    /** The pulse that the offset counts from. */
+    /** The pulse that is the reference of the offset. */
     uint64_t pulse_ns;
-    /** The phase at which the frame leaves. */
+    /** The phase at which the frame is sent. */
     uint64_t release_ns;
     /** From the pulse before to the earliest arrival. */
     int64_t after_pulse_ns;
-    /** From the latest arrival to the pulse; negative where the pulse falls among the arrivals. */
+    /** From the latest arrival to the pulse; negative if the pulse falls among the arrivals. */
     int64_t before_pulse_ns;
-    /** From the end of the firmware's work to the phase; negative where frames may be dropped. */
+    /** From the end of the firmware's work to the phase; negative if frames may be dropped. */
     int64_t before_release_ns;
-    /** The least of the three: what there is to spare. */
+    /** The smallest of the three. */
     int64_t least_ns;
 } igh_mcan_schedule_margin_t;
 
 /**
- * What became of a channel's scheduled frames. `scheduled` is the sum of `sent` to `open`; all
- * but `open` only grow.
+ * Results of a channel's scheduled frames. `scheduled` is the sum of `sent` to `open`; all
+ * except `open` only grow.
  */
 typedef struct {
-    /** Frames that were taken. */
+    /** Accepted frames. */
     uint64_t scheduled;
     /**
-     * Frames that the gateway took and, by its flags, handed to the CAN controller at their
-     * phase.
+     * Frames that the gateway accepted and, by its flags, passed to the CAN controller at
+     * their phase.
      */
     uint64_t sent;
-    /** Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT. */
+    /** Frames that the gateway dropped because they arrived after their phase. Needs TX_RESULT. */
     uint64_t late_dropped;
-    /** Frames that found the gateway's schedule full. Needs TX_RESULT. */
+    /** Frames that the gateway rejected because its schedule was full. Needs TX_RESULT. */
     uint64_t queue_full;
-    /** Frames that the gateway did not take for another reason. Needs TX_RESULT. */
+    /** Frames that the gateway rejected for another reason. Needs TX_RESULT. */
     uint64_t not_sent;
     /**
-     * Frames that never left the host: discarded, or taken back since the cycle ended too
+     * Frames that the host did not send: discarded, or removed because the cycle ended too
      * late.
      */
     uint64_t withdrawn;
-    /**
-     * Frames of which it cannot be told, among them those of an image that was published
-     * again, a period late.
-     */
+    /** Frames with an unknown result, for example of an image that was repeated a period late. */
     uint64_t unknown;
-    /** Frames of which it is not told yet. */
+    /** Frames without a result so far. */
     uint64_t open;
-    /** Frames that were refused since their cycle had begun too late for the phase. */
+    /** Frames that were rejected because their cycle began too late for the phase. */
     uint64_t refused_late;
-    /** Frames among `scheduled` that were taken without margin. */
+    /** Frames among `scheduled` that were accepted without margin. */
     uint64_t without_margin;
 } igh_mcan_schedule_account_t;
 
@@ -929,17 +923,17 @@ typedef struct {
     uint32_t fifo_full;
     /** :12 Frames dropped as stale. */
     uint32_t stale_drops;
-    /** :13 Times that the channel went off the bus. */
+    /** :13 Times that the channel was bus-off. */
     uint32_t bus_offs;
 } igh_mcan_channel_drops_t;
 
-/** What a gateway tells of its scheduled transmission. */
+/** Diagnostics of a gateway's scheduled transmission. */
 typedef struct {
-    /** When the reading ended, on the clock of ecan_igh_now_ns(). */
+    /** End of the reading, on the clock of ecan_igh_now_ns(). */
     uint64_t read_at_ns;
     /** Per channel; all 0 for one that is not enabled. */
     igh_mcan_channel_drops_t channels[ECAN_MCAN_CHANNELS];
-    /** 0x9011:02 Sync0 pulses counted. */
+    /** 0x9011:02 Number of Sync0 pulses. */
     uint32_t sync0_count;
     /**
      * 0x9011:04 Smallest distance from a Sync0 pulse to the arrival of an image, in CPU cycles
@@ -968,7 +962,7 @@ typedef struct {
 int igh_mcan_port_default_schedule(igh_mcan_schedule_settings_t *settings);
 
 /**
- * Sets them for a gateway.
+ * Sets the schedule settings of a gateway.
  *
  * @usage   not rt, any thread, before apply
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -978,12 +972,12 @@ int igh_mcan_port_set_schedule(igh_mcan_port_config_t *config,
                                const igh_mcan_schedule_settings_t *settings);
 
 /**
- * The margin that an offset has against cycle, wire and firmware.
+ * Gets the margin of an offset against cycle, wire and firmware.
  *
- * @param offset_ns  Behind Sync0, in nanoseconds.
+ * @param offset_ns  Time after Sync0, in nanoseconds.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, whatever the margin is; ECAN_ERR_SCHEDULE for an offset that cannot be
+ * @return  ECAN_OK, for every margin; ECAN_ERR_SCHEDULE for an offset that cannot be
  *          scheduled at all; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
  *          ECAN_ERR_SLAVE.
  */
@@ -993,7 +987,7 @@ int igh_mcan_port_get_schedule_margin(igh_mcan_port_t *port,
                                       igh_mcan_schedule_margin_t *margin);
 
 /**
- * What became of a channel's scheduled frames.
+ * Gets the results of a channel's scheduled frames.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
@@ -1005,10 +999,10 @@ int igh_mcan_port_get_schedule_account(igh_mcan_port_t *port,
                                        igh_mcan_schedule_account_t *account);
 
 /**
- * The last look at what the gateway tells of scheduled transmission.
+ * Gets the last diagnostics of a gateway's scheduled transmission.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_NOT_READY before the first look of this session; ECAN_ERR_NULL,
+ * @return  ECAN_OK; ECAN_ERR_NOT_READY before the first reading of this session; ECAN_ERR_NULL,
  *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_schedule_diagnostics(igh_mcan_port_t *port,
@@ -1016,8 +1010,8 @@ int igh_mcan_port_get_schedule_diagnostics(igh_mcan_port_t *port,
                                            igh_mcan_schedule_diagnostics_t *diagnostics);
 
 /**
- * Has the gateway clear the flags of 0xB000:06, and with them its other runtime diagnostics, in
- * the cycles to come (manual 13.7, bit 5).
+ * Clears the flags of 0xB000:06 and the gateway's other runtime diagnostics in the next cycles
+ * (manual 13.7, bit 5).
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
@@ -1028,57 +1022,54 @@ int igh_mcan_port_clear_schedule_flags(igh_mcan_port_t *port, size_t slave);
  * State of gateways and channels
  * --------------------------------------------------------------------------- */
 
-/** Where a gateway's session stands. */
+/** State of a gateway's session. */
 typedef enum {
-    /** The slave is not in OP, or its process data do not arrive. */
+    /** The slave is not in OP, or its process data are missing. */
     IGH_MCAN_SESSION_WAITING = 0,
-    /** In OP, being verified; only empty images go out. */
+    /** In OP, being verified; only empty images are sent. */
     IGH_MCAN_SESSION_VERIFYING = 1,
-    /** In service. */
+    /** Ready. */
     IGH_MCAN_SESSION_READY = 2,
-    /** Verification failed; it starts over every second. */
+    /** Verification failed; it starts again every second. */
     IGH_MCAN_SESSION_FAILED = 3,
 } igh_mcan_session_t;
 
-/** What became of the TxPDO image of a cycle. */
+/** Kind of the TxPDO image of a cycle. */
 typedef enum {
-    /** The gateway is not in service. */
+    /** The gateway is not ready. */
     IGH_MCAN_IMAGE_NONE = 0,
     /** A new image. */
     IGH_MCAN_IMAGE_NEW = 1,
-    /** The image of an earlier cycle again: nothing new arrived. */
+    /** The image of an earlier cycle again. */
     IGH_MCAN_IMAGE_REPEATED = 2,
-    /** An image that cannot be used, or only up to the fault; see igh_mcan_port_get_parse_diag(). */
+    /** An image with a fault, usable up to the fault at most; see igh_mcan_port_get_parse_diag(). */
     IGH_MCAN_IMAGE_FAULT = 3,
 } igh_mcan_image_t;
 
 /** One cycle with one gateway. */
 typedef struct {
-    /** The working counter and what it tells. */
+    /** Working counter and delivery. */
     ecan_igh_domain_report_t domain;
     /** An igh_mcan_image_t. */
     uint8_t image;
-    /** 1 where the gateway marked the image as incomplete (manual 6.1). */
+    /** 1 if the gateway marked the image as incomplete (manual 6.1). */
     uint8_t is_incomplete;
-    /** 1 where the image's layout is not the configured one: its frames may be misread. */
+    /** 1 if the image's layout is not the configured one: its frames may be misread. */
     uint8_t layout_changed;
-    /**
-     * 1 where the last RxPDO image may not have arrived and is published again; frames sent now
-     * wait.
-     */
+    /** 1 if the last RxPDO image is unconfirmed and is repeated; frames sent now wait. */
     uint8_t is_holding;
-    /** Images that were lost before this one, by the sequence. */
+    /** Images lost before this one, by the sequence. */
     uint16_t lost_images;
     /** Not used. */
     uint16_t reserved;
 } igh_mcan_cycle_report_t;
 
 /**
- * Where a gateway's session stands.
+ * Returns the state of a gateway's session.
  *
- * @param text  Gets the same in words, with the reason of a failure and what is waited for; may be
+ * @param text  Gets the state as text, with the reason of a failure and the pending step; may be
  *              NULL.
- * @param size  Bytes of the buffer; what does not fit is cut.
+ * @param size  Bytes of the buffer; a longer text is cut.
  *
  * @usage   rt with text NULL, the cycle's thread, after init
  * @return  An igh_mcan_session_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
@@ -1087,7 +1078,7 @@ typedef struct {
 int igh_mcan_port_get_session(igh_mcan_port_t *port, size_t slave, char *text, size_t size);
 
 /**
- * What the current cycle brought from a gateway.
+ * Gets the report of the current cycle with a gateway.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
@@ -1097,9 +1088,9 @@ int igh_mcan_port_get_cycle_report(igh_mcan_port_t *port,
                                    igh_mcan_cycle_report_t *report);
 
 /**
- * The last fault in a TxPDO image (manual 16.2).
+ * Gets the last fault in a TxPDO image (manual 16.2).
  *
- * @param diag  Gets it; error 0 where there was none.
+ * @param diag  Gets the fault; error 0 for none.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
@@ -1109,7 +1100,7 @@ int igh_mcan_port_get_parse_diag(igh_mcan_port_t *port,
                                  igh_mcan_pdo_parse_diag_t *diag);
 
 /**
- * Status of a channel from the last TxPDO image (manual 7); all 0 before the first.
+ * Gets the status of a channel from the last TxPDO image (manual 7); all 0 before the first.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
@@ -1128,37 +1119,37 @@ int igh_mcan_port_get_channel_status(igh_mcan_port_t *port,
 
 /** Counters of one gateway. */
 typedef struct {
-    /** Cycles run since the gateway was in service for the first time. */
+    /** Cycles since the gateway was ready for the first time. */
     uint64_t cycles;
-    /** Those of them whose working counter was not complete. */
+    /** Cycles among them with an incomplete working counter. */
     uint64_t incomplete_cycles;
     /** RxPDO images published with a new sequence. */
     uint64_t rxpdo_published;
-    /** Cycles in which an image was published again because it may not have arrived. */
+    /** Cycles in which an unconfirmed image was repeated. */
     uint64_t rxpdo_repeated;
-    /** RxPDO images with frames that were given up. */
+    /** RxPDO images with discarded frames. */
     uint64_t rxpdo_discarded;
     /** TxPDO images with new content. */
     uint64_t txpdo_received;
-    /** Cycles that brought no new TxPDO image. */
+    /** Cycles without a new TxPDO image. */
     uint64_t txpdo_repeated;
-    /** TxPDO images that never arrived, by the gaps in the sequence. */
+    /** Lost TxPDO images, by the gaps in the sequence. */
     uint64_t txpdo_lost;
     /** TxPDO images that were being written while they were read. */
     uint64_t txpdo_torn;
-    /** TxPDO images that the gateway marked as incomplete: frames stayed behind or were lost. */
+    /** TxPDO images that the gateway marked as incomplete: frames were delayed or lost. */
     uint64_t txpdo_incomplete;
     /** TxPDO images of another layout than the configured one. */
     uint64_t txpdo_layout_changes;
     /** TxPDO images or packets with a fault: bad CRC, bad header, bad packet. */
     uint64_t parse_errors;
-    /** Transmit results that match no send. */
+    /** Transmit results without a matching frame. */
     uint64_t unmatched_results;
-    /** Times that the gateway was verified and taken into service. */
+    /** Times that the gateway became ready. */
     uint64_t sessions;
-    /** Times that the gateway was lost while in service. */
+    /** Times that the gateway was lost while ready. */
     uint64_t sessions_lost;
-    /** Verifications that failed. */
+    /** Failed verifications. */
     uint64_t verification_failures;
 } igh_mcan_statistics_t;
 
@@ -1166,17 +1157,17 @@ typedef struct {
 typedef struct {
     /** Frames of RxPDO images that were published. */
     uint64_t frames_sent;
-    /** Frames of images that the gateway took. */
+    /** Frames of delivered images. */
     uint64_t frames_delivered;
-    /** Frames of images that were given up, by the application or after a lost session. */
+    /** Frames of discarded images, by the application or after a lost session. */
     uint64_t frames_discarded;
-    /** Frames taken out of TxPDO images. */
+    /** Frames received in TxPDO images. */
     uint64_t frames_received;
-    /** Frames refused because the image was full. */
+    /** Frames rejected because the image was full. */
     uint64_t refused_image_full;
-    /** Frames refused because the gateway's transmit queue might not hold them. */
+    /** Frames rejected because the gateway's transmit queue might overflow. */
     uint64_t refused_queue_full;
-    /** Frames refused because the channel is bus-off. */
+    /** Frames rejected because the channel was bus-off. */
     uint64_t refused_bus_off;
     /** Transmit results that reported success: code 0 or 1 (manual 10). */
     uint64_t results_ok;
@@ -1184,7 +1175,7 @@ typedef struct {
     uint64_t results_failed;
 } igh_mcan_channel_statistics_t;
 
-/** What a gateway can do (0xF000, manual 13.8), read when the Port was made. */
+/** Capabilities of a gateway (0xF000, manual 13.8), read when the Port was opened. */
 typedef struct {
     /** :07, :08 Serial number, 0 when not programmed. */
     uint64_t serial_number;
@@ -1212,7 +1203,7 @@ typedef struct {
     uint16_t firmware_minor;
     /** :09 Bit n for header version n. */
     uint16_t header_version_mask;
-    /** :13 Greatest PDO of a direction in bytes. */
+    /** :13 Maximum PDO size of a direction in bytes. */
     uint16_t max_pdo_bytes;
     /** :17 Bytes per N. */
     uint16_t size_unit_bytes;
@@ -1234,18 +1225,18 @@ typedef struct {
     uint8_t device_type;
     /** :02 CAN channels. */
     uint8_t channel_count;
-    /** :10 Smallest N. */
+    /** :10 Minimum N. */
     uint8_t multiplier_min;
-    /** :11 Greatest N. */
+    /** :11 Maximum N. */
     uint8_t multiplier_max;
-    /** :14 Greatest number of channels. */
+    /** :14 Maximum number of channels. */
     uint8_t max_channels;
     /** :15 Option flags that can be set. */
     uint8_t option_mask;
 } igh_mcan_capabilities_t;
 
 /**
- * Counters of a gateway.
+ * Gets the counters of a gateway.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
@@ -1255,7 +1246,7 @@ int igh_mcan_port_get_statistics(igh_mcan_port_t *port,
                                  igh_mcan_statistics_t *statistics);
 
 /**
- * Counters of a channel.
+ * Gets the counters of a channel.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
@@ -1267,7 +1258,7 @@ int igh_mcan_port_get_channel_statistics(igh_mcan_port_t *port,
                                          igh_mcan_channel_statistics_t *statistics);
 
 /**
- * What a gateway can do.
+ * Gets the capabilities of a gateway.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.

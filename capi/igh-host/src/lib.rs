@@ -16,6 +16,7 @@ mod entry;
 mod errors;
 mod handle;
 mod milliseconds;
+mod port_config;
 
 pub mod adapter;
 pub mod cia402;

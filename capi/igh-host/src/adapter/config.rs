@@ -14,7 +14,7 @@ use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::List;
 
 use crate::errors::{OrCode as _, no_slave};
-use crate::mcan_port::config::PortPlain;
+use crate::port_config;
 
 /// Most slaves of a configuration.
 pub const ECAN_IGH_MAX_SLAVES: usize = 32;
@@ -75,7 +75,7 @@ pub struct IghConfig {
     pub(crate) is_stepped: bool,
     pub(crate) seed: Option<u64>,
     /// Set by igh_mcan_port_apply_config().
-    pub(crate) port: Option<PortPlain>,
+    pub(crate) port: Option<PortConfig>,
 }
 
 impl Opaque for ecan_igh_config_t {
@@ -127,7 +127,7 @@ impl IghConfig {
     }
 
     /// Replaces everything except the library and the simulation.
-    pub(crate) fn with(&self, adapter: &AdapterConfig, port: PortPlain) -> Self {
+    pub(crate) fn with(&self, adapter: &AdapterConfig, port: PortConfig) -> Self {
         let mut all = Self::new().adapter.slaves;
         for (slave, configured) in all.iter_mut().zip(adapter.slaves) {
             *slave = configured;
@@ -142,7 +142,7 @@ impl IghConfig {
 
     /// The gateways' configuration of igh_mcan_port_apply_config().
     pub(crate) fn applied(&self) -> Option<PortConfig> {
-        self.port.as_ref().map(|port| port.settings(self.slave_count))
+        self.port.as_ref().map(|port| port_config::configured(port, self.slave_count))
     }
 
     /// The Adapter's configuration, with the configured slaves.

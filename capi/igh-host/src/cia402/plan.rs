@@ -7,7 +7,7 @@ use ecan_mcan_host::boundary::{Sealed, call};
 
 use super::axis::igh_cia402_axis_t;
 use crate::adapter::config::ecan_igh_config_t;
-use crate::mcan_port::config::{PortPlain, igh_mcan_port_config_t};
+use crate::mcan_port::config::igh_mcan_port_config_t;
 use crate::mcan_port::plan::plan;
 
 /// Plans configurations for the process data of axes: targets, TPDOs and SYNC. As
@@ -33,7 +33,7 @@ pub unsafe extern "C" fn igh_cia402_plan(
         let (adapter, port, axes, room) = unsafe {
             (
                 Sealed::read(call, "config", igh_config)?,
-                PortPlain::read(call, config)?,
+                Sealed::read(call, "config", config)?,
                 call.items("axes", axes, axis_count)?,
                 call.room("text", text, size)?,
             )

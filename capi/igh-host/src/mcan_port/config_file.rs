@@ -21,9 +21,10 @@ use ecan_mcan_host::boundary::{Call, OutArray, OutPointer, Sealed, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Config;
 
-use super::config::{PortPlain, igh_mcan_port_config_t};
+use super::config::igh_mcan_port_config_t;
 use crate::adapter::config::ecan_igh_config_t;
 use crate::errors;
+use crate::port_config::extended;
 
 /// Bytes of the words of a fault, NUL included.
 pub const IGH_MCAN_FILE_FAULT_BYTES: usize = 248;
@@ -82,7 +83,7 @@ unsafe fn take(
     config: *mut igh_mcan_port_config_t,
     file: &Config,
 ) -> Result<(), ecan_result_t> {
-    let port = PortPlain::of(call, &file.port)?;
+    let port = extended(&file.port);
     // SAFETY: the caller's promise.
     let adapter = unsafe { Sealed::change(call, "config", igh_config)? };
     // Applied, so that nothing of the file is left out where an application forgets to.
@@ -252,6 +253,7 @@ mod tests {
     use super::*;
     use crate::adapter::config::ecan_igh_default_config;
     use crate::adapter::config_master::{ecan_igh_config_set_ecrt, ecan_igh_config_set_seed};
+    use crate::port_config::configured;
 
     /// What the example leaves at a default.
     const OTHER_VALUES: &str = r#"
@@ -346,10 +348,10 @@ mod tests {
                 let (adapter, port) = unsafe {
                     (
                         Sealed::read(call, "config", self.adapter.as_ptr())?,
-                        PortPlain::read(call, self.port.as_ptr())?,
+                        Sealed::read(call, "config", self.port.as_ptr())?,
                     )
                 };
-                found = Some((adapter.to_rust(), port.settings(adapter.slave_count)));
+                found = Some((adapter.to_rust(), configured(port, adapter.slave_count)));
                 Ok(())
             });
             assert_eq!(code, 0);

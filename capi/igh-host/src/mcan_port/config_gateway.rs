@@ -2,12 +2,13 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::pdo::profile::{self, IGH_MCAN_OPTION_TX_RESULT};
 
-use super::config::{PortPlain, igh_mcan_port_config_t};
+use super::config::igh_mcan_port_config_t;
+use crate::entry::change;
+use crate::port_config::gateway;
 
-/// Sets how frames are packed: 0x8010:05 and 0x8011:05 (manual 9); 0 by default.
+/// Sets the encapsulation profiles: 0x8010:05 and 0x8011:05 (manual 9); 0 by default.
 ///
 /// @param tx_encapsulation  Of the TxPDO, slave to master: an igh_mcan_encapsulation_t. 1 and 5
 ///                          bring timestamps.
@@ -22,9 +23,8 @@ pub unsafe extern "C" fn igh_mcan_port_set_encapsulation(
     tx_encapsulation: c_int,
     rx_encapsulation: c_int,
 ) -> c_int {
-    call("igh_mcan_port_set_encapsulation", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
+    change!(igh_mcan_port_set_encapsulation, config).with(|call, config| {
+        let gateway = gateway(call, config, slave)?;
         let tx = profile::encapsulation(call, tx_encapsulation)?;
         gateway.rx_encapsulation = profile::encapsulation(call, rx_encapsulation)?;
         gateway.tx_encapsulation = tx;
@@ -32,7 +32,8 @@ pub unsafe extern "C" fn igh_mcan_port_set_encapsulation(
     })
 }
 
-/// Sets how channels share the images: 0x8010:06 and 0x8011:06 (manual 12); balanced by default.
+/// Sets the budget policies of the images: 0x8010:06 and 0x8011:06 (manual 12); balanced by
+/// default.
 ///
 /// @param tx_budget, rx_budget  An igh_mcan_budget_t each.
 ///
@@ -45,9 +46,8 @@ pub unsafe extern "C" fn igh_mcan_port_set_budget(
     tx_budget: c_int,
     rx_budget: c_int,
 ) -> c_int {
-    call("igh_mcan_port_set_budget", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
+    change!(igh_mcan_port_set_budget, config).with(|call, config| {
+        let gateway = gateway(call, config, slave)?;
         let tx = profile::budget(call, tx_budget)?;
         gateway.rx_budget = profile::budget(call, rx_budget)?;
         gateway.tx_budget = tx;
@@ -57,8 +57,8 @@ pub unsafe extern "C" fn igh_mcan_port_set_budget(
 
 /// Sets the options of the images: 0x8010:07 and 0x8011:07 (manual 9.1); none by default.
 ///
-/// @param tx_options  IGH_MCAN_OPTION_ values; with _TX_RESULT every frame sent is reported on.
-/// @param rx_options  IGH_MCAN_OPTION_ values but for _TX_RESULT.
+/// @param tx_options  IGH_MCAN_OPTION_ values; _TX_RESULT reports the result of every transmission.
+/// @param rx_options  IGH_MCAN_OPTION_ values except _TX_RESULT.
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
@@ -69,14 +69,12 @@ pub unsafe extern "C" fn igh_mcan_port_set_options(
     tx_options: u8,
     rx_options: u8,
 ) -> c_int {
-    call("igh_mcan_port_set_options", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
+    change!(igh_mcan_port_set_options, config).with(|call, config| {
+        let gateway = gateway(call, config, slave)?;
         let tx = profile::options(call, tx_options)?;
         if rx_options & IGH_MCAN_OPTION_TX_RESULT != 0 {
-            return Err(
-                call.argument("rx_options", format_args!("has TX_RESULT, which is the TxPDO's"))
-            );
+            let text = format_args!("must not have TX_RESULT, an option of the TxPDO");
+            return Err(call.argument("rx_options", text));
         }
         gateway.rx_options = profile::options(call, rx_options)?;
         gateway.tx_options = tx;
@@ -84,8 +82,8 @@ pub unsafe extern "C" fn igh_mcan_port_set_options(
     })
 }
 
-/// Says whether frames are refused that would overrun the gateway's transmit queue or meet a
-/// channel that is bus-off; they are, by default. Otherwise the queue drops what it cannot hold.
+/// Enables pacing, which is on by default: frames that would overflow the gateway's transmit queue,
+/// or for a channel that is bus-off, are rejected. Without pacing the queue drops them.
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -95,18 +93,18 @@ pub unsafe extern "C" fn igh_mcan_port_set_paced(
     slave: usize,
     paced: c_int,
 ) -> c_int {
-    call("igh_mcan_port_set_paced", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?.paced = paced != 0;
+    change!(igh_mcan_port_set_paced, config).with(|call, config| {
+        gateway(call, config, slave)?.paced = paced != 0;
         Ok(())
     })
 }
 
-/// Sets when a gateway in service counts as lost: nothing is sent then until it has been verified
-/// again.
+/// Sets the limits after which a gateway that was ready counts as lost: nothing is sent until it is
+/// verified again.
 ///
-/// @param hold_limit   Images in a row that may miss it; 10 by default.
-/// @param input_limit  Cycles in a row without a new TxPDO image; 100 by default, 0 for no limit.
+/// @param hold_limit   Consecutive images without confirmed delivery; 10 by default.
+/// @param input_limit  Consecutive cycles without a new TxPDO image; 100 by default, 0 for no
+///                     limit.
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -117,16 +115,15 @@ pub unsafe extern "C" fn igh_mcan_port_set_limits(
     hold_limit: u16,
     input_limit: u16,
 ) -> c_int {
-    call("igh_mcan_port_set_limits", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
+    change!(igh_mcan_port_set_limits, config).with(|call, config| {
+        let gateway = gateway(call, config, slave)?;
         (gateway.hold_limit, gateway.input_limit) = (hold_limit, input_limit);
         Ok(())
     })
 }
 
-/// Permits the application bypass and the tests of 0x8030, which cut the CAN side off; a Port that
-/// finds them active refuses to start otherwise.
+/// Allows the application bypass and the tests of 0x8030, which disconnect the CAN side; otherwise
+/// a Port that finds them active does not start.
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
@@ -136,10 +133,8 @@ pub unsafe extern "C" fn igh_mcan_port_allow_diagnostic_tests(
     slave: usize,
     allow: c_int,
 ) -> c_int {
-    call("igh_mcan_port_allow_diagnostic_tests", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
-        gateway.allow_diagnostic_tests = allow != 0;
+    change!(igh_mcan_port_allow_diagnostic_tests, config).with(|call, config| {
+        gateway(call, config, slave)?.allow_diagnostic_tests = allow != 0;
         Ok(())
     })
 }

@@ -7,13 +7,14 @@ use ecan_mcan_host::boundary::{Call, Sealed, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Port;
 
-use super::config::{PortPlain, igh_mcan_port_config_t};
+use super::config::igh_mcan_port_config_t;
 use crate::adapter::config::ecan_igh_config_t;
 use crate::adapter::context::ecan_igh_context_t;
 use crate::bus::{self, Bus};
 use crate::entry::{Context, enter};
 use crate::errors::{self, OrCode as _};
 use crate::handle::{self, Entered, Kind, Words};
+use crate::port_config::configured;
 
 /// CAN and CAN FD through the gateways of one master. Belongs to the thread of the cycle; do not
 /// move or copy it. Ends with its ecan_igh_context_t at the latest.
@@ -63,7 +64,7 @@ pub unsafe extern "C" fn igh_mcan_port_init(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (mut bus, config) = unsafe {
             call.out("port", port)?;
-            (bus::enter(call, igh.cast())?, PortPlain::read(call, config)?)
+            (bus::enter(call, igh.cast())?, Sealed::read(call, "config", config)?)
         };
         // The existing Port may be this one; it stays.
         bus.need_no_port(call)?;
@@ -77,7 +78,7 @@ pub unsafe extern "C" fn igh_mcan_port_init(
         unsafe { handle::clear(port.cast()) };
         let applied = bus.applied.clone();
         let serial = bus.add_port(call, |adapter| {
-            let config = config.settings(adapter.slave_count());
+            let config = configured(config, adapter.slave_count());
             if applied.is_some_and(|applied| applied != config) {
                 let text = format_args!(
                     "the configuration is not the one that igh_mcan_port_apply_config was given"
@@ -115,10 +116,10 @@ pub unsafe extern "C" fn igh_mcan_port_reconfigure(
             (
                 bus::enter_port(call, port.cast())?,
                 Sealed::read(call, "config", igh_config)?,
-                PortPlain::read(call, config)?,
+                Sealed::read(call, "config", config)?,
             )
         };
-        let (adapter, config) = (adapter.to_rust(), config.settings(adapter.slave_count));
+        let (adapter, config) = (adapter.to_rust(), configured(config, adapter.slave_count));
         let reconfigured = bus.need_port(call)?.reconfigure((adapter, config));
         if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
             bus.forget_configuration();

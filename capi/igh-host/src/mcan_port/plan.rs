@@ -9,10 +9,11 @@ use ecan_host::Faults;
 use ecan_mcan_host::boundary::{Call, OutArray, Sealed, call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::igh_mcan_tx_frame_t;
-use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortPlan};
+use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortConfig, PortPlan};
 
-use super::config::{PortPlain, igh_mcan_port_config_t};
+use super::config::igh_mcan_port_config_t;
 use crate::adapter::config::{IghConfig, ecan_igh_config_t};
+use crate::port_config::configured;
 
 /// Route of the frames of a plan.
 #[repr(C)]
@@ -79,11 +80,11 @@ impl igh_mcan_frame_stream_t {
 pub(crate) fn plan(
     call: Call,
     adapter: &IghConfig,
-    port: &PortPlain,
+    port: &PortConfig,
     traffic: &[FrameStream],
     mut room: OutArray<c_char>,
 ) -> Result<(), ecan_result_t> {
-    let config = port.settings(adapter.slave_count);
+    let config = configured(port, adapter.slave_count);
     let adapter = adapter.to_rust();
     let plan = PortPlan::of(&adapter, &config, traffic);
     if !room.is_full() {
@@ -118,7 +119,7 @@ pub unsafe extern "C" fn igh_mcan_port_plan(
         let (adapter, port, streams, room) = unsafe {
             (
                 Sealed::read(call, "config", igh_config)?,
-                PortPlain::read(call, config)?,
+                Sealed::read(call, "config", config)?,
                 call.items("streams", streams, count)?,
                 call.room("text", text, size)?,
             )

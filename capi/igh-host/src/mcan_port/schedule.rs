@@ -14,10 +14,11 @@ use ecan_mcan_port::{
     ChannelDrops, MarginCheck, ScheduleAccount, ScheduleConfig, ScheduleDiagnostics, ScheduleMargin,
 };
 
-use super::config::{PortPlain, igh_mcan_port_config_t};
+use super::config::igh_mcan_port_config_t;
 use super::context::igh_mcan_port_t;
 use super::state::{find_channel, need_slave};
-use crate::entry::enter;
+use crate::entry::{change, enter};
+use crate::port_config::gateway;
 
 mirror! {
     /// Times for the margin of a schedule, and the reaction to a missing margin. The manual gives
@@ -185,11 +186,10 @@ pub unsafe extern "C" fn igh_mcan_port_set_schedule(
     slave: usize,
     settings: *const igh_mcan_schedule_settings_t,
 ) -> c_int {
-    call("igh_mcan_port_set_schedule", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, settings) =
-            unsafe { (PortPlain::open(call, config)?, call.read("settings", settings)?) };
-        config.gateway(call, slave)?.schedule = (*settings).into();
+    change!(igh_mcan_port_set_schedule, config).with(|call, config| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let settings = unsafe { call.read("settings", settings)? };
+        gateway(call, config, slave)?.schedule = (*settings).into();
         Ok(())
     })
 }
