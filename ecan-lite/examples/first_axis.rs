@@ -1,0 +1,26 @@
+//! Program of README.md.
+
+use ecan_lite::prelude::*;
+
+fn main() -> Result<()> {
+    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
+    let config = Config::new(Duration::from_millis(2)).with_gateway(gateway);
+    let mut port = Port::open(&Ecrt::open()?, config)?;
+    port.wait_ready()?;
+
+    let node = NodeId::new(1).ok_or("invalid node-ID")?;
+    let shoulder = NodeAddress { slave: 0, channel: 0, node };
+    let table = vec![AxisConfig::new(shoulder).with_target_step(20)];
+    let mut axes = Cia402::new(&port, table, Cia402Config::default())?;
+    let timeout = Duration::from_secs(10);
+    axes.start_up_timeout(&mut port, timeout, |axis| println!("{axis}"))?;
+
+    for _ in 0..1000 {
+        let mut cycle = port.next_cycle();
+        axes.process_rx(&mut cycle);
+        axes.send_target_step(&mut cycle);
+        cycle.end()?;
+    }
+    axes.shutdown_timeout(&mut port, timeout, |axis| println!("{axis}"))?;
+    Ok(())
+}

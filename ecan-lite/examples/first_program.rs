@@ -1,0 +1,23 @@
+//! Program of README.md.
+
+use ecan_lite::prelude::*;
+
+fn main() -> Result<()> {
+    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
+    let config = Config::new(Duration::from_millis(10)).with_gateway(gateway);
+    let mut port = Port::open(&Ecrt::open()?, config)?;
+    port.wait_ready()?;
+    let can0 = port.channel(0, 0)?;
+    let id = CanId::standard(0x123)?;
+
+    for count in 0..1000_u64 {
+        let mut cycle = port.next_cycle(); // waits for its time, receives, checks the images
+        for received in cycle.received() {
+            println!("{received}");
+        }
+        // A full queue, a lost link or a restarting gateway is temporary: the loop continues.
+        cycle.send(can0, &CanFrame::classic(id, &count.to_le_bytes())?).ok_or_temporary()?;
+        cycle.end()?;
+    }
+    Ok(())
+}
