@@ -14,53 +14,40 @@
 #![deny(unsafe_code)] // allowed in the module `master` only
 
 mod adapter;
-mod al_status;
+mod bus;
 mod clocks;
 mod config;
-mod cycle;
-mod cycle_grid;
 mod deadline;
-mod diagnose;
-mod diagnostics;
-mod domain_layout;
 mod error;
-mod identification;
-mod maintenance;
-mod mapping;
 mod master;
-mod operation;
-mod operation_report;
+mod phase;
 mod plan;
-mod process_image;
 mod real_time;
-mod recognition;
-mod requests;
 mod startup;
-mod stop;
 
-pub use adapter::{Adapter, Phase};
+pub use adapter::{
+    Adapter, Delivery, DomainReport, OpProgress, OpWait, RequestId, run_in_parallel,
+};
+pub use bus::{
+    Diagnostics, IdentificationError, Maintenance, MaintenanceError, SlaveKind, SlaveQuery,
+    denies_object, slave_kinds,
+};
 pub use clocks::ClockStatus;
 pub use config::{
     AdapterConfig, ClockSource, ConfigFault, DcSync, Faults, Identity, MAX_SLAVES,
     MAX_STARTUP_STEPS, SlaveConfig, StartupEntry,
 };
-pub use cycle::{CycleError, Delivery, DomainReport};
-pub use diagnose::run_in_parallel;
-pub use diagnostics::Diagnostics;
-pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
-pub use ecan_protocol::sequence::Expectation;
-pub use error::{Error, SdoDirection, value_words};
-pub use maintenance::{Maintenance, MaintenanceError};
+pub use error::{CycleError, Error, NotOperational, SdoDirection, SlaveReport, value_text};
 pub use master::{
     DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner, OpenError,
     OpenFailure, PdoEntryInfo, PdoInfo, PortInfo, PortKind, RegRequestId, RequestState,
     ScanProgress, SdoError, SdoRequestId, SlaveConfigId, SlaveConfigState, SlaveInfo,
     SyncDirection, SyncManagerInfo, WatchdogMode, WcState,
 };
-pub use operation::{OpProgress, OpWait};
-pub use operation_report::{NotOperational, SlaveReport};
+pub use phase::Phase;
 pub use plan::{
-    BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, EthernetFrame, FRAME_OVERHEAD_BYTES,
+    BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, DomainLayout, EthernetFrame,
+    FRAME_OVERHEAD_BYTES, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER,
     MailboxBandwidth, Plan, PlanError, PlanWarning, SlavePlan,
 };
 pub use real_time::{
@@ -68,10 +55,9 @@ pub use real_time::{
     MAX_STACK_PREFAULT_BYTES, Need, OverrunPolicy, Privilege, PrivilegeError, PrivilegeOutcome,
     RealTimeConfig, RealTimeError, RealTimeFault, RealTimeReport,
 };
-pub use recognition::{IdentificationError, SlaveKind, SlaveQuery, denies_object, slave_kinds};
-pub use requests::RequestId;
 pub use startup::{StartupPlan, StartupStep};
 
+pub use ecan_protocol::sequence::Expectation;
 pub use ecrt_sys::{
     Clock, ECRT_VARIABLE, Ecrt, EcrtSetting, EnvironmentError, Errno, LoadError, MonotonicClock,
     Origin,

@@ -24,7 +24,7 @@ fn another_identity_than_the_configured_one_is_refused() {
     let mut config = AdapterConfig::new(1);
     config.slaves[0].identity = Some(Identity { vendor_id: 0xBEEF, product_code: 1 });
     let error = open(ecan_sim::echo(1), config).unwrap_err();
-    assert!(matches!(error, Error::WrongIdentity { slave: 0, .. }));
+    assert!(matches!(error, Error::IdentityMismatch { slave: 0, .. }));
     assert!(error.to_string().contains("vendor 0x0000BEEF"), "{error}");
 }
 
@@ -43,7 +43,7 @@ fn a_device_that_is_no_ecan_lite_is_refused_by_its_content() {
     });
     let error = open(scenario, AdapterConfig::new(1)).unwrap_err();
     let text = error.to_string();
-    assert!(text.contains("cannot be recognised") && text.contains("0xF000:17"), "{text}");
+    assert!(text.contains("cannot be identified") && text.contains("0xF000:17"), "{text}");
 }
 
 #[test]

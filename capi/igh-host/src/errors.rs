@@ -73,7 +73,7 @@ impl Coded for Error {
             Self::Config(_) | Self::OtherMaster { .. } => ECAN_ERR_CONFIG,
             Self::NoSuchSlave { .. } | Self::SameSlave { .. } => ECAN_ERR_NOT_FOUND,
             Self::OwnedMaster | Self::NotAttached { .. } | Self::Phase { .. } => ECAN_ERR_ORDER,
-            Self::WrongIdentity { .. }
+            Self::IdentityMismatch { .. }
             | Self::NotAnEcanLite { .. }
             | Self::Unrecognised { .. }
             | Self::Mapping { .. }

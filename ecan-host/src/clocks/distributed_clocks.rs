@@ -4,7 +4,7 @@ use ecrt_sys::Errno;
 
 use super::phase_locked_loop::PhaseLockedLoop;
 use crate::config::{ClockSource, DcSync};
-use crate::cycle::CycleError;
+use crate::error::CycleError;
 use crate::master::Master;
 
 /// How far the clocks are apart.

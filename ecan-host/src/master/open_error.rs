@@ -174,6 +174,12 @@ impl System<'_> {
 }
 
 impl OpenError {
+    /// Whether the master may become available without a change by the application: another
+    /// application has reserved it, or it waits for its network interface.
+    pub fn is_temporary(&self) -> bool {
+        matches!(self.failure, OpenFailure::Busy | OpenFailure::WaitingForInterface { .. })
+    }
+
     /// Finds the cause of a NULL: by the error number that the library left, and where that
     /// tells nothing by looking at the device node.
     ///

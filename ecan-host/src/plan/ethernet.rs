@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::domain_layout::LogicalCommand;
+use super::domain_layout::LogicalCommand;
 
 /// Nanoseconds of one byte at 100 Mbit/s.
 pub const BYTE_NS: u64 = 80;

@@ -1,15 +1,16 @@
 //! The preflight plan of the EtherCAT side: what a configuration costs before it touches a bus.
 
+mod domain_layout;
 mod ethernet;
-mod finding;
+mod plan_error;
 
+pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 pub use ethernet::{
     BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, EthernetFrame, FRAME_OVERHEAD_BYTES,
 };
-pub use finding::{PlanError, PlanWarning};
+pub use plan_error::{PlanError, PlanWarning};
 
 use crate::config::{AdapterConfig, ClockSource, DcSync};
-use crate::domain_layout::{DomainLayout, MAX_PLAIN_MULTIPLIER};
 
 /// Data of a datagram of the clocks: the low half of the system time.
 const CLOCK_BYTES: usize = 4;
@@ -62,9 +63,12 @@ impl MailboxBandwidth {
 /// on a shared bus the owner's come on top.
 ///
 /// ```
+/// use std::time::Duration;
+///
 /// use ecan_host::{AdapterConfig, Plan};
 ///
-/// let plan = Plan::of(&AdapterConfig::new(3).with_multiplier(5).with_cycle(Duration::from_millis(1)));
+/// let config = AdapterConfig::new(3).with_multiplier(5).with_cycle(Duration::from_millis(1));
+/// let plan = Plan::of(&config);
 /// assert_eq!(plan.frames.len(), 3);
 /// assert_eq!(plan.expected_working_counter((1, 6)), 9);
 /// assert!(plan.refusals.is_empty() && plan.warnings.is_empty());
@@ -230,7 +234,7 @@ fn clock_datagrams(dc: DcSync) -> usize {
 
 /// End of the last frame that carries the slave's outputs.
 fn outputs_arrive_ns(frames: &[EthernetFrame], slave: usize) -> u64 {
-    use crate::domain_layout::LogicalCommand::Read;
+    use super::LogicalCommand::Read;
     let carries = |datagram: &Datagram| match datagram.purpose {
         DatagramUse::ProcessData { slave: of, command } => of == slave && command != Read,
         DatagramUse::Clock => false,

@@ -6,10 +6,10 @@
 mod cycle_statistics;
 mod cycle_timer;
 mod privileges;
+mod real_time_config;
 mod report;
-mod settings;
 
 pub use cycle_statistics::{CycleStatistics, Distribution};
 pub use cycle_timer::{CycleStart, CycleTimer, CycleTiming, MAX_SPIN_NS, OverrunPolicy};
+pub use real_time_config::{MAX_STACK_PREFAULT_BYTES, Need, RealTimeConfig, RealTimeFault};
 pub use report::{Privilege, PrivilegeError, PrivilegeOutcome, RealTimeError, RealTimeReport};
-pub use settings::{MAX_STACK_PREFAULT_BYTES, Need, RealTimeConfig, RealTimeFault};

@@ -11,8 +11,10 @@ use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 use nix::unistd::Pid;
 
-use super::report::{List, Privilege, PrivilegeError, PrivilegeOutcome};
-use super::settings::Need;
+use super::real_time_config::{Need, RealTimeConfig};
+use super::report::{
+    List, Privilege, PrivilegeError, PrivilegeOutcome, RealTimeError, RealTimeReport,
+};
 use crate::master::set_fifo_priority;
 
 /// The calling thread, in calls that take a thread id.
@@ -20,8 +22,40 @@ const THIS_THREAD: Pid = Pid::from_raw(0);
 /// Stack that each call of [`touch_stack`] takes, in bytes.
 const PAGE_BYTES: usize = 4096;
 
+impl RealTimeConfig {
+    /// Applies them to the calling thread, locked memory to its whole process, the latency of
+    /// waking up to the machine, and tells what was granted.
+    ///
+    /// To be called once by the thread of the cycle, before the cycle and after threads were
+    /// started that shall not inherit priority and affinity. Not real-time safe.
+    ///
+    /// # Errors
+    /// [`RealTimeError::Settings`] for faulty values, with nothing applied;
+    /// [`RealTimeError::Missing`] where a required privilege was not granted, with the report. What
+    /// was granted stays in force.
+    pub fn apply(&self) -> Result<RealTimeReport, RealTimeError> {
+        self.check()?;
+        let mut outcomes = Vec::new();
+        if let Some(stack_bytes) = self.lock_memory {
+            outcomes.push(lock_memory(stack_bytes, self.lock_memory_need));
+        }
+        if let Some(cpus) = &self.cpus {
+            outcomes.push(bind_to_cpus(cpus, self.cpus_need));
+        }
+        if let Some(latency_us) = self.wake_up_latency_us {
+            outcomes.push(limit_wake_up(latency_us, self.wake_up_latency_need));
+        }
+        // Last, so that the preparation is not done at a priority above everything else.
+        if let Some(priority) = self.priority {
+            outcomes.push(raise_priority(priority, self.priority_need));
+        }
+        let report = RealTimeReport { outcomes };
+        if report.is_sufficient() { Ok(report) } else { Err(RealTimeError::Missing(report)) }
+    }
+}
+
 /// Locks all memory of the process and touches the thread's stack.
-pub(super) fn lock_memory(stack_bytes: usize, need: Need) -> PrivilegeOutcome {
+fn lock_memory(stack_bytes: usize, need: Need) -> PrivilegeOutcome {
     let locked = mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE);
     // Not locked, the stack is at least there before the cycle needs it.
     touch_stack(stack_bytes);
@@ -55,7 +89,7 @@ fn touch_stack(bytes: usize) {
 }
 
 /// Lets the thread run on these CPUs only.
-pub(super) fn bind_to_cpus(cpus: &[usize], need: Need) -> PrivilegeOutcome {
+fn bind_to_cpus(cpus: &[usize], need: Need) -> PrivilegeOutcome {
     let privilege = Privilege::Affinity { cpus: cpus.to_vec() };
     PrivilegeOutcome { privilege, need, refusal: try_bind_to_cpus(cpus).err() }
 }
@@ -113,7 +147,7 @@ const WAKE_UP_DEVICE: &str = "/dev/cpu_dma_latency";
 static WAKE_UP_LIMIT: Mutex<Option<File>> = Mutex::new(None);
 
 /// Keeps the processors out of sleep states that take longer to leave.
-pub(super) fn limit_wake_up(latency_us: u32, need: Need) -> PrivilegeOutcome {
+fn limit_wake_up(latency_us: u32, need: Need) -> PrivilegeOutcome {
     let limit = i32::try_from(latency_us).unwrap_or(i32::MAX);
     let taken = OpenOptions::new().write(true).open(WAKE_UP_DEVICE).and_then(|mut device| {
         device.write_all(&limit.to_ne_bytes())?;
@@ -130,7 +164,7 @@ pub(super) fn limit_wake_up(latency_us: u32, need: Need) -> PrivilegeOutcome {
 }
 
 /// Puts the thread under SCHED_FIFO.
-pub(super) fn raise_priority(priority: u8, need: Need) -> PrivilegeOutcome {
+fn raise_priority(priority: u8, need: Need) -> PrivilegeOutcome {
     let refusal = set_fifo_priority(priority)
         .err()
         .map(|errno| priority_refusal(errno, priority, soft_limit(Resource::RLIMIT_RTPRIO)));
@@ -179,6 +213,6 @@ mod tests {
     #[test]
     fn the_stack_is_touched_to_the_end_of_what_settings_allow() {
         touch_stack(0);
-        touch_stack(super::super::settings::MAX_STACK_PREFAULT_BYTES);
+        touch_stack(super::super::real_time_config::MAX_STACK_PREFAULT_BYTES);
     }
 }

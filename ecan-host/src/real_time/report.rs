@@ -4,7 +4,7 @@ use std::fmt;
 
 use thiserror::Error;
 
-use super::settings::{Need, RealTimeFault};
+use super::real_time_config::{Need, RealTimeFault};
 use crate::config::Faults;
 
 /// Something that a real-time thread asks of the system.

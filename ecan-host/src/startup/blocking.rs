@@ -8,7 +8,7 @@ use ecan_protocol::sequence::{
 };
 
 use super::startup_step::StartupStep;
-use crate::diagnostics::Diagnostics;
+use crate::bus::Diagnostics;
 use crate::error::Error;
 
 /// Interval of a step that waits.

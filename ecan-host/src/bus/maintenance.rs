@@ -5,7 +5,7 @@ use ecan_protocol::device::{AccessMode, MaintenanceCommand, MaintenanceStatus};
 use ecrt_sys::Clock;
 use thiserror::Error;
 
-use crate::diagnostics::Diagnostics;
+use super::diagnostics::Diagnostics;
 use crate::error::Error;
 
 const OBJECT: u16 = 0xB000;

@@ -1,6 +1,6 @@
 //! The grid of cycle starts: one for waiting, for the application, and for the clocks.
 
-use crate::adapter::Adapter;
+use super::Adapter;
 use crate::clocks::{ClockStatus, DistributedClocks};
 use crate::real_time::{CycleStart, CycleStatistics, CycleTiming};
 
@@ -25,6 +25,7 @@ impl Adapter {
         let start = self.cycle_timer.wait_from(self.ecrt.clock().as_ref(), answered_ns);
         self.cycle_start = start;
         self.cycle_due_ns = Some(start.deadline_ns);
+        self.overruns.update(start.skipped);
         if let Some(statistics) = &mut self.cycle_statistics {
             statistics.begin(&start);
         }

@@ -2,9 +2,9 @@
 
 use ecan_protocol::device::{AlState, Capabilities, Recognition};
 
+use super::diagnostics::Diagnostics;
 use crate::config::{AdapterConfig, Identity, SlaveConfig};
 use crate::deadline::deadline_ns;
-use crate::diagnostics::Diagnostics;
 use crate::error::Error;
 
 /// How often the master is asked again while slaves are scanned, in nanoseconds.
@@ -64,7 +64,7 @@ pub(crate) fn identify(
     let info = diagnostics.slave_info(slave)?;
     let found = Identity { vendor_id: info.vendor_id, product_code: info.product_code };
     if let Some(wanted) = settings.identity.filter(|wanted| *wanted != found) {
-        return Err(Error::WrongIdentity { slave, wanted, found });
+        return Err(Error::IdentityMismatch { slave, wanted, found });
     }
     let read = |subindex| diagnostics.sdo_upload_u32(slave, Capabilities::INDEX, subindex);
     match Recognition::read(read) {

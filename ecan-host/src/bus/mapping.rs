@@ -5,7 +5,7 @@ use ecan_protocol::mapping::{
     sync_manager,
 };
 
-use crate::diagnostics::Diagnostics;
+use super::diagnostics::Diagnostics;
 use crate::error::Error;
 use crate::master::{DomainId, Master, SlaveConfigId, SyncDirection, WatchdogMode};
 

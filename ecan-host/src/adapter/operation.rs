@@ -1,16 +1,16 @@
 //! Waiting for OP while process data run.
 
+use std::fmt;
 use std::time::Duration;
 
 use ecrt_sys::Errno;
+use tracing::{info, warn};
 
-use crate::adapter::{Adapter, Phase};
-use crate::cycle::CycleError;
+use super::{Adapter, run_in_parallel};
 use crate::deadline::deadline_ns;
-use crate::diagnose::run_in_parallel;
-use crate::error::Error;
+use crate::error::{CycleError, Error, is_preop};
 use crate::master::SlaveConfigState;
-use crate::operation_report::is_preop;
+use crate::phase::Phase;
 
 /// How often slow state is asked for while waiting, in nanoseconds.
 const INSPECT_NS: u64 = 200_000_000;
@@ -20,6 +20,15 @@ const CYCLES_PER_SDO: u32 = 4;
 const SDO_TIME: Duration = Duration::from_millis(5);
 /// Time for the AL state changes of a slave.
 const STATES_TIME: Duration = Duration::from_secs(5);
+
+/// Function of the application that decides whether to end a wait.
+pub(super) struct StopCheck(Box<dyn Fn() -> bool + Send>);
+
+impl fmt::Debug for StopCheck {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("StopCheck")
+    }
+}
 
 /// A wait for OP that is under way; for applications that run the cycle themselves.
 #[derive(Debug)]
@@ -44,6 +53,19 @@ pub enum OpProgress {
 }
 
 impl Adapter {
+    /// Sets a function that calls which wait by running the cycle call once in every cycle; if it
+    /// returns true they end with [`Error::Stopped`]: a signal arrived, a button was pressed.
+    ///
+    /// The layers above use the same function. Calls that disable axes ignore it.
+    pub fn stop_waiting_when(&mut self, stop: Option<Box<dyn Fn() -> bool + Send>>) {
+        self.stop = stop.map(StopCheck);
+    }
+
+    /// Whether the application ends calls that wait.
+    pub fn should_stop(&self) -> bool {
+        self.stop.as_ref().is_some_and(|stop| (stop.0)())
+    }
+
     /// Waits until every slave is in OP and exchanges process data, running
     /// [`receive`](Self::receive) and [`send`](Self::send) every cycle meanwhile. Activates first
     /// if that has not been done.
@@ -122,6 +144,8 @@ impl Adapter {
     /// The library's error.
     pub fn op_progress(&mut self, wait: &mut OpWait) -> Result<OpProgress, Error> {
         if self.all_operational()? {
+            let waited_ms = (self.ecrt.clock().now_ns() - wait.start_ns) / 1_000_000;
+            info!(waited_ms, "all slaves: OP reached (after {waited_ms} ms)");
             return Ok(OpProgress::Reached);
         }
         for slave in &mut self.slaves {
@@ -133,7 +157,9 @@ impl Adapter {
             wait.inspect_ns = now + INSPECT_NS;
         }
         if now >= wait.deadline_ns || inspects && self.a_slave_is_held() {
-            return Ok(OpProgress::Failed { waited_ms: (now - wait.start_ns) / 1_000_000 });
+            let waited_ms = (now - wait.start_ns) / 1_000_000;
+            warn!(waited_ms, "OP not reached (after {waited_ms} ms)");
+            return Ok(OpProgress::Failed { waited_ms });
         }
         Ok(OpProgress::Pending)
     }

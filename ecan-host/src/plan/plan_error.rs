@@ -3,7 +3,7 @@
 use ecan_protocol::mapping::CHUNK_BYTES;
 use thiserror::Error;
 
-use crate::domain_layout::{MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
+use super::domain_layout::{MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 
 fn us(ns: u64) -> f64 {
     ns as f64 / 1e3

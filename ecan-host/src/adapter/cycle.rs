@@ -1,50 +1,9 @@
 //! The cycle: receive, judge the working counters, send.
 
-use ecrt_sys::Errno;
-use thiserror::Error;
-
-use crate::adapter::{Adapter, Phase, Slave};
+use super::{Adapter, Slave};
+use crate::error::CycleError;
 use crate::master::WcState;
-
-/// Errors inside the cycle: small, `Copy`, without allocation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum CycleError {
-    /// A call of the master library failed.
-    #[error("{call}{} failed in the cycle: {errno}", Of(*slave))]
-    Library {
-        /// Name of the library function.
-        call: &'static str,
-        /// Slave index, where the call concerns one.
-        slave: Option<usize>,
-        /// What the system said.
-        errno: Errno,
-    },
-    /// The Adapter is not active, so there is no cycle.
-    #[error("the bus is {is}, not active: call activate first")]
-    NotActive {
-        /// Phase that it is in.
-        is: Phase,
-    },
-}
-
-impl CycleError {
-    pub(crate) fn library(call: &'static str) -> impl Fn(Errno) -> Self {
-        move |errno| Self::Library { call, slave: None, errno }
-    }
-
-    pub(crate) fn of_slave(call: &'static str, slave: usize) -> impl Fn(Errno) -> Self {
-        move |errno| Self::Library { call, slave: Some(slave), errno }
-    }
-}
-
-struct Of(Option<usize>);
-
-impl std::fmt::Display for Of {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.0.map_or(Ok(()), |slave| write!(f, " of slave {slave}"))
-    }
-}
+use crate::phase::Phase;
 
 /// What the working counter tells about one direction of the last exchange.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -160,6 +119,7 @@ impl Adapter {
                     report.working_counter = state.working_counter;
                     report.wc_state = state.wc_state;
                     (report.outputs, report.inputs) = (outputs, inputs);
+                    slave.outage.update(index, state.wc_state == WcState::Zero);
                 }
                 Err(error) => keep(&mut result, Err(error)),
             }

@@ -1,9 +1,9 @@
 //! SDO requests that run while the cycle goes on.
 
-use crate::adapter::{Adapter, Phase};
-use crate::cycle::CycleError;
-use crate::error::Error;
+use super::Adapter;
+use crate::error::{CycleError, Error};
 use crate::master::{RequestState, SdoRequestId};
+use crate::phase::Phase;
 
 /// An SDO request of a slave, created by [`Adapter::create_sdo_request`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,18 +1,24 @@
-//! What can go wrong outside the cycle, with the fields that locate it.
+//! Errors of the Adapter, with the fields that locate them.
+
+mod cycle_error;
+mod not_operational;
 
 use std::time::Duration;
 
 use ecan_protocol::device::{AlState, Recognition};
-use ecan_protocol::object::{AbortCode, describe};
+use ecan_protocol::object::{AbortCode, describe, lookup};
 use ecan_protocol::sequence::Expectation;
 use ecrt_sys::Errno;
 use thiserror::Error;
+use tracing::debug;
 
-use crate::adapter::Phase;
 use crate::config::{ConfigFault, Faults, Identity};
-use crate::cycle::CycleError;
 use crate::master::{OpenError, SdoError};
-use crate::operation_report::NotOperational;
+use crate::phase::Phase;
+
+pub use cycle_error::CycleError;
+pub(crate) use not_operational::is_preop;
+pub use not_operational::{NotOperational, SlaveReport};
 
 /// Direction of an SDO transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,7 +30,8 @@ pub enum SdoDirection {
 }
 
 impl SdoDirection {
-    fn words(self) -> (&'static str, &'static str) {
+    /// Noun and preposition.
+    fn text(self) -> (&'static str, &'static str) {
         match self {
             Self::Upload => ("upload", "from"),
             Self::Download => ("download", "to"),
@@ -36,7 +43,7 @@ impl SdoDirection {
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The configuration has faults; nothing was touched.
+    /// The configuration has faults; nothing was changed.
     #[error(transparent)]
     Config(#[from] Faults<ConfigFault>),
     /// The master could not be requested or opened.
@@ -47,12 +54,12 @@ pub enum Error {
     Library {
         /// Name of the library function.
         call: &'static str,
-        /// Slave index, where the call concerns one.
+        /// Slave index, if the call concerns one slave.
         slave: Option<usize>,
-        /// What the system said.
+        /// Error number of the system.
         errno: Errno,
     },
-    /// No slave at the configured place.
+    /// No slave at the configured address.
     #[error(
         "slave {slave} (alias {alias}, position {position}) is not on the bus: {}",
         if *is_scanning {
@@ -73,36 +80,38 @@ pub enum Error {
         /// Whether the master is still scanning the bus.
         is_scanning: bool,
     },
-    /// Two configured slaves are one and the same.
-    #[error("slaves {first} and {second} are the same one, at ring position {position}")]
+    /// Two configured slaves are the same slave on the bus.
+    #[error("slaves {first} and {second} are the same slave, at position {position}")]
     SameSlave {
         /// Index of the first.
         first: usize,
         /// Index of the second.
         second: usize,
-        /// Where both are.
+        /// Their position on the bus.
         position: u16,
     },
-    /// Another master than the one that is reserved.
-    #[error("the Adapter has reserved master {is} and cannot change to master {wanted}")]
+    /// A reconfiguration with another master than the reserved one.
+    #[error(
+        "the Adapter has reserved master {is} and cannot change to master {wanted}; open a new Adapter"
+    )]
     OtherMaster {
         /// The master in use.
         is: u32,
-        /// The master asked for.
+        /// The configured master.
         wanted: u32,
     },
-    /// An attached Adapter needs the handle of an owner, and only such a one.
-    #[error("attach needs a handle that another owner drives (Master::from_raw)")]
+    /// The handle given to attach is not the handle of another owner.
+    #[error("attach needs the handle of a master that its owner drives (Master::from_raw)")]
     OwnedMaster,
-    /// The call is for attached Adapters.
-    #[error("{call} is for an Adapter that is attached to its owner's master")]
+    /// The call is only for an attached Adapter.
+    #[error("{call} is only for an Adapter that is attached to an owner's master")]
     NotAttached {
         /// The call.
         call: &'static str,
     },
     /// The slave has another identity than the configured one.
-    #[error("slave {slave} is {found}, configured is {wanted}")]
-    WrongIdentity {
+    #[error("slave {slave}: identity {found} does not match the configured {wanted}")]
+    IdentityMismatch {
         /// Slave index.
         slave: usize,
         /// Configured identity.
@@ -110,28 +119,28 @@ pub enum Error {
         /// Identity on the bus.
         found: Identity,
     },
-    /// The slave is something else than an ECAN-Lite.
+    /// The slave is not an ECAN-Lite.
     #[error(
-        "slave {slave} is not an ECAN-Lite: 0xF000 tells header versions 0x{:04X}, PDO unit {} \
-         bytes, header {} bytes, where an ECAN-Lite has 0x0002, 128 and 24",
+        "slave {slave} is not an ECAN-Lite: 0xF000 has header versions 0x{:04X}, PDO unit {} bytes, \
+         header {} bytes; an ECAN-Lite has 0x0002, 128 and 24",
         found.header_version_mask, found.size_unit_bytes, found.header_bytes
     )]
     NotAnEcanLite {
         /// Slave index.
         slave: usize,
-        /// What the slave tells about itself.
+        /// Values of its 0xF000.
         found: Recognition,
     },
-    /// The slave does not tell what it is.
-    #[error("slave {slave} cannot be recognised as an ECAN-Lite: {cause}")]
+    /// The slave cannot be identified.
+    #[error("slave {slave} cannot be identified as an ECAN-Lite: {cause}")]
     Unrecognised {
         /// Slave index.
         slave: usize,
-        /// Why 0xF000 could not be read.
+        /// Error of reading 0xF000.
         #[source]
         cause: Box<Error>,
     },
-    /// The slave offers other PDO chunks than the manual's (5.1).
+    /// The PDO chunks of the slave differ from the manual's (5.1).
     #[error(
         "slave {slave}: PDO 0x{pdo:04X} entry {entry} maps object 0x{found_index:04X} with \
          {found_bits} bits, expected 0x{expected_index:04X} with 128 bits (manual 5.1.1)"
@@ -150,7 +159,7 @@ pub enum Error {
         /// Object that the manual maps.
         expected_index: u16,
     },
-    /// A PDO with another number of entries than the manual's 8 (5.1).
+    /// The number of entries of a PDO differs from the manual's 8 (5.1).
     #[error("slave {slave}: PDO 0x{pdo:04X} has {found} entries, expected 8 (manual 5.1.1)")]
     MappingCount {
         /// Slave index.
@@ -160,7 +169,7 @@ pub enum Error {
         /// Entries that it has.
         found: u32,
     },
-    /// The domain does not lay the chunks out as one continuous buffer.
+    /// The chunks are not continuous in the domain.
     #[error(
         "slave {slave}: the master placed object 0x{index:04X} at domain offset {found}, \
          expected {expected}: the chunks are not continuous"
@@ -170,20 +179,20 @@ pub enum Error {
         slave: usize,
         /// Data object.
         index: u16,
-        /// Offset that the master gave.
+        /// Offset from the master.
         found: usize,
-        /// Offset that makes the buffer continuous.
+        /// Offset in a continuous image.
         expected: usize,
     },
-    /// The slave does not come to PREOP, where it could be configured.
+    /// The slave does not reach PREOP, so that it cannot be configured.
     #[error(
         "slave {slave} did not reach PREOP within {} ms: it is in {}{}", timeout.as_millis(),
-        al_state_words(*al_state), if *error_flag { " with its error flag set" } else { "" }
+        al_state_text(*al_state), if *error_flag { " with its error flag set" } else { "" }
     )]
     NotInPreop {
         /// Slave index.
         slave: usize,
-        /// AL state it is in, as a number.
+        /// Its AL state as a number.
         al_state: u8,
         /// Whether its error flag is set.
         error_flag: bool,
@@ -192,8 +201,8 @@ pub enum Error {
     },
     /// An SDO transfer failed.
     #[error(
-        "SDO {} {} {} slave {slave} {}", direction.words().0, describe(*index, *subindex),
-        direction.words().1, sdo_cause(abort_code, errno)
+        "SDO {} {} {} slave {slave} {}", direction.text().0, describe(*index, *subindex),
+        direction.text().1, sdo_cause(abort_code, errno)
     )]
     Sdo {
         /// Slave index.
@@ -204,17 +213,17 @@ pub enum Error {
         index: u16,
         /// Object subindex.
         subindex: u8,
-        /// What the system said.
+        /// Error number of the system.
         errno: Errno,
-        /// Why the slave refused, if it answered.
+        /// Abort code of the slave, if it answered.
         abort_code: Option<AbortCode>,
     },
-    /// An object reads back something else than its configuration demands.
+    /// An object does not have the expected value.
     #[error(
         "{} of slave {slave} reads {}, expected {}",
         describe(*index, *subindex),
-        value_words(*index, *subindex, *found),
-        expected_words(*index, *subindex, *expected)
+        value_text(*index, *subindex, *found),
+        expected_text(*index, *subindex, *expected)
     )]
     Readback {
         /// Slave index.
@@ -223,31 +232,31 @@ pub enum Error {
         index: u16,
         /// Object subindex.
         subindex: u8,
-        /// What was expected.
+        /// Expected value.
         expected: Expectation,
-        /// Value that was read.
+        /// Value of the object.
         found: u32,
     },
     /// Not every slave reached OP in time.
     #[error(transparent)]
     NotOperational(Box<NotOperational>),
-    /// The call does not fit the phase that the Adapter is in.
+    /// The call is not possible in the current phase.
     #[error("{call} needs the Adapter {needed}, it is {is}")]
     Phase {
         /// The call.
         call: &'static str,
-        /// Phase that it needs.
+        /// Required phase.
         needed: Phase,
-        /// Phase that the Adapter is in.
+        /// Current phase.
         is: Phase,
     },
-    /// The call belongs to the owner of the master that the Adapter is attached to.
-    #[error("{call} is the business of the master's owner: this Adapter is attached to its handle")]
+    /// The call is only for the owner of the master that the Adapter is attached to.
+    #[error("{call} is not available on an attached Adapter; the owner of the master must call it")]
     Attached {
         /// The call.
         call: &'static str,
     },
-    /// A slave index that is not configured.
+    /// A slave index out of range.
     #[error("slave index {slave} is out of range: {count} slave(s) are configured")]
     SlaveIndex {
         /// The index.
@@ -255,9 +264,9 @@ pub enum Error {
         /// Number of configured slaves.
         count: usize,
     },
-    /// The application gave up waiting, see
+    /// The application ended the wait, see
     /// [`Adapter::stop_waiting_when`](crate::Adapter::stop_waiting_when).
-    #[error("given up by the application")]
+    #[error("cancelled by the application")]
     Stopped,
     /// The cycle failed while waiting.
     #[error(transparent)]
@@ -265,6 +274,21 @@ pub enum Error {
 }
 
 impl Error {
+    /// Whether the cause may pass without a change by the application, so that the same call can
+    /// succeed later: the slaves are not ready, an SDO transfer got no answer, the master is busy.
+    pub fn is_temporary(&self) -> bool {
+        match self {
+            Self::NoSuchSlave { .. }
+            | Self::NotInPreop { .. }
+            | Self::NotOperational(_)
+            | Self::Sdo { abort_code: None, .. } => true,
+            Self::Open(error) => error.is_temporary(),
+            Self::Unrecognised { cause, .. } => cause.is_temporary(),
+            Self::Cycle(error) => error.is_temporary(),
+            _ => false,
+        }
+    }
+
     pub(crate) fn library(call: &'static str, slave: Option<usize>, errno: Errno) -> Self {
         Self::Library { call, slave, errno }
     }
@@ -275,19 +299,21 @@ impl Error {
         (index, subindex): (u16, u8),
         error: SdoError,
     ) -> Self {
-        Self::Sdo {
+        let error = Self::Sdo {
             slave,
             direction,
             index,
             subindex,
             errno: error.errno,
             abort_code: error.abort_code.map(AbortCode),
-        }
+        };
+        debug!(slave, index, subindex, "{error}");
+        error
     }
 }
 
-/// An AL state by name, or as the number it is.
-pub(crate) fn al_state_words(raw: u8) -> String {
+/// An AL state by name, or as a number.
+pub(crate) fn al_state_text(raw: u8) -> String {
     AlState::from_status(raw.into())
         .map_or_else(|| format!("state {raw}"), |state| state.to_string())
 }
@@ -303,19 +329,17 @@ fn sdo_cause(abort_code: &Option<AbortCode>, errno: &Errno) -> String {
     }
 }
 
-fn expected_words(index: u16, subindex: u8, expected: Expectation) -> String {
+fn expected_text(index: u16, subindex: u8, expected: Expectation) -> String {
     match expected {
-        Expectation::Equals(value) => value_words(index, subindex, value as u32),
+        Expectation::Equals(value) => value_text(index, subindex, value as u32),
         other => other.to_string(),
     }
 }
 
-/// A value with its meaning from the object dictionary, where it has one.
-pub fn value_words(index: u16, subindex: u8, value: u32) -> String {
-    let meaning =
-        ecan_protocol::object::lookup(index, subindex).and_then(|(_, entry)| entry.meaning(value));
-    match meaning {
-        Some(words) => format!("{value} ({words})"),
+/// A value with its meaning from the object dictionary, if it has one.
+pub fn value_text(index: u16, subindex: u8, value: u32) -> String {
+    match lookup(index, subindex).and_then(|(_, entry)| entry.meaning(value)) {
+        Some(meaning) => format!("{value} ({meaning})"),
         None if value > 9 => format!("{value} (0x{value:X})"),
         None => value.to_string(),
     }

@@ -1,63 +1,54 @@
-//! The Adapter's life: open or attach, configure, activate, reconfigure, close.
+//! The Adapter: opens or attaches to a master, configures the gateways, and runs the cycle.
 
-use std::fmt;
+mod al_status;
+mod cycle;
+mod cycle_grid;
+mod events;
+mod investigation;
+mod operation;
+mod parallel;
+mod process_data;
+mod requests;
+
+pub use cycle::{Delivery, DomainReport};
+pub use operation::{OpProgress, OpWait};
+pub use parallel::run_in_parallel;
+pub use requests::RequestId;
+
 use std::ops::Range;
 
 use ecan_protocol::mapping::Direction;
 use ecrt_sys::{Clock, Ecrt};
 
-use crate::al_status::AlStatusWatch;
+use crate::bus::{Diagnostics, Identified, identification, mapping};
 use crate::clocks::DistributedClocks;
 use crate::config::{AdapterConfig, Identity, WATCHDOG_UNIT};
-use crate::cycle::DomainReport;
-use crate::diagnostics::Diagnostics;
-use crate::domain_layout::DomainLayout;
 use crate::error::Error;
-use crate::identification::{self, Identified};
-use crate::mapping;
 use crate::master::{DomainId, Master, SlaveConfigId};
-use crate::plan::Plan;
+use crate::phase::Phase;
+use crate::plan::{DomainLayout, Plan};
 use crate::real_time::{CycleStart, CycleStatistics, CycleTimer, CycleTiming};
 use crate::startup::{StartupPlan, StartupStep};
-use crate::stop::StopCheck;
-
-/// Where an [`Adapter`] is in its life.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
-    /// Nothing is configured: a reconfiguration failed half way. Only
-    /// [`Adapter::reconfigure`] and dropping are left.
-    Down,
-    /// Slaves, domains and startup SDOs are configured; requests may be created.
-    Configured,
-    /// The master runs cyclically; the process images exist.
-    Active,
-}
-
-impl fmt::Display for Phase {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Down => "down",
-            Self::Configured => "configured",
-            Self::Active => "active",
-        })
-    }
-}
+use al_status::AlStatusWatch;
+use events::{Outage, Overruns};
+use operation::StopCheck;
 
 /// A configured slave and its place in the master.
 #[derive(Debug)]
-pub(crate) struct Slave {
-    pub(crate) config: SlaveConfigId,
-    pub(crate) domain: DomainId,
-    pub(crate) identity: Identity,
+struct Slave {
+    config: SlaveConfigId,
+    domain: DomainId,
+    identity: Identity,
     /// 0xF000:07 and :08, by which the very device is known.
-    pub(crate) serial: [u32; 2],
-    pub(crate) layout: DomainLayout,
-    pub(crate) rx: Range<usize>,
-    pub(crate) tx: Range<usize>,
-    pub(crate) report: DomainReport,
+    serial: [u32; 2],
+    layout: DomainLayout,
+    rx: Range<usize>,
+    tx: Range<usize>,
+    report: DomainReport,
     /// Its last process data were not sent, so the working counter is an old one.
-    pub(crate) is_unsent: bool,
-    pub(crate) al_status: AlStatusWatch,
+    is_unsent: bool,
+    al_status: AlStatusWatch,
+    outage: Outage,
 }
 
 /// The master side of one or more ECAN-Lite gateways (manual 15.1, "Adapter").
@@ -65,28 +56,29 @@ pub(crate) struct Slave {
 /// Belongs to one thread at a time. Dropping it releases the master, also after an error.
 #[derive(Debug)]
 pub struct Adapter {
-    pub(crate) ecrt: Ecrt,
-    pub(crate) master: Master,
-    pub(crate) diagnostics: Diagnostics,
-    pub(crate) config: AdapterConfig,
-    pub(crate) startup: StartupPlan,
-    pub(crate) slaves: Vec<Slave>,
-    pub(crate) phase: Phase,
+    ecrt: Ecrt,
+    master: Master,
+    diagnostics: Diagnostics,
+    config: AdapterConfig,
+    startup: StartupPlan,
+    slaves: Vec<Slave>,
+    phase: Phase,
     attached: bool,
-    pub(crate) stop: Option<StopCheck>,
+    stop: Option<StopCheck>,
     /// The cycle grid, its last point, the start of the cycle that is due there, and the time of
     /// the running cycle.
-    pub(crate) cycle_timer: CycleTimer,
-    pub(crate) cycle_start: CycleStart,
-    pub(crate) cycle_statistics: Option<CycleStatistics>,
-    pub(crate) cycle_due_ns: Option<u64>,
-    pub(crate) cycle_time_ns: u64,
+    cycle_timer: CycleTimer,
+    cycle_start: CycleStart,
+    cycle_statistics: Option<CycleStatistics>,
+    overruns: Overruns,
+    cycle_due_ns: Option<u64>,
+    cycle_time_ns: u64,
     /// When was sent last, and how long the answer may take.
-    pub(crate) sent_ns: u64,
-    pub(crate) response_ns: u64,
+    sent_ns: u64,
+    response_ns: u64,
     /// Distributed clocks, while the bus is active and theirs are the Adapter's.
-    pub(crate) clocks: Option<DistributedClocks>,
-    pub(crate) clock_correction_ns: i64,
+    clocks: Option<DistributedClocks>,
+    clock_correction_ns: i64,
 }
 
 impl Adapter {
@@ -151,6 +143,7 @@ impl Adapter {
             cycle_timer,
             cycle_start: CycleStart::default(),
             cycle_statistics: None,
+            overruns: Overruns::default(),
             cycle_due_ns: None,
             cycle_time_ns: 0,
             sent_ns: 0,
@@ -265,6 +258,7 @@ impl Adapter {
             },
             is_unsent: false,
             al_status: AlStatusWatch::new(al_status),
+            outage: Outage::default(),
         })
     }
 
@@ -431,11 +425,11 @@ impl Adapter {
         move || Diagnostics::open(&ecrt, &config)
     }
 
-    pub(crate) fn slave(&self, slave: usize) -> Result<&Slave, Error> {
+    fn slave(&self, slave: usize) -> Result<&Slave, Error> {
         self.slaves.get(slave).ok_or(Error::SlaveIndex { slave, count: self.slaves.len() })
     }
 
-    pub(crate) fn need_phase(&self, call: &'static str, needed: Phase) -> Result<(), Error> {
+    fn need_phase(&self, call: &'static str, needed: Phase) -> Result<(), Error> {
         if self.phase == needed {
             Ok(())
         } else {

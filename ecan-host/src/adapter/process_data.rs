@@ -1,6 +1,6 @@
 //! The process images of the slaves: raw PDO access (manual 15.5.3).
 
-use crate::adapter::Adapter;
+use super::Adapter;
 
 impl Adapter {
     /// The RxPDO of a slave, written by the application: 128 * N continuous bytes.

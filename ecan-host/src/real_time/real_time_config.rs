@@ -3,8 +3,6 @@
 use thiserror::Error;
 
 use super::cycle_timer::{CycleTiming, MAX_SPIN_NS};
-use super::privileges;
-use super::report::{RealTimeError, RealTimeReport};
 use crate::config::Faults;
 
 /// Most of the stack that settings may ask to have touched in advance, in bytes: half of what Rust
@@ -115,35 +113,5 @@ impl RealTimeConfig {
             faults.push(RealTimeFault::Spin { spin_ns });
         }
         Faults::check(faults)
-    }
-
-    /// Applies them to the calling thread, locked memory to its whole process, the latency of
-    /// waking up to the machine, and tells what was granted.
-    ///
-    /// To be called once by the thread of the cycle, before the cycle and after threads were
-    /// started that shall not inherit priority and affinity. Not real-time safe.
-    ///
-    /// # Errors
-    /// [`RealTimeError::Settings`] for faulty values, with nothing applied;
-    /// [`RealTimeError::Missing`] where a required privilege was not granted, with the report. What
-    /// was granted stays in force.
-    pub fn apply(&self) -> Result<RealTimeReport, RealTimeError> {
-        self.check()?;
-        let mut outcomes = Vec::new();
-        if let Some(stack_bytes) = self.lock_memory {
-            outcomes.push(privileges::lock_memory(stack_bytes, self.lock_memory_need));
-        }
-        if let Some(cpus) = &self.cpus {
-            outcomes.push(privileges::bind_to_cpus(cpus, self.cpus_need));
-        }
-        if let Some(latency_us) = self.wake_up_latency_us {
-            outcomes.push(privileges::limit_wake_up(latency_us, self.wake_up_latency_need));
-        }
-        // Last, so that the preparation is not done at a priority above everything else.
-        if let Some(priority) = self.priority {
-            outcomes.push(privileges::raise_priority(priority, self.priority_need));
-        }
-        let report = RealTimeReport { outcomes };
-        if report.is_sufficient() { Ok(report) } else { Err(RealTimeError::Missing(report)) }
     }
 }

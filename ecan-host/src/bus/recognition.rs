@@ -5,8 +5,8 @@ use ecan_protocol::object::AbortCode;
 use ecrt_sys::Errno;
 use thiserror::Error;
 
+use super::diagnostics::Diagnostics;
 use crate::config::Identity;
-use crate::diagnostics::Diagnostics;
 use crate::error::Error;
 
 /// What a slave is, by its own answers. The manual gives no vendor id and no product code, so that

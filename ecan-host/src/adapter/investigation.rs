@@ -1,93 +1,12 @@
-//! Why slaves are not in OP, with everything that the master and the gateway can tell.
+//! Why slaves are not in OP.
 
-use std::fmt;
-
-use ecan_protocol::device::{AlState, AlStatusCode, Capabilities};
+use ecan_protocol::device::Capabilities;
 use ecan_protocol::mapping::Direction;
 
-use crate::adapter::{Adapter, Slave};
-use crate::diagnostics::Diagnostics;
-use crate::error::{Error, al_state_words};
+use super::{Adapter, Slave};
+use crate::bus::Diagnostics;
+use crate::error::{Error, NotOperational, SlaveReport};
 use crate::startup::StartupStep;
-
-/// One slave that is not in OP, with everything the master can tell about it.
-#[derive(Debug)]
-pub struct SlaveReport {
-    /// Slave index.
-    pub slave: usize,
-    /// Configured alias.
-    pub alias: u16,
-    /// Configured position.
-    pub position: u16,
-    /// Whether the slave answers at all.
-    pub online: bool,
-    /// AL state as a number; `None` when the slave does not answer.
-    pub al_state: Option<u8>,
-    /// Whether the master met an error with the slave and holds it where it is.
-    pub error_flag: bool,
-    /// Why, in the slave's words: the last code seen while waiting, since the master acknowledges
-    /// errors and so clears them. `None` when none was caught.
-    pub al_status_code: Option<AlStatusCode>,
-    /// What is wrong with a slave that the master holds in PREOP: the startup SDO that it refuses,
-    /// or the object that does not fit the configured N.
-    pub cause: Option<Box<Error>>,
-    /// Working counter of its domain in the last cycle.
-    pub working_counter: u32,
-    /// Working counter of a complete exchange.
-    pub expected_working_counter: u32,
-}
-
-impl SlaveReport {
-    /// Whether the master has given up in PREOP, so that trying its steps again disturbs nothing.
-    fn is_held_in_preop(&self) -> bool {
-        self.online && self.error_flag && self.al_state.is_some_and(is_preop)
-    }
-}
-
-impl fmt::Display for SlaveReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "slave {} (alias {}, position {})", self.slave, self.alias, self.position)?;
-        let Some(state) = self.al_state.filter(|_| self.online) else {
-            return f.write_str(" does not answer: check its power and the cable to it");
-        };
-        write!(f, " is in {}", al_state_words(state))?;
-        if self.error_flag {
-            f.write_str(" with its error flag set")?;
-        } else if is_preop(state) {
-            f.write_str(", still being configured")?;
-        }
-        if let Some(code) = self.al_status_code {
-            write!(f, ", AL status code {code}")?;
-        }
-        if let Some(cause) = &self.cause {
-            write!(f, ", because {cause}")?;
-        }
-        let (counter, expected) = (self.working_counter, self.expected_working_counter);
-        write!(f, ", working counter {counter} of {expected}")
-    }
-}
-
-/// The slaves that did not reach OP in time.
-#[derive(Debug)]
-pub struct NotOperational {
-    /// How long was waited, in milliseconds.
-    pub waited_ms: u64,
-    /// Every slave that is not in OP.
-    pub slaves: Vec<SlaveReport>,
-}
-
-impl fmt::Display for NotOperational {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "not in OP after {} ms", self.waited_ms)?;
-        self.slaves.iter().try_for_each(|slave| write!(f, "\n  - {slave}"))
-    }
-}
-
-impl std::error::Error for NotOperational {}
-
-pub(crate) fn is_preop(al_state: u8) -> bool {
-    AlState::from_status(al_state.into()) == Some(AlState::PreOp)
-}
 
 impl NotOperational {
     /// The blocking transfers that find the causes, for

@@ -7,10 +7,10 @@ use std::thread;
 
 use ecrt_sys::Clock;
 
-use crate::adapter::{Adapter, Phase};
-use crate::cycle::CycleError;
-use crate::diagnostics::Diagnostics;
-use crate::error::Error;
+use super::Adapter;
+use crate::bus::Diagnostics;
+use crate::error::{CycleError, Error};
+use crate::phase::Phase;
 
 /// Reports the end of the work, also after a panic.
 struct WorkerGuard<'a>(&'a AtomicBool);
