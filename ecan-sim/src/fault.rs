@@ -2,19 +2,24 @@
 
 use std::collections::VecDeque;
 
+use serde::Deserialize;
+
 use crate::gateway::GatewayFault;
 
 /// Direction in which a frame is lost.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum LossDirection {
     /// Before the first slave: no slave sees the frame.
+    #[default]
     Outward,
     /// After the last slave: every slave has processed the frame, the master does not receive it.
     Return,
 }
 
 /// A call of libethercat that [`Fault::LibraryError`] makes fail.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum LibraryCall {
     /// `ecrt_master_receive`: received frames remain for the next call.
     Receive,

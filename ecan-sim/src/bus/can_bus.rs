@@ -72,12 +72,6 @@ impl CanBus {
         StationId(self.stations.len() - 1)
     }
 
-    /// Number of attached stations.
-    #[must_use]
-    pub fn station_count(&self) -> usize {
-        self.stations.len()
-    }
-
     /// Restarts a station with a configuration, or takes it off the bus (`None`).
     ///
     /// The controller is reset: its frame is lost (one in transmission ends in an error frame), the

@@ -2,6 +2,7 @@
 
 use ecan_canopen::NodeId;
 use ecan_protocol::object::AbortCode;
+use serde::Deserialize;
 
 /// A simulated drive. Plain data; all defaults except the node-ID are those of a well-behaved servo
 /// drive.
@@ -43,7 +44,8 @@ impl DriveConfig {
 }
 
 /// The motor, its encoder and its load. Positions are increments of the encoder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct MotorConfig {
     /// Increments per revolution (0x608F); there is one index pulse per revolution.
     pub increments_per_revolution: u32,
@@ -94,14 +96,36 @@ impl Default for MotorConfig {
     }
 }
 
+impl MotorConfig {
+    /// Checks the values of a file; the error is a text.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let above_zero = [
+            ("increments_per_revolution", self.increments_per_revolution),
+            ("max_velocity", self.max_velocity),
+            ("max_acceleration", self.max_acceleration),
+            ("max_torque", u32::from(self.max_torque)),
+            ("period_us", self.period_us),
+        ];
+        if let Some((key, _)) = above_zero.iter().find(|(_, value)| *value == 0) {
+            return Err(format!("`{key}` = 0 is out of range; must be above 0"));
+        }
+        if self.limit_switches.0 >= self.limit_switches.1 {
+            return Err("the negative limit switch must be below the positive one".to_owned());
+        }
+        Ok(())
+    }
+}
+
 /// Transfer direction of a rule.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum SdoDirection {
     /// Uploads.
     Read,
     /// Downloads.
     Write,
     /// Both.
+    #[default]
     Both,
 }
 
@@ -115,7 +139,8 @@ pub enum SdoEffect {
 }
 
 /// An object whose transfers fail.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "RawSdoRule")]
 pub struct SdoRule {
     /// Index.
     pub index: u16,
@@ -129,8 +154,41 @@ pub struct SdoRule {
     pub times: Option<u32>,
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawSdoRule {
+    index: u16,
+    subindex: Option<u8>,
+    #[serde(default)]
+    direction: SdoDirection,
+    code: Option<u32>,
+    #[serde(default)]
+    silent: bool,
+    times: Option<u32>,
+}
+
+impl TryFrom<RawSdoRule> for SdoRule {
+    type Error = &'static str;
+
+    fn try_from(raw: RawSdoRule) -> Result<Self, Self::Error> {
+        let effect = match (raw.code, raw.silent) {
+            (Some(code), false) => SdoEffect::Abort(AbortCode(code)),
+            (None, true) => SdoEffect::Silence,
+            _ => return Err("an `sdo` quirk needs either `code` or `silent = true`"),
+        };
+        Ok(Self {
+            index: raw.index,
+            subindex: raw.subindex,
+            direction: raw.direction,
+            effect,
+            times: raw.times,
+        })
+    }
+}
+
 /// Deviations of a drive from a well-behaved one.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct DriveQuirks {
     /// Mapping objects are locked while the PDO is valid, as CiA 301 specifies. Some drives allow a
     /// change when the number of entries is 0. Default `true`.
@@ -158,6 +216,7 @@ pub struct DriveQuirks {
     /// Objects that the drive lacks, for example 0x1016.
     pub missing: Vec<u16>,
     /// Objects whose transfers fail.
+    #[serde(rename = "sdo")]
     pub sdo_rules: Vec<SdoRule>,
 }
 

@@ -18,7 +18,7 @@ use super::network::{Network, WatchEvent};
 use super::parameters::Parameters;
 use super::pdo::{ReceivePdo, TransmitPdo, numbers};
 use super::sdo_server::{BlockSupport, Bytes};
-use super::slots::Slots;
+use super::slots::{self, Slots};
 use crate::earliest::earliest;
 use crate::node::NodeOutput;
 
@@ -90,7 +90,7 @@ impl Device {
             powered: false,
             on_bus: false,
             power_on_at: None,
-            slots: Slots::find(&objects),
+            slots: slots::find(&objects),
             pdo_slots: Slots::default(),
             parameters: Parameters::read(&objects, axis.motor()),
             network: Network::new(),
@@ -211,7 +211,7 @@ impl Device {
         self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
         self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
         let sent = |slot| self.transmit.iter().any(|pdo| pdo.id.is_some() && pdo.mapping.has(slot));
-        self.pdo_slots = self.slots.in_use(sent);
+        self.pdo_slots = self.slots.map(|slot| slot.filter(|slot| sent(*slot)));
         self.note_identifiers();
     }
 

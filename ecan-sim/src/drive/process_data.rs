@@ -8,7 +8,7 @@ use super::device::{Device, PDO_TOO_LONG, PDO_TOO_SHORT};
 use super::dictionary::Slot;
 use super::emergency::register_of;
 use super::pdo::{Mapping, PDO_BYTES};
-use super::slots::Slots;
+use super::slots::{Slots, UPDATED};
 use crate::node::NodeOutput;
 
 /// EMCY error code: SYNC with wrong length.
@@ -136,30 +136,30 @@ impl Device {
     }
 
     fn publish_to(&mut self, slots: &Slots) {
-        let torque = |device: &Self| device.axis.motor().torque().round() as i64;
-        self.update(slots.error_register, |device| device.emergency.register().0.into());
-        self.update(slots.error_code, |device| device.emergency.code().into());
-        self.update(slots.statusword, |device| device.statusword().0.into());
-        self.update(slots.mode_display, |device| {
-            device.axis.mode().map_or(0, |mode| i64::from(mode.raw()))
-        });
-        self.update(slots.position_demand, |device| device.axis.demand().into());
-        self.update(slots.position_internal, |device| {
-            device.axis.motor().position().round() as i64
-        });
-        self.update(slots.position, |device| device.axis.position().into());
-        self.update(slots.velocity_demand, |device| device.axis.demanded_velocity().into());
-        self.update(slots.velocity, |device| device.axis.motor().velocity().round() as i64);
-        self.update(slots.torque_demand, torque);
-        self.update(slots.torque, torque);
-        self.update(slots.following_error, |device| device.axis.following_error().into());
-        self.update(slots.inputs, |device| device.axis.switches().bits().into());
+        for (slot, index) in slots.iter().zip(UPDATED) {
+            if let Some(slot) = slot {
+                let value = self.value(index);
+                self.objects.put(*slot, value as u64);
+            }
+        }
     }
 
-    fn update(&mut self, slot: Option<Slot>, value: impl FnOnce(&Self) -> i64) {
-        if let Some(slot) = slot {
-            let value = value(self);
-            self.objects.put(slot, value as u64);
+    fn value(&self, index: u16) -> i64 {
+        let motor = self.axis.motor();
+        match index {
+            object::ERROR_REGISTER => self.emergency.register().0.into(),
+            object::ERROR_CODE => self.emergency.code().into(),
+            object::STATUSWORD => self.statusword().0.into(),
+            object::MODE_DISPLAY => self.axis.mode().map_or(0, |mode| i64::from(mode.raw())),
+            object::POSITION_DEMAND => self.axis.demand().into(),
+            object::POSITION_ACTUAL_INTERNAL => motor.position().round() as i64,
+            object::POSITION_ACTUAL => self.axis.position().into(),
+            object::VELOCITY_DEMAND => self.axis.demanded_velocity().into(),
+            object::VELOCITY_ACTUAL => motor.velocity().round() as i64,
+            object::TORQUE_DEMAND | object::TORQUE_ACTUAL => motor.torque().round() as i64,
+            object::FOLLOWING_ERROR => self.axis.following_error().into(),
+            object::DIGITAL_INPUTS => self.axis.switches().bits().into(),
+            _ => 0,
         }
     }
 }

@@ -3,7 +3,6 @@
 //! The tables are read flat and then checked key by key, so that a key that does not belong to the
 //! kind of a node or fault is rejected as clearly as an unknown one.
 
-mod raw_drive;
 mod raw_fault;
 mod raw_node;
 
@@ -44,27 +43,20 @@ impl std::error::Error for ScenarioError {}
 struct RawScenario {
     name: Option<String>,
     seed: Option<u64>,
-    clock: Option<RawClock>,
+    clock: Option<ClockKind>,
     wake_up_us: Option<Spanned<RawWakeUp>>,
-    version: Option<RawVersion>,
+    version: Option<EcrtVersion>,
     #[serde(default)]
     carries_large_pdos: bool,
     #[serde(default)]
     reserved: bool,
-    topology: Option<RawTopology>,
+    topology: Option<Topology>,
     #[serde(default)]
     gateway: Vec<Spanned<RawGateway>>,
     #[serde(default)]
     node: Vec<Spanned<RawNode>>,
     #[serde(default)]
     fault: Vec<Spanned<RawFault>>,
-}
-
-#[derive(Deserialize, Clone, Copy)]
-#[serde(rename_all = "lowercase")]
-enum RawClock {
-    Real,
-    Stepped,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -87,21 +79,6 @@ impl RawWakeUp {
             longest_ns: ns(self.longest),
         })
     }
-}
-
-#[derive(Deserialize, Clone, Copy)]
-enum RawVersion {
-    #[serde(rename = "1.5", alias = "1.5.2")]
-    V1_5,
-    #[serde(rename = "1.6", alias = "1.6.2")]
-    V1_6,
-}
-
-#[derive(Deserialize, Clone, Copy)]
-#[serde(rename_all = "lowercase")]
-enum RawTopology {
-    Line,
-    Star,
 }
 
 #[derive(Deserialize)]
@@ -268,21 +245,12 @@ impl Scenario {
         let mut scenario = Self {
             name: raw.name.unwrap_or_else(|| name.to_owned()),
             seed: raw.seed.unwrap_or(1),
-            clock: raw.clock.map(|clock| match clock {
-                RawClock::Real => ClockKind::Real,
-                RawClock::Stepped => ClockKind::Stepped,
-            }),
+            clock: raw.clock,
             wake_up: wake_up.transpose()?,
-            version: match raw.version {
-                Some(RawVersion::V1_5) => EcrtVersion::V1_5,
-                Some(RawVersion::V1_6) | None => EcrtVersion::V1_6,
-            },
+            version: raw.version.unwrap_or(EcrtVersion::V1_6),
             carries_large_pdos: raw.carries_large_pdos,
             reserved: raw.reserved,
-            topology: match raw.topology {
-                Some(RawTopology::Star) => Topology::Star,
-                Some(RawTopology::Line) | None => Topology::Line,
-            },
+            topology: raw.topology.unwrap_or(Topology::Line),
             ..Self::default()
         };
         for (position, raw) in raw.gateway.into_iter().enumerate() {

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use serde::Deserialize;
+
 use crate::drive::DriveConfig;
 use crate::fault::ScriptedFault;
 use crate::gateway::GatewayModelConfig;
@@ -9,7 +11,8 @@ use crate::node::{BridgeSpec, FaultyConfig};
 use crate::wake_up::WakeUpDelay;
 
 /// Clock of a simulation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum ClockKind {
     /// The system's monotonic clock.
     Real,
@@ -19,11 +22,13 @@ pub enum ClockKind {
 }
 
 /// Simulated release of libethercat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub enum EcrtVersion {
     /// 1.5.2: many functions return nothing, some do not exist.
+    #[serde(rename = "1.5", alias = "1.5.2")]
     V1_5,
     /// 1.6.2.
+    #[serde(rename = "1.6", alias = "1.6.2")]
     V1_6,
 }
 
@@ -38,7 +43,8 @@ impl EcrtVersion {
 }
 
 /// Connection of the gateways to the master.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Topology {
     /// One after the other: a missing gateway cuts off all gateways downstream of it.
     Line,

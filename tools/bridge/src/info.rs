@@ -4,8 +4,8 @@ use std::fmt;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
+use crate::clients::Clients;
 use crate::config::BridgeProtocol;
-use crate::hub::Hub;
 use crate::statistics::BridgeStatistics;
 
 /// Address and counters of a bridge. Does not keep it alive.
@@ -13,12 +13,16 @@ use crate::statistics::BridgeStatistics;
 pub struct BridgeInfo {
     protocol: BridgeProtocol,
     address: SocketAddr,
-    hub: Arc<Hub>,
+    clients: Arc<Clients>,
 }
 
 impl BridgeInfo {
-    pub(crate) fn new(protocol: BridgeProtocol, address: SocketAddr, hub: Arc<Hub>) -> Self {
-        Self { protocol, address, hub }
+    pub(crate) fn new(
+        protocol: BridgeProtocol,
+        address: SocketAddr,
+        clients: Arc<Clients>,
+    ) -> Self {
+        Self { protocol, address, clients }
     }
 
     /// Protocol of the bridge.
@@ -33,7 +37,7 @@ impl BridgeInfo {
 
     /// Counters of the bridge.
     pub fn statistics(&self) -> BridgeStatistics {
-        self.hub.statistics()
+        self.clients.statistics()
     }
 }
 

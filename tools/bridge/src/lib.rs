@@ -13,7 +13,6 @@ mod config;
 mod connection;
 #[cfg(test)]
 mod frame_strategies;
-mod hub;
 mod info;
 mod offline_session;
 mod rates;
@@ -31,9 +30,8 @@ mod writer;
 
 #[cfg(feature = "socketcan")]
 pub use self::socketcan::{SocketCanBridge, SocketCanError};
-pub use clients::Clients;
+pub use clients::{ClientId, Clients};
 pub use config::{BridgeConfig, BridgeProtocol};
-pub use hub::ClientId;
 pub use info::BridgeInfo;
 #[doc(hidden)]
 pub use offline_session::OfflineSession;

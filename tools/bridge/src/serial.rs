@@ -10,7 +10,6 @@ use crate::client_queue::ClientQueue;
 use crate::clients::Clients;
 use crate::config::BridgeProtocol;
 use crate::connection::Connection;
-use crate::hub::Hub;
 use crate::server::serve;
 use crate::session::Session;
 use crate::terminal::{Terminal, TerminalLine};
@@ -23,7 +22,7 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(10);
 #[derive(Debug)]
 pub struct SerialBridge {
     terminal: Arc<Terminal>,
-    clients: Clients,
+    clients: Arc<Clients>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -35,12 +34,11 @@ impl SerialBridge {
     /// No pseudo-terminal or no thread is available.
     pub fn open(queue: usize) -> io::Result<Self> {
         let terminal = Arc::new(Terminal::open()?);
-        let hub = Arc::new(Hub::new(queue, 1));
-        let clients = Clients(hub.clone());
-        let line = terminal.clone();
+        let clients = Arc::new(Clients::new(queue, 1));
+        let (line, served) = (terminal.clone(), clients.clone());
         let thread = thread::Builder::new()
             .name("bridge terminal".to_owned())
-            .spawn(move || serve_programs(&hub, &line))?;
+            .spawn(move || serve_programs(&served, &line))?;
         Ok(Self { terminal, clients, thread: Some(thread) })
     }
 
@@ -50,14 +48,14 @@ impl SerialBridge {
     }
 
     /// The client.
-    pub fn clients(&self) -> &Clients {
+    pub fn clients(&self) -> &Arc<Clients> {
         &self.clients
     }
 }
 
 impl Drop for SerialBridge {
     fn drop(&mut self) {
-        self.clients.0.close();
+        self.clients.close();
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
             // A panic in it has been reported on stderr already.
@@ -66,19 +64,21 @@ impl Drop for SerialBridge {
     }
 }
 
-/// Serves one program after the other until the hub is closed.
-fn serve_programs(hub: &Hub, terminal: &Arc<Terminal>) {
-    while !hub.is_closed() {
+/// Serves one program after the other until the bridge is closed.
+fn serve_programs(clients: &Clients, terminal: &Arc<Terminal>) {
+    while !clients.is_closed() {
         // A terminal that cannot be polled counts as unused.
         if !terminal.is_in_use().unwrap_or(false) {
             thread::park_timeout(LOOK_INTERVAL);
             continue;
         }
         let line = Arc::new(TerminalLine::new(terminal.clone()));
-        let queue = Arc::new(ClientQueue::new(hub.queue()));
-        // If the client is not admitted, the hub was closed just now.
-        let Some(id) = hub.join(Connection::Terminal(line.clone()), queue.clone()) else { return };
+        let queue = Arc::new(ClientQueue::new(clients.queue()));
+        // If the client is not admitted, the bridge was closed just now.
+        let Some(id) = clients.join(Connection::Terminal(line.clone()), queue.clone()) else {
+            return;
+        };
         let session = Session::new(BridgeProtocol::Slcan);
-        serve(hub, id, &Connection::Terminal(line), session, &queue);
+        serve(clients, id, &Connection::Terminal(line), session, &queue);
     }
 }

@@ -10,10 +10,9 @@ use std::time::Duration;
 use ecan_protocol::can::CanFrame;
 
 use crate::client_queue::ClientQueue;
-use crate::clients::Clients;
+use crate::clients::{ClientId, Clients};
 use crate::config::{BridgeConfig, BridgeProtocol};
 use crate::connection::{self, Connection};
-use crate::hub::{ClientId, Hub};
 use crate::info::BridgeInfo;
 use crate::rates::BusRates;
 use crate::session::Session;
@@ -49,7 +48,7 @@ pub enum ServerError {
 #[derive(Debug)]
 pub struct BridgeServer {
     info: BridgeInfo,
-    clients: Clients,
+    clients: Arc<Clients>,
     stop: Arc<AtomicBool>,
     acceptor: Option<JoinHandle<()>>,
 }
@@ -60,7 +59,7 @@ impl BridgeServer {
     /// # Errors
     /// The address is not available, or the thread cannot be started.
     pub fn listen(config: &BridgeConfig) -> Result<Self, ServerError> {
-        let hub = Arc::new(Hub::new(config.queue, config.max_clients));
+        let clients = Arc::new(Clients::new(config.queue, config.max_clients));
         let address = config.address;
         let listen = || {
             let listener = TcpListener::bind(address)?;
@@ -70,14 +69,18 @@ impl BridgeServer {
         };
         let (listener, bound) = listen().map_err(|error| ServerError::Listen { address, error })?;
         let stop = Arc::new(AtomicBool::new(false));
-        let acceptor =
-            Acceptor { listener, protocol: config.protocol, hub: hub.clone(), stop: stop.clone() };
+        let acceptor = Acceptor {
+            listener,
+            protocol: config.protocol,
+            clients: clients.clone(),
+            stop: stop.clone(),
+        };
         let acceptor = thread::Builder::new()
             .name(format!("bridge {}", bound.port()))
             .spawn(move || acceptor.run())
             .map_err(|error| ServerError::Thread { address: bound, error })?;
-        let info = BridgeInfo::new(config.protocol, bound, hub.clone());
-        Ok(Self { info, clients: Clients(hub), stop, acceptor: Some(acceptor) })
+        let info = BridgeInfo::new(config.protocol, bound, clients.clone());
+        Ok(Self { info, clients, stop, acceptor: Some(acceptor) })
     }
 
     /// Address and counters; remains valid after the server is dropped.
@@ -86,7 +89,7 @@ impl BridgeServer {
     }
 
     /// The clients.
-    pub fn clients(&self) -> &Clients {
+    pub fn clients(&self) -> &Arc<Clients> {
         &self.clients
     }
 }
@@ -94,7 +97,7 @@ impl BridgeServer {
 impl Drop for BridgeServer {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
-        self.clients.0.close();
+        self.clients.close();
         if let Some(acceptor) = self.acceptor.take() {
             acceptor.thread().unpark();
             // A panic in it has been reported on stderr already.
@@ -106,7 +109,7 @@ impl Drop for BridgeServer {
 struct Acceptor {
     listener: TcpListener,
     protocol: BridgeProtocol,
-    hub: Arc<Hub>,
+    clients: Arc<Clients>,
     stop: Arc<AtomicBool>,
 }
 
@@ -129,22 +132,22 @@ impl Acceptor {
     /// Starts the threads of a client. If there are too many clients or no thread is available, its
     /// connection is closed.
     fn admit(&self, stream: TcpStream) -> Option<JoinHandle<()>> {
-        let queue = Arc::new(ClientQueue::new(self.hub.queue()));
+        let queue = Arc::new(ClientQueue::new(self.clients.queue()));
         let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
             connection::watch(&stream)?;
             let connection = Connection::Tcp(stream);
-            let id = self.hub.join(connection.try_clone()?, queue.clone());
+            let id = self.clients.join(connection.try_clone()?, queue.clone());
             Ok(id.map(|id| (connection, id)))
         };
         let (connection, id) = admit().ok()??;
-        let hub = self.hub.clone();
+        let clients = self.clients.clone();
         let session = Session::new(self.protocol);
-        let serve = move || serve(&hub, id, &connection, session, &queue);
+        let serve = move || serve(&clients, id, &connection, session, &queue);
         let started = thread::Builder::new().name(format!("bridge client {id}")).spawn(serve);
         if started.is_err() {
-            self.hub.leave(id);
+            self.clients.leave(id);
         }
         started.ok()
     }
@@ -152,7 +155,7 @@ impl Acceptor {
 
 /// Serves a client until it leaves.
 pub(crate) fn serve(
-    hub: &Hub,
+    clients: &Clients,
     id: ClientId,
     stream: &Connection,
     mut session: Session,
@@ -163,53 +166,53 @@ pub(crate) fn serve(
     let writer = Writer::new(session.receive_settings());
     thread::scope(|scope| {
         let writer = thread::Builder::new().spawn_scoped(scope, move || {
-            write_all(hub, stream, writer, queue, &greeting);
+            write_all(clients, stream, writer, queue, &greeting);
             // Closes the queue, so that the reader does not wait for space in it.
-            hub.leave(id);
+            clients.leave(id);
         });
         if writer.is_ok() {
-            read_all(hub, id, stream, &mut session, queue);
+            read_all(clients, id, stream, &mut session, queue);
         }
-        hub.leave(id);
+        clients.leave(id);
     });
 }
 
 /// Access of a client to the bus.
 struct ClientUplink<'a> {
-    hub: &'a Hub,
+    clients: &'a Clients,
     id: ClientId,
 }
 
 impl Uplink for ClientUplink<'_> {
     fn bus(&self) -> Option<BusRates> {
-        self.hub.bus()
+        self.clients.bus()
     }
 
     fn send(&mut self, frame: CanFrame) -> bool {
-        self.hub.submit(self.id, frame)
+        self.clients.submit(self.id, frame)
     }
 
     fn send_when_possible(&mut self, frame: CanFrame) {
-        self.hub.submit_when_possible(self.id, frame);
+        self.clients.submit_when_possible(self.id, frame);
     }
 
     fn count_rejected(&mut self) {
-        count(&self.hub.counters.rejected);
+        count(&self.clients.counters.rejected);
     }
 
     fn count_mismatched(&mut self) {
-        count(&self.hub.counters.mismatched);
+        count(&self.clients.counters.mismatched);
     }
 }
 
 fn read_all(
-    hub: &Hub,
+    clients: &Clients,
     id: ClientId,
     stream: &Connection,
     session: &mut Session,
     queue: &ClientQueue,
 ) {
-    let mut uplink = ClientUplink { hub, id };
+    let mut uplink = ClientUplink { clients, id };
     let mut bytes = [0; 2048];
     loop {
         let read = match stream.read(&mut bytes) {
@@ -229,14 +232,14 @@ fn read_all(
 }
 
 fn write_all(
-    hub: &Hub,
+    clients: &Clients,
     stream: &Connection,
     mut writer: Writer,
     queue: &ClientQueue,
     greeting: &[u8],
 ) {
     let mut is_written = stream.write_all(greeting).is_ok();
-    while is_written && let Some(chunk) = writer.next_chunk(queue, || hub.bus()) {
+    while is_written && let Some(chunk) = writer.next_chunk(queue, || clients.bus()) {
         is_written = stream.write_all(&chunk.text).is_ok();
         if !chunk.pause.is_zero() {
             thread::sleep(chunk.pause);

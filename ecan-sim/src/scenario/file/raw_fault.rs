@@ -15,7 +15,7 @@ pub(super) struct RawFault {
     gateway: Option<usize>,
     channel: Option<usize>,
     node: Option<String>,
-    way: Option<RawLossDirection>,
+    way: Option<LossDirection>,
     cycles: Option<u32>,
     offset: Option<i32>,
     off_ms: Option<u32>,
@@ -25,16 +25,9 @@ pub(super) struct RawFault {
     code: Option<u32>,
     register: Option<u8>,
     times: Option<u32>,
-    call: Option<RawCall>,
+    call: Option<LibraryCall>,
     errno: Option<toml::Value>,
     ns: Option<i64>,
-}
-
-#[derive(Deserialize, Clone, Copy)]
-#[serde(rename_all = "lowercase")]
-enum RawLossDirection {
-    Outward,
-    Return,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -64,28 +57,6 @@ enum RawFaultKind {
     RequestsHeld,
 }
 
-#[derive(Deserialize, Clone, Copy)]
-#[serde(rename_all = "snake_case")]
-enum RawCall {
-    Receive,
-    Send,
-    DomainProcess,
-    DomainQueue,
-    DomainState,
-}
-
-impl From<RawCall> for LibraryCall {
-    fn from(call: RawCall) -> Self {
-        match call {
-            RawCall::Receive => Self::Receive,
-            RawCall::Send => Self::Send,
-            RawCall::DomainProcess => Self::DomainProcess,
-            RawCall::DomainQueue => Self::DomainQueue,
-            RawCall::DomainState => Self::DomainState,
-        }
-    }
-}
-
 /// Error numbers that can be given by name.
 const ERRNO_NAMES: [(&str, i32); 12] = [
     ("EPERM", libc::EPERM),
@@ -113,10 +84,7 @@ impl RawFault {
         };
         let fault = match self.kind {
             RawFaultKind::LostFrame => Fault::LostFrame {
-                direction: match self.way.take() {
-                    Some(RawLossDirection::Return) => LossDirection::Return,
-                    Some(RawLossDirection::Outward) | None => LossDirection::Outward,
-                },
+                direction: self.way.take().unwrap_or_default(),
                 cycles: self.cycles.take().unwrap_or(1),
             },
             RawFaultKind::WorkingCounterOffset => Fault::WorkingCounterOffset {
@@ -201,7 +169,7 @@ impl RawFault {
                 Fault::Drive { node: self.drive(scenario)?, fault }
             }
             RawFaultKind::LibraryError => Fault::LibraryError {
-                call: need("call", self.call.take())?.into(),
+                call: need("call", self.call.take())?,
                 errno: errno(&need("errno", self.errno.take())?)?,
                 times: self.times.take().unwrap_or(1),
             },

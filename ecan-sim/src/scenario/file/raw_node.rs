@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 use ecan_canopen::NodeId;
 use serde::Deserialize;
 
-use crate::drive::DriveConfig;
+use crate::drive::{DriveConfig, DriveQuirks, MotorConfig};
 use crate::node::{BridgeProtocol, BridgeSpec, FaultyConfig};
-use crate::scenario::file::raw_drive::{RawMotor, RawQuirks};
 use crate::scenario::file::set;
 use crate::scenario::{DriveSpec, NodeKind, NodeSpec, Scenario};
 
@@ -36,8 +35,8 @@ pub(super) struct RawNode {
     boot_ms: Option<u32>,
     sdo_delay_us: Option<u32>,
     enable_ms: Option<u32>,
-    motor: Option<RawMotor>,
-    quirks: Option<RawQuirks>,
+    motor: Option<MotorConfig>,
+    quirks: Option<DriveQuirks>,
 }
 
 #[derive(Deserialize, Clone, Copy, PartialEq)]
@@ -181,8 +180,9 @@ impl RawNode {
         set(&mut config.boot_ms, self.boot_ms);
         set(&mut config.sdo_delay_us, self.sdo_delay_us);
         set(&mut config.enable_ms, self.enable_ms);
-        set(&mut config.motor, self.motor.take().map(RawMotor::build).transpose()?);
-        set(&mut config.quirks, self.quirks.take().map(RawQuirks::build).transpose()?);
+        set(&mut config.motor, self.motor);
+        set(&mut config.quirks, self.quirks.take());
+        config.motor.check()?;
         let eds = self.eds.take().map(|file| directory.join(file));
         Ok(DriveSpec { config, eds })
     }

@@ -11,9 +11,8 @@ use rustix::io::Errno;
 use socketcan::{CanFdSocket, Socket as _};
 
 use crate::client_queue::{ClientQueue, Outgoing};
-use crate::clients::Clients;
+use crate::clients::{ClientId, Clients};
 use crate::connection::Close;
-use crate::hub::{ClientId, Hub};
 use crate::socketcan::frame::{from_kernel, to_kernel};
 use crate::socketcan::interface::{self, SocketCanError};
 use crate::statistics::count;
@@ -34,7 +33,7 @@ const TIMEOUT: Duration = Duration::from_millis(200);
 #[derive(Debug)]
 pub struct SocketCanBridge {
     interface: String,
-    clients: Clients,
+    clients: Arc<Clients>,
     state: Arc<State>,
     threads: Vec<JoinHandle<()>>,
 }
@@ -79,18 +78,22 @@ impl SocketCanBridge {
     pub(super) fn over(socket: CanFdSocket, interface: &str, queue: usize) -> io::Result<Self> {
         // Limits the time of a write to a full socket queue.
         socket.set_write_timeout(LOOK)?;
-        let (hub, state) = (Arc::new(Hub::new(queue, 1)), Arc::new(State::default()));
-        let queue = Arc::new(ClientQueue::new(hub.queue()));
-        // A new hub admits one client.
-        let id = hub.join(Closing(state.clone()), queue.clone());
+        let (clients, state) = (Arc::new(Clients::new(queue, 1)), Arc::new(State::default()));
+        let queue = Arc::new(ClientQueue::new(clients.queue()));
+        // The first client is always admitted.
+        let id = clients.join(Closing(state.clone()), queue.clone());
         let id = id.ok_or(io::ErrorKind::ConnectionRefused)?;
-        let clients = Clients(hub.clone());
         let threads = Vec::with_capacity(2);
-        let mut bridge = Self { interface: interface.to_owned(), clients, state, threads };
+        let mut bridge =
+            Self { interface: interface.to_owned(), clients: clients.clone(), state, threads };
         let socket = Arc::new(socket);
-        let reader =
-            Reader { socket: socket.clone(), hub: hub.clone(), state: bridge.state.clone(), id };
-        let writer = Writer { socket, hub, state: bridge.state.clone(), is_stuck: false };
+        let reader = Reader {
+            socket: socket.clone(),
+            clients: clients.clone(),
+            state: bridge.state.clone(),
+            id,
+        };
+        let writer = Writer { socket, clients, state: bridge.state.clone(), is_stuck: false };
         let thread = |way: &str| thread::Builder::new().name(format!("{interface} {way}"));
         bridge.threads.push(thread("reader").spawn(move || reader.run())?);
         bridge.threads.push(thread("writer").spawn(move || writer.run(&queue))?);
@@ -103,7 +106,7 @@ impl SocketCanBridge {
     }
 
     /// The only client: the interface.
-    pub fn clients(&self) -> &Clients {
+    pub fn clients(&self) -> &Arc<Clients> {
         &self.clients
     }
 
@@ -116,7 +119,7 @@ impl SocketCanBridge {
 
 impl Drop for SocketCanBridge {
     fn drop(&mut self) {
-        self.clients.0.close();
+        self.clients.close();
         for thread in self.threads.drain(..) {
             // A panic in it has been reported on stderr already.
             let _ = thread.join();
@@ -131,7 +134,7 @@ fn is(error: &io::Error, errno: Errno) -> bool {
 /// From the interface to the bus.
 struct Reader {
     socket: Arc<CanFdSocket>,
-    hub: Arc<Hub>,
+    clients: Arc<Clients>,
     state: Arc<State>,
     id: ClientId,
 }
@@ -142,17 +145,17 @@ impl Reader {
             match self.socket.read_frame_timeout(LOOK) {
                 Ok(frame) => match from_kernel(&frame) {
                     Some(frame) => self.submit(frame),
-                    None => count(&self.hub.counters.rejected),
+                    None => count(&self.clients.counters.rejected),
                 },
                 Err(error) => match error.kind() {
                     io::ErrorKind::TimedOut
                     | io::ErrorKind::WouldBlock
                     | io::ErrorKind::Interrupted => {}
                     // Neither a classic nor a CAN FD frame.
-                    io::ErrorKind::InvalidData => count(&self.hub.counters.rejected),
+                    io::ErrorKind::InvalidData => count(&self.clients.counters.rejected),
                     _ if is(&error, Errno::NODEV) || is(&error, Errno::NXIO) => {
                         let _ = self.state.end.set(error);
-                        self.hub.leave(self.id);
+                        self.clients.leave(self.id);
                     }
                     // The interface is down; it may come up again.
                     _ => thread::sleep(LOOK),
@@ -163,12 +166,12 @@ impl Reader {
 
     fn submit(&self, frame: CanFrame) {
         // Before the bit rates of the bus are known, frames cannot be sent.
-        let can_carry = self.hub.bus().is_some_and(|bus| bus.fd || !frame.is_fd());
+        let can_carry = self.clients.bus().is_some_and(|bus| bus.fd || !frame.is_fd());
         if !can_carry {
-            count(&self.hub.counters.mismatched);
+            count(&self.clients.counters.mismatched);
         }
-        if !can_carry || !self.hub.submit(self.id, frame) {
-            count(&self.hub.counters.rejected);
+        if !can_carry || !self.clients.submit(self.id, frame) {
+            count(&self.clients.counters.rejected);
         }
     }
 }
@@ -176,14 +179,14 @@ impl Reader {
 /// From the bus to the interface.
 struct Writer {
     socket: Arc<CanFdSocket>,
-    hub: Arc<Hub>,
+    clients: Arc<Clients>,
     state: Arc<State>,
     /// The previous frame was dropped: the following ones do not wait.
     is_stuck: bool,
 }
 
 impl Writer {
-    /// Runs until the hub removes the client.
+    /// Runs until the bridge removes the client.
     fn run(mut self, queue: &ClientQueue) {
         while let Some(outgoing) = queue.take() {
             // An interface gets no answers.
@@ -193,7 +196,9 @@ impl Writer {
     }
 
     fn write(&mut self, frame: &CanFrame) {
-        let Some(kernel) = to_kernel(frame) else { return count(&self.hub.counters.unsupported) };
+        let Some(kernel) = to_kernel(frame) else {
+            return count(&self.clients.counters.unsupported);
+        };
         let timeout = if self.is_stuck { Duration::ZERO } else { TIMEOUT };
         let start = Instant::now();
         loop {
@@ -204,7 +209,7 @@ impl Writer {
                 }
                 // The interface supports only classic CAN.
                 Err(error) if is(&error, Errno::INVAL) && frame.is_fd() => {
-                    return count(&self.hub.counters.unsupported);
+                    return count(&self.clients.counters.unsupported);
                 }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => {
@@ -212,7 +217,7 @@ impl Writer {
                         error.kind() == io::ErrorKind::WouldBlock || is(&error, Errno::NOBUFS);
                     if !is_full || self.state.is_closed() || start.elapsed() >= timeout {
                         self.is_stuck = is_full;
-                        return count(&self.hub.counters.dropped_to_clients);
+                        return count(&self.clients.counters.dropped_to_clients);
                     }
                     thread::sleep(RETRY);
                 }
