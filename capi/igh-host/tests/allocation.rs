@@ -1,4 +1,4 @@
-//! What the headers call real-time safe allocates nothing, errors and their words included.
+//! Functions that the headers call real-time safe allocate nothing, errors and their texts included.
 #![allow(missing_docs)]
 
 #[path = "../../../ecan-sim/tests/counting/mod.rs"]
@@ -59,8 +59,8 @@ fn cycle(c: &mut CPort, rx: &mut [igh_mcan_rx_frame_t], counts: &mut Counts) {
         assert_eq!(code, ECAN_ERR_NOT_FD.code());
         let code = igh_mcan_port_send_can(port, 0, 0, 0x800, 0, data.as_ptr(), 8);
         assert_eq!(code, ECAN_ERR_FRAME.code());
-        let words = CStr::from_ptr(ecan_last_error()).to_bytes();
-        assert!(words.starts_with(b"igh_mcan_port_send_can: identifier 0x800"));
+        let text = CStr::from_ptr(ecan_last_error()).to_bytes();
+        assert!(text.starts_with(b"igh_mcan_port_send_can: CAN ID 0x800"));
         let code = igh_mcan_port_send_can(port, 7, 0, 1, 0, data.as_ptr(), 8);
         assert_eq!(code, ECAN_ERR_SLAVE.code());
         let code = igh_mcan_port_get_cycle_report(port, 0, null_mut());
@@ -76,7 +76,7 @@ fn cycle(c: &mut CPort, rx: &mut [igh_mcan_rx_frame_t], counts: &mut Counts) {
 }
 
 #[test]
-fn full_images_and_refusals_allocate_nothing() {
+fn full_images_and_rejections_allocate_nothing() {
     let mut c = CPort::ready(4);
     let mut rx = vec![igh_mcan_rx_frame_t::EMPTY; CAPACITY];
     // The simulated world grows its queues to their working size first.
