@@ -136,7 +136,7 @@ fn a_scheduled_sync_meets_its_phase_or_is_refused_by_name() {
     let (mut port, _) = open(ecan_sim::echo(1), adapter, 1);
     let (network, back) = with_sync(&mut port);
     assert_eq!(back.len(), 0);
-    let refusal = network.statistics().last_refusal;
+    let refusal = network.statistics().last_rejection;
     assert!(matches!(refusal, Some(SendError::NotSchedulable { slave: 0, .. })), "{refusal:?}");
 }
 

@@ -1,10 +1,10 @@
-//! Which node is meant.
+//! Address and handle of a node.
 
 use std::fmt;
 
 use crate::NodeId;
 
-/// Where a CANopen node is: behind which gateway, on which channel, under which node-ID.
+/// Address of a CANopen node: gateway, channel and node-ID.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct NodeAddress {
     /// Slave index of the gateway in the Port.
@@ -21,15 +21,15 @@ impl fmt::Display for NodeAddress {
     }
 }
 
-/// A node of one [`Network`](crate::Network), by its place there.
+/// A node of one [`Network`](crate::Network), by its index there.
 ///
-/// Handing it to another network names another node or none; a call with one that names none
-/// does nothing, or says so where it has an error to return.
+/// In another network it refers to another node or to none; a call for no node does nothing, or
+/// returns its error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeHandle(pub(crate) usize);
 
 impl NodeHandle {
-    /// The node's place, in the order in which nodes were added, from 0.
+    /// Index of the node, in the order in which nodes were added, from 0.
     pub fn index(self) -> usize {
         self.0
     }

@@ -1,4 +1,4 @@
-//! What the network does on one CAN channel as a whole.
+//! State of one CAN channel of the network.
 
 use std::collections::VecDeque;
 
@@ -14,13 +14,13 @@ const NODE_IDS: usize = 128;
 pub(super) struct Channel {
     pub(super) slave: usize,
     pub(super) channel: u8,
-    /// Whether its gateway was in service in the last cycle.
-    pub(super) in_service: bool,
-    /// Places of its nodes in the network.
+    /// Whether its gateway was ready in the last cycle.
+    pub(super) is_ready: bool,
+    /// Indices of its nodes in the network.
     pub(super) nodes: Vec<usize>,
-    /// The same by node-ID.
+    /// Indices by node-ID.
     lookup: [Option<u16>; NODE_IDS],
-    /// Which of them sends first in the next cycle.
+    /// The node that sends first in the next cycle.
     pub(super) turn: usize,
     nmt: VecDeque<NmtRequest>,
     nmt_limit: usize,
@@ -33,7 +33,7 @@ impl Channel {
         Self {
             slave,
             channel,
-            in_service: false,
+            is_ready: false,
             nodes: Vec::new(),
             lookup: [None; NODE_IDS],
             turn: 0,
@@ -44,15 +44,15 @@ impl Channel {
         }
     }
 
-    /// Adds the node at `place` of the network.
-    pub(super) fn add_node(&mut self, node: NodeId, place: u16) {
-        self.nodes.push(usize::from(place));
+    /// Adds the node at `nth` of the network.
+    pub(super) fn add_node(&mut self, node: NodeId, nth: u16) {
+        self.nodes.push(usize::from(nth));
         if let Some(entry) = self.lookup.get_mut(usize::from(node.get())) {
-            *entry = Some(place);
+            *entry = Some(nth);
         }
     }
 
-    /// The node of an ID, by its place in the network.
+    /// The node of an ID, by its nth in the network.
     pub(super) fn node(&self, node: NodeId) -> Option<usize> {
         self.lookup.get(usize::from(node.get())).copied().flatten().map(usize::from)
     }
@@ -61,7 +61,7 @@ impl Channel {
         self.nmt.len() >= self.nmt_limit
     }
 
-    /// Whether it was queued.
+    /// Queues a command; returns whether it was queued.
     pub(super) fn queue_nmt(&mut self, request: NmtRequest) -> bool {
         if self.nmt_is_full() {
             return false;
@@ -78,7 +78,7 @@ impl Channel {
         self.nmt.pop_front();
     }
 
-    /// The gateway was lost: what waited for it is out of date.
+    /// The gateway was lost: pending commands are obsolete.
     pub(super) fn gateway_lost(&mut self) {
         self.nmt.clear();
         self.heartbeat.reset();

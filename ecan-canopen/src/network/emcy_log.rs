@@ -1,20 +1,20 @@
-//! The last emergencies of one node (CiA 301, 7.2.7).
+//! Last emergency messages of one node (CiA 301, 7.2.7).
 
 use crate::Emcy;
 
-/// Emergencies remembered per node.
+/// Emergency messages that are kept per node.
 pub const EMCY_DEPTH: usize = 8;
 
-/// An emergency and when it was received.
+/// Emergency message with its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EmcyRecord {
-    /// Time of the cycle that brought it, in nanoseconds of the bus clock.
+    /// Time of the cycle that received it, in nanoseconds of the bus clock.
     pub at_ns: u64,
-    /// What the node sent; error code 0 takes an error back.
+    /// The message; error code 0 resets an error.
     pub emcy: Emcy,
 }
 
-/// The emergencies of one node.
+/// Last emergency messages of one node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct EmcyLog {
     records: [Option<EmcyRecord>; EMCY_DEPTH],
@@ -30,17 +30,17 @@ impl EmcyLog {
         self.count = self.count.wrapping_add(1);
     }
 
-    /// How many came, those included that take an error back.
+    /// Number of messages, including those that reset an error.
     pub fn count(&self) -> u32 {
         self.count
     }
 
-    /// The last one.
+    /// The last message.
     pub fn last(&self) -> Option<EmcyRecord> {
         self.recent().next()
     }
 
-    /// The last [`EMCY_DEPTH`], newest first.
+    /// The last [`EMCY_DEPTH`] messages, newest first.
     pub fn recent(&self) -> impl Iterator<Item = EmcyRecord> + '_ {
         (1..=EMCY_DEPTH as u32).map_while(|back| {
             let place = self.count.wrapping_sub(back) as usize % EMCY_DEPTH;

@@ -1,4 +1,4 @@
-//! Where service frames go: the Port, behind the little that sending needs of it.
+//! The part of the Port that service frames need.
 
 use ecan_mcan_port::{Cycle, SendError, SendOptions, SendTicket};
 use ecan_protocol::can::FrameRef;
@@ -12,17 +12,17 @@ pub(super) trait FrameSink {
         options: SendOptions,
     ) -> Result<SendTicket, SendError>;
 
-    /// Frames that the gateway has not sent yet on a channel, as far as its status tells.
+    /// Frames that the gateway has not sent yet on a channel, by its status.
     fn pending(&self, slave: usize, channel: u8) -> u8;
 
     /// Bytes left in the image of this cycle.
     fn room(&self, slave: usize) -> usize;
 
-    /// Whether the gateway is in service.
+    /// Whether the gateway is ready.
     fn is_ready(&self, slave: usize) -> bool;
 
-    /// Whether the last image is repeated, so that frames wait for the next one.
-    fn is_holding(&self, slave: usize) -> bool;
+    /// Whether the last image is unconfirmed, so that frames wait for the next one.
+    fn is_unconfirmed(&self, slave: usize) -> bool;
 }
 
 impl FrameSink for Cycle<'_> {
@@ -50,7 +50,7 @@ impl FrameSink for Cycle<'_> {
         self.gateway(slave).is_ok_and(|gateway| self.gateway_is_ready(gateway))
     }
 
-    fn is_holding(&self, slave: usize) -> bool {
+    fn is_unconfirmed(&self, slave: usize) -> bool {
         let gateway = self.gateway(slave);
         gateway.is_ok_and(|gateway| self.cycle_report(gateway).is_unconfirmed)
     }

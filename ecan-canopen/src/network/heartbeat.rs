@@ -1,4 +1,4 @@
-//! Heartbeat consumer of one node, and the host's own heartbeat producer (CiA 301, 7.2.8.3.2.2).
+//! Heartbeat consumer of one node, and heartbeat producer of the host (CiA 301, 7.2.8.3.2.2).
 
 use std::fmt;
 use std::time::Duration;
@@ -10,17 +10,17 @@ pub(super) fn nanoseconds(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// How a node's heartbeat stands.
+/// State of a node's heartbeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Heartbeat {
-    /// It is not watched.
+    /// Not watched.
     #[default]
     Unconfigured,
-    /// It is watched and has not been heard since watching began or since the node booted.
+    /// Watched; none received since the watch began or since the node booted.
     Unknown,
-    /// It comes in time.
+    /// Received in time.
     Active,
-    /// It stayed away for longer than its time. The next one makes it active again.
+    /// Overdue. The next heartbeat makes it active again.
     TimedOut,
 }
 
@@ -28,7 +28,7 @@ impl fmt::Display for Heartbeat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Unconfigured => "not watched",
-            Self::Unknown => "not heard yet",
+            Self::Unknown => "none received yet",
             Self::Active => "active",
             Self::TimedOut => "timed out",
         })
@@ -51,20 +51,20 @@ impl HeartbeatWatch {
         consumer
     }
 
-    /// Watches with another time from now on; 0 stops watching.
+    /// Watches with another timeout from now on; zero stops watching.
     pub(super) fn set_timeout(&mut self, timeout: Duration) {
         self.timeout_ns = nanoseconds(timeout);
         self.state = if timeout.is_zero() { Heartbeat::Unconfigured } else { Heartbeat::Unknown };
     }
 
-    pub(super) fn heard(&mut self, now_ns: u64) {
+    pub(super) fn received(&mut self, now_ns: u64) {
         if self.timeout_ns > 0 {
             self.state = Heartbeat::Active;
             self.deadline_ns = now_ns.saturating_add(self.timeout_ns);
         }
     }
 
-    /// The boot-up message is no heartbeat: watching begins with the first real one.
+    /// The boot-up message is not a heartbeat: the watch begins with the first heartbeat.
     pub(super) fn booted(&mut self) {
         if self.timeout_ns > 0 {
             self.state = Heartbeat::Unknown;
@@ -87,7 +87,7 @@ impl HeartbeatWatch {
     }
 }
 
-/// When the host's heartbeat is due on one channel.
+/// Due time of the host's heartbeat on one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct HeartbeatTimer {
     due_ns: Option<u64>,
@@ -98,14 +98,14 @@ impl HeartbeatTimer {
         self.due_ns.is_none_or(|due| now_ns >= due)
     }
 
-    /// Keeps the pace of the plan; after a gap it begins anew, instead of catching up.
+    /// Keeps the period; after a gap it restarts instead of catching up.
     pub(super) fn sent(&mut self, now_ns: u64, settings: &HostHeartbeat) {
         let period = nanoseconds(settings.period.max(Duration::from_millis(1)));
         let next = self.due_ns.map_or(now_ns, |due| due.saturating_add(period));
         self.due_ns = Some(if next > now_ns { next } else { now_ns.saturating_add(period) });
     }
 
-    /// Due at once.
+    /// The next heartbeat is due at once.
     pub(super) fn reset(&mut self) {
         self.due_ns = None;
     }
@@ -119,34 +119,34 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     #[test]
-    fn watching_begins_with_the_first_heartbeat() {
+    fn watch_begins_with_the_first_heartbeat() {
         let mut consumer = HeartbeatWatch::new(Duration::from_millis(100));
         consumer.tick(1_000 * MS);
-        assert_eq!(consumer.state(), Heartbeat::Unknown, "nothing heard, nothing missed");
-        consumer.heard(1_000 * MS);
+        assert_eq!(consumer.state(), Heartbeat::Unknown, "no watch before the first heartbeat");
+        consumer.received(1_000 * MS);
         consumer.tick(1_100 * MS);
         assert_eq!(consumer.state(), Heartbeat::Active, "exactly in time");
         consumer.tick(1_100 * MS + 1);
         assert_eq!((consumer.state(), consumer.timeouts()), (Heartbeat::TimedOut, 1));
         consumer.tick(9_000 * MS);
-        assert_eq!(consumer.timeouts(), 1, "one silence, one timeout");
-        consumer.heard(9_001 * MS);
+        assert_eq!(consumer.timeouts(), 1, "counted once");
+        consumer.received(9_001 * MS);
         assert_eq!(consumer.state(), Heartbeat::Active);
     }
 
     #[test]
-    fn a_boot_up_message_is_no_heartbeat() {
+    fn boot_up_message_is_not_a_heartbeat() {
         let mut consumer = HeartbeatWatch::new(Duration::from_millis(100));
-        consumer.heard(0);
+        consumer.received(0);
         consumer.booted();
         consumer.tick(500 * MS);
         assert_eq!((consumer.state(), consumer.timeouts()), (Heartbeat::Unknown, 0));
     }
 
     #[test]
-    fn without_a_time_nothing_is_watched() {
+    fn zero_timeout_disables_the_watch() {
         let mut consumer = HeartbeatWatch::new(Duration::ZERO);
-        consumer.heard(0);
+        consumer.received(0);
         consumer.booted();
         consumer.tick(u64::MAX);
         assert_eq!(consumer.state(), Heartbeat::Unconfigured);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn the_producer_keeps_its_pace_and_does_not_catch_up() {
+    fn producer_keeps_its_period_without_catching_up() {
         let settings =
             HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(10) };
         let mut producer = HeartbeatTimer::default();

@@ -1,4 +1,4 @@
-//! The CANopen nodes behind the gateways of a Port.
+//! The CANopen master of the nodes that are connected to the gateways of a Port.
 
 use std::time::Duration;
 
@@ -16,31 +16,29 @@ use super::sdo::{Sdo, SdoClient};
 use super::sdo_error::{SdoFailure, SdoStartError};
 use super::statistics::ServiceStatistics;
 
-/// The CANopen master of all nodes behind the gateways of a Port (CiA 301): NMT, heartbeat,
-/// EMCY, SYNC and one SDO client per node.
+/// CANopen master of all nodes that are connected to the gateways of a Port (CiA 301): NMT,
+/// heartbeat, EMCY, SYNC and one SDO client per node.
 ///
-/// Nothing blocks. In every cycle, in a cycle:
+/// No call blocks. In every cycle:
 ///
 /// ```text
-/// network.receive(cycle, now, |other| ..)  takes its frames, hands on the rest: TPDOs, reports
+/// network.receive(cycle, now, |other| ..)  takes its frames, passes on others: TPDOs, reports
 /// ..                                       targets: RPDOs, sent by the application
-/// network.send_sync(cycle)                 SYNC behind them
+/// network.send_sync(cycle)                 SYNC after them
 /// network.send(cycle, now)                 NMT, heartbeat and SDO frames that are due
 /// ```
 ///
-/// In this order the frames of a cycle lie in the transmit FIFO of their channel: targets, then
-/// the SYNC that makes them effective, then service frames, so many per cycle as
-/// [`NetworkConfig::service_frames_per_cycle`] allows. A frame that finds no room, or its gateway
-/// out of service, waits for a later cycle.
+/// In this order the frames of a cycle are in the transmit FIFO of their channel: targets, then
+/// the SYNC that makes them effective, then at most
+/// [`NetworkConfig::service_frames_per_cycle`] service frames. A frame waits for a later cycle if
+/// it finds no space, or if its gateway is not ready.
 ///
-/// When a gateway goes out of service, SDO transfers with its nodes end with
-/// [`SdoFault::GatewayLost`](crate::SdoFault::GatewayLost) and NMT commands that wait for it are
-/// dropped; heartbeats time out by themselves. Whatever is started afterwards waits until the
-/// gateway is back.
+/// When a gateway is lost, SDO transfers with its nodes end with
+/// [`SdoFault::GatewayLost`](crate::SdoFault::GatewayLost), NMT commands in its queues are
+/// dropped, and heartbeats time out. Later transfers and commands wait until the gateway is ready.
 ///
-/// Memory is allocated while nodes are added and in the blocking helpers' results, never in
-/// the cycle. `now_ns` is the time of the bus clock,
-/// [`Adapter::clock`](ecan_host::Adapter::clock).
+/// Adding nodes and blocking calls allocate; the cycle does not. `now_ns` is the time of the bus
+/// clock, [`Adapter::clock`](ecan_host::Adapter::clock).
 #[derive(Debug)]
 pub struct Network {
     pub(super) config: NetworkConfig,
@@ -51,7 +49,7 @@ pub struct Network {
 }
 
 impl Network {
-    /// A network without nodes.
+    /// Creates a network without nodes.
     pub fn new(config: NetworkConfig) -> Self {
         Self {
             config,
@@ -62,7 +60,7 @@ impl Network {
         }
     }
 
-    /// Adds a node. Allocates, so before the cycle.
+    /// Adds a node. Allocates; call it before the cycle.
     ///
     /// # Errors
     /// A [`NetworkError`]; nothing was added.
@@ -80,11 +78,11 @@ impl Network {
         if self.find(address).is_some() {
             return Err(NetworkError::Duplicate { address });
         }
-        let place = self.nodes.len();
-        let short = u16::try_from(place).map_err(|_| NetworkError::TooMany)?;
+        let nth = self.nodes.len();
+        let short = u16::try_from(nth).map_err(|_| NetworkError::TooMany)?;
         self.nodes.push(Node::new(address, settings));
         let (slave, channel) = (address.slave, address.channel);
-        let at = self.channel_place(slave, channel).unwrap_or_else(|| {
+        let at = self.channel_index(slave, channel).unwrap_or_else(|| {
             let mut channel = Channel::new(slave, channel, self.config.nmt_queue);
             channel.sync.enable(self.sync.is_some());
             self.channels.push(channel);
@@ -93,7 +91,7 @@ impl Network {
         if let Some(channel) = self.channels.get_mut(at) {
             channel.add_node(address.node, short);
         }
-        Ok(NodeHandle(place))
+        Ok(NodeHandle(nth))
     }
 
     /// Number of nodes.
@@ -106,7 +104,7 @@ impl Network {
         (0..self.nodes.len()).map(NodeHandle)
     }
 
-    /// Where a node is.
+    /// Address of a node.
     pub fn address(&self, handle: NodeHandle) -> Option<NodeAddress> {
         self.node(handle).map(|node| node.address)
     }
@@ -117,7 +115,7 @@ impl Network {
     }
 
     pub(super) fn find_node(&self, slave: usize, channel: u8, node: NodeId) -> Option<NodeHandle> {
-        let channel = self.channels.get(self.channel_place(slave, channel)?)?;
+        let channel = self.channels.get(self.channel_index(slave, channel)?)?;
         channel.node(node).map(NodeHandle)
     }
 
@@ -129,7 +127,7 @@ impl Network {
         self.nodes.get_mut(handle.0)
     }
 
-    pub(super) fn channel_place(&self, slave: usize, channel: u8) -> Option<usize> {
+    pub(super) fn channel_index(&self, slave: usize, channel: u8) -> Option<usize> {
         self.channels.iter().position(|c| (c.slave, c.channel) == (slave, channel))
     }
 
@@ -141,18 +139,18 @@ impl Network {
 
     // Node state
 
-    /// What is known of a node, at a glance; real-time safe.
+    /// Status of a node; real-time safe.
     pub fn status(&self, handle: NodeHandle) -> Option<NodeStatus> {
         self.node(handle).map(Node::status)
     }
 
-    /// The NMT state that a node reported last; `None` before it was heard, and after a reset
+    /// NMT state that a node reported last; `None` before the first report, and after a reset
     /// command until its boot-up message. Real-time safe.
     pub fn nmt_state(&self, handle: NodeHandle) -> Option<NmtState> {
         self.node(handle)?.nmt.reported()
     }
 
-    /// How a node's heartbeat stands; real-time safe.
+    /// State of a node's heartbeat; real-time safe.
     pub fn heartbeat(&self, handle: NodeHandle) -> Heartbeat {
         self.node(handle).map_or(Heartbeat::Unconfigured, |node| node.heartbeat.state())
     }
@@ -165,33 +163,33 @@ impl Network {
         }
     }
 
-    /// The emergencies of a node; real-time safe.
+    /// Emergency messages of a node; real-time safe.
     pub fn emcy(&self, handle: NodeHandle) -> Option<&EmcyLog> {
         self.node(handle).map(|node| &node.emcy)
     }
 
     // NMT
 
-    /// Queues an NMT command for one node; [`send`](Self::send) sends it, before any SDO frame of
-    /// its channel. It waits as long as the channel takes no frames, while bus-off too, and is
-    /// dropped when the gateway goes out of service. Real-time safe.
+    /// Queues an NMT command for one node; [`send`](Self::send) sends it before any SDO frame of
+    /// its channel. It waits while the channel accepts no frames, for example in bus-off, and is
+    /// dropped when the gateway is lost. Real-time safe.
     ///
     /// # Errors
     /// An [`NmtError`].
     pub fn nmt(&mut self, handle: NodeHandle, command: NmtCommand) -> Result<(), NmtError> {
         let address = self.address(handle).ok_or(NmtError::UnknownNode)?;
         let (slave, channel) = (address.slave, address.channel);
-        let place = self.channel_place(slave, channel).ok_or(NmtError::UnknownNode)?;
+        let nth = self.channel_index(slave, channel).ok_or(NmtError::UnknownNode)?;
         let request = NmtRequest { command, node: Some(address.node) };
-        let queued = self.channels.get_mut(place).is_some_and(|place| place.queue_nmt(request));
+        let queued = self.channels.get_mut(nth).is_some_and(|nth| nth.queue_nmt(request));
         if queued { Ok(()) } else { Err(NmtError::QueueFull { slave, channel }) }
     }
 
-    /// Queues an NMT command to all nodes, as one broadcast per channel that has a node. It reaches
-    /// nodes that the network does not know, too. Real-time safe.
+    /// Queues an NMT command to all nodes, as one broadcast per channel that has a node. It also
+    /// reaches nodes that were not added. Real-time safe.
     ///
     /// # Errors
-    /// [`NmtError::QueueFull`]; then no channel gets it.
+    /// [`NmtError::QueueFull`]; then it is sent to no channel.
     pub fn nmt_all(&mut self, command: NmtCommand) -> Result<(), NmtError> {
         if let Some(full) = self.channels.iter().find(|channel| channel.nmt_is_full()) {
             return Err(NmtError::QueueFull { slave: full.slave, channel: full.channel });
@@ -202,17 +200,17 @@ impl Network {
         Ok(())
     }
 
-    /// Whether NMT commands still wait to be sent; real-time safe.
+    /// Whether NMT commands wait to be sent; real-time safe.
     pub fn nmt_is_pending(&self) -> bool {
         self.channels.iter().any(|channel| channel.next_nmt().is_some())
     }
 
     // Heartbeat of the host
 
-    /// Starts, changes or stops the host's own heartbeat; the next is due at once. Real-time safe.
+    /// Starts, changes or stops the heartbeat of the host; the next is due at once. Real-time safe.
     ///
     /// # Errors
-    /// [`NetworkError::HostNode`] where a node has its node-ID; nothing was changed.
+    /// [`NetworkError::HostNode`] if a node has its node-ID; nothing is changed.
     pub fn set_host_heartbeat(
         &mut self,
         heartbeat: Option<HostHeartbeat>,
@@ -229,14 +227,14 @@ impl Network {
         Ok(())
     }
 
-    /// The host's own heartbeat.
+    /// Heartbeat of the host.
     pub fn host_heartbeat(&self) -> Option<HostHeartbeat> {
         self.config.host_heartbeat
     }
 
     // SDO
 
-    /// Begins to read an object of a node. Real-time safe; the bytes come in later cycles, see
+    /// Starts to upload an object of a node. Real-time safe; the value arrives in later cycles, see
     /// [`sdo_state`](Self::sdo_state) and [`sdo_data`](Self::sdo_data).
     ///
     /// # Errors
@@ -250,8 +248,8 @@ impl Network {
         self.sdo_mut(handle)?.start_upload(index, subindex)
     }
 
-    /// Begins to read an object by block transfer; a server that refuses that is asked for
-    /// segments. Real-time safe.
+    /// Starts to upload an object by block transfer, or by segments if the server rejects that.
+    /// Real-time safe.
     ///
     /// # Errors
     /// [`SdoStartError::Busy`] or [`SdoStartError::UnknownNode`].
@@ -264,8 +262,8 @@ impl Network {
         self.sdo_mut(handle)?.start_block_upload(index, subindex)
     }
 
-    /// Begins to write an object of a node: expedited up to four bytes, in segments or blocks above.
-    /// The bytes are copied. Real-time safe.
+    /// Starts to download an object of a node: expedited up to four bytes, in segments or blocks
+    /// above. The bytes are copied. Real-time safe.
     ///
     /// # Errors
     /// An [`SdoStartError`].
@@ -279,7 +277,7 @@ impl Network {
         self.sdo_mut(handle)?.start_download(index, subindex, data)
     }
 
-    /// Gives the transfer with a node up and tells the node. Real-time safe.
+    /// Cancels the transfer with a node and sends the node an abort. Real-time safe.
     pub fn cancel_sdo(&mut self, handle: NodeHandle) {
         if let Some(node) = self.node_mut(handle) {
             node.sdo.cancel();
@@ -292,19 +290,18 @@ impl Network {
         self.node(handle).map_or(0, |node| node.sdo.silences())
     }
 
-    /// How the transfer with a node stands; real-time safe.
+    /// State of the transfer with a node; real-time safe.
     pub fn sdo_state(&self, handle: NodeHandle) -> Sdo {
         self.node(handle).map_or(Sdo::Idle, |node| node.sdo.state())
     }
 
-    /// The value of the last successful transfer with a node, until the next one starts; real-time
+    /// Value of the last successful transfer with a node, until the next one starts; real-time
     /// safe.
     pub fn sdo_data(&self, handle: NodeHandle) -> &[u8] {
         self.node(handle).map_or(&[], |node| node.sdo.data())
     }
 
-    /// The last transfer with a node, if it failed, with everything that locates it; real-time
-    /// safe.
+    /// Failure of the last transfer with a node; real-time safe.
     pub fn sdo_failure(&self, handle: NodeHandle) -> Option<SdoFailure> {
         let node = self.node(handle)?;
         let Sdo::Failed(fault) = node.sdo.state() else { return None };

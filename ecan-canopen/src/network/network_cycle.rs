@@ -1,4 +1,4 @@
-//! The network's part of the cycle: what it takes in and what it sends.
+//! The network in the cycle: received and sent frames.
 
 use crate::{CobId, Emcy, NmtState, Service, parse_heartbeat};
 use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
@@ -11,14 +11,13 @@ use super::sdo_error::SdoFault;
 use super::service_sender::ServiceSender;
 
 impl Network {
-    /// Takes in what the cycle brought: boot-up messages, heartbeats, emergencies and SDO answers
-    /// of its nodes. Everything else goes to `other`, in order: the nodes' TPDOs with slave,
-    /// channel and identifier, frames of unknown nodes, and transmit reports. Then looks at
-    /// timeouts and at the gateways' sessions.
+    /// Takes the received frames of the cycle: boot-up messages, heartbeats, emergency messages and SDO
+    /// answers of its nodes. Passes everything else to `other`, in order: the nodes' TPDOs with slave,
+    /// channel and CAN ID, frames of unknown nodes, and transmit reports. Then checks timeouts and the
+    /// sessions of the gateways.
     ///
-    /// Once per cycle, in a cycle, before anything is sent. Real-time
-    /// safe as far as `other` is. Whether the cycle brought everything that the bus had to say is
-    /// in [`Port::cycle_report`](ecan_mcan_port::Port::cycle_report).
+    /// Call once per cycle, before anything is sent. Real-time safe if `other` is.
+    /// [`Port::cycle_report`](ecan_mcan_port::Port::cycle_report) shows whether the cycle was complete.
     pub fn receive(&mut self, cycle: &mut Cycle<'_>, now_ns: u64, mut other: impl FnMut(Received)) {
         self.watch_gateways(cycle);
         for item in cycle.received() {
@@ -30,34 +29,33 @@ impl Network {
         self.tick(now_ns);
     }
 
-    /// Hands NMT commands, the host's heartbeat and SDO frames that are due to the gateways, in
-    /// this order on each channel.
+    /// Sends NMT commands, the host's heartbeat and SDO frames that are due, in this order on each
+    /// channel.
     ///
-    /// Once per cycle, in a cycle, behind the cycle's process data. What
-    /// finds no room waits for the next cycle; nothing is ever sent twice for that. Real-time safe.
+    /// Call once per cycle, after the cycle's process data. A frame that finds no space waits for the next
+    /// cycle and is not duplicated. Real-time safe.
     pub fn send(&mut self, cycle: &mut Cycle<'_>, now_ns: u64) {
         self.send_to(cycle, now_ns);
     }
 
-    /// The channels whose gateway has gone out of service since the last cycle lose what is under
-    /// way.
-    pub(super) fn watch_gateways(&mut self, outlet: &impl FrameSink) {
+    /// Drops the transfers and commands of a gateway that is no longer ready.
+    pub(super) fn watch_gateways(&mut self, sink: &impl FrameSink) {
         let Self { channels, nodes, .. } = self;
         for channel in channels {
-            let in_service = outlet.is_ready(channel.slave);
-            if channel.in_service && !in_service {
+            let is_ready = sink.is_ready(channel.slave);
+            if channel.is_ready && !is_ready {
                 channel.gateway_lost();
-                for place in &channel.nodes {
-                    if let Some(node) = nodes.get_mut(*place) {
+                for nth in &channel.nodes {
+                    if let Some(node) = nodes.get_mut(*nth) {
                         node.sdo.drop_transfer(SdoFault::GatewayLost);
                     }
                 }
             }
-            channel.in_service = in_service;
+            channel.is_ready = is_ready;
         }
     }
 
-    /// Takes one frame in; gives whether it was for the network.
+    /// Takes one frame; returns whether it belongs to the network.
     pub(super) fn take(&mut self, received: &ReceivedFrame, now_ns: u64) -> bool {
         let frame = &received.frame;
         if frame.kind() != FrameKind::Data {
@@ -99,15 +97,15 @@ impl Network {
         }
     }
 
-    pub(super) fn send_to(&mut self, outlet: &mut impl FrameSink, now_ns: u64) {
+    pub(super) fn send_to(&mut self, sink: &mut impl FrameSink, now_ns: u64) {
         let Self { config, nodes, channels, statistics, .. } = self;
         for channel in channels {
-            ServiceSender { outlet, channel, nodes, config, statistics }.deliver(now_ns);
+            ServiceSender { sink, channel, nodes, config, statistics }.deliver(now_ns);
         }
     }
 }
 
-/// An SDO frame has eight bytes; a server that sends fewer means zeros.
+/// Fills an SDO frame to eight bytes: a server that sends fewer means zeros.
 fn padded(data: &[u8]) -> [u8; 8] {
     let mut bytes = [0; 8];
     for (to, from) in bytes.iter_mut().zip(data) {
@@ -122,7 +120,7 @@ fn emcy(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
     true
 }
 
-/// Boot-up messages and heartbeats.
+/// Takes a boot-up message or a heartbeat.
 fn error_control(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
     let Some(state) = parse_heartbeat(data) else { return false };
     if state == NmtState::Initialising {
@@ -132,8 +130,8 @@ fn error_control(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
             node.sdo.drop_transfer(SdoFault::NodeRestarted);
         }
     } else {
-        node.nmt.heard(state);
-        node.heartbeat.heard(now_ns);
+        node.nmt.reported_by_node(state);
+        node.heartbeat.received(now_ns);
     }
     true
 }

@@ -95,7 +95,7 @@ impl FrameSink for RecordingSink {
         self.ready[slave]
     }
 
-    fn is_holding(&self, slave: usize) -> bool {
+    fn is_unconfirmed(&self, slave: usize) -> bool {
         self.holding[slave]
     }
 }
@@ -324,7 +324,7 @@ fn a_refusal_that_waiting_does_not_cure_ends_the_transfer() {
     assert_eq!(network.sdo_state(nodes[0]), Sdo::Failed(SdoFault::Rejected(error)));
     assert!(!network.nmt_is_pending());
     let statistics = network.statistics();
-    assert_eq!((statistics.refused, statistics.last_refusal), (2, Some(error)));
+    assert_eq!((statistics.rejected, statistics.last_rejection), (2, Some(error)));
     assert_eq!(
         network.sdo_failure(nodes[0]).unwrap().to_string(),
         "SDO upload 0x1000:00 from node 1 (slave 0, channel 2): the frame was rejected: slave 0: \

@@ -1,11 +1,11 @@
-//! What is known of a node's NMT state (CiA 301, 7.3.2).
+//! NMT state of a node (CiA 301, 7.3.2).
 
 use crate::{NmtCommand, NmtState};
 
-/// Follows one node's NMT state.
+/// NMT state of one node.
 ///
-/// Certain is only what the node itself says, by boot-up message and heartbeat. A node without
-/// heartbeat says nothing after a command, so what it should have done is kept beside it.
+/// Only the node's own reports, boot-up message and heartbeat, are certain. A node without heartbeat
+/// reports nothing after a command, so the expected state is kept, too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct NmtTracker {
     reported: Option<NmtState>,
@@ -14,14 +14,14 @@ pub(super) struct NmtTracker {
 }
 
 impl NmtTracker {
-    /// The boot-up message: from here the node goes to Pre-operational by itself.
+    /// The boot-up message arrived: the node then enters Pre-operational.
     pub(super) fn booted(&mut self) {
         self.reported = Some(NmtState::PreOperational);
         self.expected = Some(NmtState::PreOperational);
         self.boot_ups = self.boot_ups.wrapping_add(1);
     }
 
-    pub(super) fn heard(&mut self, state: NmtState) {
+    pub(super) fn reported_by_node(&mut self, state: NmtState) {
         self.reported = Some(state);
     }
 
@@ -55,20 +55,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_command_is_an_expectation_until_the_node_confirms_it() {
+    fn command_sets_only_the_expected_state() {
         let mut tracker = NmtTracker::default();
         tracker.booted();
         tracker.commanded(NmtCommand::Start);
         assert_eq!(tracker.reported(), Some(NmtState::PreOperational));
         assert_eq!(tracker.expected(), Some(NmtState::Operational));
-        tracker.heard(NmtState::Operational);
+        tracker.reported_by_node(NmtState::Operational);
         assert_eq!(tracker.reported(), Some(NmtState::Operational));
     }
 
     #[test]
-    fn a_reset_makes_the_state_unknown_until_the_boot_up_message() {
+    fn reset_makes_the_state_unknown_until_boot_up() {
         let mut tracker = NmtTracker::default();
-        tracker.heard(NmtState::Operational);
+        tracker.reported_by_node(NmtState::Operational);
         tracker.commanded(NmtCommand::ResetNode);
         assert_eq!(tracker.reported(), None);
         tracker.booted();

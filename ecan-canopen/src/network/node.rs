@@ -1,4 +1,4 @@
-//! Everything that the network keeps of one node.
+//! State of one node.
 
 use crate::NmtState;
 
@@ -42,23 +42,23 @@ impl Node {
     }
 }
 
-/// What is known of a node, at a glance.
+/// Status of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NodeStatus {
-    /// Where it is.
+    /// Address of the node.
     pub address: NodeAddress,
-    /// The NMT state that it reported last, by boot-up message or heartbeat; `None` before that,
-    /// and after a reset command until it boots.
+    /// NMT state that it reported last, by boot-up message or heartbeat; `None` before the first report, and
+    /// after a reset command until its boot-up message.
     pub nmt_state: Option<NmtState>,
-    /// The NMT state that the last boot-up message or command leads to: all that is known of a
-    /// node without heartbeat. It may have refused.
+    /// NMT state to which the last boot-up message or command leads: the only information about a node
+    /// without heartbeat. The node may have rejected the command.
     pub expected_nmt_state: Option<NmtState>,
-    /// Boot-up messages.
+    /// Number of boot-up messages.
     pub boot_ups: u32,
-    /// Its heartbeat.
+    /// State of its heartbeat.
     pub heartbeat: Heartbeat,
-    /// How often the heartbeat stayed away.
+    /// Number of heartbeat timeouts.
     pub heartbeat_timeouts: u32,
-    /// Emergency messages.
+    /// Number of emergency messages.
     pub emcy_count: u32,
 }

@@ -1,4 +1,4 @@
-//! Mapping a PDO in the order that drives accept (CiA 301, 7.5.2.35 to 7.5.2.38).
+//! Steps that map a PDO, in the order that drives accept (CiA 301, 7.5.2.35 to 7.5.2.38).
 
 use crate::{MappingEntry, PdoCobId, TransmissionType};
 use ecan_protocol::can::CanId;
@@ -15,7 +15,7 @@ const NO_RTR: u32 = 1 << 30;
 /// Longest PDO, in bits.
 const MAX_BITS: u32 = 64;
 
-/// Which way a PDO goes, seen from the node.
+/// Direction of a PDO, seen from the node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PdoDirection {
     /// RPDO: the node receives it.
@@ -24,17 +24,17 @@ pub enum PdoDirection {
     Transmit,
 }
 
-/// Why a PDO cannot be mapped so.
+/// Invalid PDO mapping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum PdoMappingError {
     /// PDO numbers run from 1 to 512.
-    #[error("PDO number {number} is not in 1..512")]
+    #[error("PDO number {number} is out of range; allowed: 1 to 512")]
     Number {
-        /// The number given.
+        /// The invalid number.
         number: u16,
     },
-    /// Nothing, or more than a PDO holds, is mapped.
-    #[error("{bits} bits in {entries} entries are mapped, a PDO holds 8 to 64 bits")]
+    /// The mapping is empty or too long.
+    #[error("{bits} bits in {entries} entries are mapped; allowed: 1 to 64 bits")]
     Size {
         /// Bits mapped.
         bits: u32,
@@ -43,16 +43,16 @@ pub enum PdoMappingError {
     },
 }
 
-/// How one PDO of a node is to be: plain data, turned into [`Step`]s.
+/// Mapping of one PDO of a node: plain data, from which [`Step`]s are created.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PdoMapping {
-    /// Which way it goes.
+    /// Direction.
     pub direction: PdoDirection,
-    /// Its number, 1..512.
+    /// PDO number, 1..512.
     pub number: u16,
-    /// Its identifier.
+    /// CAN ID.
     pub cob_id: CanId,
-    /// When it is sent or takes effect.
+    /// Transmission type: when it is sent or becomes effective.
     pub transmission: TransmissionType,
     /// Shortest time between two of a TPDO, in units of 100 microseconds (subindex 3); `None`
     /// leaves it as it is.
@@ -60,7 +60,7 @@ pub struct PdoMapping {
     /// Longest time between two of a TPDO, or deadline of an RPDO, in milliseconds (subindex 5);
     /// `None` leaves it as it is.
     pub event_timer_ms: Option<u16>,
-    /// What it carries, in order.
+    /// Mapped objects, in order.
     pub entries: Vec<MappingEntry>,
 }
 
@@ -75,7 +75,7 @@ impl PdoMapping {
         self.communication_index().wrapping_add(MAPPING)
     }
 
-    /// Bytes that the PDO carries.
+    /// Length of the PDO in bytes.
     pub fn length(&self) -> usize {
         self.bits().div_ceil(8) as usize
     }
@@ -84,7 +84,7 @@ impl PdoMapping {
         self.entries.iter().map(|entry| u32::from(entry.bits)).sum()
     }
 
-    /// The steps: COB-ID invalid, transmission type and times, count 0, entries, count n, all of
+    /// Returns the steps: COB-ID invalid, transmission type and times, count 0, entries, count n, all of
     /// it read back, then COB-ID valid and read back. The COB-ID entry is read first and its bit 30
     /// kept, since drives differ in whether they let it change.
     ///
@@ -132,7 +132,7 @@ impl PdoMapping {
         Ok(steps)
     }
 
-    /// The steps that switch a PDO off.
+    /// Returns the steps that disable a PDO.
     ///
     /// # Errors
     /// [`PdoMappingError::Number`].

@@ -1,4 +1,4 @@
-//! Carries the service frames of one channel to its gateway, within the limits of a cycle.
+//! Sends the service frames of one channel, within the limits of a cycle.
 
 use crate::{CobId, NmtState, heartbeat_data};
 use ecan_mcan_port::{SendError, SendOptions};
@@ -16,7 +16,7 @@ use super::statistics::ServiceStatistics;
 const SDO_PACKET_BYTES: usize = 12;
 
 pub(super) struct ServiceSender<'a, O> {
-    pub(super) outlet: &'a mut O,
+    pub(super) sink: &'a mut O,
     pub(super) channel: &'a mut Channel,
     pub(super) nodes: &'a mut [Node],
     pub(super) config: &'a NetworkConfig,
@@ -24,7 +24,7 @@ pub(super) struct ServiceSender<'a, O> {
 }
 
 impl<O: FrameSink> ServiceSender<'_, O> {
-    /// Everything that is due in this cycle.
+    /// Sends everything that is due in this cycle.
     pub(super) fn deliver(&mut self, now_ns: u64) {
         let budget = self.config.service_frames_per_cycle.max(1);
         let left = self.send_nmt(budget);
@@ -36,7 +36,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         let (slave, channel) = (self.channel.slave, self.channel.channel);
         let sent = FrameRef::classic(id.can_id(), data)
             .map_err(SendError::from)
-            .and_then(|frame| self.outlet.send(slave, channel, frame, options));
+            .and_then(|frame| self.sink.send(slave, channel, frame, options));
         match sent {
             Ok(_) => Ok(()),
             Err(error) => {
@@ -46,22 +46,22 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         }
     }
 
-    /// NMT commands in their order; gives what is left of the budget.
+    /// Sends NMT commands in order; returns the remaining budget.
     fn send_nmt(&mut self, budget: u8) -> u8 {
         for used in 0..budget {
             let Some(request) = self.channel.next_nmt() else { return budget - used };
             match self.send(CobId::NMT, &request.to_bytes(), SendOptions::default()) {
                 Ok(()) => {
                     self.statistics.nmt_sent += 1;
-                    for place in &self.channel.nodes {
-                        if let Some(node) = self.nodes.get_mut(*place)
+                    for nth in &self.channel.nodes {
+                        if let Some(node) = self.nodes.get_mut(*nth)
                             && request.concerns(node.address.node)
                         {
                             node.nmt.commanded(request.command);
                         }
                     }
                 }
-                // SDO frames behind a command must not overtake it.
+                // Later SDO frames must not overtake a command.
                 Err(error) if error.is_temporary() => return 0,
                 Err(_) => {}
             }
@@ -82,7 +82,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         }
     }
 
-    /// SDO frames, node by node in turn, so that all go on alike.
+    /// Sends SDO frames of the nodes in turn.
     fn send_sdo(&mut self, mut budget: u8, now_ns: u64) {
         let count = self.channel.nodes.len();
         let mut idle = 0;
@@ -100,18 +100,18 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         }
     }
 
-    /// Whether an SDO frame leaves the room that the settings keep for targets.
+    /// Whether an SDO frame leaves the space that the configuration reserves for targets.
     fn may_send_sdo(&self) -> bool {
         let (slave, channel) = (self.channel.slave, self.channel.channel);
         let needed = self.config.reserved_image_bytes.saturating_add(SDO_PACKET_BYTES);
-        self.outlet.pending(slave, channel) < self.config.sdo_pending_limit
-            && self.outlet.room(slave) >= needed
+        self.sink.pending(slave, channel) < self.config.sdo_pending_limit
+            && self.sink.room(slave) >= needed
     }
 
-    /// Sends one frame of a node, if it has one; an error ends the cycle's round.
+    /// Sends one frame of a node, if it has one; an error ends the turn.
     fn send_sdo_of(&mut self, turn: usize, now_ns: u64) -> Result<bool, ()> {
-        let Some(place) = self.channel.nodes.get(turn).copied() else { return Ok(false) };
-        let Some(node) = self.nodes.get(place) else { return Ok(false) };
+        let Some(nth) = self.channel.nodes.get(turn).copied() else { return Ok(false) };
+        let Some(node) = self.nodes.get(nth) else { return Ok(false) };
         let Some(frame) = node.sdo.frame() else { return Ok(false) };
         if !self.may_send_sdo() {
             self.statistics.waited += 1;
@@ -119,7 +119,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         }
         let id = CobId::sdo_client(node.address.node);
         let sent = self.send(id, &frame, SendOptions::default());
-        let Some(node) = self.nodes.get_mut(place) else { return Ok(false) };
+        let Some(node) = self.nodes.get_mut(nth) else { return Ok(false) };
         match sent {
             Ok(()) => {
                 self.statistics.sdo_sent += 1;
@@ -134,13 +134,13 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         }
     }
 
-    /// The SYNC that is due, if one is. Behind an image that is held it would go out with the SYNC
-    /// of the cycle that ends the hold, back to back; so it waits.
+    /// Sends the SYNC that is due, if any. After an unconfirmed image it would be sent back to back
+    /// with the SYNC of the next image; so it waits.
     pub(super) fn send_sync(&mut self, settings: &SyncConfig) {
         if !self.channel.sync.is_due() {
             return;
         }
-        if self.outlet.is_holding(self.channel.slave) {
+        if self.sink.is_unconfirmed(self.channel.slave) {
             self.statistics.syncs_late += 1;
             return;
         }

@@ -1,4 +1,4 @@
-//! When SYNC is due on a channel, and its counter (CiA 301, 7.2.5).
+//! Due SYNC of a channel, and its counter (CiA 301, 7.2.5).
 
 use super::config::SyncConfig;
 
@@ -8,19 +8,19 @@ pub(super) struct SyncProducer {
     is_enabled: bool,
     cycles_left: u32,
     is_due: bool,
-    /// One went out in this cycle.
+    /// One was sent in this cycle.
     is_sent: bool,
     counter: u8,
 }
 
 impl SyncProducer {
-    /// Switches the channel on or off. The counter starts over at 1, and the first SYNC is due in
-    /// the next cycle.
+    /// Enables or disables the channel. The counter restarts at 1, and the first SYNC is due in the
+    /// next cycle.
     pub(super) fn enable(&mut self, is_enabled: bool) {
         *self = Self { is_enabled, ..Self::default() };
     }
 
-    /// One cycle. A SYNC that found no room stays due; it is never made up for by two.
+    /// One cycle. A SYNC that found no space stays due; missed ones are not repeated.
     pub(super) fn tick(&mut self, settings: &SyncConfig) {
         self.is_sent = false;
         if !self.is_enabled {
@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn the_counter_runs_from_1_to_its_overflow() {
+    fn counter_runs_from_1_to_its_overflow() {
         let settings = SyncConfig { counter_overflow: Some(3), ..SyncConfig::default() };
         let mut producer = enabled();
         let counters: Vec<_> = (0..7)
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn every_third_cycle() {
+    fn sync_is_due_every_third_cycle() {
         let settings = SyncConfig { every_cycles: 3, ..SyncConfig::default() };
         let mut producer = enabled();
         let due: Vec<_> = (0..7)
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refused_sync_is_sent_once_and_late() {
+    fn rejected_sync_is_sent_once_and_late() {
         let settings = SyncConfig { every_cycles: 2, counter_overflow: Some(5), schedule: None };
         let mut producer = enabled();
         for _ in 0..3 {
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disabled_channel_is_never_due() {
+    fn disabled_channel_is_never_due() {
         let mut producer = SyncProducer::default();
         producer.tick(&SyncConfig::default());
         assert!(!producer.is_due());

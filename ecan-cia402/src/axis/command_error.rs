@@ -5,32 +5,30 @@ use thiserror::Error;
 
 use super::units::UnitError;
 
-/// Why a command to an axis was not taken. Nothing was changed.
+/// Rejection of a command to an axis; nothing was changed.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[non_exhaustive]
 pub enum CommandError {
     /// The axis table has no such axis.
-    #[error("there is no axis {axis}")]
+    #[error("axis {axis} does not exist")]
     NoSuchAxis {
-        /// The index given.
+        /// The invalid index.
         axis: usize,
     },
     /// The axis is not configured, or its drive restarted.
-    #[error("axis {axis} is not configured")]
+    #[error("axis {axis} is not configured; configure it first")]
     NotConfigured {
         /// Index of the axis.
         axis: usize,
     },
-    /// The axis changes its mode or is homing.
-    #[error("axis {axis} changes its mode or is homing")]
+    /// A mode change or homing is running.
+    #[error("axis {axis}: a mode change or homing is running; wait for its end")]
     Busy {
         /// Index of the axis.
         axis: usize,
     },
     /// The mode takes its targets from an object that is not mapped; homing has its own command.
-    #[error(
-        "axis {axis} cannot change to mode {mode}: its process data do not carry what it needs"
-    )]
+    #[error("axis {axis} cannot change to mode {mode}: its target object is not mapped")]
     ModeNotMapped {
         /// Index of the axis.
         axis: usize,
@@ -42,15 +40,15 @@ pub enum CommandError {
     Mapping {
         /// Index of the axis.
         axis: usize,
-        /// Why not.
+        /// Cause.
         error: PdoMappingError,
     },
-    /// The value is no target.
+    /// The value is not a valid target.
     #[error("axis {axis}: {error}")]
     Unit {
         /// Index of the axis.
         axis: usize,
-        /// Why not.
+        /// Cause.
         error: UnitError,
     },
 }

@@ -1,4 +1,4 @@
-//! What an axis is told: plain data.
+//! Configuration of an axis: plain data.
 
 use std::time::Duration;
 
@@ -15,23 +15,23 @@ use crate::guard::terms::{GuardLimits, TargetKind};
 /// while it moves at its limit.
 const WINDOW_STEPS: u32 = 8;
 
-/// How a node begins its start-up.
+/// Reset of a node at the start of its configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum NodeReset {
-    /// It is told to go to Pre-operational.
+    /// None; the node is commanded to Pre-operational.
     #[default]
     None,
-    /// Its communication is reset: parameters of 0x1000.. as at power-on.
+    /// Reset Communication: parameters of 0x1000.. as at power-on.
     Communication,
-    /// The whole node is reset.
+    /// Reset Node.
     Node,
 }
 
-/// How a drive is configured before it is enabled. Objects marked (if there) are skipped where the
+/// Configuration of a drive before it is enabled. Objects marked (optional) are skipped if the
 /// drive does not have them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DriveConfig {
-    /// How it begins.
+    /// Reset at the start.
     pub reset: NodeReset,
     /// Longest time for the boot-up message after a reset.
     pub boot_timeout: Duration,
@@ -39,31 +39,30 @@ pub struct DriveConfig {
     pub identity: Option<(u32, u32)>,
     /// Whether the low half of 0x1000 must be 402.
     pub expect_profile_402: bool,
-    /// Producer heartbeat time 0x1017 in milliseconds (if there); 0 switches it off. The host
-    /// watches it: it is lost after three and a half of them.
+    /// Producer heartbeat time 0x1017 in milliseconds (optional); 0 disables it. The host
+    /// watches it with three and a half times this value.
     pub heartbeat_ms: u16,
-    /// Consumer heartbeat time of the host, 0x1016:01, in milliseconds (if there); 0 leaves the
-    /// object alone. With it a drive notices that the host has died.
+    /// Consumer heartbeat time of the host, 0x1016:01, in milliseconds (optional); 0 does not
+    /// write the object. By it a drive detects that the host has stopped.
     pub host_heartbeat_ms: u16,
-    /// What the drive does then, 0x6007 (if there); `None` leaves the object alone.
+    /// Reaction of the drive to that, 0x6007 (optional); `None` does not write the object.
     pub host_loss: Option<NodeLossReaction>,
-    /// Quick stop option 0x605A (if there); `None` leaves it alone.
+    /// Quick stop option 0x605A (optional); `None` does not write it.
     pub quick_stop: Option<QuickStopOption>,
-    /// Following error window 0x6065 in steps and time 0x6066 in milliseconds (if there); `None`
-    /// leaves them alone. Should not be below [`AxisConfig::following_window`].
+    /// Following error window 0x6065 in steps and time 0x6066 in milliseconds (optional); `None`
+    /// does not write them. Should not be below [`AxisConfig::following_window`].
     pub following_error: Option<(u32, u16)>,
-    /// Writes [`AxisConfig::bounds`] to 0x607D too, where the mode is a position mode (if
-    /// there).
+    /// Writes [`AxisConfig::bounds`] to 0x607D too, in a position mode (optional).
     pub write_position_limits: bool,
-    /// Switches TPDO 2 to 4 off (if there), so that nothing else takes bus time.
+    /// Disables the other TPDOs (optional), so that they take no bus time.
     pub silence_other_tpdos: bool,
     /// Further steps, done after the mapping and before the mode, while Pre-operational.
     pub further: Vec<Step>,
 }
 
 impl Default for DriveConfig {
-    /// No reset, heartbeats of 100 ms from the drive and a consumer time of 250 ms for the host's,
-    /// quick stop when the host is lost.
+    /// No reset; heartbeats of 100 ms from the drive, a consumer time of 250 ms for the host's, and a
+    /// quick stop if the host is lost.
     fn default() -> Self {
         Self {
             reset: NodeReset::None,
@@ -82,54 +81,54 @@ impl Default for DriveConfig {
     }
 }
 
-/// One axis: a line of the axis table.
+/// Configuration of one axis: a row of the axis table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisConfig {
-    /// Where the drive is.
+    /// Address of the drive.
     pub address: NodeAddress,
-    /// The mode in which it is driven. It decides what the RPDO carries.
+    /// Operating mode. It determines the content of the RPDO.
     pub mode: OperatingMode,
     /// Steps of the position counter per turn, for angles.
     pub scale: Scale,
-    /// How the position counter runs.
+    /// Range of the position counter.
     pub range: PositionRange,
     /// Smallest and largest target, in steps or in units of velocity or torque.
     pub bounds: Option<(i32, i32)>,
-    /// Farthest that a target may be from the one before, per cycle in which targets are sent.
-    /// In PP, PV and PT the drive makes the way itself, and it is of no meaning.
+    /// Longest distance of a target from the previous one, per cycle in which targets are sent.
+    /// Ignored in PP, PV and PT, in which the drive generates the motion.
     pub step_limit: u32,
-    /// Farthest that a position target may be from the actual position; at least eight step
-    /// limits, since a moving axis lags by the way out and back.
+    /// Longest distance of a position target from the actual position; at least eight step limits,
+    /// since a moving axis lags by the delay of the communication.
     pub following_window: u32,
-    /// How far an axis at rest may be off from one actual position to the next, by noise. An axis
-    /// that moves faster is not taken up. At most the step limit.
+    /// Longest distance between two actual positions of an axis at rest, by noise. An axis that
+    /// moves faster is not activated. At most the step limit.
     pub standstill: u32,
-    /// The step that [`send_target_step`](super::Cia402::send_target_step) makes per cycle.
+    /// Step per cycle of [`send_target_step`](crate::Cia402::send_target_step).
     pub target_step: i32,
-    /// How much a step that the host makes itself may change per cycle: for
-    /// [`send_target_step`](super::Cia402::send_target_step), halt and shutdown.
+    /// Largest change per cycle of a step that the host generates: for
+    /// [`send_target_step`](crate::Cia402::send_target_step), halt and shutdown.
     pub ramp: u32,
-    /// SYNC periods in a row without a usable TPDO that are put up with.
+    /// Tolerated SYNC periods in a row without a usable TPDO.
     pub tpdo_timeout: u16,
-    /// Cycles in a row with an incomplete working counter that are put up with; the Port repeats
-    /// the last image meanwhile, and no target goes out.
+    /// Tolerated cycles in a row with an incomplete working counter; in these the Port repeats the
+    /// last image, and no target is sent.
     pub wc_misses: u16,
-    /// New images that must be seen, at least, while stale targets are waited out.
+    /// Fewest new images that must be received while old targets drain.
     pub drain_images: u16,
-    /// Takes the axis up again by itself after it held for a reason on the way to a drive that
-    /// stayed enabled; in CSP only, where the drive stands meanwhile. Off, only the application
-    /// does. A drive that left Operation Enabled is never enabled by itself.
+    /// Activates the axis again after it held for a reason on the path to a drive that stayed
+    /// enabled; in CSP only, in which the drive rests until then. Otherwise only the application
+    /// activates it. A drive that left Operation Enabled is never enabled automatically.
     pub auto_resume: bool,
     /// Longest time for enabling: brake and power stage.
     pub enable_timeout: Duration,
-    /// Number of the RPDO and the TPDO that are used, 1 to 4.
+    /// Number of the RPDO and of the TPDO, 1 to 4.
     pub pdo_number: u8,
-    /// The configuration of the drive.
+    /// Configuration of the drive.
     pub drive: DriveConfig,
 }
 
 impl AxisConfig {
-    /// A CSP axis at an address, with a limit of 1000 steps per cycle.
+    /// Creates a CSP axis at an address, with a limit of 1000 steps per cycle.
     pub fn new(address: NodeAddress) -> Self {
         Self {
             address,
@@ -152,7 +151,7 @@ impl AxisConfig {
         }
     }
 
-    /// The same with a step per cycle, and limits that let it pass.
+    /// Sets the step per cycle, and limits that allow it.
     #[must_use]
     pub fn with_target_step(mut self, step: i32) -> Self {
         self.target_step = step;
@@ -160,7 +159,7 @@ impl AxisConfig {
         self.with_step_limit(limit)
     }
 
-    /// The same with a step limit, and a following-error window that is not too small for it.
+    /// Sets the step limit, and a following-error window that is large enough for it.
     #[must_use]
     pub fn with_step_limit(mut self, limit: u32) -> Self {
         self.step_limit = limit;
@@ -169,19 +168,19 @@ impl AxisConfig {
         self
     }
 
-    /// The same in another mode.
+    /// Sets the operating mode.
     #[must_use]
     pub fn with_mode(mut self, mode: OperatingMode) -> Self {
         self.mode = mode;
         self
     }
 
-    /// What the process data carry; that of CSP for a mode that is not driven.
+    /// Process data of the mode; those of CSP for an unsupported mode.
     pub fn layout(&self) -> PdoLayout {
         PdoLayout::for_mode(self.mode).unwrap_or_default()
     }
 
-    /// The rules of the motion guard in a mode, with `cycles_per_sync` cycles from SYNC to SYNC.
+    /// Limits of the motion guard in a mode, with `cycles_per_sync` cycles from SYNC to SYNC.
     pub fn guard_limits(&self, mode: OperatingMode, cycles_per_sync: u32) -> GuardLimits {
         let cycles = u16::try_from(cycles_per_sync.max(1)).unwrap_or(u16::MAX);
         let kind = target_kind(mode);
@@ -199,7 +198,7 @@ impl AxisConfig {
         }
     }
 
-    /// Checks the settings as a whole and reports every fault.
+    /// Checks the configuration as a whole and reports every fault.
     pub fn check(&self, report: &mut dyn FnMut(AxisFault)) {
         if usize::from(self.address.channel) >= CHANNELS {
             report(AxisFault::Channel { channel: self.address.channel });
@@ -242,7 +241,7 @@ impl AxisConfig {
     }
 }
 
-/// What kind of targets a mode takes.
+/// Kind of the targets of a mode.
 pub(crate) fn target_kind(mode: OperatingMode) -> TargetKind {
     match mode {
         OperatingMode::Homing => TargetKind::None,
@@ -255,38 +254,38 @@ pub(crate) fn target_kind(mode: OperatingMode) -> TargetKind {
     }
 }
 
-/// What is wrong with the settings of an axis.
+/// Fault of an axis configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[non_exhaustive]
 pub enum AxisFault {
     /// A gateway has four channels.
-    #[error("channel {channel}: a gateway has channels 0 to 3 only")]
+    #[error("channel {channel} is out of range; allowed: 0 to 3")]
     Channel {
-        /// The channel given.
+        /// The invalid channel.
         channel: u8,
     },
-    /// The mode is not driven.
-    #[error("mode {mode} is not driven by this library")]
+    /// The mode is not supported.
+    #[error("mode {mode} is not supported")]
     Mode {
         /// The mode.
         mode: OperatingMode,
     },
     /// The predefined connection set has four PDOs each way.
-    #[error("PDO number {number} is not 1 to 4")]
+    #[error("PDO number {number} is out of range; allowed: 1 to 4")]
     PdoNumber {
-        /// The number given.
+        /// The invalid number.
         number: u8,
     },
-    /// The scale cannot be calculated with.
-    #[error("{steps_per_turn} steps per turn is no scale")]
+    /// The scale is invalid.
+    #[error("steps_per_turn {steps_per_turn} is invalid; must be finite and not 0")]
     Scale {
         /// Steps per turn.
         steps_per_turn: f64,
     },
     /// With a step limit of 0 the axis could never move.
-    #[error("the step limit is 0")]
+    #[error("the step limit is 0; must be at least 1")]
     NoStep,
-    /// The step that is asked for exceeds the limit.
+    /// The target step exceeds the step limit.
     #[error("the target step {step} exceeds the step limit {limit}")]
     TargetStep {
         /// The step.
@@ -294,7 +293,7 @@ pub enum AxisFault {
         /// The limit.
         limit: u32,
     },
-    /// An axis that moves faster than its targets may does not stand still.
+    /// An axis at rest cannot move faster than its targets.
     #[error("the standstill window {standstill} exceeds the step limit {limit}")]
     Standstill {
         /// The window.
@@ -302,12 +301,12 @@ pub enum AxisFault {
         /// The limit.
         limit: u32,
     },
-    /// The following-error window is smaller than what a sound axis lags behind.
+    /// The following-error window is smaller than the lag of a correct axis.
     #[error("the following-error window {window} is below {least}, eight step limits")]
     Window {
         /// The window.
         window: u32,
-        /// The least that makes sense.
+        /// Smallest allowed window.
         least: u32,
     },
     /// No target is inside the bounds.
@@ -318,7 +317,7 @@ pub enum AxisFault {
         /// Largest.
         max: i32,
     },
-    /// The counter has no position.
+    /// The range of the counter is empty.
     #[error("the position range {min}..{max} is empty")]
     Range {
         /// Smallest.
@@ -326,8 +325,8 @@ pub enum AxisFault {
         /// Largest.
         max: i32,
     },
-    /// Not a single missing TPDO is put up with, though one is missing whenever a reply is lost.
-    #[error("the TPDO timeout is 0")]
+    /// No missing TPDO would be tolerated, although one is missing whenever a reply is lost.
+    #[error("the TPDO timeout is 0; must be at least 1")]
     TpdoTimeout,
 }
 
@@ -348,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_by_default_is_sound() {
+    fn default_configuration_has_no_faults() {
         assert_eq!(faults(&settings()), []);
         assert_eq!(faults(&settings().with_target_step(-5_000)), []);
         assert_eq!(faults(&settings().with_step_limit(3)), []);
@@ -359,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_is_reported() {
+    fn check_reports_every_fault() {
         let mut bad = settings();
         bad.address.channel = 4;
         bad.mode = OperatingMode::InterpolatedPosition;
@@ -377,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn modes_have_their_rules() {
+    fn guard_limits_depend_on_the_mode() {
         let limits = settings().guard_limits(OperatingMode::CyclicPosition, 2);
         assert_eq!(
             (limits.kind, limits.step, limits.tpdo_timeout),

@@ -1,4 +1,4 @@
-//! What an axis is doing, in words.
+//! Phase, progress and error of an axis.
 
 use std::fmt;
 use std::time::Duration;
@@ -10,14 +10,14 @@ use super::homing::HomingState;
 use crate::guard::input::HoldReason;
 use crate::guard::terms::GuardState;
 
-/// What went wrong with the last command to an axis.
+/// Failure of the last command to an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum AxisError {
     /// The configuration failed.
     #[error("configuration failed: {0}")]
     Setup(StepFailure),
-    /// The drive restarted and has forgotten its configuration.
+    /// The drive restarted and lost its configuration.
     #[error("the drive restarted")]
     Restarted,
     /// The drive did not reach Operation Enabled in time.
@@ -25,7 +25,7 @@ pub enum AxisError {
     EnableTimedOut {
         /// State of the drive.
         state: Option<DriveState>,
-        /// Where the guard stood.
+        /// State of the guard.
         guard: GuardState,
         /// Waiting time.
         waited: Duration,
@@ -33,13 +33,13 @@ pub enum AxisError {
     /// The drive has a fault.
     #[error("the drive is in fault{}", CodeText(*error_code))]
     Fault {
-        /// Error code of its last emergency message; 0 where none came.
+        /// Error code of its last emergency message; 0 without one.
         error_code: u16,
     },
     /// The drive stays in fault after a reset.
     #[error("the drive stays in fault after a reset{}", CodeText(*error_code))]
     ResetFailed {
-        /// Error code of its last emergency message; 0 where none came.
+        /// Error code of its last emergency message; 0 without one.
         error_code: u16,
     },
     /// The axis held.
@@ -48,10 +48,10 @@ pub enum AxisError {
     /// Homing ended without a home position.
     #[error("homing: {0}")]
     Homing(HomingState),
-    /// Homing took too long.
+    /// Homing did not end in time.
     #[error("homing is not done after {} ms: {state}", waited.as_millis())]
     HomingTimedOut {
-        /// What the statusword says.
+        /// State in the statusword.
         state: HomingState,
         /// Waiting time.
         waited: Duration,
@@ -73,7 +73,7 @@ impl fmt::Display for StateText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             Some(state) => state.fmt(f),
-            None => f.write_str("not heard"),
+            None => f.write_str("in an unknown state"),
         }
     }
 }
@@ -95,35 +95,35 @@ impl fmt::Display for CodeText {
     }
 }
 
-/// What an axis is doing.
+/// Phase of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum AxisPhase {
-    /// Not configured yet, or not any more: the drive restarted.
+    /// Not configured yet, or no longer: the drive restarted.
     NotConfigured,
-    /// The steps of its configuration are being done.
+    /// The configuration steps run.
     Configuring,
-    /// Its mode is written and waited for.
+    /// The mode is written, and the drive must display it.
     SettingMode(OperatingMode),
-    /// Its configuration failed.
+    /// The configuration failed.
     SetupFailed,
-    /// Configured; nothing is commanded.
+    /// Configured; no command.
     Standby,
-    /// Its actual position is being established; where something hinders that, what.
+    /// The actual position is being established; with the reason of a delay.
     Reading(GuardState, Option<HoldReason>),
-    /// Its actual position is known; the drive is not enabled.
+    /// The actual position is known; the drive is not enabled.
     Ready,
-    /// The drive is brought to Operation Enabled.
+    /// The drive is being brought to Operation Enabled.
     Enabling(Option<DriveState>),
     /// Follows targets.
     Running,
-    /// Is being brought to rest, or was, by [`halt`](super::Cia402::halt).
+    /// At rest, or on the way to it, by [`halt`](crate::Cia402::halt).
     Halted,
-    /// Gets no targets until it is taken up again.
+    /// Gets no targets until it is activated again.
     Holding(HoldReason),
     /// A quick stop was commanded.
     QuickStop,
-    /// The drive's power is being switched off.
+    /// The drive is being switched off.
     Disabling,
     /// A fault is being reset.
     ResettingFault,
@@ -131,7 +131,7 @@ pub enum AxisPhase {
     Fault,
     /// The mode is being changed.
     ChangingMode(OperatingMode),
-    /// Homing is prepared or wound up.
+    /// Before and after homing: disabling, enabling, writing parameters.
     PreparingHoming,
     /// Homing.
     Homing(HomingState),
@@ -163,18 +163,18 @@ impl fmt::Display for AxisPhase {
     }
 }
 
-/// What an axis is doing, for how long, and what hinders it.
+/// Progress of an axis: phase, time in it, and error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AxisProgress {
     /// Index in the axis table.
     pub axis: usize,
-    /// Where the drive is.
+    /// Address of the drive.
     pub address: NodeAddress,
-    /// What it is doing.
+    /// Phase.
     pub phase: AxisPhase,
     /// Time since the phase began.
     pub elapsed: Duration,
-    /// While it is being configured: how far.
+    /// Progress of the configuration, while it runs.
     pub setup: Option<Progress>,
     /// Failure of the last command.
     pub error: Option<AxisError>,
@@ -203,7 +203,7 @@ mod tests {
     use ecan_canopen::NodeId;
 
     #[test]
-    fn words_say_who_what_and_how_long() {
+    fn progress_names_axis_phase_and_time() {
         let node = NodeId::new(5).unwrap();
         let progress = AxisProgress {
             axis: 2,

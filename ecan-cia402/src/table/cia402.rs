@@ -1,4 +1,4 @@
-//! The axes of a bus: network, axis table and Port brought together.
+//! All axes of a bus: network, axis table and Port together.
 
 use std::time::Duration;
 
@@ -17,62 +17,62 @@ use crate::axis::config::AxisConfig;
 use crate::axis::setup_steps::BusConfig;
 use crate::guard::gateway_watch::GatewayWatch;
 
-/// CiA 402 axes behind the gateways of a Port (manual 15.4, 15.5.4).
+/// CiA 402 axes on the gateways of a Port (manual 15.4, 15.5.4).
 ///
-/// In every cycle, between `cycle_begin` and `cycle_end`:
+/// In every cycle:
 ///
 /// ```text
-/// cia402.process_rx(port)         TPDOs, SDO answers, heartbeats; what every axis does next
-/// cia402.set_target(axis, ..)     where the application wants them
-/// cia402.send_targets_all(port)   targets, then SYNC, then SDO, NMT and heartbeat frames
+/// cia402.process_rx(cycle)         TPDOs, SDO answers, heartbeats; next step of every axis
+/// cia402.set_target(axis, ..)      targets of the application
+/// cia402.send_targets_all(cycle)   targets, then SYNC, then SDO, NMT and heartbeat frames
 /// ```
 ///
 /// [`send_target_step`](Self::send_target_step) in place of the last two moves every axis by its
-/// own step. Both are real-time safe, as is everything that does not say otherwise.
+/// own step. All calls are real-time safe unless they state otherwise.
 ///
-/// # Start-up
+/// # Startup
 ///
 /// [`configure_all`](Self::configure_all) brings the drives to Operational with their PDOs mapped,
-/// [`read_position_all`](Self::read_position_all) establishes where the axes are,
-/// [`enable_all`](Self::enable_all) enables them there. Each only begins something;
-/// [`progress`](Self::progress) says what an axis is doing, for how long, and what hinders it. The
-/// calls that end in `_timeout` wait and run the cycle meanwhile.
+/// [`read_position_all`](Self::read_position_all) establishes the positions of the axes,
+/// [`enable_all`](Self::enable_all) enables them there. Each call only starts an operation;
+/// [`progress`](Self::progress) reports its phase, its time and its error. Calls whose names end in
+/// `_timeout` wait and run the cycle themselves.
 ///
 /// # Order on the bus
 ///
-/// All targets of a cycle are handed over ahead of its SYNC, and a channel sends in the order in
-/// which it was given frames, so that a SYNC makes the targets of its own cycle effective. While a
-/// gateway's last image is repeated, neither targets nor SYNC are handed to it; both go on with the
-/// cycle that has a new image. With [`set_scheduled_tx`](Self::set_scheduled_tx) both go out at a
-/// phase of Sync0.
+/// All targets of a cycle are sent before its SYNC, and a channel sends in the order in which it
+/// received frames, so a SYNC makes the targets of its own cycle effective. While a gateway's last
+/// image is unconfirmed, neither targets nor SYNC are sent to it; both continue in the cycle that
+/// has a new image. With [`set_scheduled_tx`](Self::set_scheduled_tx) both are sent at a phase of
+/// Sync0.
 ///
-/// # When the host dies
+/// # If the host stops
 ///
-/// Its heartbeat stops. A drive with 0x1016 notices after
-/// [`host_heartbeat_ms`](super::DriveConfig::host_heartbeat_ms) and does what its 0x6007 says;
-/// one without keeps its last target: SYNC without a new target moves nothing.
+/// Its heartbeat stops. A drive with 0x1016 detects this after
+/// [`host_heartbeat_ms`](crate::DriveConfig::host_heartbeat_ms) and reacts by its 0x6007; one
+/// without keeps its last target: SYNC without a new target moves nothing.
 ///
-/// # What happens to targets
+/// # Targets
 ///
-/// [`MotionGuard`](super::MotionGuard) says in which case an axis gets a target, waits or holds.
-/// On top of that:
+/// [`MotionGuard`](crate::MotionGuard) documents when an axis gets a target, waits or holds. In
+/// addition:
 ///
-/// - When a gateway's transmit queue refuses a frame of a channel, the axes of the channel that
-///   come after it get nothing in this cycle, and all axes of the channel hold from the next one on.
-/// - When the working counter makes an axis hold while an image is repeated, the frames of its
-///   gateway that are still on the host are given up ([`Port::discard_pending`]); every axis of
-///   that gateway then holds, since a target of its own may be among them. SDO transfers and
-///   heartbeats that were among them are repeated by their own timeouts.
-/// - The application's target is forgotten when an axis holds. Once taken up again it stays where
-///   it is until it gets a new one.
-/// - An axis that is taken up again while its drive was enabled all the time, and that stands further
-///   than its step limit from its last target, is switched off and enabled anew: the drive still
-///   holds that target. (Blocked motors do that, and targets that were lost on the way.)
-/// - An axis that holds in CSP keeps its last target: the drive stands. In every other mode the
-///   drive would go on by itself, so it gets a quick stop, as soon as a frame can be sent.
-/// - While an image is repeated no command goes out, either: it would only follow the repeated
-///   image later, together with all the others. Commands are sent again in every cycle until the
-///   drive shows that it obeyed.
+/// - If a gateway's transmit queue rejects a frame of a channel, the later axes of the channel send
+///   nothing in this cycle, and all axes of the channel hold from the next one on.
+/// - If the working counter makes an axis hold while an image is unconfirmed, the frames of its
+///   gateway that are still on the host are discarded ([`Port::discard_pending`]); then every axis
+///   of that gateway holds, since a target of its own may be among them. Timeouts repeat the SDO
+///   transfers and heartbeats that were among them.
+/// - When an axis holds, the application's target is dropped. After its activation the axis stays
+///   at its position until it gets a new target.
+/// - An axis that is activated while its drive was enabled all the time, and that is further than
+///   its step limit from its last target, is switched off and enabled again, because the drive
+///   still holds that target. (Causes are a blocked motor, or targets that were lost.)
+/// - An axis that holds in CSP keeps its last target: the drive is at standstill. In every other
+///   mode the drive would continue to move, so it gets a quick stop as soon as a frame can be sent.
+/// - While an image is unconfirmed no command is sent, either: it would only follow the repeated
+///   image later, together with all others. Commands are repeated in every cycle until the drive
+///   reports that it has executed them.
 #[derive(Debug)]
 pub struct Cia402 {
     pub(super) network: Network,
@@ -90,11 +90,11 @@ pub struct Cia402 {
 }
 
 impl Cia402 {
-    /// Checks the axis table as a whole and sets everything up. Nothing is sent; SYNC and the
-    /// host's heartbeat begin with the first cycle. Allocates.
+    /// Checks the axis table as a whole and creates the axes. Sends nothing; SYNC and the host's
+    /// heartbeat start with the first cycle. Allocates.
     ///
     /// # Errors
-    /// A [`Cia402Error`] that names every fault of the table, or what the Port does not have.
+    /// A [`Cia402Error`] that names every fault of the table, or a missing gateway or channel.
     pub fn new(
         port: &Port,
         axes: Vec<AxisConfig>,
@@ -155,19 +155,19 @@ impl Cia402 {
         self.axes.len()
     }
 
-    /// The CANopen network below, for its states and counters.
+    /// The CANopen network, for its states and counters.
     pub fn network(&self) -> &Network {
         &self.network
     }
 
-    /// The CANopen network below, for transfers of the application's own. While an axis is being
-    /// configured, changes its mode or is homing, the SDO client of its node is taken.
+    /// The CANopen network, for transfers of the application. During configuration, mode change and
+    /// homing of an axis, the SDO client of its node is in use.
     pub fn network_mut(&mut self) -> &mut Network {
         &mut self.network
     }
 
-    /// Queues an NMT command to all nodes; it goes out with the next
-    /// [`send_targets_all`](Self::send_targets_all). Anything but `Start` makes the axes hold.
+    /// Queues an NMT command to all nodes, sent by the next
+    /// [`send_targets_all`](Self::send_targets_all). Any command but `Start` makes the axes hold.
     ///
     /// # Errors
     /// [`NmtError::QueueFull`].
@@ -181,17 +181,16 @@ impl Cia402 {
         self.cycles_to_target = 0;
     }
 
-    /// Sends targets and SYNC at phases of the Sync0 period instead of at once, each by itself:
-    /// `None` sends at once (manual 8.4, 13.8). Needs distributed clocks.
+    /// Sends targets and SYNC at phases of the Sync0 period instead of at once, independently of each
+    /// other: `None` sends at once (manual 8.4, 13.8). Requires distributed clocks.
     ///
-    /// A gateway drops a scheduled frame that reaches it behind its phase, and the drive then keeps
-    /// the target before it; leave a margin. The gateway's schedule is waited out, too, while stale
-    /// targets are drained.
+    /// A gateway drops a scheduled frame that arrives after its phase, and the drive then keeps its
+    /// previous target; leave a margin. The drain of old targets includes the gateway's schedule.
     ///
-    /// Only while no axis is taken up: a target at once would overtake one that is still scheduled.
+    /// Only while no axis is active: an immediate target would overtake one that is still scheduled.
     ///
     /// # Errors
-    /// A [`ScheduleError`]; nothing was changed.
+    /// A [`ScheduleError`]; nothing is changed.
     pub fn set_scheduled_tx(
         &mut self,
         port: &Port,
@@ -233,7 +232,7 @@ impl Cia402 {
         Ok(())
     }
 
-    /// Cycles that a frame may wait in a gateway for its phase: two Sync0 periods.
+    /// Most cycles that a frame waits in a gateway for its phase: two Sync0 periods.
     fn cycles_in_schedule(&self, port: &Port, offset_ns: Option<u32>) -> u16 {
         let config = port.adapter().config();
         match (offset_ns, config.dc) {
@@ -246,8 +245,7 @@ impl Cia402 {
         }
     }
 
-    /// How much of each CAN bus the process data take, by the bit rates of the Port; a channel that
-    /// has axes each. Allocates.
+    /// Load of each channel that has axes by the process data, at the bit rates of the Port. Allocates.
     pub fn bus_load(&self, port: &Port) -> Vec<BusLoad> {
         let mut channels: Vec<(usize, u8)> = self
             .axes

@@ -1,4 +1,4 @@
-//! Commands to axes, and what is known of them.
+//! Commands to axes, and their status.
 
 use ecan_canopen::{DriveState, OperatingMode, Statusword};
 
@@ -23,7 +23,7 @@ impl Cia402 {
         self.axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })
     }
 
-    /// Commands every axis, also behind one that refuses; gives the first refusal.
+    /// Commands every axis, also after a rejection; returns the first rejection.
     fn command_all(
         &mut self,
         mut command: impl FnMut(&mut Axis) -> Result<(), CommandError>,
@@ -38,12 +38,12 @@ impl Cia402 {
 
     // Start-up
 
-    /// Begins the configuration of a drive: NMT, identity, heartbeats both ways, PDO mapping,
-    /// times, limits, Operational, mode with confirmation. An enabled drive is switched off first.
-    /// [`progress`](Self::progress) says how far it is. Allocates, so not for the cycle.
+    /// Starts the configuration of a drive: NMT, identity, heartbeats in both directions, PDO
+    /// mapping, times, limits, Operational, mode with confirmation. An enabled drive is switched off
+    /// first. [`progress`](Self::progress) reports its steps. Allocates; not for the cycle.
     ///
-    /// Objects that a drive need not have are skipped where it has none. A drive that restarts has
-    /// forgotten its configuration and needs this again.
+    /// Optional objects are skipped if the drive does not have them. A drive that restarts loses its
+    /// configuration and must be configured again.
     ///
     /// # Errors
     /// A [`CommandError`].
@@ -53,10 +53,10 @@ impl Cia402 {
         axis.configure(network, bus)
     }
 
-    /// Begins the configuration of every drive that is not configured. Allocates.
+    /// Starts the configuration of every drive that is not configured. Allocates.
     ///
     /// # Errors
-    /// The first [`CommandError`]; the other axes are configured all the same.
+    /// The first [`CommandError`]; the other axes are configured nevertheless.
     pub fn configure_all(&mut self) -> Result<(), CommandError> {
         let mut result = Ok(());
         for index in 0..self.axes.len() {
@@ -68,9 +68,9 @@ impl Cia402 {
         result
     }
 
-    /// Begins to establish where an axis is: what may still be under way is waited out, then two
-    /// fresh TPDOs that show it at rest. A node that is not Operational is told to start. Real-time
-    /// safe, as are all commands below.
+    /// Starts to establish the position of an axis: old targets drain, then two fresh TPDOs must
+    /// show it at rest. A node that is not Operational gets the NMT command to start. Real-time safe,
+    /// as are all commands below.
     ///
     /// # Errors
     /// A [`CommandError`].
@@ -78,22 +78,22 @@ impl Cia402 {
         self.axis_mut(axis)?.read_position()
     }
 
-    /// Begins to establish where all axes are.
+    /// Starts to establish the positions of all axes.
     ///
     /// # Errors
-    /// The first [`CommandError`]; the other axes are read all the same.
+    /// The first [`CommandError`]; the other axes are read nevertheless.
     pub fn read_position_all(&mut self) -> Result<(), CommandError> {
         self.command_all(Axis::read_position)
     }
 
     // Power
 
-    /// Begins to enable a drive, or takes an axis up again that held: its actual position is
-    /// established, the drive is brought to Operation Enabled where it is not there, and the first
-    /// target is the actual position just read. From then on it follows the application's targets.
+    /// Starts to enable a drive, or to activate an axis that held: its actual position is
+    /// established, the drive is brought to Operation Enabled if necessary, and the first target is
+    /// the actual position of that cycle. Then the axis follows the application's targets.
     ///
-    /// A drive in fault is not enabled: [`reset_fault`](Self::reset_fault) comes first. What cannot
-    /// be done within the axis's time ends with [`AxisError::EnableTimedOut`] and the drive
+    /// A drive in fault is not enabled; call [`reset_fault`](Self::reset_fault) first. After
+    /// [`AxisConfig::enable_timeout`] it ends with [`AxisError::EnableTimedOut`], and the drive is
     /// switched off.
     ///
     /// # Errors
@@ -103,17 +103,17 @@ impl Cia402 {
         self.axis_mut(axis)?.enable(now_ns)
     }
 
-    /// Begins to enable all drives; those that run already go on.
+    /// Starts to enable all drives; active axes continue.
     ///
     /// # Errors
-    /// The first [`CommandError`]; the other axes are enabled all the same.
+    /// The first [`CommandError`]; the other axes are enabled nevertheless.
     pub fn enable_all(&mut self) -> Result<(), CommandError> {
         let now_ns = self.now_ns;
         self.command_all(|axis| axis.enable(now_ns))
     }
 
-    /// Ends targets at once and switches a drive off, by way of Switched On: how it stops is the
-    /// drive's own affair (0x605C). [`halt`](Self::halt) first brings it to rest by the ramp.
+    /// Ends targets at once and switches a drive off, through Switched On; it stops by its 0x605C.
+    /// Call [`halt`](Self::halt) first to bring it to rest by the ramp.
     ///
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
@@ -133,8 +133,8 @@ impl Cia402 {
         }
     }
 
-    /// Ends targets at once and commands a quick stop; the drive stops as its 0x605A says.
-    /// [`enable`](Self::enable) takes the axis up again.
+    /// Ends targets at once and commands a quick stop; the drive stops by its 0x605A.
+    /// [`enable`](Self::enable) activates the axis again.
     ///
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
@@ -154,8 +154,8 @@ impl Cia402 {
         }
     }
 
-    /// Resets the fault of a drive, with a real edge: the bit goes out low, then high, each in
-    /// several frames. The drive is not enabled by it. A drive that stays in fault ends it with
+    /// Resets the fault of a drive with a real edge: the bit is sent low, then high, each in several
+    /// frames. It does not enable the drive. If the drive stays in fault, it ends with
     /// [`AxisError::ResetFailed`].
     ///
     /// # Errors
@@ -183,10 +183,10 @@ impl Cia402 {
 
     // Motion
 
-    /// Brings a running axis to rest and keeps it enabled: in CSP by the axis's ramp from the
-    /// motion that it has, in CSV and CST by taking the target back to 0 in steps of the limit, in
-    /// PP, PV and PT by the halt bit, as the drive's 0x605D says. Targets of the application are
-    /// ignored until [`resume`](Self::resume).
+    /// Brings a running axis to rest and keeps it enabled: in CSP by the axis's ramp from its present
+    /// motion, in CSV and CST by returning the target to 0 in steps of the limit, in PP, PV and PT
+    /// by the halt bit, with the drive's 0x605D. Targets of the application are ignored until
+    /// [`resume`](Self::resume).
     ///
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
@@ -204,14 +204,14 @@ impl Cia402 {
         Ok(())
     }
 
-    /// Whether an axis that was halted has come to rest; also true for one that does not run.
+    /// Whether a halted axis is at rest; true for an axis that is not running.
     pub fn is_at_rest(&self, axis: usize) -> bool {
         self.axis(axis).is_none_or(Axis::is_at_rest)
     }
 
-    /// The application's target from now on, in raw units of the mode: steps, velocity or torque.
-    /// What becomes of it is said by [`decision`](Self::decision) after the targets were sent. It
-    /// is forgotten when the axis holds.
+    /// Sets the application's target, in raw units of the mode: steps, velocity or torque. After the
+    /// targets are sent, [`decision`](Self::decision) reports its result. It is dropped when the
+    /// axis holds.
     ///
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
@@ -223,7 +223,7 @@ impl Cia402 {
     /// As [`set_target`](Self::set_target), with an angle in degrees by the axis's scale.
     ///
     /// # Errors
-    /// [`CommandError::Unit`] for an angle that is no position.
+    /// [`CommandError::Unit`] for an angle that is not a valid position.
     pub fn set_target_degrees(&mut self, axis: usize, degrees: f64) -> Result<(), CommandError> {
         self.set_angle(axis, |settings| settings.scale.from_degrees(degrees, settings.range))
     }
@@ -231,7 +231,7 @@ impl Cia402 {
     /// As [`set_target`](Self::set_target), with an angle in radians by the axis's scale.
     ///
     /// # Errors
-    /// [`CommandError::Unit`] for an angle that is no position.
+    /// [`CommandError::Unit`] for an angle that is not a valid position.
     pub fn set_target_radians(&mut self, axis: usize, radians: f64) -> Result<(), CommandError> {
         self.set_angle(axis, |settings| settings.scale.from_radians(radians, settings.range))
     }
@@ -248,11 +248,11 @@ impl Cia402 {
         Ok(())
     }
 
-    /// The step that [`send_target_step`](Self::send_target_step) makes, from now on.
+    /// Sets the step of [`send_target_step`](Self::send_target_step).
     ///
     /// # Errors
-    /// [`CommandError::NoSuchAxis`]. A step beyond the limit is refused by the motion guard when
-    /// the ramp gets there.
+    /// [`CommandError::NoSuchAxis`]. The motion guard rejects a step beyond the limit when the
+    /// ramp reaches it.
     pub fn set_target_step(&mut self, axis: usize, step: i32) -> Result<(), CommandError> {
         self.axis_mut(axis)?.settings.target_step = step;
         Ok(())
@@ -260,9 +260,9 @@ impl Cia402 {
 
     // Modes
 
-    /// Begins to change the mode of a drive, with the mode display as confirmation. A running axis
-    /// is brought to rest and disabled before, and enabled again after. A mode that is refused
-    /// leaves the one before in force, and the drive disabled.
+    /// Starts to change the mode of a drive, with the mode display as confirmation. A running axis is
+    /// brought to rest and disabled first, and enabled again afterwards. If the drive rejects the
+    /// mode, the previous one stays in force, and the drive stays disabled.
     ///
     /// # Errors
     /// [`CommandError::ModeNotMapped`] for a mode whose target is not in the process data, and for
@@ -272,9 +272,9 @@ impl Cia402 {
         self.axis_mut(axis)?.change_mode(mode, now_ns)
     }
 
-    /// Begins homing: to rest, power off, parameters and mode, power on, homing, power off, the
-    /// mode before, and power on again where it was. Since the position counter may be another one
-    /// afterwards, the axis is taken up from what it says then.
+    /// Starts homing: rest, power off, parameters and mode, power on, homing, power off, previous
+    /// mode, and power on again if the axis was running. The axis is activated at the new value of
+    /// the position counter.
     ///
     /// # Errors
     /// A [`CommandError`].
@@ -283,29 +283,29 @@ impl Cia402 {
         self.axis_mut(axis)?.home(homing, now_ns)
     }
 
-    /// The mode that the drive has confirmed; that of the settings before.
+    /// Mode that the drive has confirmed; before that, the configured one.
     pub fn mode(&self, axis: usize) -> Option<OperatingMode> {
         self.axis(axis).map(|axis| axis.mode)
     }
 
-    // What is known
+    // Status
 
-    /// Settings of an axis.
+    /// Configuration of an axis.
     pub fn settings(&self, axis: usize) -> Option<&AxisConfig> {
         self.axis(axis).map(|axis| &axis.settings)
     }
 
-    /// What an axis is doing, for how long, and what hinders it.
+    /// Progress of an axis: phase, time in it, and error.
     pub fn progress(&self, axis: usize) -> Option<AxisProgress> {
         self.axis(axis).map(|axis| axis.progress(self.now_ns))
     }
 
-    /// What every axis is doing.
+    /// Progress of every axis.
     pub fn progress_all(&self) -> impl Iterator<Item = AxisProgress> + '_ {
         self.axes.iter().map(|axis| axis.progress(self.now_ns))
     }
 
-    /// What an axis is doing.
+    /// Phase of an axis.
     pub fn phase(&self, axis: usize) -> Option<AxisPhase> {
         self.axis(axis).map(|axis| axis.phase)
     }
@@ -330,23 +330,23 @@ impl Cia402 {
         self.axis(axis).is_some_and(Axis::is_running)
     }
 
-    /// Whether all axes follow targets; false where there is none.
+    /// Whether all axes follow targets; false without axes.
     pub fn all_running(&self) -> bool {
         !self.axes.is_empty() && (0..self.axes.len()).all(|axis| self.is_running(axis))
     }
 
-    /// The last target sent to an axis that follows targets; the next is judged against it.
+    /// The last target sent to an axis that follows targets; the next is compared with it.
     pub fn target(&self, axis: usize) -> Option<i32> {
         self.axis(axis).and_then(Axis::target)
     }
 
     /// The last usable actual position, in steps; `None` before the first.
-    /// [`actual_age`](Self::actual_age) says how old it is.
+    /// [`actual_age`](Self::actual_age) is its age.
     pub fn actual(&self, axis: usize) -> Option<i32> {
         self.axis(axis).and_then(|axis| axis.guard.actual())
     }
 
-    /// Cycles since the actual position came; 0 for this cycle, 65535 for many or never.
+    /// Age of the actual position in cycles; 0 is this cycle, 65535 is more or never.
     pub fn actual_age(&self, axis: usize) -> u16 {
         self.axis(axis).map_or(u16::MAX, |axis| axis.guard.actual_age())
     }
@@ -366,17 +366,17 @@ impl Cia402 {
         Some(scale(axis.settings.scale, axis.guard.actual()?))
     }
 
-    /// How far a running axis is behind its target, in steps: target minus actual position, by
-    /// the shorter way where the counter wraps. It contains the way out and back, two cycles or
-    /// more; the drive's own is in 0x60F4.
+    /// Following error of a running axis in steps: target minus actual position, the shorter
+    /// distance if the counter wraps. It includes the delay of the communication, two cycles or more;
+    /// the drive's own value is 0x60F4.
     pub fn following_error(&self, axis: usize) -> Option<i64> {
         let axis = self.axis(axis)?;
         Some(axis.settings.range.distance(axis.guard.actual()?, axis.target()?))
     }
 
-    /// Whether a drive that makes its own way has arrived: in PP it has taken the target in force and
-    /// reports it as reached, in PV and PT it reports its speed or torque as reached (statusword bit
-    /// 10). False in the cyclic modes, which know no arrival.
+    /// Whether a drive has reached its target: in PP it has accepted the target in force and reports
+    /// it as reached, in PV and PT it reports its speed or torque as reached (statusword bit 10).
+    /// False in the cyclic modes.
     pub fn is_target_reached(&self, axis: usize) -> bool {
         self.axis(axis).is_some_and(|axis| {
             let has_taken = match axis.mode {
@@ -389,7 +389,7 @@ impl Cia402 {
         })
     }
 
-    /// What became of the target in the last [`send_targets_all`](Self::send_targets_all).
+    /// Decision about the target in the last [`send_targets_all`](Self::send_targets_all).
     pub fn decision(&self, axis: usize) -> Decision {
         self.axis(axis).map_or(Decision::Closed, |axis| axis.decision)
     }

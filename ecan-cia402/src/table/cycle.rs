@@ -1,4 +1,4 @@
-//! The axes in the cycle: everything in, then everything out.
+//! The axes in the cycle: receive, then send.
 
 use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
 use ecan_protocol::can::{FrameKind, FrameRef};
@@ -9,18 +9,18 @@ use super::lookup::AxisLookup;
 use crate::axis::axis::Axis;
 use crate::guard::terms::Decision;
 
-/// What went out to the axes in one cycle.
+/// Summary of the targets of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SendSummary {
-    /// Axes that got a target of the application, or the host's own step.
+    /// Axes that got a target of the application, or the step of the host.
     pub targets: usize,
-    /// Axes that got their actual position as target: being enabled, or taken up.
+    /// Axes that got their actual position as target, during activation.
     pub positions: usize,
-    /// Axes that are taken up and got nothing in this cycle: their motion must not go on.
+    /// Active axes that got nothing in this cycle: their motion must not continue.
     pub waiting: usize,
-    /// Axes whose target was refused; [`decision`](Cia402::decision) says why.
+    /// Axes whose target was rejected; [`decision`](Cia402::decision) has the reason.
     pub rejected: usize,
-    /// Axes that are not taken up, or hold.
+    /// Axes that are not active, or hold.
     pub closed: usize,
     /// SYNC messages.
     pub syncs: usize,
@@ -44,18 +44,17 @@ impl SendSummary {
 }
 
 impl Cia402 {
-    /// Takes in what the cycle brought, and lets every axis do what is next: configuration, change
-    /// of mode, homing, enabling, holding.
+    /// Processes the received frames of the cycle and the next step of every axis: configuration,
+    /// mode change, homing, enabling, holding.
     ///
-    /// First in the cycle. Real-time safe: no allocation, no lock, no call
-    /// beyond the clock.
+    /// Call it first in the cycle. Real-time safe: no allocation, no lock, no call beyond the clock.
     pub fn process_rx(&mut self, cycle: &mut Cycle<'_>) {
         self.process_rx_with(cycle, |_| {});
     }
 
-    /// As [`process_rx`](Self::process_rx), with everything that is neither the network's nor an
-    /// axis' handed on: frames of other nodes, other PDOs, transmit reports. Real-time safe as far
-    /// as `other` is.
+    /// As [`process_rx`](Self::process_rx), but passes everything that belongs neither to the network
+    /// nor to an axis to `other`: frames of other nodes, other PDOs, transmit reports. Real-time safe
+    /// if `other` is.
     pub fn process_rx_with(&mut self, cycle: &mut Cycle<'_>, mut other: impl FnMut(Received)) {
         self.now_ns = cycle.adapter().clock().now_ns();
         let Self { network, axes, lookup, now_ns, .. } = self;
@@ -116,15 +115,15 @@ impl Cia402 {
         }
     }
 
-    /// Sends targets and commands of all axes, SYNC behind them, then what the network has to
-    /// send. Last in the cycle; once per cycle. Real-time safe.
+    /// Sends targets and commands of all axes, then SYNC, then the network's frames. Call it last in
+    /// the cycle, once. Real-time safe.
     pub fn send_targets_all(&mut self, cycle: &mut Cycle<'_>) -> SendSummary {
         self.send(cycle, false)
     }
 
-    /// As [`send_targets_all`](Self::send_targets_all), with every CSP axis moved by its own
-    /// [`target_step`](super::AxisConfig::target_step): it takes the step up by its ramp, and
-    /// does not move in a cycle in which its target does not go out. Axes of other modes get their
+    /// As [`send_targets_all`](Self::send_targets_all), but moves every CSP axis by its own
+    /// [`target_step`](crate::AxisConfig::target_step): it accelerates to that step by its ramp, and
+    /// does not move in a cycle in which its target is not sent. Axes of other modes get their
     /// targets as there. Real-time safe.
     pub fn send_target_step(&mut self, cycle: &mut Cycle<'_>) -> SendSummary {
         self.send(cycle, true)
@@ -167,7 +166,7 @@ impl Cia402 {
             self.note_sync();
         }
         self.network.send(cycle, self.now_ns);
-        // A first target takes an axis up.
+        // A first target activates an axis.
         for axis in &mut self.axes {
             axis.update_phase(self.now_ns);
         }

@@ -1,4 +1,4 @@
-//! What can go wrong with axes, located and in words.
+//! Errors of an axis table.
 
 use std::fmt;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use crate::axis::command_error::CommandError;
 use crate::axis::config::AxisFault;
 use crate::axis::phase::AxisProgress;
 
-/// Why targets or SYNC cannot be scheduled at a phase of Sync0.
+/// Reason for which targets or SYNC cannot be scheduled at a phase of Sync0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum ScheduleError {
@@ -20,19 +20,21 @@ pub enum ScheduleError {
     NotSchedulable {
         /// Slave index.
         slave: usize,
-        /// The offset given.
+        /// The offset.
         offset_ns: u32,
-        /// Why not.
+        /// Reason.
         reason: NotSchedulable,
     },
-    /// An axis is taken up: a target at once would overtake one that is still scheduled.
-    #[error("axis {axis} is taken up: disable it first")]
+    /// An axis is active: an immediate target would overtake one that is still scheduled.
+    #[error("axis {axis} is active; disable it first")]
     Active {
         /// Index of the axis.
         axis: usize,
     },
-    /// SYNC would go out before the targets that it is to make effective.
-    #[error("SYNC at {sync_offset_ns} ns would go out before the targets at {target_offset_ns} ns")]
+    /// SYNC would be sent before the targets that it makes effective.
+    #[error(
+        "SYNC at {sync_offset_ns} ns would be sent before the targets at {target_offset_ns} ns"
+    )]
     SyncFirst {
         /// Phase of the targets.
         target_offset_ns: u32,
@@ -41,7 +43,7 @@ pub enum ScheduleError {
     },
 }
 
-/// Everything that is wrong with an axis table.
+/// Faults of an axis table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisFaults {
     /// Axis and fault, in the order of the table.
@@ -57,14 +59,14 @@ impl fmt::Display for AxisFaults {
 
 impl std::error::Error for AxisFaults {}
 
-/// Axes that did not get where they were to be.
+/// Axes that did not reach a state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisTimeout {
-    /// What was waited for.
+    /// The state.
     pub what: &'static str,
     /// Waiting time by the bus clock.
     pub waited: Duration,
-    /// The axes that lack, with what each is doing and what hinders it.
+    /// The axes that did not reach it, with their progress.
     pub axes: Vec<AxisProgress>,
 }
 
@@ -83,38 +85,38 @@ impl std::error::Error for AxisTimeout {}
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum Cia402Error {
-    /// The axis table has faults; nothing was touched.
+    /// The axis table has faults; nothing was changed.
     #[error(transparent)]
     Axes(#[from] AxisFaults),
-    /// The network cannot be set up so.
+    /// The network rejected its configuration.
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// A command was not taken.
+    /// A command was rejected.
     #[error(transparent)]
     Command(#[from] CommandError),
     /// An NMT command could not be queued.
     #[error(transparent)]
     Nmt(#[from] NmtError),
-    /// Axes did not get where they were to be.
+    /// Axes did not reach a state.
     #[error(transparent)]
     AxisTimeout(#[from] AxisTimeout),
     /// The cycle failed while waiting.
     #[error(transparent)]
     Wait(#[from] WaitError),
     /// The axis table names a gateway that the Port does not have.
-    #[error("axis {axis} is behind slave {slave}, the Port has {slaves}")]
+    #[error("axis {axis}: slave {slave} does not exist; the Port has {slaves}")]
     NoSuchSlave {
         /// Index of the axis.
         axis: usize,
-        /// The slave index given.
+        /// The invalid slave index.
         slave: usize,
         /// Gateways of the Port.
         slaves: usize,
     },
-    /// The channel sends by identifier, not in order: SYNC would overtake its targets, and nobody
-    /// could tell when a stale target is gone.
+    /// The channel sends by CAN ID, not in order: SYNC would overtake its targets, and the end of a
+    /// stale target could not be detected.
     #[error(
-        "axis {axis}: channel {channel} of slave {slave} sends by identifier (Tx queue), axes need \
+        "axis {axis}: channel {channel} of slave {slave} sends by CAN ID (Tx queue); axes need \
          the Tx FIFO"
     )]
     TransmitQueue {

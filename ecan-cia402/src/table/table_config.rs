@@ -4,15 +4,15 @@ use std::time::Duration;
 
 use ecan_canopen::{HostHeartbeat, NetworkConfig, NodeConfig, SyncConfig};
 
-/// What the axes of a bus have in common.
+/// Configuration that all axes of a bus share.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cia402Config {
-    /// The CANopen network; its host heartbeat is what lets drives notice that the host died.
+    /// CANopen network; by its host heartbeat drives detect that the host has stopped.
     pub network: NetworkConfig,
     /// SDO client of each node. Its heartbeat timeout follows from
-    /// [`DriveConfig::heartbeat_ms`](super::DriveConfig::heartbeat_ms).
+    /// [`DriveConfig::heartbeat_ms`](crate::DriveConfig::heartbeat_ms).
     pub node: NodeConfig,
-    /// How SYNC is produced; the drives take targets and send TPDOs with it.
+    /// Production of SYNC, with which the drives apply targets and send TPDOs.
     pub sync: SyncConfig,
     /// Cycles from target to target; 0 counts as 1.
     pub motion_div: u32,
