@@ -57,11 +57,14 @@ impl HeartbeatWatch {
         self.state = if timeout.is_zero() { Heartbeat::Unconfigured } else { Heartbeat::Unknown };
     }
 
-    pub(super) fn received(&mut self, now_ns: u64) {
+    /// Returns whether the heartbeat was overdue before.
+    pub(super) fn received(&mut self, now_ns: u64) -> bool {
+        let was_overdue = self.state == Heartbeat::TimedOut;
         if self.timeout_ns > 0 {
             self.state = Heartbeat::Active;
             self.deadline_ns = now_ns.saturating_add(self.timeout_ns);
         }
+        was_overdue
     }
 
     /// The boot-up message is not a heartbeat: the watch begins with the first heartbeat.
@@ -71,11 +74,14 @@ impl HeartbeatWatch {
         }
     }
 
-    pub(super) fn tick(&mut self, now_ns: u64) {
-        if self.state == Heartbeat::Active && now_ns > self.deadline_ns {
+    /// Returns whether the heartbeat became overdue.
+    pub(super) fn tick(&mut self, now_ns: u64) -> bool {
+        let is_overdue = self.state == Heartbeat::Active && now_ns > self.deadline_ns;
+        if is_overdue {
             self.state = Heartbeat::TimedOut;
             self.timeouts = self.timeouts.saturating_add(1);
         }
+        is_overdue
     }
 
     pub(super) fn state(&self) -> Heartbeat {

@@ -87,7 +87,9 @@ impl Network {
 
     pub(super) fn tick(&mut self, now_ns: u64) {
         for node in &mut self.nodes {
-            node.heartbeat.tick(now_ns);
+            if node.heartbeat.tick(now_ns) {
+                tracing::warn!("{}: heartbeat lost", node.address);
+            }
             node.sdo.tick(now_ns);
         }
         if let Some(sync) = &self.sync {
@@ -124,6 +126,7 @@ fn emcy(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
 fn error_control(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
     let Some(state) = parse_heartbeat(data) else { return false };
     if state == NmtState::Initialising {
+        tracing::info!("{}: boot-up", node.address);
         node.nmt.booted();
         node.heartbeat.booted();
         if node.sdo.is_known_to_node() {
@@ -131,7 +134,9 @@ fn error_control(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
         }
     } else {
         node.nmt.reported_by_node(state);
-        node.heartbeat.received(now_ns);
+        if node.heartbeat.received(now_ns) {
+            tracing::info!("{}: heartbeat received again", node.address);
+        }
     }
     true
 }

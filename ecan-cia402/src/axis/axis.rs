@@ -294,6 +294,7 @@ impl Axis {
 
     /// The guard began to hold.
     pub(crate) fn held(&mut self, reason: HoldReason) {
+        tracing::warn!(axis = self.index, "axis {}: holding ({reason})", self.index);
         self.statistics.held(reason);
         if matches!(reason, HoldReason::TpdoLost(_)) {
             self.require_verification();
@@ -323,6 +324,7 @@ impl Axis {
     pub(crate) fn faulted(&mut self, network: &Network) {
         self.statistics.faults += 1;
         let error_code = self.error_code(network);
+        tracing::warn!(axis = self.index, "axis {}: fault (0x{error_code:04X})", self.index);
         self.error = Some(AxisError::Fault { error_code });
         if self.state.power_goal() == PowerGoal::Enabled {
             self.stop_after_hold();
@@ -338,6 +340,7 @@ impl Axis {
 
     /// The drive has lost its configuration: its process data have another meaning.
     pub(crate) fn restarted(&mut self) {
+        tracing::warn!(axis = self.index, "axis {}: configuration lost", self.index);
         self.stop_targets();
         self.state = AxisState::Unconfigured;
         self.verification = Verification::Complete;
@@ -347,12 +350,14 @@ impl Axis {
     }
 
     pub(crate) fn setup_failed(&mut self, failure: StepFailure) {
+        tracing::error!(axis = self.index, "axis {}: configuration failed ({failure})", self.index);
         self.state = AxisState::SetupFailed;
         self.error = Some(AxisError::Setup(failure));
     }
 
     /// The first target was sent to the enabled drive.
     pub(crate) fn activated(&mut self) {
+        tracing::info!(axis = self.index, "axis {}: active", self.index);
         self.statistics.activations += 1;
         self.statistics.targets_sent += 1;
         self.targets.ramp.stop();
