@@ -7,8 +7,8 @@ use ecan_host::{CycleError, Phase};
 use crate::address::GatewayHandle;
 use crate::gateway::publish;
 use crate::port::Port;
-use crate::received::Received;
-use crate::received_items::ReceivedItems;
+use crate::receive::items::ReceivedItems;
+use crate::receive::received::Received;
 
 /// Failed cycles in a row after which [`Cycle::end`] returns the error.
 pub const MAX_FAILED_CYCLES: u32 = 100;

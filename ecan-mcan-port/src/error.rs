@@ -5,9 +5,8 @@ use thiserror::Error;
 
 use crate::address::AddressError;
 use crate::config_check::PortConfigFault;
-use crate::phase_sweep::PhaseSweepFault;
-use crate::session::{PendingStep, Session};
-use crate::verification::VerificationFault;
+use crate::session::machine::{PendingStep, Session};
+use crate::session::verification::VerificationFault;
 
 /// Errors of the Port outside the cycle.
 #[derive(Debug, Error)]
@@ -25,12 +24,6 @@ pub enum PortError {
     /// The Port does not have this address.
     #[error(transparent)]
     Address(#[from] AddressError),
-    /// Phases of Sync0 are to be tried, but distributed clocks are not configured.
-    #[error("distributed clocks with Sync0 are not configured: there is no phase to be found")]
-    NoSync0,
-    /// A sweep over phases that cannot be tried; nothing was touched.
-    #[error(transparent)]
-    PhaseSweep(#[from] PhaseSweepFault),
     /// A gateway is in OP but not ready in time.
     #[error(
         "slave {slave} is {session} after {waited_ms} ms{}",

@@ -7,16 +7,16 @@ use ecan_protocol::image::{ImageReader, ImageWriter, OptionFlags};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::port_config::GatewayConfig;
-use crate::receiver::Receiver;
-use crate::schedule_margin::ScheduleTimes;
-use crate::schedule_settings::ScheduleConfig;
-use crate::schedule_watch::{
+use crate::receive::receiver::Receiver;
+use crate::schedule::config::ScheduleConfig;
+use crate::schedule::margin::ScheduleTimes;
+use crate::schedule::watch::{
     LATE_DROP, QUEUE_FULL, ScheduleWatch, TIMER_MISS, TX_FAIL, WatchResult,
 };
-use crate::session::{Event, SessionMachine};
+use crate::session::machine::{Event, SessionMachine};
 use crate::statistics::SlaveStatistics;
-use crate::transmit_window::DEFAULT_DEPTH;
-use crate::transmitter::Transmitter;
+use crate::transmit::transmitter::Transmitter;
+use crate::transmit::window::DEFAULT_DEPTH;
 
 #[derive(Debug)]
 pub(crate) struct Gateway {

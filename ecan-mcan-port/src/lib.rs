@@ -23,28 +23,14 @@ mod config_check;
 mod cycle;
 mod error;
 mod gateway;
-mod phase_sweep;
-mod phase_table;
 mod plan;
 mod port;
 mod port_config;
-mod received;
-mod received_items;
-mod receiver;
-mod report;
-mod schedule_account;
-mod schedule_margin;
-mod schedule_settings;
-mod schedule_watch;
-mod send;
+mod receive;
+mod schedule;
 mod session;
-mod startup;
 mod statistics;
-mod sync0_phase;
-mod transmit_history;
-mod transmit_window;
-mod transmitter;
-mod verification;
+mod transmit;
 mod wait;
 
 pub use address::{AddressError, ChannelHandle, GatewayHandle};
@@ -52,8 +38,6 @@ pub use config::Config;
 pub use config_check::PortConfigFault;
 pub use cycle::{Cycle, CycleSummary, MAX_FAILED_CYCLES};
 pub use error::PortError;
-pub use phase_sweep::{PhaseSweep, PhaseSweepFault};
-pub use phase_table::{PhaseMargins, PhasePoint, PhaseTable};
 pub use plan::{
     ChannelLoad, ChannelPlan, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayPlan, ImageFill,
     ImagePlan, PortPlan, PortPlanError, PortWarning,
@@ -63,17 +47,16 @@ pub use port_config::{
     AcceptanceFilter, ChannelConfig, ChannelFilter, GatewayConfig, MAX_FILTERS, MAX_GATEWAYS,
     PortConfig, Traffic,
 };
-pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
-pub use received_items::ReceivedItems;
-pub use report::{CycleReport, ImageReport};
-pub use schedule_account::ScheduleAccount;
-pub use schedule_margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin};
-pub use schedule_settings::{MarginCheck, ScheduleConfig};
-pub use schedule_watch::{ChannelDrops, ScheduleDiagnostics};
-pub use send::{
-    Backpressure, Batch, OkOrTemporary, SendError, SendOptions, SendTicket, TransmitFrame,
-    TransmitHint,
-};
-pub use session::{PendingStep, Session};
+pub use receive::items::ReceivedItems;
+pub use receive::received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
+pub use receive::report::{CycleReport, ImageReport};
+pub use schedule::account::ScheduleAccount;
+pub use schedule::config::{MarginCheck, ScheduleConfig};
+pub use schedule::margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin, THIN_MARGIN_NS};
+pub use schedule::watch::{ChannelDrops, ScheduleDiagnostics};
+pub use session::machine::{PendingStep, Session};
+pub use session::verification::{SdoTransfer, VerificationFault};
 pub use statistics::{ChannelStatistics, SlaveStatistics};
-pub use verification::{SdoTransfer, VerificationFault};
+pub use transmit::error::{Backpressure, OkOrTemporary, SendError};
+pub use transmit::options::{SendOptions, SendTicket, TransmitFrame, TransmitHint};
+pub use transmit::send::Batch;

@@ -10,14 +10,14 @@ use crate::config::Config;
 use crate::error::PortError;
 use crate::gateway::Gateway;
 use crate::port_config::PortConfig;
-use crate::report::CycleReport;
-use crate::schedule_account::ScheduleAccount;
-use crate::schedule_margin::{NotSchedulable, ScheduleMargin};
-use crate::schedule_watch::ScheduleDiagnostics;
-use crate::session::{PendingStep, Session};
+use crate::receive::report::CycleReport;
+use crate::schedule::account::ScheduleAccount;
+use crate::schedule::margin::{NotSchedulable, ScheduleMargin};
+use crate::schedule::sync0_phase::Sync0Phase;
+use crate::schedule::watch::ScheduleDiagnostics;
+use crate::session::machine::{PendingStep, Session};
+use crate::session::verification::VerificationFault;
 use crate::statistics::SlaveStatistics;
-use crate::sync0_phase::Sync0Phase;
-use crate::verification::VerificationFault;
 
 /// CAN and CAN FD through the gateways of one Adapter (manual 15.1, "MCAN Port").
 ///

@@ -6,7 +6,7 @@ use ecan_protocol::config::{
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-use crate::schedule_settings::ScheduleConfig;
+use crate::schedule::config::ScheduleConfig;
 
 /// Most gateways of a Port.
 pub const MAX_GATEWAYS: usize = ecan_host::MAX_SLAVES;

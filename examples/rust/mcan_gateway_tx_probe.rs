@@ -17,15 +17,14 @@ use clap::{Parser, ValueEnum};
 use ecan_example_support::bus_periods::BusRecord;
 use ecan_example_support::gateway_arguments::GatewayArguments;
 use ecan_example_support::log_file;
+use ecan_example_support::phase_sweep::{PhaseSweep, sweep_phase};
 use ecan_example_support::probe_report::{Report, Row};
 use ecan_example_support::tx_probe::{Mode, Target, probe_id};
 use ecan_example_support::{
     Interrupt, RealTimeArguments, print_plan, real_time, report_exit, wait_ready,
 };
 use ecan_host::{AdapterConfig, DcSync};
-use ecan_mcan_port::{
-    FrameStream, GatewayConfig, PhaseSweep, Port, PortConfig, RECOMMENDED_OFFSET_NS,
-};
+use ecan_mcan_port::{FrameStream, GatewayConfig, Port, PortConfig, RECOMMENDED_OFFSET_NS};
 use ecan_protocol::can::FrameError;
 use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::CHANNELS;
@@ -314,7 +313,8 @@ fn sweep(
     let target = arguments.target();
     let (count, mut done) = (sweep.shifts_ns.len() * sweep.offsets_ns.len(), 0);
     let progress = ecan_example_support::progress::bar(count as u64);
-    let table = port.sweep_phase(
+    let table = sweep_phase(
+        port,
         &sweep,
         |port, offset_ns| -> Result<(), Box<dyn Error>> {
             if interrupt.is_set() {

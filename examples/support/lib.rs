@@ -20,6 +20,8 @@ pub mod loop_setup;
 pub mod motion_arguments;
 pub mod motion_record;
 pub mod object_value;
+pub mod phase_sweep;
+pub mod phase_table;
 pub mod plot;
 pub mod probe_report;
 pub mod progress;

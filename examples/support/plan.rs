@@ -4,6 +4,7 @@ use std::error::Error;
 
 use ecan_host::{AdapterConfig, Faults};
 use ecan_mcan_port::{FrameStream, PortConfig, PortPlan};
+use ecan_plan_table::plan_table;
 
 /// Prints the load of a configuration, with its warnings.
 ///
@@ -15,6 +16,6 @@ pub fn print_plan(
     traffic: &[FrameStream],
 ) -> Result<(), Box<dyn Error>> {
     let plan = PortPlan::of(adapter, config, traffic);
-    print!("{}", plan.table(adapter, traffic));
+    print!("{}", plan_table(&plan, adapter, traffic));
     Ok(Faults::check(plan.faults(adapter, config))?)
 }

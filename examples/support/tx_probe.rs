@@ -240,5 +240,7 @@ fn difference(now: &ScheduleAccount, before: &ScheduleAccount) -> ScheduleAccoun
         open: now.open,
         refused_late: now.refused_late - before.refused_late,
         without_margin: now.without_margin - before.without_margin,
+        asked: now.asked - before.asked,
+        accepted: now.accepted - before.accepted,
     }
 }

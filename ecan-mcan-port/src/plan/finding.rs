@@ -5,8 +5,8 @@ use ecan_protocol::config::DATA_PATH_BUDGET_MAX;
 use ecan_protocol::mapping::{Direction, MAX_PACKETS};
 use thiserror::Error;
 
-use crate::schedule_margin::NotSchedulable;
-use crate::schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
+use crate::schedule::margin::NotSchedulable;
+use crate::schedule::margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
 
 fn us(ns: u64) -> f64 {
     ns as f64 / 1e3

@@ -8,7 +8,6 @@ mod finding;
 mod frame_stream;
 mod image;
 mod schedule;
-mod table;
 
 pub use channel_load::ChannelLoad;
 pub use cpu_cost::CpuCost;
@@ -20,7 +19,7 @@ use ecan_host::{AdapterConfig, Plan};
 use ecan_protocol::mapping::Direction;
 
 use crate::port_config::{ChannelConfig, PortConfig};
-use crate::schedule_margin::ScheduleTimes;
+use crate::schedule::margin::ScheduleTimes;
 
 /// Share of a bus from which a plan warns.
 const LOAD_WARNING: f64 = 0.7;

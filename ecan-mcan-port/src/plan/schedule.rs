@@ -9,10 +9,10 @@ use super::finding::{PortPlanError, PortWarning};
 use super::frame_stream::{FrameRate, FrameStream};
 use super::{PortPlan, settings};
 use crate::port_config::PortConfig;
-use crate::schedule_margin::NotSchedulable;
-use crate::schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
-use crate::schedule_settings::MarginCheck;
-use crate::transmit_window::DEFAULT_DEPTH;
+use crate::schedule::config::MarginCheck;
+use crate::schedule::margin::NotSchedulable;
+use crate::schedule::margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
+use crate::transmit::window::DEFAULT_DEPTH;
 
 impl PortPlan {
     /// The margin that a phase will have, as

@@ -88,7 +88,7 @@ pub(crate) fn plan(
     let adapter = adapter.to_rust();
     let plan = PortPlan::of(&adapter, &config, traffic);
     if !room.is_full() {
-        put_text(&mut room, &plan.table(&adapter, traffic));
+        put_text(&mut room, &ecan_plan_table::plan_table(&plan, &adapter, traffic));
     }
     Faults::check(plan.faults(&adapter, &config))
         .map_err(|faults| call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{faults}")))

@@ -78,7 +78,7 @@ pub fn run(arguments: &PlanArguments, output: &Output) -> Result<(), Failure> {
     let plan = PortPlan::of(&adapter, &port, &traffic);
     let faults = plan.faults(&adapter, &port);
     output.data(&Report::new(&plan, &faults), |out| {
-        write!(out, "{}", plan.table(&adapter, &traffic))?;
+        write!(out, "{}", ecan_plan_table::plan_table(&plan, &adapter, &traffic))?;
         faults
             .iter()
             .try_for_each(|fault| writeln!(out, "{} {fault}", output.toned(Tone::Bad, "fault:")))

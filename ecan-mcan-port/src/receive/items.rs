@@ -7,7 +7,7 @@ use ecan_host::Adapter;
 use ecan_protocol::image::{Header, Packet, Packets};
 
 use crate::gateway::Gateway;
-use crate::received::ReceivedView;
+use crate::receive::received::ReceivedView;
 
 /// The frames and transmit results of a cycle, from [`Cycle::received`](crate::Cycle::received).
 #[derive(Debug)]

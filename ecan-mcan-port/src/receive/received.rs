@@ -5,8 +5,8 @@ use std::fmt;
 use ecan_protocol::can::{CanFrame, FrameRef};
 use ecan_protocol::image::{FramePacket, ResultCode, Timestamp, TxResult};
 
-use crate::send::SendTicket;
-use crate::transmit_history::OpenFrame;
+use crate::transmit::history::OpenFrame;
+use crate::transmit::options::SendTicket;
 
 /// Where the gateway's CAN controller had stored a received frame (ID_AUX, manual 8.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -8,7 +8,7 @@
 use ecan_protocol::image::ResultCode;
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::schedule_watch::ScheduleDiagnostics;
+use crate::schedule::watch::ScheduleDiagnostics;
 
 /// What became of a channel's scheduled frames. Counters only grow, except `open`.
 ///
@@ -41,9 +41,13 @@ pub struct ScheduleAccount {
     /// Frames that the Port refused since their cycle had begun too late for the phase; they are
     /// not among `scheduled`.
     pub refused_late: u64,
-    /// Frames among `scheduled` that were taken although the margin does not suffice, see
+    /// Frames among `scheduled` whose margin does not suffice, see
     /// [`ScheduleMargin`](crate::ScheduleMargin).
     pub without_margin: u64,
+    /// Frames that the application passed with a schedule, sent or rejected.
+    pub asked: u64,
+    /// Frames that the gateway accepted, with any result.
+    pub accepted: u64,
 }
 
 impl ScheduleAccount {
@@ -71,10 +75,6 @@ struct ChannelAccount {
     /// those taken before have met their phase.
     young: u64,
     ripe: u64,
-    /// Frames that were to be scheduled, taken by the Port or not.
-    asked: u64,
-    /// Frames that the gateway took, whatever became of them.
-    taken: u64,
 }
 
 impl ChannelAccount {
@@ -106,16 +106,9 @@ impl ScheduleAccounts {
         self.channels.get(usize::from(channel)).map(|c| c.account).unwrap_or_default()
     }
 
-    /// Frames that were to be scheduled, and those that the gateway took, on all channels. For
-    /// differences over a stretch of time: neither ever shrinks.
-    pub(crate) fn asked_and_taken(&self) -> (u64, u64) {
-        let sum = |of: fn(&ChannelAccount) -> u64| self.channels.iter().map(of).sum();
-        (sum(|it| it.asked), sum(|it| it.taken))
-    }
-
     /// A frame is to be scheduled.
     pub(crate) fn asked(&mut self, channel: u8) {
-        self.channel(channel).asked += 1;
+        self.channel(channel).account.asked += 1;
     }
 
     pub(crate) fn is_used(&self) -> bool {
@@ -141,7 +134,7 @@ impl ScheduleAccounts {
             ScheduledFrameState::Taken
                 | ScheduledFrameState::Result(ResultCode::Ok | ResultCode::Queued)
         );
-        channel.taken += u64::from(is_taken);
+        channel.account.accepted += u64::from(is_taken);
         match fate {
             ScheduledFrameState::Taken | ScheduledFrameState::Result(ResultCode::Queued) => {
                 channel.young += 1

@@ -1,24 +1,25 @@
-//! A sweep finds the shifts and offsets that work, and recommends one that goes on working
-//! (manual 15.6.1).
+//! A sweep finds the shifts and offsets that work, and recommends one (manual 15.6.1).
 #![allow(missing_docs)]
 
 use std::time::Duration;
 
+#[path = "../../ecan-mcan-port/tests/common/mod.rs"]
 mod common;
 
 use common::{Fixture, Handles, SendData, classic, id, with_sync0};
+use ecan_example_support::phase_sweep::{PhaseSweep, PhaseSweepError, sweep_phase};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{GatewayConfig, PhaseSweep, PhaseSweepFault, Port, PortConfig, PortError};
+use ecan_mcan_port::{GatewayConfig, Port, PortConfig, PortError};
 use ecan_protocol::image::{OptionFlags, Schedule};
 
 /// One cycle with one scheduled frame.
-fn cycle(port: &mut Port, offset_ns: u32) -> Result<(), PortError> {
+fn cycle(port: &mut Port, offset_ns: u32) -> Result<(), PhaseSweepError> {
     let mut cycle = port.begin_cycle();
     cycle.received().for_each(drop);
     let at = Schedule { tag: 0, offset_ns };
     // A frame that is refused shows in the account.
     let _ = cycle.schedule_can(0, 0, id(1), &[], at);
-    cycle.end()?;
+    cycle.end().map_err(PortError::from)?;
     Ok(())
 }
 
@@ -27,7 +28,7 @@ fn results(gateway: &mut GatewayConfig) {
 }
 
 #[test]
-fn the_recommended_point_holds_in_a_longer_run_and_the_bad_ones_are_bad() {
+fn recommended_point_holds_in_a_longer_run() {
     let mut bench = with_sync0(ecan_sim::jitter(1), 250_000, results);
     let sweep = PhaseSweep {
         shifts_ns: (0..10).map(|nth| nth * 100_000).collect(),
@@ -36,7 +37,7 @@ fn the_recommended_point_holds_in_a_longer_run_and_the_bad_ones_are_bad() {
         ..PhaseSweep::over(1_000_000)
     };
     let mut seen = 0;
-    let table = bench.port.sweep_phase(&sweep, cycle, |_| seen += 1).unwrap();
+    let table = sweep_phase(&mut bench.port, &sweep, cycle, |_| seen += 1).unwrap();
     assert_eq!((seen, table.points.len()), (40, 40));
     assert!(bench.port.is_ready());
     assert_eq!(bench.port.adapter().config().dc.unwrap().shift_ns, 250_000, "as it was");
@@ -69,7 +70,7 @@ fn the_recommended_point_holds_in_a_longer_run_and_the_bad_ones_are_bad() {
 }
 
 #[test]
-fn a_slow_firmware_needs_an_offset() {
+fn slow_firmware_needs_an_offset() {
     let mut scenario = ecan_sim::echo(1);
     scenario.gateways[0].config.service_delay_ns = 250_000;
     let mut bench = with_sync0(scenario, 100_000, results);
@@ -79,7 +80,7 @@ fn a_slow_firmware_needs_an_offset() {
         cycles: 50,
         ..PhaseSweep::over(1_000_000)
     };
-    let table = bench.port.sweep_phase(&sweep, cycle, |_| ()).unwrap();
+    let table = sweep_phase(&mut bench.port, &sweep, cycle, |_| ()).unwrap();
     let good: Vec<_> = table.points.iter().map(|point| table.is_good(point)).collect();
     assert_eq!(good, [false, false, true, true], "{table}");
     assert_eq!(table.points[0].late_drops, 50, "{table}");
@@ -89,43 +90,42 @@ fn a_slow_firmware_needs_an_offset() {
 }
 
 #[test]
-fn without_sync0_there_is_nothing_to_sweep() {
+fn sweep_without_sync0_returns_error() {
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
-    let refused = bench.port.sweep_phase(&PhaseSweep::over(1_000_000), cycle, |_| ());
-    assert!(matches!(refused, Err(PortError::NoSync0)));
+    let refused = sweep_phase(&mut bench.port, &PhaseSweep::over(1_000_000), cycle, |_| ());
+    assert!(matches!(refused, Err(PhaseSweepError::NoSync0)));
     assert!(bench.port.is_ready(), "nothing was touched");
 }
 
 #[test]
-fn candidates_that_are_no_phases_are_refused() {
+fn candidates_beyond_the_period_return_error() {
     let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
     let over = PhaseSweep::over(1_000_000);
     let sync0_ns = 1_000_000;
     for (sweep, fault) in [
         (
             PhaseSweep { offsets_ns: vec![0, 2_000_000], ..over.clone() },
-            PhaseSweepFault::Offset { offset_ns: 2_000_000, sync0_ns },
+            PhaseSweepError::Offset { offset_ns: 2_000_000, sync0_ns },
         ),
         (
             PhaseSweep { shifts_ns: vec![1_000_000], ..over.clone() },
-            PhaseSweepFault::Shift { shift_ns: 1_000_000, sync0_ns },
+            PhaseSweepError::Shift { shift_ns: 1_000_000, sync0_ns },
         ),
-        (PhaseSweep { cycles: 0, ..over }, PhaseSweepFault::NoCycles),
+        (PhaseSweep { cycles: 0, ..over }, PhaseSweepError::NoCycles),
     ] {
-        match bench.port.sweep_phase(&sweep, cycle, |_| ()) {
-            Err(PortError::PhaseSweep(told)) => assert_eq!(told, fault),
+        match sweep_phase(&mut bench.port, &sweep, cycle, |_| ()) {
+            Err(error) => assert_eq!(error.to_string(), fault.to_string()),
             other => panic!("{other:?}"),
         }
         assert!(bench.port.is_ready(), "nothing was touched");
     }
 }
 
-/// Where the channel is off the bus, or the application schedules nothing, no phase is shown to be
-/// good.
+/// A channel that is bus-off, or an application that schedules nothing, proves no phase good.
 #[test]
-fn a_point_without_frames_is_not_good() {
+fn point_without_frames_is_not_good() {
     let sweep = PhaseSweep {
         shifts_ns: vec![500_000],
         offsets_ns: vec![100_000],
@@ -135,7 +135,8 @@ fn a_point_without_frames_is_not_good() {
     for is_silent in [true, false] {
         let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
         let simulation = bench.simulation.clone();
-        let table = bench.port.sweep_phase(
+        let table = sweep_phase(
+            &mut bench.port,
             &sweep,
             |port, offset_ns| {
                 let fault = ecan_sim::Fault::BusOff { gateway: 0, channel: 0 };
@@ -143,7 +144,7 @@ fn a_point_without_frames_is_not_good() {
                 if !is_silent {
                     return cycle(port, offset_ns);
                 }
-                port.begin_cycle().end()?;
+                port.begin_cycle().end().map_err(PortError::from)?;
                 Ok(())
             },
             |_| (),
@@ -152,21 +153,22 @@ fn a_point_without_frames_is_not_good() {
         assert!(table.recommended().is_none(), "{table}");
     }
     let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
-    let table = bench.port.sweep_phase(&sweep, cycle, |_| ()).unwrap();
+    let table = sweep_phase(&mut bench.port, &sweep, cycle, |_| ()).unwrap();
     let point = table.recommended().expect("good");
     assert_eq!((point.scheduled, point.taken, point.short_gateways), (50, 50, 0), "{table}");
 }
 
 #[test]
-fn an_error_of_the_application_ends_the_sweep_and_restores_the_port() {
+fn error_of_the_application_restores_the_port() {
     let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
     let mut cycles = 0;
-    let ended = bench.port.sweep_phase(
+    let ended = sweep_phase(
+        &mut bench.port,
         &PhaseSweep::over(1_000_000),
         |port, offset_ns| {
             cycles += 1;
             cycle(port, offset_ns)?;
-            if cycles < 100 { Ok(()) } else { Err(PortError::NoSync0) }
+            if cycles < 100 { Ok(()) } else { Err(PhaseSweepError::NoSync0) }
         },
         |_| (),
     );

@@ -4,7 +4,7 @@
 use ecan_host::{Adapter, DcSync, Error, RequestId, RequestState};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::schedule_settings::ScheduleConfig;
+use crate::schedule::config::ScheduleConfig;
 
 /// Flags of 0xB000:06.
 pub(crate) const LATE_DROP: u16 = 1 << 6;

@@ -1,34 +1,33 @@
-//! The plan as a table to read.
+//! The plan of a Port's configuration as a text table.
+#![forbid(unsafe_code)]
 
 use std::fmt::Write;
 
 use ecan_host::{AdapterConfig, SlavePlan};
+use ecan_mcan_port::{
+    CpuCost, FrameRoute, FrameStream, ImageFill, ImagePlan, PortPlan, RECOMMENDED_OFFSET_NS,
+};
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::mapping::MAX_PACKETS;
 
-use super::{CpuCost, FrameRoute, FrameStream, ImageFill, ImagePlan, PortPlan};
-use crate::schedule_margin::RECOMMENDED_OFFSET_NS;
-
-impl PortPlan {
-    /// The plan as a table with its warnings, for people; `adapter` and `traffic` are those that it
-    /// was made for. The refusals are not in it: they are errors. Not for the cycle.
-    pub fn table(&self, adapter: &AdapterConfig, traffic: &[FrameStream]) -> String {
-        let mut text = String::new();
-        // Writing to a String cannot fail.
-        let _ = ethercat(&mut text, self, adapter);
-        let _ = channels(&mut text, self);
-        let _ = images(&mut text, self);
-        let _ = frames(&mut text, self, traffic);
-        let _ = schedules(&mut text, self, traffic);
-        let _ = writeln!(text);
-        for warning in &self.warnings {
-            let _ = writeln!(text, "warning: {warning}");
-        }
-        if self.warnings.is_empty() && self.refusals.is_empty() {
-            let _ = writeln!(text, "nothing speaks against it");
-        }
-        text
+/// Formats a plan with its warnings; `adapter` and `traffic` are those of the plan. The refusals
+/// are not part of it: they are errors.
+pub fn plan_table(plan: &PortPlan, adapter: &AdapterConfig, traffic: &[FrameStream]) -> String {
+    let mut text = String::new();
+    // Writing to a String cannot fail.
+    let _ = ethercat(&mut text, plan, adapter);
+    let _ = channels(&mut text, plan);
+    let _ = images(&mut text, plan);
+    let _ = frames(&mut text, plan, traffic);
+    let _ = schedules(&mut text, plan, traffic);
+    let _ = writeln!(text);
+    for warning in &plan.warnings {
+        let _ = writeln!(text, "warning: {warning}");
     }
+    if plan.warnings.is_empty() && plan.refusals.is_empty() {
+        let _ = writeln!(text, "no problems found");
+    }
+    text
 }
 
 fn us(ns: u64) -> String {

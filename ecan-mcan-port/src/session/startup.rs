@@ -8,7 +8,7 @@ use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
 use ecan_protocol::object::SdoWrite;
 
 use crate::port_config::{ChannelConfig, GatewayConfig, PortConfig};
-use crate::verification::profile_readback;
+use crate::session::verification::profile_readback;
 
 const STATUS_OK: u32 = 0;
 /// Support of header version 1, bit 1 of 0xF000:09.

@@ -4,12 +4,12 @@ use ecan_host::{AdapterConfig, BYTE_NS, SlavePlan};
 use std::fmt;
 use thiserror::Error;
 
-use crate::schedule_settings::ScheduleConfig;
+use crate::schedule::config::ScheduleConfig;
 
 /// Smallest offset behind Sync0 that the manual recommends to begin with (13.8), in nanoseconds.
 pub const RECOMMENDED_OFFSET_NS: u32 = 100_000;
-/// A margin below this is a thin one, in nanoseconds.
-pub(crate) const THIN_MARGIN_NS: u32 = 20_000;
+/// A margin below this is [thin](ScheduleMargin::is_thin), in nanoseconds.
+pub const THIN_MARGIN_NS: u32 = 20_000;
 
 /// Times of a cycle around the Sync0 pulse that the offset of a scheduled frame counts from, all
 /// in nanoseconds from the point of the cycle grid.
@@ -90,8 +90,7 @@ impl ScheduleMargin {
         self.lacking_ns() == 0
     }
 
-    /// Whether it suffices with less than 20 us to spare, the distance that a
-    /// [`PhaseSweep`](crate::PhaseSweep) wants the arrival of images to keep from a pulse.
+    /// Whether it suffices with less than [`THIN_MARGIN_NS`] to spare.
     pub fn is_thin(&self) -> bool {
         (0..i64::from(THIN_MARGIN_NS)).contains(&self.least_ns())
     }

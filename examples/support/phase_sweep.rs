@@ -1,15 +1,14 @@
 //! Finding a Sync0 shift and an offset by trying them (manual 15.6.1, 16.1).
 
 use ecan_host::{Diagnostics, Error};
+use ecan_mcan_port::{Port, PortError, THIN_MARGIN_NS};
 use thiserror::Error;
 
-use crate::error::PortError;
 use crate::phase_table::{PhasePoint, PhaseTable};
-use crate::port::Port;
-use crate::schedule_margin::THIN_MARGIN_NS;
-use crate::schedule_watch::{LATE_DROP, QUEUE_FULL, TIMER_MISS, TX_FAIL};
 
-const SCHEDULE_FLAGS: u16 = LATE_DROP | QUEUE_FULL | TX_FAIL | TIMER_MISS;
+/// Flags of 0xB000:06 about scheduled transmission: late drop, queue full, transmit failure, missed
+/// timer.
+const SCHEDULE_FLAGS: u16 = 0x3C0;
 /// Cycles without frames that let those under way come back, beside those of two Sync0 periods.
 const QUIET_CYCLES: u64 = 4;
 
@@ -45,10 +44,16 @@ impl PhaseSweep {
     }
 }
 
-/// Why a sweep cannot be tried.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+/// Why a sweep failed.
+#[derive(Debug, Error)]
 #[non_exhaustive]
-pub enum PhaseSweepFault {
+pub enum PhaseSweepError {
+    /// Distributed clocks are not configured.
+    #[error("distributed clocks with Sync0 are not configured; a sweep needs them")]
+    NoSync0,
+    /// The Port failed.
+    #[error(transparent)]
+    Port(#[from] PortError),
     /// A shift is not below the Sync0 period.
     #[error("the shift of {shift_ns} ns is not below the Sync0 period of {sync0_ns} ns")]
     Shift {
@@ -71,15 +76,15 @@ pub enum PhaseSweepFault {
 }
 
 impl PhaseSweep {
-    fn check(&self, sync0_ns: u32) -> Result<(), PhaseSweepFault> {
+    fn check(&self, sync0_ns: u32) -> Result<(), PhaseSweepError> {
         let beyond = |ns: &&u32| **ns >= sync0_ns;
         if let Some(&shift_ns) = self.shifts_ns.iter().find(beyond) {
-            return Err(PhaseSweepFault::Shift { shift_ns, sync0_ns });
+            return Err(PhaseSweepError::Shift { shift_ns, sync0_ns });
         }
         if let Some(&offset_ns) = self.offsets_ns.iter().find(beyond) {
-            return Err(PhaseSweepFault::Offset { offset_ns, sync0_ns });
+            return Err(PhaseSweepError::Offset { offset_ns, sync0_ns });
         }
-        if self.cycles == 0 { Err(PhaseSweepFault::NoCycles) } else { Ok(()) }
+        if self.cycles == 0 { Err(PhaseSweepError::NoCycles) } else { Ok(()) }
     }
 }
 
@@ -103,17 +108,16 @@ impl Counts {
             let statistics = port.statistics(gateway);
             counts.incomplete_cycles += statistics.incomplete_cycles;
             counts.sessions_lost += statistics.sessions_lost;
-            let mut scheduled = 0;
+            let (mut scheduled, mut asked, mut taken) = (0, 0, 0);
             for channel in port.channels().filter(|channel| channel.gateway() == gateway) {
                 let account = port.schedule_account(channel);
                 scheduled += account.scheduled;
+                asked += account.asked;
+                taken += account.accepted;
                 counts.late_drops += account.late_dropped;
                 counts.other_drops += account.queue_full + account.not_sent;
                 counts.host_drops += account.refused_late + account.withdrawn;
             }
-            let accounts =
-                port.gateways.get(gateway.slave()).map(|gateway| gateway.transmitter.accounts());
-            let (asked, taken) = accounts.map_or((0, 0), |it| it.asked_and_taken());
             counts.taken += taken;
             counts.scheduled.push((asked, scheduled));
         }
@@ -121,120 +125,119 @@ impl Counts {
     }
 }
 
-impl Port {
-    /// Tries every shift with every offset and tells what was lost at each.
-    ///
-    /// The Port is reconfigured for every shift, and afterwards again as it was before. `cycle`
-    /// runs one cycle of the application, from `begin_cycle` to its end, with its frames
-    /// scheduled at the offset that it gets, at least one for each gateway and Sync0 period: a point
-    /// is good only if they were all taken. Errors that it returns end the sweep. For each
-    /// candidate the gateways' runtime diagnostics are cleared (0xB000:04 and 0x9011:14) and read
-    /// afterwards. With [`OptionFlags::TX_RESULT`](ecan_protocol::image::OptionFlags::TX_RESULT) late
-    /// frames are counted, otherwise only a flag tells of them. `progress` gets each point when it
-    /// is done.
-    ///
-    /// Blocks for as long as it takes; not for a machine at work.
-    ///
-    /// # Errors
-    /// [`PortError::NoSync0`]; [`PortError::PhaseSweep`] with a candidate that is no phase; whatever
-    /// keeps the gateways from going back into service with the old configuration; the application's. A shift with which they do
-    /// not go into service is a point of the table.
-    pub fn sweep_phase<E: From<PortError>>(
-        &mut self,
-        sweep: &PhaseSweep,
-        mut cycle: impl FnMut(&mut Self, u32) -> Result<(), E>,
-        mut progress: impl FnMut(&PhasePoint),
-    ) -> Result<PhaseTable, E> {
-        let (before, config) = (self.adapter.config().clone(), *self.config());
-        let dc = before.dc.ok_or(PortError::NoSync0)?;
-        sweep.check(dc.cycle_ns).map_err(PortError::from)?;
-        let mut table = PhaseTable {
-            period_ns: dc.cycle_ns,
-            arrival_margin_ns: sweep.arrival_margin_ns,
-            offset_margin_ns: sweep.offset_margin_ns,
-            points: Vec::with_capacity(sweep.shifts_ns.len() * sweep.offsets_ns.len()),
-        };
-        let mut end = Ok(());
-        'sweep: for &shift_ns in &sweep.shifts_ns {
-            let mut adapter = before.clone();
-            adapter.dc = Some(ecan_host::DcSync { shift_ns, ..dc });
-            let ready = self.reconfigure((adapter, config)).and_then(|()| self.wait_ready());
-            for &offset_ns in &sweep.offsets_ns {
-                let mut point = PhasePoint { shift_ns, offset_ns, ..PhasePoint::default() };
-                match &ready {
-                    Ok(()) => {
-                        if let Err(error) = self.try_phase(sweep, &mut point, &mut cycle) {
-                            end = Err(error);
-                            break 'sweep;
-                        }
+/// Tries every shift with every offset and reports the losses at each.
+///
+/// Reconfigures the Port for every shift, and afterwards as it was before. `cycle` runs one cycle of
+/// the application, from `begin_cycle` to its end, with its frames scheduled at the offset that it
+/// gets, at least one for each gateway and Sync0 period: a point is good only if all were accepted.
+/// Its errors end the sweep. For each candidate the gateways' runtime diagnostics are cleared
+/// (0xB000:04 and 0x9011:14) and read afterwards. With
+/// [`OptionFlags::TX_RESULT`](ecan_protocol::image::OptionFlags::TX_RESULT) late frames are counted,
+/// otherwise only a flag reports them. `progress` gets each finished point.
+///
+/// Blocks for the whole sweep; not for a machine at work.
+///
+/// # Errors
+/// [`PhaseSweepError`]; errors of the application. A shift with which the gateways do not become
+/// ready is a point of the table.
+pub fn sweep_phase<E: From<PhaseSweepError>>(
+    port: &mut Port,
+    sweep: &PhaseSweep,
+    mut cycle: impl FnMut(&mut Port, u32) -> Result<(), E>,
+    mut progress: impl FnMut(&PhasePoint),
+) -> Result<PhaseTable, E> {
+    let (before, config) = (*port.adapter().config(), *port.config());
+    let dc = before.dc.ok_or(PhaseSweepError::NoSync0)?;
+    sweep.check(dc.cycle_ns)?;
+    let mut table = PhaseTable {
+        period_ns: dc.cycle_ns,
+        arrival_margin_ns: sweep.arrival_margin_ns,
+        offset_margin_ns: sweep.offset_margin_ns,
+        points: Vec::with_capacity(sweep.shifts_ns.len() * sweep.offsets_ns.len()),
+    };
+    let mut end = Ok(());
+    'sweep: for &shift_ns in &sweep.shifts_ns {
+        let mut adapter = before;
+        adapter.dc = Some(ecan_host::DcSync { shift_ns, ..dc });
+        let ready = port.reconfigure((adapter, config)).and_then(|()| port.wait_ready());
+        for &offset_ns in &sweep.offsets_ns {
+            let mut point = PhasePoint { shift_ns, offset_ns, ..PhasePoint::default() };
+            match &ready {
+                Ok(()) => {
+                    if let Err(error) = try_phase(port, sweep, &mut point, &mut cycle) {
+                        end = Err(error);
+                        break 'sweep;
                     }
-                    Err(error) => point.failure = Some(error.to_string()),
                 }
-                progress(&point);
-                table.points.push(point);
+                Err(error) => point.failure = Some(error.to_string()),
             }
+            progress(&point);
+            table.points.push(point);
         }
-        let restored = self.reconfigure((before, config)).and_then(|()| self.wait_ready());
-        end?;
-        restored?;
-        Ok(table)
     }
+    let restored = port.reconfigure((before, config)).and_then(|()| port.wait_ready());
+    end?;
+    restored.map_err(PhaseSweepError::from)?;
+    Ok(table)
+}
 
-    fn try_phase<E: From<PortError>>(
-        &mut self,
-        sweep: &PhaseSweep,
-        point: &mut PhasePoint,
-        cycle: &mut impl FnMut(&mut Self, u32) -> Result<(), E>,
-    ) -> Result<(), E> {
-        let offset_ns = point.offset_ns;
-        for _ in 0..sweep.settle_cycles {
-            self.wait_next_cycle();
-            cycle(self, offset_ns)?;
-        }
-        self.let_pass();
-        let slaves = self.slave_count();
-        self.diagnose(|diagnostics| clear(diagnostics, slaves))?.map_err(PortError::from)?;
-        let before = Counts::of(self);
-        for _ in 0..sweep.cycles {
-            self.wait_next_cycle();
-            cycle(self, offset_ns)?;
-        }
-        self.let_pass();
-        let after = Counts::of(self);
-        point.cycles = sweep.cycles.into();
-        point.incomplete_cycles = after.incomplete_cycles - before.incomplete_cycles;
-        point.sessions_lost = after.sessions_lost - before.sessions_lost;
-        point.late_drops = after.late_drops - before.late_drops;
-        point.other_drops = after.other_drops - before.other_drops;
-        point.host_drops = after.host_drops - before.host_drops;
-        point.taken = after.taken - before.taken;
-        let cycle_ns = self.adapter.config().cycle_ns();
-        let period_ns = self.adapter.config().dc.map_or(0, |dc| dc.cycle_ns);
-        let periods = u64::from(sweep.cycles) * u64::from(cycle_ns) / u64::from(period_ns.max(1));
-        for (after, before) in after.scheduled.iter().zip(&before.scheduled) {
-            let (asked, scheduled) = (after.0 - before.0, after.1 - before.1);
-            point.scheduled += scheduled;
-            point.short_gateways += u32::from(asked > 0 && scheduled < periods);
-        }
-        let told = self.diagnose(|diagnostics| read(diagnostics, slaves, period_ns))?;
-        let told = told.map_err(PortError::from)?;
-        point.flags = told.flags;
-        if let Some((after_ns, before_ns)) = told.arrival_ns {
-            point.arrival_after_pulse_ns = Some(after_ns);
-            point.arrival_before_pulse_ns = Some(before_ns);
-        }
-        Ok(())
+fn try_phase<E: From<PhaseSweepError>>(
+    port: &mut Port,
+    sweep: &PhaseSweep,
+    point: &mut PhasePoint,
+    cycle: &mut impl FnMut(&mut Port, u32) -> Result<(), E>,
+) -> Result<(), E> {
+    let failed = |error| PhaseSweepError::Port(PortError::Adapter(error));
+    let offset_ns = point.offset_ns;
+    for _ in 0..sweep.settle_cycles {
+        port.wait_next_cycle();
+        cycle(port, offset_ns)?;
     }
+    run_idle_cycles(port);
+    let slaves = port.slave_count();
+    let cleared = port.diagnose(|diagnostics| clear(diagnostics, slaves));
+    cleared.map_err(PhaseSweepError::from)?.map_err(failed)?;
+    let before = Counts::of(port);
+    for _ in 0..sweep.cycles {
+        port.wait_next_cycle();
+        cycle(port, offset_ns)?;
+    }
+    run_idle_cycles(port);
+    let after = Counts::of(port);
+    point.cycles = sweep.cycles.into();
+    point.incomplete_cycles = after.incomplete_cycles - before.incomplete_cycles;
+    point.sessions_lost = after.sessions_lost - before.sessions_lost;
+    point.late_drops = after.late_drops - before.late_drops;
+    point.other_drops = after.other_drops - before.other_drops;
+    point.host_drops = after.host_drops - before.host_drops;
+    point.taken = after.taken - before.taken;
+    let config = port.adapter().config();
+    let (cycle_ns, period_ns) = (config.cycle_ns(), config.dc.map_or(0, |dc| dc.cycle_ns));
+    let periods = u64::from(sweep.cycles) * u64::from(cycle_ns) / u64::from(period_ns.max(1));
+    for (after, before) in after.scheduled.iter().zip(&before.scheduled) {
+        let (asked, scheduled) = (after.0 - before.0, after.1 - before.1);
+        point.scheduled += scheduled;
+        point.short_gateways += u32::from(asked > 0 && scheduled < periods);
+    }
+    let read = port.diagnose(|diagnostics| read(diagnostics, slaves, period_ns));
+    let counts = read.map_err(PhaseSweepError::from)?.map_err(failed)?;
+    point.flags = counts.flags;
+    if let Some((after_ns, before_ns)) = counts.arrival_ns {
+        point.arrival_after_pulse_ns = Some(after_ns);
+        point.arrival_before_pulse_ns = Some(before_ns);
+    }
+    Ok(())
+}
 
-    /// Cycles without frames. What comes back is thrown away, but results are accounted for.
-    fn let_pass(&mut self) {
-        // A pulse comes within one period, the phase behind it within another.
-        let config = self.adapter.config();
-        let phases_ns = config.dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns));
-        for _ in 0..phases_ns.div_ceil(config.cycle_ns().max(1).into()) + QUIET_CYCLES {
-            // A cycle that fails shows in the working counters.
-            self.next_cycle().received().for_each(drop);
-        }
+/// Runs cycles without frames until those sent before have left. Discards what is received, but
+/// transmit results count.
+fn run_idle_cycles(port: &mut Port) {
+    // A pulse comes within one period, the phase after it within another.
+    let config = port.adapter().config();
+    let phases_ns = config.dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns));
+    for _ in 0..phases_ns.div_ceil(config.cycle_ns().max(1).into()) + QUIET_CYCLES {
+        // A cycle that fails shows in the working counters.
+        port.next_cycle().received().for_each(drop);
     }
 }
 

@@ -10,7 +10,7 @@ use ecan_host::{Adapter, Delivery, Error, RequestId, RequestState};
 use ecan_protocol::mapping::Direction;
 
 use crate::port_config::GatewayConfig;
-use crate::verification::{Check, SdoTransfer, VerificationFault, checks};
+use crate::session::verification::{Check, SdoTransfer, VerificationFault, checks};
 
 /// Cycles between looks at the slave's state while it is in service.
 const WATCH_CYCLES: u64 = 64;

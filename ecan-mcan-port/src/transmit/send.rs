@@ -1,189 +1,16 @@
 //! Sending CAN frames in a cycle: at once or at a phase of the next Sync0 period.
 
-use ecan_protocol::can::{CanFrame, FrameError, FrameRef};
-use ecan_protocol::image::{PushError, Schedule};
-use thiserror::Error;
+use ecan_protocol::can::FrameRef;
+use ecan_protocol::image::PushError;
 
+use super::error::{Backpressure, SendError};
+use super::options::{SendOptions, SendTicket, TransmitFrame};
 use crate::address::{AddressError, ChannelHandle};
 use crate::cycle::Cycle;
 use crate::gateway::Gateway;
 use crate::port::Port;
-use crate::schedule_margin::NotSchedulable;
-use crate::schedule_settings::MarginCheck;
-
-/// Identifies a sent frame; its transmit result carries the same ticket (manual 10).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct SendTicket {
-    /// Slave index.
-    pub slave: usize,
-    /// Sequence of the image.
-    pub sequence: u16,
-    /// Index of the frame in the image, from 0, when it was sent. Withdrawing a scheduled frame
-    /// before it does not change the ticket.
-    pub index: u8,
-}
-
-/// Hint for the gateway's transmit path (ID_AUX, manual 8.1).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum TransmitHint {
-    /// No preference.
-    #[default]
-    Normal,
-    /// High priority.
-    HighPriority,
-    /// A dedicated TX buffer.
-    DedicatedBuffer,
-    /// The TX queue, sorted by CAN ID.
-    Queue,
-}
-
-impl TransmitHint {
-    fn id_aux(self) -> u8 {
-        match self {
-            Self::Normal => 0,
-            Self::HighPriority => 1,
-            Self::DedicatedBuffer => 2,
-            Self::Queue => 3,
-        }
-    }
-}
-
-/// Options of a frame; the default sends at once.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct SendOptions {
-    /// Hint for the gateway's transmit path.
-    pub hint: TransmitHint,
-    /// Phase of the next Sync0 period at which the gateway sends the frame, in nanoseconds, with a
-    /// tag of the application (manual 8.4, 13.8). Needs distributed clocks.
-    ///
-    /// After a wait by [`next_cycle`](Port::next_cycle) a frame is rejected with
-    /// [`Backpressure::Phase`] if the cycle began too late for its phase, and withdrawn if the cycle
-    /// ends too late. On an attached Adapter neither happens, because Sync0 follows the owner's
-    /// deadlines. A frame leaves a period late only if its image was lost and sent again because it
-    /// also holds frames to be sent at once; it then counts as unknown.
-    /// [`schedule_margin`](Port::schedule_margin) returns the time that a phase leaves,
-    /// [`schedule_account`](Port::schedule_account) the results.
-    pub schedule: Option<Schedule>,
-}
-
-impl From<Schedule> for SendOptions {
-    /// Sends at a phase of the next Sync0 period, without a hint.
-    fn from(schedule: Schedule) -> Self {
-        Self { schedule: Some(schedule), ..Self::default() }
-    }
-}
-
-/// A frame with its destination, for batches.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TransmitFrame {
-    /// Channel that sends it.
-    pub to: ChannelHandle,
-    /// The frame.
-    pub frame: CanFrame,
-    /// Options of the frame.
-    pub options: SendOptions,
-}
-
-impl TransmitFrame {
-    /// A frame that is sent at once.
-    pub fn new(to: ChannelHandle, frame: CanFrame) -> Self {
-        Self { to, frame, options: SendOptions::default() }
-    }
-}
-
-/// Reason for which a frame must wait.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Backpressure {
-    /// The RxPDO image of this cycle is full: its bytes or its 255 packets.
-    Image,
-    /// The channel's transmit queue in the gateway may be full, by its status.
-    Queue,
-    /// The channel is bus-off: the gateway would drop the frame.
-    BusOff,
-    /// Phase of a scheduled frame: this cycle began too late for it, or an unconfirmed image is sent
-    /// before.
-    Phase,
-}
-
-/// Error of a frame that was not sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum SendError {
-    /// The frame must wait; temporary.
-    #[error(
-        "slave {slave} channel {channel}: no room for a frame: {}; retry in a later cycle",
-        match what {
-            Backpressure::Image => "the image of this cycle is full",
-            Backpressure::Queue => "the gateway's transmit queue is full",
-            Backpressure::BusOff => "the channel is bus-off",
-            Backpressure::Phase => "this cycle is too late for its Sync0 phase",
-        }
-    )]
-    Backpressure {
-        /// Slave index.
-        slave: usize,
-        /// Channel.
-        channel: u8,
-        /// Reason.
-        what: Backpressure,
-    },
-    /// The gateway is not ready; temporary.
-    #[error("slave {slave} is not ready (not in OP or not verified); retry in a later cycle")]
-    NotReady {
-        /// Slave index.
-        slave: usize,
-    },
-    /// The channel does not exist or is not enabled.
-    #[error(transparent)]
-    Address(#[from] AddressError),
-    /// A CAN FD frame for a classic channel.
-    #[error("slave {slave} channel {channel} is configured for classic CAN only")]
-    NotFd {
-        /// Slave index.
-        slave: usize,
-        /// Channel.
-        channel: u8,
-    },
-    /// A schedule that the configuration or the gateway does not support.
-    #[error("slave {slave} cannot schedule a frame at {offset_ns} ns: {reason}")]
-    NotSchedulable {
-        /// Slave index.
-        slave: usize,
-        /// Phase of the frame, in nanoseconds.
-        offset_ns: u32,
-        /// Reason.
-        reason: NotSchedulable,
-    },
-    /// The data are not a valid CAN frame.
-    #[error(transparent)]
-    Frame(#[from] FrameError),
-}
-
-impl SendError {
-    /// Whether the cause passes by itself, so that the frame can be sent in a later cycle.
-    pub fn is_temporary(&self) -> bool {
-        matches!(self, Self::Backpressure { .. } | Self::NotReady { .. })
-    }
-}
-
-/// Ignores temporary errors of sending.
-pub trait OkOrTemporary<T> {
-    /// Returns `Ok(None)` for a [temporary](SendError::is_temporary) error: the frame was not sent.
-    ///
-    /// # Errors
-    /// Every other [`SendError`].
-    fn ok_or_temporary(self) -> Result<Option<T>, SendError>;
-}
-
-impl<T> OkOrTemporary<T> for Result<T, SendError> {
-    fn ok_or_temporary(self) -> Result<Option<T>, SendError> {
-        match self {
-            Ok(value) => Ok(Some(value)),
-            Err(error) if error.is_temporary() => Ok(None),
-            Err(error) => Err(error),
-        }
-    }
-}
+use crate::schedule::config::MarginCheck;
+use crate::schedule::margin::NotSchedulable;
 
 /// Result of a batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -195,7 +22,7 @@ pub struct Batch {
 }
 
 impl Cycle<'_> {
-    /// Sends a frame at once: a [`CanFrame`] by reference or a [`FrameRef`].
+    /// Sends a frame at once: a [`CanFrame`](ecan_protocol::can::CanFrame) by reference or a [`FrameRef`].
     ///
     /// Writes the packet directly into the PDO image. Real-time safe.
     ///

@@ -7,7 +7,7 @@ use ecan_protocol::image::{
 };
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::report::ImageReport;
+use crate::receive::report::ImageReport;
 use crate::statistics::SlaveStatistics;
 
 #[derive(Debug)]

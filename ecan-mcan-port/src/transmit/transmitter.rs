@@ -12,10 +12,10 @@ use ecan_protocol::image::{
 };
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 
-use crate::schedule_account::{ScheduleAccounts, ScheduledFrameState};
+use crate::schedule::account::{ScheduleAccounts, ScheduledFrameState};
 use crate::statistics::SlaveStatistics;
-use crate::transmit_history::{OpenFrame, TransmitHistory};
-use crate::transmit_window::TransmitWindow;
+use crate::transmit::history::{OpenFrame, TransmitHistory};
+use crate::transmit::window::TransmitWindow;
 
 /// Frames per channel in an image.
 type Counts = [u8; CHANNELS];

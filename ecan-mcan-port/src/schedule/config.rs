@@ -1,0 +1,57 @@
+//! Configuration of scheduled transmission: plain data.
+
+/// What happens to a frame whose margin does not suffice for its phase.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MarginCheck {
+    /// It is sent all the same and counted in
+    /// [`ScheduleAccount::without_margin`](crate::ScheduleAccount::without_margin).
+    #[default]
+    Count,
+    /// It is rejected with [`NotSchedulable::NoMargin`](crate::NotSchedulable::NoMargin).
+    Reject,
+}
+
+/// Scheduled transmission of one gateway: times from which margins are calculated, and reading of
+/// the diagnostics (manual 8.4, 13.8, 13.9).
+///
+/// The manual gives no times; docs/ASSUMPTIONS.md states where the defaults come from. Measure better
+/// ones on the machine with `mcan_gateway_tx_probe --sweep`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ScheduleConfig {
+    /// Latest time after the cycle's deadline at which the application ends its cycle, in
+    /// nanoseconds: wake-up delay and run time.
+    pub latest_send_ns: u32,
+    /// Time of an image through host and network card, in nanoseconds, without its time on the wire.
+    pub transport_ns: u32,
+    /// Time of the firmware from the arrival of an image until its frames wait for their phase, in
+    /// nanoseconds.
+    pub processing_ns: u32,
+    /// What happens to a frame without margin.
+    pub margin_check: MarginCheck,
+    /// Interval in milliseconds at which the gateway's diagnostics are read after the first
+    /// scheduled frame; 0 never reads them. A reading takes up to 17 SDO transfers in parallel with
+    /// the cycle; the next one begins after two Sync0 periods and a cycle at the earliest.
+    pub watch_ms: u32,
+    /// Discards an unconfirmed image that holds only scheduled frames when the Sync0 pulse of its
+    /// cycle has passed: repeating it could only send them a period late.
+    ///
+    /// An image with frames to be sent at once is repeated in any case, because they must not be
+    /// lost. Its scheduled frames may then leave a period late, and count as unknown unless a result
+    /// reports that they were dropped.
+    pub give_up_missed: bool,
+}
+
+impl Default for ScheduleConfig {
+    /// 100 us until the send, 30 us through the host, 50 us in the firmware; frames without margin
+    /// are counted; the diagnostics are read every 100 ms; missed images are discarded.
+    fn default() -> Self {
+        Self {
+            latest_send_ns: 100_000,
+            transport_ns: 30_000,
+            processing_ns: 50_000,
+            margin_check: MarginCheck::Count,
+            watch_ms: 100,
+            give_up_missed: true,
+        }
+    }
+}

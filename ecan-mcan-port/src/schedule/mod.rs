@@ -1,0 +1,7 @@
+//! Scheduled transmission at a phase of Sync0 (manual 8.4, 13.8, 13.9).
+
+pub(crate) mod account;
+pub(crate) mod config;
+pub(crate) mod margin;
+pub(crate) mod sync0_phase;
+pub(crate) mod watch;

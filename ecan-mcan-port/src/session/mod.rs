@@ -1,0 +1,5 @@
+//! Session of a gateway: startup steps, verification after each return to OP.
+
+pub(crate) mod machine;
+mod startup;
+pub(crate) mod verification;

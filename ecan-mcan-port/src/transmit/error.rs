@@ -1,0 +1,101 @@
+//! Errors of sending.
+
+use ecan_protocol::can::FrameError;
+use thiserror::Error;
+
+use crate::address::AddressError;
+use crate::schedule::margin::NotSchedulable;
+
+/// Reason for which a frame must wait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Backpressure {
+    /// The RxPDO image of this cycle is full: its bytes or its 255 packets.
+    Image,
+    /// The channel's transmit queue in the gateway may be full, by its status.
+    Queue,
+    /// The channel is bus-off: the gateway would drop the frame.
+    BusOff,
+    /// Phase of a scheduled frame: this cycle began too late for it, or an unconfirmed image is sent
+    /// before.
+    Phase,
+}
+
+/// Error of a frame that was not sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum SendError {
+    /// The frame must wait; temporary.
+    #[error(
+        "slave {slave} channel {channel}: no room for a frame: {}; retry in a later cycle",
+        match what {
+            Backpressure::Image => "the image of this cycle is full",
+            Backpressure::Queue => "the gateway's transmit queue is full",
+            Backpressure::BusOff => "the channel is bus-off",
+            Backpressure::Phase => "this cycle is too late for its Sync0 phase",
+        }
+    )]
+    Backpressure {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+        /// Reason.
+        what: Backpressure,
+    },
+    /// The gateway is not ready; temporary.
+    #[error("slave {slave} is not ready (not in OP or not verified); retry in a later cycle")]
+    NotReady {
+        /// Slave index.
+        slave: usize,
+    },
+    /// The channel does not exist or is not enabled.
+    #[error(transparent)]
+    Address(#[from] AddressError),
+    /// A CAN FD frame for a classic channel.
+    #[error("slave {slave} channel {channel} is configured for classic CAN only")]
+    NotFd {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+    },
+    /// A schedule that the configuration or the gateway does not support.
+    #[error("slave {slave} cannot schedule a frame at {offset_ns} ns: {reason}")]
+    NotSchedulable {
+        /// Slave index.
+        slave: usize,
+        /// Phase of the frame, in nanoseconds.
+        offset_ns: u32,
+        /// Reason.
+        reason: NotSchedulable,
+    },
+    /// The data are not a valid CAN frame.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+}
+
+impl SendError {
+    /// Whether the cause passes by itself, so that the frame can be sent in a later cycle.
+    pub fn is_temporary(&self) -> bool {
+        matches!(self, Self::Backpressure { .. } | Self::NotReady { .. })
+    }
+}
+
+/// Ignores temporary errors of sending.
+pub trait OkOrTemporary<T> {
+    /// Returns `Ok(None)` for a [temporary](SendError::is_temporary) error: the frame was not sent.
+    ///
+    /// # Errors
+    /// Every other [`SendError`].
+    fn ok_or_temporary(self) -> Result<Option<T>, SendError>;
+}
+
+impl<T> OkOrTemporary<T> for Result<T, SendError> {
+    fn ok_or_temporary(self) -> Result<Option<T>, SendError> {
+        match self {
+            Ok(value) => Ok(Some(value)),
+            Err(error) if error.is_temporary() => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+}
