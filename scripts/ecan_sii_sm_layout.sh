@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Checks and mends the layout of SM2 and SM3 in the SII (EEPROM) of an ECAN-Lite (manual 5.3, 15.7),
-# through IgH's command line tool ethercat.
+# Checks and fixes the layout of SM2 and SM3 in the SII (EEPROM) of an ECAN-Lite (manual 5.3, 15.7)
+# with IgH's command line tool ethercat.
 set -euo pipefail
 export LC_ALL=C
 
@@ -10,23 +10,23 @@ Usage: ecan_sii_sm_layout.sh check        [OPTIONS]
        ecan_sii_sm_layout.sh fix          [OPTIONS] [--backup FILE] [--yes]
        ecan_sii_sm_layout.sh restore FILE [OPTIONS] [--backup FILE] [--yes]
 
-check    reads the SII and tells whether SM2 and SM3 are as the manual wants them
-fix      mends SM2, SM3 and the checksum: makes a backup, shows the change, asks, writes, reads back
-restore  writes a backup to the SII: makes a backup of what is there, asks, writes, reads back
+check    reads the SII and checks SM2 and SM3 against the manual
+fix      fixes SM2, SM3 and the checksum: makes a backup, shows the change, asks, writes, reads back
+restore  writes a backup to the SII: makes a backup of the present SII, asks, writes, reads back
 
 Options:
   --ethercat PATH    IgH's tool (default: ethercat on the PATH, else /opt/etherlab/bin/ethercat)
   --master N         master (default 0)
   --position N       position of the slave (default 0)
   --pdo-bytes BYTES  size of SM2 and SM3, a multiple of 128 up to 3072 (default 3072)
-  --backup FILE      where the backup goes (default: ecan_sii_POSITION_DATE.bin)
-  --attempts N       how often to read back, a second apart, while the master scans (default 10)
-  --yes              do not ask
-  --force            also where the slave does not show itself as an ECAN-Lite, where the checksum is
-                     wrong, or where the backup is of another device or no sound SII
+  --backup FILE      path of the backup (default: ecan_sii_POSITION_DATE.bin)
+  --attempts N       number of readbacks, one per second, during the rescan (default 10)
+  --yes              do not ask for confirmation
+  --force            continue if the slave is not identified as an ECAN-Lite, the checksum is wrong,
+                     or the backup is invalid or from another device
 
-Exit status: 0 all well; 1 the layout is wrong, or could not be mended; 2 wrong use, or not confirmed;
-3 the ethercat tool failed.
+Exit status: 0 success; 1 wrong layout, or not fixed; 2 invalid arguments, or not confirmed; 3 the
+ethercat tool failed.
 END
 }
 
@@ -38,7 +38,7 @@ fail() { # STATUS MESSAGE
 # ---- arguments
 
 number() { # NAME VALUE
-    [[ $2 =~ ^(0|[1-9][0-9]{0,5})$ ]] || fail 2 "$1 takes a number, not \"$2\""
+    [[ $2 =~ ^(0|[1-9][0-9]{0,5})$ ]] || fail 2 "$1 needs a number, not \"$2\""
 }
 
 command=${1-}
@@ -46,7 +46,7 @@ case $command in
 check | fix) shift ;;
 restore)
     shift
-    [[ $# -gt 0 && $1 != --* ]] || fail 2 "restore takes the file to write"
+    [[ $# -gt 0 && $1 != --* ]] || fail 2 "restore needs the file to write"
     source_file=$1
     shift
     ;;
@@ -58,7 +58,7 @@ restore)
     usage >&2
     exit 2
     ;;
-*) fail 2 "unknown command \"$command\"; there are check, fix and restore FILE" ;;
+*) fail 2 "unknown command \"$command\"; allowed: check, fix and restore FILE" ;;
 esac
 
 ethercat='' master=0 position=0 pdo_bytes=3072 backup='' attempts=10 is_confirmed=false is_forced=false
@@ -67,7 +67,7 @@ while [[ $# -gt 0 ]]; do
     --yes) is_confirmed=true ;;
     --force) is_forced=true ;;
     --ethercat | --master | --position | --pdo-bytes | --backup | --attempts)
-        [[ $# -gt 1 ]] || fail 2 "$1 takes a value"
+        [[ $# -gt 1 ]] || fail 2 "$1 needs a value"
         case $1 in
         --ethercat) ethercat=$2 ;;
         --master) number "$1" "$2" && master=$2 ;;
@@ -82,36 +82,36 @@ while [[ $# -gt 0 ]]; do
         usage
         exit 0
         ;;
-    *) fail 2 "unknown option \"$1\", see --help" ;;
+    *) fail 2 "unknown option \"$1\"; see --help" ;;
     esac
     shift
 done
 if ((pdo_bytes == 0 || pdo_bytes > 3072 || pdo_bytes % 128 != 0)); then
-    fail 2 "--pdo-bytes takes a multiple of 128 up to 3072, not $pdo_bytes"
+    fail 2 "--pdo-bytes $pdo_bytes is invalid; allowed: multiples of 128 up to 3072"
 fi
 if [[ -z $ethercat ]]; then
     ethercat=$(command -v ethercat || echo /opt/etherlab/bin/ethercat)
 fi
-command -v "$ethercat" >/dev/null || fail 3 "there is no tool $ethercat; name it with --ethercat"
+command -v "$ethercat" >/dev/null || fail 3 "tool $ethercat not found; set --ethercat"
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-# ---- the tool. Only long options: -p has been the position in some versions and not in others.
+# ---- the tool. Only long options: the meaning of -p depends on the version.
 
 tool() { # COMMAND [ARGUMENT...]: its output
     local status=0
     "$ethercat" "$1" --master "$master" "${@:2}" 2>"$work/errors" || status=$?
     if ((status != 0)); then
         local said
-        said=$(grep -m 1 . "$work/errors" || echo "ended with status $status")
+        said=$(grep -m 1 . "$work/errors" || echo "exit status $status")
         fail 3 "ethercat $1: $said"
     fi
 }
 
 read_sii() { # FILE
     tool sii_read --position "$position" >"$1"
-    [[ -s $1 ]] || fail 3 "ethercat sii_read gave nothing: has the master scanned slave $position?"
+    [[ -s $1 ]] || fail 3 "ethercat sii_read returned no data; check that the master has scanned slave $position"
 }
 
 # ---- the image
@@ -131,11 +131,11 @@ store() { # FILE
     printf '%b' "$escapes" >"$1"
 }
 
-word() { # BYTE_OFFSET: in `value`
+word() { # BYTE_OFFSET; result in `value`
     value=$((bytes[$1] | bytes[$1 + 1] << 8))
 }
 
-# CRC-8 with the polynomial 0x07 from 0xFF, over the first seven words; in `value`.
+# CRC-8, polynomial 0x07, initial value 0xFF, over the first seven words; result in `value`.
 checksum() {
     local -i at bit
     value=255
@@ -149,12 +149,12 @@ checksum() {
 
 readonly REBUILD='let the gateway rebuild its EEPROM (0xB000:04, bit 6, manual 13.7)'
 
-# Byte offset of the sync managers' category in `sync_managers`. Ends with 1 if there is none.
+# Stores the byte offset of the sync manager category in `sync_managers`. Exits with 1 if missing.
 find_sync_managers() {
-    local remedy="it cannot be mended here; $REBUILD, or restore a backup"
+    local remedy="it cannot be fixed here; $REBUILD, or restore a backup"
     local -i count=${#bytes[@]} at=128 kind words
     if ((count < 130 || count % 2 != 0)); then
-        fail 1 "the SII has $count bytes, too few for categories or not whole words: $remedy"
+        fail 1 "the SII has $count bytes, too few for categories or an odd number: $remedy"
     fi
     while ((at + 1 < count)); do
         word $at && kind=$value
@@ -162,7 +162,7 @@ find_sync_managers() {
         if ((at + 3 >= count)); then break; fi
         word $((at + 2)) && words=$value
         if ((at + 4 + 2 * words > count)); then
-            fail 1 "category $kind at byte $at runs past the end of the SII: $remedy"
+            fail 1 "category $kind at byte $at exceeds the end of the SII: $remedy"
         fi
         if ((kind == 41)); then
             ((words >= 16)) ||
@@ -175,7 +175,7 @@ find_sync_managers() {
     fail 1 "the SII has no category 41 (sync managers): $remedy"
 }
 
-# ---- what is wanted
+# ---- expected layout
 
 is_good=true
 is_checksum_good=true
@@ -201,7 +201,7 @@ set_word() { # BYTE_OFFSET VALUE
     bytes[$1 + 1]=$(($2 >> 8))
 }
 
-# Compares with what the manual wants, and makes `bytes` so.
+# Compares `bytes` with the manual and fixes them.
 judge() {
     local -i number start control kind at
     checksum
@@ -219,12 +219,12 @@ judge() {
         set_word $((at + 2)) "$pdo_bytes"
         compare "SM$number control byte" "${bytes[at + 4]}" "$control" 0x%02X
         bytes[at + 4]=$control
-        # Of these the manual says nothing, so they are left alone.
+        # Not specified in the manual, so not changed.
         if (((bytes[at + 6] & 1) == 0)); then
             printf 'note   SM%d is not enabled by the SII\n' "$number"
         fi
         if ((bytes[at + 7] != kind)); then
-            printf 'note   SM%d is of type %d, %d is usual\n' "$number" "${bytes[at + 7]}" "$kind"
+            printf 'note   SM%d has type %d, usually %d\n' "$number" "${bytes[at + 7]}" "$kind"
         fi
     done <<<"2 $((0x1100)) $((0x66)) 3
 3 $((0x1D00)) $((0x22)) 4"
@@ -232,19 +232,19 @@ judge() {
 
 # ---- writing
 
-# A foreign slave with this layout would be a brick.
+# Another device would be unusable with this layout.
 recognize() {
     $is_forced && return
     local unit header
     unit=$(tool upload --position "$position" --type uint16 0xF000 17)
     header=$(tool upload --position "$position" --type uint16 0xF000 18)
     if [[ ${unit##* } != 128 || ${header##* } != 24 ]]; then
-        fail 1 "slave $position does not show itself as an ECAN-Lite (0xF000); --force writes anyway"
+        fail 1 "slave $position is not identified as an ECAN-Lite (0xF000); use --force to write anyway"
     fi
 }
 
-# The words behind the checksum decide how the controller starts. Where the two do not fit, nobody
-# but the user can tell which of them is damaged.
+# The words covered by the checksum configure the start of the controller. If the checksum is wrong,
+# only the user can decide which of the two is damaged.
 warn_of_checksum() {
     $is_checksum_good && return
     printf 'words 0-6:'
@@ -253,10 +253,10 @@ warn_of_checksum() {
         word $at
         printf ' 0x%04X' "$value"
     done
-    printf '\nIf these words are damaged, and not the checksum, a new checksum makes the damage valid,\n'
-    printf 'and the controller may not start any more: restore a backup then, or %s.\n' "$REBUILD"
+    printf '\nIf these words are damaged and not the checksum, a new checksum makes the damage valid, and\n'
+    printf 'the controller may not start: in this case restore a backup, or %s.\n' "$REBUILD"
     if $is_confirmed && ! $is_forced; then
-        fail 1 "the checksum is wrong: --yes does not answer for that, --force does"
+        fail 1 "the checksum is wrong; use --force to write a new one"
     fi
 }
 
@@ -264,7 +264,7 @@ refuse_in_operation() {
     local state
     state=$(tool slaves --position "$position")
     if [[ $state =~ (^|[[:space:]])OP([[:space:]]|$) ]]; then
-        fail 1 "slave $position is in OP: stop the application that drives it, then try again"
+        fail 1 "slave $position is in OP; stop the application and retry"
     fi
 }
 
@@ -272,22 +272,21 @@ keep_backup() { # FILE
     if [[ -z $backup ]]; then
         backup=ecan_sii_${position}_$(date +%Y%m%d-%H%M%S).bin
     fi
-    [[ ! -e $backup ]] || fail 2 "the backup $backup is there already; it is not overwritten"
+    [[ ! -e $backup ]] || fail 2 "the backup $backup exists and is not overwritten"
     { cp -- "$1" "$backup" && cmp -s -- "$1" "$backup"; } 2>/dev/null ||
-        fail 2 "the backup $backup cannot be written"
-    printf 'backup of the SII as it is: %s\n' "$backup"
+        fail 2 "cannot write the backup $backup"
+    printf 'backup of the present SII: %s\n' "$backup"
 }
 
 confirm() { # QUESTION
     $is_confirmed && return
-    [[ -t 0 ]] || fail 2 "nobody is there to confirm it, nothing was written; --yes does not ask"
+    [[ -t 0 ]] || fail 2 "cannot ask for confirmation, nothing was written; use --yes"
     local answer
     read -r -p "$1 [y/N] " answer
     [[ $answer == [yY] || $answer == yes ]] || fail 2 "not confirmed, nothing was written"
 }
 
-# The master keeps the SII that it read when it scanned the bus: without a new scan it would give
-# back the old one.
+# The master caches the SII from its scan of the bus: without a rescan it returns the old one.
 write_sii() { # FILE [--force]
     printf 'writing ...\n'
     tool sii_write "${@:2}" --position "$position" "$1"
@@ -297,12 +296,11 @@ write_sii() { # FILE [--force]
         ((attempt == 1)) || sleep 1
         if "$ethercat" sii_read --master "$master" --position "$position" \
             >"$work/back" 2>"$work/errors" && cmp -s "$1" "$work/back"; then
-            printf 'read back and compared: as written. Switch the gateway off and on.\n'
+            printf 'readback matches. Power-cycle the gateway.\n'
             return
         fi
     done
-    fail 1 "what is read back is not what was written: restart the master, then check again; the \
-backup is $backup"
+    fail 1 "readback does not match; restart the master and check again; the backup is $backup"
 }
 
 # ---- the commands
@@ -313,10 +311,10 @@ do_check() {
     printf 'slave %d, SII of %d bytes\n' "$position" "${#bytes[@]}"
     judge
     if ! $is_good; then
-        printf 'the layout is not that of the manual (15.7); mend it with: %s fix\n' "$0"
+        printf 'the layout does not match the manual (15.7); fix it with: %s fix\n' "$0"
         exit 1
     fi
-    printf 'the layout is that of the manual (15.7)\n'
+    printf 'the layout matches the manual (15.7)\n'
 }
 
 do_fix() {
@@ -325,26 +323,26 @@ do_fix() {
     printf 'slave %d, SII of %d bytes\n' "$position" "${#bytes[@]}"
     judge
     if $is_good; then
-        printf 'nothing to mend\n'
+        printf 'nothing to fix\n'
         return
     fi
     recognize
     refuse_in_operation
     warn_of_checksum
-    store "$work/mended"
+    store "$work/fixed"
     keep_backup "$work/found"
     printf 'to be changed:\n'
     printf '  %s\n' "${changes[@]}"
     confirm "Write the SII of slave $position?"
-    write_sii "$work/mended"
+    write_sii "$work/fixed"
 }
 
-# Vendor, product and serial number; not the revision, which may come with the firmware.
+# Vendor, product and serial number; not the revision, which may depend on the firmware.
 identity() { # FILE
     od -An -v -tx1 -j 16 -N 8 "$1" && od -An -v -tx1 -j 28 -N 4 "$1"
 } 2>/dev/null
 
-# Whether the loaded image is a sound one of the slave whose SII is in `found`.
+# Checks that the loaded image is valid and belongs to the slave whose SII is in `found`.
 judge_backup() {
     local -a doubts=()
     local said found_bytes
@@ -353,18 +351,18 @@ judge_backup() {
     ((value == bytes[14])) || doubts+=("its checksum is wrong")
     if ! said=$(find_sync_managers 2>&1); then
         said=${said#*: }
-        # What helps a slave with such an SII is no remedy for a file.
-        doubts+=("${said%: it cannot be mended here*}")
+        # The remedy for a slave does not apply to a file.
+        doubts+=("${said%: it cannot be fixed here*}")
     fi
     ((${#bytes[@]} == found_bytes)) ||
         doubts+=("it has ${#bytes[@]} bytes, the SII of the slave $found_bytes")
     [[ $(identity "$source_file") == "$(identity "$work/found")" ]] ||
-        doubts+=("its vendor, product or serial number is not the slave's")
+        doubts+=("its vendor, product or serial number differs from the slave")
     ((${#doubts[@]})) || return 0
     printf '%s: %s\n' "$source_file" "${doubts[0]}"
     if ((${#doubts[@]} > 1)); then printf '  and %s\n' "${doubts[@]:1}"; fi
     $is_forced ||
-        fail 1 "$source_file may not be of slave $position, or be damaged; --force writes anyway"
+        fail 1 "$source_file may be damaged or not from slave $position; use --force to write anyway"
 }
 
 do_restore() {
@@ -372,11 +370,11 @@ do_restore() {
     [[ -r $source_file && -f $source_file ]] || fail 2 "cannot read $source_file"
     load "$source_file"
     if ((${#bytes[@]} < 130 || ${#bytes[@]} % 2 != 0)); then
-        fail 2 "$source_file has ${#bytes[@]} bytes: that is no SII"
+        fail 2 "$source_file has ${#bytes[@]} bytes and is not an SII"
     fi
     read_sii "$work/found"
     if cmp -s -- "$source_file" "$work/found"; then
-        printf 'the SII of slave %d is that of %s already\n' "$position" "$source_file"
+        printf 'the SII of slave %d already matches %s\n' "$position" "$source_file"
         return
     fi
     judge_backup
@@ -384,7 +382,7 @@ do_restore() {
     refuse_in_operation
     keep_backup "$work/found"
     checksum
-    # The tool refuses images with a wrong checksum by itself.
+    # The tool rejects images with a wrong checksum.
     if ((value != bytes[14])); then force=(--force); fi
     confirm "Write $source_file to the SII of slave $position?"
     write_sii "$source_file" "${force[@]}"

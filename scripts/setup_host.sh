@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Gives a group the rights that a program with an ECAN-Lite needs: to open /dev/EtherCAT*, to run with
-# a real-time priority and to lock its memory. Shows first what it would do, and undoes it again.
+# Gives a group the rights for programs that use an ECAN-Lite: open /dev/EtherCAT*, real-time
+# priority, locked memory. Shows the changes first, and can undo them.
 set -euo pipefail
 export LC_ALL=C
 
@@ -8,17 +8,17 @@ usage() {
     cat <<'END'
 Usage: setup_host.sh [show|apply|undo] [OPTIONS]
 
-show   prints what apply would write and run, and changes nothing (the default)
-apply  writes a udev rule and real-time limits, makes the group if there is none
-undo   removes the two files, if they are as apply has written them
+show   prints what apply would write and run, without changes (default)
+apply  writes a udev rule and real-time limits, creates the group if it does not exist
+undo   removes the two files, if they were not modified
 
 Options:
   --group NAME       group that gets the rights (default ethercat)
   --rt-priority N    highest real-time priority of its members, 1 to 98 (default 80)
-  --root DIR         a tree to write to in place of /; no commands are run then
+  --root DIR         write below this directory instead of /, and run no commands
 
-Exit status: 0 done; 1 a file is not of this script or was changed since, and stays; 2 wrong use;
-3 not permitted.
+Exit status: 0 success; 1 a file of others or a modified file was kept; 2 invalid arguments;
+3 no permission.
 END
 }
 
@@ -36,12 +36,12 @@ show | apply | undo)
     shift
     ;;
 -h | --help | '' | --*) ;;
-*) fail 2 "unknown command \"$1\"; there are show, apply and undo" ;;
+*) fail 2 "unknown command \"$1\"; allowed: show, apply and undo" ;;
 esac
 while [[ $# -gt 0 ]]; do
     case $1 in
     --group | --rt-priority | --root)
-        [[ $# -gt 1 ]] || fail 2 "$1 takes a value"
+        [[ $# -gt 1 ]] || fail 2 "$1 needs a value"
         case $1 in
         --group) group=$2 ;;
         --rt-priority) priority=$2 ;;
@@ -53,16 +53,16 @@ while [[ $# -gt 0 ]]; do
         usage
         exit 0
         ;;
-    *) fail 2 "unknown option \"$1\", see --help" ;;
+    *) fail 2 "unknown option \"$1\"; see --help" ;;
     esac
     shift
 done
-[[ $group =~ ^[a-z_][a-z0-9_-]{0,31}$ ]] || fail 2 "\"$group\" is no name of a group"
+[[ $group =~ ^[a-z_][a-z0-9_-]{0,31}$ ]] || fail 2 "invalid group name \"$group\""
 [[ $priority =~ ^[1-9][0-9]?$ && $priority -le 98 ]] ||
-    fail 2 "--rt-priority takes 1 to 98, not \"$priority\""
-[[ -z $root || -d $root ]] || fail 2 "there is no directory $root"
+    fail 2 "--rt-priority $priority is out of range; allowed: 1 to 98"
+[[ -z $root || -d $root ]] || fail 2 "directory $root does not exist"
 
-# ---- what is written
+# ---- files
 
 rule=$root/etc/udev/rules.d/99-ecan-ethercat.rules
 limits=$root/etc/security/limits.d/99-ecan-realtime.conf
@@ -70,7 +70,7 @@ limits=$root/etc/security/limits.d/99-ecan-realtime.conf
 rule_text() {
     cat <<END
 # Members of $group may use the EtherCAT masters of this host.
-# := since rules of other files would take it back otherwise.
+# := so that rules in other files cannot override it.
 KERNEL=="EtherCAT[0-9]*", GROUP:="$group", MODE:="0660"
 END
 }
@@ -83,7 +83,7 @@ limits_text() {
 END
 }
 
-# The first line tells whose file it is, and whether it is as it was written.
+# The first line identifies the file and contains its checksum.
 marked() { # TEXT
     local sum
     sum=$(printf '%s\n' "$1" | cksum)
@@ -116,9 +116,9 @@ has_group() {
 show_file() { # FILE TEXT
     local is_there=''
     case $(owner "$1") in
-    ours) if [[ $(<"$1") == "$(marked "$2")" ]]; then is_there=' (there already)'; else is_there=' (replaces the one there)'; fi ;;
-    foreign) is_there=' (there is another file of this name: apply would stop)' ;;
-    changed) is_there=' (was changed by hand: apply would stop)' ;;
+    ours) if [[ $(<"$1") == "$(marked "$2")" ]]; then is_there=' (unchanged)'; else is_there=' (replaces the existing file)'; fi ;;
+    foreign) is_there=' (another file exists: apply would fail)' ;;
+    changed) is_there=' (modified manually: apply would fail)' ;;
     esac
     printf 'file %s%s:\n' "$1" "$is_there"
     marked "$2" | sed 's/^/    /'
@@ -131,13 +131,13 @@ do_show() {
     printf 'commands:\n'
     has_group || printf '    groupadd --system %s\n' "$group"
     printf '    udevadm control --reload\n    udevadm trigger --subsystem-match=EtherCAT\n'
-    printf 'nothing was changed; to do it: sudo %s apply\n' "$0"
+    printf 'nothing was changed; to apply: sudo %s apply\n' "$0"
 }
 
 check_file() { # FILE
     case $(owner "$1") in
-    foreign) fail 1 "$1 is there and not of this script; nothing was changed" ;;
-    changed) fail 1 "$1 was changed since it was written; nothing was changed" ;;
+    foreign) fail 1 "$1 exists and was not written by this script; nothing was changed" ;;
+    changed) fail 1 "$1 was modified after this script wrote it; nothing was changed" ;;
     esac
 }
 
@@ -149,7 +149,7 @@ write_file() { # FILE TEXT
         return
     fi
     { mkdir -p "${1%/*}" && printf '%s\n' "$text" >"$1" && chmod 644 "$1"; } 2>/dev/null ||
-        fail 3 "cannot write $1; run it with sudo"
+        fail 3 "cannot write $1; run with sudo"
     printf 'written   %s\n' "$1"
 }
 
@@ -157,45 +157,45 @@ reload() {
     if [[ -n $root ]]; then return; fi
     if command -v udevadm >/dev/null; then
         udevadm control --reload && udevadm trigger --subsystem-match=EtherCAT ||
-            printf 'udev was not told; it takes the rule when the host starts again\n'
+            printf 'udev not reloaded; the rule takes effect at the next boot\n'
     fi
 }
 
 do_apply() {
-    # Both before either is written.
+    # Check both files before writing.
     check_file "$rule"
     check_file "$limits"
     if ! has_group; then
-        groupadd --system "$group" || fail 3 "cannot make the group $group; run it with sudo"
-        printf 'made      group %s\n' "$group"
+        groupadd --system "$group" || fail 3 "cannot create the group $group; run with sudo"
+        printf 'created   group %s\n' "$group"
     fi
     write_file "$rule" "$(rule_text)"
     write_file "$limits" "$(limits_text)"
     reload
-    printf 'Add users with: sudo usermod -aG %s USER; it holds from their next login.\n' "$group"
+    printf 'Add users with: sudo usermod -aG %s USER; it takes effect at their next login.\n' "$group"
 }
 
 do_undo() {
     local file status=0
     for file in "$rule" "$limits"; do
         case $(owner "$file") in
-        missing) printf 'not there %s\n' "$file" ;;
+        missing) printf 'missing   %s\n' "$file" ;;
         ours)
-            rm -- "$file" 2>/dev/null || fail 3 "cannot remove $file; run it with sudo"
+            rm -- "$file" 2>/dev/null || fail 3 "cannot remove $file; run with sudo"
             printf 'removed   %s\n' "$file"
             ;;
         foreign)
-            printf 'stays     %s: not of this script\n' "$file"
+            printf 'kept      %s: not written by this script\n' "$file"
             status=1
             ;;
         changed)
-            printf 'stays     %s: changed since it was written, remove it by hand\n' "$file"
+            printf 'kept      %s: modified after this script wrote it; remove it manually\n' "$file"
             status=1
             ;;
         esac
     done
     reload
-    printf 'The group and its members stay; remove it with: sudo groupdel NAME\n'
+    printf 'The group and its members are kept; remove it with: sudo groupdel NAME\n'
     exit $status
 }
 

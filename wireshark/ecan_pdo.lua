@@ -1,6 +1,6 @@
--- Process images of ECAN-Lite gateways, as the program ecan captures them (link type USER0):
--- fixed header (manual 6), channel status words (7), packets (8), TX_RESULT (10).
--- For Wireshark and tshark 4.0 and later; README.md beside this file tells how to install it.
+-- PDO images of ECAN-Lite gateways in captures of the program ecan (link type USER0): fixed header
+-- (manual 6), channel status words (7), packets (8), TX_RESULT (10). For Wireshark and tshark 4.0
+-- and later; README.md describes the installation.
 
 local ecan = Proto("ecan_pdo", "ECAN-Lite process data")
 
@@ -26,7 +26,7 @@ local FD_LENGTHS = { [9] = 12, [10] = 16, [11] = 20, [12] = 24, [13] = 32, [14] 
 
 local fields = {}
 
--- A field below ecan_pdo; fields[name] is how the code below calls it.
+-- Defines a field of ecan_pdo and stores it in fields[name].
 local function field(kind, name, label, ...)
     fields[name] = ProtoField[kind]("ecan_pdo." .. name, label, ...)
 end
@@ -35,7 +35,7 @@ local function flag(kind, name, label, bits, mask)
     fields[name] = ProtoField.bool("ecan_pdo." .. name, label, bits, nil, mask)
 end
 
--- What the capture says
+-- Capture header
 field("uint8", "capture.version", "Version of the capture header", base.DEC)
 field("uint8", "capture.length", "Length of the capture header", base.DEC)
 field("uint8", "direction", "Direction", base.DEC, DIRECTIONS)
@@ -96,7 +96,7 @@ flag("bool", "esi", "Error state indicator", 16, 0x0400)
 field("uint16", "tsf", "Time format", base.DEC, TIME_FORMATS, 0x1800)
 field("uint16", "kind", "Kind", base.DEC, KINDS, 0x6000)
 flag("bool", "d64", "64 byte window", 16, 0x8000)
-fields["id"] = ProtoField.uint32("ecan_pdo.id", "Identifier", base.HEX)
+fields["id"] = ProtoField.uint32("ecan_pdo.id", "CAN ID", base.HEX)
 field("uint8", "id_aux", "Receive source", base.DEC, RX_AUX)
 fields["id_aux_tx"] = ProtoField.uint8("ecan_pdo.id_aux_tx", "Send hint", base.DEC, TX_AUX)
 field("uint16", "time.delta16", "Time stamp", base.DEC)
@@ -125,20 +125,20 @@ local function fault(name, text, group, level)
     experts[name] = ProtoExpert.new("ecan_pdo.fault." .. name, text, group, severity[level])
 end
 
-fault("short", "The image ends too early", expert.group.MALFORMED, "error")
+fault("short", "The image is truncated", expert.group.MALFORMED, "error")
 fault("capture", "Not a capture header of version 1", expert.group.UNDECODED, "error")
 fault("version", "Not a fixed header of version 1 with 24 bytes", expert.group.MALFORMED, "error")
-fault("sequence", "The sequences differ: half an image, not to be used", expert.group.SEQUENCE, "warn")
+fault("sequence", "The sequences differ: torn image, not valid", expert.group.SEQUENCE, "warn")
 fault("length", "The payload is longer than the frame area", expert.group.MALFORMED, "error")
 fault("crc", "The CRC of the payload is wrong", expert.group.CHECKSUM, "error")
-fault("crc_alg", "The CRC algorithm is not that of the profile", expert.group.PROTOCOL, "error")
-fault("layout", "The layout is not that of the profile", expert.group.PROTOCOL, "warn")
+fault("crc_alg", "The CRC algorithm does not match the profile", expert.group.PROTOCOL, "error")
+fault("layout", "The layout does not match the profile", expert.group.PROTOCOL, "warn")
 fault("overflow", "The data of this cycle are incomplete", expert.group.SEQUENCE, "warn")
 fault("bus_off", "The channel is bus-off", expert.group.PROTOCOL, "warn")
-fault("kind", "A packet of this kind cannot be read", expert.group.UNDECODED, "error")
-fault("packet", "The packet ends behind the payload", expert.group.MALFORMED, "error")
-fault("count", "The number of packets is not that of the header", expert.group.PROTOCOL, "error")
-fault("result", "The gateway has not taken the frame", expert.group.RESPONSE_CODE, "note")
+fault("kind", "Unknown packet kind", expert.group.UNDECODED, "error")
+fault("packet", "The packet exceeds the payload", expert.group.MALFORMED, "error")
+fault("count", "The number of packets does not match the header", expert.group.PROTOCOL, "error")
+fault("result", "The gateway has rejected the frame", expert.group.RESPONSE_CODE, "note")
 
 local expert_list = {}
 for _, it in pairs(experts) do
@@ -146,7 +146,7 @@ for _, it in pairs(experts) do
 end
 ecan.experts = expert_list
 
--- Bits of a number by division: the same in every version of Lua.
+-- Bit access by division, for all versions of Lua.
 local function bits(value, first, count)
     return math.floor(value / 2 ^ first) % 2 ^ count
 end
@@ -209,7 +209,7 @@ local function dissect_status(tree, range, channel)
     end
 end
 
--- The fixed header. Gives what the packets need; is_valid where they may be read.
+-- Dissects the fixed header; returns the values for the packets, with is_valid if they can be parsed.
 local function dissect_header(tree, tvb, profile)
     local header = tree:add(ecan, tvb(0, 24), "Fixed header")
     add_all(header, tvb(0, 1), { "version", "ihl" })
@@ -253,7 +253,7 @@ local function dissect_header(tree, tvb, profile)
     elseif crc_alg == 1 then
         local computed = length > 0 and crc16(tvb(24, length)) or 0xFFFF
         if computed == tvb(8, 2):le_uint() then
-            crc_item:append_text(" [right]")
+            crc_item:append_text(" [correct]")
         else
             crc_item:append_text(string.format(" [wrong, computed 0x%04x]", computed))
             invalid(crc_item, "crc")
@@ -285,13 +285,13 @@ local function data_bytes(ctrl)
         return 0, 0
     end
     local length = ctrl.is_fd and FD_LENGTHS[ctrl.dlc] or math.min(ctrl.dlc, 8)
-    -- In the 64 byte window the DLC still tells how many of the bytes are data.
+    -- In the 64 byte window, the DLC defines the number of data bytes.
     return length, ctrl.has_window and 64 or length
 end
 
 local TIME_BYTES = { [0] = 0, [1] = 2, [2] = 4, [3] = 8 }
 
--- Bytes of a packet without padding; nil where its kind is not known.
+-- Size of a packet without padding in bytes; nil for an unknown kind.
 local function packet_bytes(ctrl)
     if ctrl.kind == 0 then
         local _, carried = data_bytes(ctrl)
@@ -312,7 +312,7 @@ local function dissect_time(tree, range, ctrl, is_rx)
     end
 end
 
--- A CAN_FRAME; a text for the list of packets.
+-- Dissects a CAN_FRAME; returns a text for the packet list.
 local function dissect_frame(tree, range, ctrl, is_rx)
     local id_length = ctrl.is_extended and 4 or 2
     local id_bits = ctrl.is_extended and 29 or 11
@@ -352,7 +352,7 @@ local function dissect_result(tree, range, ctrl)
     return string.format("%d:%d.%d %s", ctrl.channel, range(2, 2):le_uint(), range(4, 1):uint(), words)
 end
 
--- All packets of the payload; their texts.
+-- Dissects all packets of the payload; returns their texts.
 local function dissect_packets(tree, payload, profile, is_rx)
     local at, texts = 0, {}
     while at < payload:len() do

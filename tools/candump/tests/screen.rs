@@ -64,7 +64,7 @@ fn frame_text_round_trips() {
 }
 
 #[test]
-fn filters_pass_what_candumps_pass() {
+fn filters_match_candump() {
     // Filter, frame, whether it passes.
     let table = [
         ("123:7FF", "123#", true),
@@ -100,7 +100,7 @@ proptest! {
     /// Whatever is given as a frame or a filter is read or refused, and what is read as a frame is
     /// written back so that it reads the same.
     #[test]
-    fn any_text_is_read_or_refused(text in "[0-9A-Fa-f#R:~x é]{0,24}|\\PC{0,24}") {
+    fn any_filter_text_parses_or_fails(text in "[0-9A-Fa-f#R:~x é]{0,24}|\\PC{0,24}") {
         let _ = text.parse::<Filter>();
         if let Ok(frame) = parse_frame(&text) {
             prop_assert_eq!(parse_frame(&FrameText(&frame).to_string()), Ok(frame));
@@ -109,7 +109,7 @@ proptest! {
 
     /// A filter passes exactly the frames that its inverse does not.
     #[test]
-    fn an_inverted_filter_passes_the_others(id: u32, mask: u32, frame in 0..0x800_u32, remote: bool) {
+    fn inverted_filter_passes_the_others(id: u32, mask: u32, frame in 0..0x800_u32, remote: bool) {
         let frame = parse_frame(&format!("{frame:03X}#{}", if remote { "R" } else { "" })).unwrap();
         let passes = |mark| format!("{id:X}{mark}{mask:X}").parse::<Filter>().unwrap().passes(&frame);
         prop_assert_ne!(passes(':'), passes('~'));

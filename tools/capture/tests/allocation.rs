@@ -18,7 +18,7 @@ fn parts() -> (CanFrame, ErrorFrame, ImageOrigin, [u8; 1024]) {
 }
 
 #[test]
-fn handing_over_allocates_nothing_from_the_first_packet_on() {
+fn recording_does_not_allocate() {
     let (frame, error, origin, image) = parts();
     let capture = Capture::new(std::io::sink(), "test").unwrap();
     let mut recorder = Recorder::start(capture, image.len()).unwrap();
@@ -34,7 +34,7 @@ fn handing_over_allocates_nothing_from_the_first_packet_on() {
 }
 
 #[test]
-fn writing_allocates_for_a_new_interface_alone() {
+fn writing_allocates_only_for_new_interfaces() {
     let (frame, error, origin, image) = parts();
     let mut capture = Capture::new(std::io::sink(), "test").unwrap();
     let mut round = |time_ns| {

@@ -52,12 +52,12 @@ fn standard(id: u16) -> CanId {
 }
 
 #[test]
-fn an_empty_capture_is_a_section_header() {
+fn empty_capture_has_section_header() {
     assert!(written(|_| {}).is_empty());
 }
 
 #[test]
-fn can_frames_are_those_of_socketcan() {
+fn can_frames_match_socketcan() {
     let extended = CanId::extended(0x1234_5678).unwrap();
     let frames: [(CanFrame, &[u8]); 6] = [
         (
@@ -91,7 +91,7 @@ fn can_frames_are_those_of_socketcan() {
 }
 
 #[test]
-fn error_frames_are_those_of_socketcan() {
+fn error_frames_match_socketcan() {
     let error = ErrorFrame::new(0x44, [0, 0x0c, 0, 0, 0, 0, 0, 0]);
     let bytes = written(|capture| capture.error(TIME_NS, 0, &error).unwrap());
     let content = [0x20, 0, 0, 0x44, 8, 0, 0, 0, 0, 0x0c, 0, 0, 0, 0, 0, 0];
@@ -99,7 +99,7 @@ fn error_frames_are_those_of_socketcan() {
 }
 
 #[test]
-fn images_have_their_origin_in_front() {
+fn images_start_with_their_origin() {
     // N = 8, channels 0x0F, profile 0, balanced, ALIGN_4: 7 | 0x0F << 5 | 2 << 21.
     let profile = PdoProfile { options: OptionFlags::ALIGN4, ..PdoProfile::default() };
     let image = [0xA5; 1024];
@@ -119,7 +119,7 @@ fn images_have_their_origin_in_front() {
 }
 
 #[test]
-fn interfaces_are_described_once_and_before_their_packets() {
+fn interfaces_are_described_before_packets() {
     let frame = CanFrame::classic(standard(5), &[]).unwrap();
     let content = [0, 0, 0, 5, 0, 0, 0, 0];
     let bytes = written(|capture| {

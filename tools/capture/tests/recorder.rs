@@ -75,7 +75,7 @@ fn frame() -> CanFrame {
 }
 
 #[test]
-fn it_writes_what_a_capture_writes_more_images_than_it_has_buffers() {
+fn recorder_writes_more_images_than_buffers() {
     let images = 5000;
     let error = ErrorFrame::new(0x40, [0; 8]);
     let mut capture = Capture::new(Vec::new(), "test").unwrap();
@@ -97,7 +97,7 @@ fn it_writes_what_a_capture_writes_more_images_than_it_has_buffers() {
 }
 
 #[test]
-fn a_recorder_that_goes_out_of_scope_has_written_everything() {
+fn dropped_recorder_has_written_everything() {
     let mut capture = Capture::new(Vec::new(), "test").unwrap();
     let file = Shared::default();
     let mut recorder = Recorder::start(Capture::new(file.clone(), "test").unwrap(), 0).unwrap();
@@ -110,7 +110,7 @@ fn a_recorder_that_goes_out_of_scope_has_written_everything() {
 }
 
 #[test]
-fn where_the_file_stands_still_it_drops_and_counts() {
+fn stalled_file_drops_and_counts() {
     let (is_stuck, stuck) = channel();
     let (let_go, go) = channel();
     let mut probe = Shared::default();
@@ -132,7 +132,7 @@ fn where_the_file_stands_still_it_drops_and_counts() {
 }
 
 #[test]
-fn a_file_that_stands_still_holds_nobody_in_a_hurry() {
+fn stalled_file_does_not_block_a_hurry() {
     let (is_stuck, stuck) = channel();
     let (let_go, go) = channel::<()>();
     let mut probe = Shared::default();
@@ -156,7 +156,7 @@ fn a_file_that_stands_still_holds_nobody_in_a_hurry() {
 }
 
 #[test]
-fn an_image_longer_than_was_said_is_dropped_and_the_next_is_not() {
+fn oversized_image_is_dropped() {
     let capture = Capture::new(Shared::default(), "test").unwrap();
     let mut recorder = Recorder::start(capture, 128).unwrap();
     recorder.image(0, ORIGIN, &[0; 256]);
@@ -169,7 +169,7 @@ fn an_image_longer_than_was_said_is_dropped_and_the_next_is_not() {
 }
 
 #[test]
-fn why_it_cannot_write_is_told() {
+fn write_error_is_returned() {
     let error = Capture::new(Full, "test").unwrap_err();
     assert_eq!(error.kind(), io::ErrorKind::StorageFull);
     let file = io::BufWriter::with_capacity(1 << 16, Full);

@@ -56,7 +56,7 @@ fn standard(id: u16) -> CanId {
 }
 
 #[test]
-fn the_manuals_image_has_its_fields() {
+fn image_of_the_manual_is_dissected() {
     let names = [
         "_ws.col.Protocol",
         "_ws.col.Info",
@@ -94,7 +94,7 @@ fn the_manuals_image_has_its_fields() {
 }
 
 #[test]
-fn all_forms_of_packets_are_read() {
+fn all_packet_forms_are_dissected() {
     let profile = PdoProfile {
         profile: EncapsulationProfile::Window64Timestamped,
         options: OptionFlags::TX_RESULT.with(OptionFlags::ALIGN4),
@@ -155,13 +155,13 @@ fn all_forms_of_packets_are_read() {
         "4",
         "0,3,0,0",
         "0,6,0,0",
-        "The channel is bus-off,The gateway has not taken the frame",
+        "The channel is bus-off,The gateway has rejected the frame",
     ];
     assert_eq!(columns, expected);
 }
 
 #[test]
-fn scheduled_frames_have_their_phase() {
+fn scheduled_frames_show_their_phase() {
     let profile = PdoProfile::default();
     let mut image = vec![0; profile.pdo_bytes()];
     let mut writer = ImageWriter::new(Direction::RxPdo, profile);
@@ -183,15 +183,15 @@ fn scheduled_frames_have_their_phase() {
 }
 
 #[test]
-fn damaged_images_are_called_so() {
+fn damaged_images_are_marked() {
     let damages: [(&str, &[(usize, u8)]); 8] = [
         ("Not a fixed header of version 1 with 24 bytes", &[(0, 0x26)]),
-        ("The sequences differ: half an image, not to be used", &[(4, 2)]),
+        ("The sequences differ: torn image, not valid", &[(4, 2)]),
         ("The payload is longer than the frame area", &[(7, 4)]),
         ("The CRC of the payload is wrong", &[(28, 0)]),
-        ("The CRC algorithm is not that of the profile", &[(15, 0)]),
-        ("The layout is not that of the profile", &[(10, 0)]),
-        ("The number of packets is not that of the header", &[(13, 2)]),
+        ("The CRC algorithm does not match the profile", &[(15, 0)]),
+        ("The layout does not match the profile", &[(10, 0)]),
+        ("The number of packets does not match the header", &[(13, 2)]),
         ("The data of this cycle are incomplete", &[(14, 1)]),
     ];
     for (message, bytes) in damages {
@@ -216,17 +216,17 @@ fn damaged_images_are_called_so() {
     }) else {
         return;
     };
-    assert_eq!(lines, ["The image ends too early|"; 6]);
+    assert_eq!(lines, ["The image is truncated|"; 6]);
 }
 
 #[test]
-fn packets_that_cannot_be_read_are_called_so() {
+fn unreadable_packets_are_marked() {
     // Without a CRC the content can be anything: a reserved kind, a frame without its end.
     let profile = PdoProfile { options: OptionFlags::NO_CRC16, ..PdoProfile::default() };
     for (control, message) in [
-        (0x6000_u16, "A packet of this kind cannot be read"),
-        (0x4000, "A packet of this kind cannot be read"),
-        (0x0178, "The packet ends behind the payload"),
+        (0x6000_u16, "Unknown packet kind"),
+        (0x4000, "Unknown packet kind"),
+        (0x0178, "The packet exceeds the payload"),
     ] {
         let mut image = manuals_image();
         image[8..12].copy_from_slice(&[0, 0, 0, 0]);
@@ -241,7 +241,7 @@ fn packets_that_cannot_be_read_are_called_so() {
 }
 
 #[test]
-fn can_frames_have_their_fields() {
+fn can_frames_are_dissected() {
     let extended = CanId::extended(0x1234_5678).unwrap();
     let names = [
         "frame.interface_name",

@@ -38,7 +38,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
     #[test]
-    fn findings_are_made_of_any_snapshot(snapshot in snapshot()) {
+    fn any_snapshot_yields_findings(snapshot in snapshot()) {
         for finding in findings(&snapshot) {
             prop_assert!(!finding.what.is_empty(), "{finding:#?}");
             prop_assert!(!finding.causes.is_empty() && !finding.next.is_empty(), "{finding:#?}");
@@ -49,7 +49,7 @@ proptest! {
 
 /// Numbers that no arithmetic may stumble over.
 #[test]
-fn numbers_out_of_all_bounds_are_told_and_do_not_stop_the_program() {
+fn extreme_numbers_are_reported_without_panic() {
     let mut snapshot = Snapshot { al_state: 8, ..Snapshot::default() };
     snapshot.set(0x8010, 9, 23);
     snapshot.set(0x8010, 10, 0);

@@ -6,7 +6,7 @@ mod common;
 use common::{only, with};
 
 #[test]
-fn each_status_of_an_apply_command_has_its_causes() {
+fn each_apply_status_has_its_causes() {
     let causes = |status| with(0x8001, 2, status).causes;
     assert_eq!(with(0x8001, 2, 3).id, "apply-failed");
     // The manual says no more than "fail".
@@ -27,7 +27,7 @@ fn each_status_of_an_apply_command_has_its_causes() {
 }
 
 #[test]
-fn what_is_wrong_with_the_values_is_the_first_cause_of_a_failed_apply() {
+fn invalid_values_are_the_first_cause() {
     // 80 MHz and 5 Mbit/s are 16 quanta: 80.0 % is none of their sample points.
     let found = only(|snapshot| {
         for (subindex, value) in [(2, 3), (7, 0), (20, 5_000_000), (23, 800), (24, 800)] {
@@ -65,7 +65,7 @@ fn what_is_wrong_with_the_values_is_the_first_cause_of_a_failed_apply() {
 }
 
 #[test]
-fn a_failed_flash_command_is_told_by_its_status() {
+fn failed_flash_command_has_a_finding() {
     let found = with(0x8004, 4, 1);
     assert_eq!(found.id, "flash-failed");
     assert!(found.causes[0].contains("no saved configuration"), "{found:#?}");

@@ -12,12 +12,12 @@ fn first(finding: &Finding) -> (&'static str, &str) {
 }
 
 #[test]
-fn a_healthy_gateway_has_no_finding() {
+fn healthy_gateway_has_no_finding() {
     assert_eq!(findings(&healthy()), []);
 }
 
 #[test]
-fn a_gateway_that_waits_in_preop_has_no_finding() {
+fn gateway_in_preop_has_no_finding() {
     let mut snapshot = Snapshot { al_state: 2, ..Snapshot::default() };
     snapshot.set(0x1C12, 0, 24);
     for profile in [0x8010, 0x8011] {
@@ -30,7 +30,7 @@ fn a_gateway_that_waits_in_preop_has_no_finding() {
 }
 
 #[test]
-fn what_was_not_read_is_no_zero_in_a_finding() {
+fn missing_value_is_shown_as_unknown() {
     let mut snapshot = Snapshot { al_state: 2, ..Snapshot::default() };
     snapshot.set(0x8010, 2, 5);
     snapshot.set(0x8011, 2, 3);
@@ -52,7 +52,7 @@ fn what_was_not_read_is_no_zero_in_a_finding() {
 // 5.4.6 and 16.1: OP
 
 #[test]
-fn al_status_codes_are_led_back_to_their_causes() {
+fn al_status_codes_have_their_causes() {
     for (code, id, cause) in [
         (0x001B, "al-watchdog", "the application stopped"),
         (0x001D, "al-sync-manager", "0x1C12/0x1C13 has another number of chunks"),
@@ -75,7 +75,7 @@ fn al_status_codes_are_led_back_to_their_causes() {
 }
 
 #[test]
-fn a_slave_held_without_a_code_is_judged_by_its_state() {
+fn error_flag_without_code_uses_the_state() {
     let found = only(|snapshot| {
         snapshot.al_state = 2;
         snapshot.has_error_flag = true;
@@ -93,7 +93,7 @@ fn a_slave_held_without_a_code_is_judged_by_its_state() {
 }
 
 #[test]
-fn init_safeop_boot_and_no_state_are_told() {
+fn init_safeop_boot_and_invalid_state_are_findings() {
     for (state, id) in
         [(1, "state-init"), (4, "state-safeop"), (3, "state-boot"), (7, "state-unknown")]
     {
@@ -102,14 +102,14 @@ fn init_safeop_boot_and_no_state_are_told() {
 }
 
 #[test]
-fn silence_of_the_mailbox_is_a_finding() {
+fn silent_mailbox_is_a_finding() {
     let found = only(|snapshot| snapshot.silence = Some("Connection timed out".into()));
     assert_eq!(found.id, "mailbox-silent");
     assert!(found.what.ends_with("Connection timed out"));
 }
 
 #[test]
-fn an_assignment_that_does_not_fit_n_is_told_with_both() {
+fn mismatched_assignment_names_both_values() {
     let found = with(0x1C12, 0, 3);
     assert_eq!((found.id, found.place), ("assignment-differs", Location::RxPdo));
     assert!(found.what.contains("assigns 3 chunks") && found.what.contains("N = 8"), "{found:#?}");
@@ -117,7 +117,7 @@ fn an_assignment_that_does_not_fit_n_is_told_with_both() {
 }
 
 #[test]
-fn large_images_without_op_point_at_the_master() {
+fn large_images_without_op_blame_the_master() {
     let found = only(|snapshot| {
         snapshot.al_state = 2;
         snapshot.set(0x1C13, 0, 12);
@@ -129,7 +129,7 @@ fn large_images_without_op_point_at_the_master() {
 }
 
 #[test]
-fn outputs_close_behind_sync0_mean_a_small_shift() {
+fn outputs_shortly_after_sync0_mean_a_small_shift() {
     // 2000 CPU cycles at 400 MHz are 5 us.
     let found = with(0x9011, 4, 2000);
     assert_eq!(found.id, "sync-shift-small");
@@ -140,7 +140,7 @@ fn outputs_close_behind_sync0_mean_a_small_shift() {
 // 13.2, 16.2: process data
 
 #[test]
-fn each_status_of_the_profile_has_its_cause() {
+fn each_profile_status_has_its_cause() {
     for (status, id, cause) in [
         (1, "profile-state", "in OP"),
         (2, "profile-multiplier", "N is 8"),
@@ -191,7 +191,7 @@ fn each_pdo_error_has_its_cause() {
 }
 
 #[test]
-fn overflow_has_other_causes_each_way() {
+fn overflow_causes_depend_on_direction() {
     let (tx, rx) = (with(0x8010, 16, 5), with(0x8011, 16, 5));
     assert_eq!(
         (tx.id, tx.place, rx.id, rx.place),
@@ -202,7 +202,7 @@ fn overflow_has_other_causes_each_way() {
 }
 
 #[test]
-fn a_frame_area_of_another_size_is_told() {
+fn wrong_frame_area_size_is_a_finding() {
     assert_eq!(with(0x8010, 10, 999).id, "frame-area");
 }
 
@@ -218,7 +218,7 @@ fn bypasses_and_tests_are_faults() {
 // 5.4.6, 16.3: CAN
 
 #[test]
-fn bus_off_names_rates_and_how_it_recovers() {
+fn bus_off_names_rates_and_recovery() {
     let found = only(|snapshot| {
         snapshot.set(0x9001, 1, 0xF8);
         snapshot.set(0x9001, 2, 0x07EF);
@@ -237,7 +237,7 @@ fn bus_off_names_rates_and_how_it_recovers() {
 }
 
 #[test]
-fn a_node_alone_on_its_bus_is_told_from_a_bad_bus() {
+fn missing_partner_differs_from_bad_bus() {
     let alone = only(|snapshot| {
         snapshot.set(0x9000, 1, 128);
         snapshot.set(0x9000, 2, 0x077B);
@@ -261,7 +261,7 @@ fn a_node_alone_on_its_bus_is_told_from_a_bad_bus() {
 }
 
 #[test]
-fn a_warning_shows_the_counters() {
+fn error_warning_shows_the_counters() {
     let found = only(|snapshot| {
         snapshot.set(0x9002, 1, 97 << 8 | 3);
         snapshot.set(0x9002, 2, 0x074F);
@@ -271,7 +271,7 @@ fn a_warning_shows_the_counters() {
 }
 
 #[test]
-fn the_last_error_code_leads_to_its_causes() {
+fn last_error_code_has_its_causes() {
     for (code, word, cause) in [
         (1, "stuff error", "termination"),
         (2, "form error", "configured for classic CAN"),
@@ -287,20 +287,20 @@ fn the_last_error_code_leads_to_its_causes() {
 }
 
 #[test]
-fn errors_of_the_data_phase_point_at_sample_point_and_tdc() {
+fn data_phase_errors_suggest_sample_point_and_tdc() {
     let found = with(0x9000, 2, 0x060F);
     assert_eq!(first(&found), ("data-phase-error", "the sample points of the data phase differ"));
     assert!(found.causes[1].contains("TDC") && found.causes[2].contains("BRS"), "{found:#?}");
 }
 
 #[test]
-fn bus_off_in_the_past_is_a_warning() {
+fn past_bus_off_is_a_warning() {
     let found = with(0x9000, 15, 2);
     assert_eq!((found.id, found.severity), ("bus-off-past", Severity::Warning));
 }
 
 #[test]
-fn channel_masks_and_switched_off_channels_explain_missing_frames() {
+fn masks_and_disabled_channels_explain_missing_frames() {
     // Without CAN2: mask 0x0B.
     let without = 0x0000_0007 | 0x0B << 5;
     let found = with(0x8011, 12, without);
@@ -313,7 +313,7 @@ fn channel_masks_and_switched_off_channels_explain_missing_frames() {
 }
 
 #[test]
-fn modes_that_are_not_normal_are_told() {
+fn test_modes_are_findings() {
     for (mode, word) in [(1, "listen mode"), (2, "internal loopback"), (3, "external loopback")] {
         let found = with(0x8001, 8, mode);
         assert_eq!(found.id, "node-mode");
@@ -322,7 +322,7 @@ fn modes_that_are_not_normal_are_told() {
 }
 
 #[test]
-fn losses_of_each_place_are_told() {
+fn each_kind_of_loss_is_a_finding() {
     assert_eq!(with(0x9000, 13, 7).id, "receive-loss");
     let found = with(0x9000, 4, 1 << 25);
     assert_eq!((found.id, found.what.as_str()), ("receive-loss", "RX FIFO0 lost a frame"));
@@ -338,7 +338,7 @@ fn losses_of_each_place_are_told() {
 // 13.2.1, 13.2.2, 13.2.5, 13.7
 
 #[test]
-fn the_data_path_is_looked_at() {
+fn data_path_losses_are_findings() {
     assert_eq!(with(0x8022, 3, 1).id, "data-path-apply");
     assert_eq!(with(0x8022, 1, 0).id, "data-path-off");
     assert_eq!(with(0x8020, 3, 1).id, "data-path-global");
@@ -376,7 +376,7 @@ fn each_diagnostic_flag_is_explained() {
 }
 
 #[test]
-fn states_of_the_device_are_told() {
+fn device_states_are_findings() {
     for (status, words, cause) in [
         (1, "busy", "two programs"),
         (2, "denied", "needs engineering or factory mode"),

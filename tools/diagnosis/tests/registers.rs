@@ -5,7 +5,7 @@ use ecan_diagnosis::registers::{REGISTERS, register, register_named, text};
 use ecan_protocol::object::WRITABLE_REGISTERS;
 
 #[test]
-fn values_are_told_in_words() {
+fn register_values_are_decoded() {
     for (offset, value, expected) in [
         (0x40, 0x0002_8410, "16 transmit errors, 128 or more receive errors (passive), 2 logged"),
         (0x40, 0x0000_0300, "0 transmit errors, 3 receive errors"),
@@ -30,7 +30,7 @@ fn values_are_told_in_words() {
 }
 
 #[test]
-fn the_whitelist_of_the_manual_has_the_same_names() {
+fn whitelist_matches_the_manual() {
     for (offset, name) in WRITABLE_REGISTERS {
         assert_eq!(register(offset).unwrap().name, name);
         assert!(register_named(&name.to_lowercase()).unwrap().is_writable());

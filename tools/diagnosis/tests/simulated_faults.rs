@@ -83,7 +83,7 @@ fn send(cycle: &mut Cycle<'_>, channel: u8) {
 }
 
 #[test]
-fn a_gateway_in_operation_has_no_finding() {
+fn gateway_in_op_has_no_finding() {
     let mut bench = Fixture::ready(ecan_sim::echo(1));
     bench.cycles(100, |cycle| {
         send(cycle, 1);
@@ -95,7 +95,7 @@ fn a_gateway_in_operation_has_no_finding() {
 }
 
 #[test]
-fn bus_off_is_found_while_it_lasts_and_as_a_warning_afterwards() {
+fn bus_off_is_a_fault_then_a_warning() {
     let mut bench = Fixture::ready(ecan_sim::echo(1));
     bench.simulation.inject(Fault::BusOff { gateway: 0, channel: 2 });
     assert_eq!(bench.ids()[0], "bus-off");
@@ -105,7 +105,7 @@ fn bus_off_is_found_while_it_lasts_and_as_a_warning_afterwards() {
 }
 
 #[test]
-fn a_bus_without_partner_is_found_as_missing_acknowledge() {
+fn bus_without_partner_misses_acknowledge() {
     let mut scenario = ecan_sim::echo(1);
     scenario.nodes.clear();
     let mut bench = Fixture::ready(scenario);
@@ -118,7 +118,7 @@ fn a_bus_without_partner_is_found_as_missing_acknowledge() {
 }
 
 #[test]
-fn error_frames_raise_the_counters_into_a_finding() {
+fn error_frames_lead_to_a_finding() {
     let mut bench = Fixture::ready(ecan_sim::echo(1));
     bench.simulation.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames: 14 });
     let is_seen = (0..20).any(|_| {
@@ -136,7 +136,7 @@ fn error_frames_raise_the_counters_into_a_finding() {
 }
 
 #[test]
-fn a_layout_that_exceeds_the_message_ram_is_found_with_its_bytes() {
+fn oversized_message_ram_layout_is_found() {
     let bench = Fixture::ready(ecan_sim::echo(1));
     bench.simulation.with_world(|world| {
         world.with_gateway(0, |gateway, now| {
@@ -154,7 +154,7 @@ fn a_layout_that_exceeds_the_message_ram_is_found_with_its_bytes() {
 }
 
 #[test]
-fn an_al_error_is_found_with_its_code() {
+fn al_error_is_found_with_its_code() {
     let mut bench = Fixture::ready(ecan_sim::echo(1));
     bench.cycles(5, |_| ());
     let fault = GatewayFault::AlError { code: 0x2C };

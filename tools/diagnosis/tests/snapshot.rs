@@ -4,7 +4,7 @@
 use ecan_diagnosis::{Depth, ObjectKey, ReadError, Snapshot, findings};
 
 #[test]
-fn everything_is_more_than_findings_need_and_ends_at_the_assignment() {
+fn full_depth_reads_more_entries() {
     let read = |depth| {
         Snapshot::read(depth, |key| {
             Ok(if (key.index, key.subindex) == (0x1C12, 0) { 3 } else { 0 })
@@ -24,7 +24,7 @@ fn everything_is_more_than_findings_need_and_ends_at_the_assignment() {
 }
 
 #[test]
-fn of_a_channel_that_was_not_applied_more_is_read() {
+fn failed_apply_reads_more_entries() {
     let read = |status| {
         Snapshot::read(Depth::Findings, |key| {
             Ok(if (key.index, key.subindex) == (0x8002, 2) { status } else { 0 })
@@ -40,7 +40,7 @@ fn of_a_channel_that_was_not_applied_more_is_read() {
 }
 
 #[test]
-fn refusals_are_noted_and_silence_ends_the_reading() {
+fn rejections_are_kept_and_silence_ends_reading() {
     let snapshot = Snapshot::read(Depth::Findings, |key| match (key.index, key.subindex) {
         (0x8000, 3) => Err(ReadError::Refused("no such entry".into())),
         (0x8010, 2) => Err(ReadError::Silent("timed out".into())),
@@ -53,7 +53,7 @@ fn refusals_are_noted_and_silence_ends_the_reading() {
 }
 
 #[test]
-fn a_file_says_the_same_as_the_device() {
+fn file_round_trips_the_snapshot() {
     let mut snapshot =
         Snapshot { al_state: 0x12, al_status_code: Some(0x1D), ..Snapshot::default() };
     snapshot.set(0x8010, 2, 5);

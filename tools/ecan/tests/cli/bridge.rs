@@ -39,7 +39,7 @@ fn address(line: &str, protocol: &str, channel: &str) -> String {
 }
 
 #[test]
-fn clients_of_both_protocols_meet_on_the_channel() {
+fn clients_of_both_protocols_share_the_channel() {
     let mut bridge =
         Running::start(&["--ecrt", "sim", "bridge", "--channel", "1", "--slcan", "--socketcand"]);
     let slcan = address(&bridge.line(), "slcan", "can1");
@@ -65,7 +65,7 @@ fn clients_of_both_protocols_meet_on_the_channel() {
 }
 
 #[test]
-fn can_fd_goes_over_slcan_and_bit_rates_are_those_of_the_channel() {
+fn slcan_passes_can_fd_at_channel_bit_rates() {
     let mut bridge =
         Running::start(&["--ecrt", "sim", "bridge", "--data-bitrate", "2000000", "--json"]);
     let mut text = String::new();
@@ -96,7 +96,7 @@ fn can_fd_goes_over_slcan_and_bit_rates_are_those_of_the_channel() {
 }
 
 #[test]
-fn a_terminal_is_a_serial_adapter() {
+fn pseudo_terminal_acts_as_serial_adapter() {
     let directory = tempfile::tempdir().unwrap();
     let link = directory.path().join("can0");
     let path = link.display().to_string();
@@ -117,14 +117,14 @@ fn a_terminal_is_a_serial_adapter() {
 
 /// A motor must not make up for an outage.
 #[test]
-fn frames_of_an_outage_are_refused_and_never_sent() {
+fn frames_during_outage_are_rejected_and_never_sent() {
     let fault = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 500";
     let late = refuses_during("kind = \"silent\"", fault, "gateway: in service");
     assert_eq!(late, [0; 0]);
 }
 
 #[test]
-fn frames_are_refused_while_the_channel_is_bus_off() {
+fn frames_during_bus_off_are_rejected() {
     let fault = "kind = \"bus_off\"\ngateway = 0\nchannel = 0";
     let late = refuses_during("kind = \"silent\"", fault, "can0: run");
     assert_eq!(late, [0; 0]);
@@ -132,7 +132,7 @@ fn frames_are_refused_while_the_channel_is_bus_off() {
 
 /// Only what the gateway itself holds goes out when somebody acknowledges again.
 #[test]
-fn frames_are_refused_while_nobody_acknowledges() {
+fn frames_without_acknowledgement_are_rejected() {
     let node = "kind = \"drive\"\nname = \"partner\"\nnode_id = 1";
     let fault = "kind = \"drive_power_cycle\"\nnode = \"partner\"\noff_ms = 3000";
     let late = refuses_during(node, fault, "can0: run");
@@ -192,7 +192,7 @@ fn refuses_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
 }
 
 #[test]
-fn who_only_listens_refuses_to_send() {
+fn listen_only_bridge_rejects_frames() {
     let bus = Scenario::new(
         "[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\nbabble_us = 50000\n\
          [[node]]\nkind = \"silent\"\nbus = \"0.0\"\n",
@@ -217,7 +217,7 @@ fn who_only_listens_refuses_to_send() {
 
 /// The port is one for the whole machine: to an address of its own, so that tests do not meet.
 #[test]
-fn the_beacon_tells_where_socketcand_is() {
+fn beacon_announces_socketcand() {
     let listener = match std::net::UdpSocket::bind("127.42.0.1:42000") {
         Ok(listener) => listener,
         Err(error) => {
@@ -243,7 +243,7 @@ fn the_beacon_tells_where_socketcand_is() {
 }
 
 #[test]
-fn misuse_is_named_and_told_by_the_status() {
+fn invalid_use_has_message_and_status() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
     let cases: [(i32, &[&str], &str); 6] = [

@@ -63,7 +63,7 @@ fn tshark(bus: &Scenario, filter: &str, names: &[&str]) -> Option<Vec<String>> {
 }
 
 #[test]
-fn frames_go_into_the_file_as_they_came() {
+fn capture_has_received_frames() {
     let bus = bus();
     let path = bus.path("out.pcapng");
     let fd = ["--data-bitrate", "2000000"];
@@ -89,7 +89,7 @@ fn frames_go_into_the_file_as_they_came() {
 }
 
 #[test]
-fn filters_and_the_screen_are_those_of_dump() {
+fn capture_uses_filters_and_screen_of_dump() {
     let bus = bus();
     let path = bus.path("out.pcapng");
     let log = bus.path("out.log");
@@ -101,7 +101,7 @@ fn filters_and_the_screen_are_those_of_dump() {
 }
 
 #[test]
-fn images_of_both_directions_can_be_had() {
+fn capture_has_images_of_both_directions() {
     let bus = bus();
     let path = bus.path("out.pcapng");
     bus.good(&["dump", "-n", "1", "--pdo-n", "2", "--capture", &path, "--images"]);
@@ -129,7 +129,7 @@ fn images_of_both_directions_can_be_had() {
 }
 
 #[test]
-fn a_channel_that_goes_off_the_bus_leaves_an_error_frame() {
+fn bus_off_is_captured_as_error_frame() {
     let fault = "[[fault]]\nat_ms = 7000\nkind = \"bus_off\"\ngateway = 0\nchannel = 0\n";
     let bus = Scenario::replaying(&FRAMES, fault);
     let path = bus.path("out.pcapng");
@@ -141,7 +141,7 @@ fn a_channel_that_goes_off_the_bus_leaves_an_error_frame() {
 }
 
 #[test]
-fn frames_sent_are_in_the_file_with_those_that_came() {
+fn capture_has_sent_and_received_frames() {
     let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n");
     let path = bus.path("out.pcapng");
     bus.good(&["send", "123#DEADBEEF", "12345678#R2", "--capture", &path, "--images"]);
@@ -184,7 +184,7 @@ fn frames_sent_are_in_the_file_with_those_that_came() {
 }
 
 #[test]
-fn a_replay_is_in_the_file_with_its_echo() {
+fn capture_has_replayed_frames_and_echo() {
     let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.2\"\n");
     let log = bus.write(
         "drive.log",
@@ -204,7 +204,7 @@ fn a_replay_is_in_the_file_with_its_echo() {
 }
 
 #[test]
-fn a_frame_that_the_gateway_did_not_take_is_not_in_the_file() {
+fn rejected_frame_is_not_captured() {
     // Nobody acknowledges: the gateway takes what its channel holds, and no more.
     let alone = Scenario::new("");
     let path = alone.path("out.pcapng");
@@ -219,7 +219,7 @@ fn a_frame_that_the_gateway_did_not_take_is_not_in_the_file() {
 }
 
 #[test]
-fn a_bridge_records_what_goes_both_ways() {
+fn bridge_captures_both_directions() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("out.pcapng").display().to_string();
     let mut bridge = Running::start(&["--ecrt", "sim", "bridge", "--capture", &path]);
@@ -235,7 +235,7 @@ fn a_bridge_records_what_goes_both_ways() {
 }
 
 #[test]
-fn misuse_is_told() {
+fn invalid_use_is_reported() {
     let message = fails(2, &["--ecrt", "sim", "dump", "--images"]);
     assert!(message.contains("--capture <FILE>"), "{message}");
     let message = fails(2, &["--ecrt", "sim", "dump", "--screen"]);

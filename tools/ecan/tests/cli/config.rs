@@ -58,7 +58,7 @@ id2 = 0x7FF
 ";
 
 #[test]
-fn the_example_passes_its_own_check_and_tells_what_comes_out() {
+fn example_file_passes_check() {
     let (_directory, path) = file(&good(&["config", "example"]));
     let expected = "\
 gateway 0: position 0
@@ -84,7 +84,7 @@ Sync0: 500 us after the start of its period
 }
 
 #[test]
-fn every_fault_of_a_file_is_told_with_its_place() {
+fn check_reports_every_fault_with_location() {
     let (_directory, path) = file(TEN_FAULTS);
     let output = ecan(&["config", "check", text(&path)]);
     assert_eq!(output.status.code(), Some(1));
@@ -117,7 +117,7 @@ fn every_fault_of_a_file_is_told_with_its_place() {
 }
 
 #[test]
-fn a_file_is_applied_part_by_part() {
+fn apply_writes_file_by_parts() {
     let (_directory, path) = file(SMALL);
     let expected = format!(
         "slave 0: configured as gateway 0 of {}
@@ -168,7 +168,7 @@ fn second_of_three_refuses(code: u32) -> tempfile::NamedTempFile {
 }
 
 #[test]
-fn what_was_written_is_told_where_the_next_gateway_fails() {
+fn apply_reports_written_parts_on_failure() {
     let (_directory, path) = file(THREE);
     let path = text(&path);
     let bus = second_of_three_refuses(0x06090030);
@@ -197,7 +197,7 @@ fn what_was_written_is_told_where_the_next_gateway_fails() {
 }
 
 #[test]
-fn what_was_compared_is_told_where_the_next_gateway_fails() {
+fn diff_reports_compared_gateways_on_failure() {
     let (_directory, path) = file(THREE);
     let path = text(&path);
     let bus = second_of_three_refuses(0x06090011);
@@ -214,7 +214,7 @@ fn what_was_compared_is_told_where_the_next_gateway_fails() {
 }
 
 #[test]
-fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
+fn diff_lists_entries_with_status_1() {
     let (_directory, path) = file(SMALL);
     let output = ecan(&["--ecrt", "sim", "config", "diff", text(&path)]);
     assert_eq!(output.status.code(), Some(1));
@@ -247,7 +247,7 @@ fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
 }
 
 #[test]
-fn the_flash_is_saved_loaded_and_restored() {
+fn flash_is_saved_loaded_and_reset() {
     let saved = simulated(&["config", "save"]);
     assert!(saved.starts_with("slave 0: configuration saved in the Flash (CRC32 active 0x"));
     let factory = simulated(&["config", "factory", "--yes"]);
@@ -266,7 +266,7 @@ fn the_flash_is_saved_loaded_and_restored() {
 }
 
 #[test]
-fn the_factorys_configuration_comes_back_only_when_it_is_confirmed() {
+fn factory_reset_needs_confirmation() {
     let message = fails(2, &["--ecrt", "sim", "config", "factory"]);
     let expected = "ecan: cannot ask for confirmation of the loss of the configuration; use --yes";
     assert_eq!(message, expected);
@@ -286,7 +286,7 @@ fn the_factorys_configuration_comes_back_only_when_it_is_confirmed() {
 }
 
 #[test]
-fn lists_for_other_masters_need_no_bus() {
+fn export_works_offline() {
     let (_directory, path) = file(SMALL);
     let csv = good(&["config", "export", text(&path)]);
     assert!(csv.starts_with("action,index,subindex,type,value,comment\n"), "{csv}");
@@ -306,7 +306,7 @@ fn lists_for_other_masters_need_no_bus() {
 }
 
 #[test]
-fn of_several_gateways_one_is_chosen() {
+fn one_of_several_gateways_is_selected() {
     let two = "[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\nalias = 7\nn = 2\n\
                can1 = { bitrate = 125_000 }\n";
     let (_directory, path) = file(two);
@@ -339,7 +339,7 @@ fn of_several_gateways_one_is_chosen() {
 }
 
 #[test]
-fn the_users_master_comes_before_the_files() {
+fn master_option_overrides_file() {
     let text_of_file = "master = 3\ncycle_us = 1000\n[[gateway]]\nn = 3\n\
                         can0 = { bitrate = 250_000 }\n";
     let (_directory, path) = file(text_of_file);
@@ -364,7 +364,7 @@ fn the_users_master_comes_before_the_files() {
 }
 
 #[test]
-fn the_flash_of_several_gateways_is_that_of_a_file_or_of_all() {
+fn flash_commands_select_file_or_all() {
     let three = "[[gateway]]\n[[gateway]]\nalias = 7\n[[gateway]]\n";
     let bus = scenario(three);
     let bus = setting(&bus);
@@ -414,7 +414,7 @@ fn the_flash_of_several_gateways_is_that_of_a_file_or_of_all() {
 }
 
 #[test]
-fn misuse_is_named_and_told_by_the_status() {
+fn invalid_use_has_message_and_status() {
     let (directory, path) = file(SMALL);
     let missing = directory.path().join("none.toml");
     let (missing, path) = (text(&missing), text(&path));
@@ -456,7 +456,7 @@ fn misuse_is_named_and_told_by_the_status() {
 }
 
 #[test]
-fn what_barely_works_is_a_warning_and_no_fault() {
+fn marginal_configuration_is_a_warning() {
     let gateway = "[[gateway]]\nn = 11\ncan0 = { bitrate = 500_000 }\n";
     let (_directory, path) = file(&format!("cycle_us = 570\n{gateway}{gateway}"));
     let checked = good(&["config", "check", text(&path)]);

@@ -19,7 +19,7 @@ fn bundle(directory: &Path, changes: &[(&str, u32)]) -> String {
 }
 
 #[test]
-fn a_gateway_that_waits_has_no_finding() {
+fn idle_gateway_has_no_finding() {
     let report = simulated(&["diag"]);
     let expected = "\
 slave 0, PREOP, ECAN-Lite, firmware 2.2.1, serial 4294967297
@@ -38,7 +38,7 @@ CAN1  disabled";
 }
 
 #[test]
-fn findings_of_a_file_are_explained_in_the_order_of_likelihood() {
+fn findings_list_causes_by_likelihood() {
     let directory = tempfile::tempdir().unwrap();
     // CAN1 is bus-off: transmit errors 248, PSR with bus-off and an acknowledge error.
     let changes =
@@ -74,7 +74,7 @@ fault [bus-off] CAN1: the channel is bus-off and does not send or receive
 }
 
 #[test]
-fn numbers_of_a_file_that_no_gateway_shows_are_explained_too() {
+fn impossible_values_are_explained() {
     let directory = tempfile::tempdir().unwrap();
     let changes = [
         ("0x8010:09", 23),
@@ -101,7 +101,7 @@ fn numbers_of_a_file_that_no_gateway_shows_are_explained_too() {
 }
 
 #[test]
-fn programs_get_registers_findings_and_the_bundle() {
+fn json_has_registers_findings_and_bundle() {
     let directory = tempfile::tempdir().unwrap();
     let path = bundle(directory.path(), &[("0x9000:01", 0x0000_2005), ("0x8011:16", 3)]);
     let report: serde_json::Value =
@@ -120,7 +120,7 @@ fn programs_get_registers_findings_and_the_bundle() {
 }
 
 #[test]
-fn the_masters_tool_tells_the_al_status_code() {
+fn ethercat_tool_reads_al_status_code() {
     let directory = tempfile::tempdir().unwrap();
     let tool = directory.path().join("ethercat");
     let log = directory.path().join("log");
@@ -154,7 +154,7 @@ fn the_masters_tool_tells_the_al_status_code() {
 }
 
 #[test]
-fn what_was_not_read_is_not_told_as_good() {
+fn missing_values_are_marked() {
     let silent = scenario(
         "[[gateway]]\n[[fault]]\nkind = \"mailbox_timeout\"\nat_ms = 0\ngateway = 0\n\
          for_ms = 60000\n",
@@ -207,7 +207,7 @@ fault [mailbox-silent]";
 }
 
 #[test]
-fn faults_of_the_simulated_gateway_are_found() {
+fn simulated_faults_are_found() {
     // Silent while it is read, and from the start, when it does not even show itself as a gateway.
     for at_ms in [10, 0] {
         let file = scenario(&format!(
@@ -227,7 +227,7 @@ fn faults_of_the_simulated_gateway_are_found() {
 }
 
 #[test]
-fn clearing_is_said_and_done_after_reading() {
+fn clear_runs_after_reading() {
     let output = crate::support::ecan(&["--ecrt", "sim", "diag", "--clear", "--brief"]);
     assert!(output.status.success());
     let errors = String::from_utf8(output.stderr).unwrap();
@@ -245,7 +245,7 @@ fn clearing_is_said_and_done_after_reading() {
 }
 
 #[test]
-fn what_was_read_is_told_where_recording_or_clearing_fails() {
+fn report_is_printed_if_record_or_clear_fails() {
     let nowhere = tempfile::tempdir().unwrap();
     let nowhere = nowhere.path().join("none/bundle.json").display().to_string();
     let refusing = scenario(
@@ -262,7 +262,7 @@ fn what_was_read_is_told_where_recording_or_clearing_fails() {
 }
 
 #[test]
-fn all_gateways_are_looked_at_one_after_the_other() {
+fn all_gateways_are_diagnosed() {
     let two = crate::support::two_gateways();
     let report = good(&["--ecrt", &setting(&two), "diag", "--all", "--brief"]);
     let heads: Vec<_> = report.split("\n\n").map(|it| it.split_once(',').unwrap().0).collect();
@@ -288,7 +288,7 @@ fn all_gateways_are_looked_at_one_after_the_other() {
 }
 
 #[test]
-fn wrong_use_is_named_and_told_by_the_status() {
+fn invalid_use_has_message_and_status() {
     let directory = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {
         let path = directory.path().join(name);

@@ -16,7 +16,7 @@ fn bus() -> Scenario {
 }
 
 #[test]
-fn the_screen_is_candumps() {
+fn screen_matches_candump() {
     let expected = "\
 \x20\x20can0  123   [4]  DE AD BE EF
   can0  124   [2]  41 42
@@ -39,7 +39,7 @@ fn the_screen_is_candumps() {
 }
 
 #[test]
-fn the_log_is_candumps_on_the_screen_and_in_a_file() {
+fn log_matches_candump_on_screen_and_in_file() {
     let bus = bus();
     let shown = bus.good(&["dump", "-n", "5", "-L"]);
     assert_eq!(bus.good(&["dump", "-n", "5", "--record", &bus.path("out.log")]), "");
@@ -59,7 +59,7 @@ fn the_log_is_candumps_on_the_screen_and_in_a_file() {
 }
 
 #[test]
-fn filters_choose_frames() {
+fn filters_select_frames() {
     let table: [(&[&str], &[&str]); 6] = [
         (&["123:7FF"], &["123#DEADBEEF"]),
         (&["123:7FF,124:7FF"], &["123#DEADBEEF", "124#4142"]),
@@ -76,7 +76,7 @@ fn filters_choose_frames() {
 }
 
 #[test]
-fn it_ends_after_a_count_or_a_silence_and_tells_by_the_status() {
+fn count_and_timeout_set_exit_status() {
     assert_eq!(bus().good(&["dump", "-n", "1"]).lines().count(), 1);
     let message = bus().fails(1, &["dump", "-T", "100"]);
     let words = "ecan: no frame received; check that the other nodes use 500000/5000000 bit/s";
@@ -91,7 +91,7 @@ fn it_ends_after_a_count_or_a_silence_and_tells_by_the_status() {
 }
 
 #[test]
-fn frames_are_json_and_carry_the_gateways_time() {
+fn json_frames_have_device_time() {
     let shown = bus().good(&["dump", "-n", "3", "--json", "-H"]);
     let frames: Vec<serde_json::Value> =
         shown.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -119,7 +119,7 @@ fn can_fd_is_shown() {
 }
 
 #[test]
-fn who_only_listens_does_not_acknowledge() {
+fn listen_only_does_not_acknowledge() {
     // Node and gateway are alone: with a listening gateway no frame is ever complete.
     let alone = |mode: &[&str]| {
         let node = "[[node]]\nkind = \"replay\"\nbus = \"0.0\"\nfile = \"bus.log\"\n";
@@ -132,7 +132,7 @@ fn who_only_listens_does_not_acknowledge() {
 }
 
 #[test]
-fn changes_on_the_bus_are_comments_on_standard_error() {
+fn bus_changes_are_reported_on_stderr() {
     let fault = "[[fault]]\nat_ms = 7000\nkind = \"bus_off\"\ngateway = 0\nchannel = 0\n";
     let bus = Scenario::replaying(&FRAMES, fault);
     let output = bus.run(&["dump", "--channel", "0", "-T", "9000"]);
@@ -143,7 +143,7 @@ fn changes_on_the_bus_are_comments_on_standard_error() {
 }
 
 #[test]
-fn lost_images_are_comments_on_standard_error() {
+fn lost_images_are_reported_on_stderr() {
     let fault = |at_ms, cycles| {
         let kind = "kind = \"lost_frame\"\nway = \"return\"";
         format!("[[fault]]\n{kind}\nat_ms = {at_ms}\ncycles = {cycles}\n")
@@ -181,7 +181,7 @@ fn lost_images_are_comments_on_standard_error() {
 }
 
 #[test]
-fn a_gateway_that_is_lost_comes_back() {
+fn lost_gateway_recovers() {
     let fault = "[[fault]]\nat_ms = 10000\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300\n";
     let bus = Scenario::replaying(&[(0, "123#01"), (11_000, "123#02")], fault);
     let output = bus.run(&["dump", "--channel", "0", "-n", "2", "-T", "19000", "-L"]);
@@ -197,7 +197,7 @@ fn a_gateway_that_is_lost_comes_back() {
 }
 
 #[test]
-fn it_ends_cleanly_when_stopped_or_when_nobody_reads() {
+fn dump_ends_cleanly_on_signal_or_closed_output() {
     let frames: Vec<(u64, &str)> = (0..1500).map(|at| (at * 20, "123#11")).collect();
     let bus = Scenario::replaying(&frames, "");
     // In real time the frames come from the start.
@@ -218,7 +218,7 @@ fn it_ends_cleanly_when_stopped_or_when_nobody_reads() {
 }
 
 #[test]
-fn misuse_is_named_and_told_by_the_status() {
+fn invalid_use_has_message_and_status() {
     let cases: [(i32, &[&str], &str); 14] = [
         (2, &["dump", "can0"], "use --channel can0"),
         (2, &["dump", "can2,123:7FF"], "use --channel can2"),

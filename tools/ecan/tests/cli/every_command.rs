@@ -51,7 +51,7 @@ fn with<'a>(command: &'a [String], options: &[&'a str]) -> Vec<&'a str> {
 }
 
 #[test]
-fn without_a_master_there_is_status_3() {
+fn missing_master_returns_status_3() {
     let files = Scenario::new("");
     for command in commands_of_one(&files).into_iter().chain(commands_of_all(&files)) {
         let message = fails(3, &with(&command, &["--ecrt", "/nowhere/libethercat.so"]));
@@ -65,7 +65,7 @@ fn without_a_master_there_is_status_3() {
 }
 
 #[test]
-fn without_permission_there_is_status_3() {
+fn missing_permission_returns_status_3() {
     // A library whose master 102 answers with EACCES.
     let sources = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecrt-sys");
     let directory = tempfile::tempdir().unwrap();
@@ -86,7 +86,7 @@ fn without_permission_there_is_status_3() {
 }
 
 #[test]
-fn of_several_gateways_one_has_to_be_chosen() {
+fn several_gateways_need_a_selection() {
     let bus = two_gateways();
     let files = Scenario::new("");
     for command in commands_of_one(&files) {
@@ -97,7 +97,7 @@ fn of_several_gateways_one_has_to_be_chosen() {
 }
 
 #[test]
-fn a_gateway_that_cannot_be_asked_leaves_a_choice() {
+fn unidentified_slave_needs_a_selection() {
     let bus = first_silent();
     let files = Scenario::new("");
     for command in commands_of_one(&files).into_iter().chain([words("monitor --once")]) {
@@ -112,7 +112,7 @@ fn a_gateway_that_cannot_be_asked_leaves_a_choice() {
 }
 
 #[test]
-fn a_slave_that_is_not_there_is_told() {
+fn missing_slave_is_reported() {
     let files = Scenario::new("");
     for command in commands_of_one(&files).into_iter().chain(commands_of_all(&files)) {
         let cases = [
@@ -128,7 +128,7 @@ fn a_slave_that_is_not_there_is_told() {
 }
 
 #[test]
-fn real_time_that_is_not_granted_is_no_missing_master() {
+fn denied_real_time_returns_status_7() {
     for command in ["dump -n 1", "send 123#00", "selftest", "monitor --once"] {
         let options = ["--ecrt", "sim", "--cpu", "1023", "--rt-required"];
         let message = fails(7, &with(&words(command), &options));
@@ -153,7 +153,7 @@ fn log_option_and_variable_write_events_to_stderr() {
 }
 
 #[test]
-fn signals_that_cannot_be_caught_are_no_missing_master() {
+fn denied_signal_handlers_return_status_7() {
     // The system refuses the thread that waits for them.
     let traced = |command: &[&str]| {
         Command::new("strace")
@@ -191,7 +191,7 @@ fn signals_that_cannot_be_caught_are_no_missing_master() {
 }
 
 #[test]
-fn a_reader_that_has_gone_does_not_hide_what_was_found() {
+fn closed_output_keeps_exit_status() {
     let bus = first_silent();
     let silent = setting(&bus);
     let cases: [(i32, &[&str]); 5] = [
@@ -213,7 +213,7 @@ fn a_reader_that_has_gone_does_not_hide_what_was_found() {
 }
 
 #[test]
-fn an_empty_bus_is_told() {
+fn empty_bus_is_reported() {
     let empty = crate::support::scenario("");
     let files = Scenario::new("");
     for command in commands_of_one(&files) {

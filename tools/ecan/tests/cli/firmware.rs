@@ -48,7 +48,7 @@ fn running(tool: &FakeEthercat, gateway: usize) -> u32 {
 }
 
 #[test]
-fn the_version_is_read_through_the_tool() {
+fn version_is_read_with_ethercat_tool() {
     let tool = FakeEthercat::new(2, Behaviour::Good);
     let (status, out, _) = firmware(&tool.program, &["version", "--all"]);
     let expected = "\
@@ -69,7 +69,7 @@ POS  STATE  FIRMWARE  SERIAL
 }
 
 #[test]
-fn a_version_that_cannot_be_read_has_its_reason_in_its_row() {
+fn unreadable_version_has_reason() {
     let product_code = crate::fake_ethercat::PRODUCT_CODE;
     let silent = FakeEthercat::new(3, Behaviour::Silent { position: 1, product_code });
     let (status, out, errors) = firmware(&silent.program, &["version", "--all"]);
@@ -97,7 +97,7 @@ upload: Failed to upload SDO: Input/output error
 }
 
 #[test]
-fn a_good_package_is_written_and_the_new_version_read_back() {
+fn update_writes_package_and_reads_version() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     let (status, out, errors) = update(&tool, package.path(), &["--expect-version", "3.0.7"]);
     assert_eq!(status, 0, "{errors}");
@@ -113,7 +113,7 @@ fn a_good_package_is_written_and_the_new_version_read_back() {
 }
 
 #[test]
-fn the_position_is_never_given_as_a_password() {
+fn position_is_never_passed_as_password() {
     let package = package(NEW);
     let old = FakeEthercat::new(1, Behaviour::Of15);
     assert_eq!(update(&old, package.path(), &[]).0, 0);
@@ -126,7 +126,7 @@ fn the_position_is_never_given_as_a_password() {
 }
 
 #[test]
-fn wrong_packages_are_refused_by_the_gateway_and_the_old_version_stays() {
+fn rejected_package_keeps_old_version() {
     let for_another = FirmwarePackage::new(9, NEW, vec![1; 5000]).to_bytes();
     let mut damaged = FirmwarePackage::new(0, NEW, vec![1; 5000]).to_bytes();
     damaged[4000] ^= 1;
@@ -145,7 +145,7 @@ fn wrong_packages_are_refused_by_the_gateway_and_the_old_version_stays() {
 }
 
 #[test]
-fn where_the_master_does_not_tell_why_the_gateway_does() {
+fn rejection_reason_comes_from_gateway() {
     let (tool, file) = (FakeEthercat::new(1, Behaviour::Of15), file(&[0x55; 5000]));
     let (status, out, _) = update(&tool, file.path(), &["--json"]);
     let json: Value = serde_json::from_str(&out).unwrap();
@@ -155,7 +155,7 @@ fn where_the_master_does_not_tell_why_the_gateway_does() {
 }
 
 #[test]
-fn a_flash_that_fails_is_told() {
+fn flash_failure_is_reported() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     let fault = GatewayFault::FlashFailure { times: 1 };
     tool.master().line.wire.world_mut().inject(Fault::Gateway { gateway: 0, fault });
@@ -165,7 +165,7 @@ fn a_flash_that_fails_is_told() {
 }
 
 #[test]
-fn an_interrupted_update_leaves_the_old_version() {
+fn interrupted_update_keeps_old_version() {
     let behaviour = Behaviour::SupplyFails { packets: 50, off_ms: 1_000 };
     let (tool, package) = (FakeEthercat::new(1, behaviour), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--json"]);
@@ -185,7 +185,7 @@ fn an_interrupted_update_leaves_the_old_version() {
 }
 
 #[test]
-fn another_version_than_the_expected_one_is_no_success() {
+fn unexpected_version_fails() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--expect-version", "3.1.0"]);
     assert_eq!(status, 1);
@@ -193,7 +193,7 @@ fn another_version_than_the_expected_one_is_no_success() {
 }
 
 #[test]
-fn a_version_that_has_not_changed_is_no_success() {
+fn unchanged_version_fails() {
     let package = package(0x0202_0001);
     let same = FakeEthercat::new(1, Behaviour::Good);
     let (status, out, _) = update(&same, package.path(), &["--timeout", "4"]);
@@ -202,7 +202,7 @@ fn a_version_that_has_not_changed_is_no_success() {
 }
 
 #[test]
-fn the_same_version_again_is_a_success_where_it_is_expected() {
+fn expected_same_version_succeeds() {
     let (same, package) = (FakeEthercat::new(1, Behaviour::Good), package(0x0202_0001));
     let more = ["--timeout", "4", "--expect-version", "2.2.1"];
     let (status, out, _) = update(&same, package.path(), &more);
@@ -211,7 +211,7 @@ fn the_same_version_again_is_a_success_where_it_is_expected() {
 }
 
 #[test]
-fn without_a_restart_there_is_no_success_whatever_the_tool_says() {
+fn missing_restart_fails() {
     let package = package(0x0202_0001);
     let liar = FakeEthercat::new(1, Behaviour::Lies);
     for expected in [&[][..], &["--expect-version", "2.2.1"]] {
@@ -223,7 +223,7 @@ fn without_a_restart_there_is_no_success_whatever_the_tool_says() {
 }
 
 #[test]
-fn a_gateway_that_does_not_come_back_is_told() {
+fn unresponsive_gateway_is_reported() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::NeverBack), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--timeout", "1"]);
     assert_eq!(status, 5);
@@ -258,7 +258,7 @@ fn several_gateways_are_updated_in_turn() {
 }
 
 #[test]
-fn a_file_that_does_harm_goes_to_one_gateway_only() {
+fn harmful_file_stops_after_one_gateway() {
     let package = package(NEW);
     let tool = FakeEthercat::new(2, Behaviour::NeverBack);
     let (status, out, _) = update(&tool, package.path(), &["--all", "--timeout", "1"]);
@@ -275,7 +275,7 @@ fn a_file_that_does_harm_goes_to_one_gateway_only() {
 }
 
 #[test]
-fn other_devices_get_no_firmware() {
+fn other_devices_are_not_updated() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::Foreign), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--slave", "0"]);
     assert_eq!((status, tool.writes().len()), (5, 0), "{out}");
@@ -286,7 +286,7 @@ fn other_devices_get_no_firmware() {
 }
 
 #[test]
-fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
+fn unidentified_slave_is_always_reported() {
     let (package, product_code) = (package(NEW), crate::fake_ethercat::PRODUCT_CODE);
     let tool = FakeEthercat::new(2, Behaviour::Silent { position: 0, product_code });
     let (status, out, errors) = update(&tool, package.path(), &[]);
@@ -314,7 +314,7 @@ fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
 }
 
 #[test]
-fn an_interrupt_lets_the_gateway_have_its_firmware_and_ends_the_work() {
+fn interrupt_stops_after_current_gateway() {
     let (tool, package) = (FakeEthercat::new(3, Behaviour::Good), package(NEW));
     // Held, so that the program does not begin before the tool knows it.
     let mut master = tool.master();
@@ -360,7 +360,7 @@ fn at_a_terminal(tool: &FakeEthercat, file: &Path, typed: &str) -> (i32, String)
 }
 
 #[test]
-fn at_a_terminal_it_asks_first_and_shows_how_far_it_is() {
+fn update_asks_and_shows_progress_on_terminal() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     for typed in ["n\n", "\n"] {
         let (status, shown) = at_a_terminal(&tool, package.path(), typed);
@@ -375,7 +375,7 @@ fn at_a_terminal_it_asks_first_and_shows_how_far_it_is() {
 }
 
 #[test]
-fn what_the_real_tool_says_is_put_into_words() {
+fn messages_of_the_real_tool_are_explained() {
     let package = package(NEW);
     let cases = [
         (
@@ -419,7 +419,7 @@ fn what_the_real_tool_says_is_put_into_words() {
 }
 
 #[test]
-fn misuse_is_named_before_anything_is_written() {
+fn invalid_use_is_reported_before_writing() {
     let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     let path = package.path().to_str().unwrap();
     let program = tool.program.to_str().unwrap();
@@ -449,7 +449,7 @@ fn misuse_is_named_before_anything_is_written() {
 }
 
 #[test]
-fn simulated_gateways_are_updated_without_the_tool() {
+fn simulated_update_needs_no_tool() {
     let package = package(NEW);
     let path = package.path().to_str().unwrap();
     let scenario = crate::support::two_gateways();

@@ -35,7 +35,7 @@ fn bus(kilobit: u32, frames: &[(u64, &str)]) -> Scenario {
 }
 
 #[test]
-fn bit_rates_and_filters_of_the_file_take_effect() {
+fn file_sets_bit_rates_and_filters() {
     let bus = bus(250, &FRAMES);
     let path = bus.path("cell.toml");
     let everything = "  can0  0FF   [1]  01\n  can0  123   [1]  02\n  can0  200   [1]  03\n";
@@ -51,7 +51,7 @@ fn bit_rates_and_filters_of_the_file_take_effect() {
 }
 
 #[test]
-fn frames_go_out_at_the_bit_rates_of_the_file() {
+fn frames_are_sent_at_file_bit_rates() {
     let bus = bus(250, &[]);
     let path = bus.path("cell.toml");
     assert_eq!(bus.good(&["send", "--config", &path, "700#01"]), "can0 700#01 sent\n");
@@ -68,7 +68,7 @@ fn frames_go_out_at_the_bit_rates_of_the_file() {
 }
 
 #[test]
-fn can_fd_goes_where_the_file_has_a_data_bit_rate() {
+fn can_fd_needs_data_bit_rate_in_file() {
     let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.2\"\n");
     let path = bus.write("cell.toml", CELL);
     let fd = ["--config", &path, "123##1AA"];
@@ -87,7 +87,7 @@ fn can_fd_goes_where_the_file_has_a_data_bit_rate() {
 }
 
 #[test]
-fn a_bridge_has_the_bit_rates_of_the_file() {
+fn bridge_uses_file_bit_rates() {
     let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.2\"\n");
     let path = bus.write("cell.toml", CELL);
     let setting = bus.setting();
@@ -108,7 +108,7 @@ fn a_bridge_has_the_bit_rates_of_the_file() {
 }
 
 #[test]
-fn a_monitor_shows_the_channels_and_loads_of_the_file() {
+fn monitor_shows_channels_of_the_file() {
     let frames: Vec<_> = (0..300).map(|at| (at * 10, "123#1122334455667788")).collect();
     let bus = bus(250, &frames);
     let path = bus.path("cell.toml");
@@ -135,7 +135,7 @@ bitrate = 500_000
 ";
 
 #[test]
-fn the_slave_is_one_of_the_file() {
+fn slave_must_be_in_the_file() {
     let second = "[[gateway]]\nalias = 7\n[[gateway]]\n[[node]]\nkind = \"echo\"\nbus = \"1.1\"\n";
     let bus = Scenario::new(second);
     let (two, one) = (bus.write("two.toml", TWO), bus.path("one.toml"));
@@ -179,7 +179,7 @@ fn the_slave_is_one_of_the_file() {
 }
 
 #[test]
-fn channels_that_the_file_does_not_have_are_refused_by_name() {
+fn channels_missing_in_file_are_rejected() {
     let bus = bus(250, &FRAMES);
     let path = bus.path("cell.toml");
     let log = bus.write("drive.log", "(1.000000) can0 123#01\n(1.000000) can3 124#02\n");
@@ -203,7 +203,7 @@ fn channels_that_the_file_does_not_have_are_refused_by_name() {
 }
 
 #[test]
-fn a_file_with_faults_is_refused_with_all_of_them() {
+fn invalid_file_is_rejected_with_all_faults() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("cell.toml").display().to_string();
     let text = CELL.replace("n = 4", "n = 40").replace("125_000", "333").replace("0x100", "0x800");
@@ -222,7 +222,7 @@ fn a_file_with_faults_is_refused_with_all_of_them() {
 }
 
 #[test]
-fn flags_that_the_file_answers_are_refused() {
+fn options_defined_by_file_are_rejected() {
     let flags: [&[&str]; 7] = [
         &["--bitrate", "500000"],
         &["--data-bitrate", "2000000"],
@@ -246,7 +246,7 @@ fn flags_that_the_file_answers_are_refused() {
 }
 
 #[test]
-fn the_example_with_its_distributed_clocks_can_be_used_as_it_is() {
+fn example_file_with_clocks_works() {
     let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.1\"\n");
     let path = bus.write("example.toml", &crate::support::good(&["config", "example"]));
     let send = ["send", "--config", &path, "--channel", "1", "123#01"];
@@ -254,7 +254,7 @@ fn the_example_with_its_distributed_clocks_can_be_used_as_it_is() {
 }
 
 #[test]
-fn listening_and_device_times_go_with_a_file() {
+fn listen_only_and_device_time_work_with_file() {
     let bus = bus(250, &FRAMES);
     let path = bus.path("cell.toml");
     let shown = bus.good(&["dump", "-n", "1", "-H", "--listen-only", "--config", &path]);

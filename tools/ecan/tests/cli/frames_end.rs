@@ -26,7 +26,7 @@ fn summary_line(running: &mut Running) -> String {
 }
 
 #[test]
-fn an_output_that_nobody_reads_does_not_hold_who_was_told_to_stop() {
+fn stalled_output_does_not_block_stopping() {
     let frames: Vec<(u64, &str)> = (0..6000).map(|at| (at, "123#11")).collect();
     let bus = Scenario::replaying(&frames, "");
     let setting = bus.setting();
@@ -50,7 +50,7 @@ fn an_output_that_nobody_reads_does_not_hold_who_was_told_to_stop() {
 }
 
 #[test]
-fn a_second_signal_ends_at_once() {
+fn second_signal_exits_immediately() {
     let bus = Scenario::new(ECHO);
     let fifo = bus.path("fifo");
     assert!(Command::new("mkfifo").arg(&fifo).status().unwrap().success());
@@ -64,7 +64,7 @@ fn a_second_signal_ends_at_once() {
 }
 
 #[test]
-fn who_stops_gen_hears_of_no_losses() {
+fn stopped_gen_reports_no_losses() {
     let bus = Scenario::new(ECHO);
     let setting = bus.setting();
     let mut running = Running::start(&["--ecrt", &setting, "gen", "-g", "1", "-v"]);
@@ -78,7 +78,7 @@ fn who_stops_gen_hears_of_no_losses() {
 }
 
 #[test]
-fn frames_that_nobody_takes_are_under_way_when_stopped() {
+fn unacknowledged_frames_are_in_transit_when_stopped() {
     let alone = Scenario::new("");
     let setting = alone.setting();
     let mut running = Running::start(&["--ecrt", &setting, "gen", "-g", "1", "-v"]);
@@ -94,7 +94,7 @@ fn frames_that_nobody_takes_are_under_way_when_stopped() {
 }
 
 #[test]
-fn a_lost_gateway_is_named_and_is_no_full_bus() {
+fn lost_gateway_is_reported() {
     let fault = "[[fault]]\nat_ms = 9000\nkind = \"power_off\"\ngateway = 0\n";
     let bus = Scenario::new(&format!("{ECHO}{fault}"));
     let (summary, errors) = summary(&bus, 5, &["gen", "--seed", "1", "-n", "20000", "-g", "1"]);
@@ -110,7 +110,7 @@ fn a_lost_gateway_is_named_and_is_no_full_bus() {
 }
 
 #[test]
-fn frames_that_a_gateway_may_have_held_when_it_was_lost_are_not_called_sent() {
+fn frames_of_lost_gateway_are_not_counted_as_sent() {
     let fault = "[[fault]]\nat_ms = 9000\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300\n";
     let bus = Scenario::new(&format!("{ECHO}{fault}"));
     let (summary, errors) =
@@ -126,7 +126,7 @@ fn frames_that_a_gateway_may_have_held_when_it_was_lost_are_not_called_sent() {
 }
 
 #[test]
-fn a_bus_that_fails_in_the_middle_leaves_a_summary() {
+fn failed_bus_leaves_a_summary() {
     let fault = "[[fault]]\nat_ms = 9000\nkind = \"library_error\"\ncall = \"receive\"\n\
                  errno = \"EIO\"\ntimes = 1000\n";
     let bus = Scenario::new(&format!("{ECHO}{fault}"));
@@ -142,7 +142,7 @@ fn a_bus_that_fails_in_the_middle_leaves_a_summary() {
 }
 
 #[test]
-fn gen_and_replay_measure_alike() {
+fn gen_and_replay_measure_equally() {
     let bus = Scenario::new(ECHO);
     let drive = bus.write(
         "drive.log",

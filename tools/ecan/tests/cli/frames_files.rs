@@ -8,7 +8,7 @@ const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
 const LOG: &str = "(1.000000) can0 123#01\n(1.001000) can0 124#02\n(1.002000) can0 125#03\n";
 
 #[test]
-fn a_file_that_is_there_outlives_every_failure() {
+fn existing_file_survives_failures() {
     let bus = Scenario::new(ECHO);
     let (kept, drive) = (bus.write("kept", "precious"), bus.write("drive.log", LOG));
     let nobody = ["--ecrt", "/nonexistent.so"];
@@ -38,7 +38,7 @@ fn a_file_that_is_there_outlives_every_failure() {
 }
 
 #[test]
-fn a_capture_of_a_run_that_never_began_is_not_left_behind() {
+fn capture_of_failed_start_is_removed() {
     let fault = "[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8001\n\
                  subindex = 1\ncode = 0x06090030\ntimes = 100\n";
     let bus = Scenario::new(&format!("{ECHO}{fault}"));
@@ -64,7 +64,7 @@ fn fed(arguments: &[&str], input: &str) -> (Option<i32>, String, String) {
 }
 
 #[test]
-fn a_dash_is_standard_input_and_output() {
+fn dash_is_stdin_and_stdout() {
     let bus = Scenario::new(ECHO);
     let setting = bus.setting();
     let replay = ["--ecrt", &setting, "replay", "-", "--record", "-"];

@@ -71,7 +71,7 @@ fn doctor(host: &Path, options: &[&str]) -> (Option<i32>, String) {
 }
 
 #[test]
-fn a_host_that_is_well_set_up_has_nothing_amiss() {
+fn good_host_has_no_problems() {
     let host = host();
     let (status, report) = doctor(host.path(), &[]);
     let expected = "\
@@ -99,7 +99,7 @@ enum Change {
 }
 
 #[test]
-fn each_thing_amiss_is_told_with_its_remedy() {
+fn each_problem_has_a_remedy() {
     use Change::{Ethtool, Put, Remove};
     let cases: [(Change, &str, &str, &str); 16] = [
         (Remove(&["sys/module/ec_master"]), "kernel module", "is not loaded", "systemctl enable"),
@@ -219,7 +219,7 @@ fn each_thing_amiss_is_told_with_its_remedy() {
 }
 
 #[test]
-fn a_capability_stands_for_its_limit_and_a_native_driver_for_the_interface() {
+fn capabilities_and_native_driver_are_accepted() {
     let host = host();
     put(
         host.path(),
@@ -244,7 +244,7 @@ fn a_capability_stands_for_its_limit_and_a_native_driver_for_the_interface() {
 }
 
 #[test]
-fn long_sleep_states_matter_where_programs_cannot_limit_them() {
+fn long_sleep_states_without_limit_are_a_problem() {
     let host = host();
     put(host.path(), "sys/devices/system/cpu/cpu0/cpuidle/state2/latency", "200\n");
     let (status, report) = doctor(host.path(), &[]);
@@ -260,7 +260,7 @@ fn long_sleep_states_matter_where_programs_cannot_limit_them() {
 }
 
 #[test]
-fn another_master_has_another_node_and_another_interface() {
+fn master_index_selects_node_and_interface() {
     let host = host();
     let (status, report) = doctor(host.path(), &["--master", "1"]);
     assert_eq!(status, Some(1));
@@ -269,7 +269,7 @@ fn another_master_has_another_node_and_another_interface() {
 }
 
 #[test]
-fn library_and_bus_are_looked_at_on_this_host() {
+fn library_and_bus_are_checked() {
     let output = ecan(&["--ecrt", "sim", "doctor"]);
     let report = String::from_utf8(output.stdout).unwrap();
     for line in [
@@ -294,7 +294,7 @@ fn library_and_bus_are_looked_at_on_this_host() {
 }
 
 #[test]
-fn wrong_use_is_named_and_told_by_the_status() {
+fn invalid_use_has_message_and_status() {
     let cases: [(i32, &[&str], &str); 4] = [
         (6, &["doctor", "--root", "/none"], "cannot read /none: not a directory"),
         (3, &["--ecrt", "sim:none", "doctor"], "unknown scenario \"none\""),

@@ -6,7 +6,7 @@ use crate::support::terminal::{ENTER, LEAVE, OnTerminal};
 use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
 
 #[test]
-fn once_it_prints_gateways_channels_and_the_cycle() {
+fn once_prints_gateways_channels_and_cycle() {
     let expected = "\
 gateway  state  WC   incomplete  lost images  faulty images  lost  reason
 0        ready  3/3  0           0            0              0
@@ -30,7 +30,7 @@ can3     run    0.0 %  0.0       0    0    0/0         0        0         0
 }
 
 #[test]
-fn frames_are_counted_with_rate_and_load() {
+fn frames_have_rate_and_load() {
     // 100 frames a second of 111 bits at 500 kbit/s.
     let mut log = String::new();
     for at in 0..2000 {
@@ -62,7 +62,7 @@ fn losing(kind: &str) -> tempfile::NamedTempFile {
 }
 
 #[test]
-fn a_gateway_switched_off_and_on_is_shown_as_lost_and_back() {
+fn power_cycled_gateway_is_lost_and_ready_again() {
     let file = losing("kind = \"power_cycle\"\noff_ms = 300");
     let shown = good(&["--ecrt", &setting(&file), "monitor", "--once", "--for", "9"]);
     let rows: Vec<Vec<&str>> = shown.lines().map(|it| it.split_whitespace().collect()).collect();
@@ -77,7 +77,7 @@ fn a_gateway_switched_off_and_on_is_shown_as_lost_and_back() {
 }
 
 #[test]
-fn a_gateway_lost_at_the_end_is_shown_and_told_by_the_status() {
+fn lost_gateway_sets_exit_status() {
     let file = losing("kind = \"power_off\"");
     let shown = ends(1, &["--ecrt", &setting(&file), "monitor", "--for", "9"]);
     let rows: Vec<_> = shown.lines().collect();
@@ -91,7 +91,7 @@ fn a_gateway_lost_at_the_end_is_shown_and_told_by_the_status() {
 }
 
 #[test]
-fn a_short_bus_off_is_told_too() {
+fn short_bus_off_is_reported() {
     let fault = "[[fault]]\nat_ms = 7900\nkind = \"bus_off\"\ngateway = 0\nchannel = 1\n";
     let bus = Scenario::new(fault);
     let shown = bus.good(&["monitor", "--for", "7"]);
@@ -102,7 +102,7 @@ fn a_short_bus_off_is_told_too() {
 }
 
 #[test]
-fn without_a_terminal_it_prints_once_and_says_so() {
+fn without_terminal_it_prints_once() {
     let output = ecan(&["--ecrt", "sim", "monitor"]);
     assert!(output.status.success());
     let errors = String::from_utf8(output.stderr).unwrap();
@@ -112,14 +112,14 @@ fn without_a_terminal_it_prints_once_and_says_so() {
 }
 
 #[test]
-fn the_gateway_chosen_is_watched_alone() {
+fn selected_gateway_is_monitored_alone() {
     let file = crate::support::two_gateways();
     let shown = good(&["--ecrt", &setting(&file), "--slave", "alias=7", "monitor", "--once"]);
     assert!(shown.contains("\ngateway 1\n") && !shown.contains("\ngateway 0\n"), "{shown}");
 }
 
 #[test]
-fn misuse_is_named_and_told_by_the_status() {
+fn invalid_use_has_message_and_status() {
     let cases: [(i32, &[&str], &str); 9] = [
         (2, &["monitor", "--for", "0"], "expected seconds"),
         (2, &["monitor", "--for", "nan"], "expected seconds"),
@@ -148,7 +148,7 @@ fn on_terminal(library: &str) -> OnTerminal {
 }
 
 #[test]
-fn on_a_terminal_it_draws_until_a_key_ends_it() {
+fn terminal_is_drawn_until_quit_key() {
     for key in [&b"q"[..], b"\x1b", b"\x03"] {
         let mut monitor = on_terminal("sim");
         monitor.wait_for(ENTER);
@@ -165,7 +165,7 @@ fn on_a_terminal_it_draws_until_a_key_ends_it() {
 }
 
 #[test]
-fn a_signal_ends_it_with_the_terminal_as_it_was() {
+fn signal_restores_terminal() {
     let mut monitor = on_terminal("sim");
     monitor.wait_for("Channels");
     assert!(monitor.is_raw());
@@ -174,7 +174,7 @@ fn a_signal_ends_it_with_the_terminal_as_it_was() {
 }
 
 #[test]
-fn a_bus_that_fails_ends_it_with_the_terminal_as_it_was_and_a_message() {
+fn failed_bus_restores_terminal_and_prints_message() {
     let fault = "[[fault]]\nat_ms = 3000\nkind = \"library_error\"\ncall = \"send\"\n\
                  errno = \"EIO\"\ntimes = 1000000\n";
     let file = scenario(&format!("[[gateway]]\n{fault}"));

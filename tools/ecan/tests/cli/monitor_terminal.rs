@@ -9,7 +9,7 @@ const MONITOR: [&str; 3] = ["--ecrt", "sim", "monitor"];
 const KEYS: &str = "q end  p pause  c clear  arrows select  ? help";
 
 #[test]
-fn it_ends_with_its_terminal() {
+fn monitor_ends_with_its_terminal() {
     // Whether the signal comes depends on how it was started.
     for start in [OnScreen::start, OnScreen::start_leader] {
         let mut monitor = start((100, 40), &MONITOR);
@@ -22,7 +22,7 @@ fn it_ends_with_its_terminal() {
 }
 
 #[test]
-fn it_ends_by_a_signal_though_nobody_reads_its_terminal() {
+fn signal_ends_monitor_with_blocked_terminal() {
     let mut monitor = OnScreen::start((100, 40), &MONITOR);
     monitor.wait_for("ready      3/3");
     monitor.fill();
@@ -33,7 +33,7 @@ fn it_ends_by_a_signal_though_nobody_reads_its_terminal() {
 }
 
 #[test]
-fn every_size_shows_what_it_has_room_for_also_while_it_changes() {
+fn every_terminal_size_is_drawn() {
     let bus = scenario("[[gateway]]\n[[gateway]]\n");
     let mut monitor = OnScreen::start((20, 5), &["--ecrt", &setting(&bus), "monitor"]);
     let tiny = |screen: String| {
@@ -61,7 +61,7 @@ fn every_size_shows_what_it_has_room_for_also_while_it_changes() {
 }
 
 #[test]
-fn the_help_of_keys_comes_and_goes() {
+fn key_help_opens_and_closes() {
     let mut monitor = OnScreen::start((80, 24), &MONITOR);
     monitor.wait_for(KEYS);
     assert!(monitor.has_own_screen() && monitor.is_raw());
@@ -80,7 +80,7 @@ fn the_help_of_keys_comes_and_goes() {
 }
 
 #[test]
-fn no_key_is_lost_however_fast_they_come() {
+fn fast_keys_are_not_lost() {
     let bus = scenario("[[gateway]]\n[[gateway]]\n");
     let mut monitor = OnScreen::start((80, 24), &["--ecrt", &setting(&bus), "monitor"]);
     monitor.wait_for("can0: ");

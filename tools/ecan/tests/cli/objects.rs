@@ -15,7 +15,7 @@ POS  ALIAS  STATE  NAME       FIRMWARE  HARDWARE  SERIAL      IDENTITY
 }
 
 #[test]
-fn a_slave_that_cannot_be_asked_is_listed_with_the_reason() {
+fn unidentified_slave_is_listed_with_reason() {
     let bus = first_silent();
     let listed = good(&["--ecrt", &setting(&bus), "scan"]);
     let line = "\nslave 0 cannot be identified: SDO upload 0xF000:09";
@@ -33,7 +33,7 @@ fn a_slave_that_cannot_be_asked_is_listed_with_the_reason() {
 }
 
 #[test]
-fn a_gateway_tells_about_itself() {
+fn info_shows_a_gateway() {
     let info = simulated(&["info"]);
     assert!(info.starts_with("slave     0, PREOP\nname      ECAN-Lite\n"), "{info}");
     assert!(info.contains("CAN3      500 / 5000 kbit/s FD  disabled"), "{info}");
@@ -43,7 +43,7 @@ fn a_gateway_tells_about_itself() {
 }
 
 #[test]
-fn all_gateways_tell_about_themselves() {
+fn info_shows_all_gateways() {
     let two = two_gateways();
     let run = |more: &[&str]| good(&[&["--ecrt", &setting(&two), "info", "--all"], more].concat());
     let told = run(&[]);
@@ -63,7 +63,7 @@ fn all_gateways_tell_about_themselves() {
 }
 
 #[test]
-fn a_version_that_is_not_there_is_not_an_empty_one() {
+fn missing_version_is_not_empty() {
     let bus = scenario(
         "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
          index = 0x100A\nsubindex = 0\ncode = 0x06020000\ntimes = 9\n",
@@ -86,7 +86,7 @@ fn a_version_that_is_not_there_is_not_an_empty_one() {
 }
 
 #[test]
-fn objects_are_read_by_number_and_by_name() {
+fn objects_are_read_by_number_and_name() {
     let expected = "0x8010:03 (TxPDO Profile Control, PDO size multiplier) = 8 x 128 bytes\n";
     assert_eq!(simulated(&["sdo", "read", "0x8010:3"]), expected);
     let name = "txpdo profile control:pdo size multiplier";
@@ -105,7 +105,7 @@ fn objects_are_read_by_number_and_by_name() {
 }
 
 #[test]
-fn what_a_gateway_refuses_does_not_hide_the_rest() {
+fn unreadable_values_do_not_hide_others() {
     let fault = |(index, subindex): (u16, u8)| {
         format!(
             "[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = {index}\n\
@@ -149,7 +149,7 @@ fn what_a_gateway_refuses_does_not_hide_the_rest() {
 }
 
 #[test]
-fn programs_get_numbers_meanings_and_the_position() {
+fn json_has_numbers_meanings_and_position() {
     let json = |command: &[&str]| -> serde_json::Value {
         serde_json::from_str(&simulated(&[command, &["--json"]].concat())).unwrap()
     };
@@ -182,7 +182,7 @@ fn programs_get_numbers_meanings_and_the_position() {
 }
 
 #[test]
-fn of_several_gateways_one_is_chosen() {
+fn one_of_several_gateways_is_selected() {
     let file = two_gateways();
     let setting = format!("sim:{}", file.path().display());
     fn on<'a>(setting: &'a str, choice: &[&'a str]) -> Vec<&'a str> {
@@ -204,7 +204,7 @@ fn of_several_gateways_one_is_chosen() {
 }
 
 #[test]
-fn an_alias_or_a_serial_number_that_several_have_is_no_choice() {
+fn ambiguous_alias_or_serial_is_rejected() {
     let bus = scenario(
         "[[gateway]]\nalias = 5\nserial = 9\n[[gateway]]\nserial = 9\n[[gateway]]\nalias = 5\n",
     );
@@ -220,7 +220,7 @@ fn an_alias_or_a_serial_number_that_several_have_is_no_choice() {
 }
 
 #[test]
-fn wrong_use_is_named_and_told_by_the_status() {
+fn invalid_use_has_message_and_status() {
     let cases: [(i32, &[&str], &str); 12] = [
         (2, &[], "Usage"),
         (2, &["scans"], "unrecognized subcommand"),

@@ -28,7 +28,7 @@ fn python() -> Option<String> {
 }
 
 #[test]
-fn python_can_sends_and_receives_over_tcp_and_on_a_terminal() {
+fn python_can_works_over_tcp_and_terminal() {
     let Some(python) = python() else { return };
     let directory = tempfile::tempdir().unwrap();
     let link = directory.path().join("can0").display().to_string();
@@ -84,7 +84,7 @@ fn python_can_connects_to_a_busy_bus() {
 
 /// More than fits into every queue on the way: the connection holds the client back.
 #[test]
-fn python_can_fills_the_queue_and_goes_on() {
+fn python_can_continues_after_full_queue() {
     let Some(python) = python() else { return };
     let mut bridge =
         Running::start(&["--ecrt", "sim", "bridge", "--bitrate", "1000000", "--socketcand"]);

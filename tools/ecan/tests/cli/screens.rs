@@ -62,7 +62,7 @@ fn fits(expected: &[&str], lines: &[&str]) -> bool {
 }
 
 #[test]
-fn the_screens_of_the_document_are_what_the_program_prints() {
+fn screens_of_tool_md_match_the_program() {
     let document =
         std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/TOOL.md"))
             .unwrap();
@@ -82,7 +82,7 @@ fn the_screens_of_the_document_are_what_the_program_prints() {
 }
 
 #[test]
-fn dots_stand_for_any_number_of_lines() {
+fn dots_match_any_number_of_lines() {
     assert!(fits(&["a", "...", "d"], &["a", "b", "c", "d"]));
     assert!(fits(&["a", "...", "d"], &["a", "d"]));
     assert!(fits(&["..."], &[]));

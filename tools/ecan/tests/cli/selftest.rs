@@ -49,7 +49,7 @@ gateway 4294967297 at position 0: passed
 }
 
 #[test]
-fn without_a_file_the_usual_bit_rates_are_tested() {
+fn default_bit_rates_are_tested() {
     let printed = simulated(&["selftest", "--channels", "1,3", "--frames", "8"]);
     for rate in ["125", "250", "500", "1000"] {
         let line = format!("loopback of channel 3, {rate} kbit/s ");
@@ -78,7 +78,7 @@ fn wired_channels_are_tested_in_both_directions() {
 }
 
 #[test]
-fn a_channel_without_its_partner_fails() {
+fn channel_without_partner_fails() {
     let bus = scenario("[[gateway]]\nbuses = [\"a\", \"a\", \"b\", \"c\"]\n");
     let (ecrt, cell) = (setting(&bus), cell());
     let arguments = ["--ecrt", &ecrt, "selftest", "--config", &path(&cell), "--wired", "0-1,2-3"];
@@ -97,7 +97,7 @@ fn a_channel_without_its_partner_fails() {
 }
 
 #[test]
-fn a_node_that_falsifies_frames_fails_its_bus_alone() {
+fn corrupting_node_fails_only_its_bus() {
     let node = "[[node]]\nkind = \"faulty\"\nbus = \"a\"\ncorrupt_permille = 1000\n";
     let bus = scenario(&format!("{WIRED}{node}"));
     let (ecrt, cell) = (setting(&bus), cell());
@@ -116,7 +116,7 @@ fn a_node_that_falsifies_frames_fails_its_bus_alone() {
 }
 
 #[test]
-fn a_channel_that_goes_bus_off_fails() {
+fn bus_off_channel_fails() {
     let faults: String = (0..1000)
         .map(|at| {
             let at_ms = at * 10;
@@ -134,7 +134,7 @@ fn a_channel_that_goes_bus_off_fails() {
 }
 
 #[test]
-fn a_gateway_that_refuses_its_configuration_fails_and_the_next_is_tested() {
+fn rejected_configuration_fails_and_next_is_tested() {
     let fault = "[[fault]]\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8002\nsubindex = 1\n\
                  code = 0x06090030\nat_ms = 0\n";
     let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
@@ -148,7 +148,7 @@ fn a_gateway_that_refuses_its_configuration_fails_and_the_next_is_tested() {
 }
 
 #[test]
-fn a_gateway_that_leaves_service_fails_though_it_comes_back() {
+fn lost_gateway_fails_even_if_it_recovers() {
     // At this bit rate the test takes a second and more: the fault falls into its midst.
     let slow = scenario("[[gateway]]\nn = 8\ncan0 = { bitrate = 20_000 }\n");
     let fault = "[[fault]]\nkind = \"al_error\"\ngateway = 0\ncode = 26\nat_ms = 3000\n";
@@ -167,7 +167,7 @@ fn a_gateway_that_leaves_service_fails_though_it_comes_back() {
 }
 
 #[test]
-fn a_gateway_that_was_lost_for_a_while_has_its_configuration_again() {
+fn temporarily_lost_gateway_is_restored() {
     let faults: String = (0..5)
         .map(|at| {
             let at_ms = 3000 + at * 700;
@@ -183,7 +183,7 @@ fn a_gateway_that_was_lost_for_a_while_has_its_configuration_again() {
 }
 
 #[test]
-fn a_gateway_that_cannot_be_asked_fails() {
+fn unidentified_gateway_fails() {
     let bus = crate::support::first_silent();
     let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
     assert!(printed.starts_with("slave at position 0: FAILED\n"), "{printed}");
@@ -192,7 +192,7 @@ fn a_gateway_that_cannot_be_asked_fails() {
 }
 
 #[test]
-fn a_gateway_that_goes_away_fails_and_the_others_keep_their_reports() {
+fn removed_gateway_fails_others_keep_reports() {
     // While the first one is tested.
     let fault = "[[fault]]\nkind = \"power_off\"\ngateway = 1\nat_ms = 5000\n";
     let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
@@ -205,7 +205,7 @@ fn a_gateway_that_goes_away_fails_and_the_others_keep_their_reports() {
 }
 
 #[test]
-fn a_test_that_is_stopped_has_its_report_and_puts_the_configuration_back() {
+fn stopped_test_has_report_and_restores() {
     let bus = Scenario::new("");
     bus.write("bus.toml", "clock = \"real\"\n[[gateway]]\n[[gateway]]\n");
     let arguments = ["--ecrt", &bus.setting(), "selftest", "--report", &bus.path("reports")];
@@ -245,7 +245,7 @@ gateway 4294967297 at position 0: FAILED
 }
 
 #[test]
-fn several_gateways_are_tested_in_turn_and_each_has_its_report() {
+fn each_gateway_has_a_report() {
     let gateways = "firmware = [514, 1]\n[[gateway]]\nalias = 7\nfirmware = [514, 3]\n";
     let bus = Scenario::new(gateways);
     let (cell, reports) = (bus.write("cell.toml", CELL), bus.path("reports"));
@@ -277,7 +277,7 @@ fn several_gateways_are_tested_in_turn_and_each_has_its_report() {
 }
 
 #[test]
-fn a_serial_number_is_there_once() {
+fn duplicate_serial_number_fails() {
     let bus = scenario("[[gateway]]\nserial = 5\n[[gateway]]\nserial = 5\n");
     let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
     let failed = lines(&printed, "FAILED  serial number");
@@ -291,7 +291,7 @@ fn a_serial_number_is_there_once() {
 }
 
 #[test]
-fn every_report_has_a_file_of_its_own() {
+fn every_report_has_its_own_file() {
     let serials = [5, 5, 0, 0, u64::MAX].map(|it| format!("[[gateway]]\nserial = {it}\n"));
     let bus = Scenario::new("");
     bus.write("bus.toml", &serials.concat());
@@ -318,7 +318,7 @@ fn every_report_has_a_file_of_its_own() {
 }
 
 #[test]
-fn a_report_that_cannot_be_written_leaves_the_printed_one() {
+fn unwritable_report_is_still_printed() {
     let output = ecan(&["--ecrt", "sim", "selftest", "--frames", "1", "--report", "/proc"]);
     let (printed, errors) = (String::from_utf8(output.stdout), String::from_utf8(output.stderr));
     assert_eq!(output.status.code(), Some(6));
@@ -327,7 +327,7 @@ fn a_report_that_cannot_be_written_leaves_the_printed_one() {
 }
 
 #[test]
-fn wrong_use_is_told() {
+fn invalid_use_is_reported() {
     let simulated = |status, arguments: &[&str]| {
         fails(status, &[&["--ecrt", "sim", "selftest"][..], arguments].concat())
     };

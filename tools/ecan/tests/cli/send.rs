@@ -3,7 +3,7 @@
 use crate::support::{Scenario, fails, simulated};
 
 #[test]
-fn frames_are_sent_and_known_to_have_left() {
+fn frames_are_sent_and_confirmed() {
     assert_eq!(simulated(&["send", "123#DEADBEEF"]), "can0 123#DEADBEEF sent\n");
     // The gateway is set to CAN FD, so it goes without a bit rate.
     assert_eq!(simulated(&["send", "--channel", "can1", "123##1AABB"]), "can1 123##1AABB sent\n");
@@ -21,7 +21,7 @@ fn frames_are_sent_and_known_to_have_left() {
 }
 
 #[test]
-fn of_several_gateways_the_chosen_one_sends() {
+fn selected_gateway_sends() {
     let second = "[[gateway]]\nalias = 7\n[[node]]\nkind = \"echo\"\nbus = \"1.0\"\n";
     let bus = Scenario::new(second);
     let message = bus.fails(4, &["send", "123#"]);
@@ -32,7 +32,7 @@ fn of_several_gateways_the_chosen_one_sends() {
 }
 
 #[test]
-fn a_frame_that_nobody_acknowledges_has_not_left() {
+fn unacknowledged_frame_is_not_sent() {
     let alone = Scenario::new("");
     let message = alone.fails(1, &["send", "123#11", "124#22", "--timeout", "300"]);
     assert!(message.contains("can0: run, warning: error passive"), "{message}");
@@ -41,7 +41,7 @@ fn a_frame_that_nobody_acknowledges_has_not_left() {
 }
 
 #[test]
-fn a_channel_off_the_bus_is_named() {
+fn bus_off_channel_is_reported() {
     let fault = "[[fault]]\nat_ms = 1100\nkind = \"bus_off\"\ngateway = 0\nchannel = 0\n";
     let alone = Scenario::new(fault);
     let message = alone.fails(1, &["send", "123#11", "--timeout", "1000"]);
@@ -51,7 +51,7 @@ fn a_channel_off_the_bus_is_named() {
 }
 
 #[test]
-fn a_channel_that_comes_and_goes_does_not_fill_the_screen() {
+fn frequent_changes_are_limited() {
     // The others have another bit rate: warnings and bus-off alternate.
     let others = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nbitrate = 250000\n";
     let bus = Scenario::new(others);
@@ -82,7 +82,7 @@ fn generated_frames_are_counted() {
 }
 
 #[test]
-fn generated_frames_that_stay_behind_are_lost() {
+fn unsent_generated_frames_are_lost() {
     let alone = Scenario::new("");
     for count in ["3", "1000"] {
         let output = alone.run(&[
@@ -120,7 +120,7 @@ const LOG: &str = "\
 ";
 
 #[test]
-fn a_recording_is_sent_at_its_times_and_its_echo_logged() {
+fn replay_keeps_times_and_records_echo() {
     let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n");
     let (log, back) = (bus.write("drive.log", LOG), bus.path("back.log"));
     let shown = bus.good(&["replay", &log, "--record", &back]);
@@ -143,7 +143,7 @@ fn a_recording_is_sent_at_its_times_and_its_echo_logged() {
 }
 
 #[test]
-fn frames_of_a_recording_go_to_their_channels() {
+fn replay_maps_interfaces_to_channels() {
     let nodes: String = (0..4)
         .map(|channel| format!("[[node]]\nkind = \"echo\"\nbus = \"0.{channel}\"\n"))
         .collect();
@@ -161,7 +161,7 @@ fn frames_of_a_recording_go_to_their_channels() {
 }
 
 #[test]
-fn misuse_is_named_and_told_by_the_status() {
+fn invalid_use_has_message_and_status() {
     let directory = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| {
         let path = directory.path().join(name);
@@ -202,7 +202,7 @@ fn misuse_is_named_and_told_by_the_status() {
 }
 
 #[test]
-fn a_log_with_error_messages_and_raw_lengths_is_replayed() {
+fn replay_skips_error_messages_and_raw_dlc() {
     let bus = Scenario::new("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n");
     let log = bus.write(
         "errors.log",

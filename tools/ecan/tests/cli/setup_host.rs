@@ -27,7 +27,7 @@ fn is_empty(root: &Path) -> bool {
 }
 
 #[test]
-fn it_shows_what_it_would_write_and_writes_that() {
+fn show_prints_what_apply_writes() {
     let root = TempDir::new().unwrap();
     let root = root.path();
     for arguments in [&[][..], &["show"]] {
@@ -53,7 +53,7 @@ fn it_shows_what_it_would_write_and_writes_that() {
 }
 
 #[test]
-fn it_can_be_done_twice_and_undone() {
+fn apply_is_idempotent_and_undoable() {
     let root = TempDir::new().unwrap();
     let root = root.path();
     std::fs::create_dir_all(root.join("etc/udev/rules.d")).unwrap();
@@ -62,7 +62,7 @@ fn it_can_be_done_twice_and_undone() {
     assert_eq!(setup(root, &["apply"]).0, 0);
     let (status, said) = setup(root, &["apply"]);
     assert_eq!((status, said.matches("unchanged").count()), (0, 2), "{said}");
-    assert!(setup(root, &["show"]).1.contains("(there already)"));
+    assert!(setup(root, &["show"]).1.contains("(unchanged)"));
     // Another choice replaces what is there.
     let (status, said) = setup(root, &["apply", "--rt-priority", "70"]);
     assert_eq!((status, said.matches("written").count()), (0, 1), "{said}");
@@ -72,20 +72,20 @@ fn it_can_be_done_twice_and_undone() {
     assert!(!root.join(RULE).exists() && !root.join(LIMITS).exists());
     assert!(neighbour.exists());
     let (status, said) = setup(root, &["undo"]);
-    assert_eq!((status, said.matches("not there").count()), (0, 2), "{said}");
+    assert_eq!((status, said.matches("missing   ").count()), (0, 2), "{said}");
 }
 
 #[test]
-fn files_of_others_stay() {
+fn foreign_files_are_kept() {
     let root = TempDir::new().unwrap();
     let root = root.path();
     std::fs::create_dir_all(root.join("etc/security/limits.d")).unwrap();
     std::fs::write(root.join(LIMITS), "@robot - rtprio 99\n").unwrap();
     let (status, said) = setup(root, &["apply"]);
     assert_eq!(status, 1, "{said}");
-    assert!(said.contains("not of this script; nothing was changed"), "{said}");
+    assert!(said.contains("not written by this script; nothing was changed"), "{said}");
     assert!(!root.join(RULE).exists(), "nothing is half done");
-    assert!(setup(root, &["show"]).1.contains("another file of this name: apply would stop"));
+    assert!(setup(root, &["show"]).1.contains("another file exists: apply would fail"));
     let (status, said) = setup(root, &["undo"]);
     assert_eq!(status, 1, "{said}");
     assert_eq!(lines(root, LIMITS), ["@robot - rtprio 99"]);
@@ -97,20 +97,20 @@ fn files_of_others_stay() {
     assert_eq!(setup(root, &["apply"]).0, 1);
     let (status, said) = setup(root, &["undo"]);
     assert_eq!(status, 1);
-    assert!(said.contains("changed since it was written, remove it by hand"), "{said}");
+    assert!(said.contains("modified after this script wrote it; remove it manually"), "{said}");
     assert!(said.contains("removed"), "the other one goes: {said}");
     assert_eq!(std::fs::read_to_string(root.join(LIMITS)).unwrap(), changed);
 }
 
 #[test]
-fn wrong_use_is_named() {
+fn invalid_use_is_reported() {
     let root = TempDir::new().unwrap();
     let cases: [(&[&str], &str); 7] = [
         (&["install"], "unknown command \"install\""),
         (&["apply", "--groups", "x"], "unknown option \"--groups\""),
-        (&["apply", "--group", "A b"], "\"A b\" is no name of a group"),
-        (&["apply", "--group", "x\nroot"], "is no name of a group"),
-        (&["apply", "--rt-priority", "99"], "1 to 98, not \"99\""),
+        (&["apply", "--group", "A b"], "invalid group name \"A b\""),
+        (&["apply", "--group", "x\nroot"], "invalid group name"),
+        (&["apply", "--rt-priority", "99"], "99 is out of range; allowed: 1 to 98"),
         (&["apply", "--rt-priority", "high"], "1 to 98"),
         (&["show", "more"], "unknown option \"more\""),
     ];
@@ -122,5 +122,5 @@ fn wrong_use_is_named() {
     }
     let (status, said) = setup(Path::new("/nonexistent"), &["apply"]);
     assert_eq!(status, 2);
-    assert!(said.contains("there is no directory /nonexistent"), "{said}");
+    assert!(said.contains("directory /nonexistent does not exist"), "{said}");
 }

@@ -104,7 +104,7 @@ fn broken(changes: &[(usize, u8)]) -> Vec<u8> {
 }
 
 #[test]
-fn the_simulated_gateways_layout_is_good() {
+fn simulated_layout_is_correct() {
     let bench = Fixture::new(&good_image());
     let arguments = ["check", "--position", "0", "--pdo-bytes", "3072"];
     let (status, said) = bench.run(&arguments);
@@ -116,13 +116,13 @@ fn the_simulated_gateways_layout_is_good() {
         "ok     SM3 start             0x1D00\n",
         "ok     SM3 size              3072\n",
         "ok     SM3 control byte      0x22\n",
-        "the layout is that of the manual (15.7)\n",
+        "the layout matches the manual (15.7)\n",
     ] {
         assert!(said.contains(line), "{said}");
     }
     assert_eq!(
         bench.run(&["fix"]),
-        (0, said.replace("the layout is that of the manual (15.7)", "nothing to mend"))
+        (0, said.replace("the layout matches the manual (15.7)", "nothing to fix"))
     );
     assert!(!bench.has_written());
     // Another size is wanted: what is good for one is wrong for the other.
@@ -132,7 +132,7 @@ fn the_simulated_gateways_layout_is_good() {
 }
 
 #[test]
-fn each_fault_is_named_mended_and_can_be_put_back() {
+fn each_fault_is_reported_fixed_and_restorable() {
     let good = good_image();
     let mut bad_checksum = good.clone();
     bad_checksum[14] ^= 0x40;
@@ -157,13 +157,13 @@ fn each_fault_is_named_mended_and_can_be_put_back() {
         if is_checksum {
             let (status, said) = bench.run(&fix);
             assert_eq!(status, 1, "{said}");
-            assert!(said.contains("--yes does not answer for that, --force does"), "{said}");
+            assert!(said.contains("use --force to write a new one"), "{said}");
             assert!(!bench.has_written());
             fix.push("--force");
         }
         let (status, said) = bench.run(&fix);
         assert_eq!(status, 0, "{said}");
-        assert!(said.contains("read back and compared"), "{said}");
+        assert!(said.contains("readback matches"), "{said}");
         assert_eq!(bench.get("eeprom"), good, "{words}");
         assert_eq!(bench.get("before.bin"), image);
         assert_eq!(bench.run(&["check"]).0, 0);
@@ -188,7 +188,7 @@ fn each_fault_is_named_mended_and_can_be_put_back() {
 }
 
 #[test]
-fn a_new_checksum_is_not_put_over_damaged_words_unasked() {
+fn damaged_words_need_force() {
     let mut image = good_image();
     (image[0], image[8]) = (image[0] ^ 0xFF, 0x34);
     let bench = Fixture::new(&image);
@@ -202,14 +202,14 @@ fn a_new_checksum_is_not_put_over_damaged_words_unasked() {
 }
 
 #[test]
-fn a_backup_of_another_device_or_a_damaged_one_is_not_restored_unasked() {
+fn suspicious_backup_needs_force() {
     let good = good_image();
     let changed = |at: usize| {
         let mut image = good.clone();
         image[at] ^= 0x55;
         image
     };
-    let other = "its vendor, product or serial number is not the slave's";
+    let other = "its vendor, product or serial number differs from the slave";
     let cases = [
         (changed(16), other),
         (changed(20), other),
@@ -226,7 +226,7 @@ fn a_backup_of_another_device_or_a_damaged_one_is_not_restored_unasked() {
         let (status, said) = bench.run(&["restore", "backup.bin", "--yes"]);
         assert_eq!(status, 1, "{said}");
         assert!(said.contains(words), "{words}: {said}");
-        assert!(said.contains("--force writes anyway"), "{said}");
+        assert!(said.contains("use --force to write anyway"), "{said}");
         assert!(!said.contains("or restore a backup"), "{said}");
         assert!(!bench.has_written());
         let (status, said) = bench.run(&["restore", "backup.bin", "--yes", "--force"]);
@@ -239,18 +239,18 @@ fn a_backup_of_another_device_or_a_damaged_one_is_not_restored_unasked() {
 }
 
 #[test]
-fn what_the_manual_does_not_name_is_noted_and_left_alone() {
+fn unspecified_fields_are_noted_and_kept() {
     let image = broken(&[(22, 0), (31, 3), (28, 0x20)]);
     let bench = Fixture::new(&image);
     let (status, said) = bench.run(&["fix", "--yes"]);
     assert_eq!(status, 0, "{said}");
     assert!(said.contains("note   SM2 is not enabled by the SII\n"), "{said}");
-    assert!(said.contains("note   SM3 is of type 3, 4 is usual\n"), "{said}");
+    assert!(said.contains("note   SM3 has type 3, usually 4\n"), "{said}");
     assert_eq!(bench.get("eeprom"), broken(&[(22, 0), (31, 3)]));
 }
 
 #[test]
-fn images_that_cannot_be_mended_are_left_alone() {
+fn unfixable_images_are_not_changed() {
     let good = good_image();
     let category = sync_managers(&good) - 4;
     let mut no_category = good.clone();
@@ -265,8 +265,8 @@ fn images_that_cannot_be_mended_are_left_alone() {
         (two_entries, "only 2 of 4 sync managers"),
         (good[..100].to_vec(), "has 100 bytes, too few"),
         (good[..category].to_vec(), "no category 41"),
-        (good[..category + 1].to_vec(), "not whole words"),
-        (good[..category + 20].to_vec(), "runs past the end"),
+        (good[..category + 1].to_vec(), "odd number"),
+        (good[..category + 20].to_vec(), "exceeds the end"),
     ];
     for (image, words) in cases {
         let bench = Fixture::new(&image);
@@ -280,11 +280,11 @@ fn images_that_cannot_be_mended_are_left_alone() {
     }
     let (status, said) = Fixture::new(b"").run(&["check"]);
     assert_eq!(status, 3);
-    assert!(said.contains("gave nothing"), "{said}");
+    assert!(said.contains("returned no data"), "{said}");
 }
 
 #[test]
-fn nothing_is_written_unasked_or_to_the_wrong_slave() {
+fn writing_needs_confirmation_and_right_slave() {
     let image = broken(&[(20, 0x64)]);
     let refused = |prepare: fn(&Fixture), arguments: &[&str], status: i32, words: &str| {
         let bench = Fixture::new(&image);
@@ -295,13 +295,13 @@ fn nothing_is_written_unasked_or_to_the_wrong_slave() {
         assert!(!bench.has_written());
         assert_eq!(bench.get("eeprom"), image);
     };
-    refused(|_| (), &["fix"], 2, "nothing was written; --yes");
-    refused(|bench| bench.put("state", b"OP"), &["fix", "--yes"], 1, "is in OP: stop the app");
+    refused(|_| (), &["fix"], 2, "nothing was written; use --yes");
+    refused(|bench| bench.put("state", b"OP"), &["fix", "--yes"], 1, "is in OP; stop the app");
     refused(|bench| bench.put("unit", b"0x0001 1"), &["fix", "--yes"], 1, "as an ECAN-Lite");
     let taken = ["fix", "--yes", "--backup", "state"];
-    refused(|_| (), &taken, 2, "is there already");
+    refused(|_| (), &taken, 2, "exists and is not overwritten");
     let nowhere = ["fix", "--yes", "--backup", "/nonexistent/backup.bin"];
-    refused(|_| (), &nowhere, 2, "cannot be written");
+    refused(|_| (), &nowhere, 2, "cannot write the backup");
     let failing = |bench: &Fixture| {
         bench.put(
             "sii_read.fails",
@@ -311,10 +311,10 @@ fn nothing_is_written_unasked_or_to_the_wrong_slave() {
     let words = "ethercat sii_read: Failed to open master device /dev/EtherCAT0: Permission denied";
     refused(failing, &["fix", "--yes"], 3, words);
     refused(failing, &["check"], 3, words);
-    refused(|_| (), &["restore", "state", "--yes"], 2, "state has 5 bytes: that is no SII");
+    refused(|_| (), &["restore", "state", "--yes"], 2, "state has 5 bytes and is not an SII");
     refused(|_| (), &["restore", "none.bin", "--yes"], 2, "cannot read none.bin");
     let other_size = |bench: &Fixture| bench.put("other.bin", &[0; 500]);
-    refused(other_size, &["restore", "other.bin", "--yes"], 1, "may not be of slave 0");
+    refused(other_size, &["restore", "other.bin", "--yes"], 1, "or not from slave 0");
     // Chosen by hand, the slave need not show itself.
     let bench = Fixture::new(&image);
     bench.put("unit", b"0x0001 1");
@@ -327,7 +327,7 @@ fn nothing_is_written_unasked_or_to_the_wrong_slave() {
 }
 
 #[test]
-fn at_a_terminal_it_asks() {
+fn fix_asks_on_a_terminal() {
     let image = broken(&[(20, 0x64)]);
     for (typed, status, is_mended) in [("n\n", 2, false), ("y\n", 0, true)] {
         let bench = Fixture::new(&image);
@@ -348,7 +348,7 @@ fn at_a_terminal_it_asks() {
 }
 
 #[test]
-fn a_write_that_fails_or_gets_lost_is_no_success() {
+fn failed_or_lost_write_is_reported() {
     let bench = Fixture::new(&broken(&[(20, 0x64)]));
     bench.put("sii_write.fails", b"Failed to write SII: Input/output error\n");
     let (status, said) = bench.run(&["fix", "--yes"]);
@@ -358,20 +358,20 @@ fn a_write_that_fails_or_gets_lost_is_no_success() {
     bench.put("write_is_lost", b"");
     let (status, said) = bench.run(&["fix", "--yes", "--backup", "b.bin", "--attempts", "1"]);
     assert_eq!(status, 1, "{said}");
-    assert!(said.contains("is not what was written"), "{said}");
+    assert!(said.contains("readback does not match"), "{said}");
     assert!(said.contains("the backup is b.bin"), "{said}");
 }
 
 #[test]
-fn wrong_use_is_named() {
+fn invalid_use_is_reported() {
     let bench = Fixture::new(&good_image());
     let cases: [(&[&str], &str); 6] = [
         (&["mend"], "unknown command \"mend\""),
         (&["check", "--positions", "1"], "unknown option \"--positions\""),
-        (&["check", "--position", "-1"], "--position takes a number, not \"-1\""),
-        (&["check", "--pdo-bytes", "100"], "a multiple of 128"),
-        (&["check", "--pdo-bytes", "4096"], "a multiple of 128"),
-        (&["restore", "--yes"], "restore takes the file"),
+        (&["check", "--position", "-1"], "--position needs a number, not \"-1\""),
+        (&["check", "--pdo-bytes", "100"], "multiples of 128"),
+        (&["check", "--pdo-bytes", "4096"], "multiples of 128"),
+        (&["restore", "--yes"], "restore needs the file"),
     ];
     for (arguments, words) in cases {
         let (status, said) = bench.run(arguments);
@@ -381,7 +381,7 @@ fn wrong_use_is_named() {
     let output =
         Command::new(SCRIPT).args(["check", "--ethercat", "/nonexistent"]).output().unwrap();
     assert_eq!(output.status.code(), Some(3));
-    assert!(String::from_utf8(output.stderr).unwrap().contains("there is no tool /nonexistent"));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("tool /nonexistent"));
     let help = Command::new(SCRIPT).arg("--help").output().unwrap();
     assert!(help.status.success());
     assert!(String::from_utf8(help.stdout).unwrap().starts_with("Usage: ecan_sii_sm_layout.sh"));

@@ -21,7 +21,7 @@ const NAMESPACE: &str = "ECAN_TEST_NETWORK_NAMESPACE";
 const UNSHARE: [&str; 2] = ["--map-root-user", "--net"];
 
 #[test]
-fn what_is_missing_is_told_with_the_remedy() {
+fn missing_interface_is_reported_with_remedy() {
     let message = fails(6, &["--ecrt", "sim", "bridge", "--socketcan", "nosuch0"]);
     // Having been asked, a kernel that has CAN has loaded it.
     let protocols = std::fs::read_to_string("/proc/net/protocols").unwrap();
@@ -36,7 +36,7 @@ fn what_is_missing_is_told_with_the_remedy() {
 }
 
 #[test]
-fn names_that_no_interface_has_are_refused() {
+fn invalid_interface_names_are_rejected() {
     for name in ["", "a/b", "sixteen_and_more", "a b"] {
         let message = fails(2, &["--ecrt", "sim", "bridge", "--socketcan", name]);
         assert!(message.contains("expected the name of a network interface"), "{message}");
@@ -58,7 +58,7 @@ fn has_vcan() -> bool {
 }
 
 #[test]
-fn frames_go_between_an_interface_and_the_channel() {
+fn interface_and_channel_exchange_frames() {
     if !has_vcan() {
         return;
     }

@@ -14,7 +14,7 @@ fn panic_of(work: impl FnOnce()) -> String {
 }
 
 #[test]
-fn what_does_not_come_in_time_is_a_failure_with_what_came() {
+fn timeout_fails_with_received_text() {
     let (mut other, ours) = UnixStream::pair().unwrap();
     let mut heard = TimedReader::with_limit(ours, Duration::from_millis(50));
     other.write_all(b"one two").unwrap();
@@ -29,7 +29,7 @@ fn what_does_not_come_in_time_is_a_failure_with_what_came() {
 }
 
 #[test]
-fn pieces_are_taken_one_after_the_other() {
+fn pieces_are_read_in_order() {
     let (mut other, ours) = UnixStream::pair().unwrap();
     let mut heard = TimedReader::new(ours);
     other.write_all(b"first\nsecond\nabcdef").unwrap();

@@ -48,7 +48,7 @@ fn filters_are_added_and_removed_in_order() {
 }
 
 #[test]
-fn a_full_list_takes_no_more() {
+fn full_list_rejects_filters() {
     let (_backend, bus) = simulated();
     let filters = ChannelFilters { bus: &bus, slave: 0, channel: 0 };
     for n in 0..24 {
@@ -60,7 +60,7 @@ fn a_full_list_takes_no_more() {
 }
 
 #[test]
-fn a_running_channel_takes_its_filters_over() {
+fn running_channel_is_applied() {
     let (backend, bus) = simulated();
     let filters = ChannelFilters { bus: &bus, slave: 0, channel: 0 };
     assert!(!filters.is_running().unwrap());

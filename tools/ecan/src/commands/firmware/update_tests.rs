@@ -116,7 +116,7 @@ fn patience_ends_by_the_clock_and_not_by_the_number_of_looks() {
 }
 
 #[test]
-fn a_gateway_that_is_back_in_time_is_updated() {
+fn responding_gateway_is_updated() {
     let (outcome, _) = update(&Slow::new(SECOND, 20 * SECOND), 30 * SECOND);
     assert_eq!(outcome, Outcome::Updated);
 }

@@ -122,12 +122,12 @@ macro_rules! shows {
 const FIRST: Choice = Choice { gateway: 0, channel: 0, is_paused: false, has_help: false };
 
 #[test]
-fn a_healthy_gateway_with_its_cycle() {
+fn healthy_gateway_screen() {
     shows!("healthy", (100, 34), healthy(1), FIRST);
 }
 
 #[test]
-fn a_channel_off_the_bus_and_one_with_full_buffers() {
+fn bus_off_and_full_buffers_screen() {
     let mut snapshot = bus_off();
     snapshot.gateways[0].channels[2].has_warning = true;
     snapshot.gateways[0].channels[2].has_rx_pressure = true;
@@ -137,7 +137,7 @@ fn a_channel_off_the_bus_and_one_with_full_buffers() {
 }
 
 #[test]
-fn a_lost_slave_stays_on_the_screen_as_lost() {
+fn lost_gateway_screen() {
     shows!("lost", (100, 25), lost(), Choice { gateway: 1, ..FIRST });
     assert_eq!(color(&lost(), "LOST", true), Color::Red);
     assert_eq!(color(&lost(), "LOST", false), Color::Reset);
@@ -145,12 +145,12 @@ fn a_lost_slave_stays_on_the_screen_as_lost() {
 }
 
 #[test]
-fn a_narrow_terminal_leaves_out_columns_at_the_right() {
+fn narrow_terminal_omits_columns() {
     shows!("narrow", (56, 24), lost(), FIRST);
 }
 
 #[test]
-fn a_tiny_terminal_has_the_worst_first() {
+fn tiny_terminal_shows_problems_first() {
     assert_eq!(screen(20, 2, &lost(), FIRST), "1 LOST\n0 ready\n");
     assert_eq!(screen(26, 2, &bus_off(), FIRST), "0 bus-off can1\nSIMULATED  q end  ? help\n");
     let real = Snapshot { is_simulated: false, ..bus_off() };
@@ -181,7 +181,7 @@ fn any_size_can_be_drawn() {
 }
 
 #[test]
-fn the_gateway_chosen_of_many_is_in_sight() {
+fn selected_gateway_of_many_is_visible() {
     shows!("many", (80, 24), healthy(20), Choice { gateway: 17, ..FIRST });
 }
 

@@ -106,11 +106,11 @@ fn panics(program: &str) {
 }
 
 #[test]
-fn a_panic_while_drawing_leaves_the_terminal_as_it_was() {
+fn panic_while_drawing_restores_terminal() {
     panics("program_whose_drawing_panics");
 }
 
 #[test]
-fn a_panic_in_the_cycle_leaves_the_terminal_as_it_was() {
+fn panic_in_cycle_restores_terminal() {
     panics("program_whose_cycle_panics");
 }

@@ -91,7 +91,7 @@ impl OnTerminal {
     /// terminal has to be as it was: its modes, the screen, the cursor.
     pub fn end(mut self) -> (Option<i32>, String) {
         let status = self.shown.end_of(&mut self.child).code();
-        // What the program wrote before its end is there already; this is behind it.
+        // What the program wrote before its end exists and is not overwritten; this is behind it.
         let mark = "<the end>";
         self.pty.terminal.write_all(mark.as_bytes()).unwrap();
         self.wait_for(mark);
