@@ -52,8 +52,8 @@ fn entry_inside_a_byte_needs_a_bit_position() {
         assert_eq!(c::slave_config_pdo_mapping_clear(config, 0x1600), 0);
         assert_eq!(c::slave_config_pdo_mapping_add(config, 0x1600, 0x7000, 1, 3), 0);
         assert_eq!(c::slave_config_pdo_mapping_add(config, 0x1600, 0x7010, 1, 8), 0);
-        let refused = c::slave_config_reg_pdo_entry(config, 0x7010, 1, domain, null_mut());
-        assert_eq!(refused, -libc::EFAULT);
+        let rejected = c::slave_config_reg_pdo_entry(config, 0x7010, 1, domain, null_mut());
+        assert_eq!(rejected, -libc::EFAULT);
         assert_eq!(c::slave_config_reg_pdo_entry(config, 0x7010, 1, domain, &mut bit), 0);
     }
     assert_eq!(bit, 3);

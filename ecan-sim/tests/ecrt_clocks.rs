@@ -1,4 +1,4 @@
-//! The reference clock: there with the slaves, gone while the bus is scanned.
+//! The reference clock, which is unknown during a scan.
 
 mod ecrt_support;
 
@@ -6,7 +6,7 @@ use ecan_host::{Errno, Master};
 use ecan_sim::{EcrtVersion, Fault, Scenario, echo};
 use ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
 
-/// What the three calls for the clocks give.
+/// Results of the three calls for the clocks.
 fn calls(master: &mut Master) -> [Result<(), Errno>; 3] {
     [
         master.sync_reference_clock(),
@@ -44,7 +44,7 @@ fn reference_clock_is_missing_during_a_scan() {
     program.master.receive().unwrap();
     assert!(program.master.reference_clock_time().is_ok());
     program.simulation().inject(Fault::PowerCycle { gateway: 1, off_ms: 100 });
-    // Scanning, and what the clocks say.
+    // scanning, and the results of the clock calls
     let seen: Vec<_> = (0..4_000)
         .map(|_| {
             let calls = calls(&mut program.master);

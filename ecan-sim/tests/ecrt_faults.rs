@@ -1,4 +1,4 @@
-//! Faults of line, slave and bus, as an application of the simulated library sees them.
+//! Faults of line, slave and bus in an application of the simulated library.
 
 mod ecrt_support;
 
@@ -78,12 +78,12 @@ fn power_cycled_slave_returns_configured() {
     program.simulation().inject(Fault::PowerCycle { gateway: 0, off_ms: 300 });
     program.cycles(2);
     assert_eq!(program.domain(0).wc_state, WcState::Zero);
-    // What the master says of the slave lags.
+    // the master's slave state lags
     assert!(program.state(0).operational);
     program.cycles(1_100);
     assert!(!program.state(0).operational);
     assert!(program.reaches_op());
-    // A rebooted gateway executes from the first sequence on; the bus side works as configured.
+    // a rebooted gateway executes from the first sequence on; the bus side is configured
     crosses(&mut program, 0, 0x11);
 }
 
@@ -127,7 +127,7 @@ fn without_link_nothing_is_sent() {
         (gateway.al_state().raw(), gateway.al_status_code())
     });
     assert_eq!(status, (SAFEOP, 0x001B), "the watchdog of the outputs expired");
-    // The master learns of it with its next look at the slaves.
+    // the master detects it with its next poll
     program.cycles(1_100);
     assert!(program.reaches_op());
     crosses(&mut program, 0, 0x30);
@@ -181,8 +181,8 @@ fn rejected_assignment_is_only_a_warning() {
     program.cycles(2_000);
     let log = program.simulation().kernel_log();
     let warning = log.iter().position(|line| line.contains("warning: PDO configuration"));
-    let refusal = log.iter().position(|line| line.contains("refused to change to SAFEOP"));
-    assert!(warning.is_some() && warning < refusal, "{log:#?}");
+    let rejection = log.iter().position(|line| line.contains("rejected the change to SAFEOP"));
+    assert!(warning.is_some() && warning < rejection, "{log:#?}");
 }
 
 #[test]
@@ -293,7 +293,7 @@ fn scheduled_faults_occur_in_their_cycle() {
             program.domain(0).wc_state == WcState::Zero
         })
         .collect();
-    // The fourth send from here; its missing reply shows one cycle later.
+    // the fourth send from here; its missing response shows one cycle later
     assert_eq!(zero, [false, false, false, false, true, false, false, false]);
 }
 

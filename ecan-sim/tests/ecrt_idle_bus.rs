@@ -1,4 +1,4 @@
-//! What an application can do before activation, and with handles it should not use.
+//! Calls before activation, and calls with invalid handles.
 
 mod ecrt_support;
 

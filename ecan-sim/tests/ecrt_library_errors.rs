@@ -1,4 +1,4 @@
-//! Calls of the library that fail as when a signal interrupts them.
+//! Library calls that fail as if interrupted by a signal.
 
 mod ecrt_support;
 
@@ -57,7 +57,7 @@ fn receive_after_an_interrupted_one_gets_its_frames() {
     assert_eq!(program.master.receive(), Err(Errno::EINTR));
     program.master.domain_process(domain).unwrap();
     assert_eq!(program.domain(0).wc_state, WcState::Zero);
-    // Later than a datagram may be on its way: it has arrived long ago.
+    // after the timeout of a datagram: it has arrived long ago
     program.simulation().pass_ns(5 * CYCLE_NS);
     program.master.receive().unwrap();
     program.master.domain_process(domain).unwrap();

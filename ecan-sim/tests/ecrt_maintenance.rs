@@ -1,5 +1,5 @@
-//! Maintenance by SDO through the simulated master: a saved channel comes back by itself after a
-//! power cycle, a flash fault of a scenario is told, and an update brings another version.
+//! Maintenance by SDO through the simulated master: a saved channel is restored after a power
+//! cycle, a flash fault is reported, and an update changes the version.
 
 mod ecrt_support;
 
@@ -24,7 +24,7 @@ fn upload(master: &Master, index: u16, subindex: u8) -> u32 {
     u32::from_le_bytes(data)
 }
 
-/// Executes a maintenance command and polls for its end, as the manual says; its status.
+/// Executes a maintenance command and polls for its end, as in the manual; returns its status.
 fn maintain(master: &Master, command: u8) -> u32 {
     let sequence = upload(master, 0xB000, 12);
     master.sdo_download(0, 0xB000, 4, &[command]).unwrap();

@@ -39,7 +39,7 @@ fn cycles_with_traffic_allocate_nothing() {
             program.state(1);
         }
     };
-    // Buffers grow to their size.
+    // buffers grow to their final size
     run(&mut program, 1_000);
     let before = allocations();
     run(&mut program, 2_000);

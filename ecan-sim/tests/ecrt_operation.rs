@@ -1,4 +1,4 @@
-//! From an idle bus to frames that cross it, through the simulated library.
+//! From an idle bus to CAN frames through the simulated library.
 
 mod ecrt_support;
 
@@ -54,7 +54,7 @@ fn working_counters_are_those_of_the_release() {
         (11, EcrtVersion::V1_5, 3),
     ] {
         let mut program = Program::new(stepped(scenario(version)), &[n]).into_op();
-        // The cycle in which OP was seen may be one with an input buffer not filled yet.
+        // the input buffer can be empty in the cycle in which OP was reached
         program.cycles(5);
         assert_eq!(program.domain(0).working_counter, expected, "N = {n}, {version:?}");
         assert_eq!(program.domain(0).wc_state, WcState::Complete);
@@ -69,7 +69,7 @@ fn twelve_chunks_block_the_whole_bus() {
     assert_eq!(program.domain(0).wc_state, WcState::Zero);
     assert_eq!(program.domain(1).wc_state, WcState::Zero);
     assert!(!program.state(0).operational && !program.state(1).operational);
-    // Mailbox traffic is stuck in the same queue.
+    // mailbox traffic is blocked in the same queue
     let mut data = [0; 4];
     let error = program.master.sdo_upload(1, 0x1000, 0, &mut data).unwrap_err();
     assert_eq!((error.errno, error.abort_code), (Errno::ETIMEDOUT, None));
@@ -98,7 +98,7 @@ fn twelve_or_more_chunks_work_with_large_pdos() {
 
 #[test]
 fn two_slaves_in_one_domain_share_a_datagram() {
-    // One domain each here; the sums per slave stay those of a single slave.
+    // one domain each; the sums per slave are those of a single slave
     let program = Program::new(stepped_echo(2), &[3, 6]).into_op();
     assert_eq!(program.domain(0).working_counter, 3);
     assert_eq!(program.domain(1).working_counter, 2);

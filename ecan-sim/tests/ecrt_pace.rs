@@ -1,5 +1,5 @@
-//! How long the master takes: SDO transfers that travel with the application's sends, slaves that
-//! are configured one after the other, activation.
+//! Durations of the master: SDO transfers that travel with the application's sends, slaves
+//! configured one after the other, activation.
 
 mod ecrt_support;
 
@@ -20,7 +20,7 @@ fn with_request() -> (Program, SdoRequestId) {
     (program.into_op(), request)
 }
 
-/// Exchanges process data and lets so much time pass.
+/// Exchanges process data and advances time by `ns`.
 fn exchange(program: &mut Program, then_ns: u64) {
     program.master.receive().unwrap();
     program.master.domain_queue(program.slaves[0].domain).unwrap();
@@ -28,7 +28,7 @@ fn exchange(program: &mut Program, then_ns: u64) {
     program.simulation().pass_ns(then_ns);
 }
 
-/// Sends at this distance until the request is over: how many that were.
+/// Sends with this period until the request is complete; returns the number of sends.
 fn sends_of(program: &mut Program, request: SdoRequestId, distance_ns: u64) -> usize {
     program.master.sdo_request_read(request).unwrap();
     for sends in 0..100 {
@@ -43,7 +43,7 @@ fn sends_of(program: &mut Program, request: SdoRequestId, distance_ns: u64) -> u
 #[test]
 fn request_takes_three_sends_and_the_time_of_the_device() {
     let (mut program, request) = with_request();
-    // One send passes before the master has seen the request.
+    // the master sees the request after one send
     for (distance_ns, sends) in [(4 * MS, 4), (2 * MS, 4), (MS, 4), (MS / 2, 6), (MS / 4, 10)] {
         assert_eq!(sends_of(&mut program, request, distance_ns), sends, "{distance_ns} ns");
     }
@@ -106,7 +106,7 @@ fn blocking_transfer_without_sends_is_cancelled_and_logged() {
     assert!(log.iter().any(|line| line.starts_with("simulator: ")), "{log:#?}");
 }
 
-/// Cycles until all of so many slaves are in OP, with further startup SDOs each.
+/// Cycles until all slaves are in OP, with further startup SDOs each.
 fn cycles_to_op(slaves: usize, downloads: usize) -> usize {
     let write = SdoWrite { index: 0x8000, subindex: 10, value: 1, ty: ObjectType::U32 };
     let multipliers = vec![1; slaves];
@@ -138,7 +138,7 @@ fn slaves_are_configured_one_after_the_other() {
             [0, 1, 2].map(|slave| world.gateway(slave).unwrap().al_state().raw())
         })
     };
-    // A slave that waits for its turn still is in PREOP; one that had it is in OP.
+    // a slave that waits is still in PREOP; a configured one is in OP
     let mut seen = Vec::new();
     while states(&program) != [8, 8, 8] {
         seen.push(states(&program));

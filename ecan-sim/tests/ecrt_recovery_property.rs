@@ -1,4 +1,4 @@
-//! Whatever passes by on line, supply and bus, the slave is back in OP afterwards, and works.
+//! After any faults of line, supply and bus, the slave returns to OP and works.
 
 mod ecrt_support;
 
@@ -37,8 +37,8 @@ fn faults() -> impl Strategy<Value = Fault> {
     ]
 }
 
-/// An AL error that answers the master's own request keeps the slave where it is, as a real master
-/// gives up then; so AL errors strike in OP only.
+/// An AL error in response to a request of the master keeps the slave in its state, because a real
+/// master stops then; so AL errors are injected in OP only.
 fn strikes(program: &Program, fault: &Fault) -> bool {
     let Fault::Gateway { gateway, fault: GatewayFault::AlError { .. } } = fault else {
         return true;
@@ -66,7 +66,7 @@ proptest! {
             }
             program.cycles(cycles);
         }
-        // The longest fault, a look at the bus, a scan.
+        // the longest fault, a poll, a scan
         program.cycles(4_000);
         prop_assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
         program.cycles(20);

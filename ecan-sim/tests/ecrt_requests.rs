@@ -1,4 +1,4 @@
-//! What becomes of requests beside the cycle when nobody serves them.
+//! Requests in parallel with the cycle while no slave can serve them.
 
 mod ecrt_support;
 
@@ -23,7 +23,8 @@ fn register_state(program: &mut Program, request: RegRequestId) -> RequestState 
     program.master.reg_request_state(request).unwrap()
 }
 
-/// Cycles over a lost link until the bus is scanned anew, with `keep_busy` in each; their number.
+/// Cycles with a lost link until the bus is rescanned, with `keep_busy` in each; returns their
+/// number.
 fn into_scan(program: &mut Program, mut keep_busy: impl FnMut(&mut Program)) -> usize {
     program.simulation().inject(Fault::LinkLoss { gateway: 0, for_ms: 1_100 });
     let mut cycles = 0;
@@ -37,7 +38,7 @@ fn into_scan(program: &mut Program, mut keep_busy: impl FnMut(&mut Program)) -> 
 
 #[test]
 fn request_in_progress_fails_at_a_rescan() {
-    // The scan meets the transfer at each of its steps.
+    // the scan interrupts the transfer at each of its steps
     for delay in 0..4 {
         let (mut program, request, _) = with_requests();
         program.cycles(delay);
@@ -57,7 +58,7 @@ fn request_in_progress_fails_at_a_rescan() {
 
 #[test]
 fn register_request_in_progress_fails_at_a_rescan() {
-    // A register is read within a cycle: what the scan meets depends on the cycle's phase.
+    // a register is read within a cycle, so the result depends on the phase of the cycle
     for quarter in 0..4 {
         let (mut program, _, request) = with_requests();
         program.cycles(5);
@@ -86,7 +87,7 @@ fn queued_request_of_a_lost_slave_ends_on_its_return() {
     assert_eq!(sdo_state(&mut program, request), RequestState::Busy);
     assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
     program.cycles(5);
-    // The slave came back with an AL error, in which no request is served.
+    // the slave returned with an AL error, in which no request is served
     assert_eq!(sdo_state(&mut program, request), RequestState::Error);
     program.master.sdo_request_read(request).unwrap();
     program.cycles(5);
@@ -97,7 +98,7 @@ fn queued_request_of_a_lost_slave_ends_on_its_return() {
 fn queued_request_is_served_after_the_scan() {
     let (mut program, _, _) = with_requests();
     let cycles = into_scan(&mut program, |_| {});
-    // Open only for a moment, when the master looks at the bus.
+    // free only for a moment, when the master polls the bus
     let (mut program, request, _) = with_requests();
     program.cycles(cycles - 2);
     program.simulation().inject(Fault::LinkLoss { gateway: 0, for_ms: 4 });

@@ -1,4 +1,4 @@
-//! Scenario files and settings: what is accepted, and how what is wrong is named.
+//! Scenario files and settings: accepted values, and messages for invalid ones.
 
 use std::path::Path;
 
@@ -154,7 +154,7 @@ for_ms = 9000
     );
 }
 
-/// Text, line and part of the reason.
+/// Text, line and part of the message.
 #[test]
 fn scenario_fault_is_reported_with_its_line() {
     let gateway = "[[gateway]]\n";

@@ -1,4 +1,4 @@
-//! Sleeps of the application that end late, in stepped time.
+//! Late wake-ups of the application in stepped time.
 
 mod ecrt_support;
 
@@ -12,7 +12,7 @@ fn machine(seed: u64, wake_up: Option<WakeUpDelay>) -> ecan_sim::Backend {
     stepped(Scenario { wake_up, seed, ..echo(1) })
 }
 
-/// Delays of so many sleeps of a millisecond, with a spin before their ends.
+/// Delays of sleeps of a millisecond, with a spin before their ends.
 fn delays(backend: &ecan_sim::Backend, count: usize, spin_ns: u64) -> Vec<u64> {
     let clock = backend.ecrt.clock();
     let late = |_| {
@@ -32,7 +32,7 @@ fn sleeps_end_late_by_scenario_and_seed() {
     assert!((5..40).contains(&beyond(DELAY.p99_ns)), "{}", beyond(DELAY.p99_ns));
     assert_eq!(late, delays(&machine(1, Some(DELAY)), 2_000, 0), "the same seed");
     assert_ne!(late, delays(&machine(2, Some(DELAY)), 2_000, 0), "another seed");
-    assert_eq!(delays(&machine(1, None), 100, 0), [0; 100], "unless it says nothing");
+    assert_eq!(delays(&machine(1, None), 100, 0), [0; 100], "without a delay");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! A master that no one here wrote drives the gateways over frames in memory.
+//! An independent master drives the gateways over frames in memory.
 #![allow(missing_docs)]
 
 mod ethercrab_support;
@@ -39,13 +39,13 @@ fn example_image_of_the_manual_goes_out_and_its_echo_returns() {
                         }
                     }
                     let response = group.tx_rx(master).await?;
-                    // Images on two frames count in both.
+                    // images on two frames count in both
                     let complete = *counter.get_or_insert(response.working_counter);
                     assert!(complete >= 3 * gateways as u16, "{complete}");
                     assert_eq!(response.working_counter, complete, "cycle {cycle}");
                     for (gateway, echoes) in group.iter(master).zip(&mut echoes) {
                         let inputs = gateway.inputs_raw();
-                        // A received frame has its source in the identifier's upper bits.
+                        // a received frame has its source in the upper bits of the ID
                         let has_frame = inputs[24..26] == EXAMPLE[24..26];
                         if inputs[13] == 1 && has_frame && inputs[28..36] == EXAMPLE[28..36] {
                             assert_eq!(inputs[26..28], EXAMPLE[26..28]);
@@ -104,8 +104,8 @@ fn objects_of_all_sizes_are_read_and_written() {
             assert!(gateway.sdo_read::<u32>(0x8000, 4).await? > 0);
             let aborted = gateway.sdo_read::<u32>(0x5555, 0).await.unwrap_err();
             assert!(aborted.to_string().contains("0x5555"), "{aborted}");
-            let refused = gateway.sdo_write(0xF000, 2, 1_u8).await.unwrap_err();
-            assert!(matches!(refused, ethercrab::error::Error::Mailbox(_)), "{refused}");
+            let rejected = gateway.sdo_write(0xF000, 2, 1_u8).await.unwrap_err();
+            assert!(matches!(rejected, ethercrab::error::Error::Mailbox(_)), "{rejected}");
             let unit: [u8; 16] = gateway.sdo_read(0x6000, 1).await?;
             assert_eq!(unit.len(), 16);
             let counts = gateway.sdo_info_object_quantities().await?.unwrap();
@@ -115,7 +115,7 @@ fn objects_of_all_sizes_are_read_and_written() {
     });
 }
 
-/// Drifting clocks are set, measured and kept together; Sync0 comes at the same time everywhere.
+/// Drifting clocks are set, measured and synchronized; Sync0 is simultaneous.
 #[test]
 fn distributed_clocks_reach_op_with_sync0_in_phase() {
     on_a_deep_stack(|| {

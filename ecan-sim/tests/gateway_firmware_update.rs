@@ -64,8 +64,8 @@ fn size_crc_and_status_of_the_last_file_are_shown() {
     let check = b"123456789";
     fixture.gateway.begin_firmware_update(fixture.now).unwrap();
     assert_eq!(fixture.upload(0xB000, 11), 1, "receiving");
-    let refused = FirmwareUpdateError::Package(FirmwarePackageError::NoHeader { bytes: 9 });
-    assert_eq!(update(&mut fixture, check), Err(refused));
+    let rejected = FirmwareUpdateError::Package(FirmwarePackageError::NoHeader { bytes: 9 });
+    assert_eq!(update(&mut fixture, check), Err(rejected));
     // the check value of CRC-32
     let shown = [9, 10, 11].map(|subindex| fixture.upload(0xB000, subindex));
     assert_eq!(shown, [9, 0xCBF4_3926, 0x8010]);

@@ -344,7 +344,7 @@ fn channel_flash_commands_fail_in_op() {
 
 #[test]
 fn crc_covers_what_is_saved_and_nothing_else() {
-    let mut judged = 0;
+    let mut checked = 0;
     for object in objects() {
         for instance in 0..object.count {
             let index = object.first + instance * object.stride;
@@ -372,12 +372,12 @@ fn crc_covers_what_is_saved_and_nothing_else() {
                 if fixture.download(index, entry.subindex, &bytes[..size]).is_err() {
                     continue;
                 }
-                judged += 1;
+                checked += 1;
                 let changed = fixture.upload(0xB000, 7) != before;
                 let name = format!("{index:04X}:{} = {value}", entry.subindex);
                 assert_eq!(changed, saved_object && !window && !command, "{name}");
             }
         }
     }
-    assert!(judged > 300, "{judged}");
+    assert!(checked > 300, "{checked}");
 }

@@ -107,7 +107,7 @@ fn deterministic_budget_gives_fixed_equal_shares() {
         fixture.deliver(0, standard(id, &[0; 8]));
     }
     fixture.cycle();
-    assert_eq!(per_channel(&fixture), [2, 0, 0, 0], "though nobody else has anything");
+    assert_eq!(per_channel(&fixture), [2, 0, 0, 0], "although no other channel has a frame");
     let tx = PdoProfile { channel_mask: 0x01, ..budget(1, BudgetPolicy::Deterministic) };
     let mut fixture = with(tx);
     for id in 0..8 {

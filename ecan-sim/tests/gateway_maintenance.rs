@@ -13,7 +13,7 @@ fn commands_are_denied_in_run_mode() {
         assert_eq!((fixture.upload(0xB000, 5), fixture.upload(0xB000, 12)), (2, count));
     }
     fixture.write_u8(0xB000, 4, 0x60);
-    assert_eq!(fixture.upload(0xB000, 5), 2, "clear diagnostics stands alone");
+    assert_eq!(fixture.upload(0xB000, 5), 2, "clear diagnostics cannot be combined");
     fixture.write_u8(0xB000, 4, 0x20);
     assert_eq!((fixture.upload(0xB000, 5), fixture.upload(0xB000, 12)), (0, 8));
 }

@@ -38,8 +38,8 @@ fn test_policies_need_the_key() {
     for (subindex, data) in
         [(2, &[4, 0, 0, 0][..]), (3, &[4, 0, 0, 0]), (4, &[1]), (5, &[1]), (6, &[1])]
     {
-        let refused = fixture.download(0x8030, subindex, data);
-        assert_eq!(refused, Err(AbortCode::PARAMETER_INCOMPATIBLE));
+        let rejected = fixture.download(0x8030, subindex, data);
+        assert_eq!(rejected, Err(AbortCode::PARAMETER_INCOMPATIBLE));
         assert!(fixture.try_upload(0x8030, subindex).unwrap().iter().all(|&byte| byte == 0));
         assert_ne!(fixture.upload(0x8030, 9), 0, "reject reason");
         let zeros = vec![0; data.len()];

@@ -83,7 +83,7 @@ fn bus_off() {
 #[test]
 fn full_ring_by_overflow_policy() {
     // the ring holds 64 before the service sends any
-    for (tx_overflow, refused, lost) in [
+    for (tx_overflow, rejected, lost) in [
         (TxOverflow::DropNewest, 70 - 64, ResultCode::TxFifoFull),
         (TxOverflow::DropOldest, 70 - 64, ResultCode::TxFifoFull),
     ] {
@@ -95,7 +95,7 @@ fn full_ring_by_overflow_policy() {
         }
         fixture.cycle();
         let full: Vec<_> = fixture.results().iter().filter(|r| r.code == lost).copied().collect();
-        assert_eq!(full.len(), refused);
+        assert_eq!(full.len(), rejected);
         let first_lost = if tx_overflow == TxOverflow::DropOldest { 0 } else { 64 };
         assert_eq!(full[0].frame_index, first_lost);
         assert_eq!(fixture.results().len(), 70);

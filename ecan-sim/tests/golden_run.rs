@@ -1,6 +1,6 @@
-//! A rich run is the same, to the nanosecond and to the last bit, as it was when these digests were
-//! taken. They are of the simulator as it was before it was made faster: whoever changes it for
-//! speed must not change them; whoever changes what it simulates takes them anew.
+//! A run with many features is equal, to the nanosecond and the last bit, to the one whose digests
+//! are stored here. A change for speed must not change them; a change of the simulated behaviour
+//! needs new ones.
 
 mod ecrt_support;
 
@@ -141,7 +141,7 @@ fn bus_with_faults_keeps_its_digest() {
             8..=11 => bus.withdraw(stations[place]),
             _ => {
                 let frame = any_frame(&mut random);
-                // without other stations most of its frames would be destroyed by the classic one
+                // without other stations the classic one would destroy most of its frames
                 let frame = match frame.kind() {
                     FrameKind::Fd { .. } if round % 7 != 0 => {
                         let data = frame.data();
@@ -186,8 +186,8 @@ fn bus_with_faults_keeps_its_digest() {
 const CHANNELS: usize = 4;
 const CYCLES: u64 = 1_800;
 
-/// Drives of all kinds behind the first gateway; an echo, a bad one and more drives behind the
-/// second, whose services are late by chance.
+/// Drives of all kinds at the first gateway; echo, faulty and more drive nodes at the second, whose
+/// services have jitter.
 fn scenario() -> Scenario {
     let mut scenario = drives(2, 3);
     scenario.seed = 0x601D;
@@ -258,7 +258,7 @@ fn download(node: u8, index: u16, subindex: u8, size: u8, value: u32) -> CanFram
     data(0x600 + u16::from(node), &bytes)
 }
 
-/// What the drive number `number` of all is made to do.
+/// Commands of the drive with this number.
 const MODES: [u8; 6] = [8, 3, 1, 6, 9, 10];
 
 fn set_up(number: usize, node: u8) -> Vec<CanFrame> {
@@ -283,7 +283,7 @@ fn set_up(number: usize, node: u8) -> Vec<CanFrame> {
         download(node, 0x1017, 0, 2, 20 + node16),
         download(node, 0x6098, 0, 1, [35, 1, 17][number % 3]),
         download(node, 0x6060, 0, 1, mode.into()),
-        // a read of what does not exist, and a text in segments
+        // a read of a missing object, and a text in segments
         data(0x600 + u16::from(node), &[0x40, 0x99, 0x99, 0, 0, 0, 0, 0]),
         data(0x600 + u16::from(node), &[0x40, 0x08, 0x10, 0, 0, 0, 0, 0]),
         data(0x600 + u16::from(node), &[0x60, 0, 0, 0, 0, 0, 0, 0]),
@@ -297,7 +297,7 @@ fn command(number: usize, cycle: u64) -> [u8; 6] {
         0..=110 => 0x06,
         111..=120 => 0x07,
         121..=150 => 0x0F,
-        // now and then a fault reset, a halt, a disable, a quick stop
+        // sometimes a fault reset, a halt, a disable, a quick stop
         1_000..=1_004 | 1_300..=1_304 => 0x80,
         1_005..=1_020 | 1_305..=1_320 | 1_421..=1_440 => 0x06,
         1_021..=1_030 | 1_321..=1_330 | 1_441..=1_450 => 0x07,
@@ -323,7 +323,7 @@ fn command(number: usize, cycle: u64) -> [u8; 6] {
     bytes
 }
 
-/// What the program sends in a cycle.
+/// Frames of the program in a cycle.
 fn frames(cycle: u64, random: &mut Random) -> Vec<(usize, u8, CanFrame)> {
     let mut frames = Vec::new();
     for place in 0..6 {
@@ -333,7 +333,7 @@ fn frames(cycle: u64, random: &mut Random) -> Vec<(usize, u8, CanFrame)> {
         }
         for drive in 0..3u8 {
             let (number, node) = (3 * place + usize::from(drive), drive + 1);
-            // a few cycles behind each other, so that the answers find room
+            // some cycles apart, so that the responses have space
             if cycle >= 35 && (cycle - 35) % 4 == u64::from(drive) {
                 let step = (cycle - 35) as usize / 4;
                 frames.extend(set_up(number, node).get(step).map(|frame| (slave, channel, *frame)));
@@ -415,7 +415,7 @@ fn run(gateway: usize, channel: usize) -> Run {
     };
     let mut program = Program::with_startup(stepped(scenario()), &[5, 5], budgets).into_op();
     program.simulation().with_world(|world| assert!(world.record_bus_of(gateway, channel)));
-    // From here on the run is at a fixed distance from the scripted faults.
+    // from here on the run has a fixed distance from the scripted faults
     let start = program.simulation().with_world(|world| world.start_ns());
     while program.next < start + 4_700 * MS {
         program.cycle();
@@ -472,7 +472,7 @@ fn two_gateways_with_drives_keep_their_digest() {
     assert_eq!(digests, FRAME_DIGESTS, "{digests:#018X?} of {counts:?} frames");
 }
 
-/// The id of the drives is part of what is pinned.
+/// The node IDs are part of the digests.
 #[test]
 fn scenario_drives_are_found_at_their_nodes() {
     let simulation = stepped(scenario()).simulation.unwrap();

@@ -1,4 +1,4 @@
-//! The distributed clock and Sync0 by their registers.
+//! Registers of the distributed clock and Sync0.
 #![allow(missing_docs)]
 
 mod wire_support;
@@ -32,7 +32,7 @@ fn offset_sets_system_time_and_a_written_time_pulls_it() {
     line.write(FPWR, 0x1001, 0x0920, &5_000_000_000_u64.to_le_bytes());
     let after = u64_at(&mut line, 0x0910);
     assert!((5_000_000_000..5_001_000_000).contains(&(after - before)), "{before} {after}");
-    // The latch is in local time.
+    // the latch is in local time
     assert_eq!(line.write(BWR, 0, 0x0900, &[0; 4]), 1);
     let latched = u64_at(&mut line, 0x0918);
     assert!(latched - before < MS, "{latched} {before}");
@@ -51,7 +51,7 @@ fn past_start_time_gives_no_pulse() {
     line.request(0x1001, 8);
     line.pass(2_100 * MS);
     assert_eq!(line.state(0x1001), (0x14, 0x2D), "no Sync0");
-    // Jumped over by a later offset.
+    // skipped by a later offset
     let start = u64_at(&mut line, 0x0910) + 100 * MS;
     arm(&mut line, start, 1_000_000);
     line.write(FPWR, 0x1001, 0x0920, &1_000_000_000_000_u64.to_le_bytes());
@@ -71,7 +71,7 @@ fn start_register_reads_the_next_pulse() {
     assert!(line.upload(0x1001, (0x9011, 2)) > 10, "the same times: the pulses go on");
 }
 
-/// Beyond what a clock can be told.
+/// Beyond the range of a clock.
 #[test]
 fn impossible_times_cause_no_panic() {
     let mut line = Line::preop(1);

@@ -1,4 +1,4 @@
-//! The mailboxes of the slave controllers: lost answers, what a stop makes void, BOOT.
+//! The mailboxes of the slave controllers: lost responses, contents voided by a stop, BOOT.
 #![allow(missing_docs)]
 
 mod wire_support;
@@ -55,7 +55,7 @@ fn repeat_with_nothing_read_gives_nothing() {
     let mut line = Line::preop(1);
     assert_eq!(line.write(FPWR, 0x1001, 0x080E, &[3]), 1);
     assert!(!is_full(&mut line));
-    // Switched off and on with the bit as it is, nothing old appears.
+    // disabled and enabled with the same repeat bit, nothing old appears
     write(&mut line, 3, &UPLOAD);
     read(&mut line).unwrap();
     line.write(FPWR, 0x1001, 0x080E, &[0]);
@@ -78,7 +78,7 @@ fn init_discards_mailbox_contents() {
     line.request(0x1001, 2);
     line.pass(10 * MS);
     assert!(!is_full(&mut line), "the request");
-    // Both in one frame.
+    // both in one frame
     write(&mut line, 3, &UPLOAD);
     let request = |state| wire_support::Datagram::new(FPWR, 0x1001, 0x0120, &[state, 0]);
     line.exchange(&[request(1), request(2)]).unwrap();

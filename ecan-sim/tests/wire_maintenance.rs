@@ -1,4 +1,4 @@
-//! Firmware update by FoE, EEPROM rebuild and reboot, as a master on the wire does them.
+//! Firmware update by FoE, EEPROM rebuild and reboot by a master on the wire.
 #![allow(missing_docs)]
 
 mod wire_support;
@@ -21,7 +21,7 @@ fn foe(line: &mut Line, opcode: u8, number: u32, data: &[u8]) -> Vec<u8> {
     line.mailbox(0x1001, 4, 0, &message)
 }
 
-/// Writes a file; the text of the error if it is refused.
+/// Writes a file; returns the text of the error if it is rejected.
 fn write_file(line: &mut Line, name: &str, password: u32, file: &[u8]) -> Result<(), String> {
     let text = |answer: &[u8]| String::from_utf8_lossy(&answer[6..]).into_owned();
     let answer = foe(line, WRITE_REQUEST, password, name.as_bytes());
@@ -81,14 +81,14 @@ fn update_reboots_into_the_new_version() {
 fn wrong_update_is_rejected_with_a_text() {
     let mut line = Line::preop(1);
     let good = package(0x0300_0000);
-    let refused = |line: &mut Line, name, password, file: &[u8]| {
+    let rejected = |line: &mut Line, name, password, file: &[u8]| {
         write_file(line, name, password, file).unwrap_err()
     };
-    assert!(refused(&mut line, "ecan_lite_app", 7, &good).contains("Password invalid"));
-    assert!(!refused(&mut line, "other_file", 0, &good).is_empty());
+    assert!(rejected(&mut line, "ecan_lite_app", 7, &good).contains("Password invalid"));
+    assert!(!rejected(&mut line, "other_file", 0, &good).is_empty());
     let mut damaged = good.clone();
     damaged[5_000] ^= 1;
-    assert!(refused(&mut line, "ecan_lite_app", 0, &damaged).contains("OTA verify failed"));
+    assert!(rejected(&mut line, "ecan_lite_app", 0, &damaged).contains("OTA verify failed"));
     line.pass(2_000 * MS);
     assert_eq!(line.upload(0x1001, (0xF000, 5)), 0x0202);
 }

@@ -31,7 +31,7 @@ fn exchange_counts_read_and_write() {
     assert_eq!(back.counter, 3);
     assert_eq!(back.data[..BYTES], outputs, "what is written stays in the frame");
     assert_eq!(back.data[BYTES], 0x16);
-    // The firmware has had no time.
+    // the firmware has not run yet
     assert_eq!(line.logical(LRW, 0, &both).counter, 0, "SM2 is full, SM3 empty");
     line.pass(MS);
     assert_eq!(line.logical(LWR, 0, &outputs).counter, 1);
@@ -40,7 +40,7 @@ fn exchange_counts_read_and_write() {
     assert_eq!((back.counter, back.data[0], back.data[BYTES]), (1, 0xEE, 0x16));
     let back = line.logical(LRD, 0, &vec![0xEE; 2 * BYTES]);
     assert_eq!((back.counter, back.data[BYTES]), (0, 0xEE), "an empty buffer leaves the data");
-    assert_eq!(line.logical(LRW, 0x10_0000, &both).counter, 0, "nobody maps it");
+    assert_eq!(line.logical(LRW, 0x10_0000, &both).counter, 0, "no slave maps it");
 }
 
 #[test]
@@ -66,7 +66,7 @@ fn image_written_in_parts_is_accepted() {
     assert_eq!(line.logical(LRD, start, &[0; 100]).counter, 0, "read to its end");
 }
 
-/// The status of the mailbox, as a bit of the process data.
+/// Mailbox status as a bit of the process data.
 #[test]
 fn bit_of_a_register_is_mapped() {
     let mut line = Line::preop(1);
@@ -157,7 +157,7 @@ fn op_with_sync0_waits_for_its_pulse() {
     assert_eq!(line.state(0x1001), (0x14, 0x2C), "Sync0 switched off in OP");
 }
 
-/// A master that sends its startup list first and the assignment behind it, again.
+/// The master writes its assignment again after its startup list.
 #[test]
 fn assignment_can_be_repeated_after_the_startup_list() {
     let mut line = Line::preop(1);
@@ -234,7 +234,7 @@ fn watchdog_status_stays_until_outputs_come() {
     assert_eq!(line.read(FPRD, 0x1001, 0x0440, 1).0, [1]);
 }
 
-/// A cycle of several frames has one fate.
+/// All frames of a cycle have the same faults.
 #[test]
 fn faults_count_cycles_and_not_frames() {
     use ecan_sim::LossDirection;

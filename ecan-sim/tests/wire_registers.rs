@@ -17,7 +17,7 @@ fn positions_and_stations_find_their_slave() {
     for (station, expected) in [(0x1001, 1), (0x1002, 1), (0x1003, 1), (0x1004, 0)] {
         assert_eq!(line.read(FPRD, station, 0x0010, 2).1, expected);
     }
-    // The second from the front.
+    // the second from the start
     let (data, counter) = line.read(APRD, 0xFFFF, 0x0010, 2);
     assert_eq!((data, counter), (vec![0x02, 0x10], 1));
     let back = line.one(Datagram::new(APRD, 0xFFFF, 0x0010, &[0, 0]));
@@ -88,7 +88,7 @@ fn information_and_port_registers_are_readable() {
     let (information, _) = line.read(FPRD, 0x1001, 0x0000, 10);
     assert_eq!(information[4..8], [8, 8, 8, 0x0F], "FMMUs, sync managers, KiB, ports");
     assert_eq!(information[8] & 0x0C, 0x0C, "distributed clocks, 64 bits");
-    // Port 1 of the first leads to the second, that of the second is closed.
+    // port 1 of the first connects the second, that of the second is closed
     assert_eq!(line.read_u16(0x1001, 0x0110), 0x5A33);
     assert_eq!(line.read_u16(0x1002, 0x0110), 0x5613);
 }
@@ -100,7 +100,7 @@ fn rejected_register_write_is_not_counted() {
     for read_only in [0x0000, 0x0110, 0x0130, 0x0134, 0x0918, 0x092C] {
         assert_eq!(line.write(FPWR, 0x1001, read_only, &[0xFF]), 0, "{read_only:#06x}");
     }
-    assert_eq!(line.read(FPRD, 0x1001, 0x3000, 4).1, 0, "behind the memory");
+    assert_eq!(line.read(FPRD, 0x1001, 0x3000, 4).1, 0, "after the memory");
     assert_eq!(line.write(FPWR, 0x1001, 0xFFFF, &[1, 2, 3]), 0);
     assert_eq!(line.write(FPWR, 0x1001, 0x2FFF, &[1, 2]), 1, "its last byte");
 }
@@ -149,7 +149,7 @@ fn eeprom_is_read_written_and_checked() {
     let [vendor, _] = line.eeprom(0x1001, 0x0008);
     assert_eq!(vendor, 0x4543);
     assert_eq!(line.eeprom(0x1002, 0x0018), [0x1000, 0x0080]);
-    // The station alias: write, reload, use.
+    // station alias: write, reload, use
     assert_eq!(line.write(FPWR, 0x1001, 0x0502, &[1, 2, 4, 0, 0, 0, 0x34, 0x12]), 1);
     line.pass(wire_support::MS);
     assert_eq!(line.eeprom(0x1001, 4)[0], 0x1234);
@@ -164,7 +164,7 @@ fn eeprom_is_read_written_and_checked() {
     assert_eq!(line.read(FPRD, 0x1234, 0x0012, 2).1, 0);
     line.write(FPWR, 0x1001, 0x0103, &[1]);
     assert_eq!(line.read(FPRD, 0x1234, 0x0012, 2), (vec![0x34, 0x12], 1), "as an address");
-    // Handed to the device, it does not listen.
+    // assigned to the device, it ignores the master
     line.write(FPWR, 0x1001, 0x0500, &[1]);
     assert_eq!(line.write(FPWR, 0x1001, 0x0502, &[0, 1, 8, 0]), 0);
 }
@@ -178,7 +178,7 @@ fn lost_gateway_closes_the_line_after_it() {
     assert_eq!(line.read_u16(0x1001, 0x0110), 0x5613, "port 1 is closed");
     assert_eq!(line.read(FPRD, 0x1001, 0x0311, 1).0, [1], "a lost link on port 1");
     line.wire.world_mut().inject(Fault::PowerOff { gateway: 0 });
-    assert!(line.exchange(&[Datagram::new(BRD, 0, 0, &[0])]).is_none(), "nobody is there");
+    assert!(line.exchange(&[Datagram::new(BRD, 0, 0, &[0])]).is_none(), "no slave");
 }
 
 #[test]

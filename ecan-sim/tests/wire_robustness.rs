@@ -1,5 +1,5 @@
-//! Frames that no master would send: dropped or passed through, never a panic, and the line works
-//! on.
+//! Invalid frames are dropped or passed through, never cause a panic, and the line continues to
+//! work.
 #![allow(missing_docs)]
 
 mod wire_support;
@@ -8,7 +8,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wire_support::{Datagram, Line, command::*};
 
-/// Addresses where something happens.
+/// Addresses with effects.
 fn offset() -> impl Strategy<Value = u16> {
     prop_oneof![
         any::<u16>(),
@@ -27,7 +27,7 @@ fn offset() -> impl Strategy<Value = u16> {
     ]
 }
 
-/// Data: any bytes, or times at the edges of what a clock can be told.
+/// Data: any bytes, or times at the limits of a clock.
 fn data() -> impl Strategy<Value = Vec<u8>> {
     let near = prop_oneof![Just(0), Just(1 << 63), Just(u64::MAX), any::<u64>()];
     let time = (near, 0..4_000_000_000_u64).prop_map(|(near, ns)| near.wrapping_add(ns));
@@ -43,7 +43,7 @@ fn datagram() -> impl Strategy<Value = Datagram> {
         .prop_map(|(command, slave, offset, data)| Datagram::new(command, slave, offset, &data))
 }
 
-/// The line still answers as a line of two gateways does.
+/// Checks that the line responds as a line of two gateways.
 fn works_on(line: &mut Line) {
     line.pass(1_000_000_000);
     let (_, counter) = line.read(BRD, 0, 0x0000, 1);

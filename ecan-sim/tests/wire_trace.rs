@@ -1,4 +1,4 @@
-//! Every register that a real master was seen to touch is answered in the state in which it did.
+//! Every register access in the trace of a real master is answered in its AL state.
 #![allow(missing_docs)]
 
 mod wire_support;
@@ -35,7 +35,7 @@ fn parse(line: &str) -> Option<Access> {
     Some(Access { state, command, offset, length, may_be_refused: line.contains("wkc0") })
 }
 
-/// A gateway in an AL state, mapped for N = 3 where it can be.
+/// A gateway in an AL state, mapped for N = 3 if possible.
 fn in_state(state: u8) -> Line {
     match state {
         1 | 3 => {
@@ -57,7 +57,7 @@ fn in_state(state: u8) -> Line {
     }
 }
 
-/// The mailboxes of the slave in the trace are longer and elsewhere than the gateway's.
+/// The mailboxes of the slave in the trace differ in length and address from the gateway's.
 fn mailbox_access(line: &mut Line, access: &Access) -> bool {
     match (access.offset, access.length) {
         (0x1000, 512) => {
@@ -94,7 +94,7 @@ fn recorded_master_accesses_are_answered() {
             APWR | BRD | BWR => 0,
             _ => 0x1001,
         };
-        // A write changes nothing: it puts back what is there.
+        // a write puts back the present value
         let mut data = line.read(FPRD, 0x1001, access.offset, access.length).0;
         if access.offset == 0x0120 {
             data = vec![state, 0];

@@ -10,14 +10,14 @@
 //!    -Wl,--whole-archive libethercat_sim.a -Wl,--no-whole-archive -lgcc_s -lpthread -lm -ldl -lc
 //! ```
 //!
-//! `-z nodelete`, since a scenario's bridges have threads, which must not outlive their code. The
-//! library must not be put where the loader looks by default: a machine with hardware must never
-//! find it by itself.
+//! `-z nodelete` is needed because a scenario's bridges have threads, which must not outlive their
+//! code. The library must not be installed where the loader searches by default: a machine with
+//! hardware must never find it automatically.
 //!
-//! There is one world in a process. It comes to be when a master is first requested or opened, with
-//! the scenario that the environment variable `ECAN_ECRT` names (`sim`, `sim:drives`,
-//! `sim:FILE.toml`; everything else is `echo`), and says on stderr that it is simulated. Failed
-//! calls say so there too, as those of the real library do.
+//! A process has one world. It is created when a master is first requested or opened, with the
+//! scenario of the environment variable `ECAN_ECRT` (`sim`, `sim:drives`, `sim:FILE.toml`;
+//! everything else is `echo`), and reports on stderr that it is simulated. Failed calls are also
+//! reported there, as by the real library.
 #![deny(missing_docs)]
 
 mod exports;

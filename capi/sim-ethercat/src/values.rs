@@ -2,7 +2,7 @@
 
 use std::ffi::{c_double, c_float, c_void};
 
-/// The value of four bytes.
+/// Reads four bytes as a value.
 ///
 /// # Safety
 /// `data` is valid for reading four bytes.
@@ -12,7 +12,7 @@ pub unsafe extern "C" fn ecrt_read_real(data: *const c_void) -> c_float {
     c_float::from_le_bytes(unsafe { data.cast::<[u8; 4]>().read() })
 }
 
-/// The value of eight bytes.
+/// Reads eight bytes as a value.
 ///
 /// # Safety
 /// `data` is valid for reading eight bytes.
@@ -22,7 +22,7 @@ pub unsafe extern "C" fn ecrt_read_lreal(data: *const c_void) -> c_double {
     c_double::from_le_bytes(unsafe { data.cast::<[u8; 8]>().read() })
 }
 
-/// Four bytes of a value.
+/// Writes a value as four bytes.
 ///
 /// # Safety
 /// `data` is valid for writing four bytes.
@@ -32,7 +32,7 @@ pub unsafe extern "C" fn ecrt_write_real(data: *mut c_void, value: c_float) {
     unsafe { data.cast::<[u8; 4]>().write(value.to_le_bytes()) }
 }
 
-/// Eight bytes of a value.
+/// Writes a value as eight bytes.
 ///
 /// # Safety
 /// `data` is valid for writing eight bytes.

@@ -1,4 +1,4 @@
-//! The one simulated world of the process.
+//! The simulated world of the process.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -11,10 +11,10 @@ use crate::report::line;
 
 static WORLD: Mutex<Option<Simulation>> = Mutex::new(None);
 
-/// The simulation, opened when it is first asked for. Why it cannot be is reported on stderr, as an
-/// error number it is the result.
+/// Returns the simulation, which the first call opens. An error is reported on stderr and returned
+/// as an error number.
 pub(crate) fn simulation() -> Result<Simulation, c_int> {
-    // A panic while opening leaves no world behind, so there is nothing half made to find.
+    // a panic while opening leaves no world, so a poisoned lock is harmless
     let mut world = WORLD.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(simulation) = &*world {
         return Ok(simulation.clone());
@@ -26,7 +26,7 @@ pub(crate) fn simulation() -> Result<Simulation, c_int> {
     line(format_args!("{}", simulation.banner()));
     if simulation.clock_kind() == ClockKind::Stepped {
         line(format_args!(
-            "the scenario asks for stepped time, which stands still while this program sleeps"
+            "the scenario requests stepped time, which stops while this program sleeps"
         ));
     }
     *world = Some(simulation.clone());
@@ -36,7 +36,7 @@ pub(crate) fn simulation() -> Result<Simulation, c_int> {
 fn open() -> Result<Simulation, BackendError> {
     let choice = match EcrtSetting::from_environment()? {
         Some(EcrtSetting::Simulated(name)) => ScenarioChoice::from_setting(name.as_deref())?,
-        // The name of a library, most likely of this one: it says nothing about the scenario.
+        // the path of a library, probably this one, selects no scenario
         Some(EcrtSetting::Library(_)) | None => ScenarioChoice::Suggested,
     };
     let bridges = Some(ecan_sim_bridge::make as BridgeFactory);

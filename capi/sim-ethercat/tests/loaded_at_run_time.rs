@@ -1,4 +1,4 @@
-//! The shared library in the hands of the SDK's own binding, which loads it as it loads IgH's.
+//! The shared library loaded by the SDK's own binding, like IgH's.
 
 mod toolchain;
 

@@ -1,11 +1,11 @@
-//! A C program of plain `ecrt_*` calls on the simulated library.
+//! A C program with plain `ecrt_*` calls on the simulated library.
 
 mod toolchain;
 
 use std::ffi::OsStr;
 use std::process::Command;
 
-use toolchain::{plain_master, simulated_library, start, told};
+use toolchain::{output_text, plain_master, simulated_library, start};
 
 #[test]
 fn ethercrab_reaches_op_and_exchanges_a_frame() {
@@ -15,7 +15,7 @@ fn ethercrab_reaches_op_and_exchanges_a_frame() {
     let library = simulated_library();
     let program = plain_master(&library);
     let output = start(&program, &library, &[]);
-    let words = told(&output);
+    let words = output_text(&output);
     assert!(output.status.success(), "{words}");
     assert!(words.contains("libethercat 1.6\n") && words.contains("OP after"), "{words}");
     assert!(words.contains("the frame is back after"), "{words}");
@@ -23,7 +23,7 @@ fn ethercrab_reaches_op_and_exchanges_a_frame() {
     let mut with_clocks = Command::new(&program);
     with_clocks.arg("--dc").env_remove("ECAN_ECRT").env("LD_LIBRARY_PATH", library.path());
     let output = with_clocks.output().expect("the program starts");
-    assert!(output.status.success(), "{}", told(&output));
+    assert!(output.status.success(), "{}", output_text(&output));
 }
 
 #[test]
@@ -39,7 +39,7 @@ fn run_reports_once_that_it_is_simulated() {
     let mut setting = std::ffi::OsString::from("sim:");
     setting.push(&file);
     let settings = [
-        // The name of a library says nothing about the scenario.
+        // the path of a library selects no scenario
         (OsStr::new("libethercat.so.1"), "Scenario echo: "),
         (OsStr::new("sim"), "Scenario echo: "),
         (&setting, "seed 77"),
@@ -47,7 +47,7 @@ fn run_reports_once_that_it_is_simulated() {
     for (setting, expected) in settings {
         let output = start(&program, &library, &[("ECAN_ECRT", setting)]);
         let words = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{}", told(&output));
+        assert!(output.status.success(), "{}", output_text(&output));
         assert_eq!(words.lines().count(), 1, "{words}");
         assert!(words.contains("SIMULATED: ") && words.contains(expected), "{words}");
     }
@@ -66,7 +66,7 @@ fn wrong_setting_is_reported_and_gives_no_master() {
     ];
     for (setting, why, errno) in settings {
         let output = start(&program, &library, &[("ECAN_ECRT", OsStr::new(setting))]);
-        let words = told(&output);
+        let words = output_text(&output);
         assert_eq!(output.status.code(), Some(1), "{words}");
         assert!(words.contains(why), "{words}");
         assert!(words.contains(&format!("ecrt_request_master: {errno}")), "{words}");

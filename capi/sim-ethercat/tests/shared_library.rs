@@ -7,12 +7,12 @@ use std::path::Path;
 use std::process::Command;
 
 use tempfile::TempDir;
-use toolchain::{CRATE, SONAME, plain_master, run, simulated_library, start, told};
+use toolchain::{CRATE, SONAME, output_text, plain_master, run, simulated_library, start};
 
 /// Functions of libethercat 1.6.2 with their versions, one a line.
 const EXPORTED: &str = include_str!("exported-symbols.txt");
 
-/// What the loader says about a library without the versions that a program wants.
+/// Message of the loader for a library without the versions that a program needs.
 const WARNING: &str = "no version information available";
 
 fn committed() -> Vec<&'static str> {
@@ -60,8 +60,8 @@ fn soname_and_symbols_are_the_real_ones() {
     assert_eq!(names, committed());
 }
 
-/// A library without contents, with the real one's soname, functions and versions: what a program
-/// is linked against that was built on a machine with IgH.
+/// A library without contents, with soname, functions and versions of the real one, to link a
+/// program like on a machine with IgH.
 fn stub_of_the_real_library() -> TempDir {
     let directory = tempfile::tempdir().expect("a temporary directory");
     let mut versions: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
@@ -94,10 +94,10 @@ fn program_linked_against_the_real_library_gets_no_warning() {
     let program_with_stub = stub_of_the_real_library();
     let program = plain_master(&program_with_stub);
     let output = start(&program, &simulated_library(), &[]);
-    assert!(output.status.success(), "{}", told(&output));
-    assert!(!told(&output).contains(WARNING), "{}", told(&output));
+    assert!(output.status.success(), "{}", output_text(&output));
+    assert!(!output_text(&output).contains(WARNING), "{}", output_text(&output));
 
-    // The same would be told of a library without versions.
+    // a library without versions gives the warning
     let output = start(&program, &toolchain::simulated_library_without_versions(), &[]);
-    assert!(told(&output).contains(WARNING), "{}", told(&output));
+    assert!(output_text(&output).contains(WARNING), "{}", output_text(&output));
 }

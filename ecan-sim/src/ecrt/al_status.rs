@@ -5,7 +5,6 @@ use crate::world::World;
 /// Error indication, a bit of AL status.
 pub(super) const AL_ERROR: u8 = 0x10;
 
-/// Reads AL status.
 pub(crate) fn al_status(world: &World, slot: usize) -> u8 {
     world.gateway(slot).map_or(0, |gateway| {
         gateway.al_state().raw() | if gateway.al_error() { AL_ERROR } else { 0 }

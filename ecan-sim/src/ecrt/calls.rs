@@ -5,25 +5,25 @@ use std::sync::Arc;
 use libc::c_int;
 
 use crate::ecrt::datagram::{ClockDatagram, Queued};
-use crate::ecrt::front::{Shared, State};
 use crate::ecrt::master::Phase;
 use crate::ecrt::pdo::{Pdo, SYNC_MANAGERS};
 use crate::ecrt::process_memory::ProcessMemory;
 use crate::ecrt::registry::{self, Handle, Target};
 use crate::ecrt::sdo_transfer::SdoObject;
-use crate::ecrt::slave_config::{EntryPlace, RegRequest, SdoRequest, SlaveConfig, SyncConfig};
+use crate::ecrt::shared::{Shared, State};
+use crate::ecrt::slave_config::{EntrySelector, RegRequest, SdoRequest, SlaveConfig, SyncConfig};
 use crate::ecrt::slave_view::SlaveView;
 use crate::ecrt::timing::ACTIVATE_NS;
 use crate::fault::LibraryCall;
 
 /// Result of a call; the error is a positive error number.
-pub(super) type Answer<T = ()> = Result<T, c_int>;
+pub(super) type CallResult<T = ()> = Result<T, c_int>;
 
 /// A handle, used as a master.
 pub(super) struct MasterCall(Handle);
 
 impl MasterCall {
-    pub(super) fn find(address: usize) -> Answer<Self> {
+    pub(super) fn find(address: usize) -> CallResult<Self> {
         match registry::find(address) {
             Some(handle) if handle.target == Target::Master => Ok(Self(handle)),
             _ => Err(libc::EINVAL),
@@ -39,14 +39,14 @@ impl MasterCall {
     }
 
     /// For the handle that has reserved the master.
-    pub(super) fn driving<R>(&self, action: impl FnOnce(&mut State) -> R) -> Answer<R> {
+    pub(super) fn driving<R>(&self, action: impl FnOnce(&mut State) -> R) -> CallResult<R> {
         self.with(|state| {
             state.master.may_exchange(self.0.client)?;
             Ok(action(state))
         })
     }
 
-    fn configuring<R>(&self, action: impl FnOnce(&mut State) -> Answer<R>) -> Answer<R> {
+    fn configuring<R>(&self, action: impl FnOnce(&mut State) -> CallResult<R>) -> CallResult<R> {
         self.with(|state| {
             state.master.may_configure(self.0.client)?;
             action(state)
@@ -60,12 +60,12 @@ impl MasterCall {
     }
 
     /// Reserves the master for this handle.
-    pub(super) fn reserve(&self) -> Answer {
+    pub(super) fn reserve(&self) -> CallResult {
         self.shared().reserve(self.0.client)
     }
 
     /// Restarts failed slaves.
-    pub(super) fn reset(&self) -> Answer {
+    pub(super) fn reset(&self) -> CallResult {
         self.driving(|state| state.master.reset())
     }
 
@@ -75,7 +75,7 @@ impl MasterCall {
         registry::forget(self.shared(), client, true);
     }
 
-    pub(super) fn create_domain(&self) -> Answer<usize> {
+    pub(super) fn create_domain(&self) -> CallResult<usize> {
         let index = self.configuring(|state| {
             state.master.domains.push(Default::default());
             Ok(state.master.domains.len() - 1)
@@ -89,7 +89,7 @@ impl MasterCall {
         position: u16,
         vendor_id: u32,
         product_code: u32,
-    ) -> Answer<usize> {
+    ) -> CallResult<usize> {
         let index = self.configuring(|state| {
             state.master.slave_config(alias, position, vendor_id, product_code)
         })?;
@@ -97,7 +97,7 @@ impl MasterCall {
     }
 
     /// Activates; this takes time, because the master's threads are exchanged.
-    pub(super) fn activate(&self) -> Answer {
+    pub(super) fn activate(&self) -> CallResult {
         let done = self.driving(|state| {
             let now = state.world.now_ns();
             let fresh = state.master.phase != Phase::Active;
@@ -112,7 +112,7 @@ impl MasterCall {
         Ok(())
     }
 
-    pub(super) fn deactivate(&self) -> Answer {
+    pub(super) fn deactivate(&self) -> CallResult {
         self.driving(|state| {
             let now = state.world.now_ns();
             state.master.deactivate(now);
@@ -121,7 +121,7 @@ impl MasterCall {
         Ok(())
     }
 
-    pub(super) fn send(&self) -> Answer {
+    pub(super) fn send(&self) -> CallResult {
         self.driving(|State { world, master, .. }| {
             world.library_call(LibraryCall::Send)?;
             master.send(world);
@@ -132,7 +132,7 @@ impl MasterCall {
         })?
     }
 
-    pub(super) fn receive(&self) -> Answer {
+    pub(super) fn receive(&self) -> CallResult {
         self.driving(|state| {
             state.world.library_call(LibraryCall::Receive)?;
             let now = state.world.now_ns();
@@ -142,7 +142,7 @@ impl MasterCall {
     }
 
     /// Queues a datagram of the clocks. Only the monitor's needs no reference clock.
-    pub(super) fn queue_clock(&self, item: Queued, target: Option<u64>) -> Answer {
+    pub(super) fn queue_clock(&self, item: Queued, target: Option<u64>) -> CallResult {
         self.driving(|state| {
             if item != Queued::ClockMonitor && state.master.reference_clock().is_none() {
                 return Err(libc::ENXIO);
@@ -159,7 +159,7 @@ impl MasterCall {
     }
 
     /// Like the real function, it writes each failure to stderr.
-    pub(super) fn reference_clock_time(&self) -> Answer<u32> {
+    pub(super) fn reference_clock_time(&self) -> CallResult<u32> {
         self.driving(|state| {
             let clocks = &state.master.clocks;
             let time = match (clocks.slaves, clocks.are_set) {
@@ -174,7 +174,7 @@ impl MasterCall {
     }
 
     /// Selects the reference clock; `None` is the first slave.
-    pub(super) fn select_reference_clock(&self, config: Option<&ConfigCall>) -> Answer {
+    pub(super) fn select_reference_clock(&self, config: Option<&ConfigCall>) -> CallResult {
         self.configuring(|state| {
             state.master.clocks.selected = config.map(|config| config.index);
             Ok(())
@@ -182,7 +182,7 @@ impl MasterCall {
     }
 
     /// Upper estimate of the slaves' differences to the reference clock.
-    pub(super) fn sync_monitor(&self) -> Answer<u32> {
+    pub(super) fn sync_monitor(&self) -> CallResult<u32> {
         self.driving(|state| match state.master.clocks.monitor {
             ClockDatagram::Received => state.master.clocks.monitor_value,
             _ => {
@@ -195,8 +195,8 @@ impl MasterCall {
     pub(super) fn slave<R>(
         &self,
         position: u16,
-        action: impl FnOnce(&SlaveView) -> Answer<R>,
-    ) -> Answer<R> {
+        action: impl FnOnce(&SlaveView) -> CallResult<R>,
+    ) -> CallResult<R> {
         self.with(|state| {
             let slave = state.master.slaves.get(usize::from(position)).ok_or(libc::EINVAL)?;
             action(slave)
@@ -208,8 +208,8 @@ impl MasterCall {
         &self,
         position: u16,
         sync: u8,
-        action: impl FnOnce(&[Pdo]) -> Answer<R>,
-    ) -> Answer<R> {
+        action: impl FnOnce(&[Pdo]) -> CallResult<R>,
+    ) -> CallResult<R> {
         self.slave(position, |slave| {
             if sync >= SYNC_MANAGERS {
                 return Err(libc::EINVAL);
@@ -238,7 +238,7 @@ pub(super) struct ConfigCall {
 }
 
 impl ConfigCall {
-    pub(super) fn find(address: usize) -> Answer<Self> {
+    pub(super) fn find(address: usize) -> CallResult<Self> {
         let handle = registry::find(address).ok_or(libc::EINVAL)?;
         match handle.target {
             Target::Config(index) => Ok(Self { handle, index }),
@@ -247,7 +247,7 @@ impl ConfigCall {
     }
 
     /// Whether it belongs to the same master handle as a domain.
-    fn is_beside(&self, domain: &DomainCall) -> bool {
+    fn shares_master_with(&self, domain: &DomainCall) -> bool {
         Arc::ptr_eq(&self.handle.shared, &domain.handle.shared)
             && self.handle.client == domain.handle.client
     }
@@ -255,8 +255,8 @@ impl ConfigCall {
     /// Changes the configuration, before activation.
     pub(super) fn change<R>(
         &self,
-        action: impl FnOnce(&mut SlaveConfig) -> Answer<R>,
-    ) -> Answer<R> {
+        action: impl FnOnce(&mut SlaveConfig) -> CallResult<R>,
+    ) -> CallResult<R> {
         self.handle.shared.with(|state| {
             state.master.may_configure(self.handle.client)?;
             action(state.master.configs.get_mut(self.index).ok_or(libc::ENOENT)?)
@@ -266,12 +266,12 @@ impl ConfigCall {
     pub(super) fn change_sync<R>(
         &self,
         sync: u8,
-        action: impl FnOnce(&mut SyncConfig) -> Answer<R>,
-    ) -> Answer<R> {
+        action: impl FnOnce(&mut SyncConfig) -> CallResult<R>,
+    ) -> CallResult<R> {
         self.change(|config| action(config.syncs.get_mut(usize::from(sync)).ok_or(libc::ENOENT)?))
     }
 
-    pub(super) fn assign_pdo(&self, sync: u8, index: u16) -> Answer {
+    pub(super) fn assign_pdo(&self, sync: u8, index: u16) -> CallResult {
         self.handle.shared.with(|state| {
             state.master.may_configure(self.handle.client)?;
             let config = state.master.configs.get_mut(self.index).ok_or(libc::ENOENT)?;
@@ -288,10 +288,10 @@ impl ConfigCall {
     /// Registers a mapped entry in a domain of the same master handle; returns byte offset and bit.
     pub(super) fn register_entry(
         &self,
-        entry: EntryPlace,
+        entry: EntrySelector,
         domain: &DomainCall,
-    ) -> Answer<(usize, u32)> {
-        if !self.is_beside(domain) {
+    ) -> CallResult<(usize, u32)> {
+        if !self.shares_master_with(domain) {
             return Err(libc::ENOENT);
         }
         self.handle.shared.with(|state| {
@@ -305,7 +305,7 @@ impl ConfigCall {
         })
     }
 
-    pub(super) fn create_sdo_request(&self, index: u16, sub: u8, size: usize) -> Answer<usize> {
+    pub(super) fn create_sdo_request(&self, index: u16, sub: u8, size: usize) -> CallResult<usize> {
         let request = self.change(|config| {
             config.requests.push(SdoRequest::new(index, sub, size));
             Ok(config.requests.len() - 1)
@@ -313,7 +313,7 @@ impl ConfigCall {
         Ok(self.insert(|config| Target::Request { config, request }))
     }
 
-    pub(super) fn create_reg_request(&self, size: usize) -> Answer<usize> {
+    pub(super) fn create_reg_request(&self, size: usize) -> CallResult<usize> {
         let request = self.change(|config| {
             config.reg_requests.push(RegRequest::new(size));
             Ok(config.reg_requests.len() - 1)
@@ -327,7 +327,7 @@ impl ConfigCall {
         registry::insert(Handle { shared, client, target: target(self.index) })
     }
 
-    pub(super) fn state(&self) -> Answer<(SlaveState, bool)> {
+    pub(super) fn state(&self) -> CallResult<(SlaveState, bool)> {
         self.handle.shared.with(|state| {
             let config = state.master.configs.get(self.index).ok_or(libc::ENOENT)?;
             let slave = config.slave.and_then(|slave| state.master.slaves.get(slave));
@@ -361,7 +361,7 @@ pub(super) struct DomainCall {
 }
 
 impl DomainCall {
-    pub(super) fn find(address: usize) -> Answer<Self> {
+    pub(super) fn find(address: usize) -> CallResult<Self> {
         let handle = registry::find(address).ok_or(libc::EINVAL)?;
         match handle.target {
             Target::Domain(index) => Ok(Self { handle, index }),
@@ -370,25 +370,25 @@ impl DomainCall {
     }
 
     /// The master handle that it was made from.
-    pub(super) fn master_address(&self) -> Answer<usize> {
+    pub(super) fn master_address(&self) -> CallResult<usize> {
         let Handle { shared, client, .. } = &self.handle;
         registry::address_of(shared, *client, Target::Master).ok_or(libc::EINVAL)
     }
 
-    pub(super) fn size(&self) -> Answer<usize> {
+    pub(super) fn size(&self) -> CallResult<usize> {
         self.handle
             .shared
             .with(|state| Ok(state.master.domains.get(self.index).ok_or(libc::ENOENT)?.size))
     }
 
-    pub(super) fn memory(&self) -> Answer<ProcessMemory> {
+    pub(super) fn memory(&self) -> CallResult<ProcessMemory> {
         self.handle.shared.with(|state| {
             let domain = state.master.domains.get(self.index).ok_or(libc::ENOENT)?;
             domain.memory.clone().ok_or(libc::EAGAIN)
         })
     }
 
-    pub(super) fn process(&self) -> Answer {
+    pub(super) fn process(&self) -> CallResult {
         self.handle.shared.with(|state| {
             state.master.may_exchange(self.handle.client)?;
             state.world.library_call(LibraryCall::DomainProcess)?;
@@ -397,7 +397,7 @@ impl DomainCall {
         })
     }
 
-    pub(super) fn queue(&self) -> Answer {
+    pub(super) fn queue(&self) -> CallResult {
         self.handle.shared.with(|state| {
             state.master.may_exchange(self.handle.client)?;
             state.world.library_call(LibraryCall::DomainQueue)?;
@@ -410,7 +410,7 @@ impl DomainCall {
     }
 
     /// Working counter, and the expected one.
-    pub(super) fn counters(&self) -> Answer<(u32, u32)> {
+    pub(super) fn counters(&self) -> CallResult<(u32, u32)> {
         self.handle.shared.with(|state| {
             state.world.library_call(LibraryCall::DomainState)?;
             let domain = state.master.domains.get(self.index).ok_or(libc::ENOENT)?;

@@ -26,7 +26,6 @@ pub(crate) enum DatagramState {
     Error,
 }
 
-/// State of a datagram of the clocks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum ClockDatagram {
     #[default]

@@ -13,17 +13,14 @@ pub(crate) const MAX_DATAGRAM_BYTES: usize = 1486;
 pub(crate) struct DomainFmmu {
     /// Slave configuration it belongs to.
     pub(crate) config: usize,
-    /// Sync manager it serves.
     pub(crate) sync_manager: u8,
     /// Direction of that sync manager.
     pub(crate) direction: ProcessDirection,
     /// First byte in the domain.
     pub(crate) offset: usize,
-    /// Size in bytes.
     pub(crate) size: usize,
 }
 
-/// One datagram of a domain.
 #[derive(Clone, Debug)]
 pub(crate) struct DomainDatagram {
     pub(crate) command: LogicalCommand,
@@ -77,7 +74,6 @@ impl Domain {
         self.memory = Some(ProcessMemory::new(self.size));
     }
 
-    /// The FMMU of the slave.
     pub(crate) fn slave_fmmu(&self, fmmu: &DomainFmmu) -> Fmmu {
         Fmmu {
             logical_start: self.logical_base.wrapping_add(fmmu.offset as u32),

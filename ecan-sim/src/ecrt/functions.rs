@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 use std::sync::Arc;
 
-use crate::ecrt::calls::{Answer, ConfigCall, DomainCall, MasterCall};
+use crate::ecrt::calls::{CallResult, ConfigCall, DomainCall, MasterCall};
 use crate::ecrt::request_calls::{RegRequestCall, RequestCall};
 use crate::scenario::EcrtVersion;
 use crate::simulation::Simulation;
@@ -17,7 +17,6 @@ use ecrt_sys::{
 };
 use libc::{c_int, c_uint, size_t};
 
-/// The library in front of a simulation.
 pub(crate) fn simulated_library(simulation: &Simulation) -> Ecrt {
     let shared = simulation.shared().clone();
     let version = shared.version();
@@ -40,27 +39,27 @@ fn null_with<T>(errno: c_int) -> *mut T {
 }
 
 /// Runs a call. A panic becomes EIO, because it must not reach C.
-fn guarded<T>(call: impl FnOnce() -> Answer<T>) -> Answer<T> {
+fn guarded<T>(call: impl FnOnce() -> CallResult<T>) -> CallResult<T> {
     catch_unwind(AssertUnwindSafe(call)).unwrap_or(Err(libc::EIO))
 }
 
 /// Return value of a call that returns a status.
-fn status(call: impl FnOnce() -> Answer) -> c_int {
+fn status(call: impl FnOnce() -> CallResult) -> c_int {
     guarded(call).map_or_else(|errno| -errno, |()| 0)
 }
 
 /// Return value of a call that returns a byte offset.
-fn byte_offset(call: impl FnOnce() -> Answer<usize>) -> c_int {
+fn byte_offset(call: impl FnOnce() -> CallResult<usize>) -> c_int {
     guarded(call)
         .and_then(|byte| c_int::try_from(byte).map_err(|_| libc::EOVERFLOW))
         .unwrap_or_else(|errno| -errno)
 }
 
-fn handle_or_null<T>(call: impl FnOnce() -> Answer<usize>) -> *mut T {
+fn handle_or_null<T>(call: impl FnOnce() -> CallResult<usize>) -> *mut T {
     guarded(call).map_or_else(null_with, pointer)
 }
 
-fn data_or_null(call: impl FnOnce() -> Answer<*mut u8>) -> *mut u8 {
+fn data_or_null(call: impl FnOnce() -> CallResult<*mut u8>) -> *mut u8 {
     guarded(call).unwrap_or_else(null_with)
 }
 
@@ -68,7 +67,7 @@ fn data_or_null(call: impl FnOnce() -> Answer<*mut u8>) -> *mut u8 {
 ///
 /// # Safety
 /// `target` is null or valid for writing.
-unsafe fn store<T>(target: *mut T, value: T) -> Answer {
+unsafe fn store<T>(target: *mut T, value: T) -> CallResult {
     if target.is_null() {
         return Err(libc::EFAULT);
     }
@@ -82,10 +81,10 @@ unsafe fn store<T>(target: *mut T, value: T) -> Answer {
 ///
 /// # Safety
 /// `bit_position` is null or valid for writing.
-unsafe fn place_in_domain(
+unsafe fn entry_offset(
     (byte, bit): (usize, c_uint),
     bit_position: *mut c_uint,
-) -> Answer<usize> {
+) -> CallResult<usize> {
     if bit_position.is_null() {
         return if bit == 0 { Ok(byte) } else { Err(libc::EFAULT) };
     }
@@ -98,7 +97,7 @@ unsafe fn place_in_domain(
 ///
 /// # Safety
 /// `data` is null or valid for reading `size` bytes.
-unsafe fn bytes(data: *const u8, size: size_t) -> Answer<Vec<u8>> {
+unsafe fn bytes(data: *const u8, size: size_t) -> CallResult<Vec<u8>> {
     if data.is_null() || size == 0 || size > isize::MAX as usize {
         return Err(libc::EINVAL);
     }
@@ -106,23 +105,23 @@ unsafe fn bytes(data: *const u8, size: size_t) -> Answer<Vec<u8>> {
     Ok(unsafe { slice::from_raw_parts(data, size) }.to_vec())
 }
 
-fn on_master(master: *const ec_master_t) -> Answer<MasterCall> {
+fn on_master(master: *const ec_master_t) -> CallResult<MasterCall> {
     MasterCall::find(master.addr())
 }
 
-fn on_config(config: *const ec_slave_config_t) -> Answer<ConfigCall> {
+fn on_config(config: *const ec_slave_config_t) -> CallResult<ConfigCall> {
     ConfigCall::find(config.addr())
 }
 
-fn on_domain(domain: *const ec_domain_t) -> Answer<DomainCall> {
+fn on_domain(domain: *const ec_domain_t) -> CallResult<DomainCall> {
     DomainCall::find(domain.addr())
 }
 
-fn on_request(request: *const ec_sdo_request_t) -> Answer<RequestCall> {
+fn on_request(request: *const ec_sdo_request_t) -> CallResult<RequestCall> {
     RequestCall::find(request.addr())
 }
 
-fn on_reg_request(request: *const ec_reg_request_t) -> Answer<RegRequestCall> {
+fn on_reg_request(request: *const ec_reg_request_t) -> CallResult<RegRequestCall> {
     RegRequestCall::find(request.addr())
 }
 
@@ -132,7 +131,7 @@ macro_rules! two_forms {
         $body:block) => {
         $(#[$doc])*
         pub unsafe extern "C" fn $reported($($argument: $type),*) -> ::libc::c_int {
-            $crate::ecrt::functions::status(|| -> $crate::ecrt::calls::Answer { $body })
+            $crate::ecrt::functions::status(|| -> $crate::ecrt::calls::CallResult { $body })
         }
         pub(super) unsafe extern "C" fn $silent($($argument: $type),*) {
             // SAFETY: the same arguments under the same promises.

@@ -2,7 +2,6 @@
 
 use crate::ecrt::timing::SDO_NS;
 
-/// A mailbox transfer in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MailboxTransfer {
     /// Time of its begin.
@@ -42,7 +41,6 @@ impl MailboxTransfer {
     }
 }
 
-/// Owner of a running transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum TransferOwner {
     Blocking(u64),

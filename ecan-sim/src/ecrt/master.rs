@@ -37,13 +37,12 @@ pub(crate) enum Phase {
     Active,
 }
 
-/// The master.
 #[derive(Debug)]
 pub(crate) struct MasterModel {
     pub(crate) version: EcrtVersion,
     pub(crate) carries_large_pdos: bool,
     /// Another program holds it.
-    foreign: bool,
+    is_held_elsewhere: bool,
     pub(crate) phase: Phase,
     /// The handle that has reserved it.
     pub(crate) owner: Option<u64>,
@@ -76,7 +75,7 @@ impl MasterModel {
         Self {
             version: scenario.version,
             carries_large_pdos: scenario.carries_large_pdos,
-            foreign: scenario.reserved,
+            is_held_elsewhere: scenario.reserved,
             phase: Phase::Idle,
             owner: None,
             next_client: 0,
@@ -136,7 +135,7 @@ impl MasterModel {
 
     /// Whether it is free to be reserved.
     pub(crate) fn is_free(&self) -> bool {
-        !self.foreign && self.owner.is_none()
+        !self.is_held_elsewhere && self.owner.is_none()
     }
 
     pub(crate) fn reserve(&mut self, client: u64) {
@@ -267,7 +266,6 @@ impl MasterModel {
         mailbox.poll(now, (self.phase == Phase::Active).then_some(self.sends))
     }
 
-    /// The configuration attached to a slave.
     pub(crate) fn attached(&self, slave: usize) -> Option<&SlaveConfig> {
         self.configs.get(self.slaves.get(slave)?.config?)
     }

@@ -8,7 +8,7 @@ mod calls;
 mod clocks;
 mod datagram;
 mod domain;
-mod front;
+mod shared;
 // the crate root documents the safety contract of all functions
 #[allow(clippy::missing_safety_doc)]
 pub(crate) mod functions;
@@ -26,5 +26,5 @@ mod startup_state;
 mod threads;
 mod timing;
 
-pub(crate) use front::Shared;
 pub(crate) use functions::simulated_library;
+pub(crate) use shared::Shared;

@@ -4,7 +4,6 @@ use crate::world::ProcessDirection;
 
 /// Sync managers of the gateway: two mailboxes, outputs, inputs.
 pub(super) const SYNC_MANAGERS: u8 = 4;
-/// An entry of a PDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PdoEntry {
     pub(crate) index: u16,
@@ -30,7 +29,6 @@ pub(crate) fn pdo_bytes(pdos: &[Pdo]) -> usize {
     pdos.iter().map(Pdo::bits).sum::<usize>().div_ceil(8)
 }
 
-/// Direction of a sync manager of the gateway.
 pub(crate) fn direction_of(sync_manager: u8) -> Option<ProcessDirection> {
     match sync_manager {
         0 | 2 => Some(ProcessDirection::Output),

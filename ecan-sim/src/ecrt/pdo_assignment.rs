@@ -15,7 +15,6 @@ pub(crate) struct AssignmentWrite {
     pub(crate) after_failure: usize,
 }
 
-/// First sync manager with process data.
 const FIRST_PROCESS_SYNC: u8 = 2;
 
 /// The writes of a configuration, as far as the slave's SII allows them.
@@ -69,8 +68,8 @@ fn push_list(
         push(0, u32::from(count), 1);
     }
     let end = list.len();
-    for (place, write) in list.iter_mut().enumerate().skip(first) {
-        write.after_failure = if fatal && place > first { usize::MAX } else { end };
+    for (index, write) in list.iter_mut().enumerate().skip(first) {
+        write.after_failure = if fatal && index > first { usize::MAX } else { end };
     }
 }
 

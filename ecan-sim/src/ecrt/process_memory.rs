@@ -82,7 +82,6 @@ fn copy(target: &mut [u8], source: Option<&[u8]>) {
     }
 }
 
-/// Changes some bytes of a word.
 fn change(word: &AtomicU64, skip: usize, source: &[u8]) {
     let mut bytes = word.load(Ordering::Relaxed).to_ne_bytes();
     if let Some(place) = bytes.get_mut(skip..skip + source.len()) {

@@ -1,6 +1,6 @@
 //! Calls for SDO and register requests.
 
-use crate::ecrt::calls::Answer;
+use crate::ecrt::calls::CallResult;
 use crate::ecrt::registry::{self, Handle, Target};
 use crate::ecrt::slave_config::{RegRequest, RequestProgress, SdoRequest};
 
@@ -12,7 +12,7 @@ pub(super) struct RequestCall {
 }
 
 impl RequestCall {
-    pub(super) fn find(address: usize) -> Answer<Self> {
+    pub(super) fn find(address: usize) -> CallResult<Self> {
         let handle = registry::find(address).ok_or(libc::EINVAL)?;
         match handle.target {
             Target::Request { config, request } => Ok(Self { handle, config, request }),
@@ -20,13 +20,13 @@ impl RequestCall {
         }
     }
 
-    pub(super) fn change<R>(&self, action: impl FnOnce(&mut SdoRequest) -> R) -> Answer<R> {
+    pub(super) fn change<R>(&self, action: impl FnOnce(&mut SdoRequest) -> R) -> CallResult<R> {
         self.handle.shared.with(|state| {
             state.master.request(self.config, self.request).map(action).ok_or(libc::ENOENT)
         })
     }
 
-    pub(super) fn start(&self, writes: bool) -> Answer {
+    pub(super) fn start(&self, writes: bool) -> CallResult {
         self.handle.shared.with(|state| {
             state.master.may_exchange(self.handle.client)?;
             let now = state.world.now_ns();
@@ -38,7 +38,7 @@ impl RequestCall {
         })
     }
 
-    pub(super) fn progress(&self) -> Answer<RequestProgress> {
+    pub(super) fn progress(&self) -> CallResult<RequestProgress> {
         self.handle.shared.with(|state| {
             state.master.request_progress(self.config, self.request).ok_or(libc::ENOENT)
         })
@@ -53,7 +53,7 @@ pub(super) struct RegRequestCall {
 }
 
 impl RegRequestCall {
-    pub(super) fn find(address: usize) -> Answer<Self> {
+    pub(super) fn find(address: usize) -> CallResult<Self> {
         let handle = registry::find(address).ok_or(libc::EINVAL)?;
         match handle.target {
             Target::RegRequest { config, request } => Ok(Self { handle, config, request }),
@@ -61,13 +61,13 @@ impl RegRequestCall {
         }
     }
 
-    pub(super) fn change<R>(&self, action: impl FnOnce(&mut RegRequest) -> R) -> Answer<R> {
+    pub(super) fn change<R>(&self, action: impl FnOnce(&mut RegRequest) -> R) -> CallResult<R> {
         self.handle.shared.with(|state| {
             state.master.reg_request(self.config, self.request).map(action).ok_or(libc::ENOENT)
         })
     }
 
-    pub(super) fn start(&self, writes: bool, address: u16, size: usize) -> Answer {
+    pub(super) fn start(&self, writes: bool, address: u16, size: usize) -> CallResult {
         self.handle.shared.with(|state| {
             state.master.may_exchange(self.handle.client)?;
             let now = state.world.now_ns();

@@ -29,7 +29,6 @@ pub(crate) struct SdoObject {
 }
 
 impl SdoObject {
-    /// One subindex.
     pub(crate) const fn entry(index: u16, subindex: u8) -> Self {
         Self { index, subindex, complete: false }
     }

@@ -149,7 +149,7 @@ impl Shared {
                     state.threads.enter_cycle();
                 }
                 let mut waiter = Waiter::new(&state.threads);
-                self.stand_aside(&mut waiter, &mut state);
+                self.release_clock(&mut waiter, &mut state);
                 let mut state = self.settle(state);
                 self.step_to(&mut state, deadline);
                 let mut state = self.settle(state);
@@ -169,8 +169,8 @@ impl Shared {
     }
 
     /// This thread moves the clock: no thread waits for it.
-    fn stand_aside(&self, waiter: &mut Waiter, state: &mut State) {
-        waiter.stand_aside(&mut state.threads);
+    fn release_clock(&self, waiter: &mut Waiter, state: &mut State) {
+        waiter.release_clock(&mut state.threads);
         self.settled.notify_all();
     }
 
@@ -197,7 +197,6 @@ impl Shared {
         })
     }
 
-    /// The client releases its master.
     pub(crate) fn release_client(&self, client: u64) {
         self.with(|state| {
             let now = state.world.now_ns();
@@ -264,7 +263,7 @@ impl Shared {
             let until = state.machines_due().clamp(now + 1, now + longest);
             match self.kind {
                 ClockKind::Stepped => {
-                    self.stand_aside(&mut waiter, &mut state);
+                    self.release_clock(&mut waiter, &mut state);
                     self.step_to(&mut state, until);
                 }
                 ClockKind::Real => {
@@ -300,11 +299,11 @@ impl Shared {
             if !is_alone && waited <= BLOCKED_GIVE_UP_NS {
                 return None;
             }
-            state.master.forget_blocking(id);
+            state.master.cancel_blocking(id);
             if !state.master.blocked {
                 state.master.log_line(format!(
-                    "simulator: a blocking transfer of slave {position} was given up, as the \
-                     application does not send; a real master would wait for ever"
+                    "simulator: cancelled a blocking transfer of slave {position} because the \
+                     application does not send; a real master waits for ever"
                 ));
             }
             Some(Err(SdoFailure { errno: libc::ETIMEDOUT, abort_code: 0 }))

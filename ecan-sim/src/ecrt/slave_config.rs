@@ -6,10 +6,8 @@ use crate::ecrt::sdo_transfer::SdoObject;
 use crate::scenario::GatewaySpec;
 use crate::world::ProcessDirection;
 
-/// Largest number of sync managers.
 pub(super) const MAX_SYNC_MANAGERS: usize = 16;
 
-/// Watchdog of a sync manager.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum SyncWatchdog {
     #[default]
@@ -18,7 +16,6 @@ pub(crate) enum SyncWatchdog {
     Disable,
 }
 
-/// One sync manager of a configuration.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SyncConfig {
     pub(crate) direction: Option<ProcessDirection>,
@@ -26,7 +23,6 @@ pub(crate) struct SyncConfig {
     pub(crate) pdos: Vec<Pdo>,
 }
 
-/// A registered startup SDO.
 #[derive(Clone, Debug)]
 pub(crate) struct StartupSdo {
     pub(crate) object: SdoObject,
@@ -42,7 +38,6 @@ pub(crate) struct DcConfig {
     pub(crate) sync1_cycle: u32,
 }
 
-/// Progress of an SDO request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RequestProgress {
     Unused,
@@ -52,7 +47,6 @@ pub(crate) enum RequestProgress {
     Failure,
 }
 
-/// An SDO request of a configuration.
 #[derive(Debug)]
 pub(crate) struct SdoRequest {
     pub(crate) index: u16,
@@ -103,7 +97,6 @@ impl SdoRequest {
     }
 }
 
-/// A slave configuration.
 #[derive(Debug)]
 pub(crate) struct SlaveConfig {
     pub(crate) alias: u16,
@@ -125,7 +118,7 @@ pub(crate) struct SlaveConfig {
 
 /// An entry of a configured PDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum EntryPlace {
+pub(crate) enum EntrySelector {
     /// The first one of this object.
     Object { index: u16, subindex: u8 },
     /// By position: sync manager, PDO in it, entry in that, each from 0.
@@ -172,17 +165,17 @@ impl SlaveConfig {
     /// Location of an entry: sync manager, its direction, its size, bit offset.
     pub(crate) fn locate(
         &self,
-        wanted: EntryPlace,
+        wanted: EntrySelector,
     ) -> Option<(u8, Option<ProcessDirection>, usize, usize)> {
         for (number, sync) in (0u8..).zip(&self.syncs) {
             let mut bit = 0;
             for (pdo_place, pdo) in sync.pdos.iter().enumerate() {
                 for (place, entry) in pdo.entries.iter().enumerate() {
                     let found = match wanted {
-                        EntryPlace::Object { index, subindex } => {
+                        EntrySelector::Object { index, subindex } => {
                             (entry.index, entry.subindex) == (index, subindex)
                         }
-                        EntryPlace::Position { sync, pdo, entry } => {
+                        EntrySelector::Position { sync, pdo, entry } => {
                             (number, pdo_place, place) == (sync, pdo, entry)
                         }
                     };
@@ -196,7 +189,6 @@ impl SlaveConfig {
         None
     }
 
-    /// Adds an entry to a PDO of the configuration.
     pub(crate) fn add_entry(&mut self, pdo: u16, entry: PdoEntry) -> bool {
         self.find_pdo(pdo).map(|pdo| pdo.entries.push(entry)).is_some()
     }

@@ -10,7 +10,6 @@ use crate::ecrt::startup_state::Startup;
 use crate::scenario::GatewaySpec;
 use crate::world::World;
 
-/// One slave.
 #[derive(Debug)]
 pub(crate) struct SlaveView {
     /// Its gateway in the world.

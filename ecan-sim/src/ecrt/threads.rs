@@ -106,7 +106,7 @@ impl Waiter {
 
     /// Waits until the clock moves, and with it the state of the call.
     pub(super) fn begin(&mut self, threads: &mut Threads) {
-        self.stand_aside(threads);
+        self.release_clock(threads);
         threads.waiting += 1;
         self.moves = threads.moves;
     }
@@ -126,7 +126,7 @@ impl Waiter {
     }
 
     /// The clock does not wait for the thread.
-    pub(super) fn stand_aside(&mut self, threads: &mut Threads) {
+    pub(super) fn release_clock(&mut self, threads: &mut Threads) {
         if std::mem::take(&mut self.is_computing) {
             threads.rest();
         }
@@ -137,7 +137,7 @@ impl Waiter {
         if self.is_worker && !self.is_computing {
             threads.computing += 1;
         } else if !self.is_worker {
-            self.stand_aside(threads);
+            self.release_clock(threads);
         }
     }
 }
@@ -187,7 +187,7 @@ mod tests {
     fn thread_without_a_worker_counts_only_while_it_checks() {
         let mut threads = Threads::default();
         threads.open(1);
-        assert!(!threads.has_caller(), "nobody runs a cycle");
+        assert!(!threads.has_caller(), "no thread runs a cycle");
         threads.enter_cycle();
         threads.open(2);
         assert!(!threads.has_caller(), "it runs the cycle itself");

@@ -24,7 +24,7 @@ pub(super) struct ClockRegisters {
 
 impl ClockRegisters {
     fn system_time(self, context: &Context<'_>) -> u64 {
-        context.gateway.dc_time(context.now).wrapping_add(context.way_ns)
+        context.gateway.dc_time(context.now).wrapping_add(context.delay_ns)
     }
 
     /// A write to 0x0900 latches the arrival of this frame at the ports.
@@ -32,7 +32,7 @@ impl ClockRegisters {
         let arrival = self.system_time(context).wrapping_sub(self.offset);
         self.frame_received = arrival;
         self.receive_times[0] = arrival as u32;
-        if let Some(ns) = context.way_back_ns {
+        if let Some(ns) = context.return_ns {
             self.receive_times[1] = arrival.wrapping_add(ns) as u32;
         }
     }
@@ -59,9 +59,9 @@ impl ClockRegisters {
     }
 
     /// The master writes the time, complete or its lower half (0x0910).
-    pub(super) fn told(&self, bytes: &[u8], context: &mut Context<'_>) {
+    pub(super) fn write_time(&self, bytes: &[u8], context: &mut Context<'_>) {
         let own = self.system_time(context);
-        let told = match *bytes {
+        let written_time = match *bytes {
             [a, b, c, d, e, f, g, h] => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
             [a, b, c, d] => {
                 let ahead = u32::from_le_bytes([a, b, c, d])
@@ -71,8 +71,8 @@ impl ClockRegisters {
             }
             _ => return,
         };
-        let shall_be = told.wrapping_add(self.delay.into()).wrapping_sub(context.way_ns);
-        context.gateway.correct_dc_system_time(context.now, shall_be);
+        let target = written_time.wrapping_add(self.delay.into()).wrapping_sub(context.delay_ns);
+        context.gateway.correct_dc_system_time(context.now, target);
     }
 
     /// The master sets the offset of the system time (0x0920).

@@ -8,7 +8,7 @@ pub(super) struct Context<'a> {
     /// Simulated time, ns.
     pub(super) now: u64,
     /// Time of the frame from the first slave to this one, ns.
-    pub(super) way_ns: u64,
+    pub(super) delay_ns: u64,
     /// Time until the frame returns from the next slave; `None` without one.
-    pub(super) way_back_ns: Option<u64>,
+    pub(super) return_ns: Option<u64>,
 }

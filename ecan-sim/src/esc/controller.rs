@@ -71,7 +71,7 @@ pub(super) struct Controller {
     boots: Option<u32>,
     stops: Stops,
     /// AL state and presence of the next slave in the last frame.
-    shown_state: (AlState, bool),
+    last_state: (AlState, bool),
     has_next: bool,
 }
 
@@ -91,7 +91,7 @@ impl Controller {
             scratch: vec![0; DATAGRAM_BYTES].into_boxed_slice(),
             boots: None,
             stops: Stops::default(),
-            shown_state: (AlState::Init, false),
+            last_state: (AlState::Init, false),
             has_next: false,
         }
     }
@@ -118,7 +118,7 @@ impl Controller {
             self.load_configuration(words);
             self.eeprom.check(words);
         }
-        let has_next = context.way_back_ns.is_some();
+        let has_next = context.return_ns.is_some();
         if std::mem::replace(&mut self.has_next, has_next) != has_next {
             self.events |= event::DL_STATUS;
             if !has_next {
@@ -126,31 +126,31 @@ impl Controller {
             }
         }
         let state = (context.gateway.al_state(), context.gateway.al_error());
-        if std::mem::replace(&mut self.shown_state, state) != state {
+        if std::mem::replace(&mut self.last_state, state) != state {
             self.events |= event::AL_STATUS;
         }
-        self.notice_stops(context);
-        self.notice_buffers(context);
+        self.check_stops(context);
+        self.check_buffers(context);
         self.serve_mailbox(context);
     }
 
     /// Voids partial accesses and buffer contents that the firmware has stopped.
-    pub(super) fn notice_stops(&mut self, context: &Context<'_>) {
+    pub(super) fn check_stops(&mut self, context: &Context<'_>) {
         let stops = Stops::of(context);
         let before = std::mem::replace(&mut self.stops, stops);
         if stops.mailbox != before.mailbox {
             self.mailbox = MailboxBuffers::new();
-            self.sync_managers[WRITE_MAILBOX].make_void();
-            self.sync_managers[READ_MAILBOX].make_void();
+            self.sync_managers[WRITE_MAILBOX].discard();
+            self.sync_managers[READ_MAILBOX].discard();
         }
         if stops.process_data != before.process_data {
-            self.sync_managers[OUTPUTS].make_void();
-            self.sync_managers[INPUTS].make_void();
+            self.sync_managers[OUTPUTS].discard();
+            self.sync_managers[INPUTS].discard();
         }
     }
 
     pub(super) fn dl_status(&self, context: &Context<'_>) -> u16 {
-        let port_1 = match context.way_back_ns {
+        let port_1 = match context.return_ns {
             Some(_) => dl::LINK_1 | dl::COMMUNICATION_1,
             None => dl::CLOSED_1,
         };

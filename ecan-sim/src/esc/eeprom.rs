@@ -42,7 +42,6 @@ pub(super) enum Effect {
 }
 
 impl EepromInterface {
-    /// Checks the words at power-on.
     pub(super) fn check(&mut self, words: &[u16]) {
         let is_good = words.len() >= CONFIGURATION_WORDS && checksum(words) == words[7] as u8;
         self.errors = if is_good { 0 } else { CHECKSUM_ERROR };

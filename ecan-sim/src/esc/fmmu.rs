@@ -5,7 +5,6 @@ pub(super) const FMMU_BYTES: usize = 16;
 /// FMMUs of a controller.
 pub(super) const FMMUS: usize = 8;
 
-/// One FMMU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Fmmu {
     pub(super) logical: u32,

@@ -19,7 +19,6 @@ const COUNTER_BYTES: usize = 2;
 /// Another datagram follows.
 const MORE: u16 = 0x8000;
 
-/// Fault of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FrameFault {
     /// Another protocol.
@@ -127,18 +126,17 @@ pub(super) fn for_each_datagram(
         let Some(&[low, high]) = rest.get(6..8) else { return Err(FrameFault::Datagram) };
         let length = u16::from_le_bytes([low, high]);
         let bytes = DATAGRAM_HEADER_BYTES + usize::from(length & LENGTH_MASK) + COUNTER_BYTES;
-        let Some((datagram, behind)) = rest.split_at_mut_checked(bytes) else {
+        let Some((datagram, remaining)) = rest.split_at_mut_checked(bytes) else {
             return Err(FrameFault::Datagram);
         };
         serve(Datagram { bytes: datagram });
         if length & MORE == 0 {
             return Ok(());
         }
-        rest = behind;
+        rest = remaining;
     }
 }
 
-/// Marks a frame as processed.
 pub(super) fn mark_as_processed(frame: &mut [u8]) {
     if let Some(byte) = frame.get_mut(SOURCE_ADDRESS) {
         *byte |= LOCALLY_ADMINISTERED;

@@ -68,17 +68,17 @@ const ASSIGN_ACTIVATE: u16 = 0x0300;
 
 /// EEPROM contents of a gateway.
 pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
-    let settings = &spec.config;
+    let config = &spec.config;
     let mut words = vec![0; CATEGORIES];
     let mut put = |at: usize, value: u16| words[at] = value;
     put(word::PDI_CONTROL, PDI);
     put(word::SYNC_PULSE, SYNC_PULSE);
     put(word::ALIAS, spec.alias);
     let numbers = [
-        (word::VENDOR, settings.vendor_id),
-        (word::PRODUCT, settings.product_code),
-        (word::REVISION, settings.revision),
-        (word::SERIAL, settings.serial as u32),
+        (word::VENDOR, config.vendor_id),
+        (word::PRODUCT, config.product_code),
+        (word::REVISION, config.revision),
+        (word::SERIAL, config.serial as u32),
     ];
     for (at, value) in numbers {
         put(at, value as u16);

@@ -8,7 +8,6 @@ use crate::gateway::SyncManagerConfig;
 
 /// Bytes of a sync manager's registers.
 pub(super) const SYNC_MANAGER_BYTES: usize = 8;
-/// Sync managers of a controller.
 pub(super) const SYNC_MANAGERS: usize = 8;
 
 const STATUS_WRITTEN: u8 = 0x01;
@@ -20,7 +19,6 @@ const ACTIVATE_REPEAT: u8 = 0x02;
 /// Bits of the activation register that the master may write.
 const ACTIVATE_WRITABLE: u8 = 0xC3;
 
-/// One sync manager.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SyncManager {
     start: u16,
@@ -68,20 +66,20 @@ impl SyncManager {
     }
 
     /// Configuration for the firmware.
-    pub(super) fn settings(&self) -> SyncManagerConfig {
+    pub(super) fn config(&self) -> SyncManagerConfig {
         SyncManagerConfig { start: self.start, length: self.length, control: self.control }
     }
 
     fn is_single(&self) -> bool {
-        self.settings().is_single()
+        self.config().is_single()
     }
 
     fn is_written_by_master(&self) -> bool {
-        self.settings().is_written_by_master()
+        self.config().is_written_by_master()
     }
 
     /// Voids the contents and a partial access.
-    pub(super) fn make_void(&mut self) {
+    pub(super) fn discard(&mut self) {
         (self.is_full, self.is_open) = (false, false);
         (self.was_written, self.was_read) = (false, false);
     }
@@ -110,12 +108,12 @@ impl SyncManager {
     }
 
     /// The buffer was filled.
-    pub(super) fn filled(&mut self) {
+    pub(super) fn mark_full(&mut self) {
         (self.is_full, self.was_written, self.was_read) = (true, true, false);
     }
 
     /// The buffer was emptied.
-    pub(super) fn emptied(&mut self) {
+    pub(super) fn mark_empty(&mut self) {
         (self.is_full, self.was_written, self.was_read) = (false, false, true);
     }
 
@@ -125,7 +123,6 @@ impl SyncManager {
             && if self.is_written_by_master() { self.was_read } else { self.was_written }
     }
 
-    /// Event request for the device.
     pub(super) fn has_device_event(&self) -> bool {
         self.is_enabled()
             && if self.is_written_by_master() { self.was_written } else { self.was_read }
@@ -178,7 +175,7 @@ impl SyncManager {
                 self.activate = value & ACTIVATE_WRITABLE;
                 let is_still_on = value & ACTIVATE_ENABLED != 0;
                 if is_on != is_still_on {
-                    self.make_void();
+                    self.discard();
                     self.repeat_acknowledged = value & ACTIVATE_REPEAT != 0;
                 }
             }
@@ -216,12 +213,12 @@ mod tests {
     fn buffer_to_be_read_has_to_be_full() {
         let mut sm = set_up([0x00, 0x1D, 0x80, 0x00, 0x22, 0, 1, 0]);
         assert_eq!(sm.read(0, 0x80, false), Progress::Rejected);
-        sm.filled();
+        sm.mark_full();
         assert!(sm.has_event() && !sm.has_device_event());
         assert_eq!(sm.register(5, sm.is_full), STATUS_WRITTEN | STATUS_FULL);
         assert_eq!(sm.read(0, 0x40, true), Progress::Begun);
         assert_eq!(sm.read(0x40, 0x40, true), Progress::Complete);
-        sm.emptied();
+        sm.mark_empty();
         assert_eq!(sm.register(5, sm.is_full), STATUS_READ);
     }
 

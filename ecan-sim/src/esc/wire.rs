@@ -40,7 +40,7 @@ pub struct Wire {
     reached: Vec<usize>,
     /// Lowest logical address so far, and the faults of the present cycle.
     lowest_logical: u32,
-    fate: CycleFaults,
+    faults: CycleFaults,
     statistics: WireStatistics,
 }
 
@@ -75,7 +75,7 @@ impl Wire {
             controllers,
             reached: Vec::new(),
             lowest_logical: u32::MAX,
-            fate: CycleFaults::default(),
+            faults: CycleFaults::default(),
             statistics: WireStatistics::default(),
         })
     }
@@ -111,16 +111,15 @@ impl Wire {
     pub fn pass(&mut self, now: u64, frame: &mut [u8]) -> bool {
         self.world.advance(now);
         let mut first_logical = None;
-        let looked = for_each_datagram(frame, |datagram| {
+        let checked = for_each_datagram(frame, |datagram| {
             if datagram.is_logical() {
                 let address = datagram.logical_address();
                 first_logical =
                     Some(first_logical.map_or(address, |first: u32| first.min(address)));
             }
         });
-        match looked {
+        match checked {
             Ok(()) => {}
-            // As long as it is told from the others.
             Err(FrameFault::NotEtherCat) => {
                 self.statistics.foreign += 1;
                 return false;
@@ -128,32 +127,33 @@ impl Wire {
             Err(_) => self.statistics.faulty += 1,
         }
         self.statistics.frames += 1;
-        let fate = first_logical.map_or_else(CycleFaults::default, |address| self.fate_of(address));
+        let faults =
+            first_logical.map_or_else(CycleFaults::default, |address| self.faults_of(address));
         self.find_reached();
-        if fate.lost == Some(LossDirection::Outward) || self.reached.is_empty() {
+        if faults.lost == Some(LossDirection::Outward) || self.reached.is_empty() {
             self.statistics.lost += 1;
             return false;
         }
         let hops = self.reached.len() as u64 - 1;
-        for (place, index) in (0..).zip(&self.reached) {
+        for (position, index) in (0..).zip(&self.reached) {
             let Some(controller) = self.controllers.get_mut(*index) else { continue };
-            let way_back_ns = (place < hops).then(|| 2 * (hops - place) * HOP_NS);
+            let return_ns = (position < hops).then(|| 2 * (hops - position) * HOP_NS);
             self.world.with_gateway(*index, |gateway, now| {
-                let way_ns = place * HOP_NS;
-                controller.pass(frame, &mut Context { gateway, now, way_ns, way_back_ns });
+                let delay_ns = position * HOP_NS;
+                controller.pass(frame, &mut Context { gateway, now, delay_ns, return_ns });
             });
         }
-        if fate.counter_offset != 0 {
+        if faults.counter_offset != 0 {
             let shift = |mut datagram: super::frame::Datagram<'_>| {
                 if datagram.is_logical() {
-                    datagram.shift_counter(fate.counter_offset);
+                    datagram.shift_counter(faults.counter_offset);
                 }
             };
-            // Its faults were told above.
+            // faults were counted above
             let _ = for_each_datagram(frame, shift);
         }
         mark_as_processed(frame);
-        if fate.lost == Some(LossDirection::Return) {
+        if faults.lost == Some(LossDirection::Return) {
             self.statistics.lost += 1;
             return false;
         }
@@ -162,12 +162,12 @@ impl Wire {
 
     /// Faults of a frame with process data. A cycle may have several frames: it begins with the
     /// lowest logical address, and all its frames have the same faults.
-    fn fate_of(&mut self, address: u32) -> CycleFaults {
+    fn faults_of(&mut self, address: u32) -> CycleFaults {
         if address <= self.lowest_logical {
             self.lowest_logical = address;
-            self.fate = self.world.begin_cycle();
+            self.faults = self.world.begin_cycle();
         }
-        self.fate
+        self.faults
     }
 
     fn find_reached(&mut self) {

@@ -44,7 +44,6 @@ impl AlStateMachine {
         self.state == AlState::Op
     }
 
-    /// Whether process data is exchanged: SAFEOP or OP.
     pub(super) fn exchanges_process_data(&self) -> bool {
         exchanges_process_data(self.state)
     }

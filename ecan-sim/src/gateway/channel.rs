@@ -16,7 +16,6 @@ use super::transmit_path::TransmitPath;
 mod event {
     /// Error warning or error passive.
     pub(super) const WARNING: u16 = 1 << 0;
-    /// Bus-off.
     pub(super) const BUS_OFF: u16 = 1 << 1;
     /// Pressure in either direction.
     pub(super) const PRESSURE: u16 = 1 << 2;
@@ -35,11 +34,9 @@ mod degraded {
 pub(super) mod path_error {
     /// The channel cannot send this frame.
     pub(in crate::gateway) const CANNOT_SEND: u32 = 1;
-    /// TX ring full.
     pub(in crate::gateway) const RING_FULL: u32 = 2;
     /// Transmit FIFO of the controller full.
     pub(in crate::gateway) const FIFO_FULL: u32 = 3;
-    /// Bus-off.
     pub(in crate::gateway) const BUS_OFF: u32 = 4;
     /// RX cache or receive FIFO overflow.
     pub(in crate::gateway) const RX_OVERFLOW: u32 = 5;

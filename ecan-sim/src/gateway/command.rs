@@ -7,9 +7,7 @@ use super::profile_control;
 
 /// System object.
 pub(super) const SYSTEM: u16 = 0x8000;
-/// Global data path policy.
 pub(super) const GLOBAL_DATA_PATH: u16 = 0x8020;
-/// Data path policy of the first channel.
 pub(super) const FIRST_DATA_PATH: u16 = 0x8021;
 /// Test policies.
 pub(super) const DIAGNOSTIC_TEST: u16 = 0x8030;

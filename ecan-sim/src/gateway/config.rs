@@ -100,7 +100,6 @@ impl SyncManagerConfig {
         self.control & CONTROL_DIRECTION == CONTROL_WRITTEN_BY_MASTER
     }
 
-    /// Whether it is a single buffer of this direction.
     pub(crate) fn is_single_buffer(self, written_by_master: bool) -> bool {
         // The two other direction values are reserved.
         let is_read = self.control & CONTROL_DIRECTION == 0;

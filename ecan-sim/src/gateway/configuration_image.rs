@@ -33,7 +33,6 @@ pub(super) struct ConfigurationImage {
     channels: [Vec<u8>; CHANNELS],
 }
 
-/// Saved entries of an object.
 fn saved_entries(index: u16) -> impl Iterator<Item = &'static Entry> {
     let entries = object(index).map_or(&[][..], |object| object.entries);
     entries.iter().filter(move |entry| {
@@ -126,7 +125,6 @@ impl ConfigurationImage {
         }
     }
 
-    /// Restores the common objects.
     pub(super) fn restore_common(&self, values: &mut DictionaryValues) {
         let mut bytes = self.common.as_slice();
         for index in COMMON_OBJECTS {
@@ -187,9 +185,9 @@ impl ConfigurationImage {
         let mut rest = checked.get(PREFIX_BYTES..).ok_or(CrcError)?;
         let mut image = Self::factory();
         for part in std::iter::once(&mut image.common).chain(&mut image.channels) {
-            let (stored, behind) = rest.split_at_checked(part.len()).ok_or(CrcError)?;
+            let (stored, remaining) = rest.split_at_checked(part.len()).ok_or(CrcError)?;
             part.copy_from_slice(stored);
-            rest = behind;
+            rest = remaining;
         }
         Ok(image)
     }

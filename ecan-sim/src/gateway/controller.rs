@@ -29,12 +29,9 @@ const MISSING_DATA: u8 = 0xCC;
 
 /// Bits of the IR register that the model raises.
 mod interrupt {
-    pub(super) const FIFO0_NEW: u32 = 1 << 0;
-    pub(super) const FIFO0_FULL: u32 = 1 << 2;
-    pub(super) const FIFO0_LOST: u32 = 1 << 3;
-    pub(super) const FIFO1_NEW: u32 = 1 << 4;
-    pub(super) const FIFO1_FULL: u32 = 1 << 6;
-    pub(super) const FIFO1_LOST: u32 = 1 << 7;
+    /// New message, message lost, full.
+    pub(super) const FIFO0: [u32; 3] = [1 << 0, 1 << 3, 1 << 2];
+    pub(super) const FIFO1: [u32; 3] = [1 << 4, 1 << 7, 1 << 6];
     pub(super) const HIGH_PRIORITY: u32 = 1 << 8;
     pub(super) const TRANSMITTED: u32 = 1 << 9;
     pub(super) const TX_EMPTY: u32 = 1 << 11;
@@ -63,7 +60,6 @@ pub(super) struct ControllerConfig {
 pub(super) enum Rejection {
     /// Not configured, listening only, or an FD frame on a classic channel.
     CannotSend,
-    /// The controller is bus-off.
     BusOff,
     /// No free transmit element.
     Full,
@@ -215,7 +211,7 @@ impl Controller {
         }
         let size =
             self.config.as_ref().map_or(0, |config| usize::from(config.ram.tx_data_size.bytes()));
-        self.transmit.push_back(cut_data(frame, size, MISSING_DATA));
+        self.transmit.push_back(truncate_data(frame, size, MISSING_DATA));
         self.tx_put_index = wrap_increment(self.tx_put_index, self.transmit_elements());
         Ok(())
     }
@@ -232,17 +228,17 @@ impl Controller {
         {
             return None;
         }
-        let place = match config.ram.tx_mode {
+        let index = match config.ram.tx_mode {
             TxMode::Fifo => 0,
             TxMode::Queue => {
                 self.transmit
                     .iter()
                     .enumerate()
-                    .min_by_key(|(place, frame)| (arbitration_key(frame), *place))?
+                    .min_by_key(|(index, frame)| (arbitration_key(frame), *index))?
                     .0
             }
         };
-        let frame = self.transmit.remove(place)?;
+        let frame = self.transmit.remove(index)?;
         self.in_flight = Some(frame);
         Some(frame)
     }
@@ -295,45 +291,35 @@ impl Controller {
         };
         let at_ns = if config.captures_start { start_ns } else { end_ns };
         counters.frames_from_bus += 1;
-        let verdict = config.filters.judge(frame);
-        let source = |normal| if verdict.priority { 3 } else { normal };
+        let result = config.filters.evaluate(frame);
+        let source = |normal| if result.priority { 3 } else { normal };
         let ram = config.ram;
-        let stored = match verdict.destination {
-            Destination::Fifo0 => {
-                let element = Received {
-                    frame: cut_data(*frame, usize::from(ram.rx_fifo0.data_size.bytes()), 0),
-                    at_ns,
-                    source: source(0),
+        let stored = match result.destination {
+            Destination::Fifo0 | Destination::Fifo1 => {
+                let is_first = result.destination == Destination::Fifo0;
+                let (fifo, layout, [new, lost, full]) = if is_first {
+                    (&mut self.fifo0, ram.rx_fifo0, interrupt::FIFO0)
+                } else {
+                    (&mut self.fifo1, ram.rx_fifo1, interrupt::FIFO1)
                 };
-                let kept = self.fifo0.store(element, ram.rx_fifo0.size, ram.rx_fifo0.mode);
-                self.interrupts |= interrupt::FIFO0_NEW;
-                if !kept {
-                    self.interrupts |= interrupt::FIFO0_LOST;
-                }
-                if self.fifo0.len() >= usize::from(ram.rx_fifo0.size) {
-                    self.interrupts |= interrupt::FIFO0_FULL;
-                }
-                kept
-            }
-            Destination::Fifo1 => {
                 let element = Received {
-                    frame: cut_data(*frame, usize::from(ram.rx_fifo1.data_size.bytes()), 0),
+                    frame: truncate_data(*frame, usize::from(layout.data_size.bytes()), 0),
                     at_ns,
-                    source: source(1),
+                    source: source(u8::from(!is_first)),
                 };
-                let kept = self.fifo1.store(element, ram.rx_fifo1.size, ram.rx_fifo1.mode);
-                self.interrupts |= interrupt::FIFO1_NEW;
+                let kept = fifo.store(element, layout.size, layout.mode);
+                self.interrupts |= new;
                 if !kept {
-                    self.interrupts |= interrupt::FIFO1_LOST;
+                    self.interrupts |= lost;
                 }
-                if self.fifo1.len() >= usize::from(ram.rx_fifo1.size) {
-                    self.interrupts |= interrupt::FIFO1_FULL;
+                if fifo.len() >= usize::from(layout.size) {
+                    self.interrupts |= full;
                 }
                 kept
             }
             Destination::Buffer(number) => {
                 let element = Received {
-                    frame: cut_data(*frame, usize::from(ram.rx_buffer_data_size.bytes()), 0),
+                    frame: truncate_data(*frame, usize::from(ram.rx_buffer_data_size.bytes()), 0),
                     at_ns,
                     source: source(2),
                 };
@@ -353,13 +339,13 @@ impl Controller {
                 true
             }
         };
-        if verdict.priority {
+        if result.priority {
             self.interrupts |= interrupt::HIGH_PRIORITY;
-            self.high_priority = match verdict.destination {
+            self.high_priority = match result.destination {
                 Destination::Fifo0 => 2 << 6,
                 Destination::Fifo1 => 3 << 6,
                 _ => 0,
-            } | u32::from(verdict.filter.unwrap_or(0)) << 8
+            } | u32::from(result.filter.unwrap_or(0)) << 8
                 | u32::from(frame.id().is_extended()) << 15;
         }
         if !stored {
@@ -438,7 +424,7 @@ impl Controller {
 }
 
 /// Replaces the data bytes that do not fit into an element of `size`.
-fn cut_data(frame: CanFrame, size: usize, filler: u8) -> CanFrame {
+fn truncate_data(frame: CanFrame, size: usize, filler: u8) -> CanFrame {
     if frame.data().len() <= size {
         return frame;
     }

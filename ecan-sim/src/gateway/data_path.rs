@@ -31,7 +31,6 @@ const DEFAULT_SERVICE_BUDGET_US: u32 = 1000;
 /// Microseconds of the service budget that one frame costs, in either direction.
 const FRAME_COST_US: u32 = 2;
 
-/// Times that a service needs.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ServiceTimes {
     pub(super) now: u64,
@@ -41,7 +40,6 @@ pub(super) struct ServiceTimes {
     pub(super) pulses: Option<PulseTrain>,
 }
 
-/// Data path of all channels.
 #[derive(Debug)]
 pub(super) struct DataPath {
     pub(super) channels: [Channel; CHANNELS],
@@ -151,7 +149,6 @@ impl DataPath {
         }
     }
 
-    /// Resets the session of a direction.
     pub(super) fn reset_session(&mut self, direction: Direction) {
         self.options.profiles.of_mut(direction).reset_session();
         match direction {

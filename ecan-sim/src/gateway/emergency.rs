@@ -25,7 +25,6 @@ mod code {
 /// Bits of the error register: generic error and communication error.
 const COMMUNICATION_ERROR: u8 = 0x11;
 
-/// One emergency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Emergency {
     /// Error code.
@@ -62,7 +61,6 @@ impl Emergency {
     }
 }
 
-/// Queue of emergencies.
 #[derive(Debug)]
 pub(super) struct EmergencyQueue {
     waiting: VecDeque<Emergency>,

@@ -15,9 +15,8 @@ pub(super) enum Destination {
     Nowhere,
 }
 
-/// Result of the acceptance filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Verdict {
+pub(super) struct FilterResult {
     pub(super) destination: Destination,
     /// A filter marked the frame as high priority.
     pub(super) priority: bool,
@@ -70,7 +69,7 @@ impl FilterElement {
         }
     }
 
-    fn verdict(&self, number: u8) -> Verdict {
+    fn result(&self, number: u8) -> FilterResult {
         let (destination, priority) = match self.action() {
             FilterAction::Fifo0 => (Destination::Fifo0, false),
             FilterAction::Fifo1 => (Destination::Fifo1, false),
@@ -81,7 +80,7 @@ impl FilterElement {
             FilterAction::Priority => (Destination::Nowhere, true),
             FilterAction::Disabled | FilterAction::Reject => (Destination::Nowhere, false),
         };
-        Verdict { destination, priority, filter: Some(number) }
+        FilterResult { destination, priority, filter: Some(number) }
     }
 }
 
@@ -99,7 +98,7 @@ pub(super) struct FilterTable {
 
 impl FilterTable {
     /// Filters a frame: remote rule first, then the list in order, then the non-match rule.
-    pub(super) fn judge(&self, frame: &CanFrame) -> Verdict {
+    pub(super) fn evaluate(&self, frame: &CanFrame) -> FilterResult {
         let id = frame.id();
         let extended = id.is_extended();
         let (list, non_match, reject_remote) = if extended {
@@ -114,16 +113,16 @@ impl FilterTable {
         let hit =
             list.iter().zip(0u8..).find(|(element, _)| element.matches(id.raw(), masked, extended));
         if let Some((element, number)) = hit {
-            return element.verdict(number);
+            return element.result(number);
         }
         let destination = match non_match {
             NonMatch::Fifo0 => Destination::Fifo0,
             NonMatch::Fifo1 => Destination::Fifo1,
             NonMatch::Reject | NonMatch::RejectToo => Destination::Nowhere,
         };
-        Verdict { destination, priority: false, filter: None }
+        FilterResult { destination, priority: false, filter: None }
     }
 }
 
-const REJECTED: Verdict =
-    Verdict { destination: Destination::Nowhere, priority: false, filter: None };
+const REJECTED: FilterResult =
+    FilterResult { destination: Destination::Nowhere, priority: false, filter: None };

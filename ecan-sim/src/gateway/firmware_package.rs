@@ -44,7 +44,10 @@ pub struct FirmwarePackage {
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum FirmwarePackageError {
     /// Shorter than the header.
-    #[error("a package has a header of {} bytes, these are {bytes}", FirmwarePackage::HEADER_BYTES)]
+    #[error(
+        "{bytes} bytes are too short for a package header; needed: {} bytes",
+        FirmwarePackage::HEADER_BYTES
+    )]
     NoHeader {
         /// Length of the file.
         bytes: usize,
@@ -53,7 +56,7 @@ pub enum FirmwarePackageError {
     #[error("the file is not in packaging format: it does not begin with ECLA")]
     NotAPackage,
     /// The CRC of the header is wrong.
-    #[error("header CRC32 is {found:#010x}, the header gives {computed:#010x}")]
+    #[error("header CRC32 {found:#010x} is wrong; computed: {computed:#010x}")]
     HeaderCheck {
         /// CRC32 in the file.
         found: u32,
@@ -61,7 +64,7 @@ pub enum FirmwarePackageError {
         computed: u32,
     },
     /// A field of an otherwise valid header has an undefined value.
-    #[error("the header's field at offset {offset} is {value:#010x}, which has no meaning")]
+    #[error("invalid value {value:#010x} in the header field at offset {offset}")]
     HeaderField {
         /// Offset of the field.
         offset: u8,
@@ -69,7 +72,7 @@ pub enum FirmwarePackageError {
         value: u32,
     },
     /// The file does not have the length given in the header.
-    #[error("the header announces {announced} bytes of payload, the file has {found}")]
+    #[error("the payload has {found} bytes; the header gives {announced}")]
     Length {
         /// Payload length in the header.
         announced: u32,
@@ -77,7 +80,7 @@ pub enum FirmwarePackageError {
         found: usize,
     },
     /// The CRC of the payload is wrong.
-    #[error("payload CRC32 is {found:#010x}, the payload gives {computed:#010x}")]
+    #[error("payload CRC32 {found:#010x} is wrong; computed: {computed:#010x}")]
     PayloadCheck {
         /// CRC32 in the file.
         found: u32,
@@ -150,7 +153,7 @@ impl FirmwarePackage {
     /// Parses a file.
     ///
     /// # Errors
-    /// What is wrong with it, header before payload.
+    /// The first fault, header before payload.
     pub fn parse(file: &[u8]) -> Result<Self, FirmwarePackageError> {
         let header = Header::parse(file)?;
         let payload = header.check_payload(file)?;

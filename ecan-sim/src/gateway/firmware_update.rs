@@ -22,7 +22,6 @@ const SECTOR_WRITE_NS: u64 = 2 * NS_PER_MS;
 const RESET_DELAY_NS: u64 = 500 * NS_PER_MS;
 /// Product and device type of this gateway.
 const DEVICE_TYPE: u8 = 0;
-/// The factory application.
 const FACTORY_PAYLOAD: &[u8] = b"ECAN-Lite application, simulated";
 
 /// 0xB000:11, in addition to FoE error codes; the manual gives no numbers.
@@ -34,19 +33,19 @@ const STATUS_VERIFIED: u32 = 2;
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum FirmwareUpdateError {
     /// The gateway has no supply, boots, or will restart with another version.
-    #[error("the gateway does not take firmware now")]
+    #[error("the gateway cannot receive firmware now; retry when it is running")]
     NotReady,
     /// A part without an update in progress.
-    #[error("no firmware update was begun")]
+    #[error("no firmware update is in progress")]
     NotBegun,
     /// The file is larger than a partition.
-    #[error("the file is bigger than the {PARTITION_BYTES} bytes of a partition")]
+    #[error("the file is larger than a partition; allowed: {PARTITION_BYTES} bytes")]
     TooBig,
     /// The flash could not be erased or written.
     #[error("the flash could not be erased or written")]
     Flash,
     /// The file is not a valid package.
-    #[error("the file was refused: {0}")]
+    #[error("the file is not a valid package: {0}")]
     Package(#[from] FirmwarePackageError),
     /// The package is for another product.
     #[error("the package is for device type {found}, this gateway is of type {DEVICE_TYPE}")]

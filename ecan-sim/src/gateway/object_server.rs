@@ -137,7 +137,6 @@ impl ObjectServer {
         Ok(())
     }
 
-    /// The stored test policies.
     pub(super) fn test_policies(&self) -> DiagnosticTest {
         self.test_policies_with(None)
     }
@@ -146,7 +145,6 @@ impl ObjectServer {
         self.values.set(DIAGNOSTIC_TEST, TEST_REJECT_REASON, 0);
     }
 
-    /// The stored test policies with one value replaced.
     fn test_policies_with(&self, replaced: Option<(u8, u32)>) -> DiagnosticTest {
         let read = |subindex| {
             Ok::<_, std::convert::Infallible>(match replaced {

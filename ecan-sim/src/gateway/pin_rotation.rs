@@ -2,7 +2,6 @@
 
 use ecan_protocol::mapping::CHANNELS;
 
-/// Active pin rotation.
 #[derive(Debug, Default)]
 pub(super) struct PinRotation {
     active: u8,

@@ -58,7 +58,6 @@ impl PowerSupply {
         self.state = PowerState::Booting { until: now + self.boot_ns };
     }
 
-    /// End of a boot in progress.
     pub(super) fn boot_end(&self) -> Option<u64> {
         match self.state {
             PowerState::Booting { until } => Some(until),

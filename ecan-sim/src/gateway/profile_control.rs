@@ -208,7 +208,6 @@ impl ProfileControl {
         }
     }
 
-    /// Command "clear errors".
     pub(super) fn clear_errors(&mut self) {
         self.last_error = PdoError::Ok;
         self.error_counter = 0;
@@ -216,7 +215,6 @@ impl ProfileControl {
         self.clear_running_status();
     }
 
-    /// Command "reset session".
     pub(super) fn reset_session(&mut self) {
         self.sequence = 0;
         self.last_error = PdoError::Ok;

@@ -240,7 +240,6 @@ enum Dropped {
     New,
 }
 
-/// Cache depth of a policy.
 fn depth(policy: &DataPathConfig) -> usize {
     usize::from(policy.rx_cache_depth.frames()).min(RX_CACHE_MAX)
 }

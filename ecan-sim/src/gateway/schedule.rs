@@ -62,7 +62,6 @@ impl ScheduleQueue {
         if self.next_due()? <= now { self.entries.pop_front() } else { None }
     }
 
-    /// Waiting frames of one channel.
     pub(super) fn waiting(&self, channel: usize) -> usize {
         self.entries.iter().filter(|entry| entry.channel == channel).count()
     }

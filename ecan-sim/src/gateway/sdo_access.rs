@@ -111,7 +111,6 @@ impl Gateway {
 
     // Values
 
-    /// The text of a string object.
     pub(crate) fn text(&self, index: u16) -> String {
         let (major, minor) = self.firmware.version();
         match index {

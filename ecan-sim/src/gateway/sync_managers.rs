@@ -114,7 +114,6 @@ impl SingleBuffer {
     }
 }
 
-/// All sync managers of a slave.
 #[derive(Debug)]
 pub(super) struct SyncManagers {
     mailboxes: [Option<SyncManagerConfig>; 2],

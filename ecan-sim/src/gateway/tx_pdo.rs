@@ -200,8 +200,8 @@ impl TxPdoBuilder {
     pub(super) fn tear(&mut self) {
         let seq_begin = self.shadow.get(2..4).map(|bytes| [bytes[0], bytes[1]]);
         if let (Some(begin), Some(seq_end)) = (seq_begin, self.shadow.get_mut(4..6)) {
-            let behind = u16::from_le_bytes(begin).wrapping_sub(1);
-            seq_end.copy_from_slice(&behind.to_le_bytes());
+            let previous = u16::from_le_bytes(begin).wrapping_sub(1);
+            seq_end.copy_from_slice(&previous.to_le_bytes());
         }
     }
 

@@ -1,7 +1,6 @@
 //! Mailbox errors: a request did not reach its protocol, or is not one of its services
 //! (ETG.1000.4).
 
-/// Detail of a mailbox error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MailboxError {
     /// The mailbox header has a value that the standard reserves.
@@ -14,7 +13,6 @@ pub(super) enum MailboxError {
     ServiceNotSupported = 4,
     /// The protocol's header is wrong.
     InvalidHeader = 5,
-    /// The message is too short.
     SizeTooShort = 6,
     /// Too many requests at once.
     NoMemory = 7,

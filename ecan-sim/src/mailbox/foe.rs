@@ -8,7 +8,6 @@
 
 use crate::gateway::{FirmwareProgress, FirmwareUpdateError, Gateway};
 
-/// Name of the file on the device.
 const FILE_NAME: &[u8] = b"ecan_lite_app";
 const PASSWORD: u32 = 0;
 /// Header: opcode, a reserved byte, and a field that depends on the opcode.
@@ -65,7 +64,6 @@ enum Transfer {
     },
 }
 
-/// FoE server of one gateway.
 #[derive(Debug)]
 pub(crate) struct FoeServer {
     transfer: Transfer,

@@ -1,11 +1,9 @@
 //! Mailbox header (ETG.1000.4): six bytes before every message.
 
-/// Bytes of the header.
 pub(super) const HEADER_BYTES: usize = 6;
 
 /// Protocols of mailbox messages.
 pub(super) mod protocol {
-    /// A mailbox error.
     pub(in crate::mailbox) const ERROR: u8 = 0;
     /// CAN application protocol over EtherCAT.
     pub(in crate::mailbox) const COE: u8 = 3;

@@ -9,7 +9,7 @@ mod coe;
 mod errors;
 mod foe;
 mod header;
-mod outbox;
+mod response_queue;
 #[cfg(test)]
 mod tests;
 
@@ -17,7 +17,7 @@ use coe::CoeServer;
 use errors::MailboxError;
 use foe::FoeServer;
 use header::{HEADER_BYTES, Header, protocol};
-use outbox::{MessageAddress, ResponseQueue};
+use response_queue::{MessageAddress, ResponseQueue};
 
 use ecan_protocol::device::AlState;
 
@@ -28,7 +28,7 @@ use crate::gateway::Gateway;
 pub(crate) struct MailboxServer {
     coe: CoeServer,
     foe: FoeServer,
-    outbox: ResponseQueue,
+    responses: ResponseQueue,
     /// Counter of the last request, 0 for none.
     last_counter: u8,
 }
@@ -39,7 +39,7 @@ impl MailboxServer {
         Self {
             coe: CoeServer::new(),
             foe: FoeServer::new(),
-            outbox: ResponseQueue::default(),
+            responses: ResponseQueue::default(),
             last_counter: 0,
         }
     }
@@ -63,7 +63,7 @@ impl MailboxServer {
     /// Whether [`send`](Self::send) has a message. Cheap: to be called whenever the read mailbox is
     /// empty.
     pub(crate) fn is_due(&self, now: u64, gateway: &Gateway) -> bool {
-        let is_ready = self.outbox.next_ready().is_some_and(|time| time <= now);
+        let is_ready = self.responses.next_ready().is_some_and(|time| time <= now);
         let has_emergency = gateway.has_emergency() && gateway.al_state() != AlState::Boot;
         gateway.mailbox_answers(now) && (is_ready || has_emergency)
     }
@@ -78,17 +78,17 @@ impl MailboxServer {
         let speaks_coe = gateway.al_state() != AlState::Boot;
         while let Some(emergency) = gateway.take_emergency().filter(|_| speaks_coe) {
             let envelope = MessageAddress { address: 0, protocol: protocol::COE };
-            if self.outbox.write(envelope, &coe::emergency_message(emergency), out) {
+            if self.responses.write(envelope, &coe::emergency_message(emergency), out) {
                 return true;
             }
         }
-        self.outbox.send(now, out)
+        self.responses.send(now, out)
     }
 
     /// When the next response becomes ready.
     #[cfg(test)]
     fn next_ready(&self) -> Option<u64> {
-        self.outbox.next_ready()
+        self.responses.next_ready()
     }
 
     fn serve(&mut self, now: u64, request: &[u8], reply_bytes: usize, gateway: &mut Gateway) {
@@ -96,7 +96,7 @@ impl MailboxServer {
         let Some((header, rest)) = Header::parse(request) else {
             let envelope = MessageAddress { address: 0, protocol: protocol::ERROR };
             let message = MailboxError::SizeTooShort.message();
-            self.outbox.push(ready, envelope, vec![message], reply_bytes);
+            self.responses.push(ready, envelope, vec![message], reply_bytes);
             return;
         };
         // the master did not see that the mailbox accepted the message, and wrote it again
@@ -109,7 +109,7 @@ impl MailboxServer {
         if header.protocol == protocol::ERROR {
             return;
         }
-        let answer = if self.outbox.is_full() {
+        let answer = if self.responses.is_full() {
             Err(MailboxError::NoMemory)
         } else {
             self.answer(now, header, rest, reply_bytes, gateway)
@@ -119,7 +119,7 @@ impl MailboxServer {
             Err(error) => (protocol::ERROR, vec![error.message()]),
         };
         let envelope = MessageAddress { address: header.address, protocol };
-        self.outbox.push(ready, envelope, messages, reply_bytes);
+        self.responses.push(ready, envelope, messages, reply_bytes);
     }
 
     /// Response messages, without mailbox headers; `rest` is the request after its header.

@@ -103,9 +103,9 @@ impl ResponseQueue {
             return false;
         };
         head.copy_from_slice(&header.to_bytes());
-        let (body, behind) = rest.split_at_mut(message.len());
+        let (body, remaining) = rest.split_at_mut(message.len());
         body.copy_from_slice(message);
-        behind.fill(0);
+        remaining.fill(0);
         true
     }
 }

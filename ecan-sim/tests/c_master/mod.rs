@@ -1,4 +1,4 @@
-//! A program that calls the simulated library as C does, on stepped time.
+//! A program that calls the simulated library like a C program, on stepped time.
 
 use std::ptr::null_mut;
 
@@ -13,7 +13,7 @@ use ecrt_sys::{
     ec_sync_info_t,
 };
 
-/// Cycles in which a slave reaches OP, or not at all.
+/// Longest wait for OP in cycles.
 const PATIENCE: usize = 3_000;
 
 /// One gateway with one chunk in each direction, configured by lists.
@@ -102,14 +102,14 @@ impl CMaster {
                 watchdog_mode: EC_WD_DEFAULT,
             };
             let end = ec_sync_info_t { index: 0xFF, ..sync };
-            // SAFETY: the lists are as long as they say, and end where the second one says so.
+            // SAFETY: the lists have the given lengths, and the second one is the end.
             let answer =
                 unsafe { c::slave_config_pdos(self.config, u32::MAX, [sync, end].as_ptr()) };
             assert_eq!(answer, 0);
         }
     }
 
-    /// Puts the first entries of both directions into the domain; gives their offsets.
+    /// Registers the first entries of both directions; returns their offsets.
     pub fn register_by_list(&self) -> (i32, [u32; 2]) {
         let mut offsets = [u32::MAX; 2];
         let [outputs, inputs] = &mut offsets;
@@ -152,7 +152,7 @@ impl CMaster {
         state
     }
 
-    /// Whether the slave gets to OP.
+    /// Runs cycles; returns whether the slave reaches OP.
     pub fn reaches_op(&self) -> bool {
         (0..PATIENCE).any(|_| {
             self.cycle();
@@ -160,7 +160,7 @@ impl CMaster {
         })
     }
 
-    /// AL state and error flag after a while in which the slave does not get to OP.
+    /// AL state and error flag of a slave that does not reach OP.
     pub fn ends_without_op(&self) -> (u8, bool) {
         assert!(!self.reaches_op());
         let mut info = ec_slave_info_t::default();

@@ -1,4 +1,4 @@
-//! A program on the simulated library: configures slaves as the manual says, and runs cycles.
+//! A program on the simulated library: configures slaves as in the manual, and runs cycles.
 #![allow(dead_code)]
 
 use ecan_host::{
@@ -16,7 +16,7 @@ use ecan_sim::{Backend, ClockKind, Scenario, SimOptions, Simulation, echo, open_
 
 /// Cycle time of the program.
 pub const CYCLE_NS: u64 = 1_000_000;
-/// Cycles in which OP is reached, or not at all.
+/// Longest wait for OP in cycles.
 pub const PATIENCE: usize = 5_000;
 
 /// A library on stepped time.
@@ -47,7 +47,7 @@ pub struct Program {
     pub slaves: Vec<Slave>,
     /// Frames received so far: slave, channel, frame.
     pub received: Vec<(usize, u8, CanFrame)>,
-    /// Images that were repeated, torn or wrong.
+    /// Repeated, torn or invalid images.
     pub bad_images: usize,
     pub next: u64,
 }
@@ -75,7 +75,7 @@ impl Program {
         Self { backend, master, slaves, received: Vec::new(), bad_images: 0, next }
     }
 
-    /// Activates, and cycles until every slave is in OP and its domain complete.
+    /// Activates, and runs cycles until every slave is in OP and its domain complete.
     pub fn into_op(mut self) -> Self {
         self.activate();
         assert!(self.reaches_op(), "not in OP: {:#?}", self.simulation().kernel_log());
@@ -92,7 +92,7 @@ impl Program {
         self.backend.simulation.as_ref().expect("it is simulated")
     }
 
-    /// Cycles with empty images until OP.
+    /// Runs cycles with empty images until OP.
     pub fn reaches_op(&mut self) -> bool {
         (0..PATIENCE).any(|_| {
             self.cycle();
@@ -110,7 +110,7 @@ impl Program {
         self.master.domain_state(self.slaves[slave].domain).expect("domain_state")
     }
 
-    /// One cycle that sends nothing.
+    /// One cycle without CAN frames.
     pub fn cycle(&mut self) {
         self.cycle_with(&[]);
     }
@@ -119,7 +119,7 @@ impl Program {
         (0..count).for_each(|_| self.cycle());
     }
 
-    /// One cycle: receive, judge, write an image with these frames, send, sleep.
+    /// One cycle: receive, parse, write an image with these frames, send, sleep.
     pub fn cycle_with(&mut self, frames: &[(usize, u8, CanFrame)]) {
         self.master.receive().expect("receive");
         for index in 0..self.slaves.len() {
@@ -161,7 +161,7 @@ impl Program {
         self.exchange();
     }
 
-    /// Sends what is queued and sleeps to the next cycle.
+    /// Sends the queue and sleeps to the next cycle.
     pub fn exchange(&mut self) {
         let clock = self.backend.ecrt.clock();
         self.master.application_time(clock.now_ns()).expect("application_time");
@@ -170,7 +170,7 @@ impl Program {
         clock.sleep_until_ns(self.next);
     }
 
-    /// Cycles until so many frames have been received, or patience ends.
+    /// Runs cycles until `count` frames were received, at most 200.
     pub fn receive_frames(&mut self, count: usize) {
         for _ in 0..200 {
             if self.received.len() >= count {

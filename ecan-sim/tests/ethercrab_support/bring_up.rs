@@ -1,5 +1,4 @@
-//! What a master writes in PREOP to bring a gateway up (manual 5.4.3), as SDOs by hand, for classic
-//! CAN on CAN0.
+//! SDOs of a master in PREOP to start a gateway (manual 5.4.3), for classic CAN on CAN0.
 
 use std::ops::Deref;
 
@@ -21,7 +20,7 @@ type Step = (u16, u8, Value);
 pub const CHANNEL_MASK: u8 = 0x0F;
 const BITRATE: u32 = 1_000_000;
 
-/// Phase A: what the device is.
+/// Phase A: capabilities of the device.
 const CAPABILITIES: [Step; 7] = [
     (0xF000, 2, U8(4)),
     (0xF000, 10, U8(1)),
@@ -58,7 +57,7 @@ pub async fn configure<S>(gateway: &SubDeviceRef<'_, S>, chunks: u8) -> Result<(
 where
     S: Deref<Target = SubDevice>,
 {
-    // A: masks may be larger than what is needed.
+    // A: masks may be larger than needed
     for (index, subindex, expected) in CAPABILITIES {
         let value = read(gateway, index, subindex, expected).await?;
         if ![12, 15].contains(&subindex) {

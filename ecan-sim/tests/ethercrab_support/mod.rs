@@ -1,4 +1,4 @@
-//! EtherCAT with ethercrab as the master: the way of manual 5.4.3 into service, and cycles.
+//! EtherCAT with ethercrab as the master: startup of manual 5.4.3, and cycles.
 #![allow(dead_code, missing_docs)]
 
 pub mod bring_up;
@@ -24,8 +24,8 @@ pub const MAX_GATEWAYS: usize = 4;
 
 pub type Group<State> = SubDeviceGroup<MAX_GATEWAYS, MAX_PDI, ethercrab::DefaultLock, State>;
 
-/// A master and a wire, joined in memory. Simulated time passes with the frames, and as
-/// [`pass`](Self::pass) says.
+/// A master and a wire, connected in memory. Simulated time passes with the frames and by
+/// [`pass`](Self::pass).
 pub struct Fixture {
     pub wire: Wire,
     pub now: u64,
@@ -40,7 +40,7 @@ impl Fixture {
         let storage: &'static PduStorage<64, { PduStorage::element_size(1486) }> =
             Box::leak(Box::new(PduStorage::new()));
         let (tx, rx, pdu_loop) = storage.try_split().unwrap();
-        // Wall-clock limits far beyond what a loaded machine takes.
+        // wall-clock limits far beyond the times of a loaded machine
         let long = Duration::from_secs(60);
         let timeouts = Timeouts {
             state_transition: long,
@@ -94,14 +94,14 @@ impl Fixture {
     }
 }
 
-/// Runs a test on a stack that holds the master's futures, which carry all process data.
+/// Runs a test on a stack large enough for the master's futures, which hold all process data.
 pub fn on_a_deep_stack(test: impl FnOnce() + Send + 'static) {
     const BYTES: usize = 64 << 20;
     let thread = std::thread::Builder::new().stack_size(BYTES).spawn(test).unwrap();
     thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
 }
 
-/// All gateways of the line into OP.
+/// Brings all gateways of the line to OP.
 pub async fn into_op(
     main_device: &MainDevice<'_>,
     gateways: usize,

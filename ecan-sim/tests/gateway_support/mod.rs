@@ -214,7 +214,7 @@ impl Fixture {
 
     /// One cycle: writes the output image, and reads the next input image.
     pub fn cycle(&mut self) {
-        assert!(self.write(), "SM2 refused the image");
+        assert!(self.write(), "SM2 rejected the image");
         assert!(self.read(), "SM3 is empty");
         self.pass(MS - SERVICE);
     }

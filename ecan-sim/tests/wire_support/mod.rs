@@ -1,4 +1,4 @@
-//! A wire with gateways, and datagrams by hand.
+//! A wire with gateways, and datagrams written by hand.
 #![allow(dead_code, missing_docs)]
 
 use ecan_sim::{Scenario, Wire, echo};
@@ -24,7 +24,7 @@ pub mod command {
 }
 use command::*;
 
-/// A datagram as it is sent, and as it came back.
+/// A datagram, sent or received.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Datagram {
     pub command: u8,
@@ -82,14 +82,14 @@ pub fn decode(frame: &[u8]) -> Vec<Datagram> {
     }
 }
 
-/// A master that does one thing at a time.
+/// A master that sends one datagram at a time.
 pub struct Line {
     pub wire: Wire,
     pub now: u64,
 }
 
 impl Line {
-    /// So many gateways with echo nodes, booted.
+    /// Gateways with echo nodes, booted.
     pub fn of(gateways: usize) -> Self {
         Self::with(&echo(gateways))
     }
@@ -181,12 +181,12 @@ impl Line {
     }
 }
 
-// Mailbox and process data, as a master does them
+// Mailbox and process data
 
 const COE: u8 = 3;
 
 impl Line {
-    /// A message through the mailboxes; gives the answer without its mailbox header.
+    /// Sends a message through the mailbox; returns the response without its mailbox header.
     pub fn mailbox(&mut self, station: u16, protocol: u8, counter: u8, message: &[u8]) -> Vec<u8> {
         let mut mailbox = vec![0; 128];
         mailbox[..2].copy_from_slice(&(message.len() as u16).to_le_bytes());
@@ -205,7 +205,7 @@ impl Line {
         panic!("no answer");
     }
 
-    /// Expedited download of 1, 2 or 4 bytes; the abort code if it is refused.
+    /// Expedited download of 1, 2 or 4 bytes; returns the abort code if it is aborted.
     pub fn download(&mut self, station: u16, object: (u16, u8), data: &[u8]) -> Result<(), u32> {
         let command = 0x23 | ((4 - data.len()) as u8) << 2;
         let [low, high] = object.0.to_le_bytes();
@@ -242,7 +242,7 @@ impl Line {
         }
     }
 
-    /// The startup list of a project, which has the assignment in it: the profiles need it.
+    /// A startup list with the assignment that the profiles need.
     pub fn configure(&mut self, station: u16, chunks: u8) {
         self.assign(station, chunks);
         for profile in [0x8010, 0x8011] {
@@ -257,7 +257,7 @@ impl Line {
         assert_eq!(self.upload(station, (0x8001, 2)), 0);
     }
 
-    /// SM2 and SM3, and FMMUs 0 and 1 that map them one behind the other from `logical` on.
+    /// SM2 and SM3, and FMMUs 0 and 1 that map them consecutively from `logical` on.
     pub fn map(&mut self, station: u16, chunks: u8, logical: u32) {
         let bytes = 128 * u16::from(chunks);
         let [low, high] = bytes.to_le_bytes();

@@ -64,7 +64,7 @@ export! {
 
     reported ecrt_slave_config_emerg_size(
         config: *mut ec_slave_config_t, elements: size_t) -> c_int = slave_config_emerg_size;
-    // Programs ask for messages in their cycle, and none is no failure.
+    // programs poll for messages in the cycle; no message is not a failure
     silent ecrt_slave_config_emerg_pop(
         config: *mut ec_slave_config_t, target: *mut u8) -> c_int = slave_config_emerg_pop;
     reported ecrt_slave_config_emerg_clear(config: *mut ec_slave_config_t) -> c_int

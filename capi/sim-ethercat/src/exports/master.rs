@@ -1,4 +1,4 @@
-//! The master: looking at the bus, transfers, phases.
+//! The master: bus state, transfers, phases.
 
 use ecrt_sys::{
     ec_domain_t, ec_master_info_t, ec_master_link_state_t, ec_master_scan_progress_t,

@@ -25,7 +25,7 @@ export! {
         = master_sync_reference_clock_to;
     silent ecrt_master_sync_slave_clocks(master: *mut ec_master_t) -> c_int
         = master_sync_slave_clocks;
-    // The one of the cycle that the real library does not keep silent.
+    // the real library reports failures of this cycle function
     reported ecrt_master_reference_clock_time(master: *mut ec_master_t, time_ns: *mut u32) -> c_int
         = master_reference_clock_time;
     silent ecrt_master_sync_monitor_queue(master: *mut ec_master_t) -> c_int

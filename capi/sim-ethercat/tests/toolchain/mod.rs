@@ -14,7 +14,7 @@ pub const SONAME: &str = "libethercat.so.1";
 /// This crate's directory.
 pub const CRATE: &str = env!("CARGO_MANIFEST_DIR");
 
-/// Whether there are a C compiler and the tools that read what it made; says so if not.
+/// Whether a C compiler and the binary tools are present; prints a message if not.
 pub fn is_there() -> bool {
     let found = |tool: &str| Command::new(tool).arg("--version").output().is_ok();
     let missing: Vec<_> = ["cc", "nm", "readelf"].into_iter().filter(|tool| !found(tool)).collect();
@@ -24,15 +24,15 @@ pub fn is_there() -> bool {
     missing.is_empty()
 }
 
-/// Runs a command, which has to succeed; gives what it wrote.
+/// Runs a command, which must succeed; returns its output.
 pub fn run(command: &mut Command) -> String {
     let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
-    assert!(output.status.success(), "{command:?}: {}", told(&output));
+    assert!(output.status.success(), "{command:?}: {}", output_text(&output));
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// Everything that a program wrote, and how it ended.
-pub fn told(output: &Output) -> String {
+/// Output and exit status of a program.
+pub fn output_text(output: &Output) -> String {
     format!(
         "{}\n{}{}",
         output.status,
@@ -43,7 +43,7 @@ pub fn told(output: &Output) -> String {
 
 /// The static library of this crate, from the build directory that this test comes from.
 ///
-/// A test does not depend on a static library, so cargo is asked to build it. That is done once.
+/// A test does not depend on a static library, so cargo builds it once here.
 fn static_library() -> &'static Path {
     static LIBRARY: OnceLock<PathBuf> = OnceLock::new();
     LIBRARY.get_or_init(|| {
@@ -68,7 +68,7 @@ fn static_library() -> &'static Path {
     })
 }
 
-/// A directory with the simulated library in it.
+/// Creates a directory with the simulated library.
 pub fn simulated_library() -> TempDir {
     let map = Path::new(CRATE).join("libethercat.map");
     let mut script = std::ffi::OsString::from("-Wl,--version-script=");
@@ -93,7 +93,7 @@ fn link_simulated(version_script: Option<&OsStr>) -> TempDir {
     directory
 }
 
-/// Builds the plain C master against the library in a directory; gives the program.
+/// Builds the plain C master against the library in a directory; returns the program.
 pub fn plain_master(library: &TempDir) -> PathBuf {
     let tests = Path::new(CRATE).join("../tests");
     let program = library.path().join("plain_ecrt");
@@ -104,11 +104,11 @@ pub fn plain_master(library: &TempDir) -> PathBuf {
     program
 }
 
-/// Runs a program with the library of a directory, found as `LD_LIBRARY_PATH` says.
+/// Runs a program with the library of a directory, by `LD_LIBRARY_PATH`.
 pub fn start(program: &Path, library: &TempDir, environment: &[(&str, &OsStr)]) -> Output {
     let mut command = Command::new(program);
     command.env_remove("ECAN_ECRT").env("LD_LIBRARY_PATH", library.path());
-    // Every symbol is looked up at once, so that each missing version is told.
+    // all symbols are bound at start, so that each missing version is reported
     command.env("LD_BIND_NOW", "1").envs(environment.iter().copied());
     command.output().unwrap_or_else(|error| panic!("{}: {error}", program.display()))
 }

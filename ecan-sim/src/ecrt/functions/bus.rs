@@ -1,8 +1,8 @@
 //! State of the bus.
 
 use super::{on_master, status, store};
-use crate::ecrt::front::State;
 use crate::ecrt::pdo::{SYNC_MANAGERS, direction_of};
+use crate::ecrt::shared::State;
 use crate::world::ProcessDirection;
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_INVALID, EC_DIR_OUTPUT, EC_PORT_MII, EC_PORT_NOT_IMPLEMENTED,
@@ -61,13 +61,13 @@ pub unsafe extern "C" fn master_get_slave(
         let call = on_master(master)?;
         let last = call.with(|state| state.master.slaves.len());
         let value = call.slave(position, |slave| {
-            let settings = &slave.spec.config;
+            let config = &slave.spec.config;
             let mut value = ec_slave_info_t {
                 position,
-                vendor_id: settings.vendor_id,
-                product_code: settings.product_code,
-                revision_number: settings.revision,
-                serial_number: settings.serial as u32,
+                vendor_id: config.vendor_id,
+                product_code: config.product_code,
+                revision_number: config.revision,
+                serial_number: config.serial as u32,
                 alias: slave.spec.alias,
                 al_state: slave.current,
                 error_flag: u8::from(slave.error_flag),
@@ -177,14 +177,11 @@ two_forms!(
     /// `ecrt_master_state`: state of all links.
     master_state / master_state_silent(
     master: *const ec_master_t, state: *mut ec_master_state_t) {
-    let value = on_master(master)?.with(|State { world, master, .. }| {
-        let mut value = ec_master_state_t {
-            slaves_responding: master.responding,
-            ..Default::default()
-        };
+    let mut value = ec_master_state_t::default();
+    on_master(master)?.with(|State { world, master, .. }| {
+        value.slaves_responding = master.responding;
         value.set_al_states(c_uint::from(master.al_states));
         value.set_link_up(c_uint::from(world.link_is_up()));
-        value
     });
     // SAFETY: the caller passes a place for the state, or null.
     unsafe { store(state, value) }
@@ -201,14 +198,11 @@ pub unsafe extern "C" fn master_link_state(
         if device != 0 {
             return Err(libc::EINVAL);
         }
-        let value = call.with(|State { world, master, .. }| {
-            let mut value = ec_master_link_state_t {
-                slaves_responding: master.responding,
-                ..Default::default()
-            };
+        let mut value = ec_master_link_state_t::default();
+        call.with(|State { world, master, .. }| {
+            value.slaves_responding = master.responding;
             value.set_al_states(c_uint::from(master.al_states));
             value.set_link_up(c_uint::from(world.link_is_up()));
-            value
         });
         // SAFETY: the caller passes a place for the state, or null.
         unsafe { store(state, value) }

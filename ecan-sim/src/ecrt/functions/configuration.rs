@@ -3,10 +3,10 @@
 use std::ffi::CStr;
 
 use super::{
-    byte_offset, handle_or_null, on_config, on_domain, on_master, place_in_domain, status, store,
+    byte_offset, entry_offset, handle_or_null, on_config, on_domain, on_master, status, store,
 };
 use crate::ecrt::pdo::PdoEntry;
-use crate::ecrt::slave_config::{DcConfig, EntryPlace, SyncWatchdog};
+use crate::ecrt::slave_config::{DcConfig, EntrySelector, SyncWatchdog};
 use crate::world::ProcessDirection;
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, EC_WD_DISABLE, EC_WD_ENABLE, ec_al_state_t,
@@ -169,10 +169,10 @@ pub unsafe extern "C" fn slave_config_reg_pdo_entry(
     byte_offset(|| {
         let call = on_config(config)?;
         let domain = on_domain(domain)?;
-        let entry = EntryPlace::Object { index: entry_index, subindex: entry_subindex };
+        let entry = EntrySelector::Object { index: entry_index, subindex: entry_subindex };
         let place = call.register_entry(entry, &domain)?;
         // SAFETY: the caller passes a place for the bit position, or null.
-        unsafe { place_in_domain(place, bit_position) }
+        unsafe { entry_offset(place, bit_position) }
     })
 }
 

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::{guarded, null_with, on_master, pointer, status};
-use crate::ecrt::front::Shared;
 use crate::ecrt::registry::{self, Handle, Target};
+use crate::ecrt::shared::Shared;
 use crate::simulation::Simulation;
 use ecrt_sys::{OpenMaster, ec_master_t};
 use libc::{c_int, c_uint};

@@ -3,12 +3,12 @@
 use std::slice;
 
 use super::{
-    byte_offset, master_slave_config, on_config, on_domain, place_in_domain,
+    byte_offset, entry_offset, master_slave_config, on_config, on_domain,
     slave_config_pdo_assign_add, slave_config_pdo_assign_clear, slave_config_pdo_mapping_add,
     slave_config_pdo_mapping_clear, slave_config_reg_pdo_entry, slave_config_sync_manager, status,
 };
-use crate::ecrt::calls::Answer;
-use crate::ecrt::slave_config::EntryPlace;
+use crate::ecrt::calls::CallResult;
+use crate::ecrt::slave_config::EntrySelector;
 use ecrt_sys::{
     EC_MAX_SYNC_MANAGERS, ec_domain_t, ec_pdo_entry_reg_t, ec_pdo_info_t, ec_slave_config_t,
     ec_sync_info_t,
@@ -19,7 +19,7 @@ use libc::{c_int, c_uint};
 const END_OF_SYNCS: u8 = 0xFF;
 
 /// Return value of the called functions: a status, or a byte offset.
-fn checked(answer: c_int) -> Answer<c_int> {
+fn checked(answer: c_int) -> CallResult<c_int> {
     if answer < 0 { Err(-answer) } else { Ok(answer) }
 }
 
@@ -45,7 +45,7 @@ pub unsafe extern "C" fn slave_config_pdos(
     status(|| {
         // the list may end before the given number, which EC_END sets to the maximum
         for place in 0..if syncs.is_null() { 0 } else { sync_count as usize } {
-            // SAFETY: the caller passes so many elements, or ends the list behind this one.
+            // SAFETY: the caller passes this number of elements, or ends the list after this one.
             let sync = unsafe { &*syncs.add(place) };
             if sync.index == END_OF_SYNCS {
                 break;
@@ -58,8 +58,8 @@ pub unsafe extern "C" fn slave_config_pdos(
 }
 
 /// # Safety
-/// The lists in `sync` are null or valid for reading as many elements as it says.
-unsafe fn configure_sync(config: *mut ec_slave_config_t, sync: &ec_sync_info_t) -> Answer {
+/// The lists in `sync` are null or valid for reading the number of elements that it gives.
+unsafe fn configure_sync(config: *mut ec_slave_config_t, sync: &ec_sync_info_t) -> CallResult {
     if u32::from(sync.index) >= EC_MAX_SYNC_MANAGERS {
         return Err(libc::ENOENT);
     }
@@ -77,8 +77,12 @@ unsafe fn configure_sync(config: *mut ec_slave_config_t, sync: &ec_sync_info_t) 
 }
 
 /// # Safety
-/// The list in `pdo` is null or valid for reading as many elements as it says.
-unsafe fn configure_pdo(config: *mut ec_slave_config_t, sync: u8, pdo: &ec_pdo_info_t) -> Answer {
+/// The list in `pdo` is null or valid for reading the number of elements that it gives.
+unsafe fn configure_pdo(
+    config: *mut ec_slave_config_t,
+    sync: u8,
+    pdo: &ec_pdo_info_t,
+) -> CallResult {
     // SAFETY: these take no memory of the caller's.
     unsafe {
         checked(slave_config_pdo_assign_add(config, sync, pdo.index))?;
@@ -111,10 +115,10 @@ pub unsafe extern "C" fn slave_config_reg_pdo_entry_pos(
             return Err(libc::EINVAL);
         }
         let (pdo, entry) = (pdo_place as usize, entry_place as usize);
-        let entry = EntryPlace::Position { sync: sync_index, pdo, entry };
+        let entry = EntrySelector::Position { sync: sync_index, pdo, entry };
         let place = call.register_entry(entry, &on_domain(domain)?)?;
         // SAFETY: the caller passes a place for the bit position, or null.
-        unsafe { place_in_domain(place, bit_position) }
+        unsafe { entry_offset(place, bit_position) }
     })
 }
 
@@ -130,7 +134,7 @@ pub unsafe extern "C" fn domain_reg_pdo_entry_list(
             return Err(libc::EFAULT);
         }
         for place in 0.. {
-            // SAFETY: the caller ends the list behind this element.
+            // SAFETY: the caller ends the list after this element.
             let entry = unsafe { &*entries.add(place) };
             if entry.index == 0 {
                 break;

@@ -1,7 +1,7 @@
 //! Blocking SDO transfers.
 
 use super::{bytes, on_master, status, store};
-use crate::ecrt::calls::Answer;
+use crate::ecrt::calls::CallResult;
 use crate::ecrt::sdo_transfer::SdoObject;
 use ecrt_sys::ec_master_t;
 use libc::{c_int, size_t};
@@ -16,7 +16,7 @@ unsafe fn transfer(
     object: SdoObject,
     download: Option<Vec<u8>>,
     abort_code: *mut u32,
-) -> Answer<Vec<u8>> {
+) -> CallResult<Vec<u8>> {
     on_master(master)?.transfer(position, object, download).map_err(|(errno, code)| {
         if errno == libc::EIO {
             // SAFETY: the caller's promise. Without a place for it the code goes nowhere.

@@ -1,13 +1,13 @@
 //! Startup SDOs.
 
 use super::{bytes, on_config, status};
-use crate::ecrt::calls::Answer;
+use crate::ecrt::calls::CallResult;
 use crate::ecrt::sdo_transfer::SdoObject;
 use crate::ecrt::slave_config::StartupSdo;
 use ecrt_sys::ec_slave_config_t;
 use libc::{c_int, size_t};
 
-fn add(config: *mut ec_slave_config_t, object: SdoObject, data: Vec<u8>) -> Answer {
+fn add(config: *mut ec_slave_config_t, object: SdoObject, data: Vec<u8>) -> CallResult {
     on_config(config)?.change(|config| {
         config.sdos.push(StartupSdo { object, data });
         Ok(())

@@ -58,15 +58,15 @@ impl MasterModel {
         if active && !self.clocks.are_set {
             self.set_clocks(world);
         }
-        self.look_from(0, world);
+        self.poll_from(0, world);
     }
 
     /// Polls the slaves from this one on until one must be configured; polling continues after that
     /// configuration. A slave that does not respond ends the poll with a rescan, even if it is back
     /// by then.
-    pub(crate) fn look_from(&mut self, first: usize, world: &World) {
+    pub(crate) fn poll_from(&mut self, first: usize, world: &World) {
         for index in first..self.slaves.len() {
-            if self.look_at(index, world) {
+            if self.poll_slave(index, world) {
                 return;
             }
         }
@@ -74,7 +74,7 @@ impl MasterModel {
 
     /// Reads the state of a slave and starts its configuration if the state differs from the
     /// requested one. Returns whether the poll ends here.
-    fn look_at(&mut self, index: usize, world: &World) -> bool {
+    fn poll_slave(&mut self, index: usize, world: &World) -> bool {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return false };
         if !slave.is_present(world) {

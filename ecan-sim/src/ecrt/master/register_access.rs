@@ -15,7 +15,6 @@ const AL_STATUS: u16 = 0x0130;
 const AL_STATUS_CODE: u16 = 0x0134;
 
 impl MasterModel {
-    /// A register request of a configuration.
     pub(crate) fn reg_request(&mut self, config: usize, request: usize) -> Option<&mut RegRequest> {
         self.configs.get_mut(config)?.reg_requests.get_mut(request)
     }

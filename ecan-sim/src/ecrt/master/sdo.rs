@@ -54,7 +54,7 @@ impl MasterModel {
     }
 
     /// Cancels a transfer.
-    pub(crate) fn forget_blocking(&mut self, id: u64) {
+    pub(crate) fn cancel_blocking(&mut self, id: u64) {
         self.blocking.retain(|sdo| sdo.id != id);
     }
 
@@ -225,7 +225,6 @@ impl MasterModel {
         }
     }
 
-    /// A request of a configuration.
     pub(crate) fn request(&mut self, config: usize, request: usize) -> Option<&mut SdoRequest> {
         self.configs.get_mut(config)?.requests.get_mut(request)
     }

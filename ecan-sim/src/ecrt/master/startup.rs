@@ -49,7 +49,7 @@ impl MasterModel {
         let next = if slave.is_present(world) {
             self.startup_step(index, world, step)
         } else {
-            self.log(index, "does not answer");
+            self.log(index, "does not respond");
             Next::Lost
         };
         let Some(slave) = self.slaves.get_mut(index) else { return };
@@ -65,7 +65,7 @@ impl MasterModel {
             Next::Lost => {}
         }
         if slave.startup.is_none() {
-            self.look_from(index + 1, world);
+            self.poll_from(index + 1, world);
         }
     }
 
@@ -180,7 +180,7 @@ impl MasterModel {
             let code = world.gateway(slot).map_or(0, |gateway| gateway.al_status_code());
             self.log(
                 index,
-                &format!("refused to change to {to}: AL status code {}", AlStatusCode(code)),
+                &format!("rejected the change to {to}: AL status code {}", AlStatusCode(code)),
             );
             // the master acknowledges the error in the state that the slave reports
             if let Some(shown) = AlState::from_raw(status & 0x0F) {
@@ -288,7 +288,7 @@ impl MasterModel {
             let length = sync.map_or(0, |sync| pdo_bytes(&sync.pdos));
             let watchdog = sync.map_or(SyncWatchdog::Default, |sync| sync.watchdog);
             let control = sync_manager_control(direction);
-            let settings = SyncManagerConfig {
+            let config = SyncManagerConfig {
                 start: sync_manager_address(direction),
                 length: u16::try_from(length).unwrap_or(u16::MAX),
                 control: match watchdog {
@@ -297,9 +297,9 @@ impl MasterModel {
                     SyncWatchdog::Disable => control & !WATCHDOG_TRIGGER,
                 },
             };
-            let settings = (length > 0).then_some(settings);
+            let config = (length > 0).then_some(config);
             world.with_gateway(slot, |gateway, _| {
-                gateway.configure_sync_manager(number, settings);
+                gateway.configure_sync_manager(number, config);
             });
         }
     }
@@ -307,7 +307,7 @@ impl MasterModel {
     fn log_sdo(&mut self, index: usize, what: &str, object: SdoObject, failure: SdoFailure) {
         let object = describe(object.index, object.subindex);
         let text = if failure.abort_code == 0 {
-            format!("{what} {object} was not answered")
+            format!("{what} {object}: no response")
         } else {
             format!(
                 "{what} {object} aborted: {}",

@@ -8,7 +8,6 @@ use crate::world::{CycleFaults, LogicalCommand, World};
 
 /// Payload of an Ethernet frame.
 const FRAME_BYTES: usize = 1500;
-/// EtherCAT header of a frame.
 const FRAME_HEADER_BYTES: usize = 2;
 /// Header and working counter of a datagram.
 const DATAGRAM_OVERHEAD: usize = 12;
@@ -70,13 +69,14 @@ impl MasterModel {
         let carries_process_data = self.queue.iter().any(|item| {
             matches!(item, Queued::Domain { .. }) && self.pending_bytes(*item).is_some()
         });
-        let fate = if carries_process_data { world.begin_cycle() } else { CycleFaults::default() };
+        let faults =
+            if carries_process_data { world.begin_cycle() } else { CycleFaults::default() };
         let passed = (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)).count();
-        let mut way = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
+        let mut delay_ns = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
         let mut frame = FRAME_HEADER_BYTES;
         self.blocked = false;
-        for place in 0..self.queue.len() {
-            let Some(item) = self.queue.get(place).copied() else { break };
+        for index in 0..self.queue.len() {
+            let Some(item) = self.queue.get(index).copied() else { break };
             let Some(bytes) = self.pending_bytes(item) else { continue };
             let bytes = bytes + DATAGRAM_OVERHEAD;
             if frame + bytes > FRAME_BYTES {
@@ -87,16 +87,16 @@ impl MasterModel {
                 break;
             }
             frame += bytes;
-            way += bytes as u64 * BYTE_NS;
-            self.transmit(item, world, fate, way);
+            delay_ns += bytes as u64 * BYTE_NS;
+            self.transmit(item, world, faults, delay_ns);
         }
     }
 
-    fn transmit(&mut self, item: Queued, world: &mut World, fate: CycleFaults, way: u64) {
+    fn transmit(&mut self, item: Queued, world: &mut World, faults: CycleFaults, delay_ns: u64) {
         let at_ns = world.now_ns();
-        let arrives_ns = fate.lost.is_none().then_some(at_ns + way);
+        let arrives_ns = faults.lost.is_none().then_some(at_ns + delay_ns);
         let Queued::Domain { domain, datagram } = item else {
-            self.exchange_clock(item, world, fate.lost);
+            self.exchange_clock(item, world, faults.lost);
             let answered = arrives_ns.filter(|_| self.reference_clock().is_some());
             *self.clock_datagram(item) = ClockDatagram::Sent { at_ns, arrives_ns: answered };
             return;
@@ -109,13 +109,13 @@ impl MasterModel {
             return;
         };
         memory.read(datagram.offset, &mut datagram.wire);
-        let counter = if fate.lost == Some(LossDirection::Outward) {
+        let counter = if faults.lost == Some(LossDirection::Outward) {
             0
         } else {
             let logical = base.wrapping_add(datagram.offset as u32);
             world.exchange(datagram.command, logical, &mut datagram.wire)
         };
-        let counter = i32::from(counter).saturating_add(fate.counter_offset);
+        let counter = i32::from(counter).saturating_add(faults.counter_offset);
         datagram.working_counter = u16::try_from(counter.max(0)).unwrap_or(u16::MAX);
         datagram.state = DatagramState::Sent { at_ns, arrives_ns };
     }

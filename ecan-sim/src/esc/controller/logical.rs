@@ -45,12 +45,12 @@ impl Controller {
                 let mut scratch = std::mem::take(&mut self.scratch);
                 let own = &mut scratch[..bytes.min(DATAGRAM_BYTES)];
                 // the other bits keep their value
-                let beside = if first < REGISTER_BYTES {
+                let stored = if first < REGISTER_BYTES {
                     self.registers.get(first..first + own.len()).unwrap_or_default()
                 } else {
                     self.memory_at(first, own.len())
                 };
-                own[..beside.len()].copy_from_slice(beside);
+                own[..stored.len()].copy_from_slice(stored);
                 copy_bits(data, at, own, physical % 8, length);
                 let is_done = self.write(address, own, context);
                 self.scratch = scratch;

@@ -36,17 +36,18 @@ impl Controller {
         if !context.gateway.mailbox_answers(now) {
             return;
         }
-        let [to_device, from_device] = [WRITE_MAILBOX, READ_MAILBOX].map(|n| self.sync_managers[n]);
-        if to_device.is_enabled() && to_device.is_full {
-            let request = self.memory.get(place(to_device)).unwrap_or_default();
-            self.mailbox.server.receive(now, request, from_device.length(), context.gateway);
-            self.sync_managers[WRITE_MAILBOX].emptied();
+        let [write_mailbox, read_mailbox] =
+            [WRITE_MAILBOX, READ_MAILBOX].map(|n| self.sync_managers[n]);
+        if write_mailbox.is_enabled() && write_mailbox.is_full {
+            let request = self.memory.get(place(write_mailbox)).unwrap_or_default();
+            self.mailbox.server.receive(now, request, read_mailbox.length(), context.gateway);
+            self.sync_managers[WRITE_MAILBOX].mark_empty();
         }
-        if !from_device.is_enabled() || from_device.is_full {
+        if !read_mailbox.is_enabled() || read_mailbox.is_full {
             return;
         }
         let Self { memory, mailbox, sync_managers, .. } = self;
-        let out = memory.get_mut(place(from_device)).unwrap_or_default();
+        let out = memory.get_mut(place(read_mailbox)).unwrap_or_default();
         let is_filled = match mailbox.displaced.take() {
             Some(message) => put(&message, out),
             None => {
@@ -55,11 +56,10 @@ impl Controller {
             }
         };
         if is_filled {
-            sync_managers[READ_MAILBOX].filled();
+            sync_managers[READ_MAILBOX].mark_full();
         }
     }
 
-    /// The master has read the read mailbox completely.
     pub(super) fn read_mailbox_was_read(&mut self, context: &mut Context<'_>) {
         let message = self.memory.get(place(self.sync_managers[READ_MAILBOX])).unwrap_or_default();
         self.mailbox.last_read.clear();
@@ -68,7 +68,7 @@ impl Controller {
     }
 
     /// Repeats the last message if the master requests it after a loss.
-    pub(super) fn repeat_if_asked(&mut self) {
+    pub(super) fn repeat_if_requested(&mut self) {
         let Self { memory, mailbox, sync_managers, .. } = self;
         let sm = &mut sync_managers[READ_MAILBOX];
         if !sm.is_enabled() || !sm.take_repeat_request() || mailbox.last_read.is_empty() {
@@ -79,7 +79,7 @@ impl Controller {
             mailbox.displaced = Some(out.to_vec());
         }
         if put(&mailbox.last_read, out) {
-            sm.filled();
+            sm.mark_full();
         }
     }
 }

@@ -51,7 +51,7 @@ impl Controller {
         let (mut at, mut rest, mut is_done) = (usize::from(at), out, false);
         while !rest.is_empty() {
             let (area, end) = self.area(at);
-            let (part, behind) = rest.split_at_mut((end - at).min(rest.len()));
+            let (part, remaining) = rest.split_at_mut((end - at).min(rest.len()));
             is_done |= match area {
                 Area::Registers => {
                     self.read_registers(at, part, context);
@@ -65,7 +65,7 @@ impl Controller {
                 Area::Nothing => false,
             };
             at += part.len();
-            rest = behind;
+            rest = remaining;
         }
         is_done
     }
@@ -80,7 +80,7 @@ impl Controller {
         let (mut at, mut rest, mut is_done) = (usize::from(at), data, false);
         while !rest.is_empty() {
             let (area, end) = self.area(at);
-            let (part, behind) = rest.split_at((end - at).min(rest.len()));
+            let (part, remaining) = rest.split_at((end - at).min(rest.len()));
             is_done |= match area {
                 Area::Registers => self.write_registers(at, part, context),
                 Area::Buffer(number) => self.write_buffer(number, at, part, context),
@@ -91,7 +91,7 @@ impl Controller {
                 Area::Nothing => false,
             };
             at += part.len();
-            rest = behind;
+            rest = remaining;
         }
         is_done
     }
@@ -140,7 +140,7 @@ impl Controller {
         let length_in = to.len();
         to.copy_from_slice(&data[..length_in]);
         if progress == Progress::Complete {
-            self.sync_managers[number].filled();
+            self.sync_managers[number].mark_full();
             match number {
                 OUTPUTS => {
                     let from = start - REGISTER_BYTES;
@@ -188,7 +188,7 @@ impl Controller {
             context.gateway.begin_partial_read();
         }
         if progress == Progress::Complete {
-            self.sync_managers[number].emptied();
+            self.sync_managers[number].mark_empty();
             match number {
                 INPUTS => context.gateway.inputs_were_read(context.now),
                 READ_MAILBOX => self.read_mailbox_was_read(context),
@@ -199,13 +199,13 @@ impl Controller {
     }
 
     /// Raises the events of buffers that the firmware has filled or emptied.
-    pub(in crate::esc) fn notice_buffers(&mut self, context: &Context<'_>) {
+    pub(in crate::esc) fn check_buffers(&mut self, context: &Context<'_>) {
         for number in [OUTPUTS, INPUTS] {
             let is_full = self.buffer_is_full(number, context);
             let sm = &mut self.sync_managers[number];
             match (sm.is_full, is_full) {
-                (false, true) => sm.filled(),
-                (true, false) => sm.emptied(),
+                (false, true) => sm.mark_full(),
+                (true, false) => sm.mark_empty(),
                 _ => {}
             }
         }

@@ -107,7 +107,6 @@ pub(in crate::esc) mod event {
     pub(crate) const AL_STATUS: u16 = 1 << 3;
     pub(crate) const FIRST_SYNC_MANAGER: u16 = 1 << 4;
 }
-/// First device event request of a sync manager.
 const FIRST_DEVICE_SYNC_MANAGER: u32 = 1 << 8;
 
 fn touches(at: usize, bytes: usize, register: usize, length: usize) -> bool {
@@ -217,7 +216,6 @@ impl Controller {
         }
     }
 
-    /// Event requests for the master.
     pub(in crate::esc) fn event_requests(&self) -> u16 {
         let sync_managers = self.sync_managers.iter().enumerate();
         self.events
@@ -307,9 +305,10 @@ impl Controller {
             self.clock.set_delay(u32::from_le_bytes(self.stored(address::TIME_DELAY)));
         }
         if touches(address::SYSTEM_TIME, 8) {
-            let told: [u8; 8] = self.stored(address::SYSTEM_TIME);
+            let written_time: [u8; 8] = self.stored(address::SYSTEM_TIME);
             let is_whole = at + bytes >= address::SYSTEM_TIME + 8;
-            self.clock.told(if is_whole { &told } else { &told[..4] }, context);
+            self.clock
+                .write_time(if is_whole { &written_time } else { &written_time[..4] }, context);
         }
         if touches(address::SPEED_COUNTER, 2) {
             context.gateway.restart_dc_control(context.now);
@@ -335,17 +334,17 @@ impl Controller {
             Some(state) => context.gateway.request_al_state(context.now, state),
             None => context.gateway.reject_unknown_al_state(context.now),
         }
-        self.notice_stops(context);
+        self.check_stops(context);
     }
 
     /// Passes SM0 to SM3 to the firmware.
     fn after_sync_manager_write(&mut self, context: &mut Context<'_>) {
         for number in 0..4 {
             let sm = self.sync_managers[number];
-            let settings = sm.is_enabled().then(|| sm.settings());
-            context.gateway.configure_sync_manager(number as u8, settings);
+            let config = sm.is_enabled().then(|| sm.config());
+            context.gateway.configure_sync_manager(number as u8, config);
         }
-        self.repeat_if_asked();
+        self.repeat_if_requested();
     }
 
     fn write_eeprom_interface(

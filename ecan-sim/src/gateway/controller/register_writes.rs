@@ -30,7 +30,6 @@ pub(super) mod cccr {
     pub(in super::super) const KEPT: u32 = 1 << 2 | 0xFC00;
 }
 
-/// Loopback bit of TEST.
 pub(super) const TEST_LOOPBACK: u32 = 1 << 4;
 const TEST_BITS: u32 = 0x70;
 const RAM_WATCHDOG_BITS: u32 = 0xFF;

@@ -27,7 +27,6 @@ fn open(index: u16, first: u8) -> Result<&'static Object, AbortCode> {
     Ok(object)
 }
 
-/// Size of an entry in the block.
 fn block_bytes(object: &Object, entry: &Entry) -> usize {
     if entry.subindex == 0 && object.highest_subindex() > 0 {
         COUNT_BYTES
@@ -123,10 +122,10 @@ fn split<'a>(
         if rest.is_empty() {
             break;
         }
-        let (part, behind) =
+        let (part, remaining) =
             rest.split_at_checked(block_bytes(object, entry)).ok_or(AbortCode::TOO_SHORT)?;
         parts.push((entry, part));
-        rest = behind;
+        rest = remaining;
     }
     if rest.is_empty() { Ok(parts) } else { Err(AbortCode::TOO_LONG) }
 }

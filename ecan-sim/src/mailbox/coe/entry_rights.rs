@@ -61,7 +61,6 @@ pub(super) fn object_rights(index: u16, object: &Object) -> u16 {
     object.entries.iter().fold(0, |field, entry| field | entry_rights(index, entry))
 }
 
-/// Whether an entry is a command.
 fn is_command(entry: &Entry) -> bool {
     entry.name.ends_with("ommand") || entry.meaning(0) == Some("no-op")
 }

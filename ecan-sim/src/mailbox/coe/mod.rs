@@ -26,7 +26,6 @@ mod service {
     pub(super) const SDO_INFORMATION: u8 = 8;
 }
 
-/// Bytes of the CoE header.
 const COE_HEADER_BYTES: usize = 2;
 
 /// A CoE header with number 0.

@@ -55,7 +55,6 @@ enum Transfer {
     Download(SegmentedDownload),
 }
 
-/// The SDO server of one gateway.
 #[derive(Debug)]
 pub(super) struct SdoServer {
     transfer: Transfer,

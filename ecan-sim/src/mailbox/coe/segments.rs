@@ -4,10 +4,8 @@ use ecan_protocol::object::AbortCode;
 
 use super::target::Target;
 
-/// Data bytes of the smallest segment.
 pub(super) const SMALLEST_SEGMENT: usize = 7;
 
-/// An upload in segments.
 #[derive(Debug)]
 pub(super) struct SegmentedUpload {
     pub(super) target: Target,
@@ -35,7 +33,6 @@ impl SegmentedUpload {
     }
 }
 
-/// A download in segments.
 #[derive(Debug)]
 pub(super) struct SegmentedDownload {
     pub(super) target: Target,

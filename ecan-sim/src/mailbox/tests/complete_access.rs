@@ -36,8 +36,8 @@ fn every_object_is_the_sum_of_its_entries() {
         for instance in 0..object.count {
             let index = object.first + instance * object.stride;
             if matches!(index, 0x1008..=0x100A) {
-                let refused = Err(AbortCode::NO_COMPLETE_ACCESS);
-                assert_eq!(fixture.upload(index, 0, true), refused, "a text has no fixed length");
+                let rejected = Err(AbortCode::NO_COMPLETE_ACCESS);
+                assert_eq!(fixture.upload(index, 0, true), rejected, "a text has no fixed length");
                 continue;
             }
             let expected = block_of_singles(&mut fixture, index, 0);

@@ -131,8 +131,8 @@ impl Fixture {
         assert_eq!(answer[3..6], [i0, i1, subindex]);
         let mut toggle = 0;
         while !rest.is_empty() {
-            let (segment, behind) = rest.split_at(rest.len().min(self.mailbox - 9));
-            rest = behind;
+            let (segment, remaining) = rest.split_at(rest.len().min(self.mailbox - 9));
+            rest = remaining;
             let unused = 7_usize.saturating_sub(segment.len());
             let mut body = vec![0x00, 0x20];
             body.push(toggle | (unused as u8) << 1 | u8::from(rest.is_empty()));

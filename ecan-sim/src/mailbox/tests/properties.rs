@@ -167,7 +167,7 @@ fn run(steps: Vec<Step>) {
                 if fixture.server.send(fixture.now, &mut out, &mut fixture.gateway) {
                     let found = check_form(&out);
                     // a stopped mailbox (INIT) restarts
-                    assert!(found == counter % 7 + 1 || found == 1, "{found} behind {counter}");
+                    assert!(found == counter % 7 + 1 || found == 1, "{found} after {counter}");
                     counter = found;
                 } else {
                     assert_eq!(out, before, "untouched");
