@@ -1,6 +1,6 @@
-//! Copies of frame data by their few possible lengths.
+//! Copies of frame data, optimised for the lengths of CAN frames.
 
-/// Copies `N` bytes as one block; false where either side is shorter.
+/// Copies `N` bytes as one block; false if either side is shorter.
 #[inline(always)]
 fn block<const N: usize>(to: &mut [u8], from: &[u8]) -> bool {
     match (to.first_chunk_mut::<N>(), from.first_chunk::<N>()) {
@@ -12,10 +12,10 @@ fn block<const N: usize>(to: &mut [u8], from: &[u8]) -> bool {
     }
 }
 
-/// Copies the whole of `from` to the start of `to`, or as much as fits.
+/// Copies `from` to the start of `to`, or the part that fits.
 ///
-/// Frame data nearly always has 8 or 64 bytes; a copy of fixed size costs a few instructions
-/// where one of variable size is a call.
+/// Frame data nearly always has 8 or 64 bytes; a copy of fixed size is a few instructions, one of
+/// variable size is a call.
 #[inline(always)]
 pub(crate) fn copy_data(to: &mut [u8], from: &[u8]) {
     let done = match from.len() {
@@ -31,7 +31,7 @@ pub(crate) fn copy_data(to: &mut [u8], from: &[u8]) {
     }
 }
 
-/// Copies the whole of `from`, of `N` to `2 * N` bytes, as two blocks that may overlap.
+/// Copies `from`, of `N` to `2 * N` bytes, as two blocks that may overlap.
 #[inline(always)]
 fn both_ends<const N: usize>(to: &mut [u8], from: &[u8]) {
     if let (Some(to), Some(from)) = (to.first_chunk_mut::<N>(), from.first_chunk::<N>()) {
@@ -42,7 +42,7 @@ fn both_ends<const N: usize>(to: &mut [u8], from: &[u8]) {
     }
 }
 
-/// Few cases, so that lengths in no order are not mistaken at every frame.
+/// Few cases, so that random lengths do not cause a branch misprediction at every frame.
 fn copy_other(to: &mut [u8], from: &[u8]) {
     let length = to.len().min(from.len());
     let (Some(to), Some(from)) = (to.get_mut(..length), from.get(..length)) else { return };
@@ -70,7 +70,7 @@ mod tests {
     use super::copy_data;
 
     #[test]
-    fn every_length_is_copied_and_no_more() {
+    fn every_length_is_copied_exactly() {
         let from: [u8; 70] = core::array::from_fn(|i| i as u8 + 1);
         for length in 0..=70 {
             let mut to = [0; 72];
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_destination_takes_what_fits() {
+    fn short_destination_gets_what_fits() {
         let mut to = [0; 5];
         copy_data(&mut to, &[1; 8]);
         assert_eq!(to, [1; 5]);

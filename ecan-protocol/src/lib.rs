@@ -1,13 +1,14 @@
 //! The ECAN-Lite manual as types: PDO stream codec, object dictionary, bit timing.
 //!
-//! `no_std`, without allocation and without I/O. Host and simulated gateway both build on it, so
-//! that every byte is defined once.
+//! `no_std`, without allocation and without I/O. Host and simulated gateway both use it, so that every
+//! byte is defined once.
 //!
 //! # Process data
 //!
-//! An [`ImageWriter`](image::ImageWriter) packs frames into a process data image of one [`Direction`](mapping::Direction) under a
-//! [`PdoProfile`](image::PdoProfile); an [`ImageReader`](image::ImageReader) judges an image as manual 6.1 asks and gives borrowed views
-//! of its packets.
+//! An [`ImageWriter`](image::ImageWriter) packs frames into a PDO image of one
+//! [`Direction`](mapping::Direction) with a [`PdoProfile`](image::PdoProfile); an
+//! [`ImageReader`](image::ImageReader) checks an image as manual 6.1 requires and returns borrowed
+//! views of its packets.
 //!
 //! ```
 //! use ecan_protocol::can::{CanId, FrameRef};

@@ -14,12 +14,12 @@ pub const UNIT_BYTES: usize = 16;
 pub const HEADER_BYTES: usize = 24;
 /// Largest PDO size multiplier N.
 pub const MAX_MULTIPLIER: u8 = 24;
-/// Largest process data image of one direction, in bytes.
+/// Largest PDO image of one direction, in bytes.
 pub const MAX_PDO_BYTES: usize = MAX_MULTIPLIER as usize * CHUNK_BYTES;
 /// Most packets in one image: the header counts them in one byte.
 pub const MAX_PACKETS: usize = 255;
 
-/// A direction of process data, named from the slave's point of view as in the manual.
+/// A direction of process data, named as seen by the slave, as in the manual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Direction {
     /// Slave to master (SM3, inputs): received CAN frames. Controlled by 0x8010.
@@ -63,14 +63,14 @@ pub const fn pdo_map_index(direction: Direction, chunk: u8) -> u16 {
 
 /// Subindex of a unit (0 to 7) in the PDO of its chunk.
 ///
-/// The manual counts from 1; an installed gateway is asked what it really has before its entries
-/// are registered.
+/// The manual counts from 1; the host reads the actual subindex of a gateway before it registers
+/// entries.
 #[must_use]
 pub const fn map_subindex(unit: u8) -> u8 {
     unit.saturating_add(1)
 }
 
-/// Index of the data object behind a unit: 0x6000 or 0x7000 plus 0x80 for each chunk (0 to 23)
+/// Index of the data object of a unit: 0x6000 or 0x7000 plus 0x80 for each chunk (0 to 23)
 /// and 0x10 for each unit (0 to 7).
 #[must_use]
 pub const fn data_object_index(direction: Direction, chunk: u8, unit: u8) -> u16 {
@@ -81,7 +81,7 @@ pub const fn data_object_index(direction: Direction, chunk: u8, unit: u8) -> u16
     base + chunk as u16 * 0x80 + unit as u16 * 0x10
 }
 
-/// The unit that a data object stands for: direction, chunk and unit; `None` for other objects.
+/// Returns direction, chunk and unit of a data object; `None` for other objects.
 #[must_use]
 pub const fn locate_data_object(index: u16) -> Option<(Direction, u8, u8)> {
     let direction = match index & 0xF000 {
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_of_the_manuals_table() {
+    fn mapping_matches_the_manual() {
         assert_eq!(pdo_map_index(Direction::RxPdo, 0), 0x1600);
         assert_eq!(pdo_map_index(Direction::RxPdo, 23), 0x1617);
         assert_eq!(pdo_map_index(Direction::TxPdo, 23), 0x1A17);
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn data_objects_are_found_again() {
+    fn data_object_round_trip() {
         for direction in Direction::ALL {
             for chunk in 0..MAX_MULTIPLIER {
                 for unit in 0..UNITS_PER_CHUNK as u8 {

@@ -13,7 +13,7 @@ fn timing(brp: u16, tseg1: u16, tseg2: u16, sjw: u16) -> BitTiming {
 }
 
 #[test]
-fn nominal_timings_worked_out_by_hand() {
+fn nominal_timings_match_hand_calculation() {
     // Bit rate, window, expected. 80 quanta at 1 Mbit/s: 65 of them are 81.25 %.
     for (bitrate, min, max, expected) in [
         (1_000_000, 750, 875, timing(1, 64, 15, 15)),
@@ -36,7 +36,7 @@ fn nominal_timings_worked_out_by_hand() {
 }
 
 #[test]
-fn data_timings_worked_out_by_hand() {
+fn data_timings_match_hand_calculation() {
     for (bitrate, min, max, expected) in [
         (5_000_000, 750, 875, timing(1, 12, 3, 3)),
         (5_000_000, 875, 875, timing(1, 13, 2, 2)),
@@ -68,7 +68,7 @@ fn five_megabit_has_three_sample_points_in_the_default_window() {
 }
 
 #[test]
-fn impossible_windows_name_the_nearest_sample_points() {
+fn impossible_window_names_nearest_sample_points() {
     let error = solve_data(CLOCK, 5_000_000, 800, 800).unwrap_err();
     assert_eq!(
         error.to_string(),
@@ -83,7 +83,7 @@ fn impossible_windows_name_the_nearest_sample_points() {
 }
 
 #[test]
-fn impossible_bit_rates_name_the_nearest() {
+fn impossible_bit_rate_names_nearest() {
     // 80 MHz / 3 Mbit/s is 26.67.
     let error = solve_data(CLOCK, 3_000_000, 750, 875).unwrap_err();
     assert_eq!(
@@ -110,7 +110,7 @@ fn impossible_bit_rates_name_the_nearest() {
 }
 
 #[test]
-fn odd_bit_rates_are_met_within_the_tolerance() {
+fn odd_bit_rates_are_solved_within_tolerance() {
     // 83.333 kbit/s: 960 periods give 83333.33 bit/s.
     let timing = solve_nominal(CLOCK, 83_333, 750, 875).unwrap();
     assert_eq!(timing.clocks_per_bit(), 960);
@@ -118,7 +118,7 @@ fn odd_bit_rates_are_met_within_the_tolerance() {
 }
 
 #[test]
-fn delay_compensation() {
+fn delay_compensation_offset() {
     assert!(tdc_active(false, 5_000_000));
     assert!(!tdc_active(false, 4_999_999));
     assert!(tdc_active(true, 1_000_000));
@@ -130,7 +130,7 @@ fn delay_compensation() {
 }
 
 #[test]
-fn sample_points_print_in_percent() {
+fn sample_point_display_is_percent() {
     assert_eq!(SamplePoint(8125).to_string(), "81.25 %");
     assert_eq!(SamplePoint(8750).to_string(), "87.5 %");
     assert_eq!(SamplePoint(8000).to_string(), "80 %");

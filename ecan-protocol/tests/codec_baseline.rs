@@ -92,7 +92,7 @@ fn assert_same_reading(reader: &ImageReader, c: &mut baseline::Reader, image: &[
 }
 
 #[test]
-fn both_write_the_same_bytes_and_read_the_same_packets() {
+fn both_codecs_write_and_read_the_same() {
     let mut read = 0;
     for seed in 0..STREAMS {
         let mut random = Random(seed);
@@ -183,7 +183,7 @@ fn both_write_the_same_bytes_and_read_the_same_packets() {
 }
 
 #[test]
-fn the_crc_is_the_same_for_every_length() {
+fn crc_is_equal_for_every_length() {
     let mut random = Random(1);
     let data: Vec<u8> = (0..3048).map(|_| random.bits() as u8).collect();
     for length in (0..300).chain([512, 1511, 1512, 1513, 3047, 3048]) {

@@ -97,7 +97,7 @@ fn data_path_default_is_the_device_default() {
 }
 
 #[test]
-fn active_word_packs_each_field_where_the_manual_says() {
+fn active_word_has_the_bits_of_the_manual() {
     let config = DataPathConfig {
         enable: false,
         rx_drain_min: 1,
@@ -117,7 +117,7 @@ fn active_word_packs_each_field_where_the_manual_says() {
 }
 
 #[test]
-fn data_path_follows_the_traffic() {
+fn data_path_for_traffic() {
     let quiet = DataPathConfig::for_traffic(0, 0);
     assert_eq!(quiet, DataPathConfig::default());
     let busy = DataPathConfig::for_traffic(5, 6);

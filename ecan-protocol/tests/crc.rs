@@ -22,7 +22,7 @@ fn bytes(seed: u64, length: usize) -> Vec<u8> {
 }
 
 #[test]
-fn every_length_at_every_alignment() {
+fn crc_of_every_length_and_alignment() {
     if !crc16_is_accelerated() {
         println!("no carry-less multiplication here: only the table kernel is tested");
     }
@@ -42,7 +42,7 @@ fn every_length_at_every_alignment() {
 }
 
 #[test]
-fn every_single_bit_counts() {
+fn crc_changes_with_every_bit() {
     for length in [1, 2, 15, 16, 17, 31, 33, 143, 144, 145, 3048] {
         let mut data = bytes(7, length);
         for bit in 0..length * 8 {
@@ -56,7 +56,7 @@ fn every_single_bit_counts() {
 }
 
 #[test]
-fn uniform_data() {
+fn crc_of_uniform_data() {
     for fill in [0x00, 0xFF] {
         for length in 0..600 {
             let data = vec![fill; length];

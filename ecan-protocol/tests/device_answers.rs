@@ -6,7 +6,7 @@ use ecan_protocol::image::{EncapsulationProfile, OptionFlags, PdoProfile};
 use ecan_protocol::object::{AbortCode, lookup};
 
 #[test]
-fn statuses_keep_their_numbers() {
+fn status_number_round_trip() {
     for raw in 0..=255 {
         assert_eq!(ProfileStatus::from_raw(raw).raw(), raw);
         assert_eq!(ApplyStatus::from_raw(raw).raw(), raw);
@@ -51,7 +51,7 @@ fn capabilities_of_a_factory_device() {
 }
 
 #[test]
-fn codes_in_words() {
+fn code_texts() {
     assert_eq!(AbortCode::RANGE.to_string(), "0x06090030 value range exceeded");
     assert_eq!(AbortCode(0xDEAD_BEEF).to_string(), "0xDEADBEEF unknown abort code");
     assert_eq!(

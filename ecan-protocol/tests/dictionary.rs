@@ -90,7 +90,7 @@ fn defaults_lie_in_range_and_have_a_meaning() {
 }
 
 #[test]
-fn families_know_their_members() {
+fn families_contain_their_members() {
     assert_eq!(object(0x8004).unwrap().instance(0x8004), Some(3));
     assert!(object(0x8005).is_none());
     assert!(object(0x9010).is_none());
@@ -163,7 +163,7 @@ fn same_values(index: u16, subindex: u8, known: impl Fn(u8) -> bool) {
 }
 
 #[test]
-fn enumerations_and_table_agree() {
+fn enumerations_match_the_dictionary() {
     same_values(0x8001, 8, |raw| NodeMode::from_raw(raw).is_some());
     same_values(0x8001, 36, |raw| NonMatch::from_raw(raw).is_some());
     same_values(0x8001, 45, |raw| FilterCommand::from_raw(raw).is_some());
@@ -196,7 +196,7 @@ fn enumerations_and_table_agree() {
 }
 
 #[test]
-fn mapping_objects_map_the_manuals_units() {
+fn mapping_objects_match_the_manual() {
     // Rows of 5.1.1: map, unit, data object.
     for (map, unit, data) in [
         (0x1600, 0, 0x7000u32),
@@ -217,7 +217,7 @@ fn mapping_objects_map_the_manuals_units() {
 }
 
 #[test]
-fn entries_are_described_in_words() {
+fn describe_names_object_and_entry() {
     let text = |index, subindex| describe(index, subindex).to_string();
     assert_eq!(text(0x8010, 3), "0x8010:03 (TxPDO Profile Control, PDO size multiplier)");
     assert_eq!(text(0x8003, 15), "0x8003:15 (MCAN Channel Config 2, FD enable)");
@@ -226,7 +226,7 @@ fn entries_are_described_in_words() {
 }
 
 #[test]
-fn the_filter_windows_and_the_table_agree() {
+fn filter_windows_match_the_dictionary() {
     for (prefix, window) in ["Std", "Ext"].into_iter().zip(FilterWindow::BOTH) {
         let head = [
             (window.max, "list max"),

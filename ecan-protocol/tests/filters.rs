@@ -33,7 +33,7 @@ const FILTER_X: ExtendedFilter = ExtendedFilter {
 };
 
 #[test]
-fn filters_go_through_the_editing_window() {
+fn filters_are_written_through_the_window() {
     let writes: Vec<_> = filter_writes(1, &[FILTER_A, FILTER_B], &[FILTER_X]).collect();
     assert_eq!(
         all_sent(&writes),
@@ -73,7 +73,7 @@ fn filters_go_through_the_editing_window() {
 }
 
 #[test]
-fn filter_faults_name_their_place() {
+fn filter_faults_name_their_index() {
     let mut config = McanChannelConfig::default();
     let mut found = Vec::new();
     let mut collect = |fault: FilterFault| found.push(fault.to_string());
@@ -87,10 +87,10 @@ fn filter_faults_name_their_place() {
         found[..5],
         [
             "standard filter 0: RX FIFO1 has no elements",
-            "standard filter 1: RX buffer 3 of 3",
+            "standard filter 1: RX buffer 3 does not exist; the layout has 3",
             "standard filter 2: range 0x2..0x1 is empty",
-            "25 extended filters, the device has 24",
-            "extended filter 0: identifier 0x20000000 is above 0x1FFFFFFF",
+            "25 extended filters; allowed: at most 24",
+            "extended filter 0: CAN ID 0x20000000 is out of range; allowed: 0 to 0x1FFFFFFF",
         ]
     );
     assert_eq!(found.len(), 4 + 25);

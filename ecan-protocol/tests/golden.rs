@@ -46,7 +46,7 @@ const FIRST_IMAGE: [u8; 36] = [
 const FIRST_DATA: [u8; 8] = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
 
 #[test]
-fn the_manuals_image_is_written() {
+fn example_image_of_the_manual_is_written() {
     let image = image_of(Direction::RxPdo, PdoProfile::default(), |writer, image| {
         let frame = FrameRef::classic(standard(0x123), &FIRST_DATA).unwrap();
         assert_eq!(writer.push(image, 0, 0, frame, Timestamp::None), Ok(0));
@@ -56,7 +56,7 @@ fn the_manuals_image_is_written() {
 }
 
 #[test]
-fn the_manuals_image_is_read() {
+fn example_image_of_the_manual_is_read() {
     let mut image = [0; 1024];
     image[..36].copy_from_slice(&FIRST_IMAGE);
     for direction in Direction::ALL {
@@ -133,7 +133,7 @@ fn packet_lengths_with_and_without_alignment() {
 
 /// Manual 8 and 8.1, one frame with every field of its control word in use.
 #[test]
-fn a_frame_with_every_field() {
+fn frame_with_every_field() {
     let data = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
     let frame = FrameRef::fd(extended(0x1ABC_DEF0), &data, true, true).unwrap();
     let image = image_of(Direction::TxPdo, timestamped(OptionFlags::ALIGN4), |writer, image| {
@@ -160,7 +160,7 @@ fn a_frame_with_every_field() {
 }
 
 #[test]
-fn id_aux_stands_above_a_standard_identifier() {
+fn id_aux_is_above_a_standard_id() {
     let image = image_of(Direction::RxPdo, PdoProfile::default(), |writer, image| {
         let frame = FrameRef::classic(standard(0x7FF), &[]).unwrap();
         assert_eq!(writer.push(image, 1, 3, frame, Timestamp::None), Ok(0));
@@ -170,7 +170,7 @@ fn id_aux_stands_above_a_standard_identifier() {
 
 /// Manual 8.2: a remote frame has a DLC and no data.
 #[test]
-fn a_remote_frame() {
+fn remote_frame_packet() {
     let image = image_of(Direction::RxPdo, PdoProfile::default(), |writer, image| {
         let frame = FrameRef::remote(standard(0x321), Dlc::new(8).unwrap()).unwrap();
         assert_eq!(writer.push(image, 0, 0, frame, Timestamp::None), Ok(0));
@@ -210,7 +210,7 @@ fn a_window_of_64_bytes() {
 
 /// Manual 8.4 and 13.8: the schedule record in the place of a full64 timestamp.
 #[test]
-fn a_scheduled_frame() {
+fn scheduled_frame_packet() {
     let schedule = Schedule { tag: 0x0102, offset_ns: 100_000 };
     let image = image_of(Direction::RxPdo, PdoProfile::default(), |writer, image| {
         let frame = FrameRef::classic(standard(0x80), &[0x55]).unwrap();
@@ -230,7 +230,7 @@ fn a_scheduled_frame() {
 
 /// Manual 10; padded to 8 bytes with ALIGN4.
 #[test]
-fn a_transmission_result() {
+fn tx_result_packet() {
     let result =
         TxResult { channel: 2, sequence: 0x1234, frame_index: 7, code: ResultCode::TxFifoFull };
     let raw = [0x02, 0x20, 0x34, 0x12, 0x07, 0x04];
@@ -252,7 +252,7 @@ fn a_transmission_result() {
 
 /// Manual 9.1, bit 2.
 #[test]
-fn an_image_without_crc() {
+fn image_without_crc() {
     let image = image_of(Direction::RxPdo, with_options(OptionFlags::NO_CRC16), |writer, image| {
         let frame = FrameRef::classic(standard(0x123), &FIRST_DATA).unwrap();
         assert_eq!(writer.push(image, 0, 0, frame, Timestamp::None), Ok(0));

@@ -5,7 +5,7 @@ use ecan_protocol::device::{AccessMode, MaintenanceCommand, MaintenanceStatus};
 use ecan_protocol::object::lookup;
 
 #[test]
-fn modes_and_commands_are_those_of_the_dictionary() {
+fn modes_and_commands_match_the_dictionary() {
     let (_, mode) = lookup(0xB000, 2).unwrap();
     for raw in 0..=u8::MAX {
         let known = AccessMode::from_raw(raw).map(|mode| mode.to_string());
@@ -25,7 +25,7 @@ fn modes_and_commands_are_those_of_the_dictionary() {
 }
 
 #[test]
-fn a_status_is_told_with_its_number() {
+fn status_display_has_its_number() {
     for raw in 0..=u8::MAX {
         let status = MaintenanceStatus::from_raw(raw);
         assert_eq!(status.raw(), raw);

@@ -93,7 +93,7 @@ fn default_channel_is_the_device_default() {
 }
 
 #[test]
-fn raw_values_and_fields_are_inverse() {
+fn raw_value_and_field_round_trip() {
     // Every field another value than the default.
     let changed = McanChannelConfig {
         bit_timing_mode: BitTimingMode::Manual,
@@ -168,7 +168,7 @@ fn faults(config: &McanChannelConfig) -> Vec<ChannelFault> {
 }
 
 #[test]
-fn convenient_configurations_are_valid() {
+fn constructed_configurations_are_valid() {
     for bitrate in [10_000, 20_000, 50_000, 83_333, 125_000, 250_000, 500_000, 800_000, 1_000_000] {
         assert_eq!(faults(&McanChannelConfig::classic(bitrate)), [], "{bitrate}");
     }
@@ -232,7 +232,7 @@ fn every_fault_is_reported() {
 }
 
 #[test]
-fn manual_timing_is_checked_against_registers_and_bit_rate() {
+fn manual_timing_fits_registers_and_bit_rate() {
     let mut config = manual_channel();
     config.bit_timing_mode = BitTimingMode::Manual;
     config.manual_nominal = BitTiming { brp: 1, tseg1: 69, tseg2: 10, sjw: 10 };
@@ -265,7 +265,7 @@ fn manual_timing_is_checked_against_registers_and_bit_rate() {
 }
 
 #[test]
-fn listening_needs_no_transmit_elements() {
+fn listen_mode_needs_no_transmit_elements() {
     let mut config = McanChannelConfig::default();
     config.ram.tx_fifo_size = 0;
     assert_eq!(faults(&config), [ChannelFault::NoTransmitFifo]);

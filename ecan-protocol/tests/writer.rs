@@ -13,7 +13,7 @@ fn small() -> PdoProfile {
 }
 
 #[test]
-fn a_full_image_refuses_the_frame_whole() {
+fn full_image_rejects_the_whole_frame() {
     let mut image = [0; 128];
     let mut writer = ImageWriter::new(Direction::RxPdo, small());
     for index in 0..8 {
@@ -47,7 +47,7 @@ fn the_header_counts_no_more_than_255_packets() {
 }
 
 #[test]
-fn what_does_not_belong_is_refused() {
+fn invalid_packets_are_rejected() {
     let mut image = [0; 128];
     let mut writer = ImageWriter::new(Direction::RxPdo, small());
     assert_eq!(
@@ -75,7 +75,7 @@ fn what_does_not_belong_is_refused() {
 }
 
 #[test]
-fn stale_bytes_are_cleared_unless_the_option_says_otherwise() {
+fn stale_bytes_are_cleared_without_the_option() {
     for payload_only in [false, true] {
         let mut image = [0xAA; 128];
         let mut writer =
@@ -97,7 +97,7 @@ fn stale_bytes_are_cleared_unless_the_option_says_otherwise() {
 }
 
 #[test]
-fn packets_of_an_abandoned_image_are_cleared_too() {
+fn packets_of_a_discarded_image_are_cleared() {
     let mut image = [0; 128];
     let mut writer = ImageWriter::new(Direction::RxPdo, small());
     writer.commit(&mut image, CommitFields::default());
@@ -112,7 +112,7 @@ fn packets_of_an_abandoned_image_are_cleared_too() {
 }
 
 #[test]
-fn the_wrap_of_the_sequence_is_marked_once() {
+fn sequence_wrap_is_marked_once() {
     let mut image = [0; 128];
     let mut writer = ImageWriter::new(Direction::RxPdo, small());
     let mut flags = |writer: &mut ImageWriter| {
@@ -128,7 +128,7 @@ fn the_wrap_of_the_sequence_is_marked_once() {
 }
 
 #[test]
-fn a_short_buffer_is_not_committed() {
+fn short_buffer_is_not_committed() {
     let mut image = [0; 127];
     let mut writer = ImageWriter::new(Direction::RxPdo, small());
     writer.commit(&mut image, CommitFields::default());

@@ -1,28 +1,27 @@
 //! CAN bit timing of the MCAN core, and its transmitter delay compensation (manual 13.4).
 //!
-//! In automatic mode the firmware solves the timing itself from bit rate and sample point window;
-//! the solver here finds out beforehand whether the window can be met at all, and what comes out.
-//! It looks at the source clock's divisors in this order and takes the first best:
+//! In automatic mode the firmware solves the timing from bit rate and sample point window. This solver
+//! predicts the result, or that there is none. It selects from the divisors of the source clock by:
 //!
 //! 1. the smallest deviation from the bit rate (normally none),
 //! 2. the smallest prescaler, that is the finest quanta,
 //! 3. the sample point closest to the middle of the window, the later one of two.
 //!
-//! The jump width is as wide as phase segment 2 and the register allow.
+//! The jump width is the largest that phase segment 2 and the register allow.
 
 use core::fmt;
 
-/// Source clock of each MCAN unless 0x8000:06..09 say otherwise (manual 13.3), in Hz.
+/// Default source clock of each MCAN in Hz (0x8000:06..09, manual 13.3).
 pub const MCAN_CLOCK_HZ: u32 = 80_000_000;
 
-/// From this data bit rate on the firmware switches TDC on whatever is configured (manual 13.4).
+/// From this data bit rate the firmware always enables TDC (manual 13.4).
 pub const TDC_FORCED_FROM: u32 = 5_000_000;
 
-/// Greatest data prescaler with which the MCAN core can compensate the transmitter delay.
+/// Largest data prescaler with which the MCAN core can compensate the transmitter delay.
 pub const TDC_MAX_PRESCALER: u16 = 2;
 
-/// How far the solved bit rate may lie from the wanted one, in parts per million. Both ends of
-/// a CAN bus together may differ by some thousand; half a thousand leaves room for crystals.
+/// Allowed deviation of the solved bit rate, in parts per million. Both ends of a CAN bus together may
+/// differ by several thousand; 500 leaves a reserve for crystals.
 pub const BITRATE_TOLERANCE_PPM: u32 = 500;
 
 /// One of the two bit timings of CAN FD.
@@ -43,16 +42,16 @@ impl fmt::Display for Phase {
     }
 }
 
-/// What the MCAN registers can hold; every minimum is 1 but for the nominal segments (2).
+/// Limits of the MCAN registers; every minimum is 1, except 2 of the nominal segments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimingLimits {
-    /// Greatest prescaler.
+    /// Largest prescaler.
     pub brp_max: u16,
-    /// Smallest and greatest segment before the sample point, in quanta.
+    /// Smallest and largest segment before the sample point, in quanta.
     pub tseg1: (u16, u16),
-    /// Smallest and greatest segment behind the sample point, in quanta.
+    /// Smallest and largest segment after the sample point, in quanta.
     pub tseg2: (u16, u16),
-    /// Greatest jump width, in quanta.
+    /// Largest jump width, in quanta.
     pub sjw_max: u16,
 }
 
@@ -68,14 +67,14 @@ impl Phase {
     }
 }
 
-/// A bit timing in physical values (not the registers' "minus one").
+/// A bit timing in physical values (the registers hold each value minus one).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct BitTiming {
     /// Prescaler: source clock periods per quantum.
     pub brp: u16,
     /// Quanta between the sync segment and the sample point.
     pub tseg1: u16,
-    /// Quanta behind the sample point.
+    /// Quanta after the sample point.
     pub tseg2: u16,
     /// Jump width in quanta.
     pub sjw: u16,
@@ -110,7 +109,7 @@ impl BitTiming {
         ((2000 * (1 + self.tseg1 as u32) + self.quanta()) / (2 * self.quanta())) as u16
     }
 
-    /// True when the registers of a phase can hold the timing and the jump width fits phase
+    /// True if the registers of a phase can hold the timing and the jump width is at most phase
     /// segment 2.
     pub const fn fits(&self, phase: Phase) -> bool {
         let l = phase.limits();
@@ -125,9 +124,9 @@ impl BitTiming {
             && self.sjw <= self.tseg2
     }
 
-    /// The secondary sample point offset that the driver chooses for TDC offset 0: the data
-    /// sample point in clock periods (minimum time quanta). `None` when the core cannot
-    /// compensate with this timing, because its prescaler is above [`TDC_MAX_PRESCALER`].
+    /// Offset of the secondary sample point that the driver uses for TDC offset 0: the data sample
+    /// point in clock periods (minimum time quanta). `None` if the prescaler is above
+    /// [`TDC_MAX_PRESCALER`], with which the core cannot compensate.
     pub const fn automatic_tdc_offset(&self) -> Option<u8> {
         let offset = self.brp as u32 * (1 + self.tseg1 as u32);
         if self.brp >= 1 && self.brp <= TDC_MAX_PRESCALER && offset <= 127 {
@@ -138,7 +137,7 @@ impl BitTiming {
     }
 }
 
-/// True when the transmitter delay compensation runs: enabled, or forced by a data bit rate of
+/// True if the transmitter delay compensation is active: enabled, or forced by a data bit rate of
 /// [`TDC_FORCED_FROM`] or more (manual 13.4, "TDC Strategy").
 pub const fn tdc_active(enabled: bool, data_bitrate: u32) -> bool {
     enabled || data_bitrate >= TDC_FORCED_FROM
@@ -165,7 +164,7 @@ impl fmt::Display for SamplePoint {
     }
 }
 
-/// Why there is no bit timing.
+/// Error: there is no bit timing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BitTimingError {
     /// Clock or bit rate is 0.
@@ -181,7 +180,7 @@ pub enum BitTimingError {
     Bitrate {
         /// Source clock in Hz.
         clock_hz: u32,
-        /// The bit rate that was asked for, bit/s.
+        /// The requested bit rate, bit/s.
         bitrate: u32,
         /// Closest possible bit rate below, if any.
         below: Option<u32>,
@@ -198,7 +197,7 @@ pub enum BitTimingError {
         max_permille: u16,
         /// Closest possible sample point before the window, if any.
         below: Option<SamplePoint>,
-        /// Closest possible sample point behind the window, if any.
+        /// Closest possible sample point after the window, if any.
         above: Option<SamplePoint>,
     },
 }
@@ -258,7 +257,7 @@ impl fmt::Display for Permille {
 }
 
 /// Solves the nominal timing for a clock (Hz), a bit rate (bit/s) and a sample point window
-/// (0.1 %, bounds included); equal bounds ask for that very sample point.
+/// (0.1 %, bounds included); equal bounds request exactly that sample point.
 ///
 /// # Errors
 /// [`BitTimingError`], with the nearest possible values.
@@ -308,7 +307,7 @@ fn solve(
         };
         bitrate_possible = true;
         match place_sample_point(phase, brp, quanta, window) {
-            // A later prescaler only wins by a smaller deviation.
+            // A later prescaler is selected only for a smaller deviation.
             Placed::Inside(timing) if best.is_none_or(|(least, _)| deviation < least) => {
                 best = Some((deviation, timing));
             }
@@ -354,7 +353,7 @@ enum Placed {
     Outside { before: Option<SamplePoint>, behind: Option<SamplePoint> },
 }
 
-/// Chooses the segments of a bit of so many quanta.
+/// Selects the segments of a bit of `quanta`.
 fn place_sample_point(phase: Phase, brp: u16, quanta: u32, window: (u32, u32)) -> Placed {
     let l = phase.limits();
     // Quanta up to the sample point, limited by both segments.

@@ -2,11 +2,11 @@
 
 use crate::can::Dlc;
 
-/// What a packet is, bits 13 and 14 of the control word.
+/// Kind of a packet, bits 13 and 14 of the control word.
 pub(crate) const KIND_CAN_FRAME: u8 = 0;
 pub(crate) const KIND_TX_RESULT: u8 = 1;
 
-/// The 16 bit control word, fields by their place in the manual.
+/// The 16-bit control word; the fields have the positions of the manual.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
 pub(crate) struct ControlWord(pub u16);
 
@@ -55,28 +55,28 @@ impl ControlWord {
         (self.0 >> 13) as u8 & 3
     }
 
-    /// A CAN_FRAME of legal DLC that has its data, no timestamp and no window.
+    /// True for a CAN_FRAME of valid DLC with data, without timestamp and window.
     #[inline]
     pub const fn is_plain(self) -> bool {
-        // Without branches: which of the two comes next cannot be foretold.
+        // Without branches: the next format cannot be predicted.
         let is_fd = self.has(Self::FDF);
         let allowed = if is_fd { Self::PLAIN_FD } else { Self::PLAIN_CLASSIC };
         !self.has(!allowed) & (is_fd | (self.dlc().value() <= 8))
     }
 
-    /// A plain classic frame of 8 bytes with a standard identifier.
+    /// A plain classic frame of 8 bytes with a standard CAN ID.
     #[inline]
     pub const fn is_standard_of_eight(self) -> bool {
         self.0 & !7 == 8 << 3
     }
 
-    /// A CAN FD frame of 64 bytes with a standard identifier, without timestamp and window.
+    /// A CAN FD frame of 64 bytes with a standard CAN ID, without timestamp and window.
     #[inline]
     pub const fn is_standard_of_64(self) -> bool {
         self.0 & !(7 | Self::BRS | Self::X) == Self::FDF | 15 << 3
     }
 
-    /// The same word, all but the channel as constants.
+    /// Compares the word with a constant, except the channel.
     #[inline]
     pub const fn standard_of_eight(self) -> Self {
         Self(self.0 & 7 | 8 << 3)
@@ -94,7 +94,7 @@ mod tests {
     use super::ControlWord;
 
     #[test]
-    fn fields_stand_at_the_manuals_bits() {
+    fn fields_have_the_bits_of_the_manual() {
         let word = ControlWord(3 | 9 << 3 | 1 << 7 | 1 << 8 | 1 << 10 | 2 << 11 | 1 << 13);
         assert_eq!(word.channel(), 3);
         assert_eq!(word.dlc().value(), 9);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn plain_frames_are_those_without_extras() {
+    fn plain_frames_have_no_timestamp_and_no_window() {
         for bits in 0..=u16::MAX {
             let word = ControlWord(bits);
             let plain = word.kind() == 0

@@ -10,13 +10,13 @@ const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48,
 pub struct Dlc(u8);
 
 impl Dlc {
-    /// The code with this value; `None` above 15.
+    /// Returns the code with this value; `None` above 15.
     #[must_use]
     pub const fn new(value: u8) -> Option<Self> {
         if value <= 15 { Some(Self(value)) } else { None }
     }
 
-    /// The code in the low four bits of `bits`; the others are ignored.
+    /// Returns the code in the low four bits; the others are ignored.
     #[inline]
     pub(crate) const fn from_low_bits(bits: u8) -> Self {
         Self(bits & 0x0F)
@@ -44,7 +44,7 @@ impl Dlc {
         if self.0 > 8 { 8 } else { self.0 as usize }
     }
 
-    /// The code whose CAN FD length is exactly `length` bytes; `None` where CAN FD has none.
+    /// Returns the code whose CAN FD length is exactly `length` bytes; `None` if CAN FD has none.
     #[inline]
     #[must_use]
     pub const fn from_fd_len(length: usize) -> Option<Self> {
@@ -62,7 +62,7 @@ impl Dlc {
         Some(Self(value))
     }
 
-    /// The code for `length` bytes in a classic CAN frame; `None` above 8.
+    /// Returns the code for `length` bytes in a classic CAN frame; `None` above 8.
     #[inline]
     #[must_use]
     pub const fn from_classic_len(length: usize) -> Option<Self> {
@@ -81,7 +81,7 @@ mod tests {
     use super::Dlc;
 
     #[test]
-    fn lengths_and_codes_are_inverse() {
+    fn length_and_code_round_trip() {
         for value in 0..=15 {
             let dlc = Dlc::new(value).unwrap();
             assert_eq!(Dlc::from_fd_len(dlc.fd_len()), Some(dlc));
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_between_the_steps_have_no_code() {
+    fn length_between_steps_has_no_code() {
         for length in [9, 11, 13, 63, 65, 4096] {
             assert_eq!(Dlc::from_fd_len(length), None, "{length}");
         }

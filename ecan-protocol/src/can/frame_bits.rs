@@ -1,5 +1,5 @@
-//! How long a frame is on the bus, as far as its format tells: without a stuff bit, and with as
-//! many as the data can force (ISO 11898-1).
+//! Length of a frame on the bus by its format: without stuff bits, and with the largest possible number
+//! (ISO 11898-1).
 
 use super::frame::{FrameKind, FrameRef};
 
@@ -9,13 +9,13 @@ const CRC15_BITS: u32 = 15;
 const CRC_DELIMITER_BITS: u32 = 1;
 /// Acknowledge slot and delimiter, end of frame, intermission.
 const TRAILER_BITS: u32 = 2 + 7 + 3;
-/// ESI and DLC, which an FD frame sends behind the bit rate switch.
+/// ESI and DLC, which an FD frame sends after the bit rate switch.
 const FD_CONTROL_BITS: u32 = 1 + 4;
 
 /// Bits of one frame on the bus, from SOF to the end of the intermission.
 ///
 /// With bit rate switching the CRC delimiter counts as the last bit of the data phase, and BRS as
-/// the last one before it: that is exact as long as both phases have the same sample point.
+/// the last one before it: exact if both phases have the same sample point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameBits {
     /// Bits at the nominal bit rate.
@@ -25,8 +25,8 @@ pub struct FrameBits {
 }
 
 impl FrameBits {
-    /// The frame without a stuff bit but for the fixed ones of CAN FD. Its identifier and data do
-    /// not matter, only their sizes. Real-time safe.
+    /// Returns the bits of the frame with only the fixed stuff bits of CAN FD. Only the sizes of CAN ID
+    /// and data count. Real-time safe.
     #[must_use]
     pub fn least(frame: FrameRef<'_>) -> Self {
         let data_bits = 8 * frame.data().len() as u32;
@@ -43,8 +43,8 @@ impl FrameBits {
         }
     }
 
-    /// The frame with as many stuff bits as any identifier and data of its sizes can force: one
-    /// behind the first five bits, then one behind every four. Real-time safe.
+    /// Returns the bits of the frame with the largest number of stuff bits for its sizes: one after the
+    /// first five bits, then one after every four. Real-time safe.
     #[must_use]
     pub fn most(frame: FrameRef<'_>) -> Self {
         let least = Self::least(frame);
@@ -53,8 +53,8 @@ impl FrameBits {
                 Self { nominal: least.nominal + (classic_stuffed(frame) - 1) / 4, data: 0 }
             }
             FrameKind::Fd { brs, .. } => {
-                // A stuff bit travels in the phase of the bit behind it, and five equal bits at
-                // the end of the data field get none: the CRC field begins with a fixed one.
+                // A stuff bit belongs to the phase of the next bit, and five equal bits at the end
+                // of the data field get none: the CRC field begins with a fixed one.
                 let before = (fd_head(frame) - 2) / 4;
                 let behind = 1 + (FD_CONTROL_BITS + 8 * frame.data().len() as u32 - 1) / 4;
                 let stuff = Self::in_phases(before, behind, brs);
@@ -87,18 +87,18 @@ impl FrameBits {
 
 /// Bits of a classic frame that are stuffed: SOF to the end of the CRC sequence.
 fn classic_stuffed(frame: FrameRef<'_>) -> u32 {
-    // SOF; identifier with RTR, and SRR where extended; IDE; reserved bits; DLC.
+    // SOF; CAN ID with RTR, and SRR where extended; IDE; reserved bits; DLC.
     let header = if frame.id().is_extended() { 1 + 31 + 1 + 2 + 4 } else { 1 + 12 + 1 + 1 + 4 };
     header + 8 * frame.data().len() as u32 + CRC15_BITS
 }
 
 /// Bits of an FD frame from SOF to BRS.
 fn fd_head(frame: FrameRef<'_>) -> u32 {
-    // SOF; identifier with RRS, and SRR where extended; IDE; FDF, res, BRS.
+    // SOF; CAN ID with RRS, and SRR where extended; IDE; FDF, res, BRS.
     if frame.id().is_extended() { 1 + 31 + 1 + 3 } else { 1 + 12 + 1 + 3 }
 }
 
-/// Stuff count, CRC and their fixed stuff bits: one in front, one behind every four bits.
+/// Stuff count, CRC and their fixed stuff bits: one before them, one after every four bits.
 fn crc_field(frame: FrameRef<'_>) -> u32 {
     let bits = if frame.data().len() > 16 { 4 + 21 } else { 4 + 17 };
     bits + 1 + bits / 4
@@ -125,7 +125,7 @@ mod tests {
     /// 1 + 11 + 1 + 1 + 1 + 4 + 15 + 1 + 2 + 7 + 3 = 47 and 8 a byte; 34 of them and the data are
     /// stuffed: 33/4 = 8, 97/4 = 24. Extended there are 20 more: (118 - 1)/4 = 29.
     #[test]
-    fn classic_frames_have_the_bits_of_the_literature() {
+    fn classic_frame_bits_match_the_literature() {
         let frame = |id, length| CanFrame::classic(id, &[0; 8][..length]).unwrap();
         assert_eq!(totals(frame(standard(), 0)), (47, 55));
         assert_eq!(totals(frame(standard(), 6)), (95, 115));
@@ -136,10 +136,10 @@ mod tests {
         assert_eq!(totals(remote), (47, 55));
     }
 
-    /// Standard, 64 bytes: 17 up to BRS and 12 behind the CRC delimiter; 5 + 512 + 32 + 1 between.
-    /// Stuff bits: behind bit 5, 9, 13 in front of the switch; behind bit 17, 21, .. of the 517.
+    /// Standard, 64 bytes: 17 up to BRS and 12 after the CRC delimiter; 5 + 512 + 32 + 1 between.
+    /// Stuff bits: after bit 5, 9, 13 before the switch; after bit 17, 21, .. of the 517.
     #[test]
-    fn fd_frames_are_counted_by_phase() {
+    fn fd_frame_bits_are_counted_by_phase() {
         let frame = CanFrame::fd(standard(), &[0; 64], true, false).unwrap();
         assert_eq!(FrameBits::least(frame.as_ref()), FrameBits { nominal: 29, data: 550 });
         assert_eq!(

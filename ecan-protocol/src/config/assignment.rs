@@ -4,8 +4,8 @@ use crate::mapping::{Direction, MAX_MULTIPLIER, assignment_index, pdo_map_index}
 use crate::object::ObjectType;
 use crate::object::SdoWrite;
 
-/// The downloads that assign the first `multiplier` chunks of a direction: count 0, the chunks,
-/// the count. A multiplier above 24 counts as 24.
+/// Returns the downloads that assign the first `multiplier` chunks of a direction: count 0, the
+/// chunks, the count. A multiplier above 24 counts as 24.
 pub fn assignment_writes(direction: Direction, multiplier: u8) -> AssignmentWrites {
     AssignmentWrites { direction, multiplier: multiplier.min(MAX_MULTIPLIER), next: 0 }
 }

@@ -13,18 +13,18 @@ use crate::object::{ObjectType, SdoWrite};
 const STANDARD_ID_MAX: u32 = 0x7FF;
 const EXTENDED_ID_MAX: u32 = 0x1FFF_FFFF;
 
-/// A filter for standard identifiers.
+/// A filter for standard CAN IDs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StandardFilter {
-    /// Which identifiers match.
+    /// CAN IDs that match.
     pub matching: StandardMatch,
-    /// What happens to the frame.
+    /// Action on the frame.
     pub action: FilterAction,
     /// Mark the frame as a sync message for the timestamp unit.
     pub sync: bool,
-    /// First identifier, 0..0x7FF.
+    /// First CAN ID, 0..0x7FF.
     pub id1: u16,
-    /// Second identifier or mask, 0..0x7FF.
+    /// Second CAN ID or mask, 0..0x7FF.
     pub id2: u16,
 }
 
@@ -41,18 +41,18 @@ impl Default for StandardFilter {
     }
 }
 
-/// A filter for extended identifiers.
+/// A filter for extended CAN IDs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExtendedFilter {
-    /// Which identifiers match.
+    /// CAN IDs that match.
     pub matching: ExtendedMatch,
-    /// What happens to the frame.
+    /// Action on the frame.
     pub action: FilterAction,
     /// Mark the frame as a sync message for the timestamp unit.
     pub sync: bool,
-    /// First identifier, 0..0x1FFFFFFF.
+    /// First CAN ID, 0..0x1FFFFFFF.
     pub id1: u32,
-    /// Second identifier or mask, 0..0x1FFFFFFF.
+    /// Second CAN ID or mask, 0..0x1FFFFFFF.
     pub id2: u32,
 }
 
@@ -69,7 +69,7 @@ impl Default for ExtendedFilter {
     }
 }
 
-/// One filter in the numbers of the editing window.
+/// A filter with the raw values of the editing window.
 #[derive(Clone, Copy)]
 struct RawFilter {
     matching: u8,
@@ -118,11 +118,11 @@ impl From<&ExtendedFilter> for RawFilter {
     }
 }
 
-/// The downloads that give a channel (0..3) these filters, in the order of the manual: for each
-/// kind the count, then per filter the index, its five fields and the save command. The channel
-/// takes them over with its apply command. Empty lists write a count of 0.
+/// Returns the downloads that write these filters to a channel (0 to 3), in the order of the manual:
+/// for each kind the count, then per filter the index, its five fields and the save command. The
+/// channel uses them after its apply command. Empty lists write a count of 0.
 ///
-/// Check the lists with [`check_filters`] first; what exceeds the device's lists is left out.
+/// Check the lists with [`check_filters`] first; filters beyond the device's lists are omitted.
 pub fn filter_writes<'a>(
     channel: u8,
     standard: &'a [StandardFilter],
@@ -175,52 +175,52 @@ fn window_writes<'a>(
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FilterFault {
     /// More filters than the device has elements for.
-    #[error("{count} {} filters, the device has {max}", kind(*.extended))]
+    #[error("{count} {} filters; allowed: at most {max}", kind(*.extended))]
     TooMany {
-        /// True for extended identifiers.
+        /// True for extended CAN IDs.
         extended: bool,
         /// Filters in the list.
         count: usize,
-        /// What the device has.
+        /// Filter elements of the device.
         max: u8,
     },
-    /// One of the filters is wrong.
+    /// A fault of one filter.
     #[error("{} filter {at}: {fault}", kind(*.extended))]
     Element {
-        /// True for extended identifiers.
+        /// True for extended CAN IDs.
         extended: bool,
-        /// Position in the list.
+        /// Index in the list.
         at: usize,
-        /// What is wrong with it.
+        /// The fault.
         fault: FilterElementFault,
     },
 }
 
-/// A fault of one filter, whatever its place.
+/// A fault of one filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FilterElementFault {
-    /// An identifier or mask that is too wide.
-    #[error("identifier 0x{id:X} is above 0x{max:X}")]
+    /// A CAN ID or mask that is too wide.
+    #[error("CAN ID 0x{id:X} is out of range; allowed: 0 to 0x{max:X}")]
     Identifier {
-        /// The identifier.
+        /// The CAN ID.
         id: u32,
-        /// The greatest possible.
+        /// Largest allowed value.
         max: u32,
     },
     /// A range that ends before it starts.
     #[error("range 0x{id1:X}..0x{id2:X} is empty")]
     EmptyRange {
-        /// First identifier.
+        /// First CAN ID.
         id1: u32,
-        /// Last identifier.
+        /// Last CAN ID.
         id2: u32,
     },
     /// A receive buffer that the RAM layout does not have.
-    #[error("RX buffer {buffer} of {count}")]
+    #[error("RX buffer {buffer} does not exist; the layout has {count}")]
     NoBuffer {
         /// The buffer, counted from 0.
         buffer: u8,
-        /// How many the layout has.
+        /// Number of buffers of the layout.
         count: u8,
     },
     /// A FIFO that the RAM layout gives no elements.
@@ -282,7 +282,7 @@ impl RawFilter {
         report: &mut dyn FnMut(FilterElementFault),
     ) {
         let Self { id1, id2, action, .. } = *self;
-        // One identifier alone stands in both places.
+        // A single CAN ID is in both fields.
         for id in [Some(id1), Some(id2).filter(|id2| *id2 != id1)].into_iter().flatten() {
             if id > max {
                 report(FilterElementFault::Identifier { id, max });

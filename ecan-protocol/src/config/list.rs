@@ -6,7 +6,7 @@ use core::ops::{Deref, DerefMut};
 /// A list of at most `N` items without allocation: plain `Copy` data, read as a slice.
 ///
 /// Configurations use it so that they can be copied, compared and handed to C by value. Two lists
-/// are equal if their items are; unused places do not count.
+/// are equal if their items are; unused elements do not count.
 ///
 /// ```
 /// use ecan_protocol::config::List;
@@ -56,8 +56,8 @@ impl<T, const N: usize> List<T, N> {
     /// # Errors
     /// [`ListFull`] if the list already has `N` items; it is unchanged.
     pub fn push(&mut self, item: T) -> Result<(), ListFull> {
-        let place = self.items.get_mut(self.len).ok_or(ListFull { capacity: N })?;
-        *place = item;
+        let slot = self.items.get_mut(self.len).ok_or(ListFull { capacity: N })?;
+        *slot = item;
         self.len += 1;
         Ok(())
     }
@@ -98,8 +98,8 @@ impl<T: Copy + Default, const N: usize, const M: usize> From<[T; M]> for List<T,
     fn from(from: [T; M]) -> Self {
         const { assert!(M <= N, "the array has more items than the list can hold") };
         let mut list = Self::new();
-        for (place, item) in list.items.iter_mut().zip(from) {
-            *place = item;
+        for (slot, item) in list.items.iter_mut().zip(from) {
+            *slot = item;
         }
         list.len = M;
         list
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn equality_ignores_unused_places() {
+    fn equality_ignores_unused_elements() {
         let mut list = List::<u8, 4>::from([1, 2]);
         list.clear();
         assert_eq!(list, List::default());

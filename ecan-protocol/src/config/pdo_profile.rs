@@ -16,7 +16,7 @@ impl PdoProfile {
         SdoWrite::new(direction.profile_object(), 1, ObjectType::U8, 1)
     }
 
-    /// Compares what a gateway reports with this profile (manual 5.4.3 D1..D8) and reports every
+    /// Compares the readback of a gateway with this profile (manual 5.4.3 D1..D8) and reports every
     /// difference.
     pub fn verify(&self, readback: &ProfileReadback, report: &mut dyn FnMut(ProfileMismatch)) {
         if readback.status != ProfileStatus::Ok {
@@ -54,8 +54,7 @@ impl ProfileReadback {
     /// The subindices to read, in ascending order.
     pub const SUBINDICES: [u8; 4] = [2, 9, 10, 12];
 
-    /// Reads the four values through `read`, which gets a subindex and uploads it from the
-    /// direction's object.
+    /// Reads the four values; `read` gets a subindex of the direction's object.
     ///
     /// # Errors
     /// The first error of `read`.

@@ -1,4 +1,4 @@
-//! EtherCAT states and AL status codes (ETG.1000.6) in words.
+//! EtherCAT states and AL status codes (ETG.1000.6).
 
 use core::fmt;
 
@@ -25,13 +25,13 @@ impl AlState {
         Self::from_raw((status & 0x0F) as u8)
     }
 
-    /// True when the mailbox works.
+    /// True if the mailbox works.
     pub const fn has_mailbox(self) -> bool {
         !matches!(self, Self::Init)
     }
 }
 
-/// Why a slave did not change its state, or left it.
+/// Reason why a slave did not change its state, or left it (AL status code).
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct AlStatusCode(pub u16);
 
@@ -48,7 +48,7 @@ impl AlStatusCode {
     pub const BOOT_MAILBOX_CONFIGURATION: Self = Self(0x0015);
     /// Mailbox sync managers are wrong.
     pub const MAILBOX_CONFIGURATION: Self = Self(0x0016);
-    /// Outputs did not come in time.
+    /// Outputs did not arrive in time.
     pub const SM_WATCHDOG: Self = Self(0x001B);
     /// Output sync manager is wrong.
     pub const OUTPUT_CONFIGURATION: Self = Self(0x001D);
@@ -61,7 +61,7 @@ impl AlStatusCode {
     /// Sync settings are wrong.
     pub const DC_CONFIGURATION: Self = Self(0x0030);
 
-    /// What the code means, `None` for a code that the standard does not list.
+    /// Meaning of the code, `None` for a code that the standard does not list.
     pub const fn meaning(self) -> Option<&'static str> {
         Some(match self.0 {
             0x0000 => "no error",

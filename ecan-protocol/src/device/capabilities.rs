@@ -1,4 +1,4 @@
-//! What a gateway says about itself in 0xF000 (manual 13.8).
+//! Capabilities of a gateway from 0xF000 (manual 13.8).
 
 use crate::image::{EncapsulationProfile, OptionFlags};
 use crate::mapping::{CHUNK_BYTES, HEADER_BYTES};
@@ -35,7 +35,7 @@ impl FeatureFlags {
     /// Bypass of single stages by 0x8030.
     pub const FINE_BYPASS: Self = Self(1 << 12);
 
-    /// True when all flags of `other` are set.
+    /// True if all flags of `other` are set.
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
@@ -50,25 +50,25 @@ pub struct Capabilities {
     pub channel_count: u8,
     /// :03 Version of the object.
     pub capability_version: u16,
-    /// :04 Hardware revision, 0 when not programmed.
+    /// :04 Hardware revision, 0 if not programmed.
     pub hardware_revision: u32,
     /// :05 Firmware version: high byte major, low byte minor.
     pub firmware_major: u16,
     /// :06 Firmware build.
     pub firmware_minor: u16,
-    /// :07, :08 Serial number, 0 when not programmed.
+    /// :07, :08 Serial number, 0 if not programmed.
     pub serial_number: u64,
     /// :09 Bit n for header version n.
     pub header_version_mask: u16,
     /// :10 Smallest N.
     pub multiplier_min: u8,
-    /// :11 Greatest N.
+    /// :11 Largest N.
     pub multiplier_max: u8,
     /// :12 Bit n for encapsulation profile n.
     pub profile_mask: u32,
-    /// :13 Greatest PDO of a direction in bytes.
+    /// :13 Largest PDO of a direction in bytes.
     pub max_pdo_bytes: u16,
-    /// :14 Greatest number of channels.
+    /// :14 Largest number of channels.
     pub max_channels: u8,
     /// :15 Option flags that can be set.
     pub option_mask: u8,
@@ -102,7 +102,7 @@ pub struct Capabilities {
     pub max_service_budget_us: u16,
 }
 
-/// The three values by which an ECAN-Lite is recognised.
+/// The three values that identify an ECAN-Lite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Recognition {
     /// :09 PDO header version mask.
@@ -129,8 +129,8 @@ impl Recognition {
         })
     }
 
-    /// True when the device speaks this protocol: header version 1, units of 128 bytes, a fixed
-    /// header of 24. Other devices have an object 0xF000 too, but not with these values.
+    /// True if the device has this protocol: header version 1, units of 128 bytes, a fixed header of
+    /// 24. Other devices also have an object 0xF000, but not with these values.
     pub const fn looks_like_ecan_lite(&self) -> bool {
         self.header_version_mask & 1 << 1 != 0
             && self.size_unit_bytes as usize == CHUNK_BYTES
@@ -142,7 +142,7 @@ impl Capabilities {
     /// Index of the object.
     pub const INDEX: u16 = INDEX;
 
-    /// The subindices that [`read`](Self::read) asks for, in its order.
+    /// Subindices that [`read`](Self::read) reads, in this order.
     pub const fn fields() -> &'static [u8] {
         &[
             1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 24, 25,
@@ -187,7 +187,7 @@ impl Capabilities {
         })
     }
 
-    /// The values that tell an ECAN-Lite from other devices.
+    /// The values that identify an ECAN-Lite.
     pub const fn recognition(&self) -> Recognition {
         Recognition {
             header_version_mask: self.header_version_mask,
@@ -201,39 +201,39 @@ impl Capabilities {
         self.recognition().looks_like_ecan_lite()
     }
 
-    /// True when the device accepts this N.
+    /// True if the device accepts this N.
     pub const fn supports_multiplier(&self, multiplier: u8) -> bool {
         multiplier >= self.multiplier_min
             && multiplier <= self.multiplier_max
             && multiplier as u32 * self.size_unit_bytes as u32 <= self.max_pdo_bytes as u32
     }
 
-    /// True when the device has all channels of a mask.
+    /// True if the device has all channels of a mask.
     pub const fn supports_channels(&self, mask: u8) -> bool {
         self.channel_count >= 8 || mask >> self.channel_count == 0
     }
 
-    /// True when the device knows an encapsulation profile.
+    /// True if the device supports an encapsulation profile.
     pub const fn supports_profile(&self, profile: EncapsulationProfile) -> bool {
         self.profile_mask & 1 << profile.raw() != 0
     }
 
-    /// True when the device knows all these option flags.
+    /// True if the device supports all these option flags.
     pub const fn supports_options(&self, options: OptionFlags) -> bool {
         options.bits() & !self.option_mask == 0
     }
 
-    /// True when the device has all these features.
+    /// True if the device has all these features.
     pub const fn supports_features(&self, features: FeatureFlags) -> bool {
         self.features.contains(features)
     }
 
-    /// True when frames can be scheduled to a Sync0 phase.
+    /// True if frames can be scheduled to a Sync0 phase.
     pub const fn has_scheduled_tx(&self) -> bool {
         self.supports_features(FeatureFlags::SCHEDULED_TX)
     }
 
-    /// True when the firmware can be updated by FoE.
+    /// True if the firmware can be updated by FoE.
     pub const fn has_foe(&self) -> bool {
         self.service_flags & 1 != 0
     }

@@ -44,7 +44,7 @@ fn entry(zeros: usize, byte: u8) -> u16 {
 
 /// CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected, no final XOR.
 ///
-/// Takes the fastest kernel that the processor has; never allocates or blocks, real-time safe.
+/// Uses the fastest kernel of the processor; never allocates or blocks, real-time safe.
 #[inline]
 #[must_use]
 pub fn crc16(data: &[u8]) -> u16 {
@@ -56,7 +56,7 @@ pub fn crc16(data: &[u8]) -> u16 {
     crc16_portable(data)
 }
 
-/// The same CRC by table look-up alone, 16 bytes a step. For processors without carry-less
+/// The same CRC by table look-up only, 16 bytes per step. For processors without carry-less
 /// multiplication and for comparison.
 #[must_use]
 pub fn crc16_portable(data: &[u8]) -> u16 {
@@ -68,7 +68,7 @@ pub fn crc16_portable(data: &[u8]) -> u16 {
     step(crc, tail)
 }
 
-/// The CRC `crc` goes on with up to 16 bytes.
+/// Continues the CRC `crc` with up to 16 bytes.
 #[inline(always)]
 fn step(crc: u16, bytes: &[u8]) -> u16 {
     let [high, low] = crc.to_be_bytes();
@@ -76,7 +76,7 @@ fn step(crc: u16, bytes: &[u8]) -> u16 {
         [] => crc,
         [first] => crc << 8 ^ entry(0, first ^ high),
         [first, second, ref rest @ ..] => {
-            // What does not depend on `crc` comes first, so that few look-ups wait for it.
+            // Bytes that do not depend on `crc` come first, so that few look-ups wait for it.
             let mut sum = 0;
             for (zeros, &byte) in rest.iter().rev().enumerate() {
                 sum ^= entry(zeros, byte);
@@ -87,7 +87,7 @@ fn step(crc: u16, bytes: &[u8]) -> u16 {
     }
 }
 
-/// Whether [`crc16`] uses carry-less multiplication on this processor.
+/// True if [`crc16`] uses carry-less multiplication on this processor.
 #[must_use]
 pub fn crc16_is_accelerated() -> bool {
     #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
@@ -116,7 +116,7 @@ mod tests {
     use super::{crc16, crc16_portable};
 
     #[test]
-    fn check_value_of_the_catalogue() {
+    fn crc_check_value() {
         assert_eq!(crc16(b"123456789"), 0x29B1);
         assert_eq!(crc16_portable(b"123456789"), 0x29B1);
         assert_eq!(crc16(b""), 0xFFFF);

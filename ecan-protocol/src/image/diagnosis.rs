@@ -1,4 +1,4 @@
-//! Errors of the encapsulation layer and where they were met (manual 13.2, 16.2).
+//! Errors of the encapsulation layer and their locations (manual 13.2, 16.2).
 
 use core::fmt;
 
@@ -16,7 +16,7 @@ pub enum PdoError {
     PacketOverrun = 3,
     /// A packet of unknown or unsupported kind.
     UnknownKind = 4,
-    /// The DLC breaks the rules of classic CAN or CAN FD.
+    /// The DLC violates the rules of classic CAN or CAN FD.
     InvalidDlc = 5,
     /// The channel does not exist or is not in the channel mask.
     InvalidChannel = 6,
@@ -30,20 +30,20 @@ pub enum PdoError {
     DuplicateSequence = 10,
     /// An option flag is not supported.
     UnsupportedOption = 11,
-    /// The frame area and the mapping of the master disagree.
+    /// The frame area and the mapping of the master differ.
     ActiveArea = 12,
     /// A reserved bit is set.
     ReservedBit = 13,
-    /// Version, length or another field of the header is illegal.
+    /// Version, length or another field of the header is invalid.
     BadHeader = 14,
     /// The CRC does not match the payload.
     BadCrc = 15,
-    /// The schedule record is illegal or not supported.
+    /// The schedule record is invalid or not supported.
     BadSchedule = 16,
 }
 
 impl PdoError {
-    /// The error with this value; `None` where the manual has none.
+    /// Returns the error with this value; `None` if the manual has none.
     #[must_use]
     pub const fn from_raw(raw: u16) -> Option<Self> {
         Some(match raw {
@@ -99,7 +99,7 @@ impl fmt::Display for PdoError {
 
 impl core::error::Error for PdoError {}
 
-/// Why an image, or the rest of one, cannot be used.
+/// Error: an image, or the rest of one, cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ImageFault {
     /// `seq_begin` and `seq_end` differ: the image was being written. Skip this cycle.
@@ -120,7 +120,7 @@ impl fmt::Display for ImageFault {
     }
 }
 
-/// What a diagnosis tells of the header: small, so that walks over packets can carry it along.
+/// The header fields of a diagnosis: small, so that iterators over packets can hold it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HeaderExcerpt {
     sequence: u16,
@@ -141,17 +141,17 @@ impl HeaderExcerpt {
     }
 }
 
-/// What was wrong with an image and where, with the fields that the manual asks for (manual 16.2).
+/// The fault of an image and its location, with the fields of manual 16.2.
 ///
 /// Fields that do not apply to the fault are 0: packet fields for faults of the whole image,
-/// `computed_crc16` where no CRC was computed.
+/// `computed_crc16` if no CRC was computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ParseDiagnosis {
-    /// What was wrong.
+    /// The fault.
     pub fault: ImageFault,
-    /// Offset in the image where the faulty packet starts, in bytes; 0 for the header.
+    /// Offset of the faulty packet in the image, in bytes; 0 for the header.
     pub offset: u16,
-    /// Offset behind that packet, padding included, as far as it is known.
+    /// Offset after that packet, padding included, if it is known.
     pub packet_end: u16,
     /// Control word of the packet.
     pub ctrl: u16,
@@ -182,7 +182,7 @@ impl ParseDiagnosis {
         Self::of_excerpt(HeaderExcerpt::of(header), fault, computed_crc16)
     }
 
-    /// The same by what is left of the header.
+    /// A fault of the image as a whole, from the kept header fields.
     #[cold]
     pub(crate) const fn of_excerpt(
         header: HeaderExcerpt,
@@ -206,7 +206,7 @@ impl ParseDiagnosis {
         }
     }
 
-    /// The error of the encapsulation layer; `None` where the image was only caught in motion.
+    /// The error of the encapsulation layer; `None` if the image was only being updated.
     #[must_use]
     pub const fn pdo_error(&self) -> Option<PdoError> {
         match self.fault {
@@ -250,7 +250,7 @@ mod tests {
     use super::PdoError;
 
     #[test]
-    fn values_are_the_manuals() {
+    fn values_match_the_manual() {
         for raw in 0..=17 {
             match PdoError::from_raw(raw) {
                 Some(error) => assert_eq!(error.raw(), raw),

@@ -1,4 +1,4 @@
-//! Fixed header of a process data image (manual 6).
+//! Fixed header of a PDO image (manual 6).
 
 use core::fmt;
 use core::sync::atomic::{Ordering, fence};
@@ -20,7 +20,7 @@ pub struct HeaderFlags(u8);
 impl HeaderFlags {
     /// No flag.
     pub const NONE: Self = Self(0);
-    /// Frames were left out because the frame area was full.
+    /// Frames were omitted because the frame area was full.
     pub const STREAM_TRUNCATED: Self = Self(1 << 0);
     /// A channel is in error, off the bus or congested.
     pub const ANY_CHANNEL_ERROR: Self = Self(1 << 1);
@@ -32,7 +32,7 @@ impl HeaderFlags {
     pub const SEQ_WRAP: Self = Self(1 << 4);
     /// `overflow_sat` is valid.
     pub const OVERFLOW_SAT_VALID: Self = Self(1 << 5);
-    /// All flags that the manual defines; the other bits are sent as 0 and ignored on receipt.
+    /// All flags of the manual; the other bits are sent as 0 and ignored on reception.
     pub const ALL: Self = Self(0x3F);
 
     /// From the byte as transmitted, reserved bits included.
@@ -49,7 +49,7 @@ impl HeaderFlags {
         self.0
     }
 
-    /// Whether all flags of `other` are set.
+    /// True if all flags of `other` are set.
     #[inline]
     #[must_use]
     pub const fn contains(self, other: Self) -> bool {
@@ -63,14 +63,14 @@ impl HeaderFlags {
         Self(self.0 | other.0)
     }
 
-    /// `with` where `on` holds.
+    /// `with` if `on` is set.
     #[inline]
     #[must_use]
     pub const fn with_if(self, other: Self, on: bool) -> Self {
         if on { self.with(other) } else { self }
     }
 
-    /// Whether no flag is set.
+    /// True if no flag is set.
     #[inline]
     #[must_use]
     pub const fn is_empty(self) -> bool {
@@ -85,7 +85,7 @@ impl fmt::Debug for HeaderFlags {
 }
 
 /// The fixed header of an image, all fields as transmitted (manual 6).
-// In the order of transmission, so that it is moved as three words.
+// In the order of transmission, so that it is copied as three words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Header {
@@ -95,7 +95,7 @@ pub struct Header {
     pub flags: HeaderFlags,
     /// Sequence number of the image.
     pub seq_begin: u16,
-    /// The same number, written last: an image is whole where both agree.
+    /// The same number, written last: an image is complete if both are equal.
     pub seq_end: u16,
     /// Valid bytes of the frame area.
     pub payload_len: u16,
@@ -103,7 +103,7 @@ pub struct Header {
     pub payload_crc16: u16,
     /// Short identifier of the layout.
     pub layout_id: u16,
-    /// Channels that take part.
+    /// Enabled channels.
     pub channel_mask: u8,
     /// Packets in the frame area.
     pub frame_count: u8,
@@ -116,7 +116,7 @@ pub struct Header {
 }
 
 impl Header {
-    /// Takes the bytes apart; nothing is judged.
+    /// Decodes the bytes without checks.
     #[inline]
     #[must_use]
     pub const fn parse(bytes: &[u8; HEADER_BYTES]) -> Self {
@@ -170,7 +170,7 @@ impl Header {
         ]
     }
 
-    /// Writes all 24 bytes as they are. The order of publication is the writer's matter.
+    /// Writes all 24 bytes, in no particular order.
     #[inline]
     pub const fn write(&self, bytes: &mut [u8; HEADER_BYTES]) {
         let (places, _) = bytes.as_chunks_mut::<8>();
@@ -182,8 +182,8 @@ impl Header {
         }
     }
 
-    /// Writes all 24 bytes, `seq_end` behind a release fence last: it keeps its old value until
-    /// everything else stands.
+    /// Writes all 24 bytes, `seq_end` last after a release fence: it keeps its old value until
+    /// everything else is written.
     #[inline]
     pub(crate) fn publish(&self, bytes: &mut [u8; HEADER_BYTES]) {
         let [first, second, third] = self.words();
@@ -196,14 +196,14 @@ impl Header {
         bytes[4..6].copy_from_slice(&[e0, e1]);
     }
 
-    /// Whether both sequence numbers agree.
+    /// True if both sequence numbers are equal.
     #[inline]
     #[must_use]
     pub const fn is_settled(&self) -> bool {
         self.seq_begin == self.seq_end
     }
 
-    /// Whether the sender left something out of the image.
+    /// True if the sender omitted packets.
     #[inline]
     #[must_use]
     pub const fn is_incomplete(&self) -> bool {
@@ -229,7 +229,7 @@ mod tests {
     use super::Header;
 
     #[test]
-    fn every_byte_has_its_place() {
+    fn header_bytes_round_trip() {
         let bytes: [u8; 24] = core::array::from_fn(|i| i as u8);
         let header = Header::parse(&bytes);
         assert_eq!(header.ver_ihl, 0);

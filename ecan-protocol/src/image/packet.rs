@@ -13,9 +13,9 @@ pub(crate) const CONTROL_BYTES: usize = 2;
 pub(crate) const TX_RESULT_BYTES: usize = 6;
 /// Bytes of the fixed data window (D64).
 pub(crate) const WINDOW_BYTES: usize = 64;
-/// Where ID_AUX starts in the identifier field.
+/// First bit of ID_AUX in the CAN ID field.
 pub(crate) const STANDARD_AUX_SHIFT: u32 = 11;
-/// Identifier and ID_AUX of a standard frame; the bits above are reserved.
+/// CAN ID and ID_AUX of a standard frame; the bits above are reserved.
 pub(crate) const STANDARD_FIELD_BITS: u32 = 14;
 pub(crate) const EXTENDED_AUX_SHIFT: u32 = 29;
 
@@ -33,7 +33,7 @@ pub struct FramePacket<'a> {
     pub frame: FrameRef<'a>,
     /// Timestamp field.
     pub timestamp: Timestamp,
-    /// Place among the CAN_FRAME packets of the image, from 0; TX_RESULT refers to it.
+    /// Index among the CAN_FRAME packets of the image, from 0; TX_RESULT refers to it.
     pub index: u8,
     /// Offset of the packet in the image, in bytes.
     pub offset: u16,
@@ -42,8 +42,8 @@ pub struct FramePacket<'a> {
 impl FramePacket<'_> {
     /// The schedule record of an RxPDO frame with a full64 field; `None` for every other packet.
     ///
-    /// A record with a wrong format gives [`PdoError::BadSchedule`]; the packets behind it can
-    /// still be read.
+    /// A record with an invalid format gives [`PdoError::BadSchedule`]; the packets after it are still
+    /// readable.
     #[must_use]
     pub const fn schedule(&self) -> Option<Result<Schedule, PdoError>> {
         match (self.direction, self.timestamp) {
@@ -60,6 +60,6 @@ impl FramePacket<'_> {
 pub enum Packet<'a> {
     /// KIND 0: a CAN frame.
     Frame(FramePacket<'a>),
-    /// KIND 1: the fate of a frame sent earlier. In TxPDO only.
+    /// KIND 1: the result of a frame sent earlier. TxPDO only.
     TxResult(TxResult),
 }

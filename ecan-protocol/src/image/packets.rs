@@ -15,7 +15,7 @@ use crate::can::FrameRef;
 use crate::can::control::{ControlWord, KIND_CAN_FRAME, KIND_TX_RESULT};
 use crate::mapping::{Direction, HEADER_BYTES};
 
-/// What packets may look like under a profile and direction.
+/// Format rules of packets for a profile and direction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rules {
     pub direction: Direction,
@@ -25,8 +25,8 @@ pub(crate) struct Rules {
     pub align_mask: usize,
 }
 
-/// Packets of an image, in order. Ends after the first error: what came before stays valid, but
-/// the place of what follows is unknown.
+/// Packets of an image, in order. Ends after the first error: the packets before it are valid, the
+/// location of the next one is unknown.
 #[derive(Clone, Debug)]
 pub struct Packets<'a> {
     header: HeaderExcerpt,
@@ -35,22 +35,22 @@ pub struct Packets<'a> {
     place: Place<'a>,
 }
 
-/// How far the packets are read. Passed by value to whatever is not inlined, so that it can stay in
+/// Position of reading. Passed by value to functions that are not inlined, so that it stays in
 /// registers.
 #[derive(Clone, Copy, Debug)]
 struct Place<'a> {
     rest: &'a [u8],
     // Of the rest in the image.
     offset: u16,
-    // Packets that the header still promises.
+    // Packets left according to the header.
     left: u8,
     next_index: u8,
 }
 
-/// A place among the packets of an image.
+/// A position among the packets of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PacketCursor {
-    // Payload bytes, packets and CAN_FRAME packets before this place.
+    // Payload bytes, packets and CAN_FRAME packets before this position.
     consumed: u16,
     packets: u8,
     frames: u8,
@@ -84,7 +84,7 @@ impl<'a> Packets<'a> {
         Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, place }
     }
 
-    /// The place of the next packet, for [`ImageReader::resume`](crate::image::ImageReader::resume).
+    /// Position of the next packet, for [`ImageReader::resume`](crate::image::ImageReader::resume).
     #[inline]
     #[must_use]
     pub const fn cursor(&self) -> PacketCursor {
@@ -114,7 +114,7 @@ impl<'a> Iterator for Packets<'a> {
         if place.is_end() {
             return None;
         }
-        // A copy, lest the compiler keep all of `self` in memory.
+        // A copy, so that the compiler does not keep all of `self` in memory.
         let rules = self.rules;
         let (item, behind) = other(self.header, &rules, place);
         self.place = behind;
@@ -125,7 +125,7 @@ impl<'a> Iterator for Packets<'a> {
 impl FusedIterator for Packets<'_> {}
 
 impl<'a> Place<'a> {
-    /// Behind a packet of `size` bytes, of which `rest` is what follows.
+    /// The position after a packet of `size` bytes, followed by `rest`.
     #[inline(always)]
     const fn behind(self, size: usize, rest: &'a [u8]) -> Self {
         Self {
@@ -136,19 +136,19 @@ impl<'a> Place<'a> {
         }
     }
 
-    /// The same behind a frame.
+    /// The position after a frame.
     #[inline(always)]
     const fn behind_frame(self, size: usize, rest: &'a [u8]) -> Self {
         Self { next_index: self.next_index.wrapping_add(1), ..self.behind(size, rest) }
     }
 
-    /// Whether everything was read that the header promised, and no more is there.
+    /// True if all packets of the header were read and no bytes are left.
     #[inline(always)]
     const fn is_end(self) -> bool {
         self.left == 0 && self.rest.is_empty()
     }
 
-    /// The control word, where there is one.
+    /// The control word, if there is one.
     #[inline(always)]
     fn control(self) -> Option<ControlWord> {
         self.rest.first_chunk().map(|bytes| ControlWord(u16::from_le_bytes(*bytes)))
@@ -195,7 +195,7 @@ impl Rules {
             if control.has(ControlWord::BRS) {
                 return Err(PdoError::ReservedBit);
             }
-            // A remote frame has no data for a window to hold, so the mark is without effect.
+            // A remote frame has no data for a window, so the bit has no effect.
             if control.has(ControlWord::D64) && !control.is_remote() {
                 return Err(PdoError::InvalidDlc);
             }
@@ -206,8 +206,7 @@ impl Rules {
         Ok(())
     }
 
-    /// Takes a classic frame of 8 bytes with a standard identifier, if that is what follows: most
-    /// frames.
+    /// Reads a classic frame of 8 bytes with a standard CAN ID, if that is next: most frames.
     #[inline(always)]
     fn standard_of_eight<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
         self.standard_of_size::<12>(place, |control| {
@@ -215,15 +214,15 @@ impl Rules {
         })
     }
 
-    /// The same of CAN FD frames of 64 bytes.
+    /// Reads a CAN FD frame of 64 bytes with a standard CAN ID, if that is next.
     #[inline(always)]
     fn standard_of_64<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
         self.standard_of_size::<68>(place, |control| control.is_standard_of_64().then_some(control))
     }
 
-    /// Takes a packet of `SIZE` bytes with a standard identifier, if `known` recognises its control
-    /// word. With its size known, the next packet need not wait for this one's DLC; `SIZE` is a
-    /// multiple of 4, so that there is no padding.
+    /// Reads a packet of `SIZE` bytes with a standard CAN ID, if `known` accepts its control word. With a
+    /// known size the next packet need not wait for the DLC of this one; `SIZE` is a multiple of 4, so
+    /// there is no padding.
     #[inline(always)]
     fn standard_of_size<'a, const SIZE: usize>(
         &self,
@@ -249,11 +248,11 @@ impl Rules {
         Some((packet, place.behind_frame(SIZE, rest)))
     }
 
-    /// Takes a frame that has its data, no timestamp and no window, if that is what follows.
+    /// Reads a frame with data, without timestamp and window, if that is next.
     #[inline(always)]
     fn plain<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
-        // Both identifier formats at once, without branches: which of them comes next cannot be
-        // foretold. The last packets may be shorter than that.
+        // Both CAN ID formats at once, without branches: the next format cannot be predicted. The
+        // last packets may be shorter.
         let [c0, c1, id @ ..] = *place.rest.first_chunk::<6>()?;
         let control = ControlWord(u16::from_le_bytes([c0, c1]));
         let field = u32::from_le_bytes(id);
@@ -283,7 +282,7 @@ impl Rules {
         Some((packet, place.behind_frame(size, rest)))
     }
 
-    /// Takes a packet whose control word has passed the rules.
+    /// Reads a packet whose control word is valid.
     fn take_frame<'a>(
         &self,
         place: Place<'a>,
@@ -310,7 +309,7 @@ impl Rules {
             (CanId::standard_bits(field), id_aux, rest)
         };
         let (timestamp, rest) = take_timestamp(control.tsf(), rest);
-        // infallible: the packet's size was computed from these very fields
+        // infallible: the packet's size was computed from these fields
         let data = rest.get(..length).unwrap_or_default();
         let packet = FramePacket {
             direction: self.direction,
@@ -324,7 +323,7 @@ impl Rules {
         Ok((packet, place.behind_frame(size, behind)))
     }
 
-    /// Takes the TX_RESULT packet at this place.
+    /// Reads the TX_RESULT packet at this position.
     fn tx_result<'a>(
         &self,
         place: Place<'a>,
@@ -348,7 +347,7 @@ impl Rules {
     }
 }
 
-/// Everything but an intact plain frame: other frames and kinds, and what is wrong.
+/// Everything except a valid plain frame: other frames and kinds, and errors.
 #[inline(never)]
 fn other<'a>(
     header: HeaderExcerpt,
@@ -378,7 +377,7 @@ fn other<'a>(
     }
 }
 
-/// Ends the iteration with what is known about the packet at this place.
+/// Ends the iteration with the diagnosis of the packet at this position.
 #[cold]
 #[inline(never)]
 fn fault<'a>(
@@ -406,7 +405,7 @@ fn fault<'a>(
     (Err(diagnosis), Place { rest: &[], left: 0, ..place })
 }
 
-/// The timestamp field of this format, and what follows it.
+/// The timestamp field of this format, and the rest.
 fn take_timestamp(tsf: u8, bytes: &[u8]) -> (Timestamp, &[u8]) {
     match tsf {
         0 => (Timestamp::None, bytes),
@@ -430,7 +429,7 @@ fn take_timestamp(tsf: u8, bytes: &[u8]) -> (Timestamp, &[u8]) {
 fn split<const N: usize>(bytes: &[u8]) -> ([u8; N], &[u8]) {
     match bytes.split_first_chunk::<N>() {
         Some((first, rest)) => (*first, rest),
-        // infallible: the packet's size was computed from these very fields
+        // infallible: the packet's size was computed from these fields
         None => ([0; N], &[]),
     }
 }

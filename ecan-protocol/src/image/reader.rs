@@ -1,4 +1,4 @@
-//! Reading process data images (manual 6.1, 8).
+//! Reading PDO images (manual 6.1, 8).
 
 use core::hint::black_box;
 use core::sync::atomic::{Ordering, fence};
@@ -13,8 +13,8 @@ use crate::object::pdo_profile::{OptionFlags, PdoProfile};
 
 /// Reads images of one direction.
 ///
-/// It holds no state of the stream; [`SequenceTracker`](crate::image::SequenceTracker) tells repeated
-/// and lost images apart. Nothing here allocates, blocks or panics; all of it is real-time safe.
+/// It holds no state of the stream; [`SequenceTracker`](crate::image::SequenceTracker) detects repeated
+/// and lost images. Nothing here allocates, blocks or panics; all of it is real-time safe.
 #[derive(Clone, Debug)]
 pub struct ImageReader {
     profile: PdoProfile,
@@ -25,8 +25,8 @@ pub struct ImageReader {
 }
 
 impl ImageReader {
-    /// A reader for this direction and profile. Whether an image without CRC is accepted follows
-    /// the options of the profile.
+    /// Creates a reader for this direction and profile. The options of the profile decide if an image
+    /// without CRC is accepted.
     #[must_use]
     pub const fn new(direction: Direction, profile: PdoProfile) -> Self {
         Self {
@@ -44,15 +44,14 @@ impl ImageReader {
         }
     }
 
-    /// The same insisting on a CRC or not, whatever the option says (0x8030:04, manual 13.2.3).
+    /// Requires a CRC or not, regardless of the option (0x8030:04, manual 13.2.3).
     #[must_use]
     pub const fn with_crc(mut self, crc: bool) -> Self {
         self.crc = crc;
         self
     }
 
-    /// Reads by another profile from now on; a choice made by [`with_crc`](Self::with_crc) is
-    /// forgotten.
+    /// Sets another profile; a choice made by [`with_crc`](Self::with_crc) is reset.
     pub const fn set_profile(&mut self, profile: PdoProfile) {
         *self = Self::new(self.rules.direction, profile);
     }
@@ -69,11 +68,11 @@ impl ImageReader {
         &self.profile
     }
 
-    /// Judges an image in the order of manual 6.1: header, sequence numbers, CRC algorithm,
-    /// version, payload length, CRC, header again. Bytes behind the payload are ignored.
+    /// Checks an image in the order of manual 6.1: header, sequence numbers, CRC algorithm,
+    /// version, payload length, CRC, header again. Bytes after the payload are ignored.
     ///
-    /// A CRC, where the image has one, is checked even if none is needed. A layout other than the
-    /// profile's is no error; see [`Image::layout_changed`].
+    /// If the image has a CRC, it is checked even if none is required. A layout other than that of the
+    /// profile is not an error; see [`Image::layout_changed`].
     ///
     /// # Errors
     /// [`ParseDiagnosis`] with the fault of the image as a whole. `ActiveArea` means that `image`
@@ -85,11 +84,10 @@ impl ImageReader {
         let Some((head, area)) = parts else {
             return Err(short_image(image));
         };
-        // The image may lie in memory that others write: keep what was seen first, and look anew
-        // at the end.
+        // Others may write this memory: keep the first copy of the header, and compare at the end.
         let first = words_of(head);
         let header = Header::from_words(first);
-        let payload = self.judge(&header, area)?;
+        let payload = self.check(&header, area)?;
         fence(Ordering::Acquire);
         unchanged(&header, first, words_of(black_box(head)))?;
         Ok(Image {
@@ -100,11 +98,11 @@ impl ImageReader {
         })
     }
 
-    /// Goes on with the packets of an image that [`read`](Self::read) has judged, after it was let
-    /// go: with its header, and the cursor of [`Packets::cursor`] or a default one to start over.
+    /// Continues with the packets of an image that [`read`](Self::read) has checked: with its header,
+    /// and the cursor of [`Packets::cursor`], or a default one to start again.
     ///
-    /// The image must be the one that was judged. Anything else gives wrong packets or errors,
-    /// never more than that.
+    /// The image must be the one that was checked. Another one gives wrong packets or errors, nothing
+    /// worse.
     #[inline]
     #[must_use]
     pub fn resume<'a>(
@@ -118,23 +116,23 @@ impl ImageReader {
         Packets::from_cursor(self.rules, header, payload, cursor)
     }
 
-    /// The checks between the two looks at the header; returns the payload.
+    /// The checks between the two reads of the header; returns the payload.
     #[inline]
-    fn judge<'a>(&self, header: &Header, area: &'a [u8]) -> Result<&'a [u8], ParseDiagnosis> {
-        let refuse = |error| Err(ParseDiagnosis::of_image(header, ImageFault::Pdo(error), 0));
+    fn check<'a>(&self, header: &Header, area: &'a [u8]) -> Result<&'a [u8], ParseDiagnosis> {
+        let reject = |error| Err(ParseDiagnosis::of_image(header, ImageFault::Pdo(error), 0));
         if !header.is_settled() {
             return Err(ParseDiagnosis::of_image(header, ImageFault::Updating, 0));
         }
         let with_crc = match header.crc_alg {
             CRC_ALG_CCITT_FALSE => true,
             CRC_ALG_NONE if !self.crc && header.payload_crc16 == 0 => false,
-            _ => return refuse(PdoError::BadHeader),
+            _ => return reject(PdoError::BadHeader),
         };
         if header.ver_ihl != VER_IHL {
-            return refuse(PdoError::BadHeader);
+            return reject(PdoError::BadHeader);
         }
         let Some(payload) = area.get(..usize::from(header.payload_len)) else {
-            return refuse(PdoError::BadHeader);
+            return reject(PdoError::BadHeader);
         };
         if with_crc {
             let crc = crc16(payload);
@@ -163,7 +161,7 @@ fn short_image(image: &[u8]) -> ParseDiagnosis {
     ParseDiagnosis::of_image(&Header::parse(&head), ImageFault::Pdo(PdoError::ActiveArea), 0)
 }
 
-/// An image that was received whole. Its packets are judged one by one as they are read.
+/// An image that was received completely. Each packet is checked when it is read.
 #[derive(Clone, Copy, Debug)]
 pub struct Image<'a> {
     header: Header,
@@ -187,15 +185,15 @@ impl<'a> Image<'a> {
         self.header.seq_begin
     }
 
-    /// Whether the sender left something out: truncation flag or overflow count.
+    /// True if the sender left something out: truncation flag or overflow count.
     #[inline]
     #[must_use]
     pub const fn is_incomplete(&self) -> bool {
         self.header.is_incomplete()
     }
 
-    /// Whether the image was made for another profile than the reader's. Its packets may then be
-    /// misread; compare with 0x8010:12 or 0x8011:12.
+    /// True if the image has another profile than the reader. Its packets may be misinterpreted;
+    /// compare with 0x8010:12 or 0x8011:12.
     #[inline]
     #[must_use]
     pub const fn layout_changed(&self) -> bool {

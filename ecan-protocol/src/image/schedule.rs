@@ -5,20 +5,20 @@ use super::timestamp::Timestamp;
 
 const FORMAT: u8 = 1;
 
-/// When an RxPDO frame is to be sent, relative to DC Sync0 (manual 8.4).
+/// Time at which an RxPDO frame is sent, relative to DC Sync0 (manual 8.4).
 ///
-/// It takes the place of a full64 timestamp. A frame whose phase is already past is dropped by the
-/// gateway. The gateway must have feature bit 8 of 0xF000:16.
+/// It replaces a full64 timestamp. The gateway drops a frame whose phase is past. The gateway must have
+/// feature bit 8 of 0xF000:16.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Schedule {
-    /// Free mark of the application.
+    /// Tag of the application.
     pub tag: u16,
     /// Phase after the start of the next Sync0 cycle, in nanoseconds.
     pub offset_ns: u32,
 }
 
 impl Schedule {
-    /// The record as it stands in the packet.
+    /// The record as in the packet.
     #[must_use]
     pub const fn to_bytes(self) -> [u8; 8] {
         let tag = self.tag.to_le_bytes();
@@ -29,7 +29,7 @@ impl Schedule {
     /// Reads the record.
     ///
     /// # Errors
-    /// [`PdoError::BadSchedule`] where the format is not 1 or the flags are not 0.
+    /// [`PdoError::BadSchedule`] if the format is not 1 or the flags are not 0.
     pub const fn from_bytes(bytes: [u8; 8]) -> Result<Self, PdoError> {
         let [FORMAT, 0, tag0, tag1, o0, o1, o2, o3] = bytes else {
             return Err(PdoError::BadSchedule);

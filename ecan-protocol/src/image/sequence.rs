@@ -1,24 +1,24 @@
 //! Sequence numbers of received images.
 
-/// How an image's sequence number follows the one before (manual 6.1).
+/// Relation of the sequence number of an image to the previous one (manual 6.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Arrival {
-    /// The first image, or one whose number went back, as after a restart of the sender: nothing
-    /// can be said about losses.
+    /// The first image, or one with a lower number, as after a restart of the sender: losses are
+    /// unknown.
     First,
-    /// The number that was due.
+    /// The expected number.
     Next,
-    /// The same image again; its packets are known.
+    /// The same image again; its packets were already received.
     Repeated,
-    /// A new image, with others lost before it.
+    /// A new image; others before it were lost.
     Gap {
-        /// How many numbers are missing, at least 1.
+        /// Number of lost images, at least 1.
         lost: u16,
     },
 }
 
 impl Arrival {
-    /// Whether the image holds packets not seen before.
+    /// True if the image has new packets.
     #[inline]
     #[must_use]
     pub const fn is_new(self) -> bool {
@@ -29,18 +29,18 @@ impl Arrival {
 /// Follows the sequence numbers of one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SequenceTracker {
-    // Zero is a valid number, so "none seen yet" needs its own mark.
+    // Zero is a valid number, so "none received yet" is separate.
     last: Option<u16>,
 }
 
 impl SequenceTracker {
-    /// A tracker that has seen no image.
+    /// Creates a tracker without an image.
     #[must_use]
     pub const fn new() -> Self {
         Self { last: None }
     }
 
-    /// Judges the number of an image that was received intact, and remembers it.
+    /// Compares the number of a valid image with the previous one, and stores it.
     #[inline]
     pub const fn observe(&mut self, sequence: u16) -> Arrival {
         let arrival = match self.last {
@@ -56,13 +56,13 @@ impl SequenceTracker {
         arrival
     }
 
-    /// The number observed last.
+    /// The last number.
     #[must_use]
     pub const fn last(&self) -> Option<u16> {
         self.last
     }
 
-    /// Forgets the past, as after a session reset of the sender.
+    /// Resets the tracker, as after a session reset of the sender.
     pub const fn reset(&mut self) {
         self.last = None;
     }

@@ -8,9 +8,9 @@ pub enum ChannelState {
     /// Not enabled.
     #[default]
     Disabled,
-    /// Being initialised.
+    /// Initialising.
     Init,
-    /// Takes part in the bus.
+    /// Active on the bus.
     Run,
     /// Off the bus after too many errors.
     BusOff,
@@ -18,12 +18,12 @@ pub enum ChannelState {
     Error,
     /// Listens without sending or acknowledging.
     Listen,
-    /// A state that the manual does not name: 6 or 7.
+    /// A state that the manual does not define: 6 or 7.
     Unknown(u8),
 }
 
 impl ChannelState {
-    /// The state in the low three bits of `raw`.
+    /// Returns the state in the low three bits of `raw`.
     #[must_use]
     pub const fn from_raw(raw: u8) -> Self {
         match raw & 7 {
@@ -67,15 +67,49 @@ impl fmt::Display for ChannelState {
 }
 
 const STATE: u16 = 7;
-const FD_ENABLED: u16 = 1 << 3;
-const WARN: u16 = 1 << 4;
-const BUS_OFF: u16 = 1 << 5;
-const RX_PRESSURE: u16 = 1 << 6;
-const TX_PRESSURE: u16 = 1 << 7;
-const DETAIL_PENDING: u16 = 1 << 8;
-const COUNTER_SAT: u16 = 1 << 9;
 const RX_PENDING_SHIFT: u32 = 10;
 const TX_PENDING_SHIFT: u32 = 13;
+
+/// Declares the flags of the status once: bit, text, getter and setter.
+macro_rules! flags {
+    ($( $(#[$meta:meta])* $get:ident, $with:ident = $bit:literal, $text:literal; )+) => {
+        impl ChannelStatus {
+            const FLAGS: &[(u16, &str)] = &[$( (1 << $bit, $text), )+];
+
+            $(
+                $(#[$meta])*
+                #[must_use]
+                pub const fn $get(self) -> bool {
+                    self.0 & 1 << $bit != 0
+                }
+
+                #[doc = concat!("Returns the status with [`", stringify!($get), "`](Self::",
+                    stringify!($get), ") set or cleared.")]
+                #[must_use]
+                pub const fn $with(self, on: bool) -> Self {
+                    Self(if on { self.0 | 1 << $bit } else { self.0 & !(1 << $bit) })
+                }
+            )+
+        }
+    };
+}
+
+flags! {
+    /// CAN FD is enabled.
+    fd_enabled, with_fd_enabled = 3, "CAN FD";
+    /// Error warning, error passive or degraded bus.
+    warn, with_warn = 4, "warning";
+    /// Off the bus.
+    bus_off, with_bus_off = 5, "bus-off";
+    /// The receive FIFO is nearly full or has overflowed.
+    rx_pressure, with_rx_pressure = 6, "receive pressure";
+    /// The transmit FIFO or queue is congested.
+    tx_pressure, with_tx_pressure = 7, "transmit pressure";
+    /// A new detailed snapshot can be read by SDO from 0x9000 + channel.
+    detail_pending, with_detail_pending = 8, "detail pending";
+    /// A pending count is saturated.
+    counter_sat, with_counter_sat = 9, "counts saturated";
+}
 
 /// The 16 bit status of one channel, as the TxPDO header carries it (manual 7).
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
@@ -102,68 +136,26 @@ impl ChannelStatus {
         ChannelState::from_raw((self.0 & STATE) as u8)
     }
 
-    /// CAN FD is enabled.
-    #[must_use]
-    pub const fn fd_enabled(self) -> bool {
-        self.0 & FD_ENABLED != 0
-    }
-
-    /// Error warning, error passive or degraded bus.
-    #[must_use]
-    pub const fn warn(self) -> bool {
-        self.0 & WARN != 0
-    }
-
-    /// Off the bus.
-    #[must_use]
-    pub const fn bus_off(self) -> bool {
-        self.0 & BUS_OFF != 0
-    }
-
-    /// The receive FIFO is nearly full or has overflowed.
-    #[must_use]
-    pub const fn rx_pressure(self) -> bool {
-        self.0 & RX_PRESSURE != 0
-    }
-
-    /// The transmit FIFO or queue is congested.
-    #[must_use]
-    pub const fn tx_pressure(self) -> bool {
-        self.0 & TX_PRESSURE != 0
-    }
-
-    /// A new detailed snapshot can be read by SDO from 0x9000 + channel.
-    #[must_use]
-    pub const fn detail_pending(self) -> bool {
-        self.0 & DETAIL_PENDING != 0
-    }
-
-    /// A pending count is saturated.
-    #[must_use]
-    pub const fn counter_sat(self) -> bool {
-        self.0 & COUNTER_SAT != 0
-    }
-
-    /// Received frames that wait, 0 to 7, saturated.
+    /// Number of pending received frames, 0 to 7, saturated.
     #[must_use]
     pub const fn rx_pending(self) -> u8 {
         (self.0 >> RX_PENDING_SHIFT) as u8 & 7
     }
 
-    /// Frames that wait to be sent, 0 to 7, saturated.
+    /// Number of frames pending to be sent, 0 to 7, saturated.
     #[must_use]
     pub const fn tx_pending(self) -> u8 {
         (self.0 >> TX_PENDING_SHIFT) as u8 & 7
     }
 
-    /// Whether a detailed look by SDO is due: warning, bus-off, pressure or a pending snapshot.
+    /// True if details should be read by SDO: warning, bus-off, pressure or a pending snapshot.
     #[must_use]
     pub const fn needs_attention(self) -> bool {
-        self.0 & (WARN | BUS_OFF | RX_PRESSURE | TX_PRESSURE | DETAIL_PENDING) != 0
-    }
-
-    const fn with_bit(self, bit: u16, on: bool) -> Self {
-        Self(if on { self.0 | bit } else { self.0 & !bit })
+        self.warn()
+            || self.bus_off()
+            || self.rx_pressure()
+            || self.tx_pressure()
+            || self.detail_pending()
     }
 
     const fn with_count(self, shift: u32, count: u8) -> Self {
@@ -171,61 +163,19 @@ impl ChannelStatus {
         Self(self.0 & !(7 << shift) | (count as u16) << shift)
     }
 
-    /// The same with this state.
+    /// Returns the status with this state.
     #[must_use]
     pub const fn with_state(self, state: ChannelState) -> Self {
         Self(self.0 & !STATE | state.raw() as u16)
     }
 
-    /// The same with CAN FD enabled or not.
-    #[must_use]
-    pub const fn with_fd_enabled(self, on: bool) -> Self {
-        self.with_bit(FD_ENABLED, on)
-    }
-
-    /// The same with or without the warning.
-    #[must_use]
-    pub const fn with_warn(self, on: bool) -> Self {
-        self.with_bit(WARN, on)
-    }
-
-    /// The same with or without bus-off.
-    #[must_use]
-    pub const fn with_bus_off(self, on: bool) -> Self {
-        self.with_bit(BUS_OFF, on)
-    }
-
-    /// The same with or without receive pressure.
-    #[must_use]
-    pub const fn with_rx_pressure(self, on: bool) -> Self {
-        self.with_bit(RX_PRESSURE, on)
-    }
-
-    /// The same with or without transmit pressure.
-    #[must_use]
-    pub const fn with_tx_pressure(self, on: bool) -> Self {
-        self.with_bit(TX_PRESSURE, on)
-    }
-
-    /// The same with or without a pending snapshot.
-    #[must_use]
-    pub const fn with_detail_pending(self, on: bool) -> Self {
-        self.with_bit(DETAIL_PENDING, on)
-    }
-
-    /// The same with or without the mark of saturated counts.
-    #[must_use]
-    pub const fn with_counter_sat(self, on: bool) -> Self {
-        self.with_bit(COUNTER_SAT, on)
-    }
-
-    /// The same with this many received frames waiting; 7 stands for 7 or more.
+    /// Returns the status with this number of pending received frames; at most 7.
     #[must_use]
     pub const fn with_rx_pending(self, count: u8) -> Self {
         self.with_count(RX_PENDING_SHIFT, count)
     }
 
-    /// The same with this many frames waiting to be sent; 7 stands for 7 or more.
+    /// Returns the status with this number of frames pending to be sent; at most 7.
     #[must_use]
     pub const fn with_tx_pending(self, count: u8) -> Self {
         self.with_count(TX_PENDING_SHIFT, count)
@@ -235,17 +185,9 @@ impl ChannelStatus {
 impl fmt::Display for ChannelStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.state())?;
-        for (on, name) in [
-            (self.fd_enabled(), "CAN FD"),
-            (self.warn(), "warning"),
-            (self.bus_off(), "bus-off"),
-            (self.rx_pressure(), "receive pressure"),
-            (self.tx_pressure(), "transmit pressure"),
-            (self.detail_pending(), "detail pending"),
-            (self.counter_sat(), "counts saturated"),
-        ] {
-            if on {
-                write!(f, ", {name}")?;
+        for (bit, text) in Self::FLAGS {
+            if self.0 & bit != 0 {
+                write!(f, ", {text}")?;
             }
         }
         write!(f, ", {} received and {} to send pending", self.rx_pending(), self.tx_pending())
@@ -265,7 +207,7 @@ mod tests {
     use std::string::ToString;
 
     #[test]
-    fn fields_stand_at_the_manuals_bits() {
+    fn fields_have_the_bits_of_the_manual() {
         let none = ChannelStatus::default();
         assert_eq!(none.with_state(ChannelState::Listen).raw(), 5);
         assert_eq!(none.with_fd_enabled(true).raw(), 0x0008);
@@ -280,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn reading_any_word_loses_nothing() {
+    fn status_word_round_trip() {
         for raw in 0..=u16::MAX {
             let status = ChannelStatus::from_raw(raw);
             let built = ChannelStatus::default()
@@ -299,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn text_names_what_is_set() {
+    fn status_display_names_the_set_flags() {
         let status = ChannelStatus::default()
             .with_state(ChannelState::Run)
             .with_warn(true)

@@ -5,9 +5,9 @@ use crate::object::pdo_profile::EncapsulationProfile;
 
 /// The timestamp field of a CAN_FRAME packet (manual 8.4).
 ///
-/// In TxPDO it tells when the gateway received the frame; the manual gives no unit, and
-/// differences count from the first time base of the same image, unsigned with wrap. In RxPDO
-/// only `None` (send at once) and `Full64` holding a [`Schedule`](crate::image::Schedule) exist.
+/// In TxPDO it is the time of reception in the gateway; the manual gives no unit. Differences are
+/// relative to the first time base of the same image, unsigned with wrap. In RxPDO only `None` (send
+/// immediately) and `Full64` with a [`Schedule`](crate::image::Schedule) exist.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Timestamp {
     /// No timestamp.
@@ -34,7 +34,7 @@ impl Timestamp {
         }
     }
 
-    /// Bytes that the field takes in the packet: 0, 2, 4 or 8.
+    /// Bytes of the field in the packet: 0, 2, 4 or 8.
     #[inline]
     #[must_use]
     pub const fn size(&self) -> usize {
@@ -48,11 +48,11 @@ pub(crate) const fn format_size(tsf: u8) -> usize {
     (1 << (tsf & 3)) & 0b1110
 }
 
-/// Which TSF codes a direction may carry under a profile, one bit for each code.
+/// TSF codes that a direction allows with a profile, one bit for each code.
 ///
-/// The profiles without timestamps carry none in TxPDO; the others carry every form, since the
-/// manual calls delta32 and full64 extensions of the same capability (manual 3, 8.4). RxPDO knows
-/// immediate and scheduled transmission only, whatever the profile.
+/// Profiles without timestamps have none in TxPDO; the others have every form, because the manual calls
+/// delta32 and full64 extensions of the same capability (manual 3, 8.4). RxPDO has only immediate and
+/// scheduled transmission, with every profile.
 pub(crate) const fn allowed_formats(direction: Direction, profile: EncapsulationProfile) -> u8 {
     match direction {
         Direction::RxPdo => 0b1001,

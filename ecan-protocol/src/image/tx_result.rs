@@ -2,10 +2,10 @@
 
 use core::fmt;
 
-/// What became of an RxPDO frame inside the gateway (manual 10).
+/// Result of an RxPDO frame inside the gateway (manual 10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ResultCode {
-    /// Handed to the CAN controller.
+    /// Passed to the CAN controller.
     Ok,
     /// Waits in the gateway's transmit queue.
     Queued,
@@ -17,19 +17,19 @@ pub enum ResultCode {
     TxFifoFull,
     /// The channel is off the bus.
     BusOff,
-    /// A code that the manual does not name.
+    /// A code that the manual does not list.
     Other(u8),
 }
 
 impl ResultCode {
-    /// Whether the frame is with the CAN controller or in a queue for it.
+    /// True if the frame is in the CAN controller or in its queue.
     #[inline]
     #[must_use]
     pub const fn is_success(self) -> bool {
         matches!(self, Self::Ok | Self::Queued)
     }
 
-    /// The code with this value.
+    /// Returns the code with this value.
     #[inline]
     #[must_use]
     pub const fn from_raw(raw: u8) -> Self {
@@ -74,18 +74,18 @@ impl fmt::Display for ResultCode {
     }
 }
 
-/// A TX_RESULT packet: the fate of one frame of an earlier RxPDO image (manual 10).
+/// A TX_RESULT packet: the result of one frame of an earlier RxPDO image (manual 10).
 ///
-/// It speaks of the way into the CAN controller, not of a reception by any node.
+/// It reports the transfer to the CAN controller, not the reception by a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TxResult {
     /// Channel, 0 to 7 in the packet (0 to 3 exist).
     pub channel: u8,
-    /// Sequence of the RxPDO image that held the frame.
+    /// Sequence number of the RxPDO image of the frame.
     pub sequence: u16,
-    /// Place of the frame among that image's CAN_FRAME packets, from 0.
+    /// Index of the frame among the CAN_FRAME packets of that image, from 0.
     pub frame_index: u8,
-    /// What became of it.
+    /// The result.
     pub code: ResultCode,
 }
 
@@ -94,7 +94,7 @@ mod tests {
     use super::ResultCode;
 
     #[test]
-    fn every_value_survives() {
+    fn result_code_round_trip() {
         for raw in 0..=255 {
             assert_eq!(ResultCode::from_raw(raw).raw(), raw);
         }

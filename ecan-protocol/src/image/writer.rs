@@ -1,4 +1,4 @@
-//! Writing process data images (manual 5.4.4.1, 8).
+//! Writing PDO images (manual 5.4.4.1, 8).
 
 use super::crc::crc16;
 use super::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, HeaderFlags, VER_IHL};
@@ -13,7 +13,7 @@ use crate::copy::copy_data;
 use crate::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS};
 use crate::object::pdo_profile::{OptionFlags, PdoProfile};
 
-/// Why a packet was not put into the image. The image is unchanged then.
+/// Error: a packet was not added to the image. The image is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PushError {
     /// The rest of the frame area is too small; packets are never split (manual 12).
@@ -24,13 +24,13 @@ pub enum PushError {
         /// Bytes left in the frame area.
         left: u16,
     },
-    /// The image holds 255 packets already, as many as its header can count.
+    /// The image already has 255 packets, the limit of its header.
     #[error("no room: the image holds 255 packets already")]
     TooManyPackets,
     /// The channel does not exist or is not in the channel mask.
     #[error("channel {channel} is not in the channel mask {mask:#04x}")]
     Channel {
-        /// Channel asked for.
+        /// The channel.
         channel: u8,
         /// Channel mask of the profile.
         mask: u8,
@@ -38,7 +38,7 @@ pub enum PushError {
     /// ID_AUX has three bits.
     #[error("ID_AUX {0}, at most 7 is possible")]
     IdAux(u8),
-    /// The timestamp does not belong to the profile or direction, or is no valid schedule record.
+    /// The timestamp does not belong to the profile or direction, or is not a valid schedule record.
     #[error("timestamp format {format} not allowed by profile or direction, or no schedule record")]
     Timestamp {
         /// TSF code of the timestamp.
@@ -57,11 +57,11 @@ pub enum PushError {
     },
 }
 
-/// Header fields that the writer cannot know by itself.
+/// Header fields that the caller provides.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CommitFields {
     /// Flags to set. SEQ_WRAP, TX_RESULT_PRESENT and, with an overflow, OVERFLOW_SAT_VALID are
-    /// added where they apply; reserved bits are cleared.
+    /// added if they apply; reserved bits are cleared.
     pub flags: HeaderFlags,
     /// `overflow_sat`.
     pub overflow: u8,
@@ -69,11 +69,11 @@ pub struct CommitFields {
     pub channel_status: [ChannelStatus; CHANNELS],
 }
 
-/// Writes images of one direction into a buffer that the caller keeps.
+/// Writes images of one direction into a buffer of the caller.
 ///
-/// One writer serves one buffer: it remembers how far earlier images reached, to clear no more
-/// than that. Nothing here allocates, blocks or panics; all of it is real-time safe. Packets go
-/// straight to their place in the buffer; [`commit`](Self::commit) makes them an image.
+/// One writer serves one buffer: it stores the length of earlier images, to clear no more than that.
+/// Nothing here allocates, blocks or panics; all of it is real-time safe. Packets are written directly
+/// to their location in the buffer; [`commit`](Self::commit) makes them an image.
 #[derive(Clone, Debug)]
 pub struct ImageWriter {
     direction: Direction,
@@ -88,7 +88,7 @@ pub struct ImageWriter {
     area_end: usize,
     position: usize,
     dirty_end: usize,
-    // As the header counts: packets of either kind.
+    // Packets of both kinds, as in the header.
     frame_count: u8,
     // TX_RESULT packets among them.
     tx_results: u8,
@@ -97,7 +97,7 @@ pub struct ImageWriter {
 }
 
 impl ImageWriter {
-    /// A writer for this direction and profile. CRC and clearing follow the options of the
+    /// Creates a writer for this direction and profile. CRC and clearing follow the options of the
     /// profile. The first image gets sequence number 1 and clears the whole buffer.
     #[must_use]
     pub const fn new(direction: Direction, profile: PdoProfile) -> Self {
@@ -121,23 +121,23 @@ impl ImageWriter {
         }
     }
 
-    /// The same with or without CRC, whatever the option says (0x8030:04, manual 13.2.3).
+    /// Writes a CRC or not, regardless of the option (0x8030:04, manual 13.2.3).
     #[must_use]
     pub const fn with_crc(mut self, crc: bool) -> Self {
         self.crc = crc;
         self
     }
 
-    /// The same with stale bytes behind the payload left as they are or cleared, whatever the
-    /// option says (0x8030:05, manual 13.2.3).
+    /// Keeps or clears stale bytes after the payload, regardless of the option (0x8030:05, manual
+    /// 13.2.3).
     #[must_use]
     pub const fn with_payload_only(mut self, payload_only: bool) -> Self {
         self.payload_only = payload_only;
         self
     }
 
-    /// Puts the data of CAN FD frames into windows of 64 bytes from now on. Without effect where
-    /// the profile does not allow it.
+    /// Writes the data of CAN FD frames into windows of 64 bytes. No effect if the profile does not
+    /// allow it.
     pub const fn use_d64(&mut self, on: bool) {
         self.d64 = on && self.profile.profile.allows_d64();
     }
@@ -154,9 +154,8 @@ impl ImageWriter {
         &self.profile
     }
 
-    /// Starts the next image empty. What was pushed since the last commit is forgotten.
-    ///
-    /// A commit does the same by itself.
+    /// Starts the next image empty. Packets since the last commit are discarded. A commit does the
+    /// same.
     pub const fn begin(&mut self) {
         if self.position > self.dirty_end {
             self.dirty_end = self.position;
@@ -172,7 +171,7 @@ impl ImageWriter {
         self.next_sequence
     }
 
-    /// Sets the sequence number of the next image, as a sender does that starts anew.
+    /// Sets the sequence number of the next image, as a sender does after a restart.
     pub const fn set_next_sequence(&mut self, sequence: u16) {
         self.next_sequence = sequence;
         self.wrapped = false;
@@ -199,14 +198,14 @@ impl ImageWriter {
         self.frame_count
     }
 
-    /// Whether the image holds no packet yet.
+    /// True if the image has no packet.
     #[inline]
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.frame_count == 0
     }
 
-    /// Bytes that a frame takes in the image, padding included.
+    /// Bytes of a frame in the image, padding included.
     #[inline]
     #[must_use]
     pub fn packet_bytes(&self, frame: FrameRef<'_>, timestamp: Timestamp) -> usize {
@@ -220,14 +219,14 @@ impl ImageWriter {
         (raw + self.align_mask) & !self.align_mask
     }
 
-    /// The bytes of the next packet; nothing changes where there are none.
+    /// The bytes of the next packet; nothing changes if there are none.
     #[inline(always)]
     fn claim<'b>(&self, image: &'b mut [u8], size: usize) -> Option<&'b mut [u8]> {
         let area = image.get_mut(..self.area_end)?.get_mut(self.position..)?;
         if usize::from(self.frame_count) < MAX_PACKETS { area.get_mut(..size) } else { None }
     }
 
-    /// Why [`claim`](Self::claim) gave nothing.
+    /// The reason if [`claim`](Self::claim) returns nothing.
     #[cold]
     #[inline(never)]
     const fn no_claim(&self, length: usize, size: usize) -> PushError {
@@ -241,11 +240,11 @@ impl ImageWriter {
     }
 
     /// Appends a CAN frame. `id_aux` (0 to 7) is the transmit hint in RxPDO, the receive source in
-    /// TxPDO. Returns the frame's place among the CAN_FRAME packets of this image, by which a
-    /// TX_RESULT refers to it.
+    /// TxPDO. Returns the index of the frame among the CAN_FRAME packets of this image, which TX_RESULT
+    /// refers to.
     ///
     /// # Errors
-    /// [`PushError`]; the image is unchanged then.
+    /// [`PushError`]; the image is unchanged.
     #[inline]
     pub fn push(
         &mut self,
@@ -264,8 +263,8 @@ impl ImageWriter {
         self.push_other(image, channel, id_aux, frame, timestamp)
     }
 
-    /// Appends a frame of `LENGTH` bytes with a standard identifier: most frames. Their packets are
-    /// of one size, which needs no padding.
+    /// Appends a frame of `LENGTH` bytes with a standard CAN ID: most frames. Their packets have one
+    /// size, which needs no padding.
     #[inline(always)]
     fn push_standard<const LENGTH: usize, const SIZE: usize>(
         &mut self,
@@ -286,7 +285,7 @@ impl ImageWriter {
         Some(self.pushed(SIZE))
     }
 
-    /// Appends any frame, or says why not.
+    /// Appends any frame, or returns the error.
     #[inline(never)]
     fn push_other(
         &mut self,
@@ -348,7 +347,7 @@ impl ImageWriter {
         Ok(self.pushed(size))
     }
 
-    /// Counts a frame whose packet of `size` bytes was written; its place among the frames.
+    /// Counts a frame whose packet of `size` bytes was written; returns its index among the frames.
     #[inline(always)]
     const fn pushed(&mut self, size: usize) -> u8 {
         let index = self.frame_count - self.tx_results;
@@ -357,10 +356,10 @@ impl ImageWriter {
         index
     }
 
-    /// Appends a frame that the gateway is to send at a phase of Sync0. RxPDO only.
+    /// Appends a frame that the gateway sends at a phase of Sync0. RxPDO only.
     ///
     /// # Errors
-    /// [`PushError`]; the image is unchanged then.
+    /// [`PushError`]; the image is unchanged.
     #[inline]
     pub fn push_scheduled(
         &mut self,
@@ -389,11 +388,11 @@ impl ImageWriter {
         if allowed && valid { Ok(()) } else { Err(PushError::Timestamp { format }) }
     }
 
-    /// Appends a TX_RESULT packet. TxPDO with option TX_RESULT only. The channel is that of the
-    /// frame reported on, 0 to 7, in the mask or not.
+    /// Appends a TX_RESULT packet. TxPDO with option TX_RESULT only. The channel is that of the reported
+    /// frame, 0 to 7, in the mask or not.
     ///
     /// # Errors
-    /// [`PushError`]; the image is unchanged then.
+    /// [`PushError`]; the image is unchanged.
     pub fn push_tx_result(&mut self, image: &mut [u8], result: &TxResult) -> Result<(), PushError> {
         if self.direction != Direction::TxPdo
             || !self.profile.options.contains(OptionFlags::TX_RESULT)
@@ -421,12 +420,11 @@ impl ImageWriter {
         Ok(())
     }
 
-    /// Publishes what was pushed as one image and returns its sequence number: clears what earlier
-    /// images left behind the payload, computes the CRC, writes the header, and `seq_end` last
-    /// behind a release fence. The next image then starts empty.
+    /// Publishes the packets as one image and returns its sequence number: clears the bytes of earlier
+    /// images after the payload, computes the CRC, writes the header, and `seq_end` last after a
+    /// release fence. The next image starts empty.
     ///
-    /// Nothing happens where `image` is smaller than [`PdoProfile::pdo_bytes`]; the sequence does
-    /// not advance then.
+    /// Does nothing if `image` is smaller than [`PdoProfile::pdo_bytes`]; the sequence does not advance.
     pub fn commit(&mut self, image: &mut [u8], fields: CommitFields) -> u16 {
         let sequence = self.next_sequence;
         let payload_end = self.position;
@@ -479,20 +477,20 @@ impl ImageWriter {
         sequence
     }
 
-    /// Forgets what is known about the buffer, as after a change of the buffer or of its contents
-    /// by others: the next commit clears all that it does not fill. What was pushed stays pushed.
+    /// Must be called if the buffer changed, or others changed its contents: the next commit clears
+    /// everything that it does not fill. Packets of the current image are kept.
     pub const fn assume_dirty(&mut self) {
         self.dirty_end = self.area_end;
     }
 
-    /// Starts the next image empty in a buffer of which nothing is known.
+    /// Starts the next image empty in a buffer with unknown contents.
     pub const fn reset(&mut self) {
         self.assume_dirty();
         self.begin();
     }
 }
 
-/// Writes `bytes` to the start of `to` and returns what follows.
+/// Writes `bytes` to the start of `to` and returns the rest.
 #[inline(always)]
 fn put<const N: usize>(to: &mut [u8], bytes: [u8; N]) -> &mut [u8] {
     match to.split_first_chunk_mut::<N>() {
@@ -500,7 +498,7 @@ fn put<const N: usize>(to: &mut [u8], bytes: [u8; N]) -> &mut [u8] {
             *first = bytes;
             rest
         }
-        // infallible: the packet's size was computed from these very fields
+        // infallible: the packet's size was computed from these fields
         None => &mut [],
     }
 }

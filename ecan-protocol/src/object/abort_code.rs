@@ -1,8 +1,8 @@
-//! SDO abort codes (ETG.1000.6, CiA 301) in words.
+//! SDO abort codes (ETG.1000.6, CiA 301).
 
 use core::fmt;
 
-/// The code with which a device refuses an SDO transfer.
+/// The code with which a device aborts an SDO transfer.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct AbortCode(pub u32);
 
@@ -33,7 +33,7 @@ impl AbortCode {
     pub const NOT_MAPPABLE: Self = Self(0x0604_0041);
     /// Mapped objects exceed the PDO.
     pub const PDO_LENGTH: Self = Self(0x0604_0042);
-    /// Parameters do not go together.
+    /// Parameters are incompatible.
     pub const PARAMETER_INCOMPATIBLE: Self = Self(0x0604_0043);
     /// Hardware error.
     pub const HARDWARE: Self = Self(0x0606_0000);
@@ -47,7 +47,7 @@ impl AbortCode {
     pub const NO_SUBINDEX: Self = Self(0x0609_0011);
     /// Value out of range.
     pub const RANGE: Self = Self(0x0609_0030);
-    /// Value too great.
+    /// Value too large.
     pub const TOO_GREAT: Self = Self(0x0609_0031);
     /// Value too small.
     pub const TOO_SMALL: Self = Self(0x0609_0032);
@@ -55,12 +55,12 @@ impl AbortCode {
     pub const GENERAL: Self = Self(0x0800_0000);
     /// Cannot be transferred or stored.
     pub const NOT_STORED: Self = Self(0x0800_0020);
-    /// Refused because of local control.
+    /// Not possible because of local control.
     pub const LOCAL_CONTROL: Self = Self(0x0800_0021);
-    /// Refused in the present device state.
+    /// Not possible in the present device state.
     pub const DEVICE_STATE: Self = Self(0x0800_0022);
 
-    /// What the code means, `None` for a code that the standards do not list.
+    /// Meaning of the code, `None` for a code that the standards do not list.
     pub const fn meaning(self) -> Option<&'static str> {
         Some(match self.0 {
             0x0503_0000 => "toggle bit not alternated",

@@ -1,4 +1,4 @@
-//! 0x1000..0x1C13 and the process data objects: what CoE itself and the PDO mapping need
+//! 0x1000..0x1C13 and the process data objects: the objects of CoE and of the PDO mapping
 //! (manual 5.1, ETG.1000.6).
 
 use super::ObjectType::{String16, U8, U16, U32, VisibleString};
@@ -6,19 +6,17 @@ use super::entry::{Entry, Object};
 
 /// Subindex of the 16-byte data objects 0x6000.. and 0x7000.. that the PDOs map.
 ///
-/// The manual names only their indices. An actual device tells in 0x1600.. and 0x1A00.. which
-/// subindex it maps; a host reads it there.
+/// The manual gives only their indices. The host reads the mapped subindex of a device from 0x1600..
+/// and 0x1A00..
 pub const MAPPED_SUBINDEX: u8 = 1;
 
 /// Chunks per direction, and objects per PDO mapping family (manual 5.1).
 const CHUNKS: u16 = 24;
 const UNITS_PER_CHUNK: u16 = 8;
 
-/// What a mapping object 0x1600..0x1617 or 0x1A00..0x1A17 holds at subindex 1..8: index,
-/// subindex and bit length (128) of the mapped 16-byte object (manual 5.1.1). `None` for any
-/// other object or subindex.
-///
-/// The subindex inside is [`MAPPED_SUBINDEX`], an assumption.
+/// Returns the value of a mapping object 0x1600..0x1617 or 0x1A00..0x1A17 at subindex 1 to 8: index,
+/// subindex and bit length (128) of the mapped 16-byte object (manual 5.1.1). `None` for any other
+/// object or subindex. The mapped subindex is [`MAPPED_SUBINDEX`], an assumption.
 pub const fn pdo_mapping_entry(index: u16, subindex: u8) -> Option<u32> {
     let (chunk, data) = match index {
         0x1600..=0x1617 => (index - 0x1600, 0x7000),
@@ -105,7 +103,7 @@ pub(super) const SYNC_MANAGER_TYPES: Object = Object::single(
     ],
 );
 
-/// Subindex 0 (how many chunks are assigned) and one entry per chunk.
+/// Subindex 0 (number of assigned chunks) and one entry per chunk.
 const fn assignment_entries(first_map: u16) -> [Entry; CHUNKS as usize + 1] {
     const NAMES: [&str; CHUNKS as usize] = [
         "Chunk 0", "Chunk 1", "Chunk 2", "Chunk 3", "Chunk 4", "Chunk 5", "Chunk 6", "Chunk 7",

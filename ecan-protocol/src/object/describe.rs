@@ -1,19 +1,19 @@
-//! Entries of the object dictionary in words for messages.
+//! Texts for entries of the object dictionary.
 
 use core::fmt;
 
 use super::entry::Object;
 use super::{lookup, object};
 
-/// An entry in words for messages: `0x8010:03 (TxPDO Profile Control, PDO size multiplier)`.
+/// Text of an entry: `0x8010:03 (TxPDO Profile Control, PDO size multiplier)`.
 ///
-/// The subindex is decimal. In a family the number of the object follows its name, counted
-/// from 0 as the channels are. What is not in the table prints as its numbers alone.
+/// The subindex is decimal. In a family the number of the object follows its name, counted from 0 like
+/// the channels. An object that is not in the dictionary has its numbers only.
 pub fn describe(index: u16, subindex: u8) -> impl fmt::Display {
     Description { index, subindex }
 }
 
-/// A configuration field in words where the object is clear: `Node mode (subindex 8)`.
+/// Text of a configuration field if the object is clear: `Node mode (subindex 8)`.
 pub(crate) fn describe_field(index: u16, subindex: u8) -> impl fmt::Display {
     Field { name: lookup(index, subindex).map(|(_, entry)| entry.name), subindex }
 }
@@ -52,7 +52,7 @@ impl fmt::Display for Description {
     }
 }
 
-/// The object's name, in a family followed by which one.
+/// Name of the object, followed by its number in a family.
 pub(crate) fn write_object_name(
     f: &mut fmt::Formatter<'_>,
     object: &Object,

@@ -28,7 +28,7 @@ pub struct Entry {
     pub bits: &'static [(u8, &'static str)],
     /// Key in a configuration file, as a path inside the object's table; `None` if it has no key.
     pub key: Option<&'static str>,
-    /// How a configuration file states the value.
+    /// Form of the value in a configuration file.
     pub form: KeyForm,
     /// Subindices of the entries that must not be 0 for this one to have an effect.
     pub needs: &'static [u8],

@@ -70,12 +70,12 @@ pub enum Access {
 }
 
 impl Access {
-    /// True when an SDO upload is allowed.
+    /// True if an SDO upload is allowed.
     pub const fn can_read(self) -> bool {
         matches!(self, Self::Ro | Self::Rw)
     }
 
-    /// True when an SDO download is allowed.
+    /// True if an SDO download is allowed.
     pub const fn can_write(self) -> bool {
         matches!(self, Self::Rw | Self::Wo)
     }

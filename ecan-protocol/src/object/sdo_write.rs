@@ -1,4 +1,4 @@
-//! SDO downloads: what configurations turn into.
+//! SDO downloads, the result of a configuration.
 
 use core::fmt;
 
@@ -7,7 +7,7 @@ use super::entry::Object;
 use super::object;
 use super::object_type::ObjectType;
 
-/// One SDO download: what a configuration turns into.
+/// One SDO download.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SdoWrite {
     /// Object index.
@@ -16,7 +16,7 @@ pub struct SdoWrite {
     pub subindex: u8,
     /// The value; of a signed type its two's complement.
     pub value: u32,
-    /// Its type, which decides how many bytes are sent.
+    /// Its type, which sets the number of bytes.
     pub ty: ObjectType,
 }
 
@@ -28,7 +28,7 @@ impl Default for SdoWrite {
 }
 
 impl SdoWrite {
-    /// A download of `value` as `ty`.
+    /// Creates a download of `value` as `ty`.
     pub const fn new(index: u16, subindex: u8, ty: ObjectType, value: u32) -> Self {
         Self { index, subindex, value, ty }
     }
@@ -43,7 +43,7 @@ impl SdoWrite {
         Self::new(object.first + instance as u16 * object.stride, command, ObjectType::U8, 1)
     }
 
-    /// The value as it is sent, little-endian, and how many of the four bytes count.
+    /// Returns the value as it is sent, little-endian, and the number of valid bytes.
     pub const fn bytes(&self) -> ([u8; 4], usize) {
         let size = match self.ty {
             ObjectType::U8 => 1,

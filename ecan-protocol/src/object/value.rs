@@ -2,7 +2,7 @@
 
 use super::object_type::ObjectType;
 
-/// How a configuration file states the value of an [`Entry`](super::Entry).
+/// Form of the value of an [`Entry`](super::Entry) in a configuration file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KeyForm {
     /// As a whole number.
@@ -31,7 +31,7 @@ pub(crate) trait ObjectValue: Copy + 'static {
     const VALUES: &'static [(u32, &'static str)] = &[];
     /// Meaning of single bits; complete, or empty.
     const BITS: &'static [(u8, &'static str)] = &[];
-    /// How a configuration file states the value.
+    /// Form of the value in a configuration file.
     const FORM: KeyForm = KeyForm::Number;
 
     /// The raw value.

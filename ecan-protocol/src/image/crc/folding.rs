@@ -24,10 +24,10 @@ pub(super) const MIN_BYTES: usize = 4;
 /// Remainders that run side by side on long inputs.
 const LANES: usize = 4;
 
-/// Blocks of 16 bytes, behind the first, that are summed without folding.
+/// Blocks of 16 bytes, after the first, that are summed without folding.
 const DIRECT_BLOCKS: usize = 8;
 
-/// From this many blocks behind the first on it pays to take two at once.
+/// From this many blocks after the first on it pays to take two at once.
 const WIDE_BLOCKS: usize = 3;
 
 /// x^`exponent` mod P.
@@ -41,7 +41,7 @@ const fn power(exponent: usize) -> u64 {
     value as u64
 }
 
-/// Powers that bring the halves of 16 bytes down to the CRC, with `DIRECT_BLOCKS` to 0 blocks behind
+/// Powers that bring the halves of 16 bytes down to the CRC, with `DIRECT_BLOCKS` to 0 blocks after
 /// them: for the low half, then for the high one.
 static POWERS: [[u64; 2]; DIRECT_BLOCKS + 1] = {
     let mut powers = [[0; 2]; DIRECT_BLOCKS + 1];
@@ -79,7 +79,7 @@ const PRESENT: u8 = 2;
 const WIDE: u8 = 3;
 static AVAILABLE: AtomicU8 = AtomicU8::new(UNKNOWN);
 
-/// Whether the processor has PCLMULQDQ and SSSE3. Asks it once.
+/// True if the processor has PCLMULQDQ and SSSE3. Asks it once.
 #[inline]
 pub(super) fn is_available() -> bool {
     if cfg!(all(target_feature = "pclmulqdq", target_feature = "ssse3")) {
@@ -91,7 +91,7 @@ pub(super) fn is_available() -> bool {
     }
 }
 
-/// Whether the processor also has AVX2 and VPCLMULQDQ.
+/// True if the processor also has AVX2 and VPCLMULQDQ.
 #[inline]
 fn is_wide() -> bool {
     match AVAILABLE.load(Ordering::Relaxed) {
@@ -117,7 +117,7 @@ fn detect() -> u8 {
     level
 }
 
-/// Whether the processor has AVX2 and VPCLMULQDQ, and the system keeps their registers.
+/// True if the processor has AVX2 and VPCLMULQDQ, and the system keeps their registers.
 fn has_wide() -> bool {
     const OSXSAVE: u32 = 1 << 27;
     const AVX: u32 = 1 << 28;
@@ -146,7 +146,7 @@ pub(super) fn pretend_absent(on: bool) {
 #[inline]
 #[target_feature(enable = "sse2")]
 fn load(bytes: &[u8; 16]) -> __m128i {
-    // SAFETY: 16 bytes can be read behind the reference, and the load needs no alignment.
+    // SAFETY: 16 bytes can be read after the reference, and the load needs no alignment.
     unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) }
 }
 
@@ -198,7 +198,7 @@ fn over<const BLOCKS: usize>() -> __m128i {
     _mm_set_epi64x(powers[1], powers[0])
 }
 
-/// What `first` and the blocks behind it add up to, at most [`DIRECT_BLOCKS`] of them.
+/// What `first` and the blocks after it add up to, at most [`DIRECT_BLOCKS`] of them.
 #[inline]
 #[target_feature(enable = "pclmulqdq,ssse3")]
 fn sum_of(first: __m128i, blocks: &[[u8; 16]]) -> __m128i {
@@ -246,7 +246,7 @@ pub(super) fn crc16(data: &[u8]) -> u16 {
     }
 }
 
-/// The same for a head and many blocks behind it.
+/// The same for a head and many blocks after it.
 #[inline(never)]
 #[target_feature(enable = "pclmulqdq,ssse3")]
 fn long(head: __m128i, blocks: &[[u8; 16]]) -> u16 {

@@ -215,7 +215,11 @@ fn invalid_use_has_message_and_status() {
         (2, add(&["--id", "0x800"]), "use --extended for 29-bit CAN IDs"),
         (2, add(&["--range", "9", "1"]), "range 0x9..0x1 is empty"),
         (2, add(&["--extended", "--id", "0x20000000"]), "is above 0x1FFFFFFF"),
-        (2, add(&["--id", "1", "--buffer", "12"]), "RX buffer 12 of 12"),
+        (
+            2,
+            add(&["--id", "1", "--buffer", "12"]),
+            "RX buffer 12 does not exist; the layout has 12",
+        ),
         (2, add(&["--id", "1", "2", "--buffer", "1"]), "needs exactly one --id"),
         (2, add(&["--id", "1", "--range", "1", "2"]), "cannot be used with"),
         (2, vec![sim, "sim", "filter", "remove", "0", "--channel", "1"], "CAN1: no standard"),
@@ -232,5 +236,8 @@ fn invalid_use_has_message_and_status() {
     }
     // Each fault once, although one identifier stands in both places.
     let message = fails(2, &add(&["--extended", "--id", "0x20000000"]));
-    assert_eq!(message, "ecan: extended filter: identifier 0x20000000 is above 0x1FFFFFFF");
+    assert_eq!(
+        message,
+        "ecan: extended filter: CAN ID 0x20000000 is out of range; allowed: 0 to 0x1FFFFFFF"
+    );
 }

@@ -20,7 +20,7 @@ fn load(pair: &[[u8; 16]; 2]) -> __m256i {
         0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, //
         0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15,
     );
-    // SAFETY: 32 bytes can be read behind the reference, and the load needs no alignment.
+    // SAFETY: 32 bytes can be read after the reference, and the load needs no alignment.
     let bytes = unsafe { _mm256_loadu_si256(pair.as_ptr().cast()) };
     _mm256_shuffle_epi8(bytes, reversed)
 }
@@ -41,7 +41,7 @@ fn fold_pair(pair: __m256i, powers: __m128i, next: __m256i) -> __m256i {
     _mm256_xor_si256(bring_down_pair(pair, _mm256_broadcastsi128_si256(powers)), next)
 }
 
-/// The CRC of a head and at most [`DIRECT_BLOCKS`] blocks behind it.
+/// The CRC of a head and at most [`DIRECT_BLOCKS`] blocks after it.
 #[target_feature(enable = "avx2,vpclmulqdq,pclmulqdq,ssse3")]
 pub(super) fn direct(head: __m128i, blocks: &[[u8; 16]]) -> u16 {
     let powers = POWERS.get(DIRECT_BLOCKS.wrapping_sub(blocks.len())..).unwrap_or_default();
@@ -74,7 +74,7 @@ fn both(&[first, second]: &[[u64; 2]; 2]) -> __m256i {
     _mm256_set_epi64x(high1, low1, high0, low0)
 }
 
-/// The CRC of a head and many blocks behind it.
+/// The CRC of a head and many blocks after it.
 #[target_feature(enable = "avx2,vpclmulqdq,pclmulqdq,ssse3")]
 pub(super) fn long(head: __m128i, blocks: &[[u8; 16]]) -> u16 {
     // The head stands one block above the first, where the last half was before it.

@@ -74,7 +74,7 @@ fn pdo_error(profile: PdoProfile, faulty: &[u8]) -> PdoError {
 }
 
 #[test]
-fn an_image_under_way_is_skipped() {
+fn image_being_updated_is_skipped() {
     let mut image = image(compact(), 1, &GOOD);
     image[4] ^= 1;
     let diagnosis = refused(compact(), &image);
@@ -83,7 +83,7 @@ fn an_image_under_way_is_skipped() {
 }
 
 #[test]
-fn sequence_numbers_are_judged_before_anything_else() {
+fn sequence_numbers_are_checked_first() {
     let mut image = image(compact(), 1, &GOOD);
     image[0] = 0;
     image[4] ^= 1;
@@ -102,7 +102,7 @@ fn headers_that_are_not_version_1() {
 }
 
 #[test]
-fn an_all_zero_image_is_no_image() {
+fn all_zero_image_returns_bad_header() {
     for options in [OptionFlags::NONE, OptionFlags::NO_CRC16] {
         let profile = profile(EncapsulationProfile::Compact, options);
         let diagnosis = refused(profile, &[0; BYTES]);
@@ -111,7 +111,7 @@ fn an_all_zero_image_is_no_image() {
 }
 
 #[test]
-fn a_payload_longer_than_the_frame_area() {
+fn payload_longer_than_frame_area() {
     let mut image = image(compact(), 1, &GOOD);
     image[6] = 233;
     let diagnosis = refused(compact(), &image);
@@ -120,7 +120,7 @@ fn a_payload_longer_than_the_frame_area() {
 }
 
 #[test]
-fn a_wrong_crc_is_told_with_both_values() {
+fn crc_error_has_both_values() {
     let mut image = image(compact(), 1, &GOOD);
     image[28] ^= 0x40;
     let diagnosis = refused(compact(), &image);
@@ -131,7 +131,7 @@ fn a_wrong_crc_is_told_with_both_values() {
 }
 
 #[test]
-fn no_crc_is_legal_only_by_option_or_force() {
+fn image_without_crc_needs_option_or_force() {
     let mut image = image(compact(), 1, &GOOD);
     image[8..10].fill(0);
     image[15] = 0;
@@ -150,7 +150,7 @@ fn no_crc_is_legal_only_by_option_or_force() {
 }
 
 #[test]
-fn a_crc_that_nobody_asked_for_is_checked() {
+fn crc_is_checked_even_if_not_required() {
     let no_crc = profile(EncapsulationProfile::Compact, OptionFlags::NO_CRC16);
     let mut image = image(no_crc, 1, &GOOD);
     let reader = ImageReader::new(Direction::TxPdo, no_crc);
@@ -171,7 +171,7 @@ fn reserved_flags_and_stale_bytes_are_ignored() {
 }
 
 #[test]
-fn another_layout_is_marked_not_refused() {
+fn other_layout_is_accepted_and_marked() {
     let mut image = image(compact(), 1, &GOOD);
     image[10] ^= 1;
     let reader = ImageReader::new(Direction::TxPdo, compact());
@@ -181,7 +181,7 @@ fn another_layout_is_marked_not_refused() {
 }
 
 #[test]
-fn unknown_kinds_end_the_stream() {
+fn unknown_kind_ends_the_stream() {
     for ctrl in [0x4000_u16, 0x6000] {
         let mut packet = ctrl.to_le_bytes().to_vec();
         packet.extend([0; 6]);
@@ -190,14 +190,14 @@ fn unknown_kinds_end_the_stream() {
 }
 
 #[test]
-fn results_belong_to_txpdo() {
+fn tx_result_in_rxpdo_returns_error() {
     let diagnosis = packet_error(Direction::RxPdo, compact(), &[0, 0x20, 1, 0, 0, 0]);
     assert_eq!(diagnosis.pdo_error(), Some(PdoError::UnknownKind));
     assert_eq!(diagnosis.kind, 1);
 }
 
 #[test]
-fn the_channel_of_a_result_is_not_bound_to_the_mask() {
+fn tx_result_channel_ignores_the_mask() {
     let payload = [0x03, 0x20, 1, 0, 0, 3];
     let image = image(compact(), 1, &payload);
     let reader = ImageReader::new(Direction::TxPdo, compact());
@@ -208,7 +208,7 @@ fn the_channel_of_a_result_is_not_bound_to_the_mask() {
 }
 
 #[test]
-fn channels_outside_the_mask() {
+fn channel_outside_mask_returns_error() {
     for channel in 3..8 {
         let diagnosis = packet_error(Direction::TxPdo, compact(), &[channel, 0, 1, 0]);
         assert_eq!(diagnosis.pdo_error(), Some(PdoError::InvalidChannel));
@@ -218,7 +218,7 @@ fn channels_outside_the_mask() {
 }
 
 #[test]
-fn rules_of_classic_frames() {
+fn classic_frame_rules() {
     let window = profile(EncapsulationProfile::Window64, OptionFlags::NONE);
     let frame = |ctrl: u16| {
         let mut packet = ctrl.to_le_bytes().to_vec();
@@ -236,14 +236,14 @@ fn rules_of_classic_frames() {
 }
 
 #[test]
-fn a_window_without_its_profile() {
+fn window_without_profile_returns_error() {
     let mut packet = vec![0x08, 0x81, 1, 0];
     packet.extend([0; 64]);
     assert_eq!(pdo_error(compact(), &packet), PdoError::FrameOverrun);
 }
 
 #[test]
-fn remote_beats_the_window() {
+fn remote_frame_ignores_the_window() {
     let window = profile(EncapsulationProfile::Window64, OptionFlags::NONE);
     let payload = [0x20, 0x84, 0x05, 0x00, 0x10, 0x00, 0x01, 0x00, 0xAA, 0xBB];
     let image = image(window, 2, &payload);
@@ -258,7 +258,7 @@ fn remote_beats_the_window() {
 }
 
 #[test]
-fn timestamps_need_profile_and_direction() {
+fn timestamp_needs_profile_and_direction() {
     let timestamped = profile(EncapsulationProfile::CompactTimestamped, OptionFlags::NONE);
     for format in 1..4_u16 {
         let mut packet = (format << 11).to_le_bytes().to_vec();
@@ -273,7 +273,7 @@ fn timestamps_need_profile_and_direction() {
 }
 
 #[test]
-fn a_bad_schedule_leaves_the_next_packet_readable() {
+fn bad_schedule_keeps_the_next_packet() {
     let mut payload = vec![0x00, 0x18, 0x01, 0x00, 2, 0, 0, 0, 0, 0, 0, 0];
     payload.extend(GOOD);
     let image = image(compact(), 2, &payload);
@@ -291,7 +291,7 @@ fn a_bad_schedule_leaves_the_next_packet_readable() {
 }
 
 #[test]
-fn reserved_bits_of_the_identifier() {
+fn reserved_id_bits_return_error() {
     for high in [0x40, 0x80, 0xC0] {
         let packet = [0x00, 0x00, 0x01, high];
         assert_eq!(pdo_error(compact(), &packet), PdoError::ReservedBit);
@@ -299,7 +299,7 @@ fn reserved_bits_of_the_identifier() {
 }
 
 #[test]
-fn packets_cut_off_at_every_byte() {
+fn packet_truncated_at_every_byte() {
     let whole = [0xC8, 0x01, 0x01, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
     for length in 1..whole.len() {
         let diagnosis = packet_error(Direction::TxPdo, compact(), &whole[..length]);
@@ -312,7 +312,7 @@ fn packets_cut_off_at_every_byte() {
 }
 
 #[test]
-fn alignment_pads_the_last_packet_too() {
+fn alignment_pads_the_last_packet() {
     let aligned = profile(EncapsulationProfile::Compact, OptionFlags::ALIGN4);
     let image = image(aligned, 1, &GOOD);
     let reader = ImageReader::new(Direction::TxPdo, aligned);
@@ -323,7 +323,7 @@ fn alignment_pads_the_last_packet_too() {
 }
 
 #[test]
-fn packets_and_their_count_must_agree() {
+fn packet_count_mismatch_returns_error() {
     for (frame_count, readable) in [(0, 0), (1, 1), (3, 2), (255, 2)] {
         let payload = [GOOD, GOOD].concat();
         let image = image(compact(), frame_count, &payload);
@@ -337,7 +337,7 @@ fn packets_and_their_count_must_agree() {
 }
 
 #[test]
-fn a_diagnosis_says_where_and_what() {
+fn diagnosis_has_location_and_fault() {
     let diagnosis = packet_error(Direction::TxPdo, compact(), &[0x07, 0, 1, 0]);
     assert_eq!(
         diagnosis.to_string(),
