@@ -408,9 +408,7 @@ struct Run {
 fn run(gateway: usize, channel: usize) -> Run {
     let budgets = |_| {
         let config = DataPathConfig::for_traffic(8, 8);
-        let write = |channel| {
-            config.writes(channel).into_iter().chain([DataPathConfig::apply_write(channel)])
-        };
+        let write = |channel| config.writes(channel).chain([DataPathConfig::apply_write(channel)]);
         (0..CHANNELS as u8).flat_map(write).collect()
     };
     let mut program = Program::with_startup(stepped(scenario()), &[5, 5], budgets).into_op();

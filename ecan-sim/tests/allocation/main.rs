@@ -4,5 +4,12 @@ mod bus;
 #[path = "../counting/mod.rs"]
 mod counting;
 mod drive;
+mod ecrt;
 #[path = "../ecrt_support/mod.rs"]
 mod ecrt_support;
+mod gateway;
+#[path = "../gateway/fixture.rs"]
+mod gateway_support;
+mod wire;
+#[path = "../wire_support/mod.rs"]
+mod wire_support;

@@ -489,8 +489,7 @@ fn missing_or_invalid_eds_is_reported() {
         (directory.join("absent.eds"), "absent.eds: "),
     ] {
         let config = DriveConfig::new(id(1));
-        scenario.nodes[0].kind =
-            NodeKind::Drive(Box::new(DriveSpec { config: config, eds: Some(file) }));
+        scenario.nodes[0].kind = NodeKind::Drive(Box::new(DriveSpec { config, eds: Some(file) }));
         let error = open_scenario(scenario.clone(), &SimOptions::default()).unwrap_err();
         assert!(error.to_string().contains(text), "{error}");
         assert!(matches!(error, BackendError::Eds { .. } | BackendError::Read { .. }));

@@ -1,0 +1,67 @@
+//! The reference clock, which is unknown during a scan.
+
+use crate::ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
+use ecan_host::{Errno, Master};
+use ecan_sim::{EcrtVersion, Fault, Scenario, echo};
+
+/// Results of the three calls for the clocks.
+fn calls(master: &mut Master) -> [Result<(), Errno>; 3] {
+    [
+        master.sync_reference_clock(),
+        master.sync_slave_clocks(),
+        master.reference_clock_time().map(|_| ()),
+    ]
+}
+
+#[test]
+fn empty_bus_has_no_reference_clock() {
+    let backend = stepped(Scenario::default());
+    let mut master = Master::request(&backend.ecrt, 0).unwrap();
+    master.activate().unwrap();
+    assert_eq!(calls(&mut master), [Err(Errno::ENXIO); 3]);
+    assert_eq!(master.sync_reference_clock_to(1).unwrap_err(), Errno::ENXIO);
+    assert!(master.sync_monitor_queue().is_ok());
+}
+
+#[test]
+fn version_1_5_reports_only_returned_errors() {
+    let backend = stepped(Scenario { version: EcrtVersion::V1_5, ..Scenario::default() });
+    let mut master = Master::request(&backend.ecrt, 0).unwrap();
+    master.activate().unwrap();
+    assert_eq!(calls(&mut master), [Ok(()), Ok(()), Err(Errno::ENXIO)]);
+}
+
+#[test]
+fn reference_clock_is_missing_during_a_scan() {
+    let mut program = Program::new(stepped_echo(2), &[3, 1]);
+    let config = program.slaves[0].config;
+    program.master.config_dc(config, 0x0300, CYCLE_NS as u32, 0, 0, 0).unwrap();
+    let mut program = program.into_op();
+    assert_eq!(calls(&mut program.master)[..2], [Ok(()); 2]);
+    program.cycle();
+    program.master.receive().unwrap();
+    assert!(program.master.reference_clock_time().is_ok());
+    program.simulation().inject(Fault::PowerCycle { gateway: 1, off_ms: 100 });
+    // scanning, and the results of the clock calls
+    let seen: Vec<_> = (0..4_000)
+        .map(|_| {
+            let calls = calls(&mut program.master);
+            let scans = program.master.info().unwrap().scan_busy;
+            program.cycle();
+            (scans, calls[0], calls[1], calls[2] == Err(Errno::ENXIO))
+        })
+        .collect();
+    assert!(seen.iter().any(|(scans, ..)| *scans));
+    for (scans, reference, slaves, no_time) in seen {
+        let expected = if scans { Err(Errno::ENXIO) } else { Ok(()) };
+        assert_eq!((reference, slaves, no_time), (expected, expected, scans));
+    }
+    assert!(program.reaches_op());
+}
+
+#[test]
+fn idle_bus_does_not_miss_its_clocks() {
+    let backend = stepped(echo(1));
+    let mut master = Master::request(&backend.ecrt, 0).unwrap();
+    assert_eq!(calls(&mut master), [Ok(()), Ok(()), Err(Errno::EIO)]);
+}

@@ -1,0 +1,16 @@
+//! Tests of the simulated libethercat.
+
+mod c_functions;
+mod c_master;
+mod clocks;
+#[path = "../ecrt_support/mod.rs"]
+mod ecrt_support;
+mod faults;
+mod idle_bus;
+mod library_errors;
+mod maintenance;
+mod operation;
+mod recovery_property;
+mod requests;
+mod scenario_file;
+mod wake_up;

@@ -1,0 +1,11 @@
+//! Tests of the gateways on a wire.
+
+mod clock;
+mod mailbox;
+mod maintenance;
+mod process_data;
+mod registers;
+mod robustness;
+mod trace;
+#[path = "../wire_support/mod.rs"]
+mod wire_support;
