@@ -1,4 +1,4 @@
-//! What tshark reads in a capture. Without tshark the tests say so and pass.
+//! Dissection of captures by tshark. Skipped without tshark.
 #![allow(missing_docs)]
 
 mod tshark_support;

@@ -16,7 +16,7 @@ struct Fixture {
 }
 
 impl Fixture {
-    /// One gateway in service with all channels at 500 kbit/s, N = 3, cycle of 1 ms.
+    /// One ready gateway with all channels at 500 kbit/s, N = 3, cycle 1 ms.
     fn ready(scenario: Scenario) -> Self {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(scenario, &options).unwrap();

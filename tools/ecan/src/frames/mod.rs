@@ -1,4 +1,4 @@
-//! A gateway in service for the commands that carry CAN frames.
+//! A running gateway, for the frame commands.
 
 pub mod arrival;
 pub mod bit_rates;

@@ -1,4 +1,4 @@
-//! `ecan bridge` as other programs see it.
+//! Tests of `ecan bridge` with clients.
 
 use std::io::Write as _;
 
@@ -6,7 +6,7 @@ use crate::support::client::Client;
 use crate::support::timed_reader::{LIMIT, TimedReader};
 use crate::support::{Running, Scenario, fails};
 
-/// A frame as socketcand writes it: identifier, time and data.
+/// Frame in the format of socketcand: CAN ID, time and data.
 fn next_frame(client: &mut Client) -> [String; 3] {
     let text = client.hear_through(b">");
     let words: Vec<_> = text.split(' ').collect();
@@ -19,7 +19,7 @@ fn expect_frame(client: &mut Client, id: &str, data: &str) {
     assert_eq!((found_id.as_str(), found_data.as_str()), (id, data));
 }
 
-/// A socketcand client that hears.
+/// Receiving socketcand client.
 fn socketcand_client(address: &str) -> Client {
     let mut client = Client::connect(address);
     client.expect("< hi >");
@@ -30,7 +30,7 @@ fn socketcand_client(address: &str) -> Client {
     client
 }
 
-/// The address in a line as "slcan bridge at 127.0.0.1:1234 on can1".
+/// Address in a line such as "slcan bridge at 127.0.0.1:1234 on can1".
 fn address(line: &str, protocol: &str, channel: &str) -> String {
     let words: Vec<_> = line.split(' ').collect();
     assert_eq!((words[0], words[5]), (protocol, channel), "{line}");
@@ -49,7 +49,7 @@ fn clients_of_both_protocols_share_the_channel() {
     slcan.expect("\r\r");
     let mut socketcand = socketcand_client(&socketcand);
 
-    // The sender hears the node's echo, the others its frame too.
+    // The sender receives the echo of the node, the others also its frame.
     slcan.say("t1232AABB\r");
     slcan.expect("z\rt1232AABB\r");
     expect_frame(&mut socketcand, "123", "AABB");
@@ -82,11 +82,11 @@ fn slcan_passes_can_fd_at_channel_bit_rates() {
     client.expect("\r\r\r");
     client.say("b1239112233445566778899AABBCC\r");
     client.expect("z\rb1239112233445566778899AABBCC\r");
-    // Who names another bit rate is refused.
+    // A client with another bit rate is rejected.
     let mut other = Client::connect(address);
     other.say("S8\rO\rt1230\r");
     other.expect("\r\r\x07");
-    // What did not go through is told at the end.
+    // Losses are reported at the end.
     bridge.terminate();
     let (status, errors) = bridge.wait();
     assert_eq!(status, Some(0), "{errors}");
@@ -102,7 +102,7 @@ fn pseudo_terminal_acts_as_serial_adapter() {
     let path = link.display().to_string();
     let mut bridge = Running::start(&["--ecrt", "sim", "bridge", "--pty", &path]);
     assert_eq!(bridge.line(), format!("slcan bridge at {path} on can0"));
-    // One program after the other, each finding the terminal as a serial port.
+    // Two programs in turn use the terminal as a serial port.
     for id in ["123", "124"] {
         let mut port = std::fs::File::options().read(true).write(true).open(&link).unwrap();
         port.write_all(format!("C\rS6\rO\rt{id}2AABB\r").as_bytes()).unwrap();
@@ -115,7 +115,7 @@ fn pseudo_terminal_acts_as_serial_adapter() {
     assert!(std::fs::symlink_metadata(&link).is_err(), "the link goes with the bridge");
 }
 
-/// A motor must not make up for an outage.
+/// A motor must not execute outdated commands.
 #[test]
 fn frames_during_outage_are_rejected_and_never_sent() {
     let fault = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 500";
@@ -130,7 +130,7 @@ fn frames_during_bus_off_are_rejected() {
     assert_eq!(late, [0; 0]);
 }
 
-/// Only what the gateway itself holds goes out when somebody acknowledges again.
+/// Only the frames in the gateway are sent when a node acknowledges again.
 #[test]
 fn frames_without_acknowledgement_are_rejected() {
     let node = "kind = \"drive\"\nname = \"partner\"\nnode_id = 1";
@@ -140,8 +140,8 @@ fn frames_without_acknowledgement_are_rejected() {
     assert!(late.len() <= queue_and_controller, "{} frames came late", late.len());
 }
 
-/// A client sends through this fault, which ends with this line: the frames that came behind it
-/// although they are from before.
+/// A client sends during a fault, whose end is reported in a line that ends with `end`. Returns the
+/// outdated frames received afterwards.
 fn refuses_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
     let bus = Scenario::new(&format!(
         "[[node]]\nbus = \"0.0\"\n{node}\n[[fault]]\nat_ms = 9000\n{fault}\n"
@@ -152,7 +152,7 @@ fn refuses_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
     let mut listener = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
     sender.say("O\r");
     sender.expect("\r");
-    // Each frame waits for the answer to the one before it, so that the queue never fills.
+    // Each frame waits for the response to the previous one, so that the queue never fills.
     let mut answers = Vec::new();
     let mut is_back = false;
     let begun = std::time::Instant::now();
@@ -160,14 +160,14 @@ fn refuses_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
         assert!(begun.elapsed() < LIMIT, "the gateway does not come back");
         sender.say(&format!("t1232{:04X}\r", answers.len()));
         let mut answer = sender.hear_through(b"\r\x07");
-        // A frame of the node.
+        // Frame of the node.
         while answer.starts_with('t') {
             answer = sender.hear_through(b"\r\x07");
         }
         let is_taken = answer == "z\r";
         is_back = is_taken && answers.last() == Some(&false);
         answers.push(is_taken);
-        // No more than a client in a cycle of its own sends.
+        // Slower than one frame per cycle.
         std::thread::sleep(std::time::Duration::from_millis(2));
     }
     let first_after = answers.len() - 1;
@@ -204,7 +204,7 @@ fn listen_only_bridge_rejects_frames() {
     let mut socketcand = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
     slcan.say("O\rt7FF0\r");
     slcan.expect("\r");
-    // Frames of the bus may stand before the answer.
+    // Frames from the bus may precede the response.
     while slcan.hear_through(b"\r\x07") != "\x07" {}
     socketcand.say("< send 7FE 0 >");
     for _ in 0..10 {
@@ -215,7 +215,7 @@ fn listen_only_bridge_rejects_frames() {
     assert_eq!(bridge.wait().0, Some(0));
 }
 
-/// The port is one for the whole machine: to an address of its own, so that tests do not meet.
+/// The port is global: use a separate address, so that tests do not interfere.
 #[test]
 fn beacon_announces_socketcand() {
     let listener = match std::net::UdpSocket::bind("127.42.0.1:42000") {

@@ -1,8 +1,8 @@
-//! `ecan dump` on a bus with a node that plays a recording.
+//! Tests of `ecan dump` with a replay node.
 
 use crate::support::{Running, Scenario, fails};
 
-/// Milliseconds, frame.
+/// Milliseconds and frame.
 const FRAMES: [(u64, &str); 5] = [
     (0, "123#DEADBEEF"),
     (500, "124#4142"),
@@ -47,7 +47,7 @@ fn log_matches_candump_on_screen_and_in_file() {
     let records: Vec<_> =
         shown.lines().map(|line| ecan_candump::parse_line(line).unwrap().unwrap()).collect();
     let first = records[0].time_ns;
-    // The grammar of the log has its own tests: what it reads it writes the same way.
+    // The log grammar has its own round-trip tests.
     for ((ms, frame), (record, line)) in FRAMES.iter().zip(records.iter().zip(shown.lines())) {
         assert_eq!(record.to_string(), line);
         assert_eq!(record.interface, "can0");
@@ -86,7 +86,7 @@ fn count_and_timeout_set_exit_status() {
     assert_eq!(bus().good(&["dump", "-T", "9000", "-n", "5"]).lines().count(), 5);
     let message = bus().fails(1, &["dump", "-T", "9000", "700:7FF"]);
     assert_eq!(message, "ecan: no received frame passes the filters");
-    // Nothing is on the other channels.
+    // The other channels have no frames.
     bus().fails(1, &["dump", "-T", "9000", "--channel", "1,2,3"]);
 }
 
@@ -120,7 +120,7 @@ fn can_fd_is_shown() {
 
 #[test]
 fn listen_only_does_not_acknowledge() {
-    // Node and gateway are alone: with a listening gateway no frame is ever complete.
+    // Only the node and the listening gateway are on the bus: no frame is acknowledged.
     let alone = |mode: &[&str]| {
         let node = "[[node]]\nkind = \"replay\"\nbus = \"0.0\"\nfile = \"bus.log\"\n";
         let bus = Scenario::new(node);
@@ -154,13 +154,13 @@ fn lost_images_are_reported_on_stderr() {
     let output = bus.run(&["dump", "-T", "9000"]);
     let errors = String::from_utf8(output.stderr).unwrap();
     let told: Vec<_> = errors.lines().filter_map(|line| line.split(") ").nth(1)).collect();
-    // The second waits until a second after the first has gone by.
+    // The second report follows a second after the first.
     let expected =
         [3, 1, 2].map(|n| format!("gateway: {n} images lost, received frames may be missing"));
     assert_eq!(told, expected, "{errors}");
     assert_eq!(String::from_utf8(output.stdout).unwrap().lines().count(), 4000 - 6);
 
-    // What waits for its second when the end comes, and damaged images, which count once.
+    // A pending report at the end, and damaged images, which count once.
     let damaged = |kind: &str, at_ms| {
         format!("[[fault]]\nkind = \"{kind}\"\ngateway = 0\nat_ms = {at_ms}\ntimes = 1\n")
     };
@@ -200,7 +200,7 @@ fn lost_gateway_recovers() {
 fn dump_ends_cleanly_on_signal_or_closed_output() {
     let frames: Vec<(u64, &str)> = (0..1500).map(|at| (at * 20, "123#11")).collect();
     let bus = Scenario::replaying(&frames, "");
-    // In real time the frames come from the start.
+    // In real time, the frames are sent from the start.
     let log = bus.read("bus.log").replacen("(0.000000) can0 000#\n", "", 1);
     bus.write("bus.log", &log);
     let setting = bus.setting();

@@ -1,11 +1,11 @@
-//! `doctor` on made-up trees of /proc, /sys, /dev and /etc.
+//! Tests of `ecan doctor` on file trees with /proc, /sys, /dev and /etc.
 
 use std::os::unix::fs::symlink;
 use std::path::Path;
 
 use crate::support::{ecan, fails, write_program};
 
-/// The files of a host that is well set up.
+/// Files of a good host.
 const GOOD: [(&str, &str); 20] = [
     ("sys/module/ec_sys/refcnt", "0\n"),
     ("sys/module/ec_master/version", "1.6.2 1.6.2\n"),
@@ -62,7 +62,7 @@ fn host() -> tempfile::TempDir {
     directory
 }
 
-/// `doctor` on a tree: its status and what it prints.
+/// Exit status and output of `doctor` on a tree.
 fn doctor(host: &Path, options: &[&str]) -> (Option<i32>, String) {
     let ethtool = host.join("ethtool");
     let paths = [host, &ethtool].map(|path| path.to_str().unwrap());
@@ -91,7 +91,7 @@ good     sleep states        exit latency 2 us
     assert_eq!((status, report.as_str()), (Some(0), expected));
 }
 
-/// What of the host is other than in the good one.
+/// Change of the good host.
 enum Change {
     Put(&'static [(&'static str, &'static str)]),
     Remove(&'static [&'static str]),
@@ -197,7 +197,7 @@ fn each_problem_has_a_remedy() {
             }
         }
         let (status, text) = doctor(host.path(), &[]);
-        // What cannot be told is left out, and nothing amiss.
+        // Missing information is skipped, without a problem.
         if name.is_empty() {
             assert_eq!(status, Some(0), "{text}");
             assert!(text.contains("skipped "), "{text}");
@@ -210,11 +210,11 @@ fn each_problem_has_a_remedy() {
         let has_problem = |check: &&serde_json::Value| {
             matches!(check["verdict"].as_str(), Some("bad" | "warning"))
         };
-        let amiss: Vec<_> = checks.iter().filter(has_problem).collect();
-        assert_eq!(amiss.len(), 1, "{name}: {amiss:?}");
-        assert_eq!(amiss[0]["name"], name);
-        assert!(amiss[0]["found"].as_str().unwrap().contains(found), "{amiss:?}");
-        assert!(amiss[0]["remedy"].as_str().unwrap().contains(remedy), "{amiss:?}");
+        let problems: Vec<_> = checks.iter().filter(has_problem).collect();
+        assert_eq!(problems.len(), 1, "{name}: {problems:?}");
+        assert_eq!(problems[0]["name"], name);
+        assert!(problems[0]["found"].as_str().unwrap().contains(found), "{problems:?}");
+        assert!(problems[0]["remedy"].as_str().unwrap().contains(remedy), "{problems:?}");
     }
 }
 
@@ -254,7 +254,7 @@ fn long_sleep_states_without_limit_are_a_problem() {
     let (status, report) = doctor(host.path(), &[]);
     assert_eq!(status, Some(1), "{report}");
     assert!(report.contains("remedy: intel_idle.max_cstate=1"), "{report}");
-    // A state that is switched off does not count.
+    // A disabled state is ignored.
     put(host.path(), "sys/devices/system/cpu/cpu0/cpuidle/state2/disable", "1\n");
     assert_eq!(doctor(host.path(), &[]).0, Some(0));
 }

@@ -1,4 +1,4 @@
-//! `selftest`: good gateways, and everything that one can fail by.
+//! Tests of `ecan selftest`.
 
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Command, Stdio};
@@ -6,13 +6,13 @@ use std::process::{Command, Stdio};
 use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// A gateway whose channels 0 and 1, and 2 and 3 are wired together.
+/// Gateway with channels 0 and 1, and 2 and 3, wired together.
 const WIRED: &str = "[[gateway]]\nbuses = [\"a\", \"a\", \"b\", \"b\"]\n";
 /// One bit rate with CAN FD, and one without.
 const CELL: &str = "[[gateway]]\nn = 5\n[gateway.can0]\nbitrate = 500000\n\
                     data_bitrate = 2000000\nsample_point = 80\n[gateway.can2]\nbitrate = 250000\n";
 
-/// The lines of these checks.
+/// Lines of the checks with this name.
 fn lines<'a>(printed: &'a str, word: &str) -> Vec<&'a str> {
     printed.lines().map(str::trim).filter(|line| line.contains(word)).collect()
 }
@@ -149,14 +149,14 @@ fn rejected_configuration_fails_and_next_is_tested() {
 
 #[test]
 fn lost_gateway_fails_even_if_it_recovers() {
-    // At this bit rate the test takes a second and more: the fault falls into its midst.
+    // At this bit rate the test takes over a second: the fault occurs in the middle.
     let slow = scenario("[[gateway]]\nn = 8\ncan0 = { bitrate = 20_000 }\n");
     let fault = "[[fault]]\nkind = \"al_error\"\ngateway = 0\ncode = 26\nat_ms = 3000\n";
     let bus = scenario(&format!("[[gateway]]\n{fault}"));
     let (ecrt, slow) = (setting(&bus), path(&slow));
     let options = ["--ecrt", &ecrt, "selftest", "--config", &slow, "--frames", "255"];
     let printed = ends(1, &options);
-    // Where it is not back before the end of the test, the frames that it did not send tell.
+    // If the gateway is not ready before the end of the test, frames are missing.
     let failed = lines(&printed, "FAILED  ");
     let tells = |line: &&str| {
         line.contains("the gateway was lost") || line.contains(" of 255 frames received")
@@ -193,7 +193,7 @@ fn unidentified_gateway_fails() {
 
 #[test]
 fn removed_gateway_fails_others_keep_reports() {
-    // While the first one is tested.
+    // During the test of the first gateway.
     let fault = "[[fault]]\nkind = \"power_off\"\ngateway = 1\nat_ms = 5000\n";
     let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
     let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
@@ -216,7 +216,7 @@ fn stopped_test_has_report_and_restores() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // In real time a gateway takes seconds to come into service.
+    // In real time, a gateway takes seconds to become ready.
     let mut errors = BufReader::new(child.stderr.take().unwrap());
     let mut banner = String::new();
     errors.read_line(&mut banner).unwrap();
@@ -268,7 +268,7 @@ fn each_gateway_has_a_report() {
     assert_eq!((&frames["sent"], &frames["received"]), (&96.into(), &96.into()));
     assert_eq!((&frames["bitrate"], &frames["data_bitrate"]), (&500_000.into(), &2_000_000.into()));
     assert_eq!(frames["channels"][0]["counters"]["transmit"], 0);
-    // The same on standard output, and one gateway alone.
+    // The same on standard output, and for one gateway.
     let json = bus.good(&["--json", "--slave", "alias=7", "selftest", "--config", &cell]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!(json["is_good"], true);

@@ -169,7 +169,7 @@ fn each_fault_is_reported_fixed_and_restorable() {
         assert_eq!(bench.run(&["check"]).0, 0);
         let backup = bench.path("before.bin");
         let mut restore =
-            vec!["restore", backup.to_str().unwrap(), "--yes", "--backup", "mended.bin"];
+            vec!["restore", backup.to_str().unwrap(), "--yes", "--backup", "fixed.bin"];
         if is_checksum {
             let (status, said) = bench.run(&restore);
             assert_eq!(status, 1, "{said}");
@@ -178,7 +178,7 @@ fn each_fault_is_reported_fixed_and_restorable() {
         }
         let (status, said) = bench.run(&restore);
         assert_eq!(status, 0, "{said}");
-        assert_eq!((bench.get("eeprom"), bench.get("mended.bin")), (image, good.clone()));
+        assert_eq!((bench.get("eeprom"), bench.get("fixed.bin")), (image, good.clone()));
         // The tool writes a wrong checksum only when it is forced to.
         let calls = String::from_utf8(bench.get("calls")).unwrap();
         let forced =
@@ -329,7 +329,7 @@ fn writing_needs_confirmation_and_right_slave() {
 #[test]
 fn fix_asks_on_a_terminal() {
     let image = broken(&[(20, 0x64)]);
-    for (typed, status, is_mended) in [("n\n", 2, false), ("y\n", 0, true)] {
+    for (typed, status, is_fixed) in [("n\n", 2, false), ("y\n", 0, true)] {
         let bench = Fixture::new(&image);
         let mut pty = Pty::open((80, 24));
         pty.master.write_all(typed.as_bytes()).unwrap();
@@ -342,8 +342,8 @@ fn fix_asks_on_a_terminal() {
         let said = String::from_utf8(output.stdout).unwrap();
         assert_eq!(output.status.code(), Some(status), "{said}");
         assert!(said.contains("to be changed:\n  SM2 control byte: 0x64 -> 0x66\n"), "{said}");
-        assert_eq!(bench.get("eeprom") == good_image(), is_mended);
-        assert_eq!(bench.has_written(), is_mended);
+        assert_eq!(bench.get("eeprom") == good_image(), is_fixed);
+        assert_eq!(bench.has_written(), is_fixed);
     }
 }
 

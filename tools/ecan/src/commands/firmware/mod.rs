@@ -185,12 +185,7 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
         versions.push(Version { position, state, running, error });
     }
     for (SlaveEntry { position, state, .. }, unknown) in chosen.unknown {
-        versions.push(Version {
-            position,
-            state,
-            running: None,
-            error: Some(format!("{}", unknown.text())),
-        });
+        versions.push(Version { position, state, running: None, error: Some(unknown.text()) });
     }
     versions.sort_by_key(|version| version.position);
     output.data(&versions, |out| {

@@ -110,7 +110,7 @@ impl Report {
 
     /// Slave that cannot be identified.
     pub fn unknown(slave: &Unknown) -> Self {
-        Self::left_out(slave.position, format!("{}", slave.text()))
+        Self::left_out(slave.position, slave.text())
     }
 
     /// Position, versions and result.

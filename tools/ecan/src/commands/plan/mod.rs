@@ -95,7 +95,7 @@ fn of_options(arguments: &PlanArguments) -> Planned {
     let channels = arguments.channel.unwrap_or(Channels::only(0));
     let mut gateway = GatewayConfig::default();
     for (channel, place) in (0..).zip(&mut gateway.channels) {
-        *place = channels.contains(channel).then(|| settings.clone());
+        *place = channels.contains(channel).then_some(settings);
     }
     let port = PortConfig::uniform(slaves.into(), gateway);
     Planned { adapter: setup.adapter(slaves), port, channels }

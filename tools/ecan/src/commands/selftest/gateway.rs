@@ -175,7 +175,7 @@ impl Test<'_> {
         report: &mut Report,
     ) -> Result<bool, Failure> {
         let Run { adapter, config, .. } = &run;
-        let (adapter, config) = (adapter.clone(), config.clone());
+        let (adapter, config) = (*adapter, *config);
         let place = GatewaySetup { position: slave, adapter, config, channels: Channels::NONE };
         wait_present(bus, slave).map_err(Failure::Rejected)?;
         let real_time = &self.arguments.real_time;

@@ -1,8 +1,8 @@
-//! A stand-in for IgH's `ethercat` tool, in front of simulated gateways on a wire.
+//! Fake `ethercat` tool in front of simulated gateways on a wire.
 //!
-//! The program that is tested starts a script; the script hands its arguments to this test, which
-//! holds the gateways and does on the wire what the master would: scan, mailboxes, PREOP, SDO
-//! uploads, FoE. So the gateways live on between the calls, and the test can look at them.
+//! The tested program runs a script that passes its arguments to this test. The test holds the
+//! gateways and does on the wire what the master does: scan, mailboxes, PREOP, SDO uploads, FoE.
+//! The gateways live on between the calls, and the test can inspect them.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
@@ -17,12 +17,12 @@ pub mod wire_support;
 use wire_support::command::*;
 use wire_support::{Datagram, Line, MS};
 
-/// Simulated time that passes with each call.
+/// Simulated time per call.
 const CALL_NS: u64 = 300 * MS;
-/// Data of a full FoE packet: the mailbox without its header and that of FoE.
+/// Data bytes of a full FoE packet, without the mailbox and FoE headers.
 const PACKET: usize = 128 - 6 - 6;
 
-/// Of the gateways.
+/// Product code of the gateways.
 pub const PRODUCT_CODE: u32 = 0x4C49_5445;
 
 const HELP: &str = "\
@@ -38,50 +38,50 @@ ethercat foe_write [OPTIONS] <FILENAME>
   -o <file>      name on the slave
   -p <password>  password";
 
-/// What the tool does otherwise than a good one.
+/// Deviation from a correct tool.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Behaviour {
     Good,
-    /// Its `foe_write` takes no password, and its master does not tell FoE errors apart.
+    /// `foe_write` has no password, and the master does not report FoE errors.
     Of15,
-    /// Its `-p` is the password.
+    /// `-p` is the password.
     TakesPositionForPassword,
-    /// Every command ends with this message.
+    /// Every command fails with this message.
     Fails(&'static str),
-    /// `foe_write` ends with this message and writes nothing.
+    /// `foe_write` fails with this message and writes nothing.
     WriteFails(&'static str),
-    /// `foe_write` says that all is well, and writes nothing.
+    /// `foe_write` succeeds but writes nothing.
     Lies,
-    /// The gateway loses its supply behind so many packets.
+    /// The gateway loses power after this number of packets.
     SupplyFails {
         packets: usize,
         off_ms: u32,
     },
-    /// As above, behind the last packet and for good.
+    /// As above, after the last packet and permanently.
     NeverBack,
-    /// The mailbox of the slave at this position does not answer, and its SII tells this product.
+    /// The mailbox of the slave at this position does not respond; its SII has this product code.
     Silent {
         position: u16,
         product_code: u32,
     },
-    /// The slaves have an object 0xF000 of another make.
+    /// The slaves have another object 0xF000.
     Foreign,
-    /// It prints something else.
+    /// Prints an unexpected text.
     Babbles,
 }
 
-/// Gateways, and the tool in front of them.
+/// Gateways and the tool.
 pub struct Master {
     pub line: Line,
     pub behaviour: Behaviour,
     gateways: u16,
-    /// Process group that gets Ctrl-C in the middle of the next file.
+    /// Process group that gets SIGINT during the next file.
     pub interrupts: Option<u32>,
-    /// Calls, as they were given.
+    /// Recorded calls.
     pub calls: Vec<Vec<String>>,
 }
 
-/// The tool's script, as long as it is needed.
+/// Script of the tool; removed when dropped.
 pub struct FakeEthercat {
     pub program: PathBuf,
     master: Arc<Mutex<Master>>,
@@ -124,7 +124,7 @@ impl FakeEthercat {
         self.master.lock().unwrap()
     }
 
-    /// Calls of `foe_write` that were to write something.
+    /// Number of `foe_write` calls with a file.
     pub fn writes(&self) -> Vec<Vec<String>> {
         let is_write = |call: &&Vec<String>| {
             call.iter().any(|it| it == "foe_write") && !call.iter().any(|it| it == "--help")
@@ -185,7 +185,7 @@ impl Master {
         }
     }
 
-    /// Addresses and mailboxes for those that have restarted, and PREOP.
+    /// Configures addresses, mailboxes and PREOP of restarted gateways.
     fn scan(&mut self) {
         for position in 0..self.gateways {
             let station = 0x1001 + position;
@@ -202,12 +202,12 @@ impl Master {
         }
     }
 
-    /// What came back, if anybody answered.
+    /// Response, if any.
     fn ask(&mut self, datagram: Datagram) -> Option<Datagram> {
         self.line.exchange(&[datagram])?.pop().filter(|back| back.counter == 1)
     }
 
-    /// Whether it answers, beyond INIT.
+    /// Returns whether the slave responds, above INIT.
     fn is_there(&mut self, position: u16) -> bool {
         let asked = Datagram::new(FPRD, 0x1001 + position, 0x0130, &[0; 2]);
         self.ask(asked).is_some_and(|back| back.data[0] & 0x0F != 1)
@@ -218,7 +218,7 @@ impl Master {
         there.iter().map(|it| format!("{it}  0:{it}  PREOP  +  ECAN-Lite\n")).collect()
     }
 
-    /// As with --verbose.
+    /// Output of --verbose.
     fn identity(&self, position: u16) -> String {
         let product = match self.behaviour {
             Behaviour::Silent { position: silent, product_code } if silent == position => {
@@ -338,7 +338,8 @@ fn number(value: u32, digits: usize) -> String {
     format!("0x{value:0digits$x} {value}")
 }
 
-/// IgH's tool knows the numbers of the first standard, and prints no text of the device.
+/// IgH's tool knows the error numbers of the first standard and does not print the text of the
+/// device.
 fn words(code: u32) -> &'static str {
     match code {
         0x8001 => "Not found.",

@@ -1,4 +1,4 @@
-//! A client of a bridge over TCP.
+//! TCP client of a bridge.
 
 use std::io::Write as _;
 use std::net::TcpStream;
@@ -26,7 +26,7 @@ impl Client {
         assert_eq!(String::from_utf8_lossy(&bytes), text);
     }
 
-    /// What comes up to the first of these bytes, and with it.
+    /// Reads up to and including the first of these bytes.
     pub fn hear_through(&mut self, last: &[u8]) -> String {
         String::from_utf8(self.heard.through_one_of(last)).unwrap()
     }

@@ -1,4 +1,4 @@
-//! The program as a user runs it.
+//! Runs of the program.
 
 pub mod client;
 pub mod on_screen;
@@ -9,7 +9,7 @@ use std::process::{Command, Output};
 
 use self::timed_reader::TimedReader;
 
-/// A simulated master, one gateway with echo nodes.
+/// Simulated master with one gateway and echo nodes.
 pub const SIM: &str = "sim";
 
 pub fn ecan(arguments: &[&str]) -> Output {
@@ -20,7 +20,7 @@ pub fn ecan(arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-/// Standard output of a run that ends well.
+/// Standard output of a successful run.
 pub fn good(arguments: &[&str]) -> String {
     let output = ecan(arguments);
     let errors = String::from_utf8(output.stderr).unwrap();
@@ -33,7 +33,7 @@ pub fn simulated(arguments: &[&str]) -> String {
     good(&[&["--ecrt", SIM][..], arguments].concat())
 }
 
-/// The message of a run that ends with this status: one line, behind the banner of a simulation.
+/// Error message of a run with this exit status, without the banner of a simulation.
 pub fn fails(status: i32, arguments: &[&str]) -> String {
     let output = ecan(arguments);
     let errors = String::from_utf8(output.stderr).unwrap();
@@ -42,14 +42,14 @@ pub fn fails(status: i32, arguments: &[&str]) -> String {
     errors.lines().filter(|line| !line.starts_with("SIMULATED")).collect::<Vec<_>>().join("\n")
 }
 
-/// A scenario file with two gateways, the second with the alias 7.
+/// Scenario with two gateways, the second with alias 7.
 pub fn two_gateways() -> tempfile::NamedTempFile {
     let file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();
     std::fs::write(file.path(), "[[gateway]]\n[[gateway]]\nalias = 7\n").unwrap();
     file
 }
 
-/// A scenario file with two gateways, the first of which does not answer its mailbox.
+/// Scenario with two gateways; the mailbox of the first does not respond.
 pub fn first_silent() -> tempfile::NamedTempFile {
     scenario(
         "[[gateway]]\n[[gateway]]\nalias = 7\n[[fault]]\nkind = \"mailbox_timeout\"\n\
@@ -57,19 +57,19 @@ pub fn first_silent() -> tempfile::NamedTempFile {
     )
 }
 
-/// A scenario file with this text.
+/// Scenario file with this text.
 pub fn scenario(text: &str) -> tempfile::NamedTempFile {
     let file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();
     std::fs::write(file.path(), text).unwrap();
     file
 }
 
-/// The setting of a scenario file.
+/// Setting of a scenario file.
 pub fn setting(file: &tempfile::NamedTempFile) -> String {
     format!("sim:{}", file.path().display())
 }
 
-/// Standard output of a run that ends with this status.
+/// Standard output of a run with this exit status.
 pub fn ends(status: i32, arguments: &[&str]) -> String {
     let output = ecan(arguments);
     let errors = String::from_utf8(output.stderr).unwrap();
@@ -77,8 +77,8 @@ pub fn ends(status: i32, arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Writes a program that other programs are to run. Another process writes it: a descriptor of our
-/// own could be inherited by a child of another test just then, and the file would be busy.
+/// Writes a program from another process: a child of another test could inherit our descriptor, and
+/// the file would be busy.
 pub fn write_program(path: &std::path::Path, text: &str) {
     let status = Command::new("sh")
         .args(["-c", "printf '%s' \"$2\" > \"$1\" && chmod 755 \"$1\"", "sh"])
@@ -89,7 +89,7 @@ pub fn write_program(path: &std::path::Path, text: &str) {
     assert!(status.success());
 }
 
-/// A directory with a scenario, a gateway with these tables behind it, and files beside it.
+/// Directory with a scenario of one gateway and these tables, and other files.
 pub struct Scenario {
     directory: tempfile::TempDir,
 }
@@ -102,11 +102,11 @@ impl Scenario {
         Self { directory }
     }
 
-    /// A replay node on channel 0, which sends a frame of no interest and, once the gateway is in
-    /// service, these: milliseconds and frame.
+    /// Replay node on channel 0, which sends one irrelevant frame and, when the gateway is ready,
+    /// these frames (milliseconds, frame).
     pub fn replaying(frames: &[(u64, &str)], tables: &str) -> Self {
         let node = "[[node]]\nkind = \"replay\"\nbus = \"0.0\"\nfile = \"bus.log\"\n";
-        // Without another node nobody would acknowledge while the gateway is not in service.
+        // A second node acknowledges while the gateway is not ready.
         let silent = "[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n";
         let scenario = Self::new(&format!("{node}{silent}{tables}"));
         let mut log = "(0.000000) can0 000#\n".to_owned();
@@ -118,7 +118,7 @@ impl Scenario {
         scenario
     }
 
-    /// The value of `--ecrt`.
+    /// Value of `--ecrt`.
     pub fn setting(&self) -> String {
         format!("sim:{}", self.path("bus.toml"))
     }
@@ -138,23 +138,23 @@ impl Scenario {
         std::fs::read_to_string(self.path(name)).unwrap()
     }
 
-    /// Runs the program on it.
+    /// Runs the program.
     pub fn run(&self, arguments: &[&str]) -> Output {
         ecan(&[&["--ecrt", &self.setting()][..], arguments].concat())
     }
 
-    /// Standard output of a run that ends well.
+    /// Standard output of a successful run.
     pub fn good(&self, arguments: &[&str]) -> String {
         good(&[&["--ecrt", &self.setting()][..], arguments].concat())
     }
 
-    /// The message of a run that ends with this status.
+    /// Error message of a run with this exit status.
     pub fn fails(&self, status: i32, arguments: &[&str]) -> String {
         fails(status, &[&["--ecrt", &self.setting()][..], arguments].concat())
     }
 }
 
-/// The program while it runs; ended with SIGTERM, or killed when the test is over.
+/// Running program; killed when dropped.
 pub struct Running {
     child: std::process::Child,
     stdout: Option<TimedReader>,
@@ -175,18 +175,18 @@ impl Running {
         Self { child, stdout, stderr }
     }
 
-    /// The next line of standard output, without its end.
+    /// Next line of standard output, without line break.
     pub fn line(&mut self) -> String {
         let line = self.stdout.as_mut().unwrap().through(b'\n');
         String::from_utf8(line).unwrap().trim_end_matches('\n').to_owned()
     }
 
-    /// Waits for words on standard error.
+    /// Waits for a text on standard error.
     pub fn wait_for_error(&mut self, words: &str) {
         self.stderr.wait_for(words);
     }
 
-    /// Closes standard output, as a reader does who has had enough.
+    /// Closes standard output.
     pub fn close_stdout(&mut self) {
         self.stdout = None;
     }
@@ -196,7 +196,7 @@ impl Running {
         assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
     }
 
-    /// Ends it as an impatient user does.
+    /// Sends SIGTERM until the program exits.
     pub fn terminate_until_ended(&mut self) {
         for _ in 0..200 {
             if self.child.try_wait().unwrap().is_some() {
@@ -208,7 +208,7 @@ impl Running {
         panic!("no signal ended it");
     }
 
-    /// Waits for the end: the exit status, and standard error.
+    /// Waits for the exit: status and standard error.
     pub fn wait(&mut self) -> (Option<i32>, String) {
         let status = self.stderr.end_of(&mut self.child);
         (status.code(), self.stderr.rest())

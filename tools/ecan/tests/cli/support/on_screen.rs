@@ -1,4 +1,4 @@
-//! The program on a terminal whose screen a test sees as a person does.
+//! The program on a terminal with an emulated screen.
 
 use std::fs::File;
 use std::io::{Read as _, Write as _};
@@ -15,25 +15,24 @@ use rustix::termios::tcsetwinsize;
 use super::terminal::{Pty, is_raw, winsize};
 use super::timed_reader::{LIMIT, is_readable};
 
-/// The program on a terminal.
+/// Program on a terminal.
 pub struct OnScreen {
     child: Child,
-    /// The side of the one who looks; none once it is closed.
+    /// Master side; `None` after it was closed.
     master: Option<File>,
-    /// Keeps the terminal after the program.
+    /// Keeps the terminal open after the program.
     terminal: File,
     name: String,
     screen: vt100::Parser,
 }
 
 impl OnScreen {
-    /// Starts the program on a terminal of so many columns and rows.
+    /// Starts the program on a terminal of this size, in columns and rows.
     pub fn start(size: (u16, u16), arguments: &[&str]) -> Self {
         Self::spawn(size, &[&[env!("CARGO_BIN_EXE_ecan")][..], arguments].concat())
     }
 
-    /// As [`start`](Self::start), as leader of a session of its own: it gets SIGHUP when the
-    /// terminal goes away.
+    /// As [`start`](Self::start), as a session leader, which gets SIGHUP when the terminal closes.
     pub fn start_leader(size: (u16, u16), arguments: &[&str]) -> Self {
         let leader = ["setsid", "--ctty", env!("CARGO_BIN_EXE_ecan")];
         Self::spawn(size, &[&leader[..], arguments].concat())
@@ -57,22 +56,22 @@ impl OnScreen {
         Self { child, master: Some(master), terminal, name, screen }
     }
 
-    /// What stands on the screen, without blanks at the ends of lines.
+    /// Text of the screen, without trailing blanks.
     pub fn screen(&self) -> String {
         self.screen.screen().contents()
     }
 
-    /// Whether the program has a screen of its own, beside that of the shell.
+    /// Returns whether the alternate screen is active.
     pub fn has_own_screen(&self) -> bool {
         self.screen.screen().alternate_screen()
     }
 
-    /// Whether keys reach the program one by one.
+    /// Returns whether the terminal is in raw mode.
     pub fn is_raw(&self) -> bool {
         is_raw(&self.terminal)
     }
 
-    /// Reads until the screen fits.
+    /// Reads until the screen matches.
     pub fn wait_until(&mut self, what: &str, fits: impl Fn(&Self) -> bool) {
         let deadline = Instant::now() + LIMIT;
         let mut buffer = [0; 4096];
@@ -84,20 +83,20 @@ impl OnScreen {
         }
     }
 
-    /// Reads until these words stand on the screen.
+    /// Reads until the screen contains a text.
     pub fn wait_for(&mut self, words: &str) {
         self.wait_until(words, |it| it.screen().contains(words));
     }
 
-    /// Types.
+    /// Types keys.
     pub fn press(&mut self, keys: &[u8]) {
         self.master.as_mut().unwrap().write_all(keys).unwrap();
     }
 
-    /// Makes the terminal another size.
+    /// Resizes the terminal.
     pub fn resize(&mut self, size: (u16, u16)) {
         tcsetwinsize(self.master.as_ref().unwrap(), winsize(size)).unwrap();
-        // What terminals make of what stood there differs: this one forgets it.
+        // Terminals differ in how they resize their contents: this one clears them.
         let (rows, columns) = cells(size);
         let has_own_screen = self.has_own_screen();
         self.screen = vt100::Parser::new(rows, columns, 0);
@@ -107,7 +106,7 @@ impl OnScreen {
         self.signal(Signal::WINCH);
     }
 
-    /// Puts as much onto the terminal as it takes while nobody reads.
+    /// Fills the output buffer of the terminal.
     pub fn fill(&self) {
         let flags = OFlags::WRONLY | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC;
         let terminal = rustix::fs::open(&self.name, flags, Mode::empty()).unwrap();
@@ -120,7 +119,7 @@ impl OnScreen {
         }
     }
 
-    /// Closes the terminal, as one who closes its window.
+    /// Closes the terminal.
     pub fn close(&mut self) {
         self.master = None;
     }
@@ -130,7 +129,7 @@ impl OnScreen {
         kill_process(Pid::from_child(&self.child), signal).unwrap();
     }
 
-    /// Waits for the end: exit status, and standard error.
+    /// Waits for the exit: status and standard error.
     pub fn end(&mut self) -> (ExitStatus, String) {
         let process = pidfd_open(Pid::from_child(&self.child), PidfdFlags::empty()).unwrap();
         let is_over = is_ready(&process, Instant::now() + LIMIT);
@@ -148,7 +147,7 @@ impl Drop for OnScreen {
     }
 }
 
-/// Rows and columns, as the screen counts them.
+/// Rows and columns for the emulator.
 fn cells((columns, rows): (u16, u16)) -> (NonZero<u16>, NonZero<u16>) {
     (NonZero::new(rows).unwrap(), NonZero::new(columns).unwrap())
 }

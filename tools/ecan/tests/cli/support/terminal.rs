@@ -1,4 +1,4 @@
-//! A program on a terminal of its own, which has to be afterwards as it was before.
+//! A program on a pseudo-terminal, which it must restore.
 
 use std::fs::File;
 use std::io::Write as _;
@@ -9,13 +9,14 @@ use rustix::termios::{LocalModes, Termios, Winsize, tcgetattr, tcsetwinsize};
 
 use super::timed_reader::TimedReader;
 
-/// The alternate screen, entered and left; the cursor, hidden and shown.
+/// Enter and leave the alternate screen; hide and show the cursor.
 pub const ENTER: &str = "\x1b[?1049h";
 pub const LEAVE: &str = "\x1b[?1049l";
 const HIDE: &str = "\x1b[?25l";
 const SHOW: &str = "\x1b[?25h";
 
-/// A pseudo terminal. Its descriptors are closed on exec: no child of another test keeps it open.
+/// Pseudo-terminal. Its descriptors are closed on exec, so that children of other tests do not keep
+/// it open.
 pub struct Pty {
     pub master: File,
     pub terminal: File,
@@ -34,7 +35,7 @@ impl Pty {
         Self { master: master.into(), terminal, name }
     }
 
-    /// One more handle of the terminal, for a child.
+    /// Another handle of the terminal, for a child.
     pub fn stdio(&self) -> Stdio {
         self.terminal.try_clone().unwrap().into()
     }
@@ -44,7 +45,7 @@ pub fn winsize((columns, rows): (u16, u16)) -> Winsize {
     Winsize { ws_row: rows, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 }
 }
 
-/// Whether a terminal passes keys to the program one by one.
+/// Returns whether the terminal is in raw mode.
 pub fn is_raw(terminal: &File) -> bool {
     !tcgetattr(terminal).unwrap().local_modes.contains(LocalModes::ICANON)
 }
@@ -68,12 +69,12 @@ impl OnTerminal {
         Self { child, pty, before, shown }
     }
 
-    /// Waits until the screen has had these words; blanks are not written where nothing was.
+    /// Waits for a text in the output. Blanks may be missing: unchanged cells are not written.
     pub fn wait_for(&mut self, words: &str) {
         self.shown.wait_for(words);
     }
 
-    /// Whether keys go to the program as they are.
+    /// Returns whether the terminal is in raw mode.
     pub fn is_raw(&self) -> bool {
         is_raw(&self.pty.terminal)
     }
@@ -87,11 +88,11 @@ impl OnTerminal {
         assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
     }
 
-    /// Waits for the end: the exit status, and what was said behind the alternate screen. The
-    /// terminal has to be as it was: its modes, the screen, the cursor.
+    /// Waits for the exit: status, and the text after the alternate screen. Checks that modes,
+    /// screen and cursor are restored.
     pub fn end(mut self) -> (Option<i32>, String) {
         let status = self.shown.end_of(&mut self.child).code();
-        // What the program wrote before its end exists and is not overwritten; this is behind it.
+        // All output of the program precedes this mark.
         let mark = "<the end>";
         self.pty.terminal.write_all(mark.as_bytes()).unwrap();
         self.wait_for(mark);
@@ -114,8 +115,8 @@ impl Drop for OnTerminal {
     }
 }
 
-/// Runs a program with a terminal for input and messages, at which this is typed: its exit status,
-/// and what the terminal shows.
+/// Runs a program with a terminal as input and standard error, on which `typed` is typed: exit
+/// status and text of the terminal.
 pub fn with_answer(command: &mut Command, typed: &str) -> (i32, String) {
     let Pty { mut master, terminal, .. } = Pty::open((80, 24));
     master.write_all(typed.as_bytes()).unwrap();

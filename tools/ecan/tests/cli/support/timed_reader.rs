@@ -1,5 +1,5 @@
-//! Reading from what may say nothing: a child, a terminal, a connection. Each wait has a limit, and
-//! fails with what came until then.
+//! Reads with a time limit from children, terminals and connections. A timeout fails with the text
+//! received so far.
 
 use std::io::Read;
 use std::os::fd::AsFd;
@@ -9,31 +9,31 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-/// Nothing here takes anywhere near as long, unless it fails.
+/// Default time limit, far above the duration of a successful test.
 pub const LIMIT: Duration = Duration::from_secs(60);
 
-/// Between two looks whether a program has ended.
+/// Poll interval for the exit of a program.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// What a wait has brought.
+/// Result of a wait.
 enum Piece {
     Came,
     Nothing,
     End,
 }
 
-/// What can be waited for and read.
+/// Source that can be polled and read.
 trait Source: Read + AsFd {}
 
 impl<T: Read + AsFd> Source for T {}
 
-/// Reads with a limit.
+/// Reader with a time limit.
 pub struct TimedReader {
     source: Box<dyn Source>,
     limit: Duration,
-    /// Everything that came.
+    /// All received bytes.
     text: Vec<u8>,
-    /// So much of it was taken.
+    /// Number of consumed bytes.
     taken: usize,
 }
 
@@ -46,18 +46,18 @@ impl TimedReader {
         Self { source: Box::new(source), limit, text: Vec::new(), taken: 0 }
     }
 
-    /// Everything that came so far.
+    /// All received text.
     pub fn text(&self) -> String {
         String::from_utf8_lossy(&self.text).into_owned()
     }
 
-    /// Waits until these words came, at whatever time.
+    /// Waits until the received text contains `words`.
     pub fn wait_for(&mut self, words: &str) {
         let has = |text: &[u8]| text.windows(words.len()).any(|it| it == words.as_bytes());
         self.wait_until(&format!("{words:?}"), |text, _| has(text).then_some(()));
     }
 
-    /// The next bytes.
+    /// Reads a number of bytes.
     pub fn bytes(&mut self, count: usize) -> Vec<u8> {
         let what = format!("{count} bytes");
         let end = self.wait_until(&what, |text, taken| {
@@ -66,12 +66,12 @@ impl TimedReader {
         self.take_to(end)
     }
 
-    /// The next bytes up to this one, and with it; to the end where it does not come.
+    /// Reads up to and including this byte, or to the end.
     pub fn through(&mut self, last: u8) -> Vec<u8> {
         self.through_one_of(&[last])
     }
 
-    /// The next bytes up to the first of these, and with it; to the end where none comes.
+    /// Reads up to and including the first of these bytes, or to the end.
     pub fn through_one_of(&mut self, last: &[u8]) -> Vec<u8> {
         let found =
             self.look(&String::from_utf8_lossy(last).escape_debug().to_string(), |text, taken| {
@@ -81,7 +81,7 @@ impl TimedReader {
         self.take_to(found.unwrap_or(self.text.len()))
     }
 
-    /// Everything from here to the end.
+    /// Reads to the end.
     pub fn rest(&mut self) -> String {
         self.look("the end", |_, _| None::<()>);
         String::from_utf8_lossy(&self.take_to(self.text.len())).into_owned()
@@ -92,13 +92,13 @@ impl TimedReader {
         self.text[taken..end].to_vec()
     }
 
-    /// Waits until `find` finds something in the text, from what is not yet taken.
+    /// Waits until `find` returns a result for the text and the number of consumed bytes.
     fn wait_until<T>(&mut self, what: &str, find: impl Fn(&[u8], usize) -> Option<T>) -> T {
         let found = self.look(what, find);
         found.unwrap_or_else(|| panic!("the end came before {what}, behind: {}", self.text()))
     }
 
-    /// As `wait_until`; none where the end comes first.
+    /// As `wait_until`; `None` at the end.
     fn look<T>(&mut self, what: &str, find: impl Fn(&[u8], usize) -> Option<T>) -> Option<T> {
         let end = Instant::now() + self.limit;
         loop {
@@ -113,7 +113,7 @@ impl TimedReader {
         }
     }
 
-    /// Waits for the end of a program and reads what it says meanwhile: it may wait for a reader.
+    /// Waits for the exit of a program and reads its output, so that it is not blocked.
     pub fn end_of(&mut self, child: &mut Child) -> ExitStatus {
         let end = Instant::now() + self.limit;
         loop {
@@ -131,7 +131,7 @@ impl TimedReader {
         panic!("{what} did not come in {:?}; this came: {}", self.limit, self.text())
     }
 
-    /// Waits for the next piece, at most so long.
+    /// Waits for the next bytes, at most for `limit`.
     fn read_for(&mut self, limit: Duration) -> Piece {
         match is_readable(&self.source, limit) {
             Ok(true) => {}
@@ -140,7 +140,7 @@ impl TimedReader {
             Err(error) => panic!("{error}"),
         }
         let mut buffer = [0; 4096];
-        // A terminal without a program ends with an error.
+        // A terminal without a program returns an error.
         let Ok(length @ 1..) = self.source.read(&mut buffer) else { return Piece::End };
         self.text.extend_from_slice(&buffer[..length]);
         Piece::Came
