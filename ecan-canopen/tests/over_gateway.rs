@@ -116,7 +116,7 @@ fn targets_then_sync_then_service_frames_reach_the_bus() {
 }
 
 #[test]
-fn a_scheduled_sync_meets_its_phase_or_is_refused_by_name() {
+fn scheduled_sync_meets_its_phase_or_is_rejected() {
     let schedule = Some(Schedule { tag: 1, offset_ns: 300_000 });
     let settings = SyncConfig { schedule, ..SyncConfig::default() };
     let with_sync = |port: &mut Port| {
@@ -127,7 +127,7 @@ fn a_scheduled_sync_meets_its_phase_or_is_refused_by_name() {
         (network, back)
     };
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
-    let mut dc = adapter.clone();
+    let mut dc = adapter;
     dc.dc = Some(DcSync::new(2_000_000, 500_000));
     let (mut port, _) = open(ecan_sim::echo(1), dc, 1);
     let (network, back) = with_sync(&mut port);
@@ -141,7 +141,7 @@ fn a_scheduled_sync_meets_its_phase_or_is_refused_by_name() {
 }
 
 #[test]
-fn while_an_image_is_held_syncs_do_not_pile_up_behind_it() {
+fn unconfirmed_image_does_not_accumulate_syncs() {
     let (mut port, simulation) =
         open(ecan_sim::echo(1), AdapterConfig::new(1).with_cycle(Duration::from_millis(2)), 1);
     let mut network = Network::new(NetworkConfig::default());
@@ -175,7 +175,7 @@ fn while_an_image_is_held_syncs_do_not_pile_up_behind_it() {
 }
 
 #[test]
-fn frames_that_find_no_room_in_the_image_wait_and_none_is_lost_or_doubled() {
+fn full_image_loses_and_doubles_no_frame() {
     // N = 1: 104 bytes for packets, eight frames of 12 bytes.
     let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle(Duration::from_millis(4));
     let (mut port, _) = open(ecan_sim::echo(1), adapter, 1);
@@ -206,7 +206,7 @@ fn frames_that_find_no_room_in_the_image_wait_and_none_is_lost_or_doubled() {
 }
 
 #[test]
-fn a_gateway_that_loses_power_aborts_transfers_and_comes_back() {
+fn power_cycle_of_a_gateway_ends_transfers_and_recovers() {
     let (mut port, simulation) =
         open(ecan_sim::echo(2), AdapterConfig::new(2).with_cycle(Duration::from_millis(1)), 2);
     let mut network = Network::new(NetworkConfig::default());
@@ -244,7 +244,7 @@ fn a_gateway_that_loses_power_aborts_transfers_and_comes_back() {
 }
 
 #[test]
-fn a_bus_that_is_not_active_is_reported_at_once() {
+fn inactive_bus_is_reported_at_once() {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
@@ -319,7 +319,7 @@ fn scripted_node() -> String {
 }
 
 #[test]
-fn a_node_is_met_watched_asked_and_missed() {
+fn node_boots_is_watched_read_and_lost() {
     let (mut port, _) = open(
         replay("scripted_node", &scripted_node()),
         AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),
@@ -379,7 +379,7 @@ fn a_node_is_met_watched_asked_and_missed() {
 }
 
 #[test]
-fn a_configuration_runs_to_its_end_with_words_on_the_way() {
+fn configuration_reports_progress_and_result() {
     let (mut port, _) = open(
         replay("configured_node", &scripted_node()),
         AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),

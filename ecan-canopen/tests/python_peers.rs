@@ -210,7 +210,7 @@ fn python_can_exchanges_frames_through_two_protocols() {
 
 /// The package's CiA 402 master in front of our drive; no EtherCAT master takes part.
 #[test]
-fn the_402_master_of_the_canopen_package_drives_our_drive() {
+fn python_402_master_drives_the_simulated_drive() {
     let Some(python) = python() else { return };
     let drive = NodeId::new(7).unwrap();
     let node = |name: &str, kind| NodeSpec {

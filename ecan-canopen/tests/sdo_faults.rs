@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use reference::{Block, Server, abort};
 
 #[test]
-fn a_refusal_is_final_and_in_words() {
+fn abort_by_the_server_is_final_and_explained() {
     let mut server = Server::new(Block::Checked).with(0x6060, 0, &[1]);
     server.refused.insert((0x6060, 0), 0x0609_0030);
     let mut link = Link::new(server, settings());
@@ -40,7 +40,7 @@ fn silence_is_aborted_and_tried_again_then_reported() {
 }
 
 #[test]
-fn without_retries_one_lost_frame_fails_the_transfer() {
+fn zero_retries_fail_on_one_lost_frame() {
     let once = SdoConfig { retries: 0, ..settings() };
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &[7]), once);
     link.lost = vec![1];
@@ -50,7 +50,7 @@ fn without_retries_one_lost_frame_fails_the_transfer() {
 }
 
 #[test]
-fn the_time_for_an_answer_runs_from_sending_not_from_asking() {
+fn answer_timeout_starts_when_the_frame_is_sent() {
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &[7]), settings());
     link.client.start_upload(0x1000, 0).unwrap();
     let frame = link.client.frame();
@@ -65,7 +65,7 @@ fn the_time_for_an_answer_runs_from_sending_not_from_asking() {
 }
 
 #[test]
-fn a_wrong_toggle_bit_is_aborted() {
+fn wrong_toggle_bit_is_aborted() {
     for (answer, upload) in
         [([0x10, 1, 2, 3, 4, 5, 6, 7], true), ([0x30, 0, 0, 0, 0, 0, 0, 0], false)]
     {
@@ -112,7 +112,7 @@ fn any_single_lost_frame_is_made_good() {
 }
 
 #[test]
-fn a_segment_lost_inside_a_block_is_sent_again_not_the_whole() {
+fn lost_segment_repeats_only_the_rest_of_its_block() {
     let data = value(100);
     let server = Server::new(Block::Checked).with(0x2000, 0, &data);
     let mut link = Link::new(server, block_settings());
@@ -137,7 +137,7 @@ fn a_segment_lost_inside_a_block_is_sent_again_not_the_whole() {
 }
 
 #[test]
-fn the_lost_end_of_a_block_is_asked_for_again() {
+fn lost_end_of_a_block_is_requested_again() {
     let data = value(100);
     let server = Server::new(Block::Checked).with(0x2000, 0, &data);
     let mut link = Link::new(server, block_settings());
@@ -150,7 +150,7 @@ fn the_lost_end_of_a_block_is_asked_for_again() {
 }
 
 #[test]
-fn a_damaged_block_is_refused_by_its_crc() {
+fn damaged_block_is_rejected_by_its_crc() {
     let once = SdoConfig { retries: 0, ..block_settings() };
     let server = Server::new(Block::Checked).with(0x2000, 0, &value(21));
     let mut link = Link::new(server, once);
@@ -174,7 +174,7 @@ fn a_damaged_block_is_refused_by_its_crc() {
 }
 
 #[test]
-fn what_the_server_finds_damaged_is_sent_again() {
+fn block_rejected_by_the_server_is_sent_again() {
     let server = Server::new(Block::Checked);
     let mut link = Link::new(server, block_settings());
     link.client.start_download(0x2001, 0, &value(40)).unwrap();
@@ -185,7 +185,7 @@ fn what_the_server_finds_damaged_is_sent_again() {
 }
 
 #[test]
-fn a_value_too_long_is_refused_whether_its_size_is_told_or_not() {
+fn too_long_value_is_rejected_with_and_without_size() {
     let small = SdoConfig { buffer_bytes: 50, ..settings() };
     let small_block = SdoConfig { buffer_bytes: 50, ..block_settings() };
     for tells_size in [true, false] {
@@ -219,7 +219,7 @@ fn answers_about_other_objects_are_ignored() {
 }
 
 #[test]
-fn the_wrong_service_for_the_right_object_is_a_violation() {
+fn wrong_service_for_the_object_is_a_violation() {
     let once = SdoConfig { retries: 0, ..settings() };
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &[7]), once);
     link.client.start_upload(0x1000, 0).unwrap();
@@ -230,7 +230,7 @@ fn the_wrong_service_for_the_right_object_is_a_violation() {
 }
 
 #[test]
-fn giving_up_tells_a_server_that_knows_and_only_that() {
+fn cancel_aborts_only_a_transfer_known_to_the_server() {
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &value(9)), settings());
     link.client.start_upload(0x1000, 0).unwrap();
     link.client.cancel();
@@ -274,7 +274,7 @@ fn acknowledging_nothing_forever_does_not_keep_the_client_busy() {
 }
 
 #[test]
-fn an_answer_that_looks_like_a_segment_is_none() {
+fn answer_resembling_a_segment_is_not_one() {
     let data = value(100);
     let server = Server::new(Block::Checked).with(0x2000, 0, &data);
     let mut settings = block_settings();
@@ -296,7 +296,7 @@ fn an_answer_that_looks_like_a_segment_is_none() {
 }
 
 #[test]
-fn without_size_and_crc_a_block_is_not_patched_but_begun_anew() {
+fn block_without_size_and_crc_restarts() {
     let data = value(100);
     let mut server = Server::new(Block::Unchecked).with(0x2000, 0, &data);
     server.tells_size = false;
@@ -308,7 +308,7 @@ fn without_size_and_crc_a_block_is_not_patched_but_begun_anew() {
 }
 
 #[test]
-fn a_size_that_does_not_hold_is_a_violation() {
+fn wrong_size_is_a_violation() {
     let once = SdoConfig { retries: 0, ..settings() };
     for (told, code) in [(8, 0x0607_0010), (9, 0x0607_0010), (6, 0x0607_0010)] {
         let mut link = Link::new(Server::new(Block::Checked), once);
@@ -324,7 +324,7 @@ fn a_size_that_does_not_hold_is_a_violation() {
 }
 
 #[test]
-fn a_late_abort_does_not_end_an_attempt_that_the_server_does_not_know() {
+fn late_abort_does_not_end_an_unsent_attempt() {
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &[7]), settings());
     link.client.start_upload(0x1000, 0).unwrap();
     link.client.sent(0);
@@ -418,7 +418,7 @@ proptest! {
     })]
 
     #[test]
-    fn as_many_lost_frames_as_retries_do_no_harm(
+    fn lost_frames_up_to_the_retries_are_tolerated(
         case in case(),
         lost in proptest::collection::vec(0..150usize, 0..=2),
     ) {

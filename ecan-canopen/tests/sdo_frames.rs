@@ -16,7 +16,7 @@ fn server(frame: ServerFrame, bytes: [u8; 8]) {
 }
 
 #[test]
-fn an_expedited_upload() {
+fn expedited_upload() {
     let (index, subindex) = (0x1018, 1);
     client(ClientFrame::Upload { index, subindex }, [0x40, 0x18, 0x10, 0x01, 0, 0, 0, 0]);
     let initiate = Initiate::expedited(&[0x55, 0x05, 0, 0]).unwrap();
@@ -103,7 +103,7 @@ fn aborts() {
 }
 
 #[test]
-fn what_is_no_sdo_frame() {
+fn invalid_sdo_frames_are_rejected() {
     assert_eq!(ClientFrame::parse(&[0x40; 7]), Err(SdoDecodeError::Length { length: 7 }));
     assert_eq!(ServerFrame::parse(&[]), Err(SdoDecodeError::Length { length: 0 }));
     let command = 0xE0;

@@ -34,7 +34,7 @@ fn expedited_values_of_every_length() {
 }
 
 #[test]
-fn a_segmented_upload() {
+fn segmented_upload() {
     let mut link =
         Link::new(Server::new(Block::Checked).with(0x1008, 0, b"Servo drive X"), settings());
     assert_eq!(link.upload(0x1008, 0), Sdo::Done { len: 13 });
@@ -53,7 +53,7 @@ fn a_segmented_upload() {
 }
 
 #[test]
-fn a_segmented_download() {
+fn segmented_download() {
     let mut link = Link::new(Server::new(Block::Checked), settings());
     assert_eq!(link.download(0x2001, 7, b"0123456789"), Sdo::Done { len: 10 });
     assert_eq!(link.server.value(0x2001, 7), b"0123456789");
@@ -71,7 +71,7 @@ fn a_segmented_download() {
 }
 
 #[test]
-fn a_block_upload_with_crc() {
+fn block_upload_with_crc() {
     let text = b"123456789ABCDEFG";
     let [low, high] = reference::crc(text).to_le_bytes();
     let mut link = Link::new(Server::new(Block::Checked).with(0x1009, 0, text), settings());
@@ -95,7 +95,7 @@ fn a_block_upload_with_crc() {
 }
 
 #[test]
-fn a_block_download_with_crc() {
+fn block_download_with_crc() {
     let mut server = Server::new(Block::Checked);
     server.block_size = 2;
     let mut link = Link::new(server, block_settings());
@@ -145,7 +145,7 @@ fn every_length_goes_both_ways_in_every_manner() {
 }
 
 #[test]
-fn servers_without_block_transfer_are_asked_again_and_not_pestered() {
+fn server_without_block_transfer_gets_one_block_request() {
     let data = value(100);
     let server = Server::new(Block::Refused(0x0504_0001)).with(0x2000, 0, &data);
     let mut link = Link::new(server, block_settings());
@@ -162,7 +162,7 @@ fn servers_without_block_transfer_are_asked_again_and_not_pestered() {
 }
 
 #[test]
-fn a_server_that_ignores_block_requests_is_asked_again() {
+fn ignored_block_request_falls_back_to_segments() {
     let data = value(50);
     let server = Server::new(Block::Ignored).with(0x2000, 0, &data);
     let mut link = Link::new(server, block_settings());
@@ -174,7 +174,7 @@ fn a_server_that_ignores_block_requests_is_asked_again() {
 }
 
 #[test]
-fn small_objects_come_in_one_frame_even_when_blocks_are_asked_for() {
+fn small_object_arrives_in_one_frame_despite_block_request() {
     let server = Server::new(Block::Checked).with(0x1000, 0, &[0x92, 0x01, 0x02, 0x00]);
     let mut link = Link::new(server, block_settings());
     assert_eq!(link.upload(0x1000, 0), Sdo::Done { len: 4 });

@@ -51,7 +51,7 @@ fn start_fails(bench: &mut Fixture) -> AxisTimeout {
 }
 
 #[test]
-fn a_fault_holds_its_axis_and_a_reset_with_a_real_edge_ends_it() {
+fn fault_holds_its_axis_until_a_reset_edge() {
     let mut bench = in_motion(2);
     bench.strike(0, DriveFault::Error { code: 0x2310 });
     bench.until(50, |cia402| !cia402.is_running(0));
@@ -73,7 +73,7 @@ fn a_fault_holds_its_axis_and_a_reset_with_a_real_edge_ends_it() {
 }
 
 #[test]
-fn a_drive_stuck_in_fault_is_named_after_a_reset() {
+fn persistent_fault_is_reported_after_a_reset() {
     let scenario = with_quirk(1, 1, |quirks| quirks.stuck_in_fault = true);
     let mut bench = Fixture::with(scenario, moving(1)).started();
     bench.strike(0, DriveFault::Error { code: 0x7305 });
@@ -86,7 +86,7 @@ fn a_drive_stuck_in_fault_is_named_after_a_reset() {
 }
 
 #[test]
-fn a_quick_stop_stops_and_is_left_again() {
+fn quick_stop_stops_and_can_be_left() {
     let mut bench = in_motion(1);
     bench.cia402.quick_stop(0).unwrap();
     bench.until(500, |cia402| cia402.drive_state(0) != Some(DriveState::OperationEnabled));
@@ -97,7 +97,7 @@ fn a_quick_stop_stops_and_is_left_again() {
 }
 
 #[test]
-fn a_silent_drive_holds_by_its_tpdo_then_by_its_heartbeat() {
+fn silent_drive_holds_by_tpdo_then_by_heartbeat() {
     let mut bench = in_motion(2);
     let name = "drive 0.0/1".to_owned();
     let known = bench.simulation.with_world(|world| world.drive(&name).is_some());
@@ -116,7 +116,7 @@ fn a_silent_drive_holds_by_its_tpdo_then_by_its_heartbeat() {
 }
 
 #[test]
-fn an_emergency_message_alone_stops_nothing() {
+fn emergency_message_alone_stops_nothing() {
     let mut bench = in_motion(1);
     bench.strike(0, DriveFault::Emcy { code: 0x4210, register: 8 });
     bench.steps(50);
@@ -126,7 +126,7 @@ fn an_emergency_message_alone_stops_nothing() {
 }
 
 #[test]
-fn a_drive_that_loses_power_in_motion_is_configured_anew() {
+fn drive_power_loss_in_motion_needs_a_new_configuration() {
     let mut bench = in_motion(2);
     bench.strike(0, DriveFault::PowerCycle { off_ms: 300 });
     bench.until(50, |cia402| !cia402.is_running(0));
@@ -140,7 +140,7 @@ fn a_drive_that_loses_power_in_motion_is_configured_anew() {
 }
 
 #[test]
-fn a_refused_object_is_named_with_its_abort_code() {
+fn rejected_object_is_reported_with_its_abort_code() {
     let rule = SdoRule {
         index: 0x6065,
         subindex: None,
@@ -162,7 +162,7 @@ fn a_refused_object_is_named_with_its_abort_code() {
 }
 
 #[test]
-fn an_object_that_is_not_answered_is_tried_again_and_then_named() {
+fn unanswered_object_is_retried_then_reported() {
     let rule = |times| SdoRule {
         index: 0x1A00,
         subindex: Some(1),
@@ -180,7 +180,7 @@ fn an_object_that_is_not_answered_is_tried_again_and_then_named() {
 }
 
 #[test]
-fn a_fixed_mapping_is_named() {
+fn fixed_mapping_is_reported() {
     let scenario = with_quirk(1, 1, |quirks| quirks.fixed_mapping = true);
     let mut bench = Fixture::with(scenario, moving(1));
     let text = start_fails(&mut bench).to_string();
@@ -188,7 +188,7 @@ fn a_fixed_mapping_is_named() {
 }
 
 #[test]
-fn a_mode_that_is_not_taken_is_named() {
+fn rejected_mode_is_reported() {
     let scenario = with_quirk(1, 1, |quirks| quirks.ignored_modes = vec![8]);
     let mut bench = Fixture::with(scenario, moving(1));
     let axes = start_fails(&mut bench);
@@ -199,13 +199,13 @@ fn a_mode_that_is_not_taken_is_named() {
 }
 
 #[test]
-fn a_mode_that_takes_its_time_is_waited_for() {
+fn slow_mode_change_is_awaited() {
     let scenario = with_quirk(1, 1, |quirks| quirks.mode_delay_ms = 300);
     Fixture::with(scenario, moving(1)).started().judge();
 }
 
 #[test]
-fn a_drive_that_never_boots_is_named() {
+fn missing_boot_up_is_reported() {
     let scenario = with_quirk(1, 1, |quirks| quirks.never_boots = true);
     let mut bench = Fixture::with(scenario, moving(2));
     let text = start_fails(&mut bench).to_string();
@@ -213,7 +213,7 @@ fn a_drive_that_never_boots_is_named() {
 }
 
 #[test]
-fn a_brake_that_takes_longer_than_allowed_is_named() {
+fn slow_brake_is_reported_as_enable_timeout() {
     let scenario = axes::scenario(1, |settings| settings.enable_ms = 400);
     let mut table = moving(1);
     let mut bench = Fixture::with(scenario.clone(), table.clone()).started();
@@ -226,7 +226,7 @@ fn a_brake_that_takes_longer_than_allowed_is_named() {
 }
 
 #[test]
-fn a_lost_frame_repeats_the_last_image_and_nothing_else() {
+fn lost_frame_only_repeats_the_last_image() {
     for way in [LossDirection::Outward, LossDirection::Return] {
         let mut bench = in_motion(4);
         bench.inject(Fault::LostFrame { direction: way, cycles: 1 });
@@ -240,7 +240,7 @@ fn a_lost_frame_repeats_the_last_image_and_nothing_else() {
 }
 
 #[test]
-fn a_lost_working_counter_holds_until_taken_up() {
+fn lost_working_counter_holds_until_activation() {
     let mut bench = in_motion(4);
     bench.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     bench.until(20, |cia402| !cia402.is_running(0));
@@ -256,7 +256,7 @@ fn a_lost_working_counter_holds_until_taken_up() {
 }
 
 #[test]
-fn an_axis_may_take_itself_up_after_trouble_on_the_way() {
+fn axis_resumes_by_itself_after_a_path_error() {
     let mut table = moving(2);
     table[0].auto_resume = true;
     let mut bench = Fixture::single(table).started();
@@ -286,7 +286,7 @@ fn after_bus_off_stale_targets_are_waited_out() {
 }
 
 #[test]
-fn a_gateway_that_loses_power_in_motion_comes_back() {
+fn gateway_power_loss_in_motion_recovers() {
     let mut bench = in_motion(4);
     bench.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
     bench.until(50, |cia402| !cia402.is_running(0));
@@ -307,7 +307,7 @@ fn a_gateway_that_loses_power_in_motion_comes_back() {
 }
 
 #[test]
-fn a_drive_that_restarted_unseen_is_not_trusted() {
+fn unnoticed_drive_restart_is_detected() {
     let mut bench = in_motion(2);
     bench.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
     bench.steps(20);
@@ -328,7 +328,7 @@ fn a_drive_that_restarted_unseen_is_not_trusted() {
 }
 
 #[test]
-fn a_drive_that_restarts_unseen_in_its_configuration_is_not_trusted() {
+fn unnoticed_restart_during_configuration_is_detected() {
     for steps in [8, 15, 20, 30, 38] {
         let mut bench = Fixture::single(moving(1));
         bench.cia402.configure_all().unwrap();
@@ -349,7 +349,7 @@ fn a_drive_that_restarts_unseen_in_its_configuration_is_not_trusted() {
 }
 
 #[test]
-fn a_blocked_motor_stops_the_targets_at_the_window() {
+fn blocked_motor_stops_targets_at_the_window() {
     let mut bench = in_motion(1);
     bench.strike(0, DriveFault::Blocked { for_ms: 2_000 });
     bench.steps(400);
@@ -358,7 +358,7 @@ fn a_blocked_motor_stops_the_targets_at_the_window() {
 }
 
 #[test]
-fn a_target_beyond_the_limits_is_refused_by_name() {
+fn target_beyond_the_limits_is_rejected_with_its_reason() {
     let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
     let at = bench.cia402.target(0).unwrap();
     bench.cia402.set_target(0, at + 1_001).unwrap();

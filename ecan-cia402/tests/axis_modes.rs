@@ -24,7 +24,7 @@ fn finish(bench: &mut Fixture) -> Result<(), ecan_cia402::Cia402Error> {
 }
 
 #[test]
-fn a_velocity_begins_at_zero_and_ends_there() {
+fn velocity_starts_and_ends_at_zero() {
     let mut bench = in_mode(OperatingMode::CyclicVelocity);
     assert_eq!(bench.cia402.target(0), Some(0));
     bench.cia402.set_target(0, 2_000).unwrap();
@@ -48,7 +48,7 @@ fn a_velocity_begins_at_zero_and_ends_there() {
 }
 
 #[test]
-fn a_velocity_axis_that_holds_is_stopped() {
+fn holding_velocity_axis_is_stopped() {
     let mut bench = in_mode(OperatingMode::CyclicVelocity);
     for n in 1..=20 {
         bench.cia402.set_target(0, n * 1_000).unwrap();
@@ -67,7 +67,7 @@ fn a_velocity_axis_that_holds_is_stopped() {
 }
 
 #[test]
-fn a_torque_begins_at_zero() {
+fn torque_starts_at_zero() {
     let mut bench = in_mode(OperatingMode::CyclicTorque);
     assert_eq!(bench.cia402.target(0), Some(0));
     let before = bench.cia402.actual(0).unwrap();
@@ -80,7 +80,7 @@ fn a_torque_begins_at_zero() {
 }
 
 #[test]
-fn a_profile_position_is_handed_over_and_reached() {
+fn profile_position_is_accepted_and_reached() {
     let mut bench = in_mode(OperatingMode::ProfilePosition);
     let from = bench.cia402.actual(0).unwrap();
     bench.idle(100);
@@ -98,7 +98,7 @@ fn a_profile_position_is_handed_over_and_reached() {
 }
 
 #[test]
-fn a_profile_velocity_turns_and_halts() {
+fn profile_velocity_turns_and_halts() {
     let mut bench = in_mode(OperatingMode::ProfileVelocity);
     bench.cia402.set_target(0, 50_000).unwrap();
     bench.idle(1_000);
@@ -134,7 +134,7 @@ fn halt_comes_to_rest_by_the_ramp_and_resume_goes_on() {
 }
 
 #[test]
-fn a_mode_is_changed_at_rest_and_the_axis_goes_on_in_it() {
+fn mode_changes_at_rest_and_the_axis_continues() {
     let table = vec![axis(0, 0, 1).with_target_step(200)];
     let mut bench = Fixture::single(table).started();
     bench.steps(100);
@@ -160,7 +160,7 @@ fn a_mode_is_changed_at_rest_and_the_axis_goes_on_in_it() {
 }
 
 #[test]
-fn a_refused_mode_leaves_the_old_one_and_the_drive_disabled() {
+fn rejected_mode_keeps_the_old_one_and_disables() {
     let scenario = with_quirk(1, 1, |quirks| quirks.ignored_modes = vec![1]);
     let mut bench = Fixture::with(scenario, vec![axis(0, 0, 1)]).started();
     bench.cia402.change_mode(0, OperatingMode::ProfilePosition).unwrap();
@@ -192,7 +192,7 @@ fn homing_finds_its_place_and_the_axis_is_taken_up_there() {
 }
 
 #[test]
-fn homing_that_takes_too_long_ends_with_the_drive_disabled() {
+fn homing_timeout_disables_the_drive() {
     let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
     let switch_speed = Some(100);
     const LIMIT: Duration = Duration::from_millis(300);
@@ -214,7 +214,7 @@ fn homing_that_takes_too_long_ends_with_the_drive_disabled() {
 }
 
 #[test]
-fn a_fault_while_homing_is_told() {
+fn fault_during_homing_is_reported() {
     let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
     bench.cia402.home(0, HomingConfig::new(19)).unwrap();
     bench.until(2_000, |cia402| matches!(cia402.phase(0), Some(AxisPhase::Homing(_))));
@@ -226,13 +226,13 @@ fn a_fault_while_homing_is_told() {
 }
 
 #[test]
-fn a_drive_that_needs_a_mode_gets_it_before_it_is_enabled() {
+fn mode_is_written_before_the_drive_is_enabled() {
     let scenario = with_quirk(1, 1, |quirks| quirks.needs_mode = true);
     Fixture::with(scenario, vec![axis(0, 0, 1)]).started().judge();
 }
 
 #[test]
-fn a_drive_that_follows_an_old_target_does_not_jump() {
+fn drive_with_an_old_target_does_not_jump() {
     let scenario = with_quirk(1, 1, |quirks| quirks.follows_old_target = true);
     let table = vec![axis(0, 0, 1).with_target_step(100)];
     let mut bench = Fixture::with(scenario, table).started();
@@ -284,7 +284,7 @@ fn targets_and_sync_go_out_at_their_phases() {
 }
 
 #[test]
-fn a_schedule_that_cannot_be_kept_is_refused() {
+fn impossible_schedule_is_rejected() {
     let mut bench = Fixture::single(moving(1));
     let refused = bench.cia402.set_scheduled_tx(&bench.port, Some(1), None);
     let reason = NotSchedulable::NoSync0;
@@ -325,7 +325,7 @@ fn sync_may_come_in_every_other_cycle() {
 // Load
 
 #[test]
-fn four_axes_run_at_half_a_kilohertz_with_room_and_at_one_without() {
+fn four_axes_fit_2_ms_and_not_1_ms() {
     for (cycle_us, warning) in [(2_000, None), (1_000, Some(LoadWarning::NoReserve))] {
         let adapter = AdapterConfig::new(1).with_cycle(Duration::from_micros(cycle_us));
         let mut bench = Fixture::open(ecan_sim::drives(1, 4), adapter, moving(4));

@@ -147,7 +147,7 @@ proptest! {
     })]
 
     #[test]
-    fn nothing_ever_jumps(events in prop::collection::vec((event(), 1..120_usize), 1..14)) {
+    fn no_axis_ever_jumps(events in prop::collection::vec((event(), 1..120_usize), 1..14)) {
         let mut bench = bench();
         for (event, cycles) in &events {
             strike(&mut bench, event);

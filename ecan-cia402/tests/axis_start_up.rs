@@ -14,7 +14,7 @@ use ecan_protocol::config::TxMode;
 use ecan_sim::{ClockKind, SimOptions};
 
 #[test]
-fn an_axis_is_enabled_without_moving() {
+fn enabling_does_not_move_the_axis() {
     let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
     let before = bench.drive(0, |drive| drive.mechanical_position());
     bench.idle(500);
@@ -44,7 +44,7 @@ fn four_axes_follow_their_steps() {
 }
 
 #[test]
-fn an_orderly_end_leaves_drives_at_rest_without_a_fault() {
+fn shutdown_leaves_drives_at_rest_without_fault() {
     let table = axes(4).into_iter().map(|axis| axis.with_target_step(200)).collect();
     let mut bench = Fixture::single(table).started();
     bench.steps(200);
@@ -62,7 +62,7 @@ fn an_orderly_end_leaves_drives_at_rest_without_a_fault() {
 }
 
 #[test]
-fn a_host_that_dies_is_noticed_by_its_drives() {
+fn drives_detect_a_stopped_host() {
     let table = axes(2).into_iter().map(|axis| axis.with_target_step(200)).collect();
     let mut bench = Fixture::single(table).started();
     bench.steps(200);
@@ -74,7 +74,7 @@ fn a_host_that_dies_is_noticed_by_its_drives() {
 }
 
 #[test]
-fn drives_that_lack_what_they_need_not_have_are_started_all_the_same() {
+fn drives_without_optional_objects_start() {
     let scenario = with_quirk(1, 1, |quirks| {
         quirks.missing = vec![0x1006, 0x1016, 0x1017, 0x6007, 0x60C2];
     });
@@ -85,7 +85,7 @@ fn drives_that_lack_what_they_need_not_have_are_started_all_the_same() {
 }
 
 #[test]
-fn a_table_that_does_not_fit_is_refused_with_every_fault() {
+fn invalid_table_is_rejected_with_every_fault() {
     let port = Fixture::single(axes(1)).port;
     let refused = |table: Vec<AxisConfig>| {
         Cia402::new(&port, table, Cia402Config::default()).unwrap_err().to_string()

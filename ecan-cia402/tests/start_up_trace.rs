@@ -110,7 +110,7 @@ impl Trace {
 }
 
 #[test]
-fn one_axis_starts_up_in_the_order_that_drives_accept() {
+fn axis_startup_matches_the_golden_trace() {
     let mut bench = Fixture::with(scenario(), vec![axis(0, 0, 1)]);
     let mut trace = Trace::default();
     let mut run = |bench: &mut Fixture, what: &str, done: &dyn Fn(&Fixture) -> bool| {

@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn the_numbers_of_the_set() {
+    fn predefined_set_has_its_numbers() {
         let node = NodeId::new(5).unwrap();
         assert_eq!(CobId::tpdo(node, 1).raw(), 0x185);
         assert_eq!(CobId::rpdo(node, 1).raw(), 0x205);

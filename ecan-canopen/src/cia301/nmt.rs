@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_bytes_of_cia_301() {
+    fn nmt_bytes_match_cia_301() {
         let node = NodeId::new(5);
         let request = NmtRequest { command: NmtCommand::Start, node };
         assert_eq!(request.to_bytes(), [0x01, 0x05]);

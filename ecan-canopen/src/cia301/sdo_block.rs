@@ -85,13 +85,13 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn the_check_value() {
+    fn crc_check_value() {
         assert_eq!(block_crc(0, b"123456789"), 0x31C3);
     }
 
     proptest! {
         #[test]
-        fn the_crc_is_xmodem(
+        fn crc_is_xmodem(
             value in proptest::collection::vec(any::<u8>(), 0..200),
             cut in any::<proptest::sample::Index>(),
         ) {
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn an_abort_is_no_segment() {
+    fn abort_is_not_a_segment() {
         assert_eq!(BlockSegment::parse(&[0x80, 0, 0, 0, 0, 0, 0, 0]), None);
         assert_eq!(BlockSegment::parse(&[1; 7]), None);
     }

@@ -159,7 +159,7 @@ fn targets(node: u8) -> PdoMapping {
 }
 
 #[test]
-fn a_pdo_is_mapped_in_the_order_that_drives_accept() {
+fn pdo_mapping_keeps_the_order_of_cia_301() {
     let mut bench = Fixture::new();
     let mut configurator = Configurator::new();
     configurator.add(&bench.network, bench.handles[0], targets(1).steps().unwrap());
@@ -206,7 +206,7 @@ fn many_nodes_are_configured_in_parallel() {
 }
 
 #[test]
-fn a_refused_step_stops_its_node_and_names_everything() {
+fn rejected_step_stops_its_node_and_is_located() {
     let mut bench = Fixture::new();
     bench.servers[1].refused.insert((0x1600, 2), 0x0604_0041);
     let mut configurator = Configurator::new();
@@ -230,7 +230,7 @@ fn a_refused_step_stops_its_node_and_names_everything() {
 }
 
 #[test]
-fn what_a_node_does_not_have_can_be_forgiven() {
+fn tolerated_step_ignores_a_missing_object() {
     let mut bench = Fixture::new();
     bench.servers[0].refused.insert((0x60C2, 1), 0x0601_0002);
     bench.servers[0].refused.insert((0x1016, 1), 0x0602_0000);
@@ -264,7 +264,7 @@ fn what_a_node_does_not_have_can_be_forgiven() {
 }
 
 #[test]
-fn a_value_that_does_not_read_back_is_found() {
+fn expect_step_detects_another_value() {
     let mut bench = Fixture::new();
     let mut configurator = Configurator::new();
     configurator.add(&bench.network, bench.handles[0], [Step::expect(0x1018, 1, 0x1235u32)]);
@@ -288,7 +288,7 @@ fn await_state(state: NmtState, timeout_ms: u64) -> Step {
 }
 
 #[test]
-fn boot_up_and_states_are_waited_for() {
+fn steps_wait_for_boot_up_and_states() {
     let mut bench = Fixture::new();
     let (node, other) = (bench.handles[0], bench.handles[1]);
     // A boot-up message from before does not count.
@@ -335,7 +335,7 @@ fn boot_up_and_states_are_waited_for() {
 }
 
 #[test]
-fn a_transfer_of_the_application_in_between_makes_the_step_wait() {
+fn transfer_of_the_application_delays_the_step() {
     let mut bench = Fixture::new();
     let node = bench.handles[0];
     bench.network.start_upload(node, 0x6060, 0).unwrap();
@@ -353,7 +353,7 @@ fn a_transfer_of_the_application_in_between_makes_the_step_wait() {
 }
 
 #[test]
-fn clearing_gives_up_what_runs() {
+fn clear_cancels_running_transfers() {
     let mut bench = Fixture::new();
     let node = bench.handles[0];
     let mut configurator = Configurator::new();
@@ -368,7 +368,7 @@ fn clearing_gives_up_what_runs() {
 }
 
 #[test]
-fn mappings_that_cannot_be_are_refused() {
+fn impossible_mapping_is_rejected() {
     let mut mapping = targets(1);
     mapping.number = 513;
     assert_eq!(mapping.steps(), Err(PdoMappingError::Number { number: 513 }));
@@ -382,7 +382,7 @@ fn mappings_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn a_pdo_can_be_switched_off() {
+fn disabling_steps_disable_a_pdo() {
     let mut bench = Fixture::new();
     let mut configurator = Configurator::new();
     let steps = PdoMapping::disabling_steps(PdoDirection::Receive, 1).unwrap();
@@ -401,7 +401,7 @@ proptest! {
     /// Lost answers and refused frames delay a configuration; they never change its result, and
     /// no node gets its steps in another order.
     #[test]
-    fn a_poor_bus_delays_configurations_and_no_more(
+    fn lossy_bus_only_delays_configurations(
         lost in proptest::collection::btree_set(0..70usize, 0..=2),
         room in proptest::collection::vec(0..4usize, 20),
     ) {

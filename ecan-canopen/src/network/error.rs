@@ -67,7 +67,7 @@ impl NmtError {
 }
 
 /// Failure of a blocking call.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum WaitError {
     /// The transfer failed.
@@ -81,7 +81,7 @@ pub enum WaitError {
     Nmt(#[from] NmtError),
     /// A step of a configuration failed.
     #[error(transparent)]
-    Step(#[from] StepFailure),
+    Step(Box<StepFailure>),
     /// It did not end in time.
     #[error("not done after {} ms", waited.as_millis())]
     TimedOut {
@@ -95,6 +95,12 @@ pub enum WaitError {
     /// The cycle failed.
     #[error(transparent)]
     Cycle(#[from] CycleError),
+}
+
+impl From<StepFailure> for WaitError {
+    fn from(failure: StepFailure) -> Self {
+        Self::Step(Box::new(failure))
+    }
 }
 
 impl WaitError {

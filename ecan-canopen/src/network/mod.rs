@@ -8,6 +8,7 @@ mod emcy_log;
 mod error;
 mod frame_sink;
 mod heartbeat;
+#[expect(clippy::module_inception, reason = "a file has the name of its main type")]
 mod network;
 mod network_cycle;
 mod network_sync;

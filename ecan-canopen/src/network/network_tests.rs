@@ -175,7 +175,7 @@ fn nmt_then_heartbeat_then_sdo_and_sync_before_all() {
 }
 
 #[test]
-fn a_broadcast_goes_once_to_each_channel_that_has_nodes() {
+fn broadcast_is_sent_once_per_channel_with_nodes() {
     let nodes = [address(0, 0, 1), address(0, 0, 2), address(0, 3, 1), address(1, 2, 9)];
     let (mut network, handles) = network(NetworkConfig::default(), &nodes);
     let mut paper = RecordingSink::new();
@@ -194,7 +194,7 @@ fn a_broadcast_goes_once_to_each_channel_that_has_nodes() {
 }
 
 #[test]
-fn without_room_everything_waits_in_order_and_goes_once() {
+fn full_image_delays_frames_in_order() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
     let mut paper = RecordingSink::new();
     paper.room_frames = 0;
@@ -222,7 +222,7 @@ fn without_room_everything_waits_in_order_and_goes_once() {
 }
 
 #[test]
-fn an_sdo_frame_does_not_overtake_an_nmt_command_that_waits() {
+fn sdo_frame_does_not_overtake_a_waiting_nmt_command() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
     let mut paper = RecordingSink::new();
     for _ in 0..3 {
@@ -245,7 +245,7 @@ fn an_sdo_frame_does_not_overtake_an_nmt_command_that_waits() {
 }
 
 #[test]
-fn a_full_nmt_queue_says_so() {
+fn full_nmt_queue_returns_error() {
     let config = NetworkConfig { nmt_queue: 2, ..NetworkConfig::default() };
     let (mut network, nodes) = network(config, &[address(0, 3, 1), address(1, 0, 1)]);
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
@@ -280,7 +280,7 @@ fn each_channel_has_its_budget_and_its_nodes_take_turns() {
 }
 
 #[test]
-fn a_block_download_keeps_to_the_budget() {
+fn block_download_keeps_the_frame_budget() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
     network.start_download(nodes[0], 0x1F50, 1, &[7; 700]).unwrap();
     let mut paper = RecordingSink::new();
@@ -296,7 +296,7 @@ fn a_block_download_keeps_to_the_budget() {
 }
 
 #[test]
-fn sdo_frames_keep_off_a_channel_that_is_full_and_leave_room_for_targets() {
+fn sdo_frames_wait_for_a_full_channel_and_spare_targets() {
     let config = NetworkConfig { reserved_image_bytes: 100, ..NetworkConfig::default() };
     let (mut network, nodes) = network(config, &[address(0, 0, 1)]);
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
@@ -314,7 +314,7 @@ fn sdo_frames_keep_off_a_channel_that_is_full_and_leave_room_for_targets() {
 }
 
 #[test]
-fn a_refusal_that_waiting_does_not_cure_ends_the_transfer() {
+fn permanent_rejection_ends_the_transfer() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 2, 1)]);
     let error = SendError::from(AddressError::Disabled { slave: 0, channel: 2 });
     let mut paper = RecordingSink { error: Some(error), ..RecordingSink::new() };
@@ -333,7 +333,7 @@ fn a_refusal_that_waiting_does_not_cure_ends_the_transfer() {
 }
 
 #[test]
-fn a_lost_gateway_ends_its_own_transfers_and_drops_its_commands() {
+fn lost_gateway_ends_its_transfers_and_drops_commands() {
     let (mut network, nodes) =
         network(NetworkConfig::default(), &[address(0, 0, 1), address(1, 0, 1)]);
     let mut paper = RecordingSink::new();
@@ -403,7 +403,7 @@ fn messages_of_a_node_and_of_strangers() {
 }
 
 #[test]
-fn a_node_that_restarts_ends_the_transfer() {
+fn restarted_node_ends_the_transfer() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
     let mut paper = RecordingSink::new();
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
@@ -417,7 +417,7 @@ fn a_node_that_restarts_ends_the_transfer() {
 }
 
 #[test]
-fn sync_follows_its_settings_on_the_channels_that_want_it() {
+fn sync_follows_its_configuration_on_enabled_channels() {
     let nodes = [address(0, 0, 1), address(0, 1, 1)];
     let (mut network, _) = network(NetworkConfig::default(), &nodes);
     let schedule = Some(Schedule { tag: 3, offset_ns: 250_000 });
@@ -452,7 +452,7 @@ fn sync_follows_its_settings_on_the_channels_that_want_it() {
 }
 
 #[test]
-fn a_gateway_whose_image_is_held_gets_no_sync_and_the_others_do() {
+fn unconfirmed_image_delays_sync_of_its_gateway_only() {
     let nodes = [address(0, 0, 1), address(1, 0, 1)];
     let (mut network, _) = network(NetworkConfig::default(), &nodes);
     let settings = SyncConfig { every_cycles: 2, counter_overflow: Some(9), schedule: None };

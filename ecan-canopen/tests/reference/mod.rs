@@ -360,7 +360,7 @@ pub fn crc(data: &[u8]) -> u16 {
 }
 
 #[test]
-fn the_crc_of_cia_301() {
+fn reference_crc_matches_cia_301() {
     // The check value of CRC-16/XMODEM.
     assert_eq!(crc(b"123456789"), 0x31C3);
 }

@@ -139,7 +139,7 @@ mod tests {
     const FAILED: Statusword = Statusword(0x2637);
 
     #[test]
-    fn the_bits_read_as_the_standard_says() {
+    fn homing_state_follows_the_statusword_bits() {
         let states = [
             (0x0237, HomingState::Running),
             (0x0637, HomingState::Waiting),
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_outcome_of_an_earlier_homing_is_not_taken_for_this_one() {
+    fn result_of_an_earlier_homing_is_ignored() {
         let mut watch = HomingWatch::default();
         assert_eq!(watch.step(ATTAINED), None, "from before");
         assert_eq!(watch.step(RUNNING), None);
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_homing_that_takes_no_time_is_seen_all_the_same() {
+    fn immediate_homing_is_detected() {
         let mut watch = HomingWatch::default();
         let done = (0..30).find_map(|_| watch.step(ATTAINED));
         assert_eq!(done, Some(HomingState::Attained));

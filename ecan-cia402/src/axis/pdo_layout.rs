@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn the_csp_rpdo_is_six_bytes_little_endian() {
+    fn csp_rpdo_is_six_bytes_little_endian() {
         let enable = Controlword::of(Command::EnableOperation);
         let rpdo = layout(OperatingMode::CyclicPosition).encode(enable, 0x1234_5678);
         assert_eq!(rpdo.as_slice(), [0x0F, 0x00, 0x78, 0x56, 0x34, 0x12]);
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mapping_fits_what_is_encoded() {
+    fn mapping_matches_the_encoded_length() {
         for mode in OperatingMode::ALL {
             let Some(layout) = PdoLayout::for_mode(mode) else {
                 assert_eq!(mode, OperatingMode::InterpolatedPosition);
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tpdo_is_read_and_a_short_one_is_not() {
+    fn short_tpdo_is_rejected() {
         let data = [0x37, 0x12, 0xFF, 0xFF, 0xFF, 0xFF];
         let feedback = Feedback { statusword: Statusword(0x1237), position: -1 };
         assert_eq!(PdoLayout::default().decode(&data), Some(feedback));

@@ -55,7 +55,7 @@ mod tests {
     }
 
     #[test]
-    fn it_rises_and_falls_by_its_change() {
+    fn ramp_rises_and_falls_by_its_change() {
         let mut ramp = Ramp::new(30);
         assert_eq!(run(&mut ramp, 100, 5), [30, 60, 90, 100, 100]);
         assert_eq!(run(&mut ramp, 0, 5), [70, 40, 10, 0, 0]);
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_sent_was_not_made() {
+    fn unsent_step_does_not_advance_the_ramp() {
         let mut ramp = Ramp::new(10);
         assert_eq!([ramp.next(100), ramp.next(100)], [10, 10]);
         ramp.accept(10);
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn it_survives_any_goal() {
+    fn ramp_saturates_at_any_goal() {
         let mut ramp = Ramp::new(u32::MAX);
         ramp.accept(i64::MAX);
         assert!(ramp.next(i64::MIN) < i64::MAX);

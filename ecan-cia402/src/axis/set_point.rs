@@ -50,7 +50,7 @@ mod tests {
     const DOWN: u16 = 0x20;
 
     #[test]
-    fn a_position_is_offered_until_the_drive_takes_it() {
+    fn position_is_offered_until_the_drive_accepts_it() {
         let mut point = SetPoint::default();
         point.start(5);
         assert_eq!(point.step(5, false), (DOWN, 5), "it is there");
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_of_mind_waits_for_the_handshake() {
+    fn new_position_waits_for_the_handshake() {
         let mut point = SetPoint::default();
         point.start(0);
         assert_eq!(point.step(100, false), (UP, 100));

@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sequence_is_the_one_that_drives_accept() {
+    fn setup_steps_keep_the_order_of_the_standard() {
         let node = NodeId::new(5).unwrap();
         let mut settings = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
         settings.drive.silence_other_tpdos = false;
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_host_heartbeat_no_drive_waits_for_one() {
+    fn no_host_heartbeat_configures_no_consumer() {
         let node = NodeId::new(5).unwrap();
         let settings = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
         let bus = BusConfig { sync_period_ns: 1_000_000, host: None };

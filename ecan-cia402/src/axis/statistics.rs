@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tpdo_that_never_comes_is_counted_once() {
+    fn missing_tpdo_is_counted_once() {
         let mut statistics = AxisStatistics::default();
         for n in 0..100 {
             statistics.sync_sent();

@@ -128,7 +128,7 @@ mod tests {
     const LINEAR: PositionRange = PositionRange::Linear;
 
     #[test]
-    fn a_quarter_turn_is_a_quarter_of_the_steps() {
+    fn quarter_turn_is_a_quarter_of_the_steps() {
         let scale = Scale::geared(4096.0, 50.0, 1.0);
         assert_eq!(scale.from_degrees(90.0, LINEAR), Ok(51_200));
         assert_eq!(scale.from_radians(PI / 2.0, LINEAR), Ok(51_200));
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_position_is_refused() {
+    fn invalid_position_is_rejected() {
         let scale = Scale::steps_per_turn(1e9);
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             assert!(matches!(scale.from_degrees(value, LINEAR), Err(UnitError::NotFinite { .. })));
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrapping_counter_takes_every_angle() {
+    fn wrapping_counter_accepts_every_angle() {
         let scale = Scale::steps_per_turn(1e9);
         let wrapped = scale.from_degrees(1080.0, PositionRange::Wrapping);
         assert_eq!(wrapped, Ok((3_000_000_000_i64 - (1_i64 << 32)) as i32));
@@ -160,14 +160,14 @@ mod tests {
     }
 
     #[test]
-    fn a_speed_in_steps_per_cycle() {
+    fn speed_converts_to_steps_per_cycle() {
         let scale = Scale::steps_per_turn(36_000.0);
         assert_eq!(scale.steps_per_cycle(360.0, 1_000_000), 36.0);
     }
 
     proptest! {
         #[test]
-        fn there_and_back(raw: i32, steps in 1.0_f64..1e6, origin in -1000..1000) {
+        fn conversion_is_reversible(raw: i32, steps in 1.0_f64..1e6, origin in -1000..1000) {
             let scale = Scale::steps_per_turn(steps).with_origin(origin);
             let back = scale.from_degrees(scale.degrees(raw), LINEAR);
             prop_assert_eq!(back, Ok(raw));

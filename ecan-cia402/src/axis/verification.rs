@@ -37,6 +37,7 @@ impl Reachability {
 
 /// Verification that a drive still has its configuration: during a connection loss it may have
 /// restarted unnoticed, and then its process data have another meaning.
+#[expect(clippy::large_enum_variant, reason = "a box would allocate in the cycle")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Verification {
     /// The connection was never lost, or the configuration is verified.

@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quiet_channel_is_drained_when_its_status_covers_everything() {
+    fn idle_channel_drains_when_its_status_covers_everything() {
         let mut drain = Drain::default();
         assert!(!drain.step(&path(0, 10, 8), 2), "the status is older than the last image");
         assert!(!drain.step(&path(0, 10, 9), 2));
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn a_waiting_frame_that_may_be_the_target_is_waited_for() {
+    fn waiting_frame_delays_the_drain() {
         let mut drain = Drain::default();
         for _ in 0..10 {
             assert!(!drain.step(&path(1, 10, 10), 2));
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_behind_the_target_may_wait() {
+    fn later_frames_do_not_delay_the_drain() {
         let mut drain = Drain::default();
         // One SYNC a cycle, one always waits.
         assert!(!drain.step(&path(1, 10, 8), 2));
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_count_at_its_end_proves_nothing() {
+    fn saturated_count_delays_the_drain() {
         let mut drain = Drain::default();
         for cycle in 0..100 {
             assert!(!drain.step(&path(7, 10 + cycle, 8 + cycle), 2));
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn bus_off_and_pressure_are_waited_out() {
+    fn bus_off_and_pressure_delay_the_drain() {
         let mut drain = Drain::default();
         let off = PathStatus { channel: ChannelView::BusOff, ..path(0, 10, 10) };
         let pressed = ChannelView::Running { pending: 0, pressure: true };
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn a_held_image_and_a_new_session_start_it_over() {
+    fn unconfirmed_image_and_new_session_restart_the_drain() {
         let mut drain = Drain::default();
         drain.step(&path(0, 10, 10), 1);
         assert!(!drain.step(&PathStatus { is_unconfirmed: true, ..path(0, 10, 10) }, 1));

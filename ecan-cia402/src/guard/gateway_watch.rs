@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_is_worth_what_its_image_is() {
+    fn position_is_as_fresh_as_its_image() {
         let lost = ImageReport::New { lost: 3, is_incomplete: false, layout_changed: false };
         let short = ImageReport::New { lost: 0, is_incomplete: true, layout_changed: false };
         let other = ImageReport::New { lost: 0, is_incomplete: false, layout_changed: true };
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_are_here_do_not_wait() {
+    fn received_frames_do_not_count_as_waiting() {
         let cases = [
             (1, 1, Actual::Fresh(5)),
             (4, 4, Actual::Fresh(5)),
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_is_seen_only_with_a_new_image() {
+    fn channel_status_needs_a_new_image() {
         assert_eq!(view(ImageReport::Repeated, running()), ChannelView::NotSeen);
         assert_eq!(view(NEW, running().with_bus_off(true)), ChannelView::BusOff);
         let off = ChannelStatus::default().with_state(ChannelState::BusOff);

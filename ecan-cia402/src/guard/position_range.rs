@@ -72,7 +72,7 @@ mod tests {
     const TURN: PositionRange = PositionRange::Modulo { min: 0, max: 3599 };
 
     #[test]
-    fn a_linear_counter_ends_where_it_ends() {
+    fn linear_counter_ends_at_its_limits() {
         assert_eq!(PositionRange::Linear.distance(i32::MAX, i32::MIN), -0xFFFF_FFFF);
         assert_eq!(PositionRange::Linear.add(i32::MAX, 1), None);
         assert_eq!(PositionRange::Linear.add(i32::MIN, -1), None);
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrapping_counter_goes_on() {
+    fn wrapping_counter_continues() {
         assert_eq!(PositionRange::Wrapping.distance(i32::MAX, i32::MIN), 1);
         assert_eq!(PositionRange::Wrapping.distance(i32::MIN, i32::MAX), -1);
         assert_eq!(PositionRange::Wrapping.add(i32::MAX, 1), Some(i32::MIN));
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn a_modulo_counter_takes_the_shorter_way() {
+    fn modulo_counter_uses_the_shorter_distance() {
         assert_eq!(TURN.distance(3590, 10), 20);
         assert_eq!(TURN.distance(10, 3590), -20);
         assert_eq!(TURN.distance(0, 1799), 1799);
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn a_senseless_modulo_range_does_not_divide_by_zero() {
+    fn empty_modulo_range_does_not_divide_by_zero() {
         let range = PositionRange::Modulo { min: 5, max: -5 };
         assert_eq!(range.distance(1, 9), 0);
         assert_eq!(range.add(5, 7), Some(5));
@@ -116,7 +116,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn going_the_distance_arrives(range in any_range(), from: i32, to: i32) {
+        fn adding_the_distance_reaches_the_target(range in any_range(), from: i32, to: i32) {
             prop_assume!(range.contains(from) && range.contains(to));
             let steps = range.distance(from, to);
             prop_assert_eq!(range.add(from, steps), Some(to));

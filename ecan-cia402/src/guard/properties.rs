@@ -354,7 +354,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
 
     #[test]
-    fn no_target_that_the_record_does_not_allow(
+    fn guard_sends_only_targets_that_the_record_allows(
         limits in limits(),
         happenings in prop::collection::vec(happening(), 1..160),
     ) {
@@ -382,7 +382,7 @@ proptest! {
 }
 
 #[test]
-fn the_random_sequences_reach_what_they_are_to_judge() {
+fn random_sequences_reach_the_relevant_states() {
     use proptest::strategy::ValueTree;
     use proptest::test_runner::TestRunner;
     let mut runner = TestRunner::deterministic();

@@ -82,7 +82,7 @@ fn running(position: i32) -> MotionGuard {
 }
 
 #[test]
-fn an_axis_that_is_not_taken_up_gets_nothing() {
+fn inactive_axis_gets_nothing() {
     let mut guard = MotionGuard::new(LIMITS);
     for _ in 0..10 {
         assert_eq!(cycle(&mut guard, &good(7), Some(7)), Decision::Closed);
@@ -90,7 +90,7 @@ fn an_axis_that_is_not_taken_up_gets_nothing() {
 }
 
 #[test]
-fn while_the_drive_is_not_enabled_the_target_is_its_actual_position() {
+fn disabled_drive_gets_its_actual_position() {
     let mut guard = MotionGuard::new(LIMITS);
     guard.activate();
     let mut tracked = Vec::new();
@@ -107,13 +107,13 @@ fn while_the_drive_is_not_enabled_the_target_is_its_actual_position() {
 }
 
 #[test]
-fn the_first_target_is_the_actual_position_whatever_is_wanted() {
+fn first_target_is_always_the_actual_position() {
     let guard = running(777);
     assert_eq!(guard.state(), GuardState::Running { target: 777 });
 }
 
 #[test]
-fn an_axis_in_motion_is_not_taken_up() {
+fn moving_axis_is_not_activated() {
     let mut guard = MotionGuard::new(LIMITS);
     guard.activate();
     for n in 0..50 {
@@ -124,7 +124,7 @@ fn an_axis_in_motion_is_not_taken_up() {
 }
 
 #[test]
-fn an_axis_that_is_moved_by_hand_is_read_again() {
+fn axis_moved_by_hand_is_read_again() {
     let mut guard = MotionGuard::new(LIMITS);
     let off = |position| in_state(DriveState::SwitchOnDisabled, position);
     guard.activate();
@@ -150,7 +150,7 @@ fn only_a_fresh_position_begins_anything() {
 }
 
 #[test]
-fn a_first_target_needs_the_position_of_its_own_cycle() {
+fn first_target_needs_the_position_of_its_cycle() {
     let mut guard = MotionGuard::new(LIMITS);
     guard.activate();
     for _ in 0..10 {
@@ -163,7 +163,7 @@ fn a_first_target_needs_the_position_of_its_own_cycle() {
 }
 
 #[test]
-fn a_step_beyond_the_limit_is_refused_and_the_one_before_stands() {
+fn step_beyond_the_limit_keeps_the_previous_target() {
     let mut guard = running(0);
     assert_eq!(cycle(&mut guard, &good(0), Some(100)), Decision::Target(100));
     let refusal = TargetRejection::Step { step: 101, limit: 100 };
@@ -177,7 +177,7 @@ fn a_step_beyond_the_limit_is_refused_and_the_one_before_stands() {
 }
 
 #[test]
-fn a_frame_that_was_not_taken_does_not_count_as_sent() {
+fn rejected_frame_does_not_count_as_sent() {
     let mut guard = running(0);
     guard.observe(&good(0));
     assert_eq!(guard.decide(Some(80)), Decision::Target(80));
@@ -188,7 +188,7 @@ fn a_frame_that_was_not_taken_does_not_count_as_sent() {
 }
 
 #[test]
-fn a_target_outside_the_following_window_is_refused() {
+fn target_outside_the_following_window_is_rejected() {
     let mut guard = running(0);
     for n in 1..=10 {
         let target = n * 100;
@@ -217,7 +217,7 @@ fn bounds_hold_and_let_back_in() {
 }
 
 #[test]
-fn a_wrapping_counter_may_wrap_and_a_linear_one_not() {
+fn only_a_wrapping_counter_may_wrap() {
     let wrapping = GuardLimits { range: PositionRange::Wrapping, ..LIMITS };
     let mut guard = running_with(wrapping, i32::MAX);
     let wrapped = Decision::Target(i32::MIN);
@@ -228,7 +228,7 @@ fn a_wrapping_counter_may_wrap_and_a_linear_one_not() {
 }
 
 #[test]
-fn an_incomplete_cycle_waits_and_too_many_hold() {
+fn incomplete_cycle_waits_and_too_many_hold() {
     let mut guard = running(0);
     let mut missed = good(0);
     missed.path.is_complete = false;
@@ -251,7 +251,7 @@ fn an_incomplete_cycle_waits_and_too_many_hold() {
 }
 
 #[test]
-fn a_cycle_has_one_target() {
+fn cycle_has_one_target() {
     let mut guard = running(0);
     guard.observe(&good(0));
     assert_eq!(guard.decide(Some(50)), Decision::Target(50));
@@ -272,7 +272,7 @@ fn behind_a_full_image_a_cycle_is_left_out() {
 }
 
 #[test]
-fn a_missing_tpdo_is_put_up_with_for_so_many_cycles() {
+fn missing_tpdo_is_tolerated_up_to_the_timeout() {
     let mut guard = running(0);
     let none = GuardInput { actual: Actual::None(PositionUnavailable::NoTpdo), ..good(0) };
     for n in 1..=3 {
@@ -284,7 +284,7 @@ fn a_missing_tpdo_is_put_up_with_for_so_many_cycles() {
 }
 
 #[test]
-fn a_late_tpdo_keeps_the_axis_going() {
+fn late_tpdo_keeps_the_axis_running() {
     let mut guard = running(0);
     let late = GuardInput { actual: Actual::Late(0), ..good(0) };
     for n in 1..=50 {
@@ -337,7 +337,7 @@ fn every_breach_holds_at_once_and_until_taken_up() {
 }
 
 #[test]
-fn a_drive_that_holds_a_far_target_is_not_taken_up_enabled() {
+fn drive_with_a_far_target_is_not_activated_enabled() {
     let mut guard = running(0);
     for n in 1..=5 {
         cycle(&mut guard, &good(0), Some(n * 100));
@@ -355,7 +355,7 @@ fn a_drive_that_holds_a_far_target_is_not_taken_up_enabled() {
 }
 
 #[test]
-fn a_drive_that_never_says_that_it_follows_is_believed() {
+fn drive_without_follow_bit_keeps_running() {
     let mut guard = MotionGuard::new(LIMITS);
     guard.activate();
     let mut input = good(0);
@@ -367,7 +367,7 @@ fn a_drive_that_never_says_that_it_follows_is_believed() {
 }
 
 #[test]
-fn a_breach_during_the_take_up_starts_it_over() {
+fn event_during_activation_restarts_it() {
     let mut guard = MotionGuard::new(LIMITS);
     guard.activate();
     for _ in 0..4 {
@@ -385,7 +385,7 @@ fn a_breach_during_the_take_up_starts_it_over() {
 }
 
 #[test]
-fn a_rate_begins_at_zero_and_wraps_nowhere() {
+fn rate_starts_at_zero_and_never_wraps() {
     let limits = GuardLimits { kind: TargetKind::Rate, range: PositionRange::Wrapping, ..LIMITS };
     let mut guard = running_with(limits, 5000);
     assert_eq!(cycle(&mut guard, &good(5000), Some(100)), Decision::Target(100));
@@ -398,7 +398,7 @@ fn a_rate_begins_at_zero_and_wraps_nowhere() {
 }
 
 #[test]
-fn a_profile_target_may_be_far_and_homing_takes_none() {
+fn profile_target_may_be_far_and_homing_has_none() {
     let limits = GuardLimits { kind: TargetKind::Profile, ..LIMITS };
     let mut guard = running_with(limits, 0);
     assert_eq!(cycle(&mut guard, &good(0), Some(1_000_000)), Decision::Target(1_000_000));
@@ -409,7 +409,7 @@ fn a_profile_target_may_be_far_and_homing_takes_none() {
 }
 
 #[test]
-fn a_stop_command_carries_a_target_that_moves_nothing() {
+fn stop_command_carries_a_resting_target() {
     let mut guard = MotionGuard::new(LIMITS);
     assert_eq!(guard.resting_target(), None);
     guard.observe(&GuardInput { actual: Actual::Late(30), ..good(0) });
