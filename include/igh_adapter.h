@@ -215,8 +215,8 @@ typedef enum {
  * @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT. Whether it fits
- *          the cycle is told by ecan_igh_check_config().
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+ *          ecan_igh_check_config() checks the period against the cycle.
  */
 int ecan_igh_config_set_dc_sync0(ecan_igh_config_t *config, uint32_t cycle_us, uint32_t shift_us);
 
@@ -236,7 +236,7 @@ int ecan_igh_config_set_dc_assign_activate(ecan_igh_config_t *config, uint16_t w
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER
- *          where distributed clocks are off.
+ *          if distributed clocks are off.
  */
 int ecan_igh_config_set_dc_source(ecan_igh_config_t *config, int source);
 

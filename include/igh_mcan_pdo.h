@@ -179,7 +179,7 @@ typedef struct {
  * @param channel  Channel of the gateway, 0 to 3.
  * @param can_id   11 bits; 29 bits with IGH_MCAN_FLAG_EXT.
  * @param flags    0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_RTR.
- * @param data     Data; may be NULL where len is 0 and for a remote frame.
+ * @param data     Data; may be NULL if len is 0 and for a remote frame.
  * @param len      Bytes, 0 to 8; of a remote frame the requested DLC.
  *
  * @usage   rt, any thread, any time

@@ -1,4 +1,4 @@
-//! What the contexts of one master share: the Adapter, a Port on it, axes on that.
+//! The object behind the contexts of one master: the Adapter, a Port on it, axes on the Port.
 
 use ecan_cia402::{Cia402, SendSummary};
 use ecan_host::{Adapter, RequestId};
@@ -10,45 +10,45 @@ use crate::callback::ProgressCallback;
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
 
-/// The topmost layer that there is.
+/// The topmost layer.
 #[derive(Debug)]
 pub(crate) enum Layer {
     Adapter(Box<Adapter>),
     Port(Box<Port>),
-    /// The Adapter is being handed from layer to layer.
+    /// The Adapter is being moved between layers.
     Between,
 }
 
-/// One master with what is built on it.
+/// One master with its layers.
 #[derive(Debug)]
 pub(crate) struct Bus {
     layer: Layer,
-    /// Counts the Ports and the axes that there have been, so that an old context names none.
+    /// Number of all Ports and axes so far, so that an old context names none.
     contexts: u64,
     port_serial: u64,
     axes: Option<Axes>,
     pub(crate) requests: Vec<Request>,
     pub(crate) last_ticket: Option<LastTicket>,
-    /// What igh_mcan_port_apply_config() made the startup SDOs of.
+    /// Configuration of the gateways' startup SDOs.
     pub(crate) applied: Option<PortConfig>,
     /// Simulated time passes only while the program waits.
     pub(crate) is_stepped: bool,
 }
 
-/// The axes on a Port, and what their context keeps for C.
+/// The axes on a Port, with the state of their C context.
 #[derive(Debug)]
 pub(crate) struct Axes {
     serial: u64,
     cia402: Box<Cia402>,
-    /// Of the last time that targets were sent.
+    /// Of the last sent targets.
     pub(crate) summary: SendSummary,
     pub(crate) progress: Option<ProgressCallback>,
 }
 
-/// Where the frame went that was sent last.
+/// Ticket of the last frame.
 ///
-/// Its fields are wide on purpose: narrow ones would be copied out of a result as one word, which
-/// waits for the stores of its parts, in every send.
+/// Its fields are wide: narrow ones would be copied as one word, which waits for the stores of its
+/// parts in every send.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LastTicket {
     pub(crate) slave: u32,
@@ -118,7 +118,7 @@ impl Bus {
         if let Layer::Port(port) = &mut self.layer { Some(port) } else { None }
     }
 
-    /// Puts a Port on the Adapter. Without success the Adapter stays as it is.
+    /// Opens a Port on the Adapter. An error does not change the Adapter.
     pub(crate) fn add_port(
         &mut self,
         call: Call,
@@ -144,7 +144,7 @@ impl Bus {
         }
     }
 
-    /// Refuses a second Port.
+    /// Rejects a second Port.
     pub(crate) fn need_no_port(&self, call: Call) -> Result<(), ecan_result_t> {
         if !matches!(self.layer, Layer::Port(_)) {
             return Ok(());
@@ -153,7 +153,7 @@ impl Bus {
         Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text))
     }
 
-    /// Refuses axes beside those that there are.
+    /// Rejects a second set of axes.
     pub(crate) fn need_no_axes(&self, call: Call) -> Result<(), ecan_result_t> {
         if self.axes.is_none() {
             return Ok(());
@@ -162,7 +162,7 @@ impl Bus {
         Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text))
     }
 
-    /// Takes the Port off the Adapter.
+    /// Closes the Port.
     pub(crate) fn remove_port(&mut self) {
         self.axes = None;
         self.last_ticket = None;
@@ -173,7 +173,7 @@ impl Bus {
         };
     }
 
-    /// Puts axes on the Port.
+    /// Opens axes on the Port.
     pub(crate) fn add_cia402(
         &mut self,
         call: Call,
@@ -193,19 +193,18 @@ impl Bus {
         Ok(self.contexts)
     }
 
-    /// Drops what a reconfiguration has ended: axes, requests, and what is known of startup SDOs.
+    /// Drops what a reconfiguration ends: axes, requests, and the applied configuration.
     pub(crate) fn forget_configuration(&mut self) {
         self.remove_cia402();
         self.requests.clear();
         (self.last_ticket, self.applied) = (None, None);
     }
 
-    /// Takes the axes off the Port; they are not told anything.
+    /// Closes the axes without sending anything.
     pub(crate) fn remove_cia402(&mut self) {
         self.axes = None;
     }
 
-    /// The axes, if there are any.
     pub(crate) fn axes_mut(&mut self) -> Option<&mut Axes> {
         self.axes.as_mut()
     }
@@ -214,7 +213,7 @@ impl Bus {
 /// The bus of an Adapter context.
 ///
 /// # Safety
-/// `context` is NULL or valid for reading, whatever bytes it holds.
+/// `context` is NULL or valid for reading, with any content.
 pub(crate) unsafe fn enter(
     call: Call,
     context: *const Words,
@@ -256,7 +255,7 @@ pub(crate) unsafe fn enter_cia402(
     Ok(bus)
 }
 
-/// As [`enter_port`], where a context that names no Port is as good as ended.
+/// As [`enter_port`]; `None` for a context that names no Port.
 ///
 /// # Safety
 /// As for [`enter`].
@@ -269,7 +268,7 @@ pub(crate) unsafe fn enter_port_to_end(
     Ok(bus.filter(Entered::names_port))
 }
 
-/// As [`enter_cia402`], where a context that names no axes is as good as ended.
+/// As [`enter_cia402`]; `None` for a context that names no axes.
 ///
 /// # Safety
 /// As for [`enter`].
@@ -283,23 +282,21 @@ pub(crate) unsafe fn enter_cia402_to_end(
 }
 
 impl Entered<Bus> {
-    /// Whether the context through which it was entered is that of the Port.
+    /// Returns true if it was entered through the context of the Port.
     #[inline]
     fn names_port(&self) -> bool {
         self.port_serial == self.serial
     }
 
-    /// Whether the context through which it was entered is that of the axes.
+    /// Returns true if it was entered through the context of the axes.
     fn names_axes(&self) -> bool {
         self.axes.as_ref().is_some_and(|axes| axes.serial == self.serial)
     }
 
-    /// The Adapter.
     pub(crate) fn need_adapter(&mut self, call: Call) -> Result<&mut Adapter, ecan_result_t> {
         self.adapter_mut().ok_or_else(|| handle::not_initialised(call, Kind::Adapter))
     }
 
-    /// The Port.
     #[inline]
     pub(crate) fn need_port(&mut self, call: Call) -> Result<&mut Port, ecan_result_t> {
         self.port_mut().ok_or_else(|| handle::not_initialised(call, Kind::Port))
@@ -323,7 +320,7 @@ impl Entered<Bus> {
         }
     }
 
-    /// A call that runs the cycle itself is not for a master of another owner.
+    /// Rejects a call that runs the cycle, on a master of another owner.
     pub(crate) fn need_owned(&self, call: Call) -> Result<(), ecan_result_t> {
         match self.adapter() {
             Some(adapter) if adapter.is_attached() => Err(errors::attached(call)),

@@ -16,7 +16,7 @@ pub(crate) trait Context: Sized {
     /// Enters the bus that a context names.
     ///
     /// # Safety
-    /// `context` is NULL or valid for reading, whatever bytes it holds.
+    /// `context` is NULL or valid for reading, with any content.
     unsafe fn enter(call: Call, context: *const Self) -> Result<Entered<Bus>, ecan_result_t>;
 
     fn layer(call: Call, bus: &mut Entered<Bus>) -> Result<Self::Layer<'_>, ecan_result_t>;
@@ -30,7 +30,7 @@ pub(crate) struct Entry<C> {
 
 impl<C: Context> Entry<C> {
     /// # Safety
-    /// `context` is NULL or valid for reading as long as this lives, whatever bytes it holds.
+    /// `context` is NULL or valid for reading as long as this lives, with any content.
     pub(crate) unsafe fn new(function: &'static str, context: *const C) -> Self {
         Self { function, context }
     }

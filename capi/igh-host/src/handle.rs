@@ -1,4 +1,4 @@
-//! Contexts of C: words that name an object in a table, checked before anything is followed.
+//! Contexts of C: words that name an object in a table, checked before any access.
 //!
 //! The manual's fragments leave contexts uninitialised before `_init`, and a C program may copy
 //! one, use it after its end or from two threads. So a context is sealed with its own address, the
@@ -12,7 +12,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 
-/// What kind of context it is, and which function makes it.
+/// Kind of a context, with the function that initialises it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Adapter,
@@ -38,7 +38,7 @@ impl Kind {
 pub(crate) struct Words {
     slot: usize,
     generation: u64,
-    /// Which of the contexts that the object has had of this kind.
+    /// Number of the context among those of its kind that the object has had.
     serial: u64,
     seal: u64,
 }
@@ -53,7 +53,7 @@ impl Words {
     }
 }
 
-/// Where an object lives. Never freed: what names a slot may outlive the object.
+/// Storage of an object. Never freed: a context may outlive its object.
 pub(crate) struct Slot<T> {
     generation: AtomicU64,
     is_busy: AtomicBool,
@@ -63,8 +63,8 @@ pub(crate) struct Slot<T> {
 // SAFETY: the object is reached only by whoever set `is_busy`.
 unsafe impl<T: Send> Sync for Slot<T> {}
 
-/// The slots of a type: those that are free, and the living with the address of the context that
-/// was initialised for each.
+/// The slots of a type: free ones, and used ones with the address of the context that was
+/// initialised for each.
 pub(crate) struct Pool<T: 'static>(Mutex<Slots<T>>);
 
 struct Slots<T: 'static> {
@@ -82,7 +82,7 @@ impl<T> Pool<T> {
     }
 }
 
-/// An object of which contexts exist.
+/// An object with contexts.
 pub(crate) trait Pooled: Sized + Send + 'static {
     fn pool() -> &'static Pool<Self>;
 }
@@ -90,7 +90,7 @@ pub(crate) trait Pooled: Sized + Send + 'static {
 /// An object in use by this call.
 pub(crate) struct Entered<T: Pooled> {
     slot: &'static Slot<T>,
-    /// The serial of the context through which it was entered.
+    /// Serial of the context through which it was entered.
     pub(crate) serial: u64,
 }
 
@@ -121,7 +121,7 @@ impl<T: Pooled> Drop for Entered<T> {
 }
 
 impl<T: Pooled> Entered<T> {
-    /// Makes the words of another context of the same object.
+    /// Writes another context of the same object.
     ///
     /// # Safety
     /// `context` is valid for writing.
@@ -131,7 +131,7 @@ impl<T: Pooled> Entered<T> {
         unsafe { write(context, kind, std::ptr::from_ref(self.slot).addr(), generation, serial) };
     }
 
-    /// Ends the object: no context names it any more.
+    /// Takes the object out of its slot; its contexts name nothing afterwards.
     pub(crate) fn leave(self) -> Option<T> {
         let slot = self.slot;
         // SAFETY: this value has set `is_busy`.
@@ -154,7 +154,7 @@ unsafe fn write(context: *mut Words, kind: Kind, slot: usize, generation: u64, s
     unsafe { context.write(words) };
 }
 
-/// The slot that a context names, if it names one.
+/// Slot that a context names, if any.
 ///
 /// # Safety
 /// `context` is valid for reading and was last written to by this module if it bears its seal.
@@ -170,8 +170,8 @@ unsafe fn find<T: Pooled>(context: *const Words, kind: Kind) -> Option<(&'static
     (slot.generation.load(Ordering::Acquire) == words.generation).then_some((slot, words))
 }
 
-/// Puts an object into a slot and makes its first context. The context is not looked at, since its
-/// bytes may never have been written; after an error it names nothing.
+/// Stores an object in a slot and writes its first context. The old content of the context is
+/// ignored; after an error it names nothing.
 ///
 /// # Errors
 /// The context names a living object already, which stays.
@@ -210,7 +210,7 @@ pub(crate) unsafe fn init<T: Pooled>(
     Ok(())
 }
 
-/// Lets a context name nothing.
+/// Clears a context.
 ///
 /// # Safety
 /// `context` is valid for writing.
@@ -232,7 +232,7 @@ fn living(call: Call) -> ecan_result_t {
 /// NULL, a context that names none, or one that is in use.
 ///
 /// # Safety
-/// `context` is NULL or valid for reading, whatever bytes it holds.
+/// `context` is NULL or valid for reading, with any content.
 #[inline(always)]
 pub(crate) unsafe fn enter<T: Pooled>(
     call: Call,
@@ -255,7 +255,7 @@ pub(crate) unsafe fn enter<T: Pooled>(
     Ok(Entered { slot, serial: words.serial })
 }
 
-/// As [`enter`], where a context that names no object is as good as ended.
+/// As [`enter`]; `None` for a context that names no object.
 ///
 /// # Errors
 /// NULL, or a context in use.

@@ -4,8 +4,8 @@
 //! this crate: each source file below [`adapter`], [`mcan_port`] and [`cia402`] is a section of one
 //! of them, and its doc comments are the header's comments, written for readers of C.
 //!
-//! A context of C is a few words that name a `bus` in a table of slots; it is never followed as
-//! a pointer before these words have been checked (`handle`).
+//! A context of C is a few words that name a `bus` in a table of slots; they are checked before any
+//! access (`handle`).
 #![deny(missing_docs)]
 #![allow(non_camel_case_types, reason = "the types have their C names")]
 #![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]

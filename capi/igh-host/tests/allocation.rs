@@ -1,4 +1,5 @@
-//! Functions that the headers call real-time safe allocate nothing, errors and their texts included.
+//! Functions that the headers call real-time safe allocate nothing, errors and their texts
+//! included.
 #![allow(missing_docs)]
 
 #[path = "../../../ecan-sim/tests/counting/mod.rs"]

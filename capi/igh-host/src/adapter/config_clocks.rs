@@ -38,8 +38,8 @@ fn change_dc(
 /// @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT. Whether it fits
-///          the cycle is told by ecan_igh_check_config().
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+///          ecan_igh_check_config() checks the period against the cycle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_sync0(
     config: *mut ecan_igh_config_t,
@@ -82,7 +82,7 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_assign_activate(
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER
-///          where distributed clocks are off.
+///          if distributed clocks are off.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_source(
     config: *mut ecan_igh_config_t,

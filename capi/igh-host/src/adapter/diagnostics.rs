@@ -35,7 +35,7 @@ impl Pooled for Diagnostics {
 }
 
 /// # Safety
-/// `diagnostics` is NULL or valid for reading, whatever bytes it holds.
+/// `diagnostics` is NULL or valid for reading, with any content.
 unsafe fn enter(
     call: Call,
     diagnostics: *mut ecan_igh_diagnostics_t,

@@ -1,8 +1,8 @@
 //! The axis table
 //!
-//! Plain data: a table may be copied and needs no end. igh_cia402_axis_init() fills every field
-//! with what is right for most drives; change fields after it, before igh_cia402_context_init(),
-//! which checks the table as a whole.
+//! Plain data: a table may be copied and needs no deinit. igh_cia402_axis_init() fills every field
+//! with values for most drives; change fields after it, before igh_cia402_context_init(), which
+//! checks the table as a whole.
 //!
 //! ```c
 //! igh_cia402_axis_t axes[2];
@@ -23,20 +23,20 @@ use ecan_mcan_host::common::result::ecan_result_t;
 
 use super::numbers::{igh_cia402_range_t, igh_cia402_reset_t};
 
-/// Leaves an option code of the drive as it is.
+/// Keeps an option code of the drive.
 pub const IGH_CIA402_UNCHANGED: i32 = 2_147_483_647;
 
-/// Objects that can be written besides the drive's configuration.
+/// Most additional objects of an axis.
 pub const IGH_CIA402_MAX_FURTHER: usize = 16;
 
 /// Marks a filled axis.
 const SEAL: u64 = 0x6563_616e_5f61_7873;
 
-/// An object that is written while a drive is configured.
+/// An object that the configuration of a drive writes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct igh_cia402_object_t {
-    /// The value; of a signed object with its sign.
+    /// Value; signed for a signed object.
     pub value: i64,
     /// Index.
     pub index: u16,
@@ -44,18 +44,18 @@ pub struct igh_cia402_object_t {
     pub subindex: u8,
     /// Bytes of the object: 1, 2, 4 or 8.
     pub size: u8,
-    /// 1 where the drive need not have it.
+    /// 1 if the drive may lack the object.
     pub is_optional: u8,
     /// Not used.
     pub reserved: [u8; 3],
 }
 
-/// One axis: a drive, how it is configured, and what its targets may be. Steps are those of the
-/// drive's position counter; a cycle is one in which targets are sent.
+/// Configuration of an axis: its drive and the limits of its targets. Steps are those of the
+/// drive's position counter; a cycle is a cycle in which targets are sent.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_cia402_axis_t {
-    /// Not for the application: tells a filled axis from other bytes.
+    /// Not for the application: marks a filled axis.
     pub seal: u64,
 
     /// Slave index of the gateway.
@@ -64,17 +64,16 @@ pub struct igh_cia402_axis_t {
     pub channel: u8,
     /// Node-ID of the drive, 1 to 127.
     pub node_id: u8,
-    /// An igh_cia402_mode_t; it decides what the process data carry. Default
-    /// IGH_CIA402_MODE_CSP.
+    /// An igh_cia402_mode_t; it determines the process data. Default IGH_CIA402_MODE_CSP.
     pub mode: i8,
-    /// Number of the RPDO and the TPDO that are used, 1 to 4. Default 1.
+    /// Number of the RPDO and the TPDO, 1 to 4. Default 1.
     pub pdo_number: u8,
 
-    /// 1: the axis is taken up again by itself after it held while its drive stayed enabled, in CSP
-    /// only. Default 0: only igh_cia402_enable() does that. A drive that left Operation Enabled is
-    /// never enabled by itself.
+    /// 1: in CSP, the axis becomes active again automatically after a hold in which its drive
+    /// stayed enabled. Default 0: only igh_cia402_enable() does that. A drive that left Operation
+    /// enabled is never enabled automatically.
     pub auto_take_up: u8,
-    /// An igh_cia402_range_t: how the position counter runs. Default IGH_CIA402_RANGE_LINEAR.
+    /// An igh_cia402_range_t: range of the position counter. Default IGH_CIA402_RANGE_LINEAR.
     pub range: u8,
     /// Smallest position of IGH_CIA402_RANGE_MODULO, 0x607B:01.
     pub range_min: i32,
@@ -82,91 +81,90 @@ pub struct igh_cia402_axis_t {
     pub range_max: i32,
     /// Step at which the angle is 0. Default 0.
     pub origin: i32,
-    /// Steps per turn of the axis, gear included; negative turns the direction around. For angles
-    /// only. Default 360, one step per degree.
+    /// Steps per turn of the axis, gear included; negative inverts the direction. For angles only.
+    /// Default 360, one step per degree.
     pub steps_per_turn: f64,
 
     /// Step per cycle that igh_cia402_send_target_step() makes.
     pub target_step: i32,
-    /// Farthest that a target may be from the one before: steps, or units of velocity or torque.
-    /// Without meaning in PP, PV and PT. Default 1000, or the target step where that is larger.
+    /// Largest distance between consecutive targets: steps, or units of velocity or torque. Not
+    /// used in PP, PV and PT. Default 1000, or the target step if it is larger.
     pub step_limit: u32,
-    /// Farthest that a position target may be from the actual position, in steps; at least eight
-    /// step limits, since a moving axis lags by the way out and back. Default 0: what the step
-    /// limit needs, at least 10000.
+    /// Largest distance between a position target and the actual position, in steps; at least eight
+    /// step limits, because a moving axis lags by the transport times. Default 0: a value for the
+    /// step limit, at least 10000.
     pub following_window: u32,
-    /// How far apart two actual positions of an axis at rest may be, in steps: noise. An axis that
-    /// moves faster is not taken up. The step limit where that is smaller. Default 20.
+    /// Largest distance between two actual positions of an axis at rest, in steps: noise. A faster
+    /// axis does not become active. The step limit if it is smaller. Default 20.
     pub standstill: u32,
-    /// How much the step may change per cycle while the host makes the way itself: target step,
-    /// halt, shutdown. Default 20.
+    /// Largest change of the step per cycle for motion that the host generates: target step, halt,
+    /// shutdown. Default 20.
     pub ramp: u32,
-    /// Smallest target, where has_bounds is 1; steps, or units of velocity or torque.
+    /// Smallest target, if has_bounds is 1; steps, or units of velocity or torque.
     pub bound_min: i32,
-    /// Largest target, where has_bounds is 1.
+    /// Largest target, if has_bounds is 1.
     pub bound_max: i32,
-    /// 1: targets beyond bound_min and bound_max are refused. Default 0.
+    /// 1: targets outside bound_min and bound_max are rejected. Default 0.
     pub has_bounds: u8,
-    /// 1: the bounds are written to 0x607D, too, in position modes and where the drive has it.
+    /// 1: the bounds are also written to 0x607D, in position modes and if the drive has the object.
     /// Default 0.
     pub write_position_limits: u8,
 
-    /// SYNC periods in a row without a usable TPDO that are put up with. Default 5.
+    /// Tolerated consecutive SYNC periods without a usable TPDO. Default 5.
     pub tpdo_timeout: u16,
-    /// Cycles in a row with an incomplete working counter that are put up with; no target goes out
-    /// meanwhile. Default 3.
+    /// Tolerated consecutive cycles with an incomplete working counter; no targets are sent in
+    /// them. Default 3.
     pub wc_misses: u16,
-    /// Images that must be seen, at least, until targets of before count as gone. Default 3.
+    /// Images after which earlier targets count as executed or lost. Default 3.
     pub drain_images: u16,
-    /// How long enabling may take, in milliseconds. Default 5000.
+    /// Timeout for enabling, in milliseconds. Default 5000.
     pub enable_timeout_ms: u32,
 
-    /// How long the boot-up message may take after a reset, in milliseconds. Default 5000.
+    /// Timeout for the boot-up message after a reset, in milliseconds. Default 5000.
     pub boot_timeout_ms: u32,
     /// An igh_cia402_reset_t. Default IGH_CIA402_RESET_NONE.
     pub reset: u8,
     /// 1: the low half of 0x1000 must be 402. Default 1.
     pub expect_profile_402: u8,
-    /// 1: 0x1018 must name this vendor and product. Default 0.
+    /// 1: 0x1018 must have this vendor and product. Default 0.
     pub check_identity: u8,
-    /// 1: TPDO 2 to 4 are switched off where the drive has them, so that nothing else takes bus
-    /// time. Default 1.
+    /// 1: TPDO 2 to 4 are disabled if the drive has them, to save bus time. Default 1.
     pub silence_other_tpdos: u8,
-    /// 0x1018:01, where check_identity is 1.
+    /// 0x1018:01, if check_identity is 1.
     pub vendor_id: u32,
-    /// 0x1018:02, where check_identity is 1.
+    /// 0x1018:02, if check_identity is 1.
     pub product_code: u32,
 
-    /// Heartbeat of the drive, 0x1017, in milliseconds; the host takes it for lost after three and
-    /// a half of them. 0 switches it off. Default 100.
+    /// Heartbeat of the drive, 0x1017, in milliseconds; the host counts it as lost after three and
+    /// a half periods. 0 disables it. Default 100.
     pub heartbeat_ms: u16,
-    /// After which time the drive takes the host for lost, 0x1016:01, in milliseconds; 0 leaves the
-    /// object alone. Default 250.
+    /// Time after which the drive counts the host as lost, 0x1016:01, in milliseconds; 0 does not
+    /// write the object. Default 250.
     pub host_heartbeat_ms: u16,
-    /// What the drive does then, 0x6007: an igh_cia402_host_loss_t, or IGH_CIA402_UNCHANGED.
-    /// Default IGH_CIA402_HOST_LOSS_QUICK_STOP.
+    /// Reaction of the drive to a lost host, 0x6007: an igh_cia402_host_loss_t, or
+    /// IGH_CIA402_UNCHANGED. Default IGH_CIA402_HOST_LOSS_QUICK_STOP.
     pub host_loss: i32,
-    /// How it makes a quick stop, 0x605A: an igh_cia402_quick_stop_t, or IGH_CIA402_UNCHANGED.
-    /// Default IGH_CIA402_UNCHANGED.
+    /// Kind of the quick stop, 0x605A: an igh_cia402_quick_stop_t, or IGH_CIA402_UNCHANGED. Default
+    /// IGH_CIA402_UNCHANGED.
     pub quick_stop: i32,
-    /// Following error window of the drive, 0x6065, in steps, where write_following_error is 1.
-    /// Should not be below following_window.
+    /// Following error window of the drive, 0x6065, in steps, if write_following_error is 1. Should
+    /// not be less than following_window.
     pub following_error_window: u32,
-    /// Its time, 0x6066, in milliseconds.
+    /// Time of the following error window, 0x6066, in milliseconds.
     pub following_error_ms: u16,
-    /// 1: both are written where the drive has them. Default 0.
+    /// 1: both are written if the drive has them. Default 0.
     pub write_following_error: u8,
 
-    /// How many of `further` there are. Default 0.
+    /// Number of objects in `further`. Default 0.
     pub further_count: u8,
-    /// Objects that are written besides, after the mapping and while Pre-operational.
+    /// Additional objects that are written after the mapping, in Pre-operational.
     pub further: [igh_cia402_object_t; IGH_CIA402_MAX_FURTHER],
     /// Not used.
     pub reserved: [u64; 4],
 }
 
 impl igh_cia402_axis_t {
-    /// Everything as Rust has it by default.
+    /// Converts the defaults of Rust.
     fn new(slave: u16, channel: u8, node_id: u8, settings: &AxisConfig) -> Self {
         let code = |code: Option<i16>| code.map_or(IGH_CIA402_UNCHANGED, i32::from);
         let AxisConfig { drive, .. } = settings;
@@ -218,15 +216,15 @@ impl igh_cia402_axis_t {
         }
     }
 
-    /// As Rust takes it. What is checked here is what Rust's types cannot hold; the rest is checked
-    /// with the whole table.
+    /// Converts to Rust. Checks the values that Rust's types cannot hold; the whole table is
+    /// checked later.
     pub(crate) fn checked(&self, call: Call, axis: usize) -> Result<AxisConfig, ecan_result_t> {
         if self.seal != SEAL {
             let text = format_args!("axis {axis} is not filled: call igh_cia402_axis_init first");
             return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
         }
         let fault = |name: &str, value: i64| {
-            let text = format_args!("axis {axis}: `{name}` cannot be {value}");
+            let text = format_args!("axis {axis}: invalid value {value} for `{name}`");
             call.fail(ecan_result_t::ECAN_ERR_CONFIG, text)
         };
         let address = NodeAddress {
@@ -302,7 +300,7 @@ impl igh_cia402_axis_t {
 }
 
 impl igh_cia402_object_t {
-    /// The step that writes it; `None` where the value does not fit the size.
+    /// Step that writes the object; `None` if the value does not fit the size.
     fn step(&self) -> Option<Step> {
         // A value fits where it is that of the object, read with or without sign.
         let value = self.value;
@@ -319,9 +317,9 @@ impl igh_cia402_object_t {
     }
 }
 
-/// Fills an axis: CSP, with limits that let its target step pass.
+/// Fills an axis: CSP, with limits that allow its target step.
 ///
-/// @param axis         Is overwritten, whatever it holds.
+/// @param axis         Is overwritten.
 /// @param slave        Slave index of the gateway.
 /// @param channel      Channel of the gateway, 0 to 3.
 /// @param node_id      Node-ID of the drive, 1 to 127.
@@ -329,7 +327,7 @@ impl igh_cia402_object_t {
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_NULL; ECAN_ERR_ARGUMENT, with nothing filled, for a node-ID, channel
-///          or slave that cannot be.
+///          or slave out of range.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_axis_init(
     axis: *mut igh_cia402_axis_t,
@@ -341,13 +339,16 @@ pub unsafe extern "C" fn igh_cia402_axis_init(
     call("igh_cia402_axis_init", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let out = unsafe { call.out("axis", axis)? };
-        let number = u16::try_from(slave)
-            .map_err(|_| call.argument("slave", format_args!("cannot be {slave}")))?;
+        let number = u16::try_from(slave).map_err(|_| {
+            call.argument("slave", format_args!("{slave} is out of range; allowed: 0 to 65535"))
+        })?;
         if channel > 3 {
-            return Err(call.argument("channel", format_args!("{channel} is not 0 to 3")));
+            return Err(call
+                .argument("channel", format_args!("{channel} is out of range; allowed: 0 to 3")));
         }
-        let node = NodeId::new(node_id)
-            .ok_or_else(|| call.argument("node_id", format_args!("{node_id} is not 1 to 127")))?;
+        let node = NodeId::new(node_id).ok_or_else(|| {
+            call.argument("node_id", format_args!("{node_id} is out of range; allowed: 1 to 127"))
+        })?;
         let settings = AxisConfig::new(NodeAddress { slave, channel, node });
         let settings = settings.with_target_step(target_step);
         out.set(igh_cia402_axis_t::new(number, channel, node_id, &settings));

@@ -1,7 +1,7 @@
 //! SDO transfers with any CANopen node
 //!
-//! For programs without axes: tools, start-up of other devices. Each call runs the cycle itself
-//! and throws away what else is received.
+//! For programs without axes: tools, startup of other devices. Each call runs the cycle and drops
+//! other received frames.
 
 use std::ffi::{c_int, c_void};
 
@@ -20,18 +20,18 @@ use crate::mcan_port::context::igh_mcan_port_t;
 use crate::mcan_port::state::find_channel;
 use crate::milliseconds::duration;
 
-/// Bytes that a transfer has room for, whatever the caller's buffer.
+/// Limits of a transfer's buffer.
 const LEAST_BUFFER: usize = 1024;
 const MOST_BUFFER: usize = 1 << 24;
 
-/// Which node is meant.
+/// Address of a node.
 struct Place {
     slave: usize,
     channel: u8,
     node_id: u8,
 }
 
-/// A network of that one node.
+/// Makes a network of one node.
 fn network<'a>(
     call: Call,
     bus: &'a mut Entered<Bus>,
@@ -48,8 +48,9 @@ fn network<'a>(
     let port = bus.need_port(call)?;
     let Place { slave, channel, node_id } = *place;
     find_channel(call, port, slave, channel)?;
-    let node = NodeId::new(node_id)
-        .ok_or_else(|| call.argument("node_id", format_args!("{node_id} is not 1 to 127")))?;
+    let node = NodeId::new(node_id).ok_or_else(|| {
+        call.argument("node_id", format_args!("{node_id} is out of range; allowed: 1 to 127"))
+    })?;
     let buffer_bytes = size.clamp(LEAST_BUFFER, MOST_BUFFER);
     let sdo = SdoConfig { buffer_bytes, ..SdoConfig::default() };
     let mut network = Network::new(NetworkConfig::default());
@@ -70,15 +71,15 @@ fn network<'a>(
 /// @param node_id     Node-ID, 1 to 127.
 /// @param data        Gets the value, little endian.
 /// @param size        Bytes of the buffer.
-/// @param length      Gets the bytes of the value, also where it does not fit.
-/// @param timeout_ms  Milliseconds in all. A node that does not answer ends it after 1500 already.
+/// @param length      Gets the bytes of the value, even if it does not fit.
+/// @param timeout_ms  Total time in milliseconds. A node that does not respond ends it after 1500.
 ///
 /// @usage   not rt, the cycle's thread, active bus
-/// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the node refused;
+/// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the node aborted;
 ///          ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER, ECAN_ERR_CANOPEN, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL,
 ///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY; ECAN_ERR_ORDER where the bus is not active, or there are axes on the
-///          Port: igh_cia402_sdo_upload() is the way then; ECAN_ERR_ATTACHED on a master of another
+///          ECAN_ERR_BUSY; ECAN_ERR_ORDER if the bus is not active, or there are axes on the
+///          Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master of another
 ///          owner.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_canopen_sdo_upload(
@@ -115,7 +116,7 @@ pub unsafe extern "C" fn igh_canopen_sdo_upload(
 ///
 /// @param data        The value, little endian, with as many bytes as the object has.
 /// @param size        Its bytes.
-/// @param timeout_ms  Milliseconds in all.
+/// @param timeout_ms  Total time in milliseconds.
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_canopen_sdo_upload().

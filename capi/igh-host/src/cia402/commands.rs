@@ -1,8 +1,8 @@
 //! Commands to axes
 //!
-//! Each begins something and returns; the cycle goes on with it, and igh_cia402_get_axis_state()
-//! tells how far it is. A command to all axes goes to every one, also behind one that refuses; the
-//! code is that of the first refusal.
+//! Each call starts an operation and returns; the cycle continues it, and
+//! igh_cia402_get_axis_state() reports the progress. A command to all axes goes to every axis, even
+//! after one that rejects it; the code is that of the first rejection.
 
 use std::ffi::c_int;
 
@@ -23,15 +23,15 @@ pub(super) fn command(
     entry.run(|call, (cia402, _)| command(cia402).or_code(call))
 }
 
-/// Sends an NMT command to all nodes of the channels that have axes, with the next targets. After
-/// anything but IGH_CANOPEN_NMT_START the axes hold. Configuring a drive sends what it needs by
-/// itself.
+/// Sends an NMT command to all nodes of the channels with axes, with the next targets. After any
+/// command except IGH_CANOPEN_NMT_START the axes hold. The configuration of a drive sends the
+/// commands that it needs.
 ///
 /// @param command  An igh_canopen_nmt_t.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_CANOPEN where so many commands wait that no more can;
-///          ECAN_ERR_ARGUMENT, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_CANOPEN if the command queue is full; ECAN_ERR_ARGUMENT,
+///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_send_nmt_all(
     context: *mut igh_cia402_context_t,
@@ -65,8 +65,8 @@ pub unsafe extern "C" fn igh_cia402_send_nmt(
     })
 }
 
-/// Begins to configure every drive that is not configured: what
-/// igh_cia402_configure_csp_all_timeout() waits for.
+/// Starts configuring every drive that is not configured; igh_cia402_configure_csp_all_timeout()
+/// also waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_AXIS_STATE, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -75,8 +75,8 @@ pub unsafe extern "C" fn igh_cia402_configure_all(context: *mut igh_cia402_conte
     command(enter!(igh_cia402_configure_all, context), Cia402::configure_all)
 }
 
-/// Begins to configure a drive, also one that is configured: after it restarted, for example. An
-/// enabled drive is switched off first.
+/// Starts configuring a drive, even if it is configured: after a restart, for example. An enabled
+/// drive is disabled first.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As igh_cia402_configure_all(); ECAN_ERR_AXIS.
@@ -88,8 +88,8 @@ pub unsafe extern "C" fn igh_cia402_configure(
     command(enter!(igh_cia402_configure, context), |cia402| cia402.configure(axis))
 }
 
-/// Begins to establish where all axes are: what may still be under way is waited out, then fresh
-/// TPDOs that show them at rest.
+/// Starts determining the actual position of all axes: waits for pending frames, then for fresh
+/// TPDOs of axes at rest.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_AXIS_STATE for an axis that is not configured, changes its mode or is
@@ -101,7 +101,7 @@ pub unsafe extern "C" fn igh_cia402_request_actual_position_all(
     command(enter!(igh_cia402_request_actual_position_all, context), Cia402::read_position_all)
 }
 
-/// Begins to establish where an axis is.
+/// Starts determining the actual position of an axis.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
@@ -115,8 +115,8 @@ pub unsafe extern "C" fn igh_cia402_request_actual_position(
     })
 }
 
-/// Begins to enable all drives, and takes axes up again that hold; those that run go on.
-/// igh_cia402_enable_all_timeout() waits for it.
+/// Starts enabling all drives and activating axes that hold; active axes continue.
+/// igh_cia402_enable_all_timeout() also waits.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all().
@@ -125,9 +125,9 @@ pub unsafe extern "C" fn igh_cia402_enable_all(context: *mut igh_cia402_context_
     command(enter!(igh_cia402_enable_all, context), Cia402::enable_all)
 }
 
-/// Begins to enable a drive, or takes an axis up again that holds: its actual position is
-/// established, and is its first target. A drive in fault is not enabled: igh_cia402_reset_fault()
-/// comes first. What is not done within enable_timeout_ms ends with the drive switched off.
+/// Starts enabling a drive, or activating an axis that holds: its actual position is determined and
+/// is its first target. A drive in fault is not enabled: call igh_cia402_reset_fault() first. After
+/// enable_timeout_ms the drive is disabled again.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
@@ -139,7 +139,7 @@ pub unsafe extern "C" fn igh_cia402_enable(
     command(enter!(igh_cia402_enable, context), |cia402| cia402.enable(axis))
 }
 
-/// Switches all drives off, as igh_cia402_disable().
+/// Disables all drives, as igh_cia402_disable().
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -151,8 +151,8 @@ pub unsafe extern "C" fn igh_cia402_disable_all(context: *mut igh_cia402_context
     })
 }
 
-/// Ends targets at once and switches a drive off; how it stops is its own affair (0x605C).
-/// igh_cia402_halt() first brings it to rest.
+/// Stops targets at once and disables a drive; 0x605C determines how it stops. igh_cia402_halt()
+/// brings it to rest before.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -164,7 +164,7 @@ pub unsafe extern "C" fn igh_cia402_disable(
     command(enter!(igh_cia402_disable, context), |cia402| cia402.disable(axis))
 }
 
-/// Commands a quick stop to all drives, as igh_cia402_quick_stop().
+/// Commands a quick stop of all drives, as igh_cia402_quick_stop().
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -176,8 +176,8 @@ pub unsafe extern "C" fn igh_cia402_quick_stop_all(context: *mut igh_cia402_cont
     })
 }
 
-/// Ends targets at once and commands a quick stop; the drive stops as its 0x605A says.
-/// igh_cia402_enable() takes the axis up again.
+/// Stops targets at once and commands a quick stop, as 0x605A of the drive determines.
+/// igh_cia402_enable() activates the axis again.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -189,7 +189,7 @@ pub unsafe extern "C" fn igh_cia402_quick_stop(
     command(enter!(igh_cia402_quick_stop, context), |cia402| cia402.quick_stop(axis))
 }
 
-/// Resets the fault of a drive. It is not enabled by that.
+/// Resets the fault of a drive. Does not enable it.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
@@ -201,8 +201,8 @@ pub unsafe extern "C" fn igh_cia402_reset_fault(
     command(enter!(igh_cia402_reset_fault, context), |cia402| cia402.reset_fault(axis))
 }
 
-/// Brings a running axis to rest and keeps it enabled: in CSP by its ramp, in CSV and CST by taking
-/// the target back to 0 in steps of the limit, in PP, PV and PT by the halt bit. Targets are
+/// Brings an active axis to rest and keeps it enabled: in CSP by its ramp, in CSV and CST by
+/// reducing the target to 0 in steps of the limit, in PP, PV and PT by the halt bit. Targets are
 /// ignored until igh_cia402_resume().
 ///
 /// @usage   rt, the cycle's thread, after init
@@ -224,11 +224,11 @@ pub unsafe extern "C" fn igh_cia402_resume(
     command(enter!(igh_cia402_resume, context), |cia402| cia402.resume(axis))
 }
 
-/// Begins to change the mode of a drive, with its mode display as confirmation. A running axis is
-/// brought to rest and disabled before, and enabled again after.
+/// Starts changing the mode of a drive, confirmed by its mode display. An active axis is brought to
+/// rest and disabled before, and enabled again after the change.
 ///
-/// @param mode  An igh_cia402_mode_t whose target is in the process data that the axis' own mode
-///              mapped; not homing, which igh_cia402_home() does.
+/// @param mode  An igh_cia402_mode_t whose target is in the mapped process data of the axis; not
+///              homing, which igh_cia402_home() does.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(), ECAN_ERR_AXIS_STATE also for a mode that
@@ -243,22 +243,22 @@ pub unsafe extern "C" fn igh_cia402_change_mode(
         .run(|call, (cia402, _)| cia402.change_mode(axis, numbers::mode(call, mode)?).or_code(call))
 }
 
-/// How an axis finds its home position. igh_cia402_homing_init() fills it. Objects that a drive
-/// does not have are skipped, apart from the method.
+/// Homing of an axis. igh_cia402_homing_init() fills it. Objects that a drive does not have are
+/// skipped, except the method.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct igh_cia402_homing_t {
-    /// Speed on the way to the switch, 0x6099:01, in the drive's units; 0 leaves it alone.
+    /// Speed during search for the switch, 0x6099:01, in the drive's units; 0 does not write it.
     pub switch_speed: u32,
-    /// Speed on the way to the zero, 0x6099:02; 0 leaves it alone.
+    /// Speed during search for zero, 0x6099:02; 0 does not write it.
     pub zero_speed: u32,
-    /// Acceleration, 0x609A; 0 leaves it alone.
+    /// Acceleration, 0x609A; 0 does not write it.
     pub acceleration: u32,
-    /// What the home position is called, 0x607C, in steps, where has_offset is 1.
+    /// Home offset, 0x607C, in steps, if has_offset is 1.
     pub offset: i32,
-    /// How long it may take, in milliseconds. Default 60000.
+    /// Timeout in milliseconds. Default 60000.
     pub timeout_ms: u32,
-    /// Homing method, 0x6098: 35 and 37 take the present position as home, 1 to 34 look for
+    /// Homing method, 0x6098: 35 and 37 use the present position as home, 1 to 34 search for
     /// switches and index pulses, negative ones are the manufacturer's.
     pub method: i8,
     /// 1: the offset is written. Default 0.
@@ -296,9 +296,9 @@ impl From<&igh_cia402_homing_t> for HomingConfig {
     }
 }
 
-/// Fills a homing: a method with the drive's own speeds, and a minute for it.
+/// Fills a homing: a method with the drive's own speeds, and a timeout of one minute.
 ///
-/// @param homing  Is overwritten, whatever it holds.
+/// @param homing  Is overwritten.
 /// @param method  Homing method, 0x6098.
 ///
 /// @usage   rt, any thread, any time
@@ -315,9 +315,8 @@ pub unsafe extern "C" fn igh_cia402_homing_init(
     })
 }
 
-/// Begins homing: to rest, power off, parameters and mode, power on, homing, power off, the mode
-/// before, and power on again where it was. The axis is taken up from what its position counter
-/// says then.
+/// Starts homing: rest, disable, parameters and mode, enable, homing, disable, the previous mode,
+/// and enable again if it was enabled. The axis then becomes active at the position of its counter.
 ///
 /// @param homing  Is copied.
 ///
@@ -336,8 +335,8 @@ pub unsafe extern "C" fn igh_cia402_home(
     })
 }
 
-/// Begins an orderly end: every axis comes to rest by its ramp, is disabled and released, so that
-/// no drive reports a fault when the host leaves. Go on with the cycle until
+/// Starts an orderly shutdown: every axis comes to rest by its ramp and is disabled and released,
+/// so that no drive reports a fault when the host exits. Continue the cycle until
 /// igh_cia402_shutdown_is_done(). A stage that an axis cannot finish ends after five seconds.
 ///
 /// @usage   rt, the cycle's thread, after init

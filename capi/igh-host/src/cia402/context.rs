@@ -26,8 +26,8 @@ use crate::errors::OrCode as _;
 use crate::handle::{self, Entered, Kind, Words};
 use crate::mcan_port::context::igh_mcan_port_t;
 
-/// CiA 402 axes behind the gateways of a Port. Belongs to the thread of the cycle and stays where
-/// it is: a copy names nothing. Ends with its igh_mcan_port_t at the latest.
+/// CiA 402 axes on the gateways of a Port. Belongs to the thread of the cycle; do not move or copy
+/// it. Ends with its igh_mcan_port_t at the latest.
 #[repr(C)]
 #[derive(Debug)]
 pub struct igh_cia402_context_t {
@@ -53,7 +53,7 @@ impl Context for igh_cia402_context_t {
     }
 }
 
-/// Refuses an axis that is not there.
+/// Rejects an axis that does not exist.
 pub(crate) fn need_axis(call: Call, cia402: &Cia402, axis: usize) -> Result<(), ecan_result_t> {
     let count = cia402.axis_count();
     if axis < count {
@@ -63,19 +63,20 @@ pub(crate) fn need_axis(call: Call, cia402: &Cia402, axis: usize) -> Result<(), 
     Err(call.fail(ecan_result_t::ECAN_ERR_AXIS, text))
 }
 
-/// Puts axes on a Port, with default settings. Nothing is sent; SYNC and the host's heartbeat begin
-/// with the first cycle.
+/// Opens axes on a Port, with default settings. Nothing is sent; SYNC and the host's heartbeat
+/// start with the first cycle.
 ///
-/// @param context     Whatever it holds; the manual's fragments leave it uninitialised.
-/// @param port        The Port. Must stay where it is as long as the axes are used.
+/// @param context     Any content; the manual's fragments leave it uninitialised.
+/// @param port        The Port. Must not move while the axes are used.
 /// @param axes        The axis table. Is copied.
 /// @param axis_count  Its length.
 ///
 /// @usage   not rt, the cycle's thread, after igh_mcan_port_init
 /// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault of the table; ECAN_ERR_SLAVE,
-///          ECAN_ERR_CHANNEL for what the Port does not have; ECAN_ERR_NOT_INITIALISED for a Port,
-///          or an axis that is not filled; ECAN_ERR_ORDER for a context that lives, or a Port that
-///          has axes; ECAN_ERR_NULL, ECAN_ERR_BUSY.
+///          ECAN_ERR_CHANNEL for a slave or channel that the Port does not have;
+///          ECAN_ERR_NOT_INITIALISED for a Port, or an axis that is not filled; ECAN_ERR_ORDER for
+///          a context that is initialised already, or a Port that has axes; ECAN_ERR_NULL,
+///          ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_context_init(
     context: *mut igh_cia402_context_t,
@@ -89,7 +90,7 @@ pub unsafe extern "C" fn igh_cia402_context_init(
     })
 }
 
-/// As igh_cia402_context_init(), with settings of the application's own.
+/// As igh_cia402_context_init(), with settings of the application.
 ///
 /// @param settings  Is copied.
 ///
@@ -142,11 +143,12 @@ unsafe fn init(
     Ok(())
 }
 
-/// Takes the axes off the Port, which goes on. The drives are not told anything, and notice that
-/// the host's heartbeat has ended: igh_cia402_shutdown_timeout() first leaves them in order.
+/// Closes the axes; the Port continues. Nothing is sent to the drives, which detect the end of the
+/// host's heartbeat: call igh_cia402_shutdown_timeout() before.
 ///
 /// @usage   not rt, the cycle's thread, any time
-/// @return  ECAN_OK, also for axes that ended already or never were; ECAN_ERR_NULL, ECAN_ERR_BUSY.
+/// @return  ECAN_OK, also for axes that are closed already or were never opened; ECAN_ERR_NULL,
+///          ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_context_deinit(context: *mut igh_cia402_context_t) -> c_int {
     call("igh_cia402_context_deinit", |call| {
@@ -158,10 +160,10 @@ pub unsafe extern "C" fn igh_cia402_context_deinit(context: *mut igh_cia402_cont
     })
 }
 
-/// Number of axes.
+/// Returns the number of axes.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  The number; 0 where there is no context.
+/// @return  The number; 0 if there is no context.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_axis_count(context: *mut igh_cia402_context_t) -> usize {
     enter!(igh_cia402_axis_count, context).get_or(0, |_, (cia402, _)| Ok(cia402.axis_count()))

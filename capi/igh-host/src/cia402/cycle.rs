@@ -9,9 +9,9 @@
 //! igh_mcan_port_cycle_end(&mcan);
 //! ```
 //!
-//! An axis is given a target only where nothing speaks against it: an incomplete working counter,
-//! a repeated image, a step beyond the limit, a drive that is not enabled. What is no passing
-//! matter makes the axis hold; igh_cia402_enable() takes it up again.
+//! An axis gets a target only if nothing prevents it: an incomplete working counter, a repeated
+//! image, a step beyond the limit, a drive that is not enabled. If the reason is not temporary, the
+//! axis holds; igh_cia402_enable() activates it again.
 
 use std::ffi::c_int;
 
@@ -28,35 +28,35 @@ use crate::entry::{Entry, enter};
 use crate::errors::OrCode as _;
 use crate::mcan_port::cycle::owned_rx_frame;
 
-/// Offset of igh_cia402_set_scheduled_tx() that sends at once.
+/// Offset of igh_cia402_set_scheduled_tx() for sending at once.
 pub const IGH_CIA402_AT_ONCE: u32 = 0xFFFF_FFFF;
 
 mirror! {
-    /// What went out to the axes in one cycle.
+    /// Targets and SYNC messages of one cycle.
     #[derive(Default, PartialEq, Eq)]
     pub struct igh_cia402_send_summary_t from rust: SendSummary {
         /// Axes that got a target of the application, or their step.
         targets: u32 = rust.targets as u32,
-        /// Axes that got their actual position as target: being enabled, or taken up.
+        /// Axes that got their actual position as target, while they are enabled or activated.
         positions: u32 = rust.positions as u32,
-        /// Axes that are taken up and got nothing in this cycle: their motion must not go on.
+        /// Active axes that got nothing in this cycle: their motion must not continue.
         waiting: u32 = rust.waiting as u32,
-        /// Axes whose target was refused.
+        /// Axes whose target was rejected.
         refused: u32 = rust.rejected as u32,
-        /// Axes that are not taken up, or hold.
+        /// Axes that are not active, or hold.
         closed: u32 = rust.closed as u32,
         /// SYNC messages.
         syncs: u32 = rust.syncs as u32,
-        /// 1 where every axis got a target of the application.
+        /// 1 if every axis got a target of the application.
         all_moved: u8 = rust.all_moved().into(),
         /// Not used.
         reserved: [u8; 7] = [0; 7],
     }
 }
 
-/// First in the open cycle: takes in TPDOs, SDO answers, heartbeats and emergencies, and lets every
-/// axis do what is next. Frames that are not the axes' are thrown away; igh_cia402_process_rx_ex()
-/// hands them out. In place of igh_mcan_port_receive().
+/// Processes TPDOs, SDO responses, heartbeats and emergencies, and runs the next step of every
+/// axis. First in the open cycle, in place of igh_mcan_port_receive(). Frames that do not belong to
+/// the axes are dropped; igh_cia402_process_rx_ex() returns them.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
@@ -69,15 +69,15 @@ pub unsafe extern "C" fn igh_cia402_process_rx(context: *mut igh_cia402_context_
     })
 }
 
-/// As igh_cia402_process_rx(), with everything that is neither the axes' nor their network's handed
-/// out: frames of other nodes, other PDOs, transmit results (kind).
+/// As igh_cia402_process_rx(); returns everything that belongs neither to the axes nor to their
+/// network: frames of other nodes, other PDOs, transmit results (kind).
 ///
-/// @param rx        Room for frames.
-/// @param capacity  Frames that fit.
-/// @param rx_count  Gets the number of frames handed out.
+/// @param rx        Gets the items.
+/// @param capacity  Items that fit.
+/// @param rx_count  Gets the number of items.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
-/// @return  As igh_cia402_process_rx(); ECAN_ERR_BUFFER where more came than fit: the rest is lost,
+/// @return  As igh_cia402_process_rx(); ECAN_ERR_BUFFER if not all items fit: the others are lost,
 ///          everything else is done.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_process_rx_ex(
@@ -120,8 +120,8 @@ fn send(
     })
 }
 
-/// Last in the open cycle, once: sends targets and commands of all axes, SYNC behind them, then
-/// NMT, SDO and heartbeat frames that are due.
+/// Sends targets and commands of all axes, then SYNC, then pending NMT, SDO and heartbeat frames.
+/// Last in the open cycle, once.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
 /// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
@@ -131,8 +131,8 @@ pub unsafe extern "C" fn igh_cia402_send_targets_all(context: *mut igh_cia402_co
     send(enter!(igh_cia402_send_targets_all, context), Cia402::send_targets_all)
 }
 
-/// As igh_cia402_send_targets_all(), with every CSP axis moved by its own target step, which it
-/// takes up by its ramp. An axis does not move in a cycle in which its target does not go out.
+/// As igh_cia402_send_targets_all(); moves every CSP axis by its own target step, which it reaches
+/// by its ramp. An axis does not move in a cycle in which its target is not sent.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
 /// @return  As igh_cia402_send_targets_all().
@@ -141,7 +141,7 @@ pub unsafe extern "C" fn igh_cia402_send_target_step(context: *mut igh_cia402_co
     send(enter!(igh_cia402_send_target_step, context), Cia402::send_target_step)
 }
 
-/// What went out with the last igh_cia402_send_targets_all() or igh_cia402_send_target_step().
+/// Gets the summary of the last igh_cia402_send_targets_all() or igh_cia402_send_target_step().
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -159,7 +159,7 @@ pub unsafe extern "C" fn igh_cia402_get_send_summary(
     })
 }
 
-/// Sends targets only in every n-th cycle (--motion-div). The step limit is one per target.
+/// Sends targets only in every n-th cycle (--motion-div). The step limit applies per target.
 ///
 /// @param motion_div  Cycles from target to target; 0 counts as 1.
 ///
@@ -176,19 +176,19 @@ pub unsafe extern "C" fn igh_cia402_set_motion_div(
     })
 }
 
-/// Sends targets and SYNC at phases of the Sync0 period instead of at once (manual 8.4, 13.8), each
-/// by itself. Needs distributed clocks with Sync0. Only while no axis is taken up.
+/// Sends targets and SYNC at phases of the Sync0 period instead of at once (manual 8.4, 13.8),
+/// independently. Needs distributed clocks with Sync0. Only while no axis is active.
 ///
-/// A gateway drops a scheduled frame that reaches it behind its phase, and the drive then keeps the
-/// target before it: leave a margin.
+/// A gateway drops a scheduled frame that arrives after its phase, and the drive keeps the previous
+/// target: leave a margin.
 ///
-/// @param enable          0 sends both at once, whatever the offsets; else they are scheduled.
-/// @param rpdo_offset_ns  Nanoseconds after Sync0 at which targets go out, or IGH_CIA402_AT_ONCE.
-/// @param sync_offset_ns  The same of SYNC; not before the targets.
+/// @param enable          0 sends both at once, for any offsets; else they are scheduled.
+/// @param rpdo_offset_ns  Nanoseconds after Sync0 at which targets are sent, or IGH_CIA402_AT_ONCE.
+/// @param sync_offset_ns  The same for SYNC; not before the targets.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_SCHEDULE without Sync0, beyond its period, or on a gateway that
-///          cannot; ECAN_ERR_AXIS_STATE while an axis is taken up; ECAN_ERR_ARGUMENT for SYNC ahead
+///          cannot; ECAN_ERR_AXIS_STATE while an axis is active; ECAN_ERR_ARGUMENT for SYNC ahead
 ///          of the targets; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. After an error
 ///          everything is as it was.
 #[unsafe(no_mangle)]

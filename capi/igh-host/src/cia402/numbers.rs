@@ -27,9 +27,9 @@ mirror! {
 }
 
 mirror! {
-    /// The NMT state that a node reports.
+    /// NMT state of a node.
     pub enum igh_canopen_nmt_state_t from Option<NmtState> {
-        /// It has just booted.
+        /// Initialising, after boot-up.
         IGH_CANOPEN_NMT_STATE_INITIALISING = 0x00 => Some(NmtState::Initialising),
         /// Stopped.
         IGH_CANOPEN_NMT_STATE_STOPPED = 0x04 => Some(NmtState::Stopped),
@@ -37,7 +37,7 @@ mirror! {
         IGH_CANOPEN_NMT_STATE_OPERATIONAL = 0x05 => Some(NmtState::Operational),
         /// Pre-operational.
         IGH_CANOPEN_NMT_STATE_PRE_OPERATIONAL = 0x7F => Some(NmtState::PreOperational),
-        /// Nothing was heard of it, or not since it was reset.
+        /// Unknown: no heartbeat so far, or none since its reset.
         IGH_CANOPEN_NMT_STATE_UNKNOWN = 0xFF => None,
     }
 }
@@ -45,7 +45,7 @@ mirror! {
 mirror! {
     /// A mode of operation, as 0x6060 takes it.
     pub enum igh_cia402_mode_t as OperatingMode {
-        /// Profile position. Targets are steps; the drive makes its own way there.
+        /// Profile position. Targets are steps; the drive generates the trajectory.
         IGH_CIA402_MODE_PP = 1 => OperatingMode::ProfilePosition,
         /// Profile velocity. Targets are velocities in the drive's unit.
         IGH_CIA402_MODE_PV = 3 => OperatingMode::ProfileVelocity,
@@ -67,7 +67,7 @@ mirror! {
 mirror! {
     /// State of a drive, by its statusword.
     pub enum igh_cia402_drive_state_t from Option<DriveState> {
-        /// No statusword came yet, or one that CiA 402 does not know.
+        /// No statusword was received, or its state is not defined in CiA 402.
         IGH_CIA402_DRIVE_UNKNOWN = 0 => None,
         /// Starting up.
         IGH_CIA402_DRIVE_NOT_READY = 1 => Some(DriveState::NotReadyToSwitchOn),
@@ -77,11 +77,11 @@ mirror! {
         IGH_CIA402_DRIVE_READY_TO_SWITCH_ON = 3 => Some(DriveState::ReadyToSwitchOn),
         /// Power is on, the motor is without torque.
         IGH_CIA402_DRIVE_SWITCHED_ON = 4 => Some(DriveState::SwitchedOn),
-        /// The motor follows its targets.
+        /// The motor follows targets.
         IGH_CIA402_DRIVE_OPERATION_ENABLED = 5 => Some(DriveState::OperationEnabled),
-        /// A quick stop runs, or has ended with power on.
+        /// A quick stop is in progress, or has ended with power on.
         IGH_CIA402_DRIVE_QUICK_STOP_ACTIVE = 6 => Some(DriveState::QuickStopActive),
-        /// A fault was found, its reaction runs.
+        /// A fault occurred; its reaction is in progress.
         IGH_CIA402_DRIVE_FAULT_REACTION = 7 => Some(DriveState::FaultReactionActive),
         /// In fault, the motor is without torque.
         IGH_CIA402_DRIVE_FAULT = 8 => Some(DriveState::Fault),
@@ -89,22 +89,22 @@ mirror! {
 }
 
 mirror! {
-    /// How a node begins its configuration, in igh_cia402_axis_t.reset.
+    /// Start of a node's configuration, in igh_cia402_axis_t.reset.
     pub enum igh_cia402_reset_t as NodeReset {
-        /// It is told to go to Pre-operational.
+        /// NMT command Enter Pre-operational.
         IGH_CIA402_RESET_NONE = 0 => NodeReset::None,
-        /// Its communication is reset: parameters of 0x1000.. as at power-on.
+        /// NMT command Reset communication: parameters of 0x1000.. as at power-on.
         IGH_CIA402_RESET_COMMUNICATION = 1 => NodeReset::Communication,
-        /// The whole node is reset.
+        /// NMT command Reset node.
         IGH_CIA402_RESET_NODE = 2 => NodeReset::Node,
     }
 }
 
-/// How a position counter runs, in igh_cia402_axis_t.range.
+/// Range of a position counter, in igh_cia402_axis_t.range.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_cia402_range_t {
-    /// It ends at the limits of an int32_t; nothing is commanded beyond them.
+    /// It ends at the limits of an int32_t; nothing is commanded outside of them.
     IGH_CIA402_RANGE_LINEAR = 0,
     /// It wraps over the whole int32_t.
     IGH_CIA402_RANGE_WRAPPING = 1,
@@ -113,25 +113,25 @@ pub enum igh_cia402_range_t {
 }
 
 mirror! {
-    /// What a drive does when the host's heartbeat stays away (0x6007), in
-    /// igh_cia402_axis_t.host_loss. A manufacturer may have further, negative ones.
+    /// Reaction of a drive to a lost heartbeat of the host (0x6007), in
+    /// igh_cia402_axis_t.host_loss. A manufacturer may define further, negative ones.
     pub enum igh_cia402_host_loss_t as NodeLossReaction {
         /// Nothing.
         IGH_CIA402_HOST_LOSS_NONE = 0 => NodeLossReaction::None,
-        /// It goes to fault.
+        /// Fault.
         IGH_CIA402_HOST_LOSS_FAULT = 1 => NodeLossReaction::Fault,
-        /// It switches its power off.
+        /// Disables voltage.
         IGH_CIA402_HOST_LOSS_DISABLE_VOLTAGE = 2 => NodeLossReaction::DisableVoltage,
-        /// It makes a quick stop.
+        /// Quick stop.
         IGH_CIA402_HOST_LOSS_QUICK_STOP = 3 => NodeLossReaction::QuickStop,
     }
 }
 
 mirror! {
-    /// How a drive makes a quick stop (0x605A), in igh_cia402_axis_t.quick_stop. A manufacturer may
-    /// have further, negative ones.
+    /// Kind of a drive's quick stop (0x605A), in igh_cia402_axis_t.quick_stop. A manufacturer may
+    /// define further, negative ones.
     pub enum igh_cia402_quick_stop_t as QuickStopOption {
-        /// Switches its power off at once.
+        /// Disables voltage at once.
         IGH_CIA402_QUICK_STOP_DISABLE = 0 => QuickStopOption::Disable,
         /// Slows down by its ramp, then switches off.
         IGH_CIA402_QUICK_STOP_SLOW_DOWN = 1 => QuickStopOption::SlowDown,

@@ -9,15 +9,15 @@ use super::context::igh_cia402_context_t;
 use crate::bus;
 use crate::callback::ProgressCallback;
 
-/// Calls back when what an axis does has changed.
+/// Calls the application when the progress of an axis changes.
 pub(crate) struct Reporter {
     callback: Option<ProgressCallback>,
-    /// By axis: what was told last.
+    /// Last reported progress, by axis.
     told: Vec<Option<ReportedProgress>>,
 }
 
-/// What of an axis' progress is worth telling; the time alone is not, nor the single steps of its
-/// configuration.
+/// Part of an axis' progress whose change is reported; not the time, and not the single steps of
+/// its configuration.
 #[derive(Clone, Copy, PartialEq)]
 struct ReportedProgress {
     phase: AxisPhase,
@@ -45,14 +45,14 @@ impl Reporter {
     }
 }
 
-/// Sets a function that the waiting calls tell what the axes are doing: at their start, and
-/// whenever that changes. It runs inside these calls, between two cycles, so it should be quick; a
-/// call to the library with this context gets ECAN_ERR_BUSY there.
+/// Sets a function to which the waiting calls report the progress of the axes: at their start, and
+/// on every change. It runs inside these calls, between two cycles, so it should be quick; a call
+/// to the library with this context returns ECAN_ERR_BUSY there.
 ///
-/// @param callback  Gets `user`, the axis, and the words, "axis 0, node 1 (slave 0, channel 0):
-///                  being enabled, switched on, for 120 ms" for example, which are valid until it
-///                  returns; NULL for none.
-/// @param user      Is handed to it, in the thread that waits.
+/// @param callback  Gets `user`, the axis, and a text, "axis 0, node 1 (slave 0, channel 0): being
+///                  enabled, switched on, for 120 ms" for example, which is valid until it returns;
+///                  NULL for none.
+/// @param user      Is passed to it, in the thread that waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.

@@ -15,13 +15,13 @@ use crate::entry::enter;
 use crate::errors::{self, OrCode as _};
 use crate::milliseconds::duration;
 
-/// How the last SDO transfer with a drive stands.
+/// State of the last SDO transfer with a drive.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum igh_cia402_sdo_state_t {
     /// There was none.
     IGH_CIA402_SDO_IDLE = 0,
-    /// Under way.
+    /// In progress.
     IGH_CIA402_SDO_RUNNING = 1,
     /// Done.
     IGH_CIA402_SDO_DONE = 2,
@@ -29,7 +29,7 @@ pub enum igh_cia402_sdo_state_t {
     IGH_CIA402_SDO_FAILED = 3,
 }
 
-/// Hands a value to C, with the length that it has in any case.
+/// Stores a value and its length, even if it does not fit.
 pub(crate) fn put_value(
     call: Call,
     value: &[u8],
@@ -40,24 +40,23 @@ pub(crate) fn put_value(
     if room.push_bytes(value) {
         return Ok(());
     }
-    let text = format_args!("the value has {} bytes, more than fit", value.len());
+    let text = format_args!("the value has {} bytes, more than the buffer", value.len());
     Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
 }
 
-/// Reads an object of a drive and waits. Runs the cycle meanwhile, with the axes at their last
-/// targets.
+/// Reads an object of a drive and waits. Runs the cycle, with the axes at their last targets.
 ///
 /// @param data        Gets the value, little endian.
 /// @param size        Bytes of the buffer.
-/// @param length      Gets the bytes of the value, also where it does not fit.
-/// @param timeout_ms  Milliseconds in all.
+/// @param length      Gets the bytes of the value, even if it does not fit.
+/// @param timeout_ms  Total time in milliseconds.
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_SDO with ecan_last_abort_code(); ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER,
 ///          ECAN_ERR_CANOPEN, ECAN_ERR_AXIS, ECAN_ERR_MASTER, ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY; ECAN_ERR_ORDER where the bus is not active;
-///          ECAN_ERR_ATTACHED on a master of another owner, where igh_cia402_sdo_start_upload()
-///          does it.
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY; ECAN_ERR_ORDER if the bus is not active;
+///          ECAN_ERR_ATTACHED on a master of another owner, use igh_cia402_sdo_start_upload()
+///          there.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_sdo_upload(
     context: *mut igh_cia402_context_t,
@@ -91,11 +90,11 @@ pub unsafe extern "C" fn igh_cia402_sdo_upload(
 ///
 /// @param data        The value, little endian, with as many bytes as the object has.
 /// @param size        Its bytes.
-/// @param timeout_ms  Milliseconds in all.
+/// @param timeout_ms  Total time in milliseconds.
 ///
 /// @usage   not rt, the cycle's thread, active bus
-/// @return  As igh_cia402_sdo_upload(); on a master of another owner
-///          igh_cia402_sdo_start_download() does it.
+/// @return  As igh_cia402_sdo_upload(); on a master of another owner use
+///          igh_cia402_sdo_start_download().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_sdo_download(
     context: *mut igh_cia402_context_t,
@@ -128,10 +127,10 @@ fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_re
     })
 }
 
-/// Begins to read an object of a drive; igh_cia402_sdo_poll() tells the outcome in later cycles.
+/// Starts reading an object of a drive; igh_cia402_sdo_poll() gets the result in later cycles.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_AXIS_STATE while another transfer with the drive is under way;
+/// @return  ECAN_OK; ECAN_ERR_AXIS_STATE while another transfer with the drive is in progress;
 ///          ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_sdo_start_upload(
@@ -152,7 +151,7 @@ pub unsafe extern "C" fn igh_cia402_sdo_start_upload(
     })
 }
 
-/// Begins to write an object of a drive, as igh_cia402_sdo_start_upload().
+/// Starts writing an object of a drive, as igh_cia402_sdo_start_upload().
 ///
 /// @param data  The value, little endian, with as many bytes as the object has. Is copied.
 /// @param size  Its bytes.
@@ -183,16 +182,16 @@ pub unsafe extern "C" fn igh_cia402_sdo_start_download(
     })
 }
 
-/// How the transfer with a drive stands that was begun last. Call it in every cycle: the axis' own
-/// transfers begin the next one when it needs to, and the value of this one is gone.
+/// Gets the state of the last started transfer with a drive. Call it in every cycle: the axis' own
+/// transfers start when necessary and replace the value.
 ///
 /// @param state   Gets an igh_cia402_sdo_state_t.
-/// @param data    Gets the value of an upload that is done, little endian; may be NULL with size 0.
+/// @param data    Gets the value of a finished upload, little endian; may be NULL with size 0.
 /// @param size    Bytes of the buffer.
-/// @param length  Gets the bytes of the value, also where it does not fit; 0 while there is none.
+/// @param length  Gets the bytes of the value, even if it does not fit; 0 while there is none.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, also for a transfer that failed, whose reason is in ecan_last_error() and
+/// @return  ECAN_OK, also for a failed transfer, whose reason is in ecan_last_error() and
 ///          ecan_last_abort_code(); ECAN_ERR_BUFFER, ECAN_ERR_AXIS, ECAN_ERR_NULL,
 ///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]

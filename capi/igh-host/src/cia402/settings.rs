@@ -13,49 +13,49 @@ use ecan_mcan_host::common::result::ecan_result_t;
 /// Marks filled settings.
 const SEAL: u64 = 0x6563_616e_5f63_3432;
 
-/// Longest value of an SDO transfer that can be asked for, in bytes.
+/// Upper limit of sdo_buffer_bytes.
 const MOST_SDO_BYTES: u32 = 1 << 24;
 
-/// What the axes of a context have in common. igh_cia402_default_settings() fills it; change fields
-/// after it. Plain data: it may be copied and needs no end.
+/// Common settings of the axes of a context. igh_cia402_default_settings() fills it; change fields
+/// after it. Plain data: it may be copied and needs no deinit.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_cia402_settings_t {
-    /// Not for the application: tells filled settings from other bytes.
+    /// Not for the application: marks filled settings.
     pub seal: u64,
     /// Cycles from target to target (--motion-div); 0 counts as 1. Default 1.
     pub motion_div: u32,
     /// Cycles from SYNC to SYNC; 0 counts as 1. Default 1.
     pub sync_every_cycles: u32,
-    /// Heartbeat of the host, in milliseconds; 0 sends none, and no drive notices then that the
-    /// host died. Default 50.
+    /// Heartbeat of the host, in milliseconds; 0 sends none, and no drive detects a lost host.
+    /// Default 50.
     pub host_heartbeat_ms: u32,
-    /// Node-ID of the host in it, which no drive may have. Default 127.
+    /// Node-ID of the host's heartbeat, which no drive may have. Default 127.
     pub host_node_id: u8,
     /// SYNC with a counter from 1 to this value, 2 to 240, as in the drives' 0x1019; 0 sends SYNC
     /// without data. Default 0.
     pub sync_counter_overflow: u8,
-    /// SDO frames and NMT commands per cycle and channel, at most. Default 2.
+    /// Most SDO frames and NMT commands per cycle and channel. Default 2.
     pub service_frames_per_cycle: u8,
-    /// SDO frames wait while the gateway has so many frames of the channel to send, at most 7.
+    /// Number of pending frames of the channel in the gateway at which SDO frames wait, at most 7.
     /// Default 7.
     pub sdo_pending_limit: u8,
     /// Bytes of each RxPDO image that SDO frames leave free for frames that the application sends
     /// after the targets. Default 0.
     pub reserved_image_bytes: u32,
-    /// NMT commands that can wait for a channel. Default 32.
+    /// Size of the NMT command queue of a channel. Default 32.
     pub nmt_queue: u32,
-    /// How long an answer to an SDO request may take, in milliseconds. Default 500.
+    /// Timeout for the response to an SDO request, in milliseconds. Default 500.
     pub sdo_timeout_ms: u32,
     /// Longest value of an SDO transfer, in bytes. Default 1024.
     pub sdo_buffer_bytes: u32,
-    /// Downloads of at least so many bytes try block transfer; 0 never does. Default 64.
+    /// Downloads with at least this number of bytes try block transfer; 0 never does. Default 64.
     pub sdo_block_from: u32,
-    /// How often an SDO transfer starts over without an answer. Default 2.
+    /// Number of retries of an SDO transfer without a response. Default 2.
     pub sdo_retries: u8,
-    /// 1: uploads ask for block transfer. Default 0.
+    /// 1: uploads request block transfer. Default 0.
     pub sdo_block_upload: u8,
-    /// Segments in a row of a block upload, 1 to 127. Default 16.
+    /// Segments per block of a block upload, 1 to 127. Default 16.
     pub sdo_block_segments: u8,
     /// Not used.
     pub reserved_bytes: [u8; 5],
@@ -92,7 +92,7 @@ impl From<Cia402Config> for igh_cia402_settings_t {
 }
 
 impl igh_cia402_settings_t {
-    /// As Rust takes them.
+    /// Converts to Rust.
     pub(crate) fn checked(&self, call: Call) -> Result<Cia402Config, ecan_result_t> {
         if self.seal != SEAL {
             let text = format_args!(
@@ -101,7 +101,7 @@ impl igh_cia402_settings_t {
             return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
         }
         let fault = |name: &str, value: u32| {
-            let text = format_args!("`{name}` cannot be {value}");
+            let text = format_args!("invalid value {value} for `{name}`");
             call.fail(ecan_result_t::ECAN_ERR_CONFIG, text)
         };
         let host_heartbeat = match self.host_heartbeat_ms {
@@ -156,7 +156,7 @@ impl igh_cia402_settings_t {
 
 /// Fills settings: targets and SYNC in every cycle, a heartbeat of the host every 50 ms.
 ///
-/// @param settings  Is overwritten, whatever it holds.
+/// @param settings  Is overwritten.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK or ECAN_ERR_NULL.

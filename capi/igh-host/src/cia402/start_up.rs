@@ -1,9 +1,8 @@
-//! Start-up and shutdown that wait
+//! Startup and shutdown that wait
 //!
-//! These calls run the cycle themselves, with all axes at their last targets, until every axis is
-//! where it is to be or cannot get there: so not on a master of another owner, and not in a loop
-//! that has other work. There the calls of the next section begin the same, and
-//! igh_cia402_get_axis_state() tells how far it is.
+//! These calls run the cycle, with all axes at their last targets, until every axis has reached the
+//! requested state or cannot reach it: not on a master of another owner, and not in a loop with
+//! other work. There use the calls of the next section and igh_cia402_get_axis_state().
 
 use std::ffi::c_int;
 
@@ -29,17 +28,16 @@ fn wait(
     })
 }
 
-/// Configures every drive in the mode of its axis, which is CSP where the axis table does not say
-/// otherwise, and waits: NMT, identity, heartbeats, PDO mapping, limits, Operational, mode with
-/// confirmation. Drives that are configured already are left alone. An enabled drive is switched
-/// off first.
+/// Configures every drive in the mode of its axis, CSP by default, and waits: NMT, identity,
+/// heartbeats, PDO mapping, limits, Operational, mode with confirmation. Drives that are configured
+/// already stay unchanged. An enabled drive is disabled first.
 ///
 /// @param timeout_ms  Milliseconds.
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_AXES, where ecan_last_error() names each axis that is not configured,
 ///          the step at which it stands and what its drive answered; ECAN_ERR_ATTACHED on a master
-///          of another owner; ECAN_ERR_ORDER where the bus is not active; ECAN_ERR_AXIS_STATE,
+///          of another owner; ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_AXIS_STATE,
 ///          ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_configure_csp_all_timeout(
@@ -51,14 +49,14 @@ pub unsafe extern "C" fn igh_cia402_configure_csp_all_timeout(
     })
 }
 
-/// Establishes where all axes are, from fresh TPDOs that show them at rest, and waits. An axis that
-/// is not configured is refused.
+/// Determines the actual position of all axes from fresh TPDOs at rest, and waits. Rejects an axis
+/// that is not configured.
 ///
 /// @param timeout_ms  Milliseconds.
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes whose position
-///          is not known, and what hinders it.
+///          is unknown, and the reason.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_request_actual_position_all_timeout(
     context: *mut igh_cia402_context_t,
@@ -79,8 +77,7 @@ pub unsafe extern "C" fn igh_cia402_request_actual_position_all_timeout(
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that are not
-///          enabled, with the state of each drive and what hinders it. Those that are enabled stay
-///          so.
+///          enabled, with the state of each drive and the reason. Enabled axes stay enabled.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_enable_all_timeout(
     context: *mut igh_cia402_context_t,
@@ -91,7 +88,7 @@ pub unsafe extern "C" fn igh_cia402_enable_all_timeout(
     })
 }
 
-/// The three calls above in a row: from drives in whatever state to axes that follow targets.
+/// Runs the three calls above: from drives in any state to axes that follow targets.
 ///
 /// @param timeout_ms  Milliseconds, for each of the three.
 ///
@@ -113,7 +110,7 @@ pub unsafe extern "C" fn igh_cia402_start_up_timeout(
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes whose last
-///          command failed, and why.
+///          command failed, and the reason.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_finish_all_timeout(
     context: *mut igh_cia402_context_t,
@@ -124,13 +121,13 @@ pub unsafe extern "C" fn igh_cia402_finish_all_timeout(
     })
 }
 
-/// Ends in order, as igh_cia402_begin_shutdown(), and waits.
+/// Shuts down in order, as igh_cia402_begin_shutdown(), and waits.
 ///
 /// @param timeout_ms  Milliseconds.
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that could not
-///          be switched off. The end is complete all the same, as far as it goes.
+///          be disabled. The shutdown of the other axes is complete.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_shutdown_timeout(
     context: *mut igh_cia402_context_t,

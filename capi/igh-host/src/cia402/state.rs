@@ -14,29 +14,29 @@ use super::state_terms::{
 };
 use crate::entry::enter;
 
-/// Everything known of an axis, at a glance.
+/// State of an axis.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_cia402_axis_state_t {
-    /// For how long the axis has been in this phase, in milliseconds.
+    /// Time in this phase, in milliseconds.
     pub for_ms: u64,
-    /// How far it is behind its target, in steps, where has_target and has_actual are 1. It
-    /// contains the way out and back, two cycles or more; the drive's own is in 0x60F4.
+    /// Target minus actual position, in steps, if has_target and has_actual are 1. It contains the
+    /// transport times, two cycles or more; the drive's own following error is in 0x60F4.
     pub following_error: i64,
-    /// Actual position in degrees, where has_actual is 1.
+    /// Actual position in degrees, if has_actual is 1.
     pub actual_degrees: f64,
-    /// Actual position in radians, where has_actual is 1.
+    /// Actual position in radians, if has_actual is 1.
     pub actual_radians: f64,
-    /// Last usable actual position, in steps, where has_actual is 1.
+    /// Last usable actual position, in steps, if has_actual is 1.
     pub actual: i32,
-    /// Last target that was sent, where has_target is 1; the next is judged against it.
+    /// Last sent target, if has_target is 1; the reference of the next one.
     pub target: i32,
-    /// Cycles since the actual position came: 0 for this cycle, 65535 for many or never.
+    /// Age of the actual position in cycles: 0 for this cycle, 65535 for more or never.
     pub actual_age: u16,
-    /// Last statusword, however old, where has_statusword is 1.
+    /// Last statusword of any age, if has_statusword is 1.
     pub statusword: u16,
-    /// Error code of the last emergency message, 0x8611 for example; 0 where none came, or the node
-    /// took it back.
+    /// Error code of the last emergency message, 0x8611 for example; 0 for none, or after the node
+    /// reset it.
     pub error_code: u16,
     /// Slave index of the gateway.
     pub slave: u16,
@@ -44,7 +44,7 @@ pub struct igh_cia402_axis_state_t {
     pub channel: u8,
     /// Node-ID of the drive.
     pub node_id: u8,
-    /// An igh_cia402_mode_t: the one that the drive has confirmed, that of the axis table before.
+    /// An igh_cia402_mode_t: the confirmed mode; before that, the mode of the axis table.
     pub mode: i8,
     /// An igh_cia402_phase_t.
     pub phase: u8,
@@ -54,33 +54,33 @@ pub struct igh_cia402_axis_state_t {
     pub nmt_state: u8,
     /// An igh_canopen_heartbeat_t.
     pub heartbeat: u8,
-    /// An igh_cia402_decision_t: what became of the target that was sent last.
+    /// An igh_cia402_decision_t: decision on the last target.
     pub decision: u8,
-    /// An igh_cia402_wait_t or igh_cia402_refusal_t, by the decision; else 0.
+    /// Reason of the decision: an igh_cia402_wait_t or igh_cia402_refusal_t; else 0.
     pub decision_reason: u8,
-    /// An igh_cia402_hold_t: why the axis holds.
+    /// An igh_cia402_hold_t: reason of the hold.
     pub hold_reason: u8,
-    /// An igh_cia402_axis_error_t: what went wrong with the last command.
+    /// An igh_cia402_axis_error_t: error of the last command.
     pub trouble: u8,
-    /// 1 where the drive is configured.
+    /// 1 if the drive is configured.
     pub is_configured: u8,
-    /// 1 where the axis follows targets.
+    /// 1 if the axis follows targets.
     pub is_running: u8,
-    /// 1 where a halted axis has come to rest, and where it does not run.
+    /// 1 if a halted axis is at rest, and if it is not active.
     pub is_at_rest: u8,
-    /// 1 where a drive that makes its own way (PP, PV, PT) has arrived; 0 in cyclic modes.
+    /// 1 if a drive with its own trajectory (PP, PV, PT) has reached the target; 0 in cyclic modes.
     pub is_target_reached: u8,
-    /// 1 where there is an actual position.
+    /// 1 if there is an actual position.
     pub has_actual: u8,
-    /// 1 where the axis follows targets and has one.
+    /// 1 if the axis follows targets and has one.
     pub has_target: u8,
-    /// 1 where there was a statusword.
+    /// 1 if a statusword was received.
     pub has_statusword: u8,
     /// Not used.
     pub reserved: [u8; 6],
 }
 
-/// The state of an axis that exists.
+/// State of an existing axis.
 fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
     use igh_cia402_phase_t::*;
     let (progress, node) = (cia402.progress(axis)?, cia402.node(axis)?);
@@ -135,7 +135,7 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
     })
 }
 
-/// Tells everything known of an axis.
+/// Gets the state of an axis.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -151,10 +151,10 @@ pub unsafe extern "C" fn igh_cia402_get_axis_state(
     })
 }
 
-/// Tells in words what an axis is doing, for how long, and what hinders it: "axis 2, node 5 (slave
-/// 0, channel 1): being enabled, switched on, for 120 ms" for example.
+/// Gets the state of an axis as text, with its time and the reason if it does not continue: "axis
+/// 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms" for example.
 ///
-/// @param text  Gets the words, with NUL at the end; what does not fit is cut.
+/// @param text  Gets the text, with NUL at the end; cut if it does not fit.
 /// @param size  Bytes of the buffer.
 ///
 /// @usage   not rt, the cycle's thread, after init
@@ -177,7 +177,7 @@ pub unsafe extern "C" fn igh_cia402_get_axis_text(
     })
 }
 
-/// Whether all axes follow targets.
+/// Returns 1 if all axes follow targets.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0, also 0 without any axis; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
@@ -187,7 +187,7 @@ pub unsafe extern "C" fn igh_cia402_all_running(context: *mut igh_cia402_context
     enter!(igh_cia402_all_running, context).get(|_, (cia402, _)| Ok(cia402.all_running().into()))
 }
 
-/// Whether the end that igh_cia402_begin_shutdown() began is complete, and the host may leave.
+/// Returns 1 if the shutdown of igh_cia402_begin_shutdown() is complete, and the host may exit.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.

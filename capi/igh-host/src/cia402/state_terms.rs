@@ -1,37 +1,37 @@
-//! What the state of an axis is made of
+//! Values of an axis' state
 
 use ecan_canopen::Heartbeat;
 use ecan_cia402::{AxisError, AxisPhase, Decision, HoldReason, TargetRejection, WaitReason};
 use ecan_mcan_host::mirror;
 
 mirror! {
-    /// What an axis is doing.
+    /// Phase of an axis.
     pub enum igh_cia402_phase_t from AxisPhase {
-        /// Not configured yet, or not any more: the drive restarted.
+        /// Not configured yet, or not any more after a restart of the drive.
         IGH_CIA402_PHASE_NOT_CONFIGURED = 0 => AxisPhase::NotConfigured,
-        /// The steps of its configuration are being done.
+        /// Its configuration is in progress.
         IGH_CIA402_PHASE_CONFIGURING = 1 => AxisPhase::Configuring,
-        /// Its mode is written and waited for.
+        /// Its mode is written; the confirmation is pending.
         IGH_CIA402_PHASE_SETTING_MODE = 2 => AxisPhase::SettingMode(_),
         /// Its configuration failed.
         IGH_CIA402_PHASE_SETUP_FAILED = 3 => AxisPhase::SetupFailed,
-        /// Configured; nothing is commanded.
+        /// Configured, without a command.
         IGH_CIA402_PHASE_STANDBY = 4 => AxisPhase::Standby,
-        /// Its actual position is being established.
+        /// Its actual position is being determined.
         IGH_CIA402_PHASE_READING = 5 => AxisPhase::Reading(..),
         /// Its actual position is known; the drive is not enabled.
         IGH_CIA402_PHASE_READY = 6 => AxisPhase::Ready,
-        /// The drive is brought to Operation Enabled.
+        /// The drive is being enabled.
         IGH_CIA402_PHASE_ENABLING = 7 => AxisPhase::Enabling(_),
-        /// Follows targets.
+        /// Active: follows targets.
         IGH_CIA402_PHASE_RUNNING = 8 => AxisPhase::Running,
-        /// Is being brought to rest, or was, by igh_cia402_halt().
+        /// At rest, or being brought to rest, by igh_cia402_halt().
         IGH_CIA402_PHASE_HALTED = 9 => AxisPhase::Halted,
-        /// Gets no targets until it is taken up again; hold_reason says why.
+        /// Holds: gets no targets until it is activated again; see hold_reason.
         IGH_CIA402_PHASE_HOLDING = 10 => AxisPhase::Holding(_),
         /// A quick stop was commanded.
         IGH_CIA402_PHASE_QUICK_STOP = 11 => AxisPhase::QuickStop,
-        /// The drive's power is being switched off.
+        /// The drive is being disabled.
         IGH_CIA402_PHASE_DISABLING = 12 => AxisPhase::Disabling,
         /// A fault is being reset.
         IGH_CIA402_PHASE_RESETTING_FAULT = 13 => AxisPhase::ResettingFault,
@@ -39,7 +39,7 @@ mirror! {
         IGH_CIA402_PHASE_FAULT = 14 => AxisPhase::Fault,
         /// The mode is being changed.
         IGH_CIA402_PHASE_CHANGING_MODE = 15 => AxisPhase::ChangingMode(_),
-        /// Homing is prepared or wound up.
+        /// Homing is being prepared or completed.
         IGH_CIA402_PHASE_PREPARING_HOMING = 16 => AxisPhase::PreparingHoming,
         /// Homing.
         IGH_CIA402_PHASE_HOMING = 17 => AxisPhase::Homing(_),
@@ -49,45 +49,45 @@ mirror! {
 }
 
 mirror! {
-    /// What became of an axis' target.
+    /// Decision on an axis' target.
     pub enum igh_cia402_decision_t from Decision {
-        /// The axis is not taken up, or holds: no target.
+        /// The axis is not active, or holds: no target.
         IGH_CIA402_DECISION_CLOSED = 0 => Decision::Closed,
         /// The drive is not enabled: it got its own actual position.
         IGH_CIA402_DECISION_TRACK = 1 => Decision::Track(_),
         /// The first target of an enabled drive: its actual position.
         IGH_CIA402_DECISION_FIRST = 2 => Decision::First(_),
-        /// The application's target went out, or the last one again where it gave none.
+        /// The application's target was sent, or the last one again if there is no new one.
         IGH_CIA402_DECISION_TARGET = 3 => Decision::Target(_),
-        /// Nothing now; decision_reason is an igh_cia402_wait_t.
+        /// No target in this cycle; decision_reason is an igh_cia402_wait_t.
         IGH_CIA402_DECISION_WAIT = 4 => Decision::Wait(_),
-        /// Not this target; decision_reason is an igh_cia402_refusal_t.
+        /// The target was rejected; decision_reason is an igh_cia402_refusal_t.
         IGH_CIA402_DECISION_REFUSED = 5 => Decision::Reject(_),
     }
 }
 
 mirror! {
-    /// Why an axis that is taken up got nothing in a cycle. Its motion must not go on meanwhile.
+    /// Reason why an active axis got nothing in a cycle. Its motion must not continue.
     pub enum igh_cia402_wait_t from WaitReason {
         /// The working counter of this cycle is incomplete.
         IGH_CIA402_WAIT_WORKING_COUNTER = 1 => WaitReason::WorkingCounter,
-        /// The last image may not have arrived and is repeated.
+        /// The last image is unconfirmed and is repeated.
         IGH_CIA402_WAIT_IMAGE_HELD = 2 => WaitReason::ImageUnconfirmed,
-        /// The first target must be an actual position of this very cycle, and there is none.
+        /// The first target must be an actual position of this cycle, and there is none.
         IGH_CIA402_WAIT_NO_FRESH_POSITION = 3 => WaitReason::NoFreshPosition,
-        /// The drive still holds an old target, far from the axis: it must be switched off first.
+        /// The drive has an old target, far from the axis: it must be disabled first.
         IGH_CIA402_WAIT_HOLDS_OLD_TARGET = 4 => WaitReason::HoldsOldTarget,
         /// The image of the last cycle had no room for a frame of the channel.
         IGH_CIA402_WAIT_IMAGE_FULL = 5 => WaitReason::ImageFull,
-        /// This cycle has had its target.
+        /// The target of this cycle was sent already.
         IGH_CIA402_WAIT_SPENT = 6 => WaitReason::Spent,
-        /// A frame was refused in this cycle; the axis will hold.
+        /// A frame was rejected in this cycle; the axis will hold.
         IGH_CIA402_WAIT_FRAME_REFUSED = 7 => WaitReason::Rejected,
     }
 }
 
 mirror! {
-    /// Why a target was not taken. The target before it stands.
+    /// Reason why a target was rejected. The previous target stays.
     pub enum igh_cia402_refusal_t from TargetRejection {
         /// Too far from the target before.
         IGH_CIA402_REFUSAL_STEP = 1 => TargetRejection::Step { .. },
@@ -95,9 +95,9 @@ mirror! {
         IGH_CIA402_REFUSAL_WINDOW = 2 => TargetRejection::Window { .. },
         /// Outside the bounds of the axis.
         IGH_CIA402_REFUSAL_BOUNDS = 3 => TargetRejection::Bounds { .. },
-        /// The position counter cannot stand there.
+        /// The position counter does not have this position.
         IGH_CIA402_REFUSAL_COUNTER = 4 => TargetRejection::Counter { .. },
-        /// The mode takes no targets.
+        /// The mode has no targets.
         IGH_CIA402_REFUSAL_NO_TARGETS = 5 => TargetRejection::NoTargets,
         /// Another reason.
         IGH_CIA402_REFUSAL_OTHER = 255 => _,
@@ -105,31 +105,31 @@ mirror! {
 }
 
 mirror! {
-    /// Why an axis holds: it gets no targets until igh_cia402_enable().
+    /// Reason of a hold: the axis gets no targets until igh_cia402_enable().
     pub enum igh_cia402_hold_t from Option<HoldReason> {
         /// It does not hold.
         IGH_CIA402_HOLD_NONE = 0 => None,
-        /// The gateway went out of service.
+        /// The gateway is not ready any more.
         IGH_CIA402_HOLD_GATEWAY_LOST = 1 => Some(HoldReason::GatewayLost),
-        /// Frames under way to the gateway were given up, a target may be among them.
+        /// Pending frames were discarded, possibly with a target.
         IGH_CIA402_HOLD_FRAMES_DISCARDED = 2 => Some(HoldReason::FramesDiscarded),
         /// The working counter stayed incomplete for longer than wc_misses.
         IGH_CIA402_HOLD_WORKING_COUNTER = 3 => Some(HoldReason::WorkingCounter),
         /// The channel went bus-off.
         IGH_CIA402_HOLD_BUS_OFF = 4 => Some(HoldReason::BusOff),
-        /// The channel left the bus without being bus-off.
+        /// The channel stopped without being bus-off.
         IGH_CIA402_HOLD_CHANNEL_STOPPED = 5 => Some(HoldReason::ChannelStopped),
         /// The gateway's transmit queue was full.
         IGH_CIA402_HOLD_QUEUE_FULL = 6 => Some(HoldReason::QueueFull),
         /// The gateway reported a target as not sent.
         IGH_CIA402_HOLD_TARGET_LOST = 7 => Some(HoldReason::TargetLost),
-        /// The drive's heartbeat stayed away.
+        /// The drive's heartbeat was lost.
         IGH_CIA402_HOLD_HEARTBEAT_LOST = 8 => Some(HoldReason::HeartbeatLost),
         /// The drive is not Operational, or restarted.
         IGH_CIA402_HOLD_NOT_OPERATIONAL = 9 => Some(HoldReason::NotOperational),
-        /// The drive was out of sight, and its configuration is being verified.
+        /// The drive was unreachable, and its configuration is being verified.
         IGH_CIA402_HOLD_UNVERIFIED = 10 => Some(HoldReason::Unverified),
-        /// No usable TPDO came for longer than tpdo_timeout.
+        /// No usable TPDO for longer than tpdo_timeout.
         IGH_CIA402_HOLD_TPDO_LOST = 11 => Some(HoldReason::TpdoLost(_)),
         /// The drive left Operation Enabled.
         IGH_CIA402_HOLD_LEFT_OPERATION_ENABLED = 12 => Some(HoldReason::LeftOperationEnabled(_)),
@@ -137,7 +137,7 @@ mirror! {
         IGH_CIA402_HOLD_NOT_FOLLOWING = 13 => Some(HoldReason::NotFollowing),
         /// The drive reports a following error.
         IGH_CIA402_HOLD_FOLLOWING_ERROR = 14 => Some(HoldReason::FollowingError),
-        /// The axis moved while it was to be taken up.
+        /// The axis moved during activation.
         IGH_CIA402_HOLD_MOVING = 15 => Some(HoldReason::Moving),
         /// The application commanded it.
         IGH_CIA402_HOLD_COMMANDED = 16 => Some(HoldReason::Commanded),
@@ -147,13 +147,13 @@ mirror! {
 }
 
 mirror! {
-    /// What went wrong with the last command to an axis; igh_cia402_get_axis_text() tells more.
+    /// Error of the last command to an axis; igh_cia402_get_axis_text() gives details.
     pub enum igh_cia402_axis_error_t from Option<AxisError> {
-        /// Nothing.
+        /// No error.
         IGH_CIA402_AXIS_ERROR_NONE = 0 => None,
         /// The configuration failed.
         IGH_CIA402_AXIS_ERROR_SETUP = 1 => Some(AxisError::Setup(_)),
-        /// The drive restarted and has forgotten its configuration.
+        /// The drive restarted and lost its configuration.
         IGH_CIA402_AXIS_ERROR_RESTARTED = 2 => Some(AxisError::Restarted),
         /// The drive did not reach Operation Enabled in time.
         IGH_CIA402_AXIS_ERROR_ENABLE_TIMED_OUT = 3 => Some(AxisError::EnableTimedOut { .. }),
@@ -165,11 +165,11 @@ mirror! {
         IGH_CIA402_AXIS_ERROR_HELD = 6 => Some(AxisError::Held(_)),
         /// Homing ended without a home position.
         IGH_CIA402_AXIS_ERROR_HOMING = 7 => Some(AxisError::Homing(_)),
-        /// Homing took too long.
+        /// Homing timed out.
         IGH_CIA402_AXIS_ERROR_HOMING_TIMED_OUT = 8 => Some(AxisError::HomingTimedOut { .. }),
-        /// A mode was not taken.
+        /// The drive rejected a mode.
         IGH_CIA402_AXIS_ERROR_MODE = 9 => Some(AxisError::Mode(_)),
-        /// The drive did not switch its power off in time.
+        /// The drive was not disabled in time.
         IGH_CIA402_AXIS_ERROR_NOT_DISABLED = 10 => Some(AxisError::NotDisabled { .. }),
         /// Another one.
         IGH_CIA402_AXIS_ERROR_OTHER = 255 => Some(_),
@@ -177,15 +177,15 @@ mirror! {
 }
 
 mirror! {
-    /// How a node's heartbeat stands.
+    /// State of a node's heartbeat.
     pub enum igh_canopen_heartbeat_t from Heartbeat {
-        /// It is not watched.
+        /// Not monitored.
         IGH_CANOPEN_HEARTBEAT_UNWATCHED = 0 => Heartbeat::Unconfigured,
-        /// It has not been heard since watching began or the node booted.
+        /// None since monitoring started or the node booted.
         IGH_CANOPEN_HEARTBEAT_UNKNOWN = 1 => Heartbeat::Unknown,
-        /// It comes in time.
+        /// Received in time.
         IGH_CANOPEN_HEARTBEAT_ACTIVE = 2 => Heartbeat::Active,
-        /// It stayed away.
+        /// Lost.
         IGH_CANOPEN_HEARTBEAT_TIMED_OUT = 3 => Heartbeat::TimedOut,
     }
 }

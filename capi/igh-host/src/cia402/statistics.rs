@@ -15,18 +15,18 @@ use crate::entry::enter;
 mirror! {
     /// Counters of an axis.
     pub struct igh_cia402_axis_statistics_t from rust: AxisStatistics {
-        /// Targets handed to the gateway, the first ones included.
+        /// Targets passed to the gateway, the first ones included.
         targets_sent: u64,
-        /// Times that the axis was taken up while enabled.
+        /// Times that the axis became active while enabled.
         take_ups: u64 = rust.activations,
-        /// Targets of the application that were refused, for any reason.
+        /// Rejected targets of the application, for any reason.
         targets_refused: u64 = rust.targets_rejected,
-        /// Those refused because of the step limit.
+        /// Targets rejected because of the step limit.
         refused_step: u64 = rust.rejected_step,
-        /// Those refused because of the following window.
+        /// Targets rejected because of the following window.
         refused_window: u64 = rust.rejected_window,
-        /// Cycles in which a running axis got no target: a missed working counter, a repeated
-        /// image, no room.
+        /// Cycles in which an active axis got no target: an incomplete working counter, a repeated
+        /// image, a full image.
         waits: u64,
         /// Times that the axis held.
         holds: u64,
@@ -34,12 +34,12 @@ mirror! {
         tpdos: u64,
         /// TPDOs too short for the mapping.
         malformed_tpdos: u64,
-        /// TPDOs that never came, by the number of SYNCs sent.
+        /// Lost TPDOs, by the number of sent SYNCs.
         lost_tpdos: u64,
-        /// Cycles with an actual position that is not worth the name: in an incomplete image,
-        /// behind a backlog.
+        /// Cycles with an actual position that cannot be used: in an incomplete image, after a
+        /// backlog.
         unusable_positions: u64,
-        /// Largest distance between target and actual position while targets went out, in steps.
+        /// Largest distance between target and actual position while targets were sent, in steps.
         max_following_error: u64,
         /// Targets that the gateway reported as not sent.
         targets_lost: u64,
@@ -47,9 +47,9 @@ mirror! {
         faults: u64,
         /// Emergency messages.
         emergencies: u32,
-        /// Most cycles in a row without a usable TPDO while the axis was enabled.
+        /// Most consecutive cycles without a usable TPDO while the axis was enabled.
         longest_gap: u16,
-        /// An igh_cia402_hold_t: why the axis held last.
+        /// An igh_cia402_hold_t: reason of the last hold.
         last_hold: u8 = igh_cia402_hold_t::from(rust.last_hold) as u8,
         /// Not used.
         reserved: u8 = 0,
@@ -57,28 +57,28 @@ mirror! {
 }
 
 mirror! {
-    /// What does not fit any more on a channel.
+    /// Overload of a channel.
     pub enum igh_cia402_load_warning_t from Option<LoadWarning> {
-        /// There is room for everything.
+        /// No overload.
         IGH_CIA402_LOAD_OK = 0 => None,
-        /// Less than a tenth is left for SDO, heartbeats and emergencies.
+        /// Less than 10 % is left for SDO, heartbeats and emergencies.
         IGH_CIA402_LOAD_NO_RESERVE = 1 => Some(LoadWarning::NoReserve),
-        /// With unlucky data the bus is too slow for a cycle now and then.
+        /// In the worst case of stuff bits the bus is too slow for a cycle.
         IGH_CIA402_LOAD_TIGHT = 2 => Some(LoadWarning::Tight),
         /// More frames in a cycle than the gateway serves in one direction.
         IGH_CIA402_LOAD_BUDGET = 3 => Some(LoadWarning::Budget),
-        /// The bus is too slow for the cycle: targets pile up, and the axes will hold.
+        /// The bus is too slow for the cycle: targets accumulate, and the axes will hold.
         IGH_CIA402_LOAD_TOO_MUCH = 4 => Some(LoadWarning::TooMuch),
     }
 }
 
 mirror! {
-    /// Load of one channel by the process data of its axes and SYNC. SDO, heartbeats and NMT need
-    /// what is left.
+    /// Load of one channel by the process data of its axes and SYNC. SDO, heartbeats and NMT use
+    /// the rest.
     pub struct igh_cia402_bus_load_t from rust: BusLoad {
-        /// Share of the bus without a stuff bit; 1.0 is all of it.
+        /// Share of the bus without stuff bits; 1.0 is 100 %.
         least: f64,
-        /// Share of the bus with as many stuff bits as are possible.
+        /// Share of the bus with the most possible stuff bits.
         most: f64,
         /// Axes on the channel.
         axes: u32,
@@ -111,15 +111,14 @@ pub unsafe extern "C" fn igh_cia402_get_axis_statistics(
     })
 }
 
-/// How much of each CAN bus the process data take, by the bit rates of the Port: each channel that
-/// has axes.
+/// Gets the load of each CAN bus with axes by process data, by the bit rates of the Port.
 ///
-/// @param loads     Room for channels.
+/// @param loads     Gets the loads of the channels.
 /// @param capacity  Channels that fit.
-/// @param count     Gets the number of channels that have axes, also where they do not all fit.
+/// @param count     Gets the number of channels with axes, even if they do not all fit.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_BUFFER where not all fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+/// @return  ECAN_OK; ECAN_ERR_BUFFER if not all fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
 ///          ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_get_bus_load(

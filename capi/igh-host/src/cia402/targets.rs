@@ -1,7 +1,7 @@
 //! Targets
 //!
-//! A target stands until the next. It is forgotten when the axis holds; taken up again, the axis
-//! stays where it is until it gets a new one.
+//! A target stays until the next one. A hold drops it; after activation the axis stays at its
+//! position until it gets a new target.
 
 use std::ffi::c_int;
 
@@ -9,8 +9,8 @@ use super::commands::command;
 use super::context::igh_cia402_context_t;
 use crate::entry::enter;
 
-/// Sets the target of an axis from now on. What became of it is told by
-/// igh_cia402_get_axis_state() after the targets were sent.
+/// Sets the target of an axis. igh_cia402_get_axis_state() reports the decision on it after the
+/// targets were sent.
 ///
 /// @param target  Raw units of the mode: steps, velocity or torque.
 ///
@@ -30,7 +30,7 @@ pub unsafe extern "C" fn igh_cia402_set_target(
 /// @param degrees  Degrees of the axis.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle that is no position.
+/// @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle without a position.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_set_target_degrees(
     context: *mut igh_cia402_context_t,
@@ -47,7 +47,7 @@ pub unsafe extern "C" fn igh_cia402_set_target_degrees(
 /// @param radians  Radians of the axis.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle that is no position.
+/// @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle without a position.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_set_target_radians(
     context: *mut igh_cia402_context_t,
@@ -59,10 +59,9 @@ pub unsafe extern "C" fn igh_cia402_set_target_radians(
     })
 }
 
-/// Sets the step that igh_cia402_send_target_step() makes from now on; the axis takes it up by its
-/// ramp.
+/// Sets the step of igh_cia402_send_target_step(); the axis reaches it by its ramp.
 ///
-/// @param step  Steps per cycle. One beyond the step limit is refused when the ramp gets there.
+/// @param step  Steps per cycle. A step beyond the step limit is rejected when the ramp reaches it.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_set_target().

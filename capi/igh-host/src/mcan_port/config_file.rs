@@ -1,6 +1,6 @@
 //! Configuration from a file
 //!
-//! One TOML file describes the gateways of a bus: their places, PDO sizes, distributed clocks,
+//! One TOML file describes the gateways of a bus: their positions, PDO sizes, distributed clocks,
 //! channels with bit rates, filters and policies. `ecan config example` prints one with every key;
 //! `ecan config` also checks, compares and exports the file that an application loads.
 //!
@@ -26,10 +26,10 @@ use crate::adapter::config::ecan_igh_config_t;
 use crate::errors;
 use crate::port_config::extended;
 
-/// Bytes of the words of a fault, NUL included.
+/// Bytes of the text of a fault, NUL included.
 pub const IGH_MCAN_FILE_FAULT_BYTES: usize = 248;
 
-/// One thing that is wrong with a configuration file.
+/// A fault of a configuration file.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct igh_mcan_file_fault_t {
@@ -37,7 +37,7 @@ pub struct igh_mcan_file_fault_t {
     pub line: u32,
     /// Column in characters, from 1.
     pub column: u32,
-    /// What is wrong, in UTF-8; cut where it does not fit.
+    /// Reason, in UTF-8; cut if it does not fit.
     pub reason: [c_char; IGH_MCAN_FILE_FAULT_BYTES],
 }
 
@@ -56,7 +56,7 @@ impl From<&FileFault> for igh_mcan_file_fault_t {
     }
 }
 
-/// Where C wants to have the faults.
+/// Output parameters for the faults.
 struct Wanted {
     faults: OutArray<igh_mcan_file_fault_t>,
     count: OutPointer<usize>,
@@ -73,7 +73,7 @@ impl Wanted {
     }
 }
 
-/// Puts what a file says into both configurations, or leaves both as they are.
+/// Stores a file's configuration in both C structs, or leaves both unchanged.
 ///
 /// # Safety
 /// As for [`Sealed::change`] and [`Sealed::init`].
@@ -94,7 +94,7 @@ unsafe fn take(
     Ok(())
 }
 
-/// Refuses configurations that could not take what a file says, before it is read.
+/// Checks the configurations before the file is read.
 ///
 /// # Safety
 /// As for [`take`].
@@ -138,23 +138,22 @@ unsafe fn load(
 /// Loads the configurations of the Adapter and of the Port from a file. They are applied, as by
 /// igh_mcan_port_apply_config(): ecan_igh_init() and igh_mcan_port_init() are all that is left.
 ///
-/// Everything that the file says reaches the gateways, and what it leaves out has the file's
-/// defaults, whatever stood in the configurations. Other functions may change both afterwards;
-/// changes of `config` have to be applied again.
+/// Everything in the file reaches the gateways, and keys that it does not have get the file's
+/// defaults, for any previous content. Other functions may change both afterwards; apply changes of
+/// `config` again.
 ///
-/// @param igh_config  Initialised. What a file has no word for stays: the library (setting `ecrt`),
-///                    scenario, clock and seed of a simulation. Everything else is replaced,
-///                    startup SDOs included. Policies of 0x8020 become startup SDOs, 6 for each
-///                    gateway that has any, and count for ECAN_IGH_MAX_STARTUP_SDOS.
-/// @param config      Is overwritten, whatever it holds.
-/// @param path        The file, as the system names it; a relative one counts from the working
-///                    directory.
+/// @param igh_config  Initialised. Settings that a file does not have stay: the library (setting
+///                    `ecrt`), scenario, clock and seed of a simulation. Everything else is
+///                    replaced, startup SDOs included. Policies of 0x8020 become startup SDOs, 6
+///                    per gateway with policies, and count for ECAN_IGH_MAX_STARTUP_SDOS.
+/// @param config      Is overwritten.
+/// @param path        Path of the file, relative to the working directory.
 ///
 /// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
-/// @return  ECAN_OK; ECAN_ERR_FILE where it cannot be read; ECAN_ERR_CONFIG with every fault in
-///          ecan_last_error(), by line and column; ECAN_ERR_FULL for more than ECAN_IGH_MAX_SLAVES
-///          gateways or IGH_MCAN_MAX_FILTERS filters; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. Both
-///          configurations stay as they were after an error.
+/// @return  ECAN_OK; ECAN_ERR_FILE if it cannot be read; ECAN_ERR_CONFIG with every fault in
+///          ecan_last_error(), by line and column, also for more than ECAN_IGH_MAX_SLAVES gateways
+///          or IGH_MCAN_MAX_FILTERS filters; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. An error
+///          changes neither configuration.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_load_config(
     igh_config: *mut ecan_igh_config_t,
@@ -170,9 +169,9 @@ pub unsafe extern "C" fn igh_mcan_port_load_config(
 /// As igh_mcan_port_load_config(), with the faults as data, for an editor for example.
 /// ecan_last_error() holds some eighty of them.
 ///
-/// @param faults    Gets as many of the file's faults as there is room for, in the order of its
-///                  lines; may be NULL where capacity is 0.
-/// @param capacity  Room of `faults`.
+/// @param faults    Gets the faults that fit, in the order of the lines; may be NULL if capacity is
+///                  0.
+/// @param capacity  Size of `faults`.
 /// @param count     Gets the number of all faults; 0 for every other error.
 ///
 /// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
@@ -195,12 +194,12 @@ pub unsafe extern "C" fn igh_mcan_port_load_config_ex(
     })
 }
 
-/// As igh_mcan_port_load_config_ex(), from a text that the application has in memory.
+/// As igh_mcan_port_load_config_ex(), from a text in memory.
 ///
-/// @param text  What would stand in the file, up to a NUL.
+/// @param text  Content of the file, up to a NUL.
 ///
 /// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
-/// @return  As igh_mcan_port_load_config(), but for ECAN_ERR_FILE.
+/// @return  As igh_mcan_port_load_config(), except ECAN_ERR_FILE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_parse_config(
     igh_config: *mut ecan_igh_config_t,
