@@ -4,8 +4,7 @@
  * Master, slaves, one domain for each, startup SDOs, distributed clocks, the cycle and raw process
  * data.
  *
- * The rules for all functions, and the change log of all headers, stand at the head of
- * igh_ecan_common.h.
+ * igh_ecan_common.h has the rules for all functions and the change log of all headers.
  */
 #ifndef IGH_ADAPTER_H
 #define IGH_ADAPTER_H

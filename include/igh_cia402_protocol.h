@@ -1,10 +1,9 @@
 /**
  * ECAN-Lite host SDK: CANopen and CiA 402 (manual 15.1, 15.4, 15.5.4).
  *
- * Motors behind the gateways: start-up, targets, states, SDO.
+ * Motors on the gateways: startup, targets, states, SDO.
  *
- * The rules for all functions, and the change log of all headers, stand at the head of
- * igh_ecan_common.h.
+ * igh_ecan_common.h has the rules for all functions and the change log of all headers.
  */
 #ifndef IGH_CIA402_PROTOCOL_H
 #define IGH_CIA402_PROTOCOL_H

@@ -1,7 +1,7 @@
 /**
- * ECAN-Lite host SDK: what all headers share (manual 15.1).
+ * ECAN-Lite host SDK: common part of all headers (manual 15.1).
  *
- * Layers, from the bottom to the top; each header includes those that it builds on:
+ * Layers, from the bottom to the top; each header includes the headers of the layers below:
  *
  *     igh_ecan_common.h         return values, the last error, constants
  *     igh_mcan_pdo.h            process data protocol, without an EtherCAT master
@@ -11,23 +11,28 @@
  *
  * Rules for all functions
  *
- *   - Return: ECAN_OK (0) or a negative ecan_result_t, but for functions that say otherwise.
- *     ecan_last_error() tells the particulars in words.
- *   - Pointers: NULL is refused with ECAN_ERR_NULL where it is not expressly allowed. Any other
- *     pointer must be valid for what the function does with it.
+ *   - Return: ECAN_OK (0) or a negative ecan_result_t, unless stated otherwise. ecan_last_error()
+ *     describes an error.
+ *   - Pointers: NULL returns ECAN_ERR_NULL unless stated otherwise. Any other pointer must be valid
+ *     for the access of the function.
  *   - Contexts (ecan_igh_context_t, igh_mcan_port_t, igh_cia402_context_t, ecan_igh_diagnostics_t)
- *     need no preparation before their init function and stay where they are; ending one twice
- *     does no harm. Configurations, frames and the like are plain data.
- *   - @usage says three things about every function:
- *       "rt" or "not rt": whether it may be called in the real-time cycle. A function that is rt
- *           allocates nothing, takes no lock of the SDK's and calls the system only as far as the
- *           master does. Errors are put into words without allocation, too.
- *       which thread: "any thread"; or the one that the object belongs to, which may change as long
- *           as there is only one at a time. A call during another one gets ECAN_ERR_BUSY.
- *       when: before or after which other function.
+ *     need no preparation before their init function and must not be moved; a second deinit is
+ *     harmless. Configurations, frames and similar structs are plain data.
+ *   - @usage gives three properties of every function:
+ *       "rt" or "not rt": may be called in the real-time cycle, or not. An rt function allocates
+ *           nothing, takes no lock of the SDK and makes no system calls except those of the
+ *           master. Error texts need no allocation either.
+ *       thread: "any thread"; or the thread that the object belongs to, which may change as long
+ *           as there is only one at a time. A call during another one returns ECAN_ERR_BUSY.
+ *       time: before or after which other function.
  *
  * Change log of all headers
  *
+ *   0.2.0  Renamed: ecan_result_words to ecan_result_text, ecan_igh_answer_ns to
+ *          ecan_igh_response_ns, igh_cia402_trouble_t to igh_cia402_axis_error_t,
+ *          igh_mcan_frame_way_t to igh_mcan_frame_route_t, with their values. Cycle, receive and
+ *          send functions return ECAN_ERR_ORDER if no cycle is open. A configuration file with too
+ *          many gateways or filters is ECAN_ERR_CONFIG.
  *   0.1.0  First version.
  */
 #ifndef IGH_ECAN_COMMON_H
@@ -42,7 +47,7 @@
 #define ECAN_VERSION_PATCH 0
 #define ECAN_VERSION (ECAN_VERSION_MAJOR * 10000 + ECAN_VERSION_MINOR * 100 + ECAN_VERSION_PATCH)
 
-/** What this version has; to be tested with #ifdef. */
+/** Features of this version, for #ifdef. */
 #define ECAN_HAVE_ATTACH 1          /* ecan_igh_attach() */
 #define ECAN_HAVE_SDO_REQUESTS 1    /* ecan_igh_create_sdo_request() */
 #define ECAN_HAVE_SCHEDULED_TX 1    /* igh_mcan_port_schedule_can() */

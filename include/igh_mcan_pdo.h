@@ -1,12 +1,11 @@
 /**
  * ECAN-Lite host SDK: the process data protocol (manual 5 to 12).
  *
- * Writes frames into images and takes them out again. Knows no EtherCAT master: libecan_mcan_host
- * has it alone, libecan_igh_host among everything else. With igh_mcan_port.h it is not needed; it
- * is for applications that exchange raw process data (manual 15.5.3).
+ * Writes frames into images and reads them, without an EtherCAT master. libecan_mcan_host contains
+ * only this layer, libecan_igh_host all layers. For applications that exchange raw process data
+ * (manual 15.5.3); not necessary with igh_mcan_port.h.
  *
- * The rules for all functions, and the change log of all headers, stand at the head of
- * igh_ecan_common.h.
+ * igh_ecan_common.h has the rules for all functions and the change log of all headers.
  */
 #ifndef IGH_MCAN_PDO_H
 #define IGH_MCAN_PDO_H

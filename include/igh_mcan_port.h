@@ -3,8 +3,7 @@
  *
  * CAN and CAN FD frames through ECAN-Lite gateways.
  *
- * The rules for all functions, and the change log of all headers, stand at the head of
- * igh_ecan_common.h.
+ * igh_ecan_common.h has the rules for all functions and the change log of all headers.
  */
 #ifndef IGH_MCAN_PORT_H
 #define IGH_MCAN_PORT_H

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes the C headers in include/ anew. With --check it only says what is stale, which exported
-# function is not announced in a version script, and which API.md does not name.
+# Generates the C headers in include/ and the table of API.md. With --check it only reports stale files
+# and exported functions that a version script does not list.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 exec cargo run --quiet --locked -p ecan-headers -- "$@"

@@ -9,14 +9,14 @@ use crate::{read, sources};
 const BEGIN: &str = "<!-- begin of the functions, made by scripts/regenerate-headers.sh -->\n";
 const END: &str = "<!-- end of the functions -->\n";
 
-/// API.md with its table made anew.
+/// Returns API.md with a new table.
 pub fn api(root: &Path) -> Result<String, String> {
     let text = read(&root.join("API.md"))?;
     let parts = text.split_once(BEGIN).and_then(|(before, rest)| {
         let (_, after) = rest.split_once(END)?;
         Some((before, after))
     });
-    let (before, after) = parts.ok_or("API.md has no place for the functions")?;
+    let (before, after) = parts.ok_or("API.md has no markers for the table of functions")?;
     Ok(format!("{before}{BEGIN}{}{END}{after}", table(root)?))
 }
 
@@ -30,7 +30,7 @@ fn table(root: &Path) -> Result<String, String> {
                 continue;
             }
             let heading = sources::heading(root, section)?;
-            let _ = writeln!(out, "\n{heading}\n\n| function | what it does | when |");
+            let _ = writeln!(out, "\n{heading}\n\n| function | purpose | when |");
             let _ = writeln!(out, "| --- | --- | --- |");
             for function in functions {
                 let (name, summary) = (&function.name, function.summary());

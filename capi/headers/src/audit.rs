@@ -1,4 +1,4 @@
-//! Whether every exported function is documented, and announced on purpose.
+//! Check that every exported function is documented and listed in a version script.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -6,24 +6,24 @@ use std::path::Path;
 use crate::manifest::{HEADERS, LIBRARIES};
 use crate::{read, sources};
 
-/// Tags that the comment of every function has.
+/// Tags that the comment of every function must have.
 const TAGS: [&str; 1] = ["@usage"];
 
-/// Adds what is missing to `faults`.
+/// Adds the missing tags and names to `faults`.
 pub fn audit(root: &Path, faults: &mut Vec<String>) -> Result<(), String> {
     for header in HEADERS {
         for function in sources::functions(root, header)? {
             for tag in TAGS {
                 if function.tag(tag).is_none() {
-                    let (name, place) = (&function.name, &function.place);
-                    faults.push(format!("{place}: the comment of {name} has no {tag}"));
+                    let (name, location) = (&function.name, &function.location);
+                    faults.push(format!("{location}: the comment of {name} has no {tag}"));
                 }
             }
         }
     }
     for library in LIBRARIES {
         let map = read(&root.join("capi").join(library.map))?;
-        let announced: BTreeSet<&str> = map
+        let listed: BTreeSet<&str> = map
             .lines()
             .filter_map(|line| line.trim().strip_suffix(';'))
             .filter(|name| name.starts_with("ecan_") || name.starts_with("igh_"))
@@ -34,15 +34,15 @@ pub fn audit(root: &Path, faults: &mut Vec<String>) -> Result<(), String> {
                 exported.insert(function.name);
             }
         }
-        for name in exported.iter().filter(|name| !announced.contains(name.as_str())) {
+        for name in exported.iter().filter(|name| !listed.contains(name.as_str())) {
             faults.push(format!(
-                "capi/{}: {name} is not announced: add it to the newest node, and to the header's \
-                 change log",
+                "capi/{}: {name} is not listed: add it to the newest node, and to the change log in \
+                 capi/headers/templates/common.h",
                 library.map
             ));
         }
-        for name in announced.iter().filter(|name| !exported.contains(**name)) {
-            faults.push(format!("capi/{}: {name} is announced but does not exist", library.map));
+        for name in listed.iter().filter(|name| !exported.contains(**name)) {
+            faults.push(format!("capi/{}: {name} is listed but does not exist", library.map));
         }
     }
     Ok(())

@@ -1,10 +1,9 @@
-//! Makes the C headers in `include/` and the table of functions in `API.md` from the sources of
-//! `capi/`, and checks that every exported function is announced in a version script and says when
-//! it may be called.
+//! Generates the C headers in `include/` and the table of functions in `API.md` from the sources of
+//! `capi/`, and checks that every exported function is listed in a version script and has a `@usage`.
 //!
 //! ```text
 //! scripts/regenerate-headers.sh           writes the headers
-//! scripts/regenerate-headers.sh --check   says what is stale or missing
+//! scripts/regenerate-headers.sh --check   reports stale or missing parts
 //! ```
 
 mod api_table;
@@ -19,11 +18,11 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
-/// Makes the C headers, and checks that what is exported is announced and documented.
+/// Generate the C headers, and check exported functions.
 #[derive(Debug, Parser)]
 #[command(name = "ecan-headers", version)]
 struct Arguments {
-    /// Only say what is stale or missing.
+    /// Only report stale or missing parts.
     #[arg(long)]
     check: bool,
     /// Root of the repository.

@@ -1,24 +1,24 @@
-//! Which sources make which header, and which library exports what.
+//! The sources of each header, and the headers of each library.
 
 /// A header.
 pub struct Header {
     /// Name in `include/`.
     pub name: &'static str,
-    /// Its template below `capi/headers/templates`.
+    /// Its template in `capi/headers/templates`.
     pub template: &'static str,
-    /// Its first line; this and the next two are for the template of the layers.
+    /// Its first line; this and the next two fields are for the template of the layers.
     pub title: &'static str,
-    /// What it is for, line by line.
+    /// Its purpose, line by line.
     pub intro: &'static [&'static str],
-    /// The headers that it builds on.
+    /// The headers that it includes.
     pub includes: &'static [&'static str],
-    /// Its sections, in order: sources below `capi/`.
+    /// Its sections, in order: sources in `capi/`.
     pub sections: &'static [&'static str],
 }
 
 /// A library.
 pub struct Library {
-    /// Its version script below `capi/`.
+    /// Its version script in `capi/`.
     pub map: &'static str,
     /// The headers whose functions it exports.
     pub headers: &'static [&'static str],
@@ -44,9 +44,9 @@ pub const HEADERS: &[Header] = &[
         template: "layer.h",
         title: "ECAN-Lite host SDK: the process data protocol (manual 5 to 12).",
         intro: &[
-            "Writes frames into images and takes them out again. Knows no EtherCAT master: libecan_mcan_host",
-            "has it alone, libecan_igh_host among everything else. With igh_mcan_port.h it is not needed; it",
-            "is for applications that exchange raw process data (manual 15.5.3).",
+            "Writes frames into images and reads them, without an EtherCAT master. libecan_mcan_host contains",
+            "only this layer, libecan_igh_host all layers. For applications that exchange raw process data",
+            "(manual 15.5.3); not necessary with igh_mcan_port.h.",
         ],
         includes: &["igh_ecan_common.h"],
         sections: &[
@@ -110,7 +110,7 @@ pub const HEADERS: &[Header] = &[
         name: "igh_cia402_protocol.h",
         template: "layer.h",
         title: "ECAN-Lite host SDK: CANopen and CiA 402 (manual 15.1, 15.4, 15.5.4).",
-        intro: &["Motors behind the gateways: start-up, targets, states, SDO."],
+        intro: &["Motors on the gateways: startup, targets, states, SDO."],
         includes: &["igh_ecan_common.h", "igh_mcan_port.h"],
         sections: &[
             "igh-host/src/cia402/numbers.rs",

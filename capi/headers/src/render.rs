@@ -1,4 +1,4 @@
-//! A header from its template and its sections.
+//! Rendering of a header from its template and its sections.
 
 use std::fmt::{Display, Write};
 use std::path::Path;
@@ -8,8 +8,8 @@ use cbindgen::{Builder, Config, DocumentationStyle, ExportConfig, Language, Styl
 use crate::manifest::Header;
 use crate::{expand, read, sources};
 
-/// Renders a header. A section is what cbindgen makes of one source file, below the heading and
-/// the introduction that the file itself begins with.
+/// Renders a header. A section is the output of cbindgen for one source file, after the heading and
+/// the introduction at the start of the file.
 pub fn header(root: &Path, header: &Header) -> Result<String, String> {
     let template = read(&root.join("capi/headers/templates").join(header.template))?;
     let mut sections = String::new();
@@ -56,16 +56,16 @@ fn one_line_comments(text: &str) -> String {
     let mut out = String::new();
     let mut at = 0;
     while let Some(line) = lines.get(at) {
-        let words = match lines.get(at..at + 3) {
-            Some([open, words, end]) if open.trim() == "/**" && end.trim() == "*/" => {
-                words.trim().strip_prefix("* ")
+        let text = match lines.get(at..at + 3) {
+            Some([open, text, end]) if open.trim() == "/**" && end.trim() == "*/" => {
+                text.trim().strip_prefix("* ")
             }
             _ => None,
         };
-        match words {
-            Some(words) => {
+        match text {
+            Some(text) => {
                 let indent = &line[..line.len() - line.trim_start().len()];
-                let _ = writeln!(out, "{indent}/** {words} */");
+                let _ = writeln!(out, "{indent}/** {text} */");
                 at += 3;
             }
             None => {

@@ -1,4 +1,4 @@
-//! What the sources of a header say.
+//! Functions and headings in the sources of a header.
 
 use std::path::Path;
 
@@ -12,8 +12,8 @@ pub struct Function {
     pub name: String,
     /// Its doc comment, line by line.
     pub comment: Vec<String>,
-    /// Where it stands: file and line.
-    pub place: String,
+    /// File and line.
+    pub location: String,
 }
 
 /// The text of a section.
@@ -41,10 +41,10 @@ pub fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
             found.push(Function {
                 name: declared[..end].to_owned(),
                 comment: std::mem::take(&mut comment),
-                place: format!("capi/{name}:{number}"),
+                location: format!("capi/{name}:{number}"),
             });
-        } else if let Some(words) = line.strip_prefix("///") {
-            comment.push(words.trim().to_owned());
+        } else if let Some(text) = line.strip_prefix("///") {
+            comment.push(text.trim().to_owned());
         } else if !line.starts_with("#[") {
             comment.clear();
         }
@@ -63,7 +63,7 @@ impl Function {
         }
     }
 
-    /// The words behind a tag.
+    /// Text after a tag.
     pub fn tag(&self, tag: &str) -> Option<&str> {
         self.comment.iter().find_map(|line| line.strip_prefix(tag)).map(str::trim)
     }

@@ -2,8 +2,7 @@
  * @TITLE@
  *
 @INTRO@ *
- * The rules for all functions, and the change log of all headers, stand at the head of
- * igh_ecan_common.h.
+ * igh_ecan_common.h has the rules for all functions and the change log of all headers.
  */
 #ifndef @GUARD@
 #define @GUARD@
