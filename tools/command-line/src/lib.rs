@@ -1,5 +1,4 @@
-//! What the example programs and the program `ecan` share beyond the SDK: being pleasant on a
-//! command line.
+//! Shared by `ecan`, `ecan-sim` and the example programs: options, interrupts, log files.
 #![forbid(unsafe_code)]
 
 pub mod interrupt;
