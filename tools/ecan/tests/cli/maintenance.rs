@@ -214,7 +214,11 @@ fn invalid_use_has_message_and_status() {
         (2, add(&[]), "required"),
         (2, add(&["--id", "0x800"]), "use --extended for 29-bit CAN IDs"),
         (2, add(&["--range", "9", "1"]), "range 0x9..0x1 is empty"),
-        (2, add(&["--extended", "--id", "0x20000000"]), "is out of range; allowed: 0 to 0x1FFFFFFF"),
+        (
+            2,
+            add(&["--extended", "--id", "0x20000000"]),
+            "is out of range; allowed: 0 to 0x1FFFFFFF",
+        ),
         (
             2,
             add(&["--id", "1", "--buffer", "12"]),
