@@ -13,7 +13,7 @@ use crate::schedule::margin::ScheduleTimes;
 use crate::schedule::watch::{
     LATE_DROP, QUEUE_FULL, ScheduleWatch, TIMER_MISS, TX_FAIL, WatchResult,
 };
-use crate::session::machine::{Event, SessionMachine};
+use crate::session::machine::{Event, Session, SessionMachine};
 use crate::statistics::SlaveStatistics;
 use crate::transmit::transmitter::Transmitter;
 use crate::transmit::window::DEFAULT_DEPTH;
@@ -130,7 +130,7 @@ impl Gateway {
         let is_same_pulse = pulse_ns.is_some() && last_ns == pulse_ns;
         let image = adapter.rx_pdo_mut(slave);
         self.transmitter.begin(image, report.outputs, is_same_pulse, &mut self.statistics);
-        self.step_session(adapter);
+        self.step_session(adapter, slave);
         if !self.session.is_ready() {
             return;
         }
@@ -138,12 +138,16 @@ impl Gateway {
         let Self { transmitter, receiver, statistics, .. } = self;
         if receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics) {
             for (channel, status) in receiver.status().iter().enumerate() {
-                transmitter.window(channel as u8).status(*status);
+                let window = transmitter.window(channel as u8);
+                if status.bus_off() != window.is_bus_off() {
+                    log_bus_off(slave, channel, status.bus_off());
+                }
+                window.status(*status);
             }
         }
     }
 
-    fn step_session(&mut self, adapter: &mut Adapter) {
+    fn step_session(&mut self, adapter: &mut Adapter, slave: usize) {
         let Self { session, transmitter, receiver, statistics, watch, .. } = self;
         let no_input = self.input_limit > 0 && receiver.misses() > self.input_limit;
         let is_lost = transmitter.misses() > self.hold_limit || no_input;
@@ -155,12 +159,19 @@ impl Gateway {
                 transmitter.reset(statistics);
                 watch.reset();
                 statistics.sessions += 1;
+                tracing::info!(slave, "slave {slave}: ready");
             }
-            Event::Failed => statistics.verification_failures += 1,
+            Event::Failed => {
+                statistics.verification_failures += 1;
+                if let Session::Failed(fault) = session.state() {
+                    tracing::warn!(slave, "slave {slave}: verification failed ({fault})");
+                }
+            }
             Event::Lost => {
                 receiver.reset();
                 transmitter.reset(statistics);
                 statistics.sessions_lost += 1;
+                tracing::warn!(slave, "slave {slave}: lost");
             }
         }
     }
@@ -197,6 +208,16 @@ impl Gateway {
         if self.schedule_times.misses_pulse(since_first_ns, sent_ns) {
             self.transmitter.withdraw_late(adapter.rx_pdo_mut(slave), &mut self.statistics);
         }
+    }
+}
+
+/// Logs that a channel went bus-off or recovered.
+#[cold]
+fn log_bus_off(slave: usize, channel: usize, is_bus_off: bool) {
+    if is_bus_off {
+        tracing::warn!(slave, channel, "slave {slave} channel {channel}: bus-off");
+    } else {
+        tracing::info!(slave, channel, "slave {slave} channel {channel}: bus-off ended");
     }
 }
 

@@ -7,18 +7,18 @@ use ecan_protocol::mapping::CHANNELS;
 pub struct ChannelStatistics {
     /// Frames of RxPDO images that were published.
     pub frames_sent: u64,
-    /// Frames of images that the gateway took.
+    /// Frames of images whose delivery is confirmed.
     pub frames_delivered: u64,
-    /// Frames of images that were given up: by the application, after a lost session, or since
-    /// their phase had passed.
+    /// Frames of discarded images: by the application, after a lost session, or because their phase
+    /// had passed.
     pub frames_discarded: u64,
     /// Frames taken out of TxPDO images.
     pub frames_received: u64,
-    /// Frames refused because the image was full.
+    /// Frames rejected because the image was full.
     pub refused_image_full: u64,
-    /// Frames refused because the gateway's transmit queue might not hold them.
+    /// Frames rejected because the gateway's transmit queue might not hold them.
     pub refused_queue_full: u64,
-    /// Frames refused because the channel is bus-off.
+    /// Frames rejected because the channel is bus-off.
     pub refused_bus_off: u64,
     /// Transmit results that reported success: code 0 or 1 (manual 10).
     pub results_ok: u64,
@@ -29,35 +29,35 @@ pub struct ChannelStatistics {
 /// Counters of one gateway.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SlaveStatistics {
-    /// Cycles run since the gateway was in service for the first time.
+    /// Cycles since the gateway was ready for the first time.
     pub cycles: u64,
     /// Those of them whose working counter was not complete.
     pub incomplete_cycles: u64,
     /// RxPDO images published with a new sequence.
     pub rxpdo_published: u64,
-    /// Cycles in which an image was published again because it may not have arrived.
+    /// Cycles in which an unconfirmed image was sent again.
     pub rxpdo_repeated: u64,
-    /// RxPDO images with frames that were given up.
+    /// RxPDO images with frames that were discarded.
     pub rxpdo_discarded: u64,
     /// TxPDO images with new content.
     pub txpdo_received: u64,
-    /// Cycles that brought no new TxPDO image.
+    /// Cycles without a new TxPDO image.
     pub txpdo_repeated: u64,
     /// TxPDO images that never arrived, by the gaps in the sequence.
     pub txpdo_lost: u64,
     /// TxPDO images that were being written while they were read.
     pub txpdo_torn: u64,
-    /// TxPDO images that the gateway marked as incomplete: frames stayed behind or were lost.
+    /// TxPDO images that the gateway marked as incomplete: frames were left out or lost.
     pub txpdo_incomplete: u64,
-    /// TxPDO images of another layout than the configured one.
+    /// TxPDO images with another layout than the configured one.
     pub txpdo_layout_changes: u64,
     /// TxPDO images or packets with a fault: bad CRC, bad header, bad packet.
     pub parse_errors: u64,
     /// Transmit results that match no send.
     pub unmatched_results: u64,
-    /// Times that the gateway was verified and taken into service.
+    /// Times that the gateway became ready.
     pub sessions: u64,
-    /// Times that the gateway was lost while in service.
+    /// Times that the gateway was lost while it was ready.
     pub sessions_lost: u64,
     /// Verifications that failed.
     pub verification_failures: u64,

@@ -8,7 +8,7 @@ use ecan_protocol::image::{FramePacket, ResultCode, Timestamp, TxResult};
 use crate::transmit::history::OpenFrame;
 use crate::transmit::options::SendTicket;
 
-/// Where the gateway's CAN controller had stored a received frame (ID_AUX, manual 8.1).
+/// Location in the CAN controller from which a frame was received (ID_AUX, manual 8.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReceiveSource {
     /// RX FIFO 0.
@@ -56,43 +56,42 @@ pub struct ReceivedFrame {
     pub channel: u8,
     /// The frame.
     pub frame: CanFrame,
-    /// When the gateway received it; present with profiles 1 and 5 (manual 8.4).
+    /// Time of reception; present with profiles 1 and 5 (manual 8.4).
     pub timestamp: Timestamp,
-    /// Where the CAN controller had stored it.
+    /// Location in the CAN controller.
     pub source: ReceiveSource,
 }
 
-/// What became of a frame that was sent (manual 10). It tells that the gateway handed the frame
-/// to its CAN controller, not that a node received it.
+/// Result of a sent frame (manual 10). Success means that the gateway passed the frame to its CAN
+/// controller, not that a node received it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TransmitReport {
-    /// The send that the report belongs to; `None` when no such send is remembered.
+    /// Ticket of the frame; `None` if it is not known (any more).
     pub ticket: Option<SendTicket>,
     /// Slave index.
     pub slave: usize,
-    /// Channel that the gateway names, 0..3.
+    /// Channel of the frame, 0 to 3.
     pub channel: u8,
-    /// The outcome.
+    /// The result.
     pub code: ResultCode,
-    /// Tag of a frame that was scheduled; `None` for one that was sent at once, and where the send
-    /// is not remembered.
+    /// Tag of a scheduled frame; `None` for one that was sent at once, or that is not known.
     pub schedule_tag: Option<u16>,
 }
 
 impl TransmitReport {
-    /// Whether the gateway dropped a scheduled frame since its phase had passed: the result "bus
+    /// Whether the gateway dropped a scheduled frame because its phase had passed: the result "bus
     /// busy" of a scheduled frame (docs/ASSUMPTIONS.md, H23).
     pub fn is_late_drop(&self) -> bool {
         self.schedule_tag.is_some() && self.code == ResultCode::BusBusy
     }
 }
 
-/// One thing that came back.
+/// An item that arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received {
     /// A CAN frame from the bus.
     Frame(ReceivedFrame),
-    /// The outcome of a frame sent.
+    /// The result of a sent frame.
     TransmitReport(TransmitReport),
 }
 
@@ -106,7 +105,7 @@ impl Received {
     }
 }
 
-/// One thing that came back, as it lies in the image: no data were copied.
+/// An item that arrived, borrowed from the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReceivedView<'a> {
     /// A CAN frame from the bus.
@@ -116,7 +115,7 @@ pub enum ReceivedView<'a> {
         /// The packet; its `id_aux` is the [`ReceiveSource`].
         packet: FramePacket<'a>,
     },
-    /// The outcome of a frame sent.
+    /// The result of a sent frame.
     TransmitReport(TransmitReport),
 }
 
@@ -170,7 +169,7 @@ fn write_frame(
 }
 
 impl ReceivedView<'_> {
-    /// The same with data of its own.
+    /// A copy that owns its data.
     #[inline]
     pub fn to_owned(&self) -> Received {
         match self {

@@ -1,45 +1,43 @@
-//! What became of scheduled frames, as far as the gateway tells (manual 10, 13.7).
+//! Results of scheduled frames, as reported by the gateway (manual 10, 13.7).
 //!
-//! A TX_RESULT tells of each frame whether the gateway took it, and why not. What it does not tell
-//! is whether a frame that was taken left at its phase: that is known only as long as no flag of
-//! 0xB000:06 speaks of trouble, and the flags name neither frame nor channel. So frames that were
-//! taken wait for two looks at the flags, and where these show trouble they count as unknown.
+//! A TX_RESULT reports for each frame whether the gateway accepted it. It does not report whether an
+//! accepted frame left at its phase: that holds only while no flag of 0xB000:06 is set, and the flags
+//! name neither frame nor channel. Accepted frames therefore wait for two readings of the flags; if
+//! these show a problem, they count as unknown.
 
 use ecan_protocol::image::ResultCode;
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::schedule::watch::ScheduleDiagnostics;
 
-/// What became of a channel's scheduled frames. Counters only grow, except `open`.
+/// Results of a channel's scheduled frames. Counters only grow, except `open`.
 ///
 /// `scheduled` is the sum of `sent`, `late_dropped`, `queue_full`, `not_sent`, `withdrawn`,
 /// `unknown` and `open`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ScheduleAccount {
-    /// Frames that the Port took.
+    /// Frames that were sent with a schedule.
     pub scheduled: u64,
-    /// Frames that the gateway took and, by its flags, handed to the CAN controller at their phase:
-    /// that of the Sync0 period that followed the cycle, as far as it is reckoned whether an image
-    /// comes too late, see [`SendOptions::schedule`](crate::SendOptions::schedule).
+    /// Frames that the gateway accepted and, by its flags, passed to the CAN controller at their phase
+    /// in the Sync0 period after the cycle; for images that come too late see [`SendOptions::schedule`](crate::SendOptions::schedule).
     pub sent: u64,
-    /// Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT.
+    /// Frames that the gateway dropped because their phase had passed. Needs TX_RESULT.
     pub late_dropped: u64,
     /// Frames that found the gateway's schedule full. Needs TX_RESULT.
     pub queue_full: u64,
-    /// Frames that the gateway did not take for another reason: bus-off, channel not enabled.
+    /// Frames that the gateway rejected for another reason: bus-off, channel not enabled.
     /// Needs TX_RESULT.
     pub not_sent: u64,
-    /// Frames that never left the host: discarded, or taken back when the cycle ended too late for
+    /// Frames that never left the host: discarded, or withdrawn because the cycle ended too late for
     /// their phase.
     pub withdrawn: u64,
-    /// Frames of which it cannot be told: the image may not have arrived, or arrived only when it
-    /// was published again, a period late; no result came, the session was lost, or flags showed
-    /// trouble.
+    /// Frames without a certain result: the image is unconfirmed or was sent again a period late, no
+    /// result arrived, the session was lost, or flags were set.
     pub unknown: u64,
-    /// Frames of which it is not told yet.
+    /// Frames without a result so far.
     pub open: u64,
-    /// Frames that the Port refused since their cycle had begun too late for the phase; they are
-    /// not among `scheduled`.
+    /// Frames rejected because their cycle had begun too late for the phase; not part of
+    /// `scheduled`.
     pub refused_late: u64,
     /// Frames among `scheduled` whose margin does not suffice, see
     /// [`ScheduleMargin`](crate::ScheduleMargin).
@@ -51,17 +49,17 @@ pub struct ScheduleAccount {
 }
 
 impl ScheduleAccount {
-    /// The sum of all outcomes and of what is open, which equals `scheduled`.
+    /// The sum of all results and of `open`, which equals `scheduled`.
     pub fn accounted(&self) -> u64 {
-        let told = self.sent + self.late_dropped + self.queue_full + self.not_sent;
-        told + self.withdrawn + self.unknown + self.open
+        let reported = self.sent + self.late_dropped + self.queue_full + self.not_sent;
+        reported + self.withdrawn + self.unknown + self.open
     }
 }
 
-/// How a frame's story goes on or ends.
+/// New state of a scheduled frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ScheduledFrameState {
-    /// The gateway has it; the flags have the last word.
+    /// Accepted by the gateway; the flags decide.
     Taken,
     Result(ResultCode),
     Withdrawn,
@@ -71,8 +69,8 @@ pub(crate) enum ScheduledFrameState {
 #[derive(Debug, Clone, Copy, Default)]
 struct ChannelAccount {
     account: ScheduleAccount,
-    /// Taken since the end of the last look at the flags, and before it. The next look begins when
-    /// those taken before have met their phase.
+    /// Accepted since the last reading of the flags, and before it. The next reading begins when the
+    /// latter have met their phase.
     young: u64,
     ripe: u64,
 }
@@ -83,7 +81,7 @@ impl ChannelAccount {
         *counter(&mut self.account) += frames;
     }
 
-    fn give_up_taken(&mut self) {
+    fn close_accepted_as_unknown(&mut self) {
         let frames = std::mem::take(&mut self.young) + std::mem::take(&mut self.ripe);
         self.close(frames, |account| &mut account.unknown);
     }
@@ -127,15 +125,15 @@ impl ScheduleAccounts {
         self.channel(channel).account.refused_late += 1;
     }
 
-    pub(crate) fn ended(&mut self, channel: u8, fate: ScheduledFrameState) {
+    pub(crate) fn ended(&mut self, channel: u8, state: ScheduledFrameState) {
         let channel = self.channel(channel);
         let is_taken = matches!(
-            fate,
+            state,
             ScheduledFrameState::Taken
                 | ScheduledFrameState::Result(ResultCode::Ok | ResultCode::Queued)
         );
         channel.account.accepted += u64::from(is_taken);
-        match fate {
+        match state {
             ScheduledFrameState::Taken | ScheduledFrameState::Result(ResultCode::Queued) => {
                 channel.young += 1
             }
@@ -154,23 +152,23 @@ impl ScheduleAccounts {
         }
     }
 
-    /// The gateway's diagnostics were read once more. `troubling` are the flags that may concern
-    /// frames whose fate no result has told.
+    /// The gateway's diagnostics were read. `relevant` are the flags that may concern frames without a
+    /// result.
     pub(crate) fn looked(
         &mut self,
         now: &ScheduleDiagnostics,
         before: Option<&ScheduleDiagnostics>,
-        troubling: u16,
+        relevant: u16,
     ) {
-        let is_troubled = now.flags & troubling != 0;
+        let has_problem = now.flags & relevant != 0;
         for (number, channel) in self.channels.iter_mut().enumerate() {
             let drops = |seen: &ScheduleDiagnostics| {
                 seen.channels.get(number).map(|c| (c.bus_offs, c.stale_drops))
             };
-            // Without an earlier look the counters may have moved at any time.
+            // Without an earlier reading the counters may have changed at any time.
             let has_moved = before.is_none_or(|before| drops(before) != drops(now));
             let ripe = std::mem::take(&mut channel.ripe);
-            if is_troubled || has_moved {
+            if has_problem || has_moved {
                 channel.close(ripe, |account| &mut account.unknown);
             } else {
                 channel.close(ripe, |account| &mut account.sent);
@@ -179,14 +177,14 @@ impl ScheduleAccounts {
         }
     }
 
-    /// What flags there were can be told no more: cleared, or forgotten by the gateway.
+    /// The flags were cleared, or the gateway lost them.
     pub(crate) fn flags_lost(&mut self) {
         for channel in &mut self.channels {
-            channel.give_up_taken();
+            channel.close_accepted_as_unknown();
         }
     }
 
-    /// The session starts anew.
+    /// A new session.
     pub(crate) fn reset(&mut self) {
         self.flags_lost();
         self.is_used = false;
@@ -207,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_taken_is_sent_when_two_looks_find_nothing() {
+    fn accepted_frames_count_as_sent_after_two_clean_readings() {
         let (mut accounts, clean) = (taken(3), ScheduleDiagnostics::default());
         accounts.looked(&clean, None, 0x3C0);
         assert_eq!(accounts.account(1).open, 3, "its phase may still have been to come");
@@ -217,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flag_or_a_counter_makes_it_unknown() {
+    fn flag_or_counter_makes_frames_unknown() {
         let clean = ScheduleDiagnostics::default();
         let flagged = ScheduleDiagnostics { flags: 1 << 8, ..clean };
         let mut bus_off = clean;
@@ -237,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_session_leaves_nothing_taken_open() {
+    fn lost_session_closes_accepted_frames() {
         let mut accounts = taken(2);
         accounts.looked(&ScheduleDiagnostics::default(), None, 0);
         accounts.scheduled(1, false);

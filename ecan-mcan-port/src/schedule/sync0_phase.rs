@@ -1,17 +1,17 @@
-//! Where the running cycle stands in the Sync0 period (manual 13.8).
+//! Phase of the running cycle in the Sync0 period (manual 13.8).
 
 use ecan_host::{AdapterConfig, ClockSource};
 
-/// Tells for each cycle how long the first one is ago in application time: the library keeps Sync0
-/// in phase with the first application time that it is told.
+/// Calculates the application time since the first cycle: the library keeps Sync0 in phase with the
+/// first application time.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sync0Phase {
-    /// Time of the last cycle on the grid, and how long the first one was ago.
+    /// Deadline of the last cycle, and its time since the first one.
     last: Option<(u64, u64)>,
 }
 
 impl Sync0Phase {
-    /// A cycle begins at this time of the grid; gives the application time since the first one, in
+    /// Begin of a cycle with this deadline; returns the application time since the first one, in
     /// nanoseconds.
     pub(crate) fn begin(&mut self, time_ns: u64, adapter: &AdapterConfig) -> u64 {
         let cycle_ns = u64::from(adapter.cycle_ns().max(1));

@@ -1,5 +1,5 @@
-//! Reading what a gateway tells of its scheduled transmission, beside the cycle (manual 13.2.4,
-//! 13.2.5, 13.7).
+//! Reads the diagnostics of scheduled transmission in parallel with the cycle (manual 13.2.4, 13.2.5,
+//! 13.7).
 
 use ecan_host::{Adapter, DcSync, Error, RequestId, RequestState};
 use ecan_protocol::mapping::CHANNELS;
@@ -29,11 +29,11 @@ pub struct ChannelDrops {
     pub fifo_full: u32,
     /// Frames dropped as stale, :12.
     pub stale_drops: u32,
-    /// Times that the channel went off the bus, :13.
+    /// Times that the channel went bus-off, :13.
     pub bus_offs: u32,
 }
 
-/// What a gateway tells of its scheduled transmission.
+/// Diagnostics of scheduled transmission of a gateway.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ScheduleDiagnostics {
     /// Legacy maintenance flags, 0xB000:06; they stay until they are cleared.
@@ -49,12 +49,12 @@ pub struct ScheduleDiagnostics {
     pub phase_max_cycles: i32,
     /// Longest service of scheduled frames, in CPU cycles, 0x9011:13.
     pub service_max_cycles: u32,
-    /// When the reading ended, in nanoseconds of the library's clock.
+    /// Time at which the reading ended, in nanoseconds of the library's clock.
     pub read_at_ns: u64,
 }
 
 impl ScheduleDiagnostics {
-    /// A scheduled frame was dropped since its phase had passed (SCHED_LATE_DROP).
+    /// A scheduled frame was dropped because its phase had passed (SCHED_LATE_DROP).
     pub fn has_late_drop(&self) -> bool {
         self.flags & LATE_DROP != 0
     }
@@ -64,7 +64,7 @@ impl ScheduleDiagnostics {
         self.flags & QUEUE_FULL != 0
     }
 
-    /// A scheduled frame was refused by the CAN controller at its phase (SCHED_TX_FAIL).
+    /// The CAN controller rejected a scheduled frame at its phase (SCHED_TX_FAIL).
     pub fn has_tx_fail(&self) -> bool {
         self.flags & TX_FAIL != 0
     }
@@ -75,12 +75,12 @@ impl ScheduleDiagnostics {
     }
 }
 
-/// Objects of a look: the flags, then three for each channel, then four of 0x9011.
+/// Objects of a reading: the flags, then three for each channel, then four of 0x9011.
 const PER_CHANNEL: [u8; 3] = [11, 12, 13];
 const PER_GATEWAY: [u8; 4] = [2, 4, 5, 13];
 const STEPS: usize = 1 + CHANNELS * PER_CHANNEL.len() + PER_GATEWAY.len();
 
-/// The object of a step, and where its value goes.
+/// The object of a step.
 fn object(step: usize) -> (u16, u8) {
     let Some(step) = step.checked_sub(1) else { return (MAINTENANCE, FLAGS) };
     let (channel, field) = (step / PER_CHANNEL.len(), step % PER_CHANNEL.len());
@@ -110,11 +110,11 @@ fn store(diagnostics: &mut ScheduleDiagnostics, step: usize, value: u32) {
     }
 }
 
-/// What a step of the watch brought.
+/// Result of a step of the watch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum WatchResult {
     Nothing,
-    /// A whole look.
+    /// A complete reading.
     Looked(ScheduleDiagnostics),
     /// The flags were cleared, or may have been.
     Cleared,
@@ -133,7 +133,7 @@ pub(crate) struct ScheduleWatch {
     command: RequestId,
     channel_mask: u8,
     interval_ns: u64,
-    /// Until a frame that was taken has met its phase.
+    /// Time until an accepted frame has met its phase.
     settling_ns: u64,
     activity: Activity,
     is_clear_wanted: bool,
@@ -151,7 +151,7 @@ impl ScheduleWatch {
         settings: &ScheduleConfig,
         dc: Option<DcSync>,
     ) -> Result<Self, Error> {
-        // The pulse comes within one Sync0 period, the phase behind it within another.
+        // The pulse comes within one Sync0 period, the phase after it within another.
         let settling_ns =
             dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns)) + u64::from(adapter.config().cycle_ns());
         let read = adapter.create_sdo_request(slave, 4)?;
@@ -173,7 +173,7 @@ impl ScheduleWatch {
         })
     }
 
-    /// The last whole look of this session.
+    /// The last complete reading of this session.
     pub(crate) fn last(&self) -> Option<&ScheduleDiagnostics> {
         self.last.as_ref()
     }
@@ -182,7 +182,7 @@ impl ScheduleWatch {
         self.is_clear_wanted = true;
     }
 
-    /// The session starts anew: what is under way says nothing about it.
+    /// A new session: a pending reading does not apply to it.
     pub(crate) fn reset(&mut self) {
         self.activity = Activity::Idle;
         self.is_clear_wanted = false;
@@ -196,8 +196,7 @@ impl ScheduleWatch {
         usize::from(channel) >= CHANNELS || self.channel_mask >> channel & 1 == 1
     }
 
-    /// One step, once a cycle while the gateway is in service. `is_used` tells that there are
-    /// scheduled frames to look for.
+    /// One step, once a cycle while the gateway is ready. `is_used`: frames have been scheduled.
     pub(crate) fn step(&mut self, adapter: &mut Adapter, is_used: bool) -> WatchResult {
         match self.activity {
             Activity::Idle => {
@@ -215,7 +214,7 @@ impl ScheduleWatch {
             }
             Activity::Clearing => match adapter.sdo_request_state(self.command) {
                 Ok(RequestState::Busy) => WatchResult::Nothing,
-                // Whether it was done or not, nothing can be said about the flags before it.
+                // Whether it succeeded or not, the flags before it are unknown.
                 _ => {
                     self.activity = Activity::Idle;
                     self.last = None;
@@ -246,7 +245,7 @@ impl ScheduleWatch {
                     }
                 }
                 _ => {
-                    // The next look starts over.
+                    // The next reading starts from the beginning.
                     self.activity = Activity::Idle;
                     WatchResult::Nothing
                 }
@@ -254,13 +253,13 @@ impl ScheduleWatch {
         }
     }
 
-    /// Keeps a look for the comparison with the next one.
+    /// Keeps a reading for the comparison with the next one.
     pub(crate) fn keep(&mut self, seen: ScheduleDiagnostics) {
         self.last = Some(seen);
     }
 
     fn begin_read(&mut self, adapter: &mut Adapter, step: usize) {
-        // A request that an earlier session left behind has to end first.
+        // A request of an earlier session must end first.
         let is_free = !matches!(adapter.sdo_request_state(self.read), Ok(RequestState::Busy));
         let (index, subindex) = object(step);
         let is_begun = is_free && adapter.sdo_request_read(self.read, index, subindex).is_ok();

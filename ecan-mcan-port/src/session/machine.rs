@@ -1,8 +1,8 @@
-//! Taking a gateway into service, and again after each return to OP.
+//! Session of a gateway: verification each time it reaches OP.
 //!
-//! The master configures a slave that comes back, but it does not look at what the slave made of
-//! it. So each time a gateway reaches OP the session resets its sequence memory and reads back
-//! profiles and channels, with SDO requests that run in the cycle, before a frame goes out.
+//! The master configures a slave that returns, but does not check the result. Each time a gateway
+//! reaches OP, the session therefore resets its sequence memory and reads back profiles and channels,
+//! with SDO requests that run in the cycle, before a frame is sent.
 
 use std::fmt;
 
@@ -12,29 +12,29 @@ use ecan_protocol::mapping::Direction;
 use crate::port_config::GatewayConfig;
 use crate::session::verification::{Check, SdoTransfer, VerificationFault, checks};
 
-/// Cycles between looks at the slave's state while it is in service.
+/// Cycles between checks of the slave's state while the gateway is ready.
 const WATCH_CYCLES: u64 = 64;
-/// How long a request may wait for its turn in the master, in milliseconds.
+/// Timeout of a request in the master's queue, in milliseconds.
 const REQUEST_TIMEOUT_MS: u32 = 2_000;
-/// How long an attempt waits for a request to end, in nanoseconds: the timeout, and what the
-/// transfer itself may take, with the master's own timeout for an answer. The master judges its
-/// timeout only when the turn of the request comes, so it may never end one.
+/// Longest wait of an attempt for a request, in nanoseconds: the timeout and the transfer itself with
+/// the master's own response timeout. The master checks its timeout only when it processes the
+/// request, so it may never end one.
 const REQUEST_LIMIT_NS: u64 = (REQUEST_TIMEOUT_MS as u64 + 2_000) * NS_PER_MS;
-/// Pause before a failed verification starts over, in nanoseconds.
+/// Pause before a failed verification is repeated, in nanoseconds.
 const RETRY_NS: u64 = 1_000_000_000;
 const NS_PER_MS: u64 = 1_000_000;
 
-/// Where a gateway's session stands.
+/// State of a gateway's session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Session {
-    /// The slave is not in OP, or its process data do not arrive.
+    /// The slave is not in OP, or its process data are not confirmed.
     #[default]
     Waiting,
-    /// In OP, being verified; only empty images go out.
+    /// In OP, being verified; only empty images are sent.
     Verifying,
-    /// In service.
+    /// Verified; frames can be sent.
     Ready,
-    /// Verification failed; it starts over every second.
+    /// Verification failed; it is repeated every second.
     Failed(VerificationFault),
 }
 
@@ -43,23 +43,23 @@ impl fmt::Display for Session {
         match self {
             Self::Waiting => f.write_str("waiting for OP"),
             Self::Verifying => f.write_str("being verified"),
-            Self::Ready => f.write_str("in service"),
-            Self::Failed(fault) => write!(f, "not in service: {fault}"),
+            Self::Ready => f.write_str("ready"),
+            Self::Failed(fault) => write!(f, "not ready: {fault}"),
         }
     }
 }
 
-/// What a gateway that is not in service waits for.
+/// Step that a gateway waits for until it is ready.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PendingStep {
     /// The master does not see the slave in OP.
     Operational,
-    /// The slave is in OP, but its outputs are not known to arrive.
+    /// The slave is in OP, but the delivery of its outputs is not confirmed.
     ProcessData,
     /// A transfer of the verification.
     Transfer(SdoTransfer),
-    /// A transfer that an earlier attempt began and the master has not ended.
+    /// A transfer of an earlier attempt that the master has not ended.
     EarlierTransfer(SdoTransfer),
     /// The next attempt, after a failed one.
     NextAttempt,
@@ -79,15 +79,15 @@ impl fmt::Display for PendingStep {
     }
 }
 
-/// A request of the session, which serves one transfer after the other.
+/// An SDO request of the session, for one transfer at a time.
 #[derive(Debug, Clone, Copy)]
 struct Request {
     id: RequestId,
-    /// The last transfer, and when it was begun.
+    /// The last transfer, and its start.
     begun: Option<(SdoTransfer, u64)>,
 }
 
-/// What a step of the session changed.
+/// Change of the session in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Event {
     None,
@@ -103,14 +103,14 @@ pub(crate) struct SessionMachine {
     state: Session,
     checks: Vec<Check>,
     next: usize,
-    /// The transfer of the next check has been begun by this attempt.
+    /// This attempt has begun the transfer of the next check.
     is_running: bool,
     read: Request,
     command: Request,
-    /// Since when this attempt waits for a request.
+    /// Time since which this attempt waits for a request.
     waiting_since_ns: u64,
     layout_crc: [Option<u32>; 2],
-    /// Why the last attempt failed, until one succeeds.
+    /// Fault of the last attempt, until one succeeds.
     last_fault: Option<VerificationFault>,
     retry_at_ns: u64,
     cycles: u64,
@@ -158,12 +158,11 @@ impl SessionMachine {
         self.state == Session::Ready
     }
 
-    /// Why the last attempt failed, if none has succeeded since.
     pub(crate) fn last_fault(&self) -> Option<VerificationFault> {
         self.last_fault
     }
 
-    /// What it waits for, unless it is in service.
+    /// Step that the session waits for, unless it is ready.
     pub(crate) fn awaited(&self, adapter: &Adapter) -> Option<PendingStep> {
         match self.state {
             Session::Ready => None,
@@ -184,13 +183,13 @@ impl SessionMachine {
         }
     }
 
-    /// One step, once a cycle. `is_lost` tells that too many images in a row did not arrive.
+    /// One step, once a cycle; `is_lost`: too many images in a row did not arrive.
     pub(crate) fn step(&mut self, adapter: &mut Adapter, is_lost: bool) -> Event {
         self.cycles += 1;
         match self.state {
             Session::Ready => {
-                let look = self.cycles.is_multiple_of(WATCH_CYCLES);
-                if is_lost || (look && self.has_left_op(adapter)) {
+                let is_due = self.cycles.is_multiple_of(WATCH_CYCLES);
+                if is_lost || (is_due && self.has_left_op(adapter)) {
                     return self.lose();
                 }
                 Event::None
@@ -235,8 +234,8 @@ impl SessionMachine {
         adapter.domain_report(self.slave).outputs == Delivery::Confirmed
     }
 
-    /// Whether the master sees the slave in another state. While it scans the bus anew it sees no
-    /// slave at all, though process data go on; that is no reason to stop.
+    /// Whether the master reports the slave in another state. While it rescans the bus it reports no
+    /// slave at all although process data continue; that is no loss.
     fn has_left_op(&self, adapter: &Adapter) -> bool {
         adapter.slave_state(self.slave).is_ok_and(|state| state.online && !state.operational)
     }
@@ -247,7 +246,7 @@ impl SessionMachine {
         }
         self.state = Session::Verifying;
         self.next = 0;
-        // A request that an earlier attempt left behind says nothing about this one.
+        // The result of an earlier attempt's request does not apply to this one.
         self.is_running = false;
         self.waiting_since_ns = adapter.clock().now_ns();
         Event::Started
@@ -258,7 +257,7 @@ impl SessionMachine {
         Event::Lost
     }
 
-    /// Goes on with the checks; true once all are passed.
+    /// Continues the checks; true when all have passed.
     fn verify(&mut self, adapter: &mut Adapter) -> Result<bool, VerificationFault> {
         let Some(check) = self.checks.get(self.next).copied() else { return Ok(true) };
         let transfer = check.transfer();
@@ -266,7 +265,7 @@ impl SessionMachine {
         let state = adapter.sdo_request_state(request.id).map_err(VerificationFault::Library)?;
         let now = adapter.clock().now_ns();
         if state == RequestState::Busy {
-            // Also a request of an earlier attempt that the master has not given up yet.
+            // Also a request of an earlier attempt that the master has not ended.
             if now.saturating_sub(self.waiting_since_ns) < REQUEST_LIMIT_NS {
                 return Ok(false);
             }
@@ -299,7 +298,7 @@ impl SessionMachine {
         for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request.id)) {
             *to = *from;
         }
-        check.judge(u32::from_le_bytes(value), &mut self.layout_crc)?;
+        check.verify(u32::from_le_bytes(value), &mut self.layout_crc)?;
         self.next += 1;
         Ok(self.next == self.checks.len())
     }

@@ -1,4 +1,4 @@
-//! What is verified before a gateway is taken into service, and what can be wrong with it.
+//! Checks before a gateway is ready, and their faults.
 
 use std::fmt;
 
@@ -21,47 +21,47 @@ pub struct SdoTransfer {
     pub index: u16,
     /// Object subindex.
     pub subindex: u8,
-    /// Whether it writes.
+    /// Whether the transfer writes.
     pub is_download: bool,
 }
 
 impl fmt::Display for SdoTransfer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let way = if self.is_download { "download" } else { "upload" };
-        write!(f, "SDO {way} of {}", describe(self.index, self.subindex))
+        let direction = if self.is_download { "download" } else { "upload" };
+        write!(f, "SDO {direction} of {}", describe(self.index, self.subindex))
     }
 }
 
-/// Why a gateway is not taken into service.
+/// Why the verification of a gateway failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum VerificationFault {
-    /// An object reads something else than the configuration demands.
+    /// An object has another value than the configuration.
     #[error("{} reads {found}, expected {expected}", describe(*index, *subindex))]
     Readback {
         /// Object index.
         index: u16,
         /// Object subindex.
         subindex: u8,
-        /// What was expected.
+        /// Expected value.
         expected: Expectation,
-        /// What was read.
+        /// Value read.
         found: u32,
     },
-    /// Another gateway is in the place of the configured one.
+    /// Another gateway is at the configured address.
     #[error(
-        "another gateway is in its place: serial number half {} reads 0x{found:08X}, it was \
+        "another gateway is at this address: serial number half {} is 0x{found:08X}, it was \
          0x{expected:08X}", subindex - 6
     )]
     OtherGateway {
         /// Subindex of 0xF000, 7 or 8.
         subindex: u8,
-        /// What was read when the Port was opened.
+        /// Value when the Port was opened.
         expected: u32,
-        /// What is read now.
+        /// Value now.
         found: u32,
     },
-    /// The layout CRC is another one than at the first verification, with the same profile.
+    /// The layout CRC differs from the first verification, with the same profile.
     #[error("{} changed from 0x{recorded:08X} to 0x{found:08X}", describe(*index, 11))]
     LayoutCrc {
         /// 0x8010 or 0x8011.
@@ -74,16 +74,16 @@ pub enum VerificationFault {
     /// A transfer failed.
     #[error("{0} failed")]
     Transfer(SdoTransfer),
-    /// The master keeps a request busy beyond its timeout. Until it ends the request, every
-    /// attempt ends like this.
+    /// The master keeps a request busy beyond its timeout. Until it ends the request, every attempt
+    /// fails with this fault.
     #[error("the master has not ended the {transfer} for {waited_ms} ms")]
     Unended {
-        /// What the request was begun for, by this attempt or an earlier one.
+        /// Transfer of the request, begun by this attempt or an earlier one.
         transfer: SdoTransfer,
-        /// Since it was begun, in milliseconds.
+        /// Time since its start, in milliseconds.
         waited_ms: u64,
     },
-    /// The master library refused a request.
+    /// The master library rejected a request.
     #[error(transparent)]
     Library(CycleError),
 }
@@ -98,7 +98,6 @@ pub(crate) enum Check {
 }
 
 impl Check {
-    /// The transfer that it takes.
     pub(crate) fn transfer(self) -> SdoTransfer {
         let (index, subindex, is_download) = match self {
             Self::Command(sdo) => (sdo.index, sdo.subindex, true),
@@ -109,8 +108,8 @@ impl Check {
         SdoTransfer { index, subindex, is_download }
     }
 
-    /// Judges what was read. Layout CRCs are recorded the first time, per direction.
-    pub(crate) fn judge(
+    /// Verifies the value read. Records the layout CRC of each direction the first time.
+    pub(crate) fn verify(
         self,
         found: u32,
         layout_crc: &mut [Option<u32>; 2],
@@ -143,8 +142,8 @@ impl Check {
     }
 }
 
-/// Status values of 0x8010 and 0x8011 that a profile in use may show (manual 13.2): a parsing error
-/// or an overflow of the past says nothing against it.
+/// Status values of 0x8010 and 0x8011 that are valid for a profile in use (manual 13.2): a past
+/// parsing error or overflow is no fault.
 const IN_USE: &[u64] = &[0, 7, 8];
 /// The state bits of a channel status word (manual 7); all clear is disabled.
 const STATE_BITS: u32 = 0b111;
@@ -182,7 +181,7 @@ pub(crate) fn checks(config: &GatewayConfig, [tx, rx]: [PdoProfile; 2], serial: 
     checks
 }
 
-/// What an active profile reads back: :09, :10, :12.
+/// Readback values of an active profile: :09, :10, :12.
 pub(crate) fn profile_readback(profile: &PdoProfile) -> [(u8, u32); 3] {
     [(9, profile.pdo_bytes() as u32), (10, profile.frame_area_bytes() as u32), (12, profile.word())]
 }

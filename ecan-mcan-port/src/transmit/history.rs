@@ -1,19 +1,18 @@
-//! Which sends the last images carried, to match transmit results with them (manual 10).
+//! Frames of the last images, to match transmit results with them (manual 10).
 
 use ecan_protocol::image::TxResult;
 use ecan_protocol::mapping::MAX_PACKETS;
 
-/// Images remembered. Results come one or two images later; a channel under back pressure may
-/// take longer.
+/// Number of images stored. Results arrive one or two images later, later under back pressure.
 const DEPTH: usize = 16;
 
-/// A frame that waits for its outcome.
+/// A frame without a result.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct OpenFrame {
     pub(crate) channel: u8,
     /// Tag of a scheduled frame.
     pub(crate) tag: Option<u16>,
-    /// Place in the image that its ticket names.
+    /// Index in the image, as in its ticket.
     pub(crate) index: u8,
 }
 
@@ -21,11 +20,11 @@ pub(crate) struct OpenFrame {
 struct SentImage {
     sequence: u16,
     count: u8,
-    /// Any of the frames was scheduled.
+    /// The image holds scheduled frames.
     has_scheduled: bool,
-    /// It was published more than once: what is known of it came from any of these times.
+    /// The image was sent more than once: a result may belong to any of them.
     is_repeated: bool,
-    /// None once its result has come.
+    /// `None` after its result.
     frames: [Option<OpenFrame>; MAX_PACKETS],
 }
 
@@ -47,8 +46,8 @@ impl TransmitHistory {
         Self { images: Box::new(std::array::from_fn(|_| empty.clone())) }
     }
 
-    /// Remembers the frame `index` of the image `sequence`. Frames of an image come in order, and
-    /// the place of the image was made free.
+    /// Stores the frame `index` of the image `sequence`, in order of the index, after
+    /// [`make_room`](Self::make_room).
     #[inline]
     pub(crate) fn frame_added(&mut self, sequence: u16, index: u8, channel: u8, tag: Option<u16>) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
@@ -62,7 +61,7 @@ impl TransmitHistory {
         }
     }
 
-    /// The send that a result belongs to, if it has had none yet.
+    /// Removes the frame that a result belongs to, if it had none yet.
     pub(crate) fn take(&mut self, result: &TxResult) -> Option<OpenFrame> {
         let image = &mut self.images[usize::from(result.sequence) % DEPTH];
         if image.sequence != result.sequence || result.frame_index >= image.count {
@@ -72,7 +71,7 @@ impl TransmitHistory {
         place.take_if(|frame| frame.channel == result.channel)
     }
 
-    /// Ends the waiting of the scheduled frames of an image; `close` gets each of them.
+    /// Removes the scheduled frames of an image; `close` gets each of them.
     pub(crate) fn close_scheduled(&mut self, sequence: u16, close: impl FnMut(u8)) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
         if image.sequence == sequence {
@@ -80,8 +79,7 @@ impl TransmitHistory {
         }
     }
 
-    /// The frames of an image that is not published yet and still wait take the places of those
-    /// that do not.
+    /// Closes the gaps between the frames of an unpublished image.
     pub(crate) fn move_up(&mut self, sequence: u16) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
         if image.sequence != sequence {
@@ -98,19 +96,19 @@ impl TransmitHistory {
         image.count = kept;
     }
 
-    /// An image was published once more.
+    /// An image was sent again.
     pub(crate) fn repeated(&mut self, sequence: u16) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
         image.is_repeated |= image.sequence == sequence;
     }
 
-    /// Whether an image was published more than once.
+    /// Whether an image was sent more than once.
     pub(crate) fn is_repeated(&self, sequence: u16) -> bool {
         let image = &self.images[usize::from(sequence) % DEPTH];
         image.sequence == sequence && image.is_repeated
     }
 
-    /// Makes the place of an image free; `close` gets each scheduled frame that still waited there.
+    /// Frees the entry of an image; `close` gets each scheduled frame without a result in it.
     pub(crate) fn make_room(&mut self, sequence: u16, close: impl FnMut(u8)) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
         image.close_scheduled(close);
@@ -118,8 +116,7 @@ impl TransmitHistory {
         image.is_repeated = false;
     }
 
-    /// Forgets everything: the gateway's session starts anew. `close` gets each scheduled frame
-    /// that still waited.
+    /// A new session: removes everything; `close` gets each scheduled frame without a result.
     pub(crate) fn reset(&mut self, mut close: impl FnMut(u8)) {
         for image in self.images.iter_mut() {
             image.close_scheduled(&mut close);
@@ -151,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_result_matches_its_send_once() {
+    fn result_matches_its_frame_once() {
         let mut history = TransmitHistory::new();
         history.frame_added(7, 0, 1, None);
         history.frame_added(7, 1, 2, None);
@@ -164,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn an_old_image_gives_way_to_a_new_one() {
+    fn new_image_replaces_an_old_one() {
         let mut history = TransmitHistory::new();
         history.frame_added(1, 0, 0, None);
         history.frame_added(17, 0, 3, None);
@@ -176,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_stay_move_up_and_keep_what_their_tickets_name() {
+    fn remaining_frames_move_up_and_keep_their_tickets() {
         let mut history = TransmitHistory::new();
         for (index, tag) in [Some(1), None, Some(2), None].into_iter().enumerate() {
             history.frame_added(9, index as u8, 0, tag);
@@ -190,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn an_image_is_repeated_until_its_place_is_used_anew() {
+    fn image_is_repeated_until_its_entry_is_reused() {
         let mut history = TransmitHistory::new();
         history.frame_added(3, 0, 0, Some(1));
         history.repeated(19);

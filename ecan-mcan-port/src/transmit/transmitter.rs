@@ -1,8 +1,7 @@
-//! The way out to one gateway: frames into the RxPDO image, and what becomes of the image.
+//! Transmit path of one gateway: frames into the RxPDO image, and the delivery of the image.
 //!
-//! An image that carries frames and may not have arrived is published again unchanged: for the
-//! gateway a repeat is a no-op. Frames sent meanwhile are collected in a spare image and move
-//! into the process image once the held one has arrived.
+//! An unconfirmed image that carries frames is sent again unchanged: for the gateway a repeat is a
+//! no-op. Frames sent until its delivery is confirmed are collected in a spare image.
 
 use ecan_host::Delivery;
 use ecan_protocol::can::FrameRef;
@@ -24,23 +23,23 @@ type Counts = [u8; CHANNELS];
 pub(crate) struct Transmitter {
     writer: ImageWriter,
     spare: Box<[u8]>,
-    /// Frames of the image that was published last, until its delivery is known.
+    /// Frames of the last published image, until its delivery is known.
     published: Option<Counts>,
-    /// The process image holds an image that may not have arrived; filling goes to the spare.
+    /// The published image is unconfirmed; new frames go to the spare image.
     is_unconfirmed: bool,
-    /// The image being filled was begun and not yet ended.
+    /// An image has begun and not ended.
     is_open: bool,
-    /// Images in a row whose arrival was not confirmed.
+    /// Unconfirmed images in a row.
     misses: u16,
     history: TransmitHistory,
-    /// Scheduled frames of the image being filled and of the one that was published last.
+    /// Scheduled frames of the image being filled and of the last published one.
     filling_scheduled: u8,
     published_scheduled: u8,
     published_sequence: u16,
     accounts: ScheduleAccounts,
-    /// The gateway tells of each frame what became of it.
+    /// The gateway reports a result for each frame.
     has_results: bool,
-    gives_up_missed: bool,
+    discards_missed: bool,
     windows: [TransmitWindow; CHANNELS],
 }
 
@@ -50,7 +49,7 @@ impl Transmitter {
         profile: &PdoProfile,
         queue_depth: u16,
         has_results: bool,
-        gives_up_missed: bool,
+        discards_missed: bool,
     ) -> Self {
         Self {
             writer,
@@ -65,7 +64,7 @@ impl Transmitter {
             published_sequence: 0,
             accounts: ScheduleAccounts::default(),
             has_results,
-            gives_up_missed,
+            discards_missed,
             windows: std::array::from_fn(|_| TransmitWindow::new(queue_depth)),
         }
     }
@@ -94,12 +93,12 @@ impl Transmitter {
         self.has_results
     }
 
-    /// The send that a result belongs to; none where there is no such send.
+    /// The sent frame that a result belongs to, if any.
     pub(crate) fn take_result(&mut self, result: &TxResult) -> Option<OpenFrame> {
         let frame = self.history.take(result)?;
         if frame.tag.is_some() {
-            // Of an image that went out more than once, no result tells at which pulse it was there.
-            let fate = match result.code {
+            // The pulse of an image that was sent more than once is unknown.
+            let state = match result.code {
                 ResultCode::Ok | ResultCode::Queued
                     if self.history.is_repeated(result.sequence) =>
                 {
@@ -107,19 +106,18 @@ impl Transmitter {
                 }
                 code => ScheduledFrameState::Result(code),
             };
-            self.accounts.ended(frame.channel, fate);
+            self.accounts.ended(frame.channel, state);
         }
         Some(frame)
     }
 
-    /// Whether the image that will be published holds scheduled frames.
+    /// Whether the image to be published holds scheduled frames.
     pub(crate) fn has_scheduled(&self) -> bool {
         let scheduled =
             if self.is_unconfirmed { self.published_scheduled } else { self.filling_scheduled };
         self.is_open && scheduled > 0
     }
 
-    /// Frames of the image being filled.
     fn filling(&self) -> Counts {
         // infallible: an image holds 255 frames at most
         self.windows.each_ref().map(|window| window.filling() as u8)
@@ -130,8 +128,8 @@ impl Transmitter {
         self.writer.room()
     }
 
-    /// Start of a cycle: `delivery` is the fate of the image published in the last one, whose
-    /// scheduled frames count from the same pulse as those of this cycle if `is_same_pulse`.
+    /// Start of a cycle: `delivery` of the last published image, whose scheduled frames count from the
+    /// same pulse as those of this cycle if `is_same_pulse`.
     pub(crate) fn begin(
         &mut self,
         image: &mut [u8],
@@ -168,20 +166,20 @@ impl Transmitter {
         self.is_open = true;
     }
 
-    /// The pulse of the held image has passed: published again it sends its scheduled frames a
-    /// period late. Where it could do nothing else, it is given up.
+    /// The pulse of the unconfirmed image has passed: sent again, its scheduled frames leave a period
+    /// late. An image without other frames is discarded.
     fn pulse_passed(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         let frames: u16 = self.published.iter().flatten().map(|n| u16::from(*n)).sum();
-        if self.gives_up_missed && frames == u16::from(self.published_scheduled) {
-            self.give_up_published(statistics);
-            self.let_go(image);
+        if self.discards_missed && frames == u16::from(self.published_scheduled) {
+            self.discard_published(statistics);
+            self.use_spare(image);
         } else {
             self.history.repeated(self.published_sequence);
         }
     }
 
-    /// What was filled beside the held image takes its place.
-    fn let_go(&mut self, image: &mut [u8]) {
+    /// The spare image replaces the unconfirmed one.
+    fn use_spare(&mut self, image: &mut [u8]) {
         self.is_unconfirmed = false;
         let packets = HEADER_BYTES..HEADER_BYTES + self.writer.used();
         if let (Some(to), Some(from)) = (image.get_mut(packets.clone()), self.spare.get(packets)) {
@@ -190,23 +188,23 @@ impl Transmitter {
         self.writer.assume_dirty();
     }
 
-    /// Gives up the published image, of which it is not known whether it arrived.
-    fn give_up_published(&mut self, statistics: &mut SlaveStatistics) -> usize {
+    /// Discards the published image, whose delivery is unknown.
+    fn discard_published(&mut self, statistics: &mut SlaveStatistics) -> usize {
         let Some(counts) = self.published.take() else { return 0 };
         let frames = count_discarded(&counts, statistics);
-        // Results may still come of an image that did arrive.
+        // Results may still arrive for an image that was delivered.
         if !self.has_results {
             self.close_published(ScheduledFrameState::Unknown);
         }
         frames
     }
 
-    fn close_published(&mut self, fate: ScheduledFrameState) {
+    fn close_published(&mut self, state: ScheduledFrameState) {
         let Self { history, accounts, published_sequence, .. } = self;
-        history.close_scheduled(*published_sequence, |channel| accounts.ended(channel, fate));
+        history.close_scheduled(*published_sequence, |channel| accounts.ended(channel, state));
     }
 
-    /// The published image has arrived.
+    /// The delivery of the published image is confirmed.
     fn release(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !self.has_results && self.published_scheduled > 0 {
             let is_repeated = self.history.is_repeated(self.published_sequence);
@@ -220,7 +218,7 @@ impl Transmitter {
             statistics.channels[channel].frames_delivered += u64::from(*count);
         }
         if self.is_unconfirmed {
-            self.let_go(image);
+            self.use_spare(image);
         } else {
             self.start_image();
         }
@@ -238,7 +236,7 @@ impl Transmitter {
         }
     }
 
-    /// Adds a frame to the image being filled; gives its sequence and index.
+    /// Adds a frame to the image being filled; returns its sequence and index.
     #[inline(always)]
     pub(crate) fn push(
         &mut self,
@@ -262,10 +260,10 @@ impl Transmitter {
         Ok((sequence, index))
     }
 
-    /// End of a cycle: publishes the image, or the held one once more.
+    /// End of a cycle: publishes the image, or repeats the unconfirmed one.
     pub(crate) fn end(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !std::mem::take(&mut self.is_open) {
-            // Nothing was begun: the image of the last cycle goes out once more.
+            // Without a begin, the image of the last cycle is sent again.
             self.history.repeated(self.published_sequence);
             return;
         }
@@ -287,17 +285,17 @@ impl Transmitter {
         }
     }
 
-    /// Gives up every frame that is not known to have arrived, and gives their number. The next
-    /// image published is a new one, empty unless frames are sent into it.
+    /// Discards every frame without confirmed delivery and returns their number. The next published
+    /// image is a new one.
     pub(crate) fn discard(&mut self, statistics: &mut SlaveStatistics) -> usize {
-        let discarded = self.give_up_published(statistics) + self.withdraw(statistics);
+        let discarded = self.discard_published(statistics) + self.withdraw(statistics);
         self.is_unconfirmed = false;
         self.start_image();
         self.writer.assume_dirty();
         discarded
     }
 
-    /// Takes back the frames of the image being filled, and gives their number.
+    /// Withdraws the frames of the image being filled and returns their number.
     fn withdraw(&mut self, statistics: &mut SlaveStatistics) -> usize {
         let sequence = self.writer.next_sequence();
         let Self { history, accounts, .. } = self;
@@ -311,8 +309,8 @@ impl Transmitter {
         count_discarded(&filling, statistics)
     }
 
-    /// The image to be published comes too late for the phase of its scheduled frames: they are
-    /// taken back, and the others move up; those of a held one may have left.
+    /// Withdraws scheduled frames whose image comes too late for their phase; the others move up.
+    /// Frames of an unconfirmed image may have left.
     pub(crate) fn withdraw_late(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !self.has_scheduled() {
             return;
@@ -328,7 +326,7 @@ impl Transmitter {
             self.start_image();
             return;
         }
-        // What there is as an image, to be read.
+        // A copy as a complete image, to be read.
         let packets = HEADER_BYTES..HEADER_BYTES + self.writer.used();
         if let (Some(to), Some(from)) = (self.spare.get_mut(packets.clone()), image.get(packets)) {
             to.copy_from_slice(from);
@@ -362,7 +360,7 @@ impl Transmitter {
         }
     }
 
-    /// The gateway's session starts anew.
+    /// A new session of the gateway.
     pub(crate) fn reset(&mut self, statistics: &mut SlaveStatistics) {
         self.discard(statistics);
         self.misses = 0;
@@ -375,7 +373,7 @@ impl Transmitter {
     }
 }
 
-/// Counts the frames of an image that is given up, and gives their number.
+/// Counts the frames of a discarded image and returns their number.
 fn count_discarded(counts: &Counts, statistics: &mut SlaveStatistics) -> usize {
     let frames: usize = counts.iter().map(|n| usize::from(*n)).sum();
     statistics.rxpdo_discarded += u64::from(frames > 0);

@@ -1,23 +1,23 @@
-//! How many frames a channel's transmit queue in the gateway can still take.
+//! Free space in a channel's transmit queue in the gateway.
 //!
-//! The gateway does not say how full its queue is beyond "7 or more" and a pressure bit of unknown
-//! threshold (manual 7), and what it says is two images old when it arrives. But only frames of
-//! this host are in the queue. So all frames sent since the last exact count are added to that
-//! count, and the sum stays below the queue's depth: no threshold is assumed.
+//! The gateway reports the fill level only up to "7 or more", a pressure bit of unknown threshold
+//! (manual 7), and both two images late. Only frames of this host are in the queue. Therefore all
+//! frames sent since the last exact count are added to that count, and the sum stays below the
+//! queue's depth: no threshold is assumed.
 
 use ecan_protocol::image::ChannelStatus;
 
-/// Depth of the gateway's transmit queue where the device does not tell (manual 13.8, SI 29).
+/// Depth of the gateway's transmit queue if the device does not report it (manual 13.8, SI 29).
 pub(crate) const DEFAULT_DEPTH: u16 = 64;
 
-/// Where the pending count of the status word saturates.
+/// Value at which the pending count of the status word saturates.
 const SATURATED: u8 = 7;
 
 #[derive(Debug, Clone)]
 pub(crate) struct TransmitWindow {
     depth: u16,
-    /// Frames of the image being filled, of the last one, of the one before, and of older ones
-    /// that no fresh status has covered yet.
+    /// Frames of the image being filled, of the last one, of the one before, and of older ones that no
+    /// new status includes.
     filling: u16,
     last: u16,
     before: u16,
@@ -40,18 +40,17 @@ impl TransmitWindow {
         }
     }
 
-    /// Frames of the image being filled.
     pub(crate) fn filling(&self) -> u16 {
         self.filling
     }
 
-    /// Whether the channel takes one more frame.
+    /// Whether the channel accepts one more frame.
     #[inline]
     pub(crate) fn accepts_frames(&self) -> bool {
         !self.is_bus_off() && self.has_room()
     }
 
-    /// Whether one more frame fits for sure.
+    /// Whether one more frame fits in any case.
     #[inline]
     pub(crate) fn has_room(&self) -> bool {
         let unseen = [self.filling, self.last, self.before, self.older];
@@ -59,7 +58,7 @@ impl TransmitWindow {
         !self.status.tx_pressure() && at_most < self.depth
     }
 
-    /// Whether the channel is off the bus, where the gateway throws frames away.
+    /// Whether the channel is bus-off, so that the gateway drops frames.
     pub(crate) fn is_bus_off(&self) -> bool {
         self.status.bus_off()
     }
@@ -76,13 +75,13 @@ impl TransmitWindow {
         self.last = std::mem::take(&mut self.filling);
     }
 
-    /// The image being filled was given up.
+    /// The image being filled was discarded.
     pub(crate) fn abandoned(&mut self) {
         self.filling = 0;
     }
 
-    /// A fresh TxPDO brought a status: it covers all but the last two images. Only a count that is
-    /// not saturated tells how many frames are left.
+    /// Status of a new TxPDO: it includes all but the last two images. Only a count that is not
+    /// saturated is exact.
     pub(crate) fn status(&mut self, status: ChannelStatus) {
         self.status = status;
         if status.tx_pending() < SATURATED {
@@ -91,7 +90,7 @@ impl TransmitWindow {
         }
     }
 
-    /// The gateway starts anew; it was out of service for long enough to work its queue off.
+    /// A new session: the gateway has had time to empty its queue.
     pub(crate) fn reset(&mut self) {
         *self = Self::new(self.depth);
     }
@@ -111,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_burst_stops_at_the_depth_whatever_the_images() {
+    fn burst_stops_at_the_queue_depth() {
         let mut window = TransmitWindow::new(64);
         assert_eq!(fill(&mut window), 64);
         window.published();
@@ -119,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_count_until_a_status_can_have_seen_them() {
+    fn frames_count_until_a_status_includes_them() {
         let mut window = TransmitWindow::new(64);
         fill(&mut window);
         window.published();
@@ -134,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn pressure_stops_the_channel_and_its_end_frees_it() {
+    fn pressure_stops_the_channel() {
         let mut window = TransmitWindow::new(64);
         window.status(ChannelStatus::default().with_tx_pressure(true));
         assert!(!window.has_room());
@@ -143,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_saturated_count_keeps_all_frames_since_the_last_exact_one() {
+    fn saturated_count_keeps_frames_since_the_last_exact_one() {
         let mut window = TransmitWindow::new(64);
         window.status(ChannelStatus::default().with_tx_pending(5));
         for _ in 0..10 {
@@ -173,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn without_status_frames_never_age_out() {
+    fn frames_without_status_count_forever() {
         let mut window = TransmitWindow::new(64);
         for _ in 0..64 {
             assert!(window.has_room());

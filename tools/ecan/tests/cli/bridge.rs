@@ -119,7 +119,7 @@ fn pseudo_terminal_acts_as_serial_adapter() {
 #[test]
 fn frames_during_outage_are_rejected_and_never_sent() {
     let fault = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 500";
-    let late = refuses_during("kind = \"silent\"", fault, "gateway: in service");
+    let late = refuses_during("kind = \"silent\"", fault, "gateway: ready");
     assert_eq!(late, [0; 0]);
 }
 

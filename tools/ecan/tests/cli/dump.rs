@@ -192,7 +192,7 @@ fn lost_gateway_recovers() {
     let errors = String::from_utf8(output.stderr).unwrap();
     let comments: Vec<_> = errors.lines().filter_map(|line| line.split_once(") ")).collect();
     let words: Vec<_> = comments.into_iter().map(|(_, words)| words).collect();
-    let course = ["waiting for OP", "being verified", "in service"];
+    let course = ["waiting for OP", "being verified", "ready"];
     assert_eq!(words, course.map(|words| format!("gateway: {words}")));
 }
 
