@@ -45,7 +45,7 @@ fn saved_configuration_survives_power_cycle() {
         assert!(kept.is_empty(), "{kept:?}");
     }
     // The entries that the master writes at each start differ too.
-    let mut port = Port::open(&bench.ecrt, (file.adapter.clone(), file.port.clone())).unwrap();
+    let mut port = Port::open(&bench.ecrt, (file.adapter, file.port)).unwrap();
     let adapter: &mut Adapter = port.adapter_mut();
     let bus = adapter.diagnostics();
     for slave in 0..2 {
@@ -174,7 +174,7 @@ fn two_gateways_on_one_slave_return_error() {
 #[test]
 fn gateway_in_op_is_not_changed() {
     let (bench, file) = (bench(2), two());
-    let mut port = Port::open(&bench.ecrt, (file.adapter.clone(), file.port.clone())).unwrap();
+    let mut port = Port::open(&bench.ecrt, (file.adapter, file.port)).unwrap();
     let adapter = port.adapter_mut();
     adapter.activate().unwrap();
     for _ in 0..3_000 {

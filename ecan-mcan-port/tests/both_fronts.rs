@@ -48,7 +48,7 @@ fn traffic(recorded: Vec<BusFrame>) -> Traffic {
 /// Sends up to six frames in a cycle through the Port; gives the images and the traffic.
 fn over_libethercat(scenario: Scenario, config: &PortConfig) -> (Vec<Vec<u8>>, Traffic, u64) {
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-    let mut bench = Fixture::ready(scenario, adapter, config.clone());
+    let mut bench = Fixture::ready(scenario, adapter, *config);
     bench.idle(20);
     bench.simulation.with_world(|world| assert!(world.record_bus_of(0, 0)));
     let mut images = Vec::new();

@@ -71,7 +71,7 @@ fn twelve_chunks_and_more_need_a_master_that_carries_them() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     for n in [12, 16, 24] {
         let mut adapter = AdapterConfig::new(1).with_multiplier(n);
-        let refused = Fixture::open(ecan_sim::echo(1), adapter.clone(), config.clone());
+        let refused = Fixture::open(ecan_sim::echo(1), adapter, config);
         let Err(PortError::Config(faults)) = refused.map(|_| ()) else { panic!("N = {n} taken") };
         assert!(
             matches!(
@@ -84,7 +84,7 @@ fn twelve_chunks_and_more_need_a_master_that_carries_them() {
         adapter.allow_large_pdos = true;
         let mut scenario = ecan_sim::echo(1);
         scenario.carries_large_pdos = true;
-        let mut bench = Fixture::ready(scenario, adapter, config.clone());
+        let mut bench = Fixture::ready(scenario, adapter, config);
         let frames: Vec<_> = (0..100).map(|n| frame(0x200 + n, &[7; 8])).collect();
         assert_eq!(bench.carry(0, &frames, 200).len(), 100);
     }

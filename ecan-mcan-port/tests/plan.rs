@@ -420,7 +420,7 @@ fn the_measured_load_lies_within_the_planned_one() {
             FrameStream::to_bus(0, 0, sample, EVERY_CYCLE),
             FrameStream::from_bus(0, 0, sample, EVERY_CYCLE),
         ];
-        let config = one_channel(settings.clone());
+        let config = one_channel(settings);
         let load = PortPlan::of(&adapter(3), &config, &traffic).channels[0].load;
         let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
         let busy = |bench: &Fixture| {
@@ -455,7 +455,7 @@ fn the_port_has_the_margins_of_the_plan() {
         let mut gateway = GatewayConfig::on_channel(0, classic());
         gateway.schedule.margin_check = MarginCheck::Reject;
         let config = PortConfig::uniform(2, gateway);
-        let mut bench = Fixture::ready(ecan_sim::echo(2), adapter.clone(), config.clone());
+        let mut bench = Fixture::ready(ecan_sim::echo(2), adapter, config);
         for (slave, offset_ns) in [0, 1]
             .into_iter()
             .flat_map(|slave| [0, 20_000, 60_000, 999_999, 1_000_000].map(|ns| (slave, ns)))

@@ -16,9 +16,9 @@ fn adapter(multiplier: u8) -> AdapterConfig {
 #[test]
 fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     for multiplier in [8, 1, 11, 3] {
-        bench.port.reconfigure((adapter(multiplier), config.clone())).unwrap();
+        bench.port.reconfigure((adapter(multiplier), config)).unwrap();
         assert_eq!(bench.port.adapter().phase(), Phase::Configured);
         bench.port.wait_ready().unwrap();
         let read = |diagnostics: &Diagnostics| {
@@ -48,7 +48,7 @@ fn other_channels_and_bit_rates_can_be_chosen() {
 #[test]
 fn a_faulty_configuration_leaves_everything_running() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     let refused = bench.port.reconfigure((adapter(12), config));
     assert!(matches!(refused, Err(PortError::Config(_))), "{refused:?}");
     let frames = [frame(1, &[])];
@@ -58,11 +58,11 @@ fn a_faulty_configuration_leaves_everything_running() {
 #[test]
 fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     let mut elsewhere = adapter(3);
     elsewhere.slaves[0].position = 5;
     elsewhere.preop_timeout = Duration::from_millis(200);
-    let failed = bench.port.reconfigure((elsewhere, config.clone()));
+    let failed = bench.port.reconfigure((elsewhere, config));
     assert!(failed.unwrap_err().to_string().contains("position 5"));
     assert_eq!(bench.port.adapter().phase(), Phase::Down);
     bench.port.reconfigure((adapter(3), config)).unwrap();
@@ -73,8 +73,8 @@ fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
 #[test]
 fn the_configuration_in_force_can_be_changed_and_given_back() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
-    let larger = bench.port.adapter().config().clone().with_multiplier(8);
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+    let larger = (*bench.port.adapter().config()).with_multiplier(8);
     bench.port.reconfigure((larger, config)).unwrap();
     bench.port.wait_ready().unwrap();
     assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
@@ -83,7 +83,7 @@ fn the_configuration_in_force_can_be_changed_and_given_back() {
 #[test]
 fn another_master_is_refused_and_nothing_changes() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     let mut elsewhere = adapter(3);
     elsewhere.master_index = 3;
     let refused = bench.port.reconfigure((elsewhere, config)).unwrap_err();

@@ -103,9 +103,9 @@ fn a_full_schedule_is_told() {
     });
     let bits = |n: u64| n > 0;
     // An image of N = 3 holds less than the schedule, so two Sync0 periods of it would be needed.
-    let mut adapter = bench.port.adapter().config().clone();
+    let mut adapter = *bench.port.adapter().config();
     adapter = adapter.with_multiplier(8);
-    let config = bench.port.config().clone();
+    let config = *bench.port.config();
     bench.port.reconfigure((adapter, config)).unwrap();
     bench.port.wait_ready().unwrap();
     let taken = schedule(&mut bench, 100, OFFSET_NS);

@@ -110,10 +110,10 @@ fn a_gateway_whose_can_side_is_cut_off_by_a_test_is_refused_unless_allowed() {
     };
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let mut gateway = GatewayConfig::on_channel(0, classic());
-    let mut bench = Fixture::single(gateway.clone());
+    let mut bench = Fixture::single(gateway);
     bench.port.diagnose(cut_off).unwrap();
-    let config = PortConfig::uniform(1, gateway.clone());
-    let refused = bench.port.reconfigure((adapter.clone(), config)).unwrap_err();
+    let config = PortConfig::uniform(1, gateway);
+    let refused = bench.port.reconfigure((adapter, config)).unwrap_err();
     let PortError::Adapter(Error::Readback { index: 0x8030, subindex: 6, found: 3, .. }) = refused
     else {
         panic!("{refused}")

@@ -52,9 +52,9 @@ fn recommended_point_holds_in_a_longer_run() {
     let margins = table.margins(&best).unwrap();
     assert!(margins.shift_below_ns >= 100_000 && margins.shift_above_ns >= 100_000, "{table}");
 
-    let mut adapter = bench.port.adapter().config().clone();
+    let mut adapter = *bench.port.adapter().config();
     adapter.dc = Some(ecan_host::DcSync::new(1_000_000, best.shift_ns));
-    let config = bench.port.config().clone();
+    let config = *bench.port.config();
     bench.port.reconfigure((adapter, config)).unwrap();
     bench.port.wait_ready().unwrap();
     let before = bench.simulation.with_world(|world| world.counters(0).unwrap());

@@ -77,9 +77,9 @@ pub fn sluggish() -> Scenario {
 /// Sync0 of 4 ms with cycles of 1 ms: one cycle in four has a pulse.
 pub fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Fixture {
     let mut bench = with_sync0(echo(1), SHIFT_NS, change);
-    let mut adapter = bench.port.adapter().config().clone();
+    let mut adapter = *bench.port.adapter().config();
     adapter.dc = Some(ecan_host::DcSync::new(4_000_000, shift_ns));
-    let config = bench.port.config().clone();
+    let config = *bench.port.config();
     bench.port.reconfigure((adapter, config)).unwrap();
     bench.port.wait_ready().unwrap();
     bench

@@ -76,7 +76,7 @@ pub unsafe extern "C" fn igh_mcan_port_init(
         }
         // SAFETY: as above.
         unsafe { handle::clear(port.cast()) };
-        let applied = bus.applied.clone();
+        let applied = bus.applied;
         let serial = bus.add_port(call, |adapter| {
             let config = configured(config, adapter.slave_count());
             if applied.is_some_and(|applied| applied != config) {
