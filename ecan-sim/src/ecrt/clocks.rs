@@ -8,7 +8,6 @@ use crate::gateway::Sync0;
 /// AssignActivate bit of Sync0.
 const SYNC0_ACTIVE: u16 = 0x0200;
 
-/// State of the distributed clocks.
 #[derive(Debug, Default)]
 pub(crate) struct Clocks {
     /// Last application time.

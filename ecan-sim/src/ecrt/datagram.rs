@@ -9,7 +9,6 @@ pub(crate) enum Queued {
     ClockMonitor,
 }
 
-/// State of a datagram of a domain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DatagramState {
     /// Never queued since activation.

@@ -28,7 +28,6 @@ pub(crate) fn simulated_library(simulation: &Simulation) -> Ecrt {
     unsafe { Ecrt::simulated(table(version), masters, version.magic(), scenario, clock) }
 }
 
-/// The pointer of a handle.
 fn pointer<T>(address: usize) -> *mut T {
     std::ptr::without_provenance_mut(address)
 }

@@ -48,7 +48,6 @@ pub(crate) enum TransferOwner {
     Register { config: usize, request: usize },
 }
 
-/// A running transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Transfer {
     pub(crate) owner: TransferOwner,

@@ -23,10 +23,8 @@ use crate::world::World;
 use bus_scan::Scan;
 use sdo::BlockingSdo;
 
-/// Size of the kernel log in lines.
 const LOG_LINES: usize = 1000;
 
-/// Phase of the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Phase {
     /// Not reserved.
@@ -111,12 +109,10 @@ impl MasterModel {
         self.log.push_back(line);
     }
 
-    /// The kernel log.
     pub(crate) fn log_lines(&self) -> impl Iterator<Item = &str> {
         self.log.iter().map(String::as_str)
     }
 
-    /// A number for a new handle.
     pub(crate) fn new_client(&mut self) -> u64 {
         self.next_client += 1;
         self.next_client
@@ -133,7 +129,6 @@ impl MasterModel {
         self.scan.is_none() && self.slaves.iter().all(settled)
     }
 
-    /// Whether it is free to be reserved.
     pub(crate) fn is_free(&self) -> bool {
         !self.is_held_elsewhere && self.owner.is_none()
     }
@@ -270,7 +265,6 @@ impl MasterModel {
         self.configs.get(self.slaves.get(slave)?.config?)
     }
 
-    /// Creates or finds the configuration of a slave.
     pub(crate) fn slave_config(
         &mut self,
         alias: u16,

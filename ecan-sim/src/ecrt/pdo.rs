@@ -11,7 +11,6 @@ pub(crate) struct PdoEntry {
     pub(crate) bits: u8,
 }
 
-/// A PDO with its mapping.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Pdo {
     pub(crate) index: u16,

@@ -15,11 +15,9 @@ pub(crate) struct SdoFailure {
 impl SdoFailure {
     /// The slave did not respond or is in the wrong state.
     pub(crate) const UNANSWERED: Self = Self { errno: libc::EIO, abort_code: 0 };
-    /// No such slave.
     pub(crate) const NO_SLAVE: Self = Self { errno: libc::EINVAL, abort_code: 0 };
 }
 
-/// Object of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SdoObject {
     pub(crate) index: u16,
@@ -33,7 +31,6 @@ impl SdoObject {
         Self { index, subindex, complete: false }
     }
 
-    /// A whole object.
     pub(crate) const fn whole(index: u16) -> Self {
         Self { index, subindex: 0, complete: true }
     }
@@ -45,7 +42,6 @@ pub(crate) enum Payload<'a> {
     Upload(&'a mut Vec<u8>),
 }
 
-/// Result of an attempt.
 pub(crate) enum Attempt {
     /// Completed.
     Done(Result<(), SdoFailure>),

@@ -103,7 +103,6 @@ pub(crate) struct SlaveConfig {
     pub(crate) position: u16,
     pub(crate) vendor_id: u32,
     pub(crate) product_code: u32,
-    /// The slave it is attached to.
     pub(crate) slave: Option<usize>,
     pub(crate) syncs: [SyncConfig; MAX_SYNC_MANAGERS],
     pub(crate) sdos: Vec<StartupSdo>,
@@ -119,10 +118,16 @@ pub(crate) struct SlaveConfig {
 /// An entry of a configured PDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum EntrySelector {
-    /// The first one of this object.
-    Object { index: u16, subindex: u8 },
+    Object {
+        index: u16,
+        subindex: u8,
+    },
     /// By position: sync manager, PDO in it, entry in that, each from 0.
-    Position { sync: u8, pdo: usize, entry: usize },
+    Position {
+        sync: u8,
+        pdo: usize,
+        entry: usize,
+    },
 }
 
 impl SlaveConfig {

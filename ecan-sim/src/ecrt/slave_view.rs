@@ -22,7 +22,6 @@ pub(crate) struct SlaveView {
     pub(crate) requested: AlState,
     pub(crate) error_flag: bool,
     pub(crate) force_config: bool,
-    /// The configuration attached to it.
     pub(crate) config: Option<usize>,
     /// Assigned PDOs as the scan found them, by sync manager.
     pub(crate) assigned: [Vec<Pdo>; SYNC_MANAGERS as usize],

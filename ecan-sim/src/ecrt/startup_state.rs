@@ -5,7 +5,6 @@ use ecan_protocol::device::AlState;
 use crate::ecrt::mailbox::MailboxTransfer;
 use crate::ecrt::pdo_assignment::AssignmentWrite;
 
-/// A step of the startup.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Startup {
     Request(AlState),

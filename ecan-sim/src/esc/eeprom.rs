@@ -123,7 +123,6 @@ const CRC: crc::Crc<u8> = crc::Crc::<u8>::new(&crc::Algorithm {
     residue: 0,
 });
 
-/// Checksum of the first seven words.
 pub(super) fn checksum(words: &[u16]) -> u8 {
     let mut digest = CRC.digest();
     for word in words.iter().take(CONFIGURATION_WORDS - 1) {
@@ -175,7 +174,6 @@ mod tests {
         assert_eq!(eeprom.show(WRITE_NS)[1], 0x20);
     }
 
-    /// Checksums of two devices on the market.
     #[test]
     fn checksum_is_the_one_of_real_devices() {
         assert_eq!(checksum(&[0x0D00, 0, 0, 0, 0, 0, 0]), 0x46);

@@ -2,7 +2,6 @@
 
 /// Bytes of an FMMU's registers.
 pub(super) const FMMU_BYTES: usize = 16;
-/// FMMUs of a controller.
 pub(super) const FMMUS: usize = 8;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

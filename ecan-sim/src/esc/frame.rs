@@ -31,7 +31,6 @@ pub(super) enum FrameFault {
     Datagram,
 }
 
-/// A datagram in its frame.
 pub(super) struct Datagram<'a> {
     /// Header, data, working counter.
     bytes: &'a mut [u8],
@@ -73,7 +72,6 @@ impl Datagram<'_> {
         u32::from(self.offset()) << 16 | u32::from(self.slave_address())
     }
 
-    /// Adds event requests of a slave.
     pub(super) fn add_events(&mut self, events: u16) {
         self.set_u16_at(8, self.u16_at(8) | events);
     }

@@ -30,7 +30,6 @@ mod word {
     pub(super) const VERSION: usize = 0x3F;
 }
 
-/// Category numbers.
 mod category {
     pub(super) const STRINGS: u16 = 10;
     pub(super) const GENERAL: u16 = 30;
@@ -158,7 +157,6 @@ fn clocks() -> Vec<u8> {
 mod tests {
     use super::*;
 
-    /// Words of a category.
     fn find(words: &[u16], wanted: u16) -> &[u16] {
         let mut at = CATEGORIES;
         while words[at] != END {

@@ -6,7 +6,6 @@
 
 use crate::gateway::SyncManagerConfig;
 
-/// Bytes of a sync manager's registers.
 pub(super) const SYNC_MANAGER_BYTES: usize = 8;
 pub(super) const SYNC_MANAGERS: usize = 8;
 
@@ -65,7 +64,6 @@ impl SyncManager {
         self.is_enabled() && (self.start()..self.end()).contains(&address)
     }
 
-    /// Configuration for the firmware.
     pub(super) fn config(&self) -> SyncManagerConfig {
         SyncManagerConfig { start: self.start, length: self.length, control: self.control }
     }

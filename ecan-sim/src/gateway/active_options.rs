@@ -19,13 +19,11 @@ impl ActiveOptions {
         Self { profiles: Profiles::new(), test: DiagnosticTest::OFF }
     }
 
-    /// Whether the active profile of a direction has an option.
     pub(super) fn has(&self, direction: Direction, option: OptionFlags) -> bool {
         let profile = self.profiles.of(direction).active();
         profile.is_some_and(|profile| profile.options.contains(option))
     }
 
-    /// Whether images of a direction carry a CRC.
     pub(super) fn uses_crc(&self, direction: Direction) -> bool {
         match self.test.crc {
             CrcTest::Follow => !self.has(direction, OptionFlags::NO_CRC16),
@@ -54,7 +52,6 @@ impl ActiveOptions {
     }
 }
 
-/// Whether a test policy includes a direction.
 fn includes(sides: Sides, direction: Direction) -> bool {
     match sides {
         Sides::Off => false,

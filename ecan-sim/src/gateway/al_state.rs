@@ -108,7 +108,6 @@ fn exchanges_process_data(state: AlState) -> bool {
     matches!(state, AlState::SafeOp | AlState::Op)
 }
 
-/// A change of the AL state.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StateChange {
     from: AlState,

@@ -5,13 +5,10 @@ use ecan_protocol::mapping::Direction;
 use super::channel_control::{self, FIRST_CHANNEL_OBJECT};
 use super::profile_control;
 
-/// System object.
 pub(super) const SYSTEM: u16 = 0x8000;
 pub(super) const GLOBAL_DATA_PATH: u16 = 0x8020;
 pub(super) const FIRST_DATA_PATH: u16 = 0x8021;
-/// Test policies.
 pub(super) const DIAGNOSTIC_TEST: u16 = 0x8030;
-/// Performance counters.
 pub(super) const CYCLE_PERFORMANCE: u16 = 0x9011;
 const FIRST_REGISTER_SERVICE: u16 = 0xA000;
 /// Maintenance object, its command and its access mode timeout.
@@ -19,7 +16,6 @@ pub(super) const MAINTENANCE: u16 = 0xB000;
 pub(super) const MAINTENANCE_COMMAND: u8 = 4;
 pub(super) const MODE_TIMEOUT: u8 = 3;
 
-/// Subindex of the test policies' key.
 const TEST_KEY: u8 = 1;
 
 /// What the firmware does after a value was stored.

@@ -112,7 +112,6 @@ impl ConfigurationImage {
         Self { common, channels }
     }
 
-    /// The factory configuration.
     pub(super) fn factory() -> Self {
         let filters = std::array::from_fn(|_| FilterLists::new());
         Self::collect(&DictionaryValues::new(), &filters, [false; CHANNELS])

@@ -189,7 +189,6 @@ impl Controller {
         self.config.is_some() && self.transmit_waiting() >= self.transmit_elements()
     }
 
-    /// Checks whether a frame can be sent.
     pub(super) fn accepts(&self, frame: &CanFrame) -> Result<(), Rejection> {
         let Some(config) = &self.config else {
             return Err(Rejection::CannotSend);

@@ -22,14 +22,11 @@ mod code {
     pub(super) const PROTOCOL: u16 = 0x8200;
 }
 
-/// Bits of the error register: generic error and communication error.
 const COMMUNICATION_ERROR: u8 = 0x11;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Emergency {
-    /// Error code.
     pub(crate) code: u16,
-    /// Error register.
     pub(crate) register: u8,
     /// Device-specific bytes.
     pub(crate) data: [u8; 5],

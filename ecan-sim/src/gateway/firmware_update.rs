@@ -132,7 +132,6 @@ pub(super) struct FirmwareUpdate {
     reset_at: Option<u64>,
 }
 
-/// Checks format and device of a file.
 fn check(file: &[u8]) -> Result<Header, FirmwareUpdateError> {
     let header = Header::parse(file)?;
     if header.device_type != DEVICE_TYPE {

@@ -35,7 +35,6 @@ pub(super) mod command {
     pub(in crate::gateway) const REBUILD_EEPROM: u32 = MaintenanceCommand::RebuildEeprom as u32;
 }
 
-/// Action of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PendingCommand {
     /// No command, or a denied one.

@@ -200,7 +200,6 @@ impl ObjectServer {
             .then_some(count)
     }
 
-    /// Bytes of the assigned chunks.
     pub(super) fn assigned_bytes(&self, direction: Direction) -> usize {
         self.assigned_chunks(direction).map_or(0, |chunks| usize::from(chunks) * CHUNK_BYTES)
     }
@@ -215,7 +214,6 @@ impl ObjectServer {
         }
     }
 
-    /// Stores the status of a channel command and counts the command.
     pub(super) fn finish_channel_command(
         &mut self,
         channel: usize,

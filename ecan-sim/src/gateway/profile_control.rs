@@ -67,7 +67,6 @@ impl Profiles {
     }
 }
 
-/// Profile of one direction.
 #[derive(Debug)]
 pub(super) struct ProfileControl {
     direction: Direction,

@@ -8,7 +8,6 @@ use ecan_protocol::config::FifoMode;
 /// Largest size of a receive FIFO, and largest number of receive buffers.
 pub(super) const RX_ELEMENTS_MAX: usize = 64;
 
-/// A received frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Received {
     pub(super) frame: CanFrame,

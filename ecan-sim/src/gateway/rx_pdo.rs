@@ -3,7 +3,6 @@
 use ecan_protocol::image::{Image, ImageFault, ImageReader, ParseDiagnosis, PdoError, PdoProfile};
 use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
 
-/// A valid image.
 #[derive(Debug)]
 pub(super) enum ParsedImage<'a> {
     /// A new image; its packets are still to be parsed.

@@ -5,7 +5,6 @@
 
 use super::config::GatewayModelConfig;
 
-/// Times of the data-path services.
 #[derive(Debug)]
 pub(super) struct ServiceTimer {
     delay_ns: u64,

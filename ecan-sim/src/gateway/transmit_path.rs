@@ -120,7 +120,6 @@ impl TransmitPath {
         self.degraded
     }
 
-    /// Whether the ring is filled to at least this percentage.
     pub(super) fn is_filled_to(&self, percent: u8) -> bool {
         self.ring.len() * 100 >= TX_RING * usize::from(percent)
     }

@@ -5,11 +5,8 @@
 pub(super) enum MailboxError {
     /// The mailbox header has a value that the standard reserves.
     Syntax = 1,
-    /// The protocol is not supported.
     UnsupportedProtocol = 2,
-    /// No such channel.
     InvalidChannel = 3,
-    /// The protocol's service is not supported.
     ServiceNotSupported = 4,
     /// The protocol's header is wrong.
     InvalidHeader = 5,

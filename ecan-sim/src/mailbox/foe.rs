@@ -13,7 +13,6 @@ const PASSWORD: u32 = 0;
 /// Header: opcode, a reserved byte, and a field that depends on the opcode.
 const HEADER_BYTES: usize = 6;
 const MAILBOX_HEADER_BYTES: usize = 6;
-/// Largest value of BUSY.
 const BUSY_ENTIRE: u16 = 100;
 
 mod opcode {
@@ -43,7 +42,6 @@ impl From<FirmwareUpdateError> for Fault {
     }
 }
 
-/// The transfer in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Transfer {
     Idle,

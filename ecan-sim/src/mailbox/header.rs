@@ -13,7 +13,6 @@ pub(super) mod protocol {
     pub(in crate::mailbox) const RESERVED: std::ops::RangeInclusive<u8> = 6..=14;
 }
 
-/// A mailbox header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
     /// Length of the message after the header.

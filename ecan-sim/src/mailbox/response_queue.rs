@@ -34,7 +34,6 @@ pub(super) struct ResponseQueue {
 }
 
 impl ResponseQueue {
-    /// Whether the queue is full.
     pub(super) fn is_full(&self) -> bool {
         self.answers.len() >= KEPT
     }

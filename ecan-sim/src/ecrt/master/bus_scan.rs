@@ -10,7 +10,6 @@ use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{ACTIVE_POLL_NS, IDLE_POLL_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::world::World;
 
-/// A scan in progress.
 #[derive(Debug)]
 pub(crate) struct Scan {
     /// Gateways that responded at its begin.

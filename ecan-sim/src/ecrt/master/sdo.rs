@@ -53,7 +53,6 @@ impl MasterModel {
         self.blocking.swap_remove(place).result
     }
 
-    /// Cancels a transfer.
     pub(crate) fn cancel_blocking(&mut self, id: u64) {
         self.blocking.retain(|sdo| sdo.id != id);
     }

@@ -9,10 +9,8 @@ use super::super::fmmu::{FMMU_BYTES, FMMUS, Fmmu};
 use super::super::sync_manager::{SYNC_MANAGER_BYTES, SYNC_MANAGERS};
 use super::Controller;
 
-/// End of the registers.
 pub(in crate::esc) const REGISTER_BYTES: usize = 0x1000;
 
-/// Register addresses.
 pub(in crate::esc) mod address {
     pub(crate) const TYPE: usize = 0x0000;
     pub(crate) const STATION: usize = 0x0010;
@@ -123,7 +121,6 @@ pub(in crate::esc) fn initial() -> Box<[u8]> {
 }
 
 impl Controller {
-    /// Stored bytes of a register.
     pub(in crate::esc) fn stored<const N: usize>(&self, at: usize) -> [u8; N] {
         self.registers.get(at..at + N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
     }

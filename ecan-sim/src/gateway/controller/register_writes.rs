@@ -17,7 +17,6 @@ use crate::bus::StationMode;
 
 use super::{Controller, offset};
 
-/// Bits of CCCR.
 pub(super) mod cccr {
     pub(in super::super) const INIT: u32 = 1 << 0;
     pub(in super::super) const CCE: u32 = 1 << 1;
@@ -59,7 +58,6 @@ pub(super) struct WrittenRegisters {
     pub(super) event_acknowledge: u32,
 }
 
-/// Frames dropped by a register write.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct FramesDropped {
     pub(in crate::gateway) transmit: usize,

@@ -39,7 +39,6 @@ fn type_code(ty: ObjectType) -> u16 {
     }
 }
 
-/// Data type and object code of an object.
 fn object_kind(index: u16, object: &Object) -> (u16, u8) {
     let entry_type = |subindex| object.entry(subindex).map_or(0, |entry| type_code(entry.ty));
     match index {

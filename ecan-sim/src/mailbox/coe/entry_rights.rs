@@ -7,9 +7,7 @@ use ecan_protocol::object::{Access, Entry, Object};
 pub(super) mod rights {
     /// Readable in PREOP, SAFEOP and OP.
     pub(in crate::mailbox::coe) const READ: u16 = 0x0007;
-    /// Writable in PREOP.
     pub(in crate::mailbox::coe) const WRITE_PREOP: u16 = 0x0008;
-    /// Writable in SAFEOP.
     pub(in crate::mailbox::coe) const WRITE_SAFEOP: u16 = 0x0010;
     /// Writable in PREOP, SAFEOP and OP.
     pub(in crate::mailbox::coe) const WRITE: u16 = 0x0038;
@@ -17,7 +15,6 @@ pub(super) mod rights {
     pub(in crate::mailbox::coe) const RX_MAPPABLE: u16 = 0x0040;
     /// A TxPDO maps it.
     pub(in crate::mailbox::coe) const TX_MAPPABLE: u16 = 0x0080;
-    /// Backup parameter.
     pub(in crate::mailbox::coe) const BACKUP: u16 = 0x0100;
     /// A startup parameter.
     pub(in crate::mailbox::coe) const SETTING: u16 = 0x0200;

@@ -44,7 +44,6 @@ pub(super) fn emergency_message(emergency: Emergency) -> Vec<u8> {
     message
 }
 
-/// CoE of one gateway.
 #[derive(Debug)]
 pub(super) struct CoeServer {
     sdo: SdoServer,

@@ -7,7 +7,6 @@ use super::fixture::{Fixture, MS, coe};
 use crate::bus::ErrorState;
 use crate::gateway::{GatewayFault, SyncManagerConfig};
 
-/// Error code and bytes of an emergency message.
 fn emergency(message: &[u8]) -> (u16, [u8; 5]) {
     assert_eq!(message[..5], [10, 0, 0, 0, 0]);
     assert_eq!(message[5] & 0x0F, 3);
