@@ -87,9 +87,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let defaults = SimulationDefaults {
         scenario: "drives",
         slaves: usize::from(arguments.slave) + 1,
-        seed: None,
-        real_time: false,
-        large_pdos: false,
+        ..SimulationDefaults::default()
     };
     let backend = backend::open(arguments.ecrt.as_deref(), defaults)?;
     let mut adapter =

@@ -17,8 +17,6 @@ use ecan_example_support::{Interrupt, RealTimeArguments, real_time, report_exit,
 use ecan_host::{AdapterConfig, ClockSource, ClockStatus, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 
-/// Bit rate of the one CAN channel of every gateway, which carries no frames.
-const BITRATE: u32 = 1_000_000;
 /// Interval of the printed lines, ns.
 const LINE_NS: u64 = 1_000_000_000;
 /// Phase error below which the clocks count as settled, ns.
@@ -95,20 +93,21 @@ fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
         reference: arguments.reference,
         ..DcSync::new(adapter.cycle_ns(), arguments.shift_us.saturating_mul(1_000))
     });
-    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(BITRATE));
+    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
     let config = PortConfig::uniform(arguments.slaves.into(), gateway);
     let defaults = SimulationDefaults {
         scenario: "echo",
         slaves: arguments.slaves.into(),
         seed: arguments.seed,
         real_time: arguments.real_time,
-        large_pdos: false,
+        ..SimulationDefaults::default()
     };
     let backend = backend::open(arguments.ecrt.as_deref(), defaults)?;
     arguments.thread.apply(|line| println!("{line}"))?;
     Ok(Port::open(&backend.ecrt, (adapter, config))?)
 }
 
+/// Runs the clocks. Returns whether they settled.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let interrupt = Interrupt::install()?;
     let mut port = open_port(arguments)?;

@@ -3,7 +3,7 @@
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 
 /// Simulation that a program uses by default.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct SimulationDefaults {
     /// Built-in scenario of a plain `sim`.
     pub scenario: &'static str,

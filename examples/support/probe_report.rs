@@ -27,8 +27,8 @@ pub struct Row {
 /// Report of all measurements.
 #[derive(Debug)]
 pub struct Report {
-    /// Nominal cycle, ns.
-    pub cycle_ns: u32,
+    /// Nominal cycle.
+    pub cycle: std::time::Duration,
     /// Description of the setup.
     pub setting: String,
     /// Banner of a simulated run.
@@ -230,7 +230,7 @@ impl Report {
     }
 
     fn draw_kind(&self, picture: &mut String, mut top: f64, name: &str, all: &[Vec<u64>]) {
-        let mark_us = f64::from(self.cycle_ns) / 1e3;
+        let mark_us = self.cycle.as_secs_f64() * 1e6;
         let Some(common) = Range::around(all.iter().flatten(), mark_us) else { return };
         let panel = |times_ns, range, colour| Panel {
             title: "",

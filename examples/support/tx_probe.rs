@@ -244,3 +244,26 @@ fn difference(now: &ScheduleAccount, before: &ScheduleAccount) -> ScheduleAccoun
         accepted: now.accepted - before.accepted,
     }
 }
+
+/// Modes of a measurement, as an option.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Modes {
+    /// Each frame on arrival at the gateway
+    Direct,
+    /// Each frame at its phase of Sync0
+    Scheduled,
+    /// One after the other
+    Both,
+}
+
+impl Modes {
+    /// Modes in turn, the scheduled one at this phase.
+    pub fn modes(self, offset_ns: u32) -> Vec<Mode> {
+        let scheduled = Mode::Scheduled { offset_ns };
+        match self {
+            Self::Direct => vec![Mode::Direct],
+            Self::Scheduled => vec![scheduled],
+            Self::Both => vec![Mode::Direct, scheduled],
+        }
+    }
+}

@@ -181,7 +181,7 @@ fn real_time_run_uses_the_system_clock() {
 #[test]
 fn wrong_use_returns_a_helpful_message() {
     let cases: [(&[&str], &str); 13] = [
-        (&["--slave", "1"], "--slave 1 is not among 1 gateway(s)"),
+        (&["--slave", "1"], "--slave 1 is out of range; allowed: 0 to 0"),
         (&["--slaves", "0"], "--slaves"),
         (&["--channel", "4"], "--channel"),
         (&["--frames", "0"], "--frames"),

@@ -197,6 +197,6 @@ fn plan_of_the_tx_probe_warns_of_missed_phases() {
     let message = fails(PROBE, &["--plan", "--offset-ns", "1000000"]);
     contains_all(&message, &["frames cannot leave 1000.0 us behind Sync0", "period of 1000.0 us"]);
     let message = fails(PROBE, &["--plan", "--slave", "1"]);
-    contains_all(&message, &["--slave 1 is not among 1 gateway(s)"]);
+    contains_all(&message, &["--slave 1 is out of range; allowed: 0 to 0"]);
     contains_all(&fails(PROBE, &["--plan", "--sweep"]), &["cannot be used with"]);
 }

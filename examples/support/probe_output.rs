@@ -1,0 +1,129 @@
+//! Output of a transmission probe: terminal, bus recording, CSV, picture.
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use ecan_mcan_port::Port;
+use ecan_sim::{BusFrame, Simulation};
+
+use crate::bus_periods::BusRecord;
+use crate::log_file;
+use crate::probe_report::{Report, Row};
+use crate::real_time;
+use crate::tx_probe::{ModeResult, Target, probe_id};
+
+/// Files of a transmission probe.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ProbeFiles<'a> {
+    /// Analyser's candump log of the bus, read after the measurement.
+    pub bus_log: Option<&'a Path>,
+    /// Recording of the simulated bus.
+    pub bus_dump: Option<&'a Path>,
+    /// One line per frame.
+    pub csv: Option<&'a Path>,
+    /// Histograms.
+    pub picture: Option<&'a Path>,
+}
+
+impl ProbeFiles<'_> {
+    /// Checks before the measurement that the files can be written.
+    ///
+    /// # Errors
+    /// A file cannot be written, or a recording needs a simulated bus.
+    pub fn check(&self, is_simulated: bool) -> Result<(), Box<dyn Error>> {
+        for path in [self.csv, self.picture, self.bus_dump].into_iter().flatten() {
+            let opened = std::fs::OpenOptions::new().append(true).create(true).open(path);
+            opened.map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        }
+        if self.bus_dump.is_some() && !is_simulated {
+            return Err("--bus-dump needs a simulated bus".into());
+        }
+        Ok(())
+    }
+
+    /// Prints the results and writes the files. The frames were sent to `target`.
+    ///
+    /// # Errors
+    /// A file cannot be written, or the log of the bus cannot be read; the results are printed anyway.
+    pub fn report(
+        &self,
+        port: &Port,
+        simulation: Option<&Simulation>,
+        setting: String,
+        target: Target,
+        results: Vec<ModeResult>,
+    ) -> Result<(), Box<dyn Error>> {
+        let recorded = simulation.map(|it| it.with_world(|world| world.take_recorded()));
+        let (record, bus_source, log_error) = match self.bus_record(recorded.as_deref()) {
+            Ok((record, source)) => (record, source, Ok(())),
+            Err(error) => (None, "no times on the bus: the log cannot be used".into(), Err(error)),
+        };
+        for result in &results {
+            println!("\n{}:", result.mode);
+            real_time::print_statistics(port.adapter(), &result.statistics);
+        }
+        let row = |result: ModeResult| Row {
+            bus: record.as_ref().map(|record| record.periods(result.numbers.clone())),
+            result,
+        };
+        let report = Report {
+            cycle: port.adapter().config().cycle,
+            setting,
+            banner: simulation.map(Simulation::banner),
+            bus_source,
+            rows: results.into_iter().map(row).collect(),
+        };
+        println!("\n{}", report.setting);
+        print!("{}", report.table());
+        for note in report.notes().iter().skip(1) {
+            println!("{note}");
+        }
+        if let (Some(path), Some(frames)) = (self.bus_dump, &recorded) {
+            let mut dump = log_file::Writer::create(path)?;
+            for frame in frames {
+                dump.write(frame.start_ns, usize::from(target.channel), frame.frame)?;
+            }
+            dump.finish()?;
+        }
+        if let Some(path) = self.csv {
+            report.write_csv(path)?;
+        }
+        if let Some(path) = self.picture {
+            report.write_picture(path)?;
+        }
+        log_error
+    }
+
+    /// Times on the bus, and a description of their source.
+    fn bus_record(
+        &self,
+        recorded: Option<&[BusFrame]>,
+    ) -> Result<(Option<BusRecord>, String), Box<dyn Error>> {
+        if let Some(path) = self.bus_log {
+            let record = BusRecord::from_log(path, probe_id())?;
+            let resolution = match record.resolution_ns {
+                1 => "",
+                _ => ", with timestamps in whole microseconds",
+            };
+            let source = format!("times on the bus from {}{resolution}", path.display());
+            return Ok((Some(record), source));
+        }
+        Ok(match recorded {
+            Some(frames) => {
+                let record = BusRecord::from_simulation(frames, probe_id());
+                (Some(record), "times on the bus from the simulated bus".into())
+            }
+            None => (None, "no bus log; --bus-log FILE provides the times on the bus".into()),
+        })
+    }
+}
+
+/// Parses the name of a picture.
+///
+/// # Errors
+/// The name does not end in `.html` or `.svg`.
+pub fn parse_picture(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_known = path.extension().is_some_and(|it| it == "html" || it == "svg");
+    if is_known { Ok(path) } else { Err("expected a name that ends in .html or .svg".into()) }
+}
