@@ -41,9 +41,9 @@ fn data_timings_match_hand_calculation() {
         (5_000_000, 750, 875, timing(1, 12, 3, 3)),
         (5_000_000, 875, 875, timing(1, 13, 2, 2)),
         (8_000_000, 750, 875, timing(1, 7, 2, 2)),
-        // 32 and 33 of 40 are as far from 81.25 %: the later one, the last that TSEG1 can reach.
+        // 32 and 33 of 40 have the same distance from 81.25 %: the later one, the last that TSEG1 allows.
         (2_000_000, 750, 875, timing(1, 32, 7, 7)),
-        // 87.5 % of 40, 20 and 10 quanta cannot be had, of 8 it can.
+        // 87.5 % is not possible with 40, 20 and 10 quanta, but with 8.
         (2_000_000, 875, 875, timing(5, 6, 1, 1)),
         (1_000_000, 800, 800, timing(2, 31, 8, 8)),
     ] {
@@ -122,7 +122,7 @@ fn delay_compensation_offset() {
     assert!(tdc_active(false, 5_000_000));
     assert!(!tdc_active(false, 4_999_999));
     assert!(tdc_active(true, 1_000_000));
-    // The offset is where the sample point lies: 14 of 16 periods, or 2 * 32.
+    // The offset is the sample point: 14 of 16 periods, or 2 * 32.
     assert_eq!(timing(1, 13, 2, 2).automatic_tdc_offset(), Some(14));
     assert_eq!(timing(2, 31, 8, 8).automatic_tdc_offset(), Some(64));
     assert_eq!(timing(4, 31, 8, 8).automatic_tdc_offset(), None);
@@ -138,7 +138,7 @@ fn sample_point_display_is_percent() {
     assert_eq!(timing(1, 12, 3, 3).sample_point_permille(), 813);
 }
 
-/// Every timing of a prescaler that a phase can have for a bit rate, by trying all.
+/// Every timing of a prescaler for a bit rate of a phase, by trying all.
 fn all_timings(phase: Phase, clock: u32, bitrate: u32) -> Vec<(u64, BitTiming)> {
     let l = phase.limits();
     let mut found = Vec::new();

@@ -17,14 +17,14 @@ fn any_profile(random: &mut Random) -> (Direction, PdoProfile) {
         multiplier: random.below(24) as u8 + 1,
         channel_mask: random.below(15) as u8 + 1,
         profile: EncapsulationProfile::ALL[random.below(4) as usize],
-        // The baseline clears everything always.
+        // The baseline always clears everything.
         options: OptionFlags::from_bits(random.below(16) as u8).unwrap(),
         ..PdoProfile::default()
     };
     (direction, profile)
 }
 
-/// The timestamp as this codec takes it.
+/// The timestamp in the type of this codec.
 fn timestamp(frame: &baseline::Frame<'_>) -> Timestamp {
     match frame.timestamp_format() {
         0 => Timestamp::None,
@@ -34,7 +34,7 @@ fn timestamp(frame: &baseline::Frame<'_>) -> Timestamp {
     }
 }
 
-/// Pushes a frame to both; false where there is no room.
+/// Pushes a frame to both; false if it does not fit.
 fn push(
     (rust, image): (&mut ImageWriter, &mut [u8]),
     (c, c_image): (&mut baseline::Writer, &mut [u8]),
@@ -178,7 +178,7 @@ fn both_codecs_write_and_read_the_same() {
             }
         }
     }
-    // Most of what was written is read again: the mix is not refused as a whole.
+    // Most packets are read again: the mix is not rejected as a whole.
     assert!(read > 100_000, "{read}");
 }
 

@@ -3,7 +3,7 @@
 use crc::{CRC_16_IBM_3740, Crc};
 use ecan_protocol::image::{crc16, crc16_is_accelerated, crc16_portable};
 
-/// CRC-16/CCITT-FALSE under the name of the catalogue.
+/// CRC-16/CCITT-FALSE by its name in the catalogue.
 const ORACLE: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 
 const LONGEST: usize = 4096;
@@ -28,7 +28,7 @@ fn crc_of_every_length_and_alignment() {
     }
     for alignment in 0..16 {
         let data = bytes(alignment as u64, LONGEST + 32);
-        // Where the vector's memory starts is the allocator's choice.
+        // The allocator decides the alignment of the vector.
         let start = (alignment + 16 - data.as_ptr() as usize % 16) % 16;
         let mut digest = ORACLE.digest();
         for length in 0..=LONGEST {

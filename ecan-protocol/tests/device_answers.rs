@@ -1,4 +1,4 @@
-//! What a gateway answers: readback, status, capabilities, codes (manual 5.4.3 D, 13.2, 13.8).
+//! Responses of a gateway: readback, status, capabilities, codes (manual 5.4.3 D, 13.2, 13.8).
 
 use ecan_protocol::config::{ApplyStatus, ProfileMismatch, ProfileReadback, ProfileStatus};
 use ecan_protocol::device::{AlState, AlStatusCode, Capabilities, FeatureFlags};

@@ -1,4 +1,4 @@
-//! The object dictionary table against numbers taken from the manual by hand (chapter 13).
+//! The object dictionary compared with numbers copied from the manual by hand (chapter 13).
 
 use ecan_protocol::config::{
     BusOffRecovery, CacheDepth, CrcTest, CriticalFrames, DataSize, ExtendedMatch, FifoMode,
@@ -16,7 +16,7 @@ fn entry(index: u16, subindex: u8) -> &'static Entry {
 
 #[test]
 fn every_object_of_chapter_13_has_its_subindices() {
-    // First index, how many objects, subindices in the manual's table, highest of them.
+    // First index, number of objects, subindices in the manual's table, highest of them.
     let manual: [(u16, u16, usize, u8); 15] = [
         (0x8000, 1, 14, 15),
         (0x8001, 4, 86, 87),
@@ -154,7 +154,7 @@ fn only_values_of_the_manual_are_accepted() {
     assert!(!entry(0x1008, 0).accepts(0));
 }
 
-/// The numbers that an enumeration knows are those that the table lists.
+/// An enumeration has exactly the numbers of the dictionary.
 fn same_values(index: u16, subindex: u8, known: impl Fn(u8) -> bool) {
     let entry = entry(index, subindex);
     for raw in 0..=255 {

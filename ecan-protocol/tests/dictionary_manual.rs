@@ -1,5 +1,4 @@
-//! The object dictionary table against every row of the manual's own tables, where the manual
-//! is at hand.
+//! The object dictionary compared with every row of the manual's tables, if the manual is available.
 
 use std::path::Path;
 

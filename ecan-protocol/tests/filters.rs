@@ -66,7 +66,7 @@ fn filters_are_written_through_the_window() {
     in_table(&writes);
     let none: Vec<_> = filter_writes(0, &[], &[]).collect();
     assert_eq!(all_sent(&none), [(0x8001, 49, 1, 0), (0x8001, 55, 1, 0)]);
-    // Longer lists than the device has stop at its last element.
+    // Longer lists than those of the device end at its last element.
     let many: Vec<_> = filter_writes(0, &[FILTER_A; 70], &[FILTER_X; 30]).collect();
     assert_eq!(many.len(), 1 + 64 * 7 + 1 + 24 * 7);
     in_table(&many);

@@ -1,4 +1,4 @@
-//! Bytes that the manual gives, or that follow from its tables by hand.
+//! Bytes from the manual, or calculated by hand from its tables.
 
 use ecan_protocol::can::*;
 use ecan_protocol::image::*;
@@ -179,7 +179,7 @@ fn remote_frame_packet() {
     assert_eq!(image[24..28], [0x40, 0x04, 0x21, 0x03]);
 }
 
-/// Manual 8.3: with D64 the data takes 64 bytes whatever the DLC.
+/// Manual 8.3: with D64 the data has 64 bytes for every DLC.
 #[test]
 fn a_window_of_64_bytes() {
     let profile = PdoProfile { profile: EncapsulationProfile::Window64, ..PdoProfile::default() };
@@ -208,7 +208,7 @@ fn a_window_of_64_bytes() {
     assert_eq!(frames, [frame, classic]);
 }
 
-/// Manual 8.4 and 13.8: the schedule record in the place of a full64 timestamp.
+/// Manual 8.4 and 13.8: the schedule record instead of a full64 timestamp.
 #[test]
 fn scheduled_frame_packet() {
     let schedule = Schedule { tag: 0x0102, offset_ns: 100_000 };

@@ -1,4 +1,4 @@
-//! What the reader refuses, and what it reports about it (manual 6.1, 13.2, 16.2).
+//! Faults that the reader rejects, and their diagnoses (manual 6.1, 13.2, 16.2).
 
 use ecan_protocol::image::*;
 use ecan_protocol::mapping::*;
@@ -19,7 +19,7 @@ fn compact() -> PdoProfile {
     profile(EncapsulationProfile::Compact, OptionFlags::NONE)
 }
 
-/// An image around a payload made by hand.
+/// An image with a payload made by hand.
 fn image(profile: PdoProfile, frame_count: u8, payload: &[u8]) -> [u8; BYTES] {
     let mut image = [0; BYTES];
     image[24..24 + payload.len()].copy_from_slice(payload);
@@ -43,7 +43,7 @@ fn image(profile: PdoProfile, frame_count: u8, payload: &[u8]) -> [u8; BYTES] {
     image
 }
 
-/// One intact frame: channel 0, standard 0x001, two bytes.
+/// One valid frame: channel 0, standard 0x001, two bytes.
 const GOOD: [u8; 6] = [0x10, 0x00, 0x01, 0x00, 0xAA, 0xBB];
 
 fn refused(profile: PdoProfile, image: &[u8; BYTES]) -> ParseDiagnosis {
@@ -51,7 +51,7 @@ fn refused(profile: PdoProfile, image: &[u8; BYTES]) -> ParseDiagnosis {
     reader.read(image).expect_err("the image was accepted")
 }
 
-/// The error behind [`GOOD`] when a faulty packet follows it.
+/// The error after [`GOOD`] if a faulty packet follows.
 fn packet_error(direction: Direction, profile: PdoProfile, faulty: &[u8]) -> ParseDiagnosis {
     let mut payload = GOOD.to_vec();
     payload.extend_from_slice(faulty);

@@ -1,4 +1,4 @@
-//! Channel configurations as SDO downloads and what their check finds (manual 5.4.3 E, 13.4).
+//! Channel configurations as SDO downloads, and their checks (manual 5.4.3 E, 13.4).
 
 mod common;
 
@@ -94,7 +94,7 @@ fn default_channel_is_the_device_default() {
 
 #[test]
 fn raw_value_and_field_round_trip() {
-    // Every field another value than the default.
+    // Every field has another value than the default.
     let changed = McanChannelConfig {
         bit_timing_mode: BitTimingMode::Manual,
         node_mode: NodeMode::ExternalLoopback,
@@ -251,7 +251,7 @@ fn manual_timing_fits_registers_and_bit_rate() {
             ChannelFault::ManualTiming { phase: Phase::Data, timing: config.manual_data },
         ]
     );
-    // One byte holds TSEG1, though the register could take 256.
+    // TSEG1 is one byte, although the register could hold 256.
     config.manual_data.sjw = 2;
     config.nominal_bitrate = 250_000;
     config.manual_nominal = BitTiming { brp: 1, tseg1: 256, tseg2: 63, sjw: 1 };

@@ -1,4 +1,4 @@
-//! What the writer writes the reader reads, and no bytes make the reader misbehave.
+//! The reader reads what the writer writes, and returns an error for any other bytes.
 
 use ecan_protocol::can::*;
 use ecan_protocol::image::*;
@@ -29,7 +29,7 @@ fn can_frame() -> impl Strategy<Value = CanFrame> {
     )
 }
 
-/// A packet as the application gives it.
+/// A packet as the application pushes it.
 #[derive(Clone, Debug)]
 enum Item {
     Frame { channel: u8, id_aux: u8, frame: CanFrame, timestamp: Timestamp },
@@ -106,7 +106,7 @@ fn pdo_profile() -> impl Strategy<Value = (Direction, PdoProfile)> {
         })
 }
 
-/// A direction, a profile, whether windows are used, and the packets of a few images in a row.
+/// A direction, a profile, the use of windows, and the packets of several consecutive images.
 fn stream() -> impl Strategy<Value = (Direction, PdoProfile, bool, Vec<Vec<Item>>)> {
     pdo_profile().prop_flat_map(|(direction, profile)| {
         let image = prop::collection::vec(item(direction, profile), 0..60);
@@ -199,7 +199,7 @@ proptest! {
             if !profile.options.contains(OptionFlags::PAYLOAD_ONLY) {
                 prop_assert!(image[24 + used..bytes].iter().all(|&byte| byte == 0));
             }
-            // What lies behind the image belongs to others.
+            // The bytes after the image belong to others.
             prop_assert!(image[bytes..].iter().all(|&byte| byte == garbage));
             let read: Vec<_> = reader.read(&image).unwrap().packets().map(Result::unwrap).collect();
             assert_same(&read, &written);
@@ -326,7 +326,7 @@ proptest! {
     }
 }
 
-/// Reads to the end and checks what holds for any image.
+/// Reads to the end and checks the properties of every image.
 fn walk(reader: &ImageReader, image: &[u8]) {
     let received = match reader.read(image) {
         Ok(received) => received,
@@ -343,7 +343,7 @@ fn walk(reader: &ImageReader, image: &[u8]) {
             Ok(Packet::Frame(packet)) => {
                 assert!(reader.profile().has_channel(packet.channel));
                 let frame = packet.frame;
-                // A frame that is read can be built: every rule of CAN holds for it.
+                // A frame that is read can be created: it satisfies every rule of CAN.
                 let again = match frame.kind() {
                     FrameKind::Data => FrameRef::classic(frame.id(), frame.data()),
                     FrameKind::Remote => FrameRef::remote(frame.id(), frame.dlc()),

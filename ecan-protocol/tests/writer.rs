@@ -1,4 +1,4 @@
-//! What the writer refuses, clears and counts (manual 5.4.4.1, 6.1, 9.1).
+//! Rejection, clearing and counting in the writer (manual 5.4.4.1, 6.1, 9.1).
 
 use ecan_protocol::can::*;
 use ecan_protocol::image::*;

@@ -1,4 +1,4 @@
-//! Process images in both directions: the first byte chooses the profile, the rest is the image.
+//! PDO images in both directions: the first byte selects the profile, the rest is the image.
 #![no_main]
 
 use ecan_protocol::image::{ImageReader, PdoProfile};
@@ -12,7 +12,7 @@ fuzz_target!(|data: &[u8]| {
         for has_crc in [false, true] {
             let reader = ImageReader::new(direction, profile).with_crc(has_crc);
             if let Ok(read) = reader.read(image) {
-                // Each packet or the reason why there is none behind it.
+                // Each packet, or the error that ends the iteration.
                 let packets = read.packets().take(256).count();
                 assert!(packets <= 256);
             }

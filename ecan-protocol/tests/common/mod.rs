@@ -1,4 +1,4 @@
-//! SDO downloads as the tests compare them.
+//! SDO downloads in a form that the tests compare.
 // Each test file uses only a part.
 #![allow(dead_code)]
 
@@ -15,7 +15,7 @@ pub fn all_sent<'a>(writes: impl IntoIterator<Item = &'a SdoWrite>) -> Vec<Sent>
     writes.into_iter().map(sent).collect()
 }
 
-/// Every download has a writable entry of its size in the table, and the table accepts it.
+/// Every download has a writable entry of its size in the dictionary, which accepts the value.
 pub fn in_table<'a>(writes: impl IntoIterator<Item = &'a SdoWrite>) {
     for write in writes {
         let (_, entry) = lookup(write.index, write.subindex).expect("in the table");
