@@ -208,7 +208,7 @@ fn wrong_use_returns_a_helpful_message() {
         (&["--replay", bad.to_str().unwrap()], "line 2, column"),
         (&["--replay", empty.to_str().unwrap()], "holds no frame"),
         (&["--dump", "/no/such/dir/out.log"], "cannot write /no/such/dir/out.log"),
-        (&["--pdo-n", "0"], "outside 1..24"),
+        (&["--pdo-n", "0"], "allowed: 1 to 24"),
         (&["--pdo-n", "12"], "at most 11"),
         (&["--bitrate", "123"], "bit timing"),
         (&["--cycle-us", "10"], "cycle of 10 us"),
