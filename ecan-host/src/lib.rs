@@ -6,7 +6,7 @@
 //! and leaves a bus that only waits for [`Adapter::activate`]. In the cycle [`Adapter::receive`]
 //! and [`Adapter::send`] exchange the process images (manual 15.5).
 //!
-//! [`Plan`] tells beforehand what a configuration costs on the wire.
+//! [`Plan`] computes the load of a configuration on the wire in advance.
 //!
 //! Nothing here starts a thread or sleeps in the data path: the application owns the cycle.
 //! [`RealTimeConfig`] and [`CycleStatistics`] help it to keep it (manual 13.9).

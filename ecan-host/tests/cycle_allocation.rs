@@ -11,7 +11,7 @@ use counting::allocations;
 use ecan_host::{Clock, CycleStatistics, CycleTimer, CycleTiming, MonotonicClock, OverrunPolicy};
 
 #[test]
-fn waiting_on_the_grid_and_recording_allocate_nothing() {
+fn wait_and_recording_do_not_allocate() {
     let mut adapter = open(ecan_sim::echo(1), raw_config().0).unwrap();
     let clock = adapter.ecrt().clock().clone();
     let mut statistics = CycleStatistics::new(1_000_000);
@@ -37,7 +37,7 @@ fn waiting_on_the_grid_and_recording_allocate_nothing() {
 }
 
 #[test]
-fn spinning_on_the_systems_clock_allocates_nothing() {
+fn spin_on_the_system_clock_does_not_allocate() {
     let clock = MonotonicClock;
     let timing = CycleTiming { spin_ns: 50_000, ..CycleTiming::default() };
     let mut timer = CycleTimer::new(100_000, timing);

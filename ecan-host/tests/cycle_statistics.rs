@@ -16,7 +16,7 @@ fn record(statistics: &mut CycleStatistics, point: u64, late_ns: u64, run_ns: u6
 }
 
 #[test]
-fn nothing_recorded_is_none() {
+fn empty_statistics_are_none() {
     let statistics = CycleStatistics::new(CYCLE_NS as u32);
     assert_eq!(statistics.period(), Distribution::default());
     let text =
@@ -55,7 +55,7 @@ fn ends_and_mean_are_exact_and_percentiles_close() {
 }
 
 #[test]
-fn overruns_and_skipped_points_are_summed_up() {
+fn overruns_and_skipped_deadlines_are_summed() {
     let mut statistics = CycleStatistics::new(CYCLE_NS as u32);
     let late = CycleStart { deadline_ns: 6 * CYCLE_NS, skipped: 5, has_overrun: true, late_ns: 0 };
     statistics.begin(&CycleStart { deadline_ns: 0, ..late });
@@ -69,7 +69,7 @@ fn overruns_and_skipped_points_are_summed_up() {
 }
 
 #[test]
-fn what_a_pause_leaves_out_is_no_period_and_not_missed() {
+fn paused_cycles_are_no_period_and_not_missed() {
     let mut statistics = CycleStatistics::new(CYCLE_NS as u32);
     record(&mut statistics, 0, 0, 1_000);
     statistics.pause();
@@ -81,7 +81,7 @@ fn what_a_pause_leaves_out_is_no_period_and_not_missed() {
 }
 
 #[test]
-fn times_out_of_range_are_recorded_at_its_end() {
+fn times_out_of_range_are_recorded_at_the_limit() {
     let mut statistics = CycleStatistics::new(CYCLE_NS as u32);
     statistics.end(7);
     assert_eq!(statistics.run_time().count, 0, "no cycle has begun");
@@ -106,7 +106,7 @@ fn percentiles_of_a_list_are_nearest_ranks() {
 }
 
 #[test]
-fn an_adapter_measures_its_own_cycle_and_anew_after_a_reconfiguration() {
+fn adapter_restarts_its_statistics_after_a_reconfiguration() {
     let (mut config, _) = common::raw_config();
     let mut adapter = common::open(ecan_sim::echo(1), config.clone()).unwrap();
     adapter.wait_op(Duration::from_secs(20)).unwrap();

@@ -47,7 +47,7 @@ fn start(point: u64, late_ns: u64, skipped: u64, has_overrun: bool) -> CycleStar
 }
 
 #[test]
-fn a_cycle_that_ends_in_time_changes_nothing() {
+fn cycle_in_time_keeps_the_grid() {
     for timing in [CycleTiming::default(), catch_up(0), catch_up(3)] {
         let starts = starts_after(timing, 300_000, 2);
         assert_eq!(starts, [start(1, 0, 0, false), start(2, 0, 0, false)], "{timing:?}");
@@ -55,7 +55,7 @@ fn a_cycle_that_ends_in_time_changes_nothing() {
 }
 
 #[test]
-fn missed_points_are_skipped() {
+fn missed_deadlines_are_skipped() {
     for timing in [CycleTiming::default(), catch_up(0)] {
         let starts = starts_after(timing, 1_700_000, 2);
         assert_eq!(starts, [start(2, 0, 1, true), start(3, 0, 0, false)], "{timing:?}");
@@ -65,7 +65,7 @@ fn missed_points_are_skipped() {
 }
 
 #[test]
-fn missed_points_are_made_up_for() {
+fn missed_deadlines_are_caught_up() {
     let starts = starts_after(catch_up(10), 1_700_000, 2);
     assert_eq!(starts, [start(1, 700_000, 0, true), start(2, 0, 0, false)]);
     let starts = starts_after(catch_up(10), 5_200_000, 6);
@@ -81,7 +81,7 @@ fn missed_points_are_made_up_for() {
 }
 
 #[test]
-fn making_up_for_points_is_bounded() {
+fn catching_up_is_bounded() {
     let starts = starts_after(catch_up(3), 5_200_000, 4);
     let expected = [
         start(3, 2_200_000, 2, true),
@@ -93,7 +93,7 @@ fn making_up_for_points_is_bounded() {
 }
 
 #[test]
-fn a_cycle_that_overruns_while_points_are_made_up_for_counts_again() {
+fn overrun_while_catching_up_counts_again() {
     let ecrt = simulated(ecan_sim::echo(1)).0;
     let clock = ecrt.clock();
     let mut timer = CycleTimer::new(CYCLE_NS as u32, catch_up(10));
@@ -109,7 +109,7 @@ fn a_cycle_that_overruns_while_points_are_made_up_for_counts_again() {
 }
 
 #[test]
-fn a_restart_puts_the_grid_elsewhere() {
+fn restart_moves_the_grid() {
     let ecrt = simulated(ecan_sim::echo(1)).0;
     let clock = ecrt.clock();
     let mut timer = CycleTimer::new(CYCLE_NS as u32, CycleTiming::default());
@@ -146,7 +146,7 @@ impl Clock for Looked {
 }
 
 #[test]
-fn a_clock_that_runs_is_slept_on_until_the_spin_and_looked_at_from_there() {
+fn free_running_clock_sleeps_until_the_spin_then_polls() {
     let clock = Looked { now_ns: Mutex::default(), slept_until_ns: Mutex::default() };
     let timing = CycleTiming { spin_ns: 100_000, ..CycleTiming::default() };
     let mut timer = CycleTimer::new(CYCLE_NS as u32, timing);
@@ -161,7 +161,7 @@ fn a_clock_that_runs_is_slept_on_until_the_spin_and_looked_at_from_there() {
 }
 
 #[test]
-fn the_adapter_waits_by_it() {
+fn adapter_waits_with_the_cycle_timer() {
     let mut config = raw_config().0;
     config.cycle = Duration::from_nanos(CYCLE_NS);
     let mut adapter: Adapter = open(ecan_sim::echo(1), config).unwrap();
@@ -189,7 +189,7 @@ fn the_adapter_waits_by_it() {
 
 /// A busy machine wakes up shortly before the next point, or behind several.
 #[test]
-fn the_cycle_behind_a_late_one_waits_for_the_answer() {
+fn cycle_after_a_late_one_waits_for_the_response() {
     const BUSY: WakeUpDelay =
         WakeUpDelay { typical_ns: 1_000, p99_ns: 990_000, longest_ns: 5_000_000 };
     for timing in [CycleTiming::default(), catch_up(10)] {
@@ -213,7 +213,7 @@ fn the_cycle_behind_a_late_one_waits_for_the_answer() {
 /// Whatever share of the cycle the wire takes: a host that leaves the answer its time keeps the
 /// grid, one that was late comes back to it, and no answer is lost.
 #[test]
-fn who_sends_early_is_never_held_back() {
+fn early_send_is_never_delayed() {
     for (gateways, multiplier, cycle_us) in
         [(1, 8, 250), (1, 2, 100), (3, 11, 1_000), (1, 3, 200_u32)]
     {
@@ -247,7 +247,7 @@ fn who_sends_early_is_never_held_back() {
 }
 
 #[test]
-fn the_first_cycle_waits_for_the_answer_too() {
+fn first_cycle_waits_for_the_response() {
     let mut adapter = open(ecan_sim::echo(1), raw_config().0).unwrap();
     adapter.activate().unwrap();
     let clock = adapter.ecrt().clock().clone();
@@ -260,7 +260,7 @@ fn the_first_cycle_waits_for_the_answer_too() {
 }
 
 #[test]
-fn a_changed_cycle_is_waited_for_after_the_next_activation() {
+fn changed_cycle_applies_after_the_next_activation() {
     let (config, _) = raw_config();
     let mut adapter = open(ecan_sim::echo(1), config.clone()).unwrap();
     adapter.wait_op(Duration::from_secs(10)).unwrap();
@@ -279,7 +279,7 @@ fn policies() -> impl Strategy<Value = OverrunPolicy> {
 
 proptest! {
     #[test]
-    fn the_grid_never_drifts(
+    fn grid_never_drifts(
         overrun in policies(),
         spin_ns in 0_u64..200_000,
         cycle_ns in 100_000_u32..20_000_000,

@@ -75,7 +75,7 @@ fn true_spread(adapter: &mut Adapter, simulation: &Simulation, cycles: usize) ->
 }
 
 #[test]
-fn the_host_follows_from_any_phase_and_with_any_drift() {
+fn host_follows_from_any_phase_and_with_any_drift() {
     for ppm in [-50, 50] {
         for jump_ns in [0, 1_000, 250_000, 499_000, 750_000] {
             let (mut adapter, simulation) = in_op(&[ppm], Scenario::default(), following());
@@ -95,7 +95,7 @@ fn the_host_follows_from_any_phase_and_with_any_drift() {
 }
 
 #[test]
-fn the_cycle_is_in_phase_with_sync0() {
+fn cycle_is_in_phase_with_sync0() {
     let dc = DcSync { shift_ns: 300_000, ..following() };
     let (mut adapter, simulation) = in_op(&[50], Scenario::default(), dc);
     phase_errors(&mut adapter, 500);
@@ -124,7 +124,7 @@ fn lost_frames_are_counted_and_do_not_shift_the_phase() {
 }
 
 #[test]
-fn the_slaves_follow_the_host() {
+fn slaves_follow_the_host() {
     for version in [EcrtVersion::V1_5, EcrtVersion::V1_6] {
         let scenario = Scenario { version, ..Scenario::default() };
         let (mut adapter, _simulation) = in_op(&[50, -80, 20], scenario, DcSync::new(CYCLE_NS, 0));
@@ -148,7 +148,7 @@ fn another_slave_can_be_the_reference() {
 }
 
 #[test]
-fn synchrony_tells_of_a_clock_that_jumped() {
+fn synchrony_shows_a_clock_that_jumped() {
     let dc = DcSync { monitor_every: 1, ..following() };
     let (mut adapter, simulation) = in_op(&[0, 0], Scenario::default(), dc);
     phase_errors(&mut adapter, 100);
@@ -162,7 +162,7 @@ fn synchrony_tells_of_a_clock_that_jumped() {
 }
 
 #[test]
-fn a_gateway_that_comes_back_is_in_phase_again() {
+fn restarted_gateway_is_in_phase_again() {
     let (mut adapter, simulation) = in_op(&[50, -50], Scenario::default(), following());
     phase_errors(&mut adapter, 500);
     simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
@@ -185,7 +185,7 @@ fn a_gateway_that_comes_back_is_in_phase_again() {
 }
 
 #[test]
-fn a_cycle_timer_of_the_application_gets_the_correction() {
+fn own_cycle_timer_receives_the_correction() {
     let (mut adapter, _simulation) = in_op(&[50], Scenario::default(), following());
     let mut next = adapter.clock().now_ns();
     let mut errors = Vec::new();
@@ -234,7 +234,7 @@ fn first_errors(sync0_cycles: u32, jump_ns: i64, count: usize) -> Vec<i32> {
 }
 
 #[test]
-fn the_first_phase_error_is_taken_away_at_once() {
+fn first_phase_error_is_corrected_at_once() {
     for sync0_cycles in [1, 4] {
         let half = i64::from(sync0_cycles * CYCLE_NS) / 2;
         for jump_ns in [-half + 1_000, -600_000, -300_000, 300_000, 600_000, half - 1_000] {
@@ -264,7 +264,7 @@ fn late_cycles_of_the_host_do_not_reach_the_clocks() {
 }
 
 #[test]
-fn a_reference_slave_that_is_gone_is_not_followed() {
+fn lost_reference_slave_is_not_followed() {
     let dc = DcSync { reference: Some(1), ..following() };
     let (mut adapter, simulation) = in_op(&[0, 50], Scenario::default(), dc);
     phase_errors(&mut adapter, 1_000);

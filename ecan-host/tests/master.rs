@@ -42,7 +42,7 @@ fn on_each_release(test: impl Fn(Master, (u8, u8))) {
 }
 
 #[test]
-fn the_bus_as_the_master_sees_it() {
+fn master_reports_the_state_of_the_bus() {
     on_each_release(|master, version| {
         assert_eq!(
             master.info(),
@@ -72,7 +72,7 @@ fn the_bus_as_the_master_sees_it() {
 }
 
 #[test]
-fn a_slave_and_its_default_mapping() {
+fn master_reports_a_slave_and_its_default_mapping() {
     on_each_release(|master, _| {
         let slave = master.slave_info(1).unwrap();
         assert_eq!(slave.position, 1);
@@ -130,7 +130,7 @@ fn sdo_transfers_and_their_abort_codes() {
 }
 
 #[test]
-fn a_configuration_reaches_the_library() {
+fn configuration_reaches_the_library() {
     on_each_release(|mut master, version| {
         assert!(master.is_reserved());
         let config = master.slave_config(0, 1, 0xec0, 0x1234_5678).unwrap();
@@ -169,7 +169,7 @@ fn a_configuration_reaches_the_library() {
 }
 
 #[test]
-fn a_cycle_exchanges_the_image() {
+fn cycle_exchanges_the_image() {
     on_each_release(|mut master, _| {
         let first = master.create_domain().unwrap();
         let second = master.create_domain().unwrap();
@@ -245,7 +245,7 @@ fn deactivation_makes_every_id_stale() {
 }
 
 #[test]
-fn an_id_is_good_for_its_own_master_only() {
+fn id_is_valid_for_its_own_master_only() {
     on_each_release(|mut master, _| {
         let mut other = Master::request(master.ecrt(), 1).unwrap();
         let domain = master.create_domain().unwrap();
@@ -255,7 +255,7 @@ fn an_id_is_good_for_its_own_master_only() {
 }
 
 #[test]
-fn an_sdo_request_reads_and_writes() {
+fn sdo_request_reads_and_writes() {
     on_each_release(|mut master, _| {
         let config = master.slave_config(0, 0, 1, 2).unwrap();
         let request = master.create_sdo_request(config, 0x1018, 1, 4).unwrap();
@@ -285,7 +285,7 @@ fn an_sdo_request_reads_and_writes() {
 }
 
 #[test]
-fn a_register_request_reads() {
+fn register_request_reads() {
     on_each_release(|mut master, _| {
         let config = master.slave_config(0, 0, 1, 2).unwrap();
         let request = master.create_reg_request(config, 2).unwrap();
@@ -300,7 +300,7 @@ fn a_register_request_reads() {
 }
 
 #[test]
-fn what_1_6_reports_is_an_error_and_what_1_5_leaves_behind_is_not() {
+fn status_of_1_6_is_an_error_and_garbage_of_1_5_is_not() {
     for (macros, expected) in RELEASES.into_iter().zip([Ok(()), Err(Errno::EINTR)]) {
         let Some(fake) = Fake::build(macros) else {
             return;
@@ -334,7 +334,7 @@ fn what_1_6_reports_is_an_error_and_what_1_5_leaves_behind_is_not() {
 }
 
 #[test]
-fn a_master_is_released_once_and_a_foreign_one_never() {
+fn master_is_released_once_and_an_attached_one_never() {
     on_each_release(|mut watcher, _| {
         let ecrt = watcher.ecrt().clone();
         drop(Master::request(&ecrt, 1).unwrap());
@@ -392,7 +392,7 @@ fn a_master_is_released_once_and_a_foreign_one_never() {
 }
 
 #[test]
-fn a_null_carries_the_error_number_of_the_library() {
+fn null_has_the_error_number_of_the_library() {
     on_each_release(|mut master, _| {
         for _ in 0..4 {
             master.create_domain().unwrap();
@@ -402,7 +402,7 @@ fn a_null_carries_the_error_number_of_the_library() {
 }
 
 #[test]
-fn a_master_may_move_to_another_thread() {
+fn master_may_move_to_another_thread() {
     on_each_release(|mut master, _| {
         let domain = master.create_domain().unwrap();
         master.activate().unwrap();
@@ -417,7 +417,7 @@ fn a_master_may_move_to_another_thread() {
 }
 
 #[test]
-fn each_way_of_not_getting_a_master_says_what_to_do() {
+fn each_open_failure_says_what_to_do() {
     let Some(fake) = Fake::build(&[]) else { return };
     let ecrt = fake.load();
     let text = |index| {
@@ -442,7 +442,7 @@ fn each_way_of_not_getting_a_master_says_what_to_do() {
 }
 
 #[test]
-fn a_failed_request_leaves_nothing_to_the_next() {
+fn failed_request_does_not_affect_the_next() {
     let Some(fake) = Fake::build(&[]) else { return };
     let ecrt = fake.load();
     assert_eq!(Master::request(&ecrt, 103).unwrap_err().failure, OpenFailure::Busy);

@@ -10,7 +10,7 @@ use ecan_host::{Adapter, AdapterConfig, Error, Identity, Phase, StartupPlan, Sta
 use ecan_protocol::object::{ObjectType, SdoWrite};
 
 #[test]
-fn the_identity_is_taken_from_the_bus() {
+fn identity_is_taken_from_the_bus() {
     let adapter = open(ecan_sim::echo(2), AdapterConfig::new(2)).unwrap();
     let settings = ecan_sim::GatewayModelConfig::default();
     let found = adapter.identity(1).unwrap();
@@ -20,7 +20,7 @@ fn the_identity_is_taken_from_the_bus() {
 }
 
 #[test]
-fn another_identity_than_the_configured_one_is_refused() {
+fn identity_mismatch_is_rejected() {
     let mut config = AdapterConfig::new(1);
     config.slaves[0].identity = Some(Identity { vendor_id: 0xBEEF, product_code: 1 });
     let error = open(ecan_sim::echo(1), config).unwrap_err();
@@ -29,7 +29,7 @@ fn another_identity_than_the_configured_one_is_refused() {
 }
 
 #[test]
-fn a_device_that_is_no_ecan_lite_is_refused_by_its_content() {
+fn device_that_is_no_ecan_lite_is_rejected_by_its_objects() {
     let mut scenario = ecan_sim::echo(1);
     let abort = ecan_sim::GatewayFault::SdoAbort {
         index: 0xF000,
@@ -63,7 +63,7 @@ fn slaves_are_found_by_alias() {
 }
 
 #[test]
-fn the_first_chunks_are_assigned_and_the_domain_is_continuous() {
+fn first_chunks_are_assigned_and_the_domain_is_continuous() {
     let mut config = AdapterConfig::new(1);
     config.slaves[0].rx_multiplier = 2;
     config.slaves[0].tx_multiplier = 4;
@@ -84,7 +84,7 @@ fn the_first_chunks_are_assigned_and_the_domain_is_continuous() {
 }
 
 #[test]
-fn a_readback_that_does_not_match_is_named_in_words() {
+fn readback_mismatch_is_described() {
     let mut config = AdapterConfig::new(1);
     // N = 8 in the profile, N = 3 in the assignment: the apply command answers 5 (manual 14.2).
     for (subindex, value) in [(3, 8), (1, 1)] {
@@ -101,7 +101,7 @@ fn a_readback_that_does_not_match_is_named_in_words() {
 }
 
 #[test]
-fn the_master_is_released_on_every_way_out() {
+fn master_is_released_after_every_error() {
     let (ecrt, _simulation) = simulated(ecan_sim::echo(1));
     let mut absent = AdapterConfig::new(2);
     absent.preop_timeout = Duration::from_millis(100);
@@ -117,7 +117,7 @@ fn the_master_is_released_on_every_way_out() {
 }
 
 #[test]
-fn calls_out_of_order_are_refused_by_name() {
+fn call_in_a_wrong_phase_is_rejected_by_name() {
     let mut adapter = open(ecan_sim::echo(1), AdapterConfig::new(1)).unwrap();
     assert!(adapter.receive().unwrap_err().to_string().contains("not active"));
     assert!(adapter.send().is_err());

@@ -43,7 +43,7 @@ fn raw_images_carry_frames() {
 }
 
 #[test]
-fn the_application_may_give_up_a_wait_and_take_it_up_again() {
+fn application_may_cancel_a_wait_and_wait_again() {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -62,7 +62,7 @@ fn the_application_may_give_up_a_wait_and_take_it_up_again() {
 }
 
 #[test]
-fn working_counters_tell_what_arrived() {
+fn working_counters_show_the_delivery() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
     let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
@@ -87,7 +87,7 @@ fn working_counters_tell_what_arrived() {
 }
 
 #[test]
-fn a_slave_whose_profile_does_not_fit_is_reported_with_the_object() {
+fn profile_mismatch_is_reported_with_the_object() {
     // Nothing applies a profile for N = 3.
     let mut adapter = open(ecan_sim::echo(1), AdapterConfig::new(1)).unwrap();
     let error = adapter.wait_op(Duration::from_secs(5)).unwrap_err();
@@ -102,7 +102,7 @@ fn a_slave_whose_profile_does_not_fit_is_reported_with_the_object() {
 }
 
 #[test]
-fn the_al_status_code_is_caught_before_the_master_acknowledges_it() {
+fn al_status_code_is_read_before_the_master_acknowledges_it() {
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
     let mut adapter = Adapter::open(&ecrt, raw_config().0, StartupPlan::default()).unwrap();
     adapter.wait_op(Duration::from_secs(20)).unwrap();
@@ -115,7 +115,7 @@ fn the_al_status_code_is_caught_before_the_master_acknowledges_it() {
 }
 
 #[test]
-fn the_watchdog_ends_operation_after_its_time() {
+fn watchdog_ends_operation_after_its_time() {
     for (watchdog_us, pause_us, holds) in [
         (100_000, 97_000, true),
         (100_000, 101_000, false),
@@ -143,7 +143,7 @@ fn the_watchdog_ends_operation_after_its_time() {
 }
 
 #[test]
-fn a_watchdog_does_not_outlive_the_configuration_that_set_it() {
+fn watchdog_ends_with_its_configuration() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
     let mut adapter = Adapter::open(
@@ -161,7 +161,7 @@ fn a_watchdog_does_not_outlive_the_configuration_that_set_it() {
 }
 
 #[test]
-fn a_slave_without_power_is_reported_as_such() {
+fn slave_without_power_is_reported() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
     let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
@@ -171,7 +171,7 @@ fn a_slave_without_power_is_reported_as_such() {
 }
 
 #[test]
-fn sdo_requests_run_while_the_cycle_goes_on() {
+fn sdo_requests_run_in_parallel_with_the_cycle() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
     let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
@@ -203,7 +203,7 @@ fn sdo_requests_run_while_the_cycle_goes_on() {
 }
 
 #[test]
-fn blocking_transfers_name_object_and_abort_code() {
+fn blocking_transfer_errors_name_object_and_abort_code() {
     let adapter = open(ecan_sim::echo(1), AdapterConfig::new(1)).unwrap();
     let diagnostics = adapter.diagnostics();
     assert_eq!(diagnostics.sdo_upload_u32(0, 0xF000, 2).unwrap(), 4);
@@ -218,7 +218,7 @@ fn blocking_transfers_name_object_and_abort_code() {
 }
 
 #[test]
-fn a_second_handle_works_from_another_thread() {
+fn second_handle_works_from_another_thread() {
     let (config, _) = raw_config();
     let mut adapter = open(ecan_sim::echo(1), config).unwrap();
     adapter.wait_op(Duration::from_secs(20)).unwrap();
@@ -241,7 +241,7 @@ fn op_is_reached_with_sync0() {
 }
 
 #[test]
-fn an_attached_adapter_leaves_the_master_to_its_owner() {
+fn attached_adapter_leaves_the_master_to_its_owner() {
     let (ecrt, _simulation) = simulated(ecan_sim::echo(2));
     let mut owner = Master::request(&ecrt, 0).unwrap();
     // SAFETY: the owner outlives the Adapter below and is used from this thread only.
@@ -273,7 +273,7 @@ fn an_attached_adapter_leaves_the_master_to_its_owner() {
 }
 
 #[test]
-fn the_startup_list_is_sent_again_after_a_power_cycle() {
+fn startup_list_is_sent_again_after_a_power_cycle() {
     let (mut config, _) = raw_config();
     let mark = SdoWrite { index: 0x8000, subindex: 10, value: 4711, ty: ObjectType::U32 };
     config.add_startup(0, StartupStep::Download(mark)).unwrap();
@@ -293,7 +293,7 @@ fn the_startup_list_is_sent_again_after_a_power_cycle() {
 
 /// Whatever the system's scheduler does with the thread beside the cycle.
 #[test]
-fn work_beside_the_cycle_takes_the_same_cycles_in_every_run() {
+fn parallel_work_takes_the_same_cycles_in_every_run() {
     let run = || {
         let (config, _) = raw_config();
         let mut adapter = open(ecan_sim::echo(1), config).unwrap();

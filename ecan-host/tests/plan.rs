@@ -126,7 +126,7 @@ fn directions_of_different_size() {
 // Findings
 
 #[test]
-fn what_would_not_work_is_refused_with_figures_and_remedy() {
+fn plan_errors_have_figures_and_remedy() {
     let refused = |config: AdapterConfig| {
         let refusals = Plan::of(&config).refusals;
         let all: Vec<_> = refusals.iter().map(ToString::to_string).collect();
@@ -145,7 +145,7 @@ fn what_would_not_work_is_refused_with_figures_and_remedy() {
 }
 
 #[test]
-fn large_pdos_are_planned_where_they_are_allowed() {
+fn allowed_large_pdos_are_planned() {
     let mut config = config(1, 12, 1_000);
     config.allow_large_pdos = true;
     let plan = Plan::of(&config);
@@ -157,7 +157,7 @@ fn large_pdos_are_planned_where_they_are_allowed() {
 /// 700.8 us are 82 % of 850 us, and of 9562 bytes 802 are left, two transfers for three slaves; of
 /// 877 us they are 79.9 %, and 1106 bytes are three.
 #[test]
-fn what_barely_works_is_warned_of() {
+fn small_margin_is_a_warning() {
     let of = |cycle_us| {
         let plan = plan(3, 11, cycle_us);
         assert_eq!((plan.refusals.len(), config(3, 11, cycle_us).check()), (0, Ok(())));
@@ -175,7 +175,7 @@ fn what_barely_works_is_warned_of() {
 }
 
 #[test]
-fn a_watchdog_that_outlasts_no_lost_frame_is_warned_of() {
+fn watchdog_shorter_than_two_cycles_is_a_warning() {
     let of = |watchdog_us| {
         Plan::of(&config(1, 3, 1_000).with_watchdog(Duration::from_micros(watchdog_us)))
     };
@@ -203,7 +203,7 @@ proptest! {
     /// Every configuration has a plan; frames hold all datagrams in their order, and no more than
     /// Ethernet lets.
     #[test]
-    fn any_configuration_has_a_plan(
+    fn every_configuration_has_a_plan(
         sizes in prop::collection::vec((any::<u8>(), any::<u8>()), 0..8),
         cycle_ns: u32,
         dc: Option<(u32, u32)>,
@@ -284,7 +284,7 @@ fn response_ns(config: AdapterConfig) -> u64 {
 /// The simulator counts a datagram's bytes like the plan, and leaves out what is around them in a
 /// frame; the way through host and slaves, which the plan leaves out, is the same for one slave.
 #[test]
-fn the_simulated_wire_takes_the_time_of_the_plan() {
+fn simulated_wire_takes_the_planned_time() {
     let datagrams_ns = |config: &AdapterConfig| {
         let plan = Plan::of(config);
         plan.wire_ns() - (plan.frames.len() * FRAME_OVERHEAD_BYTES) as u64 * BYTE_NS
@@ -303,7 +303,7 @@ fn the_simulated_wire_takes_the_time_of_the_plan() {
 }
 
 #[test]
-fn the_simulated_master_expects_the_working_counter_of_the_plan() {
+fn simulated_master_expects_the_planned_working_counter() {
     for (name, version) in [(EcrtVersion::V1_5, (1, 5)), (EcrtVersion::V1_6, (1, 6))] {
         for (slaves, multiplier) in [(1, 3), (2, 5), (2, 6), (1, 11)] {
             let config = config(slaves, multiplier, 1_000);

@@ -6,12 +6,12 @@ use ecan_host::{
 };
 
 #[test]
-fn nothing_asked_for_is_nothing_done() {
+fn default_config_applies_nothing() {
     assert_eq!(RealTimeConfig::default().apply(), Ok(RealTimeReport::default()));
 }
 
 #[test]
-fn every_fault_of_the_settings_is_named_and_nothing_applied() {
+fn every_config_fault_is_reported_and_nothing_applied() {
     let settings = RealTimeConfig {
         priority: Some(200),
         cpus: Some(Vec::new()),
@@ -36,7 +36,7 @@ fn every_fault_of_the_settings_is_named_and_nothing_applied() {
 }
 
 #[test]
-fn a_cpu_that_is_not_there_is_named_with_those_that_are() {
+fn missing_cpu_error_lists_the_existing_cpus() {
     // 4095 is beyond the system's set; the last of the set may exist only on giant machines.
     for cpu in [4095, 1023] {
         let mut settings = RealTimeConfig { cpus: Some(vec![0, cpu]), ..RealTimeConfig::default() };
@@ -59,7 +59,7 @@ fn a_cpu_that_is_not_there_is_named_with_those_that_are() {
 }
 
 #[test]
-fn a_cpu_that_the_thread_has_already_is_granted() {
+fn current_cpu_is_granted() {
     let text = std::fs::read_to_string("/proc/thread-self/status").unwrap();
     let line = text.lines().find(|line| line.starts_with("Cpus_allowed_list:")).unwrap();
     let list = line.split_whitespace().nth(1).unwrap();
@@ -75,7 +75,7 @@ fn a_cpu_that_the_thread_has_already_is_granted() {
 }
 
 #[test]
-fn priority_and_memory_are_granted_or_refused_with_a_remedy() {
+fn priority_and_memory_are_granted_or_denied_with_a_remedy() {
     // On a thread of its own, which keeps what it is granted to its end.
     let settings = RealTimeConfig {
         priority: Some(1),

@@ -9,18 +9,7 @@ use crate::clock::{Clock, MonotonicClock};
 use crate::functions::Functions;
 use crate::library;
 use crate::load_error::LoadError;
-
-/// The two functions of a libethercat that take no handle, so that each simulated library can have
-/// its own world ([`Ecrt::simulated`] lists the requirements on the returned pointers).
-pub trait OpenMaster: Send + Sync {
-    /// `ecrt_request_master`: a master reserved for the caller, or null with the thread's error
-    /// number set ([`Errno::set_last`](crate::Errno::set_last)): `ENOENT` no such master, `EBUSY`
-    /// reserved by another application.
-    fn request(&self, index: u32) -> *mut ec_master_t;
-
-    /// `ecrt_open_master`: an unreserved handle, or null as above.
-    fn open(&self, index: u32) -> *mut ec_master_t;
-}
+use crate::open_master::OpenMaster;
 
 /// Source of the functions of an [`Ecrt`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -179,16 +168,6 @@ impl fmt::Debug for Ecrt {
             .field("origin", self.origin())
             .field("version", &self.version())
             .finish_non_exhaustive()
-    }
-}
-
-impl<M: OpenMaster + ?Sized> OpenMaster for Arc<M> {
-    fn request(&self, index: u32) -> *mut ec_master_t {
-        (**self).request(index)
-    }
-
-    fn open(&self, index: u32) -> *mut ec_master_t {
-        (**self).open(index)
     }
 }
 

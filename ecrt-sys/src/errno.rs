@@ -42,7 +42,7 @@ impl Errno {
     pub const EMSGSIZE: Self = Self(libc::EMSGSIZE);
     /// Value out of range.
     pub const ERANGE: Self = Self(libc::ERANGE);
-    /// Larger than the place for it.
+    /// Larger than the buffer.
     pub const EOVERFLOW: Self = Self(libc::EOVERFLOW);
     /// The slave does not have the mailbox protocol.
     pub const EPROTONOSUPPORT: Self = Self(libc::EPROTONOSUPPORT);
@@ -132,12 +132,12 @@ mod tests {
     }
 
     #[test]
-    fn the_text_has_the_words_of_the_system() {
+    fn text_is_that_of_the_system() {
         assert_eq!(Errno::EBUSY.to_string(), "Device or resource busy (os error 16)");
     }
 
     #[test]
-    fn the_thread_keeps_what_was_set() {
+    fn thread_keeps_its_error_number() {
         Errno::ENODEV.set_last();
         assert_eq!(Errno::last(), Errno::ENODEV);
         assert_eq!(Errno::of_null(), Errno::ENODEV);

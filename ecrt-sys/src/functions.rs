@@ -9,12 +9,12 @@ use crate::bindings::{
     ec_slave_config_state_t, ec_slave_config_t, ec_slave_info_t, ec_sync_info_t,
     ec_watchdog_mode_t,
 };
-use crate::library::{Missing, SymbolSource};
+use crate::symbol_source::{Missing, SymbolSource};
 
-/// A function that returns a status since 1.6 and returned nothing in 1.5.
+/// A function that returns a status since 1.6 and nothing in 1.5.
 ///
-/// Which of the two it is decides how it is called, so the return of a `void` function is never
-/// read. A call that cannot report counts as successful.
+/// The variant decides how it is called, so that the result of a `void` function is never
+/// read. A call without a status counts as successful.
 #[derive(Clone, Copy, Debug)]
 pub enum Status<Reported, Silent> {
     /// Returns 0 or a negative error number.
@@ -123,10 +123,10 @@ macro_rules! functions {
             ///
             /// # Safety
             ///
-            /// What `source` finds under these names must be libethercat's functions, with the
-            /// return types of the release that `source` says it is.
+            /// The functions that `source` finds under these names must be libethercat's, with the
+            /// return types of the release that `source` reports.
             pub(crate) unsafe fn look_up(source: &mut SymbolSource<'_>) -> Result<Self, Missing> {
-                // All names are looked up before the first missing one is judged: the error
+                // All names are looked up before a missing one is reported: the error
                 // lists every one.
                 $( let $field = entry_lookup!($kind source $symbol); )*
                 let found = (|| Some(Self { $( $field: $field?, )* }))();
@@ -139,7 +139,7 @@ macro_rules! functions {
 functions! {
     // Masters.
 
-    /// Gives a master back, frees every handle made from it. Not real-time safe.
+    /// Releases a master and frees every handle created from it. Not real-time safe.
     required release_master = "ecrt_release_master"(master: *mut ec_master_t);
     /// General information. May block.
     required master = "ecrt_master"(master: *mut ec_master_t, info: *mut ec_master_info_t) -> c_int;
@@ -170,10 +170,10 @@ functions! {
         master: *mut ec_master_t, position: u16, index: u16, subindex: u8,
         target: *mut u8, target_size: size_t, result_size: *mut size_t, abort_code: *mut u32)
         -> c_int;
-    /// What all links see. Real-time safe.
+    /// State of all links. Real-time safe.
     status master_state = "ecrt_master_state"(
         master: *const ec_master_t, state: *mut ec_master_state_t);
-    /// What one link sees. Real-time safe where the device exists.
+    /// State of one link. Real-time safe if the device exists.
     required master_link_state = "ecrt_master_link_state"(
         master: *const ec_master_t, device: c_uint, state: *mut ec_master_link_state_t) -> c_int;
 
@@ -190,7 +190,7 @@ functions! {
     /// real-time safe.
     required master_select_reference_clock = "ecrt_master_select_reference_clock"(
         master: *mut ec_master_t, config: *mut ec_slave_config_t) -> c_int;
-    /// Tells the interval between sends, µs. May block.
+    /// Sets the interval between sends, µs. May block.
     required master_set_send_interval = "ecrt_master_set_send_interval"(
         master: *mut ec_master_t, interval_us: size_t) -> c_int;
     /// Ends configuration, starts the operation phase. Not real-time safe.
@@ -236,10 +236,10 @@ functions! {
     optional slave_config_state_timeout = "ecrt_slave_config_state_timeout"(
         config: *mut ec_slave_config_t, from: ec_al_state_t, to: ec_al_state_t,
         timeout_ms: c_uint) -> c_int;
-    /// How far the master brought the slave. Real-time safe.
+    /// State of a slave configuration. Real-time safe.
     status slave_config_state = "ecrt_slave_config_state"(
         config: *const ec_slave_config_t, state: *mut ec_slave_config_state_t);
-    /// Makes a request that runs beside the cycle. Not real-time safe.
+    /// Creates an SDO request, executed in parallel with the cycle. Not real-time safe.
     required slave_config_create_sdo_request = "ecrt_slave_config_create_sdo_request"(
         config: *mut ec_slave_config_t, index: u16, subindex: u8, size: size_t)
         -> *mut ec_sdo_request_t;
@@ -250,7 +250,7 @@ functions! {
     required domain_size = "ecrt_domain_size"(domain: *const ec_domain_t) -> size_t;
     /// A domain's memory, NULL before activation.
     required domain_data = "ecrt_domain_data"(domain: *mut ec_domain_t) -> *mut u8;
-    /// Judges the received datagrams of a domain. Real-time safe.
+    /// Evaluates the received datagrams of a domain. Real-time safe.
     status domain_process = "ecrt_domain_process"(domain: *mut ec_domain_t);
     /// Queues a domain's datagrams. Real-time safe.
     status domain_queue = "ecrt_domain_queue"(domain: *mut ec_domain_t);
@@ -259,12 +259,12 @@ functions! {
         domain: *const ec_domain_t, state: *mut ec_domain_state_t);
     /// Sends everything queued. Real-time safe.
     status master_send = "ecrt_master_send"(master: *mut ec_master_t);
-    /// Takes received frames. Real-time safe.
+    /// Processes received frames. Real-time safe.
     status master_receive = "ecrt_master_receive"(master: *mut ec_master_t);
 
     // Distributed clocks.
 
-    /// Tells the application's time, ns since 2000-01-01. Real-time safe.
+    /// Sets the application time, ns since 2000-01-01. Real-time safe.
     status master_application_time = "ecrt_master_application_time"(
         master: *mut ec_master_t, time_ns: u64);
     /// Queues the reference clock's correction to the application time. Real-time safe.
@@ -281,7 +281,7 @@ functions! {
         master: *mut ec_master_t, time_ns: *mut u32) -> c_int;
     /// Queues the measurement of the clocks' difference. Real-time safe.
     status master_sync_monitor_queue = "ecrt_master_sync_monitor_queue"(master: *mut ec_master_t);
-    /// Largest difference of the clocks, ns; 0xffffffff when it is not known. Real-time safe,
+    /// Largest difference of the clocks, ns; 0xffffffff if it is unknown. Real-time safe,
     /// but may write to stderr.
     required master_sync_monitor_process = "ecrt_master_sync_monitor_process"(
         master: *mut ec_master_t) -> u32;
@@ -309,7 +309,7 @@ functions! {
 
     // Register requests.
 
-    /// Makes a register request that runs beside the cycle. Not real-time safe.
+    /// Creates a register request, executed in parallel with the cycle. Not real-time safe.
     required slave_config_create_reg_request = "ecrt_slave_config_create_reg_request"(
         config: *mut ec_slave_config_t, size: size_t) -> *mut ec_reg_request_t;
     /// A request's memory. Real-time safe.

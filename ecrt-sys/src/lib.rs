@@ -33,7 +33,9 @@ mod errno;
 mod functions;
 mod library;
 mod load_error;
+mod open_master;
 mod setting;
+mod symbol_source;
 
 pub use bindings::{
     EC_AL_STATE_INIT, EC_AL_STATE_OP, EC_AL_STATE_PREOP, EC_AL_STATE_SAFEOP, EC_DIR_INPUT,
@@ -48,9 +50,10 @@ pub use bindings::{
     ec_slave_port_link_t, ec_sync_info_t, ec_watchdog_mode_t, ec_wc_state_t,
 };
 pub use clock::{Clock, MonotonicClock};
-pub use ecrt::{Ecrt, OpenMaster, Origin};
+pub use ecrt::{Ecrt, Origin};
 pub use errno::Errno;
 pub use functions::{Functions, Status};
-pub use library::{DEFAULT_LIBRARY, RELEASES, symbols};
-pub use load_error::LoadError;
+pub use library::{DEFAULT_LIBRARY, symbols};
+pub use load_error::{LoadError, RELEASES};
+pub use open_master::OpenMaster;
 pub use setting::{ECRT_VARIABLE, EcrtSetting, EnvironmentError};

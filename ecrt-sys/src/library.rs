@@ -1,23 +1,21 @@
-//! The shared object: finding it, judging its version, looking its functions up.
+//! The shared object: search, version check, lookup of its functions.
 
-use std::ffi::{CString, c_uint};
+use std::ffi::c_uint;
 use std::path::{Path, PathBuf};
 
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use crate::bindings::ec_master_t;
-use crate::ecrt::OpenMaster;
 use crate::functions::{Functions, TABLE_SYMBOLS};
-use crate::load_error::LoadError;
+use crate::load_error::{LoadError, RELEASES};
+use crate::open_master::OpenMaster;
+use crate::symbol_source::{Missing, SymbolSource};
 
-/// The library that is loaded when none is named: IgH's soname, searched where the dynamic
-/// loader searches (`LD_LIBRARY_PATH`, `ld.so.conf`, `/lib`, `/usr/lib`).
+/// The default library: IgH's soname, searched in the directories of the dynamic
+/// loader (`LD_LIBRARY_PATH`, `ld.so.conf`, `/lib`, `/usr/lib`).
 pub const DEFAULT_LIBRARY: &str = "libethercat.so.1";
 
-/// Releases whose interface is known: 1.5 and 1.6.
-pub const RELEASES: [(u8, u8); 2] = [(1, 5), (1, 6)];
-
-/// Where IgH's own installation puts the library, which the dynamic loader does not search.
+/// Directories of IgH's own installation, which the dynamic loader does not search.
 const USUAL_DIRECTORIES: [&str; 4] =
     ["/usr/local/etherlab/lib", "/opt/etherlab/lib", "/usr/local/lib", "/usr/local/lib64"];
 
@@ -28,7 +26,7 @@ const SYMBOL_OPEN: &str = "ecrt_open_master";
 type VersionMagic = unsafe extern "C" fn() -> c_uint;
 type MasterByIndex = unsafe extern "C" fn(c_uint) -> *mut ec_master_t;
 
-/// Every name that is looked up in a library, and whether the library must have it.
+/// All names that are looked up in a library, and whether the library must have them.
 pub fn symbols() -> impl Iterator<Item = (&'static str, bool)> {
     [SYMBOL_VERSION, SYMBOL_REQUEST, SYMBOL_OPEN]
         .into_iter()
@@ -36,47 +34,7 @@ pub fn symbols() -> impl Iterator<Item = (&'static str, bool)> {
         .chain(TABLE_SYMBOLS.iter().copied())
 }
 
-/// Names that a library should have and has not.
-#[derive(Debug)]
-pub(crate) struct Missing(pub(crate) Vec<&'static str>);
-
-/// A library while its functions are looked up; keeps account of what is missing.
-pub(crate) struct SymbolSource<'a> {
-    library: &'a Library,
-    reports_status: bool,
-    missing: Vec<&'static str>,
-}
-
-impl SymbolSource<'_> {
-    /// Whether this release's functions return a status where 1.5 returned nothing.
-    pub(crate) fn reports_status(&self) -> bool {
-        self.reports_status
-    }
-
-    /// A function that may be absent.
-    pub(crate) fn optional<F: Copy>(&self, symbol: &'static str) -> Option<F> {
-        let name = CString::new(symbol).ok()?;
-        // SAFETY: the symbol is read as an optional function pointer, for which null is a
-        // value. That it has the type F is the promise of `Functions::look_up`'s caller.
-        let found = unsafe { self.library.get::<Option<F>>(name.as_bytes_with_nul()) };
-        found.ok().and_then(|function| *function)
-    }
-
-    /// A function that must be there.
-    pub(crate) fn required<F: Copy>(&mut self, symbol: &'static str) -> Option<F> {
-        let found = self.optional(symbol);
-        if found.is_none() {
-            self.missing.push(symbol);
-        }
-        found
-    }
-
-    pub(crate) fn take_missing(&mut self) -> Missing {
-        Missing(std::mem::take(&mut self.missing))
-    }
-}
-
-/// A loaded library, kept so as long as one of its functions can be called.
+/// A library that stays loaded as long as one of its functions can be called.
 pub(crate) struct LoadedLibrary {
     pub(crate) path: PathBuf,
     pub(crate) version_magic: u32,
@@ -97,18 +55,18 @@ impl OpenMaster for LoadedLibrary {
     }
 }
 
-/// Loads a library and looks its functions up.
+/// Loads a library and looks up its functions.
 pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), LoadError> {
     let path = path.unwrap_or(Path::new(DEFAULT_LIBRARY));
     // SAFETY: loading runs the library's initialisers. It is the one that the user names, or
     // the system's libethercat; trusting it is what loading it means.
     let library = unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) }
-        .map_err(|error| not_loaded(path, &loader_words(&error)))?;
+        .map_err(|error| not_loaded(path, &loader_text(&error)))?;
 
     let mut source = SymbolSource { library: &library, reports_status: true, missing: Vec::new() };
     let version: Option<VersionMagic> = source.required(SYMBOL_VERSION);
     let Some(version) = version else {
-        // The one function that has been there in every release.
+        // Every release has this function.
         return Err(LoadError::NotEthercat { path: path.into() });
     };
     // SAFETY: `ecrt_version_magic` has had this type in every release.
@@ -120,7 +78,7 @@ pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), Lo
 
     let request = source.required(SYMBOL_REQUEST);
     let open = source.required(SYMBOL_OPEN);
-    // SAFETY: the library says that it is libethercat of a release that is known, whose return
+    // SAFETY: the library reports that it is libethercat of a supported release, whose return
     // types `reports_status` selects.
     let functions = unsafe { Functions::look_up(&mut source) };
     let mut missing = source.take_missing().0;
@@ -138,18 +96,18 @@ pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), Lo
     }
 }
 
-/// The release that a version magic stands for, when its interface is known.
+/// The supported release of a version magic.
 fn release(version_magic: u32) -> Option<(u8, u8)> {
     RELEASES
         .into_iter()
         .find(|&(major, minor)| version_magic == u32::from(major) << 8 | u32::from(minor))
 }
 
-/// The dynamic loader's words alone.
-fn loader_words(error: &libloading::Error) -> String {
+/// Text of the dynamic loader without the crate's prefix.
+fn loader_text(error: &libloading::Error) -> String {
     use std::error::Error;
     match error.source() {
-        Some(words) => words.to_string(),
+        Some(text) => text.to_string(),
         None => error.to_string(),
     }
 }
@@ -189,7 +147,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_known_releases_are_taken() {
+    fn only_supported_releases_are_accepted() {
         assert_eq!(release(0x105), Some((1, 5)));
         assert_eq!(release(0x106), Some((1, 6)));
         assert_eq!(release(0x107), None);
@@ -199,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dependency_that_is_missing_is_not_a_missing_library() {
+    fn missing_dependency_is_not_a_missing_library() {
         let error = not_loaded(
             Path::new("libethercat.so.1"),
             "librt_special.so.3: cannot open shared object file: No such file or directory",

@@ -1,13 +1,14 @@
-//! Why a library could not be loaded.
+//! Errors of loading a library.
 
 use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::library::RELEASES;
+/// Supported releases: 1.5 and 1.6.
+pub const RELEASES: [(u8, u8); 2] = [(1, 5), (1, 6)];
 
-/// Why [`Ecrt::load`](crate::Ecrt::load) failed. The text says what was looked for, why it
-/// failed and what to do.
+/// Error of [`Ecrt::load`](crate::Ecrt::load). The text states what was searched, the cause
+/// and what to do.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum LoadError {
@@ -17,21 +18,21 @@ pub enum LoadError {
          the cargo feature `sim` (CMake: ECAN_IGH_SIM=ON) or select a libethercat"
     )]
     NoSimulator,
-    /// There is no such file.
+    /// The file does not exist.
     #[error(
         "the EtherCAT master library {} was not found ({loader}): {}",
         path.display(),
         advice_not_found(path, elsewhere.as_ref())
     )]
     NotFound {
-        /// What was looked for.
+        /// Path or name that was searched.
         path: PathBuf,
-        /// The system's words.
+        /// Text of the system.
         loader: String,
-        /// A place that the dynamic loader does not search where the library does exist.
+        /// Existing library in a directory that the dynamic loader does not search.
         elsewhere: Option<PathBuf>,
     },
-    /// The file is there but the dynamic loader refuses it.
+    /// The dynamic loader rejects the file.
     #[error(
         "the EtherCAT master library {} cannot be loaded ({loader}): name a libethercat that is \
          built for this machine ({}) and whose own libraries are installed",
@@ -39,38 +40,38 @@ pub enum LoadError {
         std::env::consts::ARCH
     )]
     NotLoadable {
-        /// What was loaded.
+        /// Path of the library.
         path: PathBuf,
-        /// The dynamic loader's words.
+        /// Text of the dynamic loader.
         loader: String,
     },
-    /// The library is something else.
+    /// The library is not libethercat.
     #[error(
         "{} is a library, but not IgH's libethercat (it has no function ecrt_version_magic): \
          name the libethercat of the installed EtherCAT master",
         path.display()
     )]
     NotEthercat {
-        /// What was loaded.
+        /// Path of the library.
         path: PathBuf,
     },
-    /// A libethercat of a release whose interface is not known.
+    /// A libethercat of an unknown release.
     #[error(
-        "{} says that it is version {}, but this program knows the interface of {} only: install \
+        "{} reports version {}, but this program supports {} only: install \
          one of these, or a newer version of this program",
         path.display(),
-        version_words(*version_magic),
+        version_text(*version_magic),
         known_releases()
     )]
     UnknownVersion {
-        /// What was loaded.
+        /// Path of the library.
         path: PathBuf,
-        /// What its `ecrt_version_magic` returns.
+        /// Result of its `ecrt_version_magic`.
         version_magic: u32,
     },
     /// A libethercat that lacks functions.
     #[error(
-        "{} says that it is version {}.{}, but lacks {}: it was built without a part of the \
+        "{} reports version {}.{}, but lacks {}: it was built without a part of the \
          interface, or is not IgH's; install the complete libethercat",
         path.display(),
         release.0,
@@ -78,9 +79,9 @@ pub enum LoadError {
         missing.join(", ")
     )]
     MissingFunctions {
-        /// What was loaded.
+        /// Path of the library.
         path: PathBuf,
-        /// The release it says it is, major and minor.
+        /// Its release, major and minor.
         release: (u8, u8),
         /// Names of the functions.
         missing: Vec<&'static str>,
@@ -89,10 +90,10 @@ pub enum LoadError {
 
 fn advice_not_found(path: &std::path::Path, elsewhere: Option<&PathBuf>) -> String {
     match elsewhere {
-        Some(place) => format!(
+        Some(path) => format!(
             "there is one at {}, where the loader does not look; name that path, or add its \
              directory to /etc/ld.so.conf.d and run ldconfig",
-            place.display()
+            path.display()
         ),
         None if path.components().count() > 1 => {
             "name an existing libethercat, or none for the system's".into()
@@ -105,8 +106,8 @@ fn known_releases() -> String {
     RELEASES.map(|(major, minor)| format!("{major}.{minor}")).join(" and ")
 }
 
-/// A version magic in words: two parts as IgH counts, or the three of some forks.
-fn version_words(magic: u32) -> String {
+/// Text of a version magic: IgH's two parts, or the three parts of some forks.
+fn version_text(magic: u32) -> String {
     match magic {
         0..0x1_0000 => format!("{}.{}", magic >> 8, magic & 0xff),
         _ => format!(

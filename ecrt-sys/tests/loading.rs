@@ -8,7 +8,7 @@ use ecrt_sys::{Ecrt, LoadError, Origin};
 use fake::{Fake, RELEASES, says};
 
 #[test]
-fn a_path_that_does_not_exist() {
+fn missing_path_is_reported() {
     let path = Path::new("/nonexistent/libethercat.so.1");
     let error = Ecrt::load(Some(path)).unwrap_err();
     assert!(matches!(error, LoadError::NotFound { .. }), "{error:?}");
@@ -24,7 +24,7 @@ fn a_path_that_does_not_exist() {
 }
 
 #[test]
-fn a_name_that_the_loader_does_not_find() {
+fn unknown_name_is_reported() {
     let name = Path::new("libethercat-that-nobody-has.so.1");
     let error = Ecrt::load(Some(name)).unwrap_err();
     assert!(matches!(error, LoadError::NotFound { .. }), "{error:?}");
@@ -35,7 +35,7 @@ fn a_name_that_the_loader_does_not_find() {
 }
 
 #[test]
-fn a_file_that_is_not_a_library() {
+fn file_that_is_not_a_library_is_reported() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("libethercat.so.1");
     std::fs::write(&path, "GROUP ( libethercat.so.1.2.0 )\n").unwrap();
@@ -45,7 +45,7 @@ fn a_file_that_is_not_a_library() {
 }
 
 #[test]
-fn a_library_that_is_not_libethercat() {
+fn other_library_is_reported() {
     let Some(other) = Fake::from_text("int answer(void) { return 42; }\n") else {
         return;
     };
@@ -55,7 +55,7 @@ fn a_library_that_is_not_libethercat() {
 }
 
 #[test]
-fn a_library_that_lacks_functions_names_all_of_them() {
+fn library_that_lacks_functions_lists_all_of_them() {
     let Some(fake) = Fake::build(&["LACKING"]) else {
         return;
     };
@@ -69,7 +69,7 @@ fn a_library_that_lacks_functions_names_all_of_them() {
 }
 
 #[test]
-fn a_release_that_is_not_known_is_refused() {
+fn unknown_release_is_rejected() {
     for (magic, words) in
         [("MAGIC=0x107", "version 1.7"), ("MAGIC=0x1050a", "version 1.5.10 (a fork")]
     {
@@ -83,7 +83,7 @@ fn a_release_that_is_not_known_is_refused() {
 }
 
 #[test]
-fn a_loaded_library_says_what_it_is() {
+fn loaded_library_reports_its_origin() {
     for (macros, version) in RELEASES.into_iter().zip([(1, 5), (1, 6)]) {
         let Some(fake) = Fake::build(macros) else {
             return;

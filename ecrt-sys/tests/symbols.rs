@@ -33,7 +33,7 @@ fn every_function_is_exported_by_1_6_2() {
 }
 
 #[test]
-fn what_is_required_was_there_in_1_5_2_already() {
+fn required_functions_exist_in_1_5_2() {
     let Some(exported) = exported() else { return };
     for (symbol, required) in ecrt_sys::symbols() {
         let since_1_5_2 = exported[symbol] == "LIBETHERCAT_1.5.2";
@@ -42,7 +42,7 @@ fn what_is_required_was_there_in_1_5_2_already() {
 }
 
 #[test]
-fn no_function_is_asked_for_twice() {
+fn no_function_is_looked_up_twice() {
     let mut symbols: Vec<_> = ecrt_sys::symbols().map(|(symbol, _)| symbol).collect();
     let all = symbols.len();
     symbols.sort_unstable();

@@ -7,7 +7,7 @@ use crate::turns::{Outcome, interleaved, rounds, timed};
 /// Rounds of a cold measure; each walks the buffer twice.
 const COLD_ROUNDS: usize = 301;
 const LINE: usize = 64;
-/// Where the kernel tells of no cache.
+/// Default if the kernel reports no cache.
 const SECOND_LEVEL: usize = 1024 * 1024;
 const LAST_LEVEL: usize = 32 * 1024 * 1024;
 
@@ -62,7 +62,7 @@ impl Evictor {
     }
 }
 
-/// Sizes of the caches that the kernel tells of.
+/// Sizes of the caches that the kernel reports.
 fn cache_bytes() -> impl Iterator<Item = usize> {
     (0..8).filter_map(|index| {
         let path = format!("/sys/devices/system/cpu/cpu0/cache/index{index}/size");

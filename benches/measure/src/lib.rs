@@ -1,8 +1,8 @@
-//! How the benchmarks measure and print.
+//! Measurement and output of the benchmarks.
 //!
 //! Two sides run in turn in one process, and what counts is the ratio of their times: each round
 //! gives one, and the median of them is the result. So neither a change of the processor's clock
-//! nor an interruption tells for one side. [`Row`] prints the result for a person, and for the
+//! nor an interruption favours one side. [`Row`] prints the result for a person, and for the
 //! script that makes one table of all benchmarks.
 
 mod cold;

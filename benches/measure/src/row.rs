@@ -3,7 +3,7 @@
 /// One measure, with both kernels of the CRC where that makes a difference.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// What is measured.
+    /// Measured quantity.
     pub measure: String,
     /// Largest value that is good, with the accelerated kernel and with the portable one.
     pub goals: Option<[f64; 2]>,
@@ -11,7 +11,7 @@ pub struct Row {
     pub values: Vec<f64>,
     /// Whether values are shares, shown as percentages.
     pub is_share: bool,
-    /// What is set against what.
+    /// Compared sides.
     pub what: &'static str,
 }
 
@@ -77,7 +77,7 @@ mod tests {
     use super::Row;
 
     #[test]
-    fn a_goal_that_is_missed_is_marked() {
+    fn missed_goal_is_marked() {
         let mut row = Row::new("CRC", "to C", 0.05).with_goals(0.06, 0.12);
         row.values.push(0.2);
         assert_eq!(row.markdown(), "| CRC | 0.06 / 0.12 | 0.050 | 0.200 (missed) | to C |");

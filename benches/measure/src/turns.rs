@@ -85,13 +85,13 @@ mod tests {
     use super::{interleaved, median};
 
     #[test]
-    fn the_median_is_the_middle_one() {
+    fn median_is_the_middle_value() {
         assert_eq!(median(vec![3.0, 1.0, 2.0]), 2.0);
         assert!(median(vec![]).is_nan());
     }
 
     #[test]
-    fn one_disturbed_round_does_not_tell() {
+    fn one_disturbed_round_does_not_change_the_ratio() {
         let mut round = 0;
         let disturbed = || {
             round += 1;

@@ -1,7 +1,7 @@
 //! A master that exchanges nothing, for benchmarks of the host alone.
 //!
 //! A bus is configured and brought into operation on a simulated master. Then it is frozen: time
-//! stands still, and the functions of the cycle do nothing but succeed. The TxPDO image of each
+//! is paused, and the functions of the cycle only succeed. The TxPDO image of each
 //! domain stays as it is, or as [`replace`] made it; only its sequence number goes on, so that each
 //! cycle sees a new image. What is then timed is the host's own work, without the system calls of a
 //! real master and without the simulator.
@@ -35,7 +35,7 @@ struct Domain {
     handle: AtomicPtr<ec_domain_t>,
     memory: AtomicPtr<u8>,
     size: AtomicUsize,
-    /// Where its TxPDO image lies in the memory, once that was told.
+    /// Offset of its TxPDO image in the memory, once set.
     image: AtomicUsize,
 }
 
@@ -51,7 +51,7 @@ impl Domain {
         }
     }
 
-    /// The domain of this handle, or an unused place for it.
+    /// The domain of this handle, or an unused entry.
     fn of(handle: *mut ec_domain_t) -> Option<&'static Self> {
         DOMAINS.iter().find(|domain| {
             let known = domain.handle.load(Ordering::Relaxed);
@@ -59,7 +59,7 @@ impl Domain {
         })
     }
 
-    /// The domain in which `image` lies, and its place there.
+    /// The domain that contains `image`, and its offset there.
     fn around(image: &[u8]) -> (&'static Self, usize) {
         let place = |domain: &Self| {
             let start = domain.memory.load(Ordering::Relaxed).addr();
@@ -115,7 +115,7 @@ pub fn open(scenario: Scenario) -> Result<Ecrt, BackendError> {
     Ok(unsafe { Ecrt::simulated(table, masters, VERSION_MAGIC, scenario, clock) })
 }
 
-/// Puts `bytes` in the place of the TxPDO image `image` of a Port or Adapter.
+/// Replaces the TxPDO image `image` of a Port or Adapter by `bytes`.
 ///
 /// # Panics
 /// Where `image` is of no domain of this process, or shorter than `bytes`.
@@ -124,7 +124,7 @@ pub fn replace(image: &[u8], bytes: &[u8]) {
     let (domain, offset) = Domain::around(image);
     let memory = domain.memory.load(Ordering::Relaxed);
     // SAFETY: the image lies at this place of the domain's memory and has as many bytes; what is
-    // read of it later is read anew.
+    // read of it later is read again.
     unsafe { memory.add(offset).copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) }
 }
 
@@ -224,7 +224,7 @@ unsafe extern "C" fn domain_state(
         wc_state: EC_WC_COMPLETE,
         ..ec_domain_state_t::default()
     };
-    // SAFETY: the caller passes a place for the result.
+    // SAFETY: the caller passes valid memory for the result.
     unsafe { state.write(complete) };
     0
 }
@@ -251,7 +251,7 @@ unsafe extern "C" fn slave_config_state(
     operational.set_online(1);
     operational.set_operational(1);
     operational.set_al_state(EC_AL_STATE_OP as _);
-    // SAFETY: the caller passes a place for the result.
+    // SAFETY: the caller passes valid memory for the result.
     unsafe { state.write(operational) };
     0
 }

@@ -9,7 +9,7 @@ const AL_STATUS_CODE_REGISTER: u16 = 0x0134;
 
 /// Watches a slave's AL status code while OP is waited for.
 ///
-/// The master acknowledges errors by itself, which clears the code, so the last one seen counts.
+/// The master acknowledges errors, which clears the code, so the last one seen counts.
 #[derive(Debug)]
 pub(crate) struct AlStatusWatch {
     request: RegRequestId,

@@ -1,37 +1,37 @@
-//! The cycle: receive, judge the working counters, send.
+//! The cycle: receive, evaluate the working counters, send.
 
 use super::{Adapter, Slave};
 use crate::error::CycleError;
 use crate::master::WcState;
 use crate::phase::Phase;
 
-/// What the working counter tells about one direction of the last exchange.
+/// Delivery of one direction in the last exchange, by the working counter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Delivery {
-    /// Nothing was exchanged yet.
+    /// No exchange yet.
     #[default]
     None,
-    /// The image was taken over.
+    /// The image was delivered.
     Confirmed,
-    /// It was not.
+    /// It was not delivered.
     Missed,
-    /// It cannot be told: with LWR and LRD a sum of 1 may be either direction, and after an error
-    /// of the library nothing is known.
+    /// Unknown: with LWR and LRD a sum of 1 may be either direction; unknown also after an error
+    /// of the library.
     Unknown,
 }
 
-/// Outcome of the last exchange with one slave.
+/// Result of the last exchange with one slave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DomainReport {
     /// Working counter of the slave's domain.
     pub working_counter: u32,
     /// Working counter of a complete exchange.
     pub expected_working_counter: u32,
-    /// The master's judgement, which counts.
+    /// The master's evaluation, which decides.
     pub wc_state: WcState,
-    /// What became of the RxPDO image that was sent.
+    /// Delivery of the RxPDO image.
     pub outputs: Delivery,
-    /// Whether a TxPDO image was fetched.
+    /// Delivery of the TxPDO image.
     pub inputs: Delivery,
 }
 
@@ -68,7 +68,7 @@ fn judge(slave: &Slave, working_counter: u32, wc_state: WcState) -> (Delivery, D
     }
 }
 
-/// Keeps the first error while the rest of the cycle goes on.
+/// Keeps the first error while the rest of the cycle continues.
 fn keep(first: &mut Result<(), CycleError>, next: Result<(), CycleError>) {
     if first.is_ok() {
         *first = next;
@@ -76,7 +76,7 @@ fn keep(first: &mut Result<(), CycleError>, next: Result<(), CycleError>) {
 }
 
 impl Adapter {
-    /// Fetches what came back and judges every slave's working counter.
+    /// Receives the process data and evaluates every slave's working counter.
     ///
     /// Real-time safe: no allocation, no lock, no call beyond the master's own. First in the
     /// cycle, since with distributed clocks its time is that of the cycle; on an attached Adapter
@@ -84,7 +84,7 @@ impl Adapter {
     ///
     /// # Errors
     /// The first [`CycleError`]. Every other slave was served all the same; for those that were
-    /// not, [`DomainReport`] says that nothing is known.
+    /// not, [`DomainReport`] reports [`Delivery::Unknown`].
     pub fn receive(&mut self) -> Result<(), CycleError> {
         if self.phase != Phase::Active {
             return Err(CycleError::NotActive { is: self.phase });

@@ -1,25 +1,25 @@
-//! The grid of cycle starts: one for waiting, for the application, and for the clocks.
+//! The grid of cycle deadlines, shared by waiting calls, the application and the clocks.
 
 use super::Adapter;
 use crate::clocks::{ClockStatus, DistributedClocks};
 use crate::real_time::{CycleStart, CycleStatistics, CycleTiming};
 
 impl Adapter {
-    /// Sleeps until the next cycle is due and gives the number of cycles that were skipped because
+    /// Sleeps until the next deadline and returns the number of deadlines that were skipped because
     /// they had passed already.
     ///
-    /// All waiting of the SDK keeps the same grid, so an application that goes on with it after
-    /// [`wait_op`](Self::wait_op) stays in phase with Sync0. The first call starts the grid. An
-    /// application with a cycle timer of its own need not call it; then the time of each
+    /// All waiting calls of the SDK use the same grid, so an application that continues with it
+    /// after [`wait_op`](Self::wait_op) stays in phase with Sync0. The first call starts the grid.
+    /// An application with its own cycle timer need not call it; then the time of each
     /// [`receive`](Self::receive) is the time of its cycle.
     ///
-    /// A cycle lasts until the answer of the bus is back, [`response_ns`](Self::response_ns) behind the
-    /// last [`send`](Self::send); one that came late may miss the next point by that. A datagram
-    /// that is sent again before it is back loses its answer, and with it the TxPDO image in it. On
-    /// an attached Adapter the owner sends later, and more: what that takes is the owner's to leave.
+    /// A cycle lasts until the response of the bus, [`response_ns`](Self::response_ns) after the
+    /// last [`send`](Self::send); a late send may therefore miss the next deadline. A datagram that
+    /// is sent again before its response loses the response, and with it the TxPDO image. On an
+    /// attached Adapter the owner sends later and more; the owner must leave the time for that.
     ///
-    /// [`set_cycle_timing`](Self::set_cycle_timing) makes it spin before the point, or make up for
-    /// cycles instead of skipping them. Real-time safe: it allocates nothing.
+    /// [`set_cycle_timing`](Self::set_cycle_timing) selects a spin before the deadline, and catching
+    /// up instead of skipping. Real-time safe: it does not allocate.
     pub fn wait_next_cycle(&mut self) -> u64 {
         let answered_ns = self.sent_ns.saturating_add(self.response_ns);
         let start = self.cycle_timer.wait_from(self.ecrt.clock().as_ref(), answered_ns);
@@ -32,29 +32,28 @@ impl Adapter {
         start.skipped
     }
 
-    /// What the last [`wait_next_cycle`](Self::wait_next_cycle) met: point of the grid, delay,
-    /// skipped cycles; all 0 before the first. For
+    /// Result of the last [`wait_next_cycle`](Self::wait_next_cycle): deadline, delay, skipped
+    /// deadlines; all 0 before the first. For
     /// [`CycleStatistics::begin`](crate::CycleStatistics::begin). Real-time safe.
     pub fn cycle_start(&self) -> CycleStart {
         self.cycle_start
     }
 
-    /// Begins to measure how well the cycle is kept, or anew, as does
-    /// [`reconfigure`](Self::reconfigure): from the next
-    /// [`wait_next_cycle`](Self::wait_next_cycle) on, each one is a start and each
-    /// [`send`](Self::send) an end. Takes memory, so not for the cycle.
+    /// Starts or restarts the statistics of the cycle, as [`reconfigure`](Self::reconfigure) does:
+    /// from the next [`wait_next_cycle`](Self::wait_next_cycle) on, each wait is a start and each
+    /// [`send`](Self::send) an end. Allocates; not for the cycle.
     pub fn measure_cycles(&mut self) {
         self.cycle_statistics = Some(CycleStatistics::new(self.config.cycle_ns()));
     }
 
-    /// What was measured since [`measure_cycles`](Self::measure_cycles); none without it.
+    /// Statistics since [`measure_cycles`](Self::measure_cycles); `None` without it.
     /// Real-time safe, but not its distributions.
     pub fn cycle_statistics(&self) -> Option<&CycleStatistics> {
         self.cycle_statistics.as_ref()
     }
 
     /// Sets final spin and overrun policy of [`wait_next_cycle`](Self::wait_next_cycle), from the
-    /// next wait on; the grid stays. At first it neither spins nor makes up for cycles. A spin
+    /// next wait on; the grid stays. By default it neither spins nor catches up. A spin
     /// above [`MAX_SPIN_NS`](crate::MAX_SPIN_NS) is cut to that. Real-time safe.
     pub fn set_cycle_timing(&mut self, timing: CycleTiming) {
         self.cycle_timer.set_timing(timing);
@@ -65,13 +64,13 @@ impl Adapter {
         self.cycle_time_ns
     }
 
-    /// How long the answer of the bus is waited for, in nanoseconds
+    /// Waiting time for the response of the bus, in nanoseconds
     /// ([`Plan::response_ns`](crate::Plan::response_ns)). Real-time safe.
     pub fn response_ns(&self) -> u64 {
         self.response_ns
     }
 
-    /// How far the distributed clocks are apart; none without them, before activation, and on an
+    /// Differences of the distributed clocks; `None` without them, before activation, and on an
     /// attached Adapter, whose owner serves the clocks. Real-time safe.
     pub fn clock_status(&self) -> Option<ClockStatus> {
         self.clocks.as_ref().map(DistributedClocks::status)

@@ -1,4 +1,4 @@
-//! Why slaves are not in OP.
+//! Investigation of slaves that are not in OP.
 
 use ecan_protocol::device::Capabilities;
 use ecan_protocol::mapping::Direction;

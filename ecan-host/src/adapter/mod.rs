@@ -33,13 +33,13 @@ use al_status::AlStatusWatch;
 use events::{Outage, Overruns};
 use operation::StopCheck;
 
-/// A configured slave and its place in the master.
+/// A configured slave and its handles in the master.
 #[derive(Debug)]
 struct Slave {
     config: SlaveConfigId,
     domain: DomainId,
     identity: Identity,
-    /// 0xF000:07 and :08, by which the very device is known.
+    /// 0xF000:07 and :08, which identify the device.
     serial: [u32; 2],
     layout: DomainLayout,
     rx: Range<usize>,
@@ -161,7 +161,7 @@ impl Adapter {
         self.response_ns = Plan::of(&self.config).response_ns();
         let clock = self.ecrt.clock().as_ref();
         identification::wait_for_slaves(&self.diagnostics, clock, &self.config)?;
-        // All are known for what they are before the first is written to.
+        // All slaves are identified before the first one is written to.
         let settings = self.config.slaves.iter().enumerate();
         let identified = settings
             .map(|(index, slave)| identification::identify(&self.diagnostics, index, slave))
@@ -284,7 +284,7 @@ impl Adapter {
         Ok(())
     }
 
-    /// Tells an attached Adapter that the owner has activated the master.
+    /// Informs an attached Adapter that the owner has activated the master.
     ///
     /// # Errors
     /// A wrong phase, an Adapter that is not attached, or a domain without data.
@@ -301,8 +301,8 @@ impl Adapter {
     }
 
     /// Leaves cyclic operation, takes another configuration and applies it (manual 14.2): the
-    /// way to switch N at run time. The slaves go down to PREOP, are configured anew and wait for
-    /// [`activate`](Self::activate) or [`wait_op`](Self::wait_op). Requests must be created anew.
+    /// way to switch N at run time. The slaves change to PREOP, are configured again and wait for
+    /// [`activate`](Self::activate) or [`wait_op`](Self::wait_op). Create requests again.
     ///
     /// # Errors
     /// A faulty configuration changes nothing. After any other error the Adapter is
@@ -344,12 +344,12 @@ impl Adapter {
         Ok(())
     }
 
-    /// Where the Adapter is in its life.
+    /// Current phase.
     pub fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// Whether the master belongs to someone else.
+    /// Whether another owner drives the master.
     pub fn is_attached(&self) -> bool {
         self.attached
     }
@@ -387,7 +387,7 @@ impl Adapter {
         Ok(self.slave(slave)?.identity)
     }
 
-    /// Serial number of the gateway that was found at a slave's place (0xF000:07 and :08).
+    /// Serial number of the gateway at a slave's address (0xF000:07 and :08).
     ///
     /// # Errors
     /// An index out of range.

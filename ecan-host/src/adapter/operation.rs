@@ -12,7 +12,7 @@ use crate::error::{CycleError, Error, is_preop};
 use crate::master::SlaveConfigState;
 use crate::phase::Phase;
 
-/// How often slow state is asked for while waiting, in nanoseconds.
+/// Interval of slow queries while waiting, in nanoseconds.
 const INSPECT_NS: u64 = 200_000_000;
 /// Cycles of a startup SDO: request, fetching the response, and a reserve.
 const CYCLES_PER_SDO: u32 = 4;
@@ -30,7 +30,7 @@ impl fmt::Debug for StopCheck {
     }
 }
 
-/// A wait for OP that is under way; for applications that run the cycle themselves.
+/// A running wait for OP; for applications that run the cycle themselves.
 #[derive(Debug)]
 pub struct OpWait {
     start_ns: u64,
@@ -38,16 +38,16 @@ pub struct OpWait {
     inspect_ns: u64,
 }
 
-/// How a wait for OP stands.
+/// Progress of a wait for OP.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OpProgress {
     /// Every slave is in OP and exchanges process data.
     Reached,
-    /// Not yet.
+    /// Some slave is not in OP yet.
     Pending,
     /// Time is up, or a slave is held by an error that does not pass by waiting.
     Failed {
-        /// How long was waited, in milliseconds.
+        /// Time waited, in milliseconds.
         waited_ms: u64,
     },
 }
@@ -61,13 +61,13 @@ impl Adapter {
         self.stop = stop.map(StopCheck);
     }
 
-    /// Whether the application ends calls that wait.
+    /// Whether the application requests the end of calls that wait.
     pub fn should_stop(&self) -> bool {
         self.stop.as_ref().is_some_and(|stop| (stop.0)())
     }
 
     /// Waits until every slave is in OP and exchanges process data, running
-    /// [`receive`](Self::receive) and [`send`](Self::send) every cycle meanwhile. Activates first
+    /// [`receive`](Self::receive) and [`send`](Self::send) every cycle. Activates first
     /// if that has not been done.
     ///
     /// Blocks, for seconds: every startup SDO takes some cycles, and the master configures one
@@ -122,7 +122,7 @@ impl Adapter {
     }
 
     /// Begins to wait for OP, for applications that run the cycle themselves: activates where that
-    /// has not been done and is not the owner's business.
+    /// has not been done, except on an attached Adapter.
     ///
     /// # Errors
     /// Activation failed.
@@ -138,7 +138,7 @@ impl Adapter {
         Ok(OpWait { start_ns, deadline_ns, inspect_ns: start_ns + INSPECT_NS })
     }
 
-    /// How a wait stands, once after each cycle. May block briefly: not for the cycle proper.
+    /// Progress of a wait; call it once after each cycle. May block briefly: not for the cycle itself.
     ///
     /// # Errors
     /// The library's error.

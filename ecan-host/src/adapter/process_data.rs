@@ -13,7 +13,7 @@ impl Adapter {
         self.master.domain_data_mut(slave.domain).get_mut(slave.rx.clone()).unwrap_or_default()
     }
 
-    /// The RxPDO as it stands in the process image. Real-time safe; empty as above.
+    /// The current RxPDO image. Real-time safe; empty as above.
     #[inline]
     pub fn rx_pdo(&self, slave: usize) -> &[u8] {
         let Some(slave) = self.slaves.get(slave) else { return &[] };

@@ -1,4 +1,4 @@
-//! SDO requests that run while the cycle goes on.
+//! SDO requests in parallel with the cycle.
 
 use super::Adapter;
 use crate::error::{CycleError, Error};
@@ -60,7 +60,7 @@ impl Adapter {
 
     /// Starts a download of `data`, whose length must be the size that the request holds: the size
     /// it was created with, or that of the value it read last, since the library has no other
-    /// way to tell the length. So use one request for each size, and another one for reading.
+    /// way to set the length. So use one request for each size, and another one for reading.
     /// Real-time safe; the request must not be [`RequestState::Busy`].
     ///
     /// # Errors
@@ -80,7 +80,7 @@ impl Adapter {
             .map_err(CycleError::library("ecrt_sdo_request_write"))
     }
 
-    /// How a request stands. Real-time safe.
+    /// State of a request. Real-time safe.
     ///
     /// # Errors
     /// The library's error.
@@ -88,7 +88,7 @@ impl Adapter {
         self.master.sdo_request_state(id.0).map_err(CycleError::library("ecrt_sdo_request_state"))
     }
 
-    /// What an upload brought, once its state is [`RequestState::Success`]. Real-time safe.
+    /// Data of an upload, once its state is [`RequestState::Success`]. Real-time safe.
     pub fn sdo_request_data(&self, id: RequestId) -> &[u8] {
         self.master.sdo_request_data(id.0)
     }

@@ -1,4 +1,4 @@
-//! A second, unreserved handle for state and SDO transfers beside the cycle.
+//! A second, unreserved handle for state and SDO transfers in parallel with the cycle.
 
 use ecan_protocol::device::AlState;
 use ecrt_sys::{Clock, Ecrt};
@@ -32,12 +32,12 @@ impl Diagnostics {
     }
 
     /// A handle on every slave of the bus, configured or not: the index of a slave is its position.
-    /// For tools that look at a bus which nobody or somebody else drives.
+    /// For tools that inspect a bus that no application or another one drives.
     ///
     /// Blocks while the bus is scanned.
     ///
     /// # Errors
-    /// The master cannot be opened or asked.
+    /// The master cannot be opened or queried.
     pub fn of_bus(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
         let mut diagnostics = Self::without_places(ecrt, master_index)?;
         let count = diagnostics.master_state()?.slaves_responding;
@@ -50,7 +50,7 @@ impl Diagnostics {
         self.master.ecrt().clock().as_ref()
     }
 
-    /// Number of slaves that it knows.
+    /// Number of its slaves.
     pub fn slave_count(&self) -> usize {
         self.places.len()
     }
@@ -77,7 +77,7 @@ impl Diagnostics {
             .map_err(|e| Error::library("ecrt_master_link_state", None, e))
     }
 
-    /// What the master knows of a slave: identity, AL state, error flag, name.
+    /// Information about a slave: identity, AL state, error flag, name.
     ///
     /// # Errors
     /// An index out of range, or the library's error (the slave is gone).
@@ -140,7 +140,7 @@ impl Diagnostics {
             .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, subindex), e))
     }
 
-    /// Where a configured slave is on the bus now: alias 0 counts from the start, another one from
+    /// Current position of a configured slave: alias 0 counts from the start, another one from
     /// the slave that has it.
     pub(crate) fn ring_position(&self, slave: usize) -> Result<u16, Error> {
         let count = self.places.len();

@@ -1,4 +1,4 @@
-//! Finding the configured slaves on the bus and making sure that they are ECAN-Lite gateways.
+//! Search of the configured slaves on the bus, and verification that they are ECAN-Lite gateways.
 
 use ecan_protocol::device::{AlState, Capabilities, Recognition};
 
@@ -7,7 +7,7 @@ use crate::config::{AdapterConfig, Identity, SlaveConfig};
 use crate::deadline::deadline_ns;
 use crate::error::Error;
 
-/// How often the master is asked again while slaves are scanned, in nanoseconds.
+/// Interval of queries while slaves are scanned, in nanoseconds.
 const POLL_NS: u64 = 50_000_000;
 
 /// Waits until the bus is scanned and every configured slave is in PREOP.
@@ -47,7 +47,7 @@ fn look_for_slaves(diagnostics: &Diagnostics, config: &AdapterConfig) -> Result<
     Ok(())
 }
 
-/// What a gateway is: its identity for the master, and its serial number.
+/// Identity of a gateway for the master, and its serial number.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Identified {
     pub(crate) identity: Identity,
@@ -55,7 +55,7 @@ pub(crate) struct Identified {
     pub(crate) serial: [u32; 2],
 }
 
-/// Makes sure that the slave is what was asked for.
+/// Verifies that the slave is the configured one.
 pub(crate) fn identify(
     diagnostics: &Diagnostics,
     slave: usize,

@@ -1,5 +1,4 @@
-//! Maintenance of a gateway by 0xB000: access modes that are given back, commands that are waited for
-//! (manual 13.7).
+//! Maintenance of a gateway through 0xB000: access modes and commands (manual 13.7).
 
 use ecan_protocol::device::{AccessMode, MaintenanceCommand, MaintenanceStatus};
 use ecrt_sys::Clock;
@@ -15,12 +14,12 @@ const COMMAND: u8 = 4;
 const STATUS: u8 = 5;
 const SEQUENCE: u8 = 12;
 
-/// Time between two looks at the sequence, in nanoseconds.
+/// Poll interval of the sequence, in nanoseconds.
 const POLL_NS: u64 = 10_000_000;
-/// How long a command may take, in nanoseconds.
+/// Timeout of a command, in nanoseconds.
 const TIMEOUT_NS: u64 = 10_000_000_000;
 
-/// Why maintenance of a gateway failed.
+/// Error of a maintenance command.
 #[derive(Debug, Error)]
 pub enum MaintenanceError {
     /// A transfer failed.
@@ -29,22 +28,22 @@ pub enum MaintenanceError {
     /// The gateway does not grant the access mode.
     #[error("the gateway does not grant {wanted} mode: its access mode stays {found} (0xB000:02)")]
     Mode {
-        /// The mode that was asked for.
+        /// The requested mode.
         wanted: AccessMode,
         /// The mode that it has: 0 run, 1 engineering, 2 factory.
         found: u32,
     },
-    /// The gateway refused or failed.
+    /// The gateway rejected the command, or the command failed.
     #[error("the gateway ended the command with status {0}")]
     Status(MaintenanceStatus),
-    /// The sequence did not count.
-    #[error("the command did not end within {} s (0xB000:12 stands still)", TIMEOUT_NS / 1_000_000_000)]
+    /// The sequence did not change.
+    #[error("the command did not end within {} s (0xB000:12 unchanged)", TIMEOUT_NS / 1_000_000_000)]
     Unended,
 }
 
 /// 0xB000 of one gateway.
 ///
-/// All of it blocks, and none is for the cycle.
+/// Every call blocks; none is for the cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Maintenance<'a> {
     bus: &'a Diagnostics,
@@ -65,12 +64,13 @@ impl<'a> Maintenance<'a> {
         self.bus.sdo_download(self.slave, OBJECT, subindex, &[value])
     }
 
-    /// Does something in an access mode and gives the mode back, whatever comes of it. A gateway that
-    /// has the mode already, or one with more rights, keeps it: somebody else asked for it.
+    /// Executes `action` in an access mode and restores the previous mode, also after an error. A
+    /// gateway that has the mode already, or one with more rights, keeps it: another application
+    /// requested it.
     ///
     /// # Errors
-    /// [`MaintenanceError::Mode`] or the transfer that failed; what `action` returns; and the transfer
-    /// that was to give the mode back, where `action` went well.
+    /// [`MaintenanceError::Mode`] or the failed transfer; the error of `action`; the failed transfer
+    /// that restores the mode, if `action` succeeded.
     pub fn in_mode<R, E: From<MaintenanceError>>(
         &self,
         wanted: AccessMode,
@@ -85,10 +85,10 @@ impl<'a> Maintenance<'a> {
             Ok(()) => action(),
             Err(error) => Err(error.into()),
         };
-        // Below the mode that was asked for, so it is one of the three.
-        let given_back = self.write(MODE_REQUEST, before as u8).map_err(MaintenanceError::Device);
+        // Below the requested mode, so it is one of the three.
+        let restored = self.write(MODE_REQUEST, before as u8).map_err(MaintenanceError::Device);
         let value = outcome?;
-        given_back?;
+        restored?;
         Ok(value)
     }
 
@@ -101,8 +101,8 @@ impl<'a> Maintenance<'a> {
         }
     }
 
-    /// Gives a command: notes the sequence, commands, waits until the sequence has counted, and judges
-    /// the status. Up to 10 s by `clock`.
+    /// Executes a command: writes it, waits until the sequence changes, and checks the status. Up to
+    /// 10 s by `clock`.
     ///
     /// # Errors
     /// A transfer that failed, the status of the gateway, or that the command does not end.

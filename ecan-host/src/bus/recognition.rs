@@ -1,4 +1,4 @@
-//! Which slaves of a bus are ECAN-Lite gateways, and of which that cannot be told.
+//! Recognition of the ECAN-Lite gateways on a bus.
 
 use ecan_protocol::device::{AlState, Capabilities, Recognition};
 use ecan_protocol::object::AbortCode;
@@ -9,7 +9,7 @@ use super::diagnostics::Diagnostics;
 use crate::config::Identity;
 use crate::error::Error;
 
-/// What a slave is, by its own answers. The manual gives no vendor id and no product code, so that
+/// Kind of a slave, by its responses. The manual gives no vendor ID and no product code, so that
 /// a gateway is recognised by 0xF000 (manual 13.8).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SlaveKind<E> {
@@ -17,17 +17,17 @@ pub enum SlaveKind<E> {
     Gateway,
     /// Another device.
     Other,
-    /// It cannot be asked, and its identity does not speak against an ECAN-Lite.
+    /// It cannot be queried, and its identity does not exclude an ECAN-Lite.
     Unknown(IdentificationError<E>),
 }
 
-/// Why a slave does not tell what it is.
+/// Why a slave cannot be identified.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum IdentificationError<E> {
     /// In this state a slave answers no SDO.
     #[error("it is in {0}, where a slave answers no SDO")]
     State(AlState),
-    /// What the master tells of its state is none.
+    /// The master reports an invalid AL state.
     #[error("its AL state is not known")]
     NoState,
     /// The transfer failed.
@@ -41,7 +41,7 @@ impl<E> SlaveKind<E> {
         matches!(self, Self::Gateway)
     }
 
-    /// Whether it is an ECAN-Lite, or cannot be asked.
+    /// Whether it is an ECAN-Lite, or cannot be queried.
     pub fn may_be_gateway(&self) -> bool {
         !matches!(self, Self::Other)
     }
@@ -49,19 +49,19 @@ impl<E> SlaveKind<E> {
 
 /// A way to ask the slaves of a bus, which are named by their positions.
 pub trait SlaveQuery {
-    /// Why an answer is missing.
+    /// Why a response is missing.
     type Error;
 
     /// AL state of a slave; `None` for a value that is no state.
     ///
     /// # Errors
-    /// The slave or the master cannot be asked.
+    /// The slave or the master cannot be queried.
     fn al_state(&self, slave: usize) -> Result<Option<AlState>, Self::Error>;
 
-    /// What the master read in the slave's SII.
+    /// Identity in the slave's SII.
     ///
     /// # Errors
-    /// The slave or the master cannot be asked.
+    /// The slave or the master cannot be queried.
     fn identity(&self, slave: usize) -> Result<Identity, Self::Error>;
 
     /// A number of 0xF000.
@@ -70,11 +70,11 @@ pub trait SlaveQuery {
     /// The slave refuses, or does not answer.
     fn upload(&self, slave: usize, subindex: u8) -> Result<u32, Self::Error>;
 
-    /// Whether the error is the slave's answer that it has no such number in 0xF000.
+    /// Whether the error is the slave's abort for an entry that its 0xF000 does not have.
     fn is_denial(&self, error: &Self::Error) -> bool;
 }
 
-/// Asks these slaves what they are, in their order. A slave that cannot be asked counts as another
+/// Queries the kind of these slaves, in their order. A slave that cannot be queried counts as another
 /// device only where some of the others are gateways, and it has none of their identities.
 pub fn slave_kinds<I: SlaveQuery>(inquiry: &I, slaves: &[usize]) -> Vec<SlaveKind<I::Error>> {
     let mut kinds: Vec<_> = slaves.iter().map(|slave| ask(inquiry, *slave)).collect();
@@ -218,7 +218,7 @@ mod tests {
         SlaveKind::Unknown(IdentificationError::Silent(PrivilegeError::Silence));
 
     #[test]
-    fn a_slave_is_recognised_by_its_answers() {
+    fn slave_is_recognised_by_its_responses() {
         let other = Slave { answer: Ok([2, 8, 24]), ..OURS };
         let without = Slave { answer: Err(PrivilegeError::NoObject), ..OURS };
         assert_eq!(
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slave_that_cannot_be_asked_is_unknown() {
+    fn slave_without_response_is_unknown() {
         let silent = Slave { answer: Err(PrivilegeError::Silence), ..OURS };
         let of = |state| Slave { state, ..OURS };
         let found = kinds(&[silent, of(Some(AlState::Init)), of(Some(AlState::Boot)), of(None)]);
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn the_identity_speaks_against_a_silent_slave_only_where_gateways_are_known() {
+    fn identity_excludes_a_silent_slave_only_beside_known_gateways() {
         let silent =
             |product_code| Slave { answer: Err(PrivilegeError::Silence), product_code, ..OURS };
         assert_eq!(kinds(&[silent(8), OURS]), [SlaveKind::Other, SlaveKind::Gateway]);

@@ -1,4 +1,4 @@
-//! What the Adapter does for the distributed clocks in each cycle.
+//! Service of the distributed clocks in each cycle.
 
 use ecrt_sys::Errno;
 
@@ -7,16 +7,16 @@ use crate::config::{ClockSource, DcSync};
 use crate::error::CycleError;
 use crate::master::Master;
 
-/// How far the clocks are apart.
+/// Differences of the clocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ClockStatus {
-    /// How late the host was against the reference clock in the last cycle that tells, in
-    /// nanoseconds, within half a Sync0 period; what the host knows to have waited and worked since
+    /// Delay of the host relative to the reference clock in the last cycle with a reading, in
+    /// nanoseconds, within half a Sync0 period; the host's own waiting and working time since
     /// the point of its grid is taken off. None before the first reading.
     pub phase_error_ns: Option<i32>,
     /// The phase errors have become small: below 0.2 % of the cycle in the mean.
     pub is_locked: bool,
-    /// How much faster the host's clock runs than the reference clock, in parts per billion. Known
+    /// Rate of the host's clock relative to the reference clock, in parts per billion. Known
     /// while the host follows; otherwise 0.
     pub rate_ppb: i32,
     /// Upper estimate of the differences between the slaves' clocks as last measured, in
@@ -50,7 +50,7 @@ struct Reading {
 
 impl Reading {
     /// Whether it can be the time of a clock that showed `before`. When the reference slave is gone
-    /// the library goes on handing out what came back, which stands still.
+    /// the library repeats the last value.
     fn follows(&self, before: Self, cycle_ns: u32) -> bool {
         let passed = self.sent_ns.saturating_sub(before.sent_ns);
         let told = self.time.wrapping_sub(before.time);
@@ -68,7 +68,7 @@ pub(crate) struct DistributedClocks {
     time_ns: Option<u64>,
     /// Point of the grid of the running cycle, on the host's clock.
     point_ns: u64,
-    /// What the deadline after it was shifted by.
+    /// Shift of the deadline after it.
     correction_ns: i64,
     sent: Option<Sent>,
     /// The last reading, whether it was of use or not.
@@ -119,8 +119,8 @@ impl DistributedClocks {
     /// Reads the clocks when the frame of the cycle before is back: `answering` slaves took part in
     /// it. Gives the correction of the next deadline.
     ///
-    /// The library writes to stderr when it is asked for the time of a frame that was lost, so it is
-    /// not asked when there is a sign of that.
+    /// The library writes to stderr when it reads the time of a lost frame, so it is
+    /// not called when there is a sign of that.
     pub(crate) fn receive(
         &mut self,
         master: &mut Master,

@@ -25,7 +25,7 @@ pub(crate) struct PhaseLockedLoop {
     rest_ns: f64,
     /// Mean size of the phase error; none before the first.
     mean_ns: Option<f64>,
-    /// The next phase error is of a cycle that stood before the first correction took effect.
+    /// The next phase error is of a cycle before the first correction took effect.
     is_stale: bool,
 }
 
@@ -53,7 +53,7 @@ impl PhaseLockedLoop {
         let limit = self.cycle_ns * MAX_SHIFT;
         let wanted = -error * PROPORTIONAL;
         let shift = wanted.clamp(-limit, limit);
-        // An error that is worked off at the limit tells nothing of the rate.
+        // An error that is corrected at the limit contains no information about the rate.
         if shift == wanted {
             let limit = self.cycle_ns * MAX_RATE;
             self.rate_ns = (self.rate_ns - error * INTEGRAL).clamp(-limit, limit);
@@ -61,7 +61,7 @@ impl PhaseLockedLoop {
         self.correct_by(shift + self.rate_ns)
     }
 
-    /// What is to be added without a phase error to go by: the rates still differ.
+    /// Correction without a phase error: the rates still differ.
     pub(crate) fn coast(&mut self) -> i64 {
         self.correct_by(self.rate_ns)
     }
@@ -77,7 +77,7 @@ impl PhaseLockedLoop {
         self.mean_ns.is_some_and(|mean| mean < self.cycle_ns * LOCKED)
     }
 
-    /// How much faster the host's clock runs than the other, in parts per billion.
+    /// Rate of the host's clock relative to the other, in parts per billion.
     pub(crate) fn rate_ppb(&self) -> i32 {
         (self.rate_ns / self.cycle_ns * 1e9).round() as i32
     }
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn it_settles_from_any_phase_and_drift() {
+    fn loop_settles_from_any_phase_and_drift() {
         for start_ns in [-499_000.0, -20_000.0, 0.0, 3_000.0, 499_000.0] {
             for fast_ppm in [-200.0, -50.0, 0.0, 50.0, 200.0] {
                 let errors = errors(start_ns, fast_ppm, 1_500, 0..0);
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn it_learns_the_rate_and_says_when_it_is_locked() {
+    fn loop_measures_the_rate_and_reports_the_lock() {
         let mut pll = PhaseLockedLoop::new(CYCLE_NS);
         assert!(!pll.is_locked());
         let mut phase = 100_000;
@@ -139,14 +139,14 @@ mod tests {
     }
 
     #[test]
-    fn it_coasts_through_lost_frames() {
+    fn loop_holds_the_rate_during_lost_frames() {
         let errors = errors(100_000.0, 50.0, 2_000, 1_000..1_100);
         let worst = errors[1_000..].iter().fold(0.0_f64, |worst, e| worst.max(e.abs()));
         assert!(worst < 50.0, "{worst} ns after a hundred cycles without a reading");
     }
 
     #[test]
-    fn but_for_the_first_no_cycle_is_shifted_by_more_than_a_hundredth() {
+    fn only_the_first_shift_exceeds_a_hundredth_of_the_cycle() {
         let mut pll = PhaseLockedLoop::new(CYCLE_NS);
         assert_eq!(pll.update(300_000), -300_000);
         assert_eq!(pll.update(300_000), 0, "still of a cycle from before");

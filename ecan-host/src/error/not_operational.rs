@@ -6,7 +6,7 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 
 use super::{Error, al_state_text};
 
-/// One slave that is not in OP, with everything the master can tell about it.
+/// State of a slave that is not in OP.
 #[derive(Debug)]
 pub struct SlaveReport {
     /// Slave index.
@@ -15,16 +15,16 @@ pub struct SlaveReport {
     pub alias: u16,
     /// Configured position.
     pub position: u16,
-    /// Whether the slave answers at all.
+    /// Whether the slave responds.
     pub online: bool,
     /// AL state as a number; `None` when the slave does not answer.
     pub al_state: Option<u8>,
-    /// Whether the master met an error with the slave and holds it where it is.
+    /// Whether the master met an error with the slave and keeps it in its state.
     pub error_flag: bool,
-    /// Why, in the slave's words: the last code seen while waiting, since the master acknowledges
+    /// The last AL status code seen while waiting, because the master acknowledges
     /// errors and so clears them. `None` when none was caught.
     pub al_status_code: Option<AlStatusCode>,
-    /// What is wrong with a slave that the master holds in PREOP: the startup SDO that it refuses,
+    /// Cause of a slave that the master keeps in PREOP: the startup SDO that it aborts,
     /// or the object that does not fit the configured N.
     pub cause: Option<Box<Error>>,
     /// Working counter of its domain in the last cycle.
@@ -34,7 +34,7 @@ pub struct SlaveReport {
 }
 
 impl SlaveReport {
-    /// Whether the master has given up in PREOP, so that trying its steps again disturbs nothing.
+    /// Whether the master keeps the slave in PREOP, so that executing its steps again has no side effect.
     pub(crate) fn is_held_in_preop(&self) -> bool {
         self.online && self.error_flag && self.al_state.is_some_and(is_preop)
     }
@@ -66,7 +66,7 @@ impl fmt::Display for SlaveReport {
 /// The slaves that did not reach OP in time.
 #[derive(Debug)]
 pub struct NotOperational {
-    /// How long was waited, in milliseconds.
+    /// Time waited, in milliseconds.
     pub waited_ms: u64,
     /// Every slave that is not in OP.
     pub slaves: Vec<SlaveReport>,

@@ -1,4 +1,4 @@
-//! What the master knows of the bus: itself, its links, the slaves found.
+//! State of the bus: the master, its links, the slaves.
 
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_OUTPUT, EC_PORT_EBUS, EC_PORT_MII, EC_PORT_NOT_CONFIGURED, EC_WD_DISABLE,
@@ -15,13 +15,13 @@ pub struct MasterInfo {
     pub slave_count: u32,
     /// The main link is up.
     pub link_up: bool,
-    /// A scan is under way: what is known of slaves may be old.
+    /// A scan is running: slave information may be outdated.
     pub scan_busy: bool,
     /// Application time last given to the master, ns since 2000-01-01.
     pub app_time_ns: u64,
 }
 
-/// What all links of a master see.
+/// State of all links of a master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MasterState {
     /// Slaves that answer, over all links.
@@ -32,7 +32,7 @@ pub struct MasterState {
     pub link_up: bool,
 }
 
-/// What one link of a master sees.
+/// State of one link of a master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LinkState {
     /// Slaves that answer on this link.
@@ -52,12 +52,12 @@ pub struct ScanProgress {
     pub scan_index: u32,
 }
 
-/// What the master knows of a slave on the bus.
+/// Information about a slave on the bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SlaveInfo {
-    /// Place in the ring, from 0.
+    /// Position on the bus, from 0.
     pub position: u16,
-    /// Vendor id in the slave's EEPROM.
+    /// Vendor ID in the slave's EEPROM.
     pub vendor_id: u32,
     /// Product code in the slave's EEPROM.
     pub product_code: u32,
@@ -71,7 +71,7 @@ pub struct SlaveInfo {
     pub current_on_ebus_ma: i16,
     /// AL state: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP; bit 4 marks an error.
     pub al_state: u8,
-    /// The master met an error with this slave and holds it where it is.
+    /// The master met an error with this slave and keeps it in its state.
     pub error_flag: bool,
     /// Sync managers in the EEPROM.
     pub sync_count: u8,
@@ -153,7 +153,7 @@ impl Master {
     ///
     /// # Errors
     ///
-    /// What the kernel module returns.
+    /// Error of the kernel module.
     pub fn info(&self) -> Result<MasterInfo, Errno> {
         let mut answer = Answer::<ec_master_info_t>::new();
         // SAFETY: the master is valid as long as `self`, and the target is writable.
@@ -168,11 +168,11 @@ impl Master {
         })
     }
 
-    /// What all links see: cheap, but some seconds behind the bus. Cycle.
+    /// State of all links; lags the bus by seconds. Real-time safe.
     ///
     /// # Errors
     ///
-    /// What the kernel module returns.
+    /// Error of the kernel module.
     pub fn state(&self) -> Result<MasterState, Errno> {
         let mut answer = Answer::<ec_master_state_t>::new();
         // SAFETY: as in `info`.
@@ -188,7 +188,7 @@ impl Master {
         })
     }
 
-    /// What one link sees: 0 is the main link, 1 the first redundant one. Cycle, where the link
+    /// State of one link: 0 is the main link, 1 the first redundant one. Real-time safe if the link
     /// exists: the library writes to stderr otherwise.
     ///
     /// # Errors
@@ -304,7 +304,7 @@ impl Master {
         })
     }
 
-    /// The PDO at a place in a sync manager's default assignment. May block.
+    /// The PDO at a position of a sync manager's default assignment. May block.
     ///
     /// # Errors
     ///
@@ -325,7 +325,7 @@ impl Master {
         Ok(PdoInfo { index: answer.value.index, entry_count: answer.value.n_entries })
     }
 
-    /// The entry at a place in such a PDO's default mapping. May block.
+    /// The entry at a position of such a PDO's default mapping. May block.
     ///
     /// # Errors
     ///
@@ -369,7 +369,7 @@ mod tests {
     use super::name;
 
     #[test]
-    fn a_name_ends_at_the_zero_or_with_the_field() {
+    fn name_ends_at_the_zero_or_with_the_field() {
         assert_eq!(name(b"ECAN-Lite\0rest"), "ECAN-Lite");
         assert_eq!(name(b"full"), "full");
         assert_eq!(name(b""), "");

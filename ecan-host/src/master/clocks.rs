@@ -22,8 +22,8 @@ impl Master {
         })
     }
 
-    /// Tells the application's time, ns since 2000-01-01; every cycle, before the clocks are
-    /// synchronised. Cycle.
+    /// Sets the application time, ns since 2000-01-01; every cycle, before the clocks are
+    /// synchronised. Real-time safe.
     ///
     /// # Errors
     ///
@@ -35,7 +35,7 @@ impl Master {
         })
     }
 
-    /// Queues the reference clock's correction to the application time. Cycle.
+    /// Queues the reference clock's correction to the application time. Real-time safe.
     ///
     /// # Errors
     ///
@@ -47,7 +47,7 @@ impl Master {
         })
     }
 
-    /// Queues the reference clock's correction to `time_ns`. Cycle.
+    /// Queues the reference clock's correction to `time_ns`. Real-time safe.
     ///
     /// # Errors
     ///
@@ -59,7 +59,7 @@ impl Master {
         Errno::check(unsafe { status!(function, self.raw.as_ptr(), time_ns) })
     }
 
-    /// Queues the other clocks' correction to the reference clock. Cycle.
+    /// Queues the other clocks' correction to the reference clock. Real-time safe.
     ///
     /// # Errors
     ///
@@ -71,7 +71,7 @@ impl Master {
         })
     }
 
-    /// Lower half of the reference clock's time at the last exchange, ns. Cycle, but only after
+    /// Lower half of the reference clock's time at the last exchange, ns. Real-time safe, but only after
     /// an exchange that arrived: otherwise the library writes to stderr.
     ///
     /// # Errors
@@ -87,7 +87,7 @@ impl Master {
         Ok(time_ns)
     }
 
-    /// Queues the measurement of how far the clocks differ. Cycle.
+    /// Queues the measurement of how far the clocks differ. Real-time safe.
     ///
     /// # Errors
     ///
@@ -99,7 +99,7 @@ impl Master {
         })
     }
 
-    /// The largest difference of a clock to the reference clock, ns, as measured last. Cycle,
+    /// The largest difference of a clock to the reference clock, ns, as measured last. Real-time safe,
     /// but only after an exchange that arrived: otherwise the library writes to stderr.
     ///
     /// # Errors

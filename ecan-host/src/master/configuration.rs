@@ -22,18 +22,18 @@ pub enum SyncDirection {
     Input,
 }
 
-/// Whether a sync manager feeds the slave's watchdog.
+/// Watchdog of a sync manager.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WatchdogMode {
-    /// As the EEPROM says.
+    /// As in the EEPROM.
     Default,
-    /// It does.
+    /// Enabled.
     Enable,
-    /// It does not.
+    /// Disabled.
     Disable,
 }
 
-/// How far the master brought a configured slave.
+/// State of a configured slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveConfigState {
     /// The slave was found.
@@ -45,7 +45,7 @@ pub struct SlaveConfigState {
 }
 
 impl Master {
-    /// Makes a domain. Before activation.
+    /// Creates a domain. Before activation.
     ///
     /// # Errors
     ///
@@ -60,12 +60,12 @@ impl Master {
         Ok(id)
     }
 
-    /// Makes the configuration of the slave at `position` behind `alias` (0: from the first
+    /// Creates the configuration of the slave at `position` after `alias` (0: from the first
     /// slave on). Before activation.
     ///
     /// # Errors
     ///
-    /// `EPERM` when the master is not reserved, `ENOMEM`; also when that place was configured
+    /// `EPERM` if the master is not reserved, `ENOMEM`; also if that address was configured
     /// before with another identity.
     pub fn slave_config(
         &mut self,
@@ -330,7 +330,7 @@ impl Master {
         let raw = self.slave_config_raw(config)?;
         let domain = self.domain_raw(domain)?;
         // SAFETY: configuration and domain belong to this master and are current; a null bit
-        // position is how the library is asked for entries at byte borders only.
+        // position restricts the library to entries at byte boundaries.
         let offset: c_int = unsafe {
             (self.ecrt.functions().slave_config_reg_pdo_entry)(
                 raw,
@@ -344,7 +344,7 @@ impl Master {
         usize::try_from(offset).map_err(|_| Errno::ERANGE)
     }
 
-    /// How far the master brought the slave; some seconds behind the bus. Cycle.
+    /// State of a slave configuration; lags the bus by seconds. Real-time safe.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Why a master could not be opened or reserved.
+//! Errors of opening or reserving a master.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use ecrt_sys::{Ecrt, Errno};
 use thiserror::Error;
 
-/// A master could not be opened or reserved. The text says which, why, and what to do.
+/// A master could not be opened or reserved. The text states the master, the cause and what to do.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("EtherCAT master {index} is not available: {failure}")]
 pub struct OpenError {
@@ -64,7 +64,7 @@ pub enum OpenFailure {
     NotPermitted {
         /// The device node.
         device: PathBuf,
-        /// Who may.
+        /// Owner of the node.
         owner: Option<NodeOwner>,
     },
     /// Another application has reserved the master.
@@ -84,7 +84,7 @@ pub enum OpenFailure {
     },
     /// Library and kernel module do not belong together.
     #[error(
-        "{} opens, but the library (version {}.{}) refuses the kernel module ({}): they are of \
+        "{} opens, but the library (version {}.{}) rejects the kernel module ({}): they are of \
          different versions; install both from one version and reload the module",
         device.display(),
         library.0,
@@ -96,13 +96,13 @@ pub enum OpenFailure {
         device: PathBuf,
         /// Release of the library, major and minor.
         library: (u8, u8),
-        /// The module's version in its own words.
+        /// The module's version text.
         module: Option<String>,
     },
-    /// Something else.
+    /// Any other cause.
     #[error("{errno}; the kernel log may say more (dmesg | grep EtherCAT)")]
     Other {
-        /// What the library left.
+        /// Error number of the library.
         errno: Errno,
     },
 }
@@ -135,11 +135,11 @@ fn present(masters: &[u32]) -> String {
     }
 }
 
-/// The places of the system that tell why a master does not open.
+/// Paths of the system that show why a master does not open.
 struct System<'a> {
-    /// Where the device nodes are.
+    /// Directory of the device nodes.
     devices: &'a Path,
-    /// What the kernel shows of the module while it is loaded.
+    /// The kernel's directory of the loaded module.
     module: &'a Path,
 }
 
@@ -180,10 +180,10 @@ impl OpenError {
         matches!(self.failure, OpenFailure::Busy | OpenFailure::WaitingForInterface { .. })
     }
 
-    /// Finds the cause of a NULL: by the error number that the library left, and where that
-    /// tells nothing by looking at the device node.
+    /// Finds the cause of a NULL: by the error number of the library, and if that is
+    /// not specific by checking the device node.
     ///
-    /// The node is looked at only now: where the library uses another one (RTDM), it opens all
+    /// The node is checked only now: if the library uses another one (RTDM), it opens all
     /// the same.
     pub(super) fn find_cause(index: u32, errno: Errno, ecrt: &Ecrt) -> Self {
         let failure = if ecrt.is_simulated() {
@@ -291,39 +291,39 @@ mod tests {
     }
 
     #[test]
-    fn a_service_that_does_not_run_is_to_be_started() {
+    fn missing_service_error_says_how_to_start_it() {
         let text = Sandbox::new(&[], None).text(0, Errno::ENOENT);
         says(&text, &["EtherCAT master 0", "dev/EtherCAT0 does not exist"]);
         says(&text, &["ec_master is not loaded", "systemctl start ethercat"]);
     }
 
     #[test]
-    fn a_master_that_is_not_configured_is_told_from_those_that_are() {
+    fn missing_master_error_lists_existing_masters() {
         let text = Sandbox::new(&[0, 1], Some("1.6.2")).text(4, Errno::ENOENT);
         says(&text, &["EtherCAT4 does not exist", "masters 0, 1", "MASTER4_DEVICE"]);
     }
 
     #[test]
-    fn a_node_without_permission_names_owner_and_rule() {
+    fn permission_error_names_owner_and_udev_rule() {
         let text = Sandbox::new(&[0], Some("1.6.2")).text(0, Errno::EACCES);
         says(&text, &["may not be opened by this user (owner ", "mode 0"]);
         says(&text, &["udev rule", "GROUP=\"ethercat\""]);
     }
 
     #[test]
-    fn a_reserved_master_is_busy() {
+    fn reserved_master_is_busy() {
         let text = Sandbox::new(&[0], Some("1.6.2")).text(0, Errno::EBUSY);
         says(&text, &["another application has reserved it", "attach"]);
     }
 
     #[test]
-    fn a_master_without_interface_waits() {
+    fn master_without_interface_waits() {
         let text = Sandbox::new(&[0], Some("1.6.2")).text(0, Errno::ENODEV);
         says(&text, &["waits for its network interface", "MASTER0_DEVICE"]);
     }
 
     #[test]
-    fn a_refusal_without_error_number_is_a_version_mismatch() {
+    fn failure_without_error_number_is_a_version_mismatch() {
         let machine = Sandbox::new(&[0], Some("1.5.2 master branch"));
         for errno in [0, libc::ENOTTY] {
             let text = machine.text(0, Errno::new(errno));
@@ -335,19 +335,19 @@ mod tests {
     }
 
     #[test]
-    fn without_error_number_the_node_is_looked_at() {
+    fn missing_error_number_checks_the_device_node() {
         let text = Sandbox::new(&[], None).text(0, Errno::new(0));
         says(&text, &["EtherCAT0 does not exist"]);
     }
 
     #[test]
-    fn an_unforeseen_error_keeps_the_words_of_the_system() {
+    fn other_error_keeps_the_text_of_the_system() {
         let text = Sandbox::new(&[0], Some("1.6.2")).text(0, Errno::EIO);
         says(&text, &["Input/output error", "kernel log"]);
     }
 
     #[test]
-    fn a_simulation_speaks_of_itself() {
+    fn simulated_failure_names_the_simulation() {
         let text = |errno| simulated_failure(3, errno).to_string();
         says(&text(Errno::ENOENT), &["the simulation has no master 3"]);
         says(&text(Errno::EBUSY), &["reserved"]);

@@ -17,10 +17,10 @@ pub struct DomainState {
     pub redundancy_active: bool,
 }
 
-/// Judgement of a domain's working counter.
+/// Evaluation of a domain's working counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WcState {
-    /// Nobody exchanged anything.
+    /// No slave exchanged data.
     Zero,
     /// Some of it was exchanged.
     Incomplete,
@@ -45,14 +45,14 @@ impl Domain {
 /// offset that an older library added to the NULL of a process image that does not exist yet.
 const LOWEST_ADDRESS: usize = 0x1_0000;
 
-/// The size that the library tells: an error is `(size_t)-1`, or a negative error number in some
+/// Checks a size from the library: an error is `(size_t)-1`, or a negative error number in some
 /// versions.
 fn image_size(size: usize) -> Result<usize, Errno> {
     if size > isize::MAX as usize { Err(Errno::EIO) } else { Ok(size) }
 }
 
 impl Master {
-    /// Tells the master the interval between sends, µs: it plans mailbox traffic by it. May
+    /// Sets the interval between sends, µs, by which the master plans mailbox traffic. May
     /// block.
     ///
     /// # Errors
@@ -88,7 +88,7 @@ impl Master {
     }
 
     /// Ends the operation phase. Every domain, slave configuration and request is gone, and
-    /// every id stale, whatever the library reports. Blocks.
+    /// every id stale, also if the library reports an error. Blocks.
     ///
     /// # Errors
     ///
@@ -112,7 +112,7 @@ impl Master {
     ///
     /// # Errors
     ///
-    /// `EAGAIN` when there is no process image yet, `EIO` when its size is not known. All
+    /// `EAGAIN` if there are no process data yet, `EIO` if their size is unknown. All
     /// images are empty then.
     pub fn refresh_domain_data(&mut self) -> Result<(), Errno> {
         let fetched = self.fetch_domain_data();
@@ -152,14 +152,14 @@ impl Master {
     ///
     /// # Errors
     ///
-    /// `EBADF` for a stale id, `EIO` when the kernel module does not tell.
+    /// `EBADF` for a stale id, `EIO` if the kernel module does not report the size.
     pub fn domain_size(&self, id: DomainId) -> Result<usize, Errno> {
         let raw = self.domain_raw(id)?;
         // SAFETY: the domain belongs to this master and is current, so it is valid.
         image_size(unsafe { (self.ecrt.functions().domain_size)(raw) })
     }
 
-    /// A domain's process image; empty before activation and for a stale id. Cycle.
+    /// A domain's process image; empty before activation and for a stale id. Real-time safe.
     #[inline]
     #[must_use]
     pub fn domain_data(&self, id: DomainId) -> &[u8] {
@@ -172,7 +172,7 @@ impl Master {
         }
     }
 
-    /// A domain's process image for writing; empty before activation and for a stale id. Cycle.
+    /// A domain's process image for writing; empty before activation and for a stale id. Real-time safe.
     #[inline]
     #[must_use]
     pub fn domain_data_mut(&mut self, id: DomainId) -> &mut [u8] {
@@ -186,7 +186,7 @@ impl Master {
         }
     }
 
-    /// Judges a domain's received datagrams. Cycle, after [`Master::receive`].
+    /// Evaluates a domain's received datagrams. Real-time safe; call it after [`Master::receive`].
     ///
     /// # Errors
     ///
@@ -198,7 +198,7 @@ impl Master {
         Errno::check(unsafe { status!(self.ecrt.functions().domain_process, raw) })
     }
 
-    /// Queues a domain's datagrams. Cycle, before [`Master::send`].
+    /// Queues a domain's datagrams. Real-time safe; call it before [`Master::send`].
     ///
     /// # Errors
     ///
@@ -209,7 +209,7 @@ impl Master {
         Errno::check(unsafe { status!(self.ecrt.functions().domain_queue, raw) })
     }
 
-    /// Working counter of a domain's last processed exchange. Cycle.
+    /// Working counter of a domain's last processed exchange. Real-time safe.
     ///
     /// # Errors
     ///
@@ -231,7 +231,7 @@ impl Master {
         })
     }
 
-    /// Sends everything queued. Cycle.
+    /// Sends everything queued. Real-time safe.
     ///
     /// # Errors
     ///
@@ -243,7 +243,7 @@ impl Master {
         Errno::check(unsafe { status!(self.ecrt.functions().master_send, self.raw.as_ptr()) })
     }
 
-    /// Takes received frames, and writes their data into the domains' images. Cycle.
+    /// Processes received frames and writes their data into the domains. Real-time safe.
     ///
     /// # Errors
     ///

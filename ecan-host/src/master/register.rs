@@ -1,4 +1,4 @@
-//! Register requests: reading a slave controller's registers beside the cycle.
+//! Register requests: reading ESC registers in parallel with the cycle.
 
 use std::ptr::NonNull;
 
@@ -6,7 +6,7 @@ use ecrt_sys::{Errno, ec_reg_request_t, status};
 
 use super::{Master, RegRequestId, RequestState, SlaveConfigId};
 
-/// A request, how much it can hold, and whether it may be under way.
+/// A request, its capacity, and whether it may be running.
 pub(super) struct RegRequest {
     raw: NonNull<ec_reg_request_t>,
     size: usize,
@@ -14,7 +14,7 @@ pub(super) struct RegRequest {
 }
 
 impl Master {
-    /// Makes a request for registers of the slave, up to `size` bytes. Before activation.
+    /// Creates a request for registers of the slave, up to `size` bytes. Before activation.
     ///
     /// # Errors
     ///
@@ -42,11 +42,11 @@ impl Master {
         Ok(id)
     }
 
-    /// Starts reading `size` bytes from register `address` on. Cycle.
+    /// Starts reading `size` bytes from register `address` on. Real-time safe.
     ///
     /// # Errors
     ///
-    /// `EBADF` for a stale id, `EBUSY` while it is under way, `EMSGSIZE` for more than the
+    /// `EBADF` for a stale id, `EBUSY` while it is running, `EMSGSIZE` for more than the
     /// request holds, otherwise what the kernel module returns.
     pub fn reg_request_read(
         &mut self,
@@ -71,7 +71,7 @@ impl Master {
         Ok(())
     }
 
-    /// State of the request; fetches the data of a finished read. Cycle.
+    /// State of the request; fetches the data of a finished read. Real-time safe.
     ///
     /// # Errors
     ///
@@ -87,7 +87,7 @@ impl Master {
     }
 
     /// All bytes that the request has room for; after a successful read the first of them are
-    /// the registers, lowest address first. Empty for a stale id. Cycle.
+    /// the registers, lowest address first. Empty for a stale id. Real-time safe.
     #[must_use]
     pub fn reg_request_data(&self, id: RegRequestId) -> &[u8] {
         let Ok(request) = self.reg_request(id) else {

@@ -1,4 +1,4 @@
-//! SDO requests: transfers that run beside the cycle.
+//! SDO requests: transfers in parallel with the cycle.
 
 use std::ptr::NonNull;
 
@@ -33,7 +33,7 @@ impl RequestState {
     }
 }
 
-/// A request, and whether it may be under way.
+/// A request, and whether it may be running.
 pub(super) struct SdoRequest {
     raw: NonNull<ec_sdo_request_t>,
     busy: bool,
@@ -47,7 +47,7 @@ impl SdoRequest {
 }
 
 impl Master {
-    /// Makes a request for an object of `size` bytes. Before activation.
+    /// Creates a request for an object of `size` bytes. Before activation.
     ///
     /// A write always has the size that the request holds: the `size` given here, and after a
     /// read the size that was read. So make one request for each size that is to be written.
@@ -87,22 +87,22 @@ impl Master {
         Ok(id)
     }
 
-    /// Sets the time that the request may take, ms; 0 for no limit. Cycle.
+    /// Sets the time that the request may take, ms; 0 for no limit. Real-time safe.
     ///
     /// # Errors
     ///
-    /// `EBADF` for a stale id, `EBUSY` while it is under way.
+    /// `EBADF` for a stale id, `EBUSY` while it is running.
     pub fn sdo_request_timeout(&mut self, id: SdoRequestId, timeout_ms: u32) -> Result<(), Errno> {
         let raw = self.sdo_request(id)?.idle()?;
         // SAFETY: the request belongs to this master and is current, so it is valid.
         Errno::check(unsafe { status!(self.ecrt.functions().sdo_request_timeout, raw, timeout_ms) })
     }
 
-    /// Points the request at another object. Cycle.
+    /// Points the request at another object. Real-time safe.
     ///
     /// # Errors
     ///
-    /// `EBADF` for a stale id, `EBUSY` while it is under way.
+    /// `EBADF` for a stale id, `EBUSY` while it is running.
     pub fn sdo_request_index(
         &mut self,
         id: SdoRequestId,
@@ -116,11 +116,11 @@ impl Master {
         })
     }
 
-    /// Starts reading the object. Cycle.
+    /// Starts reading the object. Real-time safe.
     ///
     /// # Errors
     ///
-    /// `EBADF` for a stale id, `EBUSY` while it is under way, otherwise what the kernel module
+    /// `EBADF` for a stale id, `EBUSY` while it is running, otherwise what the kernel module
     /// returns.
     pub fn sdo_request_read(&mut self, id: SdoRequestId) -> Result<(), Errno> {
         let raw = self.sdo_request(id)?.idle()?;
@@ -130,11 +130,11 @@ impl Master {
         Ok(())
     }
 
-    /// Starts writing `data` to the object. Cycle.
+    /// Starts writing `data` to the object. Real-time safe.
     ///
     /// # Errors
     ///
-    /// `EBADF` for a stale id, `EBUSY` while it is under way, `EMSGSIZE` when `data` has not
+    /// `EBADF` for a stale id, `EBUSY` while it is running, `EMSGSIZE` when `data` has not
     /// exactly the size that the request holds, otherwise what the kernel module returns.
     pub fn sdo_request_write(&mut self, id: SdoRequestId, data: &[u8]) -> Result<(), Errno> {
         let raw = self.sdo_request(id)?.idle()?;
@@ -155,7 +155,7 @@ impl Master {
         Ok(())
     }
 
-    /// State of the request; fetches the data of a finished read. Cycle.
+    /// State of the request; fetches the data of a finished read. Real-time safe.
     ///
     /// # Errors
     ///
@@ -170,8 +170,8 @@ impl Master {
         Ok(state)
     }
 
-    /// What the request holds: after a successful read the value of the object. Empty for a
-    /// stale id. Cycle.
+    /// Data of the request: after a successful read the value of the object. Empty for a
+    /// stale id. Real-time safe.
     #[must_use]
     pub fn sdo_request_data(&self, id: SdoRequestId) -> &[u8] {
         let Ok(request) = self.sdo_request(id) else {

@@ -22,7 +22,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_priority_out_of_range_is_refused() {
+    fn priority_out_of_range_is_rejected() {
         assert_eq!(set_fifo_priority(0), Err(Errno::EINVAL));
         assert_eq!(set_fifo_priority(200), Err(Errno::EINVAL));
     }

@@ -6,13 +6,13 @@ use ecrt_sys::Errno;
 
 use super::Master;
 
-/// Why an SDO transfer failed.
+/// Error of an SDO transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdoError {
     /// The library's error: `EIO` aborted or failed on the bus, `EINVAL` no such slave,
     /// `EOVERFLOW` or `ENOBUFS` answer larger than the target.
     pub errno: Errno,
-    /// What the slave answered when it aborted the transfer.
+    /// Abort code of the slave.
     pub abort_code: Option<u32>,
 }
 
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_abort_code_comes_with_eio_only() {
+    fn abort_code_is_valid_with_eio_only() {
         let abort = |errno, code| SdoError::new(errno, code).abort_code;
         assert_eq!(abort(Errno::EIO, 0x0602_0000), Some(0x0602_0000));
         assert_eq!(abort(Errno::EIO, 0), None);

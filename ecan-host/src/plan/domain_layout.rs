@@ -1,4 +1,4 @@
-//! How the master packs a slave's process data into datagrams.
+//! Layout of a slave's process data in datagrams.
 
 use std::fmt;
 
@@ -10,7 +10,7 @@ pub const MAX_DATAGRAM_BYTES: usize = 1486;
 /// Largest N of one direction that fits one datagram: 11 * 128 = 1408 bytes.
 pub const MAX_PLAIN_MULTIPLIER: u8 = (MAX_DATAGRAM_BYTES / CHUNK_BYTES) as u8;
 
-/// What a datagram does with the process data of a slave.
+/// Command of a datagram with the process data of a slave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum LogicalCommand {
     /// Writes the RxPDO and reads the TxPDO.
@@ -51,7 +51,7 @@ impl DomainLayout {
 
     /// Whether both directions travel in one LRW datagram.
     ///
-    /// Only then does an incomplete working counter tell the directions apart: a read counts 1, a
+    /// Only then does an incomplete working counter distinguish the directions: a read counts 1, a
     /// write 2. Otherwise they travel as LWR and LRD, and a sum of 1 may be either.
     pub fn is_single_datagram(&self) -> bool {
         self.rx_bytes + self.tx_bytes <= MAX_DATAGRAM_BYTES
@@ -65,7 +65,7 @@ impl DomainLayout {
 
     /// The datagrams of a cycle in their order, with the bytes of data of each. A direction that
     /// exceeds one datagram (N of 12 and more) is taken as a segmenting master would send it. The
-    /// 1.5 release has LRW where this says LWR; sizes are the same.
+    /// 1.5 release sends LRW instead of LWR; sizes are the same.
     pub fn datagrams(&self) -> impl Iterator<Item = (LogicalCommand, usize)> + use<> {
         let Self { rx_bytes, tx_bytes } = *self;
         let parts = if self.is_single_datagram() {
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn five_chunks_each_way_share_a_datagram_and_six_do_not() {
+    fn five_chunks_per_direction_share_a_datagram_and_six_do_not() {
         use LogicalCommand::{Read, ReadWrite, Write};
         assert!(DomainLayout::new(5, 5).is_single_datagram());
         assert_eq!(datagrams(5, 5), [(ReadWrite, 1280)]);
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_segmenting_master_splits_what_is_too_large() {
+    fn segmenting_master_splits_large_data() {
         use LogicalCommand::{Read, Write};
         assert_eq!(datagrams(12, 1), [(Write, 1486), (Write, 50), (Read, 128)]);
         assert_eq!(datagrams(0, 0), []);

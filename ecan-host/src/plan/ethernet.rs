@@ -20,14 +20,14 @@ const MAX_PAYLOAD_BYTES: usize = 1500;
 /// Shorter payloads are filled up to this.
 const MIN_PAYLOAD_BYTES: usize = 46;
 
-/// What a datagram is for.
+/// Purpose of a datagram.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DatagramUse {
     /// Process data of a slave.
     ProcessData {
         /// Slave index.
         slave: usize,
-        /// How it is exchanged.
+        /// Command.
         command: LogicalCommand,
     },
     /// Keeps the distributed clocks together.
@@ -47,7 +47,7 @@ impl fmt::Display for DatagramUse {
 /// One datagram of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Datagram {
-    /// What it is for.
+    /// Purpose.
     pub purpose: DatagramUse,
     /// Bytes of its data.
     pub data_bytes: usize,
@@ -72,7 +72,7 @@ impl EthernetFrame {
         FRAME_HEADER_BYTES + self.datagrams.iter().map(Datagram::bytes).sum::<usize>()
     }
 
-    /// Bytes on the wire, from the preamble to the end of the gap behind the frame.
+    /// Bytes on the wire, from the preamble to the end of the gap after the frame.
     pub fn wire_bytes(&self) -> usize {
         self.payload_bytes().max(MIN_PAYLOAD_BYTES) + FRAME_OVERHEAD_BYTES - FRAME_HEADER_BYTES
     }
@@ -82,7 +82,7 @@ impl EthernetFrame {
         self.wire_bytes() as u64 * BYTE_NS
     }
 
-    /// The same up to the frame's last byte, when a slave takes over what it was sent.
+    /// The same up to the frame's last byte, when a slave accepts the data.
     pub(super) fn end_ns(&self) -> u64 {
         (self.wire_bytes() - GAP_BYTES) as u64 * BYTE_NS
     }
@@ -114,7 +114,7 @@ mod tests {
 
     /// 8 + 14 + 2 + (10 + 1486 + 2) + 4 + 12 = 1538, the longest Ethernet frame with its gap.
     #[test]
-    fn the_largest_datagram_fills_a_frame() {
+    fn largest_datagram_fills_a_frame() {
         assert_eq!(packed(&[1486]), [1538]);
         assert_eq!(packed(&[1486, 4]), [1538, 84]);
         assert_eq!(packed(&[1400, 74]), [1538], "1412 + 86 = 1498");
@@ -123,7 +123,7 @@ mod tests {
 
     /// 8 + 14 + 46 + 4 + 12 = 84.
     #[test]
-    fn a_short_frame_is_filled_up() {
+    fn short_frame_is_padded() {
         assert_eq!(packed(&[4]), [84]);
         assert_eq!(packed(&[32]), [84], "2 + 44 are 46 already");
         assert_eq!(packed(&[33]), [85]);

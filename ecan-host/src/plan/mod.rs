@@ -33,7 +33,7 @@ pub struct SlavePlan {
     pub outputs_arrive_ns: u64,
 }
 
-/// Room for the master's own mailbox traffic, which it sends beside the process data.
+/// Bandwidth for the master's mailbox traffic, in addition to the process data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MailboxBandwidth {
     /// Bytes that the master lets through per send interval before it holds mailbox traffic back:
@@ -49,13 +49,13 @@ impl MailboxBandwidth {
         self.available_bytes.saturating_sub(self.process_bytes)
     }
 
-    /// Largest mailbox transfers that fit beside the process data of a cycle.
+    /// Number of largest mailbox transfers that fit into a cycle after the process data.
     pub fn transfers(&self) -> usize {
         self.headroom_bytes() / MAILBOX_BYTES
     }
 }
 
-/// What a configuration puts on the EtherCAT line in every cycle, and what that means (manual 5.2,
+/// Load of a configuration on the EtherCAT line in every cycle, and its consequences (manual 5.2,
 /// 15.6.1).
 ///
 /// Only arithmetic: it asks neither a master nor a slave, and any configuration has a plan, sound
@@ -83,9 +83,9 @@ pub struct Plan {
     pub frames: Vec<EthernetFrame>,
     /// Room for mailbox traffic.
     pub mailbox: MailboxBandwidth,
-    /// What would not work.
+    /// What does not work.
     pub refusals: Vec<PlanError>,
-    /// What works with little to spare.
+    /// What works with little margin.
     pub warnings: Vec<PlanWarning>,
 }
 

@@ -1,4 +1,4 @@
-//! What a plan finds: what would not work, and what barely would.
+//! Errors and warnings of a plan.
 
 use ecan_protocol::mapping::CHUNK_BYTES;
 use thiserror::Error;
@@ -13,7 +13,7 @@ fn percent(part: u64, whole: u64) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
-/// Something that would not work.
+/// A configuration that does not work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum PlanError {
@@ -30,7 +30,7 @@ pub enum PlanError {
         slave: usize,
         /// "RxPDO" or "TxPDO".
         pdo: &'static str,
-        /// The N asked for.
+        /// The configured N.
         multiplier: u8,
     },
     /// The frames of a cycle take longer than the cycle.
@@ -71,7 +71,7 @@ pub enum PlanError {
     },
 }
 
-/// Something that works with little to spare.
+/// A configuration that works with little margin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum PlanWarning {

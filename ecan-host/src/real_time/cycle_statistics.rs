@@ -1,4 +1,4 @@
-//! How well the cycle was kept: the manual's `master_period` (13.9).
+//! Statistics of the cycle: the manual's `master_period` (13.9).
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use hdrhistogram::Histogram;
 
 use super::cycle_timer::CycleStart;
 
-/// Longest time that the percentiles tell apart, in nanoseconds: ten of the longest cycles that an
+/// Longest time that the percentiles resolve, in nanoseconds: ten of the longest cycles that an
 /// Adapter takes.
 const LONGEST_NS: u64 = 1_000_000_000;
 

@@ -1,50 +1,50 @@
-//! The timer that waits for the points of the cycle grid.
+//! The timer that waits for the deadlines of the cycle.
 
 use ecrt_sys::Clock;
 
-/// Longest final spin that settings may ask for, in nanoseconds; more only burns the processor.
+/// Longest final spin of a configuration, in nanoseconds; a longer one only wastes processor time.
 pub const MAX_SPIN_NS: u64 = 1_000_000;
 
-/// What happens to the points of the grid that passed while a cycle took too long.
+/// Treatment of deadlines that passed during a cycle that took too long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OverrunPolicy {
-    /// They are left out; the next cycle starts on the next point still to come.
+    /// They are skipped; the next cycle starts at the next deadline.
     #[default]
     Skip,
-    /// Their cycles are made up for, one behind the other, each with the time of its own point: for
-    /// applications that count cycles. An [`Adapter`](crate::Adapter) gives the bus time to answer
-    /// between two of them, so that they are made up for only where work and answer together take
-    /// less than a cycle; a timer by itself does not.
+    /// Their cycles are executed one after the other, each with its own deadline: for applications
+    /// that count cycles. An [`Adapter`](crate::Adapter) waits for the response of the bus between
+    /// two of them, so that it catches up only if work and response together take less than a
+    /// cycle; a timer alone does not wait.
     CatchUp {
-        /// Most points that are made up for, the oldest being left out. 0 is as `Skip`.
+        /// Largest number of cycles to catch up; older ones are skipped. 0 is as `Skip`.
         max_cycles: u32,
     },
 }
 
-/// How the cycle is waited for.
+/// Timing of the wait for the next cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CycleTiming {
-    /// Time before each point from which the clock is looked at in a loop instead of slept on, in
-    /// nanoseconds, 0 to [`MAX_SPIN_NS`] (manual 13.9: 100 us). It takes the delay of waking up
-    /// out of the cycle and costs as much processor time. On a stepped clock the spin is simulated:
-    /// it swallows simulated delays and costs nothing.
+    /// Time before each deadline in which the clock is polled instead of slept on, in nanoseconds,
+    /// 0 to [`MAX_SPIN_NS`] (manual 13.9: 100 us). It removes the wake-up delay from the cycle and
+    /// costs as much processor time. On a stepped clock the spin is simulated: it absorbs simulated
+    /// delays and costs nothing.
     pub spin_ns: u64,
-    /// What happens to missed points.
+    /// Treatment of missed deadlines.
     pub overrun: OverrunPolicy,
 }
 
 /// A cycle that is due.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct CycleStart {
-    /// Its point on the grid, in nanoseconds of the clock.
+    /// Its deadline, in nanoseconds of the clock.
     pub deadline_ns: u64,
-    /// How long after that point the wait ended, in nanoseconds: the error of the wake-up, and for
-    /// a cycle that is made up for its whole delay.
+    /// Delay of the end of the wait after the deadline, in nanoseconds: the wake-up error, and for a
+    /// cycle that catches up its whole delay.
     pub late_ns: u64,
-    /// Points of the grid that were left out before this one.
+    /// Deadlines skipped before this one.
     pub skipped: u64,
-    /// The cycle before, with the answer of the bus, took past a point of the grid. Points that are
-    /// made up for do not count again; one that passes while the answer is waited for does.
+    /// The previous cycle, with the response of the bus, missed a deadline. Deadlines of cycles that
+    /// catch up do not count again; one that passes during the wait for the response does.
     pub has_overrun: bool,
 }
 
@@ -55,12 +55,11 @@ impl CycleStart {
     }
 }
 
-/// Waits for one point after the other of a grid of equal cycles.
+/// Waits for the deadlines of a grid of equal cycles, one after the other.
 ///
-/// The points are absolute: they stand where the first wait put them, whatever each cycle takes, so
-/// that neither run time nor delays of waking up add up. [`Adapter`](crate::Adapter) has one of
-/// its own behind [`wait_next_cycle`](crate::Adapter::wait_next_cycle); one by itself is for
-/// applications whose cycle is not the Adapter's.
+/// The deadlines are absolute, fixed by the first wait, so that neither run time nor wake-up delays
+/// accumulate. [`Adapter::wait_next_cycle`](crate::Adapter::wait_next_cycle) uses one; a separate
+/// timer is for applications whose cycle is not the Adapter's.
 ///
 /// Belongs to one thread at a time. Never allocates.
 ///
@@ -78,10 +77,10 @@ impl CycleStart {
 pub struct CycleTimer {
     cycle_ns: u64,
     timing: CycleTiming,
-    /// The last point that was given out; none before the first.
+    /// The last deadline; `None` before the first.
     last_ns: Option<u64>,
-    /// Points that had passed behind it already.
-    behind: u64,
+    /// Deadlines after it that had passed already.
+    passed: u64,
 }
 
 impl CycleTimer {
@@ -89,7 +88,7 @@ impl CycleTimer {
     /// 0 is taken for 1. A spin of more than [`MAX_SPIN_NS`] is cut to that.
     pub fn new(cycle_ns: u32, timing: CycleTiming) -> Self {
         let mut timer =
-            Self { cycle_ns: 1, timing: CycleTiming::default(), last_ns: None, behind: 0 };
+            Self { cycle_ns: 1, timing: CycleTiming::default(), last_ns: None, passed: 0 };
         timer.set_cycle_ns(cycle_ns);
         timer.set_timing(timing);
         timer
@@ -110,12 +109,12 @@ impl CycleTimer {
         self.cycle_ns
     }
 
-    /// Changes the cycle; its grid goes on from the last point. In nanoseconds, 0 is taken for 1.
+    /// Changes the cycle; its grid continues from the last deadline. In nanoseconds; 0 counts as 1.
     pub(crate) fn set_cycle_ns(&mut self, cycle_ns: u32) {
         self.cycle_ns = u64::from(cycle_ns.max(1));
     }
 
-    /// Moves the rest of the grid by so many nanoseconds. Real-time safe.
+    /// Moves the rest of the grid by this time. Real-time safe.
     pub fn shift(&mut self, by_ns: i64) {
         self.last_ns = self.last_ns.map(|last| last.saturating_add_signed(by_ns));
     }
@@ -123,7 +122,7 @@ impl CycleTimer {
     /// Forgets the grid: the next wait starts another, at once. Real-time safe.
     pub fn restart(&mut self) {
         self.last_ns = None;
-        self.behind = 0;
+        self.passed = 0;
     }
 
     /// Waits for the next point of the grid; the first call starts the grid and returns at once.
@@ -150,10 +149,10 @@ impl CycleTimer {
             OverrunPolicy::CatchUp { max_cycles } => missed.min(u64::from(max_cycles)),
         };
         let skipped = missed - made_up_for;
-        let has_overrun = missed > self.behind;
+        let has_overrun = missed > self.passed;
         let deadline_ns = last + (skipped + 1) * self.cycle_ns;
         self.last_ns = Some(deadline_ns);
-        self.behind = made_up_for.saturating_sub(1);
+        self.passed = made_up_for.saturating_sub(1);
         clock.sleep_and_spin_until_ns(deadline_ns.max(earliest_ns), self.timing.spin_ns);
         let late_ns = clock.now_ns().saturating_sub(deadline_ns);
         CycleStart { deadline_ns, late_ns, skipped, has_overrun }

@@ -1,4 +1,4 @@
-//! Asking the system for each privilege, and saying in words why it refused.
+//! Requests of privileges from the system, and the cause of a denial.
 
 use std::fs::{File, OpenOptions};
 use std::hint::black_box;
@@ -24,7 +24,7 @@ const PAGE_BYTES: usize = 4096;
 
 impl RealTimeConfig {
     /// Applies them to the calling thread, locked memory to its whole process, the latency of
-    /// waking up to the machine, and tells what was granted.
+    /// waking up to the machine, and reports what was granted.
     ///
     /// To be called once by the thread of the cycle, before the cycle and after threads were
     /// started that shall not inherit priority and affinity. Not real-time safe.
@@ -76,7 +76,7 @@ fn memory_refusal(errno: nix::errno::Errno, limit_bytes: Option<u64>) -> Privile
     PrivilegeError { cause: format!("{errno}, {limit}"), remedy: remedy.into() }
 }
 
-/// Writes to so many bytes of the stack below the caller.
+/// Writes to this number of bytes of the stack below the caller.
 #[inline(never)]
 fn touch_stack(bytes: usize) {
     let mut page = [0_u8; PAGE_BYTES];
@@ -96,7 +96,7 @@ fn bind_to_cpus(cpus: &[usize], need: Need) -> PrivilegeOutcome {
 
 fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), PrivilegeError> {
     let mut wanted = CpuSet::new();
-    // The system's set has no place for CPUs above its size.
+    // The system's set cannot hold CPUs above its size.
     let beyond: Vec<usize> = cpus.iter().copied().filter(|cpu| wanted.set(*cpu).is_err()).collect();
     let before = sched_getaffinity(THIS_THREAD).map_err(|errno| affinity_refusal(errno, cpus))?;
     if !beyond.is_empty() {
@@ -114,7 +114,7 @@ fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), PrivilegeError> {
     if absent.is_empty() {
         return Ok(());
     }
-    // Half a wish is none: as it was. That it was possible before makes it possible again.
+    // An incomplete affinity is restored to the previous one, which was possible before.
     let _ = sched_setaffinity(THIS_THREAD, &before);
     Err(absent_cpus(&absent, &before))
 }
@@ -142,7 +142,7 @@ fn affinity_refusal(errno: nix::errno::Errno, cpus: &[usize]) -> PrivilegeError 
     }
 }
 
-/// Where the kernel takes a limit for the processors' sleep states, in force while it is open.
+/// The kernel's device for a limit of the processors' sleep states, active while it is open.
 const WAKE_UP_DEVICE: &str = "/dev/cpu_dma_latency";
 static WAKE_UP_LIMIT: Mutex<Option<File>> = Mutex::new(None);
 
@@ -185,7 +185,7 @@ fn priority_refusal(errno: Errno, priority: u8, limit: Option<u64>) -> Privilege
     PrivilegeError { cause: format!("{errno}, {limit}"), remedy }
 }
 
-/// The limit in force; none where there is none or it cannot be told.
+/// The active limit; `None` if there is none or it is unknown.
 fn soft_limit(resource: Resource) -> Option<u64> {
     getrlimit(resource).ok().map(|(soft, _)| soft).filter(|soft| *soft != RLIM_INFINITY)
 }
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_refused_priority_names_limit_and_remedies() {
+    fn denied_priority_names_limit_and_remedies() {
         let words = priority_refusal(Errno::EPERM, 80, Some(0)).to_string();
         for part in ["not permitted", "RLIMIT_RTPRIO is 0", "CAP_SYS_NICE", "RLIMIT_RTPRIO to 80"] {
             assert!(words.contains(part), "{part} is not in: {words}");
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn refused_memory_names_limit_and_remedies() {
+    fn denied_memory_lock_names_limit_and_remedies() {
         let words = memory_refusal(nix::errno::Errno::ENOMEM, Some(65_536)).to_string();
         for part in ["RLIMIT_MEMLOCK is 64 KiB", "CAP_IPC_LOCK", "LimitMEMLOCK="] {
             assert!(words.contains(part), "{part} is not in: {words}");
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stack_is_touched_to_the_end_of_what_settings_allow() {
+    fn stack_is_touched_up_to_the_allowed_maximum() {
         touch_stack(0);
         touch_stack(super::super::real_time_config::MAX_STACK_PREFAULT_BYTES);
     }

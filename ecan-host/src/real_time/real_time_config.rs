@@ -1,4 +1,4 @@
-//! What the thread of the cycle asks of the system, as plain data.
+//! Configuration of the real-time thread, as plain data.
 
 use thiserror::Error;
 
@@ -9,24 +9,24 @@ use crate::config::Faults;
 /// gives a thread.
 pub const MAX_STACK_PREFAULT_BYTES: usize = 1024 * 1024;
 
-/// Whether the cycle may run without a privilege.
+/// Whether a privilege is optional or required.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Need {
-    /// Without it the application goes on; the report says so.
+    /// Without it the application continues; the report states that.
     #[default]
     Optional,
     /// Without it [`RealTimeConfig::apply`] fails.
     Required,
 }
 
-/// One thing that is wrong with [`RealTimeConfig`].
+/// One fault of a [`RealTimeConfig`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum RealTimeFault {
     /// A priority that SCHED_FIFO does not have.
     #[error("real-time priority {priority} is outside 1..99")]
     Priority {
-        /// The priority asked for.
+        /// The configured priority.
         priority: u8,
     },
     /// An affinity without a processor.
@@ -35,20 +35,20 @@ pub enum RealTimeFault {
     /// More stack than a thread is sure to have.
     #[error("stack prefault of {bytes} bytes is above {MAX_STACK_PREFAULT_BYTES}")]
     StackPrefault {
-        /// The bytes asked for.
+        /// The configured bytes.
         bytes: usize,
     },
     /// A final spin that only burns the processor.
     #[error("final spin of {spin_ns} ns is above {MAX_SPIN_NS} ns")]
     Spin {
-        /// The spin asked for, in nanoseconds.
+        /// The configured spin, in nanoseconds.
         spin_ns: u64,
     },
 }
 
-/// What the thread of the cycle asks of the system (manual 15.5.2, step 7), and how it waits.
+/// Privileges of the cycle thread (manual 15.5.2, step 7), and the timing of its waits.
 ///
-/// The default asks for nothing.
+/// The default requests no privilege.
 ///
 /// ```
 /// use ecan_host::{CycleTiming, Need, RealTimeConfig};
@@ -84,16 +84,16 @@ pub struct RealTimeConfig {
     /// Keeps the processors of the machine out of sleep states that take longer than so many
     /// microseconds to leave, for as long as the process lives; 0 is none at all. It costs power.
     pub wake_up_latency_us: Option<u32>,
-    /// Whether that is needed.
+    /// Whether the latency is needed.
     pub wake_up_latency_need: Need,
-    /// How the cycle is waited for; for
+    /// Timing of the wait for the next cycle, for
     /// [`Adapter::set_cycle_timing`](crate::Adapter::set_cycle_timing) or a
     /// [`CycleTimer`](crate::CycleTimer). [`apply`](Self::apply) only checks it.
     pub timing: CycleTiming,
 }
 
 impl RealTimeConfig {
-    /// Checks the values, without asking the system for anything.
+    /// Checks the values, without a request to the system.
     ///
     /// # Errors
     /// Every fault found.

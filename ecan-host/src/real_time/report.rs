@@ -1,4 +1,4 @@
-//! What became of the wishes of a real-time thread, in words.
+//! Report of the privileges of a real-time thread.
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use thiserror::Error;
 use super::real_time_config::{Need, RealTimeFault};
 use crate::config::Faults;
 
-/// Something that a real-time thread asks of the system.
+/// A privilege that a real-time thread requests from the system.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Privilege {
     /// All memory in RAM, with the stack touched in advance.
@@ -15,7 +15,7 @@ pub enum Privilege {
         /// Bytes of stack.
         stack_bytes: usize,
     },
-    /// To run on these CPUs only.
+    /// Execution on these CPUs only.
     Affinity {
         /// The CPUs, counted from 0.
         cpus: Vec<usize>,
@@ -62,12 +62,12 @@ impl fmt::Display for List<'_> {
     }
 }
 
-/// Why something was not granted.
+/// Why a privilege was not granted.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PrivilegeError {
-    /// What stands in the way.
+    /// Cause.
     pub cause: String,
-    /// What to do about it.
+    /// Remedy.
     pub remedy: String,
 }
 
@@ -77,14 +77,14 @@ impl fmt::Display for PrivilegeError {
     }
 }
 
-/// What became of one wish.
+/// Result of one requested privilege.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PrivilegeOutcome {
-    /// What was asked for.
+    /// Requested privilege.
     pub privilege: Privilege,
     /// Whether it is needed.
     pub need: Need,
-    /// Why it was not granted; none where it was.
+    /// Why it was not granted; `None` if it was.
     pub refusal: Option<PrivilegeError>,
 }
 
@@ -104,15 +104,15 @@ impl fmt::Display for PrivilegeOutcome {
     }
 }
 
-/// What became of every wish, in the order in which they were applied. Displays a line for each.
+/// Result of every requested privilege, in the order of application. Displays a line for each.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RealTimeReport {
-    /// The wishes; none that was not asked for.
+    /// Requested privileges only.
     pub outcomes: Vec<PrivilegeOutcome>,
 }
 
 impl RealTimeReport {
-    /// Whether everything asked for was granted.
+    /// Whether every requested privilege was granted.
     pub fn is_complete(&self) -> bool {
         self.outcomes.iter().all(PrivilegeOutcome::is_granted)
     }
@@ -132,19 +132,19 @@ impl fmt::Display for RealTimeReport {
     }
 }
 
-/// Why [`RealTimeConfig::apply`](crate::RealTimeConfig::apply) failed.
+/// Error of [`RealTimeConfig::apply`](crate::RealTimeConfig::apply).
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum RealTimeError {
     /// The values are faulty; nothing was applied.
     #[error("real-time settings: {0}")]
     Settings(#[from] Faults<RealTimeFault>),
-    /// Something required was not granted. The report tells the rest too.
+    /// A required privilege was not granted. The report contains all results.
     #[error("no real-time thread: {}", Missing(.0))]
     Missing(RealTimeReport),
 }
 
-/// What a report lacks.
+/// Required privileges that a report lacks.
 struct Missing<'a>(&'a RealTimeReport);
 
 impl fmt::Display for Missing<'_> {
