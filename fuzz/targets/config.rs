@@ -13,7 +13,11 @@ fuzz_target!(|text: &str| {
                     assert!(!export(format, &steps, SlaveAddress::default()).is_empty());
                 }
             }
-            assert!(ecan_config_file::warnings(&file).iter().all(|warning| !warning.to_string().is_empty()));
+            assert!(
+                ecan_config_file::warnings(&file)
+                    .iter()
+                    .all(|warning| !warning.to_string().is_empty())
+            );
         }
         Err(faults) => {
             // Each fault is in a line of the text.

@@ -20,7 +20,8 @@ fuzz_target!(|data: &[u8]| {
     assert_eq!(ends, text.iter().filter(|byte| **byte == b'\r').count());
     assert_eq!(whole, hold(&mut text.chunks(usize::from(*cut) + 1)));
     // What others hear of a frame is the frame. Without `Z` no times are among them.
-    let opened = |text: &[u8]| OfflineSession::hold(BridgeProtocol::Slcan, None, [&b"O\r"[..], text]);
+    let opened =
+        |text: &[u8]| OfflineSession::hold(BridgeProtocol::Slcan, None, [&b"O\r"[..], text]);
     let all = opened(text);
     if !all.received.is_empty() && !text.contains(&b'Z') {
         assert_eq!(opened(&all.received).sent, all.sent);
