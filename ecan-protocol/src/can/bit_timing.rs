@@ -312,9 +312,9 @@ fn solve(
                 best = Some((deviation, timing));
             }
             Placed::Inside(_) => {}
-            Placed::Outside { before, behind } => {
+            Placed::Outside { before, after } => {
                 below = below.max(before);
-                above = match (above, behind) {
+                above = match (above, after) {
                     (Some(a), Some(b)) => Some(core::cmp::min::<SamplePoint>(a, b)),
                     (a, b) => a.or(b),
                 };
@@ -350,7 +350,7 @@ fn quanta_for(phase: Phase, clock_hz: u32, bitrate: u32, brp: u16) -> Option<(u3
 
 enum Placed {
     Inside(BitTiming),
-    Outside { before: Option<SamplePoint>, behind: Option<SamplePoint> },
+    Outside { before: Option<SamplePoint>, after: Option<SamplePoint> },
 }
 
 /// Selects the segments of a bit of `quanta`.
@@ -361,13 +361,13 @@ fn place_sample_point(phase: Phase, brp: u16, quanta: u32, window: (u32, u32)) -
     let last = (1 + u32::from(l.tseg1.1)).min(quanta.saturating_sub(u32::from(l.tseg2.0)));
     let mut inside: Option<(u32, u32)> = None;
     let mut before = None;
-    let mut behind = None;
+    let mut after = None;
     for at in first..=last {
         let point = at * 1000;
         if point < window.0 * quanta {
             before = Some(SamplePoint::of(at, quanta));
         } else if point > window.1 * quanta {
-            behind = behind.or(Some(SamplePoint::of(at, quanta)));
+            after = after.or(Some(SamplePoint::of(at, quanta)));
         } else {
             let distance = (2 * point).abs_diff((window.0 + window.1) * quanta);
             if inside.is_none_or(|(least, _)| distance <= least) {
@@ -380,7 +380,7 @@ fn place_sample_point(phase: Phase, brp: u16, quanta: u32, window: (u32, u32)) -
             let (tseg1, tseg2) = ((at - 1) as u16, (quanta - at) as u16);
             Placed::Inside(BitTiming { brp, tseg1, tseg2, sjw: tseg2.min(tseg1).min(l.sjw_max) })
         }
-        None => Placed::Outside { before, behind },
+        None => Placed::Outside { before, after },
     }
 }
 

@@ -102,7 +102,7 @@ impl Frame for CanFrame {
 mod tests {
     use super::*;
 
-    /// A driver that knows nothing of this crate.
+    /// A driver that is independent of this crate.
     fn echo<F: Frame>(frame: &F) -> Option<F> {
         if frame.is_remote_frame() {
             F::new_remote(frame.id(), frame.dlc())

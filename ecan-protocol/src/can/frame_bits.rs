@@ -56,8 +56,8 @@ impl FrameBits {
                 // A stuff bit belongs to the phase of the next bit, and five equal bits at the end
                 // of the data field get none: the CRC field begins with a fixed one.
                 let before = (fd_head(frame) - 2) / 4;
-                let behind = 1 + (FD_CONTROL_BITS + 8 * frame.data().len() as u32 - 1) / 4;
-                let stuff = Self::in_phases(before, behind, brs);
+                let after = 1 + (FD_CONTROL_BITS + 8 * frame.data().len() as u32 - 1) / 4;
+                let stuff = Self::in_phases(before, after, brs);
                 Self { nominal: least.nominal + stuff.nominal, data: least.data + stuff.data }
             }
         }

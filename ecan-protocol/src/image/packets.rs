@@ -32,13 +32,13 @@ pub struct Packets<'a> {
     header: HeaderExcerpt,
     frame_count: u8,
     rules: Rules,
-    place: Place<'a>,
+    position: Position<'a>,
 }
 
 /// Position of reading. Passed by value to functions that are not inlined, so that it stays in
 /// registers.
 #[derive(Clone, Copy, Debug)]
-struct Place<'a> {
+struct Position<'a> {
     rest: &'a [u8],
     // Of the rest in the image.
     offset: u16,
@@ -59,13 +59,13 @@ pub struct PacketCursor {
 impl<'a> Packets<'a> {
     #[inline]
     pub(crate) const fn from_start(rules: Rules, header: &Header, payload: &'a [u8]) -> Self {
-        let place = Place {
+        let position = Position {
             rest: payload,
             offset: HEADER_BYTES as u16,
             left: header.frame_count,
             next_index: 0,
         };
-        Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, place }
+        Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, position }
     }
 
     #[inline]
@@ -75,13 +75,13 @@ impl<'a> Packets<'a> {
         payload: &'a [u8],
         cursor: PacketCursor,
     ) -> Self {
-        let place = Place {
+        let position = Position {
             rest: payload.get(usize::from(cursor.consumed)..).unwrap_or_default(),
             offset: cursor.consumed.saturating_add(HEADER_BYTES as u16),
             left: header.frame_count.saturating_sub(cursor.packets),
             next_index: cursor.frames,
         };
-        Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, place }
+        Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, position }
     }
 
     /// Position of the next packet, for [`ImageReader::resume`](crate::image::ImageReader::resume).
@@ -89,9 +89,9 @@ impl<'a> Packets<'a> {
     #[must_use]
     pub const fn cursor(&self) -> PacketCursor {
         PacketCursor {
-            consumed: self.place.offset.saturating_sub(HEADER_BYTES as u16),
-            packets: self.frame_count.saturating_sub(self.place.left),
-            frames: self.place.next_index,
+            consumed: self.position.offset.saturating_sub(HEADER_BYTES as u16),
+            packets: self.frame_count.saturating_sub(self.position.left),
+            frames: self.position.next_index,
         }
     }
 }
@@ -101,33 +101,33 @@ impl<'a> Iterator for Packets<'a> {
 
     #[inline(always)]
     fn next(&mut self) -> Option<Self::Item> {
-        let place = self.place;
+        let position = self.position;
         let rules = &self.rules;
         let taken = rules
-            .standard_of_eight(place)
-            .or_else(|| rules.standard_of_64(place))
-            .or_else(|| rules.plain(place));
-        if let Some((packet, behind)) = taken {
-            self.place = behind;
+            .standard_of_eight(position)
+            .or_else(|| rules.standard_of_64(position))
+            .or_else(|| rules.plain(position));
+        if let Some((packet, after)) = taken {
+            self.position = after;
             return Some(Ok(Packet::Frame(packet)));
         }
-        if place.is_end() {
+        if position.is_end() {
             return None;
         }
         // A copy, so that the compiler does not keep all of `self` in memory.
         let rules = self.rules;
-        let (item, behind) = other(self.header, &rules, place);
-        self.place = behind;
+        let (item, after) = other(self.header, &rules, position);
+        self.position = after;
         Some(item)
     }
 }
 
 impl FusedIterator for Packets<'_> {}
 
-impl<'a> Place<'a> {
+impl<'a> Position<'a> {
     /// The position after a packet of `size` bytes, followed by `rest`.
     #[inline(always)]
-    const fn behind(self, size: usize, rest: &'a [u8]) -> Self {
+    const fn after(self, size: usize, rest: &'a [u8]) -> Self {
         Self {
             rest,
             offset: self.offset.wrapping_add(size as u16),
@@ -138,8 +138,8 @@ impl<'a> Place<'a> {
 
     /// The position after a frame.
     #[inline(always)]
-    const fn behind_frame(self, size: usize, rest: &'a [u8]) -> Self {
-        Self { next_index: self.next_index.wrapping_add(1), ..self.behind(size, rest) }
+    const fn after_frame(self, size: usize, rest: &'a [u8]) -> Self {
+        Self { next_index: self.next_index.wrapping_add(1), ..self.after(size, rest) }
     }
 
     /// True if all packets of the header were read and no bytes are left.
@@ -208,16 +208,24 @@ impl Rules {
 
     /// Reads a classic frame of 8 bytes with a standard CAN ID, if that is next: most frames.
     #[inline(always)]
-    fn standard_of_eight<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
-        self.standard_of_size::<12>(place, |control| {
+    fn standard_of_eight<'a>(
+        &self,
+        position: Position<'a>,
+    ) -> Option<(FramePacket<'a>, Position<'a>)> {
+        self.standard_of_size::<12>(position, |control| {
             control.is_standard_of_eight().then(|| control.standard_of_eight())
         })
     }
 
     /// Reads a CAN FD frame of 64 bytes with a standard CAN ID, if that is next.
     #[inline(always)]
-    fn standard_of_64<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
-        self.standard_of_size::<68>(place, |control| control.is_standard_of_64().then_some(control))
+    fn standard_of_64<'a>(
+        &self,
+        position: Position<'a>,
+    ) -> Option<(FramePacket<'a>, Position<'a>)> {
+        self.standard_of_size::<68>(position, |control| {
+            control.is_standard_of_64().then_some(control)
+        })
     }
 
     /// Reads a packet of `SIZE` bytes with a standard CAN ID, if `known` accepts its control word. With a
@@ -226,14 +234,14 @@ impl Rules {
     #[inline(always)]
     fn standard_of_size<'a, const SIZE: usize>(
         &self,
-        place: Place<'a>,
+        position: Position<'a>,
         known: impl Fn(ControlWord) -> Option<ControlWord>,
-    ) -> Option<(FramePacket<'a>, Place<'a>)> {
-        let (packet, rest) = place.rest.split_first_chunk::<SIZE>()?;
+    ) -> Option<(FramePacket<'a>, Position<'a>)> {
+        let (packet, rest) = position.rest.split_first_chunk::<SIZE>()?;
         let ([c0, c1, id0, id1], data) = packet.split_first_chunk::<4>()?;
         let control = known(ControlWord(u16::from_le_bytes([*c0, *c1])))?;
         let field = u16::from_le_bytes([*id0, *id1]);
-        if place.left == 0 || field >> STANDARD_FIELD_BITS != 0 || !self.has_channel(control) {
+        if position.left == 0 || field >> STANDARD_FIELD_BITS != 0 || !self.has_channel(control) {
             return None;
         }
         let packet = FramePacket {
@@ -242,29 +250,29 @@ impl Rules {
             id_aux: (field >> STANDARD_AUX_SHIFT) as u8,
             frame: FrameRef::from_checked(CanId::standard_bits(field), control, data),
             timestamp: Timestamp::None,
-            index: place.next_index,
-            offset: place.offset,
+            index: position.next_index,
+            offset: position.offset,
         };
-        Some((packet, place.behind_frame(SIZE, rest)))
+        Some((packet, position.after_frame(SIZE, rest)))
     }
 
     /// Reads a frame with data, without timestamp and window, if that is next.
     #[inline(always)]
-    fn plain<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
+    fn plain<'a>(&self, position: Position<'a>) -> Option<(FramePacket<'a>, Position<'a>)> {
         // Both CAN ID formats at once, without branches: the next format cannot be predicted. The
         // last packets may be shorter.
-        let [c0, c1, id @ ..] = *place.rest.first_chunk::<6>()?;
+        let [c0, c1, id @ ..] = *position.rest.first_chunk::<6>()?;
         let control = ControlWord(u16::from_le_bytes([c0, c1]));
         let field = u32::from_le_bytes(id);
         let is_extended = control.has(ControlWord::IDE);
         let is_reserved = !is_extended & (field as u16 >> STANDARD_FIELD_BITS != 0);
-        if place.left == 0 || !control.is_plain() || is_reserved || !self.has_channel(control) {
+        if position.left == 0 || !control.is_plain() || is_reserved || !self.has_channel(control) {
             return None;
         }
         let start = CONTROL_BYTES + if is_extended { 4 } else { 2 };
         let length = control.dlc().fd_len();
         let size = self.padded(start + length);
-        let (packet, rest) = place.rest.split_at_checked(size)?;
+        let (packet, rest) = position.rest.split_at_checked(size)?;
         let (id, id_aux) = if is_extended {
             (CanId::extended_bits(field), field >> EXTENDED_AUX_SHIFT)
         } else {
@@ -276,22 +284,22 @@ impl Rules {
             id_aux: id_aux as u8,
             frame: FrameRef::from_checked(id, control, packet.get(start..start + length)?),
             timestamp: Timestamp::None,
-            index: place.next_index,
-            offset: place.offset,
+            index: position.next_index,
+            offset: position.offset,
         };
-        Some((packet, place.behind_frame(size, rest)))
+        Some((packet, position.after_frame(size, rest)))
     }
 
     /// Reads a packet whose control word is valid.
     fn take_frame<'a>(
         &self,
-        place: Place<'a>,
+        position: Position<'a>,
         control: ControlWord,
-    ) -> Result<(FramePacket<'a>, Place<'a>), PdoError> {
+    ) -> Result<(FramePacket<'a>, Position<'a>), PdoError> {
         let extended = control.has(ControlWord::IDE);
         let length = if control.is_remote() { 0 } else { control.dlc().fd_len() };
         let size = self.frame_size(control);
-        let Some((packet, behind)) = place.rest.split_at_checked(size) else {
+        let Some((packet, after)) = position.rest.split_at_checked(size) else {
             return Err(PdoError::Truncated);
         };
         let (id, id_aux, rest) = if extended {
@@ -317,23 +325,23 @@ impl Rules {
             id_aux,
             frame: FrameRef::from_checked(id, control, data),
             timestamp,
-            index: place.next_index,
-            offset: place.offset,
+            index: position.next_index,
+            offset: position.offset,
         };
-        Ok((packet, place.behind_frame(size, behind)))
+        Ok((packet, position.after_frame(size, after)))
     }
 
     /// Reads the TX_RESULT packet at this position.
     fn tx_result<'a>(
         &self,
-        place: Place<'a>,
+        position: Position<'a>,
         control: ControlWord,
-    ) -> Result<(TxResult, Place<'a>), PdoError> {
+    ) -> Result<(TxResult, Position<'a>), PdoError> {
         if self.direction != Direction::TxPdo {
             return Err(PdoError::UnknownKind);
         }
         let size = self.padded(TX_RESULT_BYTES);
-        let Some((packet, behind)) = place.rest.split_at_checked(size) else {
+        let Some((packet, after)) = position.rest.split_at_checked(size) else {
             return Err(PdoError::Truncated);
         };
         let ([_, _, sequence0, sequence1, frame_index, code], _) = split(packet);
@@ -343,7 +351,7 @@ impl Rules {
             frame_index,
             code: ResultCode::from_raw(code),
         };
-        Ok((result, place.behind(size, behind)))
+        Ok((result, position.after(size, after)))
     }
 }
 
@@ -352,28 +360,29 @@ impl Rules {
 fn other<'a>(
     header: HeaderExcerpt,
     rules: &Rules,
-    place: Place<'a>,
-) -> (Result<Packet<'a>, ParseDiagnosis>, Place<'a>) {
-    let Some(control) = place.control() else {
-        let error = if place.rest.is_empty() { PdoError::BadHeader } else { PdoError::Truncated };
-        return fault(header, rules, place, error, ControlWord(0));
+    position: Position<'a>,
+) -> (Result<Packet<'a>, ParseDiagnosis>, Position<'a>) {
+    let Some(control) = position.control() else {
+        let error =
+            if position.rest.is_empty() { PdoError::BadHeader } else { PdoError::Truncated };
+        return fault(header, rules, position, error, ControlWord(0));
     };
     let taken = match control.kind() {
-        _ if place.left == 0 => Err(PdoError::BadHeader),
+        _ if position.left == 0 => Err(PdoError::BadHeader),
         KIND_CAN_FRAME => match rules.check(control) {
             Ok(()) => rules
-                .take_frame(place, control)
-                .map(|(packet, behind)| (Packet::Frame(packet), behind)),
+                .take_frame(position, control)
+                .map(|(packet, after)| (Packet::Frame(packet), after)),
             Err(error) => Err(error),
         },
         KIND_TX_RESULT => rules
-            .tx_result(place, control)
-            .map(|(result, behind)| (Packet::TxResult(result), behind)),
+            .tx_result(position, control)
+            .map(|(result, after)| (Packet::TxResult(result), after)),
         _ => Err(PdoError::UnknownKind),
     };
     match taken {
-        Ok((packet, behind)) => (Ok(packet), behind),
-        Err(error) => fault(header, rules, place, error, control),
+        Ok((packet, after)) => (Ok(packet), after),
+        Err(error) => fault(header, rules, position, error, control),
     }
 }
 
@@ -383,18 +392,18 @@ fn other<'a>(
 fn fault<'a>(
     header: HeaderExcerpt,
     rules: &Rules,
-    place: Place<'a>,
+    position: Position<'a>,
     error: PdoError,
     control: ControlWord,
-) -> (Result<Packet<'a>, ParseDiagnosis>, Place<'a>) {
+) -> (Result<Packet<'a>, ParseDiagnosis>, Position<'a>) {
     let size = match control.kind() {
         KIND_CAN_FRAME => rules.frame_size(control),
         KIND_TX_RESULT => rules.padded(TX_RESULT_BYTES),
         _ => CONTROL_BYTES,
     };
     let diagnosis = ParseDiagnosis {
-        offset: place.offset,
-        packet_end: place.offset.wrapping_add(size as u16),
+        offset: position.offset,
+        packet_end: position.offset.wrapping_add(size as u16),
         ctrl: control.0,
         channel: control.channel(),
         dlc: control.dlc().value(),
@@ -402,7 +411,7 @@ fn fault<'a>(
         kind: control.kind(),
         ..ParseDiagnosis::of_excerpt(header, ImageFault::Pdo(error), 0)
     };
-    (Err(diagnosis), Place { rest: &[], left: 0, ..place })
+    (Err(diagnosis), Position { rest: &[], left: 0, ..position })
 }
 
 /// The timestamp field of this format, and the rest.

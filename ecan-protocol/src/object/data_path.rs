@@ -188,7 +188,7 @@ object! {
         18 "Reserved1" reserved1: u32 = 0, no_key();
         /// Reserved for extensions, 0 (:19).
         19 "Reserved2" reserved2: u32 = 0, no_key();
-        // The manual's column says 0; with the defaults applied the device reports 0x54059201.
+        // The default in the manual is 0; with the defaults applied the device reports 0x54059201.
         entry(Entry::ro(20, "Active control word", U32).default(0));
     }
 }

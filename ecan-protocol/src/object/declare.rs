@@ -123,7 +123,7 @@ pub struct RangeFault {
 ///
 /// Type, range and texts follow from the Rust type (see [`ObjectValue`](super::ObjectValue));
 /// calls after the default are those of [`Entry`]. The key in configuration files is the name of
-/// the field unless `key` or `no_key` says otherwise.
+/// the field unless `key` or `no_key` changes it.
 macro_rules! object {
     (
         $(#[$meta:meta])*

@@ -108,8 +108,8 @@ pub(crate) const fn largest(values: &[(u32, &str)]) -> u32 {
 /// Defines an enumeration with the numbers and texts of the manual: `from_raw`, `raw`, `Display`,
 /// and its use as the value of an object.
 ///
-/// A number after `|` is another one that the device accepts for the variant. The form says how a
-/// configuration file states the value; a word if none is given.
+/// A number after `|` is another one that the device accepts for the variant. The form is that of
+/// the value in a configuration file; a word if none is given.
 macro_rules! raw_enum {
     (@form) => { $crate::object::KeyForm::Word };
     (@form $form:expr) => { $form };
