@@ -108,7 +108,7 @@ fn percentiles_of_a_list_are_nearest_ranks() {
 #[test]
 fn adapter_restarts_its_statistics_after_a_reconfiguration() {
     let (mut config, _) = common::raw_config();
-    let mut adapter = common::open(ecan_sim::echo(1), config.clone()).unwrap();
+    let mut adapter = common::open(ecan_sim::echo(1), config).unwrap();
     adapter.wait_op(Duration::from_secs(20)).unwrap();
     assert!(adapter.cycle_statistics().is_none());
     adapter.measure_cycles();

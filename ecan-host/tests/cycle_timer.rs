@@ -262,7 +262,7 @@ fn first_cycle_waits_for_the_response() {
 #[test]
 fn changed_cycle_applies_after_the_next_activation() {
     let (config, _) = raw_config();
-    let mut adapter = open(ecan_sim::echo(1), config.clone()).unwrap();
+    let mut adapter = open(ecan_sim::echo(1), config).unwrap();
     adapter.wait_op(Duration::from_secs(10)).unwrap();
     let slower = config.with_cycle(Duration::from_millis(2));
     adapter.reconfigure(slower, StartupPlan::default()).unwrap();

@@ -53,7 +53,7 @@ fn slaves_are_found_by_alias() {
     let mut config = AdapterConfig::new(1);
     config.slaves[0].alias = 77;
     config.slaves[0].position = 1;
-    let adapter = open(scenario.clone(), config.clone()).unwrap();
+    let adapter = open(scenario.clone(), config).unwrap();
     let serial = adapter.diagnostics().sdo_upload_u32(0, 0xF000, 7).unwrap();
     assert_eq!(u64::from(serial), scenario.gateways[2].config.serial & 0xFFFF_FFFF);
     config.slaves[0].alias = 78;

@@ -22,7 +22,7 @@ use ecan_sim::{Fault, GatewayFault};
 fn raw_images_carry_frames() {
     let (mut config, profile) = raw_config();
     let channel = McanChannelConfig::classic(500_000);
-    for write in channel.writes(2).into_iter().chain([McanChannelConfig::apply_write(2)]) {
+    for write in channel.writes(2).chain([McanChannelConfig::apply_write(2)]) {
         config.add_startup(0, write).unwrap();
     }
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));

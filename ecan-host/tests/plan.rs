@@ -102,7 +102,7 @@ fn small_images_and_clocks_share_frames() {
     let plan = Plan::of(&config);
     assert_eq!(frame_bytes(&plan), [1_380, 340]);
     let clocks = |dc| {
-        let plan = Plan::of(&AdapterConfig { dc: Some(dc), ..config.clone() });
+        let plan = Plan::of(&AdapterConfig { dc: Some(dc), ..config });
         plan.datagrams().filter(|d| d.purpose == DatagramUse::Clock).count()
     };
     assert_eq!(clocks(dc), 2);
@@ -290,10 +290,10 @@ fn simulated_wire_takes_the_planned_time() {
         plan.wire_ns() - (plan.frames.len() * FRAME_OVERHEAD_BYTES) as u64 * BYTE_NS
     };
     let smallest = config(1, 1, 1_000);
-    let (base, base_plan) = (response_ns(smallest.clone()), datagrams_ns(&smallest));
+    let (base, base_plan) = (response_ns(smallest), datagrams_ns(&smallest));
     for (slaves, multiplier) in [(1, 3), (1, 5), (1, 6), (1, 11), (3, 3), (3, 5)] {
         let config = config(slaves, multiplier, 1_000);
-        let measured = response_ns(config.clone()) - base;
+        let measured = response_ns(config) - base;
         let planned = datagrams_ns(&config) - base_plan;
         // Every slave more delays the frame by 1 us there.
         let on_the_way = u64::from(slaves - 1) * 1_000;

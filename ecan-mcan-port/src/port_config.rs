@@ -13,6 +13,9 @@ pub const MAX_GATEWAYS: usize = ecan_host::MAX_SLAVES;
 /// Most acceptance filters of a Port, of all channels together.
 pub const MAX_FILTERS: usize = 512;
 
+// Numbers in the fields, as in `ecan_host::AdapterConfig`.
+const _: () = assert!(MAX_GATEWAYS == 32 && MAX_FILTERS == 512);
+
 /// Frames per cycle that a channel is expected to carry, for the gateway's data-path budgets
 /// (0x8021..0x8024, manual 13.2.2).
 ///
@@ -204,10 +207,10 @@ pub struct ChannelFilter {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PortConfig {
     /// One entry per slave.
-    pub gateways: List<GatewayConfig, MAX_GATEWAYS>,
+    pub gateways: List<GatewayConfig, 32>,
     /// Acceptance filters; a channel evaluates its own in this order. A channel without filters
     /// accepts by its non-match rule.
-    pub filters: List<ChannelFilter, MAX_FILTERS>,
+    pub filters: List<ChannelFilter, 512>,
 }
 
 impl PortConfig {

@@ -136,8 +136,8 @@ impl<S: Opaque> Change<S> {
         self,
         change: impl FnOnce(Call, &mut S::Value) -> Result<(), ecan_result_t>,
     ) -> c_int {
-        // SAFETY: the promise of `new`.
         call(self.function, |call| {
+            // SAFETY: the promise of `new`.
             change(call, unsafe { Sealed::change(call, "config", self.config)? })
         })
     }

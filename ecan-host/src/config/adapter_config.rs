@@ -13,6 +13,10 @@ pub const MAX_SLAVES: usize = 32;
 /// Largest number of startup steps that the application adds, over all slaves.
 pub const MAX_STARTUP_STEPS: usize = 256;
 
+// The fields have the numbers themselves: with named constants rustc 1.95 fails ("broken MIR") at a
+// closure that contains `AdapterConfig { .., ..config }`.
+const _: () = assert!(MAX_SLAVES == 32 && MAX_STARTUP_STEPS == 256);
+
 /// Unit of the watchdog: one interval of the divider that a slave has in 0x0400 at power-up. The
 /// divider is never written, because not every slave controller accepts another one.
 pub(crate) const WATCHDOG_UNIT: Duration = Duration::from_micros(100);
@@ -89,10 +93,10 @@ pub struct AdapterConfig {
     /// Index of the EtherCAT master, 0 for `/dev/EtherCAT0`.
     pub master_index: u32,
     /// The gateways; the index in this list is the slave index in every call.
-    pub slaves: List<SlaveConfig, MAX_SLAVES>,
+    pub slaves: List<SlaveConfig, 32>,
     /// Startup steps that the application adds, executed in this order after those of the
     /// [`StartupPlan`](crate::StartupPlan), at every (re)configuration.
-    pub startup: List<StartupEntry, MAX_STARTUP_STEPS>,
+    pub startup: List<StartupEntry, 256>,
     /// Period of the application's cycle, 100 us to 100 ms and shorter than the watchdog.
     pub cycle: Duration,
     /// Distributed clocks with Sync0; `None` runs synchronous to process data ("SM/free").

@@ -57,7 +57,7 @@ pub fn add_profile(
     direction: Direction,
     profile: &PdoProfile,
 ) {
-    for write in profile.writes(direction).into_iter().chain([PdoProfile::apply_write(direction)]) {
+    for write in profile.writes(direction).chain([PdoProfile::apply_write(direction)]) {
         config.add_startup(slave, write).unwrap();
     }
 }

@@ -35,7 +35,7 @@ pub(super) enum Command {
         command: u8,
     },
     ApplyProfile(Direction),
-    ProfileCommand {
+    ControlProfile {
         direction: Direction,
         bits: u32,
     },
@@ -107,7 +107,7 @@ impl Command {
         use profile_control::subindex as si;
         match subindex {
             si::APPLY if value == 1 => Self::ApplyProfile(direction),
-            si::COMMAND => Self::ProfileCommand { direction, bits: value },
+            si::COMMAND => Self::ControlProfile { direction, bits: value },
             si::MULTIPLIER..=si::OPTIONS => Self::ProfileRequested(direction),
             _ => Self::Nothing,
         }

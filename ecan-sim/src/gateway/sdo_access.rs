@@ -228,7 +228,7 @@ impl Gateway {
                 application.objects.edit_filters(channel, extended, command);
             }
             Command::ApplyProfile(direction) => application.apply_profile(direction, state),
-            Command::ProfileCommand { direction, bits } => {
+            Command::ControlProfile { direction, bits } => {
                 if bits & COMMAND_RESET_SESSION != 0 {
                     application.data_path.reset_session(direction);
                 }

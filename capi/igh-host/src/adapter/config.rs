@@ -146,14 +146,14 @@ impl IghConfig {
     }
 
     /// The Adapter's configuration, with the configured slaves.
-    pub(crate) fn to_rust(&self) -> AdapterConfig {
+    pub(crate) fn configured(&self) -> AdapterConfig {
         let slaves = self.adapter.slaves.into_iter().take(self.slave_count);
         AdapterConfig { slaves: List::collect(slaves).unwrap_or_default(), ..self.adapter }
     }
 
     /// The startup steps of the gateways.
     pub(crate) fn startup_plan(&self) -> StartupPlan {
-        self.applied().map(|port| port.startup_plan(&self.to_rust())).unwrap_or_default()
+        self.applied().map(|port| port.startup_plan(&self.configured())).unwrap_or_default()
     }
 }
 
@@ -182,7 +182,7 @@ pub unsafe extern "C" fn ecan_igh_check_config(config: *const ecan_igh_config_t)
     call("ecan_igh_check_config", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let config = unsafe { Sealed::read(call, "config", config)? };
-        config.to_rust().check().map_err(Error::from).or_code(call)
+        config.configured().check().map_err(Error::from).or_code(call)
     })
 }
 

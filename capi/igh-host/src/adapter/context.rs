@@ -76,7 +76,7 @@ pub unsafe extern "C" fn ecan_igh_init(
         // SAFETY: as above.
         unsafe {
             handle::init(call, context.cast(), Kind::Adapter, || {
-                let rust = config.to_rust();
+                let rust = config.configured();
                 // A faulty configuration is reported before the library is loaded.
                 rust.check().map_err(Error::from).or_code(call)?;
                 let library = library::open(call, config)?;
@@ -118,7 +118,7 @@ pub unsafe extern "C" fn ecan_igh_attach(
         // SAFETY: as above.
         unsafe {
             handle::init(call, context.cast(), Kind::Adapter, || {
-                let rust = config.to_rust();
+                let rust = config.configured();
                 rust.check().map_err(Error::from).or_code(call)?;
                 let library = library::open(call, config)?;
                 let foreign =
@@ -230,7 +230,7 @@ pub unsafe extern "C" fn ecan_igh_reconfigure(
             let text = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
             return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
         }
-        let (startup, config) = (config.startup_plan(), config.to_rust());
+        let (startup, config) = (config.startup_plan(), config.configured());
         let reconfigured = bus.need_adapter(call)?.reconfigure(config, startup);
         if reconfigured.as_ref().err().is_none_or(errors::has_changed) {
             bus.forget_configuration();

@@ -47,7 +47,7 @@ fn load(setting: &EcrtSetting, config: &IghConfig) -> Result<Library, ecan_sim::
     use ecan_sim::{ClockKind, SimOptions};
 
     let clock = if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real };
-    let last_position = config.to_rust().slaves.iter().map(|slave| slave.position).max();
+    let last_position = config.configured().slaves.iter().map(|slave| slave.position).max();
     let options = SimOptions {
         suggested: config.scenario.get().map(str::to_owned),
         clock: Some(clock),

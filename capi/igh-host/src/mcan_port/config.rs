@@ -67,7 +67,7 @@ pub unsafe extern "C" fn igh_mcan_port_apply_config(
     change!(igh_mcan_port_apply_config, igh_config).with(|call, adapter| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let port = unsafe { Sealed::read(call, "config", config)? };
-        let checked = configured(port, adapter.slave_count).check(&adapter.to_rust());
+        let checked = configured(port, adapter.slave_count).check(&adapter.configured());
         checked.map_err(PortError::from).or_code(call)?;
         adapter.port = Some(*port);
         Ok(())
@@ -89,7 +89,7 @@ pub unsafe extern "C" fn igh_mcan_port_check_config(
         let (adapter, port) = unsafe {
             (Sealed::read(call, "config", igh_config)?, Sealed::read(call, "config", config)?)
         };
-        let checked = configured(port, adapter.slave_count).check(&adapter.to_rust());
+        let checked = configured(port, adapter.slave_count).check(&adapter.configured());
         checked.map_err(PortError::from).or_code(call)
     })
 }

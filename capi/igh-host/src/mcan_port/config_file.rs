@@ -350,7 +350,7 @@ mod tests {
                         Sealed::read(call, "config", self.port.as_ptr())?,
                     )
                 };
-                found = Some((adapter.to_rust(), configured(port, adapter.slave_count)));
+                found = Some((adapter.configured(), configured(port, adapter.slave_count)));
                 Ok(())
             });
             assert_eq!(code, 0);

@@ -119,7 +119,7 @@ pub unsafe extern "C" fn igh_mcan_port_reconfigure(
                 Sealed::read(call, "config", config)?,
             )
         };
-        let (adapter, config) = (adapter.to_rust(), configured(config, adapter.slave_count));
+        let (adapter, config) = (adapter.configured(), configured(config, adapter.slave_count));
         let reconfigured = bus.need_port(call)?.reconfigure((adapter, config));
         if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
             bus.forget_configuration();

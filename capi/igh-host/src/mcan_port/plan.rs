@@ -85,7 +85,7 @@ pub(crate) fn plan(
     mut room: OutArray<c_char>,
 ) -> Result<(), ecan_result_t> {
     let config = configured(port, adapter.slave_count);
-    let adapter = adapter.to_rust();
+    let adapter = adapter.configured();
     let plan = PortPlan::of(&adapter, &config, traffic);
     if !room.is_full() {
         put_text(&mut room, &ecan_plan_table::plan_table(&plan, &adapter, traffic));
