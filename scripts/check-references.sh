@@ -15,6 +15,7 @@ report() {
 }
 
 # Everything in backquotes, one per line.
+# shellcheck disable=SC2016 # the backquotes are text
 quoted() { grep -oE '`[^`]+`' "$1" | tr -d '`' | sort -u; }
 
 for document in "${documents[@]}"; do

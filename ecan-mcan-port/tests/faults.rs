@@ -164,7 +164,7 @@ fn f08_a_power_cycled_gateway_comes_back_configured_and_verified() {
         cycle.send_can(0, 0, id(2), &[2]).unwrap();
     });
     assert!(bench.until(100, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
-    let cycles = bench.until(30_000, Port::is_ready).expect("back in service");
+    let cycles = bench.until(30_000, Port::is_ready).expect("ready again");
     assert!(cycles > 500, "after {cycles} cycles of 1 ms");
     let read = |index, subindex| {
         move |diagnostics: &Diagnostics| diagnostics.sdo_upload_u32(0, index, subindex).unwrap()
@@ -431,7 +431,7 @@ fn a_cycle_report_names_what_the_image_was() {
     let new = ImageReport::New { lost: 0, is_incomplete: false, layout_changed: false };
     assert_eq!(report.image, new);
     assert!(report.domain.is_complete());
-    assert!(bench.port.wait_ready().is_ok(), "already in service");
+    assert!(bench.port.wait_ready().is_ok(), "already ready");
 }
 
 #[test]

@@ -116,7 +116,7 @@ fn not_ready(bench: &mut Fixture, timeout_ms: u64) -> (PortError, String) {
     let error = bench
         .port
         .wait_ready_timeout(Duration::from_millis(timeout_ms))
-        .expect_err("it stays out of service");
+        .expect_err("it does not become ready");
     let text = error.to_string();
     assert!(matches!(error, PortError::NotReady { slave: 0, .. }), "{text}");
     (error, text)

@@ -70,7 +70,7 @@ pub enum PhaseSweepError {
         /// The Sync0 period, in nanoseconds.
         sync0_ns: u32,
     },
-    /// No cycle is to be measured, so nothing would speak against any point.
+    /// The number of measured cycles is 0.
     #[error("no cycle is to be measured: nothing would tell a good phase from a bad one")]
     NoCycles,
 }

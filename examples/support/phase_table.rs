@@ -37,7 +37,7 @@ pub struct PhasePoint {
     /// Shortest distance from an image that arrived to the next Sync0 pulse, in nanoseconds
     /// (0x9011:05).
     pub arrival_before_pulse_ns: Option<u32>,
-    /// Why the gateways did not go into service with this shift.
+    /// Reason that the gateways did not become ready with this shift.
     pub failure: Option<String>,
 }
 
@@ -166,7 +166,7 @@ impl fmt::Display for PhaseTable {
         for point in &self.points {
             write!(f, "{:>9.1} {:>9.1} ", us(point.shift_ns), us(point.offset_ns))?;
             if let Some(failure) = &point.failure {
-                writeln!(f, "not in service: {failure}")?;
+                writeln!(f, "not ready: {failure}")?;
                 continue;
             }
             let pair = |below: f64, above: f64| format!("-{below:.0}/+{above:.0}");

@@ -294,7 +294,7 @@ fn configuration_file_sets_channels_and_bit_rates() {
         assert!((row.3 / expected - 1.0).abs() < 0.01, "{expected}: {printed}");
     }
 
-    // Of one channel the frames, and the others stay in service.
+    // Frames of one channel only; the others stay ready.
     let printed = succeeds(&[&base[..], &["--channel", "1"]].concat());
     let sent: Vec<_> = channels(&printed).iter().map(|row| row.1).collect();
     assert_eq!(sent, [0, 0, 200], "{printed}");

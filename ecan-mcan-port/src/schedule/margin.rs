@@ -21,7 +21,7 @@ pub const THIN_MARGIN_NS: u32 = 20_000;
 ///                                  '--processing, before---->
 /// ```
 ///
-/// [`Port::schedule_margin`](crate::Port::schedule_margin) gives it for gateways in service,
+/// [`Port::schedule_margin`](crate::Port::schedule_margin) gives it for gateways that are ready,
 /// [`PortPlan::schedule_margin`](crate::PortPlan::schedule_margin) beforehand; both reckon alike.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScheduleMargin {

@@ -32,7 +32,7 @@ impl Fixture {
         Ok(Self { port, simulation, cycle_errors: Vec::new() })
     }
 
-    /// Opened and in service.
+    /// Opened and ready.
     pub fn ready(scenario: Scenario, adapter: AdapterConfig, config: PortConfig) -> Self {
         let mut bench = Self::open(scenario, adapter, config).unwrap_or_else(|e| panic!("{e}"));
         bench.port.wait_ready().unwrap_or_else(|e| panic!("{e}"));

@@ -21,7 +21,7 @@ use ecan_igh_host::mcan_port::config_gateway::{
 use ecan_igh_host::mcan_port::context::{igh_mcan_port_init, igh_mcan_port_t};
 use ecan_mcan_host::pdo::profile::IGH_MCAN_OPTION_TX_RESULT;
 
-/// A gateway in service. The contexts stay where they are.
+/// A gateway that is ready. The contexts must not move.
 pub struct CPort {
     igh: Box<MaybeUninit<ecan_igh_context_t>>,
     port: Box<MaybeUninit<igh_mcan_port_t>>,
