@@ -6,8 +6,8 @@
 //! | [`adapter`] | EtherCAT master, OP, process data, SDOs, distributed clocks, real-time cycle |
 //! | [`can`] | frames, and the [`Port`](can::Port) that sends, receives and schedules them |
 //! | [`config`] | everything that a user describes |
-//! | [`canopen`], [`cia402`] | CANopen network and CiA 402 axes (feature `cia402`) |
-//! | [`sim`] | scenarios and faults of the built-in simulator (feature `sim`, on by default) |
+//! | `canopen`, `cia402` | CANopen network and CiA 402 axes (feature `cia402`) |
+//! | `sim` | scenarios and faults of the built-in simulator (feature `sim`, on by default) |
 //! | [`prelude`] | the names of a usual program |
 //!
 //! The environment variable `ECAN_ECRT` selects the EtherCAT master library: unset for the installed
@@ -20,8 +20,8 @@
 //! # Features
 //!
 //! - `sim` (default): the built-in simulator.
-//! - `config-file`: [`config::load`] reads gateways, channels and cycle from a TOML file.
-//! - `cia402`: [`canopen`] and [`cia402`].
+//! - `config-file`: `config::load` reads gateways, channels and cycle from a TOML file.
+//! - `cia402`: the modules `canopen` and `cia402`.
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]
 

@@ -110,7 +110,7 @@ pub enum PortPlanError {
         share: u64,
     },
     /// An offset that the Port would refuse: no Sync0, beyond its period, or without margin where
-    /// [`MarginCheck::Reject`](crate::MarginCheck::Refuse) is chosen.
+    /// [`MarginCheck::Reject`](crate::MarginCheck::Reject) is chosen.
     #[error(
         "slave {slave}: frames cannot leave {:.1} us behind Sync0: {reason}",
         us((*offset_ns).into())

@@ -52,7 +52,7 @@ pub trait ConfigObject: Copy + Default {
         })
     }
 
-    /// True if the entry has an effect: all entries that it [`needs`](Entry::needs) are set.
+    /// True if the entry has an effect: all entries that it needs are set.
     fn has_effect(&self, entry: &Entry) -> bool {
         entry.needs.iter().all(|&needed| self.value(needed) != Some(0))
     }
