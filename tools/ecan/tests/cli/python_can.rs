@@ -55,7 +55,7 @@ fn python_can_works_over_tcp_and_terminal() {
 
 /// What a script of this name prints; `program` is the interpreter.
 fn run(program: &str, script: &str, arguments: &[&str]) -> String {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python").join(script);
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cli/python").join(script);
     let output = Command::new(program).arg("-B").arg(&script).args(arguments).output().unwrap();
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{errors}");
