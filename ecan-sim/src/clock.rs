@@ -1,5 +1,3 @@
-//! The clock of a simulation.
-
 use std::sync::Arc;
 
 use ecrt_sys::Clock;

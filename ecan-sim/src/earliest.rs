@@ -1,10 +1,6 @@
-//! The earliest of several times.
-
 const NEVER: u64 = u64::MAX;
 
-/// The earliest of several optional times; `u64::MAX` counts as `None`.
-///
-/// Called after every event, so it consists of branch-free comparisons.
+/// The earliest of several times; `u64::MAX` counts as `None`. Runs after every event: branch-free.
 #[inline]
 pub(crate) fn earliest(times: impl IntoIterator<Item = Option<u64>>) -> Option<u64> {
     let first = times.into_iter().fold(NEVER, |first, time| first.min(time.unwrap_or(NEVER)));

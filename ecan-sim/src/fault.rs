@@ -1,5 +1,3 @@
-//! Faults that a scenario schedules or a test injects.
-
 use std::collections::VecDeque;
 
 use serde::Deserialize;
@@ -34,7 +32,6 @@ pub enum LibraryCall {
 }
 
 impl LibraryCall {
-    /// Number of calls.
     pub(crate) const COUNT: usize = 5;
 }
 
@@ -182,7 +179,6 @@ pub struct ScriptedFault {
     pub fault: Fault,
 }
 
-/// The pending faults.
 #[derive(Debug, Default)]
 pub(crate) struct FaultScript {
     by_cycle: VecDeque<(u64, Fault)>,
@@ -201,17 +197,14 @@ impl FaultScript {
         list.insert(place, (at, scripted.fault));
     }
 
-    /// Time of the next timed fault, simulated ns.
     pub(crate) fn next_time(&self) -> Option<u64> {
         self.by_time.front().map(|(at, _)| *at)
     }
 
-    /// Takes a fault that is due at this time.
     pub(crate) fn due_time(&mut self, now: u64) -> Option<Fault> {
         take_due(&mut self.by_time, now)
     }
 
-    /// Takes a fault that is due in this cycle.
     pub(crate) fn due_cycle(&mut self, cycle: u64) -> Option<Fault> {
         take_due(&mut self.by_cycle, cycle)
     }

@@ -1,5 +1,3 @@
-//! Reproducible random numbers.
-
 /// A SplitMix64 generator: the same seed gives the same numbers on every machine.
 #[derive(Clone, Debug)]
 pub(crate) struct Random {

@@ -1,5 +1,3 @@
-//! Thread that advances the simulated time without a master.
-
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,7 +7,6 @@ use std::time::Duration;
 use crate::ecrt::Shared;
 use crate::scenario::ClockKind;
 
-/// Interval between two steps.
 const STEP: Duration = Duration::from_millis(1);
 
 /// Reason why a simulation cannot run on a thread.

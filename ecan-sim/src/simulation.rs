@@ -1,5 +1,3 @@
-//! Handle for programs and tests to inspect and change a simulation.
-
 use std::fmt;
 use std::sync::Arc;
 

@@ -1,5 +1,3 @@
-//! Wake-up delays of the simulated machine.
-
 use crate::random::Random;
 
 /// Delay of the application's sleeps in stepped time.
@@ -21,7 +19,6 @@ pub struct WakeUpDelay {
     pub longest_ns: u64,
 }
 
-/// Random numbers per delay.
 const DRAWS: u64 = 1_000_000;
 const HALF: u64 = DRAWS / 2;
 const P99: u64 = DRAWS / 100 * 99;
@@ -47,7 +44,6 @@ fn between(low: u64, high: u64, part: u64, whole: u64, power: u32) -> u64 {
     low.saturating_add(u64::try_from(way).unwrap_or(u64::MAX))
 }
 
-/// The delays of one run.
 #[derive(Debug)]
 pub(crate) struct WakeUps {
     delay: WakeUpDelay,

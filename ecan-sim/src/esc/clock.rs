@@ -7,7 +7,6 @@ use crate::gateway::{Gateway, Sync0};
 
 use super::context::Context;
 
-/// Ports of a controller, connected or not.
 const PORTS: usize = 4;
 /// Activation bits: cyclic unit, Sync0.
 const ACTIVE: u8 = 0x01;

@@ -1,11 +1,8 @@
 //! Commands of EtherCAT datagrams (ETG.1000.4).
 
-/// Kind of access at an addressed slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
-    /// Memory into the datagram.
     Read,
-    /// Datagram into memory.
     Write,
     /// Both; the memory is read before it is written.
     Exchange,
@@ -21,7 +18,6 @@ impl Access {
     }
 }
 
-/// A command, by its addressing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Command {
     /// NOP: passes through.
@@ -41,7 +37,6 @@ pub(super) enum Command {
 }
 
 impl Command {
-    /// `None` for an undefined number.
     pub(super) fn from_raw(raw: u8) -> Option<Self> {
         use Access::{Exchange, Read, Write};
         Some(match raw {

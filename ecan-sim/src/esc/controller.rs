@@ -18,10 +18,8 @@ use mailbox_buffers::MailboxBuffers;
 use memory::{INPUTS, MEMORY_BYTES, OUTPUTS, READ_MAILBOX, WRITE_MAILBOX};
 use registers::{address, event};
 
-/// Longest data of a datagram.
 const DATAGRAM_BYTES: usize = 1500;
 
-/// Bits of DL status.
 mod dl {
     pub(super) const LOADED: u16 = 1 << 0;
     pub(super) const DEVICE_WATCHDOG: u16 = 1 << 1;
@@ -70,7 +68,7 @@ pub(super) struct Controller {
     /// Number of gateway boots at the last reset of this controller.
     boots: Option<u32>,
     stops: Stops,
-    /// AL state and presence of the next slave in the last frame.
+    /// AL state and error indication in the last frame.
     last_state: (AlState, bool),
     has_next: bool,
 }
@@ -96,7 +94,6 @@ impl Controller {
         }
     }
 
-    /// Passes a frame, up to its first fault.
     pub(super) fn pass(&mut self, frame: &mut [u8], context: &mut Context<'_>) {
         self.catch_up(context);
         match for_each_datagram(frame, |datagram| self.serve(datagram, context)) {
@@ -105,7 +102,6 @@ impl Controller {
         }
     }
 
-    /// Handles what has happened since the last frame.
     fn catch_up(&mut self, context: &mut Context<'_>) {
         let boots = context.gateway.boots();
         if self.boots != Some(boots) {

@@ -33,7 +33,6 @@ pub(super) struct EepromInterface {
     command: u16,
 }
 
-/// Effect of a command on the words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effect {
     Nothing,
@@ -47,7 +46,6 @@ impl EepromInterface {
         self.errors = if is_good { 0 } else { CHECKSUM_ERROR };
     }
 
-    /// Present register values.
     pub(super) fn show(&self, now: u64) -> [u8; INTERFACE_BYTES] {
         let busy = if now < self.busy_until { BUSY | self.command } else { 0 };
         let status = EMULATED | TWO_ADDRESS_BYTES | self.errors | busy;
@@ -58,8 +56,7 @@ impl EepromInterface {
         registers
     }
 
-    /// The master has written some of the registers: `registers` are the new values; `has_command`
-    /// states whether the command was written.
+    /// `registers` are the values after the master's write; `has_command`: it wrote the command.
     pub(super) fn written(
         &mut self,
         now: u64,

@@ -1,6 +1,5 @@
 //! FMMUs: mapping of logical addresses to the memory of a slave, by bytes and by bits.
 
-/// Bytes of an FMMU's registers.
 pub(super) const FMMU_BYTES: usize = 16;
 pub(super) const FMMUS: usize = 8;
 
@@ -16,10 +15,8 @@ pub(super) struct Fmmu {
     pub(super) writes: bool,
 }
 
-/// Part of a datagram that an FMMU maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
-    /// Whole bytes.
     Bytes {
         /// First byte in the datagram's data.
         at: usize,
@@ -54,7 +51,6 @@ impl Fmmu {
         })
     }
 
-    /// Mapped part of a datagram at a logical address with this length of data.
     pub(super) fn part(&self, logical: u32, bytes: usize) -> Option<Part> {
         let own = i64::from(self.logical);
         let datagram = i64::from(logical);

@@ -11,7 +11,6 @@ const LOCALLY_ADMINISTERED: u8 = 0x02;
 
 const ETHERCAT_HEADER_BYTES: usize = 2;
 const LENGTH_MASK: u16 = 0x07FF;
-/// Type of an EtherCAT frame that carries datagrams.
 const TYPE_DATAGRAMS: u16 = 1;
 
 const DATAGRAM_HEADER_BYTES: usize = 10;
@@ -21,9 +20,7 @@ const MORE: u16 = 0x8000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FrameFault {
-    /// Another protocol.
     NotEtherCat,
-    /// Too short for its headers.
     Short,
     /// EtherCAT, but no datagrams (type 1).
     Type,
@@ -93,7 +90,6 @@ impl Datagram<'_> {
         self.set_u16_at(at, u16::try_from(counter).unwrap_or(u16::MAX));
     }
 
-    /// Logical commands carry process data.
     pub(super) fn is_logical(&self) -> bool {
         matches!(self.command(), 10..=12)
     }

@@ -1,8 +1,5 @@
-//! EtherCAT front end: a slave controller (ESC) before each gateway, driven by Ethernet frames.
-//!
-//! It has what a master on a wire sees: registers, station addresses, FMMUs, sync managers, the SII
-//! EEPROM, distributed clocks and mailboxes, as specified in ETG.1000.4. This front end and the
-//! simulated libethercat drive the same firmware, [`crate::gateway`].
+//! EtherCAT front end: a slave controller (ESC, ETG.1000.4) before each gateway, driven by Ethernet
+//! frames. It drives the same firmware as the simulated libethercat, [`crate::gateway`].
 
 mod clock;
 mod command;

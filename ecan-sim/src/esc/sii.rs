@@ -9,11 +9,9 @@ use super::eeprom::checksum;
 
 /// Words of the EEPROM: 2 KiB.
 const WORDS: usize = 1024;
-/// First word of the categories.
 const CATEGORIES: usize = 0x40;
 const END: u16 = 0xFFFF;
 
-/// Words of the fixed part.
 mod word {
     pub(super) const PDI_CONTROL: usize = 0;
     pub(super) const SYNC_PULSE: usize = 2;
@@ -65,7 +63,6 @@ const DC_SYNC0: u8 = 4;
 /// AssignActivate of the operation mode with Sync0.
 const ASSIGN_ACTIVATE: u16 = 0x0300;
 
-/// EEPROM contents of a gateway.
 pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
     let config = &spec.config;
     let mut words = vec![0; CATEGORIES];

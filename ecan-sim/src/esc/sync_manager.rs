@@ -35,7 +35,6 @@ pub(super) struct SyncManager {
     was_read: bool,
 }
 
-/// Result of an access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Progress {
     Rejected,
@@ -90,7 +89,6 @@ impl SyncManager {
         self.access(may, offset, bytes)
     }
 
-    /// The master reads; see [`write`](Self::write).
     pub(super) fn read(&mut self, offset: usize, bytes: usize, is_full: bool) -> Progress {
         let has_data = !self.is_single() || is_full;
         let may = !self.is_written_by_master() && has_data;
@@ -105,12 +103,10 @@ impl SyncManager {
         if self.is_open { Progress::Begun } else { Progress::Complete }
     }
 
-    /// The buffer was filled.
     pub(super) fn mark_full(&mut self) {
         (self.is_full, self.was_written, self.was_read) = (true, true, false);
     }
 
-    /// The buffer was emptied.
     pub(super) fn mark_empty(&mut self) {
         (self.is_full, self.was_written, self.was_read) = (false, false, true);
     }
@@ -126,15 +122,12 @@ impl SyncManager {
             && if self.is_written_by_master() { self.was_written } else { self.was_read }
     }
 
-    /// Takes a request to repeat the last message.
     pub(super) fn take_repeat_request(&mut self) -> bool {
         let requested = self.activate & ACTIVATE_REPEAT != 0;
         let is_new = requested != self.repeat_acknowledged;
         self.repeat_acknowledged = requested;
         is_new
     }
-
-    // Registers
 
     pub(super) fn register(&self, at: usize, is_full: bool) -> u8 {
         let flag = |is_set: bool, flag: u8| if is_set { flag } else { 0 };

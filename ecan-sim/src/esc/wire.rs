@@ -1,5 +1,3 @@
-//! Line of slave controllers, one for each gateway of a world.
-
 use crate::backend_error::BackendError;
 use crate::fault::LossDirection;
 use crate::node::BridgeFactory;
@@ -36,7 +34,6 @@ pub struct WireStatistics {
 pub struct Wire {
     world: World,
     controllers: Vec<Controller>,
-    /// Gateways that the present frame reaches.
     reached: Vec<usize>,
     /// Lowest logical address so far, and the faults of the present cycle.
     lowest_logical: u32,

@@ -1,5 +1,3 @@
-//! Active profiles and test policies, and the options that follow from them.
-
 use ecan_protocol::config::{CrcTest, DiagnosticTest, RxBypass, Sides, TxBypass};
 use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::Direction;
@@ -14,7 +12,6 @@ pub(super) struct ActiveOptions {
 }
 
 impl ActiveOptions {
-    /// No active profile, no test policy.
     pub(super) fn new() -> Self {
         Self { profiles: Profiles::new(), test: DiagnosticTest::OFF }
     }

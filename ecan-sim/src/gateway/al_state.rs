@@ -3,7 +3,6 @@
 
 use ecan_protocol::device::{AlState, AlStatusCode};
 
-/// What a transition requires of the rest of the slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Requirement {
     Nothing,
@@ -15,7 +14,6 @@ pub(super) enum Requirement {
     ProcessDataAndSync,
 }
 
-/// AL state, error indication and AL status code.
 #[derive(Debug)]
 pub(super) struct AlStateMachine {
     state: AlState,
@@ -26,7 +24,6 @@ pub(super) struct AlStateMachine {
 }
 
 impl AlStateMachine {
-    /// In INIT, without an error.
     pub(super) fn new() -> Self {
         Self {
             state: AlState::Init,
@@ -63,16 +60,12 @@ impl AlStateMachine {
         self.awaiting_sync_since = None;
     }
 
-    /// Raises the error indication.
     pub(super) fn fail(&mut self, code: AlStatusCode) {
         self.error = true;
         self.status_code = code;
     }
 
-    /// Requirement of a requested state.
-    ///
-    /// # Errors
-    /// The AL status code of a transition that does not exist.
+    /// The error is the AL status code of a transition that does not exist.
     pub(super) fn requirement(&self, to: AlState) -> Result<Requirement, AlStatusCode> {
         use AlState::{Boot, Init, Op, PreOp, SafeOp};
         Ok(match (self.state, to) {
@@ -86,7 +79,6 @@ impl AlStateMachine {
         })
     }
 
-    /// Enters a state and returns the change.
     pub(super) fn enter(&mut self, to: AlState) -> StateChange {
         StateChange { from: std::mem::replace(&mut self.state, to), to }
     }

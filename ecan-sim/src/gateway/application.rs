@@ -1,5 +1,3 @@
-//! Application firmware: the objects, and the data path and pins that they configure.
-
 use ecan_protocol::config::{ApplyStatus, ConfigObject, DataPathConfig, DataPathGlobal};
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{CHANNELS, Direction};
@@ -17,7 +15,6 @@ use super::sync_managers::SyncManagers;
 /// Subindex of the apply status of 0x8020..0x8024.
 const DATA_PATH_STATUS: u8 = 3;
 
-/// Objects, data path and pins of a gateway.
 #[derive(Debug)]
 pub(super) struct Application {
     pub(super) objects: ObjectServer,
@@ -34,16 +31,12 @@ impl Application {
         }
     }
 
-    /// Power loss.
     pub(super) fn reset(&mut self, counters: &mut GatewayCounters) {
         self.objects.reset();
         self.data_path.reset(counters);
         self.pins.reset();
     }
 
-    // PDO profiles
-
-    /// Applies the requested profile of a direction.
     pub(super) fn apply_profile(&mut self, direction: Direction, state: AlState) {
         let assigned = self.objects.assigned_chunks(direction);
         let profile = self.data_path.options.profiles.of_mut(direction);
@@ -62,15 +55,11 @@ impl Application {
         }
     }
 
-    /// A requested field of a profile has changed.
     pub(super) fn note_profile_request(&mut self, direction: Direction) {
         self.data_path.options.profiles.of_mut(direction).note_request(&self.objects.values);
     }
 
     /// Checks SM2 and SM3 against the active profiles and the PDO assignment.
-    ///
-    /// # Errors
-    /// The AL status code of the first sync manager that does not fit.
     pub(super) fn check_process_data(&self, sms: &SyncManagers) -> Result<(), AlStatusCode> {
         let bytes = |direction| {
             let active = self.data_path.options.profiles.of(direction).active_bytes();
@@ -79,10 +68,6 @@ impl Application {
         sms.check_process_data(bytes(Direction::RxPdo), bytes(Direction::TxPdo))
     }
 
-    // Channels
-
-    /// Restarts a controller with the stored configuration. An invalid configuration leaves it
-    /// running as it was.
     pub(super) fn apply_channel(
         &mut self,
         number: usize,
@@ -119,9 +104,6 @@ impl Application {
         }
     }
 
-    // Data path policies
-
-    /// Applies the stored global policy, 0x8020.
     pub(super) fn apply_global_data_path(&mut self) {
         let values = &self.objects.values;
         let requested =
@@ -136,7 +118,6 @@ impl Application {
         self.set_data_path_status(GLOBAL_DATA_PATH, is_valid);
     }
 
-    /// Applies the stored policy of a channel, 0x8021..0x8024.
     pub(super) fn apply_data_path(&mut self, number: usize, counters: &mut GatewayCounters) {
         let index = FIRST_DATA_PATH + number as u16;
         let values = &self.objects.values;
@@ -157,9 +138,6 @@ impl Application {
         self.objects.values.set(index, DATA_PATH_STATUS, u32::from(status.raw()));
     }
 
-    // Saved configuration
-
-    /// The present configuration, as a save stores it.
     pub(super) fn configuration(&self) -> ConfigurationImage {
         let mut runs = [false; CHANNELS];
         for (runs, channel) in runs.iter_mut().zip(&self.data_path.channels) {
@@ -183,7 +161,6 @@ impl Application {
         self.restore_channels(image, counters)
     }
 
-    /// Restores and applies the saved configuration at the start of the firmware.
     pub(super) fn load_at_start(
         &mut self,
         image: &ConfigurationImage,

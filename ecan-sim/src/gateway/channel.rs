@@ -1,5 +1,4 @@
-//! One CAN channel: controller, data path in both directions, bus-off recovery, and status for
-//! the PDO header and the diagnostic objects.
+//! One CAN channel with its data path in both directions and its recovery from bus-off.
 
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{BusOffRecovery, DataPathConfig};
@@ -17,9 +16,7 @@ mod event {
     /// Error warning or error passive.
     pub(super) const WARNING: u16 = 1 << 0;
     pub(super) const BUS_OFF: u16 = 1 << 1;
-    /// Pressure in either direction.
     pub(super) const PRESSURE: u16 = 1 << 2;
-    /// The channel state changed.
     pub(super) const STATE_CHANGE: u16 = 1 << 3;
 }
 
@@ -32,10 +29,8 @@ mod degraded {
 
 /// Last data-path error, 0x9020:16. The manual gives no numbers.
 pub(super) mod path_error {
-    /// The channel cannot send this frame.
     pub(in crate::gateway) const CANNOT_SEND: u32 = 1;
     pub(in crate::gateway) const RING_FULL: u32 = 2;
-    /// Transmit FIFO of the controller full.
     pub(in crate::gateway) const FIFO_FULL: u32 = 3;
     pub(in crate::gateway) const BUS_OFF: u32 = 4;
     /// RX cache or receive FIFO overflow.
@@ -44,13 +39,11 @@ pub(super) mod path_error {
     pub(in crate::gateway) const SCHEDULE: u32 = 6;
 }
 
-/// One CAN channel.
 #[derive(Debug)]
 pub(super) struct Channel {
     pub(super) controller: Controller,
     pub(super) receive: ReceivePath,
     pub(super) transmit: TransmitPath,
-    /// The active policy.
     pub(super) policy: DataPathConfig,
     /// The policy applied last; not active while it is disabled.
     requested: DataPathConfig,
@@ -72,7 +65,6 @@ pub(super) struct Channel {
 }
 
 impl Channel {
-    /// `tx_pressure_percent`: see [`super::GatewayModelConfig`].
     pub(super) fn new(tx_pressure_percent: u8) -> Self {
         Self {
             tx_pressure_percent,
@@ -96,7 +88,6 @@ impl Channel {
         }
     }
 
-    /// Power loss.
     pub(super) fn power_off(&mut self, counters: &mut GatewayCounters) {
         self.flush_receive(counters);
         self.transmit.flush_into(counters);
@@ -115,7 +106,6 @@ impl Channel {
         self.end_recovery();
     }
 
-    /// Restarts the controller with its present configuration.
     pub(super) fn restart_in_place(&mut self, counters: &mut GatewayCounters) {
         let config = self.controller.config().cloned();
         self.flush_receive(counters);
@@ -130,7 +120,6 @@ impl Channel {
         counters.receive_losses.flushed += flushed as u64;
     }
 
-    /// Activates a policy; a disabled one activates the default policy.
     pub(super) fn set_policy(&mut self, requested: DataPathConfig, counters: &mut GatewayCounters) {
         self.requested = requested;
         self.policy = if requested.enable { requested } else { DataPathConfig::default() };
@@ -153,13 +142,11 @@ impl Channel {
         counters.transmit_losses.stale += dropped as u64;
     }
 
-    /// Ends the recovery from bus-off, as a restart of the controller does.
     fn end_recovery(&mut self) {
         self.recovery_countdown = None;
         self.waits_for_master = false;
     }
 
-    /// The bus reports the error state of the controller.
     pub(super) fn bus_state(
         &mut self,
         state: ErrorState,
@@ -187,7 +174,6 @@ impl Channel {
         self.plan_recovery();
     }
 
-    /// Prepares the recovery that the policy specifies.
     fn plan_recovery(&mut self) {
         let wait = u32::from(self.policy.backoff_base_cycles);
         let policy = self.policy.bus_off_recovery;
@@ -215,10 +201,7 @@ impl Channel {
         }
     }
 
-    /// Checks whether the channel can send a frame, and counts the loss if not.
-    ///
-    /// # Errors
-    /// The result code of the frame.
+    /// Counts a frame that the channel cannot send; the error is its result code.
     pub(super) fn check_sendable(
         &mut self,
         frame: &CanFrame,
@@ -240,7 +223,6 @@ impl Channel {
         }
     }
 
-    /// The controller rejected a frame.
     pub(super) fn note_rejection(&mut self, rejection: Rejection) {
         self.last_error = match rejection {
             Rejection::CannotSend => path_error::CANNOT_SEND,
@@ -284,7 +266,6 @@ impl Channel {
         self.receive.waiting() + self.controller.receive_waiting()
     }
 
-    /// Frames that wait to be sent, with `scheduled` ones in the schedule queue.
     fn tx_pending(&self, scheduled: usize) -> usize {
         self.transmit.waiting() + self.controller.transmit_waiting() + scheduled
     }
@@ -309,7 +290,6 @@ impl Channel {
         }
     }
 
-    /// The master has read the latched events.
     fn acknowledge_details(&mut self) {
         self.events = 0;
         self.detail_pending = false;
@@ -342,8 +322,6 @@ impl Channel {
             || self.tx_pressure()
     }
 
-    // Reception
-
     /// One service: drains the controller into the cache, within `allowance`. Frames of a channel
     /// that the TxPDO does not carry are dropped. Returns the number of drained frames.
     pub(super) fn drain(
@@ -362,7 +340,6 @@ impl Channel {
         drained
     }
 
-    /// Counts the frames that the controller lost since the last service.
     pub(super) fn take_controller_losses(&mut self) {
         for _ in 0..std::mem::take(&mut self.controller.frames_lost) {
             self.receive.note_controller_loss();
@@ -370,9 +347,6 @@ impl Channel {
         }
     }
 
-    // Diagnostic objects
-
-    /// Duration of a service of this channel, in CPU cycles.
     pub(super) fn note_service(&mut self, cycles: u32) {
         self.service_cycles_last = cycles;
         self.service_cycles_max = self.service_cycles_max.max(cycles);

@@ -9,7 +9,6 @@ use super::controller::ControllerConfig;
 use super::dictionary_values::DictionaryValues;
 use super::filter::{FilterElement, FilterTable};
 
-/// 0x8001.
 pub(super) const FIRST_CHANNEL_OBJECT: u16 = 0x8001;
 /// 0x8000:6, source clock of MCAN0; the others follow.
 const SYSTEM_OBJECT: u16 = 0x8000;
@@ -59,7 +58,6 @@ impl FilterLists {
         self.standard.iter().chain(&self.extended)
     }
 
-    /// All elements, standard before extended ones.
     pub(super) fn elements_mut(&mut self) -> impl Iterator<Item = &mut FilterElement> {
         self.standard.iter_mut().chain(&mut self.extended)
     }
@@ -123,11 +121,8 @@ fn edit(
     FilterCommandStatus::Ok
 }
 
-/// A controller configuration, or the status of one that cannot be built.
 pub(super) type Built = Result<ControllerConfig, ApplyStatus>;
 
-/// Builds the controller configuration of a channel from the dictionary.
-///
 /// `BuildFail` for undefined or out-of-range values and for a bit rate without timing;
 /// `RuntimeFail` for too small a Message RAM or too few transmit elements.
 pub(super) fn build(values: &DictionaryValues, channel: u8, filters: &FilterLists) -> Built {

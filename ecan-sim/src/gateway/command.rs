@@ -1,5 +1,3 @@
-//! Commands that a download sets off in addition to changing a value.
-
 use ecan_protocol::mapping::Direction;
 
 use super::channel_control::{self, FIRST_CHANNEL_OBJECT};
@@ -11,7 +9,6 @@ pub(super) const FIRST_DATA_PATH: u16 = 0x8021;
 pub(super) const DIAGNOSTIC_TEST: u16 = 0x8030;
 pub(super) const CYCLE_PERFORMANCE: u16 = 0x9011;
 const FIRST_REGISTER_SERVICE: u16 = 0xA000;
-/// Maintenance object, its command and its access mode timeout.
 pub(super) const MAINTENANCE: u16 = 0xB000;
 pub(super) const MAINTENANCE_COMMAND: u8 = 4;
 pub(super) const MODE_TIMEOUT: u8 = 3;
@@ -63,7 +60,6 @@ pub(super) enum Command {
 }
 
 impl Command {
-    /// The command that storing `value` gives.
     pub(super) fn of(index: u16, subindex: u8, value: u32) -> Self {
         let channel = |first: u16| usize::from(index - first);
         let byte = value.to_le_bytes()[0];

@@ -1,5 +1,3 @@
-//! Configuration of a simulated gateway, its sync managers and Sync0.
-
 /// Identity and timing of one simulated gateway.
 ///
 /// The manual gives no vendor ID, no product code and no time of the firmware's

@@ -19,10 +19,8 @@ const FORMAT: u32 = 1;
 const PREFIX_BYTES: usize = 8;
 const FILTER_BYTES: usize = 11;
 
-/// Objects that belong to no single channel.
 const COMMON_OBJECTS: [u16; 8] = [0x8000, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022, 0x8023, 0x8024];
 
-/// The CRC of the stored bytes is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CrcError;
 
@@ -117,7 +115,6 @@ impl ConfigurationImage {
         Self::collect(&DictionaryValues::new(), &filters, [false; CHANNELS])
     }
 
-    /// Copies one channel from another image.
     pub(super) fn replace_channel(&mut self, number: usize, from: &Self) {
         if let (Some(to), Some(from)) = (self.channels.get_mut(number), from.channels.get(number)) {
             to.clone_from(from);
@@ -151,7 +148,6 @@ impl ConfigurationImage {
         runs != 0
     }
 
-    /// The bytes for the flash, with the CRC32 at the end.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = self.checked_bytes();
         let check = crc32(&bytes);
@@ -159,7 +155,6 @@ impl ConfigurationImage {
         bytes
     }
 
-    /// The CRC32 of the image.
     pub(super) fn crc(&self) -> u32 {
         crc32(&self.checked_bytes())
     }
@@ -174,7 +169,6 @@ impl ConfigurationImage {
         bytes
     }
 
-    /// Parses the result of [`to_bytes`](Self::to_bytes).
     pub(super) fn parse(bytes: &[u8]) -> Result<Self, CrcError> {
         let (checked, check) = bytes.split_last_chunk::<4>().ok_or(CrcError)?;
         if crc32(checked) != u32::from_le_bytes(*check) {

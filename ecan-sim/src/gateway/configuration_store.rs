@@ -23,9 +23,7 @@ use super::maintenance::command;
 
 /// Erasing and writing the sector of the configuration.
 const WRITE_NS: u64 = 20 * NS_PER_MS;
-/// Reading and applying it.
 const LOAD_NS: u64 = NS_PER_MS;
-/// Checking a firmware image.
 const VALIDATE_NS: u64 = 5 * NS_PER_MS;
 
 /// Bits of the channel's flash command; they are those of 0xB000:04.
@@ -50,14 +48,12 @@ struct Job {
     image: ConfigurationImage,
 }
 
-/// Result of a completed command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Completion {
     Device { status: MaintenanceStatus, rebuilds_eeprom: bool },
     Channel { number: usize, status: ApplyStatus },
 }
 
-/// The parts that a command acts on.
 pub(super) struct Target<'a> {
     pub(super) application: &'a mut Application,
     pub(super) firmware: &'a mut FirmwareUpdate,
@@ -67,7 +63,6 @@ pub(super) struct Target<'a> {
     pub(super) now: u64,
 }
 
-/// Configuration memory, and the command in progress.
 #[derive(Debug, Default)]
 pub(super) struct ConfigurationStore {
     flash: Flash,
@@ -75,17 +70,14 @@ pub(super) struct ConfigurationStore {
 }
 
 impl ConfigurationStore {
-    /// A command is in progress.
     pub(super) fn is_busy(&self) -> bool {
         self.job.is_some()
     }
 
-    /// When the command in progress completes.
     pub(super) fn done_at(&self) -> Option<u64> {
         self.job.as_ref().map(|job| job.done_at)
     }
 
-    /// Power loss: the command in progress never completes.
     pub(super) fn cancel(&mut self) {
         self.job = None;
     }
@@ -95,7 +87,6 @@ impl ConfigurationStore {
         self.flash.stored_crc()
     }
 
-    /// The saved configuration, if there is a valid one.
     pub(super) fn saved(&self) -> Option<ConfigurationImage> {
         self.flash.read().ok().flatten()
     }
@@ -118,10 +109,7 @@ impl ConfigurationStore {
         self.begin_job(now + duration, Scope::Device, bits, current);
     }
 
-    /// Begins a flash command of a channel.
-    ///
-    /// # Errors
-    /// The status of a rejected command.
+    /// The error is the status of a rejected command.
     pub(super) fn begin_channel(
         &mut self,
         now: u64,
@@ -155,7 +143,6 @@ impl ConfigurationStore {
         self.job = Some(Job { done_at, scope, bits, image });
     }
 
-    /// Executes the command in progress; its time is over.
     pub(super) fn finish(&mut self, target: &mut Target<'_>) -> Option<Completion> {
         let job = self.job.take()?;
         Some(match job.scope {

@@ -1,8 +1,5 @@
 //! MCAN controller: transmit FIFO or queue, receive FIFOs and buffers, error state, and the status
 //! registers of 0x9000..0x9003 (manual 13.4, 13.5).
-//!
-//! Register layouts are those of the Bosch M_CAN core; the manual names the registers but
-//! not their bits.
 
 mod offset;
 mod register_writes;
@@ -22,12 +19,10 @@ use register_writes::WrittenRegisters;
 
 pub(super) use register_writes::FramesDropped;
 
-/// Largest number of transmit elements.
 const TX_ELEMENTS_MAX: usize = 32;
 /// Data byte sent in place of one that does not fit into the element.
 const MISSING_DATA: u8 = 0xCC;
 
-/// Bits of the IR register that the model raises.
 mod interrupt {
     /// New message, message lost, full.
     pub(super) const FIFO0: [u32; 3] = [1 << 0, 1 << 3, 1 << 2];
@@ -41,7 +36,6 @@ mod interrupt {
     pub(super) const BUS_OFF: u32 = 1 << 25;
 }
 
-/// Controller settings of an applied channel configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ControllerConfig {
     pub(super) station: StationConfig,
@@ -55,17 +49,14 @@ pub(super) struct ControllerConfig {
     pub(super) tdc: Option<(u8, u8)>,
 }
 
-/// Cause of a rejected transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rejection {
     /// Not configured, listening only, or an FD frame on a classic channel.
     CannotSend,
     BusOff,
-    /// No free transmit element.
     Full,
 }
 
-/// MCAN controller of one channel.
 #[derive(Debug)]
 pub(super) struct Controller {
     config: Option<ControllerConfig>,
@@ -135,7 +126,6 @@ impl Controller {
         self.generation = self.generation.wrapping_add(1);
     }
 
-    /// Drops the received frames; returns their number.
     pub(super) fn flush_received(&mut self) -> usize {
         self.buffers.fill(None);
         self.fifo0.clear() + self.fifo1.clear() + std::mem::take(&mut self.buffers_full)
@@ -171,8 +161,6 @@ impl Controller {
         self.station().is_some_and(|station| station.mode == StationMode::Listen)
     }
 
-    // Transmission
-
     fn transmit_elements(&self) -> usize {
         self.config
             .as_ref()
@@ -202,7 +190,6 @@ impl Controller {
         Ok(())
     }
 
-    /// Accepts a frame for transmission.
     pub(super) fn submit(&mut self, frame: CanFrame) -> Result<(), Rejection> {
         self.accepts(&frame)?;
         if self.is_transmit_full() {
@@ -254,8 +241,6 @@ impl Controller {
         true
     }
 
-    /// The bus abandoned the frame in arbitration because automatic retransmission is off; returns
-    /// `false` without one.
     pub(super) fn abandoned(&mut self) -> bool {
         self.end_arbitration()
     }
@@ -268,16 +253,12 @@ impl Controller {
         ended
     }
 
-    /// Drops the frames that wait for arbitration; returns their number.
     pub(super) fn flush_transmit(&mut self) -> usize {
         let dropped = self.transmit.len();
         self.transmit.clear();
         dropped
     }
 
-    // Reception
-
-    /// A frame comes from the bus.
     pub(super) fn receive(
         &mut self,
         frame: &CanFrame,
@@ -374,7 +355,6 @@ impl Controller {
         }
     }
 
-    /// Frames in the receive FIFOs and buffers.
     pub(super) fn receive_waiting(&self) -> usize {
         self.fifo0.len() + self.fifo1.len() + self.buffers_full
     }
@@ -390,8 +370,6 @@ impl Controller {
             || self.fifo1.has_lost()
             || (size > 0 && self.fifo0.len() * 8 >= size * 7)
     }
-
-    // Error state
 
     /// The bus reports error state and counters; returns whether the state changed.
     pub(super) fn set_bus_state(&mut self, state: ErrorState, tec: u16, rec: u16) -> bool {
@@ -416,7 +394,6 @@ impl Controller {
         self.recovery_requested = self.is_bus_off();
     }
 
-    /// Takes the request to recover from bus-off.
     pub(super) fn take_recovery_request(&mut self) -> bool {
         std::mem::take(&mut self.recovery_requested)
     }

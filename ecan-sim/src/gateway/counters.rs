@@ -1,5 +1,3 @@
-//! Counters of the events inside a gateway, independent of its own diagnostics.
-
 /// Frames from RxPDO images that never reached the CAN bus, by cause.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TransmitLosses {

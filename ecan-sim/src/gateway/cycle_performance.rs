@@ -9,18 +9,15 @@ use super::pulse_train::PulseTrain;
 const CYCLES_NUMERATOR: u64 = 2;
 const CYCLES_DENOMINATOR: u64 = 5;
 
-/// CPU cycles of a time, saturating.
 pub(super) fn cycles(ns: u64) -> u32 {
     u32::try_from(ns.saturating_mul(CYCLES_NUMERATOR) / CYCLES_DENOMINATOR).unwrap_or(u32::MAX)
 }
 
-/// Cost of a step: a fixed part and a part for each of `count`.
 fn cost(fixed: u32, each: u32, count: usize) -> u32 {
     let count = u32::try_from(count).unwrap_or(u32::MAX);
     fixed.saturating_add(each.saturating_mul(count))
 }
 
-/// Running statistics of 0x9011.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct CyclePerformance {
     pdi_interrupts: u32,
@@ -40,7 +37,6 @@ pub(super) struct CyclePerformance {
 }
 
 impl CyclePerformance {
-    /// The master completed an access to a process data buffer of `bytes`.
     pub(super) fn pdi_interrupt(&mut self, now: u64, pulses: Option<PulseTrain>, write: bool) {
         self.pdi_interrupts = self.pdi_interrupts.wrapping_add(1);
         let Some(pulses) = pulses.filter(|pulses| write && pulses.pulses_until(now) > 0) else {
@@ -80,7 +76,6 @@ impl CyclePerformance {
         self.schedule_max = self.schedule_max.max(cost(150, 200, count));
     }
 
-    /// Clear command: restarts counts and extremes.
     pub(super) fn clear(&mut self, now: u64, pulses: Option<PulseTrain>) {
         *self = Self {
             sync0_before: pulses.map_or(0, |pulses| pulses.pulses_until(now)),
@@ -88,7 +83,6 @@ impl CyclePerformance {
         };
     }
 
-    /// Restarts counting for another pulse train.
     pub(super) fn restart_pulses(&mut self) {
         self.sync0_before = 0;
     }

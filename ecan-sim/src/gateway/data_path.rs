@@ -1,8 +1,5 @@
 //! Data path: from RxPDO images through TX rings and schedule to the controllers, and from the
 //! controllers through RX caches to TxPDO images.
-//!
-//! A service takes the image in SM2, hands frames to the controllers, drains the controllers and
-//! builds the next TxPDO image. Nothing in it allocates.
 
 use ecan_protocol::config::{
     ApplyStatus, DataPathConfig, DataPathGlobal, DiagnosticTest, RxBypass, TxBypass,
@@ -36,7 +33,6 @@ pub(super) struct ServiceTimes {
     pub(super) now: u64,
     /// When the image in SM2 was written.
     pub(super) outputs_at: u64,
-    /// Sync0, if configured.
     pub(super) pulses: Option<PulseTrain>,
 }
 
@@ -55,7 +51,6 @@ pub(super) struct DataPath {
 }
 
 impl DataPath {
-    /// `seed` determines the release jitter.
     pub(super) fn new(config: &GatewayModelConfig, seed: u64) -> Self {
         Self {
             channels: std::array::from_fn(|_| Channel::new(config.tx_pressure_percent)),
@@ -70,7 +65,6 @@ impl DataPath {
         }
     }
 
-    /// Power loss.
     pub(super) fn reset(&mut self, counters: &mut GatewayCounters) {
         for channel in &mut self.channels {
             channel.power_off(counters);
@@ -86,9 +80,6 @@ impl DataPath {
         self.flags = 0;
     }
 
-    // Configuration
-
-    /// Activates the test policies of 0x8030.
     pub(super) fn set_test(&mut self, test: DiagnosticTest) {
         self.options.test = test;
         self.configure_codecs();
@@ -134,7 +125,6 @@ impl DataPath {
         }
     }
 
-    /// Restarts all controllers with their configurations.
     pub(super) fn restart_channels(&mut self, counters: &mut GatewayCounters) {
         for channel in &mut self.channels {
             channel.restart_in_place(counters);
@@ -168,8 +158,6 @@ impl DataPath {
         parser.configure(options.profiles.of(rx).active(), options.uses_crc(rx));
     }
 
-    // State changes
-
     /// Process data starts: what was received before is dropped, so the first image is empty.
     pub(super) fn start_inputs(&mut self, counters: &mut GatewayCounters) {
         self.results.clear();
@@ -197,9 +185,6 @@ impl DataPath {
         self.performance.restart_pulses();
     }
 
-    // Outputs
-
-    /// Takes an image that was written to SM2.
     pub(super) fn take_image(
         &mut self,
         image: &[u8],
@@ -344,7 +329,6 @@ impl DataPath {
         self.options.profiles.of_mut(Direction::RxPdo).note_overflow(1, None);
     }
 
-    /// When the next scheduled frame is due.
     pub(super) fn release_time(&self) -> Option<u64> {
         self.schedule.next_due()
     }
@@ -377,8 +361,6 @@ impl DataPath {
             channel.note_rejection(rejection);
         }
     }
-
-    // Service
 
     /// Serves all channels within the service budget. Frames are sent only in OP.
     pub(super) fn serve(&mut self, is_op: bool, counters: &mut GatewayCounters) {
@@ -446,8 +428,6 @@ impl DataPath {
         sent + drained
     }
 
-    // Inputs
-
     /// Builds a TxPDO image of `length` bytes, the length of SM3. Returns the bytes to publish.
     pub(super) fn build_inputs(
         &mut self,
@@ -499,14 +479,10 @@ impl DataPath {
         status
     }
 
-    // Diagnostics
-
-    /// Diagnostic flags, 0xB000:6.
     pub(super) fn flags(&self) -> u16 {
         self.flags
     }
 
-    /// Clears flags, channel diagnostics and performance counters.
     pub(super) fn clear_diagnostics(&mut self, now: u64, pulses: Option<PulseTrain>) {
         self.flags = 0;
         for channel in &mut self.channels {

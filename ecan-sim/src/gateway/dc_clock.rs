@@ -23,7 +23,6 @@ pub(super) struct LinearClock {
 }
 
 impl LinearClock {
-    /// System time at a simulated time.
     pub(super) fn system(self, now: u64) -> u64 {
         let passed = i128::from(now) - i128::from(self.simulated_ns);
         let time =
@@ -47,7 +46,6 @@ pub(super) struct DcClock {
     drift_ppb: i64,
     line: LinearClock,
     is_written: bool,
-    /// Time of the last correction.
     corrected_ns: Option<u64>,
     /// Difference found by the last correction, received time minus own (0x092C).
     difference_ns: i64,
@@ -112,7 +110,6 @@ impl DcClock {
         self.line.simulated_ns = now;
     }
 
-    /// Difference found by the last correction.
     pub(super) fn difference_ns(&self) -> i64 {
         self.difference_ns
     }

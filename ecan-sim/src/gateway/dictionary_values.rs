@@ -13,14 +13,12 @@ struct Slot {
     values: Box<[u32]>,
 }
 
-/// Values of all integer entries of all objects.
 #[derive(Debug)]
 pub(super) struct DictionaryValues {
     slots: Vec<Slot>,
 }
 
 impl DictionaryValues {
-    /// With the factory values.
     pub(super) fn new() -> Self {
         let mut slots = Vec::new();
         for object in objects() {
@@ -36,7 +34,6 @@ impl DictionaryValues {
         Self { slots }
     }
 
-    /// Resets all values to their defaults.
     pub(super) fn reset(&mut self) {
         for slot in &mut self.slots {
             for (value, entry) in slot.values.iter_mut().zip(slot.object.entries) {
@@ -61,12 +58,10 @@ impl DictionaryValues {
             .unwrap_or(0)
     }
 
-    /// The low byte of a stored value.
     pub(super) fn get_u8(&self, index: u16, subindex: u8) -> u8 {
         self.get(index, subindex).to_le_bytes()[0]
     }
 
-    /// The low half of a stored value.
     pub(super) fn get_u16(&self, index: u16, subindex: u8) -> u16 {
         let [low, high, ..] = self.get(index, subindex).to_le_bytes();
         u16::from_le_bytes([low, high])

@@ -4,7 +4,6 @@ use super::config::Sync0;
 use super::dc_clock::DcClock;
 use super::pulse_train::PulseTrain;
 
-/// Clock and Sync0 of one slave.
 #[derive(Debug)]
 pub(super) struct DistributedClock {
     drift_ppb: i32,
@@ -14,12 +13,10 @@ pub(super) struct DistributedClock {
 }
 
 impl DistributedClock {
-    /// `drift_ppb`: rate of the oscillator above simulated time, in parts per billion.
     pub(super) fn new(drift_ppb: i32) -> Self {
         Self { drift_ppb, clock: DcClock::new(drift_ppb), sync0: None, pulses: None }
     }
 
-    /// Power loss: time not set, no Sync0.
     pub(super) fn reset(&mut self) {
         *self = Self::new(self.drift_ppb);
     }
@@ -28,7 +25,6 @@ impl DistributedClock {
         &self.clock
     }
 
-    /// The Sync0 pulses, if Sync0 is configured.
     pub(super) fn pulses(&self) -> Option<PulseTrain> {
         self.pulses
     }
@@ -37,7 +33,6 @@ impl DistributedClock {
         self.sync0
     }
 
-    /// Starts Sync0, or stops it.
     pub(super) fn set_sync0(&mut self, sync0: Option<Sync0>, now: u64) {
         self.sync0 = sync0;
         self.pulses = sync0.map(|sync0| PulseTrain::new(sync0, self.clock.line(), now));

@@ -1,7 +1,6 @@
 //! EEPROM of the slave controller, which the gateway emulates in its flash (manual 13.7, bit 6 of
 //! the maintenance command). The slave controller interprets the words.
 
-/// Words of the emulated EEPROM, and the contents of a rebuilt one.
 #[derive(Debug, Default)]
 pub(super) struct Eeprom {
     words: Vec<u16>,

@@ -7,18 +7,13 @@ use std::collections::VecDeque;
 
 use ecan_protocol::device::AlStatusCode;
 
-/// Size of the queue.
 const KEPT: usize = 8;
 
-/// Error codes.
 mod code {
-    /// Communication, generic.
     pub(super) const COMMUNICATION: u16 = 0x8100;
     /// Life guarding: expected messages are missing.
     pub(super) const LIFE_GUARD: u16 = 0x8130;
-    /// Recovered from bus-off.
     pub(super) const RECOVERED: u16 = 0x8140;
-    /// Protocol error, generic.
     pub(super) const PROTOCOL: u16 = 0x8200;
 }
 
@@ -28,7 +23,6 @@ const COMMUNICATION_ERROR: u8 = 0x11;
 pub(crate) struct Emergency {
     pub(crate) code: u16,
     pub(crate) register: u8,
-    /// Device-specific bytes.
     pub(crate) data: [u8; 5],
 }
 
@@ -76,7 +70,6 @@ impl EmergencyQueue {
         self.waiting.is_empty()
     }
 
-    /// Takes the oldest emergency.
     pub(super) fn pop(&mut self) -> Option<Emergency> {
         self.waiting.pop_front()
     }

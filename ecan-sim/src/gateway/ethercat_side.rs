@@ -10,8 +10,6 @@ use super::emergency::Emergency;
 use super::pulse_train::PulseTrain;
 
 impl Gateway {
-    // AL state
-
     /// The master writes AL control. A request also acknowledges a pending error. A request that
     /// cannot be met leaves the state and raises the error indication with its AL status code. With
     /// Sync0 configured, OP is entered with the first pulse; see [`al_state`](Self::al_state).
@@ -28,7 +26,6 @@ impl Gateway {
         }
     }
 
-    /// The master requests a state that does not exist.
     pub(crate) fn reject_unknown_al_state(&mut self, now: u64) {
         self.advance(now);
         if self.is_responding() {
@@ -153,8 +150,6 @@ impl Gateway {
         self.raise_emergency(Emergency::al_error(code));
     }
 
-    // Sync managers
-
     /// Configures a sync manager, 0 to 3, or disables it (`None`). Others are ignored. In SAFEOP
     /// and OP, one that no longer fits makes the slave fall back to PREOP.
     pub fn configure_sync_manager(&mut self, sm: u8, config: Option<SyncManagerConfig>) {
@@ -191,9 +186,6 @@ impl Gateway {
         self.sync_managers.process_data_stops()
     }
 
-    // Process data
-
-    /// Whether process data is exchanged: responding, in SAFEOP or OP.
     pub(crate) fn exchanges_process_data(&self) -> bool {
         self.is_responding() && self.al.exchanges_process_data()
     }
@@ -210,7 +202,6 @@ impl Gateway {
         self.sync_managers.inputs.is_full()
     }
 
-    /// The image in SM3.
     pub(crate) fn input_image(&self) -> &[u8] {
         self.sync_managers.inputs.image()
     }
@@ -258,12 +249,10 @@ impl Gateway {
         }
     }
 
-    /// The master has read a part of SM3 and continues in another datagram.
     pub(crate) fn begin_partial_read(&mut self) {
         self.sync_managers.begin_partial_read();
     }
 
-    /// The slave controller rejected an access to SM2 or SM3.
     pub(crate) fn count_rejected_access(&mut self, is_write: bool) {
         let rejected = if is_write {
             &mut self.counters.writes_rejected
@@ -272,8 +261,6 @@ impl Gateway {
         };
         *rejected += 1;
     }
-
-    // Watchdog
 
     /// Sets the process data watchdog, in nanoseconds; 0 disables it. It runs in OP while the
     /// control byte of SM2 has the watchdog bit.
@@ -286,17 +273,13 @@ impl Gateway {
         self.watchdog.expiry().filter(|_| runs)
     }
 
-    /// Expirations of the process data watchdog since the boot.
     pub(crate) fn watchdog_expirations(&self) -> u32 {
         self.watchdog.expirations()
     }
 
-    /// Whether the process data watchdog has expired and was not fed since.
     pub(crate) fn watchdog_has_expired(&self) -> bool {
         self.watchdog.is_expired()
     }
-
-    // Distributed clock
 
     /// Starts Sync0, changes it, or stops it (`None`). A stop in OP is a fatal sync error (0x002C).
     /// Frames scheduled for the previous pulses are dropped.
@@ -333,7 +316,6 @@ impl Gateway {
         self.clock.clock().line().system(now)
     }
 
-    /// Time of the distributed clock since power-on or reboot, in nanoseconds.
     pub(crate) fn dc_time_since_boot(&self, now: u64) -> u64 {
         self.dc_time(now).saturating_sub(self.dc_time(self.power.booted_at()))
     }
@@ -376,8 +358,6 @@ impl Gateway {
         self.power.boots()
     }
 
-    // Emergencies
-
     /// Queues an emergency if the mailbox is active. Does not allocate.
     pub(super) fn raise_emergency(&mut self, emergency: Emergency) {
         if self.is_responding() && self.al.state().has_mailbox() {
@@ -385,12 +365,10 @@ impl Gateway {
         }
     }
 
-    /// Whether an emergency waits for the read mailbox.
     pub(crate) fn has_emergency(&self) -> bool {
         !self.emergencies.is_empty()
     }
 
-    /// Takes the oldest emergency.
     pub(crate) fn take_emergency(&mut self) -> Option<Emergency> {
         self.emergencies.pop()
     }

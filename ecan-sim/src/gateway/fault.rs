@@ -1,5 +1,3 @@
-//! Faults that a scenario or a test injects into a gateway.
-
 use ecan_protocol::object::AbortCode;
 
 /// A fault of a gateway.
@@ -64,14 +62,12 @@ struct SdoAbort {
     times: u32,
 }
 
-/// Injected faults that are still to take effect.
 #[derive(Debug, Default)]
 pub(super) struct PendingFaults {
     sdo_aborts: Vec<SdoAbort>,
     torn_images: u32,
     crc_errors: u32,
     flash_failures: u32,
-    /// The mailbox does not respond before this time.
     pub(super) mailbox_silent_until: u64,
 }
 
@@ -92,7 +88,6 @@ impl PendingFaults {
         self.flash_failures = self.flash_failures.saturating_add(times);
     }
 
-    /// Takes an abort of one transfer of this object.
     pub(super) fn take_sdo_abort(&mut self, index: u16, subindex: u8) -> Option<AbortCode> {
         let matches = |abort: &SdoAbort| (abort.index, abort.subindex) == (index, subindex);
         let at = self.sdo_aborts.iter().position(matches)?;
@@ -105,17 +100,14 @@ impl PendingFaults {
         Some(code)
     }
 
-    /// Whether the next TxPDO image is torn.
     pub(super) fn take_torn_image(&mut self) -> bool {
         take_one(&mut self.torn_images)
     }
 
-    /// Whether the next TxPDO image has a wrong CRC.
     pub(super) fn take_crc_error(&mut self) -> bool {
         take_one(&mut self.crc_errors)
     }
 
-    /// Whether the next flash operation fails.
     pub(super) fn take_flash_failure(&mut self) -> bool {
         take_one(&mut self.flash_failures)
     }

@@ -1,11 +1,7 @@
-//! Access to firmware files and the EEPROM.
-
 use super::Gateway;
 use super::firmware_update::{FirmwareProgress, FirmwareUpdateError};
 
 impl Gateway {
-    // Firmware
-
     /// Begins a firmware update: erases the free partition. An update in progress is abandoned.
     /// Not for the cycle: allocates.
     ///
@@ -66,8 +62,6 @@ impl Gateway {
     pub fn running_firmware(&self) -> &[u8] {
         self.firmware.running_file()
     }
-
-    // EEPROM
 
     /// Sets the contents that the firmware gives an erased EEPROM. An empty EEPROM gets them now.
     pub fn install_eeprom(&mut self, default: Vec<u16>) {

@@ -4,14 +4,11 @@
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{ExtendedMatch, FilterAction, NonMatch, StandardMatch};
 
-/// Destination of a received frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Destination {
     Fifo0,
     Fifo1,
-    /// Dedicated receive buffer with this number.
     Buffer(u8),
-    /// Not accepted.
     Nowhere,
 }
 
@@ -20,7 +17,6 @@ pub(super) struct FilterResult {
     pub(super) destination: Destination,
     /// A filter marked the frame as high priority.
     pub(super) priority: bool,
-    /// Matching filter element.
     pub(super) filter: Option<u8>,
 }
 
@@ -84,7 +80,6 @@ impl FilterElement {
     }
 }
 
-/// Filter lists and rules of one channel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct FilterTable {
     pub(super) standard: Vec<FilterElement>,

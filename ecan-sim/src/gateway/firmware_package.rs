@@ -161,7 +161,6 @@ impl FirmwarePackage {
     }
 }
 
-/// Header of a package.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
     pub(super) device_type: u8,
@@ -204,7 +203,6 @@ impl Header {
         Ok(Self { device_type, version, payload_bytes, payload_crc })
     }
 
-    /// Checks length and CRC, and returns the payload of the file.
     pub(super) fn check_payload<'a>(
         &self,
         file: &'a [u8],

@@ -14,7 +14,6 @@ use super::firmware_package::{FirmwarePackage, FirmwarePackageError, Header};
 
 /// Bytes of an application partition, package header included.
 const PARTITION_BYTES: usize = 512 * 1024;
-/// Size of a flash sector.
 const SECTOR_BYTES: usize = 4096;
 const ERASE_NS: u64 = 100 * NS_PER_MS;
 const SECTOR_WRITE_NS: u64 = 2 * NS_PER_MS;
@@ -94,12 +93,10 @@ pub enum FirmwareProgress {
     },
 }
 
-/// A transfer into the free partition.
 #[derive(Debug)]
 struct Transfer {
     busy_since: u64,
     ready_at: u64,
-    /// Contents of the next sector.
     sector: Vec<u8>,
 }
 
@@ -116,7 +113,6 @@ impl Transfer {
     }
 }
 
-/// Partitions, boot mark, and an update in progress.
 #[derive(Debug)]
 pub(super) struct FirmwareUpdate {
     // survives power loss
@@ -142,7 +138,6 @@ fn check(file: &[u8]) -> Result<Header, FirmwareUpdateError> {
 }
 
 impl FirmwareUpdate {
-    /// With the factory version in the first partition and an empty second one.
     pub(super) fn new((major, minor): (u16, u16)) -> Self {
         let version = u32::from(major) << 16 | u32::from(minor);
         let package = FirmwarePackage::new(DEVICE_TYPE, version, FACTORY_PAYLOAD.to_vec());
@@ -158,7 +153,6 @@ impl FirmwareUpdate {
         }
     }
 
-    /// Power loss or reboot: an update in progress is lost.
     pub(super) fn stop(&mut self) {
         self.transfer = None;
         self.reset_at = None;
@@ -196,7 +190,6 @@ impl FirmwareUpdate {
         })
     }
 
-    /// When the gateway restarts with the marked partition.
     pub(super) fn reset_time(&self) -> Option<u64> {
         self.reset_at
     }
@@ -326,7 +319,6 @@ impl FirmwareUpdate {
         }
     }
 
-    /// Checks the file in the free partition.
     pub(super) fn validate(&self) -> Result<(), FirmwareUpdateError> {
         check(self.free_file()).map(|_| ())
     }

@@ -3,7 +3,6 @@
 
 use super::configuration_image::{ConfigurationImage, CrcError};
 
-/// Configuration memory, empty at first.
 #[derive(Debug, Default)]
 pub(super) struct Flash {
     bytes: Vec<u8>,

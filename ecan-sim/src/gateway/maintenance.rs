@@ -44,7 +44,6 @@ pub(super) enum PendingCommand {
     Execute(u32),
 }
 
-/// Access mode and command status of 0xB000.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Maintenance {
     mode: AccessMode,
@@ -61,12 +60,10 @@ impl Maintenance {
             .then(|| now.saturating_add(u64::from(timeout_s) * 1_000_000_000));
     }
 
-    /// When the access mode returns to run.
     pub(super) fn mode_ends(&self) -> Option<u64> {
         self.mode_ends
     }
 
-    /// Returns the access mode to run when its time is over.
     pub(super) fn expire(&mut self, now: u64) {
         if self.mode_ends.is_some_and(|ends| ends <= now) {
             self.mode = AccessMode::Run;
@@ -74,12 +71,10 @@ impl Maintenance {
         }
     }
 
-    /// Engineering or factory mode.
     pub(super) fn is_engineering(&self) -> bool {
         self.mode >= AccessMode::Engineering
     }
 
-    /// Starts a maintenance command; 0 is no command.
     pub(super) fn command(&mut self, bits: u32, in_op: bool, is_receiving: bool) -> PendingCommand {
         if bits == 0 {
             return PendingCommand::Nothing;
@@ -108,12 +103,10 @@ impl Maintenance {
             && !(is_receiving && bits & (VALIDATE | ACTIVATE | REBUILD_EEPROM) != 0)
     }
 
-    /// A command begins that takes time.
     pub(super) fn begin(&mut self) {
         self.status = MaintenanceStatus::Busy;
     }
 
-    /// A command is complete.
     pub(super) fn finish(&mut self, status: MaintenanceStatus) {
         self.status = status;
         self.sequence = self.sequence.wrapping_add(1);

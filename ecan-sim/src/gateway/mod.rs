@@ -109,7 +109,7 @@ pub struct Gateway {
     firmware: FirmwareUpdate,
     faults: PendingFaults,
     counters: GatewayCounters,
-    /// Events so far that no call asked for.
+    /// Events so far that no call asked for; a caller compares it to notice changes.
     acts: u64,
 }
 
@@ -191,8 +191,6 @@ impl Gateway {
         }
     }
 
-    // Time
-
     /// The next time at which the gateway acts without a call.
     #[must_use]
     pub fn next_event(&self) -> Option<u64> {
@@ -222,12 +220,10 @@ impl Gateway {
         self.now = self.now.max(now);
     }
 
-    /// Events so far that no call asked for. A caller compares it to notice changes.
     pub(crate) fn acts(&self) -> u64 {
         self.acts
     }
 
-    /// Executes the first event that is due.
     fn act(&mut self) {
         self.acts += 1;
         let now = self.now;
@@ -264,8 +260,6 @@ impl Gateway {
         (self.al.state() == AlState::SafeOp).then(|| self.services.idle_due())
     }
 
-    // Boot
-
     fn boot(&mut self) {
         self.lose_volatile_state();
         self.power.boot(self.now);
@@ -293,8 +287,6 @@ impl Gateway {
         self.firmware.stop();
         self.emergencies.clear();
     }
-
-    // Data-path service
 
     fn serve(&mut self) {
         let is_op = self.al.is_op();

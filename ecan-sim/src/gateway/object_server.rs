@@ -23,24 +23,20 @@ const TEST_REJECT_REASON: u8 = 9;
 /// A policy without the key, or the key removed while a policy is set.
 const LOCKED: u32 = 1;
 
-/// Values and filter lists of all objects.
 #[derive(Debug)]
 pub(super) struct ObjectServer {
     pub(super) values: DictionaryValues,
     pub(super) filters: [FilterLists; CHANNELS],
 }
 
-/// Data of a download.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Payload {
-    /// An integer.
     Value(u32),
     /// A 16-byte unit of process data.
     Unit,
 }
 
 impl ObjectServer {
-    /// With the factory values.
     pub(super) fn new() -> Self {
         let mut server = Self {
             values: DictionaryValues::new(),
@@ -50,7 +46,6 @@ impl ObjectServer {
         server
     }
 
-    /// Power loss: factory values.
     pub(super) fn reset(&mut self) {
         self.values.reset();
         for lists in &mut self.filters {
@@ -65,7 +60,6 @@ impl ObjectServer {
         }
     }
 
-    /// Finds object and entry.
     pub(super) fn find(
         index: u16,
         subindex: u8,
@@ -75,7 +69,6 @@ impl ObjectServer {
         Ok((object, entry))
     }
 
-    /// Checks access and length of a download, and decodes it.
     pub(super) fn decode(entry: &Entry, data: &[u8]) -> Result<Payload, AbortCode> {
         if !entry.access.can_write() {
             return Err(AbortCode::READ_ONLY);
@@ -124,8 +117,6 @@ impl ObjectServer {
         Ok(())
     }
 
-    // Test policies
-
     fn check_test_policies(&mut self, subindex: u8, value: u32) -> Result<(), AbortCode> {
         let mut locked = false;
         self.test_policies_with(Some((subindex, value)))
@@ -157,8 +148,6 @@ impl ObjectServer {
             Err(never) => match never {},
         }
     }
-
-    // PDO assignment
 
     /// 0x1C12 and 0x1C13 are writable in PREOP and SAFEOP, an entry only while the count is 0
     /// and only with a map of the direction.
@@ -204,9 +193,6 @@ impl ObjectServer {
         self.assigned_chunks(direction).map_or(0, |chunks| usize::from(chunks) * CHUNK_BYTES)
     }
 
-    // Channel objects
-
-    /// Executes a command of the filter editing window.
     pub(super) fn edit_filters(&mut self, channel: usize, extended: bool, command: u8) {
         if let Some(lists) = self.filters.get_mut(channel) {
             let index = FIRST_CHANNEL_OBJECT + channel as u16;

@@ -9,7 +9,6 @@ pub(super) struct PinRotation {
 }
 
 impl PinRotation {
-    /// Power loss: no rotation.
     pub(super) fn reset(&mut self) {
         self.active = 0;
         self.changes = self.changes.wrapping_add(1);
@@ -25,7 +24,6 @@ impl PinRotation {
         true
     }
 
-    /// Changes so far, resets included.
     pub(super) fn changes(&self) -> u32 {
         self.changes
     }

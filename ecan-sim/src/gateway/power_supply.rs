@@ -1,5 +1,3 @@
-//! Supply voltage, boot and reboot of a gateway.
-
 use super::NS_PER_MS;
 
 /// From the reboot command to the reboot: the master fetches the response in this time.
@@ -12,7 +10,6 @@ enum PowerState {
     On,
 }
 
-/// Supply and boot of a gateway.
 #[derive(Debug)]
 pub(super) struct PowerSupply {
     state: PowerState,
@@ -23,7 +20,6 @@ pub(super) struct PowerSupply {
 }
 
 impl PowerSupply {
-    /// A switched off supply; a boot takes `boot_ms`.
     pub(super) fn new(boot_ms: u32) -> Self {
         let boot_ns = u64::from(boot_ms) * NS_PER_MS;
         Self { state: PowerState::Off, boot_ns, boots: 0, booted_at: 0, reboot_at: None }
@@ -33,7 +29,6 @@ impl PowerSupply {
         self.state == PowerState::Off
     }
 
-    /// The supply is on and the boot is complete.
     pub(super) fn is_running(&self) -> bool {
         self.state == PowerState::On
     }

@@ -28,7 +28,6 @@ pub(super) mod subindex {
     pub(in crate::gateway) const OVERFLOW_COUNTER: u8 = 16;
 }
 
-/// Bits of the command, subindex 8.
 pub(super) const COMMAND_RESET_SESSION: u32 = 1 << 0;
 pub(super) const COMMAND_CLEAR_ERRORS: u32 = 1 << 1;
 
@@ -37,7 +36,6 @@ const EXISTING_CHANNELS: u8 = 0x0F;
 /// Status and, if one fits, last PDO error of a rejected profile.
 type Rejection = (ProfileStatus, Option<PdoError>);
 
-/// Profiles of both directions.
 #[derive(Debug)]
 pub(super) struct Profiles {
     tx: ProfileControl,
@@ -91,12 +89,10 @@ impl ProfileControl {
         }
     }
 
-    /// The active profile; `None` before the first apply.
     pub(super) fn active(&self) -> Option<PdoProfile> {
         self.active
     }
 
-    /// Image size of the active profile, 0 without one.
     pub(super) fn active_bytes(&self) -> usize {
         self.active.map_or(0, |profile| profile.pdo_bytes())
     }
@@ -188,7 +184,6 @@ impl ProfileControl {
         }
     }
 
-    /// An image was invalid.
     pub(super) fn note_error(&mut self, error: PdoError) {
         self.last_error = error;
         self.error_counter = self.error_counter.saturating_add(1);
@@ -230,7 +225,6 @@ impl ProfileControl {
     pub(super) fn readback(&self, subindex: u8) -> Option<u32> {
         let active = self.active;
         Some(match subindex {
-            // commands read as 0
             subindex::APPLY | subindex::COMMAND => 0,
             subindex::STATUS => u32::from(self.status.raw()),
             subindex::ACTIVE_BYTES => self.active_bytes() as u32,

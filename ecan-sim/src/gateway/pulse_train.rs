@@ -1,9 +1,7 @@
-//! Sync0 pulses (manual 8.4).
-
 use super::config::Sync0;
 use super::dc_clock::LinearClock;
 
-/// Sync0 pulses: equidistant in the slave's system time; results are in simulated time.
+/// Sync0 pulses (manual 8.4), equidistant in the slave's system time; results are simulated time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PulseTrain {
     /// In system time; `None` if the start had passed when Sync0 was set: no pulse ever comes.
@@ -52,7 +50,6 @@ impl PulseTrain {
         self.first_system_ns?.checked_add(passed)
     }
 
-    /// Time since the first pulse; `None` before it.
     fn since_first(self, now: u64) -> Option<u64> {
         self.line.system(now).checked_sub(self.first_system_ns?)
     }

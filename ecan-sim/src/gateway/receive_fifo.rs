@@ -17,7 +17,6 @@ pub(super) struct Received {
     pub(super) source: u8,
 }
 
-/// A receive FIFO with its get and put indices.
 #[derive(Debug)]
 pub(super) struct ReceiveFifo {
     elements: VecDeque<Received>,
@@ -105,7 +104,6 @@ impl ReceiveFifo {
     }
 }
 
-/// The next index in a ring of `size` elements.
 pub(super) fn wrap_increment(index: u32, size: usize) -> u32 {
     match u32::try_from(size) {
         Ok(size) if index + 1 < size => index + 1,

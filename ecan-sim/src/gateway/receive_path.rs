@@ -28,7 +28,6 @@ pub(super) struct ReceivePath {
     pub(super) dropped_critical: u32,
     pub(super) consumed_last: u16,
     pub(super) consumed_max: u16,
-    /// Frames dropped since the last TxPDO image, for its overflow count.
     pub(super) dropped_since_image: u32,
     overflows_in_a_row: u32,
     degraded: bool,
@@ -74,7 +73,6 @@ impl ReceivePath {
         self.cache.pop_front()
     }
 
-    /// Empties the cache; returns the number of lost frames.
     pub(super) fn flush(&mut self) -> usize {
         let lost = self.cache.len();
         self.cache.clear();
@@ -109,7 +107,6 @@ impl ReceivePath {
         self.consumed_max = self.consumed_max.max(frames);
     }
 
-    /// The controller lost a frame because its FIFO was full.
     pub(super) fn note_controller_loss(&mut self) {
         self.count_drop(Dropped::New);
     }

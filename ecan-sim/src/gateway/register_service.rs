@@ -16,7 +16,6 @@ use super::dictionary_values::DictionaryValues;
 
 const FIRST_SERVICE: u16 = 0xA000;
 
-// Subindices of the service.
 const OFFSET: u8 = 1;
 const COMMAND: u8 = 2;
 const STATUS: u8 = 3;
@@ -36,13 +35,11 @@ const OFFSET_INVALID: u32 = 1;
 const WRITE_DENIED: u32 = 2;
 const ACCESS_DENIED: u32 = 4;
 
-/// Register service of one channel, on the parts that it uses.
 pub(super) struct RegisterService<'a> {
     pub(super) number: usize,
     pub(super) values: &'a mut DictionaryValues,
     pub(super) channels: &'a mut [Channel; CHANNELS],
     pub(super) counters: &'a mut GatewayCounters,
-    /// Engineering or factory mode.
     pub(super) is_engineering: bool,
 }
 
@@ -51,7 +48,6 @@ impl RegisterService<'_> {
         FIRST_SERVICE + self.number as u16
     }
 
-    /// Executes the stored command.
     pub(super) fn execute(&mut self, now: u64) {
         let index = self.index();
         let status = match self.values.get_u8(index, COMMAND) {

@@ -5,13 +5,11 @@ use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
 
 #[derive(Debug)]
 pub(super) enum ParsedImage<'a> {
-    /// A new image; its packets are still to be parsed.
     New(Image<'a>),
     /// The previous image again, byte for byte: a no-op.
     Repeated,
 }
 
-/// Parser of RxPDO images of the active profile.
 #[derive(Debug)]
 pub(super) struct RxPdoParser {
     reader: Option<ImageReader>,
@@ -30,7 +28,6 @@ impl RxPdoParser {
         }
     }
 
-    /// Sets the active profile, and whether images need a CRC.
     pub(super) fn configure(&mut self, profile: Option<PdoProfile>, crc: bool) {
         self.reader =
             profile.map(|profile| ImageReader::new(Direction::RxPdo, profile).with_crc(crc));
@@ -42,10 +39,7 @@ impl RxPdoParser {
         self.last_length = 0;
     }
 
-    /// Parses header, CRC and sequence number of an image, and keeps a copy of a new one.
-    ///
-    /// # Errors
-    /// A fault of header, CRC, layout or sequence number.
+    /// Checks header, CRC and sequence number of an image, and keeps a copy of a new one.
     pub(super) fn parse<'a>(&mut self, image: &'a [u8]) -> Result<ParsedImage<'a>, PdoError> {
         let Some(reader) = &self.reader else {
             return Err(PdoError::ActiveArea);

@@ -10,7 +10,6 @@ use crate::random::Random;
 /// Largest number of waiting frames. The manual specifies no size; this is the size of a TX ring.
 const SCHEDULE_DEPTH: usize = 64;
 
-/// A frame that waits for its phase.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scheduled {
     pub(super) due_ns: u64,
@@ -57,7 +56,6 @@ impl ScheduleQueue {
             .map(|entry| entry.due_ns.saturating_add(self.timer_delay(entry.due_ns)))
     }
 
-    /// Takes the first frame that is due.
     pub(super) fn pop_due(&mut self, now: u64) -> Option<Scheduled> {
         if self.next_due()? <= now { self.entries.pop_front() } else { None }
     }
@@ -66,14 +64,12 @@ impl ScheduleQueue {
         self.entries.iter().filter(|entry| entry.channel == channel).count()
     }
 
-    /// Drops everything; returns the number of frames.
     pub(super) fn flush(&mut self) -> usize {
         let dropped = self.entries.len();
         self.entries.clear();
         dropped
     }
 
-    /// Drops the frames of one channel; returns their number.
     pub(super) fn flush_channel(&mut self, channel: usize) -> usize {
         let before = self.entries.len();
         self.entries.retain(|entry| entry.channel != channel);

@@ -1,5 +1,3 @@
-//! SDO transfers and the commands that downloads set off.
-
 use ecan_protocol::config::ApplyStatus;
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::{Direction, UNIT_BYTES, buffer_offset, locate_data_object};
@@ -109,8 +107,6 @@ impl Gateway {
         }
     }
 
-    // Values
-
     pub(crate) fn text(&self, index: u16) -> String {
         let (major, minor) = self.firmware.version();
         match index {
@@ -145,7 +141,6 @@ impl Gateway {
         Ok(())
     }
 
-    /// The value of an integer entry, computed or stored.
     fn value(&mut self, index: u16, subindex: u8) -> u32 {
         let data_path = &mut self.application.data_path;
         let channel = |first: u16| usize::from(index - first);
@@ -204,8 +199,6 @@ impl Gateway {
             _ => self.maintenance.readback(subindex),
         }
     }
-
-    // Commands
 
     fn execute(&mut self, command: Command) {
         let state = self.al.state();
@@ -293,7 +286,6 @@ impl Gateway {
         }
     }
 
-    /// The command in progress completes.
     pub(super) fn finish_store_command(&mut self) {
         let mut target = Target {
             application: &mut self.application,

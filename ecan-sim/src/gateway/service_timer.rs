@@ -1,8 +1,3 @@
-//! When the data-path service runs.
-//!
-//! One service follows each complete SM2 write after `service_delay_ns`. In SAFEOP, where no SM2
-//! write paces the services, one runs every `idle_service_ns`.
-
 use super::config::GatewayModelConfig;
 
 #[derive(Debug)]
@@ -20,7 +15,6 @@ pub(super) struct ServiceTimer {
 }
 
 impl ServiceTimer {
-    /// `seed` determines the jitter.
     pub(super) fn new(config: &GatewayModelConfig, seed: u64) -> Self {
         Self {
             delay_ns: config.service_delay_ns,
@@ -35,7 +29,6 @@ impl ServiceTimer {
         }
     }
 
-    /// The master completed an SM2 write.
     pub(super) fn outputs_written(&mut self, now: u64) {
         self.outputs_at = now;
         let jitter = self.draw(self.jitter_ns);
@@ -47,7 +40,6 @@ impl ServiceTimer {
         self.outputs_at
     }
 
-    /// Due time of the service for the last SM2 write.
     pub(super) fn due(&self) -> Option<u64> {
         self.due.map(|due| due.max(self.stalled_until))
     }
@@ -57,7 +49,6 @@ impl ServiceTimer {
         self.due = None;
     }
 
-    /// Due time of the next service in SAFEOP.
     pub(super) fn idle_due(&self) -> u64 {
         self.idle_due.max(self.stalled_until)
     }
@@ -66,17 +57,14 @@ impl ServiceTimer {
         self.idle_due = now + self.idle_ns;
     }
 
-    /// Fault: no service runs before this time.
     pub(super) fn stall_until(&mut self, until: u64) {
         self.stalled_until = until;
     }
 
-    /// A service was completed.
     pub(super) fn served(&mut self, now: u64) {
         self.last = now;
     }
 
-    /// Time of the last service.
     pub(super) fn last(&self) -> u64 {
         self.last
     }

@@ -19,7 +19,6 @@ const SHORTEST_MAILBOX: u16 = 34;
 /// End of the registers.
 const MEMORY_START: u16 = 0x1000;
 
-/// One single-buffer sync manager with its memory.
 #[derive(Debug)]
 pub(super) struct SingleBuffer {
     config: Option<SyncManagerConfig>,
@@ -53,12 +52,10 @@ impl SingleBuffer {
         self.full
     }
 
-    /// Marks the buffer as empty; the memory keeps its bytes.
     pub(super) fn empty(&mut self) {
         self.full = false;
     }
 
-    /// Power loss: memory cleared, sync manager disabled.
     fn clear(&mut self) {
         self.configure(None);
         self.data.fill(0);
@@ -95,7 +92,6 @@ impl SingleBuffer {
         self.data.get(..self.length().unwrap_or(0)).unwrap_or_default()
     }
 
-    /// The whole memory.
     pub(super) fn memory(&self) -> &[u8] {
         &self.data
     }
@@ -107,7 +103,6 @@ impl SingleBuffer {
         }
     }
 
-    /// The firmware fills the buffer for the master.
     pub(super) fn publish(&mut self, image: &[u8]) {
         self.store_at(0, image);
         self.full = true;
@@ -142,7 +137,6 @@ impl SyncManagers {
         }
     }
 
-    /// Power loss: all disabled, memory cleared.
     pub(super) fn reset(&mut self) {
         self.mailboxes = [None; 2];
         self.outputs.clear();
@@ -150,7 +144,6 @@ impl SyncManagers {
         self.end_partial_read();
     }
 
-    /// Configuration of a sync manager, 0 to 3.
     pub(super) fn config(&self, sm: u8) -> Option<SyncManagerConfig> {
         match sm {
             2 => self.outputs.config,
@@ -192,10 +185,7 @@ impl SyncManagers {
         is_valid(to_slave, true) && is_valid(from_slave, false) && !overlap(to_slave, from_slave)
     }
 
-    /// Checks SM2 and SM3 against the image sizes of both directions.
-    ///
-    /// # Errors
-    /// The AL status code of the first invalid one.
+    /// Checks SM2 and SM3 against the image sizes; the error is that of the first invalid one.
     pub(super) fn check_process_data(
         &self,
         output_bytes: usize,
@@ -211,7 +201,6 @@ impl SyncManagers {
         Ok(())
     }
 
-    /// Empties both process data buffers.
     pub(super) fn empty_process_data(&mut self) {
         self.outputs.empty();
         self.inputs.empty();
@@ -224,22 +213,18 @@ impl SyncManagers {
         self.process_data_stops = self.process_data_stops.wrapping_add(1);
     }
 
-    /// Number of times that process data stopped.
     pub(super) fn process_data_stops(&self) -> u32 {
         self.process_data_stops
     }
 
-    /// The mailboxes stop: their contents are void.
     pub(super) fn stop_mailboxes(&mut self) {
         self.mailbox_stops = self.mailbox_stops.wrapping_add(1);
     }
 
-    /// Number of times that the mailboxes stopped.
     pub(super) fn mailbox_stops(&self) -> u32 {
         self.mailbox_stops
     }
 
-    /// The master has read a part of SM3 and continues in another datagram.
     pub(super) fn begin_partial_read(&mut self) {
         self.is_reading_inputs = true;
     }
@@ -280,7 +265,6 @@ fn is_valid(config: Option<SyncManagerConfig>, direction: Direction, bytes: usiz
         && end <= PROCESS_DATA_END
 }
 
-/// Whether two enabled sync managers share memory.
 fn overlap(a: Option<SyncManagerConfig>, b: Option<SyncManagerConfig>) -> bool {
     let (Some(a), Some(b)) = (a, b) else {
         return false;

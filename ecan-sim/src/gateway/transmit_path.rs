@@ -31,7 +31,6 @@ pub(super) struct Pending {
     pub(super) reference: Option<Reference>,
 }
 
-/// TX_RESULT packets that wait for a TxPDO image.
 #[derive(Debug)]
 pub(super) struct ResultQueue {
     results: VecDeque<TxResult>,
@@ -241,7 +240,6 @@ impl TransmitPath {
         dropped
     }
 
-    /// Drops everything as stale and counts it.
     pub(super) fn flush_into(&mut self, counters: &mut GatewayCounters) {
         counters.transmit_losses.stale += self.flush() as u64;
     }

@@ -82,7 +82,6 @@ impl Budget {
     }
 }
 
-/// Frames that a TxPDO image could not deliver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct UndeliveredFrames {
     /// Frames that wait for the next image.
@@ -93,7 +92,6 @@ pub(super) struct UndeliveredFrames {
     pub(super) oversized: u32,
 }
 
-/// Builds TxPDO images in a shadow buffer.
 #[derive(Debug)]
 pub(super) struct TxPdoBuilder {
     writer: Option<ImageWriter>,

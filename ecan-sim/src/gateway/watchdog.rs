@@ -1,8 +1,5 @@
-//! Process data watchdog of the slave controller.
-
 use super::NS_PER_MS;
 
-/// Timeout after power-on.
 const DEFAULT_TIMEOUT_NS: u64 = 100 * NS_PER_MS;
 
 /// Process data watchdog. Each complete SM2 write feeds it.
@@ -48,12 +45,10 @@ impl Watchdog {
         self.is_expired = true;
     }
 
-    /// Expirations since power-on or reboot.
     pub(super) fn expirations(&self) -> u32 {
         self.expirations
     }
 
-    /// It has expired and was not fed since.
     pub(super) fn is_expired(&self) -> bool {
         self.is_expired
     }

@@ -8,20 +8,16 @@ pub(super) enum MailboxError {
     UnsupportedProtocol = 2,
     InvalidChannel = 3,
     ServiceNotSupported = 4,
-    /// The protocol's header is wrong.
     InvalidHeader = 5,
     SizeTooShort = 6,
-    /// Too many requests at once.
     NoMemory = 7,
     /// The length in the header, or that of the response, does not fit the mailbox.
     InvalidSize = 8,
 }
 
 impl MailboxError {
-    /// Command of the only service.
     const REPLY: u16 = 1;
 
-    /// The message after the mailbox header.
     pub(super) fn message(self) -> Vec<u8> {
         let [c0, c1] = Self::REPLY.to_le_bytes();
         let [d0, d1] = (self as u16).to_le_bytes();

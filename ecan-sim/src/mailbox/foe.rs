@@ -24,7 +24,6 @@ mod opcode {
     pub(super) const BUSY: u8 = 6;
 }
 
-/// An FoE error: number and text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Fault {
     code: u32,
@@ -144,7 +143,6 @@ impl FoeServer {
         }
     }
 
-    /// Abandons the transfer in progress.
     fn end_write(&mut self, gateway: &mut Gateway) {
         if matches!(self.transfer, Transfer::Write { .. } | Transfer::LastWritten { .. }) {
             gateway.abandon_firmware_update();
@@ -152,7 +150,6 @@ impl FoeServer {
         self.transfer = Transfer::Idle;
     }
 
-    /// A data packet of the master.
     fn take(
         &mut self,
         now: u64,
@@ -189,7 +186,6 @@ impl FoeServer {
         Ok(())
     }
 
-    /// The master acknowledges a data packet.
     fn acknowledged(
         &mut self,
         number: u32,
@@ -210,7 +206,6 @@ impl FoeServer {
         }
     }
 
-    /// Sends the running package from `offset` on.
     fn send(
         &mut self,
         number: u32,

@@ -2,12 +2,9 @@
 
 pub(super) const HEADER_BYTES: usize = 6;
 
-/// Protocols of mailbox messages.
 pub(super) mod protocol {
     pub(in crate::mailbox) const ERROR: u8 = 0;
-    /// CAN application protocol over EtherCAT.
     pub(in crate::mailbox) const COE: u8 = 3;
-    /// File access over EtherCAT.
     pub(in crate::mailbox) const FOE: u8 = 4;
     /// Undefined protocol numbers.
     pub(in crate::mailbox) const RESERVED: std::ops::RangeInclusive<u8> = 6..=14;
@@ -21,7 +18,6 @@ pub(super) struct Header {
     pub(super) address: u16,
     /// Channel, 0 to 63; only 0 exists.
     pub(super) channel: u8,
-    /// Protocol, 0 to 15.
     pub(super) protocol: u8,
     /// Counter of the message, 1 to 7; 0 is none.
     pub(super) counter: u8,

@@ -1,5 +1,3 @@
-//! Queue of messages for the read mailbox, and the last one for a repeat.
-
 use std::collections::VecDeque;
 
 use super::errors::MailboxError;
@@ -8,7 +6,6 @@ use super::header::{HEADER_BYTES, Header, protocol};
 /// Size of the queue; a response of several fragments counts once.
 const KEPT: usize = 8;
 
-/// Destination and protocol of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct MessageAddress {
     /// Station address of the requester.
@@ -16,7 +13,6 @@ pub(super) struct MessageAddress {
     pub(super) protocol: u8,
 }
 
-/// Response to one request.
 #[derive(Debug)]
 struct Answer {
     ready: u64,
@@ -29,7 +25,6 @@ struct Answer {
 #[derive(Debug, Default)]
 pub(super) struct ResponseQueue {
     answers: VecDeque<Answer>,
-    /// Counter of the last message.
     counter: u8,
 }
 
@@ -63,7 +58,6 @@ impl ResponseQueue {
         }
     }
 
-    /// When the first response is ready.
     pub(super) fn next_ready(&self) -> Option<u64> {
         self.answers.front().map(|answer| answer.ready)
     }

@@ -63,31 +63,14 @@ impl Version {
     }
 }
 
-/// Reason why the package cannot be written.
 #[derive(Debug, Error)]
 pub enum FirmwareError {
-    /// The application cannot be read.
     #[error("cannot read {}: {error}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        error: std::io::Error,
-    },
-    /// The package cannot be written.
+    Read { path: PathBuf, error: std::io::Error },
     #[error("cannot write {}: {error}", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        error: std::io::Error,
-    },
+    Write { path: PathBuf, error: std::io::Error },
 }
 
-/// Writes the package.
-///
-/// # Errors
-/// A [`FirmwareError`].
 pub fn run(arguments: &FirmwareArguments) -> Result<(), FirmwareError> {
     let FirmwareArguments { version, out, device_type, application } = arguments;
     let application = match application {

@@ -1,5 +1,3 @@
-//! Messages of the program.
-
 use std::fmt::Display;
 use std::io::Write;
 
@@ -7,14 +5,11 @@ use std::io::Write;
 /// Write errors are ignored, so that a closed pipe does not end the program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Screen {
-    /// Messages are the output of the program.
     Output,
-    /// Standard output carries the dump.
     OutputIsData,
 }
 
 impl Screen {
-    /// Prints a line.
     pub fn line(self, line: impl Display) {
         let _ = match self {
             Self::Output => writeln!(std::io::stdout(), "{line}"),
@@ -22,7 +17,6 @@ impl Screen {
         };
     }
 
-    /// Prints the error that ends the program.
     pub fn error(error: &dyn Display) {
         let _ = writeln!(std::io::stderr(), "ecan-sim: {error}");
     }

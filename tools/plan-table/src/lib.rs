@@ -122,7 +122,6 @@ fn channels(text: &mut String, plan: &PortPlan) -> std::fmt::Result {
     writeln!(text, "frames per cycle; bus load without stuff bits, and with all possible ones")
 }
 
-/// Whole numbers plainly, others with two digits.
 fn number(value: f64) -> String {
     if value.fract() == 0.0 { format!("{value}") } else { format!("{value:.2}") }
 }

@@ -1,5 +1,3 @@
-//! A bridge that joins a bus while the simulation runs.
-
 use std::net::SocketAddr;
 
 use ecan_bridge::{BridgeInfo, BridgeStatistics, ServerError};

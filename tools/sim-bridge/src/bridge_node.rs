@@ -1,5 +1,3 @@
-//! The bridge as a station of its bus.
-
 use std::collections::VecDeque;
 use std::net::SocketAddr;
 
@@ -24,7 +22,6 @@ const CONTROLLER_DEPTH: usize = 2;
 pub struct BridgeNode {
     server: BridgeServer,
     due: Option<u64>,
-    /// Frames given to the controller, with their senders.
     in_flight: VecDeque<(ClientId, CanFrame)>,
 }
 

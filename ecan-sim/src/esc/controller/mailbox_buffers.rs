@@ -8,7 +8,6 @@ use super::Controller;
 use super::memory::{READ_MAILBOX, WRITE_MAILBOX};
 use super::registers::REGISTER_BYTES;
 
-/// State of the mailboxes outside the memory.
 pub(super) struct MailboxBuffers {
     server: MailboxServer,
     /// The last message read, for a repeat.
@@ -23,14 +22,12 @@ impl MailboxBuffers {
     }
 }
 
-/// Memory range of a buffer.
 fn place(sm: SyncManager) -> std::ops::Range<usize> {
     let start = sm.start().saturating_sub(REGISTER_BYTES);
     start..start + sm.length()
 }
 
 impl Controller {
-    /// Passes the write mailbox to the firmware, and fills the read mailbox.
     pub(super) fn serve_mailbox(&mut self, context: &mut Context<'_>) {
         let now = context.now;
         if !context.gateway.mailbox_answers(now) {

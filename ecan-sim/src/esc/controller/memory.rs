@@ -6,11 +6,9 @@ use super::super::sync_manager::Progress;
 use super::Controller;
 use super::registers::REGISTER_BYTES;
 
-/// End of the memory: 8 KiB after the registers.
 const MEMORY_END: usize = REGISTER_BYTES + 0x2000;
 pub(in crate::esc) const MEMORY_BYTES: usize = MEMORY_END - REGISTER_BYTES;
 
-/// Sync managers by their use.
 pub(in crate::esc) const WRITE_MAILBOX: usize = 0;
 pub(in crate::esc) const READ_MAILBOX: usize = 1;
 pub(in crate::esc) const OUTPUTS: usize = 2;
@@ -70,7 +68,6 @@ impl Controller {
         is_done
     }
 
-    /// Writes for the master.
     pub(in crate::esc) fn write(
         &mut self,
         at: u16,

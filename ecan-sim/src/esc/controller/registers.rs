@@ -99,7 +99,6 @@ const WATCHDOG_STEP_NS: u64 = 40;
 const AL_STATE: u8 = 0x0F;
 const AL_ACKNOWLEDGE: u8 = 0x10;
 
-/// Event requests of the master.
 pub(in crate::esc) mod event {
     pub(crate) const DL_STATUS: u16 = 1 << 2;
     pub(crate) const AL_STATUS: u16 = 1 << 3;
@@ -111,7 +110,6 @@ fn touches(at: usize, bytes: usize, register: usize, length: usize) -> bool {
     at < register + length && register < at + bytes
 }
 
-/// Values after power-on.
 pub(in crate::esc) fn initial() -> Box<[u8]> {
     let mut registers = vec![0; REGISTER_BYTES].into_boxed_slice();
     for (at, bytes) in DEFAULTS {
@@ -131,13 +129,11 @@ impl Controller {
         }
     }
 
-    /// Increments a one-byte counter, up to its limit.
     pub(in crate::esc) fn count(&mut self, at: usize) {
         let [value] = self.stored(at);
         self.store(at, &[value.saturating_add(1)]);
     }
 
-    /// The master reads registers.
     pub(in crate::esc) fn read_registers(
         &mut self,
         at: usize,
@@ -157,7 +153,6 @@ impl Controller {
         }
     }
 
-    /// Updates computed registers.
     fn refresh(&mut self, at: usize, bytes: usize, context: &Context<'_>) {
         let touches = |register, length| touches(at, bytes, register, length);
         if touches(address::DL_STATUS, 2) {
@@ -262,7 +257,6 @@ impl Controller {
         is_done
     }
 
-    /// Executes the effects of written registers.
     fn after_write(&mut self, at: usize, bytes: usize, context: &mut Context<'_>) {
         let touches = |register, length| touches(at, bytes, register, length);
         if touches(address::AL_CONTROL, 1) {
@@ -367,7 +361,6 @@ impl Controller {
         true
     }
 
-    /// The master has written the EEPROM interface.
     fn command_eeprom(
         &mut self,
         interface: &[u8; INTERFACE_BYTES],
@@ -386,7 +379,6 @@ impl Controller {
         }
     }
 
-    /// Loads the configuration from the EEPROM after power-on.
     pub(in crate::esc) fn load_configuration(&mut self, words: &[u16]) {
         self.load_interface_configuration(words);
         self.store(address::ALIAS, &words.get(4).copied().unwrap_or(0).to_le_bytes());
@@ -399,7 +391,6 @@ impl Controller {
         self.store(address::PULSE_LENGTH, &word(2));
     }
 
-    /// A frame could not be processed completely.
     pub(in crate::esc) fn count_processing_error(&mut self) {
         self.count(address::PROCESSING_ERRORS);
     }

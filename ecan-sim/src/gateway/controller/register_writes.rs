@@ -215,7 +215,6 @@ impl Controller {
     }
 }
 
-/// NBTP in physical values.
 fn nominal_timing(value: u32) -> BitTiming {
     let field = |shift: u32, bits: u32| 1 + (value >> shift & ((1 << bits) - 1)) as u16;
     clamp(
@@ -224,7 +223,6 @@ fn nominal_timing(value: u32) -> BitTiming {
     )
 }
 
-/// DBTP in physical values.
 fn data_timing(value: u32) -> BitTiming {
     let field = |shift: u32, bits: u32| 1 + (value >> shift & ((1 << bits) - 1)) as u16;
     clamp(

@@ -123,7 +123,6 @@ impl Controller {
         }
     }
 
-    /// NBTP.
     pub(in crate::gateway) fn nominal_timing_register(&self) -> u32 {
         if let Some(written) = self.written.nominal_timing {
             return written;
@@ -176,7 +175,6 @@ impl Controller {
         })
     }
 
-    /// XIDAM.
     pub(in crate::gateway) fn extended_mask_register(&self) -> u32 {
         let configured = self.config().map_or(0x1FFF_FFFF, |config| config.filters.extended_mask);
         self.written.extended_mask.unwrap_or(configured)

@@ -1,5 +1,3 @@
-//! Aborted transfers.
-
 use ecan_protocol::object::AbortCode;
 
 use super::{coe_header, service};

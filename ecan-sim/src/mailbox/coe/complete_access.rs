@@ -9,10 +9,8 @@ use ecan_protocol::object::{AbortCode, Entry, Object, object};
 
 use crate::gateway::Gateway;
 
-/// Bytes of subindex 0 in the block.
 const COUNT_BYTES: usize = 2;
 
-/// Properties of an object before its entries are accessed.
 fn open(index: u16, first: u8) -> Result<&'static Object, AbortCode> {
     let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
     if first > 1 {
@@ -35,7 +33,6 @@ fn block_bytes(object: &Object, entry: &Entry) -> usize {
     }
 }
 
-/// Subindex 0, if it is writable.
 fn writable_count(object: &Object) -> Option<&'static Entry> {
     object.entry(0).filter(|entry| object.highest_subindex() > 0 && entry.access.can_write())
 }
@@ -107,7 +104,6 @@ pub(super) fn download(
     }
 }
 
-/// Divides a block among the entries.
 fn split<'a>(
     object: &Object,
     first: u8,

@@ -6,7 +6,6 @@ use crate::gateway::Gateway;
 
 use super::entry_rights::entry_rights;
 
-/// Object codes.
 mod code {
     pub(super) const VAR: u8 = 7;
     pub(super) const ARRAY: u8 = 8;
@@ -28,7 +27,6 @@ mod value_info {
     pub(super) const MAXIMUM: u8 = 0x40;
 }
 
-/// Number of a data type.
 fn type_code(ty: ObjectType) -> u16 {
     match ty {
         ObjectType::I32 => 0x0004,
@@ -50,7 +48,6 @@ fn object_kind(index: u16, object: &Object) -> (u16, u8) {
     }
 }
 
-/// Description of an object, after the SDO information header.
 pub(super) fn describe_object(index: u16) -> Result<Vec<u8>, AbortCode> {
     let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
     let (data_type, code) = object_kind(index, object);

@@ -3,7 +3,6 @@
 
 use ecan_protocol::object::{Access, Entry, Object};
 
-/// Bits of the access field.
 pub(super) mod rights {
     /// Readable in PREOP, SAFEOP and OP.
     pub(in crate::mailbox::coe) const READ: u16 = 0x0007;
@@ -11,16 +10,13 @@ pub(super) mod rights {
     pub(in crate::mailbox::coe) const WRITE_SAFEOP: u16 = 0x0010;
     /// Writable in PREOP, SAFEOP and OP.
     pub(in crate::mailbox::coe) const WRITE: u16 = 0x0038;
-    /// An RxPDO maps it.
     pub(in crate::mailbox::coe) const RX_MAPPABLE: u16 = 0x0040;
-    /// A TxPDO maps it.
     pub(in crate::mailbox::coe) const TX_MAPPABLE: u16 = 0x0080;
     pub(in crate::mailbox::coe) const BACKUP: u16 = 0x0100;
     /// A startup parameter.
     pub(in crate::mailbox::coe) const SETTING: u16 = 0x0200;
 }
 
-/// The access field of an entry.
 pub(super) fn entry_rights(index: u16, entry: &Entry) -> u16 {
     let mut field = 0;
     if entry.access.can_read() {
@@ -53,7 +49,6 @@ pub(super) fn entry_rights(index: u16, entry: &Entry) -> u16 {
     field
 }
 
-/// Combined access fields of all entries of an object.
 pub(super) fn object_rights(index: u16, object: &Object) -> u16 {
     object.entries.iter().fold(0, |field, entry| field | entry_rights(index, entry))
 }

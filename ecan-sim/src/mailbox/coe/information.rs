@@ -8,7 +8,6 @@ use super::descriptions::{describe_entry, describe_object};
 use super::object_lists::object_list;
 use super::{COE_HEADER_BYTES, MailboxError, coe_header, service};
 
-/// Bytes of the SDO information header.
 const INFO_HEADER_BYTES: usize = 4;
 
 /// Services in the SDO information header.
@@ -24,7 +23,6 @@ mod opcode {
     pub(super) const INCOMPLETE: u8 = 0x80;
 }
 
-/// Processes a request; the response has messages of up to `room` bytes.
 pub(super) fn answer(
     request: &[u8],
     room: usize,

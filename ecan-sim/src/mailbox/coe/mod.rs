@@ -16,7 +16,6 @@ use crate::gateway::{Emergency, Gateway};
 
 use super::errors::MailboxError;
 
-/// Services in the CoE header.
 mod service {
     pub(super) const EMERGENCY: u8 = 1;
     pub(super) const SDO_REQUEST: u8 = 2;
@@ -28,12 +27,10 @@ mod service {
 
 const COE_HEADER_BYTES: usize = 2;
 
-/// A CoE header with number 0.
 const fn coe_header(service: u8) -> [u8; COE_HEADER_BYTES] {
     ((service as u16) << 12).to_le_bytes()
 }
 
-/// Message of an emergency, without mailbox header.
 pub(super) fn emergency_message(emergency: Emergency) -> Vec<u8> {
     let Emergency { code, register, data } = emergency;
     let mut message = Vec::with_capacity(10);
@@ -54,7 +51,6 @@ impl CoeServer {
         Self { sdo: SdoServer::new() }
     }
 
-    /// Processes a CoE message; returns its responses, of up to `room` bytes each.
     pub(super) fn request(
         &mut self,
         now: u64,

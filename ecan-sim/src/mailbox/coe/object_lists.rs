@@ -15,7 +15,6 @@ const MEMBERSHIP: [Option<u16>; 5] = [
     Some(rights::SETTING),
 ];
 
-/// Every object with its index, in ascending order.
 pub(super) fn all_objects() -> impl Iterator<Item = (u16, &'static Object)> {
     objects().iter().flat_map(|object| {
         (0..object.count).map(move |instance| (object.first + instance * object.stride, *object))
@@ -28,7 +27,6 @@ fn members(membership: Option<u16>) -> impl Iterator<Item = u16> {
     })
 }
 
-/// List of a type, or the lengths of all.
 pub(super) fn object_list(list_type: u16) -> Result<Vec<u16>, AbortCode> {
     if list_type == LENGTHS {
         let length = |membership: &Option<u16>| members(*membership).count() as u16;

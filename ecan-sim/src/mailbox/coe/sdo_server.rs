@@ -24,7 +24,6 @@ mod request {
     pub(super) const ABORT: u8 = 4;
 }
 
-/// Command bytes of the server.
 mod response {
     pub(super) const UPLOAD_SEGMENT: u8 = 0 << 5;
     pub(super) const DOWNLOAD_SEGMENT: u8 = 1 << 5;
@@ -39,7 +38,6 @@ const IS_EXPEDITED: u8 = 0x02;
 const LAST_SEGMENT: u8 = 0x01;
 const TOGGLE: u8 = 0x10;
 
-/// The first message of a transfer.
 struct Initiation<'a> {
     command: u8,
     target: Target,
@@ -65,8 +63,7 @@ impl SdoServer {
         Self { transfer: Transfer::Idle }
     }
 
-    /// Processes an SDO request; returns the response or the abort, of up to `room` bytes. A
-    /// request that initiates a transfer ends the previous one.
+    /// Returns the response or the abort. A request that begins a transfer ends the previous one.
     pub(super) fn request(
         &mut self,
         now: u64,
@@ -220,7 +217,6 @@ impl SdoServer {
     }
 }
 
-/// The response to the first message of a transfer.
 fn initiation_response(command: u8, target: Target, data: [u8; EXPEDITED]) -> Vec<u8> {
     let mut message = Vec::with_capacity(COE_HEADER_BYTES + SDO_BYTES);
     message.extend_from_slice(&coe_header(service::SDO_RESPONSE));

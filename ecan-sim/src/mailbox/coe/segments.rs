@@ -1,5 +1,3 @@
-//! Transfers of more than one message.
-
 use ecan_protocol::object::AbortCode;
 
 use super::target::Target;
@@ -15,7 +13,6 @@ pub(super) struct SegmentedUpload {
 }
 
 impl SegmentedUpload {
-    /// An upload with `sent` bytes already sent.
     pub(super) fn new(target: Target, data: Vec<u8>, sent: usize) -> Self {
         Self { target, data, sent, toggle: false }
     }
@@ -42,7 +39,6 @@ pub(super) struct SegmentedDownload {
 }
 
 impl SegmentedDownload {
-    /// A download of `announced` bytes, which begins with `first`.
     pub(super) fn new(target: Target, first: &[u8], announced: usize) -> Self {
         Self { target, data: first.to_vec(), announced, toggle: false }
     }

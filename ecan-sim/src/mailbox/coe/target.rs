@@ -1,5 +1,3 @@
-//! Object of an SDO transfer, and its data in the gateway.
-
 use ecan_protocol::object::{AbortCode, object};
 
 use crate::gateway::Gateway;
@@ -11,7 +9,6 @@ pub(super) const EXPEDITED: usize = 4;
 /// Bit of the command byte that begins a Complete Access.
 pub(super) const COMPLETE_ACCESS: u8 = 0x10;
 
-/// Object of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Target {
     pub(super) index: u16,

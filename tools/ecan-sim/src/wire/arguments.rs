@@ -1,5 +1,3 @@
-//! Options of `ecan-sim wire`.
-
 use std::path::PathBuf;
 use std::time::Duration;
 

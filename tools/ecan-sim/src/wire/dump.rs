@@ -1,5 +1,3 @@
-//! candump log of the CAN buses.
-
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -8,7 +6,6 @@ use ecan_candump::Record;
 use ecan_sim::World;
 use thiserror::Error;
 
-/// The log cannot be written.
 #[derive(Debug, Error)]
 #[error("cannot write {}: {error}", path.display())]
 pub struct DumpError {
@@ -16,7 +13,6 @@ pub struct DumpError {
     error: std::io::Error,
 }
 
-/// An open log.
 pub struct Dump {
     path: PathBuf,
     output: BufWriter<Box<dyn Write>>,
@@ -65,7 +61,6 @@ impl Dump {
         outcome.map_err(|error| self.fault(error))
     }
 
-    /// Flushes the log.
     pub fn flush(&mut self) -> Result<(), DumpError> {
         if std::mem::replace(&mut self.is_flushed, true) {
             return Ok(());
@@ -78,7 +73,6 @@ impl Dump {
     }
 }
 
-/// Returns whether a dump is written to standard output.
 pub fn is_standard_output(path: &Path) -> bool {
     path.as_os_str() == "-"
 }

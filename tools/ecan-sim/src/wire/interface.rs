@@ -1,38 +1,20 @@
-//! Network interfaces.
-
 use nix::ifaddrs::getifaddrs;
 use nix::net::if_::InterfaceFlags;
 use nix::sys::socket::LinkAddr;
 use thiserror::Error;
 
-/// Reason why an interface cannot be used.
 #[derive(Debug, Error)]
 pub enum InterfaceError {
-    /// The interfaces cannot be listed.
     #[error("cannot list the network interfaces: {0}")]
     List(nix::Error),
-    /// No interface has this name.
     #[error("network interface \"{name}\" does not exist; there are: {known}")]
-    Unknown {
-        /// The name.
-        name: String,
-        /// The existing interfaces.
-        known: String,
-    },
-    /// The interface is down.
+    Unknown { name: String, known: String },
     #[error("network interface {name} is down; use `ip link set {name} up`")]
-    Down {
-        /// Its name.
-        name: String,
-    },
-    /// The interface is the loopback interface.
+    Down { name: String },
     #[error(
         "{name} is the loopback interface, which has no other end for a master; create a veth pair"
     )]
-    Loopback {
-        /// Its name.
-        name: String,
-    },
+    Loopback { name: String },
 }
 
 /// A network interface that is up.
@@ -44,7 +26,6 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// Finds an interface by name.
     pub fn find(name: &str) -> Result<Self, InterfaceError> {
         let mut known = Vec::new();
         for entry in getifaddrs().map_err(InterfaceError::List)? {
@@ -80,7 +61,6 @@ impl Interface {
         self.address
     }
 
-    /// Returns whether there is a carrier.
     pub fn has_link(&self) -> bool {
         self.has_link
     }

@@ -23,10 +23,6 @@ use server::Server;
 
 pub use arguments::WireArguments;
 
-/// Runs until the user or `--duration` ends it.
-///
-/// # Errors
-/// The scenario, the interface or the dump cannot be used.
 pub fn run(arguments: &WireArguments) -> Result<(), Box<dyn Error>> {
     let screen = match &arguments.dump {
         Some(path) if dump::is_standard_output(path) => Screen::OutputIsData,

@@ -38,63 +38,31 @@ sockopt_impl!(
 /// Size of the control message with the arrival time.
 const CONTROL_BYTES: usize = 128;
 
-/// Error of a packet socket.
 #[derive(Debug, Error)]
 pub enum SocketError {
-    /// Raw sockets need a privilege.
     #[error(
         "no permission for raw Ethernet frames on {interface}; run as root, or give the program \
          the capability CAP_NET_RAW (`setcap cap_net_raw+ep` on its file)"
     )]
-    NotPermitted {
-        /// Interface name.
-        interface: String,
-    },
-    /// The socket cannot be set up.
+    NotPermitted { interface: String },
     #[error("cannot open {interface} for raw Ethernet frames: {errno}")]
-    Open {
-        /// Interface name.
-        interface: String,
-        /// The system's error.
-        errno: Errno,
-    },
-    /// The interface was removed.
+    Open { interface: String, errno: Errno },
     #[error("network interface {interface} was removed")]
-    Gone {
-        /// Interface name.
-        interface: String,
-    },
-    /// Receiving failed.
+    Gone { interface: String },
     #[error("cannot receive from {interface}: {errno}")]
-    Receive {
-        /// Interface name.
-        interface: String,
-        /// The system's error.
-        errno: Errno,
-    },
-    /// Sending failed.
+    Receive { interface: String, errno: Errno },
     #[error("cannot send to {interface}: {errno}")]
-    Send {
-        /// Interface name.
-        interface: String,
-        /// The system's error.
-        errno: Errno,
-    },
+    Send { interface: String, errno: Errno },
 }
 
-/// Result of [`PacketSocket::receive`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received {
     /// A frame of this size, and its arrival time by the system's real-time clock, ns.
     Frame {
-        /// Size in bytes.
         bytes: usize,
-        /// Arrival time, if known.
         arrived_ns: Option<u64>,
     },
-    /// No frame.
     Nothing,
-    /// The interface is down.
     Down,
 }
 
@@ -106,7 +74,6 @@ pub struct PacketSocket {
 }
 
 impl PacketSocket {
-    /// Opens the socket, for frames to every address.
     pub fn open(interface: Interface) -> Result<Self, SocketError> {
         let fault = |errno: Errno| match errno {
             Errno::EPERM | Errno::EACCES => {
@@ -135,7 +102,6 @@ impl PacketSocket {
         Ok(Self { descriptor, interface, control: [0; CONTROL_BYTES] })
     }
 
-    /// The interface.
     pub fn interface(&self) -> &Interface {
         &self.interface
     }

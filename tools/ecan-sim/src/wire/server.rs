@@ -1,5 +1,3 @@
-//! Loop that answers frames and runs the CAN side.
-
 use std::fmt::Display;
 
 use ecan_host::{Clock, MonotonicClock};
@@ -22,18 +20,14 @@ const LOOK_NS: u64 = 100_000_000;
 /// More than any EtherCAT frame.
 const FRAME_BYTES: usize = 4096;
 
-/// Error that ends the loop.
 #[derive(Debug, Error)]
 pub enum ServeError {
-    /// The network.
     #[error(transparent)]
     Socket(#[from] SocketError),
-    /// The dump.
     #[error(transparent)]
     Dump(#[from] DumpError),
 }
 
-/// Gateways on a socket.
 pub struct Server {
     wire: Wire,
     socket: PacketSocket,
@@ -47,7 +41,6 @@ pub struct Server {
     end_ns: u64,
     looked_ns: u64,
     is_down: bool,
-    /// Number of answers that were not sent.
     unsent: u64,
     frame: Box<[u8; FRAME_BYTES]>,
 }
@@ -83,9 +76,6 @@ impl Server {
     }
 
     /// Answers frames until the time is over or the user ends it.
-    ///
-    /// # Errors
-    /// The interface fails, or the dump cannot be written.
     pub fn serve(&mut self, interrupt: &Interrupt) -> Result<(), ServeError> {
         while !interrupt.is_set() {
             let received = self.socket.receive(&mut self.frame[..])?;
@@ -121,7 +111,6 @@ impl Server {
         Ok(())
     }
 
-    /// Processes and answers one frame.
     fn answer(
         &mut self,
         now: u64,
@@ -149,7 +138,6 @@ impl Server {
         Ok(())
     }
 
-    /// Logs and dumps new events.
     fn log_events(&mut self) -> Result<(), DumpError> {
         let Self { wire, watch, dump, screen, is_quiet, start_ns, .. } = self;
         if !*is_quiet {
@@ -170,10 +158,6 @@ impl Server {
         }
     }
 
-    /// Prints the counters.
-    ///
-    /// # Errors
-    /// The dump cannot be written.
     pub fn finish(&mut self) -> Result<(), DumpError> {
         self.screen.line("");
         let dropped = self.socket.losses();
@@ -183,7 +167,6 @@ impl Server {
     }
 }
 
-/// A line with the time since the start.
 fn stamped(now: u64, start_ns: u64, what: impl Display) -> String {
     format!("{:9.3} s  {what}", now.saturating_sub(start_ns) as f64 / 1e9)
 }

@@ -1,12 +1,8 @@
-//! Final counters.
-
 use ecan_protocol::mapping::CHANNELS;
 use ecan_sim::Wire;
 
 use crate::screen::Screen;
 
-/// Prints the counters of the wire and of every gateway and channel.
-///
 /// `dropped`: frames lost in the system's queue; `unsent`: answers that did not fit the interface's
 /// queue.
 pub fn print(wire: &Wire, dropped: u64, unsent: u64, screen: Screen) {

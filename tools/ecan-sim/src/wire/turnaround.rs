@@ -1,5 +1,3 @@
-//! Turnaround times of frames.
-
 use std::fmt;
 use std::time::SystemTime;
 
@@ -14,7 +12,6 @@ pub fn real_time_ns() -> u64 {
     u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// Turnaround times of answered frames.
 #[derive(Debug, Clone)]
 pub struct Turnaround {
     total: Histogram<u64>,
@@ -22,7 +19,6 @@ pub struct Turnaround {
 }
 
 impl Turnaround {
-    /// An empty statistic.
     pub fn new() -> Self {
         // infallible: the bounds are in order, and 3 digits are supported
         let histogram = || Histogram::new_with_bounds(1, LONGEST_NS, 3).expect("valid bounds");

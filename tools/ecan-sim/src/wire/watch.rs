@@ -1,11 +1,8 @@
-//! Log of gateway state changes.
-
 use std::fmt::Write;
 
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_sim::World;
 
-/// Externally visible state of a gateway.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct View {
     is_responding: bool,
@@ -59,14 +56,12 @@ impl View {
     }
 }
 
-/// Reports changes of all gateways.
 #[derive(Debug, Clone)]
 pub struct Watch {
     views: Vec<View>,
 }
 
 impl Watch {
-    /// Starts with the present state.
     pub fn new(world: &World) -> Self {
         Self { views: (0..world.gateway_count()).filter_map(|i| View::of(world, i)).collect() }
     }
