@@ -44,7 +44,6 @@ typedef struct {
  * @param config  Is overwritten.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK or ECAN_ERR_NULL.
  */
 int ecan_igh_default_config(ecan_igh_config_t *config);
 
@@ -52,8 +51,7 @@ int ecan_igh_default_config(ecan_igh_config_t *config);
  * Checks a configuration as a whole, without touching the bus. ecan_igh_init() does it, too.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error(); ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED.
+ * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error().
  */
 int ecan_igh_check_config(const ecan_igh_config_t *config);
 
@@ -64,7 +62,7 @@ int ecan_igh_check_config(const ecan_igh_config_t *config);
  * @param size     Its bytes; ECAN_IGH_MAX_SETTING are enough.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, or ECAN_ERR_BUFFER with the text cut.
+ * @return  ECAN_OK, or ECAN_ERR_BUFFER with the text cut.
  */
 int ecan_igh_config_get_ecrt(const ecan_igh_config_t *config, char *setting, size_t size);
 
@@ -83,8 +81,8 @@ int ecan_igh_config_get_ecrt(const ecan_igh_config_t *config, char *setting, siz
  *                 "sim:FILE.toml" for a scenario. NULL removes the choice. Is copied.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
- *          ecan_igh_init() reports a library that cannot be loaded.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER. ecan_igh_init() reports a library that
+ *          cannot be loaded.
  */
 int ecan_igh_config_set_ecrt(ecan_igh_config_t *config, const char *setting);
 
@@ -92,7 +90,7 @@ int ecan_igh_config_set_ecrt(ecan_igh_config_t *config, const char *setting);
  * Suggests the scenario for a plain "sim": "echo" (the default) or "drives".
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
  */
 int ecan_igh_config_suggest_scenario(ecan_igh_config_t *config, const char *name);
 
@@ -103,7 +101,6 @@ int ecan_igh_config_suggest_scenario(ecan_igh_config_t *config, const char *name
  *                 for the next cycle, as fast as the machine allows; same seed, same result.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
  */
 int ecan_igh_config_set_stepped_clock(ecan_igh_config_t *config, int stepped);
 
@@ -111,7 +108,6 @@ int ecan_igh_config_set_stepped_clock(ecan_igh_config_t *config, int stepped);
  * Sets the seed of a simulation, in place of the scenario's.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
  */
 int ecan_igh_config_set_seed(ecan_igh_config_t *config, uint64_t seed);
 
@@ -121,7 +117,6 @@ int ecan_igh_config_set_seed(ecan_igh_config_t *config, uint64_t seed);
  * @param index  0 for /dev/EtherCAT0, the default.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
  */
 int ecan_igh_config_set_master_index(ecan_igh_config_t *config, uint32_t index);
 
@@ -131,7 +126,7 @@ int ecan_igh_config_set_master_index(ecan_igh_config_t *config, uint32_t index);
  * @param count  1 to ECAN_IGH_MAX_SLAVES.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT.
  */
 int ecan_igh_config_set_slave_count(ecan_igh_config_t *config, size_t count);
 
@@ -139,7 +134,6 @@ int ecan_igh_config_set_slave_count(ecan_igh_config_t *config, size_t count);
  * Gets the number of slaves, after igh_mcan_port_load_config() for example.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
  */
 int ecan_igh_config_get_slave_count(const ecan_igh_config_t *config, size_t *count);
 
@@ -150,7 +144,7 @@ int ecan_igh_config_get_slave_count(const ecan_igh_config_t *config, size_t *cou
  *                  watchdog: ecan_igh_config_set_watchdog_us().
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT.
  */
 int ecan_igh_config_set_cycle_us(ecan_igh_config_t *config, uint32_t cycle_us);
 
@@ -160,7 +154,6 @@ int ecan_igh_config_set_cycle_us(ecan_igh_config_t *config, uint32_t cycle_us);
  * @param cycle_ns  Nanoseconds: a file may have fractions of a microsecond.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
  */
 int ecan_igh_config_get_cycle_ns(const ecan_igh_config_t *config, uint32_t *cycle_ns);
 
@@ -169,7 +162,6 @@ int ecan_igh_config_get_cycle_ns(const ecan_igh_config_t *config, uint32_t *cycl
  * Without it N is at most 11 (ECAN_PDO_MAX_PLAIN_MULTIPLIER).
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
  */
 int ecan_igh_config_allow_large_pdos(ecan_igh_config_t *config, int allow);
 
@@ -177,7 +169,6 @@ int ecan_igh_config_allow_large_pdos(ecan_igh_config_t *config, int allow);
  * Sets the time in which the slaves must respond in PREOP, in milliseconds; 10000 by default.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
  */
 int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t timeout_ms);
 
@@ -189,8 +180,8 @@ int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t tim
  *                     than two cycles, or a single lost frame ends operation.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others
- *          by ecan_igh_check_config() and ecan_igh_init().
+ * @return  ECAN_OK. The value is checked with the others by ecan_igh_check_config() and
+ *          ecan_igh_init().
  */
 int ecan_igh_config_set_watchdog_us(ecan_igh_config_t *config, uint32_t watchdog_us);
 
@@ -214,8 +205,8 @@ typedef enum {
  * @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
- *          ecan_igh_check_config() checks the period against the cycle.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT. ecan_igh_check_config() checks the period against the
+ *          cycle.
  */
 int ecan_igh_config_set_dc_sync0(ecan_igh_config_t *config, uint32_t cycle_us, uint32_t shift_us);
 
@@ -223,8 +214,7 @@ int ecan_igh_config_set_dc_sync0(ecan_igh_config_t *config, uint32_t cycle_us, u
  * Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
- *          clocks are off.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
  */
 int ecan_igh_config_set_dc_assign_activate(ecan_igh_config_t *config, uint16_t word);
 
@@ -234,8 +224,7 @@ int ecan_igh_config_set_dc_assign_activate(ecan_igh_config_t *config, uint16_t w
  * @param source  An ecan_igh_clock_source_t.
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER
- *          if distributed clocks are off.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER if distributed clocks are off.
  */
 int ecan_igh_config_set_dc_source(ecan_igh_config_t *config, int source);
 
@@ -245,8 +234,7 @@ int ecan_igh_config_set_dc_source(ecan_igh_config_t *config, int source);
  * @param slave  Slave index; ecan_igh_check_config() checks it.
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
- *          clocks are off.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
  */
 int ecan_igh_config_set_dc_reference(ecan_igh_config_t *config, size_t slave);
 
@@ -257,8 +245,7 @@ int ecan_igh_config_set_dc_reference(ecan_igh_config_t *config, size_t slave);
  * @param every  Cycles from measurement to measurement; 0 for never.
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
- *          clocks are off.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
  */
 int ecan_igh_config_set_dc_monitor(ecan_igh_config_t *config, uint32_t every);
 
@@ -272,7 +259,7 @@ int ecan_igh_config_set_dc_monitor(ecan_igh_config_t *config, uint32_t every);
  * @param n  1 to 24; above 11 see ecan_igh_config_allow_large_pdos().
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT.
  */
 int ecan_igh_config_set_pdo_multiplier(ecan_igh_config_t *config, uint32_t n);
 
@@ -280,7 +267,7 @@ int ecan_igh_config_set_pdo_multiplier(ecan_igh_config_t *config, uint32_t n);
  * Sets N of both directions on one slave.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
  */
 int ecan_igh_config_set_slave_pdo_multiplier(ecan_igh_config_t *config, size_t slave, uint32_t n);
 
@@ -305,7 +292,6 @@ int ecan_igh_config_set_slave_pdo_multipliers(ecan_igh_config_t *config,
  * @param tx_n  Of the TxPDO, slave to master.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int ecan_igh_config_get_slave_pdo_multipliers(const ecan_igh_config_t *config,
                                               size_t slave,
@@ -320,7 +306,6 @@ int ecan_igh_config_get_slave_pdo_multipliers(const ecan_igh_config_t *config,
  * @param position  Position, from 0.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int ecan_igh_config_set_slave_position(ecan_igh_config_t *config,
                                        size_t slave,
@@ -331,7 +316,6 @@ int ecan_igh_config_set_slave_position(ecan_igh_config_t *config,
  * Gets the position of a slave, as ecan_igh_config_set_slave_position() sets it.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int ecan_igh_config_get_slave_position(const ecan_igh_config_t *config,
                                        size_t slave,
@@ -343,7 +327,6 @@ int ecan_igh_config_get_slave_position(const ecan_igh_config_t *config,
  * slave whose objects identify it as an ECAN-Lite.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int ecan_igh_config_set_slave_identity(ecan_igh_config_t *config,
                                        size_t slave,
@@ -360,8 +343,8 @@ int ecan_igh_config_set_slave_identity(ecan_igh_config_t *config,
  * @param size      Its bytes: 1, 2 or 4.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT;
- *          ECAN_ERR_FULL beyond ECAN_IGH_MAX_STARTUP_SDOS.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
+ *          ECAN_IGH_MAX_STARTUP_SDOS.
  */
 int ecan_igh_config_add_startup_sdo(ecan_igh_config_t *config,
                                     size_t slave,
@@ -402,9 +385,9 @@ typedef struct {
  *
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
- *          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
- *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER for a context that is
- *          initialised already. After an error there is nothing to deinit.
+ *          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL;
+ *          ECAN_ERR_ORDER for a context that is initialised already. After an error there is
+ *          nothing to deinit.
  */
 int ecan_igh_init(ecan_igh_context_t *context, const ecan_igh_config_t *config);
 
@@ -431,7 +414,7 @@ int ecan_igh_attach(ecan_igh_context_t *context, const ecan_igh_config_t *config
  *
  * @usage   not rt, the owner's thread, after ecrt_master_activate
  * @return  ECAN_OK; ECAN_ERR_ORDER for a context that is not attached or active already;
- *          ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ *          ECAN_ERR_MASTER.
  */
 int ecan_igh_owner_activated(ecan_igh_context_t *context);
 
@@ -440,8 +423,7 @@ int ecan_igh_owner_activated(ecan_igh_context_t *context);
  * polls ecan_igh_is_operational() or igh_mcan_port_is_ready().
  *
  * @usage   not rt, the cycle's thread, after init and igh_mcan_port_init
- * @return  ECAN_OK; ECAN_ERR_ORDER if it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER,
- *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
  */
 int ecan_igh_activate(ecan_igh_context_t *context);
 
@@ -455,8 +437,7 @@ int ecan_igh_activate(ecan_igh_context_t *context);
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that is not in OP, and
  *          the reason; ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the
- *          configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ *          configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
  */
 int ecan_igh_wait_op_timeout(ecan_igh_context_t *context, uint32_t timeout_ms);
 
@@ -470,7 +451,6 @@ int ecan_igh_wait_op_timeout(ecan_igh_context_t *context, uint32_t timeout_ms);
  * @param user  Is passed to it, in the thread that waits.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int ecan_igh_stop_waiting_when(ecan_igh_context_t *context, int (*stop)(void *user), void *user);
 
@@ -479,8 +459,8 @@ int ecan_igh_stop_waiting_when(ecan_igh_context_t *context, int (*stop)(void *us
  * (manual 14.2). Then wait for OP again. With a Port use igh_mcan_port_reconfigure().
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port, ECAN_ERR_ATTACHED, ECAN_ERR_BUSY. A
- *          faulty configuration changes nothing; after any other error reconfigure again.
+ * @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port, ECAN_ERR_ATTACHED. A faulty
+ *          configuration changes nothing; after any other error reconfigure again.
  */
 int ecan_igh_reconfigure(ecan_igh_context_t *context, const ecan_igh_config_t *config);
 
@@ -489,8 +469,7 @@ int ecan_igh_reconfigure(ecan_igh_context_t *context, const ecan_igh_config_t *c
  * on it end, too.
  *
  * @usage   not rt, the cycle's thread, any time
- * @return  ECAN_OK, also for a context that is deinitialised already or never was initialised;
- *          ECAN_ERR_NULL, ECAN_ERR_BUSY.
+ * @return  ECAN_OK, also for a context that is deinitialised already or never was initialised.
  */
 int ecan_igh_deinit(ecan_igh_context_t *context);
 
@@ -498,7 +477,7 @@ int ecan_igh_deinit(ecan_igh_context_t *context);
  * Returns 1 if the bus is simulated.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  1 or 0, or a negative ecan_result_t.
  */
 int ecan_igh_is_simulated(ecan_igh_context_t *context);
 
@@ -507,7 +486,7 @@ int ecan_igh_is_simulated(ecan_igh_context_t *context);
  * stepped clock. The program must then take its own deadlines from ecan_igh_now_ns().
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  1 or 0, or a negative ecan_result_t.
  */
 int ecan_igh_clock_is_stepped(ecan_igh_context_t *context);
 
@@ -560,8 +539,7 @@ typedef struct {
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: the cycle may continue;
- *          ECAN_ERR_ORDER if the bus is not active or there is a Port on it; ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ *          ECAN_ERR_ORDER if the bus is not active or there is a Port on it.
  */
 int ecan_igh_receive(ecan_igh_context_t *context);
 
@@ -583,7 +561,6 @@ int ecan_igh_send(ecan_igh_context_t *context);
  * timer must leave that time, too.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int ecan_igh_wait_next_cycle(ecan_igh_context_t *context);
 
@@ -618,7 +595,7 @@ uint64_t ecan_igh_response_ns(ecan_igh_context_t *context);
  * otherwise (manual 15.5.2, step 8).
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
+ * @return  1 or 0, or a negative ecan_result_t. Compare with 1.
  */
 int ecan_igh_domain_is_complete(ecan_igh_context_t *context);
 
@@ -626,7 +603,6 @@ int ecan_igh_domain_is_complete(ecan_igh_context_t *context);
  * Gets the result of the last exchange with one slave.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
  */
 int ecan_igh_get_domain_report(ecan_igh_context_t *context,
                                size_t slave,
@@ -671,8 +647,7 @@ typedef struct {
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  ECAN_OK; ECAN_ERR_ORDER without distributed clocks, before activation, and on an
- *          attached context, whose owner serves the clocks; ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ *          attached context, whose owner serves the clocks.
  */
 int ecan_igh_get_clock_status(ecan_igh_context_t *context, ecan_igh_clock_status_t *status);
 
@@ -771,7 +746,6 @@ typedef struct {
  * Fills the requests: nothing is requested.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL.
  */
 int ecan_igh_default_real_time(ecan_igh_real_time_t *settings);
 
@@ -788,7 +762,7 @@ int ecan_igh_default_real_time(ecan_igh_real_time_t *settings);
  * @usage   not rt, the cycle's thread, any time
  * @return  ECAN_OK, also if a request that is not required was denied; ECAN_ERR_PRIVILEGE if a
  *          required one was denied: granted requests stay in force. ECAN_ERR_ARGUMENT for a value
- *          out of range, with nothing applied; ECAN_ERR_NULL.
+ *          out of range, with nothing applied.
  */
 int ecan_igh_apply_real_time(const ecan_igh_real_time_t *settings, char *report, size_t size);
 
@@ -802,7 +776,7 @@ int ecan_igh_apply_real_time(const ecan_igh_real_time_t *settings, char *report,
  *                  time of the bus between them; 0 skips missed deadlines.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT.
  */
 int ecan_igh_set_cycle_timing(ecan_igh_context_t *context, uint32_t spin_us, uint32_t catch_up);
 
@@ -811,7 +785,6 @@ int ecan_igh_set_cycle_timing(ecan_igh_context_t *context, uint32_t spin_us, uin
  * first.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int ecan_igh_get_cycle_start(ecan_igh_context_t *context, ecan_igh_cycle_start_t *start);
 
@@ -819,7 +792,6 @@ int ecan_igh_get_cycle_start(ecan_igh_context_t *context, ecan_igh_cycle_start_t
  * Starts or restarts measuring the timing of the cycles. Takes about 3 megabytes.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int ecan_igh_measure_cycles(ecan_igh_context_t *context);
 
@@ -827,8 +799,7 @@ int ecan_igh_measure_cycles(ecan_igh_context_t *context);
  * Gets the timing of the cycles since ecan_igh_measure_cycles().
  *
  * @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
- * @return  ECAN_OK; ECAN_ERR_ORDER if nothing is measured; ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if nothing is measured.
  */
 int ecan_igh_get_cycle_statistics(ecan_igh_context_t *context,
                                   ecan_igh_cycle_statistics_t *statistics);
@@ -858,8 +829,7 @@ int ecan_igh_get_cycle_statistics_text(ecan_igh_context_t *context, char *text, 
  * @param rxpdo_size  Gets the bytes.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_ORDER before the bus is active; ECAN_ERR_NULL, ECAN_ERR_SLAVE,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_ORDER before the bus is active; ECAN_ERR_SLAVE.
  */
 int ecan_igh_get_rxpdo_buffer(ecan_igh_context_t *context,
                               size_t slave,
@@ -958,8 +928,7 @@ size_t ecan_igh_slave_count(ecan_igh_context_t *context);
  * Returns 1 if all slaves are in OP and the last exchange was complete.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
- *          Compare with 1.
+ * @return  1 or 0; ECAN_ERR_MASTER. Compare with 1.
  */
 int ecan_igh_is_operational(ecan_igh_context_t *context);
 
@@ -967,8 +936,7 @@ int ecan_igh_is_operational(ecan_igh_context_t *context);
  * Gets the state of a slave.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
- *          ECAN_ERR_MASTER.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
  */
 int ecan_igh_get_slave_state(ecan_igh_context_t *context,
                              size_t slave,
@@ -978,7 +946,7 @@ int ecan_igh_get_slave_state(ecan_igh_context_t *context,
  * Gets the state of the bus.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+ * @return  ECAN_OK, ECAN_ERR_MASTER.
  */
 int ecan_igh_get_master_state(ecan_igh_context_t *context, ecan_igh_master_state_t *state);
 
@@ -986,8 +954,7 @@ int ecan_igh_get_master_state(ecan_igh_context_t *context, ecan_igh_master_state
  * Gets identity and state of a slave.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
- *          ECAN_ERR_MASTER.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
  */
 int ecan_igh_get_slave_info(ecan_igh_context_t *context, size_t slave, ecan_igh_slave_info_t *info);
 
@@ -1005,9 +972,9 @@ int ecan_igh_get_slave_info(ecan_igh_context_t *context, size_t slave, ecan_igh_
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
- *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of
- *          another owner: use ecan_igh_diagnostics_sdo_upload() in another thread.
+ *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_SLAVE, ECAN_ERR_MASTER;
+ *          ECAN_ERR_ATTACHED on an active bus of another owner: use
+ *          ecan_igh_diagnostics_sdo_upload() in another thread.
  */
 int ecan_igh_sdo_upload(ecan_igh_context_t *context,
                         size_t slave,
@@ -1059,8 +1026,8 @@ typedef enum {
  * @param request  Gets the number of the request.
  *
  * @usage   not rt, the cycle's thread, after init and before the bus is active
- * @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+ * @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT,
+ *          ECAN_ERR_MASTER.
  */
 int ecan_igh_create_sdo_request(ecan_igh_context_t *context,
                                 size_t slave,
@@ -1073,8 +1040,7 @@ int ecan_igh_create_sdo_request(ecan_igh_context_t *context,
  * @param timeout_ms  Milliseconds; 0 for the master's own.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
- *          ECAN_ERR_MASTER.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
  */
 int ecan_igh_sdo_request_timeout(ecan_igh_context_t *context, size_t request, uint32_t timeout_ms);
 
@@ -1082,8 +1048,8 @@ int ecan_igh_sdo_request_timeout(ecan_igh_context_t *context, size_t request, ui
  * Starts reading an object.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_ORDER while a transfer of the request is in progress; ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+ * @return  ECAN_OK; ECAN_ERR_ORDER while a transfer of the request is in progress;
+ *          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
  */
 int ecan_igh_sdo_request_read(ecan_igh_context_t *context,
                               size_t request,
@@ -1112,8 +1078,7 @@ int ecan_igh_sdo_request_write(ecan_igh_context_t *context,
  * Returns the state of a request.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  An ecan_igh_request_state_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
- *          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+ * @return  An ecan_igh_request_state_t; ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
  */
 int ecan_igh_sdo_request_state(ecan_igh_context_t *context, size_t request);
 
@@ -1126,8 +1091,7 @@ int ecan_igh_sdo_request_state(ecan_igh_context_t *context, size_t request);
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER if the state is not
- *          success; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
- *          ECAN_ERR_MASTER.
+ *          success; ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
  */
 int ecan_igh_sdo_request_data(ecan_igh_context_t *context,
                               size_t request,
@@ -1154,8 +1118,7 @@ typedef struct {
  * @param diagnostics  Any content.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_ORDER for a handle that is open; ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+ * @return  ECAN_OK; ECAN_ERR_ORDER for a handle that is open; ECAN_ERR_MASTER.
  */
 int ecan_igh_diagnostics_open(ecan_igh_diagnostics_t *diagnostics, ecan_igh_context_t *context);
 
@@ -1164,8 +1127,7 @@ int ecan_igh_diagnostics_open(ecan_igh_diagnostics_t *diagnostics, ecan_igh_cont
  *
  * @usage   not rt, the handle's thread, after open
  * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
- *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
+ *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
  */
 int ecan_igh_diagnostics_sdo_upload(ecan_igh_diagnostics_t *diagnostics,
                                     size_t slave,
@@ -1192,7 +1154,7 @@ int ecan_igh_diagnostics_sdo_download(ecan_igh_diagnostics_t *diagnostics,
  * Gets the state of the bus.
  *
  * @usage   not rt, the handle's thread, after open
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+ * @return  ECAN_OK, ECAN_ERR_MASTER.
  */
 int ecan_igh_diagnostics_master_state(ecan_igh_diagnostics_t *diagnostics,
                                       ecan_igh_master_state_t *state);
@@ -1201,7 +1163,7 @@ int ecan_igh_diagnostics_master_state(ecan_igh_diagnostics_t *diagnostics,
  * Closes a handle.
  *
  * @usage   not rt, the handle's thread, any time
- * @return  ECAN_OK, also for a handle that is closed already; ECAN_ERR_NULL, ECAN_ERR_BUSY.
+ * @return  ECAN_OK, also for a handle that is closed already.
  */
 int ecan_igh_diagnostics_deinit(ecan_igh_diagnostics_t *diagnostics);
 

@@ -326,8 +326,8 @@ typedef struct {
  * @param target_step  Steps per cycle that igh_cia402_send_target_step() makes; 0 for none.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK; ECAN_ERR_NULL; ECAN_ERR_ARGUMENT, with nothing filled, for a node-ID, channel
- *          or slave out of range.
+ * @return  ECAN_OK; ECAN_ERR_ARGUMENT, with nothing filled, for a node-ID, channel or slave out
+ *          of range.
  */
 int igh_cia402_axis_init(igh_cia402_axis_t *axis,
                          size_t slave,
@@ -400,7 +400,6 @@ typedef struct {
  * @param settings  Is overwritten.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK or ECAN_ERR_NULL.
  */
 int igh_cia402_default_settings(igh_cia402_settings_t *settings);
 
@@ -461,8 +460,7 @@ typedef struct {
  * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault of the table; ECAN_ERR_SLAVE,
  *          ECAN_ERR_CHANNEL for a slave or channel that the Port does not have;
  *          ECAN_ERR_NOT_INITIALISED for a Port, or an axis that is not filled; ECAN_ERR_ORDER for
- *          a context that is initialised already, or a Port that has axes; ECAN_ERR_NULL,
- *          ECAN_ERR_BUSY.
+ *          a context that is initialised already, or a Port that has axes.
  */
 int igh_cia402_context_init(igh_cia402_context_t *context,
                             igh_mcan_port_t *port,
@@ -488,8 +486,7 @@ int igh_cia402_context_init_ex(igh_cia402_context_t *context,
  * host's heartbeat: call igh_cia402_shutdown_timeout() before.
  *
  * @usage   not rt, the cycle's thread, any time
- * @return  ECAN_OK, also for axes that are closed already or were never opened; ECAN_ERR_NULL,
- *          ECAN_ERR_BUSY.
+ * @return  ECAN_OK, also for axes that are closed already or were never opened.
  */
 int igh_cia402_context_deinit(igh_cia402_context_t *context);
 
@@ -516,7 +513,6 @@ size_t igh_cia402_axis_count(igh_cia402_context_t *context);
  * @param user      Is passed to it, in the thread that waits.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_set_progress_callback(igh_cia402_context_t *context,
                                      void (*callback)(void *user, size_t axis, const char *text),
@@ -538,10 +534,10 @@ int igh_cia402_set_progress_callback(igh_cia402_context_t *context,
  * @param timeout_ms  Milliseconds.
  *
  * @usage   not rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_AXES, where ecan_last_error() names each axis that is not configured,
- *          the step at which it stands and what its drive answered; ECAN_ERR_ATTACHED on a master
- *          of another owner; ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_AXIS_STATE,
- *          ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_AXES, where ecan_last_error() names each axis that is not
+ *          configured, the step at which it stands and what its drive answered; ECAN_ERR_ATTACHED
+ *          on a master of another owner; ECAN_ERR_ORDER if the bus is not active;
+ *          ECAN_ERR_AXIS_STATE, ECAN_ERR_MASTER.
  */
 int igh_cia402_configure_csp_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
 
@@ -646,8 +642,7 @@ typedef struct {
  * the axes are dropped; igh_cia402_process_rx_ex() returns them.
  *
  * @usage   rt, the cycle's thread, in an open cycle
- * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open.
  */
 int igh_cia402_process_rx(igh_cia402_context_t *context);
 
@@ -673,8 +668,8 @@ int igh_cia402_process_rx_ex(igh_cia402_context_t *context,
  * Last in the open cycle, once.
  *
  * @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
- * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY. igh_cia402_get_send_summary() reports the targets.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open. igh_cia402_get_send_summary() reports the
+ *          targets.
  */
 int igh_cia402_send_targets_all(igh_cia402_context_t *context);
 
@@ -691,7 +686,6 @@ int igh_cia402_send_target_step(igh_cia402_context_t *context);
  * Gets the summary of the last igh_cia402_send_targets_all() or igh_cia402_send_target_step().
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_get_send_summary(igh_cia402_context_t *context, igh_cia402_send_summary_t *summary);
 
@@ -701,7 +695,6 @@ int igh_cia402_get_send_summary(igh_cia402_context_t *context, igh_cia402_send_s
  * @param motion_div  Cycles from target to target; 0 counts as 1.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_set_motion_div(igh_cia402_context_t *context, uint32_t motion_div);
 
@@ -719,8 +712,7 @@ int igh_cia402_set_motion_div(igh_cia402_context_t *context, uint32_t motion_div
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_SCHEDULE without Sync0, beyond its period, or on a gateway that
  *          cannot; ECAN_ERR_AXIS_STATE while an axis is active; ECAN_ERR_ARGUMENT for SYNC ahead
- *          of the targets; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. After an error
- *          everything is as it was.
+ *          of the targets. After an error everything is as it was.
  */
 int igh_cia402_set_scheduled_tx(igh_cia402_context_t *context,
                                 int enable,
@@ -741,7 +733,6 @@ int igh_cia402_set_scheduled_tx(igh_cia402_context_t *context,
  * @param target  Raw units of the mode: steps, velocity or torque.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_set_target(igh_cia402_context_t *context, size_t axis, int32_t target);
 
@@ -817,8 +808,7 @@ typedef struct {
  * @param command  An igh_canopen_nmt_t.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_CANOPEN if the command queue is full; ECAN_ERR_ARGUMENT,
- *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_CANOPEN if the command queue is full; ECAN_ERR_ARGUMENT.
  */
 int igh_cia402_send_nmt_all(igh_cia402_context_t *context, int command);
 
@@ -837,7 +827,7 @@ int igh_cia402_send_nmt(igh_cia402_context_t *context, size_t axis, int command)
  * also waits.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS_STATE, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK, ECAN_ERR_AXIS_STATE.
  */
 int igh_cia402_configure_all(igh_cia402_context_t *context);
 
@@ -855,8 +845,8 @@ int igh_cia402_configure(igh_cia402_context_t *context, size_t axis);
  * TPDOs of axes at rest.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_AXIS_STATE for an axis that is not configured, changes its mode or is
- *          homing; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_AXIS_STATE for an axis that is not configured, changes its mode or
+ *          is homing.
  */
 int igh_cia402_request_actual_position_all(igh_cia402_context_t *context);
 
@@ -891,7 +881,6 @@ int igh_cia402_enable(igh_cia402_context_t *context, size_t axis);
  * Disables all drives, as igh_cia402_disable().
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_disable_all(igh_cia402_context_t *context);
 
@@ -900,7 +889,6 @@ int igh_cia402_disable_all(igh_cia402_context_t *context);
  * brings it to rest before.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_disable(igh_cia402_context_t *context, size_t axis);
 
@@ -908,7 +896,6 @@ int igh_cia402_disable(igh_cia402_context_t *context, size_t axis);
  * Commands a quick stop of all drives, as igh_cia402_quick_stop().
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_quick_stop_all(igh_cia402_context_t *context);
 
@@ -917,7 +904,6 @@ int igh_cia402_quick_stop_all(igh_cia402_context_t *context);
  * igh_cia402_enable() activates the axis again.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_quick_stop(igh_cia402_context_t *context, size_t axis);
 
@@ -935,7 +921,6 @@ int igh_cia402_reset_fault(igh_cia402_context_t *context, size_t axis);
  * ignored until igh_cia402_resume().
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_halt(igh_cia402_context_t *context, size_t axis);
 
@@ -943,7 +928,6 @@ int igh_cia402_halt(igh_cia402_context_t *context, size_t axis);
  * Lets a halted axis follow targets again.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_resume(igh_cia402_context_t *context, size_t axis);
 
@@ -967,7 +951,6 @@ int igh_cia402_change_mode(igh_cia402_context_t *context, size_t axis, int mode)
  * @param method  Homing method, 0x6098.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK or ECAN_ERR_NULL.
  */
 int igh_cia402_homing_init(igh_cia402_homing_t *homing, int8_t method);
 
@@ -988,7 +971,6 @@ int igh_cia402_home(igh_cia402_context_t *context, size_t axis, const igh_cia402
  * igh_cia402_shutdown_is_done(). A stage that an axis cannot finish ends after five seconds.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_begin_shutdown(igh_cia402_context_t *context);
 
@@ -1244,7 +1226,6 @@ typedef struct {
  * Gets the state of an axis.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_get_axis_state(igh_cia402_context_t *context,
                               size_t axis,
@@ -1258,7 +1239,6 @@ int igh_cia402_get_axis_state(igh_cia402_context_t *context,
  * @param size  Bytes of the buffer.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_get_axis_text(igh_cia402_context_t *context, size_t axis, char *text, size_t size);
 
@@ -1266,8 +1246,7 @@ int igh_cia402_get_axis_text(igh_cia402_context_t *context, size_t axis, char *t
  * Returns 1 if all axes follow targets.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0, also 0 without any axis; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY. Compare with 1.
+ * @return  1 or 0, also 0 without any axis, or a negative ecan_result_t. Compare with 1.
  */
 int igh_cia402_all_running(igh_cia402_context_t *context);
 
@@ -1275,7 +1254,7 @@ int igh_cia402_all_running(igh_cia402_context_t *context);
  * Returns 1 if the shutdown of igh_cia402_begin_shutdown() is complete, and the host may exit.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
+ * @return  1 or 0, or a negative ecan_result_t. Compare with 1.
  */
 int igh_cia402_shutdown_is_done(igh_cia402_context_t *context);
 
@@ -1372,7 +1351,6 @@ typedef struct {
  * Counters of an axis.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_cia402_get_axis_statistics(igh_cia402_context_t *context,
                                    size_t axis,
@@ -1386,8 +1364,7 @@ int igh_cia402_get_axis_statistics(igh_cia402_context_t *context,
  * @param count     Gets the number of channels with axes, even if they do not all fit.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_BUFFER if not all fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_BUFFER if not all fit.
  */
 int igh_cia402_get_bus_load(igh_cia402_context_t *context,
                             igh_cia402_bus_load_t *loads,
@@ -1423,10 +1400,9 @@ typedef enum {
  *
  * @usage   not rt, the cycle's thread, active bus
  * @return  ECAN_OK; ECAN_ERR_SDO with ecan_last_abort_code(); ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER,
- *          ECAN_ERR_CANOPEN, ECAN_ERR_AXIS, ECAN_ERR_MASTER, ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY; ECAN_ERR_ORDER if the bus is not active;
- *          ECAN_ERR_ATTACHED on a master of another owner, use igh_cia402_sdo_start_upload()
- *          there.
+ *          ECAN_ERR_CANOPEN, ECAN_ERR_AXIS, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not
+ *          active; ECAN_ERR_ATTACHED on a master of another owner, use
+ *          igh_cia402_sdo_start_upload() there.
  */
 int igh_cia402_sdo_upload(igh_cia402_context_t *context,
                           size_t axis,
@@ -1461,7 +1437,7 @@ int igh_cia402_sdo_download(igh_cia402_context_t *context,
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_AXIS_STATE while another transfer with the drive is in progress;
- *          ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ *          ECAN_ERR_AXIS.
  */
 int igh_cia402_sdo_start_upload(igh_cia402_context_t *context,
                                 size_t axis,
@@ -1496,8 +1472,7 @@ int igh_cia402_sdo_start_download(igh_cia402_context_t *context,
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, also for a failed transfer, whose reason is in ecan_last_error() and
- *          ecan_last_abort_code(); ECAN_ERR_BUFFER, ECAN_ERR_AXIS, ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ *          ecan_last_abort_code(); ECAN_ERR_BUFFER, ECAN_ERR_AXIS.
  */
 int igh_cia402_sdo_poll(igh_cia402_context_t *context,
                         size_t axis,
@@ -1527,10 +1502,9 @@ int igh_cia402_sdo_poll(igh_cia402_context_t *context,
  * @usage   not rt, the cycle's thread, active bus
  * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the node aborted;
  *          ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER, ECAN_ERR_CANOPEN, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL,
- *          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY; ECAN_ERR_ORDER if the bus is not active, or there are axes on the
- *          Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master of another
- *          owner.
+ *          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not active, or there
+ *          are axes on the Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master
+ *          of another owner.
  */
 int igh_canopen_sdo_upload(igh_mcan_port_t *port,
                            size_t slave,

@@ -182,8 +182,8 @@ typedef struct {
  * @param len      Bytes, 0 to 8; of a remote frame the requested DLC.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL or ECAN_ERR_FRAME; the frame
- *          is written only with ECAN_OK.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL or ECAN_ERR_FRAME; the frame is written only
+ *          with ECAN_OK.
  */
 int igh_mcan_tx_frame_set_can(igh_mcan_tx_frame_t *frame,
                               size_t slave,
@@ -219,7 +219,7 @@ int igh_mcan_tx_frame_set_canfd(igh_mcan_tx_frame_t *frame,
  * @param received  A frame, not a TX_RESULT.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME if it is not a frame.
+ * @return  ECAN_OK, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME if it is not a frame.
  */
 int igh_mcan_tx_frame_set_received(igh_mcan_tx_frame_t *frame, const igh_mcan_rx_frame_t *received);
 
@@ -230,7 +230,6 @@ int igh_mcan_tx_frame_set_received(igh_mcan_tx_frame_t *frame, const igh_mcan_rx
  * @param tag        Tag of the application.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK or ECAN_ERR_NULL.
  */
 int igh_mcan_tx_frame_set_schedule(igh_mcan_tx_frame_t *frame, uint32_t offset_ns, uint16_t tag);
 
@@ -240,7 +239,7 @@ int igh_mcan_tx_frame_set_schedule(igh_mcan_tx_frame_t *frame, uint32_t offset_n
  * @param hint  An igh_mcan_hint_t.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_ARGUMENT.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT.
  */
 int igh_mcan_tx_frame_set_hint(igh_mcan_tx_frame_t *frame, int hint);
 
@@ -320,7 +319,7 @@ typedef struct {
  * @param channel_mask  Channels, bit 0 for channel 0.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
  */
 int igh_mcan_pdo_profile_default(igh_mcan_pdo_profile_t *profile,
                                  int direction,
@@ -331,7 +330,7 @@ int igh_mcan_pdo_profile_default(igh_mcan_pdo_profile_t *profile,
  * Checks a profile.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
  */
 int igh_mcan_pdo_profile_check(const igh_mcan_pdo_profile_t *profile);
 
@@ -387,7 +386,7 @@ typedef struct {
  * @param profile  The profile that is active on the device.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
  */
 int igh_mcan_pdo_writer_init(igh_mcan_pdo_writer_t *writer, const igh_mcan_pdo_profile_t *profile);
 
@@ -399,7 +398,7 @@ int igh_mcan_pdo_writer_init(igh_mcan_pdo_writer_t *writer, const igh_mcan_pdo_p
  * @param rxpdo_size  Its bytes, at least those of the profile.
  *
  * @usage   rt, one thread at a time, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED or ECAN_ERR_BUFFER.
+ * @return  ECAN_OK, ECAN_ERR_BUFFER.
  */
 int igh_mcan_pdo_writer_begin(igh_mcan_pdo_writer_t *writer, uint8_t *rxpdo, size_t rxpdo_size);
 
@@ -408,8 +407,8 @@ int igh_mcan_pdo_writer_begin(igh_mcan_pdo_writer_t *writer, uint8_t *rxpdo, siz
  *
  * @usage   rt, one thread at a time, after begin
  * @return  ECAN_OK; ECAN_ERR_NO_ROOM if the image is full; ECAN_ERR_CHANNEL if the profile does
- *          not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ORDER. The image changes only with ECAN_OK.
+ *          not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_ORDER. The image
+ *          changes only with ECAN_OK.
  */
 int igh_mcan_pdo_writer_add(igh_mcan_pdo_writer_t *writer, const igh_mcan_tx_frame_t *frame);
 
@@ -447,7 +446,7 @@ int igh_mcan_pdo_writer_add_canfd(igh_mcan_pdo_writer_t *writer,
  * @param sequence  Gets the image's sequence number, to which a TX_RESULT refers; may be NULL.
  *
  * @usage   rt, one thread at a time, after begin
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED or ECAN_ERR_ORDER.
+ * @return  ECAN_OK, ECAN_ERR_ORDER.
  */
 int igh_mcan_pdo_writer_finish(igh_mcan_pdo_writer_t *writer, uint16_t *sequence);
 
@@ -456,7 +455,6 @@ int igh_mcan_pdo_writer_finish(igh_mcan_pdo_writer_t *writer, uint16_t *sequence
  * (0x8011:08, manual 13.2).
  *
  * @usage   rt, one thread at a time, after init
- * @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_NOT_INITIALISED.
  */
 int igh_mcan_pdo_writer_set_next_sequence(igh_mcan_pdo_writer_t *writer, uint16_t sequence);
 
@@ -565,7 +563,7 @@ typedef struct {
  * @param size  Bytes of the buffer, 256 are enough.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT, or ECAN_ERR_BUFFER with the text cut.
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT, or ECAN_ERR_BUFFER with the text cut.
  */
 int igh_mcan_pdo_diag_text(const igh_mcan_pdo_parse_diag_t *diag, char *text, size_t size);
 
@@ -627,7 +625,7 @@ typedef struct {
  * @param header  Is overwritten.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_BUFFER.
+ * @return  ECAN_OK, ECAN_ERR_BUFFER.
  */
 int igh_mcan_pdo_parse_header(const uint8_t *image, size_t size, igh_mcan_pdo_header_t *header);
 
@@ -648,7 +646,7 @@ int igh_mcan_pdo_parse_header(const uint8_t *image, size_t size, igh_mcan_pdo_he
  * @usage   rt, any thread, any time
  * @return  ECAN_OK; ECAN_ERR_PARSE for a fault of the image; ECAN_ERR_IMAGE_BUSY for one that was
  *          being written; ECAN_ERR_BUFFER if size is too small or not all frames fit;
- *          ECAN_ERR_NULL, ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
+ *          ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
  */
 int igh_mcan_pdo_parse_frames_ex(const igh_mcan_pdo_profile_t *profile,
                                  const uint8_t *txpdo,
@@ -677,7 +675,6 @@ int igh_mcan_pdo_parse_frames(const igh_mcan_pdo_profile_t *profile,
  * @param sequence  Is overwritten.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK or ECAN_ERR_NULL.
  */
 int igh_mcan_pdo_sequence_init(igh_mcan_pdo_sequence_t *sequence);
 
@@ -688,7 +685,7 @@ int igh_mcan_pdo_sequence_init(igh_mcan_pdo_sequence_t *sequence);
  * @param lost    Gets the number of images lost before this one; may be NULL.
  *
  * @usage   rt, one thread at a time, after init
- * @return  An igh_mcan_pdo_arrival_t; ECAN_ERR_NULL or ECAN_ERR_NOT_INITIALISED.
+ * @return  An igh_mcan_pdo_arrival_t, or a negative ecan_result_t.
  */
 int igh_mcan_pdo_sequence_observe(igh_mcan_pdo_sequence_t *sequence,
                                   uint16_t number,
@@ -747,7 +744,6 @@ typedef struct {
  * @param status  Is overwritten.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK or ECAN_ERR_NULL.
  */
 int igh_mcan_channel_status_decode(uint16_t raw, igh_mcan_channel_status_t *status);
 

@@ -38,7 +38,6 @@ typedef struct {
  * @param config  Is overwritten.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK or ECAN_ERR_NULL.
  */
 int igh_mcan_port_default_config(igh_mcan_port_config_t *config);
 
@@ -51,8 +50,7 @@ int igh_mcan_port_default_config(igh_mcan_port_config_t *config);
  * the Port's configuration.
  *
  * @usage   not rt, any thread, before ecan_igh_init
- * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error(); ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED.
+ * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error().
  */
 int igh_mcan_port_apply_config(ecan_igh_config_t *igh_config, const igh_mcan_port_config_t *config);
 
@@ -80,8 +78,8 @@ int igh_mcan_port_check_config(const ecan_igh_config_t *igh_config,
  * @param canfd_mask    Those of them for CAN FD.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE; ECAN_ERR_CHANNEL for
- *          channels beyond 3, or CAN FD without the channel.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE; ECAN_ERR_CHANNEL for channels beyond 3, or CAN FD without the
+ *          channel.
  */
 int igh_mcan_port_set_channel_mask(igh_mcan_port_config_t *config,
                                    size_t slave,
@@ -96,7 +94,6 @@ int igh_mcan_port_set_channel_mask(igh_mcan_port_config_t *config,
  * @param canfd_mask    Gets those of them for CAN FD.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_channel_mask(const igh_mcan_port_config_t *config,
                                    size_t slave,
@@ -109,8 +106,8 @@ int igh_mcan_port_get_channel_mask(const igh_mcan_port_config_t *config,
  * @param bitrate  Bit/s.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
- *          igh_mcan_port_apply_config() checks the bit rate.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL. igh_mcan_port_apply_config() checks the bit
+ *          rate.
  */
 int igh_mcan_port_set_classic_channel(igh_mcan_port_config_t *config,
                                       size_t slave,
@@ -140,7 +137,6 @@ int igh_mcan_port_set_canfd_channel(igh_mcan_port_config_t *config,
  * @param data_min, data_max        Data phase, in 0.1 %.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
  */
 int igh_mcan_port_set_sample_points(igh_mcan_port_config_t *config,
                                     size_t slave,
@@ -158,7 +154,6 @@ int igh_mcan_port_set_sample_points(igh_mcan_port_config_t *config,
  * @param sent      Frames to the bus per cycle; at most 8 are served.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
  */
 int igh_mcan_port_set_traffic(igh_mcan_port_config_t *config,
                               size_t slave,
@@ -176,7 +171,7 @@ int igh_mcan_port_set_traffic(igh_mcan_port_config_t *config,
  *
  * @usage   not rt, any thread, before apply
  * @return  ECAN_OK; ECAN_ERR_ARGUMENT for a subindex without configuration or an invalid value;
- *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
+ *          ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
  */
 int igh_mcan_port_set_channel_object(igh_mcan_port_config_t *config,
                                      size_t slave,
@@ -270,8 +265,8 @@ typedef enum {
  * @param id1, id2  CAN IDs, or CAN ID and mask.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL,
- *          ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond IGH_MCAN_MAX_FILTERS.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
+ *          IGH_MCAN_MAX_FILTERS.
  */
 int igh_mcan_port_add_standard_filter(igh_mcan_port_config_t *config,
                                       size_t slave,
@@ -299,7 +294,6 @@ int igh_mcan_port_add_extended_filter(igh_mcan_port_config_t *config,
  * Removes all filters of a channel.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
  */
 int igh_mcan_port_clear_filters(igh_mcan_port_config_t *config, size_t slave, uint8_t channel);
 
@@ -315,7 +309,7 @@ int igh_mcan_port_clear_filters(igh_mcan_port_config_t *config, size_t slave, ui
  * @param rx_encapsulation  Of the RxPDO.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
  */
 int igh_mcan_port_set_encapsulation(igh_mcan_port_config_t *config,
                                     size_t slave,
@@ -329,7 +323,7 @@ int igh_mcan_port_set_encapsulation(igh_mcan_port_config_t *config,
  * @param tx_budget, rx_budget  An igh_mcan_budget_t each.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
  */
 int igh_mcan_port_set_budget(igh_mcan_port_config_t *config,
                              size_t slave,
@@ -343,7 +337,7 @@ int igh_mcan_port_set_budget(igh_mcan_port_config_t *config,
  * @param rx_options  IGH_MCAN_OPTION_ values except _TX_RESULT.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
  */
 int igh_mcan_port_set_options(igh_mcan_port_config_t *config,
                               size_t slave,
@@ -355,7 +349,6 @@ int igh_mcan_port_set_options(igh_mcan_port_config_t *config,
  * or for a channel that is bus-off, are rejected. Without pacing the queue drops them.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_set_paced(igh_mcan_port_config_t *config, size_t slave, int paced);
 
@@ -368,7 +361,6 @@ int igh_mcan_port_set_paced(igh_mcan_port_config_t *config, size_t slave, int pa
  *                     limit.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_set_limits(igh_mcan_port_config_t *config,
                              size_t slave,
@@ -380,7 +372,6 @@ int igh_mcan_port_set_limits(igh_mcan_port_config_t *config,
  * a Port that finds them active does not start.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_allow_diagnostic_tests(igh_mcan_port_config_t *config, size_t slave, int allow);
 
@@ -430,8 +421,7 @@ typedef struct {
  * @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
  * @return  ECAN_OK; ECAN_ERR_FILE if it cannot be read; ECAN_ERR_CONFIG with every fault in
  *          ecan_last_error(), by line and column, also for more than ECAN_IGH_MAX_SLAVES gateways
- *          or IGH_MCAN_MAX_FILTERS filters; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. An error
- *          changes neither configuration.
+ *          or IGH_MCAN_MAX_FILTERS filters. An error changes neither configuration.
  */
 int igh_mcan_port_load_config(ecan_igh_config_t *igh_config,
                               igh_mcan_port_config_t *config,
@@ -514,9 +504,8 @@ typedef struct {
  * @param size     Bytes of the text, NUL included; 0 for no text.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of
- *          them in ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream;
- *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ * @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of them in
+ *          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream.
  */
 int igh_mcan_port_plan(const ecan_igh_config_t *igh_config,
                        const igh_mcan_port_config_t *config,
@@ -549,8 +538,7 @@ typedef struct {
  * @usage   not rt, the cycle's thread, after ecan_igh_init and before the bus is active
  * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault, or for another configuration than the one
  *          that was applied; ECAN_ERR_ORDER if there is a Port already or the bus is active;
- *          ECAN_ERR_SDO, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY. An error does not change the master.
+ *          ECAN_ERR_SDO, ECAN_ERR_MASTER. An error does not change the master.
  */
 int igh_mcan_port_init(igh_mcan_port_t *port,
                        ecan_igh_context_t *igh,
@@ -565,7 +553,7 @@ int igh_mcan_port_init(igh_mcan_port_t *port,
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  As ecan_igh_init(); a faulty configuration changes nothing. After any other error
- *          reconfigure again. ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
+ *          reconfigure again. ECAN_ERR_ATTACHED.
  */
 int igh_mcan_port_reconfigure(igh_mcan_port_t *port,
                               const ecan_igh_config_t *igh_config,
@@ -575,7 +563,7 @@ int igh_mcan_port_reconfigure(igh_mcan_port_t *port,
  * Returns 1 if every gateway is ready: in OP and verified.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
+ * @return  1 or 0, or a negative ecan_result_t. Compare with 1.
  */
 int igh_mcan_port_is_ready(igh_mcan_port_t *port);
 
@@ -583,8 +571,7 @@ int igh_mcan_port_is_ready(igh_mcan_port_t *port);
  * Closes the Port; the master stays active. Axes on the Port end.
  *
  * @usage   not rt, the cycle's thread, any time
- * @return  ECAN_OK, also for a Port that is closed already or was never opened; ECAN_ERR_NULL,
- *          ECAN_ERR_BUSY.
+ * @return  ECAN_OK, also for a Port that is closed already or was never opened.
  */
 int igh_mcan_port_deinit(igh_mcan_port_t *port);
 
@@ -602,7 +589,6 @@ int igh_mcan_port_deinit(igh_mcan_port_t *port);
  * Sleeps until the next deadline; as ecan_igh_wait_next_cycle().
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int igh_mcan_port_wait_next_cycle(igh_mcan_port_t *port);
 
@@ -614,8 +600,7 @@ int igh_mcan_port_wait_next_cycle(igh_mcan_port_t *port);
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: the cycle is open, call
- *          igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER if the bus is not active;
- *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ *          igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER if the bus is not active.
  */
 int igh_mcan_port_cycle_begin(igh_mcan_port_t *port);
 
@@ -623,9 +608,8 @@ int igh_mcan_port_cycle_begin(igh_mcan_port_t *port);
  * Publishes the images, or repeats unconfirmed ones, and sends. Last in the cycle.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: continue with the next cycle;
- *          ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: continue with the next
+ *          cycle; ECAN_ERR_ORDER if the bus is not active.
  */
 int igh_mcan_port_cycle_end(igh_mcan_port_t *port);
 
@@ -639,8 +623,7 @@ int igh_mcan_port_cycle_end(igh_mcan_port_t *port);
  * @param rx_count  Gets the number of items.
  *
  * @usage   rt, the cycle's thread, in an open cycle
- * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open.
  */
 int igh_mcan_port_receive(igh_mcan_port_t *port,
                           igh_mcan_rx_frame_t *rx,
@@ -678,8 +661,8 @@ typedef struct {
  *
  * @usage   rt, the cycle's thread, in an open cycle
  * @return  ECAN_OK; ECAN_ERR_NO_ROOM, ECAN_ERR_QUEUE_FULL, ECAN_ERR_BUS_OFF, ECAN_ERR_NOT_READY:
- *          temporary; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER if no cycle
- *          is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ *          temporary; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER if no
+ *          cycle is open.
  */
 int igh_mcan_port_send_can(igh_mcan_port_t *port,
                            size_t slave,
@@ -789,8 +772,7 @@ int igh_mcan_port_exchange(igh_mcan_port_t *port,
  * need.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_ORDER if nothing was sent yet; ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if nothing was sent yet.
  */
 int igh_mcan_port_get_last_ticket(igh_mcan_port_t *port, igh_mcan_ticket_t *ticket);
 
@@ -807,8 +789,7 @@ size_t igh_mcan_port_image_room(igh_mcan_port_t *port, size_t slave);
  * executed frames of an unconfirmed image.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  The number of discarded frames, 0 or more; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+ * @return  The number of discarded frames, 0 or more; ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_discard_pending(igh_mcan_port_t *port, size_t slave);
 
@@ -955,7 +936,6 @@ typedef struct {
  * Fills the settings with their defaults.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL.
  */
 int igh_mcan_port_default_schedule(igh_mcan_schedule_settings_t *settings);
 
@@ -963,7 +943,6 @@ int igh_mcan_port_default_schedule(igh_mcan_schedule_settings_t *settings);
  * Sets the schedule settings of a gateway.
  *
  * @usage   not rt, any thread, before apply
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_set_schedule(igh_mcan_port_config_t *config,
                                size_t slave,
@@ -975,9 +954,8 @@ int igh_mcan_port_set_schedule(igh_mcan_port_config_t *config,
  * @param offset_ns  Time after Sync0, in nanoseconds.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, for every margin; ECAN_ERR_SCHEDULE for an offset that cannot be
- *          scheduled at all; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
- *          ECAN_ERR_SLAVE.
+ * @return  ECAN_OK, for every margin; ECAN_ERR_SCHEDULE for an offset that cannot be scheduled at
+ *          all; ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_schedule_margin(igh_mcan_port_t *port,
                                       size_t slave,
@@ -988,8 +966,6 @@ int igh_mcan_port_get_schedule_margin(igh_mcan_port_t *port,
  * Gets the results of a channel's scheduled frames.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
- *          ECAN_ERR_CHANNEL.
  */
 int igh_mcan_port_get_schedule_account(igh_mcan_port_t *port,
                                        size_t slave,
@@ -1000,8 +976,7 @@ int igh_mcan_port_get_schedule_account(igh_mcan_port_t *port,
  * Gets the last diagnostics of a gateway's scheduled transmission.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_NOT_READY before the first reading of this session; ECAN_ERR_NULL,
- *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+ * @return  ECAN_OK; ECAN_ERR_NOT_READY before the first reading of this session; ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_schedule_diagnostics(igh_mcan_port_t *port,
                                            size_t slave,
@@ -1012,7 +987,6 @@ int igh_mcan_port_get_schedule_diagnostics(igh_mcan_port_t *port,
  * (manual 13.7, bit 5).
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_clear_schedule_flags(igh_mcan_port_t *port, size_t slave);
 
@@ -1070,8 +1044,7 @@ typedef struct {
  * @param size  Bytes of the buffer; a longer text is cut.
  *
  * @usage   rt with text NULL, the cycle's thread, after init
- * @return  An igh_mcan_session_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
- *          ECAN_ERR_SLAVE.
+ * @return  An igh_mcan_session_t; ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_session(igh_mcan_port_t *port, size_t slave, char *text, size_t size);
 
@@ -1079,7 +1052,6 @@ int igh_mcan_port_get_session(igh_mcan_port_t *port, size_t slave, char *text, s
  * Gets the report of the current cycle with a gateway.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_cycle_report(igh_mcan_port_t *port,
                                    size_t slave,
@@ -1091,7 +1063,6 @@ int igh_mcan_port_get_cycle_report(igh_mcan_port_t *port,
  * @param diag  Gets the fault; error 0 for none.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_parse_diag(igh_mcan_port_t *port,
                                  size_t slave,
@@ -1101,8 +1072,6 @@ int igh_mcan_port_get_parse_diag(igh_mcan_port_t *port,
  * Gets the status of a channel from the last TxPDO image (manual 7); all 0 before the first.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
- *          ECAN_ERR_CHANNEL.
  */
 int igh_mcan_port_get_channel_status(igh_mcan_port_t *port,
                                      size_t slave,
@@ -1237,7 +1206,6 @@ typedef struct {
  * Gets the counters of a gateway.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_statistics(igh_mcan_port_t *port,
                                  size_t slave,
@@ -1247,8 +1215,6 @@ int igh_mcan_port_get_statistics(igh_mcan_port_t *port,
  * Gets the counters of a channel.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
- *          ECAN_ERR_CHANNEL.
  */
 int igh_mcan_port_get_channel_statistics(igh_mcan_port_t *port,
                                          size_t slave,
@@ -1259,7 +1225,6 @@ int igh_mcan_port_get_channel_statistics(igh_mcan_port_t *port,
  * Gets the capabilities of a gateway.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_capabilities(igh_mcan_port_t *port,
                                    size_t slave,

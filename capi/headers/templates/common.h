@@ -12,9 +12,14 @@
  * Rules for all functions
  *
  *   - Return: ECAN_OK (0) or a negative ecan_result_t, unless stated otherwise. ecan_last_error()
- *     describes an error.
- *   - Pointers: NULL returns ECAN_ERR_NULL unless stated otherwise. Any other pointer must be valid
- *     for the access of the function.
+ *     describes an error. These codes are not repeated at each function:
+ *       ECAN_ERR_NULL: a pointer that must not be NULL is NULL.
+ *       ECAN_ERR_NOT_INITIALISED: a context, configuration or writer is not initialised.
+ *       ECAN_ERR_BUSY: another call uses the context.
+ *       ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_AXIS: an index is not configured. Functions
+ *           without @return have no other errors.
+ *   - Pointers: must not be NULL unless stated otherwise, and must be valid for the access of the
+ *     function.
  *   - Contexts (ecan_igh_context_t, igh_mcan_port_t, igh_cia402_context_t, ecan_igh_diagnostics_t)
  *     need no preparation before their init function and must not be moved; a second deinit is
  *     harmless. Configurations, frames and similar structs are plain data.

@@ -8,7 +8,7 @@ use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
 
 use crate::callback::ProgressCallback;
 use crate::errors;
-use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
+use crate::handle::{self, Entered, Kind, Pool, Pooled};
 
 /// The topmost layer.
 #[derive(Debug)]
@@ -210,86 +210,15 @@ impl Bus {
     }
 }
 
-/// The bus of an Adapter context.
-///
-/// # Safety
-/// `context` is NULL or valid for reading, with any content.
-pub(crate) unsafe fn enter(
-    call: Call,
-    context: *const Words,
-) -> Result<Entered<Bus>, ecan_result_t> {
-    // SAFETY: the caller's promise.
-    unsafe { handle::enter(call, context, Kind::Adapter) }
-}
-
-/// The bus of a Port context.
-///
-/// # Safety
-/// As for [`enter`].
-#[inline(always)]
-pub(crate) unsafe fn enter_port(
-    call: Call,
-    context: *const Words,
-) -> Result<Entered<Bus>, ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let bus: Entered<Bus> = unsafe { handle::enter(call, context, Kind::Port)? };
-    if !bus.names_port() {
-        return Err(handle::not_initialised(call, Kind::Port));
-    }
-    Ok(bus)
-}
-
-/// The bus of an axes context.
-///
-/// # Safety
-/// As for [`enter`].
-pub(crate) unsafe fn enter_cia402(
-    call: Call,
-    context: *const Words,
-) -> Result<Entered<Bus>, ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let bus: Entered<Bus> = unsafe { handle::enter(call, context, Kind::Cia402)? };
-    if !bus.names_axes() {
-        return Err(handle::not_initialised(call, Kind::Cia402));
-    }
-    Ok(bus)
-}
-
-/// As [`enter_port`]; `None` for a context that names no Port.
-///
-/// # Safety
-/// As for [`enter`].
-pub(crate) unsafe fn enter_port_to_end(
-    call: Call,
-    context: *const Words,
-) -> Result<Option<Entered<Bus>>, ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let bus: Option<Entered<Bus>> = unsafe { handle::enter_to_end(call, context, Kind::Port)? };
-    Ok(bus.filter(Entered::names_port))
-}
-
-/// As [`enter_cia402`]; `None` for a context that names no axes.
-///
-/// # Safety
-/// As for [`enter`].
-pub(crate) unsafe fn enter_cia402_to_end(
-    call: Call,
-    context: *const Words,
-) -> Result<Option<Entered<Bus>>, ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let bus: Option<Entered<Bus>> = unsafe { handle::enter_to_end(call, context, Kind::Cia402)? };
-    Ok(bus.filter(Entered::names_axes))
-}
-
 impl Entered<Bus> {
     /// Returns true if it was entered through the context of the Port.
     #[inline]
-    fn names_port(&self) -> bool {
+    pub(crate) fn names_port(&self) -> bool {
         self.port_serial == self.serial
     }
 
     /// Returns true if it was entered through the context of the axes.
-    fn names_axes(&self) -> bool {
+    pub(crate) fn names_axes(&self) -> bool {
         self.axes.as_ref().is_some_and(|axes| axes.serial == self.serial)
     }
 

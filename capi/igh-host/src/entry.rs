@@ -2,24 +2,28 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::{Call, Opaque, Sealed, call, getter};
+use ecan_mcan_host::boundary::{Call, Opaque, call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
 
-use crate::bus::Bus;
-use crate::handle::Entered;
+use crate::handle::{self, Entered, Kind, Pooled, Words};
 
 /// A context struct of C.
 pub(crate) trait Context: Sized {
+    /// The object that it names.
+    type Object: Pooled;
+    const KIND: Kind;
     /// The layer that calls with this context work on.
     type Layer<'a>;
 
-    /// Enters the bus that a context names.
-    ///
-    /// # Safety
-    /// `context` is NULL or valid for reading, with any content.
-    unsafe fn enter(call: Call, context: *const Self) -> Result<Entered<Bus>, ecan_result_t>;
+    /// Returns false for a context that outlived its part of the object.
+    fn is_current(_: &Entered<Self::Object>) -> bool {
+        true
+    }
 
-    fn layer(call: Call, bus: &mut Entered<Bus>) -> Result<Self::Layer<'_>, ecan_result_t>;
+    fn layer(
+        call: Call,
+        object: &mut Entered<Self::Object>,
+    ) -> Result<Self::Layer<'_>, ecan_result_t>;
 }
 
 /// A call with a context, before it is entered; made by [`enter!`].
@@ -35,15 +39,22 @@ impl<C: Context> Entry<C> {
         Self { function, context }
     }
 
-    /// Works on the whole bus.
+    /// Works on the whole object.
     #[inline(always)]
     pub(crate) fn on_bus(
         self,
-        work: impl FnOnce(Call, &mut Entered<Bus>) -> Result<(), ecan_result_t>,
+        work: impl FnOnce(Call, &mut Entered<C::Object>) -> Result<(), ecan_result_t>,
     ) -> c_int {
+        self.get_on_bus(|call, bus| work(call, bus).map(|()| 0))
+    }
+
+    /// Ends the object or its part that the context names, if any.
+    pub(crate) fn end(self, end: impl FnOnce(Entered<C::Object>)) -> c_int {
         call(self.function, |call| {
             // SAFETY: the promise of `new`.
-            work(call, &mut unsafe { C::enter(call, self.context)? })
+            let object = unsafe { handle::enter_to_end(call, self.context.cast(), C::KIND)? };
+            object.filter(C::is_current).map(end);
+            Ok(())
         })
     }
 
@@ -63,7 +74,7 @@ impl<C: Context> Entry<C> {
         failed: R,
         work: impl FnOnce(Call, C::Layer<'_>) -> Result<R, ecan_result_t>,
     ) -> R {
-        self.get_with(|_| failed, work)
+        self.get_with(|_| failed, |call, bus| work(call, C::layer(call, bus)?))
     }
 
     /// Returns a number, or the code of an error.
@@ -72,6 +83,15 @@ impl<C: Context> Entry<C> {
         self,
         work: impl FnOnce(Call, C::Layer<'_>) -> Result<c_int, ecan_result_t>,
     ) -> c_int {
+        self.get_on_bus(|call, bus| work(call, C::layer(call, bus)?))
+    }
+
+    /// As [`get`](Self::get), of the whole object.
+    #[inline(always)]
+    pub(crate) fn get_on_bus(
+        self,
+        work: impl FnOnce(Call, &mut Entered<C::Object>) -> Result<c_int, ecan_result_t>,
+    ) -> c_int {
         self.get_with(ecan_result_t::code, work)
     }
 
@@ -79,12 +99,16 @@ impl<C: Context> Entry<C> {
     fn get_with<R>(
         self,
         failed: impl FnOnce(ecan_result_t) -> R,
-        work: impl FnOnce(Call, C::Layer<'_>) -> Result<R, ecan_result_t>,
+        work: impl FnOnce(Call, &mut Entered<C::Object>) -> Result<R, ecan_result_t>,
     ) -> R {
         getter(self.function, failed, |call| {
+            const { assert!(size_of::<Words>() == size_of::<C>()) };
             // SAFETY: the promise of `new`.
-            let mut bus = unsafe { C::enter(call, self.context)? };
-            work(call, C::layer(call, &mut bus)?)
+            let mut object = unsafe { handle::enter(call, self.context.cast(), C::KIND)? };
+            if !C::is_current(&object) {
+                return Err(handle::not_initialised(call, C::KIND));
+            }
+            work(call, &mut object)
         })
     }
 }
@@ -126,7 +150,7 @@ pub(crate) struct Change<S> {
 
 impl<S: Opaque> Change<S> {
     /// # Safety
-    /// As for [`Sealed::change`], as long as this lives.
+    /// As for [`Call::sealed_mut`], as long as this lives.
     pub(crate) unsafe fn new(function: &'static str, config: *mut S) -> Self {
         Self { function, config }
     }
@@ -138,7 +162,7 @@ impl<S: Opaque> Change<S> {
     ) -> c_int {
         call(self.function, |call| {
             // SAFETY: the promise of `new`.
-            change(call, unsafe { Sealed::change(call, "config", self.config)? })
+            change(call, unsafe { call.sealed_mut("config", self.config)? })
         })
     }
 

@@ -101,8 +101,7 @@ pub unsafe extern "C" fn ecan_igh_slave_count(context: *mut ecan_igh_context_t) 
 /// Returns 1 if all slaves are in OP and the last exchange was complete.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
-///          Compare with 1.
+/// @return  1 or 0; ECAN_ERR_MASTER. Compare with 1.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_is_operational(context: *mut ecan_igh_context_t) -> c_int {
     enter!(ecan_igh_is_operational, context).get(|call, adapter| {
@@ -114,8 +113,7 @@ pub unsafe extern "C" fn ecan_igh_is_operational(context: *mut ecan_igh_context_
 /// Gets the state of a slave.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
-///          ECAN_ERR_MASTER.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_get_slave_state(
     context: *mut ecan_igh_context_t,
@@ -132,7 +130,7 @@ pub unsafe extern "C" fn ecan_igh_get_slave_state(
 /// Gets the state of the bus.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+/// @return  ECAN_OK, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_get_master_state(
     context: *mut ecan_igh_context_t,
@@ -147,8 +145,7 @@ pub unsafe extern "C" fn ecan_igh_get_master_state(
 /// Gets identity and state of a slave.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
-///          ECAN_ERR_MASTER.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_get_slave_info(
     context: *mut ecan_igh_context_t,

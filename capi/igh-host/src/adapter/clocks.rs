@@ -40,8 +40,7 @@ mirror! {
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_ORDER without distributed clocks, before activation, and on an
-///          attached context, whose owner serves the clocks; ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+///          attached context, whose owner serves the clocks.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_get_clock_status(
     context: *mut ecan_igh_context_t,

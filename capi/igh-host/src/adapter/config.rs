@@ -8,8 +8,9 @@ use std::ffi::{c_char, c_int};
 use ecan_host::{
     AdapterConfig, Error, MAX_SLAVES, MAX_STARTUP_STEPS, SlaveConfig, StartupPlan, StartupStep,
 };
-use ecan_mcan_host::boundary::{Call, Opaque, OutArray, Sealed, call, put_text};
+use ecan_mcan_host::boundary::{Call, Opaque, call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t::{self, *};
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::List;
 
@@ -163,25 +164,23 @@ impl IghConfig {
 /// @param config  Is overwritten.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK or ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_default_config(config: *mut ecan_igh_config_t) -> c_int {
     call("ecan_igh_default_config", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { Sealed::init(call, "config", config, IghConfig::new()) }
+        pointers!(call, out(config));
+        config.seal(IghConfig::new());
+        Ok(())
     })
 }
 
 /// Checks a configuration as a whole, without touching the bus. ecan_igh_init() does it, too.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error(); ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED.
+/// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_check_config(config: *const ecan_igh_config_t) -> c_int {
     call("ecan_igh_check_config", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { Sealed::read(call, "config", config)? };
+        pointers!(call, sealed(config));
         config.configured().check().map_err(Error::from).or_code(call)
     })
 }
@@ -192,7 +191,7 @@ pub unsafe extern "C" fn ecan_igh_check_config(config: *const ecan_igh_config_t)
 /// @param size     Its bytes; ECAN_IGH_MAX_SETTING are enough.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, or ECAN_ERR_BUFFER with the text cut.
+/// @return  ECAN_OK, or ECAN_ERR_BUFFER with the text cut.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_get_ecrt(
     config: *const ecan_igh_config_t,
@@ -200,11 +199,8 @@ pub unsafe extern "C" fn ecan_igh_config_get_ecrt(
     size: usize,
 ) -> c_int {
     call("ecan_igh_config_get_ecrt", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, mut room): (_, OutArray<c_char>) = unsafe {
-            (Sealed::read(call, "config", config)?, call.room("setting", setting, size)?)
-        };
-        if put_text(&mut room, config.ecrt.as_ref().and_then(Text::get).unwrap_or_default()) {
+        pointers!(call, sealed(config), room(setting, size));
+        if put_text(&mut setting, config.ecrt.as_ref().and_then(Text::get).unwrap_or_default()) {
             return Ok(());
         }
         Err(call.fail(ECAN_ERR_BUFFER, format_args!("the buffer of {size} bytes is too small")))

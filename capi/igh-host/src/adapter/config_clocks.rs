@@ -38,8 +38,8 @@ fn change_dc(
 /// @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
-///          ecan_igh_check_config() checks the period against the cycle.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT. ecan_igh_check_config() checks the period against the
+///          cycle.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_sync0(
     config: *mut ecan_igh_config_t,
@@ -63,8 +63,7 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_sync0(
 /// Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
-///          clocks are off.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_assign_activate(
     config: *mut ecan_igh_config_t,
@@ -81,8 +80,7 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_assign_activate(
 /// @param source  An ecan_igh_clock_source_t.
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER
-///          if distributed clocks are off.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER if distributed clocks are off.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_source(
     config: *mut ecan_igh_config_t,
@@ -101,8 +99,7 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_source(
 /// @param slave  Slave index; ecan_igh_check_config() checks it.
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
-///          clocks are off.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_reference(
     config: *mut ecan_igh_config_t,
@@ -120,8 +117,7 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_reference(
 /// @param every  Cycles from measurement to measurement; 0 for never.
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER if distributed
-///          clocks are off.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_monitor(
     config: *mut ecan_igh_config_t,

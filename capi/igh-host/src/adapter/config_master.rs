@@ -3,7 +3,8 @@
 use std::ffi::{c_char, c_int};
 use std::time::Duration;
 
-use ecan_mcan_host::boundary::{Sealed, call};
+use ecan_mcan_host::boundary::call;
+use ecan_mcan_host::pointers;
 
 use super::config::{ECAN_IGH_MAX_SLAVES, Text, ecan_igh_config_t};
 use crate::entry::change;
@@ -18,8 +19,8 @@ use crate::entry::change;
 ///                 "sim:FILE.toml" for a scenario. NULL removes the choice. Is copied.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
-///          ecan_igh_init() reports a library that cannot be loaded.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER. ecan_igh_init() reports a library that
+///          cannot be loaded.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_ecrt(
     config: *mut ecan_igh_config_t,
@@ -29,9 +30,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_ecrt(
         config.ecrt = if setting.is_null() {
             None
         } else {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            let text = unsafe { call.text("setting", setting)? };
-            Some(Text::new(call, "setting", text)?)
+            pointers!(call, text(setting));
+            Some(Text::new(call, "setting", setting)?)
         };
         Ok(())
     })
@@ -40,15 +40,14 @@ pub unsafe extern "C" fn ecan_igh_config_set_ecrt(
 /// Suggests the scenario for a plain "sim": "echo" (the default) or "drives".
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_suggest_scenario(
     config: *mut ecan_igh_config_t,
     name: *const c_char,
 ) -> c_int {
     change!(ecan_igh_config_suggest_scenario, config).with(|call, config| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let name = unsafe { call.text("name", name)? };
+        pointers!(call, text(name));
         config.scenario = Text::new(call, "name", name)?;
         Ok(())
     })
@@ -60,7 +59,6 @@ pub unsafe extern "C" fn ecan_igh_config_suggest_scenario(
 ///                 for the next cycle, as fast as the machine allows; same seed, same result.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_stepped_clock(
     config: *mut ecan_igh_config_t,
@@ -73,7 +71,6 @@ pub unsafe extern "C" fn ecan_igh_config_set_stepped_clock(
 /// Sets the seed of a simulation, in place of the scenario's.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_seed(
     config: *mut ecan_igh_config_t,
@@ -87,7 +84,6 @@ pub unsafe extern "C" fn ecan_igh_config_set_seed(
 /// @param index  0 for /dev/EtherCAT0, the default.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_master_index(
     config: *mut ecan_igh_config_t,
@@ -102,7 +98,7 @@ pub unsafe extern "C" fn ecan_igh_config_set_master_index(
 /// @param count  1 to ECAN_IGH_MAX_SLAVES.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_slave_count(
     config: *mut ecan_igh_config_t,
@@ -121,17 +117,14 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_count(
 /// Gets the number of slaves, after igh_mcan_port_load_config() for example.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_get_slave_count(
     config: *const ecan_igh_config_t,
     count: *mut usize,
 ) -> c_int {
     call("ecan_igh_config_get_slave_count", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, out) =
-            unsafe { (Sealed::read(call, "config", config)?, call.out("count", count)?) };
-        out.set(config.slave_count);
+        pointers!(call, sealed(config), out(count));
+        count.set(config.slave_count);
         Ok(())
     })
 }
@@ -142,7 +135,7 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_count(
 ///                  watchdog: ecan_igh_config_set_watchdog_us().
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_cycle_us(
     config: *mut ecan_igh_config_t,
@@ -164,17 +157,14 @@ pub unsafe extern "C" fn ecan_igh_config_set_cycle_us(
 /// @param cycle_ns  Nanoseconds: a file may have fractions of a microsecond.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_get_cycle_ns(
     config: *const ecan_igh_config_t,
     cycle_ns: *mut u32,
 ) -> c_int {
     call("ecan_igh_config_get_cycle_ns", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, out) =
-            unsafe { (Sealed::read(call, "config", config)?, call.out("cycle_ns", cycle_ns)?) };
-        out.set(config.adapter.cycle_ns());
+        pointers!(call, sealed(config), out(cycle_ns));
+        cycle_ns.set(config.adapter.cycle_ns());
         Ok(())
     })
 }
@@ -183,7 +173,6 @@ pub unsafe extern "C" fn ecan_igh_config_get_cycle_ns(
 /// Without it N is at most 11 (ECAN_PDO_MAX_PLAIN_MULTIPLIER).
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_allow_large_pdos(
     config: *mut ecan_igh_config_t,
@@ -196,7 +185,6 @@ pub unsafe extern "C" fn ecan_igh_config_allow_large_pdos(
 /// Sets the time in which the slaves must respond in PREOP, in milliseconds; 10000 by default.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_preop_timeout_ms(
     config: *mut ecan_igh_config_t,
@@ -213,8 +201,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_preop_timeout_ms(
 ///                     than two cycles, or a single lost frame ends operation.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others
-///          by ecan_igh_check_config() and ecan_igh_init().
+/// @return  ECAN_OK. The value is checked with the others by ecan_igh_check_config() and
+///          ecan_igh_init().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_watchdog_us(
     config: *mut ecan_igh_config_t,

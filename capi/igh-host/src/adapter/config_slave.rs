@@ -3,9 +3,10 @@
 use std::ffi::{c_int, c_void};
 
 use ecan_host::{Identity, StartupStep};
-use ecan_mcan_host::boundary::{Call, Sealed, call};
+use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::constants::ECAN_PDO_MAX_MULTIPLIER;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 use ecan_protocol::object::{ObjectType, SdoWrite};
 
 use super::config::ecan_igh_config_t;
@@ -25,7 +26,7 @@ fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result
 /// @param n  1 to 24; above 11 see ecan_igh_config_allow_large_pdos().
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_pdo_multiplier(
     config: *mut ecan_igh_config_t,
@@ -40,7 +41,7 @@ pub unsafe extern "C" fn ecan_igh_config_set_pdo_multiplier(
 /// Sets N of both directions on one slave.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multiplier(
     config: *mut ecan_igh_config_t,
@@ -83,7 +84,6 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multipliers(
 /// @param tx_n  Of the TxPDO, slave to master.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_get_slave_pdo_multipliers(
     config: *const ecan_igh_config_t,
@@ -92,17 +92,10 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_pdo_multipliers(
     tx_n: *mut u32,
 ) -> c_int {
     call("ecan_igh_config_get_slave_pdo_multipliers", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, rx, tx) = unsafe {
-            (
-                Sealed::read(call, "config", config)?,
-                call.out("rx_n", rx_n)?,
-                call.out("tx_n", tx_n)?,
-            )
-        };
+        pointers!(call, sealed(config), out(rx_n), out(tx_n));
         let slave = config.slave_of(call, slave)?;
-        rx.set(slave.rx_multiplier.into());
-        tx.set(slave.tx_multiplier.into());
+        rx_n.set(slave.rx_multiplier.into());
+        tx_n.set(slave.tx_multiplier.into());
         Ok(())
     })
 }
@@ -114,7 +107,6 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_pdo_multipliers(
 /// @param position  Position, from 0.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_slave_position(
     config: *mut ecan_igh_config_t,
@@ -132,7 +124,6 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_position(
 /// Gets the position of a slave, as ecan_igh_config_set_slave_position() sets it.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_get_slave_position(
     config: *const ecan_igh_config_t,
@@ -141,14 +132,7 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_position(
     position: *mut u16,
 ) -> c_int {
     call("ecan_igh_config_get_slave_position", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, alias, position) = unsafe {
-            (
-                Sealed::read(call, "config", config)?,
-                call.out("alias", alias)?,
-                call.out("position", position)?,
-            )
-        };
+        pointers!(call, sealed(config), out(alias), out(position));
         let slave = config.slave_of(call, slave)?;
         alias.set(slave.alias);
         position.set(slave.position);
@@ -160,7 +144,6 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_position(
 /// slave whose objects identify it as an ECAN-Lite.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_slave_identity(
     config: *mut ecan_igh_config_t,
@@ -183,8 +166,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_identity(
 /// @param size      Its bytes: 1, 2 or 4.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT;
-///          ECAN_ERR_FULL beyond ECAN_IGH_MAX_STARTUP_SDOS.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
+///          ECAN_IGH_MAX_STARTUP_SDOS.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_add_startup_sdo(
     config: *mut ecan_igh_config_t,
@@ -195,8 +178,7 @@ pub unsafe extern "C" fn ecan_igh_config_add_startup_sdo(
     size: usize,
 ) -> c_int {
     change!(ecan_igh_config_add_startup_sdo, config).with(|call, config| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let data = unsafe { call.items("data", data.cast::<u8>(), size)? };
+        pointers!(call, bytes(data, size));
         config.slave(call, slave)?;
         let ty = match size {
             1 => ObjectType::U8,

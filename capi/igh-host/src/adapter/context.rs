@@ -11,17 +11,18 @@
 use std::ffi::{c_int, c_void};
 use std::time::Duration;
 
-use ecan_host::{Adapter, Error, Master};
-use ecan_mcan_host::boundary::{Call, Sealed, call, getter};
-use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_host::{Adapter, AdapterConfig, Ecrt, Error, Master};
+use ecan_mcan_host::boundary::{Call, OutPointer, call};
+use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_MASTER};
+use ecan_mcan_host::pointers;
 
-use super::config::ecan_igh_config_t;
+use super::config::{IghConfig, ecan_igh_config_t};
 use super::library;
-use crate::bus::{self, Bus};
+use crate::bus::Bus;
 use crate::callback::StopCallback;
 use crate::entry::{Context, enter};
 use crate::errors::{self, OrCode as _};
-use crate::handle::{self, Entered, Kind, Words};
+use crate::handle::{self, Entered, Kind};
 
 /// A master with its slaves. Belongs to one thread at a time; do not move or copy it. What builds
 /// on it (igh_mcan_port_t, igh_cia402_context_t) ends with it.
@@ -32,19 +33,33 @@ pub struct ecan_igh_context_t {
     pub opaque: [u64; 4],
 }
 
-const _: () = assert!(size_of::<Words>() == size_of::<ecan_igh_context_t>());
-
 impl Context for ecan_igh_context_t {
+    type Object = Bus;
+    const KIND: Kind = Kind::Adapter;
     type Layer<'a> = &'a mut Adapter;
-
-    unsafe fn enter(call: Call, context: *const Self) -> Result<Entered<Bus>, ecan_result_t> {
-        // SAFETY: the caller's promise.
-        unsafe { bus::enter(call, context.cast()) }
-    }
 
     fn layer(call: Call, bus: &mut Entered<Bus>) -> Result<&mut Adapter, ecan_result_t> {
         bus.need_adapter(call)
     }
+}
+
+/// Stores a bus with an open Adapter in a context.
+fn open(
+    call: Call,
+    context: &OutPointer<ecan_igh_context_t>,
+    config: &IghConfig,
+    make: impl FnOnce(&Ecrt, AdapterConfig) -> Result<Adapter, ecan_result_t>,
+) -> Result<(), ecan_result_t> {
+    let bus = || {
+        let rust = config.configured();
+        // A faulty configuration is reported before the library is loaded.
+        rust.check().map_err(Error::from).or_code(call)?;
+        let library = library::open(call, config)?;
+        let adapter = make(&library.ecrt, rust)?;
+        Ok(Bus::new(adapter, config.applied(), library.is_stepped))
+    };
+    // SAFETY: `out` was promised that the pointer is valid for writing.
+    unsafe { handle::init(call, context.as_ptr().cast(), Kind::Adapter, bus) }
 }
 
 /// Opens the master: checks the configuration as a whole, loads the EtherCAT master library,
@@ -59,32 +74,19 @@ impl Context for ecan_igh_context_t {
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
-///          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
-///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER for a context that is
-///          initialised already. After an error there is nothing to deinit.
+///          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL;
+///          ECAN_ERR_ORDER for a context that is initialised already. After an error there is
+///          nothing to deinit.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_init(
     context: *mut ecan_igh_context_t,
     config: *const ecan_igh_config_t,
 ) -> c_int {
     call("ecan_igh_init", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let config = unsafe {
-            call.out("context", context)?;
-            Sealed::read(call, "config", config)?
-        };
-        // SAFETY: as above.
-        unsafe {
-            handle::init(call, context.cast(), Kind::Adapter, || {
-                let rust = config.configured();
-                // A faulty configuration is reported before the library is loaded.
-                rust.check().map_err(Error::from).or_code(call)?;
-                let library = library::open(call, config)?;
-                let adapter = Adapter::open(&library.ecrt, rust, config.startup_plan());
-                let adapter = adapter.or_code(call)?;
-                Ok(Bus::new(adapter, config.applied(), library.is_stepped))
-            })
-        }
+        pointers!(call, out(context), sealed(config));
+        open(call, &context, config, |ecrt, rust| {
+            Adapter::open(ecrt, rust, config.startup_plan()).or_code(call)
+        })
     })
 }
 
@@ -109,27 +111,14 @@ pub unsafe extern "C" fn ecan_igh_attach(
     master: *mut c_void,
 ) -> c_int {
     call("ecan_igh_attach", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let config = unsafe {
-            call.out("context", context)?;
-            call.out("master", master)?;
-            Sealed::read(call, "config", config)?
-        };
-        // SAFETY: as above.
-        unsafe {
-            handle::init(call, context.cast(), Kind::Adapter, || {
-                let rust = config.configured();
-                rust.check().map_err(Error::from).or_code(call)?;
-                let library = library::open(call, config)?;
-                let foreign =
-                    Master::from_raw(library.ecrt.clone(), master.cast()).map_err(|errno| {
-                        call.fail(ecan_result_t::ECAN_ERR_MASTER, format_args!("{errno}"))
-                    })?;
-                let adapter = Adapter::attach(&library.ecrt, foreign, rust, config.startup_plan());
-                let adapter = adapter.or_code(call)?;
-                Ok(Bus::new(adapter, config.applied(), library.is_stepped))
-            })
-        }
+        pointers!(call, out(context), out(master), sealed(config));
+        open(call, &context, config, |ecrt, rust| {
+            // SAFETY: the header demands the owner's reserved master of this library.
+            let master = unsafe { Master::from_raw(ecrt.clone(), master.as_ptr().cast()) };
+            let master =
+                master.map_err(|errno| call.fail(ECAN_ERR_MASTER, format_args!("{errno}")))?;
+            Adapter::attach(ecrt, master, rust, config.startup_plan()).or_code(call)
+        })
     })
 }
 
@@ -137,7 +126,7 @@ pub unsafe extern "C" fn ecan_igh_attach(
 ///
 /// @usage   not rt, the owner's thread, after ecrt_master_activate
 /// @return  ECAN_OK; ECAN_ERR_ORDER for a context that is not attached or active already;
-///          ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+///          ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_owner_activated(context: *mut ecan_igh_context_t) -> c_int {
     enter!(ecan_igh_owner_activated, context)
@@ -148,8 +137,7 @@ pub unsafe extern "C" fn ecan_igh_owner_activated(context: *mut ecan_igh_context
 /// polls ecan_igh_is_operational() or igh_mcan_port_is_ready().
 ///
 /// @usage   not rt, the cycle's thread, after init and igh_mcan_port_init
-/// @return  ECAN_OK; ECAN_ERR_ORDER if it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER,
-///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_activate(context: *mut ecan_igh_context_t) -> c_int {
     enter!(ecan_igh_activate, context).run(|call, adapter| adapter.activate().or_code(call))
@@ -164,8 +152,7 @@ pub unsafe extern "C" fn ecan_igh_activate(context: *mut ecan_igh_context_t) -> 
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that is not in OP, and
 ///          the reason; ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the
-///          configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+///          configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
     context: *mut ecan_igh_context_t,
@@ -195,7 +182,6 @@ pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
 /// @param user  Is passed to it, in the thread that waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_stop_waiting_when(
     context: *mut ecan_igh_context_t,
@@ -216,16 +202,15 @@ pub unsafe extern "C" fn ecan_igh_stop_waiting_when(
 /// (manual 14.2). Then wait for OP again. With a Port use igh_mcan_port_reconfigure().
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port, ECAN_ERR_ATTACHED, ECAN_ERR_BUSY. A
-///          faulty configuration changes nothing; after any other error reconfigure again.
+/// @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port, ECAN_ERR_ATTACHED. A faulty
+///          configuration changes nothing; after any other error reconfigure again.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_reconfigure(
     context: *mut ecan_igh_context_t,
     config: *const ecan_igh_config_t,
 ) -> c_int {
     enter!(ecan_igh_reconfigure, context).on_bus(|call, bus| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { Sealed::read(call, "config", config)? };
+        pointers!(call, sealed(config));
         if bus.port_mut().is_some() {
             let text = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
             return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
@@ -243,23 +228,16 @@ pub unsafe extern "C" fn ecan_igh_reconfigure(
 /// on it end, too.
 ///
 /// @usage   not rt, the cycle's thread, any time
-/// @return  ECAN_OK, also for a context that is deinitialised already or never was initialised;
-///          ECAN_ERR_NULL, ECAN_ERR_BUSY.
+/// @return  ECAN_OK, also for a context that is deinitialised already or never was initialised.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_deinit(context: *mut ecan_igh_context_t) -> c_int {
-    call("ecan_igh_deinit", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let bus: Option<Entered<Bus>> =
-            unsafe { handle::enter_to_end(call, context.cast(), Kind::Adapter)? };
-        drop(bus.map(Entered::leave));
-        Ok(())
-    })
+    enter!(ecan_igh_deinit, context).end(|bus| drop(bus.leave()))
 }
 
 /// Returns 1 if the bus is simulated.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  1 or 0, or a negative ecan_result_t.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
     enter!(ecan_igh_is_simulated, context).get(|_, adapter| Ok(adapter.is_simulated().into()))
@@ -269,14 +247,10 @@ pub unsafe extern "C" fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t)
 /// stepped clock. The program must then take its own deadlines from ecan_igh_now_ns().
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  1 or 0, or a negative ecan_result_t.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_context_t) -> c_int {
-    getter("ecan_igh_clock_is_stepped", ecan_result_t::code, |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let bus = unsafe { bus::enter(call, context.cast())? };
-        Ok(bus.is_stepped.into())
-    })
+    enter!(ecan_igh_clock_is_stepped, context).get_on_bus(|_, bus| Ok(bus.is_stepped.into()))
 }
 
 /// Returns a sufficient timeout for ecan_igh_wait_op_timeout(), by the startup SDOs, the cycle and

@@ -71,8 +71,7 @@ fn exchange(
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: the cycle may continue;
-///          ECAN_ERR_ORDER if the bus is not active or there is a Port on it; ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+///          ECAN_ERR_ORDER if the bus is not active or there is a Port on it.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_receive(context: *mut ecan_igh_context_t) -> c_int {
     enter!(ecan_igh_receive, context).on_bus(|call, bus| exchange(call, bus, Adapter::receive))
@@ -96,7 +95,6 @@ pub unsafe extern "C" fn ecan_igh_send(context: *mut ecan_igh_context_t) -> c_in
 /// timer must leave that time, too.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_wait_next_cycle(context: *mut ecan_igh_context_t) -> c_int {
     enter!(ecan_igh_wait_next_cycle, context).run(|_, adapter| {
@@ -138,7 +136,7 @@ pub unsafe extern "C" fn ecan_igh_response_ns(context: *mut ecan_igh_context_t) 
 /// otherwise (manual 15.5.2, step 8).
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
+/// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_domain_is_complete(context: *mut ecan_igh_context_t) -> c_int {
     enter!(ecan_igh_domain_is_complete, context)
@@ -148,7 +146,6 @@ pub unsafe extern "C" fn ecan_igh_domain_is_complete(context: *mut ecan_igh_cont
 /// Gets the result of the last exchange with one slave.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_get_domain_report(
     context: *mut ecan_igh_context_t,

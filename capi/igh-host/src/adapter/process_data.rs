@@ -4,37 +4,21 @@
 
 use std::ffi::c_int;
 
-use ecan_host::Adapter;
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::{Call, OutPointer};
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
-use crate::bus;
+use crate::entry::enter;
 
 /// Stores the address and the size of an image.
-///
-/// # Safety
-/// Every pointer is NULL or valid as the header demands.
-unsafe fn get_image<P>(
+fn put_image<P>(
     call: Call,
-    context: *mut ecan_igh_context_t,
-    slave: usize,
-    (address_name, address): (&str, *mut P),
-    (size_name, size): (&str, *mut usize),
-    image: impl FnOnce(&mut Adapter) -> (P, usize),
+    address: OutPointer<P>,
+    size: OutPointer<usize>,
+    (start, bytes): (P, usize),
 ) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let (mut bus, address, size) = unsafe {
-        (
-            bus::enter(call, context.cast())?,
-            call.out(address_name, address)?,
-            call.out(size_name, size)?,
-        )
-    };
-    let adapter = bus.need_adapter(call)?;
-    need_slave(call, adapter, slave)?;
-    let (start, bytes) = image(adapter);
     if bytes == 0 {
         let text = format_args!("there are no process data before the bus is active");
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
@@ -51,8 +35,7 @@ unsafe fn get_image<P>(
 /// @param rxpdo_size  Gets the bytes.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK; ECAN_ERR_ORDER before the bus is active; ECAN_ERR_NULL, ECAN_ERR_SLAVE,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_ORDER before the bus is active; ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_get_rxpdo_buffer(
     context: *mut ecan_igh_context_t,
@@ -60,15 +43,11 @@ pub unsafe extern "C" fn ecan_igh_get_rxpdo_buffer(
     rxpdo: *mut *mut u8,
     rxpdo_size: *mut usize,
 ) -> c_int {
-    let (address, size) = (("rxpdo", rxpdo), ("rxpdo_size", rxpdo_size));
-    call("ecan_igh_get_rxpdo_buffer", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            get_image(call, context, slave, address, size, |adapter| {
-                let image = adapter.rx_pdo_mut(slave);
-                (image.as_mut_ptr(), image.len())
-            })
-        }
+    enter!(ecan_igh_get_rxpdo_buffer, context).run(|call, adapter| {
+        pointers!(call, out(rxpdo), out(rxpdo_size));
+        need_slave(call, adapter, slave)?;
+        let image = adapter.rx_pdo_mut(slave);
+        put_image(call, rxpdo, rxpdo_size, (image.as_mut_ptr(), image.len()))
     })
 }
 
@@ -88,14 +67,10 @@ pub unsafe extern "C" fn ecan_igh_get_txpdo_buffer(
     txpdo: *mut *const u8,
     txpdo_size: *mut usize,
 ) -> c_int {
-    let (address, size) = (("txpdo", txpdo), ("txpdo_size", txpdo_size));
-    call("ecan_igh_get_txpdo_buffer", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            get_image(call, context, slave, address, size, |adapter| {
-                let image = adapter.tx_pdo(slave);
-                (image.as_ptr(), image.len())
-            })
-        }
+    enter!(ecan_igh_get_txpdo_buffer, context).run(|call, adapter| {
+        pointers!(call, out(txpdo), out(txpdo_size));
+        need_slave(call, adapter, slave)?;
+        let image = adapter.tx_pdo(slave);
+        put_image(call, txpdo, txpdo_size, (image.as_ptr(), image.len()))
     })
 }

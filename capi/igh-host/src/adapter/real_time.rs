@@ -10,10 +10,9 @@ use ecan_host::{
 };
 use ecan_mcan_host::boundary::{Call, call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
+use ecan_mcan_host::{mirror, pointers};
 
 use super::context::ecan_igh_context_t;
-use crate::bus;
 use crate::entry::enter;
 
 /// Requests of the cycle's thread to the system. Fill with ecan_igh_default_real_time(), then
@@ -123,7 +122,6 @@ fn config(call: Call, wanted: &ecan_igh_real_time_t) -> Result<RealTimeConfig, e
 /// Fills the requests: nothing is requested.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_default_real_time(settings: *mut ecan_igh_real_time_t) -> c_int {
     call("ecan_igh_default_real_time", |call| {
@@ -153,7 +151,7 @@ pub unsafe extern "C" fn ecan_igh_default_real_time(settings: *mut ecan_igh_real
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also if a request that is not required was denied; ECAN_ERR_PRIVILEGE if a
 ///          required one was denied: granted requests stay in force. ECAN_ERR_ARGUMENT for a value
-///          out of range, with nothing applied; ECAN_ERR_NULL.
+///          out of range, with nothing applied.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_apply_real_time(
     settings: *const ecan_igh_real_time_t,
@@ -161,16 +159,14 @@ pub unsafe extern "C" fn ecan_igh_apply_real_time(
     size: usize,
 ) -> c_int {
     call("ecan_igh_apply_real_time", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (wanted, mut room) =
-            unsafe { (call.read("settings", settings)?, call.room("report", report, size)?) };
-        let applied = config(call, wanted)?.apply();
+        pointers!(call, read(settings), room(report, size));
+        let applied = config(call, settings)?.apply();
         let text = match &applied {
             Ok(report) | Err(RealTimeError::Missing(report)) => report.to_string(),
             Err(_) => String::new(),
         };
         if size > 0 {
-            put_text(&mut room, &text);
+            put_text(&mut report, &text);
         }
         applied.map(drop).map_err(|error| {
             let code = match error {
@@ -191,7 +187,7 @@ pub unsafe extern "C" fn ecan_igh_apply_real_time(
 ///                  time of the bus between them; 0 skips missed deadlines.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_set_cycle_timing(
     context: *mut ecan_igh_context_t,
@@ -218,7 +214,6 @@ pub unsafe extern "C" fn ecan_igh_set_cycle_timing(
 /// first.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_get_cycle_start(
     context: *mut ecan_igh_context_t,
@@ -231,7 +226,6 @@ pub unsafe extern "C" fn ecan_igh_get_cycle_start(
 /// Starts or restarts measuring the timing of the cycles. Takes about 3 megabytes.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_measure_cycles(context: *mut ecan_igh_context_t) -> c_int {
     enter!(ecan_igh_measure_cycles, context).run(|_, adapter| {
@@ -250,8 +244,7 @@ fn need_statistics(call: Call, adapter: &Adapter) -> Result<&CycleStatistics, ec
 /// Gets the timing of the cycles since ecan_igh_measure_cycles().
 ///
 /// @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
-/// @return  ECAN_OK; ECAN_ERR_ORDER if nothing is measured; ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if nothing is measured.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_get_cycle_statistics(
     context: *mut ecan_igh_context_t,
@@ -274,12 +267,10 @@ pub unsafe extern "C" fn ecan_igh_get_cycle_statistics_text(
     text: *mut c_char,
     size: usize,
 ) -> c_int {
-    call("ecan_igh_get_cycle_statistics_text", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, mut room) =
-            unsafe { (bus::enter(call, context.cast())?, call.room("text", text, size)?) };
+    enter!(ecan_igh_get_cycle_statistics_text, context).on_bus(|call, bus| {
+        pointers!(call, room(text, size));
         let measured = need_statistics(call, bus.need_adapter(call)?)?;
-        put_text(&mut room, &measured.to_string());
+        put_text(&mut text, &measured.to_string());
         Ok(())
     })
 }

@@ -3,12 +3,14 @@
 use std::ffi::{c_int, c_void};
 
 use ecan_host::{Adapter, Diagnostics, Error, Phase};
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
-use crate::bus::{self, Bus};
+use crate::bus::Bus;
+use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
@@ -50,9 +52,9 @@ fn diagnose<R: Send>(
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
-///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of
-///          another owner: use ecan_igh_diagnostics_sdo_upload() in another thread.
+///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_SLAVE, ECAN_ERR_MASTER;
+///          ECAN_ERR_ATTACHED on an active bus of another owner: use
+///          ecan_igh_diagnostics_sdo_upload() in another thread.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_sdo_upload(
     context: *mut ecan_igh_context_t,
@@ -63,23 +65,16 @@ pub unsafe extern "C" fn ecan_igh_sdo_upload(
     size: usize,
     length: *mut usize,
 ) -> c_int {
-    call("ecan_igh_sdo_upload", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, mut room, out) = unsafe {
-            (
-                bus::enter(call, context.cast())?,
-                call.room("data", data.cast::<u8>(), size)?,
-                call.out("length", length)?,
-            )
-        };
-        let value = diagnose(call, &mut bus, slave, |diagnostics| {
+    enter!(ecan_igh_sdo_upload, context).on_bus(|call, bus| {
+        pointers!(call, byte_room(data, size), out(length));
+        let value = diagnose(call, bus, slave, |diagnostics| {
             let mut value = vec![0; size.min(MAX_VALUE_BYTES)];
             let length = diagnostics.sdo_upload(slave, index, subindex, &mut value)?;
             value.truncate(length);
             Ok(value)
         })?;
-        room.push_bytes(&value);
-        out.set(value.len());
+        data.push_bytes(&value);
+        length.set(value.len());
         Ok(())
     })
 }
@@ -100,12 +95,9 @@ pub unsafe extern "C" fn ecan_igh_sdo_download(
     data: *const c_void,
     size: usize,
 ) -> c_int {
-    call("ecan_igh_sdo_download", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, data) = unsafe {
-            (bus::enter(call, context.cast())?, call.items("data", data.cast::<u8>(), size)?)
-        };
-        diagnose(call, &mut bus, slave, |diagnostics| {
+    enter!(ecan_igh_sdo_download, context).on_bus(|call, bus| {
+        pointers!(call, bytes(data, size));
+        diagnose(call, bus, slave, |diagnostics| {
             diagnostics.sdo_download(slave, index, subindex, data)
         })
     })

@@ -6,13 +6,13 @@
 use std::ffi::{c_int, c_void};
 
 use ecan_host::{Adapter, CycleError, RequestState};
-use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
+use ecan_mcan_host::{mirror, pointers};
 
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
-use crate::bus::{self, Bus, Request};
+use crate::bus::{Bus, Request};
 use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
@@ -67,8 +67,8 @@ fn start(
 /// @param request  Gets the number of the request.
 ///
 /// @usage   not rt, the cycle's thread, after init and before the bus is active
-/// @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+/// @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT,
+///          ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_create_sdo_request(
     context: *mut ecan_igh_context_t,
@@ -76,20 +76,18 @@ pub unsafe extern "C" fn ecan_igh_create_sdo_request(
     size: usize,
     request: *mut usize,
 ) -> c_int {
-    call("ecan_igh_create_sdo_request", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter(call, context.cast())?, call.out("request", request)?) };
+    enter!(ecan_igh_create_sdo_request, context).on_bus(|call, bus| {
+        pointers!(call, out(request));
         let adapter = bus.need_adapter(call)?;
         need_slave(call, adapter, slave)?;
         if !(1..=65_536).contains(&size) {
-            let text = format_args!("{size} is out of range; allowed: 1 to 65536");
+            let text = format_args!("{size} is request of range; allowed: 1 to 65536");
             return Err(call.argument("size", text));
         }
         let created = adapter.create_sdo_request(slave, size);
         let id = created.or_code(call)?;
         bus.requests.push(Request { id, size });
-        out.set(bus.requests.len() - 1);
+        request.set(bus.requests.len() - 1);
         Ok(())
     })
 }
@@ -99,8 +97,7 @@ pub unsafe extern "C" fn ecan_igh_create_sdo_request(
 /// @param timeout_ms  Milliseconds; 0 for the master's own.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
-///          ECAN_ERR_MASTER.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_sdo_request_timeout(
     context: *mut ecan_igh_context_t,
@@ -117,8 +114,8 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_timeout(
 /// Starts reading an object.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK; ECAN_ERR_ORDER while a transfer of the request is in progress; ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+/// @return  ECAN_OK; ECAN_ERR_ORDER while a transfer of the request is in progress;
+///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_sdo_request_read(
     context: *mut ecan_igh_context_t,
@@ -150,17 +147,14 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_write(
     data: *const c_void,
     size: usize,
 ) -> c_int {
-    call("ecan_igh_sdo_request_write", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, data) = unsafe {
-            (bus::enter(call, context.cast())?, call.items("data", data.cast::<u8>(), size)?)
-        };
-        let request = find(call, &bus, request)?;
+    enter!(ecan_igh_sdo_request_write, context).on_bus(|call, bus| {
+        pointers!(call, bytes(data, size));
+        let request = find(call, bus, request)?;
         if size > request.size {
             let text = format_args!("{size} bytes do not fit a request of {}", request.size);
             return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
         }
-        start(call, &mut bus, request, |adapter| {
+        start(call, bus, request, |adapter| {
             adapter.sdo_request_write(request.id, index, subindex, data)
         })
     })
@@ -169,18 +163,15 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_write(
 /// Returns the state of a request.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  An ecan_igh_request_state_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
-///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+/// @return  An ecan_igh_request_state_t; ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_sdo_request_state(
     context: *mut ecan_igh_context_t,
     request: usize,
 ) -> c_int {
-    getter("ecan_igh_sdo_request_state", ecan_result_t::code, |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter(call, context.cast())? };
-        let request = find(call, &bus, request)?;
-        Ok(ecan_igh_request_state_t::from(state(call, &mut bus, request)?) as c_int)
+    enter!(ecan_igh_sdo_request_state, context).get_on_bus(|call, bus| {
+        let request = find(call, bus, request)?;
+        Ok(ecan_igh_request_state_t::from(state(call, bus, request)?) as c_int)
     })
 }
 
@@ -192,8 +183,7 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_state(
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER if the state is not
-///          success; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
-///          ECAN_ERR_MASTER.
+///          success; ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_sdo_request_data(
     context: *mut ecan_igh_context_t,
@@ -202,23 +192,16 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_data(
     size: usize,
     length: *mut usize,
 ) -> c_int {
-    call("ecan_igh_sdo_request_data", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, mut room, out) = unsafe {
-            (
-                bus::enter(call, context.cast())?,
-                call.room("data", data.cast::<u8>(), size)?,
-                call.out("length", length)?,
-            )
-        };
-        let request = find(call, &bus, request)?;
-        if state(call, &mut bus, request)? != RequestState::Success {
+    enter!(ecan_igh_sdo_request_data, context).on_bus(|call, bus| {
+        pointers!(call, byte_room(data, size), out(length));
+        let request = find(call, bus, request)?;
+        if state(call, bus, request)? != RequestState::Success {
             let text = format_args!("the request has no value");
             return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
         }
         let value = bus.need_adapter(call)?.sdo_request_data(request.id);
-        out.set(value.len());
-        if room.push_bytes(value) {
+        length.set(value.len());
+        if data.push_bytes(value) {
             return Ok(());
         }
         let text = format_args!("the value has {} bytes, {size} fit", value.len());

@@ -20,6 +20,7 @@ use ecan_canopen::{
 use ecan_cia402::{AxisConfig, DriveConfig, PositionRange, Scale};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 
 use super::numbers::{igh_cia402_range_t, igh_cia402_reset_t};
 
@@ -326,8 +327,8 @@ impl igh_cia402_object_t {
 /// @param target_step  Steps per cycle that igh_cia402_send_target_step() makes; 0 for none.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK; ECAN_ERR_NULL; ECAN_ERR_ARGUMENT, with nothing filled, for a node-ID, channel
-///          or slave out of range.
+/// @return  ECAN_OK; ECAN_ERR_ARGUMENT, with nothing filled, for a node-ID, channel or slave out
+///          of range.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_axis_init(
     axis: *mut igh_cia402_axis_t,
@@ -337,21 +338,20 @@ pub unsafe extern "C" fn igh_cia402_axis_init(
     target_step: i32,
 ) -> c_int {
     call("igh_cia402_axis_init", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let out = unsafe { call.out("axis", axis)? };
+        pointers!(call, out(axis));
         let number = u16::try_from(slave).map_err(|_| {
-            call.argument("slave", format_args!("{slave} is out of range; allowed: 0 to 65535"))
+            call.argument("slave", format_args!("{slave} is axis of range; allowed: 0 to 65535"))
         })?;
         if channel > 3 {
             return Err(call
-                .argument("channel", format_args!("{channel} is out of range; allowed: 0 to 3")));
+                .argument("channel", format_args!("{channel} is axis of range; allowed: 0 to 3")));
         }
         let node = NodeId::new(node_id).ok_or_else(|| {
-            call.argument("node_id", format_args!("{node_id} is out of range; allowed: 1 to 127"))
+            call.argument("node_id", format_args!("{node_id} is axis of range; allowed: 1 to 127"))
         })?;
         let settings = AxisConfig::new(NodeAddress { slave, channel, node });
         let settings = settings.with_target_step(target_step);
-        out.set(igh_cia402_axis_t::new(number, channel, node_id, &settings));
+        axis.set(igh_cia402_axis_t::new(number, channel, node_id, &settings));
         Ok(())
     })
 }

@@ -8,12 +8,14 @@ use std::ffi::{c_int, c_void};
 use ecan_canopen::{
     Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, NodeId, SdoConfig,
 };
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::Port;
 
 use super::sdo::put_value;
-use crate::bus::{self, Bus};
+use crate::bus::Bus;
+use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 use crate::mcan_port::context::igh_mcan_port_t;
@@ -77,10 +79,9 @@ fn network<'a>(
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the node aborted;
 ///          ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER, ECAN_ERR_CANOPEN, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL,
-///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY; ECAN_ERR_ORDER if the bus is not active, or there are axes on the
-///          Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master of another
-///          owner.
+///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not active, or there
+///          are axes on the Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master
+///          of another owner.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_canopen_sdo_upload(
     port: *mut igh_mcan_port_t,
@@ -94,21 +95,14 @@ pub unsafe extern "C" fn igh_canopen_sdo_upload(
     length: *mut usize,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_canopen_sdo_upload", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, mut room, out) = unsafe {
-            (
-                bus::enter_port(call, port.cast())?,
-                call.room("data", data.cast::<u8>(), size)?,
-                call.out("length", length)?,
-            )
-        };
+    enter!(igh_canopen_sdo_upload, port).on_bus(|call, bus| {
+        pointers!(call, byte_room(data, size), out(length));
         let place = Place { slave, channel, node_id };
-        let (port, mut network, node) = network(call, &mut bus, &place, size)?;
+        let (port, mut network, node) = network(call, bus, &place, size)?;
         let value = network
             .upload_blocking(port, node, (index, subindex), duration(timeout_ms))
             .or_code(call)?;
-        put_value(call, &value, &mut room, &out)
+        put_value(call, &value, &mut data, &length)
     })
 }
 
@@ -132,13 +126,10 @@ pub unsafe extern "C" fn igh_canopen_sdo_download(
     size: usize,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_canopen_sdo_download", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, data) = unsafe {
-            (bus::enter_port(call, port.cast())?, call.items("data", data.cast::<u8>(), size)?)
-        };
+    enter!(igh_canopen_sdo_download, port).on_bus(|call, bus| {
+        pointers!(call, bytes(data, size));
         let place = Place { slave, channel, node_id };
-        let (port, mut network, node) = network(call, &mut bus, &place, size)?;
+        let (port, mut network, node) = network(call, bus, &place, size)?;
         network
             .download_blocking(port, node, (index, subindex), data, duration(timeout_ms))
             .or_code(call)

@@ -9,6 +9,7 @@ use std::ffi::c_int;
 use ecan_canopen::NmtError;
 use ecan_cia402::{Cia402, CommandError, HomingConfig};
 use ecan_mcan_host::boundary::call;
+use ecan_mcan_host::pointers;
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers;
@@ -30,8 +31,7 @@ pub(super) fn command(
 /// @param command  An igh_canopen_nmt_t.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_CANOPEN if the command queue is full; ECAN_ERR_ARGUMENT,
-///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_CANOPEN if the command queue is full; ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_send_nmt_all(
     context: *mut igh_cia402_context_t,
@@ -69,7 +69,7 @@ pub unsafe extern "C" fn igh_cia402_send_nmt(
 /// also waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS_STATE, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK, ECAN_ERR_AXIS_STATE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_configure_all(context: *mut igh_cia402_context_t) -> c_int {
     command(enter!(igh_cia402_configure_all, context), Cia402::configure_all)
@@ -92,8 +92,8 @@ pub unsafe extern "C" fn igh_cia402_configure(
 /// TPDOs of axes at rest.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_AXIS_STATE for an axis that is not configured, changes its mode or is
-///          homing; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_AXIS_STATE for an axis that is not configured, changes its mode or
+///          is homing.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_request_actual_position_all(
     context: *mut igh_cia402_context_t,
@@ -142,7 +142,6 @@ pub unsafe extern "C" fn igh_cia402_enable(
 /// Disables all drives, as igh_cia402_disable().
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_disable_all(context: *mut igh_cia402_context_t) -> c_int {
     enter!(igh_cia402_disable_all, context).run(|_, (cia402, _)| {
@@ -155,7 +154,6 @@ pub unsafe extern "C" fn igh_cia402_disable_all(context: *mut igh_cia402_context
 /// brings it to rest before.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_disable(
     context: *mut igh_cia402_context_t,
@@ -167,7 +165,6 @@ pub unsafe extern "C" fn igh_cia402_disable(
 /// Commands a quick stop of all drives, as igh_cia402_quick_stop().
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_quick_stop_all(context: *mut igh_cia402_context_t) -> c_int {
     enter!(igh_cia402_quick_stop_all, context).run(|_, (cia402, _)| {
@@ -180,7 +177,6 @@ pub unsafe extern "C" fn igh_cia402_quick_stop_all(context: *mut igh_cia402_cont
 /// igh_cia402_enable() activates the axis again.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_quick_stop(
     context: *mut igh_cia402_context_t,
@@ -206,7 +202,6 @@ pub unsafe extern "C" fn igh_cia402_reset_fault(
 /// ignored until igh_cia402_resume().
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_halt(context: *mut igh_cia402_context_t, axis: usize) -> c_int {
     command(enter!(igh_cia402_halt, context), |cia402| cia402.halt(axis))
@@ -215,7 +210,6 @@ pub unsafe extern "C" fn igh_cia402_halt(context: *mut igh_cia402_context_t, axi
 /// Lets a halted axis follow targets again.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_resume(
     context: *mut igh_cia402_context_t,
@@ -302,7 +296,6 @@ impl From<&igh_cia402_homing_t> for HomingConfig {
 /// @param method  Homing method, 0x6098.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK or ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_homing_init(
     homing: *mut igh_cia402_homing_t,
@@ -329,8 +322,7 @@ pub unsafe extern "C" fn igh_cia402_home(
     homing: *const igh_cia402_homing_t,
 ) -> c_int {
     enter!(igh_cia402_home, context).run(|call, (cia402, _)| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let homing = unsafe { call.read("homing", homing)? };
+        pointers!(call, read(homing));
         cia402.home(axis, homing.into()).or_code(call)
     })
 }
@@ -340,7 +332,6 @@ pub unsafe extern "C" fn igh_cia402_home(
 /// igh_cia402_shutdown_is_done(). A stage that an axis cannot finish ends after five seconds.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_begin_shutdown(context: *mut igh_cia402_context_t) -> c_int {
     enter!(igh_cia402_begin_shutdown, context).run(|_, (cia402, _)| {

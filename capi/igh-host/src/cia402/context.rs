@@ -14,16 +14,17 @@
 use std::ffi::c_int;
 
 use ecan_cia402::{Cia402, Cia402Config};
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::{Call, OutPointer};
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::Port;
 
 use super::axis::igh_cia402_axis_t;
 use super::settings::igh_cia402_settings_t;
-use crate::bus::{self, Bus};
+use crate::bus::Bus;
 use crate::entry::{Context, enter};
 use crate::errors::OrCode as _;
-use crate::handle::{self, Entered, Kind, Words};
+use crate::handle::{self, Entered, Kind};
 use crate::mcan_port::context::igh_mcan_port_t;
 
 /// CiA 402 axes on the gateways of a Port. Belongs to the thread of the cycle; do not move or copy
@@ -35,20 +36,16 @@ pub struct igh_cia402_context_t {
     pub opaque: [u64; 4],
 }
 
-const _: () = assert!(size_of::<Words>() == size_of::<igh_cia402_context_t>());
-
 impl Context for igh_cia402_context_t {
+    type Object = Bus;
+    const KIND: Kind = Kind::Cia402;
     type Layer<'a> = (&'a mut Cia402, &'a mut Port);
 
-    unsafe fn enter(call: Call, context: *const Self) -> Result<Entered<Bus>, ecan_result_t> {
-        // SAFETY: the caller's promise.
-        unsafe { bus::enter_cia402(call, context.cast()) }
+    fn is_current(bus: &Entered<Bus>) -> bool {
+        bus.names_axes()
     }
 
-    fn layer(
-        call: Call,
-        bus: &mut Entered<Bus>,
-    ) -> Result<(&mut Cia402, &mut Port), ecan_result_t> {
+    fn layer(call: Call, bus: &mut Entered<Bus>) -> Result<Self::Layer<'_>, ecan_result_t> {
         bus.need_axes(call)
     }
 }
@@ -75,8 +72,7 @@ pub(crate) fn need_axis(call: Call, cia402: &Cia402, axis: usize) -> Result<(), 
 /// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault of the table; ECAN_ERR_SLAVE,
 ///          ECAN_ERR_CHANNEL for a slave or channel that the Port does not have;
 ///          ECAN_ERR_NOT_INITIALISED for a Port, or an axis that is not filled; ECAN_ERR_ORDER for
-///          a context that is initialised already, or a Port that has axes; ECAN_ERR_NULL,
-///          ECAN_ERR_BUSY.
+///          a context that is initialised already, or a Port that has axes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_context_init(
     context: *mut igh_cia402_context_t,
@@ -84,9 +80,9 @@ pub unsafe extern "C" fn igh_cia402_context_init(
     axes: *const igh_cia402_axis_t,
     axis_count: usize,
 ) -> c_int {
-    call("igh_cia402_context_init", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe { init(call, context, port, axes, axis_count, |_| Ok(Cia402Config::default())) }
+    enter!(igh_cia402_context_init, port).on_bus(|call, bus| {
+        pointers!(call, out(context), items(axes, axis_count));
+        init(call, bus, &context, axes, |_| Ok(Cia402Config::default()))
     })
 }
 
@@ -104,42 +100,29 @@ pub unsafe extern "C" fn igh_cia402_context_init_ex(
     axis_count: usize,
     settings: *const igh_cia402_settings_t,
 ) -> c_int {
-    call("igh_cia402_context_init_ex", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            let settings = call.read("settings", settings)?;
-            init(call, context, port, axes, axis_count, |call| settings.checked(call))
-        }
+    enter!(igh_cia402_context_init_ex, port).on_bus(|call, bus| {
+        pointers!(call, out(context), items(axes, axis_count), read(settings));
+        init(call, bus, &context, axes, |call| settings.checked(call))
     })
 }
 
-/// # Safety
-/// Every pointer is NULL or valid as the header demands.
-unsafe fn init(
+fn init(
     call: Call,
-    context: *mut igh_cia402_context_t,
-    port: *mut igh_mcan_port_t,
-    axes: *const igh_cia402_axis_t,
-    axis_count: usize,
+    bus: &mut Entered<Bus>,
+    context: &OutPointer<igh_cia402_context_t>,
+    axes: &[igh_cia402_axis_t],
     settings: impl FnOnce(Call) -> Result<Cia402Config, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let (mut bus, table) = unsafe {
-        call.out("context", context)?;
-        (bus::enter_port(call, port.cast())?, call.items("axes", axes, axis_count)?)
-    };
     // Living axes may well be those of this context, which stay.
     bus.need_no_axes(call)?;
-    // SAFETY: the caller's promise.
-    unsafe { handle::clear(context.cast()) };
-    let table: Vec<_> = (0..)
-        .zip(table)
-        .map(|(index, axis)| axis.checked(call, index))
-        .collect::<Result<_, _>>()?;
+    // SAFETY: `out` was promised that the pointer is valid for writing.
+    unsafe { handle::clear(context.as_ptr().cast()) };
+    let table: Vec<_> =
+        (0..).zip(axes).map(|(index, axis)| axis.checked(call, index)).collect::<Result<_, _>>()?;
     let settings = settings(call)?;
     let serial = bus.add_cia402(call, |port| Cia402::new(port, table, settings).or_code(call))?;
-    // SAFETY: the caller's promise.
-    unsafe { bus.add_context(context.cast(), Kind::Cia402, serial) };
+    // SAFETY: as above.
+    unsafe { bus.add_context(context.as_ptr().cast(), Kind::Cia402, serial) };
     Ok(())
 }
 
@@ -147,17 +130,10 @@ unsafe fn init(
 /// host's heartbeat: call igh_cia402_shutdown_timeout() before.
 ///
 /// @usage   not rt, the cycle's thread, any time
-/// @return  ECAN_OK, also for axes that are closed already or were never opened; ECAN_ERR_NULL,
-///          ECAN_ERR_BUSY.
+/// @return  ECAN_OK, also for axes that are closed already or were never opened.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_context_deinit(context: *mut igh_cia402_context_t) -> c_int {
-    call("igh_cia402_context_deinit", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        if let Some(mut bus) = unsafe { bus::enter_cia402_to_end(call, context.cast())? } {
-            bus.remove_cia402();
-        }
-        Ok(())
-    })
+    enter!(igh_cia402_context_deinit, context).end(|mut bus| bus.remove_cia402())
 }
 
 /// Returns the number of axes.

@@ -16,10 +16,9 @@
 use std::ffi::c_int;
 
 use ecan_cia402::{Cia402, SendSummary};
-use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
 use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
+use ecan_mcan_host::{mirror, pointers};
 use ecan_mcan_port::Cycle;
 
 use super::context::igh_cia402_context_t;
@@ -59,8 +58,7 @@ mirror! {
 /// the axes are dropped; igh_cia402_process_rx_ex() returns them.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
-/// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_process_rx(context: *mut igh_cia402_context_t) -> c_int {
     enter!(igh_cia402_process_rx, context).run(|call, (cia402, port)| {
@@ -87,16 +85,14 @@ pub unsafe extern "C" fn igh_cia402_process_rx_ex(
     rx_count: *mut usize,
 ) -> c_int {
     enter!(igh_cia402_process_rx_ex, context).run(|call, (cia402, port)| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut room, count) =
-            unsafe { (call.room("rx", rx, capacity)?, call.out("rx_count", rx_count)?) };
-        count.set(0);
+        pointers!(call, room(rx, capacity), out(rx_count));
+        rx_count.set(0);
         let mut lost = 0_usize;
         let mut cycle = bus::open_cycle(call, port)?;
         cia402.process_rx_with(&mut cycle, |item| {
-            lost += usize::from(!room.push(owned_rx_frame(&item)));
+            lost += usize::from(!rx.push(owned_rx_frame(&item)));
         });
-        count.set(room.count());
+        rx_count.set(rx.count());
         if lost > 0 {
             let text =
                 format_args!("{lost} more frames were received than the {capacity} that fit");
@@ -124,8 +120,8 @@ fn send(
 /// Last in the open cycle, once.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
-/// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY. igh_cia402_get_send_summary() reports the targets.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open. igh_cia402_get_send_summary() reports the
+///          targets.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_send_targets_all(context: *mut igh_cia402_context_t) -> c_int {
     send(enter!(igh_cia402_send_targets_all, context), Cia402::send_targets_all)
@@ -144,17 +140,14 @@ pub unsafe extern "C" fn igh_cia402_send_target_step(context: *mut igh_cia402_co
 /// Gets the summary of the last igh_cia402_send_targets_all() or igh_cia402_send_target_step().
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_get_send_summary(
     context: *mut igh_cia402_context_t,
     summary: *mut igh_cia402_send_summary_t,
 ) -> c_int {
-    call("igh_cia402_get_send_summary", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter_cia402(call, context.cast())?, call.out("summary", summary)?) };
-        out.set(bus.axes_mut().map(|axes| axes.summary).unwrap_or_default().into());
+    enter!(igh_cia402_get_send_summary, context).on_bus(|call, bus| {
+        pointers!(call, out(summary));
+        summary.set(bus.axes_mut().map(|axes| axes.summary).unwrap_or_default().into());
         Ok(())
     })
 }
@@ -164,7 +157,6 @@ pub unsafe extern "C" fn igh_cia402_get_send_summary(
 /// @param motion_div  Cycles from target to target; 0 counts as 1.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_set_motion_div(
     context: *mut igh_cia402_context_t,
@@ -189,8 +181,7 @@ pub unsafe extern "C" fn igh_cia402_set_motion_div(
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_SCHEDULE without Sync0, beyond its period, or on a gateway that
 ///          cannot; ECAN_ERR_AXIS_STATE while an axis is active; ECAN_ERR_ARGUMENT for SYNC ahead
-///          of the targets; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. After an error
-///          everything is as it was.
+///          of the targets. After an error everything is as it was.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_set_scheduled_tx(
     context: *mut igh_cia402_context_t,

@@ -3,7 +3,8 @@
 use std::ffi::{c_char, c_int};
 
 use ecan_cia402::{Cia402Config, axis_traffic};
-use ecan_mcan_host::boundary::{Sealed, call};
+use ecan_mcan_host::boundary::call;
+use ecan_mcan_host::pointers;
 
 use super::axis::igh_cia402_axis_t;
 use crate::adapter::config::ecan_igh_config_t;
@@ -29,18 +30,16 @@ pub unsafe extern "C" fn igh_cia402_plan(
     size: usize,
 ) -> c_int {
     call("igh_cia402_plan", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (adapter, port, axes, room) = unsafe {
-            (
-                Sealed::read(call, "config", igh_config)?,
-                Sealed::read(call, "config", config)?,
-                call.items("axes", axes, axis_count)?,
-                call.room("text", text, size)?,
-            )
-        };
+        pointers!(
+            call,
+            sealed(igh_config),
+            sealed(config),
+            items(axes, axis_count),
+            room(text, size)
+        );
         let axes: Result<Vec<_>, _> =
             axes.iter().enumerate().map(|(number, axis)| axis.checked(call, number)).collect();
         let settings = Cia402Config { motion_div: motion_div.max(1), ..Cia402Config::default() };
-        plan(call, adapter, port, &axis_traffic(&axes?, &settings), room)
+        plan(call, igh_config, config, &axis_traffic(&axes?, &settings), text)
     })
 }

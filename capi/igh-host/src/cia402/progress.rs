@@ -3,11 +3,10 @@
 use std::ffi::{CString, c_char, c_int, c_void};
 
 use ecan_cia402::{AxisError, AxisPhase, AxisProgress};
-use ecan_mcan_host::boundary::call;
 
 use super::context::igh_cia402_context_t;
-use crate::bus;
 use crate::callback::ProgressCallback;
+use crate::entry::enter;
 
 /// Calls the application when the progress of an axis changes.
 pub(crate) struct Reporter {
@@ -55,16 +54,13 @@ impl Reporter {
 /// @param user      Is passed to it, in the thread that waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_set_progress_callback(
     context: *mut igh_cia402_context_t,
     callback: Option<unsafe extern "C" fn(user: *mut c_void, axis: usize, text: *const c_char)>,
     user: *mut c_void,
 ) -> c_int {
-    call("igh_cia402_set_progress_callback", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter_cia402(call, context.cast())? };
+    enter!(igh_cia402_set_progress_callback, context).on_bus(|_, bus| {
         if let Some(axes) = bus.axes_mut() {
             axes.progress = callback.map(|function| ProgressCallback { function, user });
         }

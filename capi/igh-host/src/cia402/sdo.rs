@@ -6,11 +6,11 @@
 use std::ffi::{c_int, c_void};
 
 use ecan_canopen::{Sdo, SdoStartError, WaitError};
-use ecan_mcan_host::boundary::{Call, OutArray, OutPointer, call};
+use ecan_mcan_host::boundary::{Call, OutArray, OutPointer};
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 
 use super::context::{igh_cia402_context_t, need_axis};
-use crate::bus;
 use crate::entry::enter;
 use crate::errors::{self, OrCode as _};
 use crate::milliseconds::duration;
@@ -53,10 +53,9 @@ pub(crate) fn put_value(
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_SDO with ecan_last_abort_code(); ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER,
-///          ECAN_ERR_CANOPEN, ECAN_ERR_AXIS, ECAN_ERR_MASTER, ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY; ECAN_ERR_ORDER if the bus is not active;
-///          ECAN_ERR_ATTACHED on a master of another owner, use igh_cia402_sdo_start_upload()
-///          there.
+///          ECAN_ERR_CANOPEN, ECAN_ERR_AXIS, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not
+///          active; ECAN_ERR_ATTACHED on a master of another owner, use
+///          igh_cia402_sdo_start_upload() there.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_sdo_upload(
     context: *mut igh_cia402_context_t,
@@ -68,21 +67,14 @@ pub unsafe extern "C" fn igh_cia402_sdo_upload(
     length: *mut usize,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_cia402_sdo_upload", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, mut room, out) = unsafe {
-            (
-                bus::enter_cia402(call, context.cast())?,
-                call.room("data", data.cast::<u8>(), size)?,
-                call.out("length", length)?,
-            )
-        };
+    enter!(igh_cia402_sdo_upload, context).on_bus(|call, bus| {
+        pointers!(call, byte_room(data, size), out(length));
         bus.need_owned(call)?;
         let (cia402, port) = bus.need_axes(call)?;
         let value = cia402
             .upload_timeout(port, axis, (index, subindex), duration(timeout_ms))
             .or_code(call)?;
-        put_value(call, &value, &mut room, &out)
+        put_value(call, &value, &mut data, &length)
     })
 }
 
@@ -105,11 +97,8 @@ pub unsafe extern "C" fn igh_cia402_sdo_download(
     size: usize,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_cia402_sdo_download", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, data) = unsafe {
-            (bus::enter_cia402(call, context.cast())?, call.items("data", data.cast::<u8>(), size)?)
-        };
+    enter!(igh_cia402_sdo_download, context).on_bus(|call, bus| {
+        pointers!(call, bytes(data, size));
         bus.need_owned(call)?;
         let (cia402, port) = bus.need_axes(call)?;
         cia402
@@ -131,7 +120,7 @@ fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_re
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_AXIS_STATE while another transfer with the drive is in progress;
-///          ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+///          ECAN_ERR_AXIS.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_sdo_start_upload(
     context: *mut igh_cia402_context_t,
@@ -169,8 +158,7 @@ pub unsafe extern "C" fn igh_cia402_sdo_start_download(
     size: usize,
 ) -> c_int {
     enter!(igh_cia402_sdo_start_download, context).run(|call, (cia402, _)| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let data = unsafe { call.items("data", data.cast::<u8>(), size)? };
+        pointers!(call, bytes(data, size));
         need_axis(call, cia402, axis)?;
         started(
             call,
@@ -192,8 +180,7 @@ pub unsafe extern "C" fn igh_cia402_sdo_start_download(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, also for a failed transfer, whose reason is in ecan_last_error() and
-///          ecan_last_abort_code(); ECAN_ERR_BUFFER, ECAN_ERR_AXIS, ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+///          ecan_last_abort_code(); ECAN_ERR_BUFFER, ECAN_ERR_AXIS.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_sdo_poll(
     context: *mut igh_cia402_context_t,
@@ -205,31 +192,24 @@ pub unsafe extern "C" fn igh_cia402_sdo_poll(
 ) -> c_int {
     enter!(igh_cia402_sdo_poll, context).run(|call, (cia402, _)| {
         use igh_cia402_sdo_state_t::*;
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (out, mut room, length) = unsafe {
-            (
-                call.out("state", state)?,
-                call.room("data", data.cast::<u8>(), size)?,
-                call.out("length", length)?,
-            )
-        };
+        pointers!(call, out(state), byte_room(data, size), out(length));
         length.set(0);
-        out.set(IGH_CIA402_SDO_IDLE as u8);
+        state.set(IGH_CIA402_SDO_IDLE as u8);
         need_axis(call, cia402, axis)?;
         let Some(node) = cia402.node(axis) else { return Ok(()) };
         let network = cia402.network();
         match network.sdo_state(node) {
             Sdo::Idle => {}
-            Sdo::Busy => out.set(IGH_CIA402_SDO_RUNNING as u8),
+            Sdo::Busy => state.set(IGH_CIA402_SDO_RUNNING as u8),
             Sdo::Failed(_) => {
                 if let Some(failure) = network.sdo_failure(node) {
                     errors::note(call, &WaitError::from(failure));
                 }
-                out.set(IGH_CIA402_SDO_FAILED as u8);
+                state.set(IGH_CIA402_SDO_FAILED as u8);
             }
             _ => {
-                out.set(IGH_CIA402_SDO_DONE as u8);
-                return put_value(call, network.sdo_data(node), &mut room, &length);
+                state.set(IGH_CIA402_SDO_DONE as u8);
+                return put_value(call, network.sdo_data(node), &mut data, &length);
             }
         }
         Ok(())

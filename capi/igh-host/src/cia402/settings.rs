@@ -159,7 +159,6 @@ impl igh_cia402_settings_t {
 /// @param settings  Is overwritten.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK or ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_default_settings(
     settings: *mut igh_cia402_settings_t,

@@ -35,10 +35,10 @@ fn wait(
 /// @param timeout_ms  Milliseconds.
 ///
 /// @usage   not rt, the cycle's thread, active bus
-/// @return  ECAN_OK; ECAN_ERR_AXES, where ecan_last_error() names each axis that is not configured,
-///          the step at which it stands and what its drive answered; ECAN_ERR_ATTACHED on a master
-///          of another owner; ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_AXIS_STATE,
-///          ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_AXES, where ecan_last_error() names each axis that is not
+///          configured, the step at which it stands and what its drive answered; ECAN_ERR_ATTACHED
+///          on a master of another owner; ECAN_ERR_ORDER if the bus is not active;
+///          ECAN_ERR_AXIS_STATE, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_configure_csp_all_timeout(
     context: *mut igh_cia402_context_t,

@@ -5,6 +5,7 @@ use std::ffi::{c_char, c_int};
 use ecan_cia402::{Cia402, GuardState, Shutdown};
 use ecan_mcan_host::boundary::put_text;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers::{igh_canopen_nmt_state_t, igh_cia402_drive_state_t};
@@ -138,7 +139,6 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
 /// Gets the state of an axis.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_get_axis_state(
     context: *mut igh_cia402_context_t,
@@ -158,7 +158,6 @@ pub unsafe extern "C" fn igh_cia402_get_axis_state(
 /// @param size  Bytes of the buffer.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_get_axis_text(
     context: *mut igh_cia402_context_t,
@@ -167,11 +166,10 @@ pub unsafe extern "C" fn igh_cia402_get_axis_text(
     size: usize,
 ) -> c_int {
     enter!(igh_cia402_get_axis_text, context).run(|call, (cia402, _)| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut room = unsafe { call.room("text", text, size)? };
+        pointers!(call, room(text, size));
         need_axis(call, cia402, axis)?;
         if let Some(progress) = cia402.progress(axis) {
-            put_text(&mut room, &progress.to_string());
+            put_text(&mut text, &progress.to_string());
         }
         Ok(())
     })
@@ -180,8 +178,7 @@ pub unsafe extern "C" fn igh_cia402_get_axis_text(
 /// Returns 1 if all axes follow targets.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0, also 0 without any axis; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY. Compare with 1.
+/// @return  1 or 0, also 0 without any axis, or a negative ecan_result_t. Compare with 1.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_all_running(context: *mut igh_cia402_context_t) -> c_int {
     enter!(igh_cia402_all_running, context).get(|_, (cia402, _)| Ok(cia402.all_running().into()))
@@ -190,7 +187,7 @@ pub unsafe extern "C" fn igh_cia402_all_running(context: *mut igh_cia402_context
 /// Returns 1 if the shutdown of igh_cia402_begin_shutdown() is complete, and the host may exit.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
+/// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_shutdown_is_done(context: *mut igh_cia402_context_t) -> c_int {
     enter!(igh_cia402_shutdown_is_done, context).get(|_, (cia402, _)| {

@@ -6,7 +6,7 @@ use std::ffi::c_int;
 
 use ecan_cia402::{AxisStatistics, BusLoad, LoadWarning};
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
+use ecan_mcan_host::{mirror, pointers};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::state_terms::igh_cia402_hold_t;
@@ -98,7 +98,6 @@ mirror! {
 /// Counters of an axis.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_get_axis_statistics(
     context: *mut igh_cia402_context_t,
@@ -118,8 +117,7 @@ pub unsafe extern "C" fn igh_cia402_get_axis_statistics(
 /// @param count     Gets the number of channels with axes, even if they do not all fit.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_BUFFER if not all fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_BUFFER if not all fit.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_get_bus_load(
     context: *mut igh_cia402_context_t,
@@ -128,15 +126,13 @@ pub unsafe extern "C" fn igh_cia402_get_bus_load(
     count: *mut usize,
 ) -> c_int {
     enter!(igh_cia402_get_bus_load, context).run(|call, (cia402, port)| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut room, out) =
-            unsafe { (call.room("loads", loads, capacity)?, call.out("count", count)?) };
-        let loads = cia402.bus_load(port);
-        out.set(loads.len());
-        if loads.iter().all(|load| room.push((*load).into())) {
+        pointers!(call, room(loads, capacity), out(count));
+        let found = cia402.bus_load(port);
+        count.set(found.len());
+        if found.iter().all(|load| loads.push((*load).into())) {
             return Ok(());
         }
-        let text = format_args!("{} channels have axes, {capacity} fit", loads.len());
+        let text = format_args!("{} channels have axes, {capacity} fit", found.len());
         Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
     })
 }

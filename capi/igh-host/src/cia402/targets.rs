@@ -15,7 +15,6 @@ use crate::entry::enter;
 /// @param target  Raw units of the mode: steps, velocity or torque.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_set_target(
     context: *mut igh_cia402_context_t,

@@ -5,7 +5,8 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::{Opaque, Sealed, call};
+use ecan_mcan_host::boundary::{Opaque, call};
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::{MAX_FILTERS, PortConfig, PortError};
 
 use crate::adapter::config::ecan_igh_config_t;
@@ -38,14 +39,14 @@ impl Opaque for igh_mcan_port_config_t {
 /// @param config  Is overwritten.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK or ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_default_config(
     config: *mut igh_mcan_port_config_t,
 ) -> c_int {
     call("igh_mcan_port_default_config", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { Sealed::init(call, "config", config, extended(&PortConfig::default())) }
+        pointers!(call, out(config));
+        config.seal(extended(&PortConfig::default()));
+        Ok(())
     })
 }
 
@@ -57,19 +58,17 @@ pub unsafe extern "C" fn igh_mcan_port_default_config(
 /// the Port's configuration.
 ///
 /// @usage   not rt, any thread, before ecan_igh_init
-/// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error(); ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED.
+/// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_apply_config(
     igh_config: *mut ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
 ) -> c_int {
     change!(igh_mcan_port_apply_config, igh_config).with(|call, adapter| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let port = unsafe { Sealed::read(call, "config", config)? };
-        let checked = configured(port, adapter.slave_count).check(&adapter.configured());
+        pointers!(call, sealed(config));
+        let checked = configured(config, adapter.slave_count).check(&adapter.configured());
         checked.map_err(PortError::from).or_code(call)?;
-        adapter.port = Some(*port);
+        adapter.port = Some(*config);
         Ok(())
     })
 }
@@ -85,11 +84,8 @@ pub unsafe extern "C" fn igh_mcan_port_check_config(
     config: *const igh_mcan_port_config_t,
 ) -> c_int {
     call("igh_mcan_port_check_config", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (adapter, port) = unsafe {
-            (Sealed::read(call, "config", igh_config)?, Sealed::read(call, "config", config)?)
-        };
-        let checked = configured(port, adapter.slave_count).check(&adapter.configured());
+        pointers!(call, sealed(igh_config), sealed(config));
+        let checked = configured(config, igh_config.slave_count).check(&igh_config.configured());
         checked.map_err(PortError::from).or_code(call)
     })
 }

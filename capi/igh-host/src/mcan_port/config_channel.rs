@@ -2,9 +2,10 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::{Call, Sealed, call};
+use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::{ChannelConfig, MAX_GATEWAYS, Traffic};
 use ecan_protocol::config::{ConfigObject, SamplePointWindow};
 use ecan_protocol::object::describe;
@@ -27,8 +28,8 @@ const DATA: u32 = 5_000_000;
 /// @param canfd_mask    Those of them for CAN FD.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE; ECAN_ERR_CHANNEL for
-///          channels beyond 3, or CAN FD without the channel.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE; ECAN_ERR_CHANNEL for channels beyond 3, or CAN FD without the
+///          channel.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_channel_mask(
     config: *mut igh_mcan_port_config_t,
@@ -66,7 +67,6 @@ pub unsafe extern "C" fn igh_mcan_port_set_channel_mask(
 /// @param canfd_mask    Gets those of them for CAN FD.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_channel_mask(
     config: *const igh_mcan_port_config_t,
@@ -75,19 +75,13 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_mask(
     canfd_mask: *mut u8,
 ) -> c_int {
     call("igh_mcan_port_get_channel_mask", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, enabled, fd) = unsafe {
-            (
-                Sealed::read(call, "config", config)?,
-                call.out("channel_mask", channel_mask)?,
-                call.out("canfd_mask", canfd_mask)?,
-            )
-        };
+        pointers!(call, sealed(config), out(channel_mask), out(canfd_mask));
         let gateway = config.gateways.get(slave);
         let gateway = gateway.ok_or_else(|| no_slave(call, slave, MAX_GATEWAYS))?;
-        enabled.set(gateway.channel_mask());
+        channel_mask.set(gateway.channel_mask());
         let is_fd = |channel: &Option<ChannelConfig>| channel.is_some_and(|c| c.can.fd);
-        fd.set((0..).zip(&gateway.channels).map(|(bit, c)| u8::from(is_fd(c)) << bit).sum());
+        canfd_mask
+            .set((0..).zip(&gateway.channels).map(|(bit, c)| u8::from(is_fd(c)) << bit).sum());
         Ok(())
     })
 }
@@ -97,8 +91,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_mask(
 /// @param bitrate  Bit/s.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
-///          igh_mcan_port_apply_config() checks the bit rate.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL. igh_mcan_port_apply_config() checks the bit
+///          rate.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_classic_channel(
     config: *mut igh_mcan_port_config_t,
@@ -142,7 +136,6 @@ pub unsafe extern "C" fn igh_mcan_port_set_canfd_channel(
 /// @param data_min, data_max        Data phase, in 0.1 %.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_sample_points(
     config: *mut igh_mcan_port_config_t,
@@ -168,7 +161,6 @@ pub unsafe extern "C" fn igh_mcan_port_set_sample_points(
 /// @param sent      Frames to the bus per cycle; at most 8 are served.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_traffic(
     config: *mut igh_mcan_port_config_t,
@@ -193,7 +185,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_traffic(
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK; ECAN_ERR_ARGUMENT for a subindex without configuration or an invalid value;
-///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
+///          ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_channel_object(
     config: *mut igh_mcan_port_config_t,
@@ -221,11 +213,9 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_object(
     value: *mut u32,
 ) -> c_int {
     call("igh_mcan_port_get_channel_object", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, out) =
-            unsafe { (Sealed::read(call, "config", config)?, call.out("value", value)?) };
-        let value = channel_of(call, config, slave, channel)?.can.value(subindex);
-        out.set(value.ok_or_else(|| no_object(call, 0x8001 + u16::from(channel), subindex))?);
+        pointers!(call, sealed(config), out(value));
+        let found = channel_of(call, config, slave, channel)?.can.value(subindex);
+        value.set(found.ok_or_else(|| no_object(call, 0x8001 + u16::from(channel), subindex))?);
         Ok(())
     })
 }
@@ -287,11 +277,9 @@ pub unsafe extern "C" fn igh_mcan_port_get_data_path_object(
     value: *mut u32,
 ) -> c_int {
     call("igh_mcan_port_get_data_path_object", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, out) =
-            unsafe { (Sealed::read(call, "config", config)?, call.out("value", value)?) };
-        let value = channel_of(call, config, slave, channel)?.data_path.value(subindex);
-        out.set(value.ok_or_else(|| no_object(call, 0x8021 + u16::from(channel), subindex))?);
+        pointers!(call, sealed(config), out(value));
+        let found = channel_of(call, config, slave, channel)?.data_path.value(subindex);
+        value.set(found.ok_or_else(|| no_object(call, 0x8021 + u16::from(channel), subindex))?);
         Ok(())
     })
 }

@@ -13,17 +13,18 @@
 //! igh_mcan_port_init(&mcan, &igh, &mcan_config);
 //! ```
 
-use std::ffi::{OsStr, c_char, c_int};
+use std::ffi::{CStr, OsStr, c_char, c_int};
 use std::os::unix::ffi::OsStrExt;
 
 use ecan_config_file::{ConfigFileError, FileFault, FileFaults};
-use ecan_mcan_host::boundary::{Call, OutArray, OutPointer, Sealed, call};
+use ecan_mcan_host::boundary::{OutArray, OutPointer, call};
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::Config;
 
 use super::config::igh_mcan_port_config_t;
-use crate::adapter::config::ecan_igh_config_t;
-use crate::errors;
+use crate::adapter::config::{IghConfig, ecan_igh_config_t};
+use crate::errors::{self, OrCode as _};
 use crate::port_config::extended;
 
 /// Bytes of the text of a fault, NUL included.
@@ -56,83 +57,25 @@ impl From<&FileFault> for igh_mcan_file_fault_t {
     }
 }
 
-/// Output parameters for the faults.
-struct Wanted {
-    faults: OutArray<igh_mcan_file_fault_t>,
-    count: OutPointer<usize>,
+fn put_faults(
+    FileFaults(found): &FileFaults,
+    faults: &mut OutArray<igh_mcan_file_fault_t>,
+    count: &OutPointer<usize>,
+) {
+    count.set(found.len());
+    found.iter().take_while(|fault| faults.push((*fault).into())).for_each(drop);
 }
 
-impl Wanted {
-    fn tell(&mut self, FileFaults(faults): &FileFaults) {
-        self.count.set(faults.len());
-        for fault in faults {
-            if !self.faults.push(fault.into()) {
-                break;
-            }
-        }
-    }
-}
-
-/// Stores a file's configuration in both C structs, or leaves both unchanged.
-///
-/// # Safety
-/// As for [`Sealed::change`] and [`Sealed::init`].
-unsafe fn take(
-    call: Call,
-    igh_config: *mut ecan_igh_config_t,
-    config: *mut igh_mcan_port_config_t,
-    file: &Config,
-) -> Result<(), ecan_result_t> {
+/// Stores a file's configuration in both C structs. It is also applied, so that nothing of the file
+/// is missing if an application does not apply it.
+fn store(file: &Config, igh_config: &mut IghConfig, config: &OutPointer<igh_mcan_port_config_t>) {
     let port = extended(&file.port);
-    // SAFETY: the caller's promise.
-    let adapter = unsafe { Sealed::change(call, "config", igh_config)? };
-    // Applied, so that nothing of the file is left out where an application forgets to.
-    let with = adapter.with(&file.adapter, port);
-    // SAFETY: the caller's promise.
-    unsafe { Sealed::init(call, "config", config, port)? };
-    *adapter = with;
-    Ok(())
+    *igh_config = igh_config.with(&file.adapter, port);
+    config.seal(port);
 }
 
-/// Checks the configurations before the file is read.
-///
-/// # Safety
-/// As for [`take`].
-unsafe fn need_places(
-    call: Call,
-    igh_config: *mut ecan_igh_config_t,
-    config: *mut igh_mcan_port_config_t,
-) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    unsafe {
-        Sealed::read(call, "config", igh_config)?;
-        call.out("config", config)?;
-    }
-    Ok(())
-}
-
-/// # Safety
-/// `path` is NULL or ends with NUL; the configurations as for [`take`].
-unsafe fn load(
-    call: Call,
-    igh_config: *mut ecan_igh_config_t,
-    config: *mut igh_mcan_port_config_t,
-    path: *const c_char,
-    mut wanted: Option<Wanted>,
-) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let path = unsafe {
-        need_places(call, igh_config, config)?;
-        OsStr::from_bytes(call.c_str("path", path)?.to_bytes())
-    };
-    let file = ecan_config_file::load(path).map_err(|error| {
-        if let (ConfigFileError::Faults { faults, .. }, Some(wanted)) = (&error, &mut wanted) {
-            wanted.tell(faults);
-        }
-        errors::note(call, &error)
-    })?;
-    // SAFETY: the caller's promise.
-    unsafe { take(call, igh_config, config, &file) }
+fn load(path: &CStr) -> Result<Config, ConfigFileError> {
+    ecan_config_file::load(OsStr::from_bytes(path.to_bytes()))
 }
 
 /// Loads the configurations of the Adapter and of the Port from a file. They are applied, as by
@@ -152,8 +95,7 @@ unsafe fn load(
 /// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
 /// @return  ECAN_OK; ECAN_ERR_FILE if it cannot be read; ECAN_ERR_CONFIG with every fault in
 ///          ecan_last_error(), by line and column, also for more than ECAN_IGH_MAX_SLAVES gateways
-///          or IGH_MCAN_MAX_FILTERS filters; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. An error
-///          changes neither configuration.
+///          or IGH_MCAN_MAX_FILTERS filters. An error changes neither configuration.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_load_config(
     igh_config: *mut ecan_igh_config_t,
@@ -161,8 +103,9 @@ pub unsafe extern "C" fn igh_mcan_port_load_config(
     path: *const c_char,
 ) -> c_int {
     call("igh_mcan_port_load_config", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe { load(call, igh_config, config, path, None) }
+        pointers!(call, sealed_mut(igh_config), out(config), c_str(path));
+        store(&load(path).or_code(call)?, igh_config, &config);
+        Ok(())
     })
 }
 
@@ -186,11 +129,17 @@ pub unsafe extern "C" fn igh_mcan_port_load_config_ex(
     count: *mut usize,
 ) -> c_int {
     call("igh_mcan_port_load_config_ex", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            let wanted = wanted(call, faults, capacity, count)?;
-            load(call, igh_config, config, path, Some(wanted))
-        }
+        pointers!(call, out(count), room(faults, capacity));
+        count.set(0);
+        pointers!(call, sealed_mut(igh_config), out(config), c_str(path));
+        let file = load(path).map_err(|error| {
+            if let ConfigFileError::Faults { faults: found, .. } = &error {
+                put_faults(found, &mut faults, &count);
+            }
+            errors::note(call, &error)
+        })?;
+        store(&file, igh_config, &config);
+        Ok(())
     })
 }
 
@@ -210,34 +159,16 @@ pub unsafe extern "C" fn igh_mcan_port_parse_config(
     count: *mut usize,
 ) -> c_int {
     call("igh_mcan_port_parse_config", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            let mut wanted = wanted(call, faults, capacity, count)?;
-            need_places(call, igh_config, config)?;
-            let text = call.c_str("text", text)?.to_bytes();
-            let file = ecan_config_file::parse(text).map_err(|faults| {
-                wanted.tell(&faults);
-                call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{faults}"))
-            })?;
-            take(call, igh_config, config, &file)
-        }
+        pointers!(call, out(count), room(faults, capacity));
+        count.set(0);
+        pointers!(call, sealed_mut(igh_config), out(config), c_str(text));
+        let file = ecan_config_file::parse(text.to_bytes()).map_err(|found| {
+            put_faults(&found, &mut faults, &count);
+            call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{found}"))
+        })?;
+        store(&file, igh_config, &config);
+        Ok(())
     })
-}
-
-/// # Safety
-/// `faults` is NULL or valid for writing `capacity` items, `count` NULL or valid for writing.
-unsafe fn wanted(
-    call: Call,
-    faults: *mut igh_mcan_file_fault_t,
-    capacity: usize,
-    count: *mut usize,
-) -> Result<Wanted, ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let wanted = unsafe {
-        Wanted { count: call.out("count", count)?, faults: call.room("faults", faults, capacity)? }
-    };
-    wanted.count.set(0);
-    Ok(wanted)
 }
 
 #[cfg(test)]
@@ -343,13 +274,8 @@ mod tests {
         fn to_rust(&self) -> (AdapterConfig, PortConfig) {
             let mut found = None;
             let code = call("to_rust", |call| {
-                // SAFETY: both are initialised.
-                let (adapter, port) = unsafe {
-                    (
-                        Sealed::read(call, "config", self.adapter.as_ptr())?,
-                        Sealed::read(call, "config", self.port.as_ptr())?,
-                    )
-                };
+                let (adapter, port) = (self.adapter.as_ptr(), self.port.as_ptr());
+                pointers!(call, sealed(adapter), sealed(port));
                 found = Some((adapter.configured(), configured(port, adapter.slave_count)));
                 Ok(())
             });
@@ -390,10 +316,10 @@ mod tests {
         }
         assert_eq!(c.parse(EXAMPLE), 0);
         let code = call("look", |call| {
-            // SAFETY: as above.
-            let plain = unsafe { Sealed::read(call, "config", c.adapter.as_ptr())? };
+            let config = c.adapter.as_ptr();
+            pointers!(call, sealed(config));
             assert_eq!(
-                (plain.ecrt.as_ref().and_then(|text| text.get()), plain.seed),
+                (config.ecrt.as_ref().and_then(|text| text.get()), config.seed),
                 (Some("sim:echo"), Some(7))
             );
             Ok(())

@@ -88,8 +88,8 @@ fn add(
 /// @param id1, id2  CAN IDs, or CAN ID and mask.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL,
-///          ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond IGH_MCAN_MAX_FILTERS.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
+///          IGH_MCAN_MAX_FILTERS.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_add_standard_filter(
     config: *mut igh_mcan_port_config_t,
@@ -133,7 +133,6 @@ pub unsafe extern "C" fn igh_mcan_port_add_extended_filter(
 /// Removes all filters of a channel.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_clear_filters(
     config: *mut igh_mcan_port_config_t,

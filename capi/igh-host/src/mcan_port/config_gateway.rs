@@ -15,7 +15,7 @@ use crate::port_config::gateway;
 /// @param rx_encapsulation  Of the RxPDO.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_encapsulation(
     config: *mut igh_mcan_port_config_t,
@@ -38,7 +38,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_encapsulation(
 /// @param tx_budget, rx_budget  An igh_mcan_budget_t each.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_budget(
     config: *mut igh_mcan_port_config_t,
@@ -61,7 +61,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_budget(
 /// @param rx_options  IGH_MCAN_OPTION_ values except _TX_RESULT.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_options(
     config: *mut igh_mcan_port_config_t,
@@ -86,7 +86,6 @@ pub unsafe extern "C" fn igh_mcan_port_set_options(
 /// or for a channel that is bus-off, are rejected. Without pacing the queue drops them.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_paced(
     config: *mut igh_mcan_port_config_t,
@@ -107,7 +106,6 @@ pub unsafe extern "C" fn igh_mcan_port_set_paced(
 ///                     limit.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_limits(
     config: *mut igh_mcan_port_config_t,
@@ -126,7 +124,6 @@ pub unsafe extern "C" fn igh_mcan_port_set_limits(
 /// a Port that finds them active does not start.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_allow_diagnostic_tests(
     config: *mut igh_mcan_port_config_t,

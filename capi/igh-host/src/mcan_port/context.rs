@@ -3,17 +3,18 @@
 use std::ffi::c_int;
 
 use ecan_host::Phase;
-use ecan_mcan_host::boundary::{Call, Sealed, call};
+use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::Port;
 
 use super::config::igh_mcan_port_config_t;
 use crate::adapter::config::ecan_igh_config_t;
 use crate::adapter::context::ecan_igh_context_t;
-use crate::bus::{self, Bus};
+use crate::bus::Bus;
 use crate::entry::{Context, enter};
 use crate::errors::{self, OrCode as _};
-use crate::handle::{self, Entered, Kind, Words};
+use crate::handle::{self, Entered, Kind};
 use crate::port_config::configured;
 
 /// CAN and CAN FD through the gateways of one master. Belongs to the thread of the cycle; do not
@@ -25,15 +26,14 @@ pub struct igh_mcan_port_t {
     pub opaque: [u64; 4],
 }
 
-const _: () = assert!(size_of::<Words>() == size_of::<igh_mcan_port_t>());
-
 impl Context for igh_mcan_port_t {
+    type Object = Bus;
+    const KIND: Kind = Kind::Port;
     type Layer<'a> = &'a mut Port;
 
     #[inline(always)]
-    unsafe fn enter(call: Call, context: *const Self) -> Result<Entered<Bus>, ecan_result_t> {
-        // SAFETY: the caller's promise.
-        unsafe { bus::enter_port(call, context.cast()) }
+    fn is_current(bus: &Entered<Bus>) -> bool {
+        bus.names_port()
     }
 
     #[inline]
@@ -52,20 +52,15 @@ impl Context for igh_mcan_port_t {
 /// @usage   not rt, the cycle's thread, after ecan_igh_init and before the bus is active
 /// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault, or for another configuration than the one
 ///          that was applied; ECAN_ERR_ORDER if there is a Port already or the bus is active;
-///          ECAN_ERR_SDO, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY. An error does not change the master.
+///          ECAN_ERR_SDO, ECAN_ERR_MASTER. An error does not change the master.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_init(
     port: *mut igh_mcan_port_t,
     igh: *mut ecan_igh_context_t,
     config: *const igh_mcan_port_config_t,
 ) -> c_int {
-    call("igh_mcan_port_init", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, config) = unsafe {
-            call.out("port", port)?;
-            (bus::enter(call, igh.cast())?, Sealed::read(call, "config", config)?)
-        };
+    enter!(igh_mcan_port_init, igh).on_bus(|call, bus| {
+        pointers!(call, out(port), sealed(config));
         // The existing Port may be this one; it stays.
         bus.need_no_port(call)?;
         if bus.need_adapter(call)?.phase() != Phase::Configured {
@@ -74,8 +69,8 @@ pub unsafe extern "C" fn igh_mcan_port_init(
             );
             return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
         }
-        // SAFETY: as above.
-        unsafe { handle::clear(port.cast()) };
+        // SAFETY: `out` was promised that the pointer is valid for writing.
+        unsafe { handle::clear(port.as_ptr().cast()) };
         let applied = bus.applied;
         let serial = bus.add_port(call, |adapter| {
             let config = configured(config, adapter.slave_count());
@@ -90,7 +85,7 @@ pub unsafe extern "C" fn igh_mcan_port_init(
                 .map_err(|(adapter, error)| (errors::note(call, &error), adapter))
         })?;
         // SAFETY: as above.
-        unsafe { bus.add_context(port.cast(), Kind::Port, serial) };
+        unsafe { bus.add_context(port.as_ptr().cast(), Kind::Port, serial) };
         Ok(())
     })
 }
@@ -103,24 +98,18 @@ pub unsafe extern "C" fn igh_mcan_port_init(
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As ecan_igh_init(); a faulty configuration changes nothing. After any other error
-///          reconfigure again. ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
+///          reconfigure again. ECAN_ERR_ATTACHED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_reconfigure(
     port: *mut igh_mcan_port_t,
     igh_config: *const ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
 ) -> c_int {
-    call("igh_mcan_port_reconfigure", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, adapter, config) = unsafe {
-            (
-                bus::enter_port(call, port.cast())?,
-                Sealed::read(call, "config", igh_config)?,
-                Sealed::read(call, "config", config)?,
-            )
-        };
-        let (adapter, config) = (adapter.configured(), configured(config, adapter.slave_count));
-        let reconfigured = bus.need_port(call)?.reconfigure((adapter, config));
+    enter!(igh_mcan_port_reconfigure, port).on_bus(|call, bus| {
+        pointers!(call, sealed(igh_config), sealed(config));
+        let (igh_config, config) =
+            (igh_config.configured(), configured(config, igh_config.slave_count));
+        let reconfigured = bus.need_port(call)?.reconfigure((igh_config, config));
         if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
             bus.forget_configuration();
         }
@@ -131,7 +120,7 @@ pub unsafe extern "C" fn igh_mcan_port_reconfigure(
 /// Returns 1 if every gateway is ready: in OP and verified.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
+/// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c_int {
     enter!(igh_mcan_port_is_ready, port).get(|_, port| Ok(port.is_ready().into()))
@@ -140,15 +129,8 @@ pub unsafe extern "C" fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c
 /// Closes the Port; the master stays active. Axes on the Port end.
 ///
 /// @usage   not rt, the cycle's thread, any time
-/// @return  ECAN_OK, also for a Port that is closed already or was never opened; ECAN_ERR_NULL,
-///          ECAN_ERR_BUSY.
+/// @return  ECAN_OK, also for a Port that is closed already or was never opened.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_deinit(port: *mut igh_mcan_port_t) -> c_int {
-    call("igh_mcan_port_deinit", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        if let Some(mut bus) = unsafe { bus::enter_port_to_end(call, port.cast())? } {
-            bus.remove_port();
-        }
-        Ok(())
-    })
+    enter!(igh_mcan_port_deinit, port).end(|mut bus| bus.remove_port())
 }

@@ -10,24 +10,21 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::{OutArray, call};
+use ecan_mcan_host::boundary::OutArray;
 use ecan_mcan_host::pdo::frames::{igh_mcan_rx_frame_t, igh_mcan_rx_kind_t};
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::{Cycle, Received, ReceivedView, TransmitReport};
 
 use super::context::igh_mcan_port_t;
-use crate::bus;
 use crate::entry::enter;
 use crate::errors::OrCode as _;
 
 /// Sleeps until the next deadline; as ecan_igh_wait_next_cycle().
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_t) -> c_int {
-    call("igh_mcan_port_wait_next_cycle", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+    enter!(igh_mcan_port_wait_next_cycle, port).on_bus(|call, bus| {
         bus.need_port(call)?.wait_next_cycle();
         Ok(())
     })
@@ -40,13 +37,10 @@ pub unsafe extern "C" fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: the cycle is open, call
-///          igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER if the bus is not active;
-///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+///          igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER if the bus is not active.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -> c_int {
-    call("igh_mcan_port_cycle_begin", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+    enter!(igh_mcan_port_cycle_begin, port).on_bus(|call, bus| {
         let cycle = bus.need_port(call)?.begin_cycle();
         let error = cycle.receive_error();
         cycle.keep_open();
@@ -57,9 +51,8 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -
 /// Publishes the images, or repeats unconfirmed ones, and sends. Last in the cycle.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: continue with the next cycle;
-///          ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: continue with the next
+///          cycle; ECAN_ERR_ORDER if the bus is not active.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) -> c_int {
     enter!(igh_mcan_port_cycle_end, port).run(|call, port| {
@@ -127,8 +120,7 @@ pub(crate) fn receive(cycle: &mut Cycle<'_>, room: &mut OutArray<igh_mcan_rx_fra
 /// @param rx_count  Gets the number of items.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
-/// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_receive(
     port: *mut igh_mcan_port_t,
@@ -136,18 +128,11 @@ pub unsafe extern "C" fn igh_mcan_port_receive(
     capacity: usize,
     rx_count: *mut usize,
 ) -> c_int {
-    call("igh_mcan_port_receive", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, mut room, count) = unsafe {
-            (
-                bus::enter_port(call, port.cast())?,
-                call.room("rx", rx, capacity)?,
-                call.out("rx_count", rx_count)?,
-            )
-        };
-        count.set(0);
-        receive(&mut bus.need_cycle(call)?, &mut room);
-        count.set(room.count());
+    enter!(igh_mcan_port_receive, port).on_bus(|call, bus| {
+        pointers!(call, room(rx, capacity), out(rx_count));
+        rx_count.set(0);
+        receive(&mut bus.need_cycle(call)?, &mut rx);
+        rx_count.set(rx.count());
         Ok(())
     })
 }

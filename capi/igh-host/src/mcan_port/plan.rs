@@ -6,9 +6,10 @@
 use std::ffi::{c_char, c_int};
 
 use ecan_host::Faults;
-use ecan_mcan_host::boundary::{Call, OutArray, Sealed, call, put_text};
+use ecan_mcan_host::boundary::{Call, OutArray, call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::igh_mcan_tx_frame_t;
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortConfig, PortPlan};
 
 use super::config::igh_mcan_port_config_t;
@@ -102,9 +103,8 @@ pub(crate) fn plan(
 /// @param size     Bytes of the text, NUL included; 0 for no text.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of
-///          them in ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream;
-///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+/// @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of them in
+///          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_plan(
     igh_config: *const ecan_igh_config_t,
@@ -115,16 +115,14 @@ pub unsafe extern "C" fn igh_mcan_port_plan(
     size: usize,
 ) -> c_int {
     call("igh_mcan_port_plan", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (adapter, port, streams, room) = unsafe {
-            (
-                Sealed::read(call, "config", igh_config)?,
-                Sealed::read(call, "config", config)?,
-                call.items("streams", streams, count)?,
-                call.room("text", text, size)?,
-            )
-        };
+        pointers!(
+            call,
+            sealed(igh_config),
+            sealed(config),
+            items(streams, count),
+            room(text, size)
+        );
         let traffic: Result<Vec<_>, _> = streams.iter().map(|s| s.to_rust(call)).collect();
-        plan(call, adapter, port, &traffic?, room)
+        plan(call, igh_config, config, &traffic?, text)
     })
 }

@@ -9,7 +9,7 @@ use std::ffi::c_int;
 use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
+use ecan_mcan_host::{mirror, pointers};
 use ecan_mcan_port::{
     ChannelDrops, MarginCheck, ScheduleAccount, ScheduleConfig, ScheduleDiagnostics, ScheduleMargin,
 };
@@ -164,14 +164,13 @@ mirror! {
 /// Fills the settings with their defaults.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_default_schedule(
     settings: *mut igh_mcan_schedule_settings_t,
 ) -> c_int {
     call("igh_mcan_port_default_schedule", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { call.out("settings", settings)? }.set(ScheduleConfig::default().into());
+        pointers!(call, out(settings));
+        settings.set(ScheduleConfig::default().into());
         Ok(())
     })
 }
@@ -179,7 +178,6 @@ pub unsafe extern "C" fn igh_mcan_port_default_schedule(
 /// Sets the schedule settings of a gateway.
 ///
 /// @usage   not rt, any thread, before apply
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_set_schedule(
     config: *mut igh_mcan_port_config_t,
@@ -187,8 +185,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_schedule(
     settings: *const igh_mcan_schedule_settings_t,
 ) -> c_int {
     change!(igh_mcan_port_set_schedule, config).with(|call, config| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let settings = unsafe { call.read("settings", settings)? };
+        pointers!(call, read(settings));
         gateway(call, config, slave)?.schedule = (*settings).into();
         Ok(())
     })
@@ -199,9 +196,8 @@ pub unsafe extern "C" fn igh_mcan_port_set_schedule(
 /// @param offset_ns  Time after Sync0, in nanoseconds.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, for every margin; ECAN_ERR_SCHEDULE for an offset that cannot be
-///          scheduled at all; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
-///          ECAN_ERR_SLAVE.
+/// @return  ECAN_OK, for every margin; ECAN_ERR_SCHEDULE for an offset that cannot be scheduled at
+///          all; ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_schedule_margin(
     port: *mut igh_mcan_port_t,
@@ -221,8 +217,6 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_margin(
 /// Gets the results of a channel's scheduled frames.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
-///          ECAN_ERR_CHANNEL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_schedule_account(
     port: *mut igh_mcan_port_t,
@@ -240,8 +234,7 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_account(
 /// Gets the last diagnostics of a gateway's scheduled transmission.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_NOT_READY before the first reading of this session; ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+/// @return  ECAN_OK; ECAN_ERR_NOT_READY before the first reading of this session; ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_schedule_diagnostics(
     port: *mut igh_mcan_port_t,
@@ -262,7 +255,6 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_diagnostics(
 /// (manual 13.7, bit 5).
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_clear_schedule_flags(
     port: *mut igh_mcan_port_t,

@@ -5,11 +5,12 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::{
     IGH_MCAN_FLAG_EXT, classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_tx_frame_t,
 };
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::{SendOptions, TransmitHint};
 use ecan_protocol::can::{CanId, FrameRef};
 use ecan_protocol::image::Schedule;
@@ -17,7 +18,7 @@ use ecan_protocol::image::Schedule;
 use super::context::igh_mcan_port_t;
 use super::cycle::receive;
 use super::state::need_slave;
-use crate::bus::{self, Bus};
+use crate::bus::Bus;
 use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
@@ -69,8 +70,8 @@ fn at(offset_ns: u32, tag: u16) -> SendOptions {
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  ECAN_OK; ECAN_ERR_NO_ROOM, ECAN_ERR_QUEUE_FULL, ECAN_ERR_BUS_OFF, ECAN_ERR_NOT_READY:
-///          temporary; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER if no cycle
-///          is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+///          temporary; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER if no
+///          cycle is open.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_send_can(
     port: *mut igh_mcan_port_t,
@@ -81,17 +82,14 @@ pub unsafe extern "C" fn igh_mcan_port_send_can(
     data: *const u8,
     len: usize,
 ) -> c_int {
-    call("igh_mcan_port_send_can", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+    enter!(igh_mcan_port_send_can, port).on_bus(|call, bus| {
         if flags & !IGH_MCAN_FLAG_EXT != 0 {
-            // SAFETY: as above.
+            // SAFETY: the data are C's, valid or NULL as the header demands.
             let frame = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
-            return send(call, &mut bus, slave, channel, frame, SendOptions::default());
+            return send(call, bus, slave, channel, frame, SendOptions::default());
         }
         // The shortest path for the most frequent kind of frame.
-        // SAFETY: as above.
-        let data = unsafe { call.items("data", data, len)? };
+        pointers!(call, items(data, len));
         let id = CanId::new(can_id, flags != 0).map_err(|error| call.error(&error))?;
         let frame = FrameRef::classic(id, data).map_err(|error| call.error(&error))?;
         let mut cycle = bus.need_cycle(call)?;
@@ -121,12 +119,10 @@ pub unsafe extern "C" fn igh_mcan_port_send_canfd(
     data: *const u8,
     len: usize,
 ) -> c_int {
-    call("igh_mcan_port_send_canfd", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, data) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.items("data", data, len)?) };
+    enter!(igh_mcan_port_send_canfd, port).on_bus(|call, bus| {
+        pointers!(call, items(data, len));
         let frame = fd_frame(call, can_id, flags, data)?;
-        send(call, &mut bus, slave, channel, frame, SendOptions::default())
+        send(call, bus, slave, channel, frame, SendOptions::default())
     })
 }
 
@@ -150,12 +146,10 @@ pub unsafe extern "C" fn igh_mcan_port_schedule_can(
     offset_ns: u32,
     tag: u16,
 ) -> c_int {
-    call("igh_mcan_port_schedule_can", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, frame) = unsafe {
-            (bus::enter_port(call, port.cast())?, classic_frame_at(call, can_id, flags, data, len)?)
-        };
-        send(call, &mut bus, slave, channel, frame, at(offset_ns, tag))
+    enter!(igh_mcan_port_schedule_can, port).on_bus(|call, bus| {
+        // SAFETY: the data are C's, valid or NULL as the header demands.
+        let frame = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
+        send(call, bus, slave, channel, frame, at(offset_ns, tag))
     })
 }
 
@@ -175,12 +169,10 @@ pub unsafe extern "C" fn igh_mcan_port_schedule_canfd(
     offset_ns: u32,
     tag: u16,
 ) -> c_int {
-    call("igh_mcan_port_schedule_canfd", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, data) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.items("data", data, len)?) };
+    enter!(igh_mcan_port_schedule_canfd, port).on_bus(|call, bus| {
+        pointers!(call, items(data, len));
         let frame = fd_frame(call, can_id, flags, data)?;
-        send(call, &mut bus, slave, channel, frame, at(offset_ns, tag))
+        send(call, bus, slave, channel, frame, at(offset_ns, tag))
     })
 }
 
@@ -208,11 +200,9 @@ pub unsafe extern "C" fn igh_mcan_port_send(
     port: *mut igh_mcan_port_t,
     frame: *const igh_mcan_tx_frame_t,
 ) -> c_int {
-    call("igh_mcan_port_send", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, tx) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.read("frame", frame)?) };
-        send_tx(call, &mut bus, tx)
+    enter!(igh_mcan_port_send, port).on_bus(|call, bus| {
+        pointers!(call, read(frame));
+        send_tx(call, bus, frame)
     })
 }
 
@@ -231,18 +221,11 @@ pub unsafe extern "C" fn igh_mcan_port_send_batch(
     count: usize,
     sent: *mut usize,
 ) -> c_int {
-    call("igh_mcan_port_send_batch", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, frames, sent) = unsafe {
-            (
-                bus::enter_port(call, port.cast())?,
-                call.items("frames", frames, count)?,
-                call.out("sent", sent)?,
-            )
-        };
+    enter!(igh_mcan_port_send_batch, port).on_bus(|call, bus| {
+        pointers!(call, items(frames, count), out(sent));
         sent.set(0);
         for (done, tx) in frames.iter().enumerate() {
-            send_tx(call, &mut bus, tx)?;
+            send_tx(call, bus, tx)?;
             sent.set(done + 1);
         }
         Ok(())
@@ -267,22 +250,14 @@ pub unsafe extern "C" fn igh_mcan_port_exchange(
     capacity: usize,
     rx_count: *mut usize,
 ) -> c_int {
-    call("igh_mcan_port_exchange", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, frames, mut room, count) = unsafe {
-            (
-                bus::enter_port(call, port.cast())?,
-                call.items("tx", tx, tx_count)?,
-                call.room("rx", rx, capacity)?,
-                call.out("rx_count", rx_count)?,
-            )
-        };
-        count.set(0);
+    enter!(igh_mcan_port_exchange, port).on_bus(|call, bus| {
+        pointers!(call, items(tx, tx_count), room(rx, capacity), out(rx_count));
+        rx_count.set(0);
         let mut cycle = bus.need_port(call)?.begin_cycle();
-        receive(&mut cycle, &mut room);
+        receive(&mut cycle, &mut rx);
         cycle.keep_open();
-        count.set(room.count());
-        let sent = frames.iter().try_for_each(|tx| send_tx(call, &mut bus, tx));
+        rx_count.set(rx.count());
+        let sent = tx.iter().try_for_each(|tx| send_tx(call, bus, tx));
         let summary = bus.need_cycle(call)?.finish();
         // The text is that of the code that is returned.
         summary.receive_error.map_or(Ok(()), Err).or_code(call)?;
@@ -295,21 +270,18 @@ pub unsafe extern "C" fn igh_mcan_port_exchange(
 /// need.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_ORDER if nothing was sent yet; ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if nothing was sent yet.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_last_ticket(
     port: *mut igh_mcan_port_t,
     ticket: *mut igh_mcan_ticket_t,
 ) -> c_int {
-    call("igh_mcan_port_get_last_ticket", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (bus, out) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.out("ticket", ticket)?) };
+    enter!(igh_mcan_port_get_last_ticket, port).on_bus(|call, bus| {
+        pointers!(call, out(ticket));
         let last = bus.last_ticket.ok_or_else(|| {
             call.fail(ecan_result_t::ECAN_ERR_ORDER, format_args!("nothing was sent yet"))
         })?;
-        out.set(igh_mcan_ticket_t {
+        ticket.set(igh_mcan_ticket_t {
             slave: last.slave as u16,
             sequence: last.sequence as u16,
             frame_index: last.index as u8,
@@ -336,8 +308,7 @@ pub unsafe extern "C" fn igh_mcan_port_image_room(
 /// executed frames of an unconfirmed image.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  The number of discarded frames, 0 or more; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+/// @return  The number of discarded frames, 0 or more; ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_discard_pending(
     port: *mut igh_mcan_port_t,

@@ -2,15 +2,15 @@
 
 use std::ffi::{c_char, c_int};
 
-use ecan_mcan_host::boundary::{Call, getter, put_text};
+use ecan_mcan_host::boundary::{Call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::channel_status::igh_mcan_channel_status_t;
 use ecan_mcan_host::pdo::diagnosis::igh_mcan_pdo_parse_diag_t;
+use ecan_mcan_host::pointers;
 use ecan_mcan_port::{AddressError, ChannelHandle, GatewayHandle, ImageReport, Port, Session};
 
 use super::context::igh_mcan_port_t;
 use crate::adapter::cycle::ecan_igh_domain_report_t;
-use crate::bus;
 use crate::entry::enter;
 use crate::errors::{self, OrCode as _};
 
@@ -77,8 +77,7 @@ pub(crate) fn need_slave(
 /// @param size  Bytes of the buffer; a longer text is cut.
 ///
 /// @usage   rt with text NULL, the cycle's thread, after init
-/// @return  An igh_mcan_session_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
-///          ECAN_ERR_SLAVE.
+/// @return  An igh_mcan_session_t; ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_session(
     port: *mut igh_mcan_port_t,
@@ -86,21 +85,16 @@ pub unsafe extern "C" fn igh_mcan_port_get_session(
     text: *mut c_char,
     size: usize,
 ) -> c_int {
-    getter("igh_mcan_port_get_session", ecan_result_t::code, |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, room) = unsafe {
-            let room = (!text.is_null()).then(|| call.room("text", text, size)).transpose()?;
-            (bus::enter_port(call, port.cast())?, room)
-        };
-        let port = bus.need_port(call)?;
+    enter!(igh_mcan_port_get_session, port).get(|call, port| {
         let gateway = need_slave(call, port, slave)?;
         let session = port.session(gateway);
-        if let Some(mut room) = room {
-            let text = match port.waiting_for(gateway) {
-                Some(awaited) => format!("{session}; it waits for {awaited}"),
+        if !text.is_null() {
+            pointers!(call, room(text, size));
+            let description = match port.waiting_for(gateway) {
+                Some(step) => format!("{session}; it waits for {step}"),
                 None => session.to_string(),
             };
-            put_text(&mut room, &text);
+            put_text(&mut text, &description);
         }
         let value = match session {
             Session::Waiting => igh_mcan_session_t::IGH_MCAN_SESSION_WAITING,
@@ -115,7 +109,6 @@ pub unsafe extern "C" fn igh_mcan_port_get_session(
 /// Gets the report of the current cycle with a gateway.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_cycle_report(
     port: *mut igh_mcan_port_t,
@@ -154,7 +147,6 @@ pub unsafe extern "C" fn igh_mcan_port_get_cycle_report(
 /// @param diag  Gets the fault; error 0 for none.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_parse_diag(
     port: *mut igh_mcan_port_t,
@@ -170,8 +162,6 @@ pub unsafe extern "C" fn igh_mcan_port_get_parse_diag(
 /// Gets the status of a channel from the last TxPDO image (manual 7); all 0 before the first.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
-///          ECAN_ERR_CHANNEL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_channel_status(
     port: *mut igh_mcan_port_t,

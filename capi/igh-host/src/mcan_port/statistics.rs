@@ -142,7 +142,6 @@ mirror! {
 /// Gets the counters of a gateway.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_statistics(
     port: *mut igh_mcan_port_t,
@@ -158,8 +157,6 @@ pub unsafe extern "C" fn igh_mcan_port_get_statistics(
 /// Gets the counters of a channel.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
-///          ECAN_ERR_CHANNEL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_channel_statistics(
     port: *mut igh_mcan_port_t,
@@ -178,7 +175,6 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_statistics(
 /// Gets the capabilities of a gateway.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_capabilities(
     port: *mut igh_mcan_port_t,

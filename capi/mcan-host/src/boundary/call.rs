@@ -1,6 +1,6 @@
 //! A call from C: its panics, pointers and errors.
 
-use std::ffi::{CStr, c_char, c_int};
+use std::ffi::{CStr, c_char, c_int, c_void};
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
@@ -13,11 +13,6 @@ use crate::common::result::ecan_result_t;
 pub trait ToResult: fmt::Display {
     /// Its code.
     fn result(&self) -> ecan_result_t;
-
-    /// Abort code of an aborted SDO transfer; 0 for other errors.
-    fn abort_code(&self) -> u32 {
-        0
-    }
 }
 
 /// A call from C.
@@ -46,6 +41,17 @@ pub fn getter<R>(
         Ok(Err(error)) => failed(error),
         Err(panic) => failed(panicked(call, panic.as_ref())),
     }
+}
+
+/// Checks pointers of C, each by the method of [`Call`] with the name of its kind, and binds the
+/// results to the names of the pointers: `pointers!(call, items(data, len), out(count))`.
+#[macro_export]
+macro_rules! pointers {
+    ($call:ident, $($kind:ident($pointer:ident $(, $count:expr)?)),+) => {$(
+        #[allow(unused_mut, reason = "only arrays for results change")]
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut $pointer = unsafe { $call.$kind(stringify!($pointer), $pointer $(, $count)?)? };
+    )+};
 }
 
 /// As [`getter`], with a fixed value for every error.
@@ -84,10 +90,7 @@ impl Call {
     /// Notes an error of the layers below and returns its code.
     #[cold]
     pub fn error(self, error: &dyn ToResult) -> ecan_result_t {
-        let code = error.result();
-        let text = format_args!("{error}");
-        last_error::note_with_abort_code(self.function, code, text, error.abort_code());
-        code
+        self.fail(error.result(), format_args!("{error}"))
     }
 
     /// Reports a value out of range.
@@ -149,10 +152,18 @@ impl Call {
 
     /// Takes a pointer for a result that may be NULL.
     ///
+    /// # Errors
+    /// None.
+    ///
     /// # Safety
     /// As for [`out`](Self::out).
-    pub unsafe fn optional_out<T>(self, pointer: *mut T) -> Option<OutPointer<T>> {
-        OutPointer::new(pointer)
+    #[inline]
+    pub unsafe fn optional_out<T>(
+        self,
+        _name: &str,
+        pointer: *mut T,
+    ) -> Result<Option<OutPointer<T>>, ecan_result_t> {
+        Ok(OutPointer::new(pointer))
     }
 
     /// Borrows items of C; NULL is allowed for none.
@@ -199,6 +210,42 @@ impl Call {
         }
         self.size::<T>(name, capacity)?;
         Ok(OutArray::new(items, capacity))
+    }
+
+    /// As [`items`](Self::items), of bytes.
+    ///
+    /// # Errors
+    /// As there.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline]
+    pub unsafe fn bytes<'a>(
+        self,
+        name: &str,
+        bytes: *const c_void,
+        count: usize,
+    ) -> Result<&'a [u8], ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { self.items(name, bytes.cast(), count) }
+    }
+
+    /// As [`room`](Self::room), for bytes.
+    ///
+    /// # Errors
+    /// As there.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline]
+    pub unsafe fn byte_room(
+        self,
+        name: &str,
+        bytes: *mut c_void,
+        capacity: usize,
+    ) -> Result<OutArray<u8>, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { self.room(name, bytes.cast(), capacity) }
     }
 
     #[inline]

@@ -8,4 +8,4 @@ mod sealed;
 
 pub use call::{Call, ToResult, call, getter, getter_or};
 pub use out_pointer::{OutArray, OutPointer, put_text};
-pub use sealed::{Opaque, Sealed};
+pub use sealed::Opaque;

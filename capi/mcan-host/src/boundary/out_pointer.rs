@@ -18,6 +18,16 @@ impl<T> OutPointer<T> {
         // SAFETY: `Call::out` was promised that it is valid for writing.
         unsafe { self.0.write(value) };
     }
+
+    /// The pointer itself.
+    pub fn as_ptr(&self) -> *mut T {
+        self.0.as_ptr()
+    }
+
+    /// The same pointer for another type, which must fit.
+    pub(super) fn cast<U>(&self) -> OutPointer<U> {
+        OutPointer(self.0.cast())
+    }
 }
 
 /// An array of C for items.

@@ -3,6 +3,7 @@
 use std::mem::MaybeUninit;
 
 use super::call::Call;
+use super::out_pointer::OutPointer;
 use crate::common::result::ecan_result_t;
 
 /// An opaque struct of C that holds a value without resources and may be copied.
@@ -18,7 +19,7 @@ pub trait Opaque: Sized + 'static {
 /// Layout of the value in the struct.
 #[derive(Debug)]
 #[repr(C)]
-pub struct Sealed<S: Opaque> {
+struct Sealed<S: Opaque> {
     seal: u64,
     value: MaybeUninit<S::Value>,
 }
@@ -30,67 +31,58 @@ impl<S: Opaque> Sealed<S> {
             && size_of::<Self>() <= size_of::<S>()
             && align_of::<Self>() <= align_of::<S>()
     );
+}
 
-    /// Stores a value; the previous content is ignored.
-    ///
-    /// # Errors
-    /// NULL.
-    ///
-    /// # Safety
-    /// `storage` is NULL or valid for writing.
-    pub unsafe fn init(
-        call: Call,
-        name: &str,
-        storage: *mut S,
-        value: S::Value,
-    ) -> Result<(), ecan_result_t> {
-        const { Self::FITS };
-        // SAFETY: the caller's promise; it fits.
-        let out = unsafe { call.out(name, storage.cast::<Self>())? };
-        out.set(Self { seal: S::SEAL, value: MaybeUninit::new(value) });
-        Ok(())
+impl<S: Opaque> OutPointer<S> {
+    /// Stores a value in an opaque struct; the previous content is ignored.
+    pub fn seal(&self, value: S::Value) {
+        const { Sealed::<S>::FITS };
+        self.cast().set(Sealed::<S> { seal: S::SEAL, value: MaybeUninit::new(value) });
     }
+}
 
-    /// Borrows the value that [`init`](Self::init) stored, to change it.
+impl Call {
+    /// Borrows the value that [`OutPointer::seal`] stored, to change it.
     ///
     /// # Errors
     /// NULL, or not initialised.
     ///
-    /// # Safety `storage` is NULL or valid for reading and writing, and not used otherwise during
-    /// the call. A value follows the seal.
-    pub unsafe fn change<'a>(
-        call: Call,
+    /// # Safety
+    /// `storage` is NULL or valid for reading and writing, and not used otherwise during the call.
+    /// A value follows the seal.
+    pub unsafe fn sealed_mut<'a, S: Opaque>(
+        self,
         name: &str,
         storage: *mut S,
     ) -> Result<&'a mut S::Value, ecan_result_t> {
         // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
         let sealed = unsafe {
-            Self::read(call, name, storage)?;
-            call.change(name, storage.cast::<Self>())?
+            self.sealed(name, storage)?;
+            self.change(name, storage.cast::<Sealed<S>>())?
         };
         // SAFETY: a value follows the seal.
         Ok(unsafe { sealed.value.assume_init_mut() })
     }
 
-    /// Borrows the value that [`init`](Self::init) stored.
+    /// Borrows the value that [`OutPointer::seal`] stored.
     ///
     /// # Errors
-    /// As for [`change`](Self::change).
+    /// As for [`sealed_mut`](Self::sealed_mut).
     ///
     /// # Safety
     /// `storage` is NULL or valid for reading, and not written to during the call. A value follows
     /// the seal.
-    pub unsafe fn read<'a>(
-        call: Call,
+    pub unsafe fn sealed<'a, S: Opaque>(
+        self,
         name: &str,
         storage: *const S,
     ) -> Result<&'a S::Value, ecan_result_t> {
-        const { Self::FITS };
+        const { Sealed::<S>::FITS };
         // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
-        let sealed = unsafe { call.read(name, storage.cast::<Self>())? };
+        let sealed = unsafe { self.read(name, storage.cast::<Sealed<S>>())? };
         if sealed.seal != S::SEAL {
             let text = format_args!("`{name}` is not initialised: call {} first", S::INIT);
-            return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
+            return Err(self.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
         }
         // SAFETY: a value follows the seal.
         Ok(unsafe { sealed.value.assume_init_ref() })

@@ -5,6 +5,7 @@ use std::ffi::c_int;
 use ecan_protocol::image::ChannelStatus;
 
 use crate::boundary::call;
+use crate::pointers;
 
 /// State of a CAN channel (manual 7). The device may report other values.
 #[repr(C)]
@@ -76,15 +77,14 @@ impl From<ChannelStatus> for igh_mcan_channel_status_t {
 /// @param status  Is overwritten.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK or ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_channel_status_decode(
     raw: u16,
     status: *mut igh_mcan_channel_status_t,
 ) -> c_int {
     call("igh_mcan_channel_status_decode", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { call.out("status", status)? }.set(ChannelStatus::from_raw(raw).into());
+        pointers!(call, out(status));
+        status.set(ChannelStatus::from_raw(raw).into());
         Ok(())
     })
 }

@@ -6,6 +6,7 @@ use ecan_protocol::image::{ImageFault, ParseDiagnosis, PdoError};
 
 use crate::boundary::{ToResult, call, put_text};
 use crate::common::result::ecan_result_t;
+use crate::pointers;
 
 /// Errors of the encapsulation layer, as 0x8010:14 and 0x8011:14 report them (manual 13.2), and two
 /// for an image that was read while it was written.
@@ -151,7 +152,7 @@ impl ToResult for ParseDiagnosis {
 /// @param size  Bytes of the buffer, 256 are enough.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT, or ECAN_ERR_BUFFER with the text cut.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT, or ECAN_ERR_BUFFER with the text cut.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_diag_text(
     diag: *const igh_mcan_pdo_parse_diag_t,
@@ -159,13 +160,11 @@ pub unsafe extern "C" fn igh_mcan_pdo_diag_text(
     size: usize,
 ) -> c_int {
     call("igh_mcan_pdo_diag_text", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (diag, mut room) =
-            unsafe { (call.read("diag", diag)?, call.room("text", text, size)?) };
-        let text = diag.to_diagnosis().ok_or_else(|| {
+        pointers!(call, read(diag), room(text, size));
+        let diagnosis = diag.to_diagnosis().ok_or_else(|| {
             call.argument("diag", format_args!("has the unknown error {}", diag.error))
         })?;
-        if put_text(&mut room, &text.to_string()) {
+        if put_text(&mut text, &diagnosis.to_string()) {
             return Ok(());
         }
         Err(call.fail(

@@ -177,10 +177,13 @@ pub fn classic_frame(
 ) -> Result<FrameRef<'_>, ecan_result_t> {
     known_flags(call, flags, IGH_MCAN_FLAG_EXT | IGH_MCAN_FLAG_RTR, "a classic CAN frame")?;
     let id = CanId::new(can_id, flags & IGH_MCAN_FLAG_EXT != 0).map_err(|e| call.error(&e))?;
-    if flags & IGH_MCAN_FLAG_RTR == 0 {
-        return FrameRef::classic(id, data).map_err(|e| call.error(&e));
-    }
-    remote_frame(call, id, data.len())
+    let frame = if flags & IGH_MCAN_FLAG_RTR == 0 {
+        FrameRef::classic(id, data)
+    } else {
+        let length = FrameError::RemoteDlc { dlc: data.len() as u8 };
+        Dlc::from_classic_len(data.len()).ok_or(length).and_then(|dlc| FrameRef::remote(id, dlc))
+    };
+    frame.map_err(|e| call.error(&e))
 }
 
 /// As [`classic_frame`]; the data of a remote frame may be NULL.
@@ -198,20 +201,13 @@ pub unsafe fn classic_frame_at<'a>(
     data: *const u8,
     len: usize,
 ) -> Result<FrameRef<'a>, ecan_result_t> {
-    if flags & IGH_MCAN_FLAG_RTR != 0 {
-        known_flags(call, flags, IGH_MCAN_FLAG_EXT | IGH_MCAN_FLAG_RTR, "a classic CAN frame")?;
-        let id = CanId::new(can_id, flags & IGH_MCAN_FLAG_EXT != 0).map_err(|e| call.error(&e))?;
-        return remote_frame(call, id, len);
-    }
-    // SAFETY: the caller's promise.
-    classic_frame(call, can_id, flags, unsafe { call.items("data", data, len)? })
-}
-
-fn remote_frame<'a>(call: Call, id: CanId, length: usize) -> Result<FrameRef<'a>, ecan_result_t> {
-    let dlc = Dlc::from_classic_len(length)
-        .ok_or(FrameError::RemoteDlc { dlc: length.min(255) as u8 })
-        .map_err(|e| call.error(&e))?;
-    FrameRef::remote(id, dlc).map_err(|e| call.error(&e))
+    let data = if flags & IGH_MCAN_FLAG_RTR != 0 {
+        &[0; 255][..len.min(255)]
+    } else {
+        // SAFETY: the caller's promise.
+        unsafe { call.items("data", data, len)? }
+    };
+    classic_frame(call, can_id, flags, data)
 }
 
 /// Makes a CAN FD frame of the arguments of C.
@@ -249,16 +245,12 @@ impl igh_mcan_tx_frame_t {
     /// [`ecan_result_t::ECAN_ERR_FRAME`].
     #[inline]
     pub fn frame(&self, call: Call) -> Result<FrameRef<'_>, ecan_result_t> {
-        let data = self.data.get(..usize::from(self.len));
-        if self.flags & IGH_MCAN_FLAG_FD != 0 {
-            let length = FrameError::Length { length: self.len.into(), fd: true };
-            let data = data.ok_or(length).map_err(|e| call.error(&e))?;
-            fd_frame(call, self.can_id, self.flags, data)
-        } else {
-            let length = FrameError::Length { length: self.len.into(), fd: false };
-            let data = data.ok_or(length).map_err(|e| call.error(&e))?;
-            classic_frame(call, self.can_id, self.flags, data)
-        }
+        let fd = self.flags & IGH_MCAN_FLAG_FD != 0;
+        let length = FrameError::Length { length: self.len.into(), fd };
+        let data = self.data.get(..usize::from(self.len)).ok_or(length);
+        let data = data.map_err(|e| call.error(&e))?;
+        let make = if fd { fd_frame } else { classic_frame };
+        make(call, self.can_id, self.flags, data)
     }
 
     /// The hint, an [`igh_mcan_hint_t`].
@@ -276,21 +268,25 @@ impl igh_mcan_tx_frame_t {
         (self.scheduled != 0).then_some(Schedule { tag: self.tag, offset_ns: self.offset_ns })
     }
 
+    /// All zero: of no frame, sent at once.
+    pub(super) const EMPTY: Self = Self {
+        slave: 0,
+        channel: 0,
+        flags: 0,
+        can_id: 0,
+        len: 0,
+        hint: 0,
+        scheduled: 0,
+        reserved: 0,
+        offset_ns: 0,
+        tag: 0,
+        reserved2: 0,
+        data: [0; 64],
+    };
+
     pub(super) fn from_frame(slave: u16, channel: u8, frame: FrameRef<'_>) -> Self {
-        Self {
-            slave,
-            channel,
-            flags: flags_of(frame),
-            can_id: frame.id().raw(),
-            len: length_of(frame),
-            hint: 0,
-            scheduled: 0,
-            reserved: 0,
-            offset_ns: 0,
-            tag: 0,
-            reserved2: 0,
-            data: frame.padded_data(),
-        }
+        let (flags, can_id, len) = (flags_of(frame), frame.id().raw(), length_of(frame));
+        Self { slave, channel, flags, can_id, len, data: frame.padded_data(), ..Self::EMPTY }
     }
 }
 

@@ -10,8 +10,9 @@ use ecan_protocol::mapping::HEADER_BYTES;
 use super::diagnosis::igh_mcan_pdo_parse_diag_t;
 use super::frames::igh_mcan_rx_frame_t;
 use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, Opaque, OutArray, Sealed, call};
+use crate::boundary::{Call, Opaque, OutArray, OutPointer, call};
 use crate::common::result::ecan_result_t;
+use crate::pointers;
 
 /// The header of an image, as transmitted (manual 6), without any check.
 #[repr(C)]
@@ -97,7 +98,7 @@ impl Opaque for igh_mcan_pdo_sequence_t {
 /// @param header  Is overwritten.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_BUFFER.
+/// @return  ECAN_OK, ECAN_ERR_BUFFER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_parse_header(
     image: *const u8,
@@ -105,14 +106,12 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_header(
     header: *mut igh_mcan_pdo_header_t,
 ) -> c_int {
     call("igh_mcan_pdo_parse_header", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (image, out) =
-            unsafe { (call.items("image", image, size)?, call.out("header", header)?) };
+        pointers!(call, items(image, size), out(header));
         let Some(head) = image.first_chunk::<HEADER_BYTES>() else {
             let text = format_args!("the image has {size} bytes, its header {HEADER_BYTES}");
             return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
         };
-        out.set((&Header::parse(head)).into());
+        header.set((&Header::parse(head)).into());
         Ok(())
     })
 }
@@ -146,44 +145,29 @@ fn parse(
     Ok(Ok(found))
 }
 
-/// # Safety
-/// Every pointer is NULL or valid as the header demands.
-#[expect(clippy::too_many_arguments, reason = "they are the C function's")]
-unsafe fn parse_into(
+fn parse_into(
     call: Call,
-    profile: *const igh_mcan_pdo_profile_t,
-    txpdo: *const u8,
-    size: usize,
-    frames: *mut igh_mcan_rx_frame_t,
-    capacity: usize,
-    count: *mut usize,
-    diag: *mut igh_mcan_pdo_parse_diag_t,
+    profile: &igh_mcan_pdo_profile_t,
+    image: &[u8],
+    mut frames: OutArray<igh_mcan_rx_frame_t>,
+    count: OutPointer<usize>,
+    diag: Option<OutPointer<igh_mcan_pdo_parse_diag_t>>,
 ) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let (count, diag, profile, image, mut room) = unsafe {
-        (
-            call.out("count", count)?,
-            call.optional_out(diag),
-            call.read("profile", profile)?,
-            call.items("txpdo", txpdo, size)?,
-            call.room("frames", frames, capacity)?,
-        )
-    };
     count.set(0);
-    let parsed = parse(call, profile, image, &mut room)?;
-    count.set(room.count());
+    let parsed = parse(call, profile, image, &mut frames)?;
+    count.set(frames.count());
     if let Some(diag) = diag {
         diag.set(parsed.as_ref().err().map(Into::into).unwrap_or_default());
     }
     let found = parsed.map_err(|diagnosis| match diagnosis.pdo_error() {
-        Some(PdoError::ActiveArea) => call.fail(
-            ecan_result_t::ECAN_ERR_BUFFER,
-            format_args!("{size} bytes are not an image of this profile"),
-        ),
+        Some(PdoError::ActiveArea) => {
+            let text = format_args!("{} bytes are not an image of this profile", image.len());
+            call.fail(ecan_result_t::ECAN_ERR_BUFFER, text)
+        }
         _ => call.error(&diagnosis),
     })?;
-    if found > capacity {
-        let text = format_args!("the image holds {found} frames, {capacity} fit");
+    if found > frames.count() {
+        let text = format_args!("the image holds {found} frames, {} fit", frames.count());
         return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
     }
     Ok(())
@@ -205,7 +189,7 @@ unsafe fn parse_into(
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_PARSE for a fault of the image; ECAN_ERR_IMAGE_BUSY for one that was
 ///          being written; ECAN_ERR_BUFFER if size is too small or not all frames fit;
-///          ECAN_ERR_NULL, ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
+///          ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_parse_frames_ex(
     profile: *const igh_mcan_pdo_profile_t,
@@ -217,8 +201,9 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_frames_ex(
     diag: *mut igh_mcan_pdo_parse_diag_t,
 ) -> c_int {
     call("igh_mcan_pdo_parse_frames_ex", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe { parse_into(call, profile, txpdo, size, frames, capacity, count, diag) }
+        pointers!(call, out(count), optional_out(diag), read(profile), items(txpdo, size));
+        pointers!(call, room(frames, capacity));
+        parse_into(call, profile, txpdo, frames, count, diag)
     })
 }
 
@@ -236,9 +221,8 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_frames(
     count: *mut usize,
 ) -> c_int {
     call("igh_mcan_pdo_parse_frames", |call| {
-        let diag = std::ptr::null_mut();
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe { parse_into(call, profile, txpdo, size, frames, capacity, count, diag) }
+        pointers!(call, out(count), read(profile), items(txpdo, size), room(frames, capacity));
+        parse_into(call, profile, txpdo, frames, count, None)
     })
 }
 
@@ -247,14 +231,14 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_frames(
 /// @param sequence  Is overwritten.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK or ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_sequence_init(
     sequence: *mut igh_mcan_pdo_sequence_t,
 ) -> c_int {
     call("igh_mcan_pdo_sequence_init", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { Sealed::init(call, "sequence", sequence, SequenceTracker::new()) }
+        pointers!(call, out(sequence));
+        sequence.seal(SequenceTracker::new());
+        Ok(())
     })
 }
 
@@ -264,7 +248,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_sequence_init(
 /// @param lost    Gets the number of images lost before this one; may be NULL.
 ///
 /// @usage   rt, one thread at a time, after init
-/// @return  An igh_mcan_pdo_arrival_t; ECAN_ERR_NULL or ECAN_ERR_NOT_INITIALISED.
+/// @return  An igh_mcan_pdo_arrival_t, or a negative ecan_result_t.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_sequence_observe(
     sequence: *mut igh_mcan_pdo_sequence_t,
@@ -273,17 +257,13 @@ pub unsafe extern "C" fn igh_mcan_pdo_sequence_observe(
 ) -> c_int {
     let mut arrival = igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_FIRST;
     let code = call("igh_mcan_pdo_sequence_observe", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (tracker, lost) = unsafe {
-            let tracker: &mut SequenceTracker = Sealed::change(call, "sequence", sequence)?;
-            (tracker, call.optional_out(lost))
-        };
-        let judged = tracker.observe(number);
-        let gap = if let Arrival::Gap { lost } = judged { lost } else { 0 };
+        pointers!(call, sealed_mut(sequence), optional_out(lost));
+        let found = sequence.observe(number);
+        let gap = if let Arrival::Gap { lost } = found { lost } else { 0 };
         if let Some(lost) = lost {
             lost.set(gap);
         }
-        arrival = match judged {
+        arrival = match found {
             Arrival::First => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_FIRST,
             Arrival::Next => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_NEXT,
             Arrival::Repeated => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_REPEATED,

@@ -9,6 +9,7 @@ use ecan_protocol::mapping::Direction;
 
 use crate::boundary::{Call, ToResult, call, getter_or};
 use crate::common::result::ecan_result_t;
+use crate::pointers;
 
 /// Direction of an image, as the slave sees it.
 #[repr(C)]
@@ -162,7 +163,7 @@ impl igh_mcan_pdo_profile_t {
 /// @param channel_mask  Channels, bit 0 for channel 0.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_profile_default(
     profile: *mut igh_mcan_pdo_profile_t,
@@ -171,8 +172,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_profile_default(
     channel_mask: u8,
 ) -> c_int {
     call("igh_mcan_pdo_profile_default", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let out = unsafe { call.out("profile", profile)? };
+        pointers!(call, out(profile));
         let value = igh_mcan_pdo_profile_t {
             direction: u8::try_from(direction).unwrap_or(u8::MAX),
             multiplier,
@@ -183,7 +183,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_profile_default(
             reserved: [0; 2],
         };
         value.checked(call)?;
-        out.set(value);
+        profile.set(value);
         Ok(())
     })
 }
@@ -191,14 +191,14 @@ pub unsafe extern "C" fn igh_mcan_pdo_profile_default(
 /// Checks a profile.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_profile_check(
     profile: *const igh_mcan_pdo_profile_t,
 ) -> c_int {
     call("igh_mcan_pdo_profile_check", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { call.read("profile", profile)? }.checked(call).map(|_| ())
+        pointers!(call, read(profile));
+        profile.checked(call).map(|_| ())
     })
 }
 
@@ -210,8 +210,8 @@ pub unsafe extern "C" fn igh_mcan_pdo_profile_check(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_profile_word(profile: *const igh_mcan_pdo_profile_t) -> u32 {
     getter_or("igh_mcan_pdo_profile_word", 0, |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.word())
+        pointers!(call, read(profile));
+        Ok(profile.checked(call)?.1.word())
     })
 }
 
@@ -222,8 +222,8 @@ pub unsafe extern "C" fn igh_mcan_pdo_profile_word(profile: *const igh_mcan_pdo_
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_layout_id(profile: *const igh_mcan_pdo_profile_t) -> u16 {
     getter_or("igh_mcan_pdo_layout_id", 0, |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.layout_id())
+        pointers!(call, read(profile));
+        Ok(profile.checked(call)?.1.layout_id())
     })
 }
 
@@ -234,7 +234,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_layout_id(profile: *const igh_mcan_pdo_pro
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_bytes(profile: *const igh_mcan_pdo_profile_t) -> usize {
     getter_or("igh_mcan_pdo_bytes", 0, |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.pdo_bytes())
+        pointers!(call, read(profile));
+        Ok(profile.checked(call)?.1.pdo_bytes())
     })
 }

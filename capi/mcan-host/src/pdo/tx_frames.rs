@@ -10,9 +10,10 @@ use super::frames::{
 };
 use crate::boundary::{Call, call};
 use crate::common::result::ecan_result_t;
+use crate::pointers;
 
 /// Checks a slave index and a channel for a frame.
-fn place(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t> {
+fn slave_of(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t> {
     if usize::from(channel) >= CHANNELS {
         let text =
             format_args!("channel {channel} is out of range; allowed: 0 to {}", CHANNELS - 1);
@@ -35,8 +36,8 @@ fn place(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t> {
 /// @param len      Bytes, 0 to 8; of a remote frame the requested DLC.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL or ECAN_ERR_FRAME; the frame
-///          is written only with ECAN_OK.
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL or ECAN_ERR_FRAME; the frame is written only
+///          with ECAN_OK.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
     frame: *mut igh_mcan_tx_frame_t,
@@ -48,11 +49,10 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
     len: usize,
 ) -> c_int {
     call("igh_mcan_tx_frame_set_can", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (out, can) = unsafe {
-            (call.out("frame", frame)?, classic_frame_at(call, can_id, flags, data, len)?)
-        };
-        out.set(igh_mcan_tx_frame_t::from_frame(place(call, slave, channel)?, channel, can));
+        pointers!(call, out(frame));
+        // SAFETY: the data are C's, valid or NULL as the header demands.
+        let can = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
+        frame.set(igh_mcan_tx_frame_t::from_frame(slave_of(call, slave, channel)?, channel, can));
         Ok(())
     })
 }
@@ -76,10 +76,9 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
     len: usize,
 ) -> c_int {
     call("igh_mcan_tx_frame_set_canfd", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (out, data) = unsafe { (call.out("frame", frame)?, call.items("data", data, len)?) };
+        pointers!(call, out(frame), items(data, len));
         let fd = fd_frame(call, can_id, flags, data)?;
-        out.set(igh_mcan_tx_frame_t::from_frame(place(call, slave, channel)?, channel, fd));
+        frame.set(igh_mcan_tx_frame_t::from_frame(slave_of(call, slave, channel)?, channel, fd));
         Ok(())
     })
 }
@@ -91,35 +90,24 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
 /// @param received  A frame, not a TX_RESULT.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME if it is not a frame.
+/// @return  ECAN_OK, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME if it is not a frame.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
     frame: *mut igh_mcan_tx_frame_t,
     received: *const igh_mcan_rx_frame_t,
 ) -> c_int {
     call("igh_mcan_tx_frame_set_received", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (out, rx) = unsafe { (call.out("frame", frame)?, call.read("received", received)?) };
-        if rx.kind != igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8 {
+        pointers!(call, out(frame), read(received));
+        if received.kind != igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8 {
             let text = format_args!("`received` is a TX_RESULT, not a frame");
             return Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, text));
         }
-        let value = igh_mcan_tx_frame_t {
-            slave: place(call, rx.slave.into(), rx.channel)?,
-            channel: rx.channel,
-            flags: rx.flags,
-            can_id: rx.can_id,
-            len: rx.len,
-            hint: 0,
-            scheduled: 0,
-            reserved: 0,
-            offset_ns: 0,
-            tag: 0,
-            reserved2: 0,
-            data: rx.data,
-        };
+        let igh_mcan_rx_frame_t { slave, channel, flags, can_id, len, data, .. } = *received;
+        slave_of(call, slave.into(), channel)?;
+        let empty = igh_mcan_tx_frame_t::EMPTY;
+        let value = igh_mcan_tx_frame_t { slave, channel, flags, can_id, len, data, ..empty };
         value.frame(call)?;
-        out.set(value);
+        frame.set(value);
         Ok(())
     })
 }
@@ -130,7 +118,6 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
 /// @param tag        Tag of the application.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK or ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_tx_frame_set_schedule(
     frame: *mut igh_mcan_tx_frame_t,
@@ -138,8 +125,7 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_schedule(
     tag: u16,
 ) -> c_int {
     call("igh_mcan_tx_frame_set_schedule", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let frame = unsafe { call.change("frame", frame)? };
+        pointers!(call, change(frame));
         (frame.scheduled, frame.offset_ns, frame.tag) = (1, offset_ns, tag);
         Ok(())
     })
@@ -150,15 +136,14 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_schedule(
 /// @param hint  An igh_mcan_hint_t.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_ARGUMENT.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_tx_frame_set_hint(
     frame: *mut igh_mcan_tx_frame_t,
     hint: c_int,
 ) -> c_int {
     call("igh_mcan_tx_frame_set_hint", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let frame = unsafe { call.change("frame", frame)? };
+        pointers!(call, change(frame));
         frame.hint = check_hint(call, hint)?;
         Ok(())
     })

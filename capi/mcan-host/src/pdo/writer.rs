@@ -15,8 +15,9 @@ use ecan_protocol::image::{CommitFields, ImageWriter, Schedule};
 
 use super::frames::{classic_frame_at, fd_frame, igh_mcan_tx_frame_t};
 use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, Opaque, Sealed, call, getter_or};
+use crate::boundary::{Call, Opaque, call, getter_or};
 use crate::common::result::ecan_result_t;
+use crate::pointers;
 
 /// Writes the images of one direction into a buffer of the application. Plain data without
 /// resources: it may be copied and needs no deinit. One writer serves one buffer; it stores the
@@ -44,18 +45,6 @@ impl Opaque for igh_mcan_pdo_writer_t {
 }
 
 impl Writer {
-    /// The writer of C.
-    ///
-    /// # Safety
-    /// As for [`Sealed::change`].
-    unsafe fn open<'a>(
-        call: Call,
-        writer: *mut igh_mcan_pdo_writer_t,
-    ) -> Result<&'a mut Self, ecan_result_t> {
-        // SAFETY: the caller's promise.
-        unsafe { Sealed::change(call, "writer", writer) }
-    }
-
     /// Writer and started image.
     ///
     /// # Safety
@@ -96,19 +85,18 @@ impl Writer {
 /// @param profile  The profile that is active on the device.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+/// @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_init(
     writer: *mut igh_mcan_pdo_writer_t,
     profile: *const igh_mcan_pdo_profile_t,
 ) -> c_int {
     call("igh_mcan_pdo_writer_init", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (direction, profile) = unsafe { call.read("profile", profile)? }.checked(call)?;
+        pointers!(call, out(writer), read(profile));
+        let (direction, profile) = profile.checked(call)?;
         let image_writer = ImageWriter::new(direction, profile);
-        let value = Writer { writer: image_writer, image: std::ptr::null_mut(), size: 0 };
-        // SAFETY: as above.
-        unsafe { Sealed::init(call, "writer", writer, value) }
+        writer.seal(Writer { writer: image_writer, image: std::ptr::null_mut(), size: 0 });
+        Ok(())
     })
 }
 
@@ -119,7 +107,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_init(
 /// @param rxpdo_size  Its bytes, at least those of the profile.
 ///
 /// @usage   rt, one thread at a time, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED or ECAN_ERR_BUFFER.
+/// @return  ECAN_OK, ECAN_ERR_BUFFER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_begin(
     writer: *mut igh_mcan_pdo_writer_t,
@@ -127,17 +115,14 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_begin(
     rxpdo_size: usize,
 ) -> c_int {
     call("igh_mcan_pdo_writer_begin", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let state = unsafe { Writer::open(call, writer)? };
-        // SAFETY: as above.
-        unsafe { call.out("rxpdo", rxpdo)? };
-        let needed = state.writer.profile().pdo_bytes();
+        pointers!(call, sealed_mut(writer), out(rxpdo));
+        let needed = writer.writer.profile().pdo_bytes();
         if rxpdo_size < needed {
             let text = format_args!("the buffer has {rxpdo_size} bytes, the image {needed}");
             return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
         }
-        state.writer.begin();
-        (state.image, state.size) = (rxpdo, needed);
+        writer.writer.begin();
+        (writer.image, writer.size) = (rxpdo.as_ptr(), needed);
         Ok(())
     })
 }
@@ -146,20 +131,19 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_begin(
 ///
 /// @usage   rt, one thread at a time, after begin
 /// @return  ECAN_OK; ECAN_ERR_NO_ROOM if the image is full; ECAN_ERR_CHANNEL if the profile does
-///          not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_NULL,
-///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ORDER. The image changes only with ECAN_OK.
+///          not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_ORDER. The image
+///          changes only with ECAN_OK.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_add(
     writer: *mut igh_mcan_pdo_writer_t,
     frame: *const igh_mcan_tx_frame_t,
 ) -> c_int {
     call("igh_mcan_pdo_writer_add", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (writer, tx) = unsafe { (Writer::open(call, writer)?, call.read("frame", frame)?) };
+        pointers!(call, sealed_mut(writer), read(frame));
         // SAFETY: C keeps the image valid until it is finished.
         unsafe {
-            let hint = tx.checked_hint(call)?;
-            writer.push(call, tx.channel, hint, tx.frame(call)?, tx.schedule())
+            let hint = frame.checked_hint(call)?;
+            writer.push(call, frame.channel, hint, frame.frame(call)?, frame.schedule())
         }
     })
 }
@@ -178,12 +162,12 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_add_can(
     len: usize,
 ) -> c_int {
     call("igh_mcan_pdo_writer_add_can", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (writer, frame) = unsafe {
-            (Writer::open(call, writer)?, classic_frame_at(call, can_id, flags, data, len)?)
-        };
-        // SAFETY: C keeps the image valid until it is finished.
-        unsafe { writer.push(call, channel, 0, frame, None) }
+        pointers!(call, sealed_mut(writer));
+        // SAFETY: the data are C's; C keeps the image valid until it is finished.
+        unsafe {
+            let frame = classic_frame_at(call, can_id, flags, data, len)?;
+            writer.push(call, channel, 0, frame, None)
+        }
     })
 }
 
@@ -201,9 +185,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_add_canfd(
     len: usize,
 ) -> c_int {
     call("igh_mcan_pdo_writer_add_canfd", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (writer, data) =
-            unsafe { (Writer::open(call, writer)?, call.items("data", data, len)?) };
+        pointers!(call, sealed_mut(writer), items(data, len));
         // SAFETY: C keeps the image valid until it is finished.
         unsafe { writer.push(call, channel, 0, fd_frame(call, can_id, flags, data)?, None) }
     })
@@ -216,21 +198,20 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_add_canfd(
 /// @param sequence  Gets the image's sequence number, to which a TX_RESULT refers; may be NULL.
 ///
 /// @usage   rt, one thread at a time, after begin
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED or ECAN_ERR_ORDER.
+/// @return  ECAN_OK, ECAN_ERR_ORDER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_finish(
     writer: *mut igh_mcan_pdo_writer_t,
     sequence: *mut u16,
 ) -> c_int {
     call("igh_mcan_pdo_writer_finish", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (state, out) = unsafe { (Writer::open(call, writer)?, call.optional_out(sequence)) };
+        pointers!(call, sealed_mut(writer), optional_out(sequence));
         // SAFETY: C keeps the image valid until it is finished.
-        let (image_writer, image) = unsafe { state.parts(call)? };
+        let (image_writer, image) = unsafe { writer.parts(call)? };
         let number = image_writer.commit(image, CommitFields::default());
-        state.image = std::ptr::null_mut();
-        if let Some(out) = out {
-            out.set(number);
+        writer.image = std::ptr::null_mut();
+        if let Some(sequence) = sequence {
+            sequence.set(number);
         }
         Ok(())
     })
@@ -240,15 +221,14 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_finish(
 /// (0x8011:08, manual 13.2).
 ///
 /// @usage   rt, one thread at a time, after init
-/// @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_set_next_sequence(
     writer: *mut igh_mcan_pdo_writer_t,
     sequence: u16,
 ) -> c_int {
     call("igh_mcan_pdo_writer_set_next_sequence", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { Writer::open(call, writer)? }.writer.set_next_sequence(sequence);
+        pointers!(call, sealed_mut(writer));
+        writer.writer.set_next_sequence(sequence);
         Ok(())
     })
 }
@@ -260,8 +240,8 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_set_next_sequence(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_room(writer: *mut igh_mcan_pdo_writer_t) -> usize {
     getter_or("igh_mcan_pdo_writer_room", 0, |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        Ok(unsafe { Writer::open(call, writer)? }.writer.room())
+        pointers!(call, sealed_mut(writer));
+        Ok(writer.writer.room())
     })
 }
 
@@ -272,7 +252,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_room(writer: *mut igh_mcan_pdo_writ
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_pdo_writer_frames(writer: *mut igh_mcan_pdo_writer_t) -> usize {
     getter_or("igh_mcan_pdo_writer_frames", 0, |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        Ok(unsafe { Writer::open(call, writer)? }.writer.frames().into())
+        pointers!(call, sealed_mut(writer));
+        Ok(writer.writer.frames().into())
     })
 }
