@@ -47,7 +47,7 @@ pub fn getter<R>(
 /// results to the names of the pointers: `pointers!(call, items(data, len), out(count))`.
 #[macro_export]
 macro_rules! pointers {
-    ($call:ident, $($kind:ident($pointer:ident $(, $count:expr)?)),+) => {$(
+    ($call:ident, $($kind:ident($pointer:ident $(, $count:ident)?)),+) => {$(
         #[allow(unused_mut, reason = "only arrays for results change")]
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let mut $pointer = unsafe { $call.$kind(stringify!($pointer), $pointer $(, $count)?)? };
