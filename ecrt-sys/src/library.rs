@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use crate::bindings::ec_master_t;
-use crate::functions::{Functions, TABLE_SYMBOLS};
+use crate::functions::{Functions, table_symbols};
 use crate::load_error::{LoadError, RELEASES};
 use crate::open_master::OpenMaster;
-use crate::symbol_source::{Missing, SymbolSource};
+use crate::symbol_source::SymbolSource;
 
 /// The default library: IgH's soname, searched in the directories of the dynamic
 /// loader (`LD_LIBRARY_PATH`, `ld.so.conf`, `/lib`, `/usr/lib`).
@@ -29,9 +29,9 @@ type MasterByIndex = unsafe extern "C" fn(c_uint) -> *mut ec_master_t;
 /// All names that are looked up in a library, and whether the library must have them.
 pub fn symbols() -> impl Iterator<Item = (&'static str, bool)> {
     [SYMBOL_VERSION, SYMBOL_REQUEST, SYMBOL_OPEN]
-        .into_iter()
         .map(|symbol| (symbol, true))
-        .chain(TABLE_SYMBOLS.iter().copied())
+        .into_iter()
+        .chain(table_symbols())
 }
 
 /// A library that stays loaded as long as one of its functions can be called.
@@ -64,11 +64,10 @@ pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), Lo
         .map_err(|error| not_loaded(path, &loader_text(&error)))?;
 
     let mut source = SymbolSource { library: &library, reports_status: true, missing: Vec::new() };
-    let version: Option<VersionMagic> = source.required(SYMBOL_VERSION);
-    let Some(version) = version else {
-        // Every release has this function.
-        return Err(LoadError::NotEthercat { path: path.into() });
-    };
+    // Every release has this function.
+    let version: VersionMagic = source
+        .required(SYMBOL_VERSION)
+        .ok_or_else(|| LoadError::NotEthercat { path: path.into() })?;
     // SAFETY: `ecrt_version_magic` has had this type in every release.
     let version_magic = unsafe { version() };
     let Some(release) = release(version_magic) else {
@@ -81,19 +80,12 @@ pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), Lo
     // SAFETY: the library reports that it is libethercat of a supported release, whose return
     // types `reports_status` selects.
     let functions = unsafe { Functions::look_up(&mut source) };
-    let mut missing = source.take_missing().0;
-    match (request, open, functions) {
-        (Some(request), Some(open), Ok(functions)) => Ok((
-            LoadedLibrary { path: path.into(), version_magic, request, open, _library: library },
-            functions,
-        )),
-        (_, _, functions) => {
-            if let Err(Missing(more)) = functions {
-                missing.extend(more);
-            }
-            Err(LoadError::MissingFunctions { path: path.into(), release, missing })
-        }
-    }
+    let missing = source.missing;
+    let (Some(request), Some(open), Some(functions)) = (request, open, functions) else {
+        return Err(LoadError::MissingFunctions { path: path.into(), release, missing });
+    };
+    let path = path.into();
+    Ok((LoadedLibrary { path, version_magic, request, open, _library: library }, functions))
 }
 
 /// The supported release of a version magic.
