@@ -24,8 +24,8 @@ pub use bus::{
     arbitration_key, bits_ns,
 };
 pub use drive::{
-    Drive, DriveConfig, DriveQuirks, EdsError, EdsErrorKind, MotorConfig, SdoDirection, SdoEffect,
-    SdoRule, TargetHistory, TargetKind, TargetRecord, TargetSums,
+    Drive, DriveConfig, DriveQuirks, EdsError, MotorConfig, SdoDirection, SdoEffect, SdoRule,
+    TargetHistory, TargetKind, TargetRecord, TargetSums,
 };
 pub use node::{
     BridgeFactory, BridgeProtocol, BridgeSpec, EchoNode, FaultyConfig, FaultyNode, Node,

@@ -5,7 +5,7 @@ use ecan_canopen::{Controlword, DriveState, NodeLossReaction, OperatingMode, Sta
 use super::config::DriveConfig;
 use super::history::TargetHistory;
 use super::homing::Switches;
-use super::motion::Motion;
+use super::motion::{HomingResult, Motion};
 use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::power::{Action, PowerStage, StopMode};
@@ -14,7 +14,6 @@ use crate::earliest::earliest;
 /// EMCY error code: following error exceeds its window for too long.
 const FOLLOWING_ERROR: u16 = 0x8611;
 
-/// Latest commands.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Targets {
     pub(super) position: i32,
@@ -25,22 +24,18 @@ pub(super) struct Targets {
     pub(super) torque_offset: i16,
 }
 
-/// Event that the axis reports to the rest of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Report {
-    /// The axis detected a fault.
     Fault(u16),
-    /// A fault was reset.
-    Reset,
+    FaultReset,
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     pub(super) config: DriveConfig,
     pub(super) now: u64,
-    /// Controller period, ns.
+    /// Controller period, ns and s.
     period: u64,
-    /// Controller period, s.
     period_seconds: f64,
     /// First multiple of the period after `now`.
     next_tick: u64,
@@ -54,12 +49,12 @@ pub(super) struct Axis {
     pub(super) targets: Targets,
     /// Mechanical position of the user's zero position.
     pub(super) origin: i64,
-    /// Time since which the following error exceeds its window.
+    /// Begin of the present excess of the following error window.
     following_error_since: Option<u64>,
     pub(super) at_limit: bool,
     blocked_until: Option<u64>,
     pub(super) history: TargetHistory,
-    report: Option<Report>,
+    pub(super) report: Option<Report>,
 }
 
 impl Axis {
@@ -86,29 +81,9 @@ impl Axis {
         }
     }
 
-    pub(super) const fn motor(&self) -> &Motor {
-        &self.motor
-    }
-
-    pub(super) const fn state(&self) -> DriveState {
-        self.power.state()
-    }
-
-    pub(super) const fn controlword(&self) -> Controlword {
-        self.power.controlword()
-    }
-
-    pub(super) const fn mode(&self) -> Option<OperatingMode> {
-        self.mode
-    }
-
-    pub(super) fn take_report(&mut self) -> Option<Report> {
-        self.report.take()
-    }
-
     /// Actual position, not wrapped to 32 bits.
     pub(super) fn position_wide(&self) -> i64 {
-        self.motor.position().round() as i64 - self.origin
+        self.motor.position.round() as i64 - self.origin
     }
 
     /// Actual position; wraps at 32 bits.
@@ -117,28 +92,20 @@ impl Axis {
     }
 
     pub(super) fn demand(&self) -> i32 {
-        (self.motion.position().round() as i64 - self.origin) as i32
-    }
-
-    pub(super) fn demanded_velocity(&self) -> i32 {
-        self.motion.velocity() as i32
+        (self.motion.ramp.position.round() as i64 - self.origin) as i32
     }
 
     /// Demand minus actual position in modes that monitor it, otherwise 0.
     pub(super) fn following_error(&self) -> i32 {
         if self.power.is_energised() && self.motion.monitors_following_error(self.mode) {
-            (self.motion.position() - self.motor.position()) as i32
+            (self.motion.ramp.position - self.motor.position) as i32
         } else {
             0
         }
     }
 
     pub(super) fn switches(&self) -> Switches {
-        Switches::at(self.motor.position(), &self.config.motor)
-    }
-
-    pub(super) const fn is_energised(&self) -> bool {
-        self.power.is_energised()
+        Switches::at(self.motor.position, &self.config.motor)
     }
 
     /// Sets the mode that is active after start.
@@ -148,16 +115,11 @@ impl Axis {
         }
     }
 
-    /// Ends the self-test.
-    pub(super) fn finish_self_test(&mut self) {
-        self.power.finish_self_test();
-    }
-
     /// Restarts after loss of supply or a reset of the device, with the power stage off.
     pub(super) fn restart(&mut self, supply_lost: bool) {
         self.power = PowerStage::new();
         self.motion.follow_motor(&self.motor);
-        self.motion.reset_homing();
+        self.motion.homing = HomingResult::None;
         self.mode = None;
         self.next_mode = None;
         self.targets = Targets::default();
@@ -165,23 +127,17 @@ impl Axis {
         self.at_limit = false;
         self.report = None;
         if supply_lost && !self.config.motor.absolute_encoder {
-            self.origin = self.motor.position().round() as i64;
+            self.origin = self.motor.position.round() as i64;
         }
     }
 
-    /// Blocks the motor until this time.
     pub(super) fn block(&mut self, until: u64) {
         self.blocked_until = Some(until);
-        self.motor.block(true);
+        self.motor.is_blocked = true;
     }
 
-    pub(super) fn limit_torque(&mut self, parameters: &Parameters) {
-        self.motor.limit_torque(parameters.max_torque);
-    }
-
-    /// Returns whether the motor moves or may have to move.
     pub(super) fn is_live(&self) -> bool {
-        self.power.is_energised() || !self.motor.is_still()
+        self.power.is_energised() || self.motor.velocity != 0.0
     }
 
     pub(super) fn next_tick(&self) -> Option<u64> {
@@ -198,7 +154,7 @@ impl Axis {
     pub(super) fn next_event(&self, parameters: &Parameters) -> Option<u64> {
         let mode = self.next_mode.map(|(_, at)| at);
         let fault = self.earliest_fault(parameters);
-        earliest([fault, mode, self.power.enabled_at(), self.blocked_until])
+        earliest([fault, mode, self.power.enabled_at, self.blocked_until])
     }
 
     /// The first tick that can detect a following error.
@@ -225,7 +181,6 @@ impl Axis {
         }
     }
 
-    /// Advances the axis to time `to`.
     pub(super) fn advance(&mut self, to: u64, parameters: &Parameters) {
         while self.now < to {
             if !self.is_live() {
@@ -237,7 +192,7 @@ impl Axis {
         }
         if self.blocked_until.is_some_and(|at| at <= self.now) {
             self.blocked_until = None;
-            self.motor.block(false);
+            self.motor.is_blocked = false;
         }
         let action = self.power.finish_enabling(self.now);
         self.execute(action, parameters);
@@ -289,14 +244,12 @@ impl Axis {
             && self.following_error().unsigned_abs() > parameters.following_window
     }
 
-    /// Returns whether the following error is monitored.
     fn monitors_following_error(&self, parameters: &Parameters) -> bool {
-        parameters.following_window != u32::MAX
-            && self.power.state() == DriveState::OperationEnabled
+        parameters.following_window != u32::MAX && self.power.state == DriveState::OperationEnabled
     }
 
     pub(super) fn fault(&mut self, code: u16, parameters: &Parameters) {
-        if matches!(self.power.state(), DriveState::FaultReactionActive | DriveState::Fault) {
+        if self.power.is_faulted() {
             return;
         }
         self.report = Some(Report::Fault(code));
@@ -308,17 +261,16 @@ impl Axis {
     /// Applies the reaction to loss of the host (0x6007).
     pub(super) fn host_lost(&mut self, code: u16, parameters: &Parameters) {
         match parameters.node_loss {
-            NodeLossReaction::None | NodeLossReaction::Other(_) => {}
             NodeLossReaction::Fault => self.fault(code, parameters),
             NodeLossReaction::DisableVoltage if self.power.is_energised() => {
                 let action = self.power.release(DriveState::SwitchOnDisabled);
                 self.execute(action, parameters);
             }
-            NodeLossReaction::QuickStop if self.power.state() == DriveState::OperationEnabled => {
+            NodeLossReaction::QuickStop if self.power.state == DriveState::OperationEnabled => {
                 let action = self.power.quick_stop(parameters);
                 self.execute(action, parameters);
             }
-            NodeLossReaction::DisableVoltage | NodeLossReaction::QuickStop => {}
+            _ => {}
         }
     }
 
@@ -328,7 +280,7 @@ impl Axis {
             Action::Enable => self.enable(parameters),
             Action::Release => self.motion.follow_motor(&self.motor),
             Action::Stop(mode) => self.stop(mode, parameters),
-            Action::Reset => self.report = Some(Report::Reset),
+            Action::Reset => self.report = Some(Report::FaultReset),
         }
     }
 
@@ -356,10 +308,10 @@ impl Axis {
 
     /// The statusword without the bits that belong to the device.
     pub(super) fn statusword(&self, parameters: &Parameters) -> Statusword {
-        let state = self.power.state();
+        let state = self.power.state;
         let mut word = Statusword::of_state(state).0;
         if state == DriveState::OperationEnabled {
-            let halted = self.controlword().has(Controlword::HALT);
+            let halted = self.power.controlword.has(Controlword::HALT);
             word |= self.motion.status_bits(self.mode, halted, &self.motor, parameters);
             if self.exceeds_window(parameters) {
                 word |= Statusword::MODE_13;

@@ -4,11 +4,10 @@ use ecan_canopen::{Controlword, DriveState, OperatingMode, object};
 
 use super::axis::Axis;
 use super::history::{TargetKind, TargetRecord};
-use super::motion::ModeBits;
+use super::motion::MotionDemand;
 use super::parameters::Parameters;
 use super::power::{Conditions, halt_stop_mode};
 
-/// Commands that one frame contained.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct ReceivedCommands {
     pub(super) controlword: Option<u16>,
@@ -78,16 +77,16 @@ impl Axis {
             self.record(TargetKind::Torque, i32::from(torque), followed, parameters);
             if followed {
                 let sum = torque.saturating_add(self.targets.torque_offset);
-                self.motion.cyclic_torque(f64::from(sum));
+                self.motion.follow(MotionDemand::Torque(f64::from(sum)));
             }
         }
     }
 
     fn follows(&self, mode: OperatingMode) -> bool {
-        self.power.state() == DriveState::OperationEnabled
+        self.power.state == DriveState::OperationEnabled
             && self.mode == Some(mode)
             && !self.power.has_next_state()
-            && !self.controlword().has(Controlword::HALT)
+            && !self.power.controlword.has(Controlword::HALT)
     }
 
     fn record(&mut self, kind: TargetKind, target: i32, followed: bool, parameters: &Parameters) {
@@ -95,7 +94,7 @@ impl Axis {
             time_ns: self.now,
             kind,
             target,
-            state: self.power.state(),
+            state: self.power.state,
             followed,
             actual: self.position(),
             previous: None,
@@ -120,16 +119,16 @@ impl Axis {
     pub(super) fn follow_position(&mut self, parameters: &Parameters) {
         let target = self.targets.position.wrapping_add(self.targets.position_offset);
         let position = self.mechanical(target, parameters);
-        self.motion.cyclic_position(position, parameters.interpolation as f64 / 1e9);
+        self.motion.follow_position(position, parameters.interpolation as f64 / 1e9);
     }
 
     pub(super) fn follow_velocity(&mut self) {
         let velocity = f64::from(self.targets.velocity);
-        if self.mode == Some(OperatingMode::CyclicVelocity) {
-            self.motion.cyclic_velocity(velocity + f64::from(self.targets.velocity_offset));
+        self.motion.follow(if self.mode == Some(OperatingMode::CyclicVelocity) {
+            MotionDemand::Velocity(velocity + f64::from(self.targets.velocity_offset))
         } else {
-            self.motion.profile_velocity(velocity);
-        }
+            MotionDemand::ProfileVelocity(velocity)
+        });
     }
 
     fn request_mode(&mut self, raw: i8, parameters: &Parameters) {
@@ -150,13 +149,13 @@ impl Axis {
             return;
         }
         self.mode = mode;
-        if self.power.state() == DriveState::OperationEnabled && !self.power.has_next_state() {
+        if self.power.state == DriveState::OperationEnabled && !self.power.has_next_state() {
             self.enable(parameters);
         }
     }
 
     fn command(&mut self, word: Controlword, parameters: &Parameters) {
-        let previous = self.power.controlword();
+        let previous = self.power.controlword;
         let conditions = Conditions {
             may_enable: self.mode.is_some() || !self.config.quirks.needs_mode,
             may_reset: !self.config.quirks.stuck_in_fault,
@@ -164,26 +163,28 @@ impl Axis {
         };
         let action = self.power.command(self.now, word, parameters, &conditions);
         self.execute(action, parameters);
-        if self.power.state() != DriveState::OperationEnabled || self.power.has_next_state() {
+        if self.power.state != DriveState::OperationEnabled || self.power.has_next_state() {
             return;
         }
-        let bits = ModeBits::of(word, previous);
+        let rises = |bit| word.has(bit) && !previous.has(bit);
+        let falls = |bit| previous.has(bit) && !word.has(bit);
+        let halt = word.has(Controlword::HALT);
         match self.mode {
-            Some(OperatingMode::ProfilePosition) if bits.rises => {
-                self.set_point(&bits, parameters);
+            Some(OperatingMode::ProfilePosition) if rises(Controlword::MODE_4) => {
+                self.set_point(word, parameters);
             }
             Some(OperatingMode::ProfilePosition) if !word.has(Controlword::MODE_4) => {
                 self.motion.release_set_point();
             }
-            Some(OperatingMode::Homing) if bits.rises && !bits.halt => {
+            Some(OperatingMode::Homing) if rises(Controlword::MODE_4) && !halt => {
                 self.motion.start_homing(parameters.homing_method, &self.motor);
             }
-            Some(OperatingMode::Homing) if bits.falls => self.motion.abort_homing(),
+            Some(OperatingMode::Homing) if falls(Controlword::MODE_4) => self.motion.abort_homing(),
             _ => {}
         }
-        if bits.halt {
+        if halt {
             self.stop(halt_stop_mode(parameters.halt), parameters);
-        } else if bits.halt_ends {
+        } else if falls(Controlword::HALT) {
             self.motion.resume();
             if self.mode == Some(OperatingMode::ProfileVelocity) {
                 self.follow_velocity();
@@ -191,14 +192,15 @@ impl Axis {
         }
     }
 
-    fn set_point(&mut self, bits: &ModeBits, parameters: &Parameters) {
+    /// Bit 5 of the controlword changes the set-point immediately, bit 6 makes it relative.
+    fn set_point(&mut self, word: Controlword, parameters: &Parameters) {
         let mut target = self.targets.position;
-        if bits.relative {
+        if word.has(Controlword::MODE_6) {
             let base = (self.motion.set_point_base().round() as i64 - self.origin) as i32;
             target = target.wrapping_add(base);
         }
         let position = self.mechanical(target, parameters);
         self.record(TargetKind::Position, target, true, parameters);
-        self.motion.set_point(position, bits.immediate);
+        self.motion.set_point(position, word.has(Controlword::MODE_5));
     }
 }

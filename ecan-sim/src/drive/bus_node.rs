@@ -50,7 +50,7 @@ impl Drive {
     }
 
     fn with_device(device: Device) -> Self {
-        let sdo = SdoServer::new(device.block_support());
+        let sdo = SdoServer::new(&device.config.quirks);
         Self { device, sdo, segment_waits: false, next: None }
     }
 
@@ -69,19 +69,19 @@ impl Drive {
     /// Returns whether the drive has its supply.
     #[must_use]
     pub const fn is_powered(&self) -> bool {
-        self.device.is_powered()
+        self.device.powered
     }
 
     /// NMT state; [`NmtState::Initialising`] without supply.
     #[must_use]
     pub const fn nmt_state(&self) -> NmtState {
-        self.device.network.state()
+        self.device.network.state
     }
 
     /// State of the power stage.
     #[must_use]
     pub const fn state(&self) -> DriveState {
-        self.device.axis.state()
+        self.device.axis.power.state
     }
 
     /// Present statusword.
@@ -93,7 +93,7 @@ impl Drive {
     /// Active mode of operation; `None` is no mode.
     #[must_use]
     pub const fn mode(&self) -> Option<OperatingMode> {
-        self.device.axis.mode()
+        self.device.axis.mode
     }
 
     /// Actual position (0x6064) in increments.
@@ -106,19 +106,19 @@ impl Drive {
     /// changes.
     #[must_use]
     pub fn mechanical_position(&self) -> f64 {
-        self.device.axis.motor().position()
+        self.device.axis.motor.position
     }
 
     /// Velocity in increments per second.
     #[must_use]
     pub fn velocity(&self) -> f64 {
-        self.device.axis.motor().velocity()
+        self.device.axis.motor.velocity
     }
 
     /// Torque in thousandths of the rated torque.
     #[must_use]
     pub fn torque(&self) -> f64 {
-        self.device.axis.motor().torque()
+        self.device.axis.motor.torque
     }
 
     /// Position demand value (0x6062) in increments.
@@ -143,19 +143,19 @@ impl Drive {
     /// Error code of the present fault or warning (0x603F); 0 if none.
     #[must_use]
     pub const fn error_code(&self) -> u16 {
-        self.device.emergency.code()
+        self.device.emergency.code
     }
 
     /// Error register (0x1001).
     #[must_use]
     pub const fn error_register(&self) -> ErrorRegister {
-        self.device.emergency.register()
+        ErrorRegister(self.device.emergency.register)
     }
 
     /// Number of sent emergency messages.
     #[must_use]
     pub const fn emergencies_sent(&self) -> u64 {
-        self.device.emergency.sent()
+        self.device.emergency.sent
     }
 
     /// Number of received SYNC messages.
@@ -180,7 +180,7 @@ impl Drive {
     /// Injects a fault; `code` is the error code of the emergency message. Has no effect without
     /// supply or in a fault.
     pub fn fail(&mut self, now: u64, code: u16, out: &mut NodeOutput) {
-        self.act(now, out, |drive, _| drive.device.fault(code));
+        self.act(now, out, |drive, _| drive.device.axis.fault(code, &drive.device.parameters));
     }
 
     /// Sends an emergency message about an error that has already gone; the state does not change.
@@ -211,7 +211,7 @@ impl Drive {
         out: &mut NodeOutput,
         action: impl FnOnce(&mut Self, &mut NodeOutput),
     ) {
-        if self.device.is_powered() {
+        if self.device.powered {
             self.device.run_to(now);
             action(self, out);
             self.settle(out);
@@ -219,7 +219,7 @@ impl Drive {
     }
 
     fn settle(&mut self, out: &mut NodeOutput) {
-        if self.device.network.state() == NmtState::Initialising {
+        if self.device.network.state == NmtState::Initialising {
             self.sdo.restart();
         }
         self.device.settle(out);
@@ -229,7 +229,7 @@ impl Drive {
 
     /// Sends the next segment of a block upload after the previous one was sent.
     fn pump(&mut self, out: &mut NodeOutput) {
-        if self.segment_waits || self.device.has_response() {
+        if self.segment_waits || !self.device.responses.is_empty() {
             return;
         }
         if let Some(segment) = self.sdo.next_segment() {
@@ -276,17 +276,13 @@ impl Drive {
 
     /// Receives a frame; returns false if the drive ignores it.
     pub(crate) fn receive(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
-        let is_relevant = self.is_relevant(frame);
+        let is_relevant = self.device.received_ids.contains(frame.id())
+            && frame.kind() == FrameKind::Data
+            && self.device.network.state != NmtState::Initialising;
         if is_relevant {
             self.act(now, out, |drive, out| drive.frame(frame, out));
         }
         is_relevant
-    }
-
-    fn is_relevant(&self, frame: &CanFrame) -> bool {
-        self.device.received_ids.contains(frame.id())
-            && frame.kind() == FrameKind::Data
-            && self.device.network.state() != NmtState::Initialising
     }
 }
 
@@ -317,6 +313,6 @@ impl Node for Drive {
     }
 
     fn is_on_bus(&self) -> bool {
-        self.device.is_on_bus()
+        self.device.on_bus
     }
 }

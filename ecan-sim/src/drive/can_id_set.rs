@@ -9,7 +9,6 @@ const STANDARD_IDS: usize = 1 << 11;
 /// A set of CAN IDs. Every frame on the bus is looked up in it.
 #[derive(Clone, Debug)]
 pub(super) struct CanIdSet {
-    /// One bit per standard identifier.
     standard: [u64; STANDARD_IDS / WORD_BITS],
     extended: Vec<CanId>,
 }
@@ -48,7 +47,6 @@ impl CanIdSet {
         self.standard.get(word).is_some_and(|bits| bits >> bit & 1 == 1)
     }
 
-    /// Resets the set to the services.
     pub(super) fn reset(&mut self, services: &Self) {
         self.standard = services.standard;
         self.extended.clear();

@@ -1,6 +1,5 @@
 //! Data types of CiA 301 for a dictionary of values.
 
-/// Data type of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DataType {
     /// 0 or 1 in one byte.
@@ -13,7 +12,6 @@ pub(super) enum DataType {
     Real(u8),
     /// ISO 646 characters.
     Text,
-    /// Bytes.
     Octets,
     /// UTF-16 characters.
     Unicode,
@@ -26,7 +24,6 @@ impl DataType {
     pub(super) const U32: u16 = 0x07;
     pub(super) const U8: u16 = 0x05;
 
-    /// The data type at this index of the object dictionary.
     pub(super) const fn from_index(index: u16) -> Option<Self> {
         Some(match index {
             Self::BOOLEAN => Self::Boolean,

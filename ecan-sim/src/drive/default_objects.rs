@@ -6,15 +6,7 @@ use super::config::MotorConfig;
 use super::data_type::DataType;
 use super::dictionary::{Access, Object, Value};
 
-/// Number of PDOs per direction.
-pub(super) const PDO_COUNT: usize = 4;
-/// Maximum number of objects in a PDO.
 pub(super) const PDO_ENTRIES: usize = 8;
-
-/// Scratch domain for transfer tests.
-pub(super) const SCRATCH_DOMAIN: u16 = 0x2000;
-/// Scratch text.
-pub(super) const SCRATCH_TEXT: u16 = 0x2001;
 
 const I8: DataType = DataType::Signed(1);
 const I16: DataType = DataType::Signed(2);
@@ -23,45 +15,30 @@ const U8: DataType = DataType::Unsigned(1);
 const U16: DataType = DataType::Unsigned(2);
 const U32: DataType = DataType::Unsigned(4);
 
-fn object(
-    (index, subindex): (u16, u8),
-    data_type: DataType,
-    access: Access,
-    mappable: bool,
-    value: i64,
-) -> Object {
-    let default = Value::Number(data_type.cut(value as u64));
-    let value = default.clone();
-    let limits = (None, None);
-    Object { index, subindex, data_type, access, mappable, limits, default, saved: None, value }
+fn object(key: (u16, u8), data_type: DataType, access: Access, value: i64) -> Object {
+    Object::new(key, data_type, access, Value::Number(data_type.cut(value as u64)))
 }
 
 fn bytes(index: u16, data_type: DataType, access: Access, value: &[u8]) -> Object {
-    let default = Value::Bytes(value.to_vec());
-    let value = default.clone();
-    let limits = (None, None);
-    let key = (index, 0);
-    Object { default, value, limits, ..object(key, data_type, access, false, 0) }
+    Object::new((index, 0), data_type, access, Value::Bytes(value.to_vec()))
 }
 
-/// A parameter.
 fn parameter(index: u16, subindex: u8, data_type: DataType, value: i64) -> Object {
-    object((index, subindex), data_type, Access::ReadWrite, false, value)
+    object((index, subindex), data_type, Access::ReadWrite, value)
 }
 
-/// A constant.
 fn constant(index: u16, subindex: u8, data_type: DataType, value: i64) -> Object {
-    object((index, subindex), data_type, Access::Const, false, value)
+    object((index, subindex), data_type, Access::Const, value)
 }
 
 /// A value that the drive updates; mappable.
 fn actual(index: u16, data_type: DataType) -> Object {
-    object((index, 0), data_type, Access::ReadOnly, true, 0)
+    Object { mappable: true, ..object((index, 0), data_type, Access::ReadOnly, 0) }
 }
 
 /// A command to the drive; mappable.
 fn command(index: u16, data_type: DataType) -> Object {
-    object((index, 0), data_type, Access::ReadWriteOutput, true, 0)
+    Object { mappable: true, ..object((index, 0), data_type, Access::ReadWriteOutput, 0) }
 }
 
 fn limited(object: Object, low: i64, high: i64) -> Object {
@@ -70,14 +47,14 @@ fn limited(object: Object, low: i64, high: i64) -> Object {
 
 pub(super) fn default_objects(node: NodeId, serial: u32, motor: &MotorConfig) -> Vec<Object> {
     let mut list = general(node, serial);
-    for number in 0..PDO_COUNT as u8 {
-        list.extend(receive_pdo(node, number));
-        list.extend(transmit_pdo(node, number));
+    for (number, second) in (0..).zip(SECOND_OBJECTS) {
+        list.extend(pdos(node, number, second));
     }
     list.extend(profile(motor));
     list.extend(motion_parameters(motor));
-    list.push(bytes(SCRATCH_DOMAIN, DataType::Domain, Access::ReadWrite, &[]));
-    list.push(bytes(SCRATCH_TEXT, DataType::Text, Access::ReadWrite, b"simulated"));
+    // scratch objects for transfer tests
+    list.push(bytes(0x2000, DataType::Domain, Access::ReadWrite, &[]));
+    list.push(bytes(0x2001, DataType::Text, Access::ReadWrite, b"simulated"));
     list
 }
 
@@ -117,26 +94,20 @@ fn general(node: NodeId, serial: u32) -> Vec<Object> {
     ];
     for subindex in 1..=super::emergency::HISTORY as u8 {
         let key = (object::ERROR_HISTORY, subindex);
-        list.push(object(key, U32, Access::ReadOnly, false, 0));
+        list.push(object(key, U32, Access::ReadOnly, 0));
     }
     list
 }
 
-/// SDO server parameter.
 const SDO_SERVER: u16 = 0x1200;
 
-/// Second object of PDO 2 to 4; the first is the controlword or statusword, in PDO 1 the only one.
-const RECEIVED: [Option<(u16, u8)>; PDO_COUNT] = [
-    None,
-    Some((object::MODE_OF_OPERATION, 8)),
-    Some((object::TARGET_POSITION, 32)),
-    Some((object::TARGET_VELOCITY, 32)),
-];
-const SENT: [Option<(u16, u8)>; PDO_COUNT] = [
-    None,
-    Some((object::MODE_DISPLAY, 8)),
-    Some((object::POSITION_ACTUAL, 32)),
-    Some((object::VELOCITY_ACTUAL, 32)),
+/// Second objects of the four RPDOs and TPDOs, and their bits; the first is the controlword or
+/// statusword, in PDO 1 the only one.
+const SECOND_OBJECTS: [(u16, u16, u8); 4] = [
+    (0, 0, 0),
+    (object::MODE_OF_OPERATION, object::MODE_DISPLAY, 8),
+    (object::TARGET_POSITION, object::POSITION_ACTUAL, 32),
+    (object::TARGET_VELOCITY, object::VELOCITY_ACTUAL, 32),
 ];
 
 /// Only PDO 1 is valid by default.
@@ -145,14 +116,14 @@ fn cob_id(id: CobId, number: u8) -> i64 {
     i64::from(if number == 0 { cob_id.raw() } else { cob_id.invalid().raw() })
 }
 
-fn mapping(index: u16, first: u16, second: Option<(u16, u8)>) -> Vec<Object> {
-    let entry = |(index, bits)| i64::from(ecan_canopen::MappingEntry::new(index, 0, bits).raw());
-    let count = 1 + i64::from(second.is_some());
+fn mapping(index: u16, first: u16, second: u16, bits: u8) -> Vec<Object> {
+    let entry = |index, bits| i64::from(ecan_canopen::MappingEntry::new(index, 0, bits).raw());
+    let count = if bits > 0 { 2 } else { 1 };
     let mut list = vec![limited(parameter(index, 0, U8, count), 0, PDO_ENTRIES as i64)];
     for subindex in 1..=PDO_ENTRIES as u8 {
         let value = match subindex {
-            1 => entry((first, 16)),
-            2 => second.map_or(0, entry),
+            1 => entry(first, 16),
+            2 => entry(second, bits),
             _ => 0,
         };
         list.push(parameter(index, subindex, U32, value));
@@ -160,33 +131,24 @@ fn mapping(index: u16, first: u16, second: Option<(u16, u8)>) -> Vec<Object> {
     list
 }
 
-fn receive_pdo(node: NodeId, number: u8) -> Vec<Object> {
-    let index = object::RPDO_COMMUNICATION + u16::from(number);
+fn pdos(node: NodeId, number: u8, (received, sent, bits): (u16, u16, u8)) -> Vec<Object> {
+    let offset = u16::from(number);
+    let receive = object::RPDO_COMMUNICATION + offset;
+    let transmit = object::TPDO_COMMUNICATION + offset;
     let mut list = vec![
-        constant(index, 0, U8, 5),
-        parameter(index, 1, U32, cob_id(CobId::rpdo(node, number + 1), number)),
-        parameter(index, 2, U8, 255),
-        parameter(index, 5, U16, 0),
+        constant(receive, 0, U8, 5),
+        parameter(receive, 1, U32, cob_id(CobId::rpdo(node, number + 1), number)),
+        parameter(receive, 2, U8, 255),
+        parameter(receive, 5, U16, 0),
+        constant(transmit, 0, U8, 6),
+        parameter(transmit, 1, U32, cob_id(CobId::tpdo(node, number + 1), number)),
+        parameter(transmit, 2, U8, if number == 0 { 255 } else { 1 }),
+        parameter(transmit, 3, U16, 0),
+        parameter(transmit, 5, U16, 0),
+        limited(parameter(transmit, 6, U8, 0), 0, 240),
     ];
-    let second = RECEIVED.get(usize::from(number)).copied().flatten();
-    let index = object::RPDO_MAPPING + u16::from(number);
-    list.extend(mapping(index, object::CONTROLWORD, second));
-    list
-}
-
-fn transmit_pdo(node: NodeId, number: u8) -> Vec<Object> {
-    let index = object::TPDO_COMMUNICATION + u16::from(number);
-    let mut list = vec![
-        constant(index, 0, U8, 6),
-        parameter(index, 1, U32, cob_id(CobId::tpdo(node, number + 1), number)),
-        parameter(index, 2, U8, if number == 0 { 255 } else { 1 }),
-        parameter(index, 3, U16, 0),
-        parameter(index, 5, U16, 0),
-        limited(parameter(index, 6, U8, 0), 0, 240),
-    ];
-    let second = SENT.get(usize::from(number)).copied().flatten();
-    let index = object::TPDO_MAPPING + u16::from(number);
-    list.extend(mapping(index, object::STATUSWORD, second));
+    list.extend(mapping(object::RPDO_MAPPING + offset, object::CONTROLWORD, received, bits));
+    list.extend(mapping(object::TPDO_MAPPING + offset, object::STATUSWORD, sent, bits));
     list
 }
 
@@ -265,7 +227,6 @@ fn motion_parameters(motor: &MotorConfig) -> Vec<Object> {
     ]
 }
 
-/// Motion parameters that must not be 0.
 const NEVER_ZERO: [(u16, u8); 10] = [
     (object::FOLLOWING_ERROR_WINDOW, 0),
     (object::PROFILE_VELOCITY, 0),
@@ -281,14 +242,13 @@ const NEVER_ZERO: [(u16, u8); 10] = [
 
 /// Replaces motion parameters of an EDS that must not be 0 by those of the built-in drive.
 pub(super) fn fill_in(objects: &mut [Object], motor: &MotorConfig) {
-    for known in motion_parameters(motor) {
-        if !NEVER_ZERO.contains(&known.key()) {
-            continue;
-        }
-        let open = |object: &&mut Object| {
+    let known =
+        motion_parameters(motor).into_iter().filter(|known| NEVER_ZERO.contains(&known.key()));
+    for known in known {
+        let is_open = |object: &&mut Object| {
             object.key() == known.key() && object.default == Value::Number(0)
         };
-        if let Some(object) = objects.iter_mut().find(open) {
+        if let Some(object) = objects.iter_mut().find(is_open) {
             object.default = known.default.clone();
             object.value = known.default;
         }

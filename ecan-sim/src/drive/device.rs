@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use ecan_canopen::{
-    CobId, DriveState, ErrorRegister, NmtCommand, NmtState, NodeLossReaction, Statusword,
+    CobId, ErrorRegister, NmtCommand, NmtState, NodeId, NodeLossReaction, Statusword,
     heartbeat_data, object,
 };
 use ecan_protocol::can::{CanFrame, CanId};
@@ -12,38 +12,37 @@ use super::axis::{Axis, Report};
 use super::can_id_set::CanIdSet;
 use super::config::{DriveConfig, SdoRule};
 use super::default_objects::{default_objects, fill_in};
-use super::dictionary::{Dictionary, Object, Value};
-use super::emergency::{Emergency, register_of};
-use super::network::{Network, WatchEvent};
+use super::dictionary::{Dictionary, Object, Slot, Value};
+use super::emergency::Emergency;
+use super::network::Network;
 use super::parameters::Parameters;
-use super::pdo::{ReceivePdo, TransmitPdo, numbers};
-use super::sdo_server::{BlockSupport, Bytes};
-use super::slots::{self, Slots};
+use super::pdo::{ReceivePdo, TransmitPdo, numbers, valid_pdo_id};
 use crate::earliest::earliest;
 use crate::node::NodeOutput;
 
 /// EMCY error code: heartbeat of another node missing.
-pub(super) const HEARTBEAT_LOST: u16 = 0x8130;
-/// EMCY error code: PDO with too few bytes.
-pub(super) const PDO_TOO_SHORT: u16 = 0x8210;
-/// EMCY error code: PDO with too many bytes.
-pub(super) const PDO_TOO_LONG: u16 = 0x8220;
+const HEARTBEAT_LOST: u16 = 0x8130;
 /// EMCY error code: NMT command ended communication while the motor was energised.
 const COMMUNICATION_ENDED: u16 = 0x8100;
 /// EMCY error code: PDO not received before its event timer expired.
-pub(super) const PDO_LATE: u16 = 0x8250;
+const PDO_LATE: u16 = 0x8250;
 
-/// Duration of a reset of communication.
 const COMMUNICATION_RESET_NS: u64 = 2_000_000;
 /// Maximum number of delayed SDO responses.
 const MAX_RESPONSES: usize = 8;
+
+pub(super) const UPDATED_OBJECTS: usize = 13;
+/// Slots of the objects that the drive updates; `None` if the dictionary lacks the object.
+pub(super) type Slots = [Option<Slot>; UPDATED_OBJECTS];
 
 #[derive(Clone, Debug)]
 pub(super) struct Device {
     pub(super) config: DriveConfig,
     pub(super) now: u64,
-    powered: bool,
-    on_bus: bool,
+    pub(super) powered: bool,
+    /// True if the CAN controller takes part in the bus: from the end of booting until the supply
+    /// is switched off, also during NMT resets.
+    pub(super) on_bus: bool,
     power_on_at: Option<u64>,
     pub(super) objects: Dictionary,
     pub(super) slots: Slots,
@@ -65,13 +64,12 @@ pub(super) struct Device {
     pub(super) sync_id: Option<CanId>,
     /// SDO rules, each with its remaining count.
     pub(super) rules: Vec<(SdoRule, Option<u32>)>,
-    responses: VecDeque<(u64, Bytes)>,
+    pub(super) responses: VecDeque<(u64, [u8; 8])>,
     pub(super) syncs: u64,
     pub(super) received_pdos: u64,
 }
 
 impl Device {
-    /// A drive with the built-in objects or with those of an EDS.
     pub(super) fn new(config: &DriveConfig, objects: Option<Vec<Object>>) -> Self {
         let motor = &config.motor;
         let mut list = match objects {
@@ -90,9 +88,9 @@ impl Device {
             powered: false,
             on_bus: false,
             power_on_at: None,
-            slots: slots::find(&objects),
+            slots: Self::find_updated(&objects),
             pdo_slots: Slots::default(),
-            parameters: Parameters::read(&objects, axis.motor()),
+            parameters: Parameters::read(&objects, &axis.motor),
             network: Network::new(),
             emergency: Emergency::new(),
             axis,
@@ -115,37 +113,16 @@ impl Device {
         }
     }
 
-    pub(super) fn block_support(&self) -> BlockSupport {
-        BlockSupport {
-            known: !self.config.quirks.no_block_transfer,
-            upload_falls_back: self.config.quirks.block_upload_falls_back,
-        }
-    }
-
-    pub(super) const fn is_powered(&self) -> bool {
-        self.powered
-    }
-
-    /// Returns whether the CAN controller takes part in the bus: from the end of booting until the
-    /// supply is switched off, also during NMT resets.
-    pub(super) const fn is_on_bus(&self) -> bool {
-        self.on_bus
-    }
-
-    /// Switches the supply on.
     pub(super) fn switch_on(&mut self, now: u64) {
-        self.axis.advance(now, &self.parameters);
-        self.now = now;
+        self.run_to(now);
         self.powered = true;
         self.power_on_at = None;
         self.axis.restart(true);
         self.reset_node();
     }
 
-    /// Switches the supply off until `on_at`.
     pub(super) fn switch_off(&mut self, now: u64, on_at: u64) {
-        self.axis.advance(now, &self.parameters);
-        self.now = now;
+        self.run_to(now);
         self.powered = false;
         self.on_bus = false;
         self.power_on_at = Some(on_at);
@@ -155,7 +132,6 @@ impl Device {
         self.emergency.restart();
     }
 
-    /// Restarts the device with the saved parameters.
     fn reset_node(&mut self) {
         self.axis.restart(false);
         self.emergency.restart();
@@ -175,7 +151,6 @@ impl Device {
         self.network.boot((!self.config.quirks.never_boots).then_some(at));
     }
 
-    /// Restores saved values and defaults.
     fn reload(&mut self, indices: std::ops::RangeInclusive<u16>) {
         for object in self.objects.iter_mut().filter(|object| indices.contains(&object.index)) {
             match (&mut object.value, object.saved.as_ref().unwrap_or(&object.default)) {
@@ -200,10 +175,9 @@ impl Device {
         self.axis.preset_mode(mode);
     }
 
-    /// Applies changed motion parameters.
     pub(super) fn load_parameters(&mut self) {
-        self.parameters = Parameters::read(&self.objects, self.axis.motor());
-        self.axis.limit_torque(&self.parameters);
+        self.parameters = Parameters::read(&self.objects, &self.axis.motor);
+        self.axis.motor.limit_torque(self.parameters.max_torque);
     }
 
     /// Updates what depends on the PDO parameters, after they were loaded.
@@ -212,10 +186,10 @@ impl Device {
         self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
         let sent = |slot| self.transmit.iter().any(|pdo| pdo.id.is_some() && pdo.mapping.has(slot));
         self.pdo_slots = self.slots.map(|slot| slot.filter(|slot| sent(*slot)));
-        self.note_identifiers();
+        self.collect_received_ids();
     }
 
-    fn note_identifiers(&mut self) {
+    fn collect_received_ids(&mut self) {
         self.received_ids.reset(&self.services);
         let pdos = self.receive.iter().filter_map(|pdo| pdo.id);
         pdos.chain(self.sync_id).for_each(|id| self.received_ids.insert(id));
@@ -224,82 +198,66 @@ impl Device {
     pub(super) fn load_sync(&mut self) {
         let raw = self.objects.number(object::SYNC_COB_ID, 0);
         self.sync_id = raw.and_then(|raw| CanId::standard((raw & 0x7FF) as u16).ok());
-        self.note_identifiers();
+        self.collect_received_ids();
     }
 
-    /// Sends the boot-up message.
     fn finish_boot(&mut self, out: &mut NodeOutput) {
         self.on_bus = true;
         self.send(out, CobId::heartbeat(self.config.node), &heartbeat_data(NmtState::Initialising));
-        self.network.set_state(NmtState::PreOperational);
+        self.network.state = NmtState::PreOperational;
         self.network.load(self.now, &self.objects);
-        self.axis.finish_self_test();
+        self.axis.power.finish_self_test();
     }
 
     pub(super) fn send(&self, out: &mut NodeOutput, id: CobId, data: &[u8]) {
-        self.send_as(out, id.can_id(), data);
+        send(&self.config, out, id.can_id(), data);
     }
 
-    pub(super) fn send_as(&self, out: &mut NodeOutput, id: CanId, data: &[u8]) {
-        if !self.config.quirks.silent
-            && let Ok(frame) = CanFrame::classic(id, data)
-        {
-            out.send(frame);
-        }
-    }
-
-    /// Executes an NMT command.
     pub(super) fn nmt(&mut self, command: NmtCommand) {
-        let before = self.network.state();
+        let before = self.network.state;
         match command {
             NmtCommand::Start => {
-                self.network.set_state(NmtState::Operational);
+                self.network.state = NmtState::Operational;
                 if before != NmtState::Operational {
                     self.transmit.iter_mut().for_each(TransmitPdo::start);
                 }
             }
             NmtCommand::Stop => {
-                self.network.set_state(NmtState::Stopped);
+                self.network.state = NmtState::Stopped;
                 if before != NmtState::Stopped {
                     self.lose_host_in_motion();
                 }
             }
-            NmtCommand::EnterPreOperational => {
-                self.network.set_state(NmtState::PreOperational);
-            }
+            NmtCommand::EnterPreOperational => self.network.state = NmtState::PreOperational,
             NmtCommand::ResetNode => self.reset_node(),
             NmtCommand::ResetCommunication => self.reset_communication(),
         }
-        if self.network.state() != NmtState::Operational {
-            self.leave_operational();
-        }
-    }
-
-    fn leave_operational(&mut self) {
-        for pdo in &mut self.receive {
-            pdo.waiting = None;
-            pdo.deadline = None;
+        if self.network.state != NmtState::Operational {
+            for pdo in &mut self.receive {
+                pdo.waiting = None;
+                pdo.deadline = None;
+            }
         }
     }
 
     /// Reacts to being stopped or reset while the motor is energised, as to a loss of the host.
     fn lose_host_in_motion(&mut self) {
-        if self.axis.is_energised() {
+        if self.axis.power.is_energised() {
             self.axis.host_lost(COMMUNICATION_ENDED, &self.parameters);
         }
     }
 
     /// Reacts to a loss of the host as 0x1029 and 0x6007 demand.
     fn lose_host(&mut self, code: u16) {
-        let faults = self.parameters.node_loss == NodeLossReaction::Fault
-            && !matches!(self.axis.state(), DriveState::Fault | DriveState::FaultReactionActive);
+        let faults =
+            self.parameters.node_loss == NodeLossReaction::Fault && !self.axis.power.is_faulted();
         if !faults {
             // Otherwise the fault raises the emergency.
-            self.emergency.raise(code, register_of(code), &mut self.objects);
+            self.emergency.raise(code, &mut self.objects);
         }
         self.axis.host_lost(code, &self.parameters);
         match self.objects.number(object::ERROR_BEHAVIOUR, 1).unwrap_or(0) {
-            0 if self.network.state() == NmtState::Operational => {
+            0 if self.network.state == NmtState::Operational => {
                 self.nmt(NmtCommand::EnterPreOperational);
             }
             2 => self.nmt(NmtCommand::Stop),
@@ -308,19 +266,10 @@ impl Device {
     }
 
     /// Receives a heartbeat of another node.
-    pub(super) fn heartbeat(&mut self, producer: ecan_canopen::NodeId) {
-        let faulted =
-            matches!(self.axis.state(), DriveState::Fault | DriveState::FaultReactionActive);
-        if self.network.heartbeat_received(self.now, producer) == Some(WatchEvent::Returned)
-            && !faulted
-        {
+    pub(super) fn heartbeat(&mut self, producer: NodeId) {
+        if self.network.heartbeat_received(self.now, producer) && !self.axis.power.is_faulted() {
             self.emergency.clear(ErrorRegister::COMMUNICATION);
         }
-    }
-
-    /// Enters a fault detected outside the axis.
-    pub(super) fn fault(&mut self, code: u16) {
-        self.axis.fault(code, &self.parameters);
     }
 
     pub(super) fn run_to(&mut self, now: u64) {
@@ -328,7 +277,6 @@ impl Device {
         self.now = now;
     }
 
-    /// Executes everything that is due at `now`.
     pub(super) fn tick(&mut self, now: u64, out: &mut NodeOutput) {
         if !self.powered {
             if self.power_on_at.is_some_and(|at| at <= now) {
@@ -340,7 +288,7 @@ impl Device {
         if self.network.boot_ends(now) {
             self.finish_boot(out);
         }
-        while self.network.take_late(now).is_some() {
+        while self.network.take_late(now) {
             self.lose_host(HEARTBEAT_LOST);
         }
         let late = |pdo: &&mut ReceivePdo| pdo.deadline.is_some_and(|at| at <= now);
@@ -349,22 +297,16 @@ impl Device {
             self.lose_host(PDO_LATE);
         }
         if self.network.heartbeat_due(now) {
-            let data = heartbeat_data(self.network.state());
+            let data = heartbeat_data(self.network.state);
             self.send(out, CobId::heartbeat(self.config.node), &data);
         }
     }
 
-    /// Queues an SDO response.
-    pub(super) fn queue_response(&mut self, bytes: Bytes) {
+    pub(super) fn queue_response(&mut self, bytes: [u8; 8]) {
         if self.responses.len() < MAX_RESPONSES {
             let delay = u64::from(self.config.sdo_delay_us) * 1_000;
             self.responses.push_back((self.now.saturating_add(delay), bytes));
         }
-    }
-
-    /// Returns whether an SDO response is delayed.
-    pub(super) fn has_response(&self) -> bool {
-        !self.responses.is_empty()
     }
 
     /// Processes axis reports and sends event-driven PDOs, SDO responses and emergencies that are
@@ -373,16 +315,13 @@ impl Device {
         if !self.powered {
             return;
         }
-        match self.axis.take_report() {
-            Some(Report::Fault(code)) => {
-                self.emergency.raise(code, register_of(code), &mut self.objects);
-            }
-            Some(Report::Reset) => self.emergency.clear_all(),
+        match self.axis.report.take() {
+            Some(Report::Fault(code)) => self.emergency.raise(code, &mut self.objects),
+            Some(Report::FaultReset) => self.emergency.clear(ErrorRegister(u8::MAX)),
             None => {}
         }
-        let operational = self.network.state() == NmtState::Operational;
+        let operational = self.network.state == NmtState::Operational;
         if operational && self.has_event_pdos {
-            self.publish_pdo_objects();
             self.send_events(out);
         }
         while let Some((at, bytes)) = self.responses.front().copied()
@@ -401,24 +340,21 @@ impl Device {
             return;
         }
         let raw = self.objects.number(object::EMCY_COB_ID, 0).unwrap_or(0) as u32;
-        let id = ecan_canopen::PdoCobId::from_raw(raw).filter(|cob_id| cob_id.is_valid);
-        let (true, Some(cob_id)) = (self.network.communicates(), id) else {
-            return self.emergency.clear_waiting();
+        let (true, Some(id)) = (self.network.communicates(), valid_pdo_id(raw)) else {
+            return self.emergency.waiting.clear();
         };
         let inhibit = self.objects.number(object::EMCY_INHIBIT, 0).unwrap_or(0).max(0) as u64;
         while let Some(emcy) = self.emergency.due(self.now, inhibit * 100_000) {
-            self.send_as(out, cob_id.id, &emcy.to_bytes());
+            send(&self.config, out, id, &emcy.to_bytes());
         }
     }
 
     pub(super) fn statusword(&self) -> Statusword {
         let mut word = self.axis.statusword(&self.parameters).0;
-        if self.network.state() != NmtState::Initialising {
+        if self.network.state != NmtState::Initialising {
             word |= Statusword::REMOTE;
         }
-        let faulted =
-            matches!(self.axis.state(), DriveState::Fault | DriveState::FaultReactionActive);
-        if self.emergency.register().0 != 0 && !faulted {
+        if self.emergency.register != 0 && !self.axis.power.is_faulted() {
             word |= Statusword::WARNING;
         }
         Statusword(word)
@@ -434,7 +370,7 @@ impl Device {
     }
 
     pub(super) fn next_tick(&self) -> Option<u64> {
-        if self.powered { self.axis.next_tick() } else { None }
+        self.axis.next_tick().filter(|_| self.powered)
     }
 
     /// Time of the next event that others can observe; controller ticks only if they can cause a
@@ -443,27 +379,30 @@ impl Device {
         if !self.powered {
             return self.power_on_at;
         }
-        let answer = self.responses.front().map(|(at, _)| *at);
+        let response = self.responses.front().map(|(at, _)| *at);
         let emergency = self.emergency.next_event().filter(|_| self.network.communicates());
-        let operational = self.network.state() == NmtState::Operational;
-        let late = if self.has_timed_pdos {
-            earliest(self.receive.iter().map(|pdo| pdo.deadline))
-        } else {
-            None
-        };
-        let events = if operational && self.has_event_pdos {
-            let timers = self.transmit.iter().map(|pdo| pdo.next_event(self.now));
-            earliest(timers.chain([self.axis.next_tick()]))
-        } else {
-            None
-        };
-        earliest([
+        let operational = self.network.state == NmtState::Operational;
+        let mut next = earliest([
             self.network.next_event(),
             self.axis.next_event(&self.parameters),
-            answer,
+            response,
             emergency,
-            late,
-            events,
-        ])
+        ]);
+        if self.has_timed_pdos {
+            next = earliest(self.receive.iter().map(|pdo| pdo.deadline).chain([next]));
+        }
+        if operational && self.has_event_pdos {
+            let timers = self.transmit.iter().map(|pdo| pdo.next_event(self.now));
+            next = earliest(timers.chain([self.axis.next_tick(), next]));
+        }
+        next
+    }
+}
+
+pub(super) fn send(config: &DriveConfig, out: &mut NodeOutput, id: CanId, data: &[u8]) {
+    if !config.quirks.silent
+        && let Ok(frame) = CanFrame::classic(id, data)
+    {
+        out.send(frame);
     }
 }

@@ -4,7 +4,6 @@ use ecan_protocol::object::AbortCode;
 
 use super::data_type::DataType;
 
-/// SDO access to an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     /// Readable and constant.
@@ -19,10 +18,6 @@ pub(super) enum Access {
 }
 
 impl Access {
-    const fn is_readable(self) -> bool {
-        !matches!(self, Self::WriteOnly)
-    }
-
     const fn is_writable(self) -> bool {
         !matches!(self, Self::Const | Self::ReadOnly)
     }
@@ -43,7 +38,6 @@ pub(super) struct Object {
     pub(super) data_type: DataType,
     pub(super) access: Access,
     pub(super) mappable: bool,
-    /// Minimum and maximum.
     pub(super) limits: (Option<i64>, Option<i64>),
     /// Value after a reset if none is saved.
     pub(super) default: Value,
@@ -53,18 +47,30 @@ pub(super) struct Object {
 }
 
 impl Object {
+    /// An object without limits that no PDO can contain.
+    pub(super) fn new(
+        (index, subindex): (u16, u8),
+        data_type: DataType,
+        access: Access,
+        default: Value,
+    ) -> Self {
+        let (value, limits) = (default.clone(), (None, None));
+        let (mappable, saved) = (false, None);
+        Self { index, subindex, data_type, access, mappable, limits, default, saved, value }
+    }
+
     pub(super) const fn key(&self) -> (u16, u8) {
         (self.index, self.subindex)
     }
 
     pub(super) const fn can_be_sent(&self) -> bool {
-        let way = !matches!(self.access, Access::WriteOnly | Access::ReadWriteOutput);
-        self.mappable && way && self.data_type.bits().is_some()
+        let is_input = !matches!(self.access, Access::WriteOnly | Access::ReadWriteOutput);
+        self.mappable && is_input && self.data_type.bits().is_some()
     }
 
     pub(super) const fn can_be_received(&self) -> bool {
-        let way = !matches!(self.access, Access::ReadWriteInput) && self.access.is_writable();
-        self.mappable && way && self.data_type.bits().is_some()
+        let is_output = !matches!(self.access, Access::ReadWriteInput) && self.access.is_writable();
+        self.mappable && is_output && self.data_type.bits().is_some()
     }
 }
 
@@ -91,21 +97,17 @@ impl Dictionary {
         Self { objects }
     }
 
-    /// Finds an object.
-    ///
-    /// # Errors
-    /// The index or the subindex does not exist.
     pub(super) fn find(&self, index: u16, subindex: u8) -> Result<Slot, AbortCode> {
         match self.objects.binary_search_by_key(&(index, subindex), Object::key) {
-            Ok(place) => Ok(Slot(place as u16)),
+            Ok(position) => Ok(Slot(position as u16)),
             Err(_) if self.has(index) => Err(AbortCode::NO_SUBINDEX),
             Err(_) => Err(AbortCode::NO_OBJECT),
         }
     }
 
     pub(super) fn has(&self, index: u16) -> bool {
-        let place = self.objects.partition_point(|object| object.index < index);
-        self.objects.get(place).is_some_and(|object| object.index == index)
+        let first = self.objects.partition_point(|object| object.index < index);
+        self.objects.get(first).is_some_and(|object| object.index == index)
     }
 
     pub(super) fn object(&self, slot: Slot) -> Option<&Object> {
@@ -150,12 +152,9 @@ impl Dictionary {
     }
 
     /// Reads an object for an SDO upload into `out`.
-    ///
-    /// # Errors
-    /// The object is write-only.
     pub(super) fn read(&self, slot: Slot, out: &mut Vec<u8>) -> Result<(), AbortCode> {
         let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;
-        if !object.access.is_readable() {
+        if object.access == Access::WriteOnly {
             return Err(AbortCode::WRITE_ONLY);
         }
         out.clear();
@@ -171,9 +170,6 @@ impl Dictionary {
 
     /// Checks whether an SDO download of `length` bytes is allowed; `None` if the client gives no
     /// size.
-    ///
-    /// # Errors
-    /// The object is read-only, or its type has another size.
     pub(super) fn check_write(&self, slot: Slot, length: Option<usize>) -> Result<(), AbortCode> {
         let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;
         if !object.access.is_writable() {
@@ -189,9 +185,6 @@ impl Dictionary {
     }
 
     /// Decodes a number for an object; `None` for an object of bytes.
-    ///
-    /// # Errors
-    /// As [`check_write`](Self::check_write), or the number is outside the limits.
     pub(super) fn decode(&self, slot: Slot, data: &[u8]) -> Result<Option<i64>, AbortCode> {
         self.check_write(slot, Some(data.len()))?;
         let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;

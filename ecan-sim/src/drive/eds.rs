@@ -2,16 +2,15 @@
 
 use super::data_type::DataType;
 use super::dictionary::{Access, Object, Value};
-use super::eds_error::{EdsError, EdsErrorKind};
+use super::eds_error::EdsError;
 use super::ini::{Entry, Ini, Section};
 
 const LISTS: [&str; 3] = ["MandatoryObjects", "OptionalObjects", "ManufacturerObjects"];
 const MANDATORY: [u16; 3] = [0x1000, 0x1001, 0x1018];
+const DOMAIN: i64 = 2;
+const VARIABLE: i64 = 7;
 
 /// Reads the objects of an EDS; `$NODEID` is `node`.
-///
-/// # Errors
-/// The first error, with its line.
 pub(super) fn parse(text: &str, node: u8) -> Result<Vec<Object>, EdsError> {
     let ini = Ini::parse(text)?;
     let mut objects = Vec::new();
@@ -20,54 +19,44 @@ pub(super) fn parse(text: &str, node: u8) -> Result<Vec<Object>, EdsError> {
     for list in LISTS {
         let Some(section) = ini.section(list) else { continue };
         last_list = section.line;
-        let count_entry = need(section, "SupportedObjects")?;
-        let count = number(count_entry, node, 0, 0xFFFF)?;
-        for position in 1..=count {
-            let key = position.to_string();
-            let Some(entry) = section.filled(&key) else {
-                let section = section.name.to_owned();
-                return Err(at(count_entry.line, EdsErrorKind::MissingKey { section, key }));
-            };
+        let count = section.need("SupportedObjects")?;
+        for position in 1..=number(count, node, 0, 0xFFFF)? {
+            let entry = section
+                .filled(&position.to_string())
+                .ok_or_else(|| count.error(format!("[{}] has no `{position}`", section.name)))?;
             let index = number(entry, node, 0, 0xFFFF)? as u16;
-            let name = format!("{index:04X}");
-            let Some(section) = ini.section(&name) else {
-                return Err(at(entry.line, EdsErrorKind::MissingSection { name }));
-            };
+            let section = ini
+                .section(&format!("{index:04X}"))
+                .ok_or_else(|| entry.error(format!("section [{index:04X}] is missing")))?;
             if !listed.contains(&index) {
                 listed.push(index);
                 read_object(&ini, section, index, node, &mut objects)?;
             }
         }
     }
-    for section in ini.sections() {
+    for section in &ini.sections {
         check_listed(section, &listed)?;
     }
-    for index in MANDATORY {
-        if !listed.contains(&index) {
-            return Err(at(last_list, EdsErrorKind::Mandatory { index }));
+    match MANDATORY.into_iter().find(|index| !listed.contains(index)) {
+        Some(index) => {
+            Err(EdsError::new(last_list, format!("mandatory object {index:04X} is missing")))
         }
+        None => Ok(objects),
     }
-    Ok(objects)
-}
-
-fn at(line: usize, kind: EdsErrorKind) -> EdsError {
-    EdsError { line, kind }
 }
 
 /// Rejects sections of unlisted objects and of subindices without object.
 fn check_listed(section: &Section<'_>, listed: &[u16]) -> Result<(), EdsError> {
-    let kind = if let Some((owner, _)) = subindex_of(section.name) {
-        if listed.contains(&owner) {
-            return Ok(());
+    let reason = match (subindex_of(section.name), index_of(section.name)) {
+        (Some((owner, _)), _) if !listed.contains(&owner) => {
+            format!("[{}] belongs to no object", section.name)
         }
-        EdsErrorKind::Orphan { name: section.name.to_owned() }
-    } else {
-        match index_of(section.name) {
-            Some(index) if !listed.contains(&index) => EdsErrorKind::Unlisted { index },
-            _ => return Ok(()),
+        (None, Some(index)) if !listed.contains(&index) => {
+            format!("object {index:04X} is in no object list")
         }
+        _ => return Ok(()),
     };
-    Err(at(section.line, kind))
+    Err(EdsError::new(section.line, reason))
 }
 
 /// Index of a section like `[1018]`.
@@ -79,9 +68,8 @@ fn index_of(name: &str) -> Option<u16> {
 /// Index and subindex of a section like `[1018sub1]`.
 fn subindex_of(name: &str) -> Option<(u16, u8)> {
     let index = index_of(name.get(..4)?)?;
-    let word = name.get(4..7)?;
     let digits = name.get(7..)?;
-    let is_sub = word.eq_ignore_ascii_case("sub")
+    let is_sub = name.get(4..7)?.eq_ignore_ascii_case("sub")
         && !digits.is_empty()
         && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
     is_sub.then(|| u8::from_str_radix(digits, 16).ok()).flatten().map(|sub| (index, sub))
@@ -94,110 +82,78 @@ fn read_object(
     node: u8,
     objects: &mut Vec<Object>,
 ) -> Result<(), EdsError> {
-    let object_type = match section.filled("ObjectType") {
-        Some(entry) => number(entry, node, 0, 0xFF)? as u8,
-        None => 7,
-    };
-    match object_type {
-        2 | 7 => {
-            objects.push(read_variable(section, index, 0, object_type, node)?);
-            Ok(())
+    let count = section.filled("CompactSubObj");
+    match (object_type(section, node)?, count) {
+        (kind @ (DOMAIN | VARIABLE), _) => {
+            objects.push(read_variable(section, (index, 0), kind, node)?);
         }
-        8 | 9 => match section.filled("CompactSubObj") {
-            Some(entry) => read_compact(section, entry, index, node, objects),
-            None => read_subindices(ini, section, index, node, objects),
-        },
-        code => {
-            let line = section.entry("ObjectType").map_or(section.line, |entry| entry.line);
-            Err(at(line, EdsErrorKind::ObjectType { code }))
+        // An array without subindex sections: all elements are alike.
+        (8 | 9, Some(count)) => {
+            let count = number(count, node, 1, 0xFE)? as u8;
+            let value = Value::Number(count.into());
+            objects.push(Object::new((index, 0), DataType::Unsigned(1), Access::Const, value));
+            for subindex in 1..=count {
+                objects.push(read_variable(section, (index, subindex), VARIABLE, node)?);
+            }
         }
-    }
-}
-
-fn read_subindices(
-    ini: &Ini<'_>,
-    section: &Section<'_>,
-    index: u16,
-    node: u8,
-    objects: &mut Vec<Object>,
-) -> Result<(), EdsError> {
-    let count_entry = need(section, "SubNumber")?;
-    let announced = number(count_entry, node, 0, 255)? as usize;
-    let mut found = 0;
-    for section in ini.sections() {
-        let Some((owner, subindex)) = subindex_of(section.name) else { continue };
-        if owner != index {
-            continue;
+        (8 | 9, None) => {
+            let count = section.need("SubNumber")?;
+            let announced = number(count, node, 0, 255)?;
+            let before = objects.len();
+            for section in &ini.sections {
+                match subindex_of(section.name) {
+                    Some(key) if key.0 == index => {
+                        let kind = object_type(section, node)?;
+                        objects.push(read_variable(section, key, kind, node)?);
+                    }
+                    _ => {}
+                }
+            }
+            let found = objects.len() - before;
+            if found as i64 != announced {
+                return Err(count.error(format!(
+                    "object {index:04X} has {found} subindices; `SubNumber` is {announced}"
+                )));
+            }
         }
-        let object_type = match section.filled("ObjectType") {
-            Some(entry) => number(entry, node, 0, 0xFF)? as u8,
-            None => 7,
-        };
-        objects.push(read_variable(section, index, subindex, object_type, node)?);
-        found += 1;
-    }
-    if found == announced {
-        Ok(())
-    } else {
-        Err(at(count_entry.line, EdsErrorKind::SubindexCount { index, announced, found }))
-    }
-}
-
-/// Reads an array without subindex sections: all elements are alike.
-fn read_compact(
-    section: &Section<'_>,
-    count_entry: Entry<'_>,
-    index: u16,
-    node: u8,
-    objects: &mut Vec<Object>,
-) -> Result<(), EdsError> {
-    let count = number(count_entry, node, 1, 0xFE)? as u8;
-    objects.push(Object {
-        index,
-        subindex: 0,
-        data_type: DataType::Unsigned(1),
-        access: Access::Const,
-        mappable: false,
-        limits: (None, None),
-        default: Value::Number(u64::from(count)),
-        saved: None,
-        value: Value::Number(u64::from(count)),
-    });
-    for subindex in 1..=count {
-        objects.push(read_variable(section, index, subindex, 7, node)?);
+        (code, _) => {
+            return Err(section.need("ObjectType")?.error(format!(
+                "invalid object type {code}; allowed: 2 (DOMAIN), 7 (VAR), 8 (ARRAY), 9 (RECORD)"
+            )));
+        }
     }
     Ok(())
 }
 
+fn object_type(section: &Section<'_>, node: u8) -> Result<i64, EdsError> {
+    section.filled("ObjectType").map_or(Ok(VARIABLE), |entry| number(entry, node, 0, 0xFF))
+}
+
 fn read_variable(
     section: &Section<'_>,
-    index: u16,
-    subindex: u8,
-    object_type: u8,
+    key: (u16, u8),
+    object_type: i64,
     node: u8,
 ) -> Result<Object, EdsError> {
+    let is_domain = object_type == DOMAIN;
     let data_type = match section.filled("DataType") {
-        Some(entry) => {
+        None if is_domain => DataType::Domain,
+        _ => {
+            let entry = section.need("DataType")?;
             let code = number(entry, node, 0, 0xFFFF)? as u16;
             DataType::from_index(code)
-                .ok_or_else(|| at(entry.line, EdsErrorKind::DataType { code }))?
+                .ok_or_else(|| entry.error(format!("unknown data type {code:#06X}")))?
         }
-        None if object_type == 2 => DataType::Domain,
-        None => return Err(missing(section, "DataType")),
     };
     let access = match section.filled("AccessType") {
-        Some(entry) => read_access(entry)?,
-        None if object_type == 2 => Access::ReadWrite,
-        None => return Err(missing(section, "AccessType")),
+        None if is_domain => Access::ReadWrite,
+        _ => read_access(section.need("AccessType")?)?,
     };
-    let mappable = match section.filled("PDOMapping") {
-        Some(entry) => number(entry, node, 0, 1)? == 1,
-        None => false,
-    };
+    let mapping = section.filled("PDOMapping").map(|entry| number(entry, node, 0, 1));
+    let mappable = mapping.transpose()? == Some(1);
     let limits = read_limits(section, data_type, node)?;
     let default = read_default(section, data_type, limits, node)?;
-    let value = default.clone();
-    Ok(Object { index, subindex, data_type, access, mappable, limits, default, saved: None, value })
+    Ok(Object { mappable, limits, ..Object::new(key, data_type, access, default) })
 }
 
 fn read_access(entry: Entry<'_>) -> Result<Access, EdsError> {
@@ -208,7 +164,12 @@ fn read_access(entry: Entry<'_>) -> Result<Access, EdsError> {
         "rw" => Access::ReadWrite,
         "rwr" => Access::ReadWriteInput,
         "rww" => Access::ReadWriteOutput,
-        _ => return Err(at(entry.line, EdsErrorKind::Access { text: entry.value.to_owned() })),
+        _ => {
+            return Err(entry.error(format!(
+                "invalid access type `{}`; allowed: const, ro, wo, rw, rwr, rww",
+                entry.value
+            )));
+        }
     })
 }
 
@@ -220,86 +181,61 @@ fn read_limits(section: &Section<'_>, data_type: DataType, node: u8) -> Result<L
     }
     let limit = |key| section.filled(key).map(|entry| typed(entry, data_type, node)).transpose();
     let limits = (limit("LowLimit")?, limit("HighLimit")?);
-    if let (Some(low), Some(high)) = limits
-        && low > high
-    {
-        let line = section.entry("LowLimit").map_or(section.line, |entry| entry.line);
-        return Err(at(line, EdsErrorKind::Limits { low, high }));
+    match limits {
+        (Some(low), Some(high)) if low > high => Err(section
+            .need("LowLimit")?
+            .error(format!("the lower limit {low} is above the upper limit {high}"))),
+        _ => Ok(limits),
     }
-    Ok(limits)
 }
 
 fn read_default(
     section: &Section<'_>,
     data_type: DataType,
-    limits: Limits,
+    (low, high): Limits,
     node: u8,
 ) -> Result<Value, EdsError> {
     let entry = section.filled("DefaultValue");
-    Ok(match data_type {
-        DataType::Text | DataType::Unicode => {
-            let text = entry.map_or("", |entry| entry.value);
-            Value::Bytes(if data_type == DataType::Text {
-                text.bytes().collect()
-            } else {
-                text.encode_utf16().flat_map(u16::to_le_bytes).collect()
-            })
+    let text = entry.map_or("", |entry| entry.value);
+    Ok(match (data_type, entry) {
+        (DataType::Text, _) => Value::Bytes(text.bytes().collect()),
+        (DataType::Unicode, _) => {
+            Value::Bytes(text.encode_utf16().flat_map(u16::to_le_bytes).collect())
         }
-        DataType::Octets => Value::Bytes(match entry {
-            Some(entry) => read_bytes(entry)?,
-            None => Vec::new(),
-        }),
+        (DataType::Octets, Some(entry)) => Value::Bytes(read_bytes(entry)?),
         // The default of a domain is at most a file name.
-        DataType::Domain => Value::Bytes(Vec::new()),
-        DataType::Real(bytes) => Value::Number(match entry {
-            Some(entry) => read_real(entry, bytes)?,
-            None => 0,
-        }),
-        DataType::Boolean | DataType::Signed(_) | DataType::Unsigned(_) => {
-            let Some(entry) = entry else { return Ok(Value::Number(0)) };
-            let number = typed(entry, data_type, node)?;
-            let low = limits.0.unwrap_or(i64::MIN);
-            let high = limits.1.unwrap_or(i64::MAX);
-            if !(low..=high).contains(&number) {
-                let text = entry.value.to_owned();
-                return Err(at(entry.line, EdsErrorKind::Range { text, low, high }));
-            }
-            Value::Number(data_type.cut(number as u64))
+        (DataType::Octets | DataType::Domain, _) => Value::Bytes(Vec::new()),
+        (_, None) => Value::Number(0),
+        (DataType::Real(bytes), Some(entry)) => Value::Number(read_real(entry, bytes)?),
+        (DataType::Boolean | DataType::Signed(_) | DataType::Unsigned(_), Some(entry)) => {
+            let number = i128::from(typed(entry, data_type, node)?);
+            let (low, high) = (low.unwrap_or(i64::MIN), high.unwrap_or(i64::MAX));
+            Value::Number(data_type.cut(within(entry, number, low, high)? as u64))
         }
     })
 }
 
 fn read_bytes(entry: Entry<'_>) -> Result<Vec<u8>, EdsError> {
-    let wrong = || at(entry.line, EdsErrorKind::NotBytes { text: entry.value.to_owned() });
-    let digits: Option<Vec<u8>> = entry
-        .value
-        .chars()
-        .filter(|character| !character.is_whitespace())
-        .map(|character| character.to_digit(16).map(|digit| digit as u8))
-        .collect();
-    let digits = digits.filter(|digits| digits.len() % 2 == 0).ok_or_else(wrong)?;
-    Ok(digits.chunks(2).map(|pair| pair.iter().fold(0, |byte, digit| byte << 4 | digit)).collect())
+    let digits = entry.value.chars().filter(|character| !character.is_whitespace());
+    let digits: Option<Vec<_>> = digits.map(|character| character.to_digit(16)).collect();
+    let digits = digits.filter(|digits| digits.len() % 2 == 0).ok_or_else(|| {
+        entry.error(format!("`{}` is not a sequence of bytes in hexadecimal digits", entry.value))
+    })?;
+    Ok(digits
+        .chunks(2)
+        .map(|pair| pair.iter().fold(0, |byte, digit| byte << 4 | *digit as u8))
+        .collect())
 }
 
 /// Reads a real, written as a number or as its bits.
 fn read_real(entry: Entry<'_>, bytes: u8) -> Result<u64, EdsError> {
     let text = entry.value;
-    let hex = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"));
-    let bits = match hex {
-        Some(hex) => u64::from_str_radix(hex, 16).ok(),
+    let bits = match hexadecimal(text) {
+        Some(digits) => u64::from_str_radix(digits, 16).ok(),
         None if bytes == 4 => text.parse().ok().map(|real: f32| u64::from(real.to_bits())),
         None => text.parse().ok().map(f64::to_bits),
     };
-    bits.ok_or_else(|| at(entry.line, EdsErrorKind::NotANumber { text: text.to_owned() }))
-}
-
-fn missing(section: &Section<'_>, key: &'static str) -> EdsError {
-    let (name, key) = (section.name.to_owned(), key.to_owned());
-    at(section.line, EdsErrorKind::MissingKey { section: name, key })
-}
-
-fn need<'a>(section: &Section<'a>, key: &'static str) -> Result<Entry<'a>, EdsError> {
-    section.filled(key).ok_or_else(|| missing(section, key))
+    bits.ok_or_else(|| not_a_number(entry))
 }
 
 /// Reads a number of an object's type. Hexadecimal digits may give the bits of a negative number.
@@ -321,32 +257,28 @@ fn number(entry: Entry<'_>, node: u8, low: i64, high: i64) -> Result<i64, EdsErr
 fn within(entry: Entry<'_>, value: i128, low: i64, high: i64) -> Result<i64, EdsError> {
     match i64::try_from(value) {
         Ok(value) if (low..=high).contains(&value) => Ok(value),
-        _ => Err(at(entry.line, EdsErrorKind::Range { text: entry.value.to_owned(), low, high })),
+        _ => Err(entry.error(format!("{} is out of range; allowed: {low} to {high}", entry.value))),
     }
 }
 
 /// Decimal, hexadecimal with `0x`, octal with a leading 0, or a sum with `$NODEID`.
 fn evaluate(entry: Entry<'_>, node: u8) -> Result<i128, EdsError> {
-    let wrong = || at(entry.line, EdsErrorKind::NotANumber { text: entry.value.to_owned() });
-    let mut sum = 0i128;
     // A sign at the beginning is not a sum.
-    for term in entry.value.split('+') {
-        let term = term.trim();
-        sum += if term.eq_ignore_ascii_case("$NODEID") {
-            i128::from(node)
-        } else {
-            literal(term).ok_or_else(wrong)?
-        };
-    }
-    Ok(sum)
+    let terms = entry.value.split('+').map(|term| match term.trim() {
+        term if term.eq_ignore_ascii_case("$NODEID") => Some(i128::from(node)),
+        term => literal(term),
+    });
+    terms.sum::<Option<_>>().ok_or_else(|| not_a_number(entry))
+}
+
+fn not_a_number(entry: Entry<'_>) -> EdsError {
+    entry.error(format!("`{}` is not a number", entry.value))
 }
 
 fn literal(text: &str) -> Option<i128> {
-    let (negative, digits) = match text.strip_prefix('-') {
-        Some(digits) => (true, digits),
-        None => (false, text),
-    };
-    let (radix, digits) = match digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X")) {
+    let positive = text.strip_prefix('-');
+    let digits = positive.unwrap_or(text);
+    let (radix, digits) = match hexadecimal(digits) {
         Some(digits) => (16, digits),
         None if digits.len() > 1 && digits.starts_with('0') => (8, digits),
         None => (10, digits),
@@ -356,5 +288,10 @@ fn literal(text: &str) -> Option<i128> {
         return None;
     }
     let value = i128::from(u64::from_str_radix(digits, radix).ok()?);
-    Some(if negative { -value } else { value })
+    Some(if positive.is_some() { -value } else { value })
+}
+
+/// The digits after `0x`.
+fn hexadecimal(text: &str) -> Option<&str> {
+    text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"))
 }

@@ -11,16 +11,15 @@ pub(super) const HISTORY: usize = 8;
 /// Maximum number of messages that wait for the inhibit time.
 const WAITING: usize = 8;
 
-/// Present errors and unsent messages.
 #[derive(Clone, Debug)]
 pub(super) struct Emergency {
-    register: u8,
+    pub(super) register: u8,
     /// Last error code; 0 after a reset.
-    code: u16,
-    waiting: VecDeque<Emcy>,
+    pub(super) code: u16,
+    pub(super) waiting: VecDeque<Emcy>,
     /// End of the inhibit time.
     free_at: u64,
-    sent: u64,
+    pub(super) sent: u64,
 }
 
 /// Error register bits for an error code.
@@ -49,24 +48,11 @@ impl Emergency {
         }
     }
 
-    /// Clears everything after loss of supply or a device reset.
     pub(super) fn restart(&mut self) {
         self.register = 0;
         self.code = 0;
         self.waiting.clear();
         self.free_at = 0;
-    }
-
-    pub(super) const fn register(&self) -> ErrorRegister {
-        ErrorRegister(self.register)
-    }
-
-    pub(super) const fn code(&self) -> u16 {
-        self.code
-    }
-
-    pub(super) const fn sent(&self) -> u64 {
-        self.sent
     }
 
     /// Reports an error that has already gone: it enters the history, not the register.
@@ -76,18 +62,13 @@ impl Emergency {
     }
 
     /// Reports a present error.
-    pub(super) fn raise(&mut self, code: u16, register: ErrorRegister, objects: &mut Dictionary) {
-        self.register |= register.0;
+    pub(super) fn raise(&mut self, code: u16, objects: &mut Dictionary) {
+        self.register |= register_of(code).0;
         self.code = code;
         add_to_history(objects, code);
         self.queue(code, ErrorRegister(self.register));
     }
 
-    pub(super) fn clear_all(&mut self) {
-        self.clear(ErrorRegister(u8::MAX));
-    }
-
-    /// Clears the errors of these register bits.
     pub(super) fn clear(&mut self, register: ErrorRegister) {
         if self.register & register.0 == 0 {
             return;
@@ -124,13 +105,8 @@ impl Emergency {
         self.sent += 1;
         Some(emcy)
     }
-
-    pub(super) fn clear_waiting(&mut self) {
-        self.waiting.clear();
-    }
 }
 
-/// Inserts an error at the front of 0x1003.
 fn add_to_history(objects: &mut Dictionary, code: u16) {
     let Some(count) = objects.number(object::ERROR_HISTORY, 0) else { return };
     let mut raw = i64::from(code);
@@ -144,7 +120,6 @@ fn add_to_history(objects: &mut Dictionary, code: u16) {
     objects.set(object::ERROR_HISTORY, 0, (count + 1).min(kept));
 }
 
-/// Clears 0x1003.
 pub(super) fn clear_history(objects: &mut Dictionary) {
     for subindex in 0..=HISTORY as u8 {
         objects.set(object::ERROR_HISTORY, subindex, 0);

@@ -2,7 +2,6 @@
 
 use super::config::MotorConfig;
 
-/// Condition that ends a homing move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum StopCondition {
     NegativeLimit(bool),
@@ -21,7 +20,6 @@ struct HomingMove {
 
 const MAX_MOVES: usize = 3;
 
-/// A homing run in progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Homing {
     moves: [Option<HomingMove>; MAX_MOVES],
@@ -30,18 +28,18 @@ pub(super) struct Homing {
     last: f64,
 }
 
-/// Result of evaluating the switches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Finding {
     /// Move in this direction with the fast or slow homing speed.
-    Go { positive: bool, fast: bool },
+    Go {
+        positive: bool,
+        fast: bool,
+    },
     /// The reference is at this position.
     Home(f64),
-    /// A limit switch was reached first.
     Failed,
 }
 
-/// State of the three switches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Switches {
     pub(super) negative: bool,
@@ -59,13 +57,12 @@ impl Switches {
         }
     }
 
-    /// Digital inputs, 0x60FD.
+    /// As in 0x60FD.
     pub(super) fn bits(self) -> u32 {
         u32::from(self.negative) | u32::from(self.positive) << 1 | u32::from(self.home) << 2
     }
 }
 
-/// Returns whether a homing method is supported.
 pub(super) const fn is_supported(method: i8) -> bool {
     matches!(method, 1 | 2 | 17..=20 | 33..=35 | 37)
 }
@@ -107,7 +104,6 @@ impl Homing {
         Some(Self { moves, current: 0, last: position })
     }
 
-    /// Evaluates the switches at the present motor position.
     pub(super) fn evaluate(&mut self, position: f64, config: &MotorConfig) -> Finding {
         let switches = Switches::at(position, config);
         let mut last = std::mem::replace(&mut self.last, position);

@@ -1,95 +1,85 @@
 //! Syntax of an EDS: sections of `key=value` lines.
 
-use super::eds_error::{EdsError, EdsErrorKind};
+use super::eds_error::EdsError;
 
 /// A parsed file. Names and keys are not case-sensitive.
 #[derive(Debug)]
 pub(super) struct Ini<'a> {
-    sections: Vec<Section<'a>>,
+    pub(super) sections: Vec<Section<'a>>,
 }
 
 #[derive(Debug)]
 pub(super) struct Section<'a> {
     pub(super) name: &'a str,
-    /// Line, from 1.
+    /// From 1.
     pub(super) line: usize,
     entries: Vec<Entry<'a>>,
 }
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Entry<'a> {
-    pub(super) key: &'a str,
+    key: &'a str,
     pub(super) value: &'a str,
-    /// Line, from 1.
+    /// From 1.
     pub(super) line: usize,
 }
 
 impl<'a> Ini<'a> {
     /// Parses a whole text. Lines that begin with `;` or `#` are comments.
-    ///
-    /// # Errors
-    /// The first line that is invalid or repeats a section or key.
     pub(super) fn parse(text: &'a str) -> Result<Self, EdsError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        let mut sections: Vec<Section<'a>> = Vec::new();
-        for (number, line) in text.lines().enumerate() {
-            let line_number = number + 1;
-            let fail = |kind| Err(EdsError { line: line_number, kind });
-            let line = line.trim();
-            if line.is_empty() || line.starts_with([';', '#']) {
+        let mut ini = Self { sections: Vec::new() };
+        for (text, line) in text.lines().map(str::trim).zip(1..) {
+            if text.is_empty() || text.starts_with([';', '#']) {
                 continue;
             }
-            if let Some(rest) = line.strip_prefix('[') {
-                let Some(name) = rest.strip_suffix(']').map(str::trim) else {
-                    return fail(EdsErrorKind::UnclosedSection);
-                };
-                if let Some(first) = find(&sections, name) {
-                    return fail(EdsErrorKind::DuplicateSection {
-                        name: name.to_owned(),
-                        first: first.line,
-                    });
-                }
-                sections.push(Section { name, line: line_number, entries: Vec::new() });
-                continue;
-            }
-            let Some((key, value)) = line.split_once('=') else {
-                return fail(EdsErrorKind::InvalidLine);
-            };
-            let entry = Entry { key: key.trim(), value: value.trim(), line: line_number };
-            let Some(section) = sections.last_mut() else {
-                return fail(EdsErrorKind::EntryOutsideSection);
-            };
-            if let Some(first) = section.entry(entry.key) {
-                return fail(EdsErrorKind::DuplicateKey {
-                    key: entry.key.to_owned(),
-                    first: first.line,
-                });
-            }
-            section.entries.push(entry);
+            ini.add(text, line).map_err(|reason| EdsError::new(line, reason))?;
         }
-        Ok(Self { sections })
+        Ok(ini)
+    }
+
+    fn add(&mut self, text: &'a str, line: usize) -> Result<(), String> {
+        if let Some(rest) = text.strip_prefix('[') {
+            let name = rest.strip_suffix(']').ok_or("section name without closing bracket")?.trim();
+            if let Some(Section { line, .. }) = self.section(name) {
+                return Err(format!("section [{name}] already exists at line {line}"));
+            }
+            self.sections.push(Section { name, line, entries: Vec::new() });
+            return Ok(());
+        }
+        let (key, value) = text.split_once('=').ok_or("neither [section] nor key=value")?;
+        let (key, value) = (key.trim(), value.trim());
+        let section = self.sections.last_mut().ok_or("entry outside any section")?;
+        if let Some(Entry { line, .. }) = section.entry(key) {
+            return Err(format!("`{key}` already exists at line {line}"));
+        }
+        section.entries.push(Entry { key, value, line });
+        Ok(())
     }
 
     pub(super) fn section(&self, name: &str) -> Option<&Section<'a>> {
-        find(&self.sections, name)
+        self.sections.iter().find(|section| section.name.eq_ignore_ascii_case(name))
     }
-
-    pub(super) fn sections(&self) -> impl Iterator<Item = &Section<'a>> {
-        self.sections.iter()
-    }
-}
-
-fn find<'s, 'a>(sections: &'s [Section<'a>], name: &str) -> Option<&'s Section<'a>> {
-    sections.iter().find(|section| section.name.eq_ignore_ascii_case(name))
 }
 
 impl<'a> Section<'a> {
-    pub(super) fn entry(&self, key: &str) -> Option<Entry<'a>> {
+    fn entry(&self, key: &str) -> Option<Entry<'a>> {
         self.entries.iter().find(|entry| entry.key.eq_ignore_ascii_case(key)).copied()
     }
 
     /// An entry with a value.
     pub(super) fn filled(&self, key: &str) -> Option<Entry<'a>> {
         self.entry(key).filter(|entry| !entry.value.is_empty())
+    }
+
+    pub(super) fn need(&self, key: &str) -> Result<Entry<'a>, EdsError> {
+        self.filled(key)
+            .ok_or_else(|| EdsError::new(self.line, format!("[{}] has no `{key}`", self.name)))
+    }
+}
+
+impl Entry<'_> {
+    pub(super) fn error(&self, reason: impl Into<String>) -> EdsError {
+        EdsError::new(self.line, reason)
     }
 }

@@ -32,9 +32,8 @@ mod process_data;
 mod ramp;
 mod sdo_block;
 mod sdo_server;
-mod slots;
 
 pub use bus_node::Drive;
 pub use config::{DriveConfig, DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};
-pub use eds_error::{EdsError, EdsErrorKind};
+pub use eds_error::EdsError;
 pub use history::{TargetHistory, TargetKind, TargetRecord, TargetSums};

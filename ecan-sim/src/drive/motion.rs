@@ -1,6 +1,6 @@
 //! Modes of operation: from targets to the actuation of the motor. Positions are mechanical.
 
-use ecan_canopen::{Controlword, OperatingMode, Statusword};
+use ecan_canopen::{OperatingMode, Statusword};
 
 use super::config::MotorConfig;
 use super::homing::{Finding, Homing};
@@ -8,7 +8,6 @@ use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::ramp::{Bounds, Ramp};
 
-/// Returns whether the drive supports a mode.
 pub(super) const fn is_supported(mode: OperatingMode) -> bool {
     matches!(
         mode,
@@ -21,28 +20,32 @@ pub(super) const fn is_supported(mode: OperatingMode) -> bool {
     )
 }
 
-/// Motion that the active mode demands.
 #[derive(Clone, Copy, Debug)]
-enum MotionDemand {
+pub(super) enum MotionDemand {
     /// Decelerate, then hold the position.
     Hold,
     /// Decelerate for a stop or halt, then hold the position.
-    Stop { deceleration: f64 },
+    Stop {
+        deceleration: f64,
+    },
     /// Interpolate between two cyclic positions.
-    Interpolate { from: f64, to: f64, elapsed: f64, duration: f64, velocity: f64 },
+    Interpolate {
+        from: f64,
+        to: f64,
+        elapsed: f64,
+        duration: f64,
+        velocity: f64,
+    },
     /// Constant velocity, increments per second.
     Velocity(f64),
     /// Torque in thousandths of the rated torque.
     Torque(f64),
-    /// Move to the set-point.
     Profile,
     /// Ramp to this velocity with the profile acceleration.
     ProfileVelocity(f64),
-    /// Search the reference.
     Home(Homing),
 }
 
-/// Set-points of profile position mode.
 #[derive(Clone, Copy, Debug, Default)]
 struct SetPoints {
     current: Option<f64>,
@@ -53,20 +56,19 @@ struct SetPoints {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum HomingResult {
+pub(super) enum HomingResult {
     None,
     Attained,
     Failed,
 }
 
-/// Demand generator of the drive.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
     config: MotorConfig,
-    ramp: Ramp,
+    pub(super) ramp: Ramp,
     demand: MotionDemand,
     set_points: SetPoints,
-    homing: HomingResult,
+    pub(super) homing: HomingResult,
     /// Time for which the motor has been within the position window, ns.
     in_window: u64,
 }
@@ -83,51 +85,36 @@ impl Motion {
         }
     }
 
-    pub(super) const fn position(&self) -> f64 {
-        self.ramp.position
-    }
-
-    pub(super) const fn velocity(&self) -> f64 {
-        self.ramp.velocity
-    }
-
     /// Enables the axis at the present motor position; it stops and holds until a target arrives.
     pub(super) fn enable(&mut self, motor: &Motor) {
-        self.ramp = Ramp { position: motor.position(), velocity: motor.velocity() };
+        self.ramp = Ramp { position: motor.position, velocity: motor.velocity };
         self.demand = MotionDemand::Hold;
         self.set_points = SetPoints::default();
         self.in_window = 0;
     }
 
-    pub(super) fn reset_homing(&mut self) {
-        self.homing = HomingResult::None;
-    }
-
     /// Sets the demand to the motor position while the power stage is off.
     pub(super) fn follow_motor(&mut self, motor: &Motor) {
-        self.ramp = Ramp::at(motor.position());
+        self.ramp = Ramp::at(motor.position);
         self.demand = MotionDemand::Hold;
     }
 
     /// Decelerates and then holds the position, in any mode.
     pub(super) fn stop(&mut self, motor: &Motor, deceleration: f64) {
         if !self.is_position_controlled() {
-            self.ramp = Ramp { position: motor.position(), velocity: motor.velocity() };
+            self.ramp = Ramp { position: motor.position, velocity: motor.velocity };
         }
         self.demand = MotionDemand::Stop { deceleration };
     }
 
-    /// Returns whether a commanded stop is complete.
     pub(super) fn has_stopped(&self, motor: &Motor) -> bool {
-        matches!(self.demand, MotionDemand::Stop { .. })
-            && self.ramp.velocity == 0.0
-            && motor.has_settled()
+        self.is_stopping() && self.ramp.velocity == 0.0 && motor.has_settled()
     }
 
     /// Continues after a halt: profile modes with their set-point, others hold until a target
     /// arrives.
     pub(super) fn resume(&mut self) {
-        if matches!(self.demand, MotionDemand::Stop { .. }) {
+        if self.is_stopping() {
             self.demand = match self.set_points.current {
                 Some(_) => MotionDemand::Profile,
                 None => MotionDemand::Hold,
@@ -146,7 +133,6 @@ impl Motion {
         )
     }
 
-    /// Returns whether this mode monitors the following error.
     pub(super) const fn monitors_following_error(&self, mode: Option<OperatingMode>) -> bool {
         self.is_position_controlled()
             && matches!(
@@ -159,31 +145,18 @@ impl Motion {
             )
     }
 
-    /// Sets a cyclic position to reach after `duration` seconds.
-    pub(super) fn cyclic_position(&mut self, to: f64, duration: f64) {
+    /// Follows a demand, except during a stop.
+    pub(super) fn follow(&mut self, demand: MotionDemand) {
         if !self.is_stopping() {
-            let from = self.ramp.position;
-            let velocity = (to - from) / duration;
-            self.demand = MotionDemand::Interpolate { from, to, elapsed: 0.0, duration, velocity };
+            self.demand = demand;
         }
     }
 
-    pub(super) fn cyclic_velocity(&mut self, velocity: f64) {
-        if !self.is_stopping() {
-            self.demand = MotionDemand::Velocity(velocity);
-        }
-    }
-
-    pub(super) fn cyclic_torque(&mut self, torque: f64) {
-        if !self.is_stopping() {
-            self.demand = MotionDemand::Torque(torque);
-        }
-    }
-
-    pub(super) fn profile_velocity(&mut self, velocity: f64) {
-        if !self.is_stopping() {
-            self.demand = MotionDemand::ProfileVelocity(velocity);
-        }
+    /// Follows a cyclic position to reach after `duration` seconds.
+    pub(super) fn follow_position(&mut self, to: f64, duration: f64) {
+        let from = self.ramp.position;
+        let velocity = (to - from) / duration;
+        self.follow(MotionDemand::Interpolate { from, to, elapsed: 0.0, duration, velocity });
     }
 
     /// Handles a rising edge of controlword bit 4 in profile position: a new set-point, if the
@@ -198,9 +171,7 @@ impl Motion {
             set_points.current = Some(position);
             set_points.target = Some(position);
             self.in_window = 0;
-            if !self.is_stopping() {
-                self.demand = MotionDemand::Profile;
-            }
+            self.follow(MotionDemand::Profile);
         } else {
             set_points.next = Some(position);
         }
@@ -219,22 +190,17 @@ impl Motion {
         }
     }
 
-    /// Starts homing. Returns false if the method is not supported.
-    pub(super) fn start_homing(&mut self, method: i8, motor: &Motor) -> bool {
-        self.homing = HomingResult::None;
-        match Homing::begin(method, motor.position(), &self.config) {
+    /// Starts homing; it fails if the method is not supported.
+    pub(super) fn start_homing(&mut self, method: i8, motor: &Motor) {
+        match Homing::begin(method, motor.position, &self.config) {
             Some(homing) => {
+                self.homing = HomingResult::None;
                 self.demand = MotionDemand::Home(homing);
-                true
             }
-            None => {
-                self.homing = HomingResult::Failed;
-                false
-            }
+            None => self.homing = HomingResult::Failed,
         }
     }
 
-    /// Aborts homing.
     pub(super) fn abort_homing(&mut self) {
         if matches!(self.demand, MotionDemand::Home(_)) {
             self.demand = MotionDemand::Hold;
@@ -265,18 +231,18 @@ impl Motion {
                 self.demand = MotionDemand::Interpolate { from, to, elapsed, duration, velocity };
             }
             MotionDemand::Velocity(velocity) => {
-                self.ramp = Ramp { position: motor.position(), velocity };
+                self.ramp = Ramp { position: motor.position, velocity };
                 return (Actuation::Velocity(velocity), None);
             }
             MotionDemand::Torque(torque) => {
-                self.ramp = Ramp { position: motor.position(), velocity: motor.velocity() };
+                self.ramp = Ramp { position: motor.position, velocity: motor.velocity };
                 return (Actuation::Torque(torque), None);
             }
             MotionDemand::ProfileVelocity(velocity) => {
                 let bounds =
                     Bounds { velocity: parameters.max_profile_velocity, ..parameters.profile };
                 self.ramp.towards_velocity(seconds, velocity, &bounds);
-                self.ramp.position = motor.position();
+                self.ramp.position = motor.position;
                 return (Actuation::Velocity(self.ramp.velocity), None);
             }
             MotionDemand::Profile => self.go_to_set_point(seconds, parameters),
@@ -314,7 +280,7 @@ impl Motion {
         parameters: &Parameters,
     ) -> Option<f64> {
         let acceleration = parameters.homing_acceleration;
-        match homing.evaluate(motor.position(), &self.config) {
+        match homing.evaluate(motor.position, &self.config) {
             Finding::Go { positive, fast } => {
                 let speed = if fast { parameters.homing_fast } else { parameters.homing_slow };
                 let velocity = if positive { speed } else { -speed };
@@ -341,7 +307,7 @@ impl Motion {
     /// Updates the time in the position window after `ns` more.
     pub(super) fn update_window(&mut self, ns: u64, motor: &Motor, parameters: &Parameters) {
         let inside = self.set_points.target.is_some_and(|target| {
-            (target - motor.position()).abs() <= f64::from(parameters.position_window)
+            (target - motor.position).abs() <= f64::from(parameters.position_window)
         });
         self.in_window = if inside { self.in_window.saturating_add(ns) } else { 0 };
     }
@@ -365,11 +331,11 @@ impl Motion {
             Some(OperatingMode::ProfileVelocity) => {
                 let near = match self.demand {
                     MotionDemand::ProfileVelocity(target) => {
-                        (motor.velocity() - target).abs() <= parameters.velocity_window
+                        (motor.velocity - target).abs() <= parameters.velocity_window
                     }
                     _ => true,
                 };
-                let slow = motor.velocity().abs() <= parameters.velocity_window;
+                let slow = motor.velocity.abs() <= parameters.velocity_window;
                 (if halted { still } else { near }, slow, false)
             }
             Some(OperatingMode::Homing) => {
@@ -384,31 +350,5 @@ impl Motion {
         bit(reached, Statusword::TARGET_REACHED)
             | bit(bit_12, Statusword::MODE_12)
             | bit(bit_13, Statusword::MODE_13)
-    }
-}
-
-/// Changes of controlword bits 4 to 6 and 8.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ModeBits {
-    pub(super) rises: bool,
-    pub(super) falls: bool,
-    pub(super) immediate: bool,
-    pub(super) relative: bool,
-    pub(super) halt: bool,
-    pub(super) halt_ends: bool,
-}
-
-impl ModeBits {
-    pub(super) const fn of(word: Controlword, previous: Controlword) -> Self {
-        let now = word.has(Controlword::MODE_4);
-        let before = previous.has(Controlword::MODE_4);
-        Self {
-            rises: now && !before,
-            falls: !now && before,
-            immediate: word.has(Controlword::MODE_5),
-            relative: word.has(Controlword::MODE_6),
-            halt: word.has(Controlword::HALT),
-            halt_ends: !word.has(Controlword::HALT) && previous.has(Controlword::HALT),
-        }
     }
 }

@@ -4,7 +4,6 @@
 
 use super::config::MotorConfig;
 
-/// Actuation of the motor by the power stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Actuation {
     /// No current: friction stops the motor.
@@ -17,14 +16,16 @@ pub(super) enum Actuation {
     Torque(f64),
 }
 
-/// A motor with a load.
 #[derive(Clone, Debug)]
 pub(super) struct Motor {
     config: MotorConfig,
-    position: f64,
-    velocity: f64,
-    torque: f64,
-    blocked: bool,
+    /// Increments from the mechanical zero.
+    pub(super) position: f64,
+    /// Increments per second.
+    pub(super) velocity: f64,
+    /// Thousandths of the rated torque.
+    pub(super) torque: f64,
+    pub(super) is_blocked: bool,
     /// Maximum torque, thousandths of the rated torque (0x6072).
     torque_limit: f64,
     /// Acceleration per thousandth of the rated torque.
@@ -42,26 +43,11 @@ impl Motor {
             position: f64::from(config.start_position),
             velocity: 0.0,
             torque: 0.0,
-            blocked: false,
+            is_blocked: false,
             torque_limit,
             per_mille,
             available: torque_limit * per_mille,
         }
-    }
-
-    /// Position, increments from the mechanical zero.
-    pub(super) const fn position(&self) -> f64 {
-        self.position
-    }
-
-    /// Velocity, increments per second.
-    pub(super) const fn velocity(&self) -> f64 {
-        self.velocity
-    }
-
-    /// Torque, thousandths of the rated torque.
-    pub(super) const fn torque(&self) -> f64 {
-        self.torque
     }
 
     pub(super) const fn max_velocity(&self) -> f64 {
@@ -72,18 +58,9 @@ impl Motor {
         self.config.max_acceleration as f64
     }
 
-    /// Blocks or releases the motor.
-    pub(super) fn block(&mut self, blocked: bool) {
-        self.blocked = blocked;
-    }
-
     pub(super) fn limit_torque(&mut self, per_mille: u16) {
         self.torque_limit = f64::from(per_mille.min(self.config.max_torque));
         self.available = self.torque_limit * self.per_mille;
-    }
-
-    pub(super) fn is_still(&self) -> bool {
-        self.velocity == 0.0
     }
 
     /// Returns whether the motor is slow enough for a stop to be complete: 0.01 revolutions per
@@ -92,42 +69,38 @@ impl Motor {
         self.velocity.abs() * 100.0 < f64::from(self.config.increments_per_revolution)
     }
 
-    /// Advances the motor by `seconds`.
     pub(super) fn advance(&mut self, seconds: f64, actuation: Actuation) {
         let before = self.velocity;
-        let friction = f64::from(self.config.friction);
-        let Self { per_mille, available, .. } = *self;
-        let wanted = match actuation {
+        let acceleration = match actuation {
             Actuation::Free => 0.0,
             Actuation::Position { position, velocity } => {
                 // Both refer to the end of the step, the error to its beginning.
-                let wanted = self.controlled(position - velocity * seconds, velocity, available);
-                self.effort(wanted, friction, seconds, available)
+                let demand = self.controlled(position - velocity * seconds, velocity);
+                self.effort(demand, seconds)
             }
             Actuation::Velocity(velocity) => {
                 let limit = self.max_velocity();
-                self.effort(velocity.clamp(-limit, limit), friction, seconds, available)
+                self.effort(velocity.clamp(-limit, limit), seconds)
             }
             Actuation::Torque(torque) => {
-                let limit = self.torque_limit;
-                torque.clamp(-limit, limit) * per_mille
+                torque.clamp(-self.torque_limit, self.torque_limit) * self.per_mille
             }
         };
-        self.torque = wanted / per_mille;
-        if self.blocked {
+        self.torque = acceleration / self.per_mille;
+        if self.is_blocked {
             self.velocity = 0.0;
             return;
         }
-        self.velocity = self.pushed(wanted, friction, seconds);
+        self.velocity = self.pushed(acceleration, seconds);
         self.position += (before + self.velocity) / 2.0 * seconds;
     }
 
     /// Velocity that the position controller demands.
-    fn controlled(&self, position: f64, velocity: f64, available: f64) -> f64 {
+    fn controlled(&self, position: f64, velocity: f64) -> f64 {
         let error = position - self.position;
         let gain = f64::from(self.config.position_gain);
         // Never faster towards the target than the motor can brake.
-        let bound = (available * error.abs()).sqrt();
+        let bound = (self.available * error.abs()).sqrt();
         let correction = (gain * error).clamp(-bound, bound);
         let fed_forward = velocity * f64::from(self.config.feed_forward) / 1_000.0;
         let limit = self.max_velocity();
@@ -135,19 +108,20 @@ impl Motor {
     }
 
     /// Acceleration that reaches a velocity within one step and overcomes friction.
-    fn effort(&self, velocity: f64, friction: f64, seconds: f64, available: f64) -> f64 {
+    fn effort(&self, velocity: f64, seconds: f64) -> f64 {
         if seconds <= 0.0 {
             return 0.0;
         }
         let moving = if velocity == 0.0 { self.velocity } else { velocity };
+        let friction = f64::from(self.config.friction);
         let drag = if moving == 0.0 { 0.0 } else { friction.copysign(moving) };
-        ((velocity - self.velocity) / seconds + drag).clamp(-available, available)
+        ((velocity - self.velocity) / seconds + drag).clamp(-self.available, self.available)
     }
 
     /// Velocity after a step with this acceleration; friction only brakes.
-    fn pushed(&self, acceleration: f64, friction: f64, seconds: f64) -> f64 {
+    fn pushed(&self, acceleration: f64, seconds: f64) -> f64 {
         let driven = self.velocity + acceleration * seconds;
-        let drag = friction * seconds;
+        let drag = f64::from(self.config.friction) * seconds;
         let slowed = if driven > drag {
             driven - drag
         } else if driven < -drag {
@@ -176,15 +150,15 @@ mod tests {
         for _ in 0..100 {
             motor.advance(STEP, Actuation::Velocity(1_000_000.0));
         }
-        assert!((motor.velocity() - 1_000_000.0).abs() < 1.0);
-        let turning = motor.position();
+        assert!((motor.velocity - 1_000_000.0).abs() < 1.0);
+        let turning = motor.position;
         // 1e6 increments/s at 5e6 increments/s²: 200 ms and 100 000 increments
         for _ in 0..201 {
             motor.advance(STEP, Actuation::Free);
         }
-        assert!(motor.is_still());
-        assert_eq!(motor.torque(), 0.0);
-        assert!((motor.position() - turning - 100_000.0).abs() < 1_000.0);
+        assert!(motor.velocity == 0.0);
+        assert_eq!(motor.torque, 0.0);
+        assert!((motor.position - turning - 100_000.0).abs() < 1_000.0);
     }
 
     #[test]
@@ -195,13 +169,13 @@ mod tests {
             demand += 100.0;
             motor.advance(STEP, Actuation::Position { position: demand, velocity: 100_000.0 });
         }
-        let error = demand - motor.position();
+        let error = demand - motor.position;
         // 2 % of 100 000 increments/s not fed forward, over a gain of 200/s, is 10 increments
         assert!((5.0..70.0).contains(&error), "following error {error}");
         for _ in 0..1_000 {
             motor.advance(STEP, Actuation::Position { position: demand, velocity: 0.0 });
         }
-        assert!((demand - motor.position()).abs() < 0.5);
+        assert!((demand - motor.position).abs() < 0.5);
         assert!(motor.has_settled());
     }
 
@@ -211,12 +185,12 @@ mod tests {
         let config = MotorConfig::default();
         let mut fastest = 0.0f64;
         for _ in 0..200 {
-            let before = motor.velocity();
+            let before = motor.velocity;
             motor.advance(STEP, Actuation::Position { position: 1e9, velocity: 0.0 });
-            let acceleration = (motor.velocity() - before) / STEP;
+            let acceleration = (motor.velocity - before) / STEP;
             assert!(acceleration <= f64::from(config.max_acceleration) + 1.0);
-            assert!(motor.torque() <= f64::from(config.max_torque) + 1e-9);
-            fastest = fastest.max(motor.velocity());
+            assert!(motor.torque <= f64::from(config.max_torque) + 1e-9);
+            fastest = fastest.max(motor.velocity);
         }
         assert_eq!(fastest, f64::from(config.max_velocity));
     }
@@ -228,22 +202,22 @@ mod tests {
         for _ in 0..100 {
             motor.advance(STEP, Actuation::Torque(70.0));
         }
-        assert_eq!((motor.velocity(), motor.position()), (0.0, 0.0));
+        assert_eq!((motor.velocity, motor.position), (0.0, 0.0));
         for _ in 0..100 {
             motor.advance(STEP, Actuation::Torque(150.0));
         }
-        assert!((motor.velocity() - 500_000.0).abs() < 1_000.0);
+        assert!((motor.velocity - 500_000.0).abs() < 1_000.0);
     }
 
     #[test]
     fn blocked_motor_has_torque_and_stays() {
         let mut motor = motor();
-        motor.block(true);
+        motor.is_blocked = true;
         for _ in 0..10 {
             motor.advance(STEP, Actuation::Position { position: 10_000.0, velocity: 0.0 });
         }
-        assert_eq!(motor.position(), 0.0);
-        assert!(motor.torque() > 1_000.0);
+        assert_eq!(motor.position, 0.0);
+        assert!(motor.torque > 1_000.0);
     }
 
     #[test]
@@ -252,9 +226,9 @@ mod tests {
         let mut furthest = 0.0f64;
         for _ in 0..3_000 {
             motor.advance(STEP, Actuation::Position { position: 300_000.0, velocity: 0.0 });
-            furthest = furthest.max(motor.position());
+            furthest = furthest.max(motor.position);
         }
-        assert!((motor.position() - 300_000.0).abs() < 0.5);
+        assert!((motor.position - 300_000.0).abs() < 0.5);
         assert!(furthest < 300_500.0, "{furthest}");
     }
 }

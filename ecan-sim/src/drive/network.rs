@@ -5,8 +5,7 @@ use ecan_canopen::{HeartbeatConsumer, NmtState, NodeId, object};
 use super::dictionary::Dictionary;
 use crate::earliest::earliest;
 
-/// A monitored heartbeat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 struct Watch {
     producer: NodeId,
     time_ns: u64,
@@ -15,24 +14,13 @@ struct Watch {
     lost: bool,
 }
 
-/// The CANopen node.
 #[derive(Clone, Debug)]
 pub(super) struct Network {
-    state: NmtState,
-    /// Time of the boot-up message.
+    pub(super) state: NmtState,
     boot_at: Option<u64>,
     producer_ns: u64,
     heartbeat_at: Option<u64>,
     watches: Vec<Watch>,
-}
-
-/// Event of a monitored heartbeat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum WatchEvent {
-    /// The heartbeat is late.
-    Lost,
-    /// The heartbeat has returned.
-    Returned,
 }
 
 impl Network {
@@ -44,14 +32,6 @@ impl Network {
             heartbeat_at: None,
             watches: Vec::new(),
         }
-    }
-
-    pub(super) const fn state(&self) -> NmtState {
-        self.state
-    }
-
-    pub(super) fn set_state(&mut self, state: NmtState) {
-        self.state = state;
     }
 
     /// Returns whether SDO, SYNC and EMCY are active.
@@ -70,16 +50,10 @@ impl Network {
         }
     }
 
-    /// Returns whether booting ends now.
     pub(super) fn boot_ends(&mut self, now: u64) -> bool {
-        let ends = self.boot_at.is_some_and(|at| at <= now);
-        if ends {
-            self.boot_at = None;
-        }
-        ends
+        self.boot_at.take_if(|at| *at <= now).is_some()
     }
 
-    /// Reads the heartbeat times from the dictionary.
     pub(super) fn load(&mut self, now: u64, objects: &Dictionary) {
         let ms = objects.number(object::PRODUCER_HEARTBEAT, 0).unwrap_or(0).max(0) as u64;
         self.producer_ns = ms * 1_000_000;
@@ -116,33 +90,30 @@ impl Network {
         })
     }
 
-    /// Receives a heartbeat.
-    pub(super) fn heartbeat_received(&mut self, now: u64, producer: NodeId) -> Option<WatchEvent> {
-        let watch = self.watches.iter_mut().find(|watch| watch.producer == producer)?;
+    /// Receives a heartbeat; returns true if it had been lost.
+    pub(super) fn heartbeat_received(&mut self, now: u64, producer: NodeId) -> bool {
+        let Some(watch) = self.watches.iter_mut().find(|watch| watch.producer == producer) else {
+            return false;
+        };
         watch.deadline = Some(now.saturating_add(watch.time_ns));
-        std::mem::take(&mut watch.lost).then_some(WatchEvent::Returned)
+        std::mem::take(&mut watch.lost)
     }
 
-    /// Detects a late heartbeat.
-    pub(super) fn take_late(&mut self, now: u64) -> Option<WatchEvent> {
+    /// Returns whether a heartbeat is late that was not lost before.
+    pub(super) fn take_late(&mut self, now: u64) -> bool {
         let late = |watch: &&mut Watch| watch.deadline.is_some_and(|at| at <= now);
-        let watch = self.watches.iter_mut().find(late)?;
+        let Some(watch) = self.watches.iter_mut().find(late) else { return false };
         watch.deadline = None;
         watch.lost = true;
-        Some(WatchEvent::Lost)
+        true
     }
 
-    /// Returns whether a heartbeat is due now.
     pub(super) fn heartbeat_due(&mut self, now: u64) -> bool {
-        match self.heartbeat_at {
-            Some(at) if at <= now => {
-                let periods = (now - at) / self.producer_ns.max(1) + 1;
-                self.heartbeat_at =
-                    Some(at.saturating_add(periods.saturating_mul(self.producer_ns.max(1))));
-                true
-            }
-            _ => false,
-        }
+        let Some(at) = self.heartbeat_at.filter(|at| *at <= now) else { return false };
+        let period = self.producer_ns.max(1);
+        let periods = (now - at) / period + 1;
+        self.heartbeat_at = Some(at.saturating_add(periods.saturating_mul(period)));
+        true
     }
 
     pub(super) fn next_event(&self) -> Option<u64> {

@@ -13,21 +13,27 @@ use super::motion;
 use super::network::Network;
 use super::pdo::{ReceivePdo, TransmitPdo};
 use super::pdo_rules::PdoObject;
-use super::sdo_server::{Objects, TransferError};
+use super::sdo_server::TransferError;
 
 /// "save" and "load", little-endian.
-const SAVE: u32 = 0x6576_6173;
-const LOAD: u32 = 0x6461_6F6C;
+const SAVE: i64 = 0x6576_6173;
+const LOAD: i64 = 0x6461_6F6C;
 
-impl Objects for Device {
-    fn upload(&mut self, index: u16, subindex: u8, out: &mut Vec<u8>) -> Result<(), TransferError> {
+impl Device {
+    pub(super) fn upload(
+        &mut self,
+        index: u16,
+        subindex: u8,
+        out: &mut Vec<u8>,
+    ) -> Result<(), TransferError> {
         self.apply_rule(index, subindex, SdoDirection::Read)?;
         self.publish();
         let slot = self.objects.find(index, subindex)?;
         Ok(self.objects.read(slot, out)?)
     }
 
-    fn begin_download(
+    /// Checks whether a download of `length` bytes may start.
+    pub(super) fn begin_download(
         &mut self,
         index: u16,
         subindex: u8,
@@ -38,25 +44,26 @@ impl Objects for Device {
         Ok(self.objects.check_write(slot, length)?)
     }
 
-    fn download(&mut self, index: u16, subindex: u8, value: &[u8]) -> Result<(), TransferError> {
+    pub(super) fn download(
+        &mut self,
+        index: u16,
+        subindex: u8,
+        value: &[u8],
+    ) -> Result<(), TransferError> {
         let slot = self.objects.find(index, subindex)?;
         match self.objects.decode(slot, value)? {
-            Some(number) => Ok(self.write(slot, (index, subindex), number)?),
-            None => {
-                self.objects.put_bytes(slot, value);
-                Ok(())
-            }
+            Some(number) => self.write(slot, (index, subindex), number)?,
+            None => self.objects.put_bytes(slot, value),
         }
+        Ok(())
     }
 
-    fn size(&self, index: u16, subindex: u8) -> Option<usize> {
+    /// Size of an object's type, for expedited downloads without size.
+    pub(super) fn size(&self, index: u16, subindex: u8) -> Option<usize> {
         let slot = self.objects.find(index, subindex).ok()?;
         self.objects.object(slot)?.data_type.size()
     }
-}
 
-impl Device {
-    /// Applies a rule to this transfer.
     fn apply_rule(
         &mut self,
         index: u16,
@@ -91,16 +98,24 @@ impl Device {
     fn write(&mut self, slot: Slot, key: (u16, u8), number: i64) -> Result<(), AbortCode> {
         self.check(key, number)?;
         match key {
-            (object::STORE_PARAMETERS, _) => return self.store(number as u32),
-            (object::RESTORE_PARAMETERS, _) => return self.restore(number as u32),
-            (object::ERROR_HISTORY, 0) => {
-                clear_history(&mut self.objects);
-                return Ok(());
+            (object::STORE_PARAMETERS, _) if number == SAVE => {
+                for object in self.objects.iter_mut().filter(|object| is_parameter(object)) {
+                    object.saved = Some(object.value.clone());
+                }
             }
-            _ => {}
+            // The defaults apply after the next reset.
+            (object::RESTORE_PARAMETERS, _) if number == LOAD => {
+                self.objects.iter_mut().for_each(|object| object.saved = None);
+            }
+            (object::STORE_PARAMETERS | object::RESTORE_PARAMETERS, _) => {
+                return Err(AbortCode::NOT_STORED);
+            }
+            (object::ERROR_HISTORY, 0) => clear_history(&mut self.objects),
+            _ => {
+                self.objects.put(slot, number as u64);
+                self.follow_up(key, number);
+            }
         }
-        self.objects.put(slot, number as u64);
-        self.follow_up(key, number);
         Ok(())
     }
 
@@ -109,7 +124,7 @@ impl Device {
         if let Some(pdo) = PdoObject::of(index) {
             return pdo.check(
                 &self.objects,
-                self.network.state(),
+                self.network.state,
                 &self.config.quirks,
                 (index, subindex),
                 number as u32,
@@ -120,7 +135,7 @@ impl Device {
             (object::HOMING_METHOD, _) if number != 0 && !homing::is_supported(number as i8) => {
                 Err(AbortCode::RANGE)
             }
-            // The drive is not a SYNC producer; 11-bit can_id_set only.
+            // The drive is not a SYNC producer, and supports 11-bit CAN IDs only.
             (object::SYNC_COB_ID, _) if number as u32 & !0x7FF != 0 => Err(AbortCode::RANGE),
             (object::CONSUMER_HEARTBEAT, 1..) => match HeartbeatConsumer::from_raw(number as u32) {
                 Some(entry) if Network::is_watched(&self.objects, entry.producer, subindex) => {
@@ -132,7 +147,6 @@ impl Device {
         }
     }
 
-    /// Applies the effects of a write.
     fn follow_up(&mut self, (index, subindex): (u16, u8), number: i64) {
         if let Some(pdo) = PdoObject::of(index) {
             return self.load_pdo(pdo);
@@ -155,44 +169,21 @@ impl Device {
     }
 
     fn load_pdo(&mut self, pdo: PdoObject) {
-        match pdo {
-            PdoObject::ReceiveCommunication(number) | PdoObject::ReceiveMapping(number) => {
-                if let Some(pdo) = self.receive.iter_mut().find(|pdo| pdo.number == number) {
-                    *pdo = ReceivePdo::load(&self.objects, number);
-                }
+        let PdoObject { number, is_sent, .. } = pdo;
+        if is_sent {
+            for pdo in self.transmit.iter_mut().filter(|pdo| pdo.number == number) {
+                *pdo = TransmitPdo::load(&self.objects, number);
             }
-            PdoObject::TransmitCommunication(number) | PdoObject::TransmitMapping(number) => {
-                if let Some(pdo) = self.transmit.iter_mut().find(|pdo| pdo.number == number) {
-                    *pdo = TransmitPdo::load(&self.objects, number);
-                }
+        } else {
+            for pdo in self.receive.iter_mut().filter(|pdo| pdo.number == number) {
+                *pdo = ReceivePdo::load(&self.objects, number);
             }
         }
         self.update_pdos();
     }
-
-    /// Saves parameters, not commands.
-    fn store(&mut self, signature: u32) -> Result<(), AbortCode> {
-        if signature != SAVE {
-            return Err(AbortCode::NOT_STORED);
-        }
-        for object in self.objects.iter_mut().filter(|object| is_parameter(object)) {
-            object.saved = Some(object.value.clone());
-        }
-        Ok(())
-    }
-
-    /// Discards saved values; the defaults apply after the next reset.
-    fn restore(&mut self, signature: u32) -> Result<(), AbortCode> {
-        if signature != LOAD {
-            return Err(AbortCode::NOT_STORED);
-        }
-        for object in self.objects.iter_mut() {
-            object.saved = None;
-        }
-        Ok(())
-    }
 }
 
+/// Commands are not saved.
 fn is_parameter(object: &Object) -> bool {
     let kept = !matches!(
         object.index,

@@ -26,7 +26,6 @@ pub(super) struct Parameters {
     pub(super) home_offset: i32,
     /// Software position limits; `None` if disabled.
     pub(super) limits: Option<(i32, i32)>,
-    /// Limits of profile modes.
     pub(super) profile: Bounds,
     pub(super) max_profile_velocity: f64,
     pub(super) quick_deceleration: f64,

@@ -8,10 +8,8 @@ use super::default_objects::PDO_ENTRIES;
 use super::dictionary::{Dictionary, Slot};
 use crate::earliest::earliest;
 
-/// Maximum number of bytes in a PDO.
 pub(super) const PDO_BYTES: usize = 8;
 
-/// One mapped object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Mapped {
     /// `None` is a dummy entry of a receive PDO.
@@ -19,11 +17,10 @@ pub(super) struct Mapped {
     pub(super) bytes: u8,
 }
 
-/// Mapping of a PDO.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Mapping {
     entries: [Option<Mapped>; PDO_ENTRIES],
-    /// Total number of bytes.
+    /// In bytes.
     pub(super) length: usize,
 }
 
@@ -56,7 +53,6 @@ impl Mapping {
         self.entries().any(|mapped| mapped.slot == Some(slot))
     }
 
-    /// Packs the mapped objects into frame data.
     pub(super) fn pack(&self, objects: &Dictionary) -> [u8; PDO_BYTES] {
         let mut data = [0; PDO_BYTES];
         let mut rest = data.iter_mut();
@@ -78,12 +74,10 @@ pub(super) fn is_dummy(entry: MappingEntry) -> bool {
         && DataType::from_index(entry.index).and_then(DataType::bits) == Some(entry.bits)
 }
 
-/// Numbers of the PDOs of one direction in a dictionary.
 pub(super) fn numbers(objects: &Dictionary, first: u16) -> impl Iterator<Item = u16> {
     (0..512).filter(move |number| objects.has(first + number))
 }
 
-/// A receive PDO.
 #[derive(Clone, Debug)]
 pub(super) struct ReceivePdo {
     pub(super) number: u16,
@@ -106,7 +100,7 @@ impl ReceivePdo {
         let mapping = Mapping::load(objects, object::RPDO_MAPPING + number);
         Self {
             number,
-            id: identifier(get(1) as u32).filter(|_| mapping.length > 0),
+            id: valid_pdo_id(get(1) as u32).filter(|_| mapping.length > 0),
             synchronous: kind.is_some_and(TransmissionType::is_synchronous),
             mapping,
             waiting: None,
@@ -115,23 +109,20 @@ impl ReceivePdo {
         }
     }
 
-    /// Returns whether the PDO has an event timer.
     pub(super) const fn is_timed(&self) -> bool {
         self.timer_ns > 0
     }
 
-    /// Restarts the event timer.
-    pub(super) fn rewind(&mut self, now: u64) {
+    pub(super) fn restart_timer(&mut self, now: u64) {
         self.deadline = (self.timer_ns > 0).then(|| now.saturating_add(self.timer_ns));
     }
 }
 
 /// CAN ID of an existing PDO.
-fn identifier(raw: u32) -> Option<CanId> {
+pub(super) fn valid_pdo_id(raw: u32) -> Option<CanId> {
     PdoCobId::from_raw(raw).filter(|cob_id| cob_id.is_valid).map(|cob_id| cob_id.id)
 }
 
-/// A transmit PDO.
 #[derive(Clone, Debug)]
 pub(super) struct TransmitPdo {
     pub(super) number: u16,
@@ -157,7 +148,7 @@ impl TransmitPdo {
         let sync_start = get(6) as u8;
         Self {
             number,
-            id: identifier(get(1) as u32).filter(|_| mapping.length > 0),
+            id: valid_pdo_id(get(1) as u32).filter(|_| mapping.length > 0),
             kind: TransmissionType::from_raw(get(2) as u8)
                 .unwrap_or(TransmissionType::EventProfile),
             mapping,
@@ -179,7 +170,6 @@ impl TransmitPdo {
         self.syncs = None;
     }
 
-    /// Returns whether the PDO exists and is event-driven.
     pub(super) const fn is_event_driven(&self) -> bool {
         self.id.is_some()
             && matches!(
@@ -220,7 +210,6 @@ impl TransmitPdo {
         }
     }
 
-    /// Data of an event-driven PDO that is due now.
     pub(super) fn on_event(&mut self, now: u64, objects: &Dictionary) -> Option<[u8; PDO_BYTES]> {
         if !self.is_event_driven() || self.free_at > now {
             return None;

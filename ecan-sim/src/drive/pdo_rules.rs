@@ -7,51 +7,33 @@ use ecan_protocol::object::AbortCode;
 use super::config::DriveQuirks;
 use super::default_objects::PDO_ENTRIES;
 use super::dictionary::Dictionary;
-use super::pdo::{PDO_BYTES, is_dummy};
+use super::pdo::{PDO_BYTES, is_dummy, valid_pdo_id};
 
+/// PDO parameters: communication at 0x1400 and 0x1800, mapping at 0x1600 and 0x1A00.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum PdoObject {
-    /// 0x1400 to 0x15FF.
-    ReceiveCommunication(u16),
-    /// 0x1600 to 0x17FF.
-    ReceiveMapping(u16),
-    /// 0x1800 to 0x19FF.
-    TransmitCommunication(u16),
-    /// 0x1A00 to 0x1BFF.
-    TransmitMapping(u16),
+pub(super) struct PdoObject {
+    pub(super) is_sent: bool,
+    is_mapping: bool,
+    pub(super) number: u16,
 }
 
 impl PdoObject {
-    pub(super) const fn of(index: u16) -> Option<Self> {
-        let number = index & 0x1FF;
-        match index & 0xFE00 {
-            object::RPDO_COMMUNICATION => Some(Self::ReceiveCommunication(number)),
-            object::RPDO_MAPPING => Some(Self::ReceiveMapping(number)),
-            object::TPDO_COMMUNICATION => Some(Self::TransmitCommunication(number)),
-            object::TPDO_MAPPING => Some(Self::TransmitMapping(number)),
-            _ => None,
-        }
-    }
-
-    const fn is_sent(self) -> bool {
-        matches!(self, Self::TransmitCommunication(_) | Self::TransmitMapping(_))
+    pub(super) fn of(index: u16) -> Option<Self> {
+        (object::RPDO_COMMUNICATION..object::TPDO_MAPPING + 0x200).contains(&index).then_some(
+            Self {
+                is_sent: index >= object::TPDO_COMMUNICATION,
+                is_mapping: index & 0x200 != 0,
+                number: index & 0x1FF,
+            },
+        )
     }
 
     const fn communication(self) -> u16 {
-        match self {
-            Self::ReceiveCommunication(number) | Self::ReceiveMapping(number) => {
-                object::RPDO_COMMUNICATION + number
-            }
-            Self::TransmitCommunication(number) | Self::TransmitMapping(number) => {
-                object::TPDO_COMMUNICATION + number
-            }
-        }
+        let first =
+            if self.is_sent { object::TPDO_COMMUNICATION } else { object::RPDO_COMMUNICATION };
+        first + self.number
     }
 
-    /// Checks a write to a subindex.
-    ///
-    /// # Errors
-    /// The abort code.
     pub(super) fn check(
         self,
         objects: &Dictionary,
@@ -60,34 +42,32 @@ impl PdoObject {
         (index, subindex): (u16, u8),
         value: u32,
     ) -> Result<(), AbortCode> {
-        match self {
-            Self::ReceiveMapping(_) | Self::TransmitMapping(_) => {
-                if quirks.fixed_mapping {
-                    return Err(AbortCode::READ_ONLY);
-                }
-                if state == NmtState::Operational {
-                    return Err(AbortCode::DEVICE_STATE);
-                }
-                if quirks.refuses_mapping_while_valid && self.is_valid(objects) {
-                    return Err(AbortCode::UNSUPPORTED_ACCESS);
-                }
-                if subindex == 0 {
-                    self.check_count(objects, index, value)
-                } else {
-                    self.check_entry_write(objects, index, value)
-                }
-            }
-            Self::ReceiveCommunication(_) | Self::TransmitCommunication(_) => {
-                self.check_communication(objects, state, subindex, value)
-            }
+        if !self.is_mapping {
+            return self.check_communication(objects, state, subindex, value);
         }
+        if quirks.fixed_mapping {
+            return Err(AbortCode::READ_ONLY);
+        }
+        if state == NmtState::Operational {
+            return Err(AbortCode::DEVICE_STATE);
+        }
+        if quirks.refuses_mapping_while_valid && self.valid_id(objects).is_some() {
+            return Err(AbortCode::UNSUPPORTED_ACCESS);
+        }
+        if subindex == 0 {
+            return self.check_count(objects, index, value);
+        }
+        if objects.number(index, 0).unwrap_or(0) != 0 {
+            return Err(AbortCode::SUBINDEX_LOCKED);
+        }
+        if value != 0 {
+            self.check_entry(objects, MappingEntry::from_raw(value))?;
+        }
+        Ok(())
     }
 
-    fn is_valid(self, objects: &Dictionary) -> bool {
-        objects
-            .number(self.communication(), 1)
-            .and_then(|raw| PdoCobId::from_raw(raw as u32))
-            .is_some_and(|cob_id| cob_id.is_valid)
+    fn valid_id(self, objects: &Dictionary) -> Option<CanId> {
+        valid_pdo_id(objects.number(self.communication(), 1)? as u32)
     }
 
     fn check_communication(
@@ -106,15 +86,11 @@ impl PdoObject {
                 if state == NmtState::Operational {
                     return Err(AbortCode::DEVICE_STATE);
                 }
-                let old = objects.number(self.communication(), 1).unwrap_or(0);
-                let old = PdoCobId::from_raw(old as u32);
                 // The COB-ID of an existing PDO cannot change.
-                match old {
-                    Some(old) if old.is_valid && new.is_valid && old.id != new.id => {
-                        Err(AbortCode::UNSUPPORTED_ACCESS)
-                    }
-                    _ => Ok(()),
+                if new.is_valid && self.valid_id(objects).is_some_and(|old| old != new.id) {
+                    return Err(AbortCode::UNSUPPORTED_ACCESS);
                 }
+                Ok(())
             }
             2 => match TransmissionType::from_raw(value as u8) {
                 // Remote frames are not answered.
@@ -123,35 +99,20 @@ impl PdoObject {
                 }
                 Some(_) => Ok(()),
             },
-            3 | 6 if self.is_valid(objects) => Err(AbortCode::UNSUPPORTED_ACCESS),
+            3 | 6 if self.valid_id(objects).is_some() => Err(AbortCode::UNSUPPORTED_ACCESS),
             _ => Ok(()),
         }
-    }
-
-    fn check_entry_write(
-        self,
-        objects: &Dictionary,
-        index: u16,
-        value: u32,
-    ) -> Result<(), AbortCode> {
-        if objects.number(index, 0).unwrap_or(0) != 0 {
-            return Err(AbortCode::SUBINDEX_LOCKED);
-        }
-        if value == 0 {
-            return Ok(());
-        }
-        self.check_entry(objects, MappingEntry::from_raw(value)).map(|_| ())
     }
 
     /// Size of an object in bytes, if this PDO may map it.
     fn check_entry(self, objects: &Dictionary, entry: MappingEntry) -> Result<usize, AbortCode> {
         let bytes = usize::from(entry.bits / 8);
-        if !self.is_sent() && is_dummy(entry) {
+        if !self.is_sent && is_dummy(entry) {
             return Ok(bytes);
         }
         let slot = objects.find(entry.index, entry.subindex)?;
         let object = objects.object(slot).ok_or(AbortCode::NO_OBJECT)?;
-        let carries = if self.is_sent() { object.can_be_sent() } else { object.can_be_received() };
+        let carries = if self.is_sent { object.can_be_sent() } else { object.can_be_received() };
         if carries && object.data_type.bits() == Some(entry.bits) {
             Ok(bytes)
         } else {

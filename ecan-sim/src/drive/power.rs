@@ -6,18 +6,14 @@ use ecan_canopen::{
 
 use super::parameters::Parameters;
 
-/// Deceleration of a stop.
+/// Deceleration of a stop: of the profile, of a quick stop, or the maximum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum StopMode {
-    /// Profile deceleration.
     Profile,
-    /// Quick stop deceleration.
     Quick,
-    /// Maximum deceleration.
     Limit,
 }
 
-/// Action that the state machine demands from the motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Action {
     None,
@@ -27,7 +23,6 @@ pub(super) enum Action {
     Release,
     /// Stop; the state machine waits for the standstill.
     Stop(StopMode),
-    /// A fault was reset.
     Reset,
 }
 
@@ -36,7 +31,6 @@ pub(super) enum Action {
 pub(super) struct Conditions {
     /// A mode is selected, or none is needed.
     pub(super) may_enable: bool,
-    /// Faults can be reset.
     pub(super) may_reset: bool,
     /// Duration of enabling, ns.
     pub(super) enable_ns: u64,
@@ -44,33 +38,24 @@ pub(super) struct Conditions {
 
 #[derive(Clone, Debug)]
 pub(super) struct PowerStage {
-    state: DriveState,
-    word: Controlword,
+    pub(super) state: DriveState,
+    pub(super) controlword: Controlword,
     /// State to enter at standstill.
     next_state: Option<DriveState>,
     /// Time at which Operation enabled begins.
-    enabled_at: Option<u64>,
+    pub(super) enabled_at: Option<u64>,
 }
 
 impl PowerStage {
     pub(super) const fn new() -> Self {
         Self {
             state: DriveState::NotReadyToSwitchOn,
-            word: Controlword(0),
+            controlword: Controlword(0),
             next_state: None,
             enabled_at: None,
         }
     }
 
-    pub(super) const fn state(&self) -> DriveState {
-        self.state
-    }
-
-    pub(super) const fn controlword(&self) -> Controlword {
-        self.word
-    }
-
-    /// Returns whether the motor is energised.
     pub(super) const fn is_energised(&self) -> bool {
         matches!(
             self.state,
@@ -80,29 +65,28 @@ impl PowerStage {
         )
     }
 
-    /// Returns whether a stop is in progress next_state which the state changes.
+    pub(super) const fn is_faulted(&self) -> bool {
+        matches!(self.state, DriveState::Fault | DriveState::FaultReactionActive)
+    }
+
+    /// Returns whether a stop is in progress after which the state changes.
     pub(super) const fn has_next_state(&self) -> bool {
         self.next_state.is_some()
     }
 
-    pub(super) const fn enabled_at(&self) -> Option<u64> {
-        self.enabled_at
-    }
-
-    /// Ends the self-test.
     pub(super) fn finish_self_test(&mut self) {
         if self.state == DriveState::NotReadyToSwitchOn {
             self.state = DriveState::SwitchOnDisabled;
         }
     }
 
-    fn enter(&mut self, state: DriveState) {
+    fn enter(&mut self, state: DriveState) -> Action {
         self.state = state;
         self.next_state = None;
         self.enabled_at = None;
+        Action::None
     }
 
-    /// Executes a controlword.
     pub(super) fn command(
         &mut self,
         now: u64,
@@ -110,7 +94,7 @@ impl PowerStage {
         parameters: &Parameters,
         conditions: &Conditions,
     ) -> Action {
-        let previous = std::mem::replace(&mut self.word, word);
+        let previous = std::mem::replace(&mut self.controlword, word);
         let mut command = word.command(previous);
         if command == Command::FaultReset {
             if self.state == DriveState::Fault {
@@ -123,60 +107,38 @@ impl PowerStage {
             // In other states bit 7 has no meaning and the other bits count.
             command = word.command(word);
         }
-        match self.state {
-            DriveState::NotReadyToSwitchOn
-            | DriveState::FaultReactionActive
-            | DriveState::Fault => Action::None,
-            DriveState::SwitchOnDisabled => {
-                if command == Command::Shutdown {
-                    self.enter(DriveState::ReadyToSwitchOn);
-                }
-                Action::None
+        match (self.state, command) {
+            (DriveState::SwitchOnDisabled | DriveState::SwitchedOn, Command::Shutdown) => {
+                self.enter(DriveState::ReadyToSwitchOn)
             }
-            DriveState::ReadyToSwitchOn => match command {
-                Command::SwitchOn => {
-                    self.enter(DriveState::SwitchedOn);
-                    Action::None
-                }
-                // Transitions 3 and 4 together.
-                Command::EnableOperation => {
-                    self.enter(DriveState::SwitchedOn);
-                    self.begin_enabling(now, conditions)
-                }
-                Command::DisableVoltage | Command::QuickStop => {
-                    self.enter(DriveState::SwitchOnDisabled);
-                    Action::None
-                }
-                _ => Action::None,
-            },
-            DriveState::SwitchedOn => match command {
-                Command::EnableOperation if self.enabled_at.is_none() => {
-                    self.begin_enabling(now, conditions)
-                }
-                Command::SwitchOn | Command::DisableOperation => {
-                    self.enabled_at = None;
-                    Action::None
-                }
-                Command::Shutdown => {
-                    self.enter(DriveState::ReadyToSwitchOn);
-                    Action::None
-                }
-                Command::DisableVoltage | Command::QuickStop => {
-                    self.enter(DriveState::SwitchOnDisabled);
-                    Action::None
-                }
-                _ => Action::None,
-            },
-            DriveState::OperationEnabled => self.command_enabled(command, parameters),
-            DriveState::QuickStopActive => match command {
-                Command::DisableVoltage => self.release(DriveState::SwitchOnDisabled),
-                // Transition 16, if the quick stop stays in its state.
-                Command::EnableOperation if self.next_state.is_none() => {
-                    self.enter(DriveState::OperationEnabled);
-                    Action::Enable
-                }
-                _ => Action::None,
-            },
+            (DriveState::ReadyToSwitchOn, Command::SwitchOn) => self.enter(DriveState::SwitchedOn),
+            // Transitions 3 and 4 together.
+            (DriveState::ReadyToSwitchOn, Command::EnableOperation) => {
+                self.enter(DriveState::SwitchedOn);
+                self.begin_enabling(now, conditions)
+            }
+            (
+                DriveState::ReadyToSwitchOn | DriveState::SwitchedOn,
+                Command::DisableVoltage | Command::QuickStop,
+            ) => self.enter(DriveState::SwitchOnDisabled),
+            (DriveState::SwitchedOn, Command::EnableOperation) if self.enabled_at.is_none() => {
+                self.begin_enabling(now, conditions)
+            }
+            (DriveState::SwitchedOn, Command::SwitchOn | Command::DisableOperation) => {
+                self.enter(DriveState::SwitchedOn)
+            }
+            (DriveState::OperationEnabled, _) => self.command_enabled(command, parameters),
+            (DriveState::QuickStopActive, Command::DisableVoltage) => {
+                self.release(DriveState::SwitchOnDisabled)
+            }
+            // Transition 16, if the quick stop stays in its state.
+            (DriveState::QuickStopActive, Command::EnableOperation)
+                if self.next_state.is_none() =>
+            {
+                self.enter(DriveState::OperationEnabled);
+                Action::Enable
+            }
+            _ => Action::None,
         }
     }
 
@@ -215,7 +177,6 @@ impl PowerStage {
         Action::None
     }
 
-    /// Switches the current off.
     pub(super) fn release(&mut self, state: DriveState) -> Action {
         self.enter(state);
         Action::Release
@@ -234,47 +195,46 @@ impl PowerStage {
 
     /// Starts a quick stop, commanded or because the host was lost.
     pub(super) fn quick_stop(&mut self, parameters: &Parameters) -> Action {
-        let (mode, stays) = match parameters.quick_stop {
+        let mode = match parameters.quick_stop {
             QuickStopOption::Disable | QuickStopOption::Other(_) => {
                 return self.release(DriveState::SwitchOnDisabled);
             }
-            QuickStopOption::SlowDown => (StopMode::Profile, false),
-            QuickStopOption::QuickStop => (StopMode::Quick, false),
-            QuickStopOption::CurrentLimit | QuickStopOption::VoltageLimit => {
-                (StopMode::Limit, false)
-            }
-            QuickStopOption::SlowDownAndStay => (StopMode::Profile, true),
-            QuickStopOption::QuickStopAndStay => (StopMode::Quick, true),
-            QuickStopOption::CurrentLimitAndStay | QuickStopOption::VoltageLimitAndStay => {
-                (StopMode::Limit, true)
-            }
+            QuickStopOption::SlowDown | QuickStopOption::SlowDownAndStay => StopMode::Profile,
+            QuickStopOption::QuickStop | QuickStopOption::QuickStopAndStay => StopMode::Quick,
+            _ => StopMode::Limit,
         };
+        let leaves = matches!(
+            parameters.quick_stop,
+            QuickStopOption::SlowDown
+                | QuickStopOption::QuickStop
+                | QuickStopOption::CurrentLimit
+                | QuickStopOption::VoltageLimit
+        );
         self.enter(DriveState::QuickStopActive);
-        self.next_state = (!stays).then_some(DriveState::SwitchOnDisabled);
+        self.next_state = leaves.then_some(DriveState::SwitchOnDisabled);
         Action::Stop(mode)
     }
 
     pub(super) fn fault(&mut self, parameters: &Parameters) -> Action {
-        match self.state {
-            DriveState::FaultReactionActive | DriveState::Fault => Action::None,
-            _ if !self.is_energised() => self.release(DriveState::Fault),
-            _ => {
-                let mode = match parameters.fault_reaction {
-                    FaultReaction::Disable | FaultReaction::Other(_) => {
-                        return self.release(DriveState::Fault);
-                    }
-                    FaultReaction::SlowDown => StopMode::Profile,
-                    FaultReaction::QuickStop => StopMode::Quick,
-                    FaultReaction::CurrentLimit | FaultReaction::VoltageLimit => StopMode::Limit,
-                };
-                self.enter(DriveState::FaultReactionActive);
-                self.next_state = Some(DriveState::Fault);
-                Action::Stop(mode)
-            }
+        if self.is_faulted() {
+            return Action::None;
         }
+        let mode = match parameters.fault_reaction {
+            FaultReaction::SlowDown => StopMode::Profile,
+            FaultReaction::QuickStop => StopMode::Quick,
+            FaultReaction::CurrentLimit | FaultReaction::VoltageLimit => StopMode::Limit,
+            FaultReaction::Disable | FaultReaction::Other(_) => {
+                return self.release(DriveState::Fault);
+            }
+        };
+        if !self.is_energised() {
+            return self.release(DriveState::Fault);
+        }
+        self.enter(DriveState::FaultReactionActive);
+        self.next_state = Some(DriveState::Fault);
+        Action::Stop(mode)
     }
 
-    /// Enters the state that follows a stop, at standstill.
     pub(super) fn finish_stop(&mut self) -> Action {
         match self.next_state.take() {
             Some(state) => self.release(state),
@@ -283,7 +243,6 @@ impl PowerStage {
     }
 }
 
-/// Deceleration of a halt.
 pub(super) const fn halt_stop_mode(option: HaltOption) -> StopMode {
     match option {
         HaltOption::SlowDown | HaltOption::Other(_) => StopMode::Profile,

@@ -4,13 +4,16 @@ use ecan_canopen::{NmtState, object, parse_sync};
 use ecan_protocol::can::CanId;
 
 use super::axis_commands::ReceivedCommands;
-use super::device::{Device, PDO_TOO_LONG, PDO_TOO_SHORT};
-use super::dictionary::Slot;
+use super::device::{Device, Slots, UPDATED_OBJECTS, send};
+use super::dictionary::{Dictionary, Slot};
 use super::emergency::register_of;
-use super::pdo::{Mapping, PDO_BYTES};
-use super::slots::{Slots, UPDATED};
+use super::pdo::{Mapping, PDO_BYTES, TransmitPdo};
 use crate::node::NodeOutput;
 
+/// EMCY error code: PDO with too few bytes.
+const PDO_TOO_SHORT: u16 = 0x8210;
+/// EMCY error code: PDO with too many bytes.
+const PDO_TOO_LONG: u16 = 0x8220;
 /// EMCY error code: SYNC with wrong length.
 const SYNC_LENGTH: u16 = 0x8240;
 
@@ -18,22 +21,15 @@ impl Device {
     /// Handles a SYNC: inputs are sampled and sent, then waiting outputs are applied.
     pub(super) fn on_sync(&mut self, data: &[u8], out: &mut NodeOutput) {
         let Some(counter) = parse_sync(data) else {
-            return self.emergency.report(SYNC_LENGTH, register_of(SYNC_LENGTH), &mut self.objects);
+            return self.report(SYNC_LENGTH);
         };
         self.syncs += 1;
-        if self.network.state() != NmtState::Operational {
+        if self.network.state != NmtState::Operational {
             return;
         }
-        self.publish_pdo_objects();
-        for place in 0..self.transmit.len() {
-            let Some(pdo) = self.transmit.get_mut(place) else { continue };
-            let (Some(id), length) = (pdo.id, pdo.mapping.length) else { continue };
-            if let Some(packed) = pdo.on_sync(counter, &self.objects) {
-                self.send_as(out, id, packed.get(..length).unwrap_or(&packed));
-            }
-        }
-        for place in 0..self.receive.len() {
-            let Some(pdo) = self.receive.get_mut(place) else { continue };
+        self.send_pdos(out, |pdo, objects| pdo.on_sync(counter, objects));
+        for index in 0..self.receive.len() {
+            let Some(pdo) = self.receive.get_mut(index) else { continue };
             let mapping = pdo.mapping;
             if let Some(waiting) = pdo.waiting.take() {
                 self.unpack(&mapping, &waiting);
@@ -43,32 +39,43 @@ impl Device {
 
     /// Sends event-driven PDOs whose objects changed or whose timer expired.
     pub(super) fn send_events(&mut self, out: &mut NodeOutput) {
-        for place in 0..self.transmit.len() {
-            let Some(pdo) = self.transmit.get_mut(place) else { continue };
-            let (Some(id), length) = (pdo.id, pdo.mapping.length) else { continue };
-            if let Some(packed) = pdo.on_event(self.now, &self.objects) {
-                self.send_as(out, id, packed.get(..length).unwrap_or(&packed));
+        let now = self.now;
+        self.send_pdos(out, |pdo, objects| pdo.on_event(now, objects));
+    }
+
+    fn send_pdos(
+        &mut self,
+        out: &mut NodeOutput,
+        due: impl Fn(&mut TransmitPdo, &Dictionary) -> Option<[u8; PDO_BYTES]>,
+    ) {
+        self.publish_pdo_objects();
+        for pdo in &mut self.transmit {
+            if let (Some(id), Some(data)) = (pdo.id, due(pdo, &self.objects)) {
+                send(&self.config, out, id, data.get(..pdo.mapping.length).unwrap_or(&data));
             }
         }
     }
 
-    /// Receives a PDO.
+    /// Reports a communication error that has already gone.
+    fn report(&mut self, code: u16) {
+        self.emergency.report(code, register_of(code), &mut self.objects);
+    }
+
     pub(super) fn on_pdo(&mut self, id: CanId, data: &[u8]) {
-        if self.network.state() != NmtState::Operational {
+        if self.network.state != NmtState::Operational {
             return;
         }
-        for place in 0..self.receive.len() {
-            let Some(pdo) = self.receive.get_mut(place) else { continue };
+        for index in 0..self.receive.len() {
+            let Some(pdo) = self.receive.get_mut(index) else { continue };
             if pdo.id != Some(id) {
                 continue;
             }
             let (mapping, synchronous) = (pdo.mapping, pdo.synchronous);
             if data.len() < mapping.length {
-                let register = register_of(PDO_TOO_SHORT);
-                self.emergency.report(PDO_TOO_SHORT, register, &mut self.objects);
+                self.report(PDO_TOO_SHORT);
                 continue;
             }
-            pdo.rewind(self.now);
+            pdo.restart_timer(self.now);
             let mut bytes = [0; PDO_BYTES];
             for (to, from) in bytes.iter_mut().zip(data) {
                 *to = *from;
@@ -77,8 +84,7 @@ impl Device {
                 pdo.waiting = Some(bytes);
             }
             if data.len() > mapping.length {
-                let register = register_of(PDO_TOO_LONG);
-                self.emergency.report(PDO_TOO_LONG, register, &mut self.objects);
+                self.report(PDO_TOO_LONG);
             }
             self.received_pdos += 1;
             if !synchronous {
@@ -123,7 +129,6 @@ impl Device {
 }
 
 impl Device {
-    /// Updates all objects of the drive.
     pub(super) fn publish(&mut self) {
         let slots = self.slots;
         self.publish_to(&slots);
@@ -136,30 +141,34 @@ impl Device {
     }
 
     fn publish_to(&mut self, slots: &Slots) {
-        for (slot, index) in slots.iter().zip(UPDATED) {
+        for (slot, (_, value)) in slots.iter().zip(UPDATED) {
             if let Some(slot) = slot {
-                let value = self.value(index);
+                let value = value(self);
                 self.objects.put(*slot, value as u64);
             }
         }
     }
 
-    fn value(&self, index: u16) -> i64 {
-        let motor = self.axis.motor();
-        match index {
-            object::ERROR_REGISTER => self.emergency.register().0.into(),
-            object::ERROR_CODE => self.emergency.code().into(),
-            object::STATUSWORD => self.statusword().0.into(),
-            object::MODE_DISPLAY => self.axis.mode().map_or(0, |mode| i64::from(mode.raw())),
-            object::POSITION_DEMAND => self.axis.demand().into(),
-            object::POSITION_ACTUAL_INTERNAL => motor.position().round() as i64,
-            object::POSITION_ACTUAL => self.axis.position().into(),
-            object::VELOCITY_DEMAND => self.axis.demanded_velocity().into(),
-            object::VELOCITY_ACTUAL => motor.velocity().round() as i64,
-            object::TORQUE_DEMAND | object::TORQUE_ACTUAL => motor.torque().round() as i64,
-            object::FOLLOWING_ERROR => self.axis.following_error().into(),
-            object::DIGITAL_INPUTS => self.axis.switches().bits().into(),
-            _ => 0,
-        }
+    pub(super) fn find_updated(objects: &Dictionary) -> Slots {
+        UPDATED.map(|(index, _)| objects.find(index, 0).ok())
     }
 }
+
+type ObjectValue = fn(&Device) -> i64;
+
+/// Objects that the drive updates.
+const UPDATED: [(u16, ObjectValue); UPDATED_OBJECTS] = [
+    (object::ERROR_REGISTER, |device| device.emergency.register.into()),
+    (object::ERROR_CODE, |device| device.emergency.code.into()),
+    (object::STATUSWORD, |device| device.statusword().0.into()),
+    (object::MODE_DISPLAY, |device| device.axis.mode.map_or(0, |mode| mode.raw().into())),
+    (object::POSITION_DEMAND, |device| device.axis.demand().into()),
+    (object::POSITION_ACTUAL_INTERNAL, |device| device.axis.motor.position.round() as i64),
+    (object::POSITION_ACTUAL, |device| device.axis.position().into()),
+    (object::VELOCITY_DEMAND, |device| i64::from(device.axis.motion.ramp.velocity as i32)),
+    (object::VELOCITY_ACTUAL, |device| device.axis.motor.velocity.round() as i64),
+    (object::TORQUE_DEMAND, |device| device.axis.motor.torque.round() as i64),
+    (object::TORQUE_ACTUAL, |device| device.axis.motor.torque.round() as i64),
+    (object::FOLLOWING_ERROR, |device| device.axis.following_error().into()),
+    (object::DIGITAL_INPUTS, |device| device.axis.switches().bits().into()),
+];

@@ -8,7 +8,6 @@ pub(super) struct Bounds {
     pub(super) deceleration: f64,
 }
 
-/// Demanded position and velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Ramp {
     pub(super) position: f64,
@@ -16,12 +15,10 @@ pub(super) struct Ramp {
 }
 
 impl Ramp {
-    /// At rest at a position.
     pub(super) const fn at(position: f64) -> Self {
         Self { position, velocity: 0.0 }
     }
 
-    /// Advances one step towards a velocity.
     pub(super) fn towards_velocity(&mut self, seconds: f64, velocity: f64, bounds: &Bounds) {
         let before = self.velocity;
         let wanted = velocity.clamp(-bounds.velocity, bounds.velocity);

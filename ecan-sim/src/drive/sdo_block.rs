@@ -3,50 +3,44 @@
 use ecan_canopen::{BlockSegment, ClientFrame, MAX_BLOCK_SIZE, ServerFrame, block_crc};
 use ecan_protocol::object::AbortCode;
 
+use super::device::Device;
 use super::dictionary::LONGEST;
-use super::sdo_server::{Bytes, Objects, Phase, SdoServer, TransferError};
+use super::sdo_server::{Phase, SdoServer, TransferError};
 
 const INVALID_BLOCK_SIZE: AbortCode = AbortCode(0x0504_0002);
 const INVALID_SEQUENCE: AbortCode = AbortCode(0x0504_0003);
 const CRC: AbortCode = AbortCode(0x0504_0004);
 
-/// Bytes per segment.
 const SEGMENT: usize = 7;
 
 impl SdoServer {
     pub(super) fn block_frame(
         &mut self,
         frame: ClientFrame,
-        objects: &mut dyn Objects,
+        device: &mut Device,
     ) -> Result<Option<ServerFrame>, TransferError> {
         match frame {
             ClientFrame::BlockUpload { index, subindex, block_size, switch_threshold, crc } => {
                 self.begin(index, subindex);
-                self.begin_block_upload(block_size, switch_threshold, crc, objects).map(Some)
+                self.begin_block_upload(block_size, switch_threshold, crc, device).map(Some)
             }
-            ClientFrame::BlockUploadStart => {
-                if self.phase != Phase::BlockUploadReady {
-                    return Err(AbortCode::COMMAND.into());
-                }
+            ClientFrame::BlockUploadStart if self.phase == Phase::BlockUploadReady => {
                 self.phase = Phase::BlockUpload { sequence: 1 };
                 Ok(None)
             }
             ClientFrame::BlockUploadAck { received, block_size } => {
                 self.block_upload_ack(received, block_size)
             }
-            ClientFrame::BlockUploadEnd => {
-                if self.phase != Phase::BlockUploadEnd {
-                    return Err(AbortCode::COMMAND.into());
-                }
+            ClientFrame::BlockUploadEnd if self.phase == Phase::BlockUploadEnd => {
                 self.phase = Phase::Idle;
                 Ok(None)
             }
             ClientFrame::BlockDownload { index, subindex, size, crc } => {
                 self.begin(index, subindex);
-                if !self.support.known {
+                if !self.has_block_transfer {
                     return Err(AbortCode::COMMAND.into());
                 }
-                objects.begin_download(index, subindex, size.map(|size| size as usize))?;
+                device.begin_download(index, subindex, size.map(|size| size as usize))?;
                 self.announced = size;
                 self.with_crc = crc;
                 self.block_size = MAX_BLOCK_SIZE;
@@ -54,8 +48,10 @@ impl SdoServer {
                 let block_size = self.block_size;
                 Ok(Some(ServerFrame::BlockDownload { index, subindex, block_size, crc: true }))
             }
-            ClientFrame::BlockDownloadEnd { unused, crc } => {
-                self.block_download_end(unused, crc, objects).map(Some)
+            ClientFrame::BlockDownloadEnd { unused, crc }
+                if self.phase == Phase::BlockDownloadEnd =>
+            {
+                self.block_download_end(unused, crc, device).map(Some)
             }
             _ => Err(AbortCode::COMMAND.into()),
         }
@@ -66,18 +62,18 @@ impl SdoServer {
         block_size: u8,
         switch_threshold: u8,
         crc: bool,
-        objects: &mut dyn Objects,
+        device: &mut Device,
     ) -> Result<ServerFrame, TransferError> {
-        if !self.support.known {
+        if !self.has_block_transfer {
             return Err(AbortCode::COMMAND.into());
         }
         if !(1..=MAX_BLOCK_SIZE).contains(&block_size) {
             return Err(INVALID_BLOCK_SIZE.into());
         }
-        objects.upload(self.index, self.subindex, &mut self.buffer)?;
+        device.upload(self.index, self.subindex, &mut self.buffer)?;
         let threshold = usize::from(switch_threshold);
         let is_short = threshold > 0 && self.buffer.len() <= threshold;
-        if is_short || self.support.upload_falls_back {
+        if is_short || self.block_upload_falls_back {
             return Ok(self.upload_response());
         }
         self.with_crc = crc;
@@ -93,7 +89,7 @@ impl SdoServer {
 
     /// The next segment of a block upload, if one is due. Each waits until the bus has sent the
     /// previous one, so that process data can be sent in between.
-    pub(super) fn next_segment(&mut self) -> Option<Bytes> {
+    pub(super) fn next_segment(&mut self) -> Option<[u8; 8]> {
         let Phase::BlockUpload { sequence } = self.phase else { return None };
         let from = self.position + usize::from(sequence - 1) * SEGMENT;
         let rest = self.buffer.get(from..).unwrap_or_default();
@@ -133,19 +129,15 @@ impl SdoServer {
             return Ok(None);
         }
         self.phase = Phase::BlockUploadEnd;
-        let used = match self.buffer.len() % SEGMENT {
-            0 if self.buffer.is_empty() => 0,
-            0 => SEGMENT,
-            used => used,
-        };
-        let unused = (SEGMENT - used) as u8;
+        let segments = self.buffer.len().div_ceil(SEGMENT).max(1);
+        let unused = (segments * SEGMENT - self.buffer.len()) as u8;
         let crc = if self.with_crc { block_crc(0, &self.buffer) } else { 0 };
         Ok(Some(ServerFrame::BlockUploadEnd { unused, crc }))
     }
 
     /// Receives a segment of a block download; `before` is the sequence number of the last one in
     /// order.
-    pub(super) fn block_segment(&mut self, before: u8, segment: BlockSegment) -> Option<Bytes> {
+    pub(super) fn block_segment(&mut self, before: u8, segment: BlockSegment) -> Option<[u8; 8]> {
         let in_order = segment.sequence == before + 1;
         let received = if in_order {
             self.buffer.extend_from_slice(&segment.data);
@@ -174,11 +166,8 @@ impl SdoServer {
         &mut self,
         unused: u8,
         crc: u16,
-        objects: &mut dyn Objects,
+        device: &mut Device,
     ) -> Result<ServerFrame, TransferError> {
-        if self.phase != Phase::BlockDownloadEnd {
-            return Err(AbortCode::COMMAND.into());
-        }
         let length = self.buffer.len().saturating_sub(usize::from(unused));
         self.buffer.truncate(length);
         self.check_length(self.announced, true)?;
@@ -186,7 +175,7 @@ impl SdoServer {
             return Err(CRC.into());
         }
         self.phase = Phase::Idle;
-        objects.download(self.index, self.subindex, &self.buffer)?;
+        device.download(self.index, self.subindex, &self.buffer)?;
         Ok(ServerFrame::BlockDownloadEnd)
     }
 }

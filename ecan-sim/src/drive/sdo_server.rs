@@ -4,15 +4,12 @@
 use ecan_canopen::{BlockSegment, ClientFrame, Initiate, Segment, ServerFrame};
 use ecan_protocol::object::AbortCode;
 
+use super::config::DriveQuirks;
+use super::device::Device;
 use super::dictionary::LONGEST;
 
-/// Data of an SDO frame.
-pub(super) type Bytes = [u8; 8];
-
-/// Reason for ending a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TransferError {
-    /// The transfer is aborted.
     Abort(AbortCode),
     /// The request gets no response.
     Silence,
@@ -24,36 +21,6 @@ impl From<AbortCode> for TransferError {
     }
 }
 
-/// The objects that the server reads and writes.
-pub(super) trait Objects {
-    /// Reads an object into `out`.
-    fn upload(&mut self, index: u16, subindex: u8, out: &mut Vec<u8>) -> Result<(), TransferError>;
-
-    /// Checks whether a download of `length` bytes may start.
-    fn begin_download(
-        &mut self,
-        index: u16,
-        subindex: u8,
-        length: Option<usize>,
-    ) -> Result<(), TransferError>;
-
-    /// Writes a value.
-    fn download(&mut self, index: u16, subindex: u8, value: &[u8]) -> Result<(), TransferError>;
-
-    /// Size of an object's type, for expedited downloads without size.
-    fn size(&self, index: u16, subindex: u8) -> Option<usize>;
-}
-
-/// Support of block transfers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct BlockSupport {
-    /// Block transfers are supported.
-    pub(super) known: bool,
-    /// Block uploads are answered as segmented ones.
-    pub(super) upload_falls_back: bool,
-}
-
-/// Phase of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Phase {
     Idle,
@@ -67,10 +34,11 @@ pub(super) enum Phase {
     BlockDownloadEnd,
 }
 
-/// The server with its one transfer.
 #[derive(Clone, Debug)]
 pub(super) struct SdoServer {
-    pub(super) support: BlockSupport,
+    pub(super) has_block_transfer: bool,
+    /// Block uploads are answered as segmented ones.
+    pub(super) block_upload_falls_back: bool,
     pub(super) index: u16,
     pub(super) subindex: u8,
     pub(super) phase: Phase,
@@ -87,9 +55,10 @@ pub(super) struct SdoServer {
 const BUFFER: usize = 1_024;
 
 impl SdoServer {
-    pub(super) fn new(support: BlockSupport) -> Self {
+    pub(super) fn new(quirks: &DriveQuirks) -> Self {
         Self {
-            support,
+            has_block_transfer: !quirks.no_block_transfer,
+            block_upload_falls_back: quirks.block_upload_falls_back,
             index: 0,
             subindex: 0,
             phase: Phase::Idle,
@@ -101,13 +70,11 @@ impl SdoServer {
         }
     }
 
-    /// Discards a transfer in progress.
     pub(super) fn restart(&mut self) {
         self.phase = Phase::Idle;
     }
 
-    /// Receives a client frame; returns the response, if any.
-    pub(super) fn receive(&mut self, data: &[u8], objects: &mut dyn Objects) -> Option<Bytes> {
+    pub(super) fn receive(&mut self, data: &[u8], device: &mut Device) -> Option<[u8; 8]> {
         // Segments of a block download have no command specifier; the phase identifies them.
         if let Phase::BlockDownload { sequence } = self.phase
             && let Some(segment) = BlockSegment::parse(data)
@@ -118,8 +85,7 @@ impl SdoServer {
             // A frame of the wrong length is ignored; an unknown command is aborted.
             return (data.len() == 8).then(|| self.abort(AbortCode::COMMAND));
         };
-        let response = self.frame(frame, objects);
-        match response {
+        match self.frame(frame, device) {
             Ok(response) => response.map(ServerFrame::to_bytes),
             Err(TransferError::Abort(code)) => Some(self.abort(code)),
             Err(TransferError::Silence) => {
@@ -132,26 +98,26 @@ impl SdoServer {
     fn frame(
         &mut self,
         frame: ClientFrame,
-        objects: &mut dyn Objects,
+        device: &mut Device,
     ) -> Result<Option<ServerFrame>, TransferError> {
         Ok(match frame {
             ClientFrame::Upload { index, subindex } => {
                 self.begin(index, subindex);
-                objects.upload(index, subindex, &mut self.buffer)?;
+                device.upload(index, subindex, &mut self.buffer)?;
                 Some(self.upload_response())
             }
             ClientFrame::UploadSegment { toggle } => Some(self.upload_segment(toggle)?),
             ClientFrame::Download { index, subindex, initiate } => {
                 self.begin(index, subindex);
-                self.begin_download(initiate, objects)?;
+                self.begin_download(initiate, device)?;
                 Some(ServerFrame::Download { index, subindex })
             }
-            ClientFrame::DownloadSegment(segment) => Some(self.download_segment(segment, objects)?),
+            ClientFrame::DownloadSegment(segment) => Some(self.download_segment(segment, device)?),
             ClientFrame::Abort { .. } => {
                 self.phase = Phase::Idle;
                 None
             }
-            block => return self.block_frame(block, objects),
+            block => return self.block_frame(block, device),
         })
     }
 
@@ -164,8 +130,7 @@ impl SdoServer {
         self.buffer.clear();
     }
 
-    /// Aborts the transfer.
-    pub(super) fn abort(&mut self, code: AbortCode) -> Bytes {
+    pub(super) fn abort(&mut self, code: AbortCode) -> [u8; 8] {
         self.phase = Phase::Idle;
         ServerFrame::Abort { index: self.index, subindex: self.subindex, code }.to_bytes()
     }
@@ -198,21 +163,21 @@ impl SdoServer {
     fn begin_download(
         &mut self,
         initiate: Initiate,
-        objects: &mut dyn Objects,
+        device: &mut Device,
     ) -> Result<(), TransferError> {
         let (index, subindex) = (self.index, self.subindex);
         match initiate {
             Initiate::Expedited { data, length } => {
                 // Without a size that of the object's type counts.
                 let length = length
-                    .map_or_else(|| objects.size(index, subindex).unwrap_or(4).min(4), usize::from);
+                    .map_or_else(|| device.size(index, subindex).unwrap_or(4).min(4), usize::from);
                 let value = data.get(..length).unwrap_or(&data);
-                objects.begin_download(index, subindex, Some(value.len()))?;
-                objects.download(index, subindex, value)
+                device.begin_download(index, subindex, Some(value.len()))?;
+                device.download(index, subindex, value)
             }
             Initiate::Segmented { size } => {
                 let length = size.map(|size| size as usize);
-                objects.begin_download(index, subindex, length)?;
+                device.begin_download(index, subindex, length)?;
                 self.phase = Phase::Download { toggle: false, announced: size };
                 Ok(())
             }
@@ -222,7 +187,7 @@ impl SdoServer {
     fn download_segment(
         &mut self,
         segment: Segment,
-        objects: &mut dyn Objects,
+        device: &mut Device,
     ) -> Result<ServerFrame, TransferError> {
         let Phase::Download { toggle, announced } = self.phase else {
             return Err(AbortCode::COMMAND.into());
@@ -234,7 +199,7 @@ impl SdoServer {
         self.check_length(announced, segment.last)?;
         if segment.last {
             self.phase = Phase::Idle;
-            objects.download(self.index, self.subindex, &self.buffer)?;
+            device.download(self.index, self.subindex, &self.buffer)?;
         } else {
             self.phase = Phase::Download { toggle: !toggle, announced };
         }

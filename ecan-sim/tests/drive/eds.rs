@@ -2,7 +2,7 @@
 
 use crate::fixture::{Fixture, MS, config};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
-use ecan_sim::{Drive, EdsError, EdsErrorKind};
+use ecan_sim::{Drive, EdsError};
 use proptest::prelude::*;
 
 /// A small device; the tests change it line by line.
@@ -119,7 +119,7 @@ fn wrong(line: &str, with: &str) -> (usize, String) {
     let changed: Vec<_> = SMALL.lines().map(|l| if l == line { with } else { l }).collect();
     assert!(SMALL.lines().any(|l| l == line), "{line}");
     let error = read(&changed.join("\n")).unwrap_err();
-    (error.line, error.kind.to_string())
+    (error.line, error.reason)
 }
 
 /// Line number of a text in the small device, from 1.
@@ -209,13 +209,12 @@ fn every_error_has_line_and_text() {
 fn invalid_access_and_missing_mandatory_object_are_reported() {
     let text = SMALL.replacen("AccessType=rw", "AccessType=wr", 1);
     let error = read(&text).unwrap_err();
-    assert_eq!(error.kind, EdsErrorKind::Access { text: "wr".to_owned() });
     assert_eq!(
         error.to_string(),
         "line 45: invalid access type `wr`; allowed: const, ro, wo, rw, rwr, rww"
     );
     let text = SMALL.replace("SupportedObjects=3", "SupportedObjects=2").replace("[1018", "[x1018");
-    assert_eq!(read(&text).unwrap_err().kind, EdsErrorKind::Mandatory { index: 0x1018 });
+    assert_eq!(read(&text).unwrap_err().reason, "mandatory object 1018 is missing");
 }
 
 proptest! {
