@@ -2,23 +2,38 @@ use ecan_protocol::config::{CrcTest, DiagnosticTest, RxBypass, Sides, TxBypass};
 use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::Direction;
 
-use super::profile_control::Profiles;
+use super::profile_control::ProfileControl;
 
 /// Profiles of 0x8010 and 0x8011 and test policies of 0x8030.
 #[derive(Debug)]
 pub(super) struct ActiveOptions {
-    pub(super) profiles: Profiles,
+    pub(super) tx: ProfileControl,
+    pub(super) rx: ProfileControl,
     pub(super) test: DiagnosticTest,
 }
 
 impl ActiveOptions {
     pub(super) fn new() -> Self {
-        Self { profiles: Profiles::new(), test: DiagnosticTest::OFF }
+        let [tx, rx] = [Direction::TxPdo, Direction::RxPdo].map(ProfileControl::new);
+        Self { tx, rx, test: DiagnosticTest::OFF }
+    }
+
+    pub(super) fn of(&self, direction: Direction) -> &ProfileControl {
+        match direction {
+            Direction::TxPdo => &self.tx,
+            Direction::RxPdo => &self.rx,
+        }
+    }
+
+    pub(super) fn of_mut(&mut self, direction: Direction) -> &mut ProfileControl {
+        match direction {
+            Direction::TxPdo => &mut self.tx,
+            Direction::RxPdo => &mut self.rx,
+        }
     }
 
     pub(super) fn has(&self, direction: Direction, option: OptionFlags) -> bool {
-        let profile = self.profiles.of(direction).active();
-        profile.is_some_and(|profile| profile.options.contains(option))
+        self.of(direction).active.is_some_and(|profile| profile.options.contains(option))
     }
 
     pub(super) fn uses_crc(&self, direction: Direction) -> bool {

@@ -16,25 +16,21 @@ pub(super) enum Requirement {
 
 #[derive(Debug)]
 pub(super) struct AlStateMachine {
-    state: AlState,
-    error: bool,
-    status_code: AlStatusCode,
+    pub(super) state: AlState,
+    pub(super) has_error: bool,
+    pub(super) status_code: AlStatusCode,
     /// Since when OP is requested and the first Sync0 pulse awaited.
-    awaiting_sync_since: Option<u64>,
+    pub(super) awaiting_sync_since: Option<u64>,
 }
 
 impl AlStateMachine {
     pub(super) fn new() -> Self {
         Self {
             state: AlState::Init,
-            error: false,
+            has_error: false,
             status_code: AlStatusCode::OK,
             awaiting_sync_since: None,
         }
-    }
-
-    pub(super) fn state(&self) -> AlState {
-        self.state
     }
 
     pub(super) fn is_op(&self) -> bool {
@@ -45,23 +41,15 @@ impl AlStateMachine {
         exchanges_process_data(self.state)
     }
 
-    pub(super) fn has_error(&self) -> bool {
-        self.error
-    }
-
-    pub(super) fn status_code(&self) -> AlStatusCode {
-        self.status_code
-    }
-
     /// Acknowledges a pending error and ends the wait for Sync0, as each request does.
     pub(super) fn acknowledge(&mut self) {
-        self.error = false;
+        self.has_error = false;
         self.status_code = AlStatusCode::OK;
         self.awaiting_sync_since = None;
     }
 
     pub(super) fn fail(&mut self, code: AlStatusCode) {
-        self.error = true;
+        self.has_error = true;
         self.status_code = code;
     }
 
@@ -81,18 +69,6 @@ impl AlStateMachine {
 
     pub(super) fn enter(&mut self, to: AlState) -> StateChange {
         StateChange { from: std::mem::replace(&mut self.state, to), to }
-    }
-
-    pub(super) fn await_sync(&mut self, now: u64) {
-        self.awaiting_sync_since = Some(now);
-    }
-
-    pub(super) fn awaiting_sync_since(&self) -> Option<u64> {
-        self.awaiting_sync_since
-    }
-
-    pub(super) fn stop_awaiting_sync(&mut self) {
-        self.awaiting_sync_since = None;
     }
 }
 
@@ -174,10 +150,10 @@ mod tests {
     fn request_acknowledges_a_pending_error() {
         let mut machine = in_state(SafeOp);
         machine.fail(AlStatusCode::SM_WATCHDOG);
-        machine.await_sync(5);
-        assert_eq!((machine.has_error(), machine.status_code().0), (true, 0x1B));
+        machine.awaiting_sync_since = Some(5);
+        assert_eq!((machine.has_error, machine.status_code.0), (true, 0x1B));
         machine.acknowledge();
-        assert_eq!((machine.has_error(), machine.status_code()), (false, AlStatusCode::OK));
-        assert_eq!(machine.awaiting_sync_since(), None);
+        assert_eq!((machine.has_error, machine.status_code), (false, AlStatusCode::OK));
+        assert_eq!(machine.awaiting_sync_since, None);
     }
 }

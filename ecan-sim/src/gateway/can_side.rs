@@ -7,18 +7,24 @@ use crate::bus::{ErrorState, StationConfig};
 use super::Gateway;
 use super::application::Application;
 use super::channel::Channel;
+use super::counters::GatewayCounters;
 use super::emergency::Emergency;
 
 impl Gateway {
     /// The channel at a connector, by the active pin rotation (0x8000:13).
     fn channel_at(&self, connector: usize) -> Option<&Channel> {
         let Application { pins, data_path, .. } = &self.application;
-        data_path.channels.get(pins.channel_at(connector)?)
+        Some(&data_path.channels[pins.channel_at(connector)?])
     }
 
-    fn channel_at_mut(&mut self, connector: usize) -> Option<&mut Channel> {
+    /// The same with its number, for changes.
+    fn channel_at_mut(
+        &mut self,
+        connector: usize,
+    ) -> Option<(usize, &mut Channel, &mut GatewayCounters)> {
         let Application { pins, data_path, .. } = &mut self.application;
-        data_path.channels.get_mut(pins.channel_at(connector)?)
+        let number = pins.channel_at(connector)?;
+        Some((number, &mut data_path.channels[number], &mut data_path.counters))
     }
 
     /// How the controller at a connector (0 to 3) takes part in its bus; `None` while it is
@@ -33,7 +39,7 @@ impl Gateway {
     #[must_use]
     pub fn station_generation(&self, connector: usize) -> u32 {
         let restarts =
-            self.channel_at(connector).map_or(0, |channel| channel.controller.generation());
+            self.channel_at(connector).map_or(0, |channel| channel.controller.generation);
         // a rotation connects another controller, which may have the same number of restarts
         restarts.wrapping_add(self.application.pins.changes() << 16)
     }
@@ -41,44 +47,40 @@ impl Gateway {
     /// Takes the next frame that the controller at a connector puts into arbitration; `None`
     /// without one, or while the last one is neither confirmed nor abandoned.
     pub fn next_transmit(&mut self, connector: usize) -> Option<CanFrame> {
-        self.channel_at_mut(connector)?.controller.next_transmit()
+        self.channel_at_mut(connector)?.1.controller.next_transmit()
     }
 
     /// The bus confirms the frame that was taken last.
     pub fn transmitted(&mut self, now: u64, connector: usize, _frame: &CanFrame) {
         self.advance(now);
-        let channel = self.channel_at_mut(connector);
-        let confirmed = channel.is_some_and(|channel| channel.controller.transmitted());
-        self.counters.frames_on_bus += u64::from(confirmed);
+        if let Some((_, channel, counters)) = self.channel_at_mut(connector) {
+            counters.frames_on_bus += u64::from(channel.controller.transmitted());
+        }
     }
 
     /// The bus abandoned the frame that was taken last (automatic retransmission is off).
     pub fn abandoned(&mut self, now: u64, connector: usize, _frame: &CanFrame) {
         self.advance(now);
-        let channel = self.channel_at_mut(connector);
-        let abandoned = channel.is_some_and(|channel| channel.controller.abandoned());
-        self.counters.transmit_losses.not_retransmitted += u64::from(abandoned);
+        if let Some((_, channel, counters)) = self.channel_at_mut(connector) {
+            let abandoned = channel.controller.abandoned();
+            counters.transmit_losses.not_retransmitted += u64::from(abandoned);
+        }
     }
 
     /// A frame arrives from the bus, complete at `now`.
     pub fn received(&mut self, now: u64, connector: usize, frame: &CanFrame, start_ns: u64) {
         self.advance(now);
-        let Application { pins, data_path, .. } = &mut self.application;
-        if let Some(number) = pins.channel_at(connector)
-            && let Some(channel) = data_path.channels.get_mut(number)
-        {
-            channel.controller.receive(frame, start_ns, now, &mut self.counters);
+        if let Some((_, channel, counters)) = self.channel_at_mut(connector) {
+            channel.controller.receive(frame, start_ns, now, counters);
         }
     }
 
     /// The bus reports error state and error counters of the controller at a connector.
     pub fn bus_state(&mut self, now: u64, connector: usize, state: ErrorState, tec: u16, rec: u16) {
         self.advance(now);
-        let Application { pins, data_path, .. } = &mut self.application;
-        let Some(number) = pins.channel_at(connector) else { return };
-        let Some(channel) = data_path.channels.get_mut(number) else { return };
+        let Some((number, channel, counters)) = self.channel_at_mut(connector) else { return };
         let was_bus_off = channel.controller.is_bus_off();
-        channel.bus_state(state, tec, rec, &mut self.counters);
+        channel.bus_state(state, tec, rec, counters);
         match (was_bus_off, channel.controller.is_bus_off()) {
             (false, true) => self.raise_emergency(Emergency::bus_off(number)),
             (true, false) => self.raise_emergency(Emergency::bus_off_recovered(number)),
@@ -88,7 +90,7 @@ impl Gateway {
 
     /// Takes a request of the controller at a connector to recover from bus-off.
     pub fn take_recovery_request(&mut self, connector: usize) -> bool {
-        self.channel_at_mut(connector)
-            .is_some_and(|channel| channel.controller.take_recovery_request())
+        let channel = self.channel_at_mut(connector);
+        channel.is_some_and(|(_, channel, _)| channel.controller.take_recovery_request())
     }
 }

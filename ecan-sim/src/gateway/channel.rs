@@ -6,10 +6,10 @@ use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
 use crate::bus::ErrorState;
 
-use super::controller::{Controller, ControllerConfig, Rejection};
+use super::controller::{Controller, ControllerConfig, Rejection, STATUS_REGISTERS};
 use super::counters::{GatewayCounters, ReceiveLosses, TransmitLosses};
-use super::receive_path::ReceivePath;
-use super::transmit_path::TransmitPath;
+use super::receive_path::{ReceiveCounters, ReceivePath};
+use super::transmit_path::{TransmitCounters, TransmitPath};
 
 /// Latched channel events, 0x9000:12. The manual names them but not their bits.
 mod event {
@@ -39,14 +39,14 @@ pub(super) mod path_error {
     pub(in crate::gateway) const SCHEDULE: u32 = 6;
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Channel {
     pub(super) controller: Controller,
     pub(super) receive: ReceivePath,
     pub(super) transmit: TransmitPath,
     pub(super) policy: DataPathConfig,
     /// The policy applied last; not active while it is disabled.
-    requested: DataPathConfig,
+    pub(super) requested: DataPathConfig,
     /// The last apply of 0x8001..0x8004 failed.
     pub(super) apply_failed: bool,
     bus_off_count: u32,
@@ -71,45 +71,24 @@ impl Channel {
             controller: Controller::new(),
             receive: ReceivePath::new(),
             transmit: TransmitPath::new(),
-            policy: DataPathConfig::default(),
-            requested: DataPathConfig::default(),
-            apply_failed: false,
-            bus_off_count: 0,
-            recovery_attempts: 0,
-            recovery_countdown: None,
-            waits_for_master: false,
-            events: 0,
-            detail_pending: false,
-            detail_sequence: 0,
-            last_error: 0,
-            service_cycles_last: 0,
-            service_cycles_max: 0,
-            last_state: ChannelState::Disabled,
+            ..Self::default()
         }
     }
 
     pub(super) fn power_off(&mut self, counters: &mut GatewayCounters) {
-        self.flush_receive(counters);
-        self.transmit.flush_into(counters);
-        self.controller.restart(None, counters);
-        let controller = std::mem::replace(&mut self.controller, Controller::new());
-        *self = Self::new(self.tx_pressure_percent);
-        self.controller = controller;
+        self.restart(None, counters);
+        let controller = std::mem::take(&mut self.controller);
+        *self = Self { controller, ..Self::new(self.tx_pressure_percent) };
     }
 
     /// Restarts the controller with a configuration; waiting frames are lost.
-    pub(super) fn apply(&mut self, config: ControllerConfig, counters: &mut GatewayCounters) {
+    pub(super) fn restart(
+        &mut self,
+        config: Option<ControllerConfig>,
+        counters: &mut GatewayCounters,
+    ) {
         self.flush_receive(counters);
-        self.transmit.flush_into(counters);
-        self.controller.restart(Some(config), counters);
-        self.apply_failed = false;
-        self.end_recovery();
-    }
-
-    pub(super) fn restart_in_place(&mut self, counters: &mut GatewayCounters) {
-        let config = self.controller.config().cloned();
-        self.flush_receive(counters);
-        self.transmit.flush_into(counters);
+        counters.transmit_losses.stale += self.transmit.flush() as u64;
         self.controller.restart(config, counters);
         self.end_recovery();
     }
@@ -127,11 +106,6 @@ impl Channel {
         if self.controller.is_bus_off() {
             self.plan_recovery();
         }
-    }
-
-    /// Active word of the policy applied last, 0x8021:20.
-    pub(super) fn policy_word(&self) -> u32 {
-        self.requested.active_word()
     }
 
     /// Drops all frames that wait to be sent, except the one in arbitration.
@@ -191,13 +165,10 @@ impl Channel {
 
     /// One service of the countdown to automatic recovery.
     pub(super) fn serve_recovery(&mut self) {
-        match self.recovery_countdown {
-            Some(0) => {
-                self.recovery_countdown = None;
-                self.attempt_recovery();
-            }
-            Some(left) => self.recovery_countdown = Some(left - 1),
-            None => {}
+        let left = self.recovery_countdown;
+        self.recovery_countdown = left.and_then(|left| left.checked_sub(1));
+        if left == Some(0) {
+            self.attempt_recovery();
         }
     }
 
@@ -207,20 +178,16 @@ impl Channel {
         frame: &CanFrame,
         losses: &mut TransmitLosses,
     ) -> Result<(), ResultCode> {
-        let Err(rejection) = self.controller.accepts(frame) else {
-            return Ok(());
-        };
-        self.note_rejection(rejection);
-        match rejection {
-            Rejection::BusOff => {
+        self.controller.accepts(frame).map_err(|rejection| {
+            self.note_rejection(rejection);
+            if rejection == Rejection::BusOff {
                 losses.bus_off += 1;
-                Err(ResultCode::BusOff)
-            }
-            Rejection::CannotSend | Rejection::Full => {
+                ResultCode::BusOff
+            } else {
                 losses.invalid_channel += 1;
-                Err(ResultCode::InvalidChannel)
+                ResultCode::InvalidChannel
             }
-        }
+        })
     }
 
     pub(super) fn note_rejection(&mut self, rejection: Rejection) {
@@ -233,13 +200,13 @@ impl Channel {
 
     fn degraded_state(&self) -> u16 {
         let bit = |on: bool, mask: u16| if on { mask } else { 0 };
-        bit(self.receive.is_degraded(), degraded::RECEIVE)
-            | bit(self.transmit.is_degraded(), degraded::TRANSMIT)
+        bit(self.receive.is_degraded, degraded::RECEIVE)
+            | bit(self.transmit.is_degraded, degraded::TRANSMIT)
             | bit(self.waits_for_master, degraded::BUS_OFF)
     }
 
     fn state(&self) -> ChannelState {
-        if self.controller.config().is_none() {
+        if self.controller.config.is_none() {
             return if self.apply_failed { ChannelState::Error } else { ChannelState::Disabled };
         }
         if self.controller.is_stopped() {
@@ -297,14 +264,14 @@ impl Channel {
 
     /// Channel status word (manual 7), with `scheduled` frames in the schedule queue.
     pub(super) fn status(&self, scheduled: usize) -> ChannelStatus {
-        let saturate = |count: usize| u8::try_from(count.min(7)).unwrap_or(7);
+        let saturate = |count: usize| count.min(7) as u8;
         let rx = self.rx_pending();
         let tx = self.tx_pending(scheduled);
         let degraded = self.degraded_state() != 0;
         ChannelStatus::default()
             .with_state(self.state())
             .with_fd_enabled(self.controller.station().is_some_and(|station| station.fd))
-            .with_warn(self.controller.error_state() != ErrorState::Active || degraded)
+            .with_warn(self.controller.error_state != ErrorState::Active || degraded)
             .with_bus_off(self.controller.is_bus_off())
             .with_rx_pressure(self.rx_pressure())
             .with_tx_pressure(self.tx_pressure())
@@ -317,7 +284,7 @@ impl Channel {
     /// Error, bus-off or congestion, reported by ANY_CHANNEL_ERROR (manual 6).
     pub(super) fn has_error(&self) -> bool {
         matches!(self.state(), ChannelState::Error | ChannelState::BusOff)
-            || self.controller.error_state() != ErrorState::Active
+            || self.controller.error_state != ErrorState::Active
             || self.rx_pressure()
             || self.tx_pressure()
     }
@@ -331,10 +298,10 @@ impl Channel {
         losses: &mut ReceiveLosses,
     ) -> u32 {
         self.take_controller_losses();
-        let dropped_before = self.receive.dropped_total;
-        let policy = self.policy;
-        let drained = self.receive.drain(&mut self.controller, &policy, allowance, carried, losses);
-        if self.receive.dropped_total != dropped_before {
+        let dropped_before = self.receive.counters.dropped_total;
+        let Self { receive, controller, policy, .. } = self;
+        let drained = receive.drain(controller, policy, allowance, carried, losses);
+        if self.receive.counters.dropped_total != dropped_before {
             self.last_error = path_error::RX_OVERFLOW;
         }
         drained
@@ -354,16 +321,8 @@ impl Channel {
 
     /// A value of 0x9000..0x9003. Reading the latched events acknowledges them.
     pub(super) fn information(&mut self, subindex: u8, scheduled: usize) -> Option<u32> {
-        let controller = &self.controller;
         Some(match subindex {
-            1 => controller.error_counter_register(),
-            2 => controller.protocol_status_register(),
-            3 => controller.interrupt_register(),
-            4 => controller.fifo0_register(),
-            5 => controller.fifo1_register(),
-            6 => controller.transmit_register(),
-            7 => controller.event_register(),
-            8 => controller.high_priority_register(),
+            1..=8 => self.controller.read_register(STATUS_REGISTERS[usize::from(subindex) - 1]),
             9 => u32::from(self.status(scheduled).raw()),
             10 => self.rx_pending() as u32,
             11 => self.tx_pending(scheduled) as u32,
@@ -372,8 +331,8 @@ impl Channel {
                 self.acknowledge_details();
                 events
             }
-            13 => self.receive.dropped_total,
-            14 => self.transmit.backpressure,
+            13 => self.receive.counters.dropped_total,
+            14 => self.transmit.counters.backpressure,
             15 => self.bus_off_count,
             16 => self.detail_sequence,
             _ => return None,
@@ -382,9 +341,9 @@ impl Channel {
 
     /// A value of 0x9020..0x9023.
     pub(super) fn diagnostics(&self, subindex: u8) -> Option<u32> {
-        let Self { receive, transmit, .. } = self;
+        let (receive, transmit) = (&self.receive.counters, &self.transmit.counters);
         Some(match subindex {
-            1 => receive.waiting() as u32,
+            1 => self.receive.waiting() as u32,
             2 => u32::from(receive.high_watermark),
             3 => u32::from(receive.drained_last),
             4 => u32::from(receive.drained_max),
@@ -407,8 +366,8 @@ impl Channel {
     }
 
     pub(super) fn clear_diagnostics(&mut self) {
-        self.receive.clear_counters();
-        self.transmit.clear_counters();
+        self.receive.counters = ReceiveCounters::default();
+        self.transmit.counters = TransmitCounters::default();
         self.controller.frames_lost = 0;
         self.bus_off_count = 0;
         self.recovery_attempts = 0;

@@ -1,6 +1,6 @@
 use ecan_protocol::config::{
-    ApplyStatus, BitTimingMode, ChannelFault, ConfigObject, FilterCommand, FilterCommandStatus,
-    FilterWindow, McanChannelConfig, NodeMode,
+    ApplyStatus, BitTimingMode, ChannelFault, ConfigObject, EXTENDED_FILTERS_MAX, FilterCommand,
+    FilterCommandStatus, FilterWindow, McanChannelConfig, NodeMode, STANDARD_FILTERS_MAX,
 };
 
 use crate::bus::{StationConfig, StationMode};
@@ -36,21 +36,8 @@ pub(super) struct FilterLists {
 
 impl FilterLists {
     pub(super) fn new() -> Self {
-        Self {
-            standard: vec![
-                FilterElement::default();
-                usize::from(ecan_protocol::config::STANDARD_FILTERS_MAX)
-            ],
-            extended: vec![
-                FilterElement::default();
-                usize::from(ecan_protocol::config::EXTENDED_FILTERS_MAX)
-            ],
-        }
-    }
-
-    pub(super) fn clear(&mut self) {
-        self.standard.fill(FilterElement::default());
-        self.extended.fill(FilterElement::default());
+        let list = |size: u8| vec![FilterElement::default(); size.into()];
+        Self { standard: list(STANDARD_FILTERS_MAX), extended: list(EXTENDED_FILTERS_MAX) }
     }
 
     /// All elements, standard before extended ones.
@@ -121,11 +108,13 @@ fn edit(
     FilterCommandStatus::Ok
 }
 
-pub(super) type Built = Result<ControllerConfig, ApplyStatus>;
-
 /// `BuildFail` for undefined or out-of-range values and for a bit rate without timing;
 /// `RuntimeFail` for too small a Message RAM or too few transmit elements.
-pub(super) fn build(values: &DictionaryValues, channel: u8, filters: &FilterLists) -> Built {
+pub(super) fn build(
+    values: &DictionaryValues,
+    channel: u8,
+    filters: &FilterLists,
+) -> Result<ControllerConfig, ApplyStatus> {
     let index = FIRST_CHANNEL_OBJECT + u16::from(channel);
     let config = McanChannelConfig::from_values(|subindex| values.get(index, subindex))
         .map_err(|_| ApplyStatus::BuildFail)?;

@@ -21,9 +21,6 @@ const FILTER_BYTES: usize = 11;
 
 const COMMON_OBJECTS: [u16; 8] = [0x8000, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022, 0x8023, 0x8024];
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct CrcError;
-
 /// A saved configuration, in the parts that are saved and loaded separately.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ConfigurationImage {
@@ -48,8 +45,7 @@ fn saved_entries(index: u16) -> impl Iterator<Item = &'static Entry> {
 fn save_object(index: u16, values: &DictionaryValues, out: &mut Vec<u8>) {
     for entry in saved_entries(index) {
         let bytes = values.get(index, entry.subindex).to_le_bytes();
-        let size = entry.ty.size_bytes().unwrap_or(bytes.len());
-        out.extend(bytes.iter().take(size));
+        out.extend(bytes.iter().take(entry.ty.size_bytes().unwrap_or(bytes.len())));
     }
 }
 
@@ -62,9 +58,7 @@ fn restore_object(index: u16, values: &mut DictionaryValues, bytes: &mut &[u8]) 
         };
         *bytes = rest;
         let mut raw = [0; 4];
-        for (to, from) in raw.iter_mut().zip(field) {
-            *to = *from;
-        }
+        raw[..size].copy_from_slice(field);
         values.set(index, entry.subindex, u32::from_le_bytes(raw));
     }
 }
@@ -94,16 +88,12 @@ impl ConfigurationImage {
         runs: [bool; CHANNELS],
     ) -> Self {
         let mut common = Vec::new();
-        for index in COMMON_OBJECTS {
-            save_object(index, values, &mut common);
-        }
+        COMMON_OBJECTS.into_iter().for_each(|index| save_object(index, values, &mut common));
         let mut channels = [const { Vec::new() }; CHANNELS];
-        let indices = FIRST_CHANNEL_OBJECT..;
-        for (((out, lists), runs), index) in channels.iter_mut().zip(filters).zip(runs).zip(indices)
-        {
-            out.push(u8::from(runs));
-            save_object(index, values, out);
-            for element in lists.elements() {
+        for (number, out) in channels.iter_mut().enumerate() {
+            out.push(u8::from(runs[number]));
+            save_object(FIRST_CHANNEL_OBJECT + number as u16, values, out);
+            for element in filters[number].elements() {
                 save_filter(element, out);
             }
         }
@@ -116,9 +106,7 @@ impl ConfigurationImage {
     }
 
     pub(super) fn replace_channel(&mut self, number: usize, from: &Self) {
-        if let (Some(to), Some(from)) = (self.channels.get_mut(number), from.channels.get(number)) {
-            to.clone_from(from);
-        }
+        self.channels[number].clone_from(&from.channels[number]);
     }
 
     pub(super) fn restore_common(&self, values: &mut DictionaryValues) {
@@ -135,9 +123,7 @@ impl ConfigurationImage {
         values: &mut DictionaryValues,
         lists: &mut FilterLists,
     ) -> bool {
-        let Some((&runs, mut bytes)) =
-            self.channels.get(number).and_then(|channel| channel.split_first())
-        else {
+        let Some((&runs, mut bytes)) = self.channels[number].split_first() else {
             return false;
         };
         restore_object(FIRST_CHANNEL_OBJECT + number as u16, values, &mut bytes);
@@ -150,8 +136,7 @@ impl ConfigurationImage {
 
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = self.checked_bytes();
-        let check = crc32(&bytes);
-        bytes.extend(check.to_le_bytes());
+        bytes.extend(self.crc().to_le_bytes());
         bytes
     }
 
@@ -169,19 +154,20 @@ impl ConfigurationImage {
         bytes
     }
 
-    pub(super) fn parse(bytes: &[u8]) -> Result<Self, CrcError> {
-        let (checked, check) = bytes.split_last_chunk::<4>().ok_or(CrcError)?;
+    /// Parses stored bytes; `None` if their CRC is invalid.
+    pub(super) fn parse(bytes: &[u8]) -> Option<Self> {
+        let (checked, check) = bytes.split_last_chunk::<4>()?;
         if crc32(checked) != u32::from_le_bytes(*check) {
-            return Err(CrcError);
+            return None;
         }
         // valid, so every part has the length of the factory configuration
-        let mut rest = checked.get(PREFIX_BYTES..).ok_or(CrcError)?;
+        let mut rest = checked.get(PREFIX_BYTES..)?;
         let mut image = Self::factory();
         for part in std::iter::once(&mut image.common).chain(&mut image.channels) {
-            let (stored, remaining) = rest.split_at_checked(part.len()).ok_or(CrcError)?;
+            let (stored, remaining) = rest.split_at_checked(part.len())?;
             part.copy_from_slice(stored);
             rest = remaining;
         }
-        Ok(image)
+        Some(image)
     }
 }

@@ -6,32 +6,23 @@
 //! counted. A command acts at its end; a save stores the values of its beginning. One command runs
 //! at a time. Loading restores values and applies each channel that runs, or ran when it was saved;
 //! the same happens with the saved configuration at the start of the gateway. A factory reset also
-//! erases the saved configuration.
+//! erases the saved configuration. An interrupted write leaves bytes with an invalid CRC.
 
 use ecan_protocol::config::ApplyStatus;
 use ecan_protocol::device::{AlState, MaintenanceStatus};
 
 use super::NS_PER_MS;
 use super::application::Application;
-use super::configuration_image::{ConfigurationImage, CrcError};
-use super::counters::GatewayCounters;
+use super::configuration_image::ConfigurationImage;
 use super::fault::PendingFaults;
 use super::firmware_package::FirmwarePackageError;
 use super::firmware_update::{FirmwareUpdate, FirmwareUpdateError};
-use super::flash::Flash;
 use super::maintenance::command;
 
 /// Erasing and writing the sector of the configuration.
 const WRITE_NS: u64 = 20 * NS_PER_MS;
 const LOAD_NS: u64 = NS_PER_MS;
 const VALIDATE_NS: u64 = 5 * NS_PER_MS;
-
-/// Bits of the channel's flash command; they are those of 0xB000:04.
-mod channel_command {
-    pub(super) const SAVE: u32 = 1 << 0;
-    pub(super) const LOAD: u32 = 1 << 1;
-    pub(super) const FACTORY: u32 = 1 << 2;
-}
 
 #[derive(Clone, Copy, Debug)]
 enum Scope {
@@ -58,14 +49,14 @@ pub(super) struct Target<'a> {
     pub(super) application: &'a mut Application,
     pub(super) firmware: &'a mut FirmwareUpdate,
     pub(super) faults: &'a mut PendingFaults,
-    pub(super) counters: &'a mut GatewayCounters,
     pub(super) state: AlState,
     pub(super) now: u64,
 }
 
 #[derive(Debug, Default)]
 pub(super) struct ConfigurationStore {
-    flash: Flash,
+    /// Flash sector, empty if erased; survives power loss.
+    flash: Vec<u8>,
     job: Option<Job>,
 }
 
@@ -84,29 +75,16 @@ impl ConfigurationStore {
 
     /// CRC32 of the saved configuration, 0 without a valid one.
     pub(super) fn stored_crc(&self) -> u32 {
-        self.flash.stored_crc()
+        self.saved().map_or(0, |image| image.crc())
     }
 
     pub(super) fn saved(&self) -> Option<ConfigurationImage> {
-        self.flash.read().ok().flatten()
+        ConfigurationImage::parse(&self.flash)
     }
 
     /// Begins a permitted maintenance command of bits 0 to 4 or bit 6.
     pub(super) fn begin(&mut self, now: u64, bits: u32, current: ConfigurationImage) {
-        let mut duration = 0;
-        for (bit, time) in [
-            (command::SAVE, WRITE_NS),
-            (command::LOAD, LOAD_NS),
-            (command::FACTORY, WRITE_NS),
-            (command::VALIDATE, VALIDATE_NS),
-            (command::ACTIVATE, VALIDATE_NS),
-            (command::REBUILD_EEPROM, WRITE_NS),
-        ] {
-            if bits & bit != 0 {
-                duration += time;
-            }
-        }
-        self.begin_job(now + duration, Scope::Device, bits, current);
+        self.begin_job(now, Scope::Device, bits, current);
     }
 
     /// The error is the status of a rejected command.
@@ -118,28 +96,37 @@ impl ConfigurationStore {
         application: &Application,
         state: AlState,
     ) -> Result<(), ApplyStatus> {
-        use channel_command::{FACTORY, LOAD, SAVE};
         if state == AlState::Op || self.is_busy() {
             return Err(ApplyStatus::Fail);
         }
-        if bits & SAVE != 0 {
+        if bits & command::SAVE != 0 {
             // an invalid configuration is not saved
-            application.build_channel(number).transpose()?;
+            application.build_channel(number)?;
         }
-        let writes = u64::from((bits & SAVE).count_ones() + (bits & FACTORY).count_ones());
-        let loads = u64::from((bits & LOAD).count_ones());
         // the other channels keep their stored configuration
         let mut image = self.saved().unwrap_or_else(ConfigurationImage::factory);
         image.replace_channel(number, &application.configuration());
-        let done_at = now + writes * WRITE_NS + loads * LOAD_NS;
-        self.begin_job(done_at, Scope::Channel(number), bits, image);
+        let bits = bits & (command::SAVE | command::LOAD | command::FACTORY);
+        self.begin_job(now, Scope::Channel(number), bits, image);
         Ok(())
     }
 
-    fn begin_job(&mut self, done_at: u64, scope: Scope, bits: u32, image: ConfigurationImage) {
+    fn begin_job(&mut self, now: u64, scope: Scope, bits: u32, image: ConfigurationImage) {
         if bits & (command::SAVE | command::FACTORY) != 0 {
-            self.flash.begin_change();
+            // the contents are invalid until the end; erased cells read as ones
+            self.flash.truncate(self.flash.len() / 2);
+            self.flash.push(0xFF);
         }
+        let durations = [
+            (command::SAVE, WRITE_NS),
+            (command::LOAD, LOAD_NS),
+            (command::FACTORY, WRITE_NS),
+            (command::VALIDATE, VALIDATE_NS),
+            (command::ACTIVATE, VALIDATE_NS),
+            (command::REBUILD_EEPROM, WRITE_NS),
+        ];
+        let parts = durations.into_iter().filter(|(bit, _)| bits & bit != 0);
+        let done_at = now + parts.map(|(_, time)| time).sum::<u64>();
         self.job = Some(Job { done_at, scope, bits, image });
     }
 
@@ -168,17 +155,19 @@ impl ConfigurationStore {
             return Err(MaintenanceStatus::Denied);
         }
         if has(command::LOAD) {
-            match self.flash.read() {
-                Ok(Some(image)) => restore(&image, target)?,
-                Ok(None) => return Err(MaintenanceStatus::ImageInvalid),
-                Err(CrcError) => return Err(MaintenanceStatus::CrcError),
-            }
+            let is_erased = self.flash.is_empty();
+            let error = if is_erased {
+                MaintenanceStatus::ImageInvalid
+            } else {
+                MaintenanceStatus::CrcError
+            };
+            restore(&self.saved().ok_or(error)?, target)?;
         }
         if has(command::FACTORY) {
             if target.faults.take_flash_failure() {
                 return Err(MaintenanceStatus::FlashError);
             }
-            self.flash.erase();
+            self.flash.clear();
             restore(&ConfigurationImage::factory(), target)?;
         }
         if has(command::VALIDATE) {
@@ -198,7 +187,7 @@ impl ConfigurationStore {
         if faults.take_flash_failure() {
             return Err(MaintenanceStatus::FlashError);
         }
-        self.flash.store(image);
+        self.flash = image.to_bytes();
         Ok(())
     }
 
@@ -208,7 +197,7 @@ impl ConfigurationStore {
         job: &Job,
         target: &mut Target<'_>,
     ) -> ApplyStatus {
-        use channel_command::{FACTORY, LOAD, SAVE};
+        use command::{FACTORY, LOAD, SAVE};
         let has = |bit| job.bits & bit != 0;
         if has(SAVE) && self.store(&job.image, target.faults).is_err() {
             return ApplyStatus::Fail;
@@ -220,7 +209,7 @@ impl ConfigurationStore {
             let Some(stored) = self.saved() else {
                 return ApplyStatus::Fail;
             };
-            let status = target.application.restore_channel(number, &stored, target.counters);
+            let status = target.application.restore_channel(number, &stored);
             if status != ApplyStatus::Ok {
                 return status;
             }
@@ -231,14 +220,14 @@ impl ConfigurationStore {
             if self.store(&image, target.faults).is_err() {
                 return ApplyStatus::Fail;
             }
-            return target.application.restore_channel(number, &image, target.counters);
+            return target.application.restore_channel(number, &image);
         }
         ApplyStatus::Ok
     }
 }
 
 fn restore(image: &ConfigurationImage, target: &mut Target<'_>) -> Result<(), MaintenanceStatus> {
-    if target.application.restore(image, target.state, target.counters) {
+    if target.application.restore(image, target.state) {
         Ok(())
     } else {
         Err(MaintenanceStatus::ImageInvalid)
@@ -264,7 +253,6 @@ mod tests {
         application: Application,
         firmware: FirmwareUpdate,
         faults: PendingFaults,
-        counters: GatewayCounters,
     }
 
     impl Fixture {
@@ -275,7 +263,6 @@ mod tests {
                 application: Application::new(&config, 1),
                 firmware: FirmwareUpdate::new(config.firmware),
                 faults: PendingFaults::default(),
-                counters: GatewayCounters::default(),
             }
         }
 
@@ -286,7 +273,6 @@ mod tests {
                 application: &mut self.application,
                 firmware: &mut self.firmware,
                 faults: &mut self.faults,
-                counters: &mut self.counters,
                 state: AlState::PreOp,
                 now,
             };

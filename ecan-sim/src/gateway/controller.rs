@@ -18,6 +18,7 @@ use super::receive_fifo::{RX_ELEMENTS_MAX, ReceiveFifo, Received, wrap_increment
 use register_writes::WrittenRegisters;
 
 pub(super) use register_writes::FramesDropped;
+pub(super) use registers::STATUS_REGISTERS;
 
 const TX_ELEMENTS_MAX: usize = 32;
 /// Data byte sent in place of one that does not fit into the element.
@@ -25,8 +26,7 @@ const MISSING_DATA: u8 = 0xCC;
 
 mod interrupt {
     /// New message, message lost, full.
-    pub(super) const FIFO0: [u32; 3] = [1 << 0, 1 << 3, 1 << 2];
-    pub(super) const FIFO1: [u32; 3] = [1 << 4, 1 << 7, 1 << 6];
+    pub(super) const FIFOS: [[u32; 3]; 2] = [[1 << 0, 1 << 3, 1 << 2], [1 << 4, 1 << 7, 1 << 6]];
     pub(super) const HIGH_PRIORITY: u32 = 1 << 8;
     pub(super) const TRANSMITTED: u32 = 1 << 9;
     pub(super) const TX_EMPTY: u32 = 1 << 11;
@@ -57,12 +57,11 @@ pub(super) enum Rejection {
     Full,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Controller {
-    config: Option<ControllerConfig>,
-    generation: u32,
-    fifo0: ReceiveFifo,
-    fifo1: ReceiveFifo,
+    pub(super) config: Option<ControllerConfig>,
+    pub(super) generation: u32,
+    fifos: [ReceiveFifo; 2],
     buffers: Vec<Option<Received>>,
     /// Number of full receive buffers; usually 0, which avoids a search.
     buffers_full: usize,
@@ -70,7 +69,7 @@ pub(super) struct Controller {
     in_flight: Option<CanFrame>,
     tx_get_index: u32,
     tx_put_index: u32,
-    error_state: ErrorState,
+    pub(super) error_state: ErrorState,
     error_counters: (u16, u16),
     recovery_requested: bool,
     interrupts: u32,
@@ -82,23 +81,10 @@ pub(super) struct Controller {
 impl Controller {
     pub(super) fn new() -> Self {
         Self {
-            config: None,
-            generation: 0,
-            fifo0: ReceiveFifo::new(),
-            fifo1: ReceiveFifo::new(),
+            fifos: [ReceiveFifo::new(), ReceiveFifo::new()],
             buffers: vec![None; RX_ELEMENTS_MAX],
-            buffers_full: 0,
             transmit: VecDeque::with_capacity(TX_ELEMENTS_MAX),
-            in_flight: None,
-            tx_get_index: 0,
-            tx_put_index: 0,
-            error_state: ErrorState::Active,
-            error_counters: (0, 0),
-            recovery_requested: false,
-            interrupts: 0,
-            high_priority: 0,
-            written: WrittenRegisters::default(),
-            frames_lost: 0,
+            ..Self::default()
         }
     }
 
@@ -110,29 +96,19 @@ impl Controller {
         counters: &mut GatewayCounters,
     ) {
         counters.receive_losses.flushed += self.flush_received() as u64;
-        let unsent = self.transmit.len() + usize::from(self.in_flight.is_some());
-        counters.transmit_losses.stale += unsent as u64;
-        self.transmit.clear();
-        self.in_flight = None;
-        self.tx_get_index = 0;
-        self.tx_put_index = 0;
-        self.error_state = ErrorState::Active;
-        self.error_counters = (0, 0);
-        self.recovery_requested = false;
-        self.interrupts = 0;
-        self.high_priority = 0;
-        self.written = WrittenRegisters::default();
-        self.config = config;
-        self.generation = self.generation.wrapping_add(1);
+        counters.transmit_losses.stale += self.transmit_waiting() as u64;
+        *self = Self {
+            config,
+            generation: self.generation.wrapping_add(1),
+            frames_lost: self.frames_lost,
+            ..Self::new()
+        };
     }
 
     pub(super) fn flush_received(&mut self) -> usize {
         self.buffers.fill(None);
-        self.fifo0.clear() + self.fifo1.clear() + std::mem::take(&mut self.buffers_full)
-    }
-
-    pub(super) fn config(&self) -> Option<&ControllerConfig> {
-        self.config.as_ref()
+        let in_fifos: usize = self.fifos.iter_mut().map(ReceiveFifo::clear).sum();
+        in_fifos + std::mem::take(&mut self.buffers_full)
     }
 
     /// How it takes part in its bus; `None` while it is not configured or in INIT.
@@ -145,16 +121,8 @@ impl Controller {
         self.config.is_none() || self.written.is_stopped
     }
 
-    pub(super) fn generation(&self) -> u32 {
-        self.generation
-    }
-
     pub(super) fn is_bus_off(&self) -> bool {
         self.error_state == ErrorState::BusOff
-    }
-
-    pub(super) fn error_state(&self) -> ErrorState {
-        self.error_state
     }
 
     pub(super) fn is_listening(&self) -> bool {
@@ -162,10 +130,14 @@ impl Controller {
     }
 
     fn transmit_elements(&self) -> usize {
-        self.config
-            .as_ref()
-            .map_or(0, |config| usize::from(config.ram.tx_fifo_size))
-            .min(TX_ELEMENTS_MAX)
+        let size = self.config.as_ref().map_or(0, |config| config.ram.tx_fifo_size);
+        usize::from(size).min(TX_ELEMENTS_MAX)
+    }
+
+    /// Size of FIFO0 or FIFO1.
+    fn fifo_size(&self, number: usize) -> u8 {
+        let ram = self.config.as_ref().map(|config| config.ram);
+        ram.map_or(0, |ram| [ram.rx_fifo0, ram.rx_fifo1][number].size)
     }
 
     /// Frames in the transmit FIFO or queue, including the one in arbitration.
@@ -178,9 +150,7 @@ impl Controller {
     }
 
     pub(super) fn accepts(&self, frame: &CanFrame) -> Result<(), Rejection> {
-        let Some(config) = &self.config else {
-            return Err(Rejection::CannotSend);
-        };
+        let config = self.config.as_ref().ok_or(Rejection::CannotSend)?;
         if config.station.mode == StationMode::Listen || (frame.is_fd() && !config.station.fd) {
             return Err(Rejection::CannotSend);
         }
@@ -195,9 +165,8 @@ impl Controller {
         if self.is_transmit_full() {
             return Err(Rejection::Full);
         }
-        let size =
-            self.config.as_ref().map_or(0, |config| usize::from(config.ram.tx_data_size.bytes()));
-        self.transmit.push_back(truncate_data(frame, size, MISSING_DATA));
+        let size = self.config.as_ref().map_or(0, |config| config.ram.tx_data_size.bytes());
+        self.transmit.push_back(truncate_data(frame, size.into(), MISSING_DATA));
         self.tx_put_index = wrap_increment(self.tx_put_index, self.transmit_elements());
         Ok(())
     }
@@ -208,7 +177,7 @@ impl Controller {
             return None;
         }
         let config = self.config.as_ref()?;
-        if self.error_state == ErrorState::BusOff
+        if self.is_bus_off()
             || config.station.mode == StationMode::Listen
             || self.written.is_stopped
         {
@@ -217,11 +186,8 @@ impl Controller {
         let index = match config.ram.tx_mode {
             TxMode::Fifo => 0,
             TxMode::Queue => {
-                self.transmit
-                    .iter()
-                    .enumerate()
-                    .min_by_key(|(index, frame)| (arbitration_key(frame), *index))?
-                    .0
+                let keys = self.transmit.iter().map(arbitration_key);
+                keys.enumerate().min_by_key(|(index, key)| (*key, *index))?.0
             }
         };
         let frame = self.transmit.remove(index)?;
@@ -231,21 +197,19 @@ impl Controller {
 
     /// The bus confirms the frame in arbitration; returns `false` without one.
     pub(super) fn transmitted(&mut self) -> bool {
-        if !self.end_arbitration() {
-            return false;
+        let ended = self.abandoned();
+        if ended {
+            self.interrupts |= interrupt::TRANSMITTED;
+            if self.transmit.is_empty() {
+                self.interrupts |= interrupt::TX_EMPTY;
+            }
         }
-        self.interrupts |= interrupt::TRANSMITTED;
-        if self.transmit.is_empty() {
-            self.interrupts |= interrupt::TX_EMPTY;
-        }
-        true
+        ended
     }
 
+    /// The bus abandoned the frame in arbitration (automatic retransmission is off); returns `false`
+    /// without one.
     pub(super) fn abandoned(&mut self) -> bool {
-        self.end_arbitration()
-    }
-
-    fn end_arbitration(&mut self) -> bool {
         let ended = self.in_flight.take().is_some();
         if ended {
             self.tx_get_index = wrap_increment(self.tx_get_index, self.transmit_elements());
@@ -276,16 +240,14 @@ impl Controller {
         let ram = config.ram;
         let stored = match result.destination {
             Destination::Fifo0 | Destination::Fifo1 => {
-                let is_first = result.destination == Destination::Fifo0;
-                let (fifo, layout, [new, lost, full]) = if is_first {
-                    (&mut self.fifo0, ram.rx_fifo0, interrupt::FIFO0)
-                } else {
-                    (&mut self.fifo1, ram.rx_fifo1, interrupt::FIFO1)
-                };
+                let number = usize::from(result.destination == Destination::Fifo1);
+                let (fifo, layout) =
+                    (&mut self.fifos[number], [ram.rx_fifo0, ram.rx_fifo1][number]);
+                let [new, lost, full] = interrupt::FIFOS[number];
                 let element = Received {
-                    frame: truncate_data(*frame, usize::from(layout.data_size.bytes()), 0),
+                    frame: truncate_data(*frame, layout.data_size.bytes().into(), 0),
                     at_ns,
-                    source: source(u8::from(!is_first)),
+                    source: source(number as u8),
                 };
                 let kept = fifo.store(element, layout.size, layout.mode);
                 self.interrupts |= new;
@@ -299,7 +261,7 @@ impl Controller {
             }
             Destination::Buffer(number) => {
                 let element = Received {
-                    frame: truncate_data(*frame, usize::from(ram.rx_buffer_data_size.bytes()), 0),
+                    frame: truncate_data(*frame, ram.rx_buffer_data_size.bytes().into(), 0),
                     at_ns,
                     source: source(2),
                 };
@@ -334,18 +296,10 @@ impl Controller {
         }
     }
 
-    /// Takes the next received frame: FIFO1 and the buffers first, which hold frames selected by
-    /// filters, then FIFO0.
-    pub(super) fn take_received(&mut self) -> Option<Received> {
-        [1, 2, 0].into_iter().find_map(|source| self.take_received_from(source))
-    }
-
     /// Takes the next received frame of one source: 0 FIFO0, 1 FIFO1, 2 receive buffers.
-    pub(super) fn take_received_from(&mut self, source: u8) -> Option<Received> {
-        let ram = self.config.as_ref()?.ram;
+    pub(super) fn take_received(&mut self, source: u8) -> Option<Received> {
         match source {
-            0 => self.fifo0.take(ram.rx_fifo0.size),
-            1 => self.fifo1.take(ram.rx_fifo1.size),
+            0 | 1 => self.fifos[usize::from(source)].take(self.fifo_size(source.into())),
             _ if self.buffers_full == 0 => None,
             _ => {
                 let taken = self.buffers.iter_mut().find_map(Option::take);
@@ -356,19 +310,16 @@ impl Controller {
     }
 
     pub(super) fn receive_waiting(&self) -> usize {
-        self.fifo0.len() + self.fifo1.len() + self.buffers_full
+        self.fifos.iter().map(ReceiveFifo::len).sum::<usize>() + self.buffers_full
     }
 
     /// Whether FIFO0 is at least seven eighths full, or a FIFO has lost a frame since it was last
     /// read.
     pub(super) fn is_receive_pressed(&self) -> bool {
-        let Some(config) = &self.config else {
-            return false;
-        };
-        let size = usize::from(config.ram.rx_fifo0.size);
-        self.fifo0.has_lost()
-            || self.fifo1.has_lost()
-            || (size > 0 && self.fifo0.len() * 8 >= size * 7)
+        let size = usize::from(self.fifo_size(0));
+        self.config.is_some()
+            && (self.fifos.iter().any(ReceiveFifo::has_lost)
+                || (size > 0 && self.fifos[0].len() * 8 >= size * 7))
     }
 
     /// The bus reports error state and counters; returns whether the state changed.
@@ -401,17 +352,13 @@ impl Controller {
 
 /// Replaces the data bytes that do not fit into an element of `size`.
 fn truncate_data(frame: CanFrame, size: usize, filler: u8) -> CanFrame {
-    if frame.data().len() <= size {
+    let length = frame.data().len();
+    if length <= size {
         return frame;
     }
     let mut data = [filler; 64];
-    let length = frame.data().len().min(data.len());
-    for (to, from) in data.iter_mut().zip(frame.data().iter().take(size)) {
-        *to = *from;
-    }
-    let Some(bytes) = data.get(..length) else {
-        return frame;
-    };
+    data[..size].copy_from_slice(&frame.data()[..size]);
+    let bytes = &data[..length];
     let cut = match frame.kind() {
         FrameKind::Fd { brs, esi } => CanFrame::fd(frame.id(), bytes, brs, esi),
         _ => CanFrame::classic(frame.id(), bytes),

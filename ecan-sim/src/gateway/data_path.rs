@@ -18,7 +18,7 @@ use super::cycle_performance::CyclePerformance;
 use super::fault::PendingFaults;
 use super::maintenance::flag;
 use super::pulse_train::PulseTrain;
-use super::rx_pdo::{ParsedImage, RxPdoParser};
+use super::rx_pdo::RxPdoParser;
 use super::schedule::{ScheduleQueue, Scheduled};
 use super::transmit_path::{Pending, Reference, ResultQueue};
 use super::tx_pdo::TxPdoBuilder;
@@ -40,14 +40,15 @@ pub(super) struct ServiceTimes {
 pub(super) struct DataPath {
     pub(super) channels: [Channel; CHANNELS],
     pub(super) options: ActiveOptions,
-    global: DataPathGlobal,
+    pub(super) global: DataPathGlobal,
     parser: RxPdoParser,
     builder: TxPdoBuilder,
     results: ResultQueue,
     schedule: ScheduleQueue,
+    pub(super) counters: GatewayCounters,
     pub(super) performance: CyclePerformance,
     /// Diagnostic flags of 0xB000:6.
-    flags: u16,
+    pub(super) flags: u16,
 }
 
 impl DataPath {
@@ -60,20 +61,20 @@ impl DataPath {
             builder: TxPdoBuilder::new(),
             results: ResultQueue::new(),
             schedule: ScheduleQueue::new(config.release_jitter_ns, seed),
+            counters: GatewayCounters::default(),
             performance: CyclePerformance::default(),
             flags: 0,
         }
     }
 
-    pub(super) fn reset(&mut self, counters: &mut GatewayCounters) {
+    pub(super) fn reset(&mut self) {
         for channel in &mut self.channels {
-            channel.power_off(counters);
+            channel.power_off(&mut self.counters);
         }
-        counters.transmit_losses.stale += self.schedule.flush() as u64;
+        self.counters.transmit_losses.stale += self.schedule.flush() as u64;
         self.options = ActiveOptions::new();
         self.global = DataPathGlobal::default();
-        self.parser.reset_session();
-        self.parser.configure(None, true);
+        self.parser = RxPdoParser::new();
         self.builder = TxPdoBuilder::new();
         self.results.clear();
         self.performance = CyclePerformance::default();
@@ -85,19 +86,8 @@ impl DataPath {
         self.configure_codecs();
     }
 
-    pub(super) fn set_global(&mut self, global: DataPathGlobal) {
-        self.global = global;
-    }
-
-    pub(super) fn set_policy(
-        &mut self,
-        number: usize,
-        policy: DataPathConfig,
-        counters: &mut GatewayCounters,
-    ) {
-        if let Some(channel) = self.channels.get_mut(number) {
-            channel.set_policy(policy, counters);
-        }
+    pub(super) fn set_policy(&mut self, number: usize, policy: DataPathConfig) {
+        self.channels[number].set_policy(policy, &mut self.counters);
     }
 
     /// Restarts a controller with a new configuration. An invalid configuration leaves it running
@@ -106,28 +96,23 @@ impl DataPath {
         &mut self,
         number: usize,
         built: Result<ControllerConfig, ApplyStatus>,
-        counters: &mut GatewayCounters,
     ) -> ApplyStatus {
-        let Some(channel) = self.channels.get_mut(number) else {
-            return ApplyStatus::Fail;
-        };
+        let channel = &mut self.channels[number];
+        channel.apply_failed = built.is_err();
         match built {
             Ok(config) => {
-                counters.transmit_losses.schedule_failed +=
-                    self.schedule.flush_channel(number) as u64;
-                channel.apply(config, counters);
+                let dropped = self.schedule.flush_channel(number) as u64;
+                self.counters.transmit_losses.schedule_failed += dropped;
+                channel.restart(Some(config), &mut self.counters);
                 ApplyStatus::Ok
             }
-            Err(status) => {
-                channel.apply_failed = true;
-                status
-            }
+            Err(status) => status,
         }
     }
 
-    pub(super) fn restart_channels(&mut self, counters: &mut GatewayCounters) {
+    pub(super) fn restart_channels(&mut self) {
         for channel in &mut self.channels {
-            channel.restart_in_place(counters);
+            channel.restart(channel.controller.config.clone(), &mut self.counters);
         }
     }
 
@@ -140,7 +125,7 @@ impl DataPath {
     }
 
     pub(super) fn reset_session(&mut self, direction: Direction) {
-        self.options.profiles.of_mut(direction).reset_session();
+        self.options.of_mut(direction).reset_session();
         match direction {
             Direction::TxPdo => {
                 self.builder.reset_session();
@@ -151,93 +136,73 @@ impl DataPath {
     }
 
     fn configure_codecs(&mut self) {
-        let [tx, rx] = [Direction::TxPdo, Direction::RxPdo];
         let Self { options, builder, parser, .. } = self;
-        let tx_profile = options.profiles.of(tx).active();
-        builder.configure(tx_profile, options.uses_crc(tx), options.is_payload_only(tx));
-        parser.configure(options.profiles.of(rx).active(), options.uses_crc(rx));
+        let (tx, rx) = (Direction::TxPdo, Direction::RxPdo);
+        builder.configure(options.tx.active, options.uses_crc(tx), options.is_payload_only(tx));
+        parser.configure(options.rx.active, options.uses_crc(rx));
     }
 
     /// Process data starts: what was received before is dropped, so the first image is empty.
-    pub(super) fn start_inputs(&mut self, counters: &mut GatewayCounters) {
+    pub(super) fn start_inputs(&mut self) {
         self.results.clear();
         for channel in &mut self.channels {
-            channel.flush_receive(counters);
+            channel.flush_receive(&mut self.counters);
         }
     }
 
     /// Outputs stop: frames that wait to be sent are dropped as stale.
-    pub(super) fn stop_outputs(&mut self, counters: &mut GatewayCounters) {
+    pub(super) fn stop_outputs(&mut self) {
         let mut stale = self.schedule.flush();
         for channel in &mut self.channels {
             stale += channel.transmit.flush();
         }
-        counters.transmit_losses.stale += stale as u64;
+        self.counters.transmit_losses.stale += stale as u64;
     }
 
     /// Sync0 changes: frames scheduled for its pulses are dropped.
-    pub(super) fn sync0_changed(&mut self, counters: &mut GatewayCounters) {
+    pub(super) fn sync0_changed(&mut self) {
         let dropped = self.schedule.flush();
         if dropped > 0 {
-            counters.transmit_losses.schedule_failed += dropped as u64;
+            self.counters.transmit_losses.schedule_failed += dropped as u64;
             self.flags |= flag::SCHED_TIMER_MISS;
         }
         self.performance.restart_pulses();
     }
 
-    pub(super) fn take_image(
-        &mut self,
-        image: &[u8],
-        times: &ServiceTimes,
-        counters: &mut GatewayCounters,
-    ) {
+    pub(super) fn take_image(&mut self, image: &[u8], times: &ServiceTimes) {
         if self.options.is_app_bypassed(Direction::RxPdo)
             || self.options.bypasses_rx(RxBypass::STAGE)
             || self.options.bypasses_rx(RxBypass::PARSE)
         {
             return;
         }
-        if let Err(error) = self.parse_image(image, times, counters) {
-            counters.images_faulty += 1;
-            self.options.profiles.of_mut(Direction::RxPdo).note_error(error);
+        if let Err(error) = self.parse_image(image, times) {
+            self.counters.images_faulty += 1;
+            self.options.rx.note_error(error);
         }
     }
 
-    fn parse_image(
-        &mut self,
-        image: &[u8],
-        times: &ServiceTimes,
-        counters: &mut GatewayCounters,
-    ) -> Result<(), PdoError> {
-        if image.len() != self.options.profiles.of(Direction::RxPdo).active_bytes() {
+    fn parse_image(&mut self, image: &[u8], times: &ServiceTimes) -> Result<(), PdoError> {
+        if image.len() != self.options.rx.active_bytes() {
             return Err(PdoError::ActiveArea);
         }
-        let image = match self.parser.parse(image)? {
-            ParsedImage::Repeated => {
-                counters.images_repeated += 1;
-                return Ok(());
-            }
-            ParsedImage::New(image) => image,
+        let Some(image) = self.parser.parse(image)? else {
+            self.counters.images_repeated += 1;
+            return Ok(());
         };
         let sequence = image.sequence();
-        self.options.profiles.of_mut(Direction::RxPdo).sequence = sequence;
+        self.options.rx.sequence = sequence;
         let mut packets = 0;
-        let mut result = Ok(());
-        for packet in image.packets() {
+        let result = image.packets().try_for_each(|packet| {
             packets += 1;
-            result = match packet {
-                Ok(Packet::Frame(packet)) => self.take_frame(sequence, &packet, times, counters),
+            match packet {
+                Ok(Packet::Frame(packet)) => self.take_frame(sequence, &packet, times),
                 Ok(Packet::TxResult(_)) => Err(PdoError::UnknownKind),
                 Err(diagnosis) => Err(self.parser.packet_error(&diagnosis)),
-            };
-            if result.is_err() {
-                break;
             }
-        }
+        });
         self.performance.image_parsed(packets);
-        if result.is_ok() {
-            counters.images_parsed += 1;
-        }
+        self.counters.images_parsed += u64::from(result.is_ok());
         result
     }
 
@@ -247,86 +212,74 @@ impl DataPath {
         sequence: u16,
         packet: &FramePacket<'_>,
         times: &ServiceTimes,
-        counters: &mut GatewayCounters,
     ) -> Result<(), PdoError> {
-        let due = match packet.schedule().transpose()? {
-            None => None,
-            Some(schedule) => Some(due_time(schedule, times)?),
-        };
-        counters.frames_parsed += 1;
+        let schedule = packet.schedule().transpose()?;
+        let due = schedule.map(|schedule| due_time(schedule, times)).transpose()?;
+        self.counters.frames_parsed += 1;
         if self.options.bypasses_rx(RxBypass::TX_RING) {
-            counters.transmit_losses.bypassed += 1;
+            self.counters.transmit_losses.bypassed += 1;
             return Ok(());
         }
-        let number = usize::from(packet.channel);
-        let wants_result = self.options.has(Direction::TxPdo, OptionFlags::TX_RESULT);
-        let reference = wants_result.then_some(Reference { sequence, frame_index: packet.index });
+        let channel = usize::from(packet.channel);
         let frame = packet.frame.to_owned();
-        let result = match due {
-            Some(due_ns) => self
-                .schedule_frame(Scheduled { due_ns, channel: number, frame }, times.now, counters)
-                .map(|()| {
-                    if let Some(reference) = reference {
-                        self.results.report(number, reference, ResultCode::Queued);
-                    }
-                }),
-            None => self.enqueue(number, Pending { frame, reference }, counters),
-        };
-        if let (Err(code), Some(reference)) = (result, reference) {
-            self.results.report(number, reference, code);
+        let is_requested = self.options.has(Direction::TxPdo, OptionFlags::TX_RESULT);
+        let reference = is_requested.then_some(Reference {
+            channel: packet.channel,
+            sequence,
+            frame_index: packet.index,
+        });
+        match due {
+            Some(due_ns) => {
+                let scheduled =
+                    self.schedule_frame(Scheduled { due_ns, channel, frame }, times.now);
+                self.results.report(reference, scheduled.err().unwrap_or(ResultCode::Queued));
+            }
+            None => {
+                if let Err(code) = self.enqueue(channel, Pending { frame, reference }) {
+                    self.results.report(reference, code);
+                }
+            }
         }
         Ok(())
     }
 
-    fn enqueue(
-        &mut self,
-        number: usize,
-        pending: Pending,
-        counters: &mut GatewayCounters,
-    ) -> Result<(), ResultCode> {
-        let channel = self.channels.get_mut(number).ok_or(ResultCode::InvalidChannel)?;
-        channel.check_sendable(&pending.frame, &mut counters.transmit_losses)?;
-        let policy = channel.policy;
-        let before = counters.transmit_losses;
-        let losses = &mut counters.transmit_losses;
-        let result = channel.transmit.enqueue(number, pending, &policy, &mut self.results, losses);
-        if counters.transmit_losses != before {
+    fn enqueue(&mut self, number: usize, pending: Pending) -> Result<(), ResultCode> {
+        let channel = &mut self.channels[number];
+        let losses = &mut self.counters.transmit_losses;
+        channel.check_sendable(&pending.frame, losses)?;
+        let before = *losses;
+        let Channel { transmit, policy, .. } = channel;
+        let result = transmit.enqueue(pending, policy, &mut self.results, losses);
+        if *losses != before {
             channel.last_error = path_error::RING_FULL;
             self.flags |= flag::TX_RING_DROP;
-            self.options.profiles.of_mut(Direction::RxPdo).note_overflow(1, None);
+            self.options.rx.note_overflow(1, None);
         }
         result
     }
 
-    fn schedule_frame(
-        &mut self,
-        entry: Scheduled,
-        now: u64,
-        counters: &mut GatewayCounters,
-    ) -> Result<(), ResultCode> {
+    fn schedule_frame(&mut self, entry: Scheduled, now: u64) -> Result<(), ResultCode> {
         let number = entry.channel;
-        let channel = self.channels.get_mut(number).ok_or(ResultCode::InvalidChannel)?;
-        channel.check_sendable(&entry.frame, &mut counters.transmit_losses)?;
+        let losses = &mut self.counters.transmit_losses;
+        self.channels[number].check_sendable(&entry.frame, losses)?;
         if entry.due_ns <= now {
-            counters.transmit_losses.late += 1;
+            losses.late += 1;
             self.note_schedule_error(number, flag::SCHED_LATE_DROP);
             return Err(ResultCode::BusBusy);
         }
         if !self.schedule.insert(entry) {
-            counters.transmit_losses.schedule_full += 1;
+            losses.schedule_full += 1;
             self.note_schedule_error(number, flag::SCHED_QUEUE_FULL);
             return Err(ResultCode::TxFifoFull);
         }
-        counters.frames_scheduled += 1;
+        self.counters.frames_scheduled += 1;
         Ok(())
     }
 
     fn note_schedule_error(&mut self, number: usize, flag: u16) {
         self.flags |= flag;
-        if let Some(channel) = self.channels.get_mut(number) {
-            channel.last_error = path_error::SCHEDULE;
-        }
-        self.options.profiles.of_mut(Direction::RxPdo).note_overflow(1, None);
+        self.channels[number].last_error = path_error::SCHEDULE;
+        self.options.rx.note_overflow(1, None);
     }
 
     pub(super) fn release_time(&self) -> Option<u64> {
@@ -334,36 +287,32 @@ impl DataPath {
     }
 
     /// Hands the first due scheduled frame to its controller, past the TX ring.
-    pub(super) fn release_scheduled(&mut self, now: u64, counters: &mut GatewayCounters) {
+    pub(super) fn release_scheduled(&mut self, now: u64) {
         let Some(due) = self.schedule.pop_due(now) else {
             return;
         };
         self.performance.scheduled_released(now);
         if self.options.bypasses_rx(RxBypass::MCAN_WRITE) {
-            counters.transmit_losses.bypassed += 1;
+            self.counters.transmit_losses.bypassed += 1;
             return;
         }
-        let Some(channel) = self.channels.get_mut(due.channel) else {
-            return;
-        };
+        let channel = &mut self.channels[due.channel];
         let Err(rejection) = channel.controller.submit(due.frame) else {
-            counters.frames_to_controller += 1;
-            counters.frames_released += 1;
+            self.counters.frames_to_controller += 1;
+            self.counters.frames_released += 1;
             return;
         };
-        counters.transmit_losses.schedule_failed += 1;
+        self.counters.transmit_losses.schedule_failed += 1;
         if rejection == Rejection::Full {
             channel.transmit.note_fifo_full();
             self.flags |= flag::TX_FIFO_FULL;
         }
         self.note_schedule_error(due.channel, flag::SCHED_TX_FAIL);
-        if let Some(channel) = self.channels.get_mut(due.channel) {
-            channel.note_rejection(rejection);
-        }
+        self.channels[due.channel].note_rejection(rejection);
     }
 
     /// Serves all channels within the service budget. Frames are sent only in OP.
-    pub(super) fn serve(&mut self, is_op: bool, counters: &mut GatewayCounters) {
+    pub(super) fn serve(&mut self, is_op: bool) {
         let budget_us = match self.global.max_service_budget_us {
             0 => DEFAULT_SERVICE_BUDGET_US,
             us => u32::from(us),
@@ -371,51 +320,35 @@ impl DataPath {
         let mut allowance = budget_us / FRAME_COST_US;
         let mut served = 0;
         for number in 0..CHANNELS {
-            let frames = self.serve_channel(number, is_op, allowance, counters);
+            let frames = self.serve_channel(number, is_op, allowance);
             allowance = allowance.saturating_sub(frames);
             served += frames;
         }
         self.performance.served(served as usize);
-        self.results.settle(counters);
+        self.results.settle(&mut self.counters);
     }
 
     /// Sends, recovers and drains one channel; returns the number of frames.
-    fn serve_channel(
-        &mut self,
-        number: usize,
-        is_op: bool,
-        allowance: u32,
-        counters: &mut GatewayCounters,
-    ) -> u32 {
-        let skips_send = self.options.bypasses_rx(RxBypass::MCAN_WRITE);
-        let skips_read = self.options.bypasses_tx(TxBypass::MCAN_READ)
-            || self.options.is_app_bypassed(Direction::TxPdo);
-        let carried = self
-            .options
-            .profiles
-            .of(Direction::TxPdo)
-            .active()
-            .is_some_and(|profile| profile.has_channel(number as u8));
-        let Self { channels, results, flags, performance, .. } = self;
-        let Some(channel) = channels.get_mut(number) else {
-            return 0;
-        };
-        let policy = channel.policy;
+    fn serve_channel(&mut self, number: usize, is_op: bool, allowance: u32) -> u32 {
+        let Self { channels, options, results, flags, performance, counters, .. } = self;
+        let carried = options.tx.active.is_some_and(|profile| profile.has_channel(number as u8));
+        let channel = &mut channels[number];
         let mut sent = 0;
-        if is_op && skips_send {
+        if is_op && options.bypasses_rx(RxBypass::MCAN_WRITE) {
             counters.transmit_losses.bypassed += channel.transmit.drop_unsent() as u64;
         } else if is_op {
-            let full_before = channel.transmit.fifo_full;
-            let controller = &mut channel.controller;
-            sent =
-                channel.transmit.serve(number, controller, &policy, allowance, results, counters);
-            if channel.transmit.fifo_full != full_before {
+            let full_before = channel.transmit.counters.fifo_full;
+            let Channel { transmit, controller, policy, .. } = channel;
+            sent = transmit.serve(controller, policy, allowance, results, counters);
+            if transmit.counters.fifo_full != full_before {
                 *flags |= flag::TX_FIFO_FULL;
                 channel.note_rejection(Rejection::Full);
             }
-            channel.transmit.report_queued(number, results);
+            channel.transmit.report_queued(results);
         }
         channel.serve_recovery();
+        let skips_read =
+            options.bypasses_tx(TxBypass::MCAN_READ) || options.is_app_bypassed(Direction::TxPdo);
         let drained = if skips_read {
             channel.take_controller_losses();
             0
@@ -434,13 +367,12 @@ impl DataPath {
         length: usize,
         time_base_ns: u64,
         faults: &mut PendingFaults,
-        counters: &mut GatewayCounters,
     ) -> Option<&[u8]> {
         if self.options.bypasses_tx(TxBypass::COPY) {
             return None;
         }
-        if length != self.options.profiles.of(Direction::TxPdo).active_bytes() {
-            self.options.profiles.of_mut(Direction::TxPdo).note_error(PdoError::ActiveArea);
+        if length != self.options.tx.active_bytes() {
+            self.options.tx.note_error(PdoError::ActiveArea);
             return None;
         }
         let empty = self.options.is_app_bypassed(Direction::TxPdo)
@@ -452,9 +384,9 @@ impl DataPath {
             status,
             time_base_ns,
             empty,
-            counters,
+            &mut self.counters,
         )?;
-        let control = self.options.profiles.of_mut(Direction::TxPdo);
+        let control = &mut self.options.tx;
         control.sequence = sequence;
         control.note_overflow(undelivered.dropped, None);
         control.note_overflow(undelivered.unpacked, Some(PdoError::PacketOverrun));
@@ -465,22 +397,14 @@ impl DataPath {
         if faults.take_crc_error() {
             self.builder.corrupt_crc();
         }
-        counters.images_published += 1;
+        self.counters.images_published += 1;
         let published = self.builder.published();
         self.performance.inputs_published(published.len());
         Some(published)
     }
 
     fn channel_status(&self) -> [ChannelStatus; CHANNELS] {
-        let mut status = [ChannelStatus::default(); CHANNELS];
-        for (number, (word, channel)) in status.iter_mut().zip(&self.channels).enumerate() {
-            *word = channel.status(self.schedule.waiting(number));
-        }
-        status
-    }
-
-    pub(super) fn flags(&self) -> u16 {
-        self.flags
+        std::array::from_fn(|number| self.channels[number].status(self.schedule.waiting(number)))
     }
 
     pub(super) fn clear_diagnostics(&mut self, now: u64, pulses: Option<PulseTrain>) {
@@ -501,8 +425,7 @@ impl DataPath {
 
     /// A value of 0x9000..0x9003.
     pub(super) fn channel_information(&mut self, number: usize, subindex: u8) -> Option<u32> {
-        let scheduled = self.schedule.waiting(number);
-        self.channels.get_mut(number)?.information(subindex, scheduled)
+        self.channels[number].information(subindex, self.schedule.waiting(number))
     }
 }
 

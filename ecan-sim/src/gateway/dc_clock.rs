@@ -44,11 +44,11 @@ impl LinearClock {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DcClock {
     drift_ppb: i64,
-    line: LinearClock,
+    pub(super) line: LinearClock,
     is_written: bool,
     corrected_ns: Option<u64>,
     /// Difference found by the last correction, received time minus own (0x092C).
-    difference_ns: i64,
+    pub(super) difference_ns: i64,
 }
 
 impl DcClock {
@@ -56,10 +56,6 @@ impl DcClock {
         let drift_ppb = i64::from(drift_ppb);
         let line = LinearClock { rate_ppb: drift_ppb, ..LinearClock::default() };
         Self { drift_ppb, line, is_written: false, corrected_ns: None, difference_ns: 0 }
-    }
-
-    pub(super) fn line(&self) -> LinearClock {
-        self.line
     }
 
     /// System time, once the master has written it.
@@ -109,10 +105,6 @@ impl DcClock {
         self.line.system_ns = self.line.system(now).saturating_add_signed(by_ns);
         self.line.simulated_ns = now;
     }
-
-    pub(super) fn difference_ns(&self) -> i64 {
-        self.difference_ns
-    }
 }
 
 #[cfg(test)]
@@ -126,7 +118,7 @@ mod tests {
             let now = number * 1_000_000;
             clock.correct(now, now);
             if number > count - look {
-                worst = worst.max(clock.difference_ns().abs());
+                worst = worst.max(clock.difference_ns.abs());
             }
         }
         worst
@@ -137,7 +129,7 @@ mod tests {
         let mut clock = DcClock::new(50_000);
         clock.write(7_000, 1_000);
         assert_eq!(clock.written_time(1_000_001_000), Some(1_000_057_000));
-        let line = clock.line();
+        let line = clock.line;
         for now in [1_000, 1_001, 12_345_678, 5_000_000_123] {
             let there = line.simulated(line.system(now));
             assert!(there.abs_diff(now) <= 1, "{now} became {there}");

@@ -34,28 +34,16 @@ impl DictionaryValues {
         Self { slots }
     }
 
-    pub(super) fn reset(&mut self) {
-        for slot in &mut self.slots {
-            for (value, entry) in slot.values.iter_mut().zip(slot.object.entries) {
-                *value = entry.default.unwrap_or(0);
-            }
-        }
-    }
-
     /// A stored value; 0 if there is no such entry.
     pub(super) fn get(&self, index: u16, subindex: u8) -> u32 {
-        let Ok(at) = self.slots.binary_search_by_key(&index, |slot| slot.index) else {
-            return 0;
-        };
-        let Some(slot) = self.slots.get(at) else {
-            return 0;
-        };
-        slot.object
-            .entries
-            .binary_search_by_key(&subindex, |entry| entry.subindex)
-            .ok()
-            .and_then(|entry| slot.values.get(entry).copied())
-            .unwrap_or(0)
+        self.position(index, subindex).map_or(0, |(slot, entry)| self.slots[slot].values[entry])
+    }
+
+    fn position(&self, index: u16, subindex: u8) -> Option<(usize, usize)> {
+        let slot = self.slots.binary_search_by_key(&index, |slot| slot.index).ok()?;
+        let entries = self.slots[slot].object.entries;
+        let entry = entries.binary_search_by_key(&subindex, |entry| entry.subindex).ok()?;
+        Some((slot, entry))
     }
 
     pub(super) fn get_u8(&self, index: u16, subindex: u8) -> u8 {
@@ -69,18 +57,8 @@ impl DictionaryValues {
 
     /// Stores a value; ignored if there is no such entry.
     pub(super) fn set(&mut self, index: u16, subindex: u8, value: u32) {
-        let Ok(at) = self.slots.binary_search_by_key(&index, |slot| slot.index) else {
-            return;
-        };
-        let Some(slot) = self.slots.get_mut(at) else {
-            return;
-        };
-        let Ok(entry) = slot.object.entries.binary_search_by_key(&subindex, |entry| entry.subindex)
-        else {
-            return;
-        };
-        if let Some(stored) = slot.values.get_mut(entry) {
-            *stored = value;
+        if let Some((slot, entry)) = self.position(index, subindex) {
+            self.slots[slot].values[entry] = value;
         }
     }
 }

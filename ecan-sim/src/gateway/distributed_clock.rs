@@ -6,42 +6,25 @@ use super::pulse_train::PulseTrain;
 
 #[derive(Debug)]
 pub(super) struct DistributedClock {
-    drift_ppb: i32,
-    clock: DcClock,
-    sync0: Option<Sync0>,
-    pulses: Option<PulseTrain>,
+    pub(super) clock: DcClock,
+    pub(super) sync0: Option<Sync0>,
+    pub(super) pulses: Option<PulseTrain>,
 }
 
 impl DistributedClock {
     pub(super) fn new(drift_ppb: i32) -> Self {
-        Self { drift_ppb, clock: DcClock::new(drift_ppb), sync0: None, pulses: None }
-    }
-
-    pub(super) fn reset(&mut self) {
-        *self = Self::new(self.drift_ppb);
-    }
-
-    pub(super) fn clock(&self) -> &DcClock {
-        &self.clock
-    }
-
-    pub(super) fn pulses(&self) -> Option<PulseTrain> {
-        self.pulses
-    }
-
-    pub(super) fn sync0(&self) -> Option<Sync0> {
-        self.sync0
+        Self { clock: DcClock::new(drift_ppb), sync0: None, pulses: None }
     }
 
     pub(super) fn set_sync0(&mut self, sync0: Option<Sync0>, now: u64) {
         self.sync0 = sync0;
-        self.pulses = sync0.map(|sync0| PulseTrain::new(sync0, self.clock.line(), now));
+        self.pulses = sync0.map(|sync0| PulseTrain::new(sync0, self.clock.line, now));
     }
 
     /// Changes the clock; the pulses follow it.
     pub(super) fn change(&mut self, now: u64, change: impl FnOnce(&mut DcClock)) {
         change(&mut self.clock);
-        let line = self.clock.line();
+        let line = self.clock.line;
         if let Some(pulses) = &mut self.pulses {
             pulses.set_line(line, now);
         }
@@ -56,10 +39,8 @@ mod tests {
     fn pulses_follow_a_changed_clock() {
         let mut clock = DistributedClock::new(0);
         clock.set_sync0(Some(Sync0 { start_ns: 1_000, cycle_ns: 1_000, shift_ns: 0 }), 0);
-        assert_eq!(clock.pulses().map(|pulses| pulses.next_after(2_500)), Some(3_000));
+        assert_eq!(clock.pulses.map(|pulses| pulses.next_after(2_500)), Some(3_000));
         clock.change(2_500, |clock| clock.jump(100, 2_500));
-        assert_eq!(clock.pulses().map(|pulses| pulses.next_after(2_500)), Some(2_900));
-        clock.reset();
-        assert!(clock.pulses().is_none() && clock.sync0().is_none());
+        assert_eq!(clock.pulses.map(|pulses| pulses.next_after(2_500)), Some(2_900));
     }
 }

@@ -3,7 +3,7 @@
 
 #[derive(Debug, Default)]
 pub(super) struct Eeprom {
-    words: Vec<u16>,
+    pub(super) words: Vec<u16>,
     default: Vec<u16>,
 }
 
@@ -14,18 +14,10 @@ impl Eeprom {
         self.start();
     }
 
-    pub(super) fn words(&self) -> &[u16] {
-        &self.words
-    }
-
     pub(super) fn write(&mut self, word: u16, value: u16) {
         if let Some(to) = self.words.get_mut(usize::from(word)) {
             *to = value;
         }
-    }
-
-    pub(super) fn erase(&mut self) {
-        self.words.clear();
     }
 
     /// Start of the firmware: rebuilds an erased EEPROM.
@@ -47,10 +39,10 @@ mod tests {
         eeprom.write(1, 9);
         eeprom.write(2, 9);
         eeprom.start();
-        assert_eq!(eeprom.words(), [1, 9]);
-        eeprom.erase();
-        assert!(eeprom.words().is_empty());
+        assert_eq!(eeprom.words, [1, 9]);
+        eeprom.words.clear();
+        assert!(eeprom.words.is_empty());
         eeprom.start();
-        assert_eq!(eeprom.words(), [1, 2]);
+        assert_eq!(eeprom.words, [1, 2]);
     }
 }

@@ -54,24 +54,12 @@ impl Emergency {
 
 #[derive(Debug)]
 pub(super) struct EmergencyQueue {
-    waiting: VecDeque<Emergency>,
+    pub(super) waiting: VecDeque<Emergency>,
 }
 
 impl EmergencyQueue {
     pub(super) fn new() -> Self {
         Self { waiting: VecDeque::with_capacity(KEPT) }
-    }
-
-    pub(super) fn clear(&mut self) {
-        self.waiting.clear();
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.waiting.is_empty()
-    }
-
-    pub(super) fn pop(&mut self) -> Option<Emergency> {
-        self.waiting.pop_front()
     }
 
     pub(super) fn push(&mut self, emergency: Emergency) {

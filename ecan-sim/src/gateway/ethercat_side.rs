@@ -6,6 +6,7 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use super::Gateway;
 use super::al_state::Requirement;
 use super::config::{MAILBOXES, Sync0, SyncManagerConfig};
+use super::data_path::DataPath;
 use super::emergency::Emergency;
 use super::pulse_train::PulseTrain;
 
@@ -20,7 +21,7 @@ impl Gateway {
         }
         self.al.acknowledge();
         match self.meet_requirement(state) {
-            Ok(()) if self.must_await_sync(state) => self.al.await_sync(self.now),
+            Ok(()) if self.must_await_sync(state) => self.al.awaiting_sync_since = Some(self.now),
             Ok(()) => self.enter(state),
             Err(code) => self.al.fail(code),
         }
@@ -36,33 +37,29 @@ impl Gateway {
     /// The present state.
     #[must_use]
     pub fn al_state(&self) -> AlState {
-        self.al.state()
+        self.al.state
     }
 
     /// The error indication, bit 4 of AL status.
     #[must_use]
     pub fn al_error(&self) -> bool {
-        self.al.has_error()
+        self.al.has_error
     }
 
     /// The AL status code; 0 without an error.
     #[must_use]
     pub fn al_status_code(&self) -> u16 {
-        self.al.status_code().0
+        self.al.status_code.0
     }
 
     fn meet_requirement(&mut self, to: AlState) -> Result<(), AlStatusCode> {
         match self.al.requirement(to)? {
             Requirement::Nothing => Ok(()),
             Requirement::Mailboxes(error) => {
-                if self.sync_managers.are_mailboxes_valid() {
-                    Ok(())
-                } else {
-                    Err(error)
-                }
+                self.sync_managers.are_mailboxes_valid().then_some(()).ok_or(error)
             }
             Requirement::Profiles => {
-                self.application.apply_missing_profiles(self.al.state());
+                self.application.apply_missing_profiles(self.al.state);
                 self.application.check_process_data(&self.sync_managers)
             }
             Requirement::ProcessDataAndSync => {
@@ -73,20 +70,20 @@ impl Gateway {
 
     fn must_await_sync(&self, to: AlState) -> bool {
         self.al.requirement(to) == Ok(Requirement::ProcessDataAndSync)
-            && self.clock.pulses().is_some_and(|pulses| pulses.pulses_until(self.now) == 0)
+            && self.clock.pulses.is_some_and(|pulses| pulses.pulses_until(self.now) == 0)
     }
 
     /// When the wait for the first pulse ends, with the pulse or by timeout.
     pub(super) fn awaited_sync(&self) -> Option<u64> {
-        let since = self.al.awaiting_sync_since()?;
+        let since = self.al.awaiting_sync_since?;
         let timeout = since.saturating_add(self.config.sync_wait_ns);
-        let first = self.clock.pulses().map_or(since, PulseTrain::first_ns);
+        let first = self.clock.pulses.map_or(since, PulseTrain::first_ns);
         Some(first.min(timeout))
     }
 
     pub(super) fn finish_awaiting_sync(&mut self) {
-        self.al.stop_awaiting_sync();
-        let pulses = self.clock.pulses();
+        self.al.awaiting_sync_since = None;
+        let pulses = self.clock.pulses;
         if pulses.is_none_or(|pulses| pulses.pulses_until(self.now) > 0) {
             self.enter(AlState::Op);
         } else {
@@ -97,16 +94,16 @@ impl Gateway {
     fn enter(&mut self, state: AlState) {
         let change = self.al.enter(state);
         if change.leaves_op() {
-            self.application.data_path.stop_outputs(&mut self.counters);
+            self.application.data_path.stop_outputs();
             self.services.restart_idle(self.now);
         }
         if change.stops_mailbox() {
-            self.sync_managers.stop_mailboxes();
+            self.sync_managers.mailbox_stops = self.sync_managers.mailbox_stops.wrapping_add(1);
         }
         if change.starts_process_data() {
             self.sync_managers.empty_process_data();
-            self.application.data_path.start_inputs(&mut self.counters);
-            self.services.served(self.now);
+            self.application.data_path.start_inputs();
+            self.services.last = self.now;
             self.services.restart_idle(self.now);
             self.publish_inputs();
         } else if change.stops_process_data() {
@@ -114,9 +111,9 @@ impl Gateway {
             self.services.cancel();
         }
         match state {
-            AlState::Op => self.watchdog.start(self.now),
+            AlState::Op => self.watchdog.fed_at = self.now,
             AlState::Init => {
-                self.emergencies.clear();
+                self.emergencies.waiting.clear();
                 // without a mailbox a file transfer cannot continue
                 self.firmware.abandon();
             }
@@ -129,7 +126,7 @@ impl Gateway {
         if !self.is_responding() {
             return;
         }
-        self.al.stop_awaiting_sync();
+        self.al.awaiting_sync_since = None;
         if self.al.is_op() {
             self.fall_to(AlState::SafeOp, code);
         } else {
@@ -139,7 +136,7 @@ impl Gateway {
 
     fn fall_to(&mut self, state: AlState, code: AlStatusCode) {
         if self.al.is_op() {
-            self.counters.al_errors += 1;
+            self.application.data_path.counters.al_errors += 1;
         }
         self.enter(state);
         self.raise_al_error(code);
@@ -178,12 +175,12 @@ impl Gateway {
 
     /// Changes when the contents of the mailboxes become void.
     pub(crate) fn mailbox_stops(&self) -> u32 {
-        self.sync_managers.mailbox_stops()
+        self.sync_managers.mailbox_stops
     }
 
     /// Changes when a partial access to process data becomes void.
     pub(crate) fn process_data_stops(&self) -> u32 {
-        self.sync_managers.process_data_stops()
+        self.sync_managers.process_data_stops
     }
 
     pub(crate) fn exchanges_process_data(&self) -> bool {
@@ -212,13 +209,14 @@ impl Gateway {
     /// In SAFEOP the firmware empties the buffer without parsing it. Does not allocate.
     pub fn write_outputs(&mut self, now: u64, data: &[u8]) -> bool {
         self.advance(now);
-        if !self.exchanges_process_data() || !self.sync_managers.outputs.write(data) {
-            self.counters.writes_rejected += 1;
+        let is_written = self.exchanges_process_data() && self.sync_managers.outputs.write(data);
+        let DataPath { counters, performance, .. } = &mut self.application.data_path;
+        if !is_written {
+            counters.writes_rejected += 1;
             return false;
         }
-        self.counters.images_written += 1;
-        let performance = &mut self.application.data_path.performance;
-        performance.pdi_interrupt(self.now, self.clock.pulses(), true);
+        counters.images_written += 1;
+        performance.pdi_interrupt(self.now, self.clock.pulses, true);
         self.watchdog.feed(self.now);
         self.services.outputs_written(self.now);
         true
@@ -230,7 +228,7 @@ impl Gateway {
     pub fn read_inputs(&mut self, now: u64, out: &mut [u8]) -> bool {
         self.advance(now);
         if !self.exchanges_process_data() || !self.sync_managers.inputs.read(out) {
-            self.counters.reads_rejected += 1;
+            self.application.data_path.counters.reads_rejected += 1;
             return false;
         }
         self.inputs_were_read(now);
@@ -241,31 +239,29 @@ impl Gateway {
     pub(crate) fn inputs_were_read(&mut self, now: u64) {
         self.advance(now);
         let is_publish_due = self.sync_managers.finish_read();
-        self.counters.images_read += 1;
-        let performance = &mut self.application.data_path.performance;
-        performance.pdi_interrupt(self.now, self.clock.pulses(), false);
+        let DataPath { counters, performance, .. } = &mut self.application.data_path;
+        counters.images_read += 1;
+        performance.pdi_interrupt(self.now, self.clock.pulses, false);
         if is_publish_due {
             self.publish_inputs();
         }
     }
 
     pub(crate) fn begin_partial_read(&mut self) {
-        self.sync_managers.begin_partial_read();
+        self.sync_managers.is_reading_inputs = true;
     }
 
     pub(crate) fn count_rejected_access(&mut self, is_write: bool) {
-        let rejected = if is_write {
-            &mut self.counters.writes_rejected
-        } else {
-            &mut self.counters.reads_rejected
-        };
+        let counters = &mut self.application.data_path.counters;
+        let rejected =
+            if is_write { &mut counters.writes_rejected } else { &mut counters.reads_rejected };
         *rejected += 1;
     }
 
     /// Sets the process data watchdog, in nanoseconds; 0 disables it. It runs in OP while the
     /// control byte of SM2 has the watchdog bit.
     pub fn set_watchdog_ns(&mut self, watchdog_ns: u64) {
-        self.watchdog.set_timeout_ns(watchdog_ns);
+        self.watchdog.timeout_ns = watchdog_ns;
     }
 
     pub(super) fn watchdog_expiry(&self) -> Option<u64> {
@@ -274,21 +270,21 @@ impl Gateway {
     }
 
     pub(crate) fn watchdog_expirations(&self) -> u32 {
-        self.watchdog.expirations()
+        self.watchdog.expirations
     }
 
     pub(crate) fn watchdog_has_expired(&self) -> bool {
-        self.watchdog.is_expired()
+        self.watchdog.is_expired
     }
 
     /// Starts Sync0, changes it, or stops it (`None`). A stop in OP is a fatal sync error (0x002C).
     /// Frames scheduled for the previous pulses are dropped.
     pub fn set_dc_sync0(&mut self, sync0: Option<Sync0>) {
-        if sync0 == self.clock.sync0() {
+        if sync0 == self.clock.sync0 {
             return;
         }
         self.clock.set_sync0(sync0, self.now);
-        self.application.data_path.sync0_changed(&mut self.counters);
+        self.application.data_path.sync0_changed();
         if sync0.is_none() && self.al.is_op() {
             self.fall_back(AlStatusCode::FATAL_SYNC);
         }
@@ -296,11 +292,11 @@ impl Gateway {
 
     /// End of the longest permitted sequence of pulses without outputs, if it is limited.
     pub(super) fn missed_sync_expiry(&self) -> Option<u64> {
-        let pulses = self.clock.pulses()?;
+        let pulses = self.clock.pulses?;
         let limit = u64::from(self.config.missed_sync_limit);
         (self.al.is_op() && limit > 0).then(|| {
             pulses
-                .next_after(self.watchdog.fed_at())
+                .next_after(self.watchdog.fed_at)
                 .saturating_add(limit.saturating_mul(pulses.cycle_ns()))
         })
     }
@@ -308,34 +304,34 @@ impl Gateway {
     /// System time of the distributed clock (0x0910); `None` until the master has written it.
     #[must_use]
     pub fn dc_system_time(&self, now: u64) -> Option<u64> {
-        self.clock.clock().written_time(now)
+        self.clock.clock.written_time(now)
     }
 
     /// Time of the distributed clock, whether written by the master or not, in nanoseconds.
     pub(crate) fn dc_time(&self, now: u64) -> u64 {
-        self.clock.clock().line().system(now)
+        self.clock.clock.line.system(now)
     }
 
     pub(crate) fn dc_time_since_boot(&self, now: u64) -> u64 {
-        self.dc_time(now).saturating_sub(self.dc_time(self.power.booted_at()))
+        self.dc_time(now).saturating_sub(self.dc_time(self.power.booted_at))
     }
 
     /// Difference found by the last correction of the clock, received time minus own, in
     /// nanoseconds (0x092C).
     #[must_use]
     pub fn dc_difference_ns(&self) -> i64 {
-        self.clock.clock().difference_ns()
+        self.clock.clock.difference_ns
     }
 
     /// The next Sync0 pulse in simulated time; `None` without Sync0.
     #[must_use]
     pub fn next_sync0(&self, now: u64) -> Option<u64> {
-        self.clock.pulses().map(|pulses| pulses.next_after(now))
+        self.clock.pulses.map(|pulses| pulses.next_after(now))
     }
 
     /// The next Sync0 pulse in the system time of the slave; `None` without Sync0.
     pub(crate) fn next_sync0_system_time(&self, now: u64) -> Option<u64> {
-        self.clock.pulses().and_then(|pulses| pulses.next_system_after(now))
+        self.clock.pulses.and_then(|pulses| pulses.next_system_after(now))
     }
 
     /// The master sets the time of the clock.
@@ -355,21 +351,21 @@ impl Gateway {
 
     /// Number of boots; the slave controller is reset with each one.
     pub(crate) fn boots(&self) -> u32 {
-        self.power.boots()
+        self.power.boots
     }
 
     /// Queues an emergency if the mailbox is active. Does not allocate.
     pub(super) fn raise_emergency(&mut self, emergency: Emergency) {
-        if self.is_responding() && self.al.state().has_mailbox() {
+        if self.is_responding() && self.al.state.has_mailbox() {
             self.emergencies.push(emergency);
         }
     }
 
     pub(crate) fn has_emergency(&self) -> bool {
-        !self.emergencies.is_empty()
+        !self.emergencies.waiting.is_empty()
     }
 
     pub(crate) fn take_emergency(&mut self) -> Option<Emergency> {
-        self.emergencies.pop()
+        self.emergencies.waiting.pop_front()
     }
 }

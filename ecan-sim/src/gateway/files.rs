@@ -13,8 +13,7 @@ impl Gateway {
         if !self.is_responding() {
             return Err(FirmwareUpdateError::NotReady);
         }
-        let fails = self.faults.take_flash_failure();
-        self.firmware.begin(self.now, fails)
+        self.firmware.begin(self.now, &mut self.faults)
     }
 
     /// Writes the next part of the file, of any length.
@@ -27,12 +26,7 @@ impl Gateway {
         data: &[u8],
     ) -> Result<FirmwareProgress, FirmwareUpdateError> {
         self.advance(now);
-        if let Some(busy) = self.firmware.is_busy(self.now)? {
-            return Ok(busy);
-        }
-        let fails = self.firmware.fills_sector(data.len()) && self.faults.take_flash_failure();
-        self.firmware.write(self.now, data, fails)?;
-        Ok(FirmwareProgress::Done)
+        self.firmware.write(self.now, data, &mut self.faults)
     }
 
     /// The file is complete: writes the rest, checks the file, and restarts with the new version
@@ -45,11 +39,7 @@ impl Gateway {
         now: u64,
     ) -> Result<FirmwareProgress, FirmwareUpdateError> {
         self.advance(now);
-        if let Some(busy) = self.firmware.is_busy(self.now)? {
-            return Ok(busy);
-        }
-        let fails = self.firmware.has_rest() && self.faults.take_flash_failure();
-        self.firmware.finish(self.now, fails)
+        self.firmware.finish(self.now, &mut self.faults)
     }
 
     /// Abandons an update; does nothing without one.
@@ -60,7 +50,7 @@ impl Gateway {
     /// The package that runs.
     #[must_use]
     pub fn running_firmware(&self) -> &[u8] {
-        self.firmware.running_file()
+        &self.firmware.running_file
     }
 
     /// Sets the contents that the firmware gives an erased EEPROM. An empty EEPROM gets them now.
@@ -72,7 +62,7 @@ impl Gateway {
     /// [`install_eeprom`](Self::install_eeprom), and between an erasure and the end of the restart.
     #[must_use]
     pub fn eeprom(&self) -> &[u16] {
-        self.eeprom.words()
+        &self.eeprom.words
     }
 
     /// Writes one word; does nothing outside the EEPROM. Does not allocate.
@@ -85,7 +75,7 @@ impl Gateway {
     pub fn rebuild_eeprom(&mut self, now: u64) {
         self.advance(now);
         if self.is_responding() {
-            self.eeprom.erase();
+            self.eeprom.words.clear();
             self.boot();
         }
     }

@@ -10,6 +10,7 @@ use thiserror::Error;
 
 use super::NS_PER_MS;
 use super::crc32::crc32;
+use super::fault::PendingFaults;
 use super::firmware_package::{FirmwarePackage, FirmwarePackageError, Header};
 
 /// Bytes of an application partition, package header included.
@@ -116,16 +117,19 @@ impl Transfer {
 #[derive(Debug)]
 pub(super) struct FirmwareUpdate {
     // survives power loss
-    partitions: [Vec<u8>; 2],
-    next_start: usize,
+    pub(super) running_file: Vec<u8>,
+    /// The written part of the file in the free partition.
+    free_file: Vec<u8>,
+    /// The free partition is marked for the next start.
+    starts_free: bool,
     /// Size and CRC32 of the last file that was complete, good or bad.
     last_image: (u32, u32),
     // of the present start
-    running: usize,
-    header: Header,
+    pub(super) header: Header,
     transfer: Option<Transfer>,
     status: u32,
-    reset_at: Option<u64>,
+    /// Time of the restart with the marked partition.
+    pub(super) reset_at: Option<u64>,
 }
 
 fn check(file: &[u8]) -> Result<Header, FirmwareUpdateError> {
@@ -143,10 +147,10 @@ impl FirmwareUpdate {
         let package = FirmwarePackage::new(DEVICE_TYPE, version, FACTORY_PAYLOAD.to_vec());
         Self {
             header: package.header(),
-            partitions: [package.to_bytes(), Vec::new()],
-            next_start: 0,
+            running_file: package.to_bytes(),
+            free_file: Vec::new(),
+            starts_free: false,
             last_image: (0, 0),
-            running: 0,
             transfer: None,
             status: STATUS_NONE,
             reset_at: None,
@@ -161,18 +165,12 @@ impl FirmwareUpdate {
 
     /// A start: the marked partition runs.
     pub(super) fn start(&mut self) {
-        let marked = self.partitions.get(self.next_start).map(|file| check(file));
-        match marked {
-            Some(Ok(header)) => {
-                self.header = header;
-                self.running = self.next_start;
-            }
-            _ => self.next_start = self.running,
+        if std::mem::take(&mut self.starts_free)
+            && let Ok(header) = check(&self.free_file)
+        {
+            self.header = header;
+            std::mem::swap(&mut self.running_file, &mut self.free_file);
         }
-    }
-
-    pub(super) fn device_type(&self) -> u8 {
-        self.header.device_type
     }
 
     /// 0xF000:05 and :06 of the running version.
@@ -190,23 +188,6 @@ impl FirmwareUpdate {
         })
     }
 
-    pub(super) fn reset_time(&self) -> Option<u64> {
-        self.reset_at
-    }
-
-    fn free(&self) -> usize {
-        1 - self.running
-    }
-
-    /// The written part of the file in the free partition.
-    fn free_file(&self) -> &[u8] {
-        self.partitions.get(self.free()).map_or(&[], Vec::as_slice)
-    }
-
-    pub(super) fn running_file(&self) -> &[u8] {
-        self.partitions.get(self.running).map_or(&[], Vec::as_slice)
-    }
-
     pub(super) fn abandon(&mut self) {
         if self.transfer.take().is_some() {
             self.status = STATUS_NONE;
@@ -219,121 +200,86 @@ impl FirmwareUpdate {
         error
     }
 
-    /// `fails`: the flash operation fails.
-    pub(super) fn begin(&mut self, now: u64, fails: bool) -> Result<(), FirmwareUpdateError> {
+    pub(super) fn begin(
+        &mut self,
+        now: u64,
+        faults: &mut PendingFaults,
+    ) -> Result<(), FirmwareUpdateError> {
         if self.reset_at.is_some() {
             return Err(FirmwareUpdateError::NotReady);
         }
         self.transfer = None;
-        self.next_start = self.running;
-        let free = self.free();
-        if let Some(partition) = self.partitions.get_mut(free) {
-            partition.clear();
-        }
-        if fails {
+        self.starts_free = false;
+        self.free_file.clear();
+        if faults.take_flash_failure() {
             return Err(self.fail(FirmwareUpdateError::Flash));
         }
-        let mut transfer =
-            Transfer { busy_since: now, ready_at: now, sector: Vec::with_capacity(SECTOR_BYTES) };
-        transfer.occupy(now, ERASE_NS);
-        self.transfer = Some(transfer);
+        let sector = Vec::with_capacity(SECTOR_BYTES);
+        self.transfer = Some(Transfer { busy_since: now, ready_at: now + ERASE_NS, sector });
         self.status = STATUS_RECEIVING;
         Ok(())
-    }
-
-    pub(super) fn is_busy(
-        &self,
-        now: u64,
-    ) -> Result<Option<FirmwareProgress>, FirmwareUpdateError> {
-        let transfer = self.transfer.as_ref().ok_or(FirmwareUpdateError::NotBegun)?;
-        Ok((now < transfer.ready_at).then(|| transfer.progress(now)))
-    }
-
-    /// Whether this number of bytes completes a sector, so that a flash operation follows.
-    pub(super) fn fills_sector(&self, bytes: usize) -> bool {
-        self.transfer.as_ref().is_some_and(|transfer| transfer.sector.len() + bytes >= SECTOR_BYTES)
-    }
-
-    /// Whether the end of the file is not written yet.
-    pub(super) fn has_rest(&self) -> bool {
-        self.transfer.as_ref().is_some_and(|transfer| !transfer.sector.is_empty())
     }
 
     pub(super) fn write(
         &mut self,
         now: u64,
         data: &[u8],
-        fails: bool,
-    ) -> Result<(), FirmwareUpdateError> {
-        let free = self.free();
-        let Self { transfer: Some(transfer), partitions, .. } = self else {
-            return Err(FirmwareUpdateError::NotBegun);
-        };
-        let Some(partition) = partitions.get_mut(free) else {
-            return Err(FirmwareUpdateError::NotBegun);
-        };
-        if partition.len() + transfer.sector.len() + data.len() > PARTITION_BYTES {
+        faults: &mut PendingFaults,
+    ) -> Result<FirmwareProgress, FirmwareUpdateError> {
+        let transfer = self.transfer.as_mut().ok_or(FirmwareUpdateError::NotBegun)?;
+        if now < transfer.ready_at {
+            return Ok(transfer.progress(now));
+        }
+        if self.free_file.len() + transfer.sector.len() + data.len() > PARTITION_BYTES {
             return Err(self.fail(FirmwareUpdateError::TooBig));
         }
         transfer.sector.extend_from_slice(data);
-        let whole = transfer.sector.len() / SECTOR_BYTES * SECTOR_BYTES;
-        if whole > 0 {
-            if fails {
+        let sectors = transfer.sector.len() / SECTOR_BYTES;
+        if sectors > 0 {
+            if faults.take_flash_failure() {
                 return Err(self.fail(FirmwareUpdateError::Flash));
             }
-            partition.extend(transfer.sector.drain(..whole));
-            transfer.occupy(now, (whole / SECTOR_BYTES) as u64 * SECTOR_WRITE_NS);
+            self.free_file.extend(transfer.sector.drain(..sectors * SECTOR_BYTES));
+            transfer.occupy(now, sectors as u64 * SECTOR_WRITE_NS);
         }
-        Ok(())
+        Ok(FirmwareProgress::Done)
     }
 
     /// Writes the last sector, then checks and marks the file.
     pub(super) fn finish(
         &mut self,
         now: u64,
-        fails: bool,
+        faults: &mut PendingFaults,
     ) -> Result<FirmwareProgress, FirmwareUpdateError> {
-        let free = self.free();
-        let Self { transfer: Some(transfer), partitions, .. } = self else {
-            return Err(FirmwareUpdateError::NotBegun);
-        };
+        let transfer = self.transfer.as_mut().ok_or(FirmwareUpdateError::NotBegun)?;
+        if now < transfer.ready_at {
+            return Ok(transfer.progress(now));
+        }
         if !transfer.sector.is_empty() {
-            if fails {
+            if faults.take_flash_failure() {
                 return Err(self.fail(FirmwareUpdateError::Flash));
             }
-            if let Some(partition) = partitions.get_mut(free) {
-                partition.append(&mut transfer.sector);
-            }
+            self.free_file.append(&mut transfer.sector);
             transfer.occupy(now, SECTOR_WRITE_NS);
             return Ok(transfer.progress(now));
         }
-        let file = self.free_file();
-        self.last_image = (file.len() as u32, crc32(file));
-        match self.validate() {
-            Ok(()) => {
-                self.transfer = None;
-                self.mark(now);
-                Ok(FirmwareProgress::Done)
-            }
-            Err(error) => Err(self.fail(error)),
-        }
+        self.last_image = (self.free_file.len() as u32, crc32(&self.free_file));
+        self.activate(now).map_err(|error| self.fail(error))?;
+        self.transfer = None;
+        Ok(FirmwareProgress::Done)
     }
 
     pub(super) fn validate(&self) -> Result<(), FirmwareUpdateError> {
-        check(self.free_file()).map(|_| ())
+        check(&self.free_file).map(|_| ())
     }
 
     /// Checks the file in the free partition and restarts with it soon.
     pub(super) fn activate(&mut self, now: u64) -> Result<(), FirmwareUpdateError> {
         self.validate()?;
-        self.mark(now);
-        Ok(())
-    }
-
-    fn mark(&mut self, now: u64) {
-        self.next_start = self.free();
+        self.starts_free = true;
         self.status = STATUS_VERIFIED;
         self.reset_at = Some(now + RESET_DELAY_NS);
+        Ok(())
     }
 
     /// Whether a file is being received; nothing else may change the flash then.

@@ -47,7 +47,7 @@ pub(super) enum PendingCommand {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Maintenance {
     mode: AccessMode,
-    mode_ends: Option<u64>,
+    pub(super) mode_ends: Option<u64>,
     status: MaintenanceStatus,
     sequence: u32,
 }
@@ -58,10 +58,6 @@ impl Maintenance {
         self.mode = AccessMode::from_raw(mode).unwrap_or(AccessMode::Factory);
         self.mode_ends = (self.mode != AccessMode::Run && timeout_s != 0)
             .then(|| now.saturating_add(u64::from(timeout_s) * 1_000_000_000));
-    }
-
-    pub(super) fn mode_ends(&self) -> Option<u64> {
-        self.mode_ends
     }
 
     pub(super) fn expire(&mut self, now: u64) {

@@ -42,7 +42,6 @@ mod files;
 mod filter;
 mod firmware_package;
 mod firmware_update;
-mod flash;
 mod maintenance;
 mod object_server;
 mod pin_rotation;
@@ -108,9 +107,8 @@ pub struct Gateway {
     eeprom: Eeprom,
     firmware: FirmwareUpdate,
     faults: PendingFaults,
-    counters: GatewayCounters,
     /// Events so far that no call asked for; a caller compares it to notice changes.
-    acts: u64,
+    pub(crate) acts: u64,
 }
 
 impl Gateway {
@@ -133,7 +131,6 @@ impl Gateway {
             eeprom: Eeprom::default(),
             firmware: FirmwareUpdate::new(config.firmware),
             faults: PendingFaults::default(),
-            counters: GatewayCounters::default(),
             acts: 0,
             config,
         };
@@ -150,7 +147,7 @@ impl Gateway {
     /// Counters of the events inside the gateway.
     #[must_use]
     pub fn counters(&self) -> &GatewayCounters {
-        &self.counters
+        &self.application.data_path.counters
     }
 
     /// Switches the supply. Off: nothing responds and all volatile state is lost. On: the firmware
@@ -185,7 +182,7 @@ impl Gateway {
             GatewayFault::CrcErrorTxPdo { images } => faults.add_crc_errors(images),
             GatewayFault::FlashFailure { times } => faults.add_flash_failures(times),
             GatewayFault::MailboxSilent { ms } => faults.mailbox_silent_until = until(ms),
-            GatewayFault::ServiceStall { ms } => self.services.stall_until(until(ms)),
+            GatewayFault::ServiceStall { ms } => self.services.stalled_until = until(ms),
             GatewayFault::AlError { code } => self.fall_back(AlStatusCode(code)),
             GatewayFault::ClockJump { ns } => self.clock.change(now, |clock| clock.jump(ns, now)),
         }
@@ -204,10 +201,10 @@ impl Gateway {
             self.missed_sync_expiry(),
             self.awaited_sync(),
             self.application.data_path.release_time(),
-            self.maintenance.mode_ends(),
+            self.maintenance.mode_ends,
             self.store.done_at(),
-            self.firmware.reset_time(),
-            self.power.reboot_time(),
+            self.firmware.reset_at,
+            self.power.reboot_at,
         ])
     }
 
@@ -220,10 +217,6 @@ impl Gateway {
         self.now = self.now.max(now);
     }
 
-    pub(crate) fn acts(&self) -> u64 {
-        self.acts
-    }
-
     fn act(&mut self) {
         self.acts += 1;
         let now = self.now;
@@ -233,7 +226,7 @@ impl Gateway {
                 self.start_firmware();
             }
         } else if due(self.application.data_path.release_time()) {
-            self.application.data_path.release_scheduled(now, &mut self.counters);
+            self.application.data_path.release_scheduled(now);
         } else if due(self.services.due()) {
             self.services.cancel();
             self.serve();
@@ -249,7 +242,7 @@ impl Gateway {
             self.fall_back(AlStatusCode::FATAL_SYNC);
         } else if due(self.store.done_at()) {
             self.finish_store_command();
-        } else if due(self.power.reboot_time()) || due(self.firmware.reset_time()) {
+        } else if due(self.power.reboot_at) || due(self.firmware.reset_at) {
             self.boot();
         } else {
             self.maintenance.expire(now);
@@ -257,7 +250,7 @@ impl Gateway {
     }
 
     fn idle_service_time(&self) -> Option<u64> {
-        (self.al.state() == AlState::SafeOp).then(|| self.services.idle_due())
+        (self.al.state == AlState::SafeOp).then(|| self.services.idle_due())
     }
 
     fn boot(&mut self) {
@@ -271,55 +264,53 @@ impl Gateway {
         self.firmware.start();
         self.eeprom.start();
         if let Some(image) = self.store.saved() {
-            self.application.load_at_start(&image, self.al.state(), &mut self.counters);
+            self.application.load_at_start(&image, self.al.state);
         }
     }
 
     fn lose_volatile_state(&mut self) {
-        self.application.reset(&mut self.counters);
+        self.application.reset();
         self.al = AlStateMachine::new();
         self.sync_managers.reset();
         self.watchdog = Watchdog::new();
-        self.clock.reset();
+        self.clock = DistributedClock::new(self.config.clock_drift_ppb);
         self.services.cancel();
         self.maintenance = Maintenance::default();
         self.store.cancel();
         self.firmware.stop();
-        self.emergencies.clear();
+        self.emergencies.waiting.clear();
     }
 
     fn serve(&mut self) {
         let is_op = self.al.is_op();
         let times = ServiceTimes {
             now: self.now,
-            outputs_at: self.services.outputs_at(),
-            pulses: self.clock.pulses(),
+            outputs_at: self.services.outputs_at,
+            pulses: self.clock.pulses,
         };
-        let Self { sync_managers, application, counters, .. } = self;
-        let data_path = &mut application.data_path;
-        counters.services += 1;
+        let Self { sync_managers, application: Application { data_path, .. }, .. } = self;
+        data_path.counters.services += 1;
         if sync_managers.outputs.is_full() {
             let image = sync_managers.outputs.image();
             data_path.performance.outputs_read(image.len());
             if is_op {
-                data_path.take_image(image, &times, counters);
+                data_path.take_image(image, &times);
             }
             sync_managers.outputs.empty();
         }
-        data_path.serve(is_op, counters);
+        data_path.serve(is_op);
         if sync_managers.can_publish() {
             self.publish_inputs();
         }
-        self.services.served(self.now);
+        self.services.last = self.now;
     }
 
     /// Builds a TxPDO image and publishes it in SM3, which must be empty.
     fn publish_inputs(&mut self) {
-        let Self { sync_managers, application, faults, counters, services, .. } = self;
+        let Self { sync_managers, application, faults, services, .. } = self;
         let inputs = &mut sync_managers.inputs;
         let length = inputs.length().unwrap_or(0);
-        let built = application.data_path.build_inputs(length, services.last(), faults, counters);
-        if let Some(image) = built {
+        if let Some(image) = application.data_path.build_inputs(length, services.last, faults) {
             inputs.publish(image);
         }
     }

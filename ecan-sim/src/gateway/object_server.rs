@@ -7,6 +7,8 @@
 //! chunks are assigned, as many as the SII's default sync manager size of 3072 bytes holds
 //! (manual 5.3).
 
+use std::cmp::Ordering;
+
 use ecan_protocol::config::{ApplyStatus, DiagnosticFault, DiagnosticTest};
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::{
@@ -19,7 +21,7 @@ use super::command::DIAGNOSTIC_TEST;
 use super::dictionary_values::DictionaryValues;
 
 /// 0x8030:9, reason of the last rejected write; the manual numbers none.
-const TEST_REJECT_REASON: u8 = 9;
+pub(super) const TEST_REJECT_REASON: u8 = 9;
 /// A policy without the key, or the key removed while a policy is set.
 const LOCKED: u32 = 1;
 
@@ -38,26 +40,11 @@ pub(super) enum Payload {
 
 impl ObjectServer {
     pub(super) fn new() -> Self {
-        let mut server = Self {
-            values: DictionaryValues::new(),
-            filters: std::array::from_fn(|_| FilterLists::new()),
-        };
-        server.assign_all_chunks();
-        server
-    }
-
-    pub(super) fn reset(&mut self) {
-        self.values.reset();
-        for lists in &mut self.filters {
-            lists.clear();
-        }
-        self.assign_all_chunks();
-    }
-
-    fn assign_all_chunks(&mut self) {
+        let mut values = DictionaryValues::new();
         for direction in Direction::ALL {
-            self.values.set(assignment_index(direction), 0, u32::from(MAX_MULTIPLIER));
+            values.set(assignment_index(direction), 0, u32::from(MAX_MULTIPLIER));
         }
+        Self { values, filters: std::array::from_fn(|_| FilterLists::new()) }
     }
 
     pub(super) fn find(
@@ -74,19 +61,19 @@ impl ObjectServer {
             return Err(AbortCode::READ_ONLY);
         }
         let size = entry.ty.size_bytes().ok_or(AbortCode::UNSUPPORTED_ACCESS)?;
-        match data.len() {
-            0 => return Err(AbortCode::LENGTH),
-            length if length > size => return Err(AbortCode::TOO_LONG),
-            length if length < size => return Err(AbortCode::TOO_SHORT),
-            _ => {}
+        if data.is_empty() {
+            return Err(AbortCode::LENGTH);
+        }
+        match data.len().cmp(&size) {
+            Ordering::Greater => return Err(AbortCode::TOO_LONG),
+            Ordering::Less => return Err(AbortCode::TOO_SHORT),
+            Ordering::Equal => {}
         }
         if entry.ty == ObjectType::String16 {
             return Ok(Payload::Unit);
         }
         let mut bytes = [0; 4];
-        for (to, from) in bytes.iter_mut().zip(data) {
-            *to = *from;
-        }
+        bytes[..size].copy_from_slice(data);
         Ok(Payload::Value(u32::from_le_bytes(bytes)))
     }
 
@@ -132,10 +119,6 @@ impl ObjectServer {
         self.test_policies_with(None)
     }
 
-    pub(super) fn clear_test_reject_reason(&mut self) {
-        self.values.set(DIAGNOSTIC_TEST, TEST_REJECT_REASON, 0);
-    }
-
     fn test_policies_with(&self, replaced: Option<(u8, u32)>) -> DiagnosticTest {
         let read = |subindex| {
             Ok::<_, std::convert::Infallible>(match replaced {
@@ -162,10 +145,8 @@ impl ObjectServer {
             return Err(AbortCode::DEVICE_STATE);
         }
         if subindex == 0 {
-            if value > u32::from(MAX_MULTIPLIER) {
-                return Err(AbortCode::TOO_GREAT);
-            }
-            return Ok(());
+            let is_valid = value <= u32::from(MAX_MULTIPLIER);
+            return if is_valid { Ok(()) } else { Err(AbortCode::TOO_GREAT) };
         }
         if self.values.get(assignment_index(direction), 0) != 0 {
             return Err(AbortCode::SUBINDEX_LOCKED);
@@ -182,11 +163,9 @@ impl ObjectServer {
     pub(super) fn assigned_chunks(&self, direction: Direction) -> Option<u8> {
         let index = assignment_index(direction);
         let count = self.values.get_u8(index, 0);
-        (0..count)
-            .all(|chunk| {
-                self.values.get(index, chunk + 1) == u32::from(pdo_map_index(direction, chunk))
-            })
-            .then_some(count)
+        let is_in_order =
+            |chunk| self.values.get(index, chunk + 1) == u32::from(pdo_map_index(direction, chunk));
+        (0..count).all(is_in_order).then_some(count)
     }
 
     pub(super) fn assigned_bytes(&self, direction: Direction) -> usize {
@@ -194,10 +173,8 @@ impl ObjectServer {
     }
 
     pub(super) fn edit_filters(&mut self, channel: usize, extended: bool, command: u8) {
-        if let Some(lists) = self.filters.get_mut(channel) {
-            let index = FIRST_CHANNEL_OBJECT + channel as u16;
-            lists.command(&mut self.values, index, extended, command);
-        }
+        let index = FIRST_CHANNEL_OBJECT + channel as u16;
+        self.filters[channel].command(&mut self.values, index, extended, command);
     }
 
     pub(super) fn finish_channel_command(
@@ -287,7 +264,7 @@ mod tests {
         assert_eq!(rejected, Err(AbortCode::PARAMETER_INCOMPATIBLE));
         assert_eq!(server.values.get(DIAGNOSTIC_TEST, TEST_REJECT_REASON), LOCKED);
         assert_eq!(server.test_policies(), DiagnosticTest::OFF);
-        server.clear_test_reject_reason();
+        server.values.set(DIAGNOSTIC_TEST, TEST_REJECT_REASON, 0);
         assert_eq!(server.values.get(DIAGNOSTIC_TEST, TEST_REJECT_REASON), 0);
     }
 }

@@ -14,9 +14,9 @@ enum PowerState {
 pub(super) struct PowerSupply {
     state: PowerState,
     boot_ns: u64,
-    boots: u32,
-    booted_at: u64,
-    reboot_at: Option<u64>,
+    pub(super) boots: u32,
+    pub(super) booted_at: u64,
+    pub(super) reboot_at: Option<u64>,
 }
 
 impl PowerSupply {
@@ -31,14 +31,6 @@ impl PowerSupply {
 
     pub(super) fn is_running(&self) -> bool {
         self.state == PowerState::On
-    }
-
-    pub(super) fn boots(&self) -> u32 {
-        self.boots
-    }
-
-    pub(super) fn booted_at(&self) -> u64 {
-        self.booted_at
     }
 
     pub(super) fn switch_off(&mut self) {
@@ -67,10 +59,6 @@ impl PowerSupply {
     pub(super) fn request_reboot(&mut self, now: u64) {
         self.reboot_at = Some(now + REBOOT_DELAY_NS);
     }
-
-    pub(super) fn reboot_time(&self) -> Option<u64> {
-        self.reboot_at
-    }
 }
 
 #[cfg(test)]
@@ -83,7 +71,7 @@ mod tests {
         assert!(supply.is_off());
         supply.boot(1_000);
         assert_eq!((supply.is_off(), supply.is_running()), (false, false));
-        assert_eq!((supply.boot_end(), supply.booted_at()), (Some(200_001_000), 1_000));
+        assert_eq!((supply.boot_end(), supply.booted_at), (Some(200_001_000), 1_000));
         supply.finish_boot();
         assert!(supply.is_running());
         assert_eq!(supply.boot_end(), None);
@@ -95,10 +83,10 @@ mod tests {
         supply.boot(0);
         supply.finish_boot();
         supply.request_reboot(5);
-        assert_eq!(supply.reboot_time(), Some(5 + REBOOT_DELAY_NS));
+        assert_eq!(supply.reboot_at, Some(5 + REBOOT_DELAY_NS));
         supply.switch_off();
-        assert_eq!(supply.reboot_time(), None);
+        assert_eq!(supply.reboot_at, None);
         supply.boot(10);
-        assert_eq!((supply.boots(), supply.reboot_time()), (2, None));
+        assert_eq!((supply.boots, supply.reboot_at), (2, None));
     }
 }

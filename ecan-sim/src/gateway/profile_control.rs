@@ -6,6 +6,7 @@ use ecan_protocol::device::AlState;
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoError, PdoProfile};
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
+use super::crc32::crc32;
 use super::dictionary_values::DictionaryValues;
 
 /// Subindices of 0x8010 and 0x8011.
@@ -37,38 +38,9 @@ const EXISTING_CHANNELS: u8 = 0x0F;
 type Rejection = (ProfileStatus, Option<PdoError>);
 
 #[derive(Debug)]
-pub(super) struct Profiles {
-    tx: ProfileControl,
-    rx: ProfileControl,
-}
-
-impl Profiles {
-    pub(super) fn new() -> Self {
-        Self {
-            tx: ProfileControl::new(Direction::TxPdo),
-            rx: ProfileControl::new(Direction::RxPdo),
-        }
-    }
-
-    pub(super) fn of(&self, direction: Direction) -> &ProfileControl {
-        match direction {
-            Direction::TxPdo => &self.tx,
-            Direction::RxPdo => &self.rx,
-        }
-    }
-
-    pub(super) fn of_mut(&mut self, direction: Direction) -> &mut ProfileControl {
-        match direction {
-            Direction::TxPdo => &mut self.tx,
-            Direction::RxPdo => &mut self.rx,
-        }
-    }
-}
-
-#[derive(Debug)]
 pub(super) struct ProfileControl {
     direction: Direction,
-    active: Option<PdoProfile>,
+    pub(super) active: Option<PdoProfile>,
     status: ProfileStatus,
     pub(super) sequence: u16,
     last_error: PdoError,
@@ -77,7 +49,7 @@ pub(super) struct ProfileControl {
 }
 
 impl ProfileControl {
-    fn new(direction: Direction) -> Self {
+    pub(super) fn new(direction: Direction) -> Self {
         Self {
             direction,
             active: None,
@@ -87,10 +59,6 @@ impl ProfileControl {
             error_counter: 0,
             overflow_counter: 0,
         }
-    }
-
-    pub(super) fn active(&self) -> Option<PdoProfile> {
-        self.active
     }
 
     pub(super) fn active_bytes(&self) -> usize {
@@ -115,9 +83,7 @@ impl ProfileControl {
             }
             Err((status, error)) => {
                 self.status = status;
-                if let Some(error) = error {
-                    self.last_error = error;
-                }
+                self.last_error = error.unwrap_or(self.last_error);
                 false
             }
         }
@@ -197,25 +163,22 @@ impl ProfileControl {
         }
         self.overflow_counter = self.overflow_counter.saturating_add(frames);
         self.status = ProfileStatus::Overflow;
-        if let Some(error) = error {
-            self.last_error = error;
-        }
+        self.last_error = error.unwrap_or(self.last_error);
     }
 
     pub(super) fn clear_errors(&mut self) {
-        self.last_error = PdoError::Ok;
         self.error_counter = 0;
         self.overflow_counter = 0;
-        self.clear_running_status();
+        self.clear_last_error();
     }
 
     pub(super) fn reset_session(&mut self) {
         self.sequence = 0;
-        self.last_error = PdoError::Ok;
-        self.clear_running_status();
+        self.clear_last_error();
     }
 
-    fn clear_running_status(&mut self) {
+    fn clear_last_error(&mut self) {
+        self.last_error = PdoError::Ok;
         if matches!(self.status, ProfileStatus::EncapsulationError | ProfileStatus::Overflow) {
             self.status = ProfileStatus::Ok;
         }
@@ -240,19 +203,11 @@ impl ProfileControl {
     }
 }
 
-/// The layout contract CRC. The manual does not say how the device computes it; here it is
-/// CRC-32 (reflected 0x04C11DB7) over object index, image size and profile word.
+/// The layout contract CRC. The manual does not specify it; here it covers object index, image size
+/// and profile word.
 fn layout_crc(direction: Direction, profile: PdoProfile) -> u32 {
-    let mut contract = [0; 10];
-    contract[..2].copy_from_slice(&direction.profile_object().to_le_bytes());
-    contract[2..6].copy_from_slice(&(profile.pdo_bytes() as u32).to_le_bytes());
-    contract[6..].copy_from_slice(&profile.word().to_le_bytes());
-    let mut crc = u32::MAX;
-    for byte in contract {
-        crc ^= u32::from(byte);
-        for _ in 0..8 {
-            crc = crc >> 1 ^ (0xEDB8_8320 & (crc & 1).wrapping_neg());
-        }
-    }
-    !crc
+    let mut contract = direction.profile_object().to_le_bytes().to_vec();
+    contract.extend((profile.pdo_bytes() as u32).to_le_bytes());
+    contract.extend(profile.word().to_le_bytes());
+    crc32(&contract)
 }

@@ -17,7 +17,7 @@ pub(super) struct Received {
     pub(super) source: u8,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct ReceiveFifo {
     elements: VecDeque<Received>,
     get_index: u32,
@@ -27,12 +27,7 @@ pub(super) struct ReceiveFifo {
 
 impl ReceiveFifo {
     pub(super) fn new() -> Self {
-        Self {
-            elements: VecDeque::with_capacity(RX_ELEMENTS_MAX),
-            get_index: 0,
-            put_index: 0,
-            lost: false,
-        }
+        Self { elements: VecDeque::with_capacity(RX_ELEMENTS_MAX), ..Self::default() }
     }
 
     pub(super) fn clear(&mut self) -> usize {

@@ -11,14 +11,22 @@ use super::counters::ReceiveLosses;
 use super::receive_fifo::Received;
 
 /// Largest size of an RX cache, 0xF000:28.
-pub(super) const RX_CACHE_MAX: usize = 32;
+const RX_CACHE_MAX: usize = 32;
 /// Frames that the balanced policy drains per service, if the maximum is not lower.
 const BALANCED_DRAIN: u8 = 2;
 
 /// RX cache of one channel with its counters of 0x9020..0x9023.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct ReceivePath {
     cache: VecDeque<Received>,
+    pub(super) counters: ReceiveCounters,
+    pub(super) dropped_since_image: u32,
+    overflows_in_a_row: u32,
+    pub(super) is_degraded: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ReceiveCounters {
     pub(super) high_watermark: u16,
     pub(super) drained_last: u16,
     pub(super) drained_max: u16,
@@ -28,36 +36,15 @@ pub(super) struct ReceivePath {
     pub(super) dropped_critical: u32,
     pub(super) consumed_last: u16,
     pub(super) consumed_max: u16,
-    pub(super) dropped_since_image: u32,
-    overflows_in_a_row: u32,
-    degraded: bool,
 }
 
 impl ReceivePath {
     pub(super) fn new() -> Self {
-        Self {
-            cache: VecDeque::with_capacity(RX_CACHE_MAX),
-            high_watermark: 0,
-            drained_last: 0,
-            drained_max: 0,
-            dropped_total: 0,
-            dropped_old: 0,
-            dropped_new: 0,
-            dropped_critical: 0,
-            consumed_last: 0,
-            consumed_max: 0,
-            dropped_since_image: 0,
-            overflows_in_a_row: 0,
-            degraded: false,
-        }
+        Self { cache: VecDeque::with_capacity(RX_CACHE_MAX), ..Self::default() }
     }
 
     pub(super) fn waiting(&self) -> usize {
         self.cache.len()
-    }
-
-    pub(super) fn is_degraded(&self) -> bool {
-        self.degraded
     }
 
     /// Whether at least three quarters of the configured depth are used.
@@ -77,7 +64,7 @@ impl ReceivePath {
         let lost = self.cache.len();
         self.cache.clear();
         self.overflows_in_a_row = 0;
-        self.degraded = false;
+        self.is_degraded = false;
         lost
     }
 
@@ -90,21 +77,9 @@ impl ReceivePath {
         }
     }
 
-    pub(super) fn clear_counters(&mut self) {
-        self.high_watermark = 0;
-        self.drained_last = 0;
-        self.drained_max = 0;
-        self.dropped_total = 0;
-        self.dropped_old = 0;
-        self.dropped_new = 0;
-        self.dropped_critical = 0;
-        self.consumed_last = 0;
-        self.consumed_max = 0;
-    }
-
     pub(super) fn note_consumed(&mut self, frames: u16) {
-        self.consumed_last = frames;
-        self.consumed_max = self.consumed_max.max(frames);
+        self.counters.consumed_last = frames;
+        self.counters.consumed_max = self.counters.consumed_max.max(frames);
     }
 
     pub(super) fn note_controller_loss(&mut self) {
@@ -127,61 +102,46 @@ impl ReceivePath {
         let maximum = policy.rx_drain_max;
         let budget = match policy.rx_budget {
             RxBudget::Balanced => maximum.min(BALANCED_DRAIN),
-            RxBudget::Limited => maximum,
-            // for each source, see below
-            RxBudget::Performance => maximum,
             RxBudget::Adaptive if self.is_under_pressure(policy) => minimum,
-            RxBudget::Adaptive => maximum,
+            // with `Performance` for each source
+            RxBudget::Limited | RxBudget::Performance | RxBudget::Adaptive => maximum,
         };
         let granted = u32::from(budget.max(minimum)).min(allowance.max(u32::from(minimum)));
+        // otherwise FIFO1 and the buffers first, which hold frames selected by filters
+        let rounds: &[&[u8]] = match policy.rx_budget {
+            RxBudget::Performance => &[&[0], &[1], &[2]],
+            _ => &[&[1, 2, 0]],
+        };
         let mut taken = 0;
-        if policy.rx_budget == RxBudget::Performance {
-            for source in 0..3 {
-                let mut from_source = 0;
-                while from_source < granted {
-                    let Some(received) = controller.take_received_from(source) else {
-                        break;
-                    };
-                    self.accept(received, policy, carried, losses);
-                    from_source += 1;
+        for sources in rounds {
+            let end = taken + granted;
+            while taken < end
+                && let Some(received) =
+                    sources.iter().find_map(|source| controller.take_received(*source))
+            {
+                match carried {
+                    true => self.accept(received, policy, losses),
+                    false => losses.masked += 1,
                 }
-                taken += from_source;
-            }
-        } else {
-            while taken < granted {
-                let Some(received) = controller.take_received() else {
-                    break;
-                };
-                self.accept(received, policy, carried, losses);
                 taken += 1;
             }
         }
         let drained = u16::try_from(taken).unwrap_or(u16::MAX);
-        self.drained_last = drained;
-        self.drained_max = self.drained_max.max(drained);
-        if self.degraded && self.cache.is_empty() {
-            self.degraded = false;
+        self.counters.drained_last = drained;
+        self.counters.drained_max = self.counters.drained_max.max(drained);
+        if self.is_degraded && self.cache.is_empty() {
+            self.is_degraded = false;
             self.overflows_in_a_row = 0;
         }
         taken
     }
 
-    fn accept(
-        &mut self,
-        received: Received,
-        policy: &DataPathConfig,
-        carried: bool,
-        losses: &mut ReceiveLosses,
-    ) {
-        if !carried {
-            losses.masked += 1;
-            return;
-        }
+    fn accept(&mut self, received: Received, policy: &DataPathConfig, losses: &mut ReceiveLosses) {
         if self.cache.len() < depth(policy) {
             self.cache.push_back(received);
             self.overflows_in_a_row = 0;
             let fill = u16::try_from(self.cache.len()).unwrap_or(u16::MAX);
-            self.high_watermark = self.high_watermark.max(fill);
+            self.counters.high_watermark = self.counters.high_watermark.max(fill);
             return;
         }
         losses.cache_full += 1;
@@ -196,7 +156,7 @@ impl ReceivePath {
             RxOverflow::PreserveCritical => self.preserve(received, policy),
             RxOverflow::Degraded => {
                 if self.overflows_in_a_row >= u32::from(policy.degraded_threshold) {
-                    self.degraded = true;
+                    self.is_degraded = true;
                 }
                 self.count_drop(Dropped::New);
             }
@@ -210,22 +170,21 @@ impl ReceivePath {
             self.count_drop(Dropped::New);
             return;
         }
-        let victim = self
-            .cache
-            .iter()
-            .position(|waiting| !is_critical(&waiting.frame, policy.critical_frames));
+        let is_replaceable =
+            |waiting: &Received| !is_critical(&waiting.frame, policy.critical_frames);
+        let victim = self.cache.iter().position(is_replaceable);
         self.cache.remove(victim.unwrap_or(0));
         self.cache.push_back(received);
         self.count_drop(Dropped::Old);
-        self.dropped_critical = self.dropped_critical.saturating_add(1);
+        self.counters.dropped_critical = self.counters.dropped_critical.saturating_add(1);
     }
 
     fn count_drop(&mut self, which: Dropped) {
-        self.dropped_total = self.dropped_total.saturating_add(1);
+        self.counters.dropped_total = self.counters.dropped_total.saturating_add(1);
         self.dropped_since_image = self.dropped_since_image.saturating_add(1);
         let counter = match which {
-            Dropped::Old => &mut self.dropped_old,
-            Dropped::New => &mut self.dropped_new,
+            Dropped::Old => &mut self.counters.dropped_old,
+            Dropped::New => &mut self.counters.dropped_new,
         };
         *counter = counter.saturating_add(1);
     }
@@ -244,7 +203,7 @@ fn depth(policy: &DataPathConfig) -> usize {
 /// Whether a frame belongs to the CANopen services that a policy protects, by the predefined
 /// connection set: NMT, EMCY and heartbeat for "CANopen safety"; SYNC, TIME and SDO as well for
 /// "CANopen all". No policy protects process data: the next cycle replaces it.
-pub(super) fn is_critical(frame: &CanFrame, policy: CriticalFrames) -> bool {
+fn is_critical(frame: &CanFrame, policy: CriticalFrames) -> bool {
     let id = frame.id();
     if id.is_extended() {
         return false;

@@ -5,13 +5,11 @@
 //! controller decides what a write does, and ignores writes to protected registers while CCCR.INIT
 //! and CCE are not set. "Access denied" means that the mode is missing. The service is never busy.
 
-use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::object::WRITABLE_REGISTERS;
 
-use super::channel::Channel;
 use super::command::SYSTEM;
 use super::controller::FramesDropped;
-use super::counters::GatewayCounters;
+use super::data_path::DataPath;
 use super::dictionary_values::DictionaryValues;
 
 const FIRST_SERVICE: u16 = 0xA000;
@@ -38,8 +36,7 @@ const ACCESS_DENIED: u32 = 4;
 pub(super) struct RegisterService<'a> {
     pub(super) number: usize,
     pub(super) values: &'a mut DictionaryValues,
-    pub(super) channels: &'a mut [Channel; CHANNELS],
-    pub(super) counters: &'a mut GatewayCounters,
+    pub(super) data_path: &'a mut DataPath,
     pub(super) is_engineering: bool,
 }
 
@@ -71,9 +68,8 @@ impl RegisterService<'_> {
             return OFFSET_INVALID;
         };
         let clock_hz = self.values.get(SYSTEM, FIRST_CLOCK + number as u8);
-        let Some(channel) = self.channels.get_mut(number) else {
-            return ACCESS_DENIED;
-        };
+        let DataPath { channels, counters, .. } = &mut *self.data_path;
+        let channel = &mut channels[number];
         if command == COMMAND_READ {
             self.values.set(index, READ_VALUE, channel.controller.read_register(offset));
             return OK;
@@ -88,8 +84,8 @@ impl RegisterService<'_> {
         let FramesDropped { transmit, receive } =
             channel.controller.write_register(offset, value, clock_hz);
         channel.transmit.note_stale(transmit);
-        self.counters.transmit_losses.stale += transmit as u64;
-        self.counters.receive_losses.flushed += receive as u64;
+        counters.transmit_losses.stale += transmit as u64;
+        counters.receive_losses.flushed += receive as u64;
         OK
     }
 }

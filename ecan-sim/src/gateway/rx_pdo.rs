@@ -4,28 +4,15 @@ use ecan_protocol::image::{Image, ImageFault, ImageReader, ParseDiagnosis, PdoEr
 use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
 
 #[derive(Debug)]
-pub(super) enum ParsedImage<'a> {
-    New(Image<'a>),
-    /// The previous image again, byte for byte: a no-op.
-    Repeated,
-}
-
-#[derive(Debug)]
 pub(super) struct RxPdoParser {
     reader: Option<ImageReader>,
-    last_image: Box<[u8]>,
-    last_length: usize,
+    last_image: Vec<u8>,
     last_sequence: Option<u16>,
 }
 
 impl RxPdoParser {
     pub(super) fn new() -> Self {
-        Self {
-            reader: None,
-            last_image: vec![0; MAX_PDO_BYTES].into_boxed_slice(),
-            last_length: 0,
-            last_sequence: None,
-        }
+        Self { reader: None, last_image: Vec::with_capacity(MAX_PDO_BYTES), last_sequence: None }
     }
 
     pub(super) fn configure(&mut self, profile: Option<PdoProfile>, crc: bool) {
@@ -36,14 +23,13 @@ impl RxPdoParser {
     /// Clears the last sequence number, so that the next image is new whatever its number.
     pub(super) fn reset_session(&mut self) {
         self.last_sequence = None;
-        self.last_length = 0;
+        self.last_image.clear();
     }
 
-    /// Checks header, CRC and sequence number of an image, and keeps a copy of a new one.
-    pub(super) fn parse<'a>(&mut self, image: &'a [u8]) -> Result<ParsedImage<'a>, PdoError> {
-        let Some(reader) = &self.reader else {
-            return Err(PdoError::ActiveArea);
-        };
+    /// Checks header, CRC and sequence number of an image, and keeps a copy of a new one; `None` for
+    /// the previous image again, byte for byte: a no-op.
+    pub(super) fn parse<'a>(&mut self, image: &'a [u8]) -> Result<Option<Image<'a>>, PdoError> {
+        let reader = self.reader.as_ref().ok_or(PdoError::ActiveArea)?;
         let read = reader.read(image).map_err(|diagnosis| error_of(&diagnosis))?;
         if read.layout_changed() {
             // built for another size, mask, profile or option than the active ones
@@ -52,18 +38,13 @@ impl RxPdoParser {
         let end = ecan_protocol::mapping::HEADER_BYTES + read.payload().len();
         let content = image.get(..end).unwrap_or_default();
         if self.last_sequence == Some(read.sequence()) {
-            return if self.last_image.get(..self.last_length) == Some(content) {
-                Ok(ParsedImage::Repeated)
-            } else {
-                Err(PdoError::DuplicateSequence)
-            };
+            let is_repeated = self.last_image == content;
+            return if is_repeated { Ok(None) } else { Err(PdoError::DuplicateSequence) };
         }
         self.last_sequence = Some(read.sequence());
-        self.last_length = end.min(self.last_image.len());
-        for (to, from) in self.last_image.iter_mut().zip(content) {
-            *to = *from;
-        }
-        Ok(ParsedImage::New(read))
+        self.last_image.clear();
+        self.last_image.extend_from_slice(content);
+        Ok(Some(read))
     }
 
     /// PDO error of a packet. A packet that ends beyond the frame area is an overrun; one that

@@ -6,12 +6,12 @@ use ecan_protocol::object::{AbortCode, Entry, Object, ObjectType, pdo_mapping_en
 use super::Gateway;
 use super::channel_control::subindex::{APPLY_STATUS, FLASH_STATUS};
 use super::command::{
-    CYCLE_PERFORMANCE, Command, FIRST_DATA_PATH, GLOBAL_DATA_PATH, MAINTENANCE,
+    CYCLE_PERFORMANCE, Command, DIAGNOSTIC_TEST, FIRST_DATA_PATH, GLOBAL_DATA_PATH, MAINTENANCE,
     MAINTENANCE_COMMAND, MODE_TIMEOUT,
 };
 use super::configuration_store::{Completion, Target};
 use super::maintenance::PendingCommand;
-use super::object_server::{ObjectServer, Payload};
+use super::object_server::{ObjectServer, Payload, TEST_REJECT_REASON};
 use super::profile_control::{COMMAND_CLEAR_ERRORS, COMMAND_RESET_SESSION};
 use super::register_service::RegisterService;
 
@@ -26,7 +26,7 @@ impl Gateway {
     #[must_use]
     pub fn mailbox_answers(&self, now: u64) -> bool {
         self.is_responding()
-            && self.al.state().has_mailbox()
+            && self.al.state.has_mailbox()
             && now >= self.faults.mailbox_silent_until
     }
 
@@ -84,7 +84,7 @@ impl Gateway {
         if (index, subindex) == (MAINTENANCE, MAINTENANCE_COMMAND) && self.store.is_busy() {
             return Err(AbortCode::DEVICE_STATE);
         }
-        let state = self.al.state();
+        let state = self.al.state;
         self.application.objects.store((object, entry), index, value, state)?;
         self.execute(Command::of(index, subindex, value));
         Ok(())
@@ -98,7 +98,7 @@ impl Gateway {
         if !self.mailbox_answers(self.now) {
             return Err(AbortCode::TIMEOUT);
         }
-        if self.al.state() == AlState::Boot {
+        if self.al.state == AlState::Boot {
             return Err(AbortCode::DEVICE_STATE);
         }
         match self.faults.take_sdo_abort(index, subindex) {
@@ -147,19 +147,16 @@ impl Gateway {
         let computed = match index {
             0x1018 => self.identity(subindex),
             0x1600..=0x1617 | 0x1A00..=0x1A17 => pdo_mapping_entry(index, subindex),
-            0x8010 => data_path.options.profiles.of(Direction::TxPdo).readback(subindex),
-            0x8011 => data_path.options.profiles.of(Direction::RxPdo).readback(subindex),
+            0x8010 => data_path.options.tx.readback(subindex),
+            0x8011 => data_path.options.rx.readback(subindex),
             0x8021..=0x8024 if subindex == 20 => {
-                data_path.channels.get(channel(0x8021)).map(|channel| channel.policy_word())
+                Some(data_path.channels[channel(0x8021)].requested.active_word())
             }
             0x9000..=0x9003 => data_path.channel_information(channel(0x9000), subindex),
             CYCLE_PERFORMANCE => {
-                data_path.performance.readback(subindex, self.now, self.clock.pulses())
+                data_path.performance.readback(subindex, self.now, self.clock.pulses)
             }
-            0x9020..=0x9023 => {
-                let channel = data_path.channels.get(channel(0x9020));
-                channel.and_then(|channel| channel.diagnostics(subindex))
-            }
+            0x9020..=0x9023 => data_path.channels[channel(0x9020)].diagnostics(subindex),
             MAINTENANCE => self.maintenance_value(subindex),
             0xF000 => self.device_identity(subindex),
             _ => None,
@@ -180,7 +177,7 @@ impl Gateway {
     fn device_identity(&self, subindex: u8) -> Option<u32> {
         let (major, minor) = self.firmware.version();
         Some(match subindex {
-            1 => u32::from(self.firmware.device_type()),
+            1 => u32::from(self.firmware.header.device_type),
             4 => self.config.hardware_revision,
             5 => u32::from(major),
             6 => u32::from(minor),
@@ -192,7 +189,7 @@ impl Gateway {
 
     fn maintenance_value(&self, subindex: u8) -> Option<u32> {
         match subindex {
-            6 => Some(u32::from(self.application.data_path.flags())),
+            6 => Some(u32::from(self.application.data_path.flags)),
             7 => Some(self.application.configuration().crc()),
             8 => Some(self.store.stored_crc()),
             9..=11 => self.firmware.readback(subindex),
@@ -201,14 +198,14 @@ impl Gateway {
     }
 
     fn execute(&mut self, command: Command) {
-        let state = self.al.state();
-        let Self { application, counters, .. } = self;
+        let state = self.al.state;
+        let application = &mut self.application;
         match command {
             Command::Nothing => {}
             Command::Reboot => self.power.request_reboot(self.now),
-            Command::RotatePins => application.rotate_pins(state, counters),
+            Command::RotatePins => application.rotate_pins(state),
             Command::ApplyChannel(channel) => {
-                let status = application.apply_channel(channel, counters);
+                let status = application.apply_channel(channel);
                 application.objects.finish_channel_command(channel, APPLY_STATUS, status);
             }
             Command::ChannelFlash { channel, bits } => {
@@ -226,7 +223,7 @@ impl Gateway {
                     application.data_path.reset_session(direction);
                 }
                 if bits & COMMAND_CLEAR_ERRORS != 0 {
-                    application.data_path.options.profiles.of_mut(direction).clear_errors();
+                    application.data_path.options.of_mut(direction).clear_errors();
                 }
             }
             Command::ProfileRequested(direction) => application.note_profile_request(direction),
@@ -240,27 +237,26 @@ impl Gateway {
                 let index = FIRST_DATA_PATH + channel as u16;
                 application.objects.values.set(index, DATA_PATH_COMMAND, 0);
                 if apply {
-                    application.apply_data_path(channel, counters);
+                    application.apply_data_path(channel);
                 }
             }
             Command::TestPolicies { key } => {
                 let test = application.objects.test_policies();
                 if key {
-                    application.objects.clear_test_reject_reason();
+                    application.objects.values.set(DIAGNOSTIC_TEST, TEST_REJECT_REASON, 0);
                 }
                 application.data_path.set_test(test);
             }
             Command::Performance { subindex, clear } => {
                 application.objects.values.set(CYCLE_PERFORMANCE, subindex, 0);
                 if clear {
-                    application.data_path.clear_performance(self.now, self.clock.pulses());
+                    application.data_path.clear_performance(self.now, self.clock.pulses);
                 }
             }
             Command::Register { channel } => RegisterService {
                 number: channel,
                 values: &mut application.objects.values,
-                channels: &mut application.data_path.channels,
-                counters,
+                data_path: &mut application.data_path,
                 is_engineering: self.maintenance.is_engineering(),
             }
             .execute(self.now),
@@ -277,7 +273,7 @@ impl Gateway {
         match self.maintenance.command(bits, self.al.is_op(), is_receiving) {
             PendingCommand::Nothing => {}
             PendingCommand::ClearDiagnostics => {
-                self.application.data_path.clear_diagnostics(self.now, self.clock.pulses());
+                self.application.data_path.clear_diagnostics(self.now, self.clock.pulses);
             }
             PendingCommand::Execute(bits) => {
                 self.maintenance.begin();
@@ -291,8 +287,7 @@ impl Gateway {
             application: &mut self.application,
             firmware: &mut self.firmware,
             faults: &mut self.faults,
-            counters: &mut self.counters,
-            state: self.al.state(),
+            state: self.al.state,
             now: self.now,
         };
         match self.store.finish(&mut target) {
@@ -303,7 +298,7 @@ impl Gateway {
             Some(Completion::Device { status, rebuilds_eeprom }) => {
                 self.maintenance.finish(status);
                 if rebuilds_eeprom {
-                    self.eeprom.erase();
+                    self.eeprom.words.clear();
                     self.boot();
                 }
             }

@@ -9,9 +9,12 @@ pub(super) struct ServiceTimer {
     /// Due time of the service for the last SM2 write.
     due: Option<u64>,
     idle_due: u64,
-    outputs_at: u64,
-    last: u64,
-    stalled_until: u64,
+    /// Time of the last complete SM2 write.
+    pub(super) outputs_at: u64,
+    /// Time of the last service.
+    pub(super) last: u64,
+    /// Fault: no service runs before this time.
+    pub(super) stalled_until: u64,
 }
 
 impl ServiceTimer {
@@ -35,11 +38,6 @@ impl ServiceTimer {
         self.due = Some(now + self.delay_ns + jitter);
     }
 
-    /// Time of the last complete SM2 write.
-    pub(super) fn outputs_at(&self) -> u64 {
-        self.outputs_at
-    }
-
     pub(super) fn due(&self) -> Option<u64> {
         self.due.map(|due| due.max(self.stalled_until))
     }
@@ -55,18 +53,6 @@ impl ServiceTimer {
 
     pub(super) fn restart_idle(&mut self, now: u64) {
         self.idle_due = now + self.idle_ns;
-    }
-
-    pub(super) fn stall_until(&mut self, until: u64) {
-        self.stalled_until = until;
-    }
-
-    pub(super) fn served(&mut self, now: u64) {
-        self.last = now;
-    }
-
-    pub(super) fn last(&self) -> u64 {
-        self.last
     }
 
     /// A pseudo-random number below `bound` (xorshift), 0 for a bound of 0.
@@ -97,7 +83,7 @@ mod tests {
         let mut timer = timer(0, 1);
         assert_eq!(timer.due(), None);
         timer.outputs_written(1_000);
-        assert_eq!((timer.outputs_at(), timer.due()), (1_000, Some(31_000)));
+        assert_eq!((timer.outputs_at, timer.due()), (1_000, Some(31_000)));
         timer.cancel();
         assert_eq!(timer.due(), None);
     }
@@ -124,7 +110,7 @@ mod tests {
         let mut timer = timer(0, 1);
         timer.restart_idle(0);
         timer.outputs_written(0);
-        timer.stall_until(9_000_000);
+        timer.stalled_until = 9_000_000;
         assert_eq!((timer.due(), timer.idle_due()), (Some(9_000_000), 9_000_000));
     }
 }

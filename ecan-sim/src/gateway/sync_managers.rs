@@ -66,10 +66,7 @@ impl SingleBuffer {
         if self.full || self.length() != Some(bytes.len()) {
             return false;
         }
-        match self.data.get_mut(..bytes.len()) {
-            Some(memory) => memory.copy_from_slice(bytes),
-            None => return false,
-        }
+        self.data[..bytes.len()].copy_from_slice(bytes);
         self.full = true;
         true
     }
@@ -79,10 +76,7 @@ impl SingleBuffer {
         if !self.full || self.length() != Some(out.len()) {
             return false;
         }
-        match self.data.get(..out.len()) {
-            Some(memory) => out.copy_from_slice(memory),
-            None => return false,
-        }
+        out.copy_from_slice(&self.data[..out.len()]);
         self.full = false;
         true
     }
@@ -117,11 +111,11 @@ pub(super) struct SyncManagers {
     /// SM3.
     pub(super) inputs: SingleBuffer,
     /// The master has read a part of SM3.
-    is_reading_inputs: bool,
+    pub(super) is_reading_inputs: bool,
     /// A service found that; its image is published after the read.
     is_publish_due: bool,
-    mailbox_stops: u32,
-    process_data_stops: u32,
+    pub(super) mailbox_stops: u32,
+    pub(super) process_data_stops: u32,
 }
 
 impl SyncManagers {
@@ -211,22 +205,6 @@ impl SyncManagers {
         self.empty_process_data();
         self.end_partial_read();
         self.process_data_stops = self.process_data_stops.wrapping_add(1);
-    }
-
-    pub(super) fn process_data_stops(&self) -> u32 {
-        self.process_data_stops
-    }
-
-    pub(super) fn stop_mailboxes(&mut self) {
-        self.mailbox_stops = self.mailbox_stops.wrapping_add(1);
-    }
-
-    pub(super) fn mailbox_stops(&self) -> u32 {
-        self.mailbox_stops
-    }
-
-    pub(super) fn begin_partial_read(&mut self) {
-        self.is_reading_inputs = true;
     }
 
     fn end_partial_read(&mut self) {
@@ -332,7 +310,7 @@ mod tests {
     fn image_found_during_a_partial_read_follows_it() {
         let mut sms = configured();
         sms.inputs.publish(&[3; 128]);
-        sms.begin_partial_read();
+        sms.is_reading_inputs = true;
         assert!(!sms.can_publish());
         assert!(sms.finish_read());
         assert!(sms.can_publish());

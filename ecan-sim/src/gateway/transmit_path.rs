@@ -11,7 +11,7 @@ use super::controller::{Controller, Rejection};
 use super::counters::{GatewayCounters, TransmitLosses};
 
 /// Size of a TX ring, 0xF000:29.
-pub(super) const TX_RING: usize = 64;
+const TX_RING: usize = 64;
 /// TX_RESULT packets that can wait for a TxPDO image: those of two full images.
 const RESULTS_MAX: usize = 512;
 /// Longest backoff, in doublings of the base.
@@ -20,6 +20,7 @@ const BACKOFF_DOUBLINGS: u32 = 4;
 /// Image and frame that a TX_RESULT refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Reference {
+    pub(super) channel: u8,
     pub(super) sequence: u16,
     pub(super) frame_index: u8,
 }
@@ -46,15 +47,12 @@ impl ResultQueue {
         }
     }
 
-    /// Adds the result of a frame of the image in progress.
-    pub(super) fn report(&mut self, channel: usize, reference: Reference, code: ResultCode) {
-        if self.fresh.len() < RESULTS_MAX {
-            self.fresh.push(TxResult {
-                channel: channel as u8,
-                sequence: reference.sequence,
-                frame_index: reference.frame_index,
-                code,
-            });
+    /// Adds the result of a frame of the image in progress, if it is requested.
+    pub(super) fn report(&mut self, reference: Option<Reference>, code: ResultCode) {
+        if let Some(Reference { channel, sequence, frame_index }) = reference
+            && self.fresh.len() < RESULTS_MAX
+        {
+            self.fresh.push(TxResult { channel, sequence, frame_index, code });
         }
     }
 
@@ -85,13 +83,18 @@ impl ResultQueue {
 }
 
 /// TX ring of one channel with its counters of 0x9020..0x9023.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct TransmitPath {
     ring: VecDeque<Pending>,
     backoff_left: u32,
     backoff_step: u32,
     congested_services: u32,
-    degraded: bool,
+    pub(super) is_degraded: bool,
+    pub(super) counters: TransmitCounters,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct TransmitCounters {
     pub(super) fifo_full: u32,
     pub(super) backpressure: u32,
     pub(super) stale_dropped: u32,
@@ -99,24 +102,11 @@ pub(super) struct TransmitPath {
 
 impl TransmitPath {
     pub(super) fn new() -> Self {
-        Self {
-            ring: VecDeque::with_capacity(TX_RING),
-            backoff_left: 0,
-            backoff_step: 0,
-            congested_services: 0,
-            degraded: false,
-            fifo_full: 0,
-            backpressure: 0,
-            stale_dropped: 0,
-        }
+        Self { ring: VecDeque::with_capacity(TX_RING), ..Self::default() }
     }
 
     pub(super) fn waiting(&self) -> usize {
         self.ring.len()
-    }
-
-    pub(super) fn is_degraded(&self) -> bool {
-        self.degraded
     }
 
     pub(super) fn is_filled_to(&self, percent: u8) -> bool {
@@ -127,30 +117,22 @@ impl TransmitPath {
     /// is the result code of a rejected new frame.
     pub(super) fn enqueue(
         &mut self,
-        channel: usize,
         pending: Pending,
         policy: &DataPathConfig,
         results: &mut ResultQueue,
         losses: &mut TransmitLosses,
     ) -> Result<(), ResultCode> {
-        if self.degraded {
+        if self.is_degraded || self.ring.len() >= TX_RING {
             self.note_backpressure();
-            losses.ring_full += 1;
-            return Err(ResultCode::BusBusy);
-        }
-        if self.ring.len() >= TX_RING {
-            self.note_backpressure();
-            if policy.tx_overflow != TxOverflow::DropOldest {
+            if self.is_degraded || policy.tx_overflow != TxOverflow::DropOldest {
                 losses.ring_full += 1;
-                let backing_off = self.backoff_left > 0;
-                return Err(if backing_off { ResultCode::BusBusy } else { ResultCode::TxFifoFull });
+                let is_busy = self.is_degraded || self.backoff_left > 0;
+                return Err(if is_busy { ResultCode::BusBusy } else { ResultCode::TxFifoFull });
             }
             if let Some(oldest) = self.ring.pop_front() {
-                self.stale_dropped = self.stale_dropped.saturating_add(1);
+                self.counters.stale_dropped = self.counters.stale_dropped.saturating_add(1);
                 losses.stale += 1;
-                if let Some(reference) = oldest.reference {
-                    results.report(channel, reference, ResultCode::TxFifoFull);
-                }
+                results.report(oldest.reference, ResultCode::TxFifoFull);
             }
         }
         self.ring.push_back(pending);
@@ -162,7 +144,6 @@ impl TransmitPath {
     /// Returns the number of frames.
     pub(super) fn serve(
         &mut self,
-        channel: usize,
         controller: &mut Controller,
         policy: &DataPathConfig,
         allowance: u32,
@@ -177,19 +158,18 @@ impl TransmitPath {
             granted = minimum;
         }
         let mut sent = 0;
-        let mut blocked = false;
-        while sent < granted {
-            let Some(pending) = self.ring.front().copied() else {
-                break;
-            };
+        while sent < granted
+            && let Some(pending) = self.ring.front().copied()
+        {
             let code = match controller.submit(pending.frame) {
                 Ok(()) => {
                     counters.frames_to_controller += 1;
                     ResultCode::Ok
                 }
                 Err(Rejection::Full) => {
-                    blocked = true;
-                    break;
+                    self.note_fifo_full();
+                    self.congest(policy);
+                    return sent;
                 }
                 Err(Rejection::BusOff) => break,
                 Err(Rejection::CannotSend) => {
@@ -199,49 +179,32 @@ impl TransmitPath {
             };
             self.ring.pop_front();
             sent += 1;
-            if let Some(reference) = pending.reference {
-                results.report(channel, reference, code);
-            }
+            results.report(pending.reference, code);
         }
-        if blocked {
-            self.fifo_full = self.fifo_full.saturating_add(1);
-            self.note_backpressure();
-            self.congest(policy);
-        } else {
-            if sent > 0 || self.ring.is_empty() {
-                self.congested_services = 0;
-                self.backoff_step = 0;
-            }
-            if self.ring.is_empty() {
-                self.degraded = false;
-            }
+        if sent > 0 || self.ring.is_empty() {
+            self.congested_services = 0;
+            self.backoff_step = 0;
+        }
+        if self.ring.is_empty() {
+            self.is_degraded = false;
         }
         sent
     }
 
     /// Reports the frames of the image in progress that stay in the ring as queued.
-    pub(super) fn report_queued(&mut self, channel: usize, results: &mut ResultQueue) {
+    pub(super) fn report_queued(&mut self, results: &mut ResultQueue) {
         for pending in &mut self.ring {
-            if let Some(reference) = pending.reference.take() {
-                results.report(channel, reference, ResultCode::Queued);
-            }
+            results.report(pending.reference.take(), ResultCode::Queued);
         }
     }
 
     /// Drops everything as stale; returns the number of frames.
     pub(super) fn flush(&mut self) -> usize {
-        let dropped = self.ring.len();
-        self.ring.clear();
+        let dropped = self.drop_unsent();
         self.note_stale(dropped);
-        self.backoff_left = 0;
-        self.backoff_step = 0;
-        self.congested_services = 0;
-        self.degraded = false;
+        let ring = std::mem::take(&mut self.ring);
+        *self = Self { ring, counters: self.counters, ..Self::default() };
         dropped
-    }
-
-    pub(super) fn flush_into(&mut self, counters: &mut GatewayCounters) {
-        counters.transmit_losses.stale += self.flush() as u64;
     }
 
     /// Drops all unsent frames without counting them as stale: a test policy disables sending.
@@ -253,22 +216,16 @@ impl TransmitPath {
 
     pub(super) fn note_stale(&mut self, frames: usize) {
         let frames = u32::try_from(frames).unwrap_or(u32::MAX);
-        self.stale_dropped = self.stale_dropped.saturating_add(frames);
+        self.counters.stale_dropped = self.counters.stale_dropped.saturating_add(frames);
     }
 
     pub(super) fn note_fifo_full(&mut self) {
-        self.fifo_full = self.fifo_full.saturating_add(1);
+        self.counters.fifo_full = self.counters.fifo_full.saturating_add(1);
         self.note_backpressure();
     }
 
-    pub(super) fn clear_counters(&mut self) {
-        self.fifo_full = 0;
-        self.backpressure = 0;
-        self.stale_dropped = 0;
-    }
-
     fn note_backpressure(&mut self) {
-        self.backpressure = self.backpressure.saturating_add(1);
+        self.counters.backpressure = self.counters.backpressure.saturating_add(1);
     }
 
     fn congest(&mut self, policy: &DataPathConfig) {
@@ -281,7 +238,7 @@ impl TransmitPath {
             TxOverflow::Degraded
                 if self.congested_services >= u32::from(policy.degraded_threshold) =>
             {
-                self.degraded = true;
+                self.is_degraded = true;
             }
             _ => {}
         }

@@ -49,7 +49,7 @@ impl World {
             // A gateway with something due now runs at the end of this instant, so that it cannot
             // stop time.
             slot.next = slot.gateway.next_event().map_or(NEVER, |at| at.max(now + 1));
-            slot.acts_seen = Some(slot.gateway.acts());
+            slot.acts_seen = Some(slot.gateway.acts);
         }
     }
 
@@ -57,7 +57,7 @@ impl World {
     /// the gateway had something due at this instant.
     fn update_gateway_after_event(&mut self, index: usize, channel: usize) {
         match self.slots.get(index) {
-            Some(slot) if slot.acts_seen == Some(slot.gateway.acts()) => {
+            Some(slot) if slot.acts_seen == Some(slot.gateway.acts) => {
                 self.update_channel(index, channel);
             }
             _ => self.update_gateway(index),

@@ -10,11 +10,14 @@
 //! acknowledge of transmit events, which the firmware takes at once. An add request has no effect,
 //! because the firmware requests each frame itself.
 
-use ecan_protocol::can::{BitTiming, Phase};
+use std::collections::BTreeMap;
+
+use ecan_protocol::can::Phase;
 use ecan_protocol::config::NonMatch;
 
 use crate::bus::StationMode;
 
+use super::registers::written_timing;
 use super::{Controller, offset};
 
 pub(super) mod cccr {
@@ -30,32 +33,32 @@ pub(super) mod cccr {
 }
 
 pub(super) const TEST_LOOPBACK: u32 = 1 << 4;
-const TEST_BITS: u32 = 0x70;
-const RAM_WATCHDOG_BITS: u32 = 0xFF;
-const INTERRUPT_BITS: u32 = 0x3FFF_FFFF;
-const LINE_ENABLE_BITS: u32 = 3;
 const DBTP_DELAY_COMPENSATION: u32 = 1 << 23;
 
+/// Registers that keep a written value: offset, writable bits, and whether the register is protected.
+const STORED: [(u16, u32, bool); 13] = [
+    (offset::DBTP, 0x009F_1FFF, true),
+    (offset::TEST, 0x70, true),
+    (offset::RWD, 0xFF, true),
+    (offset::NBTP, 0xFFFF_FF7F, true),
+    (offset::TDCR, 0x7F7F, true),
+    (offset::IE, 0x3FFF_FFFF, false),
+    (offset::ILS, 0x3FFF_FFFF, false),
+    (offset::ILE, 3, false),
+    (offset::GFC, 0x3F, true),
+    (offset::XIDAM, 0x1FFF_FFFF, true),
+    (offset::RXF0A, 0x3F, false),
+    (offset::RXF1A, 0x3F, false),
+    (offset::TXEFA, 0x1F, false),
+];
+
 /// Written register values since the last restart that the configuration does not contain.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Debug, Default)]
 pub(super) struct WrittenRegisters {
     pub(super) is_stopped: bool,
     pub(super) may_change: bool,
-    /// CCCR without INIT and CCE.
-    pub(super) control: Option<u32>,
-    pub(super) data_timing: Option<u32>,
-    pub(super) nominal_timing: Option<u32>,
-    pub(super) delay_compensation: Option<u32>,
-    pub(super) filter: Option<u32>,
-    pub(super) extended_mask: Option<u32>,
-    pub(super) test: Option<u32>,
-    pub(super) ram_watchdog: u32,
-    pub(super) interrupt_enable: u32,
-    pub(super) line_select: u32,
-    pub(super) line_enable: u32,
-    pub(super) fifo0_acknowledge: u32,
-    pub(super) fifo1_acknowledge: u32,
-    pub(super) event_acknowledge: u32,
+    /// By offset; CCCR without INIT and CCE.
+    pub(super) values: BTreeMap<u16, u32>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,29 +79,28 @@ impl Controller {
         match offset {
             offset::CCCR => return self.write_control(value),
             offset::IR => self.interrupts &= !value,
-            offset::IE => self.written.interrupt_enable = value & INTERRUPT_BITS,
-            offset::ILS => self.written.line_select = value & INTERRUPT_BITS,
-            offset::ILE => self.written.line_enable = value & LINE_ENABLE_BITS,
-            offset::RXF0A => {
-                self.written.fifo0_acknowledge = value & 0x3F;
-                dropped.receive = self.fifo0.acknowledge(value & 0x3F, self.fifo_sizes().0);
-            }
-            offset::RXF1A => {
-                self.written.fifo1_acknowledge = value & 0x3F;
-                dropped.receive = self.fifo1.acknowledge(value & 0x3F, self.fifo_sizes().1);
-            }
-            offset::TXEFA => self.written.event_acknowledge = value & 0x1F,
             // one bit per element; the model cancels all of them or none
             offset::TXBCR if value != 0 => dropped.transmit = self.flush_transmit(),
-            _ if self.written.may_change => self.write_protected(offset, value, clock_hz),
             _ => {}
         }
+        let Some(&(_, bits, is_protected)) = STORED.iter().find(|(at, ..)| *at == offset) else {
+            return dropped;
+        };
+        let is_test_locked = offset == offset::TEST && self.control_register() & cccr::TEST == 0;
+        if is_protected && (!self.written.may_change || is_test_locked) {
+            return dropped;
+        }
+        let value = value & bits;
+        self.written.values.insert(offset, value);
+        match offset {
+            offset::RXF0A | offset::RXF1A => {
+                let number = usize::from(offset == offset::RXF1A);
+                dropped.receive = self.fifos[number].acknowledge(value, self.fifo_size(number));
+            }
+            offset::TEST => self.take_modes_over(),
+            _ => self.configure(offset, value, clock_hz),
+        }
         dropped
-    }
-
-    fn fifo_sizes(&self) -> (u8, u8) {
-        let ram = self.config.as_ref().map(|config| config.ram);
-        ram.map_or((0, 0), |ram| (ram.rx_fifo0.size, ram.rx_fifo1.size))
     }
 
     fn write_control(&mut self, value: u32) -> FramesDropped {
@@ -136,9 +138,9 @@ impl Controller {
         let control =
             value & (cccr::MON | cccr::DAR | cccr::TEST | cccr::FDOE | cccr::BRSE | cccr::KEPT);
         if control & cccr::TEST == 0 {
-            self.written.test = Some(0);
+            self.written.values.insert(offset::TEST, 0);
         }
-        self.written.control = Some(control);
+        self.written.values.insert(offset::CCCR, control);
         self.take_modes_over();
     }
 
@@ -160,30 +162,14 @@ impl Controller {
         config.station.fd = control & cccr::FDOE != 0;
     }
 
-    fn write_protected(&mut self, offset: u16, value: u32, clock_hz: u32) {
-        let written = &mut self.written;
-        match offset {
-            offset::DBTP => written.data_timing = Some(value & 0x009F_1FFF),
-            offset::NBTP => written.nominal_timing = Some(value & 0xFFFF_FF7F),
-            offset::TDCR => written.delay_compensation = Some(value & 0x7F7F),
-            offset::GFC => written.filter = Some(value & 0x3F),
-            offset::XIDAM => written.extended_mask = Some(value & 0x1FFF_FFFF),
-            offset::RWD => written.ram_watchdog = value & RAM_WATCHDOG_BITS,
-            offset::TEST => {
-                if self.control_register() & cccr::TEST != 0 {
-                    self.written.test = Some(value & TEST_BITS);
-                    self.take_modes_over();
-                }
-                return;
-            }
-            _ => return,
-        }
+    /// Puts the value of a protected register into effect.
+    fn configure(&mut self, offset: u16, value: u32, clock_hz: u32) {
         let Some(config) = &mut self.config else {
             return;
         };
         match offset {
             offset::NBTP => {
-                let timing = nominal_timing(value);
+                let timing = written_timing(Phase::Nominal, value);
                 config.timing.0 = timing;
                 config.station.nominal_bitrate = timing.bitrate(clock_hz);
                 if config.timing.1.is_none() {
@@ -191,14 +177,14 @@ impl Controller {
                 }
             }
             offset::DBTP => {
-                let timing = data_timing(value);
+                let timing = written_timing(Phase::Data, value);
                 config.timing.1 = Some(timing);
                 config.station.data_bitrate = timing.bitrate(clock_hz);
                 let tdc = config.tdc.unwrap_or_default();
                 config.tdc = (value & DBTP_DELAY_COMPENSATION != 0).then_some(tdc);
             }
             offset::TDCR => {
-                let [filter, offset, ..] = (value & 0x7F7F).to_le_bytes();
+                let [filter, offset, ..] = value.to_le_bytes();
                 config.tdc = config.tdc.map(|_| (offset, filter));
             }
             offset::GFC => {
@@ -209,34 +195,8 @@ impl Controller {
                 filters.non_match_extended = rule(2).unwrap_or(filters.non_match_extended);
                 filters.non_match_standard = rule(4).unwrap_or(filters.non_match_standard);
             }
-            offset::XIDAM => config.filters.extended_mask = value & 0x1FFF_FFFF,
+            offset::XIDAM => config.filters.extended_mask = value,
             _ => {}
         }
-    }
-}
-
-fn nominal_timing(value: u32) -> BitTiming {
-    let field = |shift: u32, bits: u32| 1 + (value >> shift & ((1 << bits) - 1)) as u16;
-    clamp(
-        Phase::Nominal,
-        BitTiming { sjw: field(25, 7), brp: field(16, 9), tseg1: field(8, 8), tseg2: field(0, 7) },
-    )
-}
-
-fn data_timing(value: u32) -> BitTiming {
-    let field = |shift: u32, bits: u32| 1 + (value >> shift & ((1 << bits) - 1)) as u16;
-    clamp(
-        Phase::Data,
-        BitTiming { brp: field(16, 5), tseg1: field(8, 5), tseg2: field(4, 4), sjw: field(0, 4) },
-    )
-}
-
-/// Raises segments to the shortest that the core supports.
-fn clamp(phase: Phase, timing: BitTiming) -> BitTiming {
-    let limits = phase.limits();
-    BitTiming {
-        tseg1: timing.tseg1.max(limits.tseg1.0),
-        tseg2: timing.tseg2.max(limits.tseg2.0),
-        ..timing
     }
 }

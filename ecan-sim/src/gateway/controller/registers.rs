@@ -8,15 +8,84 @@ use crate::bus::{ErrorState, StationMode};
 use super::register_writes::{TEST_LOOPBACK, cccr};
 use super::{Controller, offset};
 
+/// Registers at 0x9000:1 to :8.
+pub(in crate::gateway) const STATUS_REGISTERS: [u16; 8] = [
+    offset::ECR,
+    offset::PSR,
+    offset::IR,
+    offset::RXF0S,
+    offset::RXF1S,
+    offset::TXFQS,
+    offset::TXEFS,
+    offset::HPMS,
+];
+
 impl Controller {
-    /// ECR: transmit errors, receive errors, receive error passive.
-    pub(in crate::gateway) fn error_counter_register(&self) -> u32 {
-        let (tec, rec) = (u32::from(self.error_counters.0), u32::from(self.error_counters.1));
-        tec.min(0xFF) | rec.min(0x7F) << 8 | u32::from(rec >= 128) << 15
+    /// Value of a register; 0 for one that the model does not have.
+    pub(in crate::gateway) fn read_register(&self, offset: u16) -> u32 {
+        match (offset, self.written.values.get(&offset)) {
+            (offset::CCCR, _) => self.control_register(),
+            (offset::TEST, _) => self.test_register(),
+            (_, Some(value)) => *value,
+            (_, None) => self.unwritten_register(offset),
+        }
+    }
+
+    fn unwritten_register(&self, offset: u16) -> u32 {
+        let config = self.config.as_ref();
+        match offset {
+            offset::ENDIAN => 0x8765_4321,
+            // transmit errors, receive errors, receive error passive
+            offset::ECR => {
+                let [tec, rec] = <[u16; 2]>::from(self.error_counters).map(u32::from);
+                tec.min(0xFF) | rec.min(0x7F) << 8 | u32::from(rec >= 128) << 15
+            }
+            offset::PSR => self.protocol_status(),
+            offset::IR => self.interrupts,
+            offset::RXF0S => self.fifos[0].status(self.fifo_size(0)),
+            offset::RXF1S => self.fifos[1].status(self.fifo_size(1)),
+            // free level, get index, put index, full
+            offset::TXFQS => {
+                let free = self.transmit_elements().saturating_sub(self.transmit_waiting()) as u32;
+                free | self.tx_get_index << 8
+                    | self.tx_put_index << 16
+                    | u32::from(self.is_transmit_full()) << 21
+            }
+            // always empty, because the firmware takes each event at once
+            offset::TXEFS => 0,
+            offset::HPMS => self.high_priority,
+            offset::NBTP => config
+                .map_or(0x0600_0A03, |config| timing_register(Phase::Nominal, config.timing.0)),
+            // bit 23 enables the delay compensation
+            offset::DBTP => config.map_or(0x0000_0A33, |config| {
+                let timing = config.timing.1;
+                timing.map_or(0x0000_0A33, |timing| timing_register(Phase::Data, timing))
+                    | u32::from(config.tdc.is_some()) << 23
+            }),
+            // filter window and offset; an automatic offset is computed
+            offset::TDCR => match config.map(|config| (config.tdc, config.timing.1)) {
+                Some((Some((offset, filter)), Some(timing))) => {
+                    let automatic = || timing.automatic_tdc_offset().unwrap_or(0);
+                    let offset = if offset == 0 { automatic() } else { offset };
+                    u32::from(filter) | u32::from(offset) << 8
+                }
+                _ => 0,
+            },
+            // remote rules and non-match rules
+            offset::GFC => config.map_or(0, |config| {
+                let filters = &config.filters;
+                u32::from(filters.reject_remote_extended)
+                    | u32::from(filters.reject_remote_standard) << 1
+                    | u32::from(filters.non_match_extended.raw()) << 2
+                    | u32::from(filters.non_match_standard.raw()) << 4
+            }),
+            offset::XIDAM => config.map_or(0x1FFF_FFFF, |config| config.filters.extended_mask),
+            _ => 0,
+        }
     }
 
     /// PSR: last error code "no change", activity, error passive, warning, bus-off.
-    pub(in crate::gateway) fn protocol_status_register(&self) -> u32 {
+    fn protocol_status(&self) -> u32 {
         let activity = match &self.config {
             None => 0,
             Some(_) if self.in_flight.is_some() => 3,
@@ -31,167 +100,58 @@ impl Controller {
         7 | activity << 3 | passive << 5 | warning << 6 | bus_off << 7 | 7 << 8
     }
 
-    pub(in crate::gateway) fn interrupt_register(&self) -> u32 {
-        self.interrupts
-    }
-
-    pub(in crate::gateway) fn fifo0_register(&self) -> u32 {
-        let size = self.config.as_ref().map_or(0, |config| config.ram.rx_fifo0.size);
-        self.fifo0.status(size)
-    }
-
-    pub(in crate::gateway) fn fifo1_register(&self) -> u32 {
-        let size = self.config.as_ref().map_or(0, |config| config.ram.rx_fifo1.size);
-        self.fifo1.status(size)
-    }
-
-    /// TXFQS: free level, get index, put index, full.
-    pub(in crate::gateway) fn transmit_register(&self) -> u32 {
-        let free = self.transmit_elements().saturating_sub(self.transmit_waiting()) as u32;
-        free | self.tx_get_index << 8
-            | self.tx_put_index << 16
-            | u32::from(self.is_transmit_full()) << 21
-    }
-
-    /// TXEFS: always empty, because the firmware takes each event at once.
-    pub(in crate::gateway) fn event_register(&self) -> u32 {
-        0
-    }
-
-    pub(in crate::gateway) fn high_priority_register(&self) -> u32 {
-        self.high_priority
-    }
-
     /// CCCR: initialisation while stopped or bus-off, configuration change, modes.
-    pub(in crate::gateway) fn control_register(&self) -> u32 {
+    pub(super) fn control_register(&self) -> u32 {
         let init = u32::from(self.is_stopped() || self.is_bus_off());
         let change = if self.written.may_change { cccr::CCE } else { 0 };
-        init | change | self.written.control.unwrap_or_else(|| self.configured_modes())
+        let modes = self.written.values.get(&offset::CCCR).copied();
+        init | change | modes.unwrap_or_else(|| self.configured_modes())
     }
 
     fn configured_modes(&self) -> u32 {
-        let Some(station) = self.config().map(|config| config.station) else {
+        let Some(station) = self.config.as_ref().map(|config| config.station) else {
             return 0;
         };
-        let monitoring = station.mode == StationMode::Listen;
-        let loopback =
-            matches!(station.mode, StationMode::InternalLoopback | StationMode::ExternalLoopback);
         let bit = |on: bool, mask: u32| if on { mask } else { 0 };
-        bit(monitoring, cccr::MON)
+        bit(station.mode == StationMode::Listen, cccr::MON)
             | bit(!station.auto_retransmit, cccr::DAR)
-            | bit(loopback, cccr::TEST)
+            | bit(is_loopback(station.mode), cccr::TEST)
             | bit(station.fd, cccr::FDOE | cccr::BRSE)
     }
 
     /// TEST: loopback, and the level of the receive pin, recessive.
-    pub(in crate::gateway) fn test_register(&self) -> u32 {
+    pub(super) fn test_register(&self) -> u32 {
         const RECEIVE_PIN: u32 = 1 << 7;
-        let loopback = self.config().is_some_and(|config| {
-            let mode = config.station.mode;
-            matches!(mode, StationMode::InternalLoopback | StationMode::ExternalLoopback)
-        });
-        RECEIVE_PIN | self.written.test.unwrap_or(if loopback { TEST_LOOPBACK } else { 0 })
-    }
-
-    /// Value of a register; 0 for one that the model does not have.
-    pub(in crate::gateway) fn read_register(&self, offset: u16) -> u32 {
-        match offset {
-            offset::ENDIAN => 0x8765_4321,
-            offset::DBTP => self.data_timing_register(),
-            offset::TEST => self.test_register(),
-            offset::RWD => self.written.ram_watchdog,
-            offset::CCCR => self.control_register(),
-            offset::NBTP => self.nominal_timing_register(),
-            offset::ECR => self.error_counter_register(),
-            offset::PSR => self.protocol_status_register(),
-            offset::TDCR => self.delay_compensation_register(),
-            offset::IR => self.interrupt_register(),
-            offset::IE => self.written.interrupt_enable,
-            offset::ILS => self.written.line_select,
-            offset::ILE => self.written.line_enable,
-            offset::GFC => self.filter_register(),
-            offset::XIDAM => self.extended_mask_register(),
-            offset::HPMS => self.high_priority_register(),
-            offset::RXF0S => self.fifo0_register(),
-            offset::RXF0A => self.written.fifo0_acknowledge,
-            offset::RXF1S => self.fifo1_register(),
-            offset::RXF1A => self.written.fifo1_acknowledge,
-            offset::TXFQS => self.transmit_register(),
-            offset::TXEFS => self.event_register(),
-            offset::TXEFA => self.written.event_acknowledge,
+        let configured = || match &self.config {
+            Some(config) if is_loopback(config.station.mode) => TEST_LOOPBACK,
             _ => 0,
-        }
-    }
-
-    pub(in crate::gateway) fn nominal_timing_register(&self) -> u32 {
-        if let Some(written) = self.written.nominal_timing {
-            return written;
-        }
-        self.config().map_or(0x0600_0A03, |config| timing_register(Phase::Nominal, config.timing.0))
-    }
-
-    /// DBTP with the delay compensation's enable bit.
-    pub(in crate::gateway) fn data_timing_register(&self) -> u32 {
-        if let Some(written) = self.written.data_timing {
-            return written;
-        }
-        let Some(config) = self.config() else {
-            return 0x0000_0A33;
         };
-        let timing =
-            config.timing.1.map_or(0x0000_0A33, |timing| timing_register(Phase::Data, timing));
-        timing | u32::from(config.tdc.is_some()) << 23
-    }
-
-    /// TDCR: filter window and offset; an automatic offset is computed.
-    pub(in crate::gateway) fn delay_compensation_register(&self) -> u32 {
-        if let Some(written) = self.written.delay_compensation {
-            return written;
-        }
-        let Some(config) = self.config() else {
-            return 0;
-        };
-        let (Some((offset, filter)), Some(timing)) = (config.tdc, config.timing.1) else {
-            return 0;
-        };
-        let offset = match offset {
-            0 => timing.automatic_tdc_offset().unwrap_or(0),
-            offset => offset,
-        };
-        u32::from(filter) | u32::from(offset) << 8
-    }
-
-    /// GFC: remote rules and non-match rules.
-    pub(in crate::gateway) fn filter_register(&self) -> u32 {
-        if let Some(written) = self.written.filter {
-            return written;
-        }
-        self.config().map_or(0, |config| {
-            let filters = &config.filters;
-            u32::from(filters.reject_remote_extended)
-                | u32::from(filters.reject_remote_standard) << 1
-                | u32::from(filters.non_match_extended.raw()) << 2
-                | u32::from(filters.non_match_standard.raw()) << 4
-        })
-    }
-
-    pub(in crate::gateway) fn extended_mask_register(&self) -> u32 {
-        let configured = self.config().map_or(0x1FFF_FFFF, |config| config.filters.extended_mask);
-        self.written.extended_mask.unwrap_or(configured)
+        RECEIVE_PIN | self.written.values.get(&offset::TEST).copied().unwrap_or_else(configured)
     }
 }
 
-/// NBTP or DBTP; registers hold values less one.
-fn timing_register(phase: Phase, timing: BitTiming) -> u32 {
-    let less_one = |value: u16| u32::from(value.saturating_sub(1));
-    let (brp, tseg1, tseg2, sjw) = (
-        less_one(timing.brp),
-        less_one(timing.tseg1),
-        less_one(timing.tseg2),
-        less_one(timing.sjw),
-    );
+fn is_loopback(mode: StationMode) -> bool {
+    matches!(mode, StationMode::InternalLoopback | StationMode::ExternalLoopback)
+}
+
+/// Shift and number of bits of BRP, TSEG1, TSEG2 and SJW in NBTP or DBTP, which hold values less one.
+fn timing_fields(phase: Phase) -> [(u32, u32); 4] {
     match phase {
-        Phase::Nominal => sjw << 25 | brp << 16 | tseg1 << 8 | tseg2,
-        Phase::Data => brp << 16 | tseg1 << 8 | tseg2 << 4 | sjw,
+        Phase::Nominal => [(16, 9), (8, 8), (0, 7), (25, 7)],
+        Phase::Data => [(16, 5), (8, 5), (4, 4), (0, 4)],
     }
+}
+
+fn timing_register(phase: Phase, timing: BitTiming) -> u32 {
+    let values = [timing.brp, timing.tseg1, timing.tseg2, timing.sjw];
+    let fields = values.into_iter().zip(timing_fields(phase));
+    fields.fold(0, |word, (value, (shift, _))| word | u32::from(value.saturating_sub(1)) << shift)
+}
+
+/// Timing of a written NBTP or DBTP; segments are raised to the shortest that the core supports.
+pub(super) fn written_timing(phase: Phase, word: u32) -> BitTiming {
+    let [brp, tseg1, tseg2, sjw] =
+        timing_fields(phase).map(|(shift, bits)| 1 + (word >> shift & ((1 << bits) - 1)) as u16);
+    let limits = phase.limits();
+    BitTiming { brp, tseg1: tseg1.max(limits.tseg1.0), tseg2: tseg2.max(limits.tseg2.0), sjw }
 }
