@@ -1,20 +1,32 @@
-//! Sources as cbindgen reads them: each `mirror!` replaced by the type that it declares.
+//! Sources as cbindgen reads them: each `mirror!` replaced by the type that it declares, and each
+//! function with the attribute `export` by its C function.
 
 use proc_macro2::{TokenStream, TokenTree};
 use quote::{ToTokens, quote};
 use syn::parse::{Parse, ParseStream};
 use syn::{
-    Attribute, Expr, File, Ident, Item, Token, Type, Visibility, braced, parse_quote, token,
+    Attribute, Expr, File, Ident, Item, ReturnType, Token, Type, Visibility, braced, parse_quote,
+    token,
 };
 
 /// Expands a source.
 pub fn expand(source: &str) -> syn::Result<File> {
     let mut file = syn::parse_file(source)?;
     for item in &mut file.items {
-        if let Item::Macro(found) = item
-            && found.mac.path.is_ident("mirror")
-        {
-            *item = found.mac.parse_body::<Mirror>()?.0;
+        match item {
+            Item::Macro(found) if found.mac.path.is_ident("mirror") => {
+                *item = found.mac.parse_body::<Mirror>()?.0;
+            }
+            Item::Fn(function) => {
+                let export = function.attrs.iter_mut().find(|attr| attr.path().is_ident("export"));
+                let Some(export) = export else { continue };
+                *export = parse_quote!(#[unsafe(no_mangle)]);
+                function.sig.abi = Some(parse_quote!(extern "C"));
+                if matches!(function.sig.output, ReturnType::Default) {
+                    function.sig.output = parse_quote!(-> c_int);
+                }
+            }
+            _ => {}
         }
     }
     Ok(file)

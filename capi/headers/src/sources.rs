@@ -32,11 +32,13 @@ pub fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
     let mut found = Vec::new();
     let text = section(root, name)?;
     let mut comment = Vec::new();
+    let mut is_exported = false;
     for (line, number) in text.lines().zip(1..) {
-        let declared = line
-            .strip_prefix("pub unsafe extern \"C\" fn ")
-            .or_else(|| line.strip_prefix("pub extern \"C\" fn "));
-        if let Some(declared) = declared {
+        is_exported |= line.starts_with("#[export(") || line == "#[unsafe(no_mangle)]";
+        let declared =
+            line.strip_prefix("pub fn ").or_else(|| line.strip_prefix("pub extern \"C\" fn "));
+        if let Some(declared) = declared.filter(|_| is_exported) {
+            is_exported = false;
             let end = declared.find('(').unwrap_or(declared.len());
             found.push(Function {
                 name: declared[..end].to_owned(),

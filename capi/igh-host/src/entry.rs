@@ -26,7 +26,7 @@ pub(crate) trait Context: Sized {
     ) -> Result<Self::Layer<'_>, ecan_result_t>;
 }
 
-/// A call with a context, before it is entered; made by [`enter!`].
+/// A call with a context, before it is entered; made by `export`.
 pub(crate) struct Entry<C> {
     function: &'static str,
     context: *const C,
@@ -142,7 +142,7 @@ impl<C: Context, T> EntryInto<C, T> {
     }
 }
 
-/// A call that changes a configuration of C; made by [`change!`].
+/// A call that changes a configuration of C; made by `export`.
 pub(crate) struct Change<S> {
     function: &'static str,
     config: *mut S,
@@ -165,37 +165,4 @@ impl<S: Opaque> Change<S> {
             change(call, unsafe { call.sealed_mut("config", self.config)? })
         })
     }
-
-    /// Sets a field for which every value is allowed.
-    pub(crate) fn set(self, set: impl FnOnce(&mut S::Value)) -> c_int {
-        self.with(|_, config| {
-            set(config);
-            Ok(())
-        })
-    }
 }
-
-/// Begins an exported function that changes a configuration.
-macro_rules! change {
-    ($function:ident, $config:ident) => {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { $crate::entry::Change::new(stringify!($function), $config) }
-    };
-}
-pub(crate) use change;
-
-/// Begins an exported function with its name, its context and, after `->`, its only result.
-macro_rules! enter {
-    ($function:ident, $context:ident) => {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { $crate::entry::Entry::new(stringify!($function), $context) }
-    };
-    ($function:ident, $context:ident -> $out:ident) => {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            let entry = $crate::entry::Entry::new(stringify!($function), $context);
-            $crate::entry::EntryInto::new(entry, stringify!($out), $out)
-        }
-    };
-}
-pub(crate) use enter;

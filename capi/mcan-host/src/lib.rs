@@ -8,6 +8,9 @@
 #![allow(non_camel_case_types, reason = "the types have their C names")]
 #![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]
 
+// The attribute `export` names this crate.
+extern crate self as ecan_mcan_host;
+
 pub mod boundary;
 pub mod common;
 pub mod pdo;

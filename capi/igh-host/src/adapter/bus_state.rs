@@ -2,13 +2,13 @@
 
 use std::ffi::{c_char, c_int};
 
+use ecan_c_export::export;
 use ecan_host::{MasterState, SlaveConfigState};
 use ecan_mcan_host::boundary::{Call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::mirror;
 
 use super::context::ecan_igh_context_t;
-use crate::entry::enter;
 use crate::errors::{OrCode as _, no_slave};
 
 /// AL state of a slave.
@@ -93,86 +93,78 @@ pub(crate) fn need_slave(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  The number; 0 if there is no context.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_slave_count(context: *mut ecan_igh_context_t) -> usize {
-    enter!(ecan_igh_slave_count, context).get_or(0, |_, adapter| Ok(adapter.slave_count()))
+#[export(_, layer adapter, or 0)]
+pub fn ecan_igh_slave_count(context: *mut ecan_igh_context_t) -> usize {
+    Ok(adapter.slave_count())
 }
 
 /// Returns 1 if all slaves are in OP and the last exchange was complete.
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  1 or 0; ECAN_ERR_MASTER. Compare with 1.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_is_operational(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_is_operational, context).get(|call, adapter| {
-        let all = adapter.all_operational().or_code(call)?;
-        Ok(all.into())
-    })
+#[export(call, layer adapter)]
+pub fn ecan_igh_is_operational(context: *mut ecan_igh_context_t) -> c_int {
+    let all = adapter.all_operational().or_code(call)?;
+    Ok(all.into())
 }
 
 /// Gets the state of a slave.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_slave_state(
+#[export(call, layer adapter, into state)]
+pub fn ecan_igh_get_slave_state(
     context: *mut ecan_igh_context_t,
     slave: usize,
     state: *mut ecan_igh_slave_state_t,
-) -> c_int {
-    enter!(ecan_igh_get_slave_state, context -> state).fill(|call, adapter| {
-        need_slave(call, adapter, slave)?;
-        let state = adapter.slave_state(slave).or_code(call)?;
-        Ok(state.into())
-    })
+) {
+    need_slave(call, adapter, slave)?;
+    let state = adapter.slave_state(slave).or_code(call)?;
+    Ok(state.into())
 }
 
 /// Gets the state of the bus.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_master_state(
+#[export(call, layer adapter, into state)]
+pub fn ecan_igh_get_master_state(
     context: *mut ecan_igh_context_t,
     state: *mut ecan_igh_master_state_t,
-) -> c_int {
-    enter!(ecan_igh_get_master_state, context -> state).fill(|call, adapter| {
-        let state = adapter.diagnostics().master_state();
-        Ok(state.or_code(call)?.into())
-    })
+) {
+    let state = adapter.diagnostics().master_state();
+    Ok(state.or_code(call)?.into())
 }
 
 /// Gets identity and state of a slave.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_slave_info(
+#[export(call, layer adapter, into info)]
+pub fn ecan_igh_get_slave_info(
     context: *mut ecan_igh_context_t,
     slave: usize,
     info: *mut ecan_igh_slave_info_t,
-) -> c_int {
-    enter!(ecan_igh_get_slave_info, context -> info).fill(|call, adapter| {
-        need_slave(call, adapter, slave)?;
-        let found = adapter
-            .serial_number(slave)
-            .and_then(|serial| Ok((serial, adapter.diagnostics().slave_info(slave)?)));
-        let (serial_number, found) = found.or_code(call)?;
-        let mut value = ecan_igh_slave_info_t {
-            serial_number,
-            vendor_id: found.vendor_id,
-            product_code: found.product_code,
-            revision: found.revision_number,
-            position: found.position,
-            alias: found.alias,
-            al_state: found.al_state,
-            error_flag: found.error_flag.into(),
-            reserved: [0; 6],
-            name: [0; 64],
-        };
-        // SAFETY: the room is the array.
-        let mut name = unsafe { call.room("name", value.name.as_mut_ptr(), value.name.len())? };
-        put_text(&mut name, &found.name);
-        Ok(value)
-    })
+) {
+    need_slave(call, adapter, slave)?;
+    let found = adapter
+        .serial_number(slave)
+        .and_then(|serial| Ok((serial, adapter.diagnostics().slave_info(slave)?)));
+    let (serial_number, found) = found.or_code(call)?;
+    let mut value = ecan_igh_slave_info_t {
+        serial_number,
+        vendor_id: found.vendor_id,
+        product_code: found.product_code,
+        revision: found.revision_number,
+        position: found.position,
+        alias: found.alias,
+        al_state: found.al_state,
+        error_flag: found.error_flag.into(),
+        reserved: [0; 6],
+        name: [0; 64],
+    };
+    // SAFETY: the room is the array.
+    let mut name = unsafe { call.room("name", value.name.as_mut_ptr(), value.name.len())? };
+    put_text(&mut name, &found.name);
+    Ok(value)
 }

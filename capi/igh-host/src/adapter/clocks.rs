@@ -1,13 +1,11 @@
 //! Distributed clocks in the cycle
 
-use std::ffi::c_int;
-
+use ecan_c_export::export;
 use ecan_host::ClockStatus;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::mirror;
 
 use super::context::ecan_igh_context_t;
-use crate::entry::enter;
 
 mirror! {
     /// Differences between the clocks.
@@ -41,18 +39,16 @@ mirror! {
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_ORDER without distributed clocks, before activation, and on an
 ///          attached context, whose owner serves the clocks.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_clock_status(
+#[export(call, layer adapter, into status)]
+pub fn ecan_igh_get_clock_status(
     context: *mut ecan_igh_context_t,
     status: *mut ecan_igh_clock_status_t,
-) -> c_int {
-    enter!(ecan_igh_get_clock_status, context -> status).fill(|call, adapter| {
-        let status = adapter.clock_status().ok_or_else(|| {
-            let text = format_args!("there are no distributed clocks in the cycle");
-            call.fail(ecan_result_t::ECAN_ERR_ORDER, text)
-        })?;
-        Ok(status.into())
-    })
+) {
+    let status = adapter.clock_status().ok_or_else(|| {
+        let text = format_args!("there are no distributed clocks in the cycle");
+        call.fail(ecan_result_t::ECAN_ERR_ORDER, text)
+    })?;
+    Ok(status.into())
 }
 
 /// Returns the correction that an application with its own cycle timer adds to its next deadline,
@@ -60,8 +56,7 @@ pub unsafe extern "C" fn ecan_igh_get_clock_status(
 ///
 /// @usage   rt, the cycle's thread, after receive
 /// @return  Nanoseconds; 0 while the host's clock leads and if there is no context.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_clock_correction_ns(context: *mut ecan_igh_context_t) -> i64 {
-    enter!(ecan_igh_clock_correction_ns, context)
-        .get_or(0, |_, adapter| Ok(adapter.clock_correction_ns()))
+#[export(_, layer adapter, or 0)]
+pub fn ecan_igh_clock_correction_ns(context: *mut ecan_igh_context_t) -> i64 {
+    Ok(adapter.clock_correction_ns())
 }

@@ -3,12 +3,13 @@
 //! Plain data: it may be copied and needs no deinit. Nothing touches the bus before
 //! ecan_igh_init().
 
-use std::ffi::{c_char, c_int};
+use std::ffi::c_char;
 
+use ecan_c_export::export;
 use ecan_host::{
     AdapterConfig, Error, MAX_SLAVES, MAX_STARTUP_STEPS, SlaveConfig, StartupPlan, StartupStep,
 };
-use ecan_mcan_host::boundary::{Call, Opaque, call, put_text};
+use ecan_mcan_host::boundary::{Call, Opaque, put_text};
 use ecan_mcan_host::common::result::ecan_result_t::{self, *};
 use ecan_mcan_host::pointers;
 use ecan_mcan_port::PortConfig;
@@ -164,25 +165,20 @@ impl IghConfig {
 /// @param config  Is overwritten.
 ///
 /// @usage   not rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_default_config(config: *mut ecan_igh_config_t) -> c_int {
-    call("ecan_igh_default_config", |call| {
-        pointers!(call, out(config));
-        config.seal(IghConfig::new());
-        Ok(())
-    })
+#[export(call)]
+pub fn ecan_igh_default_config(config: *mut ecan_igh_config_t) {
+    pointers!(call, out(config));
+    config.seal(IghConfig::new());
 }
 
 /// Checks a configuration as a whole, without touching the bus. ecan_igh_init() does it, too.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_check_config(config: *const ecan_igh_config_t) -> c_int {
-    call("ecan_igh_check_config", |call| {
-        pointers!(call, sealed(config));
-        config.configured().check().map_err(Error::from).or_code(call)
-    })
+#[export(call)]
+pub fn ecan_igh_check_config(config: *const ecan_igh_config_t) {
+    pointers!(call, sealed(config));
+    config.configured().check().map_err(Error::from).or_code(call)
 }
 
 /// Gets the setting `ecrt` of a configuration, which selects the EtherCAT master library.
@@ -192,17 +188,15 @@ pub unsafe extern "C" fn ecan_igh_check_config(config: *const ecan_igh_config_t)
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK, or ECAN_ERR_BUFFER with the text cut.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_get_ecrt(
+#[export(call)]
+pub fn ecan_igh_config_get_ecrt(
     config: *const ecan_igh_config_t,
     setting: *mut c_char,
     size: usize,
-) -> c_int {
-    call("ecan_igh_config_get_ecrt", |call| {
-        pointers!(call, sealed(config), room(setting, size));
-        if put_text(&mut setting, config.ecrt.as_ref().and_then(Text::get).unwrap_or_default()) {
-            return Ok(());
-        }
-        Err(call.fail(ECAN_ERR_BUFFER, format_args!("the buffer of {size} bytes is too small")))
-    })
+) {
+    pointers!(call, sealed(config), room(setting, size));
+    if put_text(&mut setting, config.ecrt.as_ref().and_then(Text::get).unwrap_or_default()) {
+        return Ok(());
+    }
+    Err(call.fail(ECAN_ERR_BUFFER, format_args!("the buffer of {size} bytes is too small")))
 }

@@ -2,13 +2,13 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_host::{ClockSource, DcSync};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_ORDER};
 use ecan_mcan_host::mirror;
 
-use super::config::ecan_igh_config_t;
-use crate::entry::{Change, change};
+use super::config::{IghConfig, ecan_igh_config_t};
 
 mirror! {
     /// The clock that the others follow.
@@ -21,14 +21,9 @@ mirror! {
 }
 
 /// Changes the settings of distributed clocks that are on.
-fn change_dc(
-    change: Change<ecan_igh_config_t>,
-    set: impl FnOnce(Call, &mut DcSync) -> Result<(), ecan_result_t>,
-) -> c_int {
-    change.with(|call, config| match &mut config.adapter.dc {
-        Some(dc) => set(call, dc),
-        None => Err(call.fail(ECAN_ERR_ORDER, format_args!("distributed clocks are off"))),
-    })
+fn dc(call: Call, config: &mut IghConfig) -> Result<&mut DcSync, ecan_result_t> {
+    let dc = config.adapter.dc.as_mut();
+    dc.ok_or_else(|| call.fail(ECAN_ERR_ORDER, format_args!("distributed clocks are off")))
 }
 
 /// Enables distributed clocks with Sync0 (manual 8.4, 15.6). 15.6.1 lists proven phases.
@@ -40,39 +35,26 @@ fn change_dc(
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT. ecan_igh_check_config() checks the period against the
 ///          cycle.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_dc_sync0(
-    config: *mut ecan_igh_config_t,
-    cycle_us: u32,
-    shift_us: u32,
-) -> c_int {
-    change!(ecan_igh_config_set_dc_sync0, config).with(|call, config| {
-        let ns = |name, us: u32| {
-            let most = u32::MAX / 1000;
-            us.checked_mul(1000).ok_or_else(|| {
-                call.argument(name, format_args!("{us} is out of range; allowed: 0 to {most}"))
-            })
-        };
-        let (cycle_ns, shift_ns) = (ns("cycle_us", cycle_us)?, ns("shift_us", shift_us)?);
-        let before = config.adapter.dc.unwrap_or(DcSync::new(cycle_ns, shift_ns));
-        config.adapter.dc = (cycle_ns > 0).then_some(DcSync { cycle_ns, shift_ns, ..before });
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_set_dc_sync0(config: *mut ecan_igh_config_t, cycle_us: u32, shift_us: u32) {
+    let ns = |name, us: u32| {
+        let most = u32::MAX / 1000;
+        us.checked_mul(1000).ok_or_else(|| {
+            call.argument(name, format_args!("{us} is out of range; allowed: 0 to {most}"))
+        })
+    };
+    let (cycle_ns, shift_ns) = (ns("cycle_us", cycle_us)?, ns("shift_us", shift_us)?);
+    let before = config.adapter.dc.unwrap_or(DcSync::new(cycle_ns, shift_ns));
+    config.adapter.dc = (cycle_ns > 0).then_some(DcSync { cycle_ns, shift_ns, ..before });
 }
 
 /// Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
 /// @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_dc_assign_activate(
-    config: *mut ecan_igh_config_t,
-    word: u16,
-) -> c_int {
-    change_dc(change!(ecan_igh_config_set_dc_assign_activate, config), |_, dc| {
-        dc.assign_activate = word;
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_set_dc_assign_activate(config: *mut ecan_igh_config_t, word: u16) {
+    dc(call, config)?.assign_activate = word;
 }
 
 /// Selects the clock that the others follow; the host's by default.
@@ -81,17 +63,11 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_assign_activate(
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER if distributed clocks are off.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_dc_source(
-    config: *mut ecan_igh_config_t,
-    source: c_int,
-) -> c_int {
-    change_dc(change!(ecan_igh_config_set_dc_source, config), |call, dc| {
-        dc.source = ecan_igh_clock_source_t::to_rust(source).ok_or_else(|| {
-            call.argument("source", format_args!("{source} is invalid; allowed: 0, 1"))
-        })?;
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_set_dc_source(config: *mut ecan_igh_config_t, source: c_int) {
+    dc(call, config)?.source = ecan_igh_clock_source_t::to_rust(source).ok_or_else(|| {
+        call.argument("source", format_args!("{source} is invalid; allowed: 0, 1"))
+    })?;
 }
 
 /// Selects the slave whose clock is the reference; by default the first on the bus with a clock.
@@ -100,15 +76,9 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_source(
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
 /// @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_dc_reference(
-    config: *mut ecan_igh_config_t,
-    slave: usize,
-) -> c_int {
-    change_dc(change!(ecan_igh_config_set_dc_reference, config), |_, dc| {
-        dc.reference = Some(slave);
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_set_dc_reference(config: *mut ecan_igh_config_t, slave: usize) {
+    dc(call, config)?.reference = Some(slave);
 }
 
 /// Sets the interval at which the differences between the slaves' clocks are measured; 100 cycles
@@ -118,13 +88,7 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_reference(
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
 /// @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_dc_monitor(
-    config: *mut ecan_igh_config_t,
-    every: u32,
-) -> c_int {
-    change_dc(change!(ecan_igh_config_set_dc_monitor, config), |_, dc| {
-        dc.monitor_every = every;
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_set_dc_monitor(config: *mut ecan_igh_config_t, every: u32) {
+    dc(call, config)?.monitor_every = every;
 }

@@ -3,11 +3,10 @@
 use std::ffi::{c_char, c_int};
 use std::time::Duration;
 
-use ecan_mcan_host::boundary::call;
+use ecan_c_export::export;
 use ecan_mcan_host::pointers;
 
 use super::config::{ECAN_IGH_MAX_SLAVES, Text, ecan_igh_config_t};
-use crate::entry::change;
 
 /// Selects the EtherCAT master library.
 ///
@@ -21,36 +20,24 @@ use crate::entry::change;
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER. ecan_igh_init() reports a library that
 ///          cannot be loaded.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_ecrt(
-    config: *mut ecan_igh_config_t,
-    setting: *const c_char,
-) -> c_int {
-    change!(ecan_igh_config_set_ecrt, config).with(|call, config| {
-        config.ecrt = if setting.is_null() {
-            None
-        } else {
-            pointers!(call, text(setting));
-            Some(Text::new(call, "setting", setting)?)
-        };
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_set_ecrt(config: *mut ecan_igh_config_t, setting: *const c_char) {
+    config.ecrt = if setting.is_null() {
+        None
+    } else {
+        pointers!(call, text(setting));
+        Some(Text::new(call, "setting", setting)?)
+    };
 }
 
 /// Suggests the scenario for a plain "sim": "echo" (the default) or "drives".
 ///
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_suggest_scenario(
-    config: *mut ecan_igh_config_t,
-    name: *const c_char,
-) -> c_int {
-    change!(ecan_igh_config_suggest_scenario, config).with(|call, config| {
-        pointers!(call, text(name));
-        config.scenario = Text::new(call, "name", name)?;
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_suggest_scenario(config: *mut ecan_igh_config_t, name: *const c_char) {
+    pointers!(call, text(name));
+    config.scenario = Text::new(call, "name", name)?;
 }
 
 /// Selects the clock of a simulated master, unless its scenario does. A real library ignores it.
@@ -59,24 +46,17 @@ pub unsafe extern "C" fn ecan_igh_config_suggest_scenario(
 ///                 for the next cycle, as fast as the machine allows; same seed, same result.
 ///
 /// @usage   not rt, any thread, before init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_stepped_clock(
-    config: *mut ecan_igh_config_t,
-    stepped: c_int,
-) -> c_int {
-    change!(ecan_igh_config_set_stepped_clock, config)
-        .set(|config| config.is_stepped = stepped != 0)
+#[export(_, config config)]
+pub fn ecan_igh_config_set_stepped_clock(config: *mut ecan_igh_config_t, stepped: c_int) {
+    config.is_stepped = stepped != 0;
 }
 
 /// Sets the seed of a simulation, in place of the scenario's.
 ///
 /// @usage   not rt, any thread, before init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_seed(
-    config: *mut ecan_igh_config_t,
-    seed: u64,
-) -> c_int {
-    change!(ecan_igh_config_set_seed, config).set(|config| config.seed = Some(seed))
+#[export(_, config config)]
+pub fn ecan_igh_config_set_seed(config: *mut ecan_igh_config_t, seed: u64) {
+    config.seed = Some(seed);
 }
 
 /// Selects the EtherCAT master.
@@ -84,13 +64,9 @@ pub unsafe extern "C" fn ecan_igh_config_set_seed(
 /// @param index  0 for /dev/EtherCAT0, the default.
 ///
 /// @usage   not rt, any thread, before init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_master_index(
-    config: *mut ecan_igh_config_t,
-    index: u32,
-) -> c_int {
-    change!(ecan_igh_config_set_master_index, config)
-        .set(|config| config.adapter.master_index = index)
+#[export(_, config config)]
+pub fn ecan_igh_config_set_master_index(config: *mut ecan_igh_config_t, index: u32) {
+    config.adapter.master_index = index;
 }
 
 /// Sets the number of ECAN-Lite slaves; slave i is at position i unless that is changed.
@@ -99,34 +75,22 @@ pub unsafe extern "C" fn ecan_igh_config_set_master_index(
 ///
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_slave_count(
-    config: *mut ecan_igh_config_t,
-    count: usize,
-) -> c_int {
-    change!(ecan_igh_config_set_slave_count, config).with(|call, config| {
-        if !(1..=ECAN_IGH_MAX_SLAVES).contains(&count) {
-            let text = format_args!("{count} is out of range; allowed: 1 to {ECAN_IGH_MAX_SLAVES}");
-            return Err(call.argument("count", text));
-        }
-        config.slave_count = count;
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_set_slave_count(config: *mut ecan_igh_config_t, count: usize) {
+    if !(1..=ECAN_IGH_MAX_SLAVES).contains(&count) {
+        let text = format_args!("{count} is out of range; allowed: 1 to {ECAN_IGH_MAX_SLAVES}");
+        return Err(call.argument("count", text));
+    }
+    config.slave_count = count;
 }
 
 /// Gets the number of slaves, after igh_mcan_port_load_config() for example.
 ///
 /// @usage   not rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_get_slave_count(
-    config: *const ecan_igh_config_t,
-    count: *mut usize,
-) -> c_int {
-    call("ecan_igh_config_get_slave_count", |call| {
-        pointers!(call, sealed(config), out(count));
-        count.set(config.slave_count);
-        Ok(())
-    })
+#[export(call)]
+pub fn ecan_igh_config_get_slave_count(config: *const ecan_igh_config_t, count: *mut usize) {
+    pointers!(call, sealed(config), out(count));
+    count.set(config.slave_count);
 }
 
 /// Sets the period of the application's cycle.
@@ -136,20 +100,14 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_count(
 ///
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_cycle_us(
-    config: *mut ecan_igh_config_t,
-    cycle_us: u32,
-) -> c_int {
-    change!(ecan_igh_config_set_cycle_us, config).with(|call, config| {
-        const MOST: u32 = u32::MAX / 1000;
-        if !(1..=MOST).contains(&cycle_us) {
-            let text = format_args!("{cycle_us} is out of range; allowed: 1 to {MOST}");
-            return Err(call.argument("cycle_us", text));
-        }
-        config.adapter.cycle = Duration::from_micros(cycle_us.into());
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_set_cycle_us(config: *mut ecan_igh_config_t, cycle_us: u32) {
+    const MOST: u32 = u32::MAX / 1000;
+    if !(1..=MOST).contains(&cycle_us) {
+        let text = format_args!("{cycle_us} is out of range; allowed: 1 to {MOST}");
+        return Err(call.argument("cycle_us", text));
+    }
+    config.adapter.cycle = Duration::from_micros(cycle_us.into());
 }
 
 /// Gets the period of the application's cycle.
@@ -157,41 +115,27 @@ pub unsafe extern "C" fn ecan_igh_config_set_cycle_us(
 /// @param cycle_ns  Nanoseconds: a file may have fractions of a microsecond.
 ///
 /// @usage   not rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_get_cycle_ns(
-    config: *const ecan_igh_config_t,
-    cycle_ns: *mut u32,
-) -> c_int {
-    call("ecan_igh_config_get_cycle_ns", |call| {
-        pointers!(call, sealed(config), out(cycle_ns));
-        cycle_ns.set(config.adapter.cycle_ns());
-        Ok(())
-    })
+#[export(call)]
+pub fn ecan_igh_config_get_cycle_ns(config: *const ecan_igh_config_t, cycle_ns: *mut u32) {
+    pointers!(call, sealed(config), out(cycle_ns));
+    cycle_ns.set(config.adapter.cycle_ns());
 }
 
 /// States that the installed master carries more than 1486 bytes of process data per sync manager.
 /// Without it N is at most 11 (ECAN_PDO_MAX_PLAIN_MULTIPLIER).
 ///
 /// @usage   not rt, any thread, before init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_allow_large_pdos(
-    config: *mut ecan_igh_config_t,
-    allow: c_int,
-) -> c_int {
-    change!(ecan_igh_config_allow_large_pdos, config)
-        .set(|config| config.adapter.allow_large_pdos = allow != 0)
+#[export(_, config config)]
+pub fn ecan_igh_config_allow_large_pdos(config: *mut ecan_igh_config_t, allow: c_int) {
+    config.adapter.allow_large_pdos = allow != 0;
 }
 
 /// Sets the time in which the slaves must respond in PREOP, in milliseconds; 10000 by default.
 ///
 /// @usage   not rt, any thread, before init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_preop_timeout_ms(
-    config: *mut ecan_igh_config_t,
-    timeout_ms: u32,
-) -> c_int {
-    change!(ecan_igh_config_set_preop_timeout_ms, config)
-        .set(|config| config.adapter.preop_timeout = Duration::from_millis(timeout_ms.into()))
+#[export(_, config config)]
+pub fn ecan_igh_config_set_preop_timeout_ms(config: *mut ecan_igh_config_t, timeout_ms: u32) {
+    config.adapter.preop_timeout = Duration::from_millis(timeout_ms.into());
 }
 
 /// Sets the process data watchdog of the gateways: a gateway that receives no outputs for this time
@@ -203,11 +147,7 @@ pub unsafe extern "C" fn ecan_igh_config_set_preop_timeout_ms(
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK. The value is checked with the others by ecan_igh_check_config() and
 ///          ecan_igh_init().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_watchdog_us(
-    config: *mut ecan_igh_config_t,
-    watchdog_us: u32,
-) -> c_int {
-    change!(ecan_igh_config_set_watchdog_us, config)
-        .set(|config| config.adapter.watchdog = Duration::from_micros(watchdog_us.into()))
+#[export(_, config config)]
+pub fn ecan_igh_config_set_watchdog_us(config: *mut ecan_igh_config_t, watchdog_us: u32) {
+    config.adapter.watchdog = Duration::from_micros(watchdog_us.into());
 }

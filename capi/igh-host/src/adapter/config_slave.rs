@@ -1,16 +1,16 @@
 //! Configuration of a slave
 
-use std::ffi::{c_int, c_void};
+use std::ffi::c_void;
 
+use ecan_c_export::export;
 use ecan_host::{Identity, StartupStep};
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::constants::ECAN_PDO_MAX_MULTIPLIER;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pointers;
 use ecan_protocol::object::{ObjectType, SdoWrite};
 
 use super::config::ecan_igh_config_t;
-use crate::entry::change;
 
 fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result_t> {
     if !(1..=ECAN_PDO_MAX_MULTIPLIER).contains(&multiplier) {
@@ -27,33 +27,24 @@ fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result
 ///
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_pdo_multiplier(
-    config: *mut ecan_igh_config_t,
-    n: u32,
-) -> c_int {
-    change!(ecan_igh_config_set_pdo_multiplier, config).with(|call, config| {
-        config.adapter = config.adapter.with_multiplier(multiplier(call, "n", n)?);
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn ecan_igh_config_set_pdo_multiplier(config: *mut ecan_igh_config_t, n: u32) {
+    config.adapter = config.adapter.with_multiplier(multiplier(call, "n", n)?);
 }
 
 /// Sets N of both directions on one slave.
 ///
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multiplier(
+#[export(call, config config)]
+pub fn ecan_igh_config_set_slave_pdo_multiplier(
     config: *mut ecan_igh_config_t,
     slave: usize,
     n: u32,
-) -> c_int {
-    change!(ecan_igh_config_set_slave_pdo_multiplier, config).with(|call, config| {
-        let slave = config.slave(call, slave)?;
-        let n = multiplier(call, "n", n)?;
-        (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
-        Ok(())
-    })
+) {
+    let slave = config.slave(call, slave)?;
+    let n = multiplier(call, "n", n)?;
+    (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
 }
 
 /// Sets N of each direction on one slave.
@@ -63,19 +54,16 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multiplier(
 ///
 /// @usage   not rt, any thread, before init
 /// @return  As ecan_igh_config_set_slave_pdo_multiplier().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multipliers(
+#[export(call, config config)]
+pub fn ecan_igh_config_set_slave_pdo_multipliers(
     config: *mut ecan_igh_config_t,
     slave: usize,
     rx_n: u32,
     tx_n: u32,
-) -> c_int {
-    change!(ecan_igh_config_set_slave_pdo_multipliers, config).with(|call, config| {
-        let slave = config.slave(call, slave)?;
-        let sizes = (multiplier(call, "rx_n", rx_n)?, multiplier(call, "tx_n", tx_n)?);
-        (slave.rx_multiplier, slave.tx_multiplier) = sizes;
-        Ok(())
-    })
+) {
+    let slave = config.slave(call, slave)?;
+    let sizes = (multiplier(call, "rx_n", rx_n)?, multiplier(call, "tx_n", tx_n)?);
+    (slave.rx_multiplier, slave.tx_multiplier) = sizes;
 }
 
 /// Gets N of each direction of one slave.
@@ -84,20 +72,17 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multipliers(
 /// @param tx_n  Of the TxPDO, slave to master.
 ///
 /// @usage   not rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_get_slave_pdo_multipliers(
+#[export(call)]
+pub fn ecan_igh_config_get_slave_pdo_multipliers(
     config: *const ecan_igh_config_t,
     slave: usize,
     rx_n: *mut u32,
     tx_n: *mut u32,
-) -> c_int {
-    call("ecan_igh_config_get_slave_pdo_multipliers", |call| {
-        pointers!(call, sealed(config), out(rx_n), out(tx_n));
-        let slave = config.slave_of(call, slave)?;
-        rx_n.set(slave.rx_multiplier.into());
-        tx_n.set(slave.tx_multiplier.into());
-        Ok(())
-    })
+) {
+    pointers!(call, sealed(config), out(rx_n), out(tx_n));
+    let slave = config.slave_of(call, slave)?;
+    rx_n.set(slave.rx_multiplier.into());
+    tx_n.set(slave.tx_multiplier.into());
 }
 
 /// Sets the position of a slave.
@@ -107,54 +92,45 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_pdo_multipliers(
 /// @param position  Position, from 0.
 ///
 /// @usage   not rt, any thread, before init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_slave_position(
+#[export(call, config config)]
+pub fn ecan_igh_config_set_slave_position(
     config: *mut ecan_igh_config_t,
     slave: usize,
     alias: u16,
     position: u16,
-) -> c_int {
-    change!(ecan_igh_config_set_slave_position, config).with(|call, config| {
-        let slave = config.slave(call, slave)?;
-        (slave.alias, slave.position) = (alias, position);
-        Ok(())
-    })
+) {
+    let slave = config.slave(call, slave)?;
+    (slave.alias, slave.position) = (alias, position);
 }
 
 /// Gets the position of a slave, as ecan_igh_config_set_slave_position() sets it.
 ///
 /// @usage   not rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_get_slave_position(
+#[export(call)]
+pub fn ecan_igh_config_get_slave_position(
     config: *const ecan_igh_config_t,
     slave: usize,
     alias: *mut u16,
     position: *mut u16,
-) -> c_int {
-    call("ecan_igh_config_get_slave_position", |call| {
-        pointers!(call, sealed(config), out(alias), out(position));
-        let slave = config.slave_of(call, slave)?;
-        alias.set(slave.alias);
-        position.set(slave.position);
-        Ok(())
-    })
+) {
+    pointers!(call, sealed(config), out(alias), out(position));
+    let slave = config.slave_of(call, slave)?;
+    alias.set(slave.alias);
+    position.set(slave.position);
 }
 
 /// Sets the required vendor ID and product code (object 0x1018). Without it the SDK accepts every
 /// slave whose objects identify it as an ECAN-Lite.
 ///
 /// @usage   not rt, any thread, before init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_slave_identity(
+#[export(call, config config)]
+pub fn ecan_igh_config_set_slave_identity(
     config: *mut ecan_igh_config_t,
     slave: usize,
     vendor_id: u32,
     product_code: u32,
-) -> c_int {
-    change!(ecan_igh_config_set_slave_identity, config).with(|call, config| {
-        config.slave(call, slave)?.identity = Some(Identity { vendor_id, product_code });
-        Ok(())
-    })
+) {
+    config.slave(call, slave)?.identity = Some(Identity { vendor_id, product_code });
 }
 
 /// Adds a startup SDO of the application: written after the Port's own, in the order of the calls,
@@ -168,30 +144,28 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_identity(
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
 ///          ECAN_IGH_MAX_STARTUP_SDOS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_add_startup_sdo(
+#[export(call, config config)]
+pub fn ecan_igh_config_add_startup_sdo(
     config: *mut ecan_igh_config_t,
     slave: usize,
     index: u16,
     subindex: u8,
     data: *const c_void,
     size: usize,
-) -> c_int {
-    change!(ecan_igh_config_add_startup_sdo, config).with(|call, config| {
-        pointers!(call, bytes(data, size));
-        config.slave(call, slave)?;
-        let ty = match size {
-            1 => ObjectType::U8,
-            2 => ObjectType::U16,
-            4 => ObjectType::U32,
-            _ => {
-                let text = format_args!("{size} is invalid; allowed: 1, 2, 4");
-                return Err(call.argument("size", text));
-            }
-        };
-        let mut bytes = [0; 4];
-        bytes[..size].copy_from_slice(data);
-        let write = SdoWrite::new(index, subindex, ty, u32::from_le_bytes(bytes));
-        config.add_startup(call, slave, StartupStep::Download(write))
-    })
+) {
+    pointers!(call, bytes(data, size));
+    config.slave(call, slave)?;
+    let ty = match size {
+        1 => ObjectType::U8,
+        2 => ObjectType::U16,
+        4 => ObjectType::U32,
+        _ => {
+            let text = format_args!("{size} is invalid; allowed: 1, 2, 4");
+            return Err(call.argument("size", text));
+        }
+    };
+    let mut bytes = [0; 4];
+    bytes[..size].copy_from_slice(data);
+    let write = SdoWrite::new(index, subindex, ty, u32::from_le_bytes(bytes));
+    config.add_startup(call, slave, StartupStep::Download(write))
 }

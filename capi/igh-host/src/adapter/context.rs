@@ -11,8 +11,9 @@
 use std::ffi::{c_int, c_void};
 use std::time::Duration;
 
+use ecan_c_export::export;
 use ecan_host::{Adapter, AdapterConfig, Ecrt, Error, Master};
-use ecan_mcan_host::boundary::{Call, OutPointer, call};
+use ecan_mcan_host::boundary::{Call, OutPointer};
 use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_MASTER};
 use ecan_mcan_host::pointers;
 
@@ -20,7 +21,7 @@ use super::config::{IghConfig, ecan_igh_config_t};
 use super::library;
 use crate::bus::Bus;
 use crate::callback::StopCallback;
-use crate::entry::{Context, enter};
+use crate::entry::Context;
 use crate::errors::{self, OrCode as _};
 use crate::handle::{self, Entered, Kind};
 
@@ -77,16 +78,11 @@ fn open(
 ///          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL;
 ///          ECAN_ERR_ORDER for a context that is initialised already. After an error there is
 ///          nothing to deinit.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_init(
-    context: *mut ecan_igh_context_t,
-    config: *const ecan_igh_config_t,
-) -> c_int {
-    call("ecan_igh_init", |call| {
-        pointers!(call, out(context), sealed(config));
-        open(call, &context, config, |ecrt, rust| {
-            Adapter::open(ecrt, rust, config.startup_plan()).or_code(call)
-        })
+#[export(call)]
+pub fn ecan_igh_init(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
+    pointers!(call, out(context), sealed(config));
+    open(call, &context, config, |ecrt, rust| {
+        Adapter::open(ecrt, rust, config.startup_plan()).or_code(call)
     })
 }
 
@@ -104,21 +100,18 @@ pub unsafe extern "C" fn ecan_igh_init(
 ///
 /// @usage   not rt, the owner's thread, before ecrt_master_activate
 /// @return  As ecan_igh_init().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_attach(
+#[export(call)]
+pub fn ecan_igh_attach(
     context: *mut ecan_igh_context_t,
     config: *const ecan_igh_config_t,
     master: *mut c_void,
-) -> c_int {
-    call("ecan_igh_attach", |call| {
-        pointers!(call, out(context), out(master), sealed(config));
-        open(call, &context, config, |ecrt, rust| {
-            // SAFETY: the header demands the owner's reserved master of this library.
-            let master = unsafe { Master::from_raw(ecrt.clone(), master.as_ptr().cast()) };
-            let master =
-                master.map_err(|errno| call.fail(ECAN_ERR_MASTER, format_args!("{errno}")))?;
-            Adapter::attach(ecrt, master, rust, config.startup_plan()).or_code(call)
-        })
+) {
+    pointers!(call, out(context), out(master), sealed(config));
+    open(call, &context, config, |ecrt, rust| {
+        // SAFETY: the header demands the owner's reserved master of this library.
+        let master = unsafe { Master::from_raw(ecrt.clone(), master.as_ptr().cast()) };
+        let master = master.map_err(|errno| call.fail(ECAN_ERR_MASTER, format_args!("{errno}")))?;
+        Adapter::attach(ecrt, master, rust, config.startup_plan()).or_code(call)
     })
 }
 
@@ -127,10 +120,9 @@ pub unsafe extern "C" fn ecan_igh_attach(
 /// @usage   not rt, the owner's thread, after ecrt_master_activate
 /// @return  ECAN_OK; ECAN_ERR_ORDER for a context that is not attached or active already;
 ///          ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_owner_activated(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_owner_activated, context)
-        .run(|call, adapter| adapter.owner_activated().or_code(call))
+#[export(call, layer adapter)]
+pub fn ecan_igh_owner_activated(context: *mut ecan_igh_context_t) {
+    adapter.owner_activated().or_code(call)
 }
 
 /// Starts cyclic operation without waiting for OP: from now on the application runs the cycle and
@@ -138,9 +130,9 @@ pub unsafe extern "C" fn ecan_igh_owner_activated(context: *mut ecan_igh_context
 ///
 /// @usage   not rt, the cycle's thread, after init and igh_mcan_port_init
 /// @return  ECAN_OK; ECAN_ERR_ORDER if it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_activate(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_activate, context).run(|call, adapter| adapter.activate().or_code(call))
+#[export(call, layer adapter)]
+pub fn ecan_igh_activate(context: *mut ecan_igh_context_t) {
+    adapter.activate().or_code(call)
 }
 
 /// Starts cyclic operation if necessary and runs the cycle until every slave is in OP; with a Port
@@ -153,24 +145,18 @@ pub unsafe extern "C" fn ecan_igh_activate(context: *mut ecan_igh_context_t) -> 
 /// @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that is not in OP, and
 ///          the reason; ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the
 ///          configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
-    context: *mut ecan_igh_context_t,
-    timeout_ms: u32,
-) -> c_int {
-    enter!(ecan_igh_wait_op_timeout, context).on_bus(|call, bus| {
-        bus.need_owned(call)?;
-        match bus.port_mut() {
-            Some(port) => {
-                port.wait_ready_timeout(Duration::from_millis(timeout_ms.into())).or_code(call)
-            }
-            None => {
-                let waited =
-                    bus.need_adapter(call)?.wait_op(Duration::from_millis(timeout_ms.into()));
-                waited.or_code(call)
-            }
+#[export(call, bus bus)]
+pub fn ecan_igh_wait_op_timeout(context: *mut ecan_igh_context_t, timeout_ms: u32) {
+    bus.need_owned(call)?;
+    match bus.port_mut() {
+        Some(port) => {
+            port.wait_ready_timeout(Duration::from_millis(timeout_ms.into())).or_code(call)
         }
-    })
+        None => {
+            let waited = bus.need_adapter(call)?.wait_op(Duration::from_millis(timeout_ms.into()));
+            waited.or_code(call)
+        }
+    }
 }
 
 /// Sets a function that the waiting calls of all layers call once per cycle; if it returns other
@@ -182,20 +168,17 @@ pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
 /// @param user  Is passed to it, in the thread that waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_stop_waiting_when(
+#[export(_, layer adapter)]
+pub fn ecan_igh_stop_waiting_when(
     context: *mut ecan_igh_context_t,
     stop: Option<unsafe extern "C" fn(user: *mut c_void) -> c_int>,
     user: *mut c_void,
-) -> c_int {
-    enter!(ecan_igh_stop_waiting_when, context).run(|_, adapter| {
-        let check = stop.map(|function| {
-            let stop = StopCallback { function, user };
-            Box::new(move || stop.is_stop()) as Box<dyn Fn() -> bool + Send>
-        });
-        adapter.stop_waiting_when(check);
-        Ok(())
-    })
+) {
+    let check = stop.map(|function| {
+        let stop = StopCallback { function, user };
+        Box::new(move || stop.is_stop()) as Box<dyn Fn() -> bool + Send>
+    });
+    adapter.stop_waiting_when(check);
 }
 
 /// Leaves cyclic operation and configures the slaves again, to change N at run time for example
@@ -204,24 +187,19 @@ pub unsafe extern "C" fn ecan_igh_stop_waiting_when(
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port, ECAN_ERR_ATTACHED. A faulty
 ///          configuration changes nothing; after any other error reconfigure again.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_reconfigure(
-    context: *mut ecan_igh_context_t,
-    config: *const ecan_igh_config_t,
-) -> c_int {
-    enter!(ecan_igh_reconfigure, context).on_bus(|call, bus| {
-        pointers!(call, sealed(config));
-        if bus.port_mut().is_some() {
-            let text = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
-        }
-        let (startup, config) = (config.startup_plan(), config.configured());
-        let reconfigured = bus.need_adapter(call)?.reconfigure(config, startup);
-        if reconfigured.as_ref().err().is_none_or(errors::has_changed) {
-            bus.forget_configuration();
-        }
-        reconfigured.or_code(call)
-    })
+#[export(call, bus bus)]
+pub fn ecan_igh_reconfigure(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
+    pointers!(call, sealed(config));
+    if bus.port_mut().is_some() {
+        let text = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
+    }
+    let (startup, config) = (config.startup_plan(), config.configured());
+    let reconfigured = bus.need_adapter(call)?.reconfigure(config, startup);
+    if reconfigured.as_ref().err().is_none_or(errors::has_changed) {
+        bus.forget_configuration();
+    }
+    reconfigured.or_code(call)
 }
 
 /// Leaves cyclic operation and releases the master, or detaches from the owner's. A Port and axes
@@ -229,18 +207,18 @@ pub unsafe extern "C" fn ecan_igh_reconfigure(
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for a context that is deinitialised already or never was initialised.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_deinit(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_deinit, context).end(|bus| drop(bus.leave()))
+#[export(_, end bus)]
+pub fn ecan_igh_deinit(context: *mut ecan_igh_context_t) {
+    drop(bus.leave());
 }
 
 /// Returns 1 if the bus is simulated.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0, or a negative ecan_result_t.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_is_simulated, context).get(|_, adapter| Ok(adapter.is_simulated().into()))
+#[export(_, layer adapter)]
+pub fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
+    Ok(adapter.is_simulated().into())
 }
 
 /// Returns 1 if time passes only while the program waits for the next cycle: in a simulation with a
@@ -248,9 +226,9 @@ pub unsafe extern "C" fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t)
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0, or a negative ecan_result_t.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_clock_is_stepped, context).get_on_bus(|_, bus| Ok(bus.is_stepped.into()))
+#[export(_, bus bus)]
+pub fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_context_t) -> c_int {
+    Ok(bus.is_stepped.into())
 }
 
 /// Returns a sufficient timeout for ecan_igh_wait_op_timeout(), by the startup SDOs, the cycle and
@@ -258,10 +236,8 @@ pub unsafe extern "C" fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_contex
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  Milliseconds; 0 if there is no context.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_startup_timeout_ms(context: *mut ecan_igh_context_t) -> u32 {
-    enter!(ecan_igh_startup_timeout_ms, context).get_or(0, |_, adapter| {
-        let timeout = adapter.startup_timeout();
-        Ok(u32::try_from(timeout.as_millis()).unwrap_or(u32::MAX))
-    })
+#[export(_, layer adapter, or 0)]
+pub fn ecan_igh_startup_timeout_ms(context: *mut ecan_igh_context_t) -> u32 {
+    let timeout = adapter.startup_timeout();
+    Ok(u32::try_from(timeout.as_millis()).unwrap_or(u32::MAX))
 }

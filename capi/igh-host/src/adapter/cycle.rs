@@ -5,6 +5,7 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_host::{Adapter, CycleError, Delivery, DomainReport, WcState};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -13,7 +14,6 @@ use ecan_mcan_host::mirror;
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
 use crate::bus::Bus;
-use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
@@ -72,18 +72,18 @@ fn exchange(
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: the cycle may continue;
 ///          ECAN_ERR_ORDER if the bus is not active or there is a Port on it.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_receive(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_receive, context).on_bus(|call, bus| exchange(call, bus, Adapter::receive))
+#[export(call, bus bus)]
+pub fn ecan_igh_receive(context: *mut ecan_igh_context_t) {
+    exchange(call, bus, Adapter::receive)
 }
 
 /// Sends the process data. Last in the cycle.
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  As ecan_igh_receive().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_send(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_send, context).on_bus(|call, bus| exchange(call, bus, Adapter::send))
+#[export(call, bus bus)]
+pub fn ecan_igh_send(context: *mut ecan_igh_context_t) {
+    exchange(call, bus, Adapter::send)
 }
 
 /// Sleeps until the next deadline of the cycle, on a grid of the configured period that never
@@ -95,21 +95,18 @@ pub unsafe extern "C" fn ecan_igh_send(context: *mut ecan_igh_context_t) -> c_in
 /// timer must leave that time, too.
 ///
 /// @usage   rt, the cycle's thread, active bus
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_wait_next_cycle(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_wait_next_cycle, context).run(|_, adapter| {
-        adapter.wait_next_cycle();
-        Ok(())
-    })
+#[export(_, layer adapter)]
+pub fn ecan_igh_wait_next_cycle(context: *mut ecan_igh_context_t) {
+    adapter.wait_next_cycle();
 }
 
 /// Returns the time of the master's clock: CLOCK_MONOTONIC, or the simulation's.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  Nanoseconds; 0 if there is no context.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_now_ns(context: *mut ecan_igh_context_t) -> u64 {
-    enter!(ecan_igh_now_ns, context).get_or(0, |_, adapter| Ok(adapter.clock().now_ns()))
+#[export(_, layer adapter, or 0)]
+pub fn ecan_igh_now_ns(context: *mut ecan_igh_context_t) -> u64 {
+    Ok(adapter.clock().now_ns())
 }
 
 /// Returns the deadline of the running cycle on the clock of ecan_igh_now_ns(). Sync0 refers to it,
@@ -117,9 +114,9 @@ pub unsafe extern "C" fn ecan_igh_now_ns(context: *mut ecan_igh_context_t) -> u6
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  Nanoseconds; 0 before the first cycle and if there is no context.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_cycle_time_ns(context: *mut ecan_igh_context_t) -> u64 {
-    enter!(ecan_igh_cycle_time_ns, context).get_or(0, |_, adapter| Ok(adapter.cycle_time_ns()))
+#[export(_, layer adapter, or 0)]
+pub fn ecan_igh_cycle_time_ns(context: *mut ecan_igh_context_t) -> u64 {
+    Ok(adapter.cycle_time_ns())
 }
 
 /// Returns how long the cycle waits for the response of the bus: its time on the wire, through the
@@ -127,9 +124,9 @@ pub unsafe extern "C" fn ecan_igh_cycle_time_ns(context: *mut ecan_igh_context_t
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  Nanoseconds; 0 if there is no context.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_response_ns(context: *mut ecan_igh_context_t) -> u64 {
-    enter!(ecan_igh_response_ns, context).get_or(0, |_, adapter| Ok(adapter.response_ns()))
+#[export(_, layer adapter, or 0)]
+pub fn ecan_igh_response_ns(context: *mut ecan_igh_context_t) -> u64 {
+    Ok(adapter.response_ns())
 }
 
 /// Returns 1 if every slave exchanged both directions in the last cycle. Do not advance motion
@@ -137,23 +134,20 @@ pub unsafe extern "C" fn ecan_igh_response_ns(context: *mut ecan_igh_context_t) 
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_domain_is_complete(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_domain_is_complete, context)
-        .get(|_, adapter| Ok(adapter.domain_is_complete().into()))
+#[export(_, layer adapter)]
+pub fn ecan_igh_domain_is_complete(context: *mut ecan_igh_context_t) -> c_int {
+    Ok(adapter.domain_is_complete().into())
 }
 
 /// Gets the result of the last exchange with one slave.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_domain_report(
+#[export(call, layer adapter, into report)]
+pub fn ecan_igh_get_domain_report(
     context: *mut ecan_igh_context_t,
     slave: usize,
     report: *mut ecan_igh_domain_report_t,
-) -> c_int {
-    enter!(ecan_igh_get_domain_report, context -> report).fill(|call, adapter| {
-        need_slave(call, adapter, slave)?;
-        Ok(adapter.domain_report(slave).into())
-    })
+) {
+    need_slave(call, adapter, slave)?;
+    Ok(adapter.domain_report(slave).into())
 }

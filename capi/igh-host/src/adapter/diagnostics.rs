@@ -3,8 +3,9 @@
 //! A second, unreserved handle on the master: a thread of lower priority reads states and objects
 //! while the cycle runs. Each handle belongs to one thread at a time.
 
-use std::ffi::{c_int, c_void};
+use std::ffi::c_void;
 
+use ecan_c_export::export;
 use ecan_host::Diagnostics;
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -13,7 +14,7 @@ use ecan_mcan_host::pointers;
 use super::bus_state::ecan_igh_master_state_t;
 use super::context::ecan_igh_context_t;
 use super::sdo::MAX_VALUE_BYTES;
-use crate::entry::{Context, enter};
+use crate::entry::Context;
 use crate::errors::OrCode as _;
 use crate::handle::{self, Entered, Kind, Pool, Pooled};
 
@@ -52,20 +53,18 @@ impl Context for ecan_igh_diagnostics_t {
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_ORDER for a handle that is open; ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_diagnostics_open(
+#[export(call, layer adapter, of context)]
+pub fn ecan_igh_diagnostics_open(
     diagnostics: *mut ecan_igh_diagnostics_t,
     context: *mut ecan_igh_context_t,
-) -> c_int {
-    enter!(ecan_igh_diagnostics_open, context).run(|call, adapter| {
-        pointers!(call, out(diagnostics));
-        // SAFETY: `out` was promised that the pointer is valid for writing.
-        unsafe {
-            handle::init(call, diagnostics.as_ptr().cast(), Kind::Diagnostics, || {
-                adapter.open_diagnostics().or_code(call)
-            })
-        }
-    })
+) {
+    pointers!(call, out(diagnostics));
+    // SAFETY: `out` was promised that the pointer is valid for writing.
+    unsafe {
+        handle::init(call, diagnostics.as_ptr().cast(), Kind::Diagnostics, || {
+            adapter.open_diagnostics().or_code(call)
+        })
+    }
 }
 
 /// Reads an object of a slave and waits for it; arguments as of ecan_igh_sdo_upload().
@@ -73,8 +72,8 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_open(
 /// @usage   not rt, the handle's thread, after open
 /// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
 ///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_upload(
+#[export(call, layer diagnostics)]
+pub fn ecan_igh_diagnostics_sdo_upload(
     diagnostics: *mut ecan_igh_diagnostics_t,
     slave: usize,
     index: u16,
@@ -82,56 +81,48 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_upload(
     data: *mut c_void,
     size: usize,
     length: *mut usize,
-) -> c_int {
-    enter!(ecan_igh_diagnostics_sdo_upload, diagnostics).run(|call, diagnostics| {
-        pointers!(call, byte_room(data, size), out(length));
-        let mut value = vec![0; size.min(MAX_VALUE_BYTES)];
-        let read = diagnostics.sdo_upload(slave, index, subindex, &mut value).or_code(call)?;
-        data.push_bytes(value.get(..read).unwrap_or_default());
-        length.set(read);
-        Ok(())
-    })
+) {
+    pointers!(call, byte_room(data, size), out(length));
+    let mut value = vec![0; size.min(MAX_VALUE_BYTES)];
+    let read = diagnostics.sdo_upload(slave, index, subindex, &mut value).or_code(call)?;
+    data.push_bytes(value.get(..read).unwrap_or_default());
+    length.set(read);
 }
 
 /// Writes an object of a slave and waits for it; arguments as of ecan_igh_sdo_download().
 ///
 /// @usage   not rt, the handle's thread, after open
 /// @return  As ecan_igh_diagnostics_sdo_upload().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_download(
+#[export(call, layer diagnostics)]
+pub fn ecan_igh_diagnostics_sdo_download(
     diagnostics: *mut ecan_igh_diagnostics_t,
     slave: usize,
     index: u16,
     subindex: u8,
     data: *const c_void,
     size: usize,
-) -> c_int {
-    enter!(ecan_igh_diagnostics_sdo_download, diagnostics).run(|call, diagnostics| {
-        pointers!(call, bytes(data, size));
-        diagnostics.sdo_download(slave, index, subindex, data).or_code(call)
-    })
+) {
+    pointers!(call, bytes(data, size));
+    diagnostics.sdo_download(slave, index, subindex, data).or_code(call)
 }
 
 /// Gets the state of the bus.
 ///
 /// @usage   not rt, the handle's thread, after open
 /// @return  ECAN_OK, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_diagnostics_master_state(
+#[export(call, layer diagnostics, into state)]
+pub fn ecan_igh_diagnostics_master_state(
     diagnostics: *mut ecan_igh_diagnostics_t,
     state: *mut ecan_igh_master_state_t,
-) -> c_int {
-    enter!(ecan_igh_diagnostics_master_state, diagnostics -> state)
-        .fill(|call, diagnostics| Ok(diagnostics.master_state().or_code(call)?.into()))
+) {
+    Ok(diagnostics.master_state().or_code(call)?.into())
 }
 
 /// Closes a handle.
 ///
 /// @usage   not rt, the handle's thread, any time
 /// @return  ECAN_OK, also for a handle that is closed already.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_diagnostics_deinit(
-    diagnostics: *mut ecan_igh_diagnostics_t,
-) -> c_int {
-    enter!(ecan_igh_diagnostics_deinit, diagnostics).end(|object| drop(object.leave()))
+#[export(_, end object)]
+pub fn ecan_igh_diagnostics_deinit(diagnostics: *mut ecan_igh_diagnostics_t) {
+    drop(object.leave());
 }

@@ -2,15 +2,13 @@
 //!
 //! With a Port on the context the RxPDO belongs to the Port: read it, but do not write to it.
 
-use std::ffi::c_int;
-
+use ecan_c_export::export;
 use ecan_mcan_host::boundary::{Call, OutPointer};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pointers;
 
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
-use crate::entry::enter;
 
 /// Stores the address and the size of an image.
 fn put_image<P>(
@@ -36,19 +34,17 @@ fn put_image<P>(
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_ORDER before the bus is active; ECAN_ERR_SLAVE.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_rxpdo_buffer(
+#[export(call, layer adapter)]
+pub fn ecan_igh_get_rxpdo_buffer(
     context: *mut ecan_igh_context_t,
     slave: usize,
     rxpdo: *mut *mut u8,
     rxpdo_size: *mut usize,
-) -> c_int {
-    enter!(ecan_igh_get_rxpdo_buffer, context).run(|call, adapter| {
-        pointers!(call, out(rxpdo), out(rxpdo_size));
-        need_slave(call, adapter, slave)?;
-        let image = adapter.rx_pdo_mut(slave);
-        put_image(call, rxpdo, rxpdo_size, (image.as_mut_ptr(), image.len()))
-    })
+) {
+    pointers!(call, out(rxpdo), out(rxpdo_size));
+    need_slave(call, adapter, slave)?;
+    let image = adapter.rx_pdo_mut(slave);
+    put_image(call, rxpdo, rxpdo_size, (image.as_mut_ptr(), image.len()))
 }
 
 /// Gets the TxPDO of a slave as of the last receive: 128 * N continuous bytes, for
@@ -60,17 +56,15 @@ pub unsafe extern "C" fn ecan_igh_get_rxpdo_buffer(
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  As ecan_igh_get_rxpdo_buffer().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_txpdo_buffer(
+#[export(call, layer adapter)]
+pub fn ecan_igh_get_txpdo_buffer(
     context: *mut ecan_igh_context_t,
     slave: usize,
     txpdo: *mut *const u8,
     txpdo_size: *mut usize,
-) -> c_int {
-    enter!(ecan_igh_get_txpdo_buffer, context).run(|call, adapter| {
-        pointers!(call, out(txpdo), out(txpdo_size));
-        need_slave(call, adapter, slave)?;
-        let image = adapter.tx_pdo(slave);
-        put_image(call, txpdo, txpdo_size, (image.as_ptr(), image.len()))
-    })
+) {
+    pointers!(call, out(txpdo), out(txpdo_size));
+    need_slave(call, adapter, slave)?;
+    let image = adapter.tx_pdo(slave);
+    put_image(call, txpdo, txpdo_size, (image.as_ptr(), image.len()))
 }

@@ -2,18 +2,18 @@
 //!
 //! Functions that make the application's thread keep its cycle (manual 13.9 and 15.5.2, step 7).
 
-use std::ffi::{c_char, c_int};
+use std::ffi::c_char;
 
+use ecan_c_export::export;
 use ecan_host::{
     Adapter, CycleStart, CycleStatistics, CycleTiming, Distribution, MAX_SPIN_NS, Need,
     OverrunPolicy, RealTimeConfig, RealTimeError,
 };
-use ecan_mcan_host::boundary::{Call, call, put_text};
+use ecan_mcan_host::boundary::{Call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::{mirror, pointers};
 
 use super::context::ecan_igh_context_t;
-use crate::entry::enter;
 
 /// Requests of the cycle's thread to the system. Fill with ecan_igh_default_real_time(), then
 /// change fields.
@@ -122,21 +122,18 @@ fn config(call: Call, wanted: &ecan_igh_real_time_t) -> Result<RealTimeConfig, e
 /// Fills the requests: nothing is requested.
 ///
 /// @usage   rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_default_real_time(settings: *mut ecan_igh_real_time_t) -> c_int {
-    call("ecan_igh_default_real_time", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { call.out("settings", settings)? }.set(ecan_igh_real_time_t {
-            priority: 0,
-            lock_memory: 0,
-            is_required: 0,
-            reserved: [0; 2],
-            stack_bytes: 0,
-            wake_up_latency_us: -1,
-            cpu_mask: 0,
-        });
-        Ok(())
-    })
+#[export(call)]
+pub fn ecan_igh_default_real_time(settings: *mut ecan_igh_real_time_t) {
+    // SAFETY: the pointer is C's, valid or NULL as the header demands.
+    unsafe { call.out("settings", settings)? }.set(ecan_igh_real_time_t {
+        priority: 0,
+        lock_memory: 0,
+        is_required: 0,
+        reserved: [0; 2],
+        stack_bytes: 0,
+        wake_up_latency_us: -1,
+        cpu_mask: 0,
+    });
 }
 
 /// Applies the requests to the calling thread; locked memory applies to its whole process.
@@ -152,29 +149,27 @@ pub unsafe extern "C" fn ecan_igh_default_real_time(settings: *mut ecan_igh_real
 /// @return  ECAN_OK, also if a request that is not required was denied; ECAN_ERR_PRIVILEGE if a
 ///          required one was denied: granted requests stay in force. ECAN_ERR_ARGUMENT for a value
 ///          out of range, with nothing applied.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_apply_real_time(
+#[export(call)]
+pub fn ecan_igh_apply_real_time(
     settings: *const ecan_igh_real_time_t,
     report: *mut c_char,
     size: usize,
-) -> c_int {
-    call("ecan_igh_apply_real_time", |call| {
-        pointers!(call, read(settings), room(report, size));
-        let applied = config(call, settings)?.apply();
-        let text = match &applied {
-            Ok(report) | Err(RealTimeError::Missing(report)) => report.to_string(),
-            Err(_) => String::new(),
+) {
+    pointers!(call, read(settings), room(report, size));
+    let applied = config(call, settings)?.apply();
+    let text = match &applied {
+        Ok(report) | Err(RealTimeError::Missing(report)) => report.to_string(),
+        Err(_) => String::new(),
+    };
+    if size > 0 {
+        put_text(&mut report, &text);
+    }
+    applied.map(drop).map_err(|error| {
+        let code = match error {
+            RealTimeError::Settings(_) => ecan_result_t::ECAN_ERR_ARGUMENT,
+            _ => ecan_result_t::ECAN_ERR_PRIVILEGE,
         };
-        if size > 0 {
-            put_text(&mut report, &text);
-        }
-        applied.map(drop).map_err(|error| {
-            let code = match error {
-                RealTimeError::Settings(_) => ecan_result_t::ECAN_ERR_ARGUMENT,
-                _ => ecan_result_t::ECAN_ERR_PRIVILEGE,
-            };
-            call.fail(code, format_args!("{error}"))
-        })
+        call.fail(code, format_args!("{error}"))
     })
 }
 
@@ -188,50 +183,39 @@ pub unsafe extern "C" fn ecan_igh_apply_real_time(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_set_cycle_timing(
-    context: *mut ecan_igh_context_t,
-    spin_us: u32,
-    catch_up: u32,
-) -> c_int {
-    enter!(ecan_igh_set_cycle_timing, context).run(|call, adapter| {
-        let spin_ns = u64::from(spin_us) * 1000;
-        if spin_ns > MAX_SPIN_NS {
-            let most = MAX_SPIN_NS / 1000;
-            let text = format_args!("{spin_us} is out of range; allowed: 0 to {most}");
-            return Err(call.argument("spin_us", text));
-        }
-        let overrun = match catch_up {
-            0 => OverrunPolicy::Skip,
-            max_cycles => OverrunPolicy::CatchUp { max_cycles },
-        };
-        adapter.set_cycle_timing(CycleTiming { spin_ns, overrun });
-        Ok(())
-    })
+#[export(call, layer adapter)]
+pub fn ecan_igh_set_cycle_timing(context: *mut ecan_igh_context_t, spin_us: u32, catch_up: u32) {
+    let spin_ns = u64::from(spin_us) * 1000;
+    if spin_ns > MAX_SPIN_NS {
+        let most = MAX_SPIN_NS / 1000;
+        let text = format_args!("{spin_us} is out of range; allowed: 0 to {most}");
+        return Err(call.argument("spin_us", text));
+    }
+    let overrun = match catch_up {
+        0 => OverrunPolicy::Skip,
+        max_cycles => OverrunPolicy::CatchUp { max_cycles },
+    };
+    adapter.set_cycle_timing(CycleTiming { spin_ns, overrun });
 }
 
 /// Gets the start of the cycle as the last ecan_igh_wait_next_cycle() measured it; all 0 before the
 /// first.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_cycle_start(
+#[export(_, layer adapter, into start)]
+pub fn ecan_igh_get_cycle_start(
     context: *mut ecan_igh_context_t,
     start: *mut ecan_igh_cycle_start_t,
-) -> c_int {
-    enter!(ecan_igh_get_cycle_start, context -> start)
-        .fill(|_, adapter| Ok(adapter.cycle_start().into()))
+) {
+    Ok(adapter.cycle_start().into())
 }
 
 /// Starts or restarts measuring the timing of the cycles. Takes about 3 megabytes.
 ///
 /// @usage   not rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_measure_cycles(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_measure_cycles, context).run(|_, adapter| {
-        adapter.measure_cycles();
-        Ok(())
-    })
+#[export(_, layer adapter)]
+pub fn ecan_igh_measure_cycles(context: *mut ecan_igh_context_t) {
+    adapter.measure_cycles();
 }
 
 fn need_statistics(call: Call, adapter: &Adapter) -> Result<&CycleStatistics, ecan_result_t> {
@@ -245,13 +229,12 @@ fn need_statistics(call: Call, adapter: &Adapter) -> Result<&CycleStatistics, ec
 ///
 /// @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
 /// @return  ECAN_OK; ECAN_ERR_ORDER if nothing is measured.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_cycle_statistics(
+#[export(call, layer adapter, into statistics)]
+pub fn ecan_igh_get_cycle_statistics(
     context: *mut ecan_igh_context_t,
     statistics: *mut ecan_igh_cycle_statistics_t,
-) -> c_int {
-    enter!(ecan_igh_get_cycle_statistics, context -> statistics)
-        .fill(|call, adapter| Ok(need_statistics(call, adapter)?.into()))
+) {
+    Ok(need_statistics(call, adapter)?.into())
 }
 
 /// Gets the timing of the cycles as text, as in manual 13.9: four lines, the first of them
@@ -261,16 +244,13 @@ pub unsafe extern "C" fn ecan_igh_get_cycle_statistics(
 ///
 /// @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
 /// @return  As ecan_igh_get_cycle_statistics().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_get_cycle_statistics_text(
+#[export(call, bus bus)]
+pub fn ecan_igh_get_cycle_statistics_text(
     context: *mut ecan_igh_context_t,
     text: *mut c_char,
     size: usize,
-) -> c_int {
-    enter!(ecan_igh_get_cycle_statistics_text, context).on_bus(|call, bus| {
-        pointers!(call, room(text, size));
-        let measured = need_statistics(call, bus.need_adapter(call)?)?;
-        put_text(&mut text, &measured.to_string());
-        Ok(())
-    })
+) {
+    pointers!(call, room(text, size));
+    let measured = need_statistics(call, bus.need_adapter(call)?)?;
+    put_text(&mut text, &measured.to_string());
 }

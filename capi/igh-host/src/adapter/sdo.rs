@@ -1,7 +1,8 @@
 //! SDO transfers that wait
 
-use std::ffi::{c_int, c_void};
+use std::ffi::c_void;
 
+use ecan_c_export::export;
 use ecan_host::{Adapter, Diagnostics, Error, Phase};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -10,7 +11,6 @@ use ecan_mcan_host::pointers;
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
 use crate::bus::Bus;
-use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
@@ -55,8 +55,8 @@ fn diagnose<R: Send>(
 ///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_SLAVE, ECAN_ERR_MASTER;
 ///          ECAN_ERR_ATTACHED on an active bus of another owner: use
 ///          ecan_igh_diagnostics_sdo_upload() in another thread.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_sdo_upload(
+#[export(call, bus bus)]
+pub fn ecan_igh_sdo_upload(
     context: *mut ecan_igh_context_t,
     slave: usize,
     index: u16,
@@ -64,19 +64,16 @@ pub unsafe extern "C" fn ecan_igh_sdo_upload(
     data: *mut c_void,
     size: usize,
     length: *mut usize,
-) -> c_int {
-    enter!(ecan_igh_sdo_upload, context).on_bus(|call, bus| {
-        pointers!(call, byte_room(data, size), out(length));
-        let value = diagnose(call, bus, slave, |diagnostics| {
-            let mut value = vec![0; size.min(MAX_VALUE_BYTES)];
-            let length = diagnostics.sdo_upload(slave, index, subindex, &mut value)?;
-            value.truncate(length);
-            Ok(value)
-        })?;
-        data.push_bytes(&value);
-        length.set(value.len());
-        Ok(())
-    })
+) {
+    pointers!(call, byte_room(data, size), out(length));
+    let value = diagnose(call, bus, slave, |diagnostics| {
+        let mut value = vec![0; size.min(MAX_VALUE_BYTES)];
+        let length = diagnostics.sdo_upload(slave, index, subindex, &mut value)?;
+        value.truncate(length);
+        Ok(value)
+    })?;
+    data.push_bytes(&value);
+    length.set(value.len());
 }
 
 /// Writes an object of a slave and waits for it; as ecan_igh_sdo_upload().
@@ -86,19 +83,15 @@ pub unsafe extern "C" fn ecan_igh_sdo_upload(
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As ecan_igh_sdo_upload().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_sdo_download(
+#[export(call, bus bus)]
+pub fn ecan_igh_sdo_download(
     context: *mut ecan_igh_context_t,
     slave: usize,
     index: u16,
     subindex: u8,
     data: *const c_void,
     size: usize,
-) -> c_int {
-    enter!(ecan_igh_sdo_download, context).on_bus(|call, bus| {
-        pointers!(call, bytes(data, size));
-        diagnose(call, bus, slave, |diagnostics| {
-            diagnostics.sdo_download(slave, index, subindex, data)
-        })
-    })
+) {
+    pointers!(call, bytes(data, size));
+    diagnose(call, bus, slave, |diagnostics| diagnostics.sdo_download(slave, index, subindex, data))
 }

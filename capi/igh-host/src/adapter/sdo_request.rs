@@ -5,6 +5,7 @@
 
 use std::ffi::{c_int, c_void};
 
+use ecan_c_export::export;
 use ecan_host::{Adapter, CycleError, RequestState};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -13,7 +14,6 @@ use ecan_mcan_host::{mirror, pointers};
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
 use crate::bus::{Bus, Request};
-use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
@@ -69,27 +69,24 @@ fn start(
 /// @usage   not rt, the cycle's thread, after init and before the bus is active
 /// @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT,
 ///          ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_create_sdo_request(
+#[export(call, bus bus)]
+pub fn ecan_igh_create_sdo_request(
     context: *mut ecan_igh_context_t,
     slave: usize,
     size: usize,
     request: *mut usize,
-) -> c_int {
-    enter!(ecan_igh_create_sdo_request, context).on_bus(|call, bus| {
-        pointers!(call, out(request));
-        let adapter = bus.need_adapter(call)?;
-        need_slave(call, adapter, slave)?;
-        if !(1..=65_536).contains(&size) {
-            let text = format_args!("{size} is request of range; allowed: 1 to 65536");
-            return Err(call.argument("size", text));
-        }
-        let created = adapter.create_sdo_request(slave, size);
-        let id = created.or_code(call)?;
-        bus.requests.push(Request { id, size });
-        request.set(bus.requests.len() - 1);
-        Ok(())
-    })
+) {
+    pointers!(call, out(request));
+    let adapter = bus.need_adapter(call)?;
+    need_slave(call, adapter, slave)?;
+    if !(1..=65_536).contains(&size) {
+        let text = format_args!("{size} is out of range; allowed: 1 to 65536");
+        return Err(call.argument("size", text));
+    }
+    let created = adapter.create_sdo_request(slave, size);
+    let id = created.or_code(call)?;
+    bus.requests.push(Request { id, size });
+    request.set(bus.requests.len() - 1);
 }
 
 /// Sets the timeout for transfers of the request.
@@ -98,17 +95,15 @@ pub unsafe extern "C" fn ecan_igh_create_sdo_request(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_sdo_request_timeout(
+#[export(call, bus bus)]
+pub fn ecan_igh_sdo_request_timeout(
     context: *mut ecan_igh_context_t,
     request: usize,
     timeout_ms: u32,
-) -> c_int {
-    enter!(ecan_igh_sdo_request_timeout, context).on_bus(|call, bus| {
-        let request = find(call, bus, request)?;
-        let set = bus.need_adapter(call)?.sdo_request_timeout(request.id, timeout_ms);
-        set.or_code(call)
-    })
+) {
+    let request = find(call, bus, request)?;
+    let set = bus.need_adapter(call)?.sdo_request_timeout(request.id, timeout_ms);
+    set.or_code(call)
 }
 
 /// Starts reading an object.
@@ -116,17 +111,15 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_timeout(
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_ORDER while a transfer of the request is in progress;
 ///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_sdo_request_read(
+#[export(call, bus bus)]
+pub fn ecan_igh_sdo_request_read(
     context: *mut ecan_igh_context_t,
     request: usize,
     index: u16,
     subindex: u8,
-) -> c_int {
-    enter!(ecan_igh_sdo_request_read, context).on_bus(|call, bus| {
-        let request = find(call, bus, request)?;
-        start(call, bus, request, |adapter| adapter.sdo_request_read(request.id, index, subindex))
-    })
+) {
+    let request = find(call, bus, request)?;
+    start(call, bus, request, |adapter| adapter.sdo_request_read(request.id, index, subindex))
 }
 
 /// Starts writing an object. The EtherCAT library takes the length of a value from what the request
@@ -138,25 +131,23 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_read(
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for another number of bytes.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_sdo_request_write(
+#[export(call, bus bus)]
+pub fn ecan_igh_sdo_request_write(
     context: *mut ecan_igh_context_t,
     request: usize,
     index: u16,
     subindex: u8,
     data: *const c_void,
     size: usize,
-) -> c_int {
-    enter!(ecan_igh_sdo_request_write, context).on_bus(|call, bus| {
-        pointers!(call, bytes(data, size));
-        let request = find(call, bus, request)?;
-        if size > request.size {
-            let text = format_args!("{size} bytes do not fit a request of {}", request.size);
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
-        }
-        start(call, bus, request, |adapter| {
-            adapter.sdo_request_write(request.id, index, subindex, data)
-        })
+) {
+    pointers!(call, bytes(data, size));
+    let request = find(call, bus, request)?;
+    if size > request.size {
+        let text = format_args!("{size} bytes do not fit a request of {}", request.size);
+        return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
+    }
+    start(call, bus, request, |adapter| {
+        adapter.sdo_request_write(request.id, index, subindex, data)
     })
 }
 
@@ -164,15 +155,10 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_write(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  An ecan_igh_request_state_t; ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_sdo_request_state(
-    context: *mut ecan_igh_context_t,
-    request: usize,
-) -> c_int {
-    enter!(ecan_igh_sdo_request_state, context).get_on_bus(|call, bus| {
-        let request = find(call, bus, request)?;
-        Ok(ecan_igh_request_state_t::from(state(call, bus, request)?) as c_int)
-    })
+#[export(call, bus bus)]
+pub fn ecan_igh_sdo_request_state(context: *mut ecan_igh_context_t, request: usize) -> c_int {
+    let request = find(call, bus, request)?;
+    Ok(ecan_igh_request_state_t::from(state(call, bus, request)?) as c_int)
 }
 
 /// Takes the value of a finished read.
@@ -184,27 +170,25 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_state(
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER if the state is not
 ///          success; ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_sdo_request_data(
+#[export(call, bus bus)]
+pub fn ecan_igh_sdo_request_data(
     context: *mut ecan_igh_context_t,
     request: usize,
     data: *mut c_void,
     size: usize,
     length: *mut usize,
-) -> c_int {
-    enter!(ecan_igh_sdo_request_data, context).on_bus(|call, bus| {
-        pointers!(call, byte_room(data, size), out(length));
-        let request = find(call, bus, request)?;
-        if state(call, bus, request)? != RequestState::Success {
-            let text = format_args!("the request has no value");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
-        }
-        let value = bus.need_adapter(call)?.sdo_request_data(request.id);
-        length.set(value.len());
-        if data.push_bytes(value) {
-            return Ok(());
-        }
-        let text = format_args!("the value has {} bytes, {size} fit", value.len());
-        Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
-    })
+) {
+    pointers!(call, byte_room(data, size), out(length));
+    let request = find(call, bus, request)?;
+    if state(call, bus, request)? != RequestState::Success {
+        let text = format_args!("the request has no value");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
+    }
+    let value = bus.need_adapter(call)?.sdo_request_data(request.id);
+    length.set(value.len());
+    if data.push_bytes(value) {
+        return Ok(());
+    }
+    let text = format_args!("the value has {} bytes, {size} fit", value.len());
+    Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
 }

@@ -12,13 +12,13 @@
 //! ```
 
 use crate::milliseconds::{duration, milliseconds};
-use std::ffi::c_int;
+use ecan_c_export::export;
 
 use ecan_canopen::{
     NodeAddress, NodeId, NodeLossReaction, OperatingMode, QuickStopOption, SdoValue, Step,
 };
 use ecan_cia402::{AxisConfig, DriveConfig, PositionRange, Scale};
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pointers;
 
@@ -329,35 +329,36 @@ impl igh_cia402_object_t {
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_ARGUMENT, with nothing filled, for a node-ID, channel or slave out
 ///          of range.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_axis_init(
+#[export(call)]
+pub fn igh_cia402_axis_init(
     axis: *mut igh_cia402_axis_t,
     slave: usize,
     channel: u8,
     node_id: u8,
     target_step: i32,
-) -> c_int {
-    call("igh_cia402_axis_init", |call| {
-        pointers!(call, out(axis));
-        let number = u16::try_from(slave).map_err(|_| {
-            call.argument("slave", format_args!("{slave} is axis of range; allowed: 0 to 65535"))
-        })?;
-        if channel > 3 {
-            return Err(call
-                .argument("channel", format_args!("{channel} is axis of range; allowed: 0 to 3")));
-        }
-        let node = NodeId::new(node_id).ok_or_else(|| {
-            call.argument("node_id", format_args!("{node_id} is axis of range; allowed: 1 to 127"))
-        })?;
-        let settings = AxisConfig::new(NodeAddress { slave, channel, node });
-        let settings = settings.with_target_step(target_step);
-        axis.set(igh_cia402_axis_t::new(number, channel, node_id, &settings));
-        Ok(())
-    })
+) {
+    pointers!(call, out(axis));
+    let number = u16::try_from(slave).map_err(|_| {
+        call.argument("slave", format_args!("{slave} is out of range; allowed: 0 to 65535"))
+    })?;
+    if channel > 3 {
+        return Err(
+            call.argument("channel", format_args!("{channel} is out of range; allowed: 0 to 3"))
+        );
+    }
+    let node = NodeId::new(node_id).ok_or_else(|| {
+        call.argument("node_id", format_args!("{node_id} is out of range; allowed: 1 to 127"))
+    })?;
+    let settings = AxisConfig::new(NodeAddress { slave, channel, node });
+    let settings = settings.with_target_step(target_step);
+    axis.set(igh_cia402_axis_t::new(number, channel, node_id, &settings));
 }
 
 #[cfg(test)]
 mod tests {
+    use ecan_mcan_host::boundary::call;
+    use std::ffi::c_int;
+
     use super::*;
 
     fn axis(target_step: i32) -> igh_cia402_axis_t {

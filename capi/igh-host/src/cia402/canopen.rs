@@ -3,8 +3,9 @@
 //! For programs without axes: tools, startup of other devices. Each call runs the cycle and drops
 //! other received frames.
 
-use std::ffi::{c_int, c_void};
+use std::ffi::c_void;
 
+use ecan_c_export::export;
 use ecan_canopen::{
     Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, NodeId, SdoConfig,
 };
@@ -15,7 +16,6 @@ use ecan_mcan_port::Port;
 
 use super::sdo::put_value;
 use crate::bus::Bus;
-use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 use crate::mcan_port::context::igh_mcan_port_t;
@@ -82,8 +82,8 @@ fn network<'a>(
 ///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not active, or there
 ///          are axes on the Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master
 ///          of another owner.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_canopen_sdo_upload(
+#[export(call, bus bus)]
+pub fn igh_canopen_sdo_upload(
     port: *mut igh_mcan_port_t,
     slave: usize,
     channel: u8,
@@ -94,16 +94,14 @@ pub unsafe extern "C" fn igh_canopen_sdo_upload(
     size: usize,
     length: *mut usize,
     timeout_ms: u32,
-) -> c_int {
-    enter!(igh_canopen_sdo_upload, port).on_bus(|call, bus| {
-        pointers!(call, byte_room(data, size), out(length));
-        let place = Place { slave, channel, node_id };
-        let (port, mut network, node) = network(call, bus, &place, size)?;
-        let value = network
-            .upload_blocking(port, node, (index, subindex), duration(timeout_ms))
-            .or_code(call)?;
-        put_value(call, &value, &mut data, &length)
-    })
+) {
+    pointers!(call, byte_room(data, size), out(length));
+    let place = Place { slave, channel, node_id };
+    let (port, mut network, node) = network(call, bus, &place, size)?;
+    let value = network
+        .upload_blocking(port, node, (index, subindex), duration(timeout_ms))
+        .or_code(call)?;
+    put_value(call, &value, &mut data, &length)
 }
 
 /// Writes an object of a CANopen node and waits; as igh_canopen_sdo_upload().
@@ -114,8 +112,8 @@ pub unsafe extern "C" fn igh_canopen_sdo_upload(
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_canopen_sdo_upload().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_canopen_sdo_download(
+#[export(call, bus bus)]
+pub fn igh_canopen_sdo_download(
     port: *mut igh_mcan_port_t,
     slave: usize,
     channel: u8,
@@ -125,13 +123,11 @@ pub unsafe extern "C" fn igh_canopen_sdo_download(
     data: *const c_void,
     size: usize,
     timeout_ms: u32,
-) -> c_int {
-    enter!(igh_canopen_sdo_download, port).on_bus(|call, bus| {
-        pointers!(call, bytes(data, size));
-        let place = Place { slave, channel, node_id };
-        let (port, mut network, node) = network(call, bus, &place, size)?;
-        network
-            .download_blocking(port, node, (index, subindex), data, duration(timeout_ms))
-            .or_code(call)
-    })
+) {
+    pointers!(call, bytes(data, size));
+    let place = Place { slave, channel, node_id };
+    let (port, mut network, node) = network(call, bus, &place, size)?;
+    network
+        .download_blocking(port, node, (index, subindex), data, duration(timeout_ms))
+        .or_code(call)
 }

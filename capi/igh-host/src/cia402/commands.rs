@@ -6,23 +6,15 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_canopen::NmtError;
-use ecan_cia402::{Cia402, CommandError, HomingConfig};
-use ecan_mcan_host::boundary::call;
+use ecan_cia402::HomingConfig;
 use ecan_mcan_host::pointers;
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers;
-use crate::entry::{Entry, enter};
 use crate::errors::OrCode as _;
 use crate::milliseconds::{duration, milliseconds};
-
-pub(super) fn command(
-    entry: Entry<igh_cia402_context_t>,
-    command: impl FnOnce(&mut Cia402) -> Result<(), CommandError>,
-) -> c_int {
-    entry.run(|call, (cia402, _)| command(cia402).or_code(call))
-}
 
 /// Sends an NMT command to all nodes of the channels with axes, with the next targets. After any
 /// command except IGH_CANOPEN_NMT_START the axes hold. The configuration of a drive sends the
@@ -32,14 +24,9 @@ pub(super) fn command(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_CANOPEN if the command queue is full; ECAN_ERR_ARGUMENT.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_send_nmt_all(
-    context: *mut igh_cia402_context_t,
-    command: c_int,
-) -> c_int {
-    enter!(igh_cia402_send_nmt_all, context).run(|call, (cia402, _)| {
-        cia402.send_nmt_all(numbers::nmt_command(call, command)?).or_code(call)
-    })
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_send_nmt_all(context: *mut igh_cia402_context_t, command: c_int) {
+    cia402.send_nmt_all(numbers::nmt_command(call, command)?).or_code(call)
 }
 
 /// Sends an NMT command to the drive of an axis, as igh_cia402_send_nmt_all().
@@ -48,21 +35,15 @@ pub unsafe extern "C" fn igh_cia402_send_nmt_all(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_send_nmt_all(); ECAN_ERR_AXIS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_send_nmt(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-    command: c_int,
-) -> c_int {
-    enter!(igh_cia402_send_nmt, context).run(|call, (cia402, _)| {
-        let command = numbers::nmt_command(call, command)?;
-        need_axis(call, cia402, axis)?;
-        let sent = match cia402.node(axis) {
-            Some(node) => cia402.network_mut().nmt(node, command),
-            None => Err(NmtError::UnknownNode),
-        };
-        sent.or_code(call)
-    })
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_send_nmt(context: *mut igh_cia402_context_t, axis: usize, command: c_int) {
+    let command = numbers::nmt_command(call, command)?;
+    need_axis(call, cia402, axis)?;
+    let sent = match cia402.node(axis) {
+        Some(node) => cia402.network_mut().nmt(node, command),
+        None => Err(NmtError::UnknownNode),
+    };
+    sent.or_code(call)
 }
 
 /// Starts configuring every drive that is not configured; igh_cia402_configure_csp_all_timeout()
@@ -70,9 +51,9 @@ pub unsafe extern "C" fn igh_cia402_send_nmt(
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_AXIS_STATE.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_configure_all(context: *mut igh_cia402_context_t) -> c_int {
-    command(enter!(igh_cia402_configure_all, context), Cia402::configure_all)
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_configure_all(context: *mut igh_cia402_context_t) {
+    cia402.configure_all().or_code(call)
 }
 
 /// Starts configuring a drive, even if it is configured: after a restart, for example. An enabled
@@ -80,12 +61,9 @@ pub unsafe extern "C" fn igh_cia402_configure_all(context: *mut igh_cia402_conte
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As igh_cia402_configure_all(); ECAN_ERR_AXIS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_configure(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-) -> c_int {
-    command(enter!(igh_cia402_configure, context), |cia402| cia402.configure(axis))
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_configure(context: *mut igh_cia402_context_t, axis: usize) {
+    cia402.configure(axis).or_code(call)
 }
 
 /// Starts determining the actual position of all axes: waits for pending frames, then for fresh
@@ -94,25 +72,18 @@ pub unsafe extern "C" fn igh_cia402_configure(
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_AXIS_STATE for an axis that is not configured, changes its mode or
 ///          is homing.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_request_actual_position_all(
-    context: *mut igh_cia402_context_t,
-) -> c_int {
-    command(enter!(igh_cia402_request_actual_position_all, context), Cia402::read_position_all)
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_request_actual_position_all(context: *mut igh_cia402_context_t) {
+    cia402.read_position_all().or_code(call)
 }
 
 /// Starts determining the actual position of an axis.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_request_actual_position(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-) -> c_int {
-    command(enter!(igh_cia402_request_actual_position, context), |cia402| {
-        cia402.read_position(axis)
-    })
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_request_actual_position(context: *mut igh_cia402_context_t, axis: usize) {
+    cia402.read_position(axis).or_code(call)
 }
 
 /// Starts enabling all drives and activating axes that hold; active axes continue.
@@ -120,9 +91,9 @@ pub unsafe extern "C" fn igh_cia402_request_actual_position(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_enable_all(context: *mut igh_cia402_context_t) -> c_int {
-    command(enter!(igh_cia402_enable_all, context), Cia402::enable_all)
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_enable_all(context: *mut igh_cia402_context_t) {
+    cia402.enable_all().or_code(call)
 }
 
 /// Starts enabling a drive, or activating an axis that holds: its actual position is determined and
@@ -131,70 +102,52 @@ pub unsafe extern "C" fn igh_cia402_enable_all(context: *mut igh_cia402_context_
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_enable(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-) -> c_int {
-    command(enter!(igh_cia402_enable, context), |cia402| cia402.enable(axis))
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_enable(context: *mut igh_cia402_context_t, axis: usize) {
+    cia402.enable(axis).or_code(call)
 }
 
 /// Disables all drives, as igh_cia402_disable().
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_disable_all(context: *mut igh_cia402_context_t) -> c_int {
-    enter!(igh_cia402_disable_all, context).run(|_, (cia402, _)| {
-        cia402.disable_all();
-        Ok(())
-    })
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_disable_all(context: *mut igh_cia402_context_t) {
+    cia402.disable_all();
 }
 
 /// Stops targets at once and disables a drive; 0x605C determines how it stops. igh_cia402_halt()
 /// brings it to rest before.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_disable(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-) -> c_int {
-    command(enter!(igh_cia402_disable, context), |cia402| cia402.disable(axis))
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_disable(context: *mut igh_cia402_context_t, axis: usize) {
+    cia402.disable(axis).or_code(call)
 }
 
 /// Commands a quick stop of all drives, as igh_cia402_quick_stop().
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_quick_stop_all(context: *mut igh_cia402_context_t) -> c_int {
-    enter!(igh_cia402_quick_stop_all, context).run(|_, (cia402, _)| {
-        cia402.quick_stop_all();
-        Ok(())
-    })
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_quick_stop_all(context: *mut igh_cia402_context_t) {
+    cia402.quick_stop_all();
 }
 
 /// Stops targets at once and commands a quick stop, as 0x605A of the drive determines.
 /// igh_cia402_enable() activates the axis again.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_quick_stop(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-) -> c_int {
-    command(enter!(igh_cia402_quick_stop, context), |cia402| cia402.quick_stop(axis))
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_quick_stop(context: *mut igh_cia402_context_t, axis: usize) {
+    cia402.quick_stop(axis).or_code(call)
 }
 
 /// Resets the fault of a drive. Does not enable it.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_reset_fault(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-) -> c_int {
-    command(enter!(igh_cia402_reset_fault, context), |cia402| cia402.reset_fault(axis))
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_reset_fault(context: *mut igh_cia402_context_t, axis: usize) {
+    cia402.reset_fault(axis).or_code(call)
 }
 
 /// Brings an active axis to rest and keeps it enabled: in CSP by its ramp, in CSV and CST by
@@ -202,20 +155,17 @@ pub unsafe extern "C" fn igh_cia402_reset_fault(
 /// ignored until igh_cia402_resume().
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_halt(context: *mut igh_cia402_context_t, axis: usize) -> c_int {
-    command(enter!(igh_cia402_halt, context), |cia402| cia402.halt(axis))
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_halt(context: *mut igh_cia402_context_t, axis: usize) {
+    cia402.halt(axis).or_code(call)
 }
 
 /// Lets a halted axis follow targets again.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_resume(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-) -> c_int {
-    command(enter!(igh_cia402_resume, context), |cia402| cia402.resume(axis))
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_resume(context: *mut igh_cia402_context_t, axis: usize) {
+    cia402.resume(axis).or_code(call)
 }
 
 /// Starts changing the mode of a drive, confirmed by its mode display. An active axis is brought to
@@ -227,14 +177,9 @@ pub unsafe extern "C" fn igh_cia402_resume(
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(), ECAN_ERR_AXIS_STATE also for a mode that
 ///          is not mapped; ECAN_ERR_AXIS, ECAN_ERR_ARGUMENT.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_change_mode(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-    mode: c_int,
-) -> c_int {
-    enter!(igh_cia402_change_mode, context)
-        .run(|call, (cia402, _)| cia402.change_mode(axis, numbers::mode(call, mode)?).or_code(call))
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_change_mode(context: *mut igh_cia402_context_t, axis: usize, mode: c_int) {
+    cia402.change_mode(axis, numbers::mode(call, mode)?).or_code(call)
 }
 
 /// Homing of an axis. igh_cia402_homing_init() fills it. Objects that a drive does not have are
@@ -296,16 +241,10 @@ impl From<&igh_cia402_homing_t> for HomingConfig {
 /// @param method  Homing method, 0x6098.
 ///
 /// @usage   rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_homing_init(
-    homing: *mut igh_cia402_homing_t,
-    method: i8,
-) -> c_int {
-    call("igh_cia402_homing_init", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { call.out("homing", homing)? }.set(HomingConfig::new(method).into());
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_cia402_homing_init(homing: *mut igh_cia402_homing_t, method: i8) {
+    // SAFETY: the pointer is C's, valid or NULL as the header demands.
+    unsafe { call.out("homing", homing)? }.set(HomingConfig::new(method).into());
 }
 
 /// Starts homing: rest, disable, parameters and mode, enable, homing, disable, the previous mode,
@@ -315,16 +254,14 @@ pub unsafe extern "C" fn igh_cia402_homing_init(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_home(
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_home(
     context: *mut igh_cia402_context_t,
     axis: usize,
     homing: *const igh_cia402_homing_t,
-) -> c_int {
-    enter!(igh_cia402_home, context).run(|call, (cia402, _)| {
-        pointers!(call, read(homing));
-        cia402.home(axis, homing.into()).or_code(call)
-    })
+) {
+    pointers!(call, read(homing));
+    cia402.home(axis, homing.into()).or_code(call)
 }
 
 /// Starts an orderly shutdown: every axis comes to rest by its ramp and is disabled and released,
@@ -332,12 +269,9 @@ pub unsafe extern "C" fn igh_cia402_home(
 /// igh_cia402_shutdown_is_done(). A stage that an axis cannot finish ends after five seconds.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_begin_shutdown(context: *mut igh_cia402_context_t) -> c_int {
-    enter!(igh_cia402_begin_shutdown, context).run(|_, (cia402, _)| {
-        cia402.begin_shutdown();
-        Ok(())
-    })
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_begin_shutdown(context: *mut igh_cia402_context_t) {
+    cia402.begin_shutdown();
 }
 
 #[cfg(test)]

@@ -11,8 +11,7 @@
 //! igh_cia402_context_deinit(&motors);
 //! ```
 
-use std::ffi::c_int;
-
+use ecan_c_export::export;
 use ecan_cia402::{Cia402, Cia402Config};
 use ecan_mcan_host::boundary::{Call, OutPointer};
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -22,7 +21,7 @@ use ecan_mcan_port::Port;
 use super::axis::igh_cia402_axis_t;
 use super::settings::igh_cia402_settings_t;
 use crate::bus::Bus;
-use crate::entry::{Context, enter};
+use crate::entry::Context;
 use crate::errors::OrCode as _;
 use crate::handle::{self, Entered, Kind};
 use crate::mcan_port::context::igh_mcan_port_t;
@@ -73,17 +72,15 @@ pub(crate) fn need_axis(call: Call, cia402: &Cia402, axis: usize) -> Result<(), 
 ///          ECAN_ERR_CHANNEL for a slave or channel that the Port does not have;
 ///          ECAN_ERR_NOT_INITIALISED for a Port, or an axis that is not filled; ECAN_ERR_ORDER for
 ///          a context that is initialised already, or a Port that has axes.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_context_init(
+#[export(call, bus bus, of port)]
+pub fn igh_cia402_context_init(
     context: *mut igh_cia402_context_t,
     port: *mut igh_mcan_port_t,
     axes: *const igh_cia402_axis_t,
     axis_count: usize,
-) -> c_int {
-    enter!(igh_cia402_context_init, port).on_bus(|call, bus| {
-        pointers!(call, out(context), items(axes, axis_count));
-        init(call, bus, &context, axes, |_| Ok(Cia402Config::default()))
-    })
+) {
+    pointers!(call, out(context), items(axes, axis_count));
+    init(call, bus, &context, axes, |_| Ok(Cia402Config::default()))
 }
 
 /// As igh_cia402_context_init(), with settings of the application.
@@ -92,18 +89,16 @@ pub unsafe extern "C" fn igh_cia402_context_init(
 ///
 /// @usage   not rt, the cycle's thread, after igh_mcan_port_init
 /// @return  As igh_cia402_context_init().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_context_init_ex(
+#[export(call, bus bus, of port)]
+pub fn igh_cia402_context_init_ex(
     context: *mut igh_cia402_context_t,
     port: *mut igh_mcan_port_t,
     axes: *const igh_cia402_axis_t,
     axis_count: usize,
     settings: *const igh_cia402_settings_t,
-) -> c_int {
-    enter!(igh_cia402_context_init_ex, port).on_bus(|call, bus| {
-        pointers!(call, out(context), items(axes, axis_count), read(settings));
-        init(call, bus, &context, axes, |call| settings.checked(call))
-    })
+) {
+    pointers!(call, out(context), items(axes, axis_count), read(settings));
+    init(call, bus, &context, axes, |call| settings.checked(call))
 }
 
 fn init(
@@ -131,16 +126,16 @@ fn init(
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for axes that are closed already or were never opened.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_context_deinit(context: *mut igh_cia402_context_t) -> c_int {
-    enter!(igh_cia402_context_deinit, context).end(|mut bus| bus.remove_cia402())
+#[export(_, end mut bus)]
+pub fn igh_cia402_context_deinit(context: *mut igh_cia402_context_t) {
+    bus.remove_cia402();
 }
 
 /// Returns the number of axes.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  The number; 0 if there is no context.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_axis_count(context: *mut igh_cia402_context_t) -> usize {
-    enter!(igh_cia402_axis_count, context).get_or(0, |_, (cia402, _)| Ok(cia402.axis_count()))
+#[export(_, layer(cia402, _), or 0)]
+pub fn igh_cia402_axis_count(context: *mut igh_cia402_context_t) -> usize {
+    Ok(cia402.axis_count())
 }

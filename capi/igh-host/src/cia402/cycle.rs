@@ -15,6 +15,7 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_cia402::{Cia402, SendSummary};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
@@ -22,10 +23,11 @@ use ecan_mcan_host::{mirror, pointers};
 use ecan_mcan_port::Cycle;
 
 use super::context::igh_cia402_context_t;
-use crate::bus;
-use crate::entry::{Entry, enter};
+use crate::bus::{self, Bus};
 use crate::errors::OrCode as _;
+use crate::handle::Entered;
 use crate::mcan_port::cycle::owned_rx_frame;
+use ecan_mcan_host::boundary::Call;
 
 /// Offset of igh_cia402_set_scheduled_tx() for sending at once.
 pub const IGH_CIA402_AT_ONCE: u32 = 0xFFFF_FFFF;
@@ -59,12 +61,9 @@ mirror! {
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_process_rx(context: *mut igh_cia402_context_t) -> c_int {
-    enter!(igh_cia402_process_rx, context).run(|call, (cia402, port)| {
-        cia402.process_rx(&mut bus::open_cycle(call, port)?);
-        Ok(())
-    })
+#[export(call, layer(cia402, port))]
+pub fn igh_cia402_process_rx(context: *mut igh_cia402_context_t) {
+    cia402.process_rx(&mut bus::open_cycle(call, port)?);
 }
 
 /// As igh_cia402_process_rx(); returns everything that belongs neither to the axes nor to their
@@ -77,43 +76,38 @@ pub unsafe extern "C" fn igh_cia402_process_rx(context: *mut igh_cia402_context_
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  As igh_cia402_process_rx(); ECAN_ERR_BUFFER if not all items fit: the others are lost,
 ///          everything else is done.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_process_rx_ex(
+#[export(call, layer(cia402, port))]
+pub fn igh_cia402_process_rx_ex(
     context: *mut igh_cia402_context_t,
     rx: *mut igh_mcan_rx_frame_t,
     capacity: usize,
     rx_count: *mut usize,
-) -> c_int {
-    enter!(igh_cia402_process_rx_ex, context).run(|call, (cia402, port)| {
-        pointers!(call, room(rx, capacity), out(rx_count));
-        rx_count.set(0);
-        let mut lost = 0_usize;
-        let mut cycle = bus::open_cycle(call, port)?;
-        cia402.process_rx_with(&mut cycle, |item| {
-            lost += usize::from(!rx.push(owned_rx_frame(&item)));
-        });
-        rx_count.set(rx.count());
-        if lost > 0 {
-            let text =
-                format_args!("{lost} more frames were received than the {capacity} that fit");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
-        }
-        Ok(())
-    })
+) {
+    pointers!(call, room(rx, capacity), out(rx_count));
+    rx_count.set(0);
+    let mut lost = 0_usize;
+    let mut cycle = bus::open_cycle(call, port)?;
+    cia402.process_rx_with(&mut cycle, |item| {
+        lost += usize::from(!rx.push(owned_rx_frame(&item)));
+    });
+    rx_count.set(rx.count());
+    if lost > 0 {
+        let text = format_args!("{lost} more frames were received than the {capacity} that fit");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
+    }
 }
 
 fn send(
-    entry: Entry<igh_cia402_context_t>,
+    call: Call,
+    bus: &mut Entered<Bus>,
     send: impl FnOnce(&mut Cia402, &mut Cycle<'_>) -> SendSummary,
-) -> c_int {
-    entry.on_bus(|call, bus| {
-        let (cia402, port) = bus.need_axes(call)?;
-        let summary = send(cia402, &mut bus::open_cycle(call, port)?);
-        if let Some(axes) = bus.axes_mut() {
-            axes.summary = summary;
-        }
-        Ok(())
-    })
+) -> Result<(), ecan_result_t> {
+    let (cia402, port) = bus.need_axes(call)?;
+    let summary = send(cia402, &mut bus::open_cycle(call, port)?);
+    if let Some(axes) = bus.axes_mut() {
+        axes.summary = summary;
+    }
+    Ok(())
 }
 
 /// Sends targets and commands of all axes, then SYNC, then pending NMT, SDO and heartbeat frames.
@@ -122,9 +116,9 @@ fn send(
 /// @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
 /// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open. igh_cia402_get_send_summary() reports the
 ///          targets.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_send_targets_all(context: *mut igh_cia402_context_t) -> c_int {
-    send(enter!(igh_cia402_send_targets_all, context), Cia402::send_targets_all)
+#[export(call, bus bus)]
+pub fn igh_cia402_send_targets_all(context: *mut igh_cia402_context_t) {
+    send(call, bus, Cia402::send_targets_all)
 }
 
 /// As igh_cia402_send_targets_all(); moves every CSP axis by its own target step, which it reaches
@@ -132,24 +126,21 @@ pub unsafe extern "C" fn igh_cia402_send_targets_all(context: *mut igh_cia402_co
 ///
 /// @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
 /// @return  As igh_cia402_send_targets_all().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_send_target_step(context: *mut igh_cia402_context_t) -> c_int {
-    send(enter!(igh_cia402_send_target_step, context), Cia402::send_target_step)
+#[export(call, bus bus)]
+pub fn igh_cia402_send_target_step(context: *mut igh_cia402_context_t) {
+    send(call, bus, Cia402::send_target_step)
 }
 
 /// Gets the summary of the last igh_cia402_send_targets_all() or igh_cia402_send_target_step().
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_get_send_summary(
+#[export(call, bus bus)]
+pub fn igh_cia402_get_send_summary(
     context: *mut igh_cia402_context_t,
     summary: *mut igh_cia402_send_summary_t,
-) -> c_int {
-    enter!(igh_cia402_get_send_summary, context).on_bus(|call, bus| {
-        pointers!(call, out(summary));
-        summary.set(bus.axes_mut().map(|axes| axes.summary).unwrap_or_default().into());
-        Ok(())
-    })
+) {
+    pointers!(call, out(summary));
+    summary.set(bus.axes_mut().map(|axes| axes.summary).unwrap_or_default().into());
 }
 
 /// Sends targets only in every n-th cycle (--motion-div). The step limit applies per target.
@@ -157,15 +148,9 @@ pub unsafe extern "C" fn igh_cia402_get_send_summary(
 /// @param motion_div  Cycles from target to target; 0 counts as 1.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_set_motion_div(
-    context: *mut igh_cia402_context_t,
-    motion_div: u32,
-) -> c_int {
-    enter!(igh_cia402_set_motion_div, context).run(|_, (cia402, _)| {
-        cia402.set_motion_div(motion_div);
-        Ok(())
-    })
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_set_motion_div(context: *mut igh_cia402_context_t, motion_div: u32) {
+    cia402.set_motion_div(motion_div);
 }
 
 /// Sends targets and SYNC at phases of the Sync0 period instead of at once (manual 8.4, 13.8),
@@ -182,15 +167,13 @@ pub unsafe extern "C" fn igh_cia402_set_motion_div(
 /// @return  ECAN_OK; ECAN_ERR_SCHEDULE without Sync0, beyond its period, or on a gateway that
 ///          cannot; ECAN_ERR_AXIS_STATE while an axis is active; ECAN_ERR_ARGUMENT for SYNC ahead
 ///          of the targets. After an error everything is as it was.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_set_scheduled_tx(
+#[export(call, layer(cia402, port))]
+pub fn igh_cia402_set_scheduled_tx(
     context: *mut igh_cia402_context_t,
     enable: c_int,
     rpdo_offset_ns: u32,
     sync_offset_ns: u32,
-) -> c_int {
-    enter!(igh_cia402_set_scheduled_tx, context).run(|call, (cia402, port)| {
-        let offset = |ns: u32| (enable != 0 && ns != IGH_CIA402_AT_ONCE).then_some(ns);
-        cia402.set_scheduled_tx(port, offset(rpdo_offset_ns), offset(sync_offset_ns)).or_code(call)
-    })
+) {
+    let offset = |ns: u32| (enable != 0 && ns != IGH_CIA402_AT_ONCE).then_some(ns);
+    cia402.set_scheduled_tx(port, offset(rpdo_offset_ns), offset(sync_offset_ns)).or_code(call)
 }

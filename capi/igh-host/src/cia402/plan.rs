@@ -1,9 +1,9 @@
 //! Preflight plan of axes
 
-use std::ffi::{c_char, c_int};
+use std::ffi::c_char;
 
+use ecan_c_export::export;
 use ecan_cia402::{Cia402Config, axis_traffic};
-use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::pointers;
 
 use super::axis::igh_cia402_axis_t;
@@ -19,8 +19,8 @@ use crate::mcan_port::plan::plan;
 /// @usage   not rt, any thread, any time
 /// @return  As igh_mcan_port_plan(); ECAN_ERR_NOT_INITIALISED also for an axis that is not filled,
 ///          ECAN_ERR_CONFIG also for a value out of range.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_plan(
+#[export(call)]
+pub fn igh_cia402_plan(
     igh_config: *const ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
     axes: *const igh_cia402_axis_t,
@@ -28,18 +28,10 @@ pub unsafe extern "C" fn igh_cia402_plan(
     motion_div: u32,
     text: *mut c_char,
     size: usize,
-) -> c_int {
-    call("igh_cia402_plan", |call| {
-        pointers!(
-            call,
-            sealed(igh_config),
-            sealed(config),
-            items(axes, axis_count),
-            room(text, size)
-        );
-        let axes: Result<Vec<_>, _> =
-            axes.iter().enumerate().map(|(number, axis)| axis.checked(call, number)).collect();
-        let settings = Cia402Config { motion_div: motion_div.max(1), ..Cia402Config::default() };
-        plan(call, igh_config, config, &axis_traffic(&axes?, &settings), text)
-    })
+) {
+    pointers!(call, sealed(igh_config), sealed(config), items(axes, axis_count), room(text, size));
+    let axes: Result<Vec<_>, _> =
+        axes.iter().enumerate().map(|(number, axis)| axis.checked(call, number)).collect();
+    let settings = Cia402Config { motion_div: motion_div.max(1), ..Cia402Config::default() };
+    plan(call, igh_config, config, &axis_traffic(&axes?, &settings), text)
 }

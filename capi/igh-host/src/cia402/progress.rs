@@ -1,12 +1,12 @@
 //! Progress of the calls that wait
 
-use std::ffi::{CString, c_char, c_int, c_void};
+use std::ffi::{CString, c_char, c_void};
 
+use ecan_c_export::export;
 use ecan_cia402::{AxisError, AxisPhase, AxisProgress};
 
 use super::context::igh_cia402_context_t;
 use crate::callback::ProgressCallback;
-use crate::entry::enter;
 
 /// Calls the application when the progress of an axis changes.
 pub(crate) struct Reporter {
@@ -54,16 +54,13 @@ impl Reporter {
 /// @param user      Is passed to it, in the thread that waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_set_progress_callback(
+#[export(_, bus bus)]
+pub fn igh_cia402_set_progress_callback(
     context: *mut igh_cia402_context_t,
     callback: Option<unsafe extern "C" fn(user: *mut c_void, axis: usize, text: *const c_char)>,
     user: *mut c_void,
-) -> c_int {
-    enter!(igh_cia402_set_progress_callback, context).on_bus(|_, bus| {
-        if let Some(axes) = bus.axes_mut() {
-            axes.progress = callback.map(|function| ProgressCallback { function, user });
-        }
-        Ok(())
-    })
+) {
+    if let Some(axes) = bus.axes_mut() {
+        axes.progress = callback.map(|function| ProgressCallback { function, user });
+    }
 }

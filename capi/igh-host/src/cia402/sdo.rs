@@ -3,15 +3,15 @@
 //! A drive has one SDO server: while its axis is configured, changes its mode or is homing, a
 //! transfer of the application waits.
 
-use std::ffi::{c_int, c_void};
+use std::ffi::c_void;
 
+use ecan_c_export::export;
 use ecan_canopen::{Sdo, SdoStartError, WaitError};
 use ecan_mcan_host::boundary::{Call, OutArray, OutPointer};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pointers;
 
 use super::context::{igh_cia402_context_t, need_axis};
-use crate::entry::enter;
 use crate::errors::{self, OrCode as _};
 use crate::milliseconds::duration;
 
@@ -56,8 +56,8 @@ pub(crate) fn put_value(
 ///          ECAN_ERR_CANOPEN, ECAN_ERR_AXIS, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not
 ///          active; ECAN_ERR_ATTACHED on a master of another owner, use
 ///          igh_cia402_sdo_start_upload() there.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_sdo_upload(
+#[export(call, bus bus)]
+pub fn igh_cia402_sdo_upload(
     context: *mut igh_cia402_context_t,
     axis: usize,
     index: u16,
@@ -66,16 +66,13 @@ pub unsafe extern "C" fn igh_cia402_sdo_upload(
     size: usize,
     length: *mut usize,
     timeout_ms: u32,
-) -> c_int {
-    enter!(igh_cia402_sdo_upload, context).on_bus(|call, bus| {
-        pointers!(call, byte_room(data, size), out(length));
-        bus.need_owned(call)?;
-        let (cia402, port) = bus.need_axes(call)?;
-        let value = cia402
-            .upload_timeout(port, axis, (index, subindex), duration(timeout_ms))
-            .or_code(call)?;
-        put_value(call, &value, &mut data, &length)
-    })
+) {
+    pointers!(call, byte_room(data, size), out(length));
+    bus.need_owned(call)?;
+    let (cia402, port) = bus.need_axes(call)?;
+    let value =
+        cia402.upload_timeout(port, axis, (index, subindex), duration(timeout_ms)).or_code(call)?;
+    put_value(call, &value, &mut data, &length)
 }
 
 /// Writes an object of a drive and waits; as igh_cia402_sdo_upload().
@@ -87,8 +84,8 @@ pub unsafe extern "C" fn igh_cia402_sdo_upload(
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_sdo_upload(); on a master of another owner use
 ///          igh_cia402_sdo_start_download().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_sdo_download(
+#[export(call, bus bus)]
+pub fn igh_cia402_sdo_download(
     context: *mut igh_cia402_context_t,
     axis: usize,
     index: u16,
@@ -96,15 +93,11 @@ pub unsafe extern "C" fn igh_cia402_sdo_download(
     data: *const c_void,
     size: usize,
     timeout_ms: u32,
-) -> c_int {
-    enter!(igh_cia402_sdo_download, context).on_bus(|call, bus| {
-        pointers!(call, bytes(data, size));
-        bus.need_owned(call)?;
-        let (cia402, port) = bus.need_axes(call)?;
-        cia402
-            .download_timeout(port, axis, (index, subindex), data, duration(timeout_ms))
-            .or_code(call)
-    })
+) {
+    pointers!(call, bytes(data, size));
+    bus.need_owned(call)?;
+    let (cia402, port) = bus.need_axes(call)?;
+    cia402.download_timeout(port, axis, (index, subindex), data, duration(timeout_ms)).or_code(call)
 }
 
 fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_result_t> {
@@ -121,23 +114,21 @@ fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_re
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_AXIS_STATE while another transfer with the drive is in progress;
 ///          ECAN_ERR_AXIS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_sdo_start_upload(
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_sdo_start_upload(
     context: *mut igh_cia402_context_t,
     axis: usize,
     index: u16,
     subindex: u8,
-) -> c_int {
-    enter!(igh_cia402_sdo_start_upload, context).run(|call, (cia402, _)| {
-        need_axis(call, cia402, axis)?;
-        started(
-            call,
-            match cia402.node(axis) {
-                Some(node) => cia402.network_mut().start_upload(node, index, subindex),
-                None => Err(SdoStartError::UnknownNode),
-            },
-        )
-    })
+) {
+    need_axis(call, cia402, axis)?;
+    started(
+        call,
+        match cia402.node(axis) {
+            Some(node) => cia402.network_mut().start_upload(node, index, subindex),
+            None => Err(SdoStartError::UnknownNode),
+        },
+    )
 }
 
 /// Starts writing an object of a drive, as igh_cia402_sdo_start_upload().
@@ -148,26 +139,24 @@ pub unsafe extern "C" fn igh_cia402_sdo_start_upload(
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_sdo_start_upload(); ECAN_ERR_CANOPEN for a value that is longer than
 ///          igh_cia402_settings_t.sdo_buffer_bytes.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_sdo_start_download(
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_sdo_start_download(
     context: *mut igh_cia402_context_t,
     axis: usize,
     index: u16,
     subindex: u8,
     data: *const c_void,
     size: usize,
-) -> c_int {
-    enter!(igh_cia402_sdo_start_download, context).run(|call, (cia402, _)| {
-        pointers!(call, bytes(data, size));
-        need_axis(call, cia402, axis)?;
-        started(
-            call,
-            match cia402.node(axis) {
-                Some(node) => cia402.network_mut().start_download(node, index, subindex, data),
-                None => Err(SdoStartError::UnknownNode),
-            },
-        )
-    })
+) {
+    pointers!(call, bytes(data, size));
+    need_axis(call, cia402, axis)?;
+    started(
+        call,
+        match cia402.node(axis) {
+            Some(node) => cia402.network_mut().start_download(node, index, subindex, data),
+            None => Err(SdoStartError::UnknownNode),
+        },
+    )
 }
 
 /// Gets the state of the last started transfer with a drive. Call it in every cycle: the axis' own
@@ -181,37 +170,35 @@ pub unsafe extern "C" fn igh_cia402_sdo_start_download(
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, also for a failed transfer, whose reason is in ecan_last_error() and
 ///          ecan_last_abort_code(); ECAN_ERR_BUFFER, ECAN_ERR_AXIS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_sdo_poll(
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_sdo_poll(
     context: *mut igh_cia402_context_t,
     axis: usize,
     state: *mut u8,
     data: *mut c_void,
     size: usize,
     length: *mut usize,
-) -> c_int {
-    enter!(igh_cia402_sdo_poll, context).run(|call, (cia402, _)| {
-        use igh_cia402_sdo_state_t::*;
-        pointers!(call, out(state), byte_room(data, size), out(length));
-        length.set(0);
-        state.set(IGH_CIA402_SDO_IDLE as u8);
-        need_axis(call, cia402, axis)?;
-        let Some(node) = cia402.node(axis) else { return Ok(()) };
-        let network = cia402.network();
-        match network.sdo_state(node) {
-            Sdo::Idle => {}
-            Sdo::Busy => state.set(IGH_CIA402_SDO_RUNNING as u8),
-            Sdo::Failed(_) => {
-                if let Some(failure) = network.sdo_failure(node) {
-                    errors::note(call, &WaitError::from(failure));
-                }
-                state.set(IGH_CIA402_SDO_FAILED as u8);
+) {
+    use igh_cia402_sdo_state_t::*;
+    pointers!(call, out(state), byte_room(data, size), out(length));
+    length.set(0);
+    state.set(IGH_CIA402_SDO_IDLE as u8);
+    need_axis(call, cia402, axis)?;
+    let Some(node) = cia402.node(axis) else { return Ok(()) };
+    let network = cia402.network();
+    match network.sdo_state(node) {
+        Sdo::Idle => {}
+        Sdo::Busy => state.set(IGH_CIA402_SDO_RUNNING as u8),
+        Sdo::Failed(_) => {
+            if let Some(failure) = network.sdo_failure(node) {
+                errors::note(call, &WaitError::from(failure));
             }
-            _ => {
-                state.set(IGH_CIA402_SDO_DONE as u8);
-                return put_value(call, network.sdo_data(node), &mut data, &length);
-            }
+            state.set(IGH_CIA402_SDO_FAILED as u8);
         }
-        Ok(())
-    })
+        _ => {
+            state.set(IGH_CIA402_SDO_DONE as u8);
+            return put_value(call, network.sdo_data(node), &mut data, &length);
+        }
+    }
+    Ok(())
 }

@@ -1,13 +1,13 @@
 //! Settings of all axes together
 
 use crate::milliseconds::{duration, milliseconds};
-use std::ffi::c_int;
+use ecan_c_export::export;
 
 use ecan_canopen::{
     BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeConfig, NodeId, SdoConfig, SyncConfig,
 };
 use ecan_cia402::Cia402Config;
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 
 /// Marks filled settings.
@@ -159,19 +159,17 @@ impl igh_cia402_settings_t {
 /// @param settings  Is overwritten.
 ///
 /// @usage   not rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_default_settings(
-    settings: *mut igh_cia402_settings_t,
-) -> c_int {
-    call("igh_cia402_default_settings", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { call.out("settings", settings)? }.set(Cia402Config::default().into());
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_cia402_default_settings(settings: *mut igh_cia402_settings_t) {
+    // SAFETY: the pointer is C's, valid or NULL as the header demands.
+    unsafe { call.out("settings", settings)? }.set(Cia402Config::default().into());
 }
 
 #[cfg(test)]
 mod tests {
+    use ecan_mcan_host::boundary::call;
+    use std::ffi::c_int;
+
     use super::*;
 
     fn to_rust(settings: &igh_cia402_settings_t) -> Result<Cia402Config, c_int> {

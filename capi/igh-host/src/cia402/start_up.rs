@@ -4,28 +4,29 @@
 //! requested state or cannot reach it: not on a master of another owner, and not in a loop with
 //! other work. There use the calls of the next section and igh_cia402_get_axis_state().
 
-use std::ffi::c_int;
-
+use ecan_c_export::export;
 use ecan_cia402::{AxisProgress, Cia402, Cia402Error};
 use ecan_mcan_port::Port;
 
 use super::context::igh_cia402_context_t;
 use super::progress::Reporter;
-use crate::entry::{Entry, enter};
+use crate::bus::Bus;
 use crate::errors::OrCode as _;
+use crate::handle::Entered;
 use crate::milliseconds::duration;
+use ecan_mcan_host::boundary::Call;
+use ecan_mcan_host::common::result::ecan_result_t;
 
 /// Waits with the cycle running, and reports progress.
 fn wait(
-    entry: Entry<igh_cia402_context_t>,
+    call: Call,
+    bus: &mut Entered<Bus>,
     work: impl FnOnce(&mut Cia402, &mut Port, &mut dyn FnMut(&AxisProgress)) -> Result<(), Cia402Error>,
-) -> c_int {
-    entry.on_bus(|call, bus| {
-        bus.need_owned(call)?;
-        let mut reporter = Reporter::new(bus.axes_mut().and_then(|axes| axes.progress));
-        let (cia402, port) = bus.need_axes(call)?;
-        work(cia402, port, &mut |progress| reporter.see(progress)).or_code(call)
-    })
+) -> Result<(), ecan_result_t> {
+    bus.need_owned(call)?;
+    let mut reporter = Reporter::new(bus.axes_mut().and_then(|axes| axes.progress));
+    let (cia402, port) = bus.need_axes(call)?;
+    work(cia402, port, &mut |progress| reporter.see(progress)).or_code(call)
 }
 
 /// Configures every drive in the mode of its axis, CSP by default, and waits: NMT, identity,
@@ -39,12 +40,9 @@ fn wait(
 ///          configured, the step at which it stands and what its drive answered; ECAN_ERR_ATTACHED
 ///          on a master of another owner; ECAN_ERR_ORDER if the bus is not active;
 ///          ECAN_ERR_AXIS_STATE, ECAN_ERR_MASTER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_configure_csp_all_timeout(
-    context: *mut igh_cia402_context_t,
-    timeout_ms: u32,
-) -> c_int {
-    wait(enter!(igh_cia402_configure_csp_all_timeout, context), |cia402, port, progress| {
+#[export(call, bus bus)]
+pub fn igh_cia402_configure_csp_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
+    wait(call, bus, |cia402, port, progress| {
         cia402.configure_all_timeout(port, duration(timeout_ms), progress)
     })
 }
@@ -57,17 +55,14 @@ pub unsafe extern "C" fn igh_cia402_configure_csp_all_timeout(
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes whose position
 ///          is unknown, and the reason.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_request_actual_position_all_timeout(
+#[export(call, bus bus)]
+pub fn igh_cia402_request_actual_position_all_timeout(
     context: *mut igh_cia402_context_t,
     timeout_ms: u32,
-) -> c_int {
-    wait(
-        enter!(igh_cia402_request_actual_position_all_timeout, context),
-        |cia402, port, progress| {
-            cia402.request_actual_position_all_timeout(port, duration(timeout_ms), progress)
-        },
-    )
+) {
+    wait(call, bus, |cia402, port, progress| {
+        cia402.request_actual_position_all_timeout(port, duration(timeout_ms), progress)
+    })
 }
 
 /// Enables all drives and waits until every axis follows targets. The first target of each is the
@@ -78,12 +73,9 @@ pub unsafe extern "C" fn igh_cia402_request_actual_position_all_timeout(
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that are not
 ///          enabled, with the state of each drive and the reason. Enabled axes stay enabled.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_enable_all_timeout(
-    context: *mut igh_cia402_context_t,
-    timeout_ms: u32,
-) -> c_int {
-    wait(enter!(igh_cia402_enable_all_timeout, context), |cia402, port, progress| {
+#[export(call, bus bus)]
+pub fn igh_cia402_enable_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
+    wait(call, bus, |cia402, port, progress| {
         cia402.enable_all_timeout(port, duration(timeout_ms), progress)
     })
 }
@@ -94,12 +86,9 @@ pub unsafe extern "C" fn igh_cia402_enable_all_timeout(
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As those calls.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_start_up_timeout(
-    context: *mut igh_cia402_context_t,
-    timeout_ms: u32,
-) -> c_int {
-    wait(enter!(igh_cia402_start_up_timeout, context), |cia402, port, progress| {
+#[export(call, bus bus)]
+pub fn igh_cia402_start_up_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
+    wait(call, bus, |cia402, port, progress| {
         cia402.start_up_timeout(port, duration(timeout_ms), progress)
     })
 }
@@ -111,12 +100,9 @@ pub unsafe extern "C" fn igh_cia402_start_up_timeout(
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes whose last
 ///          command failed, and the reason.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_finish_all_timeout(
-    context: *mut igh_cia402_context_t,
-    timeout_ms: u32,
-) -> c_int {
-    wait(enter!(igh_cia402_finish_all_timeout, context), |cia402, port, progress| {
+#[export(call, bus bus)]
+pub fn igh_cia402_finish_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
+    wait(call, bus, |cia402, port, progress| {
         cia402.finish_all_timeout(port, duration(timeout_ms), progress)
     })
 }
@@ -128,12 +114,9 @@ pub unsafe extern "C" fn igh_cia402_finish_all_timeout(
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that could not
 ///          be disabled. The shutdown of the other axes is complete.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_shutdown_timeout(
-    context: *mut igh_cia402_context_t,
-    timeout_ms: u32,
-) -> c_int {
-    wait(enter!(igh_cia402_shutdown_timeout, context), |cia402, port, progress| {
+#[export(call, bus bus)]
+pub fn igh_cia402_shutdown_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
+    wait(call, bus, |cia402, port, progress| {
         cia402.shutdown_timeout(port, duration(timeout_ms), progress)
     })
 }

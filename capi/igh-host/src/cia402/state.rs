@@ -2,6 +2,7 @@
 
 use std::ffi::{c_char, c_int};
 
+use ecan_c_export::export;
 use ecan_cia402::{Cia402, GuardState, Shutdown};
 use ecan_mcan_host::boundary::put_text;
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -13,7 +14,6 @@ use super::state_terms::{
     decision_reason, igh_canopen_heartbeat_t, igh_cia402_axis_error_t, igh_cia402_decision_t,
     igh_cia402_hold_t, igh_cia402_phase_t,
 };
-use crate::entry::enter;
 
 /// State of an axis.
 #[repr(C)]
@@ -139,16 +139,14 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
 /// Gets the state of an axis.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_get_axis_state(
+#[export(call, layer(cia402, _), into axis_state)]
+pub fn igh_cia402_get_axis_state(
     context: *mut igh_cia402_context_t,
     axis: usize,
     axis_state: *mut igh_cia402_axis_state_t,
-) -> c_int {
-    enter!(igh_cia402_get_axis_state, context -> axis_state).fill(|call, (cia402, _)| {
-        need_axis(call, cia402, axis)?;
-        state(cia402, axis).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)
-    })
+) {
+    need_axis(call, cia402, axis)?;
+    state(cia402, axis).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)
 }
 
 /// Gets the state of an axis as text, with its time and the reason if it does not continue: "axis
@@ -158,41 +156,36 @@ pub unsafe extern "C" fn igh_cia402_get_axis_state(
 /// @param size  Bytes of the buffer.
 ///
 /// @usage   not rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_get_axis_text(
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_get_axis_text(
     context: *mut igh_cia402_context_t,
     axis: usize,
     text: *mut c_char,
     size: usize,
-) -> c_int {
-    enter!(igh_cia402_get_axis_text, context).run(|call, (cia402, _)| {
-        pointers!(call, room(text, size));
-        need_axis(call, cia402, axis)?;
-        if let Some(progress) = cia402.progress(axis) {
-            put_text(&mut text, &progress.to_string());
-        }
-        Ok(())
-    })
+) {
+    pointers!(call, room(text, size));
+    need_axis(call, cia402, axis)?;
+    if let Some(progress) = cia402.progress(axis) {
+        put_text(&mut text, &progress.to_string());
+    }
 }
 
 /// Returns 1 if all axes follow targets.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0, also 0 without any axis, or a negative ecan_result_t. Compare with 1.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_all_running(context: *mut igh_cia402_context_t) -> c_int {
-    enter!(igh_cia402_all_running, context).get(|_, (cia402, _)| Ok(cia402.all_running().into()))
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_all_running(context: *mut igh_cia402_context_t) -> c_int {
+    Ok(cia402.all_running().into())
 }
 
 /// Returns 1 if the shutdown of igh_cia402_begin_shutdown() is complete, and the host may exit.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_shutdown_is_done(context: *mut igh_cia402_context_t) -> c_int {
-    enter!(igh_cia402_shutdown_is_done, context).get(|_, (cia402, _)| {
-        let is_done = cia402.shutdown_state() == Shutdown::Done;
-        // The last commands must have left before the host does.
-        Ok((is_done && !cia402.network().nmt_is_pending()).into())
-    })
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_shutdown_is_done(context: *mut igh_cia402_context_t) -> c_int {
+    let is_done = cia402.shutdown_state() == Shutdown::Done;
+    // The last commands must have left before the host does.
+    Ok((is_done && !cia402.network().nmt_is_pending()).into())
 }

@@ -2,15 +2,13 @@
 //!
 //! Counters only grow.
 
-use std::ffi::c_int;
-
+use ecan_c_export::export;
 use ecan_cia402::{AxisStatistics, BusLoad, LoadWarning};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::{mirror, pointers};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::state_terms::igh_cia402_hold_t;
-use crate::entry::enter;
 
 mirror! {
     /// Counters of an axis.
@@ -98,16 +96,14 @@ mirror! {
 /// Counters of an axis.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_get_axis_statistics(
+#[export(call, layer(cia402, _), into statistics)]
+pub fn igh_cia402_get_axis_statistics(
     context: *mut igh_cia402_context_t,
     axis: usize,
     statistics: *mut igh_cia402_axis_statistics_t,
-) -> c_int {
-    enter!(igh_cia402_get_axis_statistics, context -> statistics).fill(|call, (cia402, _)| {
-        need_axis(call, cia402, axis)?;
-        Ok(cia402.statistics(axis).into())
-    })
+) {
+    need_axis(call, cia402, axis)?;
+    Ok(cia402.statistics(axis).into())
 }
 
 /// Gets the load of each CAN bus with axes by process data, by the bit rates of the Port.
@@ -118,21 +114,19 @@ pub unsafe extern "C" fn igh_cia402_get_axis_statistics(
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_BUFFER if not all fit.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_get_bus_load(
+#[export(call, layer(cia402, port))]
+pub fn igh_cia402_get_bus_load(
     context: *mut igh_cia402_context_t,
     loads: *mut igh_cia402_bus_load_t,
     capacity: usize,
     count: *mut usize,
-) -> c_int {
-    enter!(igh_cia402_get_bus_load, context).run(|call, (cia402, port)| {
-        pointers!(call, room(loads, capacity), out(count));
-        let found = cia402.bus_load(port);
-        count.set(found.len());
-        if found.iter().all(|load| loads.push((*load).into())) {
-            return Ok(());
-        }
-        let text = format_args!("{} channels have axes, {capacity} fit", found.len());
-        Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
-    })
+) {
+    pointers!(call, room(loads, capacity), out(count));
+    let found = cia402.bus_load(port);
+    count.set(found.len());
+    if found.iter().all(|load| loads.push((*load).into())) {
+        return Ok(());
+    }
+    let text = format_args!("{} channels have axes, {capacity} fit", found.len());
+    Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
 }

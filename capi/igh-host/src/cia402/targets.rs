@@ -3,11 +3,9 @@
 //! A target stays until the next one. A hold drops it; after activation the axis stays at its
 //! position until it gets a new target.
 
-use std::ffi::c_int;
-
-use super::commands::command;
 use super::context::igh_cia402_context_t;
-use crate::entry::enter;
+use crate::errors::OrCode as _;
+use ecan_c_export::export;
 
 /// Sets the target of an axis. igh_cia402_get_axis_state() reports the decision on it after the
 /// targets were sent.
@@ -15,13 +13,9 @@ use crate::entry::enter;
 /// @param target  Raw units of the mode: steps, velocity or torque.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_set_target(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-    target: i32,
-) -> c_int {
-    command(enter!(igh_cia402_set_target, context), |cia402| cia402.set_target(axis, target))
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_set_target(context: *mut igh_cia402_context_t, axis: usize, target: i32) {
+    cia402.set_target(axis, target).or_code(call)
 }
 
 /// As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
@@ -30,15 +24,13 @@ pub unsafe extern "C" fn igh_cia402_set_target(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle without a position.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_set_target_degrees(
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_set_target_degrees(
     context: *mut igh_cia402_context_t,
     axis: usize,
     degrees: f64,
-) -> c_int {
-    command(enter!(igh_cia402_set_target_degrees, context), |cia402| {
-        cia402.set_target_degrees(axis, degrees)
-    })
+) {
+    cia402.set_target_degrees(axis, degrees).or_code(call)
 }
 
 /// As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
@@ -47,15 +39,13 @@ pub unsafe extern "C" fn igh_cia402_set_target_degrees(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle without a position.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_set_target_radians(
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_set_target_radians(
     context: *mut igh_cia402_context_t,
     axis: usize,
     radians: f64,
-) -> c_int {
-    command(enter!(igh_cia402_set_target_radians, context), |cia402| {
-        cia402.set_target_radians(axis, radians)
-    })
+) {
+    cia402.set_target_radians(axis, radians).or_code(call)
 }
 
 /// Sets the step of igh_cia402_send_target_step(); the axis reaches it by its ramp.
@@ -64,13 +54,7 @@ pub unsafe extern "C" fn igh_cia402_set_target_radians(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_set_target().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_cia402_set_target_step(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-    step: i32,
-) -> c_int {
-    command(enter!(igh_cia402_set_target_step, context), |cia402| {
-        cia402.set_target_step(axis, step)
-    })
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_set_target_step(context: *mut igh_cia402_context_t, axis: usize, step: i32) {
+    cia402.set_target_step(axis, step).or_code(call)
 }

@@ -3,14 +3,12 @@
 //! Plain data: it may be copied and needs no deinit. igh_mcan_port_apply_config() passes it to the
 //! Adapter's configuration, whose startup SDOs it then determines.
 
-use std::ffi::c_int;
-
-use ecan_mcan_host::boundary::{Opaque, call};
+use ecan_c_export::export;
+use ecan_mcan_host::boundary::Opaque;
 use ecan_mcan_host::pointers;
 use ecan_mcan_port::{MAX_FILTERS, PortConfig, PortError};
 
 use crate::adapter::config::ecan_igh_config_t;
-use crate::entry::change;
 use crate::errors::OrCode as _;
 use crate::port_config::{configured, extended};
 
@@ -39,15 +37,10 @@ impl Opaque for igh_mcan_port_config_t {
 /// @param config  Is overwritten.
 ///
 /// @usage   not rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_default_config(
-    config: *mut igh_mcan_port_config_t,
-) -> c_int {
-    call("igh_mcan_port_default_config", |call| {
-        pointers!(call, out(config));
-        config.seal(extended(&PortConfig::default()));
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_mcan_port_default_config(config: *mut igh_mcan_port_config_t) {
+    pointers!(call, out(config));
+    config.seal(extended(&PortConfig::default()));
 }
 
 /// Applies a configuration to the Adapter's: ecan_igh_init() then writes PDO profiles, channel
@@ -59,18 +52,15 @@ pub unsafe extern "C" fn igh_mcan_port_default_config(
 ///
 /// @usage   not rt, any thread, before ecan_igh_init
 /// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_apply_config(
+#[export(call, config adapter)]
+pub fn igh_mcan_port_apply_config(
     igh_config: *mut ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
-) -> c_int {
-    change!(igh_mcan_port_apply_config, igh_config).with(|call, adapter| {
-        pointers!(call, sealed(config));
-        let checked = configured(config, adapter.slave_count).check(&adapter.configured());
-        checked.map_err(PortError::from).or_code(call)?;
-        adapter.port = Some(*config);
-        Ok(())
-    })
+) {
+    pointers!(call, sealed(config));
+    let checked = configured(config, adapter.slave_count).check(&adapter.configured());
+    checked.map_err(PortError::from).or_code(call)?;
+    adapter.port = Some(*config);
 }
 
 /// Checks a configuration as a whole against that of the Adapter. igh_mcan_port_apply_config() and
@@ -78,14 +68,12 @@ pub unsafe extern "C" fn igh_mcan_port_apply_config(
 ///
 /// @usage   not rt, any thread, any time
 /// @return  As igh_mcan_port_apply_config().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_check_config(
+#[export(call)]
+pub fn igh_mcan_port_check_config(
     igh_config: *const ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
-) -> c_int {
-    call("igh_mcan_port_check_config", |call| {
-        pointers!(call, sealed(igh_config), sealed(config));
-        let checked = configured(config, igh_config.slave_count).check(&igh_config.configured());
-        checked.map_err(PortError::from).or_code(call)
-    })
+) {
+    pointers!(call, sealed(igh_config), sealed(config));
+    let checked = configured(config, igh_config.slave_count).check(&igh_config.configured());
+    checked.map_err(PortError::from).or_code(call)
 }

@@ -1,8 +1,7 @@
 //! Configuration of a channel (manual 13.4)
 
-use std::ffi::c_int;
-
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_c_export::export;
+use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pointers;
@@ -11,7 +10,6 @@ use ecan_protocol::config::{ConfigObject, SamplePointWindow};
 use ecan_protocol::object::describe;
 
 use super::config::igh_mcan_port_config_t;
-use crate::entry::change;
 use crate::errors::no_slave;
 use crate::port_config::{self, channel_of};
 
@@ -30,34 +28,31 @@ const DATA: u32 = 5_000_000;
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK, ECAN_ERR_SLAVE; ECAN_ERR_CHANNEL for channels beyond 3, or CAN FD without the
 ///          channel.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_set_channel_mask(
+#[export(call, config config)]
+pub fn igh_mcan_port_set_channel_mask(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     channel_mask: u8,
     canfd_mask: u8,
-) -> c_int {
-    change!(igh_mcan_port_set_channel_mask, config).with(|call, config| {
-        let gateway = port_config::gateway(call, config, slave)?;
-        if channel_mask >> ECAN_MCAN_CHANNELS != 0 || canfd_mask & !channel_mask != 0 {
-            let text = format_args!(
-                "masks 0x{channel_mask:02X} and 0x{canfd_mask:02X} are invalid; allowed: bits 0 to 3, \
-                 and CAN FD only for enabled channels"
-            );
-            return Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, text));
-        }
-        for (channel, entry) in gateway.channels.iter_mut().enumerate() {
-            let (is_enabled, is_fd) =
-                (channel_mask >> channel & 1 == 1, canfd_mask >> channel & 1 == 1);
-            *entry = match *entry {
-                _ if !is_enabled => None,
-                Some(kept) if kept.can.fd == is_fd => Some(kept),
-                _ if is_fd => Some(ChannelConfig::fd(NOMINAL, DATA)),
-                _ => Some(ChannelConfig::classic(NOMINAL)),
-            };
-        }
-        Ok(())
-    })
+) {
+    let gateway = port_config::gateway(call, config, slave)?;
+    if channel_mask >> ECAN_MCAN_CHANNELS != 0 || canfd_mask & !channel_mask != 0 {
+        let text = format_args!(
+            "masks 0x{channel_mask:02X} and 0x{canfd_mask:02X} are invalid; allowed: bits 0 to 3, \
+             and CAN FD only for enabled channels"
+        );
+        return Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, text));
+    }
+    for (channel, entry) in gateway.channels.iter_mut().enumerate() {
+        let (is_enabled, is_fd) =
+            (channel_mask >> channel & 1 == 1, canfd_mask >> channel & 1 == 1);
+        *entry = match *entry {
+            _ if !is_enabled => None,
+            Some(kept) if kept.can.fd == is_fd => Some(kept),
+            _ if is_fd => Some(ChannelConfig::fd(NOMINAL, DATA)),
+            _ => Some(ChannelConfig::classic(NOMINAL)),
+        };
+    }
 }
 
 /// Gets the enabled channels of a gateway, and those of them for CAN FD. Their bit rates are
@@ -67,23 +62,19 @@ pub unsafe extern "C" fn igh_mcan_port_set_channel_mask(
 /// @param canfd_mask    Gets those of them for CAN FD.
 ///
 /// @usage   not rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_channel_mask(
+#[export(call)]
+pub fn igh_mcan_port_get_channel_mask(
     config: *const igh_mcan_port_config_t,
     slave: usize,
     channel_mask: *mut u8,
     canfd_mask: *mut u8,
-) -> c_int {
-    call("igh_mcan_port_get_channel_mask", |call| {
-        pointers!(call, sealed(config), out(channel_mask), out(canfd_mask));
-        let gateway = config.gateways.get(slave);
-        let gateway = gateway.ok_or_else(|| no_slave(call, slave, MAX_GATEWAYS))?;
-        channel_mask.set(gateway.channel_mask());
-        let is_fd = |channel: &Option<ChannelConfig>| channel.is_some_and(|c| c.can.fd);
-        canfd_mask
-            .set((0..).zip(&gateway.channels).map(|(bit, c)| u8::from(is_fd(c)) << bit).sum());
-        Ok(())
-    })
+) {
+    pointers!(call, sealed(config), out(channel_mask), out(canfd_mask));
+    let gateway = config.gateways.get(slave);
+    let gateway = gateway.ok_or_else(|| no_slave(call, slave, MAX_GATEWAYS))?;
+    channel_mask.set(gateway.channel_mask());
+    let is_fd = |channel: &Option<ChannelConfig>| channel.is_some_and(|c| c.can.fd);
+    canfd_mask.set((0..).zip(&gateway.channels).map(|(bit, c)| u8::from(is_fd(c)) << bit).sum());
 }
 
 /// Enables a channel for classic CAN, with all other settings at their defaults.
@@ -93,18 +84,15 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_mask(
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL. igh_mcan_port_apply_config() checks the bit
 ///          rate.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_set_classic_channel(
+#[export(call, config config)]
+pub fn igh_mcan_port_set_classic_channel(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
     bitrate: u32,
-) -> c_int {
-    change!(igh_mcan_port_set_classic_channel, config).with(|call, config| {
-        let entry = port_config::channel_entry(call, config, slave, channel)?;
-        *entry = Some(ChannelConfig::classic(bitrate));
-        Ok(())
-    })
+) {
+    let entry = port_config::channel_entry(call, config, slave, channel)?;
+    *entry = Some(ChannelConfig::classic(bitrate));
 }
 
 /// Enables a channel for CAN FD with bit rate switch and transmitter delay compensation (manual
@@ -115,19 +103,16 @@ pub unsafe extern "C" fn igh_mcan_port_set_classic_channel(
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  As igh_mcan_port_set_classic_channel().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_set_canfd_channel(
+#[export(call, config config)]
+pub fn igh_mcan_port_set_canfd_channel(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
     nominal: u32,
     data: u32,
-) -> c_int {
-    change!(igh_mcan_port_set_canfd_channel, config).with(|call, config| {
-        let entry = port_config::channel_entry(call, config, slave, channel)?;
-        *entry = Some(ChannelConfig::fd(nominal, data));
-        Ok(())
-    })
+) {
+    let entry = port_config::channel_entry(call, config, slave, channel)?;
+    *entry = Some(ChannelConfig::fd(nominal, data));
 }
 
 /// Sets the windows from which the firmware selects the sample points; 75 to 87.5 % by default.
@@ -136,8 +121,8 @@ pub unsafe extern "C" fn igh_mcan_port_set_canfd_channel(
 /// @param data_min, data_max        Data phase, in 0.1 %.
 ///
 /// @usage   not rt, any thread, before apply
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_set_sample_points(
+#[export(call, config config)]
+pub fn igh_mcan_port_set_sample_points(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
@@ -145,13 +130,10 @@ pub unsafe extern "C" fn igh_mcan_port_set_sample_points(
     nominal_max: u16,
     data_min: u16,
     data_max: u16,
-) -> c_int {
-    change!(igh_mcan_port_set_sample_points, config).with(|call, config| {
-        let can = &mut port_config::channel(call, config, slave, channel)?.can;
-        can.nominal_sample_point = SamplePointWindow { min: nominal_min, max: nominal_max };
-        can.data_sample_point = SamplePointWindow { min: data_min, max: data_max };
-        Ok(())
-    })
+) {
+    let can = &mut port_config::channel(call, config, slave, channel)?.can;
+    can.nominal_sample_point = SamplePointWindow { min: nominal_min, max: nominal_max };
+    can.data_sample_point = SamplePointWindow { min: data_min, max: data_max };
 }
 
 /// Sets the traffic for budgets and Message RAM of a channel (manual 13.2.2); 8 and 8
@@ -161,19 +143,16 @@ pub unsafe extern "C" fn igh_mcan_port_set_sample_points(
 /// @param sent      Frames to the bus per cycle; at most 8 are served.
 ///
 /// @usage   not rt, any thread, before apply
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_set_traffic(
+#[export(call, config config)]
+pub fn igh_mcan_port_set_traffic(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
     received: u8,
     sent: u8,
-) -> c_int {
-    change!(igh_mcan_port_set_traffic, config).with(|call, config| {
-        let channel = port_config::channel(call, config, slave, channel)?;
-        *channel = channel.with_traffic(Traffic { received, sent });
-        Ok(())
-    })
+) {
+    let channel = port_config::channel(call, config, slave, channel)?;
+    *channel = channel.with_traffic(Traffic { received, sent });
 }
 
 /// Sets a configuration object of a channel, 0x8001..0x8004, by the manual's (decimal) subindex:
@@ -186,38 +165,33 @@ pub unsafe extern "C" fn igh_mcan_port_set_traffic(
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK; ECAN_ERR_ARGUMENT for a subindex without configuration or an invalid value;
 ///          ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_set_channel_object(
+#[export(call, config config)]
+pub fn igh_mcan_port_set_channel_object(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
     subindex: u8,
     value: u32,
-) -> c_int {
-    change!(igh_mcan_port_set_channel_object, config).with(|call, config| {
-        let can = &mut port_config::channel(call, config, slave, channel)?.can;
-        set_object(call, can, 0x8001 + u16::from(channel), subindex, value)
-    })
+) {
+    let can = &mut port_config::channel(call, config, slave, channel)?.can;
+    set_object(call, can, 0x8001 + u16::from(channel), subindex, value)
 }
 
 /// Gets a configuration object of a channel by its subindex.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  As igh_mcan_port_set_channel_object().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_channel_object(
+#[export(call)]
+pub fn igh_mcan_port_get_channel_object(
     config: *const igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
     subindex: u8,
     value: *mut u32,
-) -> c_int {
-    call("igh_mcan_port_get_channel_object", |call| {
-        pointers!(call, sealed(config), out(value));
-        let found = channel_of(call, config, slave, channel)?.can.value(subindex);
-        value.set(found.ok_or_else(|| no_object(call, 0x8001 + u16::from(channel), subindex))?);
-        Ok(())
-    })
+) {
+    pointers!(call, sealed(config), out(value));
+    let found = channel_of(call, config, slave, channel)?.can.value(subindex);
+    value.set(found.ok_or_else(|| no_object(call, 0x8001 + u16::from(channel), subindex))?);
 }
 
 fn set_object(
@@ -250,36 +224,31 @@ fn no_object(call: Call, index: u16, subindex: u8) -> ecan_result_t {
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  As igh_mcan_port_set_channel_object().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_set_data_path_object(
+#[export(call, config config)]
+pub fn igh_mcan_port_set_data_path_object(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
     subindex: u8,
     value: u32,
-) -> c_int {
-    change!(igh_mcan_port_set_data_path_object, config).with(|call, config| {
-        let data_path = &mut port_config::channel(call, config, slave, channel)?.data_path;
-        set_object(call, data_path, 0x8021 + u16::from(channel), subindex, value)
-    })
+) {
+    let data_path = &mut port_config::channel(call, config, slave, channel)?.data_path;
+    set_object(call, data_path, 0x8021 + u16::from(channel), subindex, value)
 }
 
 /// Gets a policy object of a channel's data path by its subindex.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  As igh_mcan_port_set_channel_object().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_data_path_object(
+#[export(call)]
+pub fn igh_mcan_port_get_data_path_object(
     config: *const igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
     subindex: u8,
     value: *mut u32,
-) -> c_int {
-    call("igh_mcan_port_get_data_path_object", |call| {
-        pointers!(call, sealed(config), out(value));
-        let found = channel_of(call, config, slave, channel)?.data_path.value(subindex);
-        value.set(found.ok_or_else(|| no_object(call, 0x8021 + u16::from(channel), subindex))?);
-        Ok(())
-    })
+) {
+    pointers!(call, sealed(config), out(value));
+    let found = channel_of(call, config, slave, channel)?.data_path.value(subindex);
+    value.set(found.ok_or_else(|| no_object(call, 0x8021 + u16::from(channel), subindex))?);
 }

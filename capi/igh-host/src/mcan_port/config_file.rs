@@ -13,11 +13,12 @@
 //! igh_mcan_port_init(&mcan, &igh, &mcan_config);
 //! ```
 
-use std::ffi::{CStr, OsStr, c_char, c_int};
+use std::ffi::{CStr, OsStr, c_char};
 use std::os::unix::ffi::OsStrExt;
 
+use ecan_c_export::export;
 use ecan_config_file::{ConfigFileError, FileFault, FileFaults};
-use ecan_mcan_host::boundary::{OutArray, OutPointer, call};
+use ecan_mcan_host::boundary::{OutArray, OutPointer};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pointers;
 use ecan_mcan_port::Config;
@@ -96,17 +97,14 @@ fn load(path: &CStr) -> Result<Config, ConfigFileError> {
 /// @return  ECAN_OK; ECAN_ERR_FILE if it cannot be read; ECAN_ERR_CONFIG with every fault in
 ///          ecan_last_error(), by line and column, also for more than ECAN_IGH_MAX_SLAVES gateways
 ///          or IGH_MCAN_MAX_FILTERS filters. An error changes neither configuration.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_load_config(
+#[export(call)]
+pub fn igh_mcan_port_load_config(
     igh_config: *mut ecan_igh_config_t,
     config: *mut igh_mcan_port_config_t,
     path: *const c_char,
-) -> c_int {
-    call("igh_mcan_port_load_config", |call| {
-        pointers!(call, sealed_mut(igh_config), out(config), c_str(path));
-        store(&load(path).or_code(call)?, igh_config, &config);
-        Ok(())
-    })
+) {
+    pointers!(call, sealed_mut(igh_config), out(config), c_str(path));
+    store(&load(path).or_code(call)?, igh_config, &config);
 }
 
 /// As igh_mcan_port_load_config(), with the faults as data, for an editor for example.
@@ -119,28 +117,25 @@ pub unsafe extern "C" fn igh_mcan_port_load_config(
 ///
 /// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
 /// @return  As igh_mcan_port_load_config().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_load_config_ex(
+#[export(call)]
+pub fn igh_mcan_port_load_config_ex(
     igh_config: *mut ecan_igh_config_t,
     config: *mut igh_mcan_port_config_t,
     path: *const c_char,
     faults: *mut igh_mcan_file_fault_t,
     capacity: usize,
     count: *mut usize,
-) -> c_int {
-    call("igh_mcan_port_load_config_ex", |call| {
-        pointers!(call, out(count), room(faults, capacity));
-        count.set(0);
-        pointers!(call, sealed_mut(igh_config), out(config), c_str(path));
-        let file = load(path).map_err(|error| {
-            if let ConfigFileError::Faults { faults: found, .. } = &error {
-                put_faults(found, &mut faults, &count);
-            }
-            errors::note(call, &error)
-        })?;
-        store(&file, igh_config, &config);
-        Ok(())
-    })
+) {
+    pointers!(call, out(count), room(faults, capacity));
+    count.set(0);
+    pointers!(call, sealed_mut(igh_config), out(config), c_str(path));
+    let file = load(path).map_err(|error| {
+        if let ConfigFileError::Faults { faults: found, .. } = &error {
+            put_faults(found, &mut faults, &count);
+        }
+        errors::note(call, &error)
+    })?;
+    store(&file, igh_config, &config);
 }
 
 /// As igh_mcan_port_load_config_ex(), from a text in memory.
@@ -149,26 +144,23 @@ pub unsafe extern "C" fn igh_mcan_port_load_config_ex(
 ///
 /// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
 /// @return  As igh_mcan_port_load_config(), except ECAN_ERR_FILE.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_parse_config(
+#[export(call)]
+pub fn igh_mcan_port_parse_config(
     igh_config: *mut ecan_igh_config_t,
     config: *mut igh_mcan_port_config_t,
     text: *const c_char,
     faults: *mut igh_mcan_file_fault_t,
     capacity: usize,
     count: *mut usize,
-) -> c_int {
-    call("igh_mcan_port_parse_config", |call| {
-        pointers!(call, out(count), room(faults, capacity));
-        count.set(0);
-        pointers!(call, sealed_mut(igh_config), out(config), c_str(text));
-        let file = ecan_config_file::parse(text.to_bytes()).map_err(|found| {
-            put_faults(&found, &mut faults, &count);
-            call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{found}"))
-        })?;
-        store(&file, igh_config, &config);
-        Ok(())
-    })
+) {
+    pointers!(call, out(count), room(faults, capacity));
+    count.set(0);
+    pointers!(call, sealed_mut(igh_config), out(config), c_str(text));
+    let file = ecan_config_file::parse(text.to_bytes()).map_err(|found| {
+        put_faults(&found, &mut faults, &count);
+        call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{found}"))
+    })?;
+    store(&file, igh_config, &config);
 }
 
 #[cfg(test)]
@@ -179,6 +171,9 @@ mod tests {
     use ecan_config_file::EXAMPLE;
     use ecan_host::AdapterConfig;
     use ecan_mcan_port::PortConfig;
+
+    use ecan_mcan_host::boundary::call;
+    use std::ffi::c_int;
 
     use super::*;
     use crate::adapter::config::ecan_igh_default_config;

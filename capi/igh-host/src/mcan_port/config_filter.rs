@@ -2,6 +2,7 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_protocol::config::{
@@ -11,7 +12,6 @@ use ecan_protocol::config::{
 use ecan_mcan_port::{AcceptanceFilter, PortConfig};
 
 use super::config::igh_mcan_port_config_t;
-use crate::entry::change;
 use crate::port_config;
 
 /// Match rule of a filter.
@@ -90,8 +90,8 @@ fn add(
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
 ///          IGH_MCAN_MAX_FILTERS.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_add_standard_filter(
+#[export(call, config config)]
+pub fn igh_mcan_port_add_standard_filter(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
@@ -99,21 +99,19 @@ pub unsafe extern "C" fn igh_mcan_port_add_standard_filter(
     action: c_int,
     id1: u16,
     id2: u16,
-) -> c_int {
-    change!(igh_mcan_port_add_standard_filter, config).with(|call, config| {
-        let matching = match_kind(call, matching, StandardMatch::from_raw)?;
-        let action = self::action(call, action, id2.into())?;
-        let filter = StandardFilter { matching, action, sync: false, id1, id2 };
-        add(call, config, (slave, channel), filter)
-    })
+) {
+    let matching = match_kind(call, matching, StandardMatch::from_raw)?;
+    let action = self::action(call, action, id2.into())?;
+    let filter = StandardFilter { matching, action, sync: false, id1, id2 };
+    add(call, config, (slave, channel), filter)
 }
 
 /// Adds a filter for 29-bit CAN IDs; as igh_mcan_port_add_standard_filter(), at most 24.
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  As there.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_add_extended_filter(
+#[export(call, config config)]
+pub fn igh_mcan_port_add_extended_filter(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
@@ -121,29 +119,19 @@ pub unsafe extern "C" fn igh_mcan_port_add_extended_filter(
     action: c_int,
     id1: u32,
     id2: u32,
-) -> c_int {
-    change!(igh_mcan_port_add_extended_filter, config).with(|call, config| {
-        let matching = match_kind(call, matching, ExtendedMatch::from_raw)?;
-        let action = self::action(call, action, id2)?;
-        let filter = ExtendedFilter { matching, action, sync: false, id1, id2 };
-        add(call, config, (slave, channel), filter)
-    })
+) {
+    let matching = match_kind(call, matching, ExtendedMatch::from_raw)?;
+    let action = self::action(call, action, id2)?;
+    let filter = ExtendedFilter { matching, action, sync: false, id1, id2 };
+    add(call, config, (slave, channel), filter)
 }
 
 /// Removes all filters of a channel.
 ///
 /// @usage   not rt, any thread, before apply
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_clear_filters(
-    config: *mut igh_mcan_port_config_t,
-    slave: usize,
-    channel: u8,
-) -> c_int {
-    change!(igh_mcan_port_clear_filters, config).with(|call, config| {
-        port_config::channel_entry(call, config, slave, channel)?;
-        let others =
-            config.filters.into_iter().filter(|f| (f.slave, f.channel) != (slave, channel));
-        config.filters = List::collect(others).unwrap_or_default();
-        Ok(())
-    })
+#[export(call, config config)]
+pub fn igh_mcan_port_clear_filters(config: *mut igh_mcan_port_config_t, slave: usize, channel: u8) {
+    port_config::channel_entry(call, config, slave, channel)?;
+    let others = config.filters.into_iter().filter(|f| (f.slave, f.channel) != (slave, channel));
+    config.filters = List::collect(others).unwrap_or_default();
 }

@@ -2,6 +2,7 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_host::Phase;
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -12,7 +13,7 @@ use super::config::igh_mcan_port_config_t;
 use crate::adapter::config::ecan_igh_config_t;
 use crate::adapter::context::ecan_igh_context_t;
 use crate::bus::Bus;
-use crate::entry::{Context, enter};
+use crate::entry::Context;
 use crate::errors::{self, OrCode as _};
 use crate::handle::{self, Entered, Kind};
 use crate::port_config::configured;
@@ -53,41 +54,36 @@ impl Context for igh_mcan_port_t {
 /// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault, or for another configuration than the one
 ///          that was applied; ECAN_ERR_ORDER if there is a Port already or the bus is active;
 ///          ECAN_ERR_SDO, ECAN_ERR_MASTER. An error does not change the master.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_init(
+#[export(call, bus bus, of igh)]
+pub fn igh_mcan_port_init(
     port: *mut igh_mcan_port_t,
     igh: *mut ecan_igh_context_t,
     config: *const igh_mcan_port_config_t,
-) -> c_int {
-    enter!(igh_mcan_port_init, igh).on_bus(|call, bus| {
-        pointers!(call, out(port), sealed(config));
-        // The existing Port may be this one; it stays.
-        bus.need_no_port(call)?;
-        if bus.need_adapter(call)?.phase() != Phase::Configured {
+) {
+    pointers!(call, out(port), sealed(config));
+    // The existing Port may be this one; it stays.
+    bus.need_no_port(call)?;
+    if bus.need_adapter(call)?.phase() != Phase::Configured {
+        let text =
+            format_args!("the bus is active already: call igh_mcan_port_init before activation");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
+    }
+    // SAFETY: `out` was promised that the pointer is valid for writing.
+    unsafe { handle::clear(port.as_ptr().cast()) };
+    let applied = bus.applied;
+    let serial = bus.add_port(call, |adapter| {
+        let config = configured(config, adapter.slave_count());
+        if applied.is_some_and(|applied| applied != config) {
             let text = format_args!(
-                "the bus is active already: call igh_mcan_port_init before activation"
+                "the configuration is not the one that igh_mcan_port_apply_config was given"
             );
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
+            let code = call.fail(ecan_result_t::ECAN_ERR_CONFIG, text);
+            return Err((code, Box::new(adapter)));
         }
-        // SAFETY: `out` was promised that the pointer is valid for writing.
-        unsafe { handle::clear(port.as_ptr().cast()) };
-        let applied = bus.applied;
-        let serial = bus.add_port(call, |adapter| {
-            let config = configured(config, adapter.slave_count());
-            if applied.is_some_and(|applied| applied != config) {
-                let text = format_args!(
-                    "the configuration is not the one that igh_mcan_port_apply_config was given"
-                );
-                let code = call.fail(ecan_result_t::ECAN_ERR_CONFIG, text);
-                return Err((code, Box::new(adapter)));
-            }
-            Port::on(adapter, config)
-                .map_err(|(adapter, error)| (errors::note(call, &error), adapter))
-        })?;
-        // SAFETY: as above.
-        unsafe { bus.add_context(port.as_ptr().cast(), Kind::Port, serial) };
-        Ok(())
-    })
+        Port::on(adapter, config).map_err(|(adapter, error)| (errors::note(call, &error), adapter))
+    })?;
+    // SAFETY: as above.
+    unsafe { bus.add_context(port.as_ptr().cast(), Kind::Port, serial) };
 }
 
 /// Configures the gateways again, to change N or channels at run time (manual 14.2). Then wait for
@@ -99,38 +95,36 @@ pub unsafe extern "C" fn igh_mcan_port_init(
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As ecan_igh_init(); a faulty configuration changes nothing. After any other error
 ///          reconfigure again. ECAN_ERR_ATTACHED.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_reconfigure(
+#[export(call, bus bus)]
+pub fn igh_mcan_port_reconfigure(
     port: *mut igh_mcan_port_t,
     igh_config: *const ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
-) -> c_int {
-    enter!(igh_mcan_port_reconfigure, port).on_bus(|call, bus| {
-        pointers!(call, sealed(igh_config), sealed(config));
-        let (igh_config, config) =
-            (igh_config.configured(), configured(config, igh_config.slave_count));
-        let reconfigured = bus.need_port(call)?.reconfigure((igh_config, config));
-        if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
-            bus.forget_configuration();
-        }
-        reconfigured.or_code(call)
-    })
+) {
+    pointers!(call, sealed(igh_config), sealed(config));
+    let (igh_config, config) =
+        (igh_config.configured(), configured(config, igh_config.slave_count));
+    let reconfigured = bus.need_port(call)?.reconfigure((igh_config, config));
+    if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
+        bus.forget_configuration();
+    }
+    reconfigured.or_code(call)
 }
 
 /// Returns 1 if every gateway is ready: in OP and verified.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c_int {
-    enter!(igh_mcan_port_is_ready, port).get(|_, port| Ok(port.is_ready().into()))
+#[export(_, layer port)]
+pub fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c_int {
+    Ok(port.is_ready().into())
 }
 
 /// Closes the Port; the master stays active. Axes on the Port end.
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for a Port that is closed already or was never opened.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_deinit(port: *mut igh_mcan_port_t) -> c_int {
-    enter!(igh_mcan_port_deinit, port).end(|mut bus| bus.remove_port())
+#[export(_, end mut bus)]
+pub fn igh_mcan_port_deinit(port: *mut igh_mcan_port_t) {
+    bus.remove_port();
 }

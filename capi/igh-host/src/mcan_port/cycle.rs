@@ -8,26 +8,21 @@
 //! igh_mcan_port_cycle_end(&mcan);
 //! ```
 
-use std::ffi::c_int;
-
+use ecan_c_export::export;
 use ecan_mcan_host::boundary::OutArray;
 use ecan_mcan_host::pdo::frames::{igh_mcan_rx_frame_t, igh_mcan_rx_kind_t};
 use ecan_mcan_host::pointers;
 use ecan_mcan_port::{Cycle, Received, ReceivedView, TransmitReport};
 
 use super::context::igh_mcan_port_t;
-use crate::entry::enter;
 use crate::errors::OrCode as _;
 
 /// Sleeps until the next deadline; as ecan_igh_wait_next_cycle().
 ///
 /// @usage   rt, the cycle's thread, active bus
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_t) -> c_int {
-    enter!(igh_mcan_port_wait_next_cycle, port).on_bus(|call, bus| {
-        bus.need_port(call)?.wait_next_cycle();
-        Ok(())
-    })
+#[export(call, bus bus)]
+pub fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_t) {
+    bus.need_port(call)?.wait_next_cycle();
 }
 
 /// Receives and checks the images, and continues the verification of gateways. First in the cycle.
@@ -38,14 +33,12 @@ pub unsafe extern "C" fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: the cycle is open, call
 ///          igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER if the bus is not active.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -> c_int {
-    enter!(igh_mcan_port_cycle_begin, port).on_bus(|call, bus| {
-        let cycle = bus.need_port(call)?.begin_cycle();
-        let error = cycle.receive_error();
-        cycle.keep_open();
-        error.map_or(Ok(()), Err).or_code(call)
-    })
+#[export(call, bus bus)]
+pub fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) {
+    let cycle = bus.need_port(call)?.begin_cycle();
+    let error = cycle.receive_error();
+    cycle.keep_open();
+    error.map_or(Ok(()), Err).or_code(call)
 }
 
 /// Publishes the images, or repeats unconfirmed ones, and sends. Last in the cycle.
@@ -53,16 +46,14 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: continue with the next
 ///          cycle; ECAN_ERR_ORDER if the bus is not active.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) -> c_int {
-    enter!(igh_mcan_port_cycle_end, port).run(|call, port| {
-        let ended = port.open_cycle().map(Cycle::finish);
-        let error = match ended {
-            Some(summary) => summary.send_error,
-            None => port.repeat_images().err(),
-        };
-        error.map_or(Ok(()), Err).or_code(call)
-    })
+#[export(call, layer port)]
+pub fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) {
+    let ended = port.open_cycle().map(Cycle::finish);
+    let error = match ended {
+        Some(summary) => summary.send_error,
+        None => port.repeat_images().err(),
+    };
+    error.map_or(Ok(()), Err).or_code(call)
 }
 
 /// Converts an item of an image.
@@ -121,18 +112,15 @@ pub(crate) fn receive(cycle: &mut Cycle<'_>, room: &mut OutArray<igh_mcan_rx_fra
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_receive(
+#[export(call, bus bus)]
+pub fn igh_mcan_port_receive(
     port: *mut igh_mcan_port_t,
     rx: *mut igh_mcan_rx_frame_t,
     capacity: usize,
     rx_count: *mut usize,
-) -> c_int {
-    enter!(igh_mcan_port_receive, port).on_bus(|call, bus| {
-        pointers!(call, room(rx, capacity), out(rx_count));
-        rx_count.set(0);
-        receive(&mut bus.need_cycle(call)?, &mut rx);
-        rx_count.set(rx.count());
-        Ok(())
-    })
+) {
+    pointers!(call, room(rx, capacity), out(rx_count));
+    rx_count.set(0);
+    receive(&mut bus.need_cycle(call)?, &mut rx);
+    rx_count.set(rx.count());
 }

@@ -3,10 +3,11 @@
 //! Load of configurations on wire, CAN buses, images and mailboxes, with warnings and errors,
 //! before anything touches a bus.
 
-use std::ffi::{c_char, c_int};
+use std::ffi::c_char;
 
+use ecan_c_export::export;
 use ecan_host::Faults;
-use ecan_mcan_host::boundary::{Call, OutArray, call, put_text};
+use ecan_mcan_host::boundary::{Call, OutArray, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::igh_mcan_tx_frame_t;
 use ecan_mcan_host::pointers;
@@ -105,24 +106,16 @@ pub(crate) fn plan(
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of them in
 ///          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_plan(
+#[export(call)]
+pub fn igh_mcan_port_plan(
     igh_config: *const ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
     streams: *const igh_mcan_frame_stream_t,
     count: usize,
     text: *mut c_char,
     size: usize,
-) -> c_int {
-    call("igh_mcan_port_plan", |call| {
-        pointers!(
-            call,
-            sealed(igh_config),
-            sealed(config),
-            items(streams, count),
-            room(text, size)
-        );
-        let traffic: Result<Vec<_>, _> = streams.iter().map(|s| s.to_rust(call)).collect();
-        plan(call, igh_config, config, &traffic?, text)
-    })
+) {
+    pointers!(call, sealed(igh_config), sealed(config), items(streams, count), room(text, size));
+    let traffic: Result<Vec<_>, _> = streams.iter().map(|s| s.to_rust(call)).collect();
+    plan(call, igh_config, config, &traffic?, text)
 }

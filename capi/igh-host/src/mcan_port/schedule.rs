@@ -4,9 +4,7 @@
 //! their results, as the gateway reports them. igh_mcan_port_schedule_can() and similar functions
 //! send them.
 
-use std::ffi::c_int;
-
-use ecan_mcan_host::boundary::call;
+use ecan_c_export::export;
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::{mirror, pointers};
@@ -17,7 +15,6 @@ use ecan_mcan_port::{
 use super::config::igh_mcan_port_config_t;
 use super::context::igh_mcan_port_t;
 use super::state::{find_channel, need_slave};
-use crate::entry::{change, enter};
 use crate::port_config::gateway;
 
 mirror! {
@@ -164,31 +161,23 @@ mirror! {
 /// Fills the settings with their defaults.
 ///
 /// @usage   rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_default_schedule(
-    settings: *mut igh_mcan_schedule_settings_t,
-) -> c_int {
-    call("igh_mcan_port_default_schedule", |call| {
-        pointers!(call, out(settings));
-        settings.set(ScheduleConfig::default().into());
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_mcan_port_default_schedule(settings: *mut igh_mcan_schedule_settings_t) {
+    pointers!(call, out(settings));
+    settings.set(ScheduleConfig::default().into());
 }
 
 /// Sets the schedule settings of a gateway.
 ///
 /// @usage   not rt, any thread, before apply
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_set_schedule(
+#[export(call, config config)]
+pub fn igh_mcan_port_set_schedule(
     config: *mut igh_mcan_port_config_t,
     slave: usize,
     settings: *const igh_mcan_schedule_settings_t,
-) -> c_int {
-    change!(igh_mcan_port_set_schedule, config).with(|call, config| {
-        pointers!(call, read(settings));
-        gateway(call, config, slave)?.schedule = (*settings).into();
-        Ok(())
-    })
+) {
+    pointers!(call, read(settings));
+    gateway(call, config, slave)?.schedule = (*settings).into();
 }
 
 /// Gets the margin of an offset against cycle, wire and firmware.
@@ -198,71 +187,59 @@ pub unsafe extern "C" fn igh_mcan_port_set_schedule(
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, for every margin; ECAN_ERR_SCHEDULE for an offset that cannot be scheduled at
 ///          all; ECAN_ERR_SLAVE.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_schedule_margin(
+#[export(call, layer port, into margin)]
+pub fn igh_mcan_port_get_schedule_margin(
     port: *mut igh_mcan_port_t,
     slave: usize,
     offset_ns: u32,
     margin: *mut igh_mcan_schedule_margin_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_schedule_margin, port -> margin).fill(|call, port| {
-        let gateway = need_slave(call, port, slave)?;
-        let margin = port.schedule_margin(gateway, offset_ns).map_err(|reason| {
-            call.fail(ecan_result_t::ECAN_ERR_SCHEDULE, format_args!("{offset_ns} ns: {reason}"))
-        })?;
-        Ok(margin.into())
-    })
+) {
+    let gateway = need_slave(call, port, slave)?;
+    let margin = port.schedule_margin(gateway, offset_ns).map_err(|reason| {
+        call.fail(ecan_result_t::ECAN_ERR_SCHEDULE, format_args!("{offset_ns} ns: {reason}"))
+    })?;
+    Ok(margin.into())
 }
 
 /// Gets the results of a channel's scheduled frames.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_schedule_account(
+#[export(call, layer port, into account)]
+pub fn igh_mcan_port_get_schedule_account(
     port: *mut igh_mcan_port_t,
     slave: usize,
     channel: u8,
     account: *mut igh_mcan_schedule_account_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_schedule_account, port -> account).fill(|call, port| {
-        let channel = find_channel(call, port, slave, channel)?;
-        let account = channel.map(|channel| port.schedule_account(channel)).unwrap_or_default();
-        Ok(account.into())
-    })
+) {
+    let channel = find_channel(call, port, slave, channel)?;
+    let account = channel.map(|channel| port.schedule_account(channel)).unwrap_or_default();
+    Ok(account.into())
 }
 
 /// Gets the last diagnostics of a gateway's scheduled transmission.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_NOT_READY before the first reading of this session; ECAN_ERR_SLAVE.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_schedule_diagnostics(
+#[export(call, layer port, into diagnostics)]
+pub fn igh_mcan_port_get_schedule_diagnostics(
     port: *mut igh_mcan_port_t,
     slave: usize,
     diagnostics: *mut igh_mcan_schedule_diagnostics_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_schedule_diagnostics, port -> diagnostics).fill(|call, port| {
-        let gateway = need_slave(call, port, slave)?;
-        let diagnostics = port.schedule_diagnostics(gateway).ok_or_else(|| {
-            let text = format_args!("the diagnostics of slave {slave} were not read yet");
-            call.fail(ecan_result_t::ECAN_ERR_NOT_READY, text)
-        })?;
-        Ok(diagnostics.into())
-    })
+) {
+    let gateway = need_slave(call, port, slave)?;
+    let diagnostics = port.schedule_diagnostics(gateway).ok_or_else(|| {
+        let text = format_args!("the diagnostics of slave {slave} were not read yet");
+        call.fail(ecan_result_t::ECAN_ERR_NOT_READY, text)
+    })?;
+    Ok(diagnostics.into())
 }
 
 /// Clears the flags of 0xB000:06 and the gateway's other runtime diagnostics in the next cycles
 /// (manual 13.7, bit 5).
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_clear_schedule_flags(
-    port: *mut igh_mcan_port_t,
-    slave: usize,
-) -> c_int {
-    enter!(igh_mcan_port_clear_schedule_flags, port).run(|call, port| {
-        let gateway = need_slave(call, port, slave)?;
-        port.clear_schedule_flags(gateway);
-        Ok(())
-    })
+#[export(call, layer port)]
+pub fn igh_mcan_port_clear_schedule_flags(port: *mut igh_mcan_port_t, slave: usize) {
+    let gateway = need_slave(call, port, slave)?;
+    port.clear_schedule_flags(gateway);
 }

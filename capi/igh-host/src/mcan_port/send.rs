@@ -5,6 +5,7 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::{
@@ -19,7 +20,6 @@ use super::context::igh_mcan_port_t;
 use super::cycle::receive;
 use super::state::need_slave;
 use crate::bus::Bus;
-use crate::entry::enter;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
@@ -72,8 +72,8 @@ fn at(offset_ns: u32, tag: u16) -> SendOptions {
 /// @return  ECAN_OK; ECAN_ERR_NO_ROOM, ECAN_ERR_QUEUE_FULL, ECAN_ERR_BUS_OFF, ECAN_ERR_NOT_READY:
 ///          temporary; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER if no
 ///          cycle is open.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_send_can(
+#[export(call, bus bus)]
+pub fn igh_mcan_port_send_can(
     port: *mut igh_mcan_port_t,
     slave: usize,
     channel: u8,
@@ -81,24 +81,21 @@ pub unsafe extern "C" fn igh_mcan_port_send_can(
     flags: u8,
     data: *const u8,
     len: usize,
-) -> c_int {
-    enter!(igh_mcan_port_send_can, port).on_bus(|call, bus| {
-        if flags & !IGH_MCAN_FLAG_EXT != 0 {
-            // SAFETY: the data are C's, valid or NULL as the header demands.
-            let frame = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
-            return send(call, bus, slave, channel, frame, SendOptions::default());
-        }
-        // The shortest path for the most frequent kind of frame.
-        pointers!(call, items(data, len));
-        let id = CanId::new(can_id, flags != 0).map_err(|error| call.error(&error))?;
-        let frame = FrameRef::classic(id, data).map_err(|error| call.error(&error))?;
-        let mut cycle = bus.need_cycle(call)?;
-        let to = cycle.channel(slave, channel).or_code(call)?;
-        let sent = cycle.send(to, frame);
-        drop(cycle);
-        bus.last_ticket = Some(sent.or_code(call)?.into());
-        Ok(())
-    })
+) {
+    if flags & !IGH_MCAN_FLAG_EXT != 0 {
+        // SAFETY: the data are C's, valid or NULL as the header demands.
+        let frame = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
+        return send(call, bus, slave, channel, frame, SendOptions::default());
+    }
+    // The shortest path for the most frequent kind of frame.
+    pointers!(call, items(data, len));
+    let id = CanId::new(can_id, flags != 0).map_err(|error| call.error(&error))?;
+    let frame = FrameRef::classic(id, data).map_err(|error| call.error(&error))?;
+    let mut cycle = bus.need_cycle(call)?;
+    let to = cycle.channel(slave, channel).or_code(call)?;
+    let sent = cycle.send(to, frame);
+    drop(cycle);
+    bus.last_ticket = Some(sent.or_code(call)?.into());
 }
 
 /// Sends a CAN FD frame.
@@ -109,8 +106,8 @@ pub unsafe extern "C" fn igh_mcan_port_send_can(
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  As igh_mcan_port_send_can(); ECAN_ERR_NOT_FD for a channel of classic CAN.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_send_canfd(
+#[export(call, bus bus)]
+pub fn igh_mcan_port_send_canfd(
     port: *mut igh_mcan_port_t,
     slave: usize,
     channel: u8,
@@ -118,12 +115,10 @@ pub unsafe extern "C" fn igh_mcan_port_send_canfd(
     flags: u8,
     data: *const u8,
     len: usize,
-) -> c_int {
-    enter!(igh_mcan_port_send_canfd, port).on_bus(|call, bus| {
-        pointers!(call, items(data, len));
-        let frame = fd_frame(call, can_id, flags, data)?;
-        send(call, bus, slave, channel, frame, SendOptions::default())
-    })
+) {
+    pointers!(call, items(data, len));
+    let frame = fd_frame(call, can_id, flags, data)?;
+    send(call, bus, slave, channel, frame, SendOptions::default())
 }
 
 /// Sends a classic CAN frame at a phase of the next Sync0 period (manual 8.4, 13.8). Needs
@@ -134,8 +129,8 @@ pub unsafe extern "C" fn igh_mcan_port_send_canfd(
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  As igh_mcan_port_send_can(); ECAN_ERR_SCHEDULE if it cannot be scheduled.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_schedule_can(
+#[export(call, bus bus)]
+pub fn igh_mcan_port_schedule_can(
     port: *mut igh_mcan_port_t,
     slave: usize,
     channel: u8,
@@ -145,20 +140,18 @@ pub unsafe extern "C" fn igh_mcan_port_schedule_can(
     len: usize,
     offset_ns: u32,
     tag: u16,
-) -> c_int {
-    enter!(igh_mcan_port_schedule_can, port).on_bus(|call, bus| {
-        // SAFETY: the data are C's, valid or NULL as the header demands.
-        let frame = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
-        send(call, bus, slave, channel, frame, at(offset_ns, tag))
-    })
+) {
+    // SAFETY: the data are C's, valid or NULL as the header demands.
+    let frame = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
+    send(call, bus, slave, channel, frame, at(offset_ns, tag))
 }
 
 /// Sends a CAN FD frame at a phase of the next Sync0 period; as igh_mcan_port_schedule_can().
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  As igh_mcan_port_send_canfd(); ECAN_ERR_SCHEDULE if it cannot be scheduled.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_schedule_canfd(
+#[export(call, bus bus)]
+pub fn igh_mcan_port_schedule_canfd(
     port: *mut igh_mcan_port_t,
     slave: usize,
     channel: u8,
@@ -168,12 +161,10 @@ pub unsafe extern "C" fn igh_mcan_port_schedule_canfd(
     len: usize,
     offset_ns: u32,
     tag: u16,
-) -> c_int {
-    enter!(igh_mcan_port_schedule_canfd, port).on_bus(|call, bus| {
-        pointers!(call, items(data, len));
-        let frame = fd_frame(call, can_id, flags, data)?;
-        send(call, bus, slave, channel, frame, at(offset_ns, tag))
-    })
+) {
+    pointers!(call, items(data, len));
+    let frame = fd_frame(call, can_id, flags, data)?;
+    send(call, bus, slave, channel, frame, at(offset_ns, tag))
 }
 
 fn send_tx(
@@ -195,15 +186,10 @@ fn send_tx(
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  As the functions above; ECAN_ERR_ARGUMENT for an unknown hint.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_send(
-    port: *mut igh_mcan_port_t,
-    frame: *const igh_mcan_tx_frame_t,
-) -> c_int {
-    enter!(igh_mcan_port_send, port).on_bus(|call, bus| {
-        pointers!(call, read(frame));
-        send_tx(call, bus, frame)
-    })
+#[export(call, bus bus)]
+pub fn igh_mcan_port_send(port: *mut igh_mcan_port_t, frame: *const igh_mcan_tx_frame_t) {
+    pointers!(call, read(frame));
+    send_tx(call, bus, frame)
 }
 
 /// Sends frames in order and stops at the first rejected one, so that the order is kept if the rest
@@ -214,22 +200,19 @@ pub unsafe extern "C" fn igh_mcan_port_send(
 /// @usage   rt, the cycle's thread, in an open cycle
 /// @return  ECAN_OK if all were sent; otherwise the code of the rejected one, as
 ///          igh_mcan_port_send().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_send_batch(
+#[export(call, bus bus)]
+pub fn igh_mcan_port_send_batch(
     port: *mut igh_mcan_port_t,
     frames: *const igh_mcan_tx_frame_t,
     count: usize,
     sent: *mut usize,
-) -> c_int {
-    enter!(igh_mcan_port_send_batch, port).on_bus(|call, bus| {
-        pointers!(call, items(frames, count), out(sent));
-        sent.set(0);
-        for (done, tx) in frames.iter().enumerate() {
-            send_tx(call, bus, tx)?;
-            sent.set(done + 1);
-        }
-        Ok(())
-    })
+) {
+    pointers!(call, items(frames, count), out(sent));
+    sent.set(0);
+    for (done, tx) in frames.iter().enumerate() {
+        send_tx(call, bus, tx)?;
+        sent.set(done + 1);
+    }
 }
 
 /// Runs one whole cycle, for test scripts: begin, receive, send, end. The caller keeps the period.
@@ -241,29 +224,27 @@ pub unsafe extern "C" fn igh_mcan_port_send_batch(
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK if all frames were sent; otherwise the first error, as the functions that it
 ///          stands for. The cycle is complete in any case.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_exchange(
+#[export(call, bus bus)]
+pub fn igh_mcan_port_exchange(
     port: *mut igh_mcan_port_t,
     tx: *const igh_mcan_tx_frame_t,
     tx_count: usize,
     rx: *mut igh_mcan_rx_frame_t,
     capacity: usize,
     rx_count: *mut usize,
-) -> c_int {
-    enter!(igh_mcan_port_exchange, port).on_bus(|call, bus| {
-        pointers!(call, items(tx, tx_count), room(rx, capacity), out(rx_count));
-        rx_count.set(0);
-        let mut cycle = bus.need_port(call)?.begin_cycle();
-        receive(&mut cycle, &mut rx);
-        cycle.keep_open();
-        rx_count.set(rx.count());
-        let sent = tx.iter().try_for_each(|tx| send_tx(call, bus, tx));
-        let summary = bus.need_cycle(call)?.finish();
-        // The text is that of the code that is returned.
-        summary.receive_error.map_or(Ok(()), Err).or_code(call)?;
-        sent?;
-        summary.send_error.map_or(Ok(()), Err).or_code(call)
-    })
+) {
+    pointers!(call, items(tx, tx_count), room(rx, capacity), out(rx_count));
+    rx_count.set(0);
+    let mut cycle = bus.need_port(call)?.begin_cycle();
+    receive(&mut cycle, &mut rx);
+    cycle.keep_open();
+    rx_count.set(rx.count());
+    let sent = tx.iter().try_for_each(|tx| send_tx(call, bus, tx));
+    let summary = bus.need_cycle(call)?.finish();
+    // The text is that of the code that is returned.
+    summary.receive_error.map_or(Ok(()), Err).or_code(call)?;
+    sent?;
+    summary.send_error.map_or(Ok(()), Err).or_code(call)
 }
 
 /// Gets image and index of the frame that was sent last. Call it after the send whose TX_RESULT you
@@ -271,37 +252,27 @@ pub unsafe extern "C" fn igh_mcan_port_exchange(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_ORDER if nothing was sent yet.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_last_ticket(
-    port: *mut igh_mcan_port_t,
-    ticket: *mut igh_mcan_ticket_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_last_ticket, port).on_bus(|call, bus| {
-        pointers!(call, out(ticket));
-        let last = bus.last_ticket.ok_or_else(|| {
-            call.fail(ecan_result_t::ECAN_ERR_ORDER, format_args!("nothing was sent yet"))
-        })?;
-        ticket.set(igh_mcan_ticket_t {
-            slave: last.slave as u16,
-            sequence: last.sequence as u16,
-            frame_index: last.index as u8,
-            reserved: [0; 3],
-        });
-        Ok(())
-    })
+#[export(call, bus bus)]
+pub fn igh_mcan_port_get_last_ticket(port: *mut igh_mcan_port_t, ticket: *mut igh_mcan_ticket_t) {
+    pointers!(call, out(ticket));
+    let last = bus.last_ticket.ok_or_else(|| {
+        call.fail(ecan_result_t::ECAN_ERR_ORDER, format_args!("nothing was sent yet"))
+    })?;
+    ticket.set(igh_mcan_ticket_t {
+        slave: last.slave as u16,
+        sequence: last.sequence as u16,
+        frame_index: last.index as u8,
+        reserved: [0; 3],
+    });
 }
 
 /// Returns the free bytes in the image of this cycle; a packet needs 4 to 78 of them (manual 8.3).
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  The bytes; 0 if the slave is not configured.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_image_room(
-    port: *mut igh_mcan_port_t,
-    slave: usize,
-) -> usize {
-    enter!(igh_mcan_port_image_room, port)
-        .get_or(0, |_, port| Ok(port.gateway(slave).map_or(0, |gateway| port.image_room(gateway))))
+#[export(_, layer port, or 0)]
+pub fn igh_mcan_port_image_room(port: *mut igh_mcan_port_t, slave: usize) -> usize {
+    Ok(port.gateway(slave).map_or(0, |gateway| port.image_room(gateway)))
 }
 
 /// Discards every frame whose delivery to the gateway is not confirmed. The gateway may still have
@@ -309,13 +280,8 @@ pub unsafe extern "C" fn igh_mcan_port_image_room(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  The number of discarded frames, 0 or more; ECAN_ERR_SLAVE.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_discard_pending(
-    port: *mut igh_mcan_port_t,
-    slave: usize,
-) -> c_int {
-    enter!(igh_mcan_port_discard_pending, port).get(|call, port| {
-        let gateway = need_slave(call, port, slave)?;
-        Ok(port.discard_pending(gateway) as c_int)
-    })
+#[export(call, layer port)]
+pub fn igh_mcan_port_discard_pending(port: *mut igh_mcan_port_t, slave: usize) -> c_int {
+    let gateway = need_slave(call, port, slave)?;
+    Ok(port.discard_pending(gateway) as c_int)
 }

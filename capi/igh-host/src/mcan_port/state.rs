@@ -2,6 +2,7 @@
 
 use std::ffi::{c_char, c_int};
 
+use ecan_c_export::export;
 use ecan_mcan_host::boundary::{Call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::channel_status::igh_mcan_channel_status_t;
@@ -11,7 +12,6 @@ use ecan_mcan_port::{AddressError, ChannelHandle, GatewayHandle, ImageReport, Po
 
 use super::context::igh_mcan_port_t;
 use crate::adapter::cycle::ecan_igh_domain_report_t;
-use crate::entry::enter;
 use crate::errors::{self, OrCode as _};
 
 /// State of a gateway's session.
@@ -78,68 +78,64 @@ pub(crate) fn need_slave(
 ///
 /// @usage   rt with text NULL, the cycle's thread, after init
 /// @return  An igh_mcan_session_t; ECAN_ERR_SLAVE.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_session(
+#[export(call, layer port)]
+pub fn igh_mcan_port_get_session(
     port: *mut igh_mcan_port_t,
     slave: usize,
     text: *mut c_char,
     size: usize,
 ) -> c_int {
-    enter!(igh_mcan_port_get_session, port).get(|call, port| {
-        let gateway = need_slave(call, port, slave)?;
-        let session = port.session(gateway);
-        if !text.is_null() {
-            pointers!(call, room(text, size));
-            let description = match port.waiting_for(gateway) {
-                Some(step) => format!("{session}; it waits for {step}"),
-                None => session.to_string(),
-            };
-            put_text(&mut text, &description);
-        }
-        let value = match session {
-            Session::Waiting => igh_mcan_session_t::IGH_MCAN_SESSION_WAITING,
-            Session::Verifying => igh_mcan_session_t::IGH_MCAN_SESSION_VERIFYING,
-            Session::Ready => igh_mcan_session_t::IGH_MCAN_SESSION_READY,
-            Session::Failed(_) => igh_mcan_session_t::IGH_MCAN_SESSION_FAILED,
+    let gateway = need_slave(call, port, slave)?;
+    let session = port.session(gateway);
+    if !text.is_null() {
+        pointers!(call, room(text, size));
+        let description = match port.waiting_for(gateway) {
+            Some(step) => format!("{session}; it waits for {step}"),
+            None => session.to_string(),
         };
-        Ok(value as c_int)
-    })
+        put_text(&mut text, &description);
+    }
+    let value = match session {
+        Session::Waiting => igh_mcan_session_t::IGH_MCAN_SESSION_WAITING,
+        Session::Verifying => igh_mcan_session_t::IGH_MCAN_SESSION_VERIFYING,
+        Session::Ready => igh_mcan_session_t::IGH_MCAN_SESSION_READY,
+        Session::Failed(_) => igh_mcan_session_t::IGH_MCAN_SESSION_FAILED,
+    };
+    Ok(value as c_int)
 }
 
 /// Gets the report of the current cycle with a gateway.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_cycle_report(
+#[export(call, layer port, into report)]
+pub fn igh_mcan_port_get_cycle_report(
     port: *mut igh_mcan_port_t,
     slave: usize,
     report: *mut igh_mcan_cycle_report_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_cycle_report, port -> report).fill(|call, port| {
-        let gateway = need_slave(call, port, slave)?;
-        let report = port.cycle_report(gateway);
-        let mut value = igh_mcan_cycle_report_t {
-            domain: report.domain.into(),
-            image: igh_mcan_image_t::IGH_MCAN_IMAGE_NONE as u8,
-            is_incomplete: 0,
-            layout_changed: 0,
-            is_holding: report.is_unconfirmed.into(),
-            lost_images: 0,
-            reserved: 0,
-        };
-        match report.image {
-            ImageReport::None => {}
-            ImageReport::New { lost, is_incomplete, layout_changed } => {
-                value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_NEW as u8;
-                value.is_incomplete = is_incomplete.into();
-                value.layout_changed = layout_changed.into();
-                value.lost_images = lost;
-            }
-            ImageReport::Repeated => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_REPEATED as u8,
-            ImageReport::Fault(_) => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_FAULT as u8,
+) {
+    let gateway = need_slave(call, port, slave)?;
+    let report = port.cycle_report(gateway);
+    let mut value = igh_mcan_cycle_report_t {
+        domain: report.domain.into(),
+        image: igh_mcan_image_t::IGH_MCAN_IMAGE_NONE as u8,
+        is_incomplete: 0,
+        layout_changed: 0,
+        is_holding: report.is_unconfirmed.into(),
+        lost_images: 0,
+        reserved: 0,
+    };
+    match report.image {
+        ImageReport::None => {}
+        ImageReport::New { lost, is_incomplete, layout_changed } => {
+            value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_NEW as u8;
+            value.is_incomplete = is_incomplete.into();
+            value.layout_changed = layout_changed.into();
+            value.lost_images = lost;
         }
-        Ok(value)
-    })
+        ImageReport::Repeated => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_REPEATED as u8,
+        ImageReport::Fault(_) => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_FAULT as u8,
+    }
+    Ok(value)
 }
 
 /// Gets the last fault in a TxPDO image (manual 16.2).
@@ -147,33 +143,29 @@ pub unsafe extern "C" fn igh_mcan_port_get_cycle_report(
 /// @param diag  Gets the fault; error 0 for none.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_parse_diag(
+#[export(call, layer port, into diag)]
+pub fn igh_mcan_port_get_parse_diag(
     port: *mut igh_mcan_port_t,
     slave: usize,
     diag: *mut igh_mcan_pdo_parse_diag_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_parse_diag, port -> diag).fill(|call, port| {
-        let gateway = need_slave(call, port, slave)?;
-        Ok(port.last_diagnosis(gateway).as_ref().map(Into::into).unwrap_or_default())
-    })
+) {
+    let gateway = need_slave(call, port, slave)?;
+    Ok(port.last_diagnosis(gateway).as_ref().map(Into::into).unwrap_or_default())
 }
 
 /// Gets the status of a channel from the last TxPDO image (manual 7); all 0 before the first.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_channel_status(
+#[export(call, layer port, into status)]
+pub fn igh_mcan_port_get_channel_status(
     port: *mut igh_mcan_port_t,
     slave: usize,
     channel: u8,
     status: *mut igh_mcan_channel_status_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_channel_status, port -> status).fill(|call, port| {
-        let channel = find_channel(call, port, slave, channel)?;
-        let status = channel.map(|channel| port.channel_status(channel)).unwrap_or_default();
-        Ok(status.into())
-    })
+) {
+    let channel = find_channel(call, port, slave, channel)?;
+    let status = channel.map(|channel| port.channel_status(channel)).unwrap_or_default();
+    Ok(status.into())
 }
 
 /// The channel, or `None` for one that is not enabled.

@@ -2,15 +2,13 @@
 //!
 //! Counters only grow, and wrap at 2^64.
 
-use std::ffi::c_int;
-
+use ecan_c_export::export;
 use ecan_mcan_host::mirror;
 use ecan_mcan_port::{ChannelStatistics, SlaveStatistics};
 use ecan_protocol::device::Capabilities;
 
 use super::context::igh_mcan_port_t;
 use super::state::{find_channel, need_slave};
-use crate::entry::enter;
 
 mirror! {
     /// Counters of one gateway.
@@ -142,47 +140,41 @@ mirror! {
 /// Gets the counters of a gateway.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_statistics(
+#[export(call, layer port, into statistics)]
+pub fn igh_mcan_port_get_statistics(
     port: *mut igh_mcan_port_t,
     slave: usize,
     statistics: *mut igh_mcan_statistics_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_statistics, port -> statistics).fill(|call, port| {
-        let gateway = need_slave(call, port, slave)?;
-        Ok(port.statistics(gateway).into())
-    })
+) {
+    let gateway = need_slave(call, port, slave)?;
+    Ok(port.statistics(gateway).into())
 }
 
 /// Gets the counters of a channel.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_channel_statistics(
+#[export(call, layer port, into statistics)]
+pub fn igh_mcan_port_get_channel_statistics(
     port: *mut igh_mcan_port_t,
     slave: usize,
     channel: u8,
     statistics: *mut igh_mcan_channel_statistics_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_channel_statistics, port -> statistics).fill(|call, port| {
-        let channel = find_channel(call, port, slave, channel)?;
-        let statistics =
-            channel.map(|at| port.statistics(at.gateway()).channels[usize::from(at.channel())]);
-        Ok(statistics.unwrap_or_default().into())
-    })
+) {
+    let channel = find_channel(call, port, slave, channel)?;
+    let statistics =
+        channel.map(|at| port.statistics(at.gateway()).channels[usize::from(at.channel())]);
+    Ok(statistics.unwrap_or_default().into())
 }
 
 /// Gets the capabilities of a gateway.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_port_get_capabilities(
+#[export(call, layer port, into capabilities)]
+pub fn igh_mcan_port_get_capabilities(
     port: *mut igh_mcan_port_t,
     slave: usize,
     capabilities: *mut igh_mcan_capabilities_t,
-) -> c_int {
-    enter!(igh_mcan_port_get_capabilities, port -> capabilities).fill(|call, port| {
-        let gateway = need_slave(call, port, slave)?;
-        Ok(port.capabilities(gateway).map(Into::into).unwrap_or_default())
-    })
+) {
+    let gateway = need_slave(call, port, slave)?;
+    Ok(port.capabilities(gateway).map(Into::into).unwrap_or_default())
 }

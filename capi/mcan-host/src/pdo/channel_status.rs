@@ -1,10 +1,8 @@
 //! Channel status
 
-use std::ffi::c_int;
-
+use ecan_c_export::export;
 use ecan_protocol::image::ChannelStatus;
 
-use crate::boundary::call;
 use crate::pointers;
 
 /// State of a CAN channel (manual 7). The device may report other values.
@@ -77,14 +75,8 @@ impl From<ChannelStatus> for igh_mcan_channel_status_t {
 /// @param status  Is overwritten.
 ///
 /// @usage   rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_channel_status_decode(
-    raw: u16,
-    status: *mut igh_mcan_channel_status_t,
-) -> c_int {
-    call("igh_mcan_channel_status_decode", |call| {
-        pointers!(call, out(status));
-        status.set(ChannelStatus::from_raw(raw).into());
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_mcan_channel_status_decode(raw: u16, status: *mut igh_mcan_channel_status_t) {
+    pointers!(call, out(status));
+    status.set(ChannelStatus::from_raw(raw).into());
 }

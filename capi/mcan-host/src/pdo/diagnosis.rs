@@ -1,10 +1,11 @@
 //! Faults of an image
 
-use std::ffi::{c_char, c_int};
+use std::ffi::c_char;
 
+use ecan_c_export::export;
 use ecan_protocol::image::{ImageFault, ParseDiagnosis, PdoError};
 
-use crate::boundary::{ToResult, call, put_text};
+use crate::boundary::{ToResult, put_text};
 use crate::common::result::ecan_result_t;
 use crate::pointers;
 
@@ -153,23 +154,21 @@ impl ToResult for ParseDiagnosis {
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT, or ECAN_ERR_BUFFER with the text cut.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_diag_text(
+#[export(call)]
+pub fn igh_mcan_pdo_diag_text(
     diag: *const igh_mcan_pdo_parse_diag_t,
     text: *mut c_char,
     size: usize,
-) -> c_int {
-    call("igh_mcan_pdo_diag_text", |call| {
-        pointers!(call, read(diag), room(text, size));
-        let diagnosis = diag.to_diagnosis().ok_or_else(|| {
-            call.argument("diag", format_args!("has the unknown error {}", diag.error))
-        })?;
-        if put_text(&mut text, &diagnosis.to_string()) {
-            return Ok(());
-        }
-        Err(call.fail(
-            ecan_result_t::ECAN_ERR_BUFFER,
-            format_args!("the buffer of {size} bytes is too small"),
-        ))
-    })
+) {
+    pointers!(call, read(diag), room(text, size));
+    let diagnosis = diag.to_diagnosis().ok_or_else(|| {
+        call.argument("diag", format_args!("has the unknown error {}", diag.error))
+    })?;
+    if put_text(&mut text, &diagnosis.to_string()) {
+        return Ok(());
+    }
+    Err(call.fail(
+        ecan_result_t::ECAN_ERR_BUFFER,
+        format_args!("the buffer of {size} bytes is too small"),
+    ))
 }

@@ -2,6 +2,7 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_protocol::image::{
     Arrival, Header, ImageReader, Packet, ParseDiagnosis, PdoError, SequenceTracker,
 };
@@ -10,9 +11,9 @@ use ecan_protocol::mapping::HEADER_BYTES;
 use super::diagnosis::igh_mcan_pdo_parse_diag_t;
 use super::frames::igh_mcan_rx_frame_t;
 use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, Opaque, OutArray, OutPointer, call};
+use crate::boundary::{Call, Opaque, OutArray, OutPointer};
 use crate::common::result::ecan_result_t;
-use crate::pointers;
+use crate::{mirror, pointers};
 
 /// The header of an image, as transmitted (manual 6), without any check.
 #[repr(C)]
@@ -63,18 +64,18 @@ impl From<&Header> for igh_mcan_pdo_header_t {
     }
 }
 
-/// Relation of an image's sequence number to the one before (manual 6.1).
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum igh_mcan_pdo_arrival_t {
-    /// The first image, or one with a lower number, as after a restart of the sender.
-    IGH_MCAN_PDO_FIRST = 0,
-    /// The expected number.
-    IGH_MCAN_PDO_NEXT = 1,
-    /// The same image again; its packets were read already.
-    IGH_MCAN_PDO_REPEATED = 2,
-    /// A new image after lost ones.
-    IGH_MCAN_PDO_GAP = 3,
+mirror! {
+    /// Relation of an image's sequence number to the one before (manual 6.1).
+    pub enum igh_mcan_pdo_arrival_t from Arrival {
+        /// The first image, or one with a lower number, as after a restart of the sender.
+        IGH_MCAN_PDO_FIRST = 0 => Arrival::First,
+        /// The expected number.
+        IGH_MCAN_PDO_NEXT = 1 => Arrival::Next,
+        /// The same image again; its packets were read already.
+        IGH_MCAN_PDO_REPEATED = 2 => Arrival::Repeated,
+        /// A new image after lost ones.
+        IGH_MCAN_PDO_GAP = 3 => Arrival::Gap { .. },
+    }
 }
 
 /// Tracks the sequence numbers of one direction. Plain data without resources.
@@ -99,21 +100,18 @@ impl Opaque for igh_mcan_pdo_sequence_t {
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_BUFFER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_parse_header(
+#[export(call)]
+pub fn igh_mcan_pdo_parse_header(
     image: *const u8,
     size: usize,
     header: *mut igh_mcan_pdo_header_t,
-) -> c_int {
-    call("igh_mcan_pdo_parse_header", |call| {
-        pointers!(call, items(image, size), out(header));
-        let Some(head) = image.first_chunk::<HEADER_BYTES>() else {
-            let text = format_args!("the image has {size} bytes, its header {HEADER_BYTES}");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
-        };
-        header.set((&Header::parse(head)).into());
-        Ok(())
-    })
+) {
+    pointers!(call, items(image, size), out(header));
+    let Some(head) = image.first_chunk::<HEADER_BYTES>() else {
+        let text = format_args!("the image has {size} bytes, its header {HEADER_BYTES}");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
+    };
+    header.set((&Header::parse(head)).into());
 }
 
 /// Checks an image and reads its frames (manual 6.1).
@@ -190,8 +188,8 @@ fn parse_into(
 /// @return  ECAN_OK; ECAN_ERR_PARSE for a fault of the image; ECAN_ERR_IMAGE_BUSY for one that was
 ///          being written; ECAN_ERR_BUFFER if size is too small or not all frames fit;
 ///          ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_parse_frames_ex(
+#[export(call)]
+pub fn igh_mcan_pdo_parse_frames_ex(
     profile: *const igh_mcan_pdo_profile_t,
     txpdo: *const u8,
     size: usize,
@@ -199,31 +197,27 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_frames_ex(
     capacity: usize,
     count: *mut usize,
     diag: *mut igh_mcan_pdo_parse_diag_t,
-) -> c_int {
-    call("igh_mcan_pdo_parse_frames_ex", |call| {
-        pointers!(call, out(count), optional_out(diag), read(profile), items(txpdo, size));
-        pointers!(call, room(frames, capacity));
-        parse_into(call, profile, txpdo, frames, count, diag)
-    })
+) {
+    pointers!(call, out(count), optional_out(diag), read(profile), items(txpdo, size));
+    pointers!(call, room(frames, capacity));
+    parse_into(call, profile, txpdo, frames, count, diag)
 }
 
 /// As igh_mcan_pdo_parse_frames_ex(), without a diagnosis.
 ///
 /// @usage   rt, any thread, any time
 /// @return  As there.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_parse_frames(
+#[export(call)]
+pub fn igh_mcan_pdo_parse_frames(
     profile: *const igh_mcan_pdo_profile_t,
     txpdo: *const u8,
     size: usize,
     frames: *mut igh_mcan_rx_frame_t,
     capacity: usize,
     count: *mut usize,
-) -> c_int {
-    call("igh_mcan_pdo_parse_frames", |call| {
-        pointers!(call, out(count), read(profile), items(txpdo, size), room(frames, capacity));
-        parse_into(call, profile, txpdo, frames, count, None)
-    })
+) {
+    pointers!(call, out(count), read(profile), items(txpdo, size), room(frames, capacity));
+    parse_into(call, profile, txpdo, frames, count, None)
 }
 
 /// Starts tracking sequence numbers.
@@ -231,15 +225,10 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_frames(
 /// @param sequence  Is overwritten.
 ///
 /// @usage   rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_sequence_init(
-    sequence: *mut igh_mcan_pdo_sequence_t,
-) -> c_int {
-    call("igh_mcan_pdo_sequence_init", |call| {
-        pointers!(call, out(sequence));
-        sequence.seal(SequenceTracker::new());
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_mcan_pdo_sequence_init(sequence: *mut igh_mcan_pdo_sequence_t) {
+    pointers!(call, out(sequence));
+    sequence.seal(SequenceTracker::new());
 }
 
 /// Compares the number of an image that was received intact with the last one, and stores it.
@@ -249,27 +238,16 @@ pub unsafe extern "C" fn igh_mcan_pdo_sequence_init(
 ///
 /// @usage   rt, one thread at a time, after init
 /// @return  An igh_mcan_pdo_arrival_t, or a negative ecan_result_t.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_sequence_observe(
+#[export(call)]
+pub fn igh_mcan_pdo_sequence_observe(
     sequence: *mut igh_mcan_pdo_sequence_t,
     number: u16,
     lost: *mut u16,
 ) -> c_int {
-    let mut arrival = igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_FIRST;
-    let code = call("igh_mcan_pdo_sequence_observe", |call| {
-        pointers!(call, sealed_mut(sequence), optional_out(lost));
-        let found = sequence.observe(number);
-        let gap = if let Arrival::Gap { lost } = found { lost } else { 0 };
-        if let Some(lost) = lost {
-            lost.set(gap);
-        }
-        arrival = match found {
-            Arrival::First => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_FIRST,
-            Arrival::Next => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_NEXT,
-            Arrival::Repeated => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_REPEATED,
-            Arrival::Gap { .. } => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_GAP,
-        };
-        Ok(())
-    });
-    if code < 0 { code } else { arrival as c_int }
+    pointers!(call, sealed_mut(sequence), optional_out(lost));
+    let arrival = sequence.observe(number);
+    if let Some(out) = lost {
+        out.set(if let Arrival::Gap { lost } = arrival { lost } else { 0 });
+    }
+    Ok(igh_mcan_pdo_arrival_t::from(arrival) as c_int)
 }

@@ -2,12 +2,13 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_protocol::image::{
     BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile, ProfileError,
 };
 use ecan_protocol::mapping::Direction;
 
-use crate::boundary::{Call, ToResult, call, getter_or};
+use crate::boundary::{Call, ToResult};
 use crate::common::result::ecan_result_t;
 use crate::pointers;
 
@@ -164,42 +165,35 @@ impl igh_mcan_pdo_profile_t {
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_profile_default(
+#[export(call)]
+pub fn igh_mcan_pdo_profile_default(
     profile: *mut igh_mcan_pdo_profile_t,
     direction: c_int,
     multiplier: u8,
     channel_mask: u8,
-) -> c_int {
-    call("igh_mcan_pdo_profile_default", |call| {
-        pointers!(call, out(profile));
-        let value = igh_mcan_pdo_profile_t {
-            direction: u8::try_from(direction).unwrap_or(u8::MAX),
-            multiplier,
-            channel_mask,
-            encapsulation: 0,
-            budget: 0,
-            options: 0,
-            reserved: [0; 2],
-        };
-        value.checked(call)?;
-        profile.set(value);
-        Ok(())
-    })
+) {
+    pointers!(call, out(profile));
+    let value = igh_mcan_pdo_profile_t {
+        direction: u8::try_from(direction).unwrap_or(u8::MAX),
+        multiplier,
+        channel_mask,
+        encapsulation: 0,
+        budget: 0,
+        options: 0,
+        reserved: [0; 2],
+    };
+    value.checked(call)?;
+    profile.set(value);
 }
 
 /// Checks a profile.
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_profile_check(
-    profile: *const igh_mcan_pdo_profile_t,
-) -> c_int {
-    call("igh_mcan_pdo_profile_check", |call| {
-        pointers!(call, read(profile));
-        profile.checked(call).map(|_| ())
-    })
+#[export(call)]
+pub fn igh_mcan_pdo_profile_check(profile: *const igh_mcan_pdo_profile_t) {
+    pointers!(call, read(profile));
+    profile.checked(call).map(|_| ())
 }
 
 /// Returns the profile word, as in 0x8010:12 and 0x8011:12 when the profile is active (manual
@@ -207,34 +201,28 @@ pub unsafe extern "C" fn igh_mcan_pdo_profile_check(
 ///
 /// @usage   rt, any thread, any time
 /// @return  The word; 0, which no valid profile has, for a faulty profile or NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_profile_word(profile: *const igh_mcan_pdo_profile_t) -> u32 {
-    getter_or("igh_mcan_pdo_profile_word", 0, |call| {
-        pointers!(call, read(profile));
-        Ok(profile.checked(call)?.1.word())
-    })
+#[export(call, or 0)]
+pub fn igh_mcan_pdo_profile_word(profile: *const igh_mcan_pdo_profile_t) -> u32 {
+    pointers!(call, read(profile));
+    Ok(profile.checked(call)?.1.word())
 }
 
 /// Returns the layout_id of the image header: the profile word folded to 16 bits (manual 5.4.4.1).
 ///
 /// @usage   rt, any thread, any time
 /// @return  The ID; 0 for a faulty profile or NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_layout_id(profile: *const igh_mcan_pdo_profile_t) -> u16 {
-    getter_or("igh_mcan_pdo_layout_id", 0, |call| {
-        pointers!(call, read(profile));
-        Ok(profile.checked(call)?.1.layout_id())
-    })
+#[export(call, or 0)]
+pub fn igh_mcan_pdo_layout_id(profile: *const igh_mcan_pdo_profile_t) -> u16 {
+    pointers!(call, read(profile));
+    Ok(profile.checked(call)?.1.layout_id())
 }
 
 /// Returns the bytes of an image with a profile: 128 * N.
 ///
 /// @usage   rt, any thread, any time
 /// @return  The bytes; 0 for a faulty profile or NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_bytes(profile: *const igh_mcan_pdo_profile_t) -> usize {
-    getter_or("igh_mcan_pdo_bytes", 0, |call| {
-        pointers!(call, read(profile));
-        Ok(profile.checked(call)?.1.pdo_bytes())
-    })
+#[export(call, or 0)]
+pub fn igh_mcan_pdo_bytes(profile: *const igh_mcan_pdo_profile_t) -> usize {
+    pointers!(call, read(profile));
+    Ok(profile.checked(call)?.1.pdo_bytes())
 }

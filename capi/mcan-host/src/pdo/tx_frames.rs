@@ -2,13 +2,14 @@
 
 use std::ffi::c_int;
 
+use ecan_c_export::export;
 use ecan_protocol::mapping::CHANNELS;
 
 use super::frames::{
     check_hint, classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_rx_kind_t,
     igh_mcan_tx_frame_t,
 };
-use crate::boundary::{Call, call};
+use crate::boundary::Call;
 use crate::common::result::ecan_result_t;
 use crate::pointers;
 
@@ -38,8 +39,8 @@ fn slave_of(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t>
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL or ECAN_ERR_FRAME; the frame is written only
 ///          with ECAN_OK.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
+#[export(call)]
+pub fn igh_mcan_tx_frame_set_can(
     frame: *mut igh_mcan_tx_frame_t,
     slave: usize,
     channel: u8,
@@ -47,14 +48,11 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
     flags: u8,
     data: *const u8,
     len: usize,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_can", |call| {
-        pointers!(call, out(frame));
-        // SAFETY: the data are C's, valid or NULL as the header demands.
-        let can = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
-        frame.set(igh_mcan_tx_frame_t::from_frame(slave_of(call, slave, channel)?, channel, can));
-        Ok(())
-    })
+) {
+    pointers!(call, out(frame));
+    // SAFETY: the data are C's, valid or NULL as the header demands.
+    let can = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
+    frame.set(igh_mcan_tx_frame_t::from_frame(slave_of(call, slave, channel)?, channel, can));
 }
 
 /// Fills a CAN FD frame that is sent at once.
@@ -65,8 +63,8 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
 ///
 /// @usage   rt, any thread, any time
 /// @return  As igh_mcan_tx_frame_set_can().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
+#[export(call)]
+pub fn igh_mcan_tx_frame_set_canfd(
     frame: *mut igh_mcan_tx_frame_t,
     slave: usize,
     channel: u8,
@@ -74,13 +72,10 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
     flags: u8,
     data: *const u8,
     len: usize,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_canfd", |call| {
-        pointers!(call, out(frame), items(data, len));
-        let fd = fd_frame(call, can_id, flags, data)?;
-        frame.set(igh_mcan_tx_frame_t::from_frame(slave_of(call, slave, channel)?, channel, fd));
-        Ok(())
-    })
+) {
+    pointers!(call, out(frame), items(data, len));
+    let fd = fd_frame(call, can_id, flags, data)?;
+    frame.set(igh_mcan_tx_frame_t::from_frame(slave_of(call, slave, channel)?, channel, fd));
 }
 
 /// Fills a frame to send from a received one, as an echo or a bridge does, for the slave and
@@ -91,25 +86,22 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME if it is not a frame.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
+#[export(call)]
+pub fn igh_mcan_tx_frame_set_received(
     frame: *mut igh_mcan_tx_frame_t,
     received: *const igh_mcan_rx_frame_t,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_received", |call| {
-        pointers!(call, out(frame), read(received));
-        if received.kind != igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8 {
-            let text = format_args!("`received` is a TX_RESULT, not a frame");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, text));
-        }
-        let igh_mcan_rx_frame_t { slave, channel, flags, can_id, len, data, .. } = *received;
-        slave_of(call, slave.into(), channel)?;
-        let empty = igh_mcan_tx_frame_t::EMPTY;
-        let value = igh_mcan_tx_frame_t { slave, channel, flags, can_id, len, data, ..empty };
-        value.frame(call)?;
-        frame.set(value);
-        Ok(())
-    })
+) {
+    pointers!(call, out(frame), read(received));
+    if received.kind != igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8 {
+        let text = format_args!("`received` is a TX_RESULT, not a frame");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, text));
+    }
+    let igh_mcan_rx_frame_t { slave, channel, flags, can_id, len, data, .. } = *received;
+    slave_of(call, slave.into(), channel)?;
+    let empty = igh_mcan_tx_frame_t::EMPTY;
+    let value = igh_mcan_tx_frame_t { slave, channel, flags, can_id, len, data, ..empty };
+    value.frame(call)?;
+    frame.set(value);
 }
 
 /// Schedules a frame for a phase of the next Sync0 period instead of at once (manual 8.4).
@@ -118,17 +110,10 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
 /// @param tag        Tag of the application.
 ///
 /// @usage   rt, any thread, any time
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_schedule(
-    frame: *mut igh_mcan_tx_frame_t,
-    offset_ns: u32,
-    tag: u16,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_schedule", |call| {
-        pointers!(call, change(frame));
-        (frame.scheduled, frame.offset_ns, frame.tag) = (1, offset_ns, tag);
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_mcan_tx_frame_set_schedule(frame: *mut igh_mcan_tx_frame_t, offset_ns: u32, tag: u16) {
+    pointers!(call, change(frame));
+    (frame.scheduled, frame.offset_ns, frame.tag) = (1, offset_ns, tag);
 }
 
 /// Sets the hint for the gateway's transmit path (manual 8.1).
@@ -137,14 +122,8 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_schedule(
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_hint(
-    frame: *mut igh_mcan_tx_frame_t,
-    hint: c_int,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_hint", |call| {
-        pointers!(call, change(frame));
-        frame.hint = check_hint(call, hint)?;
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_mcan_tx_frame_set_hint(frame: *mut igh_mcan_tx_frame_t, hint: c_int) {
+    pointers!(call, change(frame));
+    frame.hint = check_hint(call, hint)?;
 }

@@ -8,14 +8,13 @@
 //!     igh_mcan_pdo_writer_finish(&writer, NULL);
 //! ```
 
-use std::ffi::c_int;
-
+use ecan_c_export::export;
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::{CommitFields, ImageWriter, Schedule};
 
 use super::frames::{classic_frame_at, fd_frame, igh_mcan_tx_frame_t};
 use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, Opaque, call, getter_or};
+use crate::boundary::{Call, Opaque};
 use crate::common::result::ecan_result_t;
 use crate::pointers;
 
@@ -86,18 +85,15 @@ impl Writer {
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_writer_init(
+#[export(call)]
+pub fn igh_mcan_pdo_writer_init(
     writer: *mut igh_mcan_pdo_writer_t,
     profile: *const igh_mcan_pdo_profile_t,
-) -> c_int {
-    call("igh_mcan_pdo_writer_init", |call| {
-        pointers!(call, out(writer), read(profile));
-        let (direction, profile) = profile.checked(call)?;
-        let image_writer = ImageWriter::new(direction, profile);
-        writer.seal(Writer { writer: image_writer, image: std::ptr::null_mut(), size: 0 });
-        Ok(())
-    })
+) {
+    pointers!(call, out(writer), read(profile));
+    let (direction, profile) = profile.checked(call)?;
+    let image_writer = ImageWriter::new(direction, profile);
+    writer.seal(Writer { writer: image_writer, image: std::ptr::null_mut(), size: 0 });
 }
 
 /// Starts an image in a buffer. Frames added since the last finish are dropped.
@@ -108,23 +104,20 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_init(
 ///
 /// @usage   rt, one thread at a time, after init
 /// @return  ECAN_OK, ECAN_ERR_BUFFER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_writer_begin(
+#[export(call)]
+pub fn igh_mcan_pdo_writer_begin(
     writer: *mut igh_mcan_pdo_writer_t,
     rxpdo: *mut u8,
     rxpdo_size: usize,
-) -> c_int {
-    call("igh_mcan_pdo_writer_begin", |call| {
-        pointers!(call, sealed_mut(writer), out(rxpdo));
-        let needed = writer.writer.profile().pdo_bytes();
-        if rxpdo_size < needed {
-            let text = format_args!("the buffer has {rxpdo_size} bytes, the image {needed}");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
-        }
-        writer.writer.begin();
-        (writer.image, writer.size) = (rxpdo.as_ptr(), needed);
-        Ok(())
-    })
+) {
+    pointers!(call, sealed_mut(writer), out(rxpdo));
+    let needed = writer.writer.profile().pdo_bytes();
+    if rxpdo_size < needed {
+        let text = format_args!("the buffer has {rxpdo_size} bytes, the image {needed}");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
+    }
+    writer.writer.begin();
+    (writer.image, writer.size) = (rxpdo.as_ptr(), needed);
 }
 
 /// Adds a frame to the image; its slave index is ignored.
@@ -133,62 +126,56 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_begin(
 /// @return  ECAN_OK; ECAN_ERR_NO_ROOM if the image is full; ECAN_ERR_CHANNEL if the profile does
 ///          not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_ORDER. The image
 ///          changes only with ECAN_OK.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_writer_add(
+#[export(call)]
+pub fn igh_mcan_pdo_writer_add(
     writer: *mut igh_mcan_pdo_writer_t,
     frame: *const igh_mcan_tx_frame_t,
-) -> c_int {
-    call("igh_mcan_pdo_writer_add", |call| {
-        pointers!(call, sealed_mut(writer), read(frame));
-        // SAFETY: C keeps the image valid until it is finished.
-        unsafe {
-            let hint = frame.checked_hint(call)?;
-            writer.push(call, frame.channel, hint, frame.frame(call)?, frame.schedule())
-        }
-    })
+) {
+    pointers!(call, sealed_mut(writer), read(frame));
+    // SAFETY: C keeps the image valid until it is finished.
+    unsafe {
+        let hint = frame.checked_hint(call)?;
+        writer.push(call, frame.channel, hint, frame.frame(call)?, frame.schedule())
+    }
 }
 
 /// Adds a classic CAN frame to the image. Arguments as of igh_mcan_tx_frame_set_can().
 ///
 /// @usage   rt, one thread at a time, after begin
 /// @return  As igh_mcan_pdo_writer_add().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_writer_add_can(
+#[export(call)]
+pub fn igh_mcan_pdo_writer_add_can(
     writer: *mut igh_mcan_pdo_writer_t,
     channel: u8,
     can_id: u32,
     flags: u8,
     data: *const u8,
     len: usize,
-) -> c_int {
-    call("igh_mcan_pdo_writer_add_can", |call| {
-        pointers!(call, sealed_mut(writer));
-        // SAFETY: the data are C's; C keeps the image valid until it is finished.
-        unsafe {
-            let frame = classic_frame_at(call, can_id, flags, data, len)?;
-            writer.push(call, channel, 0, frame, None)
-        }
-    })
+) {
+    pointers!(call, sealed_mut(writer));
+    // SAFETY: the data are C's; C keeps the image valid until it is finished.
+    unsafe {
+        let frame = classic_frame_at(call, can_id, flags, data, len)?;
+        writer.push(call, channel, 0, frame, None)
+    }
 }
 
 /// Adds a CAN FD frame to the image. Arguments as of igh_mcan_tx_frame_set_canfd().
 ///
 /// @usage   rt, one thread at a time, after begin
 /// @return  As igh_mcan_pdo_writer_add().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_writer_add_canfd(
+#[export(call)]
+pub fn igh_mcan_pdo_writer_add_canfd(
     writer: *mut igh_mcan_pdo_writer_t,
     channel: u8,
     can_id: u32,
     flags: u8,
     data: *const u8,
     len: usize,
-) -> c_int {
-    call("igh_mcan_pdo_writer_add_canfd", |call| {
-        pointers!(call, sealed_mut(writer), items(data, len));
-        // SAFETY: C keeps the image valid until it is finished.
-        unsafe { writer.push(call, channel, 0, fd_frame(call, can_id, flags, data)?, None) }
-    })
+) {
+    pointers!(call, sealed_mut(writer), items(data, len));
+    // SAFETY: C keeps the image valid until it is finished.
+    unsafe { writer.push(call, channel, 0, fd_frame(call, can_id, flags, data)?, None) }
 }
 
 /// Finishes the image: clears the rest of earlier images, computes the CRC, writes the header, and
@@ -199,60 +186,44 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_add_canfd(
 ///
 /// @usage   rt, one thread at a time, after begin
 /// @return  ECAN_OK, ECAN_ERR_ORDER.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_writer_finish(
-    writer: *mut igh_mcan_pdo_writer_t,
-    sequence: *mut u16,
-) -> c_int {
-    call("igh_mcan_pdo_writer_finish", |call| {
-        pointers!(call, sealed_mut(writer), optional_out(sequence));
-        // SAFETY: C keeps the image valid until it is finished.
-        let (image_writer, image) = unsafe { writer.parts(call)? };
-        let number = image_writer.commit(image, CommitFields::default());
-        writer.image = std::ptr::null_mut();
-        if let Some(sequence) = sequence {
-            sequence.set(number);
-        }
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_mcan_pdo_writer_finish(writer: *mut igh_mcan_pdo_writer_t, sequence: *mut u16) {
+    pointers!(call, sealed_mut(writer), optional_out(sequence));
+    // SAFETY: C keeps the image valid until it is finished.
+    let (image_writer, image) = unsafe { writer.parts(call)? };
+    let number = image_writer.commit(image, CommitFields::default());
+    writer.image = std::ptr::null_mut();
+    if let Some(sequence) = sequence {
+        sequence.set(number);
+    }
 }
 
 /// Sets the sequence number of the next image, as after a reset of the device's session
 /// (0x8011:08, manual 13.2).
 ///
 /// @usage   rt, one thread at a time, after init
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_writer_set_next_sequence(
-    writer: *mut igh_mcan_pdo_writer_t,
-    sequence: u16,
-) -> c_int {
-    call("igh_mcan_pdo_writer_set_next_sequence", |call| {
-        pointers!(call, sealed_mut(writer));
-        writer.writer.set_next_sequence(sequence);
-        Ok(())
-    })
+#[export(call)]
+pub fn igh_mcan_pdo_writer_set_next_sequence(writer: *mut igh_mcan_pdo_writer_t, sequence: u16) {
+    pointers!(call, sealed_mut(writer));
+    writer.writer.set_next_sequence(sequence);
 }
 
 /// Returns the free bytes of the image; a packet needs 4 to 78 of them (manual 8.3).
 ///
 /// @usage   rt, one thread at a time, after init
 /// @return  The bytes; 0 if there is no writer.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_writer_room(writer: *mut igh_mcan_pdo_writer_t) -> usize {
-    getter_or("igh_mcan_pdo_writer_room", 0, |call| {
-        pointers!(call, sealed_mut(writer));
-        Ok(writer.writer.room())
-    })
+#[export(call, or 0)]
+pub fn igh_mcan_pdo_writer_room(writer: *mut igh_mcan_pdo_writer_t) -> usize {
+    pointers!(call, sealed_mut(writer));
+    Ok(writer.writer.room())
 }
 
 /// Returns the number of frames in the image, at most 255.
 ///
 /// @usage   rt, one thread at a time, after init
 /// @return  The number; 0 if there is no writer.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_pdo_writer_frames(writer: *mut igh_mcan_pdo_writer_t) -> usize {
-    getter_or("igh_mcan_pdo_writer_frames", 0, |call| {
-        pointers!(call, sealed_mut(writer));
-        Ok(writer.writer.frames().into())
-    })
+#[export(call, or 0)]
+pub fn igh_mcan_pdo_writer_frames(writer: *mut igh_mcan_pdo_writer_t) -> usize {
+    pointers!(call, sealed_mut(writer));
+    Ok(writer.writer.frames().into())
 }
