@@ -47,7 +47,7 @@ impl BusRecord {
     /// # Errors
     /// The file cannot be read or contains no numbered frame.
     pub fn from_log(path: &Path, id: CanId) -> Result<Self, Box<dyn Error>> {
-        let log = log_file::read(path)?;
+        let log = log_file::read(path)?.frames;
         let is_coarse = log.iter().all(|it| it.time_ns.is_multiple_of(1_000));
         let mut seen = std::collections::HashSet::new();
         let frames: Vec<_> = log

@@ -10,7 +10,6 @@ use crate::session::ReceiveSettings;
 /// Maximum number of queued answer bytes; above it the client is not read.
 const MAX_ANSWER_BYTES: usize = 64 * 1024;
 
-/// An entry for a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Outgoing {
     /// A frame of the bus with its end time in nanoseconds of the bus's clock.

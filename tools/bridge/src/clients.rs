@@ -14,7 +14,6 @@ use crate::statistics::{BridgeStatistics, Counters, count};
 /// Identifies a client of one bridge.
 pub type ClientId = u64;
 
-/// A connected client.
 #[derive(Debug)]
 struct Client {
     id: ClientId,
@@ -33,7 +32,6 @@ impl Client {
 struct State {
     /// The bus accepts no frames of clients.
     is_closed_to_clients: bool,
-    /// Number of clients that wait for space.
     waiting_clients: usize,
     clients: Vec<Client>,
     next_client: ClientId,
@@ -65,7 +63,6 @@ impl Clients {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Capacity of a client's queue.
     pub(crate) fn queue(&self) -> usize {
         self.queue
     }
@@ -154,7 +151,6 @@ impl Clients {
         }
     }
 
-    /// Wakes the clients that wait for space.
     fn wake(&self, state: &State) {
         if state.waiting_clients > 0 {
             self.changed.notify_all();

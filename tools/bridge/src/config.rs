@@ -13,6 +13,16 @@ pub enum BridgeProtocol {
     Socketcand,
 }
 
+impl BridgeProtocol {
+    /// Name of the protocol.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Slcan => "slcan",
+            Self::Socketcand => "socketcand",
+        }
+    }
+}
+
 /// Configuration of a bridge. Plain data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BridgeConfig {

@@ -12,15 +12,14 @@ use crate::terminal::TerminalLine;
 /// Time without acknowledgement after which a client's machine counts as lost. The same applies to
 /// a client that does not read, once the buffers of both machines are full.
 const SILENCE_MS: u32 = 60_000;
-/// Idle time between two keep-alive probes.
-const QUESTION_INTERVAL: Duration = Duration::from_secs(10);
+const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Ends a connection whose peer machine vanished; otherwise it would occupy the place of another
 /// client forever.
 pub(crate) fn watch(stream: &TcpStream) -> io::Result<()> {
     sockopt::set_socket_keepalive(stream, true)?;
-    sockopt::set_tcp_keepidle(stream, QUESTION_INTERVAL)?;
-    sockopt::set_tcp_keepintvl(stream, QUESTION_INTERVAL)?;
+    sockopt::set_tcp_keepidle(stream, KEEP_ALIVE_INTERVAL)?;
+    sockopt::set_tcp_keepintvl(stream, KEEP_ALIVE_INTERVAL)?;
     // Also ends it while data are in transit, and replaces the number of probes.
     Ok(sockopt::set_tcp_user_timeout(stream, SILENCE_MS)?)
 }
@@ -49,21 +48,14 @@ impl Connection {
     /// Waits for bytes; returns 0 at the end.
     pub(crate) fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
         match self {
-            Self::Tcp(stream) => {
-                let mut stream = stream;
-                stream.read(bytes)
-            }
+            Self::Tcp(stream) => (&*stream).read(bytes),
             Self::Terminal(line) => line.read(bytes),
         }
     }
 
-    /// Waits until all bytes are written.
     pub(crate) fn write_all(&self, bytes: &[u8]) -> io::Result<()> {
         match self {
-            Self::Tcp(stream) => {
-                let mut stream = stream;
-                stream.write_all(bytes)
-            }
+            Self::Tcp(stream) => (&*stream).write_all(bytes),
             Self::Terminal(line) => line.write_all(bytes),
         }
     }
@@ -94,7 +86,7 @@ mod tests {
         let (stream, _) = listener.accept().unwrap();
         watch(&stream).unwrap();
         assert!(sockopt::socket_keepalive(&stream).unwrap());
-        assert_eq!(sockopt::tcp_keepidle(&stream).unwrap(), QUESTION_INTERVAL);
+        assert_eq!(sockopt::tcp_keepidle(&stream).unwrap(), KEEP_ALIVE_INTERVAL);
         assert_eq!(sockopt::tcp_user_timeout(&stream).unwrap(), SILENCE_MS);
     }
 }

@@ -44,10 +44,6 @@ impl BridgeInfo {
 impl fmt::Display for BridgeInfo {
     /// Protocol and address, for example "slcan bridge at 127.0.0.1:29536".
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let protocol = match self.protocol {
-            BridgeProtocol::Slcan => "slcan",
-            BridgeProtocol::Socketcand => "socketcand",
-        };
-        write!(f, "{protocol} bridge at {}", self.address)
+        write!(f, "{} bridge at {}", self.protocol.name(), self.address)
     }
 }

@@ -27,21 +27,11 @@ const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
     /// The address is not available.
-    #[error("bridge cannot listen on {address}: {error}")]
-    Listen {
-        /// The address.
-        address: SocketAddr,
-        /// The system's error.
-        error: io::Error,
-    },
+    #[error("bridge cannot listen on {0}: {1}")]
+    Listen(SocketAddr, io::Error),
     /// The thread cannot be started.
-    #[error("no thread for the bridge on {address}: {error}")]
-    Thread {
-        /// The address.
-        address: SocketAddr,
-        /// The system's error.
-        error: io::Error,
-    },
+    #[error("no thread for the bridge on {0}: {1}")]
+    Thread(SocketAddr, io::Error),
 }
 
 /// A listening bridge. Dropping it closes every connection and waits for its threads.
@@ -67,7 +57,7 @@ impl BridgeServer {
             let address = listener.local_addr()?;
             Ok((listener, address))
         };
-        let (listener, bound) = listen().map_err(|error| ServerError::Listen { address, error })?;
+        let (listener, bound) = listen().map_err(|error| ServerError::Listen(address, error))?;
         let stop = Arc::new(AtomicBool::new(false));
         let acceptor = Acceptor {
             listener,
@@ -78,7 +68,7 @@ impl BridgeServer {
         let acceptor = thread::Builder::new()
             .name(format!("bridge {}", bound.port()))
             .spawn(move || acceptor.run())
-            .map_err(|error| ServerError::Thread { address: bound, error })?;
+            .map_err(|error| ServerError::Thread(bound, error))?;
         let info = BridgeInfo::new(config.protocol, bound, clients.clone());
         Ok(Self { info, clients, stop, acceptor: Some(acceptor) })
     }
@@ -153,7 +143,6 @@ impl Acceptor {
     }
 }
 
-/// Serves a client until it leaves.
 pub(crate) fn serve(
     clients: &Clients,
     id: ClientId,
@@ -177,7 +166,6 @@ pub(crate) fn serve(
     });
 }
 
-/// Access of a client to the bus.
 struct ClientUplink<'a> {
     clients: &'a Clients,
     id: ClientId,

@@ -28,7 +28,6 @@ impl Session {
         }
     }
 
-    /// Appends the greeting of the server.
     pub(crate) fn greet(&self, answer: &mut Vec<u8>) {
         match self {
             Self::Slcan(_) => {}
@@ -44,7 +43,6 @@ impl Session {
         }
     }
 
-    /// Present receive settings of the client.
     pub(crate) fn receive_settings(&self) -> ReceiveSettings {
         match self {
             Self::Slcan(session) => ReceiveSettings::Slcan(session.receive_settings()),
@@ -61,7 +59,6 @@ pub(crate) enum ReceiveSettings {
 }
 
 impl ReceiveSettings {
-    /// The settings of a new client.
     #[cfg(test)]
     pub(crate) fn nothing(protocol: BridgeProtocol) -> Self {
         Session::new(protocol).receive_settings()

@@ -52,7 +52,6 @@ counters! {
     unsupported,
 }
 
-/// Adds one. The order is irrelevant.
 pub(crate) fn count(counter: &AtomicU64) {
     counter.fetch_add(1, Ordering::Relaxed);
 }

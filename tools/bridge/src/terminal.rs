@@ -14,7 +14,6 @@ use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 
-/// Interval of checks whether to end.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 
@@ -39,7 +38,6 @@ impl Terminal {
         Ok(terminal)
     }
 
-    /// Path that other programs open.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
@@ -50,7 +48,6 @@ impl Terminal {
         Ok(ioctl_tiocgptpeer(&self.ours, flags)?)
     }
 
-    /// Returns whether a program has it open.
     fn is_open(&self) -> io::Result<bool> {
         self.poll_at_once().map(|found| !found.contains(PollFlags::HUP))
     }
@@ -100,7 +97,6 @@ impl TerminalLine {
         Self { terminal, is_closed: AtomicBool::new(false), writing: Mutex::default() }
     }
 
-    /// Ends the connection.
     pub(crate) fn close(&self) {
         self.is_closed.store(true, Ordering::Release);
     }

@@ -4,7 +4,6 @@ use ecan_protocol::can::CanFrame;
 
 use crate::rates::BusRates;
 
-/// The bus, as a session uses it.
 pub(crate) trait Uplink {
     /// Bit rates; `None` before they are known.
     fn bus(&self) -> Option<BusRates>;
@@ -15,7 +14,6 @@ pub(crate) trait Uplink {
     /// Sends a frame and waits for space; no effect if the bus accepts none.
     fn send_when_possible(&mut self, frame: CanFrame);
 
-    /// Counts a rejected command.
     fn count_rejected(&mut self);
 
     /// Counts a frame that does not fit the bit rates or formats of the bus.

@@ -9,11 +9,9 @@ use crate::session::ReceiveSettings;
 /// Approximate number of bytes written at a time.
 const WRITE_BYTES: usize = 16 * 1024;
 
-/// Bytes to write at once.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct OutputChunk {
     pub(crate) text: Vec<u8>,
-    /// Pause before the next chunk.
     pub(crate) pause: Duration,
 }
 

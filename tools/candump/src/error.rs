@@ -35,11 +35,8 @@ pub enum ParseErrorKind {
     #[error("expected a CAN ID of 3 or 8 hex digits, then `#`")]
     Identifier,
     /// A 3 digit CAN ID above 7FF or an 8 digit one above 1FFFFFFF.
-    #[error("CAN ID {id:X} is out of range; allowed: 000 to 7FF, 00000000 to 1FFFFFFF")]
-    IdentifierRange {
-        /// Parsed CAN ID.
-        id: u32,
-    },
+    #[error("CAN ID {0:X} is out of range; allowed: 000 to 7FF, 00000000 to 1FFFFFFF")]
+    IdentifierRange(u32),
     /// A SocketCAN error message (bit 29 of the CAN ID), not a CAN frame.
     #[error("SocketCAN error message; not a CAN frame")]
     ErrorMessage,
@@ -47,26 +44,17 @@ pub enum ParseErrorKind {
     #[error("expected the flags of a CAN FD frame, one hex digit")]
     Flags,
     /// Undefined flag bits.
-    #[error("CAN FD flags {flags:X} are invalid; allowed: bits 0 (BRS), 1 (ESI) and 2 (FDF)")]
-    UnknownFlags {
-        /// Parsed digit.
-        flags: u8,
-    },
+    #[error("CAN FD flags {0:X} are invalid; allowed: bits 0 (BRS), 1 (ESI) and 2 (FDF)")]
+    UnknownFlags(u8),
     /// A data byte is not two hex digits.
     #[error("expected data bytes of two hex digits each")]
     Data,
     /// Too many data bytes for the format.
-    #[error("more than {limit} data bytes")]
-    DataTooLong {
-        /// Maximum number of data bytes.
-        limit: u8,
-    },
+    #[error("more than {0} data bytes")]
+    DataTooLong(u8),
     /// Length of a CAN FD frame without a matching DLC.
-    #[error("{length} data bytes have no CAN FD DLC; allowed: 0 to 8, 12, 16, 20, 24, 32, 48, 64")]
-    DataLength {
-        /// Number of data bytes.
-        length: u8,
-    },
+    #[error("{0} data bytes have no CAN FD DLC; allowed: 0 to 8, 12, 16, 20, 24, 32, 48, 64")]
+    DataLength(u8),
     /// The DLC of a remote frame is not a digit from 0 to 8.
     #[error("expected the DLC of a remote frame, 0 to 8")]
     RemoteDlc,

@@ -122,7 +122,7 @@ fn identifier(cursor: &mut Cursor<'_>) -> Result<CanId, ParseError> {
         start.error(if extended && id & ERROR_MESSAGE_FLAG != 0 {
             ParseErrorKind::ErrorMessage
         } else {
-            ParseErrorKind::IdentifierRange { id }
+            ParseErrorKind::IdentifierRange(id)
         })
     })
 }
@@ -158,7 +158,7 @@ fn fd_frame(cursor: &mut Cursor<'_>, id: CanId) -> Result<CanFrame, ParseError> 
         return Err(cursor.error(ParseErrorKind::Flags));
     };
     if flags & !(FLAG_BRS | FLAG_ESI | FLAG_FDF) != 0 {
-        return Err(start.error(ParseErrorKind::UnknownFlags { flags }));
+        return Err(start.error(ParseErrorKind::UnknownFlags(flags)));
     }
     let start = *cursor;
     let mut buffer = [0; 64];
@@ -169,7 +169,7 @@ fn fd_frame(cursor: &mut Cursor<'_>, id: CanId) -> Result<CanFrame, ParseError> 
 
 fn length_error(start: &Cursor<'_>, error: FrameError) -> ParseError {
     start.error(match error {
-        FrameError::Length { length, .. } => ParseErrorKind::DataLength { length: length as u8 },
+        FrameError::Length { length, .. } => ParseErrorKind::DataLength(length as u8),
         _ => ParseErrorKind::Data,
     })
 }
@@ -187,7 +187,7 @@ fn data<'b>(cursor: &mut Cursor<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], P
             return Err(cursor.error(ParseErrorKind::Data));
         };
         let Some(byte) = buffer.get_mut(length) else {
-            return Err(start.error(ParseErrorKind::DataTooLong { limit }));
+            return Err(start.error(ParseErrorKind::DataTooLong(limit)));
         };
         *byte = high << 4 | low;
         length += 1;

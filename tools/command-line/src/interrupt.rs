@@ -13,19 +13,16 @@ const ENDED_BY_SIGNAL: i32 = 130;
 
 /// The signal handlers cannot be installed.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot install handlers for SIGINT and SIGTERM: {reason}")]
-pub struct InterruptError {
-    reason: String,
-}
+#[error("cannot install handlers for SIGINT and SIGTERM: {0}")]
+pub struct InterruptError(String);
 
 impl From<ctrlc::Error> for InterruptError {
     fn from(error: ctrlc::Error) -> Self {
-        let reason = match error {
+        Self(match error {
             // The `Display` of `ctrlc` omits the reason.
             ctrlc::Error::System(error) => error.to_string(),
             other => other.to_string(),
-        };
-        Self { reason }
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Reading and writing of candump log files.
 
 use std::fmt::Display;
-use std::io::{BufWriter, Read, Write};
+use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use ecan_candump::{ParseError, ParseErrorKind, Record};
@@ -14,37 +14,17 @@ use crate::new_file::{Existing, create, is_standard_stream};
 #[derive(Debug, Error)]
 pub enum LogFileError {
     /// The file cannot be read.
-    #[error("cannot read {}: {error}", path.display())]
-    Read {
-        /// Path of the file.
-        path: PathBuf,
-        /// Reason.
-        error: std::io::Error,
-    },
-    /// Syntax error in a line.
-    #[error("{}, line {line}, {cause}", path.display())]
-    Line {
-        /// Path of the file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// Column and reason.
-        cause: ParseError,
-    },
+    #[error("cannot read {}: {}", .0.display(), .1)]
+    Read(PathBuf, io::Error),
+    /// Syntax error in a line, counted from 1.
+    #[error("{}, line {}, {}", .0.display(), .1, .2)]
+    Line(PathBuf, usize, ParseError),
     /// The file contains no frame.
-    #[error("{} holds no frame", path.display())]
-    Empty {
-        /// Path of the file.
-        path: PathBuf,
-    },
+    #[error("{} holds no frame", .0.display())]
+    Empty(PathBuf),
     /// The file cannot be written.
-    #[error("cannot write {}: {error}", path.display())]
-    Write {
-        /// Path of the file.
-        path: PathBuf,
-        /// Reason.
-        error: std::io::Error,
-    },
+    #[error("cannot write {}: {}", .0.display(), .1)]
+    Write(PathBuf, io::Error),
 }
 
 /// Frame of a log.
@@ -61,7 +41,7 @@ pub struct LoggedFrame {
 }
 
 /// Contents of a log.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Log {
     /// Frames in the order of the file.
     pub frames: Vec<LoggedFrame>,
@@ -69,26 +49,18 @@ pub struct Log {
     pub error_messages: usize,
 }
 
-/// Reads the frames of a log, without error messages.
-///
-/// # Errors
-/// As [`read_log`].
-pub fn read(path: &Path) -> Result<Vec<LoggedFrame>, LogFileError> {
-    read_log(path).map(|log| log.frames)
-}
-
 /// Reads a log; `-` is standard input.
 ///
 /// # Errors
 /// The file cannot be read, a line is invalid, or there is no frame.
-pub fn read_log(path: &Path) -> Result<Log, LogFileError> {
+pub fn read(path: &Path) -> Result<Log, LogFileError> {
     let mut text = String::new();
     let read = match is_standard_stream(path) {
-        true => std::io::stdin().read_to_string(&mut text),
+        true => io::stdin().read_to_string(&mut text),
         false => std::fs::File::open(path).and_then(|mut file| file.read_to_string(&mut text)),
     };
-    read.map_err(|error| LogFileError::Read { path: path.to_owned(), error })?;
-    let mut log = Log { frames: Vec::new(), error_messages: 0 };
+    read.map_err(|error| LogFileError::Read(path.to_owned(), error))?;
+    let mut log = Log::default();
     for (line, text) in (1..).zip(text.lines()) {
         match ecan_candump::parse_line(text) {
             Ok(Some(record)) => log.frames.push(LoggedFrame {
@@ -99,11 +71,11 @@ pub fn read_log(path: &Path) -> Result<Log, LogFileError> {
             }),
             Ok(None) => {}
             Err(error) if error.kind == ParseErrorKind::ErrorMessage => log.error_messages += 1,
-            Err(cause) => return Err(LogFileError::Line { path: path.to_owned(), line, cause }),
+            Err(cause) => return Err(LogFileError::Line(path.to_owned(), line, cause)),
         }
     }
     if log.frames.is_empty() {
-        return Err(LogFileError::Empty { path: path.to_owned() });
+        return Err(LogFileError::Empty(path.to_owned()));
     }
     Ok(log)
 }
@@ -131,7 +103,7 @@ impl Writer {
         let path = path.to_owned();
         match create(&path, existing) {
             Ok(file) => Ok(Self { file: BufWriter::new(file), path }),
-            Err(error) => Err(LogFileError::Write { path, error }),
+            Err(error) => Err(LogFileError::Write(path, error)),
         }
     }
 
@@ -173,8 +145,8 @@ impl Writer {
         self.flush()
     }
 
-    fn fault(&self, error: std::io::Error) -> LogFileError {
-        LogFileError::Write { path: self.path.clone(), error }
+    fn fault(&self, error: io::Error) -> LogFileError {
+        LogFileError::Write(self.path.clone(), error)
     }
 }
 
@@ -199,14 +171,14 @@ mod tests {
         writer.finish().unwrap();
         let logged =
             LoggedFrame { line: 1, time_ns: 1_500_000_000, interface: "can2".to_owned(), frame };
-        assert_eq!(read(&path).unwrap(), [logged]);
+        assert_eq!(read(&path).unwrap().frames, [logged]);
 
         std::fs::write(&path, "(1.000000) can0 123#\n(2.000000) can0 12#\n").unwrap();
         let message = read(&path).unwrap_err().to_string();
         assert!(message.contains("a.log, line 2, column"), "{message}");
         let with_errors = "(1.000000) can0 20000080#0000000000000000\n(2.000000) can0 123#\n";
         std::fs::write(&path, with_errors).unwrap();
-        let log = read_log(&path).unwrap();
+        let log = read(&path).unwrap();
         assert_eq!((log.frames.len(), log.frames[0].line, log.error_messages), (1, 2, 1));
         std::fs::write(&path, "# nothing\n").unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("holds no frame"));

@@ -63,15 +63,8 @@ pub struct Finding {
 
 impl Finding {
     pub(crate) fn fault(id: &'static str, place: Location, what: impl Into<String>) -> Self {
-        Self {
-            id,
-            severity: Severity::Fault,
-            place,
-            what: what.into(),
-            causes: Vec::new(),
-            next: String::new(),
-            chapter: "16",
-        }
+        let (severity, what) = (Severity::Fault, what.into());
+        Self { id, severity, place, what, causes: Vec::new(), next: String::new(), chapter: "16" }
     }
 
     pub(crate) fn warning(id: &'static str, place: Location, what: impl Into<String>) -> Self {
@@ -93,9 +86,9 @@ impl Finding {
         self
     }
 
-    pub(crate) fn next_step(mut self, next: impl Into<String>, chapter: &'static str) -> Self {
-        self.next = next.into();
-        self.chapter = chapter;
-        self
+    /// Completes the finding with the next step and the chapter of the manual; `Some`, because the
+    /// checks return `None` without a finding.
+    pub(crate) fn next_step(self, next: impl Into<String>, chapter: &'static str) -> Option<Self> {
+        Some(Self { next: next.into(), chapter, ..self })
     }
 }

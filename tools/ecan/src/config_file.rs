@@ -6,20 +6,12 @@ use ecan_config_file::{ConfigFileError, ResolveError, ResolvedGateway, find, loa
 use ecan_mcan_port::Config;
 use ecan_sim::ClockKind;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Bus, Context, Failure, GlobalOptions, Result};
 
-/// Reads a valid file.
-pub fn read(path: &Path) -> Result<Config, Failure> {
+pub fn read(path: &Path) -> Result<Config> {
     load(path).map_err(|error| match error {
-        ConfigFileError::Read { path, reason } => {
-            Failure::File { what: "read", path, reason: reason.to_string() }
-        }
-        ConfigFileError::Faults { path, faults } => {
-            Failure::File { what: "use", path, reason: faults.to_string() }
-        }
+        ConfigFileError::Read { path, reason } => Failure::file("read", &path, reason),
+        ConfigFileError::Faults { path, faults } => Failure::file("use", &path, faults),
     })
 }
 
@@ -28,19 +20,12 @@ pub fn master(file: &Config, global: &GlobalOptions) -> u32 {
     global.master.unwrap_or(file.adapter.master_index)
 }
 
-/// Opens the bus of a file.
-pub fn open_bus(
-    file: &Config,
-    global: &GlobalOptions,
-    output: &Output,
-    clock: ClockKind,
-) -> Result<Bus, Failure> {
-    let master = Some(master(file, global));
-    Bus::open_with_clock(&GlobalOptions { master, ..global.clone() }, output, clock)
+pub fn open_bus(file: &Config, context: &Context, clock: ClockKind) -> Result<Bus> {
+    context.bus_of_master(master(file, context.global), clock)
 }
 
 /// Gateways of a file on its bus: all, or the selected one.
-pub fn places(file: &Config, bus: &Bus) -> Result<Vec<ResolvedGateway>, Failure> {
+pub fn places(file: &Config, bus: &Bus) -> Result<Vec<ResolvedGateway>> {
     let mut places = find(bus.diagnostics(), &file.adapter.slaves).map_err(of_place)?;
     if bus.is_chosen() {
         let chosen = bus.slave()?;
@@ -53,7 +38,6 @@ pub fn places(file: &Config, bus: &Bus) -> Result<Vec<ResolvedGateway>, Failure>
     Ok(places)
 }
 
-/// Converts the error of a gateway that cannot be addressed.
 pub fn of_place(fault: ResolveError) -> Failure {
     match fault {
         ResolveError::Device(error) => Failure::Device(error),

@@ -2,19 +2,16 @@
 
 use std::io::{BufRead, IsTerminal, Write};
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
 
 /// Asks on the terminal, unless `--yes` was given. `what` is the action to confirm; `rejected`
 /// states what was not done.
-///
-/// # Errors
-/// [`Failure::Usage`] if there is no terminal or the answer is no.
 pub fn confirm(
     is_granted: bool,
     what: &str,
     question: std::fmt::Arguments<'_>,
     rejected: &str,
-) -> Result<(), Failure> {
+) -> Result {
     if is_granted {
         return Ok(());
     }

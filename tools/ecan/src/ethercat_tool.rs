@@ -11,13 +11,13 @@ use std::time::Duration;
 
 use ecan_host::denies_object;
 use ecan_protocol::device::AlState;
-use ecan_protocol::object::AbortCode;
+use ecan_protocol::object::{AbortCode, ObjectType, lookup};
 use thiserror::Error;
 
 use crate::program::{self, RunError};
 
 /// Default paths of the tool, for a PATH without it.
-const USUAL_PLACES: [&str; 4] = [
+const DEFAULT_PATHS: [&str; 4] = [
     "/opt/etherlab/bin/ethercat",
     "/usr/local/etherlab/bin/ethercat",
     "/usr/local/bin/ethercat",
@@ -26,57 +26,25 @@ const USUAL_PLACES: [&str; 4] = [
 
 /// Time limit of a command; the master itself waits some seconds for a mailbox.
 pub const LIMIT: Duration = Duration::from_secs(5);
-/// Time limit of writing a file.
 pub const WRITE_LIMIT: Duration = Duration::from_secs(600);
 
-/// Error of the tool.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ToolError {
-    /// The tool was not found.
     #[error(
         "IgH's tool ethercat not found on the PATH or as {}; set --ethercat",
-        USUAL_PLACES.join(", ")
+        DEFAULT_PATHS.join(", ")
     )]
     NotFound,
-    /// The tool cannot be started.
     #[error("cannot start {}: {reason}", program.display())]
-    NotStarted {
-        /// Path of the program.
-        program: PathBuf,
-        /// Reason.
-        reason: String,
-    },
-    /// The exit status is not 0.
+    NotStarted { program: PathBuf, reason: String },
     #[error("ethercat {command}: {message}")]
-    Failed {
-        /// Command of the tool.
-        command: &'static str,
-        /// First line of its error output.
-        message: String,
-    },
-    /// The tool did not exit in time.
+    Failed { command: &'static str, message: String },
     #[error("ethercat {command} did not exit within {} s and was killed", limit.as_secs())]
-    TimedOut {
-        /// Command of the tool.
-        command: &'static str,
-        /// Time limit.
-        limit: Duration,
-    },
-    /// A signal terminated the tool.
+    TimedOut { command: &'static str, limit: Duration },
     #[error("ethercat {command} was terminated by a signal")]
-    Killed {
-        /// Command of the tool.
-        command: &'static str,
-    },
-    /// Unexpected output.
+    Killed { command: &'static str },
     #[error("ethercat {command} printed \"{text}\", which is not output of IgH's tool")]
-    Unreadable {
-        /// Command of the tool.
-        command: &'static str,
-        /// First line of the output.
-        text: String,
-    },
-    /// `foe_write` has no option to select a slave.
+    Unreadable { command: &'static str, text: String },
     #[error(
         "foe_write of this ethercat tool has no option --position; use IgH's tool (see foe_write \
          --help)"
@@ -92,17 +60,22 @@ impl ToolError {
             Self::Failed { message, .. } => {
                 ["master device", "version magic", "module information", "master information"]
                     .iter()
-                    .any(|words| message.contains(words))
+                    .any(|text| message.contains(text))
             }
             Self::TimedOut { .. } | Self::Killed { .. } | Self::Unreadable { .. } => false,
         }
     }
 
-    /// Returns a remedy; empty if the message is sufficient.
-    pub fn remedy(&self) -> &'static str {
-        let Self::Failed { message, .. } = self else {
-            return "";
-        };
+    /// Message with a remedy, if it needs one.
+    pub fn text(&self) -> String {
+        match self.remedy() {
+            "" => self.to_string(),
+            remedy => format!("{self}; {remedy}"),
+        }
+    }
+
+    fn remedy(&self) -> &'static str {
+        let Self::Failed { message, .. } = self else { return "" };
         let remedies = [
             ("Permission denied", "run with sudo, or get access to /dev/EtherCAT*"),
             (
@@ -115,51 +88,20 @@ impl ToolError {
                                was installed with the module",
             ),
         ];
-        let fits = |words: &&(&str, &str)| self.is_about_host() && message.contains(words.0);
+        let fits = |it: &&(&str, &str)| self.is_about_host() && message.contains(it.0);
         remedies.iter().find(fits).map_or("", |(_, remedy)| remedy)
     }
 }
 
 /// Slave in the output of `ethercat slaves`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ListedSlave {
-    /// Position of the slave.
+pub struct SlaveEntry {
     pub position: usize,
     /// Alias, if it is set on this slave and not on one before it.
     pub alias: Option<u16>,
-    /// AL state as text.
     pub state: String,
-}
-
-impl ListedSlave {
-    /// Returns the AL state; `None` for other text, for example during a scan. The tool appends
-    /// `+ERROR` if the error flag of the state is set.
-    pub fn al_state(&self) -> Option<AlState> {
-        let word = self.state.split('+').next().unwrap_or_default();
-        use AlState::{Boot, Init, Op, PreOp, SafeOp};
-        [Init, PreOp, Boot, SafeOp, Op].into_iter().find(|state| state.to_string() == word)
-    }
-}
-
-/// Type of a number for `--type`; the tool rejects data of another length.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NumberType {
-    /// 8 bits.
-    Uint8,
-    /// 16 bits.
-    Uint16,
-    /// 32 bits.
-    Uint32,
-}
-
-impl NumberType {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Uint8 => "uint8",
-            Self::Uint16 => "uint16",
-            Self::Uint32 => "uint32",
-        }
-    }
+    /// `None` for other text, for example during a scan.
+    pub al_state: Option<AlState>,
 }
 
 /// Arguments listed by `foe_write --help`.
@@ -181,7 +123,6 @@ impl FoeArguments {
     }
 }
 
-/// The tool and the index of its master.
 #[derive(Clone, Debug)]
 pub struct EthercatTool {
     program: PathBuf,
@@ -191,17 +132,15 @@ pub struct EthercatTool {
 
 impl EthercatTool {
     /// Finds the tool: the given path, else the first on the PATH, else a default path.
-    ///
-    /// # Errors
-    /// [`ToolError::NotFound`].
     pub fn find(named: Option<&Path>, master: u32) -> Result<Self, ToolError> {
         let program = match named {
             Some(path) => path.to_owned(),
             None => {
                 let path = std::env::var_os("PATH").unwrap_or_default();
-                let on_path = std::env::split_paths(&path).map(|place| place.join("ethercat"));
-                let mut places = on_path.chain(USUAL_PLACES.map(PathBuf::from));
-                places.find(|place| place.is_file()).ok_or(ToolError::NotFound)?
+                let on_path =
+                    std::env::split_paths(&path).map(|directory| directory.join("ethercat"));
+                let mut paths = on_path.chain(DEFAULT_PATHS.map(PathBuf::from));
+                paths.find(|path| path.is_file()).ok_or(ToolError::NotFound)?
             }
         };
         Ok(Self { program, master, is_shielded: false })
@@ -212,7 +151,6 @@ impl EthercatTool {
         Self { is_shielded: true, ..self }
     }
 
-    /// Runs a command and returns its standard output as text.
     fn run<S: AsRef<OsStr>>(
         &self,
         command: &'static str,
@@ -247,24 +185,17 @@ impl EthercatTool {
             return Err(ToolError::Killed { command });
         };
         let errors = String::from_utf8_lossy(&output.stderr);
-        let said = errors.lines().map(str::trim).find(|line| !line.is_empty());
-        let message = said.map_or_else(|| format!("ended with status {status}"), str::to_owned);
+        let first = errors.lines().map(str::trim).find(|line| !line.is_empty());
+        let message = first.map_or_else(|| format!("ended with status {status}"), str::to_owned);
         Err(ToolError::Failed { command, message })
     }
 
-    /// Lists the slaves of the bus.
-    ///
-    /// # Errors
-    /// Any [`ToolError`] but [`ToolError::NoPosition`].
-    pub fn slaves(&self) -> Result<Vec<ListedSlave>, ToolError> {
+    pub fn slaves(&self) -> Result<Vec<SlaveEntry>, ToolError> {
         let listed = self.run("slaves", [""; 0])?;
         listed.lines().filter(|line| !line.trim().is_empty()).map(read_slave).collect()
     }
 
     /// Vendor ID and product code of a slave, from its SII.
-    ///
-    /// # Errors
-    /// Any [`ToolError`] but [`ToolError::NoPosition`].
     pub fn identity(&self, slave: usize) -> Result<(u32, u32), ToolError> {
         const COMMAND: &str = "slaves";
         let printed = self.run(COMMAND, ["--position", &slave.to_string(), "--verbose"])?;
@@ -278,7 +209,8 @@ impl EthercatTool {
     fn upload(
         &self,
         slave: usize,
-        (index, subindex): (u16, u8),
+        index: u16,
+        subindex: u8,
         kind: &str,
     ) -> Result<String, ToolError> {
         let (slave, index) = (slave.to_string(), format!("{index:#06x}"));
@@ -287,53 +219,35 @@ impl EthercatTool {
         self.run("upload", arguments)
     }
 
-    /// Reads a number of the object dictionary.
-    ///
-    /// # Errors
-    /// Any [`ToolError`] but [`ToolError::NoPosition`].
-    pub fn upload_number(
-        &self,
-        slave: usize,
-        object: (u16, u8),
-        kind: NumberType,
-    ) -> Result<u32, ToolError> {
-        read_number("upload", &self.upload(slave, object, kind.name())?)
+    /// Reads a number of the object dictionary; the tool rejects data of another length.
+    pub fn upload_number(&self, slave: usize, index: u16, subindex: u8) -> Result<u32, ToolError> {
+        let kind = match lookup(index, subindex).map(|(_, entry)| entry.ty) {
+            Some(ObjectType::U8) => "uint8",
+            Some(ObjectType::U16) => "uint16",
+            _ => "uint32",
+        };
+        read_number("upload", &self.upload(slave, index, subindex, kind)?)
     }
 
-    /// Reads a 16-bit register of the slave controller.
-    ///
-    /// # Errors
-    /// Any [`ToolError`] but [`ToolError::NoPosition`].
     pub fn register(&self, slave: usize, address: u16) -> Result<u16, ToolError> {
         const COMMAND: &str = "reg_read";
         let (slave, address) = (slave.to_string(), format!("{address:#06x}"));
-        let kind = NumberType::Uint16.name();
-        let printed = self.run(COMMAND, ["--position", &slave, "--type", kind, &address])?;
+        let printed = self.run(COMMAND, ["--position", &slave, "--type", "uint16", &address])?;
         u16::try_from(read_number(COMMAND, &printed)?).map_err(|_| unreadable(COMMAND, &printed))
     }
 
-    /// Reads a text of the object dictionary.
-    ///
-    /// # Errors
-    /// Any [`ToolError`] but [`ToolError::NoPosition`].
-    pub fn upload_text(&self, slave: usize, object: (u16, u8)) -> Result<String, ToolError> {
-        let printed = self.upload(slave, object, "string")?;
+    pub fn upload_text(&self, slave: usize, index: u16) -> Result<String, ToolError> {
+        let printed = self.upload(slave, index, 0, "string")?;
         Ok(printed.trim_end_matches(['\n', '\0']).to_owned())
     }
 
     /// Reads the SII up to the end of its categories.
-    ///
-    /// # Errors
-    /// Any [`ToolError`] but [`ToolError::NoPosition`].
     pub fn sii(&self, slave: usize) -> Result<Vec<u8>, ToolError> {
         self.run_for_bytes("sii_read", ["--position", &slave.to_string()], LIMIT)
     }
 
     /// Writes a file to a slave, with password 0. Returns when the slave has accepted or rejected
     /// the whole file.
-    ///
-    /// # Errors
-    /// Any [`ToolError`].
     pub fn foe_write(&self, slave: usize, name: &str, file: &Path) -> Result<(), ToolError> {
         let known = FoeArguments::read(&self.run("foe_write", ["--help"])?)?;
         let slave = slave.to_string();
@@ -351,13 +265,13 @@ impl EthercatTool {
 
 /// Returns whether the message of the tool means that the slave does not have the object in the
 /// requested form: an abort code, data of another size, or no CoE in its SII.
-pub fn is_denial(said: &str) -> bool {
-    let code = said.split_once("aborted with code 0x").and_then(|(_, behind)| behind.get(..8));
+pub fn is_denial(message: &str) -> bool {
+    let code = message.split_once("aborted with code 0x").and_then(|(_, rest)| rest.get(..8));
     let code = code.and_then(|digits| u32::from_str_radix(digits, 16).ok());
     let others =
         ["Data type mismatch", "Value too large for defined data type", "Protocol not supported"];
     code.is_some_and(|code| denies_object(AbortCode(code)))
-        || others.iter().any(|words| said.contains(words))
+        || others.iter().any(|text| message.contains(text))
 }
 
 /// Parses a number such as `0x0202 514`.
@@ -372,15 +286,23 @@ fn unreadable(command: &'static str, printed: &str) -> ToolError {
     ToolError::Unreadable { command, text }
 }
 
+/// Parses an AL state; the tool appends `+ERROR` if the error flag of the state is set.
+fn al_state(text: &str) -> Option<AlState> {
+    use AlState::{Boot, Init, Op, PreOp, SafeOp};
+    let name = text.split('+').next().unwrap_or_default();
+    [Init, PreOp, Boot, SafeOp, Op].into_iter().find(|state| state.to_string() == name)
+}
+
 /// Parses a line such as `1  5:0  PREOP  +  ECAN-Lite`.
-fn read_slave(line: &str) -> Result<ListedSlave, ToolError> {
+fn read_slave(line: &str) -> Result<SlaveEntry, ToolError> {
     let mut cells = line.split_whitespace();
     let mut read = || {
         let position = cells.next()?.parse().ok()?;
-        let (alias, behind) = cells.next()?.split_once(':')?;
-        let (alias, behind): (u16, u16) = (alias.parse().ok()?, behind.parse().ok()?);
-        let alias = (alias != 0 && behind == 0).then_some(alias);
-        Some(ListedSlave { position, alias, state: cells.next()?.to_owned() })
+        let (alias, offset) = cells.next()?.split_once(':')?;
+        let (alias, offset): (u16, u16) = (alias.parse().ok()?, offset.parse().ok()?);
+        let alias = (alias != 0 && offset == 0).then_some(alias);
+        let state = cells.next()?.to_owned();
+        Some(SlaveEntry { position, alias, al_state: al_state(&state), state })
     };
     read().ok_or_else(|| ToolError::Unreadable { command: "slaves", text: line.to_owned() })
 }
@@ -400,11 +322,10 @@ mod tests {
 
     #[test]
     fn al_state_ignores_error_suffix() {
-        let of = |state: &str| {
-            ListedSlave { position: 0, alias: None, state: state.to_owned() }.al_state()
-        };
-        assert_eq!((of("INIT"), of("PREOP")), (Some(AlState::Init), Some(AlState::PreOp)));
-        assert_eq!((of("SAFEOP+ERROR"), of("???")), (Some(AlState::SafeOp), None));
+        assert_eq!(al_state("INIT"), Some(AlState::Init));
+        assert_eq!(al_state("PREOP"), Some(AlState::PreOp));
+        assert_eq!(al_state("SAFEOP+ERROR"), Some(AlState::SafeOp));
+        assert_eq!(al_state("???"), None);
     }
 
     #[test]

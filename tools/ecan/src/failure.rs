@@ -1,23 +1,22 @@
 //! Errors of a command and their exit status.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use ecan_command_line::interrupt::InterruptError;
 use ecan_command_line::log_file::LogFileError;
-use ecan_host::MaintenanceError;
+use ecan_host::{MaintenanceError, RealTimeError};
 use ecan_sim::BackendError;
 use thiserror::Error;
 
-/// Error of a command.
+/// Result of a command or a part of it.
+pub type Result<T = (), E = Failure> = std::result::Result<T, E>;
+
 #[derive(Debug, Error)]
 pub enum Failure {
-    /// Problems were found and printed.
     #[error("problems found; see the report above")]
     ProblemsFound,
-    /// Invalid argument.
     #[error("{0}")]
     Usage(String),
-    /// The EtherCAT library is not available.
     #[error("{0}")]
     Library(#[from] BackendError),
     /// No master, or the master does not respond.
@@ -26,58 +25,47 @@ pub enum Failure {
     /// The host denies a resource: real time, a thread or a signal handler.
     #[error("{0}")]
     Host(String),
+    #[error(transparent)]
+    Interrupt(#[from] InterruptError),
+    #[error(transparent)]
+    RealTime(#[from] RealTimeError),
     /// No such slave, or none selected.
     #[error("{0}")]
     Slave(String),
     /// A slave aborted a transfer or did not respond.
     #[error("{0}")]
-    Device(ecan_host::Error),
+    Device(#[from] ecan_host::Error),
     /// A slave rejected a request, did not respond, or is in the wrong state.
     #[error("{0}")]
     Rejected(String),
-    /// A gateway is not ready.
     #[error("slave {position}: {reason}")]
-    NotReady {
-        /// Position of the slave.
-        position: usize,
-        /// Reason.
-        reason: String,
-    },
+    NotReady { position: usize, reason: String },
     /// Fewer frames than required were received or confirmed as sent.
     #[error("{0}")]
     Incomplete(String),
-    /// The user stopped the command before it was complete.
     #[error("{0}")]
     Interrupted(String),
-    /// Error of a candump log.
     #[error("{0}")]
     Log(#[from] LogFileError),
     /// An address or terminal for clients is not available.
     #[error("{0}")]
     Bridge(String),
-    /// Error of a file.
     #[error("cannot {what} {}: {reason}", path.display())]
-    File {
-        /// Failed operation: read, write.
-        what: &'static str,
-        /// Path of the file.
-        path: PathBuf,
-        /// Reason.
-        reason: String,
-    },
-    /// Standard input cannot be read.
+    File { what: &'static str, path: PathBuf, reason: String },
     #[error("cannot read the answer from standard input: {0}")]
     Input(std::io::Error),
-    /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(std::io::Error),
-    /// The reader of standard output has closed it.
     #[error("standard output was closed by its reader")]
     ReaderGone,
 }
 
 impl Failure {
-    /// Error for a thread that cannot be started.
+    /// Error of a file; `what` is the failed operation, for example "read".
+    pub fn file(what: &'static str, path: &Path, reason: impl ToString) -> Self {
+        Self::File { what, path: path.to_owned(), reason: reason.to_string() }
+    }
+
     pub fn of_thread(error: std::io::Error) -> Self {
         Self::Host(format!("cannot start a thread: {error}"))
     }
@@ -96,14 +84,8 @@ impl Failure {
             | Self::Output(_)
             | Self::Log(_)
             | Self::Bridge(_) => 6,
-            Self::Host(_) => 7,
+            Self::Host(_) | Self::Interrupt(_) | Self::RealTime(_) => 7,
         }
-    }
-}
-
-impl From<InterruptError> for Failure {
-    fn from(error: InterruptError) -> Self {
-        Self::Host(error.to_string())
     }
 }
 

@@ -4,7 +4,6 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// Firmware version of a gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FirmwareVersion {
     /// 0x100A, if the gateway has it.
@@ -19,9 +18,6 @@ pub struct FirmwareVersion {
 
 impl FirmwareVersion {
     /// Builds the version from 0x100A and the numbers of 0xF000; `number` reads a subindex.
-    ///
-    /// # Errors
-    /// The first error of `number`.
     pub fn read<E>(
         firmware: Option<String>,
         mut number: impl FnMut(u8) -> Result<u32, E>,
@@ -47,9 +43,6 @@ impl fmt::Display for FirmwareVersion {
 }
 
 /// Reads the serial number of 0xF000:07 and :08; `number` reads a subindex.
-///
-/// # Errors
-/// The first error of `number`.
 pub fn serial_number<E>(mut number: impl FnMut(u8) -> Result<u32, E>) -> Result<u64, E> {
     Ok(u64::from(number(7)?) | u64::from(number(8)?) << 32)
 }

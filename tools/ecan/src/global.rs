@@ -3,10 +3,9 @@
 use clap::{Args, ValueEnum};
 use ecan_command_line::logging::LogArguments;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::slave_choice::SlaveChoice;
 
-/// Exit statuses, for the end of the help.
 pub const EXIT_STATUS: &str = "\
 Exit status:
   0  success, no problems found
@@ -57,10 +56,7 @@ pub struct GlobalOptions {
 impl GlobalOptions {
     /// Rejects `--slave` for a command that does not use it. (clap does not check an option before the
     /// command against those after it.)
-    ///
-    /// # Errors
-    /// [`Failure::Usage`] with the reason.
-    pub fn without_slave(&self, reason: &str) -> Result<(), Failure> {
+    pub fn without_slave(&self, reason: &str) -> Result {
         match self.slave {
             None => Ok(()),
             Some(_) => {

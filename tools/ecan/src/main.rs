@@ -10,6 +10,7 @@ mod bus;
 mod commands;
 mod config_file;
 mod confirmation;
+mod context;
 mod ethercat_tool;
 mod failure;
 mod firmware_version;
@@ -28,9 +29,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 
 use commands::Command;
-use failure::Failure;
-use global::GlobalOptions;
-use output::Output;
+use context::{Context, Failure, GlobalOptions, Output, note};
 
 /// Bring-up, diagnosis and maintenance of ECAN-Lite gateways.
 #[derive(Debug, Parser)]
@@ -46,39 +45,39 @@ fn main() -> ExitCode {
     let Arguments { global, command } = Arguments::parse();
     global.log.start();
     let output = Output::new(global.json, global.color);
+    let context = Context { global: &global, output };
     let outcome = match &command {
-        Command::Scan => commands::scan::run(&global, &output),
-        Command::Info(arguments) => commands::info::run(arguments, &global, &output),
-        Command::Caps => commands::caps::run(&global, &output),
-        Command::Config(arguments) => commands::config::run(arguments, &global, &output),
-        Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),
-        Command::Diag(arguments) => commands::diag::run(arguments, &global, &output),
-        Command::Doctor(arguments) => commands::doctor::run(arguments, &global, &output),
-        Command::Reg(arguments) => commands::reg::run(arguments, &global, &output),
-        Command::Filter(arguments) => commands::filter::run(arguments, &global, &output),
-        Command::Pins(arguments) => commands::pins::run(arguments, &global, &output),
-        Command::Reboot(arguments) => commands::reboot::run(arguments, &global, &output),
-        Command::Plan(arguments) => commands::plan::run(arguments, &output),
-        Command::Firmware(arguments) => commands::firmware::run(arguments, &global, &output),
-        Command::Dump(arguments) => commands::dump::run(arguments, &global, &output),
-        Command::Send(arguments) => commands::send::run(arguments, &global, &output),
-        Command::Gen(arguments) => commands::generate::run(arguments, &global, &output),
-        Command::Replay(arguments) => commands::replay::run(arguments, &global, &output),
-        Command::Monitor(arguments) => commands::monitor::run(arguments, &global, &output),
-        Command::Bridge(arguments) => commands::bridge::run(arguments, &global, &output),
-        Command::Selftest(arguments) => commands::selftest::run(arguments, &global, &output),
+        Command::Scan => commands::scan::run(&context),
+        Command::Info(arguments) => commands::info::run(arguments, &context),
+        Command::Caps => commands::caps::run(&context),
+        Command::Config(arguments) => commands::config::run(arguments, &context),
+        Command::Sdo(arguments) => commands::sdo::run(arguments, &context),
+        Command::Diag(arguments) => commands::diag::run(arguments, &context),
+        Command::Doctor(arguments) => commands::doctor::run(arguments, &context),
+        Command::Reg(arguments) => commands::reg::run(arguments, &context),
+        Command::Filter(arguments) => commands::filter::run(arguments, &context),
+        Command::Pins(arguments) => commands::pins::run(arguments, &context),
+        Command::Reboot(arguments) => commands::reboot::run(arguments, &context),
+        Command::Plan(arguments) => commands::plan::run(arguments, &context),
+        Command::Firmware(arguments) => commands::firmware::run(arguments, &context),
+        Command::Dump(arguments) => commands::dump::run(arguments, &context),
+        Command::Send(arguments) => commands::send::run(arguments, &context),
+        Command::Gen(arguments) => commands::generate::run(arguments, &context),
+        Command::Replay(arguments) => commands::replay::run(arguments, &context),
+        Command::Monitor(arguments) => commands::monitor::run(arguments, &context),
+        Command::Bridge(arguments) => commands::bridge::run(arguments, &context),
+        Command::Selftest(arguments) => commands::selftest::run(arguments, &context),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);
             output.bytes(&script)
         }
-        Command::Man { directory } => commands::man::run(&Arguments::command(), directory, &output),
+        Command::Man { directory } => commands::man::run(&Arguments::command(), directory),
     };
     match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(Failure::ReaderGone) => ExitCode::SUCCESS,
+        Ok(()) | Err(Failure::ReaderGone) => ExitCode::SUCCESS,
         Err(failure) => {
-            output.failure(&failure);
+            note(format_args!("ecan: {failure}"));
             ExitCode::from(failure.status())
         }
     }

@@ -6,7 +6,6 @@ use ecan_protocol::object::{Object, objects};
 
 use crate::value::parse_unsigned;
 
-/// Entry of the object dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectPath {
     pub index: u16,

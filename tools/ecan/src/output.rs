@@ -1,13 +1,12 @@
 //! Output of the program: text for people, JSON for programs.
 
-use std::io::{IsTerminal, Write};
+use std::io::{self, IsTerminal, Write};
 
 use serde::Serialize;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::global::Color;
 
-/// Output settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Output {
     json: bool,
@@ -15,13 +14,11 @@ pub struct Output {
     is_on_stderr: bool,
 }
 
-/// Colour by meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     Good,
     Warning,
     Bad,
-    /// Less important.
     Faint,
 }
 
@@ -30,9 +27,7 @@ impl Output {
         let is_wanted = match color {
             Color::Always => true,
             Color::Never => false,
-            Color::Auto => {
-                std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none()
-            }
+            Color::Auto => io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none(),
         };
         Self { json, color: is_wanted && !json, is_on_stderr: false }
     }
@@ -42,20 +37,17 @@ impl Output {
         Self { is_on_stderr: is_stdout_used, color: self.color && !is_stdout_used, ..self }
     }
 
-    /// Returns whether colours are used.
     pub fn has_color(&self) -> bool {
         self.color
     }
 
-    /// Returns the stream for data.
     pub fn stream(&self) -> Box<dyn Write> {
         match self.is_on_stderr {
-            false => Box::new(std::io::stdout().lock()),
-            true => Box::new(std::io::stderr().lock()),
+            false => Box::new(io::stdout().lock()),
+            true => Box::new(io::stderr().lock()),
         }
     }
 
-    /// Colours a text, if colours are used.
     pub fn toned(&self, tone: Tone, text: impl std::fmt::Display) -> String {
         let code = match tone {
             Tone::Good => 32,
@@ -71,12 +63,12 @@ impl Output {
     pub fn data<T: Serialize>(
         &self,
         data: &T,
-        text: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
-    ) -> Result<(), Failure> {
+        text: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    ) -> Result {
         let mut stream = self.stream();
         let printed = if self.json {
             let printed = serde_json::to_writer_pretty(&mut stream, data);
-            printed.map_err(std::io::Error::from).and_then(|()| writeln!(stream))
+            printed.map_err(io::Error::from).and_then(|()| writeln!(stream))
         } else {
             text(&mut stream)
         };
@@ -88,39 +80,33 @@ impl Output {
         &self,
         is_list: bool,
         data: &[T],
-        text: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
-    ) -> Result<(), Failure> {
+        text: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    ) -> Result {
         match data {
             [only] if !is_list => self.data(only, text),
             list => self.data(&list, text),
         }
     }
 
-    /// Prints bytes unchanged.
-    pub fn bytes(&self, bytes: &[u8]) -> Result<(), Failure> {
+    pub fn bytes(&self, bytes: &[u8]) -> Result {
         let mut stream = self.stream();
         unless_reader_gone(stream.write_all(bytes).and_then(|()| stream.flush()))
-    }
-
-    /// Prints a line on standard error.
-    pub fn note(&self, text: impl std::fmt::Display) {
-        let _ = writeln!(std::io::stderr(), "{text}");
     }
 
     /// Prints progress on standard error, except with `--json`.
     pub fn progress(&self, text: impl std::fmt::Display) {
         if !self.json {
-            self.note(text);
+            note(text);
         }
-    }
-
-    /// Prints an error on standard error.
-    pub fn failure(&self, failure: &Failure) {
-        self.note(format_args!("ecan: {failure}"));
     }
 }
 
-fn unless_reader_gone(printed: std::io::Result<()>) -> Result<(), Failure> {
+/// Prints a line on standard error.
+pub fn note(text: impl std::fmt::Display) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+fn unless_reader_gone(printed: io::Result<()>) -> Result {
     match printed.map_err(Failure::from) {
         Err(Failure::ReaderGone) => Ok(()),
         other => other,

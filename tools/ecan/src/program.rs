@@ -10,22 +10,16 @@ use thiserror::Error;
 /// Poll interval of a program that has closed its output.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// Error of running a program.
 #[derive(Debug, Error)]
 pub enum RunError {
-    /// The program cannot be started or waited for.
     #[error(transparent)]
     System(#[from] std::io::Error),
-    /// The program did not exit in time and was killed.
     #[error("the program did not exit within {} s and was killed", .0.as_secs())]
     TimedOut(Duration),
 }
 
 /// Runs a program without input and collects its output. At the limit the program is killed, but
 /// not its children.
-///
-/// # Errors
-/// [`RunError`].
 pub fn run(command: &mut Command, limit: Duration) -> Result<Output, RunError> {
     let deadline = Instant::now() + limit;
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());

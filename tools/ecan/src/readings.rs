@@ -2,9 +2,8 @@
 
 use ecan_host::Error;
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
 
-/// State of a series of reads.
 #[derive(Debug, Default)]
 pub struct Readings {
     read: usize,
@@ -14,7 +13,7 @@ pub struct Readings {
 
 impl Readings {
     /// Counts a result; returns the value or the reason why it is missing.
-    pub fn note<T>(&mut self, reading: Result<T, Failure>) -> Result<T, String> {
+    pub fn note<T>(&mut self, reading: Result<T>) -> Result<T, String> {
         let failure = match reading {
             Ok(value) => {
                 self.read += 1;
@@ -39,10 +38,7 @@ impl Readings {
 
     /// Checks whether to continue: each request to a slave that does not respond takes as long as
     /// the mailbox timeout of the master.
-    ///
-    /// # Errors
-    /// The slave has not responded yet: the reason.
-    pub fn answers(&mut self) -> Result<(), Failure> {
+    pub fn answers(&mut self) -> Result {
         match self.first.take_if(|_| self.read == 0 && self.unanswered > 0) {
             Some(first) => Err(first),
             None => Ok(()),
@@ -50,10 +46,7 @@ impl Readings {
     }
 
     /// Checks whether there is anything to print.
-    ///
-    /// # Errors
-    /// Nothing was read: the first reason.
-    pub fn any(&mut self) -> Result<(), Failure> {
+    pub fn any(&mut self) -> Result {
         match self.first.take() {
             Some(first) if self.read == 0 => Err(first),
             _ => Ok(()),
@@ -61,10 +54,7 @@ impl Readings {
     }
 
     /// Checks whether the slave responded to every request, at least with an abort code.
-    ///
-    /// # Errors
-    /// [`Failure::Rejected`] if it did not.
-    pub fn end(&self) -> Result<(), Failure> {
+    pub fn end(&self) -> Result {
         match self.unanswered {
             0 => Ok(()),
             1 => Err(Failure::Rejected("1 value was not read; see above".to_owned())),
@@ -73,7 +63,6 @@ impl Readings {
     }
 }
 
-/// Text in place of a missing value.
 pub fn not_read(reason: &str) -> String {
     format!("not read: {reason}")
 }

@@ -6,15 +6,12 @@ use std::str::FromStr;
 use clap::Args;
 use ecan_host::SlaveKind;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, Result};
 use crate::value::parse_unsigned;
 
-/// Selected slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlaveChoice {
-    /// Position, from 0.
     Position(usize),
-    /// Station alias.
     Alias(u16),
     /// Serial number of 0xF000:07 and :08.
     Serial(u64),
@@ -52,21 +49,16 @@ impl FromStr for SlaveChoice {
     }
 }
 
-/// Slaves of a bus by kind.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Recognised {
-    /// Positions of the gateways.
     pub gateways: Vec<usize>,
     /// Slaves that may be gateways.
     pub unknown: Vec<Unknown>,
 }
 
-/// Slave that could not be identified.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unknown {
-    /// Position of the slave.
     pub position: usize,
-    /// Reason.
     pub reason: String,
 }
 
@@ -77,14 +69,12 @@ impl Display for Unknown {
 }
 
 impl Unknown {
-    /// Message without the position.
     pub fn text(&self) -> String {
         format!("cannot be identified: {}", self.reason)
     }
 }
 
 impl Recognised {
-    /// Sorts the slaves by kind.
     pub fn new<E: Display>(kinds: impl IntoIterator<Item = (usize, SlaveKind<E>)>) -> Self {
         let mut recognised = Self::default();
         for (position, kind) in kinds {
@@ -104,20 +94,15 @@ impl Recognised {
 /// Slaves of a bus, for the selection of one.
 pub trait Candidates {
     /// Position and alias of each slave; alias 0 means none.
-    fn positions(&self) -> Result<Vec<(usize, u16)>, Failure>;
+    fn positions(&self) -> Result<Vec<(usize, u16)>>;
 
-    /// Identifies the gateways.
-    fn recognised(&self) -> Result<Recognised, Failure>;
+    fn recognised(&self) -> Result<Recognised>;
 
-    /// Serial number of a gateway.
-    fn serial(&self, slave: usize) -> Result<u64, Failure>;
+    fn serial(&self, slave: usize) -> Result<u64>;
 }
 
 /// Returns the selected slave, or the only gateway.
-///
-/// # Errors
-/// [`Failure::Slave`] if it does not exist or the selection is ambiguous.
-pub fn choose(candidates: &impl Candidates, choice: Option<SlaveChoice>) -> Result<usize, Failure> {
+pub fn choose(candidates: &impl Candidates, choice: Option<SlaveChoice>) -> Result<usize> {
     let slaves = candidates.positions()?;
     let count = slaves.len();
     let positions = |is_it: &dyn Fn(&(usize, u16)) -> bool| -> Vec<_> {
@@ -135,7 +120,7 @@ pub fn choose(candidates: &impl Candidates, choice: Option<SlaveChoice>) -> Resu
     }
 }
 
-fn one_of(found: &[usize], choice: Option<SlaveChoice>, slaves: usize) -> Result<usize, Failure> {
+fn one_of(found: &[usize], choice: Option<SlaveChoice>, slaves: usize) -> Result<usize> {
     match found {
         [only] => Ok(*only),
         [] => Err(none_found(choice, slaves)),
@@ -154,10 +139,7 @@ fn one_of(found: &[usize], choice: Option<SlaveChoice>, slaves: usize) -> Result
 }
 
 /// Returns the only gateway, if every other slave is identified.
-///
-/// # Errors
-/// [`Failure::Slave`] if there is none or the selection is ambiguous.
-pub fn only_gateway(recognised: &Recognised, slaves: usize) -> Result<usize, Failure> {
+pub fn only_gateway(recognised: &Recognised, slaves: usize) -> Result<usize> {
     match (&recognised.gateways[..], &recognised.unknown[..]) {
         ([only], []) => Ok(*only),
         ([], []) => Err(none_found(None, slaves)),
@@ -185,7 +167,7 @@ pub fn one_or_all(
     candidates: &impl Candidates,
     choice: Option<SlaveChoice>,
     all: bool,
-) -> Result<Recognised, Failure> {
+) -> Result<Recognised> {
     let only = |gateway| Recognised { gateways: vec![gateway], unknown: Vec::new() };
     if choice.is_some() && all {
         return Err(Failure::Usage("--slave and --all exclude each other".to_owned()));
@@ -207,10 +189,7 @@ pub fn one_or_all(
 }
 
 /// Returns every gateway, if every other slave is identified.
-///
-/// # Errors
-/// [`Failure::Slave`] if there is none or a slave cannot be identified.
-pub fn every_gateway(candidates: &impl Candidates) -> Result<Vec<usize>, Failure> {
+pub fn every_gateway(candidates: &impl Candidates) -> Result<Vec<usize>> {
     let recognised = candidates.recognised()?;
     if recognised.gateways.is_empty() || !recognised.unknown.is_empty() {
         // Returns the reason.
@@ -219,7 +198,7 @@ pub fn every_gateway(candidates: &impl Candidates) -> Result<Vec<usize>, Failure
     Ok(recognised.gateways)
 }
 
-fn of_serial(candidates: &impl Candidates, wanted: u64, slaves: usize) -> Result<usize, Failure> {
+fn of_serial(candidates: &impl Candidates, wanted: u64, slaves: usize) -> Result<usize> {
     let recognised = candidates.recognised()?;
     let mut unread = recognised.unknown.first().map(ToString::to_string);
     let mut found = Vec::new();
@@ -238,7 +217,6 @@ fn of_serial(candidates: &impl Candidates, wanted: u64, slaves: usize) -> Result
     }
 }
 
-/// Error if no slave matches the selection.
 fn none_found(choice: Option<SlaveChoice>, slaves: usize) -> Failure {
     let words = match (choice, slaves) {
         (_, 0) => "no slave responds on the bus".to_owned(),
@@ -261,7 +239,6 @@ fn none_found(choice: Option<SlaveChoice>, slaves: usize) -> Failure {
     Failure::Slave(words)
 }
 
-/// Message for an ambiguous selection.
 fn several_found(positions: &[usize]) -> String {
     format!("several gateways; select one with --slave: {}", list(positions))
 }

@@ -1,14 +1,17 @@
 //! Columns of text.
 
-use std::io::Write;
+use std::io::{self, Write};
 
-/// Prints rows with columns as wide as their widest cell; the last column is not padded.
-pub fn print<const N: usize>(out: &mut dyn Write, rows: &[[String; N]]) -> std::io::Result<()> {
-    let width = |column: usize| {
-        rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max()
-    };
+/// Prints a row per item with columns as wide as their widest cell; the last column is not padded.
+pub fn print<T, const N: usize>(
+    out: &mut dyn Write,
+    items: impl IntoIterator<Item = T>,
+    row: impl FnMut(T) -> [String; N],
+) -> io::Result<()> {
+    let rows: Vec<_> = items.into_iter().map(row).collect();
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max();
     let widths: [usize; N] = std::array::from_fn(|column| width(column).unwrap_or(0));
-    for row in rows {
+    for row in &rows {
         let mut line = String::new();
         for (cell, width) in row.iter().zip(widths) {
             line.push_str(cell);
@@ -20,14 +23,24 @@ pub fn print<const N: usize>(out: &mut dyn Write, rows: &[[String; N]]) -> std::
     Ok(())
 }
 
+/// As [`print`], after a row of titles.
+pub fn print_with_titles<T, const N: usize>(
+    out: &mut dyn Write,
+    titles: [&str; N],
+    items: impl IntoIterator<Item = T>,
+    row: impl FnMut(T) -> [String; N],
+) -> io::Result<()> {
+    let titles = [titles.map(str::to_owned)];
+    print(out, titles.into_iter().chain(items.into_iter().map(row)), |row| row)
+}
+
 #[cfg(test)]
 mod tests {
     #[test]
     fn columns_are_aligned() {
         let rows = [["a", "long one", ""], ["bcd", "x", "end"]];
-        let rows = rows.map(|row| row.map(str::to_owned));
         let mut out = Vec::new();
-        super::print(&mut out, &rows).unwrap();
+        super::print(&mut out, rows, |row| row.map(str::to_owned)).unwrap();
         assert_eq!(String::from_utf8(out).unwrap(), "a    long one\nbcd  x         end\n");
     }
 }

@@ -49,7 +49,6 @@ impl Value {
         }
     }
 
-    /// Formats the value with its unit.
     pub fn text(&self, entry: Option<&Entry>) -> String {
         let unit = entry.and_then(|entry| entry.unit).map_or_else(String::new, |unit| {
             let factor = if unit.starts_with(|c: char| c.is_ascii_digit()) { "x " } else { "" };
@@ -84,7 +83,6 @@ impl Value {
     }
 }
 
-/// Encodes a text for a write.
 pub fn encode(
     text: &str,
     entry: Option<&Entry>,

@@ -298,7 +298,7 @@ fn impossible_bridges_are_rejected_with_reason() {
     let first = attach(&simulation, "0.0", &BridgeSpec::default()).unwrap();
     let taken = BridgeSpec { port: first.address().port(), ..BridgeSpec::default() };
     let error = attach(&simulation, "0.1", &taken).unwrap_err();
-    let BridgeError::Server(ServerError::Listen { address, .. }) = error else { panic!("{error}") };
+    let BridgeError::Server(ServerError::Listen(address, _)) = error else { panic!("{error}") };
     assert_eq!(address, first.address());
 }
 

@@ -4,7 +4,6 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
 use super::bit_rate::{self, NamedRate};
 
-/// A command of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SlcanCommand {
     /// An empty line, which clients send to discard an incomplete command.
@@ -13,11 +12,8 @@ pub(crate) enum SlcanCommand {
     Bitrate(NamedRate),
     /// `Yn`: bit rate of the data phase.
     DataBitrate(NamedRate),
-    /// `O`.
     Open,
-    /// `L`.
     OpenListening,
-    /// `C`.
     Close,
     /// A frame to send.
     Transmit(CanFrame),
@@ -25,7 +21,6 @@ pub(crate) enum SlcanCommand {
     Flags,
     /// `V`, and `v` on some adapters.
     Version,
-    /// `N`.
     SerialNumber,
     /// `Zn`: whether received frames have a timestamp.
     Timestamps(bool),
@@ -42,10 +37,8 @@ pub(crate) struct UnknownCommand;
 /// The longest command: an extended CAN FD frame of 64 bytes.
 pub(super) const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64;
 
-/// The bits of an extended identifier.
 const EXTENDED_BITS: u32 = 0x1FFF_FFFF;
 
-/// Parses a line without its end.
 pub(super) fn parse(line: &[u8]) -> Result<SlcanCommand, UnknownCommand> {
     use SlcanCommand as Command;
     let Some((&letter, arguments)) = line.split_first() else { return Ok(Command::Nothing) };
@@ -88,7 +81,6 @@ pub(super) fn parse(line: &[u8]) -> Result<SlcanCommand, UnknownCommand> {
     .ok_or(UnknownCommand)
 }
 
-/// Format of a frame to send.
 #[derive(Clone, Copy)]
 enum Format {
     Classic,

@@ -134,7 +134,6 @@ pub(crate) struct SlcanReceiveSettings {
 }
 
 impl SlcanReceiveSettings {
-    /// Returns whether the settings match the bus for this frame.
     fn fits(&self, frame: &CanFrame, bus: &BusRates) -> bool {
         let shares = |named: Option<NamedRate>, real| named.is_none_or(|named| named.fits(real));
         let is_fast = matches!(frame.kind(), FrameKind::Fd { brs: true, .. });

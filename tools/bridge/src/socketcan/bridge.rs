@@ -17,7 +17,6 @@ use crate::socketcan::frame::{from_kernel, to_kernel};
 use crate::socketcan::interface::{self, SocketCanError};
 use crate::statistics::count;
 
-/// Interval of checks whether to end.
 const LOOK: Duration = Duration::from_millis(50);
 /// Interval of attempts to write to an interface with a full queue.
 const RETRY: Duration = Duration::from_millis(1);
@@ -38,7 +37,6 @@ pub struct SocketCanBridge {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// State shared by the threads.
 #[derive(Debug, Default)]
 struct State {
     is_closed: AtomicBool,
@@ -70,11 +68,10 @@ impl SocketCanBridge {
     /// available.
     pub fn open(interface: &str, queue: usize) -> Result<Self, SocketCanError> {
         let socket = interface::open(interface)?;
-        let failed = |error| SocketCanError::Open { interface: interface.to_owned(), error };
+        let failed = |error| SocketCanError::Open(interface.to_owned(), error);
         Self::over(socket, interface, queue).map_err(failed)
     }
 
-    /// Creates a bridge on an open socket.
     pub(super) fn over(socket: CanFdSocket, interface: &str, queue: usize) -> io::Result<Self> {
         // Limits the time of a write to a full socket queue.
         socket.set_write_timeout(LOOK)?;
@@ -186,7 +183,6 @@ struct Writer {
 }
 
 impl Writer {
-    /// Runs until the bridge removes the client.
     fn run(mut self, queue: &ClientQueue) {
         while let Some(outgoing) = queue.take() {
             // An interface gets no answers.

@@ -9,54 +9,33 @@ use thiserror::Error;
 /// Any interface: its number for the kernel.
 const ANY: u32 = 0;
 
-/// Reason why a CAN interface cannot be opened.
+/// Reason why a CAN interface, given by name, cannot be opened.
 #[derive(Debug, Error)]
 pub enum SocketCanError {
     /// The kernel does not support CAN.
     #[error(
-        "this kernel has no SocketCAN ({error}): modprobe can_raw; for a virtual interface \
-         modprobe vcan; ip link add dev {interface} type vcan; ip link set {interface} up"
+        "this kernel has no SocketCAN ({1}): modprobe can_raw; for a virtual interface \
+         modprobe vcan; ip link add dev {0} type vcan; ip link set {0} up"
     )]
-    NoSocketCan {
-        /// Interface name.
-        interface: String,
-        /// The system's error.
-        error: io::Error,
-    },
+    NoSocketCan(String, io::Error),
     /// The interface does not exist.
     #[error(
-        "network interface {interface} does not exist; for a virtual one: modprobe vcan; \
-         ip link add dev {interface} type vcan; ip link set {interface} up"
+        "network interface {0} does not exist; for a virtual one: modprobe vcan; \
+         ip link add dev {0} type vcan; ip link set {0} up"
     )]
-    NoInterface {
-        /// Interface name.
-        interface: String,
-    },
+    NoInterface(String),
     /// The interface is not a CAN interface.
-    #[error(
-        "{interface} is not a CAN interface; see `ip link show type can` and `ip link show type vcan`"
-    )]
-    NotCan {
-        /// Interface name.
-        interface: String,
-    },
+    #[error("{0} is not a CAN interface; see `ip link show type can` and `ip link show type vcan`")]
+    NotCan(String),
     /// The interface is down.
     #[error(
-        "the CAN interface {interface} is down: ip link set {interface} up, for a real one with \
-         its bit rate: ip link set {interface} up type can bitrate 500000"
+        "the CAN interface {0} is down: ip link set {0} up, for a real one with \
+         its bit rate: ip link set {0} up type can bitrate 500000"
     )]
-    Down {
-        /// Interface name.
-        interface: String,
-    },
+    Down(String),
     /// Another error.
-    #[error("cannot open the CAN interface {interface}: {error}")]
-    Open {
-        /// Interface name.
-        interface: String,
-        /// The system's error.
-        error: io::Error,
-    },
+    #[error("cannot open the CAN interface {0}: {1}")]
+    Open(String, io::Error),
 }
 
 /// Opens an interface for classic and CAN FD frames. Own frames are not received, but other
@@ -71,22 +50,22 @@ pub(super) fn open(interface: &str) -> Result<CanFdSocket, SocketCanError> {
     if let Err(error) = CanFdSocket::open_iface(ANY)
         && is_missing(&error)
     {
-        return Err(SocketCanError::NoSocketCan { interface: name(), error });
+        return Err(SocketCanError::NoSocketCan(name(), error));
     }
-    let address = CanAddr::from_iface(interface)
-        .map_err(|_| SocketCanError::NoInterface { interface: name() })?;
+    let address =
+        CanAddr::from_iface(interface).map_err(|_| SocketCanError::NoInterface(name()))?;
     let socket = CanFdSocket::open_addr(&address).map_err(|error| {
         match error.raw_os_error() == Some(Errno::NODEV.raw_os_error()) {
-            true => SocketCanError::NotCan { interface: name() },
-            false => SocketCanError::Open { interface: name(), error },
+            true => SocketCanError::NotCan(name()),
+            false => SocketCanError::Open(name(), error),
         }
     })?;
     // A raw socket may be bound to an interface that is down; that is then a pending error.
     match socket.as_raw_socket().take_error() {
         Ok(None) => Ok(socket),
         Ok(Some(error)) if error.raw_os_error() == Some(Errno::NETDOWN.raw_os_error()) => {
-            Err(SocketCanError::Down { interface: name() })
+            Err(SocketCanError::Down(name()))
         }
-        Ok(Some(error)) | Err(error) => Err(SocketCanError::Open { interface: name(), error }),
+        Ok(Some(error)) | Err(error) => Err(SocketCanError::Open(name(), error)),
     }
 }

@@ -2,14 +2,11 @@
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
-/// A command of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SocketcandCommand {
     /// `open NAME`.
     Open,
-    /// `rawmode`.
     RawMode,
-    /// `echo`.
     Echo,
     /// `send ID LENGTH BYTES`, `sendrtr ID DLC`.
     Send(CanFrame),
@@ -31,7 +28,6 @@ pub(crate) enum CommandError {
     Frame,
 }
 
-/// Parses the text between `<` and `>`.
 pub(super) fn parse(text: &str) -> Result<SocketcandCommand, CommandError> {
     let mut words = text.split_ascii_whitespace();
     let command = match words.next().ok_or(CommandError::Syntax)? {

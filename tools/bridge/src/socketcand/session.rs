@@ -5,7 +5,6 @@ use std::io::Write as _;
 use super::command::{CommandError, SocketcandCommand, is_send, parse};
 use crate::uplink::Uplink;
 
-/// Maximum length of a command.
 const MAX_COMMAND: usize = 256;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

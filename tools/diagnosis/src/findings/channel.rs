@@ -20,19 +20,20 @@ pub(super) struct Channel<'a> {
 
 pub(super) fn findings(snapshot: &Snapshot, number: u8) -> Vec<Finding> {
     let channel = Channel { snapshot, number, place: Location::Channel(number) };
-    let mut found = Vec::new();
-    found.extend(channel.error_state());
-    found.extend(channel.bus_error());
-    found.extend(channel.bus_off_history());
-    found.extend(channel.apply_command());
-    found.extend(channel.flash_command());
-    found.extend(channel.masks());
-    found.extend(channel.node_mode());
-    found.extend(channel.receive_losses());
-    found.extend(channel.transmit_pressure());
-    found.extend(channel.event_losses());
-    found.extend(channel.message_ram());
-    found
+    let checks = [
+        Channel::error_state,
+        Channel::bus_error,
+        Channel::bus_off_history,
+        Channel::apply_command,
+        Channel::flash_command,
+        Channel::masks,
+        Channel::node_mode,
+        Channel::receive_losses,
+        Channel::transmit_pressure,
+        Channel::event_losses,
+        Channel::message_ram,
+    ];
+    checks.into_iter().filter_map(|check| check(&channel)).collect()
 }
 
 impl Channel<'_> {
@@ -127,36 +128,31 @@ impl Channel<'_> {
         }
         let (protocol, counters) = (self.protocol(), self.counters());
         if status.bus_off() || status.state() == ChannelState::BusOff || protocol.is_bus_off {
-            return Some(self.bus_off());
+            return self.bus_off();
         }
         if protocol.is_error_passive || counters.is_receive_passive || counters.transmit >= 128 {
-            return Some(self.error_passive(counters));
+            return self.error_passive(counters);
         }
         if status.state() == ChannelState::Error {
-            let finding =
-                self.fault("channel-error", "the channel is in its error state").causes(&[
-                    "the last configuration was not applied",
-                    "the controller did not start",
-                ]);
             let (apply, status) = (self.config_entry(1), self.config_entry(2));
             let next = format!("read the apply status ({status}) and apply again ({apply} = 1)");
-            return Some(finding.next_step(next, "16.3"));
+            return self
+                .fault("channel-error", "the channel is in its error state")
+                .causes(&["the last configuration was not applied", "the controller did not start"])
+                .next_step(next, "16.3");
         }
         if protocol.is_warning || counters.transmit >= 96 || counters.receive >= 96 {
-            let what = format!("error warning: {counters}");
-            let finding = self
-                .warning("error-warning", what)
+            let next = "check for 60 ohms between CAN_H and CAN_L, then watch the counters";
+            return self
+                .warning("error-warning", format!("error warning: {counters}"))
                 .causes(&["termination, cable or contact", "interference on the cable"])
-                .cause(self.compare_rates());
-            return Some(finding.next_step(
-                "check for 60 ohms between CAN_H and CAN_L, then watch the counters",
-                "16.3",
-            ));
+                .cause(self.compare_rates())
+                .next_step(next, "16.3");
         }
         None
     }
 
-    fn bus_off(&self) -> Finding {
+    fn bus_off(&self) -> Option<Finding> {
         let (policy, apply) = (self.data_path_entry(14), self.config_entry(1));
         let recovery = match self.snapshot.get(policy.index, policy.subindex) {
             Some(0) => {
@@ -171,16 +167,14 @@ impl Channel<'_> {
         self.fault("bus-off", "the channel is bus-off and does not send or receive")
             .causes(&["CAN_H and CAN_L are short-circuited or swapped", "termination is missing"])
             .cause(self.compare_rates())
-            .causes(&[
-                "another node uses another bit rate, or sends CAN FD frames to classic nodes",
-            ])
+            .cause("another node uses another bit rate, or sends CAN FD frames to classic nodes")
             .next_step(
                 format!("repair the bus wiring first: 60 ohms between CAN_H and CAN_L; {recovery}"),
                 "16.3",
             )
     }
 
-    fn error_passive(&self, counters: ErrorCounters) -> Finding {
+    fn error_passive(&self, counters: ErrorCounters) -> Option<Finding> {
         let protocol = self.protocol();
         let is_alone = protocol.last_error == LastErrorCode::Acknowledge
             || (counters.transmit == 128 && counters.receive == 0 && !counters.is_receive_passive);
@@ -188,10 +182,10 @@ impl Channel<'_> {
             let what = format!("no node acknowledges frames from this channel: {counters}");
             return self
                 .fault("no-acknowledge", what)
-                .causes(&["no other active node on this bus (off, or in listen mode)"])
+                .cause("no other active node on this bus (off, or in listen mode)")
                 .cause_if(self.rotation())
                 .cause(self.compare_rates())
-                .causes(&["the cable is open or connected to another channel"])
+                .cause("the cable is open or connected to another channel")
                 .next_step(
                     "connect a second node with the same bit rates; see `ecan pins`",
                     "16.3",
@@ -214,7 +208,8 @@ impl Channel<'_> {
         }
         if protocol.last_data_error.is_error() {
             let what = format!("{} in the data phase of CAN FD frames", protocol.last_data_error);
-            let finding = self
+            let next = "set the same data sample point on all nodes and enable TDC";
+            return self
                 .warning("data-phase-error", what)
                 .causes(&[
                     "the sample points of the data phase differ",
@@ -222,13 +217,8 @@ impl Channel<'_> {
                     "frames with BRS are sent to nodes with another data bit rate",
                     "stubs or cables are too long for this data bit rate",
                 ])
-                .cause(format!("this channel: {}", self.rates()));
-            return Some(
-                finding.next_step(
-                    "set the same data sample point on all nodes and enable TDC",
-                    "16.3",
-                ),
-            );
+                .cause(format!("this channel: {}", self.rates()))
+                .next_step(next, "16.3");
         }
         let error = protocol.last_error;
         if !error.is_error() || protocol.is_bus_off || protocol.is_error_passive {
@@ -247,11 +237,10 @@ impl Channel<'_> {
             }
             _ => &["interference, termination or contact"],
         };
-        let finding = self
-            .warning("bus-error", format!("the last error on the bus was a {error}"))
+        self.warning("bus-error", format!("the last error on the bus was a {error}"))
             .causes(causes)
-            .cause(self.compare_rates());
-        Some(finding.next_step("watch the error counters while frames are sent", "16.3"))
+            .cause(self.compare_rates())
+            .next_step("watch the error counters while frames are sent", "16.3")
     }
 
     fn bus_off_history(&self) -> Option<Finding> {
@@ -260,13 +249,10 @@ impl Channel<'_> {
         if status.bus_off() {
             return None;
         }
-        let finding = self
-            .warning("bus-off-past", format!("the channel was bus-off {count} times and recovered"))
+        self.warning("bus-off-past", format!("the channel was bus-off {count} times and recovered"))
             .causes(&["a loose contact or unplugged connector", "termination is missing"])
-            .cause(self.compare_rates());
-        Some(
-            finding.next_step("clear with `ecan diag --clear` and check whether it recurs", "16.3"),
-        )
+            .cause(self.compare_rates())
+            .next_step("clear with `ecan diag --clear` and check whether it recurs", "16.3")
     }
 
     /// "CAN is not sent" and "CAN cannot be received" of manual 5.4.6.
@@ -274,39 +260,34 @@ impl Channel<'_> {
         let bit = |mask: u32| mask >> self.number & 1 == 1;
         let tx = bit(self.snapshot.active_mask(0x8010)?);
         let rx = bit(self.snapshot.active_mask(0x8011)?);
-        let status = self.status()?;
-        if tx || rx {
-            let is_off = status.state() == ChannelState::Disabled;
-            return match (is_off, tx, rx) {
-                (true, _, _) => Some(self.not_applied()),
-                (false, true, false) => Some(self.left_out("cannot-send", "sent", 0x8011)),
-                (false, false, true) => Some(self.left_out("cannot-receive", "received", 0x8010)),
-                _ => None,
-            };
+        let is_off = self.status()?.state() == ChannelState::Disabled;
+        match (tx, rx) {
+            (false, false) => None,
+            _ if is_off => self.not_applied(),
+            (true, true) => None,
+            (true, false) => self.masked_out("cannot-send", "sent", 0x8011),
+            (false, true) => self.masked_out("cannot-receive", "received", 0x8010),
         }
-        None
     }
 
-    fn not_applied(&self) -> Finding {
+    fn not_applied(&self) -> Option<Finding> {
         self.fault("channel-off", "the channel is in the channel masks but disabled")
             .cause(format!(
                 "its configuration was not applied ({} = 1) after the start of the gateway",
                 self.config_entry(1)
             ))
-            .causes(&["the last apply failed"])
+            .cause("the last apply failed")
             .next_step(
                 "write and apply its configuration in the startup list of the master",
                 "5.4.6",
             )
     }
 
-    fn left_out(&self, id: &'static str, word: &str, object: u16) -> Finding {
-        self.warning(
-            id,
-            format!("frames of this channel are not {word}: the channel mask excludes it"),
-        )
-        .cause(format!("bit {} is not set in 0x{object:04X}:04", self.number))
-        .next_step(format!("set the bit in 0x{object:04X}:04 and apply, in PREOP"), "5.4.6")
+    fn masked_out(&self, id: &'static str, word: &str, object: u16) -> Option<Finding> {
+        let what = format!("frames of this channel are not {word}: the channel mask excludes it");
+        self.warning(id, what)
+            .cause(format!("bit {} is not set in 0x{object:04X}:04", self.number))
+            .next_step(format!("set the bit in 0x{object:04X}:04 and apply, in PREOP"), "5.4.6")
     }
 
     fn node_mode(&self) -> Option<Finding> {
@@ -324,13 +305,10 @@ impl Channel<'_> {
                 "external loopback: the channel receives only its own frames"
             }
         };
-        let finding =
-            self.warning("node-mode", what).causes(&["the mode was not reset after a test"]);
         let (mode, apply) = (self.config_entry(8), self.config_entry(1));
-        Some(
-            finding
-                .next_step(format!("write node mode 0 ({mode}) and apply ({apply} = 1)"), "13.4"),
-        )
+        self.warning("node-mode", what)
+            .cause("the mode was not reset after a test")
+            .next_step(format!("write node mode 0 ({mode}) and apply ({apply} = 1)"), "13.4")
     }
 
     fn receive_losses(&self) -> Option<Finding> {
@@ -350,17 +328,16 @@ impl Channel<'_> {
             what.push(format!("RX FIFO{number} lost a frame"));
         }
         let budget = self.data_path_entry(5);
-        let finding = self
-            .warning("receive-loss", what.join(", "))
+        let next =
+            format!("plan the traffic with `ecan plan`; raise {budget} and N, or set filters");
+        self.warning("receive-loss", what.join(", "))
             .cause(format!("more frames per cycle on the bus than the drain budget ({budget})"))
             .causes(&[
                 "the TxPDO is too small (0x8010:16)",
                 "the gateway is not in OP: no process data exchange",
                 "the filters pass unneeded frames",
-            ]);
-        let next =
-            format!("plan the traffic with `ecan plan`; raise {budget} and N, or set filters");
-        Some(finding.next_step(next, "16.3"))
+            ])
+            .next_step(next, "16.3")
     }
 
     fn transmit_pressure(&self) -> Option<Finding> {
@@ -373,43 +350,34 @@ impl Channel<'_> {
             0 => "the transmit FIFO is full".to_owned(),
             _ => format!("the transmit queue was full {count} times"),
         };
-        let finding = self.warning("transmit-pressure", what).causes(&[
-            "the host sends more frames than the bit rate allows",
-            "no acknowledgement: the first frame is repeated forever",
-            "frames with higher priority occupy the bus",
-        ]);
-        Some(
-            finding.next_step(
-                "check for bus errors first, then plan the load with `ecan plan`",
-                "16.3",
-            ),
-        )
+        self.warning("transmit-pressure", what)
+            .causes(&[
+                "the host sends more frames than the bit rate allows",
+                "no acknowledgement: the first frame is repeated forever",
+                "frames with higher priority occupy the bus",
+            ])
+            .next_step("check for bus errors first, then plan the load with `ecan plan`", "16.3")
     }
 
     fn event_losses(&self) -> Option<Finding> {
         let events = EventFifoStatus::from_raw(self.information(7).unwrap_or(0));
         let flags = self.information(3).unwrap_or(0);
-        (events.has_lost || flags >> 15 & 1 == 1).then(|| {
-            self.warning("event-loss", "transmit events were lost: transmit results are missing")
-                .causes(&["the transmit event FIFO has fewer elements than the transmit FIFO"])
-                .next_step(
-                    format!(
-                        "set {} to at least {} and apply ({} = 1)",
-                        self.config_entry(73),
-                        self.config_entry(70),
-                        self.config_entry(1)
-                    ),
-                    "13.4",
-                )
-        })
+        if !events.has_lost && flags >> 15 & 1 == 0 {
+            return None;
+        }
+        let [events, queue, apply] = [73, 70, 1].map(|subindex| self.config_entry(subindex));
+        self.warning("event-loss", "transmit events were lost: transmit results are missing")
+            .cause("the transmit event FIFO has fewer elements than the transmit FIFO")
+            .next_step(format!("set {events} to at least {queue} and apply ({apply} = 1)"), "13.4")
     }
 
     fn message_ram(&self) -> Option<Finding> {
         let interrupts = Interrupts(self.information(3)?);
-        interrupts.has_ram_failure().then(|| {
-            self.fault("message-ram", format!("the Message RAM failed: {interrupts}"))
-                .causes(&["a hardware fault", "registers were written manually"])
-                .next_step("power-cycle; if it recurs, send a bundle to support", "16.3")
-        })
+        if !interrupts.has_ram_failure() {
+            return None;
+        }
+        self.fault("message-ram", format!("the Message RAM failed: {interrupts}"))
+            .causes(&["a hardware fault", "registers were written manually"])
+            .next_step("power-cycle; if it recurs, send a bundle to support", "16.3")
     }
 }

@@ -11,7 +11,7 @@ use crate::finding::Finding;
 /// The manual gives no detail for status 1. Status 3: the values cannot be converted into a
 /// controller configuration; 4: the driver or the restart of the controller failed. It is open
 /// whether a layout that exceeds the Message RAM is 3 or 4.
-const FAILED: &[&str] = &["not specified by the gateway: a busy channel, or a rejected value"];
+const FAILED: &str = "not specified by the gateway: a busy channel, or a rejected value";
 const RESTART_FAILED: &str = "the CAN controller did not restart, or its driver failed";
 
 impl Channel<'_> {
@@ -31,23 +31,19 @@ impl Channel<'_> {
         let finding = match status {
             // Causes found in the values come first.
             ApplyStatus::BuildFail if is_known => finding,
-            ApplyStatus::RuntimeFail if is_known => finding.causes(&[RESTART_FAILED]),
+            ApplyStatus::RuntimeFail if is_known => finding.cause(RESTART_FAILED),
             ApplyStatus::BuildFail => finding
-                .causes(&[
-                    "no bit timing matches the bit rate and sample point window at the clock of the channel",
-                ])
+                .cause("no bit timing matches the bit rate and sample point window at the clock of the channel")
                 .cause(out_of_range)
                 .cause(ram),
-            ApplyStatus::RuntimeFail => finding.causes(&[RESTART_FAILED]).cause(ram),
-            _ => finding.causes(FAILED).cause(out_of_range).cause(ram),
+            ApplyStatus::RuntimeFail => finding.cause(RESTART_FAILED).cause(ram),
+            _ => finding.cause(FAILED).cause(out_of_range).cause(ram),
         };
+        let (apply, status) = (self.config_entry(1), self.config_entry(2));
+        let next =
+            format!("correct the configuration, apply it ({apply} = 1) and read {status} again");
         let finding = finding.cause(format!("this channel: {}", self.rates()));
-        let next = format!(
-            "correct the configuration, apply it ({} = 1) and read {} again",
-            self.config_entry(1),
-            self.config_entry(2)
-        );
-        Some(finding.next_step(next, "13.4"))
+        finding.next_step(next, "13.4")
     }
 
     /// The last Flash command.
@@ -61,18 +57,15 @@ impl Channel<'_> {
                 "the saved configuration is damaged, or from another firmware",
                 "no saved configuration",
             ]),
-            ApplyStatus::RuntimeFail => finding.causes(&[RESTART_FAILED]),
+            ApplyStatus::RuntimeFail => finding.cause(RESTART_FAILED),
             _ => finding.causes(&[
                 "no saved configuration, or it is damaged",
                 "the Flash is busy or cannot be written",
             ]),
         };
-        let next = format!(
-            "save the configuration again ({} = 1) and read {} again",
-            self.config_entry(3),
-            self.config_entry(4)
-        );
-        Some(finding.next_step(next, "13.4"))
+        let (save, status) = (self.config_entry(3), self.config_entry(4));
+        let next = format!("save the configuration again ({save} = 1) and read {status} again");
+        finding.next_step(next, "13.4")
     }
 
     /// Problems of the channel's values. Values that were not read count as default.

@@ -8,7 +8,7 @@ use crate::snapshot::{ObjectKey, Snapshot};
 pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
     let number = u16::from(channel);
     let place = Location::Channel(channel);
-    let object = 0x8021 + number;
+    let (object, config) = (0x8021 + number, 0x8001 + number);
     let control = |subindex| snapshot.get(object, subindex);
     let entry = |subindex| ObjectKey { index: object, subindex };
     let diagnosis = |subindex| snapshot.get(0x9020 + number, subindex).unwrap_or(0);
@@ -17,7 +17,7 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
     if let Some(raw) = control(3).filter(|raw| *raw != 0) {
         let status = ApplyStatus::from_raw(u8::try_from(raw).unwrap_or(u8::MAX));
         let what = format!("data path policy not applied: {status}");
-        found.push(
+        found.extend(
             Finding::fault("data-path-apply", place, what)
                 .cause(format!("a value of 0x{object:04X} is out of range, or min is above max"))
                 .next_step(
@@ -27,7 +27,7 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
         );
     }
     if control(1) == Some(0) {
-        found.push(
+        found.extend(
             Finding::warning("data-path-off", place, "the data path policy is disabled")
                 .cause(format!("{} is 0: the firmware uses its own budgets and policies", entry(1)))
                 .next_step(
@@ -44,11 +44,11 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
             "the RX cache dropped {dropped} frames ({old} old, {new} new, {critical} critical), \
              {depth} waited at most"
         );
-        found.push(
+        found.extend(
             Finding::warning("rx-cache-drop", place, what)
-                .causes(&[
+                .cause(
                     "more frames per cycle on the bus than fit into the TxPDO: check N and cycle",
-                ])
+                )
                 .cause(format!("the drain budget {} is too small", entry(5)))
                 .cause(format!("the RX cache {} is too small for bursts", entry(7)))
                 .next_step(
@@ -62,16 +62,13 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
         let (full, stale) = (text_of(11), text_of(12));
         let what =
             format!("the transmit FIFO was full {full} times, {stale} stale frames were dropped");
-        found.push(
+        found.extend(
             Finding::warning("tx-fifo-full", place, what)
                 .causes(&[
                     "the host sends more frames than the bit rate allows",
                     "the channel was bus-off or got no acknowledgement",
                 ])
-                .cause(format!(
-                    "the transmit FIFO is small ({})",
-                    ObjectKey { index: 0x8001 + number, subindex: 70 }
-                ))
+                .cause(format!("the transmit FIFO is small (0x{config:04X}:70)"))
                 .next_step(
                     "check for bus errors first, then plan the load with `ecan plan`",
                     "13.2.5",
@@ -81,18 +78,17 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
     let degraded = diagnosis(15);
     if degraded != 0 {
         let what = format!("the data path is degraded or protected (0x{degraded:X})");
-        found.push(
+        found.extend(
             Finding::fault("data-path-degraded", place, what)
                 .cause(format!("the receive path overflowed for a long time ({})", entry(16)))
-                .causes(&["the transmit path was congested for a long time"])
+                .cause("the transmit path was congested for a long time")
                 .cause(format!(
                     "the channel was bus-off and its policy keeps it off ({})",
                     entry(14)
                 ))
                 .next_step(
                     format!(
-                        "remove the cause, then apply the channel again (0x{:04X}:01 = 1)",
-                        0x8001 + number
+                        "remove the cause, then apply the channel again (0x{config:04X}:01 = 1)"
                     ),
                     "13.2.5",
                 ),

@@ -12,15 +12,15 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     let value = |index, subindex| snapshot.get(index, subindex).filter(|value| *value != 0);
     if let Some(status) = value(0x8020, 3) {
         let what = format!("global data path control not applied: status {status}");
-        found.push(
+        found.extend(
             Finding::fault("data-path-global", Location::Device, what)
-                .causes(&["a value of 0x8020 is out of range"])
+                .cause("a value of 0x8020 is out of range")
                 .next_step("correct it, write 0x8020:02 = 1 and read :03 again", "13.2.1"),
         );
     }
     if let Some(status) = value(0x8000, 15) {
         let what = format!("rotation of the CAN pins not applied: status {status}");
-        found.push(
+        found.extend(
             Finding::fault("pin-rotation", Location::Device, what)
                 .causes(&["it was written in OP", "the rotation is not in 0x8000:14"])
                 .next_step("stop the application and use `ecan pins ROTATION`", "13.3"),
@@ -28,9 +28,9 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     }
     if let Some(result) = value(0x8000, 11) {
         let what = format!("system configuration not applied: result {result}");
-        found.push(
+        found.extend(
             Finding::fault("system-apply", Location::Device, what)
-                .causes(&["the firmware rejected a value of 0x8000"])
+                .cause("the firmware rejected a value of 0x8000")
                 .next_step("read 0x8000 and write it again, or restore the factory values", "13.3"),
         );
     }
@@ -43,16 +43,16 @@ fn flags(snapshot: &Snapshot) -> Vec<Finding> {
     let Some(flags) = snapshot.get(0xB000, 6) else { return Vec::new() };
     let group = |id, mask: u32, causes: &[&str], next: &str| {
         let set = flags & mask;
-        let told: Vec<_> = DIAGNOSTIC_FLAGS
+        let texts: Vec<_> = DIAGNOSTIC_FLAGS
             .iter()
             .filter(|(bit, ..)| set >> bit & 1 == 1)
-            .map(|(_, name, words)| format!("{words} ({name})"))
+            .map(|(_, name, text)| format!("{text} ({name})"))
             .collect();
-        (set != 0).then(|| {
-            Finding::warning(id, Location::Device, told.join(", "))
-                .causes(causes)
-                .next_step(next, "13.7")
-        })
+        if set == 0 {
+            return None;
+        }
+        let finding = Finding::warning(id, Location::Device, texts.join(", ")).causes(causes);
+        finding.next_step(next, "13.7")
     };
     let known = DIAGNOSTIC_FLAGS.iter().fold(0, |mask, (bit, ..)| mask | 1 << bit);
     let groups = [
@@ -99,9 +99,9 @@ fn flags(snapshot: &Snapshot) -> Vec<Finding> {
     let mut found: Vec<_> = groups.into_iter().flatten().collect();
     if flags & !known != 0 {
         let what = format!("0xB000:06 has unknown bits: 0x{flags:04X}");
-        found.push(
+        found.extend(
             Finding::warning("flag-unknown", Location::Device, what)
-                .causes(&["the firmware is newer than this program"])
+                .cause("the firmware is newer than this program")
                 .next_step("compare with the manual of the firmware", "13.7"),
         );
     }
@@ -137,7 +137,7 @@ fn maintenance(snapshot: &Snapshot) -> Vec<Finding> {
                 "repeat the command; if it fails, send a bundle to support",
             ),
         };
-        found.push(
+        found.extend(
             Finding::warning("maintenance-status", Location::Device, what)
                 .causes(causes)
                 .next_step(next, "13.7"),
@@ -149,9 +149,9 @@ fn maintenance(snapshot: &Snapshot) -> Vec<Finding> {
             Some(mode) => format!("{mode} mode is active"),
             None => format!("unknown access mode {mode} is active"),
         };
-        found.push(
+        found.extend(
             Finding::warning("access-mode", Location::Device, what)
-                .causes(&["maintenance is in progress, or a program did not restore the mode"])
+                .cause("maintenance is in progress, or a program did not restore the mode")
                 .next_step("write 0xB000:01 = 0 if no maintenance is in progress", "13.7"),
         );
     }

@@ -25,69 +25,55 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
 
 fn state(snapshot: &Snapshot) -> Option<Finding> {
     if let Some(code) = snapshot.status_code() {
-        return Some(status_code(snapshot, code));
+        return status_code(snapshot, code);
     }
     let has_error = snapshot.has_error_flag || snapshot.al_state & 0x10 != 0;
-    let state = snapshot.state();
-    match (state, has_error) {
+    let fault = |id, what: String| Finding::fault(id, Location::Slave, what);
+    let warning = |id, what| Finding::warning(id, Location::Slave, what);
+    match (snapshot.state(), has_error) {
         (None, _) if snapshot.al_state == 0 => None,
-        (None, _) => Some(
-            Finding::fault(
-                "state-unknown",
-                Location::Slave,
-                format!("invalid AL state 0x{:02X}", snapshot.al_state),
-            )
-            .causes(&[
-                "the slave is starting, or its link is disturbed",
-                "the slave controller has no working EEPROM",
-            ])
-            .next_step("read again, then check the cable and the link LEDs", "16.1"),
-        ),
+        (None, _) => {
+            fault("state-unknown", format!("invalid AL state 0x{:02X}", snapshot.al_state))
+                .causes(&[
+                    "the slave is starting, or its link is disturbed",
+                    "the slave controller has no working EEPROM",
+                ])
+                .next_step("read again, then check the cable and the link LEDs", "16.1")
+        }
         (Some(AlState::Op), false) | (Some(AlState::PreOp), false) => None,
-        (Some(AlState::Boot), _) => Some(
-            Finding::warning(
-                "state-boot",
-                Location::Slave,
-                "the gateway is in BOOT, for a firmware update",
-            )
-            .causes(&["a firmware update is in progress", "a firmware update was interrupted"])
-            .next_step("wait for the end of the update or repeat it, then power-cycle", "15.7"),
-        ),
-        (Some(AlState::Init), false) => Some(
-            Finding::fault(
-                "state-init",
-                Location::Slave,
-                "the gateway stays in INIT, without mailbox",
-            )
-            .causes(&[
-                "the master is still scanning the bus",
-                "the mailbox sync managers of the SII are damaged",
-                "the master has no configuration for the slave",
-            ])
-            .next_step(
-                "retry after some seconds, then search the kernel log for the slave",
-                "16.1",
-            ),
-        ),
-        (Some(AlState::SafeOp), false) => Some(
-            Finding::warning(
-                "state-safeop",
-                Location::Slave,
-                "the gateway is in SAFEOP: inputs are valid, outputs are ignored",
-            )
-            .causes(&[
-                "the master is changing to OP, or was configured to stay in SAFEOP",
-                "the application no longer sends process data",
-                "SM2, the assignment 0x1C12 and the profile 0x8011 do not match",
-            ])
-            .next_step("check that the application runs with a complete working counter", "16.1"),
-        ),
-        (Some(state), true) => Some(held(snapshot, state)),
+        (Some(AlState::Boot), _) => {
+            warning("state-boot", "the gateway is in BOOT, for a firmware update")
+                .causes(&["a firmware update is in progress", "a firmware update was interrupted"])
+                .next_step("wait for the end of the update or repeat it, then power-cycle", "15.7")
+        }
+        (Some(AlState::Init), false) => {
+            fault("state-init", "the gateway stays in INIT, without mailbox".to_owned())
+                .causes(&[
+                    "the master is still scanning the bus",
+                    "the mailbox sync managers of the SII are damaged",
+                    "the master has no configuration for the slave",
+                ])
+                .next_step(
+                    "retry after some seconds, then search the kernel log for the slave",
+                    "16.1",
+                )
+        }
+        (Some(AlState::SafeOp), false) => warning(
+            "state-safeop",
+            "the gateway is in SAFEOP: inputs are valid, outputs are ignored",
+        )
+        .causes(&[
+            "the master is changing to OP, or was configured to stay in SAFEOP",
+            "the application no longer sends process data",
+            "SM2, the assignment 0x1C12 and the profile 0x8011 do not match",
+        ])
+        .next_step("check that the application runs with a complete working counter", "16.1"),
+        (Some(state), true) => held(snapshot, state),
     }
 }
 
 /// The master reports an error without a code of the slave.
-fn held(snapshot: &Snapshot, state: AlState) -> Finding {
+fn held(snapshot: &Snapshot, state: AlState) -> Option<Finding> {
     let what = format!("the master reports an error and keeps the gateway in {state}");
     let finding = Finding::fault("state-error", Location::Slave, what);
     let finding = match state {
@@ -109,13 +95,11 @@ fn held(snapshot: &Snapshot, state: AlState) -> Finding {
         None => "read the AL status code (ethercat reg_read 0x0134) and the kernel log",
         Some(_) => "read the kernel log for the failed SDO or step",
     };
-    finding.next_step(
-        format!("{code}; check the SII with scripts/ecan_sii_sm_layout.sh check"),
-        "16.1",
-    )
+    let next = format!("{code}; check the SII with scripts/ecan_sii_sm_layout.sh check");
+    finding.next_step(next, "16.1")
 }
 
-fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Finding {
+fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Option<Finding> {
     let state =
         snapshot.state().map_or_else(|| "an unknown state".to_owned(), |state| state.to_string());
     let what = format!("the gateway is in {state} with AL status code {code}");
@@ -180,14 +164,13 @@ fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Finding {
 
 fn silence(snapshot: &Snapshot) -> Option<Finding> {
     let why = snapshot.silence.as_ref()?;
-    let finding =
-        Finding::fault("mailbox-silent", Location::Slave, format!("objects cannot be read: {why}"))
-            .causes(&[
-                "the gateway is not in PREOP or higher, or it is starting",
-                "process data leave no bandwidth for the mailbox in the cycle",
-                "the link is disturbed",
-            ]);
-    Some(finding.next_step("bring it to PREOP; check its state with `ecan scan`", "16.1"))
+    Finding::fault("mailbox-silent", Location::Slave, format!("objects cannot be read: {why}"))
+        .causes(&[
+            "the gateway is not in PREOP or higher, or it is starting",
+            "process data leave no bandwidth for the mailbox in the cycle",
+            "the link is disturbed",
+        ])
+        .next_step("bring it to PREOP; check its state with `ecan scan`", "16.1")
 }
 
 /// Compares the mapping of the master with the active profile.
@@ -207,16 +190,15 @@ fn assignment(
          {bytes} bytes, N = {}",
         bytes / CHUNK_BYTES as u32
     );
-    let finding = Finding::fault("assignment-differs", place, what).causes(&[
-        "the master project selects another number of chunks than it writes as PDO size \
-         multiplier",
-        "the profile was applied before the assignment was written",
-        "another program changed the assignment later",
-    ]);
-    Some(finding.next_step(
-        "write the assignment, then the profile, then its apply command, all in PREOP",
-        "5.4.6, 16.1",
-    ))
+    let next = "write the assignment, then the profile, then its apply command, all in PREOP";
+    Finding::fault("assignment-differs", place, what)
+        .causes(&[
+            "the master project selects another number of chunks than it writes as PDO size \
+             multiplier",
+            "the profile was applied before the assignment was written",
+            "another program changed the assignment later",
+        ])
+        .next_step(next, "5.4.6, 16.1")
 }
 
 fn large_images(snapshot: &Snapshot) -> Option<Finding> {
@@ -226,11 +208,12 @@ fn large_images(snapshot: &Snapshot) -> Option<Finding> {
         return None;
     }
     let what = format!("N = {chunks}: {bytes} bytes exceed one EtherCAT datagram");
-    let finding = Finding::warning("images-large", Location::Slave, what).causes(&[
-        "the installed master does not split process data over datagrams: N is at most 11",
-        "an old application maps several gateways into one domain",
-    ]);
-    Some(finding.next_step("use N of 11 or less, or a master that supports large PDOs", "16.1"))
+    Finding::warning("images-large", Location::Slave, what)
+        .causes(&[
+            "the installed master does not split process data over datagrams: N is at most 11",
+            "an old application maps several gateways into one domain",
+        ])
+        .next_step("use N of 11 or less, or a master that supports large PDOs", "16.1")
 }
 
 fn sync_phase(snapshot: &Snapshot) -> Option<Finding> {
@@ -244,18 +227,16 @@ fn sync_phase(snapshot: &Snapshot) -> Option<Finding> {
     if us(min) >= f64::from(CLOSE_US) {
         return None;
     }
+    let (min, max) = (us(min), us(max));
     let what = format!(
-        "outputs arrive {:.1} to {:.1} us after a Sync0 pulse: some come when the pulse is \
-         just over",
-        us(min),
-        us(max)
+        "outputs arrive {min:.1} to {max:.1} us after a Sync0 pulse: some come when the pulse is \
+         just over"
     );
-    let finding = Finding::warning("sync-shift-small", Location::Slave, what).causes(&[
-        "the DC shift is too small: outputs of a late cycle miss their pulse",
-        "the host's cycle has jitter: no real-time priority, power saving, interrupt coalescing",
-    ]);
-    Some(finding.next_step(
-        "increase the shift by more than the jitter, run `ecan diag --clear`, check again",
-        "16.1",
-    ))
+    let next = "increase the shift by more than the jitter, run `ecan diag --clear`, check again";
+    Finding::warning("sync-shift-small", Location::Slave, what)
+        .causes(&[
+            "the DC shift is too small: outputs of a late cycle miss their pulse",
+            "the host's cycle has jitter: no real-time priority, power saving, interrupt coalescing",
+        ])
+        .next_step(next, "16.1")
 }

@@ -30,13 +30,11 @@ fn status(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
     let what = format!("profile not applied: 0x{index:04X}:02 is {status}");
     let fault = |id| Finding::fault(id, place, what.clone());
     let apply_again = format!("write 0x{index:04X}:01 = 1 in PREOP, then read :02 again");
-    Some(match status {
+    match status {
         // Parser and budget errors have counters of their own.
-        ProfileStatus::Ok | ProfileStatus::EncapsulationError | ProfileStatus::Overflow => {
-            return None;
-        }
+        ProfileStatus::Ok | ProfileStatus::EncapsulationError | ProfileStatus::Overflow => None,
         ProfileStatus::InvalidState => fault("profile-state")
-            .causes(&["the PDO size was changed in OP"])
+            .cause("the PDO size was changed in OP")
             .next_step("change the profile in PREOP or SAFEOP only", "5.4.2"),
         ProfileStatus::InvalidMultiplier => fault("profile-multiplier")
             .cause(format!("N is {n}; allowed: 1 to 24"))
@@ -45,7 +43,7 @@ fn status(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
             .cause(format!("the mask is {mask}; allowed: 0x01 to 0x0F"))
             .next_step("write a mask of 0x01 to 0x0F, then apply", "13.2"),
         ProfileStatus::InvalidProfile => fault("profile-encapsulation")
-            .causes(&["invalid encapsulation profile; allowed: 0, 1, 4 and 5 (0xF000:12)"])
+            .cause("invalid encapsulation profile; allowed: 0, 1, 4 and 5 (0xF000:12)")
             .next_step("write one of them, then apply", "9"),
         ProfileStatus::MappingReloadRequired => fault("profile-mapping-reload")
             .cause(format!("0x1C12/0x1C13 assign another number of chunks than N = {n}"))
@@ -58,7 +56,7 @@ fn status(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
                 "5.4.6",
             ),
         ProfileStatus::PendingApply => Finding::warning("profile-pending", place, what)
-            .causes(&["the profile was written without apply command"])
+            .cause("the profile was written without apply command")
             .next_step(apply_again, "13.2"),
         ProfileStatus::UnsupportedOption => fault("profile-option")
             .causes(&[
@@ -67,9 +65,9 @@ fn status(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
             ])
             .next_step("clear the flags that are not in 0xF000:15, then apply", "9.1"),
         ProfileStatus::Unknown(_) => fault("profile-unknown")
-            .causes(&["the firmware is newer than this program"])
+            .cause("the firmware is newer than this program")
             .next_step(apply_again, "13.2"),
-    })
+    }
 }
 
 fn frame_area(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
@@ -85,9 +83,9 @@ fn frame_area(snapshot: &Snapshot, index: u16, place: Location) -> Option<Findin
         }
         None => format!("{bytes} active bytes are smaller than the header of {HEADER_BYTES}"),
     };
-    let finding = Finding::fault("frame-area", place, what)
-        .causes(&["the profile changed during reading", "the firmware uses another header"]);
-    Some(finding.next_step("read 0xF000:18 and the profile again", "5.4.2"))
+    Finding::fault("frame-area", place, what)
+        .causes(&["the profile changed during reading", "the firmware uses another header"])
+        .next_step("read 0xF000:18 and the profile again", "5.4.2")
 }
 
 fn last_error(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
@@ -110,7 +108,7 @@ fn last_error(snapshot: &Snapshot, index: u16, place: Location) -> Option<Findin
         Some(PdoError::Ok | PdoError::DuplicateSequence) => Finding::warning(id, place, what),
         _ => Finding::fault(id, place, what),
     };
-    Some(finding.causes(causes).next_step(next, "5.4.6, 16.2"))
+    finding.causes(causes).next_step(next, "5.4.6, 16.2")
 }
 
 /// Name, causes and next step of the encapsulation errors of manual 13.2.
@@ -234,7 +232,7 @@ fn overflow(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding>
     let count = snapshot.get(index, 16).filter(|count| *count != 0)?;
     let what = format!("frames did not fit into the process data or were delayed, {count} times");
     let finding = Finding::warning("pdo-overflow", place, what);
-    Some(if index == 0x8010 {
+    if index == 0x8010 {
         finding
             .causes(&[
                 "more frames per cycle on the buses than fit into the TxPDO: N is too small",
@@ -251,42 +249,32 @@ fn overflow(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding>
                  cycle",
             ])
             .next_step("compare the sent frames with the bit rate, then check the channels", "12")
-    })
+    }
 }
 
 fn bypass(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
     snapshot.active_bytes(index)?;
     let options = snapshot.get(index, 12)? >> 21 & 0xFF;
-    let is_bypassed = options & u32::from(OptionFlags::APP_BYPASS.bits()) != 0;
-    is_bypassed.then(|| {
-        Finding::fault(
-            "app-bypass",
-            place,
-            "APP_BYPASS is active: CAN is disconnected in this direction",
-        )
-        .causes(&["not reset after a measurement"])
+    if options & u32::from(OptionFlags::APP_BYPASS.bits()) == 0 {
+        return None;
+    }
+    let what = "APP_BYPASS is active: CAN is disconnected in this direction";
+    Finding::fault("app-bypass", place, what)
+        .cause("not reset after a measurement")
         .next_step(format!("clear bit 3 of 0x{index:04X}:07 and apply"), "9.1")
-    })
 }
 
 fn diagnostic_test(snapshot: &Snapshot) -> Option<Finding> {
-    let mut active = Vec::new();
-    for subindex in 2..=6 {
-        let value = snapshot.get(0x8030, subindex).unwrap_or(0);
-        if value != 0 {
-            active.push(format!(":{subindex:02} = 0x{value:X}"));
-        }
-    }
+    let value = |subindex| Some((subindex, snapshot.get(0x8030, subindex).filter(|it| *it != 0)?));
+    let active: Vec<_> = (2..=6)
+        .filter_map(value)
+        .map(|(subindex, value)| format!(":{subindex:02} = 0x{value:X}"))
+        .collect();
     if active.is_empty() {
         return None;
     }
     let what = format!("diagnostic tests are active: 0x8030 {}", active.join(", "));
-    let finding = Finding::fault("diagnostic-test", Location::Device, what)
-        .causes(&["not reset after a measurement"]);
-    Some(
-        finding.next_step(
-            "write 0 to 0x8030:02 to :06, then to the key :01; or `ecan reboot`",
-            "13.2.3",
-        ),
-    )
+    Finding::fault("diagnostic-test", Location::Device, what)
+        .cause("not reset after a measurement")
+        .next_step("write 0 to 0x8030:02 to :06, then to the key :01; or `ecan reboot`", "13.2.3")
 }

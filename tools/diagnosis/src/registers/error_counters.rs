@@ -2,29 +2,22 @@
 
 use std::fmt;
 
-use serde::Serialize;
+use super::{bit, field};
 
-/// Error counters of a channel (register ECR, 0x9000:01).
-///
-/// ISO 11898-1: error warning from 96, error passive from 128, bus-off if the transmit counter
-/// exceeds 255.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct ErrorCounters {
-    /// Transmit error counter, 0 to 255.
-    pub transmit: u8,
-    /// Receive error counter, 0 to 127.
-    pub receive: u8,
-    /// The receive counter has reached the error passive level of 128.
-    pub is_receive_passive: bool,
-    /// Errors seen since the register was last read, 0 to 255, saturated.
-    pub logged: u8,
-}
-
-impl ErrorCounters {
-    /// Decodes the register.
-    pub const fn from_raw(raw: u32) -> Self {
-        let [transmit, receive, logged, _] = raw.to_le_bytes();
-        Self { transmit, receive: receive & 0x7F, is_receive_passive: receive & 0x80 != 0, logged }
+decoded_register! {
+    /// Error counters of a channel (register ECR, 0x9000:01).
+    ///
+    /// ISO 11898-1: error warning from 96, error passive from 128, bus-off if the transmit counter
+    /// exceeds 255.
+    pub struct ErrorCounters(raw) {
+        /// Transmit error counter, 0 to 255.
+        transmit: u8 = field(raw, 0, 0xFF),
+        /// Receive error counter, 0 to 127.
+        receive: u8 = field(raw, 8, 0x7F),
+        /// The receive counter has reached the error passive level of 128.
+        is_receive_passive: bool = bit(raw, 15),
+        /// Errors seen since the register was last read, 0 to 255, saturated.
+        logged: u8 = field(raw, 16, 0xFF),
     }
 }
 

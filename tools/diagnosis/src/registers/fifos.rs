@@ -2,41 +2,21 @@
 
 use std::fmt;
 
-use serde::Serialize;
+use super::{bit, field};
 
-const fn field(raw: u32, shift: u32, mask: u32) -> u8 {
-    (raw >> shift & mask & 0xFF) as u8
-}
-
-const fn bit(raw: u32, at: u32) -> bool {
-    raw >> at & 1 == 1
-}
-
-/// Receive FIFO (registers RXF0S and RXF1S, 0x9000:04 and :05).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct ReceiveFifoStatus {
-    /// Pending frames, 0 to 64.
-    pub fill: u8,
-    /// Get index.
-    pub get_index: u8,
-    /// Put index.
-    pub put_index: u8,
-    /// The FIFO is full.
-    pub is_full: bool,
-    /// A frame was lost.
-    pub has_lost: bool,
-}
-
-impl ReceiveFifoStatus {
-    /// Decodes the register.
-    pub const fn from_raw(raw: u32) -> Self {
-        Self {
-            fill: field(raw, 0, 0x7F),
-            get_index: field(raw, 8, 0x3F),
-            put_index: field(raw, 16, 0x3F),
-            is_full: bit(raw, 24),
-            has_lost: bit(raw, 25),
-        }
+decoded_register! {
+    /// Receive FIFO (registers RXF0S and RXF1S, 0x9000:04 and :05).
+    pub struct ReceiveFifoStatus(raw) {
+        /// Pending frames, 0 to 64.
+        fill: u8 = field(raw, 0, 0x7F),
+        /// Get index.
+        get_index: u8 = field(raw, 8, 0x3F),
+        /// Put index.
+        put_index: u8 = field(raw, 16, 0x3F),
+        /// The FIFO is full.
+        is_full: bool = bit(raw, 24),
+        /// A frame was lost.
+        has_lost: bool = bit(raw, 25),
     }
 }
 
@@ -48,28 +28,17 @@ impl fmt::Display for ReceiveFifoStatus {
     }
 }
 
-/// Transmit FIFO or queue (register TXFQS, 0x9000:06).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct TransmitQueueStatus {
-    /// Free elements, 0 to 32; 0 in queue mode.
-    pub free: u8,
-    /// Get index.
-    pub get_index: u8,
-    /// Put index.
-    pub put_index: u8,
-    /// The FIFO is full.
-    pub is_full: bool,
-}
-
-impl TransmitQueueStatus {
-    /// Decodes the register.
-    pub const fn from_raw(raw: u32) -> Self {
-        Self {
-            free: field(raw, 0, 0x3F),
-            get_index: field(raw, 8, 0x1F),
-            put_index: field(raw, 16, 0x1F),
-            is_full: bit(raw, 21),
-        }
+decoded_register! {
+    /// Transmit FIFO or queue (register TXFQS, 0x9000:06).
+    pub struct TransmitQueueStatus(raw) {
+        /// Free elements, 0 to 32; 0 in queue mode.
+        free: u8 = field(raw, 0, 0x3F),
+        /// Get index.
+        get_index: u8 = field(raw, 8, 0x1F),
+        /// Put index.
+        put_index: u8 = field(raw, 16, 0x1F),
+        /// The FIFO is full.
+        is_full: bool = bit(raw, 21),
     }
 }
 
@@ -80,21 +49,15 @@ impl fmt::Display for TransmitQueueStatus {
     }
 }
 
-/// Transmit event FIFO (register TXEFS, 0x9000:07).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct EventFifoStatus {
-    /// Pending events, 0 to 32.
-    pub fill: u8,
-    /// The FIFO is full.
-    pub is_full: bool,
-    /// An event was lost.
-    pub has_lost: bool,
-}
-
-impl EventFifoStatus {
-    /// Decodes the register.
-    pub const fn from_raw(raw: u32) -> Self {
-        Self { fill: field(raw, 0, 0x3F), is_full: bit(raw, 24), has_lost: bit(raw, 25) }
+decoded_register! {
+    /// Transmit event FIFO (register TXEFS, 0x9000:07).
+    pub struct EventFifoStatus(raw) {
+        /// Pending events, 0 to 32.
+        fill: u8 = field(raw, 0, 0x3F),
+        /// The FIFO is full.
+        is_full: bool = bit(raw, 24),
+        /// An event was lost.
+        has_lost: bool = bit(raw, 25),
     }
 }
 
@@ -106,28 +69,17 @@ impl fmt::Display for EventFifoStatus {
     }
 }
 
-/// Last high priority message (register HPMS, 0x9000:08).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct HighPriorityStatus {
-    /// Index of the element.
-    pub buffer: u8,
-    /// Storage: 0 none, 1 lost, 2 RX FIFO0, 3 RX FIFO1.
-    pub storage: u8,
-    /// Index of the matching filter.
-    pub filter: u8,
-    /// The filter is an extended one.
-    pub is_extended: bool,
-}
-
-impl HighPriorityStatus {
-    /// Decodes the register.
-    pub const fn from_raw(raw: u32) -> Self {
-        Self {
-            buffer: field(raw, 0, 0x3F),
-            storage: field(raw, 6, 3),
-            filter: field(raw, 8, 0x7F),
-            is_extended: bit(raw, 15),
-        }
+decoded_register! {
+    /// Last high priority message (register HPMS, 0x9000:08).
+    pub struct HighPriorityStatus(raw) {
+        /// Index of the element.
+        buffer: u8 = field(raw, 0, 0x3F),
+        /// Storage: 0 none, 1 lost, 2 RX FIFO0, 3 RX FIFO1.
+        storage: u8 = field(raw, 6, 3),
+        /// Index of the matching filter.
+        filter: u8 = field(raw, 8, 0x7F),
+        /// The filter is an extended one.
+        is_extended: bool = bit(raw, 15),
     }
 }
 

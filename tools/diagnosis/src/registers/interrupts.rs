@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+use super::bit;
 use crate::bit_names::set_names;
 
 /// Names of the bits of IR.
@@ -50,7 +51,7 @@ pub struct Interrupts(
 impl Interrupts {
     /// Whether RX FIFO0 and RX FIFO1 lost frames since the flags were cleared.
     pub const fn lost(self) -> (bool, bool) {
-        (self.0 >> 3 & 1 == 1, self.0 >> 7 & 1 == 1)
+        (bit(self.0, 3), bit(self.0, 7))
     }
 
     /// Message RAM failure: late access, bit error, or watchdog.

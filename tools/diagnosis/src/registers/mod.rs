@@ -2,6 +2,38 @@
 //!
 //! The manual names the registers; their bits are defined by the Bosch M_CAN core.
 
+/// Declares a decoded register: its fields with their values in the raw register.
+macro_rules! decoded_register {
+    (
+        $(#[$doc:meta])*
+        pub struct $name:ident($raw:ident) {
+            $($(#[$field_doc:meta])* $field:ident: $ty:ty = $value:expr,)*
+        }
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+        pub struct $name {
+            $($(#[$field_doc])* pub $field: $ty,)*
+        }
+
+        impl $name {
+            /// Decodes the register.
+            pub const fn from_raw($raw: u32) -> Self {
+                Self { $($field: $value,)* }
+            }
+        }
+    };
+}
+
+/// Bits of a register from `shift` on, at most 8.
+const fn field(raw: u32, shift: u32, mask: u32) -> u8 {
+    (raw >> shift & mask & 0xFF) as u8
+}
+
+const fn bit(raw: u32, at: u32) -> bool {
+    raw >> at & 1 == 1
+}
+
 mod catalogue;
 mod error_counters;
 mod fifos;

@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
+use super::{bit, field};
+
 /// Activity of the controller on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -16,6 +18,17 @@ pub enum Activity {
     Receiving,
     /// Sending.
     Sending,
+}
+
+impl Activity {
+    const fn from_raw(raw: u32) -> Self {
+        match raw & 3 {
+            0 => Self::Synchronising,
+            1 => Self::Idle,
+            2 => Self::Receiving,
+            _ => Self::Sending,
+        }
+    }
 }
 
 /// Last error code.
@@ -76,54 +89,31 @@ impl fmt::Display for LastErrorCode {
     }
 }
 
-/// Protocol status of a channel (register PSR, 0x9000:02).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct ProtocolStatus {
-    /// Last error in the arbitration phase and in classic frames.
-    pub last_error: LastErrorCode,
-    /// Activity of the controller.
-    pub activity: Activity,
-    /// Error passive: a counter reached 128.
-    pub is_error_passive: bool,
-    /// Error warning: a counter reached 96.
-    pub is_warning: bool,
-    /// Bus-off.
-    pub is_bus_off: bool,
-    /// Last error in the data phase of CAN FD frames with bit rate switch.
-    pub last_data_error: LastErrorCode,
-    /// The last CAN FD frame received had its ESI bit set: its sender is error passive.
-    pub has_received_esi: bool,
-    /// The last CAN FD frame received had its bit rate switch.
-    pub has_received_brs: bool,
-    /// A CAN FD frame was received.
-    pub has_received_fd: bool,
-    /// A protocol exception happened.
-    pub has_protocol_exception: bool,
-    /// Transmitter delay, in MCAN clock periods (mtq), 0 to 127.
-    pub transmitter_delay: u8,
-}
-
-impl ProtocolStatus {
-    /// Decodes the register.
-    pub const fn from_raw(raw: u32) -> Self {
-        Self {
-            last_error: LastErrorCode::from_raw(raw),
-            activity: match raw >> 3 & 3 {
-                0 => Activity::Synchronising,
-                1 => Activity::Idle,
-                2 => Activity::Receiving,
-                _ => Activity::Sending,
-            },
-            is_error_passive: raw >> 5 & 1 == 1,
-            is_warning: raw >> 6 & 1 == 1,
-            is_bus_off: raw >> 7 & 1 == 1,
-            last_data_error: LastErrorCode::from_raw(raw >> 8),
-            has_received_esi: raw >> 11 & 1 == 1,
-            has_received_brs: raw >> 12 & 1 == 1,
-            has_received_fd: raw >> 13 & 1 == 1,
-            has_protocol_exception: raw >> 14 & 1 == 1,
-            transmitter_delay: (raw >> 16 & 0x7F) as u8,
-        }
+decoded_register! {
+    /// Protocol status of a channel (register PSR, 0x9000:02).
+    pub struct ProtocolStatus(raw) {
+        /// Last error in the arbitration phase and in classic frames.
+        last_error: LastErrorCode = LastErrorCode::from_raw(raw),
+        /// Activity of the controller.
+        activity: Activity = Activity::from_raw(raw >> 3),
+        /// Error passive: a counter reached 128.
+        is_error_passive: bool = bit(raw, 5),
+        /// Error warning: a counter reached 96.
+        is_warning: bool = bit(raw, 6),
+        /// Bus-off.
+        is_bus_off: bool = bit(raw, 7),
+        /// Last error in the data phase of CAN FD frames with bit rate switch.
+        last_data_error: LastErrorCode = LastErrorCode::from_raw(raw >> 8),
+        /// The last CAN FD frame received had its ESI bit set: its sender is error passive.
+        has_received_esi: bool = bit(raw, 11),
+        /// The last CAN FD frame received had its bit rate switch.
+        has_received_brs: bool = bit(raw, 12),
+        /// A CAN FD frame was received.
+        has_received_fd: bool = bit(raw, 13),
+        /// A protocol exception happened.
+        has_protocol_exception: bool = bit(raw, 14),
+        /// Transmitter delay, in MCAN clock periods (mtq), 0 to 127.
+        transmitter_delay: u8 = field(raw, 16, 0x7F),
     }
 }
 

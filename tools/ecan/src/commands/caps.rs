@@ -6,15 +6,11 @@ use ecan_protocol::device::Capabilities;
 use ecan_protocol::object::object;
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Context, Result};
 use crate::readings::{Readings, not_read};
 use crate::table;
 use crate::value::Value;
 
-/// Entry of the capability object.
 #[derive(Debug, Serialize)]
 struct Capability {
     position: usize,
@@ -22,12 +18,11 @@ struct Capability {
     name: &'static str,
     value: Option<u32>,
     meaning: Option<String>,
-    /// Reason for a missing value.
     error: Option<String>,
 }
 
-pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
-    let bus = Bus::open(global, output)?;
+pub fn run(context: &Context) -> Result {
+    let bus = context.bus()?;
     let slave = bus.slave()?;
     let entries = object(Capabilities::INDEX).map_or(&[][..], |object| object.entries);
     let (mut capabilities, mut readings) = (Vec::new(), Readings::default());
@@ -48,22 +43,18 @@ pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
         });
     }
     readings.any()?;
-    output.data(&capabilities, |out| print(&capabilities, out))?;
+    context.output.data(&capabilities, |out| print(&capabilities, out))?;
     readings.end()
 }
 
 fn print(capabilities: &[Capability], out: &mut dyn Write) -> std::io::Result<()> {
-    let rows: Vec<_> = capabilities
-        .iter()
-        .map(|it| {
-            let entry = object(Capabilities::INDEX).and_then(|object| object.entry(it.subindex));
-            let value = match it.value {
-                Some(value) => Value::Unsigned(value.into()).text(entry),
-                None => not_read(it.error.as_deref().unwrap_or_default()),
-            };
-            let meaning = it.meaning.clone().unwrap_or_default();
-            [format!(":{:02}", it.subindex), it.name.to_owned(), value, meaning]
-        })
-        .collect();
-    table::print(out, &rows)
+    table::print(out, capabilities, |it| {
+        let entry = object(Capabilities::INDEX).and_then(|object| object.entry(it.subindex));
+        let value = match it.value {
+            Some(value) => Value::Unsigned(value.into()).text(entry),
+            None => not_read(it.error.as_deref().unwrap_or_default()),
+        };
+        let meaning = it.meaning.clone().unwrap_or_default();
+        [format!(":{:02}", it.subindex), it.name.to_owned(), value, meaning]
+    })
 }

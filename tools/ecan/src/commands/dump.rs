@@ -4,24 +4,16 @@ use std::path::PathBuf;
 
 use clap::{ArgGroup, Args};
 use ecan_candump::Filter;
-use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::new_file::is_standard_stream;
 use ecan_mcan_port::{Received, Session};
+use ecan_protocol::can::CanFrame;
 
-use crate::failure::Failure;
-use crate::frames::channels::{Channels, names_channel};
-use crate::frames::format::{Screen, TimedFrame};
-use crate::frames::options::FrameOptions;
-use crate::frames::prepared::Prepared;
-use crate::frames::printer::{Destination, Printer};
-use crate::frames::service::Service;
-use crate::frames::settings::{GatewayRequirements, Settings};
-use crate::frames::single_gateway::session;
-use crate::frames::timestamp::Style;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Context, Failure, Result, note};
+use crate::frames::{
+    Channels, Destination, FrameOptions, GatewayRequirements, Prepared, Printer, Screen, Service,
+    Style, TimedFrame, names_channel, session,
+};
 
-/// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
   ecan dump --bitrate 1000000                  everything on all channels
@@ -85,51 +77,20 @@ pub struct DumpArguments {
     options: FrameOptions,
 }
 
-/// Positional argument: a filter or `j`.
+/// Positional argument: a filter, or `None` for `j`.
 #[derive(Clone, Copy, Debug)]
-enum Rule {
-    Filter(Filter),
-    Join,
-}
+struct Rule(Option<Filter>);
 
 fn parse_rule(text: &str) -> Result<Rule, String> {
     match text {
-        "j" | "J" => Ok(Rule::Join),
+        "j" | "J" => Ok(Rule(None)),
         name if names_channel(name) => Err(format!("use --channel {name} to select a channel")),
-        text => text.parse().map(Rule::Filter).map_err(|error| format!("{error}")),
+        text => text.parse().map(|filter| Rule(Some(filter))).map_err(|error| format!("{error}")),
     }
 }
 
-/// Filters of the command line.
-#[derive(Debug)]
-struct Selection {
-    filters: Vec<Filter>,
-    needs_all: bool,
-}
-
-impl Selection {
-    fn new(rules: &[Rule]) -> Self {
-        let filters = rules.iter().filter_map(|rule| match rule {
-            Rule::Filter(filter) => Some(*filter),
-            Rule::Join => None,
-        });
-        let needs_all = rules.iter().any(|rule| matches!(rule, Rule::Join));
-        Self { filters: filters.collect(), needs_all }
-    }
-
-    fn passes(&self, frame: &ecan_protocol::can::CanFrame) -> bool {
-        let mut filters = self.filters.iter().map(|filter| filter.passes(frame));
-        self.filters.is_empty()
-            || if self.needs_all { filters.all(|it| it) } else { filters.any(|it| it) }
-    }
-}
-
-pub fn run(
-    arguments: &DumpArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
-    let FrameOptions { capture, gateway } = &arguments.options;
+pub fn run(arguments: &DumpArguments, context: &Context) -> Result {
+    let capture = &arguments.options.capture;
     let log = arguments.record.as_deref();
     capture.check_apart_from(log)?;
     let is_filed = log.is_some() || capture.path().is_some();
@@ -138,15 +99,13 @@ pub fn run(
         let words = "--screen and a file on standard output exclude each other";
         return Err(Failure::Usage(words.to_owned()));
     }
-    let settings = Settings::of(gateway)?;
-    let interrupt = Interrupt::install()?;
     let screen = Screen {
         style: arguments.time,
         has_nanoseconds: arguments.nanoseconds,
         has_ascii: arguments.ascii,
         has_extra: arguments.extra,
         is_log: arguments.log_format,
-        is_json: global.json,
+        is_json: context.global.json,
     };
     let requirements = GatewayRequirements {
         is_listening: arguments.listen_only,
@@ -154,34 +113,32 @@ pub fn run(
         has_end: arguments.count.is_some() || arguments.timeout.is_some(),
         ..GatewayRequirements::on(arguments.channel)
     };
-    let prepared = Prepared::new(&settings, requirements, global, output)?;
+    let prepared = Prepared::new(&arguments.options, requirements, context)?;
     let is_shown = !is_filed || arguments.screen;
     let destination = Destination { is_shown, log, existing: capture.existing() };
-    let mut printer = Printer::start(screen, destination, &interrupt)?;
-    let service = prepared.enter(capture, &interrupt, output)?;
-    let heard = match service {
-        Some(service) => listen(arguments, service, &interrupt, &mut printer),
+    let mut printer = Printer::start(screen, destination, &prepared.interrupt)?;
+    let received = match prepared.enter()? {
+        Some(service) => receive(arguments, service, &mut printer),
         None => Ok(()),
     };
-    let printed = printer.finish(output);
-    heard.and(printed)
+    let printed = printer.finish();
+    received.and(printed)
 }
 
-/// Runs the cycle until enough frames are received.
-fn listen(
-    arguments: &DumpArguments,
-    mut service: Service,
-    interrupt: &Interrupt,
-    printer: &mut Printer,
-) -> Result<(), Failure> {
-    let selection = Selection::new(&arguments.rules);
+fn receive(arguments: &DumpArguments, mut service: Service, printer: &mut Printer) -> Result {
+    let filters: Vec<_> = arguments.rules.iter().filter_map(|rule| rule.0).collect();
+    let needs_all = filters.len() != arguments.rules.len();
+    let passes = |frame: &CanFrame| {
+        let mut passed = filters.iter().map(|filter| filter.passes(frame));
+        if needs_all { passed.all(|it| it) } else { filters.is_empty() || passed.any(|it| it) }
+    };
     let timeout_ns = arguments.timeout.map(|ms| ms.saturating_mul(1_000_000));
-    let (mut heard, mut last_ns) = (0, service.now_ns());
+    let (mut count, mut last_ns) = (0, service.now_ns());
     loop {
         let cycle = service.begin_with(|received| {
-            let is_wanted = selection.passes(&received.frame) && Some(heard) != arguments.count;
-            heard += u64::from(is_wanted);
-            is_wanted
+            let is_selected = passes(&received.frame) && Some(count) != arguments.count;
+            count += u64::from(is_selected);
+            is_selected
         });
         for arrival in &cycle.arrivals {
             let Received::Frame(received) = arrival.received else { continue };
@@ -191,29 +148,28 @@ fn listen(
         }
         let is_quiet = timeout_ns.is_some_and(|limit| cycle.now_ns - last_ns >= limit);
         let ended = service.end(cycle);
-        let is_complete = Some(heard) == arguments.count;
-        if interrupt.is_set() && heard == 0 {
-            service.output().note(format_args!("# {}", service.silence()));
+        let is_complete = Some(count) == arguments.count;
+        if service.is_interrupted() && count == 0 {
+            note(format_args!("# {}", service.silence()));
         }
-        if ended.is_err() || is_complete || interrupt.is_set() || printer.is_over() {
+        if ended.is_err() || is_complete || service.is_interrupted() || printer.is_over() {
             return ended.and(service.finish());
         }
         if is_quiet {
             service.finish()?;
-            return judge(heard, arguments.count.unwrap_or(1), &service);
+            return check_count(count, arguments.count.unwrap_or(1), &service);
         }
     }
 }
 
-/// Checks whether enough frames were received.
-fn judge(heard: u64, wanted: u64, service: &Service) -> Result<(), Failure> {
-    let words = match heard {
-        enough if enough >= wanted => return Ok(()),
+fn check_count(received: u64, required: u64, service: &Service) -> Result {
+    let text = match received {
+        enough if enough >= required => return Ok(()),
         0 => service.silence(),
-        few => format!("{few} of {wanted} frames received"),
+        few => format!("{few} of {required} frames received"),
     };
     match session(service.port()) {
-        Session::Ready => Err(Failure::Incomplete(words)),
-        _ => Err(service.not_ready(&words)),
+        Session::Ready => Err(Failure::Incomplete(text)),
+        _ => Err(service.not_ready(&text)),
     }
 }

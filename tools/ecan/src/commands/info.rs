@@ -9,15 +9,11 @@ use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::{Output, Tone};
+use crate::context::{Bus, Context, Failure, Output, Result, Tone};
 use crate::readings::{Readings, not_read};
 use crate::slave_choice::{AllArgument, Recognised};
 use crate::table;
 
-/// Profile of one direction of process data.
 #[derive(Debug, Serialize)]
 struct Profile {
     bytes: u32,
@@ -27,17 +23,14 @@ struct Profile {
     pdo_errors: u32,
 }
 
-/// CAN channel.
 #[derive(Debug, Serialize)]
 struct Channel {
     channel: usize,
     #[serde(flatten)]
     state: Option<ChannelState>,
-    /// Reason for a missing state.
     error: Option<String>,
 }
 
-/// State of a channel.
 #[derive(Debug, Serialize)]
 struct ChannelState {
     status: u16,
@@ -46,7 +39,6 @@ struct ChannelState {
     data_bitrate: Option<u32>,
 }
 
-/// Output of `info`.
 #[derive(Debug, Serialize)]
 struct Info {
     position: u16,
@@ -73,12 +65,8 @@ pub struct InfoArguments {
     all: AllArgument,
 }
 
-pub fn run(
-    arguments: &InfoArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
-    let bus = Bus::open(global, output)?;
+pub fn run(arguments: &InfoArguments, context: &Context) -> Result {
+    let bus = context.bus()?;
     let Recognised { gateways, unknown } = bus.one_or_all(arguments.all.all)?;
     let mut infos = Vec::new();
     let mut failed = unknown.first().map(|first| Failure::Slave(first.to_string()));
@@ -94,12 +82,12 @@ pub fn run(
         }
     }
     if !infos.is_empty() {
-        output.one_or_list(arguments.all.all, &infos, |out| {
+        context.output.one_or_list(arguments.all.all, &infos, |out| {
             for (number, info) in infos.iter().enumerate() {
                 if number != 0 {
                     writeln!(out)?;
                 }
-                print(info, output, out)?;
+                print(info, &context.output, out)?;
             }
             Ok(())
         })?;
@@ -107,8 +95,8 @@ pub fn run(
     failed.map_or(Ok(()), Err)
 }
 
-fn read(bus: &Bus, slave: usize, readings: &mut Readings) -> Result<Info, Failure> {
-    let known = bus.diagnostics().slave_info(slave).map_err(Failure::Device)?;
+fn read(bus: &Bus, slave: usize, readings: &mut Readings) -> Result<Info> {
+    let known = bus.diagnostics().slave_info(slave)?;
     let mut channels = Vec::new();
     for channel in 0..CHANNELS {
         let state = readings.note(read_channel(bus, slave, channel as u16));
@@ -149,7 +137,7 @@ fn read(bus: &Bus, slave: usize, readings: &mut Readings) -> Result<Info, Failur
     })
 }
 
-fn read_profile(bus: &Bus, slave: usize, index: u16) -> Result<Profile, Failure> {
+fn read_profile(bus: &Bus, slave: usize, index: u16) -> Result<Profile> {
     let upload = |subindex| bus.read(slave, index, subindex);
     let (word, bytes) = (upload(12)?, upload(9)?);
     Ok(Profile {
@@ -161,7 +149,7 @@ fn read_profile(bus: &Bus, slave: usize, index: u16) -> Result<Profile, Failure>
     })
 }
 
-fn read_channel(bus: &Bus, slave: usize, channel: u16) -> Result<ChannelState, Failure> {
+fn read_channel(bus: &Bus, slave: usize, channel: u16) -> Result<ChannelState> {
     let (config, information) = (0x8001 + channel, 0x9000 + channel);
     let status = ChannelStatus::from_raw(bus.read(slave, information, 9)? as u16);
     let is_fd = bus.read(slave, config, 15)? == 1;
@@ -219,5 +207,5 @@ fn print(info: &Info, output: &Output, out: &mut dyn Write) -> std::io::Result<(
         let status = output.toned(tone, &it.words);
         rows.push([name, format!("{rates}  {status}")]);
     }
-    table::print(out, &rows)
+    table::print(out, rows, |row| row)
 }

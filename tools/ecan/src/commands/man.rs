@@ -2,16 +2,11 @@
 
 use std::path::Path;
 
-use crate::failure::Failure;
-use crate::output::Output;
+use crate::context::{Failure, Result, note};
 
-/// Writes a page for the program and one for each command.
-pub fn run(command: &clap::Command, directory: &Path, output: &Output) -> Result<(), Failure> {
-    clap_mangen::generate_to(command.clone(), directory).map_err(|error| Failure::File {
-        what: "write the manual pages to",
-        path: directory.to_owned(),
-        reason: error.to_string(),
-    })?;
-    output.note(format_args!("manual pages written to {}", directory.display()));
+pub fn run(command: &clap::Command, directory: &Path) -> Result {
+    clap_mangen::generate_to(command.clone(), directory)
+        .map_err(|error| Failure::file("write the manual pages to", directory, error))?;
+    note(format_args!("manual pages written to {}", directory.display()));
     Ok(())
 }

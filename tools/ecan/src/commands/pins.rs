@@ -7,10 +7,7 @@ use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Bus, Context, Failure, Result};
 use crate::table;
 
 const SYSTEM: u16 = 0x8000;
@@ -33,7 +30,6 @@ pub struct PinsArguments {
     rotation: Option<u8>,
 }
 
-/// Rotation of the channels.
 #[derive(Debug, Serialize)]
 struct Pins {
     position: usize,
@@ -41,25 +37,20 @@ struct Pins {
     active: u32,
     supported: Vec<u32>,
     apply_status: u32,
-    /// Pin group of each channel.
     pin_groups: Vec<usize>,
 }
 
-pub fn run(
-    arguments: &PinsArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
-    let bus = Bus::open(global, output)?;
+pub fn run(arguments: &PinsArguments, context: &Context) -> Result {
+    let bus = context.bus()?;
     let slave = bus.slave()?;
     if let Some(rotation) = arguments.rotation {
         set(&bus, slave, rotation.into())?;
     }
     let pins = read(&bus, slave)?;
-    output.data(&pins, |out| print(&pins, out))
+    context.output.data(&pins, |out| print(&pins, out))
 }
 
-fn read(bus: &Bus, slave: usize) -> Result<Pins, Failure> {
+fn read(bus: &Bus, slave: usize) -> Result<Pins> {
     let value = |subindex| bus.read(slave, SYSTEM, subindex);
     let (active, mask) = (value(ACTIVE)?, value(MASK)?);
     Ok(Pins {
@@ -72,7 +63,7 @@ fn read(bus: &Bus, slave: usize) -> Result<Pins, Failure> {
     })
 }
 
-fn set(bus: &Bus, slave: usize, rotation: u32) -> Result<(), Failure> {
+fn set(bus: &Bus, slave: usize, rotation: u32) -> Result {
     let supported = read(bus, slave)?.supported;
     if !supported.contains(&rotation) {
         let known: Vec<_> = supported.iter().map(ToString::to_string).collect();
@@ -94,12 +85,11 @@ fn set(bus: &Bus, slave: usize, rotation: u32) -> Result<(), Failure> {
 
 fn print(pins: &Pins, out: &mut dyn Write) -> std::io::Result<()> {
     let known: Vec<_> = pins.supported.iter().map(ToString::to_string).collect();
-    let mut rows = vec![
+    let rows = [
         ["rotation".to_owned(), format!("{} of {}", pins.active, known.join(", "))],
         ["requested".to_owned(), format!("{}, apply status {}", pins.requested, pins.apply_status)],
     ];
-    for (channel, group) in pins.pin_groups.iter().enumerate() {
-        rows.push([format!("CAN{channel}"), format!("pin group {group}")]);
-    }
-    table::print(out, &rows)
+    let groups = pins.pin_groups.iter().enumerate();
+    let groups = groups.map(|(channel, it)| [format!("CAN{channel}"), format!("pin group {it}")]);
+    table::print(out, rows.into_iter().chain(groups), |row| row)
 }

@@ -3,12 +3,8 @@
 use clap::Args;
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Bus, Context, Failure, Result};
 
-/// Poll interval in ns.
 const LOOK_NS: u64 = 20_000_000;
 /// Time after which a gateway that is still on the bus has not restarted, in ns.
 const VANISH_NS: u64 = 5_000_000_000;
@@ -30,7 +26,6 @@ pub struct RebootArguments {
     timeout: u16,
 }
 
-/// Result of the restart.
 #[derive(Debug, Serialize)]
 struct Restarted {
     position: usize,
@@ -39,12 +34,8 @@ struct Restarted {
     after_ms: Option<u64>,
 }
 
-pub fn run(
-    arguments: &RebootArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
-    let bus = Bus::open(global, output)?;
+pub fn run(arguments: &RebootArguments, context: &Context) -> Result {
+    let bus = context.bus()?;
     let slave = bus.slave()?;
     let mut restarted =
         Restarted { position: slave, is_back: false, firmware: None, after_ms: None };
@@ -56,7 +47,7 @@ pub fn run(
     } else {
         command(&bus, slave)?;
     }
-    output.data(&restarted, |out| match (&restarted.firmware, restarted.after_ms) {
+    context.output.data(&restarted, |out| match (&restarted.firmware, restarted.after_ms) {
         (Some(firmware), Some(ms)) => {
             writeln!(out, "slave {slave}: restarted in {ms} ms, firmware {firmware}")
         }
@@ -67,18 +58,18 @@ pub fn run(
     })
 }
 
-fn command(bus: &Bus, slave: usize) -> Result<(), Failure> {
+fn command(bus: &Bus, slave: usize) -> Result {
     bus.write(slave, 0x8000, 1, 1)
 }
 
 /// Restarts a gateway and waits until it responds; returns the duration in ns.
-pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64, Failure> {
+pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64> {
     command(bus, slave)?;
     wait(bus, slave, timeout_ns)
 }
 
 /// Waits until the gateway has left the bus and responds again; returns the duration in ns.
-fn wait(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64, Failure> {
+fn wait(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64> {
     let clock = bus.clock();
     let start = clock.now_ns();
     let elapsed = || clock.now_ns().saturating_sub(start);

@@ -8,18 +8,13 @@ use ecan_host::Maintenance;
 use ecan_protocol::device::AccessMode;
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::{Output, Tone};
+use crate::context::{Bus, Context, Failure, Output, Result, Tone, note};
 use crate::table;
 use crate::value::parse_unsigned;
 
-/// Range of register offsets.
 const OFFSETS: std::ops::RangeInclusive<u64> = 0x0004..=0x0404;
 /// Attempts while the service is busy.
 const TRIES: u32 = 20;
-/// Time between two attempts, in ns.
 const PAUSE_NS: u64 = 5_000_000;
 
 /// Arguments of `reg`.
@@ -46,7 +41,7 @@ enum Action {
         #[arg(value_parser = parse_offset)]
         register: u16,
         /// CAN channel, 0 to 3
-        #[arg(long, value_name = "N", value_parser = crate::frames::channels::parse_channel)]
+        #[arg(long, value_name = "N", value_parser = crate::frames::parse_channel)]
         channel: u8,
     },
     /// Write a register of the whitelist
@@ -58,7 +53,7 @@ enum Action {
         #[arg(value_parser = parse_value)]
         value: u32,
         /// CAN channel, 0 to 3
-        #[arg(long, value_name = "N", value_parser = crate::frames::channels::parse_channel)]
+        #[arg(long, value_name = "N", value_parser = crate::frames::parse_channel)]
         channel: u8,
     },
     /// List the named registers and their access
@@ -82,7 +77,6 @@ fn parse_value(text: &str) -> Result<u32, String> {
     u32::try_from(value).map_err(|_| format!("{text} is out of range; allowed: 0 to 0xFFFFFFFF"))
 }
 
-/// Value of a register.
 #[derive(Debug, Serialize)]
 struct Reading {
     position: usize,
@@ -95,7 +89,6 @@ struct Reading {
     timestamp: u64,
 }
 
-/// Register in the list.
 #[derive(Debug, Serialize)]
 struct Listed {
     offset: u16,
@@ -104,31 +97,27 @@ struct Listed {
     is_writable: bool,
 }
 
-pub fn run(
-    arguments: &RegArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &RegArguments, context: &Context) -> Result {
     match arguments.action {
-        Action::List => list(output),
+        Action::List => list(&context.output),
         Action::Read { register, channel } => {
-            let bus = Bus::open(global, output)?;
+            let bus = context.bus()?;
             let service = Service { bus: &bus, slave: bus.slave()?, channel };
             let reading = service.read(register)?;
-            output.data(&reading, |out| print(&reading, out))
+            context.output.data(&reading, |out| print(&reading, out))
         }
         Action::Write { register, value, channel } => {
             check_whitelist(register)?;
-            let bus = Bus::open(global, output)?;
+            let bus = context.bus()?;
             let service = Service { bus: &bus, slave: bus.slave()?, channel };
             let reading = service.write(register, value)?;
-            output.data(&reading, |out| print(&reading, out))?;
-            judge_readback(&reading, value, output)
+            context.output.data(&reading, |out| print(&reading, out))?;
+            judge_readback(&reading, value, &context.output)
         }
     }
 }
 
-fn list(output: &Output) -> Result<(), Failure> {
+fn list(output: &Output) -> Result {
     let listed: Vec<_> = REGISTERS
         .iter()
         .map(|it| Listed {
@@ -139,20 +128,16 @@ fn list(output: &Output) -> Result<(), Failure> {
         })
         .collect();
     output.data(&listed, |out| {
-        let rows: Vec<_> = listed
-            .iter()
-            .map(|it| {
-                let access = if it.is_writable { "rw" } else { "ro" };
-                let description = it.description.to_owned();
-                [format!("0x{:04X}", it.offset), it.name.to_owned(), access.to_owned(), description]
-            })
-            .collect();
-        table::print(out, &rows)
+        table::print(out, &listed, |it| {
+            let access = if it.is_writable { "rw" } else { "ro" };
+            let description = it.description.to_owned();
+            [format!("0x{:04X}", it.offset), it.name.to_owned(), access.to_owned(), description]
+        })
     })
 }
 
 /// Checked here, although the gateway rejects it too: saves a change to engineering mode.
-fn check_whitelist(offset: u16) -> Result<(), Failure> {
+fn check_whitelist(offset: u16) -> Result {
     let known = register(offset);
     if known.is_some_and(|it| it.is_writable()) {
         return Ok(());
@@ -166,7 +151,7 @@ fn check_whitelist(offset: u16) -> Result<(), Failure> {
 }
 
 /// Warns if a plain register does not contain the written value.
-fn judge_readback(reading: &Reading, written: u32, output: &Output) -> Result<(), Failure> {
+fn judge_readback(reading: &Reading, written: u32, output: &Output) -> Result {
     // Commands, self-clearing flags, and registers with hardware bits.
     const COMMANDS: [&str; 8] = ["IR", "CCCR", "TEST", "RXF0A", "RXF1A", "TXBAR", "TXBCR", "TXEFA"];
     let name = reading.name.unwrap_or_default();
@@ -177,7 +162,7 @@ fn judge_readback(reading: &Reading, written: u32, output: &Output) -> Result<()
         "{name} does not contain 0x{written:08X}: a protected register is writable only while CCCR has \
          INIT and CCE set, and reserved bits read 0"
     );
-    output.note(output.toned(Tone::Warning, words));
+    note(output.toned(Tone::Warning, words));
     Err(Failure::ProblemsFound)
 }
 
@@ -191,14 +176,12 @@ fn print(reading: &Reading, out: &mut dyn Write) -> std::io::Result<()> {
     }
 }
 
-/// Result of a command of the service.
 enum Answer {
     Done,
     /// Access mode required.
     Denied,
 }
 
-/// Register service of one channel.
 struct Service<'a> {
     bus: &'a Bus,
     slave: usize,
@@ -210,15 +193,15 @@ impl Service<'_> {
         0xA000 + u16::from(self.channel)
     }
 
-    fn get(&self, subindex: u8) -> Result<u32, Failure> {
+    fn get(&self, subindex: u8) -> Result<u32> {
         self.bus.read(self.slave, self.object(), subindex)
     }
 
-    fn set(&self, subindex: u8, value: u32) -> Result<(), Failure> {
+    fn set(&self, subindex: u8, value: u32) -> Result {
         self.bus.write(self.slave, self.object(), subindex, value)
     }
 
-    fn read(&self, offset: u16) -> Result<Reading, Failure> {
+    fn read(&self, offset: u16) -> Result<Reading> {
         self.set(1, offset.into())?;
         match self.command(1)? {
             Answer::Done => self.reading(offset),
@@ -229,7 +212,7 @@ impl Service<'_> {
         }
     }
 
-    fn write(&self, offset: u16, value: u32) -> Result<Reading, Failure> {
+    fn write(&self, offset: u16, value: u32) -> Result<Reading> {
         self.in_engineering_mode(|| {
             self.set(1, offset.into())?;
             self.set(4, value)?;
@@ -238,7 +221,7 @@ impl Service<'_> {
         })
     }
 
-    fn reading(&self, offset: u16) -> Result<Reading, Failure> {
+    fn reading(&self, offset: u16) -> Result<Reading> {
         let value = self.get(5)?;
         let timestamp = u64::from(self.get(6)?) | u64::from(self.get(7)?) << 32;
         Ok(Reading {
@@ -252,8 +235,7 @@ impl Service<'_> {
         })
     }
 
-    /// Executes a command and retries while the service is busy.
-    fn command(&self, command: u32) -> Result<Answer, Failure> {
+    fn command(&self, command: u32) -> Result<Answer> {
         let clock = self.bus.clock();
         for _ in 0..TRIES {
             self.set(2, command)?;
@@ -269,7 +251,7 @@ impl Service<'_> {
         Err(rejected("still busy"))
     }
 
-    fn permitted(&self, command: u32) -> Result<(), Failure> {
+    fn permitted(&self, command: u32) -> Result {
         match self.command(command)? {
             Answer::Done => Ok(()),
             Answer::Denied => Err(rejected("access denied in engineering mode (0xB000:01)")),
@@ -277,10 +259,7 @@ impl Service<'_> {
     }
 
     /// Runs an action in engineering mode and always restores the mode.
-    fn in_engineering_mode<R>(
-        &self,
-        action: impl FnOnce() -> Result<R, Failure>,
-    ) -> Result<R, Failure> {
+    fn in_engineering_mode<R>(&self, action: impl FnOnce() -> Result<R>) -> Result<R> {
         Maintenance::new(self.bus.diagnostics(), self.slave)
             .in_mode(AccessMode::Engineering, action)
     }

@@ -4,22 +4,15 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
-use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::new_file::is_standard_stream;
 
-use crate::failure::Failure;
-use crate::frames::channels::Channels;
-use crate::frames::format::Screen;
-use crate::frames::options::FrameOptions;
-use crate::frames::prepared::Prepared;
-use crate::frames::printer::{Destination, Printer};
+use crate::context::{Context, Failure, Result, note};
 use crate::frames::recording::{self, Recorded, RecordedLog};
-use crate::frames::sender::{Due, Record, Sender};
-use crate::frames::settings::{GatewayRequirements, Settings};
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::frames::{
+    Channels, Destination, Due, FrameOptions, GatewayRequirements, Prepared, Printer, Record,
+    Screen, Sender,
+};
 
-/// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
   ecan replay drive.log                        on channel 0, at the recorded times
@@ -28,7 +21,6 @@ Examples:
   ecan replay drive.log --record back.log      and record received frames
   ecan replay drive.log --capture both.pcapng  sent and received, for Wireshark";
 
-/// Number of repetitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Loops {
     Times(u64),
@@ -76,7 +68,6 @@ fn parse_speed(text: &str) -> Result<f64, String> {
     speed.ok_or_else(|| "expected a factor of 0.001 to 1000000".to_owned())
 }
 
-/// Iterator over the recording and its repetitions.
 #[derive(Debug)]
 struct Recording {
     frames: Vec<Recorded>,
@@ -84,12 +75,11 @@ struct Recording {
     error_messages: usize,
     loops: Loops,
     speed: f64,
-    /// Frames returned so far.
     given: u64,
 }
 
 impl Recording {
-    fn read(arguments: &ReplayArguments) -> Result<Self, Failure> {
+    fn read(arguments: &ReplayArguments) -> Result<Self> {
         let RecordedLog { frames, error_messages } =
             recording::read(&arguments.file, arguments.channel, 1)?;
         let name = arguments.file.display();
@@ -109,13 +99,11 @@ impl Recording {
         Ok(Self { frames, error_messages, loops, speed, given: 0 })
     }
 
-    /// Channels of the frames.
     fn channels(&self) -> Channels {
         let mask = self.frames.iter().fold(0, |mask, it| mask | 1 << it.channel);
         Channels::of_mask(mask)
     }
 
-    /// Total number of frames; `None` if infinite.
     fn total(&self) -> Option<u64> {
         match self.loops {
             Loops::Times(times) => Some(times.saturating_mul(self.frames.len() as u64)),
@@ -123,8 +111,7 @@ impl Recording {
         }
     }
 
-    /// Rejects CAN FD frames for a channel without CAN FD.
-    fn check_fd(&self, file: &Path, prepared: &Prepared<'_>) -> Result<(), Failure> {
+    fn check_fd(&self, file: &Path, prepared: &Prepared<'_>) -> Result {
         let is_fd = |it: &&Recorded| it.logged.frame.as_ref().is_fd();
         self.frames.iter().filter(is_fd).try_for_each(|it| {
             let (name, line) = (file.display(), it.logged.line);
@@ -133,9 +120,8 @@ impl Recording {
     }
 }
 
-/// Frames with their due time.
 impl Iterator for Recording {
-    type Item = Result<Due, Failure>;
+    type Item = Result<Due>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.total().is_some_and(|total| self.given >= total) {
@@ -155,18 +141,12 @@ impl Iterator for Recording {
     }
 }
 
-pub fn run(
-    arguments: &ReplayArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &ReplayArguments, context: &Context) -> Result {
     let ReplayArguments { channel, options, .. } = arguments;
     let log = arguments.record.as_deref();
     let is_output_taken = options.capture.is_on_output() || log.is_some_and(is_standard_stream);
-    let output = &output.on_stderr(is_output_taken);
+    let context = &context.on_stderr(is_output_taken);
     let recording = Recording::read(arguments)?;
-    let settings = Settings::of(&options.gateway)?;
-    let interrupt = Interrupt::install()?;
     let total = recording.total();
     let requirements = GatewayRequirements {
         required: recording.channels(),
@@ -174,19 +154,19 @@ pub fn run(
         has_end: total.is_some(),
         ..GatewayRequirements::on(*channel)
     };
-    let prepared = Prepared::new(&settings, requirements, global, output)?;
+    let prepared = Prepared::new(options, requirements, context)?;
     recording.check_fd(&arguments.file, &prepared)?;
     let destination = Destination { is_shown: false, log, existing: options.capture.existing() };
-    let printer = Printer::start(Screen::default(), destination, &interrupt)?;
-    let Some(service) = prepared.enter(&options.capture, &interrupt, output)? else {
-        return printer.finish(output);
+    let printer = Printer::start(Screen::default(), destination, &prepared.interrupt)?;
+    let Some(service) = prepared.enter()? else {
+        return printer.finish();
     };
     if recording.error_messages > 0 {
         let count = recording.error_messages;
-        output.note(format_args!("# error messages in the log skipped: {count}"));
+        note(format_args!("# error messages in the log skipped: {count}"));
     }
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
     let record = Record::Received(printer);
-    let sender = Sender { channels: *channel, timeout_ns, interrupt: &interrupt, record };
-    sender.run(service, recording, total, output)
+    let sender = Sender { channels: *channel, timeout_ns, record };
+    sender.run(service, recording, total, &context.output)
 }

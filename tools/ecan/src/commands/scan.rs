@@ -6,14 +6,10 @@ use ecan_host::SlaveKind;
 use ecan_protocol::device::AlState;
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::{Output, Tone};
+use crate::context::{Context, Output, Result, Tone};
 use crate::slave_choice::Unknown;
 use crate::table;
 
-/// Slave of the bus.
 #[derive(Debug, Serialize)]
 struct Found {
     position: u16,
@@ -26,15 +22,14 @@ struct Found {
     revision: u32,
     /// `None` if the slave cannot be identified.
     is_gateway: Option<bool>,
-    /// Reason why it cannot be identified.
     unknown: Option<String>,
     serial: Option<u64>,
     firmware: Option<String>,
     hardware: Option<String>,
 }
 
-pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
-    let bus = Bus::open(global, output)?;
+pub fn run(context: &Context) -> Result {
+    let bus = context.bus()?;
     let chosen = if bus.is_chosen() { Some(bus.slave()?) } else { None };
     let mut found = Vec::new();
     let kinds = bus.kinds().into_iter();
@@ -65,18 +60,17 @@ pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
             name: info.name,
         });
     }
-    output.data(&found, |out| print(&found, output, out))
+    context.output.data(&found, |out| print(&found, &context.output, out))
 }
 
 fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
     if found.is_empty() {
         return writeln!(out, "no slave responds on the bus");
     }
-    let heads = ["POS", "ALIAS", "STATE", "NAME", "FIRMWARE", "HARDWARE", "SERIAL", "IDENTITY"];
-    let mut rows = vec![heads.map(str::to_owned)];
+    let titles = ["POS", "ALIAS", "STATE", "NAME", "FIRMWARE", "HARDWARE", "SERIAL", "IDENTITY"];
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
-    for slave in found {
-        rows.push([
+    table::print_with_titles(out, titles, found, |slave| {
+        [
             slave.position.to_string(),
             if slave.alias == 0 { "-".to_owned() } else { slave.alias.to_string() },
             format!("{}{}", slave.state, if slave.has_error_flag { " E" } else { "" }),
@@ -88,9 +82,8 @@ fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Resu
                 "0x{:08X} 0x{:08X} 0x{:08X}",
                 slave.vendor_id, slave.product_code, slave.revision
             ),
-        ]);
-    }
-    table::print(out, &rows)?;
+        ]
+    })?;
     for slave in found {
         if let Some(reason) = slave.unknown.clone() {
             let words = Unknown { position: slave.position.into(), reason };

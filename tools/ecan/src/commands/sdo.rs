@@ -6,11 +6,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use ecan_protocol::object::{Access, Entry, Object, ObjectType, describe, object, objects};
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
+use crate::context::{Bus, Context, Failure, Output, Result};
 use crate::object_path::ObjectPath;
-use crate::output::Output;
 use crate::readings::{Readings, not_read};
 use crate::table;
 use crate::value::{Value, encode};
@@ -79,7 +76,6 @@ impl From<Type> for ObjectType {
     }
 }
 
-/// Result of a read.
 #[derive(Debug, Serialize)]
 struct Read {
     position: usize,
@@ -88,10 +84,8 @@ struct Read {
     name: Option<&'static str>,
     bytes: Option<Vec<u8>>,
     value: Option<Value>,
-    /// Displayed text of the value.
     text: Option<String>,
     meaning: Option<String>,
-    /// Reason for a missing value.
     error: Option<String>,
 }
 
@@ -104,7 +98,6 @@ impl Read {
     }
 }
 
-/// Object of the table.
 #[derive(Debug, Serialize)]
 struct Listed {
     index: u16,
@@ -113,20 +106,16 @@ struct Listed {
     chapter: &'static str,
 }
 
-pub fn run(
-    arguments: &SdoArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &SdoArguments, context: &Context) -> Result {
     match &arguments.action {
         Action::Read { object } => {
-            let bus = Bus::open(global, output)?;
+            let bus = context.bus()?;
             let read = read(&bus, bus.slave()?, *object)?;
-            output.data(&read, |out| print_read(&read, out))
+            context.output.data(&read, |out| print_read(&read, out))
         }
-        Action::Write { object, value, ty } => write(*object, value, *ty, global, output),
-        Action::List { object: None, .. } => list_objects(objects(), output),
-        Action::List { object: Some(name), names } => list(name, *names, global, output),
+        Action::Write { object, value, ty } => write(*object, value, *ty, context),
+        Action::List { object: None, .. } => list_objects(objects(), &context.output),
+        Action::List { object: Some(name), names } => list(name, *names, context),
     }
 }
 
@@ -134,11 +123,11 @@ fn entry_of(path: ObjectPath) -> Option<&'static Entry> {
     object(path.index).and_then(|object| object.entry(path.subindex))
 }
 
-fn read(bus: &Bus, slave: usize, path: ObjectPath) -> Result<Read, Failure> {
+fn read(bus: &Bus, slave: usize, path: ObjectPath) -> Result<Read> {
     let ObjectPath { index, subindex } = path;
     let mut data = [0; 1024];
     let upload = bus.diagnostics().sdo_upload(slave, index, subindex, &mut data);
-    let length = upload.map_err(Failure::Device)?;
+    let length = upload?;
     let bytes = data.get(..length).unwrap_or_default().to_vec();
     let entry = entry_of(path);
     let value = Value::of(&bytes, entry);
@@ -164,21 +153,15 @@ fn print_read(read: &Read, out: &mut dyn Write) -> std::io::Result<()> {
     }
 }
 
-fn write(
-    path: ObjectPath,
-    text: &str,
-    ty: Option<Type>,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+fn write(path: ObjectPath, text: &str, ty: Option<Type>, context: &Context) -> Result {
     let data = encode(text, entry_of(path), ty.map(Into::into)).map_err(Failure::Usage)?;
-    let bus = Bus::open(global, output)?;
+    let bus = context.bus()?;
     let slave = bus.slave()?;
     let ObjectPath { index, subindex } = path;
     bus.diagnostics().sdo_download(slave, index, subindex, &data).map_err(Failure::Device)
 }
 
-fn list_objects(objects: &[&'static Object], output: &Output) -> Result<(), Failure> {
+fn list_objects(objects: &[&'static Object], output: &Output) -> Result {
     let listed: Vec<_> = objects
         .iter()
         .map(|object| Listed {
@@ -189,20 +172,16 @@ fn list_objects(objects: &[&'static Object], output: &Output) -> Result<(), Fail
         })
         .collect();
     output.data(&listed, |out| {
-        let rows: Vec<_> = listed
-            .iter()
-            .map(|it| {
-                let family =
-                    if it.count > 1 { format!("@0..@{}", it.count - 1) } else { String::new() };
-                [format!("0x{:04X}", it.index), it.name.to_owned(), family, it.chapter.to_owned()]
-            })
-            .collect();
-        table::print(out, &rows)
+        table::print(out, &listed, |it| {
+            let family =
+                if it.count > 1 { format!("@0..@{}", it.count - 1) } else { String::new() };
+            [format!("0x{:04X}", it.index), it.name.to_owned(), family, it.chapter.to_owned()]
+        })
     })
 }
 
 /// Lists the entries of one object, or the objects whose names contain `name`.
-fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
+fn list(name: &str, names: bool, context: &Context) -> Result {
     let path: ObjectPath = match name.parse() {
         Ok(path) => path,
         Err(reason) => {
@@ -211,7 +190,7 @@ fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Res
             let found: Vec<_> = objects().iter().filter(is_like).copied().collect();
             return match found.is_empty() {
                 true => Err(Failure::Usage(reason)),
-                false => list_objects(&found, output),
+                false => list_objects(&found, &context.output),
             };
         }
     };
@@ -226,13 +205,13 @@ fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Res
         return Err(Failure::Usage(words));
     }
     if names {
-        return list_entries(path.index, known, &entries, output);
+        return list_entries(path.index, known, &entries, &context.output);
     }
     let readable: Vec<_> = entries.iter().filter(|entry| entry.access.can_read()).collect();
     if readable.is_empty() {
         return Err(Failure::Usage(format!("{name} is write-only")));
     }
-    let bus = Bus::open(global, output)?;
+    let bus = context.bus()?;
     let slave = bus.slave()?;
     let mut readings = Readings::default();
     let mut values = Vec::new();
@@ -243,21 +222,17 @@ fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Res
         values.push(read.unwrap_or_else(|reason| Read::missing(slave, path, reason)));
     }
     readings.any()?;
-    output.data(&values, |out| {
+    context.output.data(&values, |out| {
         writeln!(out, "{}", heading(path.index, known))?;
-        let rows: Vec<_> = values
-            .iter()
-            .map(|it| {
-                let name = it.name.unwrap_or_default().to_owned();
-                let value = match &it.error {
-                    Some(reason) => not_read(reason),
-                    None => it.text.clone().unwrap_or_default(),
-                };
-                let meaning = it.meaning.clone().unwrap_or_default();
-                [format!(":{:02}", it.subindex), name, value, meaning]
-            })
-            .collect();
-        table::print(out, &rows)
+        table::print(out, &values, |it| {
+            let name = it.name.unwrap_or_default().to_owned();
+            let value = match &it.error {
+                Some(reason) => not_read(reason),
+                None => it.text.clone().unwrap_or_default(),
+            };
+            let meaning = it.meaning.clone().unwrap_or_default();
+            [format!(":{:02}", it.subindex), name, value, meaning]
+        })
     })?;
     readings.end()
 }
@@ -270,7 +245,6 @@ fn heading(index: u16, object: &Object) -> String {
     format!("0x{index:04X} {} (manual {})", object.name, object.chapter)
 }
 
-/// Entry of the table.
 #[derive(Debug, Serialize)]
 struct ListedEntry {
     subindex: u8,
@@ -283,12 +257,7 @@ struct ListedEntry {
     bits: Vec<(u8, &'static str)>,
 }
 
-fn list_entries(
-    index: u16,
-    object: &Object,
-    entries: &[&Entry],
-    output: &Output,
-) -> Result<(), Failure> {
+fn list_entries(index: u16, object: &Object, entries: &[&Entry], output: &Output) -> Result {
     let listed = |entry: &&Entry| ListedEntry {
         subindex: entry.subindex,
         name: entry.name,
@@ -305,17 +274,13 @@ fn list_entries(
     let entries: Vec<_> = entries.iter().map(listed).collect();
     output.data(&entries, |out| {
         writeln!(out, "{}", heading(index, object))?;
-        let rows: Vec<_> = entries
-            .iter()
-            .map(|it| {
-                let values = it.values.iter().map(|(number, word)| format!("{number} {word}"));
-                let bits = it.bits.iter().map(|(bit, word)| format!("bit {bit} {word}"));
-                let unit = it.unit.map(|unit| format!("in {unit}"));
-                let words: Vec<_> = unit.into_iter().chain(values).chain(bits).collect();
-                let (access, subindex) = (it.access.to_owned(), format!(":{:02}", it.subindex));
-                [subindex, it.ty.to_owned(), access, it.name.to_owned(), words.join(", ")]
-            })
-            .collect();
-        table::print(out, &rows)
+        table::print(out, &entries, |it| {
+            let values = it.values.iter().map(|(number, word)| format!("{number} {word}"));
+            let bits = it.bits.iter().map(|(bit, word)| format!("bit {bit} {word}"));
+            let unit = it.unit.map(|unit| format!("in {unit}"));
+            let words: Vec<_> = unit.into_iter().chain(values).chain(bits).collect();
+            let (access, subindex) = (it.access.to_owned(), format!(":{:02}", it.subindex));
+            [subindex, it.ty.to_owned(), access, it.name.to_owned(), words.join(", ")]
+        })
     })
 }

@@ -2,22 +2,15 @@
 
 use clap::Args;
 use ecan_candump::{FrameText, parse_frame};
-use ecan_command_line::interrupt::Interrupt;
 use ecan_protocol::can::CanFrame;
 use serde::Serialize;
 
-use crate::failure::Failure;
-use crate::frames::channels::{Channels, names_channel, parse_channel};
-use crate::frames::options::FrameOptions;
-use crate::frames::prepared::Prepared;
-use crate::frames::sender::{Due, Record, Sender};
-use crate::frames::service::Service;
-use crate::frames::settings::{GatewayRequirements, Settings};
-use crate::frames::transmit_tracker::TransmitTracker;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Context, Failure, Result};
+use crate::frames::{
+    Channels, Due, FrameOptions, GatewayRequirements, Prepared, Record, Sender, Service,
+    TransmitTracker, names_channel, parse_channel,
+};
 
-/// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
   ecan send 123#DEADBEEF                       a CAN ID of 8 digits is extended
@@ -51,52 +44,39 @@ fn parse(text: &str) -> Result<CanFrame, String> {
     parse_frame(&text.replace('.', "")).map_err(|error| error.to_string())
 }
 
-/// Output of `send`.
 #[derive(Debug, Serialize)]
 struct Sent {
     channel: u8,
     frames: Vec<String>,
 }
 
-pub fn run(
-    arguments: &SendArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &SendArguments, context: &Context) -> Result {
     let SendArguments { frames, channel, options, .. } = arguments;
-    let output = &output.on_stderr(options.capture.is_on_output());
-    let settings = Settings::of(&options.gateway)?;
-    let interrupt = Interrupt::install()?;
+    let context = &context.on_stderr(options.capture.is_on_output());
     let channels = Channels::only(*channel);
     let requirements =
         GatewayRequirements { has_results: true, ..GatewayRequirements::on(channels) };
-    let prepared = Prepared::new(&settings, requirements, global, output)?;
+    let prepared = Prepared::new(options, requirements, context)?;
     if let Some(fd) = frames.iter().find(|frame| frame.as_ref().is_fd()) {
         prepared.needs_fd(format_args!("{} is a CAN FD frame", FrameText(fd)), *channel)?;
     }
-    let Some(mut service) = prepared.enter(&options.capture, &interrupt, output)? else {
+    let Some(mut service) = prepared.enter()? else {
         return Err(Failure::Incomplete("stopped before a frame was sent".to_owned()));
     };
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
-    let mut sender =
-        Sender { channels, timeout_ns, interrupt: &interrupt, record: Record::Nothing };
+    let mut sender = Sender { channels, timeout_ns, record: Record::Nothing };
     let due = |frame: &CanFrame| Ok(Due { after_ns: 0, channel: *channel, frame: *frame });
     let (tracker, outcome) = sender.send(&mut service, frames.iter().map(due));
     outcome.and(service.finish())?;
     judge(arguments, &tracker, &service)?;
     let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
     let sent = Sent { channel: *channel, frames: texts };
-    output.data(&sent, |out| {
+    context.output.data(&sent, |out| {
         sent.frames.iter().try_for_each(|frame| writeln!(out, "can{channel} {frame} sent"))
     })
 }
 
-/// Checks whether all frames were sent.
-fn judge(
-    arguments: &SendArguments,
-    tracker: &TransmitTracker,
-    service: &Service,
-) -> Result<(), Failure> {
+fn judge(arguments: &SendArguments, tracker: &TransmitTracker, service: &Service) -> Result {
     let SendArguments { frames, channel, timeout, .. } = arguments;
     let outcome = tracker.outcome();
     let count = frames.len() as u64;

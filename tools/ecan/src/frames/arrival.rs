@@ -2,7 +2,6 @@
 
 use ecan_mcan_port::Received;
 
-/// A frame or transmit report received in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrival {
     /// Time of the cycle clock in nanoseconds.

@@ -5,13 +5,11 @@ use std::fmt;
 use ecan_mcan_port::ChannelConfig;
 use ecan_protocol::config::{BitTimingMode, ConfigObject, McanChannelConfig};
 
-use crate::bus::Bus;
-use crate::failure::Failure;
+use crate::context::{Bus, Failure, Result};
 
 /// Entries of 0x8001..0x8004 for the bit timing besides the bit rates: timing mode, non-ISO CAN FD,
 /// sample points (manual 13.4).
 const TIMING: [u8; 6] = [7, 9, 21, 22, 23, 24];
-/// Entries for manual timing mode.
 const MANUAL_TIMING: [u8; 11] = [16, 25, 26, 27, 28, 29, 30, 31, 32, 33, 34];
 
 /// Nominal bit rate and, with CAN FD, data bit rate, in bit/s.
@@ -37,7 +35,7 @@ impl fmt::Display for BitRates {
 }
 
 /// Reads the bit timing of a channel from the gateway; all else is default.
-pub fn of_gateway(bus: &Bus, slave: usize, channel: u8) -> Result<ChannelConfig, Failure> {
+pub fn of_gateway(bus: &Bus, slave: usize, channel: u8) -> Result<ChannelConfig> {
     let index = 0x8001 + u16::from(channel);
     let read = |subindex| bus.read(slave, index, subindex);
     let nominal = read(19)?;

@@ -14,13 +14,11 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result, note};
 use crate::frames::arrival::Arrival;
 use crate::frames::channels::Channels;
 use crate::frames::single_gateway::{channel_status, session};
-use crate::output::Output;
 
-/// Initial capacity for frames without transmit result.
 const UNDER_WAY: usize = 4096;
 
 /// Capture options.
@@ -38,23 +36,19 @@ pub struct CaptureOptions {
 }
 
 impl CaptureOptions {
-    /// Policy for existing files.
     pub fn existing(&self) -> Existing {
         Existing::forced(self.force)
     }
 
-    /// Returns whether the capture goes to standard output.
     pub fn is_on_output(&self) -> bool {
         self.path().is_some_and(is_standard_stream)
     }
 
-    /// Path of the capture, if any.
     pub fn path(&self) -> Option<&Path> {
         self.capture.as_deref()
     }
 
-    /// Rejects the same file for a log and the capture.
-    pub fn check_apart_from(&self, log: Option<&Path>) -> Result<(), Failure> {
+    pub fn check_apart_from(&self, log: Option<&Path>) -> Result {
         match log.is_some() && log == self.path() {
             true => Err(Failure::Usage("--record and --capture name the same file".to_owned())),
             false => Ok(()),
@@ -62,10 +56,8 @@ impl CaptureOptions {
     }
 }
 
-/// Fixed header of an image.
 type ImageHeader = [u8; HEADER_BYTES];
 
-/// Capture of one gateway.
 #[derive(Debug)]
 pub struct FrameCapture {
     recorder: Recorder,
@@ -83,13 +75,12 @@ pub struct FrameCapture {
 }
 
 impl FrameCapture {
-    /// Creates the file, if requested, and starts the recorder.
     pub fn start(
         options: &CaptureOptions,
         adapter: &AdapterConfig,
         channels: Channels,
         interrupt: &Interrupt,
-    ) -> Result<Option<Self>, Failure> {
+    ) -> Result<Option<Self>> {
         let Some(path) = options.capture.clone() else { return Ok(None) };
         let chunks = adapter.slaves.iter().map(|it| it.rx_multiplier.max(it.tx_multiplier)).max();
         let image_bytes = match options.images {
@@ -158,12 +149,10 @@ impl FrameCapture {
         }
     }
 
-    /// Adds a frame that waits for its transmit result.
     pub fn under_way(&mut self, ticket: SendTicket, channel: u8, frame: &CanFrame) {
         self.under_way.insert(ticket, (channel, *frame));
     }
 
-    /// Records the RxPDO image at the end of a cycle.
     pub fn after_end(&mut self, port: &Port, now_ns: u64) {
         self.image(port, now_ns, Direction::RxPdo);
     }
@@ -197,7 +186,6 @@ impl FrameCapture {
         self.recorder.image(self.absolute_ns(now_ns), origin, image);
     }
 
-    /// Returns whether the recorder has ended.
     pub fn is_over(&self) -> bool {
         self.recorder.is_over()
     }
@@ -210,12 +198,11 @@ impl FrameCapture {
         }
     }
 
-    /// Waits until everything is written and reports dropped packets.
-    pub fn finish(self, output: &Output) -> Result<(), Failure> {
+    pub fn finish(self) -> Result {
         let recording = self.recorder.finish().map_err(|error| write_failure(self.path, error))?;
         if recording.dropped > 0 {
             let words = "packets dropped from the capture: the file is too slow";
-            output.note(format_args!("# {} {words}", recording.dropped));
+            note(format_args!("# {} {words}", recording.dropped));
         }
         Ok(())
     }
@@ -225,5 +212,5 @@ fn write_failure(path: PathBuf, error: std::io::Error) -> Failure {
     if is_standard_stream(&path) {
         return error.into();
     }
-    Failure::File { what: "write", path, reason: error.to_string() }
+    Failure::file("write", &path, error)
 }

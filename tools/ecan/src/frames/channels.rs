@@ -16,28 +16,22 @@ pub struct Channels {
 }
 
 impl Channels {
-    /// All channels.
     pub const ALL: Self = Self { mask: (1 << CHANNELS) - 1, is_all: true };
 
-    /// No channel.
     pub const NONE: Self = Self::of_mask(0);
 
-    /// One channel, 0 to 3.
     pub fn only(channel: u8) -> Self {
         Self::of_mask(1 << channel)
     }
 
-    /// Channels of a bit mask.
     pub const fn of_mask(mask: u8) -> Self {
         Self { mask, is_all: false }
     }
 
-    /// Returns whether `all` was given rather than a list.
     pub fn is_all(self) -> bool {
         self.is_all
     }
 
-    /// Channel numbers in ascending order.
     pub fn iter(self) -> impl Iterator<Item = u8> {
         (0..CHANNELS as u8).filter(move |channel| self.contains(*channel))
     }
@@ -56,7 +50,6 @@ impl Channels {
         (gateway < gateways && self.contains(channel)).then_some((gateway, channel))
     }
 
-    /// Returns whether a channel is included.
     pub fn contains(self, channel: u8) -> bool {
         self.mask.checked_shr(channel.into()).is_some_and(|mask| mask & 1 == 1)
     }

@@ -10,7 +10,6 @@ use serde::Serialize;
 
 use crate::frames::timestamp::{Style, Timestamps};
 
-/// Frame with time stamp.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedFrame {
     /// Time since 1970, or since the start of a stepped simulation.
@@ -18,7 +17,6 @@ pub struct TimedFrame {
     pub received: ReceivedFrame,
 }
 
-/// Output settings.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Screen {
     pub style: Option<Style>,
@@ -44,7 +42,6 @@ struct Line {
     device_time: Option<u64>,
 }
 
-/// Formatter for screen lines.
 #[derive(Debug)]
 pub struct ScreenLines {
     screen: Screen,
@@ -95,7 +92,6 @@ impl ScreenLines {
     }
 }
 
-/// Formatter for log lines.
 #[derive(Debug)]
 pub struct LogLines {
     timestamps: Timestamps,
@@ -108,7 +104,6 @@ impl LogLines {
         Self { timestamps, has_extra: screen.has_extra }
     }
 
-    /// Formats the next frame, without line break.
     pub fn line(&mut self, timed: &TimedFrame) -> String {
         let ReceivedFrame { frame, channel, .. } = &timed.received;
         let time = self.timestamps.text(timed.time_ns);

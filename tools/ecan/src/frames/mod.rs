@@ -1,19 +1,31 @@
 //! A running gateway, for the frame commands.
 
-pub mod arrival;
-pub mod bit_rates;
-pub mod capture;
-pub mod channels;
-pub mod format;
-pub mod options;
-pub mod prepared;
-pub mod printer;
+mod arrival;
+mod bit_rates;
+mod capture;
+mod channels;
+mod format;
+mod options;
+mod prepared;
+mod printer;
 pub mod recording;
-pub mod sender;
-pub mod service;
-pub mod settings;
-pub mod single_gateway;
-pub mod status_watch;
-pub mod summary;
-pub mod timestamp;
-pub mod transmit_tracker;
+mod sender;
+mod service;
+mod settings;
+mod single_gateway;
+mod status_watch;
+mod summary;
+mod timestamp;
+mod transmit_tracker;
+
+pub use channels::{Channels, names_channel, parse_channel};
+pub use format::{Screen, TimedFrame};
+pub use options::{FrameOptions, GatewayOptions, SetupOptions, WATCHDOG};
+pub use prepared::Prepared;
+pub use printer::{Destination, Printer};
+pub use sender::{Due, Record, Sender};
+pub use service::{GatewaySetup, Service, failure};
+pub use settings::{GatewayRequirements, Planned, Settings};
+pub use single_gateway::{channel_status, session, statistics};
+pub use timestamp::Style;
+pub use transmit_tracker::TransmitTracker;

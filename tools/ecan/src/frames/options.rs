@@ -21,7 +21,6 @@ pub struct FrameOptions {
     pub gateway: GatewayOptions,
 }
 
-/// Options that exclude a configuration file.
 const OF_THE_FILE: [&str; 7] = [
     "bitrate",
     "data_bitrate",
@@ -80,7 +79,6 @@ pub struct SetupOptions {
 pub const WATCHDOG: Duration = Duration::from_secs(1);
 
 impl SetupOptions {
-    /// Adapter configuration for a number of gateways.
     pub fn adapter(&self, count: u16) -> AdapterConfig {
         let mut adapter = AdapterConfig::new(count)
             .with_multiplier(self.pdo_n)

@@ -10,33 +10,27 @@ use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::log_file::{LogFileError, Writer};
 use ecan_command_line::new_file::{Existing, is_standard_stream};
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result, note};
 use crate::frames::format::{LogLines, Screen, ScreenLines, TimedFrame};
-use crate::output::Output;
 
 /// Maximum number of queued frames: some seconds of four full channels.
 const QUEUE: usize = 1 << 17;
 /// Time limit of a stalled output when the user stops.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Poll interval of the interrupt.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// Destinations.
 #[derive(Clone, Copy, Debug)]
 pub struct Destination<'a> {
-    /// Print on the screen.
     pub is_shown: bool,
     /// Path of a log; `-` is standard output.
     pub log: Option<&'a Path>,
-    /// Policy for an existing log.
     pub existing: Existing,
 }
 
-/// Output thread.
 #[derive(Debug)]
 pub struct Printer {
     queue: Option<SyncSender<TimedFrame>>,
-    thread: JoinHandle<Result<(), Failure>>,
+    thread: JoinHandle<Result>,
     /// Disconnected when the thread ends; carries no data.
     end: Receiver<()>,
     interrupt: Interrupt,
@@ -45,12 +39,11 @@ pub struct Printer {
 }
 
 impl Printer {
-    /// Creates the log and starts the thread.
     pub fn start(
         screen: Screen,
         destination: Destination<'_>,
         interrupt: &Interrupt,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self> {
         let Destination { is_shown, log, existing } = destination;
         let writer = log.map(|path| Writer::create_with(path, existing)).transpose()?;
         let lines = is_shown.then(|| ScreenLines::new(screen));
@@ -63,8 +56,8 @@ impl Printer {
     fn start_with(
         capacity: usize,
         interrupt: &Interrupt,
-        write: impl FnOnce(&Receiver<TimedFrame>) -> Result<(), Failure> + Send + 'static,
-    ) -> Result<Self, Failure> {
+        write: impl FnOnce(&Receiver<TimedFrame>) -> Result + Send + 'static,
+    ) -> Result<Self> {
         let (queue, timed) = sync_channel(capacity);
         let (until_end, end) = sync_channel::<()>(0);
         let spawned = std::thread::Builder::new().name("printer".to_owned()).spawn(move || {
@@ -94,14 +87,13 @@ impl Printer {
         }
     }
 
-    /// Returns whether the thread has ended.
     pub fn is_over(&self) -> bool {
         self.thread.is_finished()
     }
 
     /// Waits until everything is written and reports dropped frames; at most a second after the
     /// user stops.
-    pub fn finish(mut self, output: &Output) -> Result<(), Failure> {
+    pub fn finish(mut self) -> Result {
         self.queue = None;
         let mut deadline = None;
         while self.end.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
@@ -118,17 +110,16 @@ impl Printer {
         }
         if self.dropped > 0 {
             let words = "frames dropped: the output is too slow";
-            output.note(format_args!("# {} {words}", self.dropped));
+            note(format_args!("# {} {words}", self.dropped));
         }
         Ok(())
     }
 }
 
-/// Error of a stalled output.
 fn stands_still(log: Option<PathBuf>) -> Failure {
     let error = std::io::Error::new(ErrorKind::TimedOut, "output is stalled; frames were dropped");
     match log.filter(|path| !is_standard_stream(path)) {
-        Some(path) => LogFileError::Write { path, error }.into(),
+        Some(path) => LogFileError::Write(path, error).into(),
         None => Failure::Output(error),
     }
 }
@@ -138,7 +129,7 @@ fn print_all(
     timed: &Receiver<TimedFrame>,
     mut screen: Option<ScreenLines>,
     mut log: Option<(Writer, LogLines)>,
-) -> Result<(), Failure> {
+) -> Result {
     let mut stream = BufWriter::new(std::io::stdout());
     while let Ok(first) = timed.recv() {
         for timed in std::iter::once(first).chain(timed.try_iter()) {
@@ -160,7 +151,7 @@ fn print_all(
 /// Errors of a log on standard output are treated as output errors.
 fn of_log(error: LogFileError) -> Failure {
     match error {
-        LogFileError::Write { path, error } if is_standard_stream(&path) => error.into(),
+        LogFileError::Write(path, error) if is_standard_stream(&path) => error.into(),
         error => error.into(),
     }
 }
@@ -172,7 +163,6 @@ mod tests {
     use ecan_protocol::image::Timestamp;
 
     use super::*;
-    use crate::global::Color;
 
     fn timed_frame() -> TimedFrame {
         let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap();
@@ -195,7 +185,7 @@ mod tests {
         // The queue is full; simulated time would wait.
         printer.put(timed_frame(), false);
         assert_eq!(printer.dropped, 1);
-        let failure = printer.finish(&Output::new(false, Color::Never)).unwrap_err();
+        let failure = printer.finish().unwrap_err();
         let words = "cannot write the output: output is stalled; frames were dropped";
         assert_eq!((failure.to_string().as_str(), failure.status()), (words, 6));
         drop(release);

@@ -4,34 +4,30 @@ use std::path::Path;
 
 use ecan_command_line::log_file::{self, Log, LoggedFrame};
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
 use crate::frames::channels::Channels;
 
-/// Frame of a recording with its destination.
 #[derive(Clone, Debug)]
 pub struct Recorded {
-    /// Index of the gateway.
     pub gateway: usize,
     pub channel: u8,
     pub logged: LoggedFrame,
 }
 
-/// Frames of a log for the selected channels.
 #[derive(Clone, Debug)]
 pub struct RecordedLog {
     /// Frames, at least one.
     pub frames: Vec<Recorded>,
-    /// Number of error messages in the log.
     pub error_messages: usize,
 }
 
 /// Reads the frames for the selected channels of a number of gateways; see [`Channels::place_of`].
-pub fn read(path: &Path, channels: Channels, gateways: usize) -> Result<RecordedLog, Failure> {
+pub fn read(path: &Path, channels: Channels, gateways: usize) -> Result<RecordedLog> {
     let place = |logged: LoggedFrame| {
         let (gateway, channel) = channels.place_of(&logged.interface, gateways)?;
         Some(Recorded { gateway, channel, logged })
     };
-    let Log { frames, error_messages } = log_file::read_log(path)?;
+    let Log { frames, error_messages } = log_file::read(path)?;
     let frames: Vec<_> = frames.into_iter().filter_map(place).collect();
     match frames.is_empty() {
         false => Ok(RecordedLog { frames, error_messages }),

@@ -1,24 +1,21 @@
 //! Sends frames at their due times and waits for their transmission.
 
-use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{ReceiveSource, Received, ReceivedFrame};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::Timestamp;
 
-use crate::failure::Failure;
+use crate::context::{Failure, Output, Result};
 use crate::frames::channels::Channels;
 use crate::frames::format::TimedFrame;
 use crate::frames::printer::Printer;
 use crate::frames::service::{Cycle, Service};
 use crate::frames::summary::Summary;
 use crate::frames::transmit_tracker::TransmitTracker;
-use crate::output::Output;
 
 /// Time for pending frames after the user stops, in cycle time, so that pauses of the computer do
 /// not count.
 const GRACE_NS: u64 = 100_000_000;
 
-/// Frame with due time.
 #[derive(Clone, Copy, Debug)]
 pub struct Due {
     /// Due time after the start, in nanoseconds.
@@ -27,13 +24,10 @@ pub struct Due {
     pub frame: CanFrame,
 }
 
-/// Frames to record.
 #[derive(Debug)]
 pub enum Record {
     Nothing,
-    /// Sent frames.
     Sent(Printer),
-    /// Received frames.
     Received(Printer),
 }
 
@@ -69,39 +63,36 @@ impl Record {
         }
     }
 
-    /// Finishes the record.
-    pub fn finish(self, output: &Output) -> Result<(), Failure> {
+    pub fn finish(self) -> Result {
         match self {
             Self::Nothing => Ok(()),
-            Self::Sent(printer) | Self::Received(printer) => printer.finish(output),
+            Self::Sent(printer) | Self::Received(printer) => printer.finish(),
         }
     }
 }
 
-/// Sends frames through one gateway.
 #[derive(Debug)]
-pub struct Sender<'a> {
+pub struct Sender {
     /// Observed channels.
     pub channels: Channels,
     /// Time limit without progress, in nanoseconds.
     pub timeout_ns: u64,
-    pub interrupt: &'a Interrupt,
     pub record: Record,
 }
 
-impl Sender<'_> {
+impl Sender {
     /// Sends all frames (`total`, if finite), prints the summary and checks it.
     pub fn run(
         mut self,
         mut service: Service,
-        frames: impl Iterator<Item = Result<Due, Failure>>,
+        frames: impl Iterator<Item = Result<Due>>,
         total: Option<u64>,
         output: &Output,
-    ) -> Result<(), Failure> {
+    ) -> Result {
         let (tracker, outcome) = self.send(&mut service, frames);
-        let recorded = self.record.finish(output);
+        let recorded = self.record.finish();
         let captured = service.finish();
-        let wanted = total.filter(|_| !self.interrupt.is_set()).unwrap_or(tracker.count());
+        let wanted = total.filter(|_| !service.is_interrupted()).unwrap_or(tracker.count());
         let summary = Summary::of(&tracker, service.port(), wanted);
         let told = match recorded {
             Err(Failure::Output(_) | Failure::ReaderGone) => Ok(()),
@@ -115,26 +106,25 @@ impl Sender<'_> {
     pub fn send(
         &mut self,
         service: &mut Service,
-        frames: impl Iterator<Item = Result<Due, Failure>>,
-    ) -> (TransmitTracker, Result<(), Failure>) {
+        frames: impl Iterator<Item = Result<Due>>,
+    ) -> (TransmitTracker, Result) {
         let mut tracker = TransmitTracker::new(self.channels, service);
         let outcome = self
             .hand_over(service, frames, &mut tracker)
             .and_then(|()| self.settle(service, &mut tracker));
-        tracker.close(service, self.interrupt, outcome.is_ok());
+        tracker.close(service, outcome.is_ok());
         (tracker, outcome)
     }
 
-    /// Sends all frames when they are due.
     fn hand_over(
         &mut self,
         service: &mut Service,
-        mut frames: impl Iterator<Item = Result<Due, Failure>>,
+        mut frames: impl Iterator<Item = Result<Due>>,
         tracker: &mut TransmitTracker,
-    ) -> Result<(), Failure> {
+    ) -> Result {
         let start_ns = service.now_ns();
         let mut next = frames.next().transpose()?;
-        while next.is_some() && !self.interrupt.is_set() && !self.record.is_over() {
+        while next.is_some() && !service.is_interrupted() && !self.record.is_over() {
             let cycle = service.begin();
             tracker.look(&cycle, service.port());
             self.record.received(&cycle, service);
@@ -164,11 +154,7 @@ impl Sender<'_> {
 
     /// Runs the cycle until all frames are sent or there is no progress; after a stop by the user,
     /// only for the pending frames.
-    fn settle(
-        &mut self,
-        service: &mut Service,
-        tracker: &mut TransmitTracker,
-    ) -> Result<(), Failure> {
+    fn settle(&mut self, service: &mut Service, tracker: &mut TransmitTracker) -> Result {
         let cycle_ns = u64::from(service.port().adapter().config().cycle_ns());
         let mut grace_ns = 0;
         while !tracker.are_settled(service.port()) {
@@ -177,7 +163,7 @@ impl Sender<'_> {
             self.record.received(&cycle, service);
             let now_ns = cycle.now_ns;
             service.end(cycle)?;
-            if self.interrupt.is_set() {
+            if service.is_interrupted() {
                 grace_ns += cycle_ns;
                 if grace_ns > GRACE_NS {
                     break;

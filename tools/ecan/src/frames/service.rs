@@ -14,60 +14,49 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result, note};
 use crate::frames::arrival::Arrival;
 use crate::frames::bit_rates::BitRates;
 use crate::frames::capture::FrameCapture;
 use crate::frames::channels::{Channels, can_config};
 use crate::frames::single_gateway::{session, statistics};
 use crate::frames::status_watch::StatusWatch;
-use crate::output::Output;
 
-/// Initial capacity for received items.
 const ARRIVALS: usize = 512;
 
 /// Default depth of a channel's transmit cache (manual 13.8).
 pub const CACHE_DEPTH: u32 = 64;
 
-/// Gateway with its configuration.
 #[derive(Debug)]
 pub struct GatewaySetup {
-    /// Position of the slave.
     pub position: usize,
-    /// EtherCAT configuration.
     pub adapter: AdapterConfig,
-    /// CAN configuration.
     pub config: PortConfig,
     /// Channels whose changes are reported.
     pub channels: Channels,
 }
 
-/// Started cycle.
 #[derive(Debug)]
 pub struct Cycle {
     /// Start time on the cycle clock, in nanoseconds.
     pub now_ns: u64,
-    /// Received items.
     pub arrivals: Vec<Arrival>,
 }
 
-/// Running gateway.
 #[derive(Debug)]
 pub struct Service {
     port: Port,
     /// Items received during startup, until the first cycle; later an empty buffer.
     store: Vec<Arrival>,
     watch: StatusWatch,
-    /// Channels whose frames are received.
     heard: Channels,
     /// Offset from the cycle clock to the time since 1970; 0 for stepped time.
     since_1970_ns: u64,
     capture: Option<FrameCapture>,
-    /// Position of the slave.
     position: usize,
     /// Depth of the firmware's transmit cache per channel (0xF000:29).
     cache_depth: u32,
-    output: Output,
+    interrupt: Interrupt,
 }
 
 impl Service {
@@ -77,32 +66,32 @@ impl Service {
         place: GatewaySetup,
         real_time: &RealTimeArguments,
         interrupt: &Interrupt,
-        output: &Output,
-    ) -> Result<Option<Self>, Failure> {
+    ) -> Result<Option<Self>> {
         let GatewaySetup { position, adapter, config, channels } = place;
         let failed = |error| failure(position, error);
         let mut port = Port::open(ecrt, (adapter, config)).map_err(failed)?;
         let clock = port.adapter().ecrt().clock().clone();
         let mut store = Vec::with_capacity(ARRIVALS);
-        let ready = port.wait_ready_with(port.startup_timeout(), |port| {
-            // Single cycles may fail; the timeout ends it all.
-            let mut cycle = port.begin_cycle();
-            let time_ns = clock.now_ns();
-            let arrivals =
-                cycle.received().map(|item| Arrival { time_ns, received: item.to_owned() });
-            store.extend(arrivals);
-            drop(cycle);
-            if interrupt.is_set() { Err(Stop::Interrupted) } else { Ok(()) }
-        });
+        // `None` if the user stops.
+        let ready: Result<(), Option<PortError>> =
+            port.wait_ready_with(port.startup_timeout(), |port| {
+                // Single cycles may fail; the timeout ends it all.
+                let mut cycle = port.begin_cycle();
+                let time_ns = clock.now_ns();
+                let arrivals =
+                    cycle.received().map(|item| Arrival { time_ns, received: item.to_owned() });
+                store.extend(arrivals);
+                drop(cycle);
+                if interrupt.is_set() { Err(None) } else { Ok(()) }
+            });
         match ready {
             Ok(()) => {}
-            Err(Stop::Interrupted) => return Ok(None),
-            Err(Stop::Failed(error)) => return Err(failed(error)),
+            Err(None) => return Ok(None),
+            Err(Some(error)) => return Err(failed(error)),
         }
         real_time.set_timing(port.adapter_mut());
         let watch = StatusWatch::new(channels, &port);
         let since_1970_ns = since_1970_ns(port.adapter().clock());
-        let output = *output;
         Ok(Some(Self {
             port,
             store,
@@ -112,18 +101,16 @@ impl Service {
             capture: None,
             position,
             cache_depth: CACHE_DEPTH,
-            output,
+            interrupt: interrupt.clone(),
         }))
     }
 
-    /// Sets the received channels, the depth of the transmit caches, and the capture.
     pub fn equip(&mut self, heard: Channels, cache_depth: u32, capture: Option<FrameCapture>) {
         let (is_real_time, since_1970_ns) = (self.is_real_time(), self.since_1970_ns);
         (self.heard, self.cache_depth) = (heard, cache_depth);
         self.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
     }
 
-    /// Waits for the next cycle and starts it.
     pub fn begin(&mut self) -> Cycle {
         self.begin_with(|_| true)
     }
@@ -148,7 +135,7 @@ impl Service {
     }
 
     /// Sends a frame; `None` without space in this cycle.
-    pub fn send(&mut self, channel: u8, frame: &CanFrame) -> Result<Option<SendTicket>, Failure> {
+    pub fn send(&mut self, channel: u8, frame: &CanFrame) -> Result<Option<SendTicket>> {
         let Some(mut cycle) = self.port.open_cycle() else { return Ok(None) };
         let to = cycle.channel(0, channel).map_err(|error| Failure::Usage(error.to_string()))?;
         match cycle.send(to, frame) {
@@ -166,7 +153,7 @@ impl Service {
 
     /// Ends a cycle and reports bus changes on standard error. Fails if the capture cannot be
     /// written.
-    pub fn end(&mut self, cycle: Cycle) -> Result<(), Failure> {
+    pub fn end(&mut self, cycle: Cycle) -> Result {
         let ended = self.port.open_cycle().map_or(Ok(()), |open| open.end().map(drop));
         self.store = cycle.arrivals;
         self.store.clear();
@@ -177,20 +164,19 @@ impl Service {
                 self.finish_capture()?;
             }
         }
-        let say = comments(self.output, self.absolute_ns(cycle.now_ns));
+        let say = comments(self.absolute_ns(cycle.now_ns));
         self.watch.look(&self.port, cycle.now_ns, say);
         ended.map_err(|error| Failure::Master(error.to_string()))
     }
 
     /// Reports the remaining changes and finishes the capture.
-    pub fn finish(&mut self) -> Result<(), Failure> {
-        self.watch.finish(&self.port, comments(self.output, self.absolute_ns(self.now_ns())));
+    pub fn finish(&mut self) -> Result {
+        self.watch.finish(&self.port, comments(self.absolute_ns(self.now_ns())));
         self.finish_capture()
     }
 
-    /// Finishes the capture and reports dropped packets.
-    fn finish_capture(&mut self) -> Result<(), Failure> {
-        self.capture.take().map_or(Ok(()), |capture| capture.finish(&self.output))
+    fn finish_capture(&mut self) -> Result {
+        self.capture.take().map_or(Ok(()), |capture| capture.finish())
     }
 
     /// Configuration of a channel; `None` if it is disabled.
@@ -204,7 +190,6 @@ impl Service {
         u64::from(self.cache_depth) + u64::from(controller)
     }
 
-    /// Error for a lost gateway.
     pub fn not_ready(&self, what: &str) -> Failure {
         let reason = match session(&self.port) {
             Session::Ready => format!("lost temporarily: {what}"),
@@ -240,16 +225,15 @@ impl Service {
         &self.port
     }
 
-    /// Destination of status lines.
-    pub fn output(&self) -> &Output {
-        &self.output
+    /// Returns whether the user has stopped the command.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupt.is_set()
     }
 
     pub fn port_mut(&mut self) -> &mut Port {
         &mut self.port
     }
 
-    /// Time of the cycle clock in nanoseconds.
     pub fn now_ns(&self) -> u64 {
         self.port.adapter().clock().now_ns()
     }
@@ -259,19 +243,17 @@ impl Service {
         time_ns.wrapping_add(self.since_1970_ns)
     }
 
-    /// Returns whether the clock runs freely.
     pub fn is_real_time(&self) -> bool {
         self.port.adapter().clock().is_free_running()
     }
 }
 
 /// Status lines with a time stamp on standard error.
-fn comments(output: Output, time_ns: u64) -> impl FnMut(String) {
+fn comments(time_ns: u64) -> impl FnMut(String) {
     let (seconds, micros) = parts(time_ns);
-    move |line| output.note(format_args!("# ({seconds:010}.{micros:06}) {line}"))
+    move |line| note(format_args!("# ({seconds:010}.{micros:06}) {line}"))
 }
 
-/// Seconds and microseconds.
 fn parts(time_ns: u64) -> (u64, u64) {
     (time_ns / 1_000_000_000, time_ns / 1000 % 1_000_000)
 }
@@ -284,7 +266,6 @@ fn since_1970_ns(clock: &dyn Clock) -> u64 {
     u64::try_from(since.as_nanos()).unwrap_or(0).wrapping_sub(clock.now_ns())
 }
 
-/// Error for CAN FD on a classic channel.
 pub fn without_fd(what: impl Display, channel: u8, file: Option<&Path>) -> Failure {
     Failure::Usage(match file {
         None => format!("{what}: channel {channel} has no data bit rate; set --data-bitrate"),
@@ -294,7 +275,6 @@ pub fn without_fd(what: impl Display, channel: u8, file: Option<&Path>) -> Failu
     })
 }
 
-/// Error of the only gateway of a Port.
 pub fn failure(position: usize, error: PortError) -> Failure {
     match error {
         PortError::Config(faults) => Failure::Usage(faults.to_string()),
@@ -302,17 +282,5 @@ pub fn failure(position: usize, error: PortError) -> Failure {
         PortError::Adapter(ecan_host::Error::Open(error)) => Failure::Master(error.to_string()),
         PortError::Cycle(error) => Failure::Master(error.to_string()),
         error => Failure::NotReady { position, reason: error.to_string() },
-    }
-}
-
-/// Reason for the end of the startup.
-enum Stop {
-    Interrupted,
-    Failed(PortError),
-}
-
-impl From<PortError> for Stop {
-    fn from(error: PortError) -> Self {
-        Self::Failed(error)
     }
 }

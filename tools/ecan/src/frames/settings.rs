@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use ecan_command_line::real_time::RealTimeArguments;
 use ecan_config_file::ResolvedGateway;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::Config;
@@ -11,27 +10,20 @@ use ecan_protocol::config::{List, NodeMode};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_sim::ClockKind;
 
-use crate::bus::Bus;
 use crate::config_file;
-use crate::failure::Failure;
+use crate::context::{Bus, Context, Failure, GlobalOptions, Result};
 use crate::frames::bit_rates;
 use crate::frames::channels::Channels;
 use crate::frames::options::GatewayOptions;
-use crate::global::GlobalOptions;
-use crate::output::Output;
 
-/// Requirements of a command.
 #[derive(Clone, Copy, Debug)]
 pub struct GatewayRequirements {
-    /// Channels to use.
     pub channels: Channels,
     /// Channels that must exist.
     pub required: Channels,
-    /// Listen without sending or acknowledging.
     pub is_listening: bool,
     /// Received frames need time stamps of the gateway.
     pub has_device_time: bool,
-    /// Transmit results are needed.
     pub has_results: bool,
     /// The command ends, so a simulation need not run in real time.
     pub has_end: bool,
@@ -71,20 +63,14 @@ impl GatewayRequirements {
     }
 }
 
-/// Gateways of a bus with their configuration.
 #[derive(Debug)]
 pub struct Planned {
-    /// Positions of the slaves.
     pub positions: Vec<usize>,
-    /// EtherCAT configuration.
     pub adapter: AdapterConfig,
-    /// CAN configuration.
     pub config: PortConfig,
-    /// Channels to use.
     pub channels: Channels,
 }
 
-/// Source of the settings.
 #[derive(Debug)]
 pub struct Settings<'a> {
     options: &'a GatewayOptions,
@@ -92,8 +78,7 @@ pub struct Settings<'a> {
 }
 
 impl<'a> Settings<'a> {
-    /// Reads the file, if given.
-    pub fn of(options: &'a GatewayOptions) -> Result<Self, Failure> {
+    pub fn of(options: &'a GatewayOptions) -> Result<Self> {
         let file = match &options.setup.config {
             Some(path) => Some((path.clone(), config_file::read(path)?)),
             None => None,
@@ -101,26 +86,10 @@ impl<'a> Settings<'a> {
         Ok(Self { options, file })
     }
 
-    /// Real-time options.
-    pub fn real_time(&self) -> &'a RealTimeArguments {
-        &self.options.real_time
-    }
-
-    /// Path of the configuration file, if given.
-    pub fn config_path(&self) -> Option<PathBuf> {
-        self.file.as_ref().map(|(path, _)| path.clone())
-    }
-
-    /// Opens the bus.
-    pub fn open_bus(
-        &self,
-        global: &GlobalOptions,
-        output: &Output,
-        clock: ClockKind,
-    ) -> Result<Bus, Failure> {
+    pub fn open_bus(&self, context: &Context, clock: ClockKind) -> Result<Bus> {
         match &self.file {
-            None => Bus::open_with_clock(global, output, clock),
-            Some((_, file)) => config_file::open_bus(file, global, output, clock),
+            None => context.bus_of_master(context.global.master(), clock),
+            Some((_, file)) => config_file::open_bus(file, context, clock),
         }
     }
 
@@ -130,7 +99,7 @@ impl<'a> Settings<'a> {
         bus: &Bus,
         requirements: GatewayRequirements,
         global: &GlobalOptions,
-    ) -> Result<Planned, Failure> {
+    ) -> Result<Planned> {
         let Some((path, file)) = &self.file else {
             return self.of_options(bus, vec![bus.slave()?], requirements, global.master());
         };
@@ -155,7 +124,7 @@ impl<'a> Settings<'a> {
         bus: &Bus,
         requirements: GatewayRequirements,
         global: &GlobalOptions,
-    ) -> Result<Planned, Failure> {
+    ) -> Result<Planned> {
         if let Some((path, file)) = &self.file {
             let places = config_file::places(file, bus)?;
             return of_file(path, file, &places, requirements, global);
@@ -171,7 +140,7 @@ impl<'a> Settings<'a> {
         positions: Vec<usize>,
         requirements: GatewayRequirements,
         master: u32,
-    ) -> Result<Planned, Failure> {
+    ) -> Result<Planned> {
         let setup = &self.options.setup;
         let count = u16::try_from(positions.len()).map_err(|_| too_many(positions.len()))?;
         let mut adapter = setup.adapter(count);
@@ -201,7 +170,7 @@ fn of_file(
     places: &[ResolvedGateway],
     requirements: GatewayRequirements,
     global: &GlobalOptions,
-) -> Result<Planned, Failure> {
+) -> Result<Planned> {
     let mut adapter = AdapterConfig { slaves: List::new(), startup: List::new(), ..file.adapter };
     adapter.master_index = config_file::master(file, global);
     if let Some(dc) = &mut adapter.dc {
@@ -248,6 +217,5 @@ fn too_many(count: usize) -> Failure {
 }
 
 fn no_gateway(path: &Path) -> Failure {
-    let reason = "the file describes no gateway".to_owned();
-    Failure::File { what: "use", path: path.to_owned(), reason }
+    Failure::file("use", path, "the file describes no gateway")
 }

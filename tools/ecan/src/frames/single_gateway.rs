@@ -3,12 +3,10 @@
 use ecan_mcan_port::{Port, Session, SlaveStatistics};
 use ecan_protocol::image::ChannelStatus;
 
-/// Session of the gateway.
 pub fn session(port: &Port) -> Session {
     port.gateway(0).map_or(Session::Waiting, |gateway| port.session(gateway))
 }
 
-/// Counters of the gateway.
 pub fn statistics(port: &Port) -> SlaveStatistics {
     port.gateway(0).map_or_else(|_| SlaveStatistics::default(), |gateway| port.statistics(gateway))
 }

@@ -13,7 +13,6 @@ const PAUSE_NS: u64 = 1_000_000_000;
 /// Maximum number of lines in a burst.
 const AT_ONCE: u64 = 3;
 
-/// Reported part of a channel status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Condition {
     state: ChannelState,
@@ -43,13 +42,11 @@ impl Condition {
     }
 }
 
-/// Last reported state of a channel.
 #[derive(Clone, Copy, Debug, Default)]
 struct LastReported {
     seen: Option<Condition>,
     /// Time until which the line budget is used up.
     paid_until_ns: u64,
-    /// Changes since the last line.
     changes: u32,
 }
 
@@ -102,7 +99,6 @@ impl Losses {
     }
 }
 
-/// Change detector.
 #[derive(Debug)]
 pub struct StatusWatch {
     channels: Channels,
@@ -140,7 +136,6 @@ impl StatusWatch {
         }
     }
 
-    /// Reports the remaining changes.
     pub fn finish(&mut self, port: &Port, mut say: impl FnMut(String)) {
         self.tell_losses(port, u64::MAX, &mut say);
         for (channel, told) in self.told.iter_mut().enumerate() {

@@ -3,17 +3,14 @@
 use ecan_mcan_port::Port;
 use serde::Serialize;
 
-use crate::failure::Failure;
+use crate::context::{Failure, Output, Result};
 use crate::frames::single_gateway::statistics;
 use crate::frames::transmit_tracker::TransmitTracker;
-use crate::output::Output;
 
-/// Figures of the run.
 #[derive(Debug, Serialize)]
 pub struct Summary {
     /// Frames accepted by the gateway or waiting.
     frames: u64,
-    /// Frames sent.
     sent: u64,
     /// Frames not confirmed as sent.
     lost: u64,
@@ -21,7 +18,6 @@ pub struct Summary {
     under_way: u64,
     /// Frames of the command that were not passed to the gateway.
     not_tried: u64,
-    /// Frames received during the run.
     received: u64,
     /// Time from the start to the last sent frame.
     seconds: f64,
@@ -29,7 +25,6 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Figures of a run of `wanted` frames.
     pub fn of(tracker: &TransmitTracker, port: &Port, wanted: u64) -> Self {
         let outcome = tracker.outcome();
         let counters = statistics(port);
@@ -49,8 +44,7 @@ impl Summary {
         }
     }
 
-    /// Prints the figures.
-    pub fn print(&self, output: &Output) -> Result<(), Failure> {
+    pub fn print(&self, output: &Output) -> Result {
         output.data(self, |out| {
             let Self { sent, lost, under_way, received, seconds, frames_per_second, .. } = self;
             write!(out, "{sent} frames sent, {lost} lost, ")?;
@@ -62,8 +56,7 @@ impl Summary {
         })
     }
 
-    /// Error of a run with unsent frames.
-    pub fn judge(&self, failure: impl FnOnce(String) -> Failure) -> Result<(), Failure> {
+    pub fn judge(&self, failure: impl FnOnce(String) -> Failure) -> Result {
         let behind = self.lost + self.not_tried;
         if behind == 0 {
             return Ok(());

@@ -19,7 +19,6 @@ pub enum Style {
     Date,
 }
 
-/// Formatter for time stamps.
 #[derive(Debug)]
 pub struct Timestamps {
     style: Style,
@@ -63,7 +62,6 @@ fn seconds(time_ns: u64) -> u64 {
     time_ns / 1_000_000_000
 }
 
-/// Local date and time of day.
 fn date(time_ns: u64) -> String {
     let since_1970 = i64::try_from(seconds(time_ns)).ok();
     let time = since_1970.and_then(|seconds| jiff::Timestamp::from_second(seconds).ok());

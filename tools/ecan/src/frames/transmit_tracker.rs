@@ -2,11 +2,10 @@
 
 use std::collections::HashMap;
 
-use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{Port, Received, SendTicket, Session};
 use ecan_protocol::image::{ChannelStatus, ResultCode};
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
 use crate::frames::bit_rates::BitRates;
 use crate::frames::channels::{Channels, can_config};
 use crate::frames::service::{Cycle, Service};
@@ -14,12 +13,10 @@ use crate::frames::single_gateway::{channel_status, session};
 
 /// Cycles after the last result until the channel status covers all frames.
 const STATUS_CYCLES: usize = 3;
-/// Initial capacity for frames without result.
 const UNDER_WAY: usize = 4096;
 /// Saturation value of the pending count in the status word.
 const SATURATED: u32 = 7;
 
-/// Transmission state of the frames of a gateway.
 #[derive(Debug)]
 pub struct TransmitTracker {
     channels: Channels,
@@ -43,7 +40,6 @@ pub struct TransmitTracker {
     pending: u32,
     session: Session,
     was_lost: bool,
-    /// The user stopped.
     is_stopped: bool,
     /// Channel that was bus-off; it may have recovered.
     bus_off: Option<u8>,
@@ -87,7 +83,6 @@ impl TransmitTracker {
         (self.quiet_cycles, self.last_progress_ns) = (0, now_ns);
     }
 
-    /// Evaluates a cycle.
     pub fn look(&mut self, cycle: &Cycle, port: &Port) {
         self.watch_session(session(port));
         let is_off = |channel: &u8| channel_status(port, *channel).bus_off();
@@ -135,12 +130,10 @@ impl TransmitTracker {
         self.session = session;
     }
 
-    /// Number of frames that the channels may hold.
     fn possibly_held(&self) -> u64 {
         (self.handed_over - self.departed).min(self.capacity)
     }
 
-    /// Tracked channels.
     pub fn channels(&self) -> Channels {
         self.channels
     }
@@ -173,8 +166,8 @@ impl TransmitTracker {
     }
 
     /// Ends tracking: counts the pending frames, with a mailbox access if the gateway responds.
-    pub fn close(&mut self, service: &mut Service, interrupt: &Interrupt, has_answers: bool) {
-        self.is_stopped = interrupt.is_set();
+    pub fn close(&mut self, service: &mut Service, has_answers: bool) {
+        self.is_stopped = service.is_interrupted();
         if !has_answers || self.session != Session::Ready {
             self.doubtful += self.possibly_held();
             return;
@@ -211,7 +204,6 @@ impl TransmitTracker {
         }
     }
 
-    /// Error for unsent frames, with the cause if known.
     pub fn failure(&self, service: &Service, words: String, otherwise: Option<&str>) -> Failure {
         if self.was_lost {
             return service.not_ready(&words);
@@ -222,7 +214,6 @@ impl TransmitTracker {
         }
     }
 
-    /// Cause of unsent frames in the view of the channels.
     fn cause(&self, port: &Port) -> Option<String> {
         let rates = |channel| {
             can_config(port, channel).map_or_else(String::new, |can| BitRates::of(can).to_string())
@@ -253,12 +244,9 @@ fn pending(channels: Channels, port: &Port) -> u32 {
     channels.iter().map(|it| u32::from(channel_status(port, it).tx_pending())).sum()
 }
 
-/// Final counts.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
-    /// Sent frames.
     pub sent: u64,
-    /// Frames rejected by the gateway.
     pub refused: u64,
     /// Frames pending in a channel.
     pub waiting: u64,

@@ -9,9 +9,8 @@ use ecan_bridge::{
 };
 use serde::Serialize;
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
 
-/// Listening address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Listening(pub SocketAddr);
 
@@ -33,7 +32,6 @@ impl FromStr for Listening {
     }
 }
 
-/// Address for clients, as text.
 #[derive(Clone, Debug, Serialize)]
 pub struct Place {
     pub protocol: &'static str,
@@ -61,12 +59,11 @@ impl Drop for Link {
 }
 
 impl Endpoint {
-    /// Listens on an address.
     pub fn listen(
         protocol: BridgeProtocol,
         Listening(address): Listening,
         max_clients: u16,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self> {
         let max_clients = max_clients.into();
         let settings =
             BridgeConfig { address, max_clients, ..BridgeConfig::with_protocol(protocol) };
@@ -74,8 +71,7 @@ impl Endpoint {
         server.map(Self::Server).map_err(|error| Failure::Bridge(error.to_string()))
     }
 
-    /// Opens a terminal, with a link to it if a path is given.
-    pub fn terminal(link: &Path) -> Result<Self, Failure> {
+    pub fn terminal(link: &Path) -> Result<Self> {
         let no_terminal =
             |error| Failure::Bridge(format!("cannot open a pseudo-terminal: {error}"));
         let queue = BridgeConfig::default().queue;
@@ -84,16 +80,11 @@ impl Endpoint {
             return Ok(Self::Terminal { bridge, link: None });
         }
         let linked = std::os::unix::fs::symlink(bridge.path(), link);
-        linked.map_err(|error| Failure::File {
-            what: "create the link",
-            path: link.to_owned(),
-            reason: error.to_string(),
-        })?;
+        linked.map_err(|error| Failure::file("create the link", link, error))?;
         Ok(Self::Terminal { bridge, link: Some(Link(link.to_owned())) })
     }
 
-    /// Connects a CAN interface of this host.
-    pub fn interface(name: &str) -> Result<Self, Failure> {
+    pub fn interface(name: &str) -> Result<Self> {
         let bridge = SocketCanBridge::open(name, BridgeConfig::default().queue);
         bridge.map(Self::Interface).map_err(|error| Failure::Bridge(error.to_string()))
     }
@@ -124,14 +115,12 @@ impl Endpoint {
         Place { protocol, address, channel }
     }
 
-    /// Address of the socketcand server, if any.
     pub fn socketcand_address(&self) -> Option<SocketAddr> {
         let Self::Server(server) = self else { return None };
         let info = server.info();
         (info.protocol() == BridgeProtocol::Socketcand).then(|| info.address())
     }
 
-    /// Returns whether other machines can connect.
     pub fn is_open_to_others(&self) -> bool {
         match self {
             Self::Server(server) => !server.info().address().ip().is_loopback(),
@@ -139,8 +128,7 @@ impl Endpoint {
         }
     }
 
-    /// Returns an error if the endpoint has failed.
-    pub fn check(&self) -> Result<(), Failure> {
+    pub fn check(&self) -> Result {
         let Self::Interface(bridge) = self else { return Ok(()) };
         bridge.end().map_or(Ok(()), |error| {
             let name = bridge.interface();
@@ -148,7 +136,6 @@ impl Endpoint {
         })
     }
 
-    /// Loss counters with their texts; empty without losses.
     pub fn losses(&self) -> Vec<String> {
         let counted = self.clients().statistics();
         let has_own_words = counted.dropped_to_bus + counted.mismatched + counted.discarded;

@@ -7,10 +7,8 @@ use ecan_mcan_port::SendTicket;
 /// Time limit of a transmit result: later the image with the result must be lost. Tickets repeat
 /// after 65536 images, 65 s with the usual cycle.
 const LIMIT_NS: u64 = 10_000_000_000;
-/// Interval of removing old entries.
 const LOOK_NS: u64 = 1_000_000_000;
 
-/// Frames that wait for their transmit result.
 #[derive(Debug)]
 pub struct InFlight<T> {
     frames: HashMap<SendTicket, (u64, T)>,

@@ -11,7 +11,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ecan_bridge::{BridgeProtocol, BusRates, ClientId};
-use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{Received, Session};
 use ecan_protocol::can::CanFrame;
 
@@ -20,17 +19,12 @@ use crate::commands::bridge::endpoint::{Endpoint, Listening, Place};
 use crate::commands::bridge::in_flight::InFlight;
 use crate::commands::bridge::round_robin::RoundRobin;
 use crate::commands::bridge::transmit_gate::TransmitGate;
-use crate::failure::Failure;
-use crate::frames::channels::{Channels, parse_channel};
-use crate::frames::options::FrameOptions;
-use crate::frames::prepared::Prepared;
-use crate::frames::service::Service;
-use crate::frames::settings::{GatewayRequirements, Settings};
-use crate::frames::single_gateway::{channel_status, session};
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Context, Failure, Output, Result, note};
+use crate::frames::{
+    Channels, FrameOptions, GatewayRequirements, Prepared, Service, channel_status, parse_channel,
+    session,
+};
 
-/// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
   ecan bridge --bitrate 1000000                slcan on a free port, which is printed
@@ -79,7 +73,6 @@ pub struct BridgeArguments {
     options: FrameOptions,
 }
 
-/// Parses the name of a network interface.
 fn parse_interface(text: &str) -> Result<String, String> {
     let is_possible = (1..=15).contains(&text.len())
         && text.bytes().all(|byte| byte.is_ascii_graphic() && !matches!(byte, b'/' | b':'));
@@ -89,7 +82,6 @@ fn parse_interface(text: &str) -> Result<String, String> {
     }
 }
 
-/// Frame of a client.
 #[derive(Clone, Copy, Debug)]
 struct PendingFrame {
     endpoint: usize,
@@ -97,27 +89,19 @@ struct PendingFrame {
     frame: CanFrame,
 }
 
-pub fn run(
-    arguments: &BridgeArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
-    let output = &output.on_stderr(arguments.options.capture.is_on_output());
-    let settings = Settings::of(&arguments.options.gateway)?;
-    let interrupt = Interrupt::install()?;
-    // Before the cycle: the threads of the servers must not inherit its real-time settings.
-    let endpoints = listen(arguments)?;
-    let mut gate = TransmitGate::closed(&endpoints);
+pub fn run(arguments: &BridgeArguments, context: &Context) -> Result {
+    let context = &context.on_stderr(arguments.options.capture.is_on_output());
     let requirements = GatewayRequirements {
         is_listening: arguments.listen_only,
         has_results: true,
         has_end: false,
         ..GatewayRequirements::on(Channels::only(arguments.channel))
     };
-    let capture = &arguments.options.capture;
-    let prepared = Prepared::new(&settings, requirements, global, output)?;
-    let opened = prepared.enter(capture, &interrupt, output)?;
-    let Some(service) = opened else { return Ok(()) };
+    let prepared = Prepared::new(&arguments.options, requirements, context)?;
+    // Before the cycle: the threads of the servers must not inherit its real-time settings.
+    let endpoints = listen(arguments)?;
+    let mut gate = TransmitGate::closed(&endpoints);
+    let Some(service) = prepared.enter()? else { return Ok(()) };
     if let Some(can) = service.can(arguments.channel) {
         let rates = match can.fd {
             true => BusRates::fd(can.nominal_bitrate, can.data_bitrate),
@@ -126,8 +110,8 @@ pub fn run(
         endpoints.iter().for_each(|endpoint| endpoint.clients().set_bus(rates));
     }
     // Open before the addresses are printed: early clients are not rejected.
-    gate.set_open(!arguments.listen_only, 0, &endpoints, output);
-    announce(arguments.channel, &endpoints, output)?;
+    gate.set_open(!arguments.listen_only, 0, &endpoints);
+    announce(arguments.channel, &endpoints, &context.output)?;
     let _beacon = start_beacon(arguments, &endpoints)?;
     let moved_ns = service.now_ns();
     let mut bridge = Traffic {
@@ -142,15 +126,14 @@ pub fn run(
         moved_ns,
     };
     let mut outcome = Ok(());
-    while outcome.is_ok() && !interrupt.is_set() {
-        outcome = bridge.cycle(output);
+    while outcome.is_ok() && !bridge.service.is_interrupted() {
+        outcome = bridge.cycle();
     }
-    bridge.tell_losses(output);
+    bridge.report_losses();
     outcome.and(bridge.service.finish())
 }
 
-/// Starts the servers.
-fn listen(arguments: &BridgeArguments) -> Result<Vec<Endpoint>, Failure> {
+fn listen(arguments: &BridgeArguments) -> Result<Vec<Endpoint>> {
     let has_another =
         arguments.socketcand.is_some() || arguments.pty.is_some() || arguments.socketcan.is_some();
     let slcan = arguments.slcan.or((!has_another).then_some(Listening::ANY));
@@ -171,11 +154,7 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Endpoint>, Failure> {
     Ok(endpoints)
 }
 
-/// Starts the beacon, if requested.
-fn start_beacon(
-    arguments: &BridgeArguments,
-    endpoints: &[Endpoint],
-) -> Result<Option<Beacon>, Failure> {
+fn start_beacon(arguments: &BridgeArguments, endpoints: &[Endpoint]) -> Result<Option<Beacon>> {
     let server = endpoints.iter().find_map(Endpoint::socketcand_address);
     let Some((ip, server)) = arguments.beacon.zip(server) else { return Ok(None) };
     let to = SocketAddr::new(ip, beacon::PORT);
@@ -184,12 +163,11 @@ fn start_beacon(
     started.map(Some).map_err(failed)
 }
 
-/// Prints the addresses of the servers.
-fn announce(channel: u8, endpoints: &[Endpoint], output: &Output) -> Result<(), Failure> {
+fn announce(channel: u8, endpoints: &[Endpoint], output: &Output) -> Result {
     let places: Vec<_> = endpoints.iter().map(|endpoint| endpoint.place(channel)).collect();
     for (endpoint, place) in endpoints.iter().zip(&places) {
         if endpoint.is_open_to_others() {
-            output.note(format_args!(
+            note(format_args!(
                 "every host that can connect to {} can send on the bus",
                 place.address
             ));
@@ -205,7 +183,6 @@ fn announce(channel: u8, endpoints: &[Endpoint], output: &Output) -> Result<(), 
 /// A bus without progress for this time, despite pending frames, has no acknowledging node.
 const STALL_NS: u64 = 1_000_000_000;
 
-/// Frames between the bus and the clients.
 #[derive(Debug)]
 struct Traffic {
     channel: u8,
@@ -223,7 +200,7 @@ struct Traffic {
 }
 
 impl Traffic {
-    fn cycle(&mut self, output: &Output) -> Result<(), Failure> {
+    fn cycle(&mut self) -> Result {
         let cycle = self.service.begin();
         for arrival in &cycle.arrivals {
             let time_ns = self.service.absolute_ns(arrival.time_ns);
@@ -236,7 +213,7 @@ impl Traffic {
                     if report.code.is_success() {
                         self.deliver(&held.frame, time_ns, Some(held));
                     } else {
-                        output.note(format_args!("# client frame lost: {}", report.code));
+                        note(format_args!("# client frame lost: {}", report.code));
                     }
                 }
             }
@@ -248,7 +225,7 @@ impl Traffic {
         }
         let forgotten = self.under_way.forget_old(cycle.now_ns);
         if forgotten > 0 {
-            output.note(format_args!("# {forgotten} client frames: transmit result unknown"));
+            note(format_args!("# {forgotten} client frames: transmit result unknown"));
         }
         let status = channel_status(self.service.port(), self.channel);
         if self.waiting.is_none() && status.tx_pending() == 0 {
@@ -257,7 +234,7 @@ impl Traffic {
         let is_stalled = cycle.now_ns - self.moved_ns >= STALL_NS;
         let can_send = is_ready && !status.bus_off() && !is_stalled && !self.is_listening;
         let held = self.waiting.take_if(|_| !can_send);
-        self.gate.set_open(can_send, held.iter().count(), &self.endpoints, output);
+        self.gate.set_open(can_send, held.iter().count(), &self.endpoints);
         while let Some(held) = self.waiting.take().or_else(|| self.next_of_clients()) {
             match self.service.send(self.channel, &held.frame) {
                 Ok(Some(ticket)) => {
@@ -268,19 +245,18 @@ impl Traffic {
                     break;
                 }
                 // An invalid frame of one client must not stop the others.
-                Err(error) => output.note(format_args!("# client frame rejected: {error}")),
+                Err(error) => note(format_args!("# client frame rejected: {error}")),
             }
         }
         self.service.end(cycle)?;
         self.endpoints.iter().try_for_each(Endpoint::check)
     }
 
-    /// Reports losses.
-    fn tell_losses(&self, output: &Output) {
+    fn report_losses(&self) {
         for endpoint in &self.endpoints {
             let Place { protocol, address, .. } = endpoint.place(self.channel);
             for loss in endpoint.losses() {
-                output.note(format_args!("# {protocol} bridge at {address}: {loss}"));
+                note(format_args!("# {protocol} bridge at {address}: {loss}"));
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Gate for the frames of clients.
 
 use crate::commands::bridge::endpoint::Endpoint;
-use crate::output::Output;
+use crate::context::note;
 
 /// Rejects frames of clients while the gateway is not ready or the channel is bus-off or stalled.
 /// Frames that are sent later, all at once, would be outdated and could move an axis.
@@ -13,7 +13,6 @@ pub struct TransmitGate {
 }
 
 impl TransmitGate {
-    /// Whether the gate is closed.
     pub fn closed(endpoints: &[Endpoint]) -> Self {
         for endpoint in endpoints {
             endpoint.clients().set_accepting(false);
@@ -23,13 +22,7 @@ impl TransmitGate {
 
     /// Opens or closes the gate and reports lost frames. `held` pending frames are dropped with
     /// those in the queues.
-    pub fn set_open(
-        &mut self,
-        is_open: bool,
-        held: usize,
-        endpoints: &[Endpoint],
-        output: &Output,
-    ) {
+    pub fn set_open(&mut self, is_open: bool, held: usize, endpoints: &[Endpoint]) {
         if is_open == self.is_open {
             return;
         }
@@ -41,14 +34,13 @@ impl TransmitGate {
         if !is_open {
             self.kept_before = kept_before + waiting as u64;
             if dropped > 0 {
-                output
-                    .note(format_args!("# {dropped} client frames dropped: channel not available"));
+                note(format_args!("# {dropped} client frames dropped: channel not available"));
             }
             return;
         }
         let refused = kept(endpoints) - self.kept_before;
         if refused > 0 {
-            output.note(format_args!("# {refused} client frames rejected: channel not available"));
+            note(format_args!("# {refused} client frames rejected: channel not available"));
         }
     }
 }

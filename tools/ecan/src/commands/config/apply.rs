@@ -9,16 +9,12 @@ use ecan_protocol::object::describe;
 use serde::Serialize;
 
 use crate::config_file;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::{Output, Tone};
+use crate::context::{Context, Output, Result, Tone};
 
-/// Result for a slave.
 #[derive(Debug, Serialize)]
 struct Applied {
     position: usize,
     gateway: usize,
-    /// Whether the configuration was written completely.
     is_complete: bool,
     /// Reason of the failure; `None` if another gateway failed before.
     error: Option<String>,
@@ -34,14 +30,9 @@ struct Part {
     readbacks: usize,
 }
 
-pub fn run(
-    path: &Path,
-    with_steps: bool,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(path: &Path, with_steps: bool, context: &Context) -> Result {
     let file = config_file::read(path)?;
-    let (bus, places) = super::places(&file, global, output)?;
+    let (bus, places) = super::places(&file, context)?;
     let mut applied = Vec::new();
     let mut failed = None;
     for place in places {
@@ -56,8 +47,8 @@ pub fn run(
         }
         applied.push(done);
     }
-    output.data(&applied, |out| {
-        applied.iter().try_for_each(|it| it.print(path, with_steps, output, out))
+    context.output.data(&applied, |out| {
+        applied.iter().try_for_each(|it| it.print(path, with_steps, &context.output, out))
     })?;
     failed.map_or(Ok(()), Err)
 }

@@ -12,8 +12,7 @@ use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{CHUNK_BYTES, Direction};
 use serde::Serialize;
 
-use crate::failure::Failure;
-use crate::output::{Output, Tone};
+use crate::context::{Failure, Output, Result, Tone};
 
 #[derive(Debug, Serialize)]
 struct Faulty {
@@ -104,11 +103,11 @@ impl Timing {
     }
 }
 
-pub fn run(path: &Path, output: &Output) -> Result<(), Failure> {
+pub fn run(path: &Path, output: &Output) -> Result {
     let file = match load(path) {
         Ok(file) => file,
         Err(ConfigFileError::Read { path, reason }) => {
-            return Err(Failure::File { what: "read", path, reason: reason.to_string() });
+            return Err(Failure::file("read", &path, reason));
         }
         Err(ConfigFileError::Faults { faults, .. }) => {
             let faulty = |FileFault { line, column, reason }| Faulty { line, column, reason };

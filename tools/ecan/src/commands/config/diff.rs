@@ -6,9 +6,7 @@ use ecan_config_file::{Difference, ResolvedGateway, differences};
 use serde::Serialize;
 
 use crate::config_file;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::{Output, Tone};
+use crate::context::{Context, Failure, Result, Tone, note};
 
 #[derive(Debug, Serialize)]
 struct Compared {
@@ -16,7 +14,6 @@ struct Compared {
     gateway: usize,
     /// `None` if not read because this or another gateway failed.
     differences: Option<Vec<Differing>>,
-    /// Reason.
     error: Option<String>,
 }
 
@@ -41,14 +38,9 @@ impl From<Difference> for Differing {
     }
 }
 
-pub fn run(
-    path: &Path,
-    counts_active: bool,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(path: &Path, counts_active: bool, context: &Context) -> Result {
     let file = config_file::read(path)?;
-    let (bus, places) = super::places(&file, global, output)?;
+    let (bus, places) = super::places(&file, context)?;
     let mut compared = Vec::new();
     let mut failed = None;
     for ResolvedGateway { gateway, slave: position } in places {
@@ -71,16 +63,16 @@ pub fn run(
         compared.push(it);
     }
     let counts = |it: &&Differing| counts_active || !it.is_set_at_start;
-    output.data(&compared, |out| {
+    context.output.data(&compared, |out| {
         for Compared { position, differences, error, .. } in &compared {
             let Some(differences) = differences else {
                 let why = error.as_deref().unwrap_or("skipped");
-                let words = output.toned(Tone::Bad, format_args!("not compared: {why}"));
+                let words = context.output.toned(Tone::Bad, format_args!("not compared: {why}"));
                 writeln!(out, "slave {position}: {words}")?;
                 continue;
             };
             for Differing { words, .. } in differences.iter().filter(counts) {
-                writeln!(out, "slave {position}: {}", output.toned(Tone::Bad, words))?;
+                writeln!(out, "slave {position}: {}", context.output.toned(Tone::Bad, words))?;
             }
         }
         Ok(())
@@ -88,7 +80,7 @@ pub fn run(
     let all = || compared.iter().filter_map(|it| it.differences.as_ref()).flatten();
     let (counted, total) = (all().filter(counts).count(), all().count());
     if total > counted {
-        output.note(format_args!(
+        note(format_args!(
             "{} entries that the master writes at each start differ too (shown with --active)",
             total - counted
         ));

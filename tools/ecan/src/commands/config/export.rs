@@ -8,9 +8,7 @@ use ecan_host::StartupStep;
 use serde::Serialize;
 
 use crate::config_file;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Context, Failure, Result};
 
 #[derive(Debug, Args)]
 pub struct ExportArguments {
@@ -48,7 +46,6 @@ impl From<ListFormat> for Format {
     }
 }
 
-/// Step in JSON.
 #[derive(Debug, Serialize)]
 struct Step {
     index: u16,
@@ -72,13 +69,9 @@ impl From<&StartupStep> for Step {
     }
 }
 
-pub fn run(
-    arguments: &ExportArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
-    global.without_slave("use --gateway to select a gateway of the file")?;
-    if global.json && arguments.format.is_some() {
+pub fn run(arguments: &ExportArguments, context: &Context) -> Result {
+    context.global.without_slave("use --gateway to select a gateway of the file")?;
+    if context.global.json && arguments.format.is_some() {
         let words = "--json and --format exclude each other";
         return Err(Failure::Usage(words.to_owned()));
     }
@@ -99,8 +92,9 @@ pub fn run(
     let steps = ecan_config_file::startup(&file, gateway);
     let data: Vec<_> = steps.iter().map(Step::from).collect();
     let (alias, position) = (slave.alias, slave.position);
-    let place = SlaveAddress { master: config_file::master(&file, global), alias, position };
-    output.data(&data, |out| {
+    let place =
+        SlaveAddress { master: config_file::master(&file, context.global), alias, position };
+    context.output.data(&data, |out| {
         let list = export(arguments.format.unwrap_or(ListFormat::Csv).into(), &steps, place);
         out.write_all(list.as_bytes())
     })

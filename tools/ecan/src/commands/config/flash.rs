@@ -8,12 +8,9 @@ use ecan_config_file::{ConfigChecksums, FlashCommand};
 use ecan_host::MaintenanceError;
 use serde::Serialize;
 
-use crate::bus::Bus;
 use crate::config_file;
 use crate::confirmation::confirm;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::{Output, Tone};
+use crate::context::{Bus, Context, Failure, Output, Result, Tone};
 use crate::slave_choice::{AllArgument, Recognised};
 
 /// Selection of gateways.
@@ -26,7 +23,6 @@ pub struct FlashArguments {
     all: AllArgument,
 }
 
-/// Result for a gateway.
 #[derive(Debug, Serialize)]
 struct Done {
     position: usize,
@@ -41,10 +37,9 @@ pub fn run(
     command: FlashCommand,
     arguments: &FlashArguments,
     is_confirmed: bool,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
-    let (bus, positions) = gateways(arguments, global, output)?;
+    context: &Context,
+) -> Result {
+    let (bus, positions) = gateways(arguments, context)?;
     if command == FlashCommand::Factory {
         let list: Vec<_> = positions.iter().map(ToString::to_string).collect();
         let question = format_args!(
@@ -72,24 +67,19 @@ pub fn run(
         all.push(done);
     }
     if is_list || failed.is_none() {
-        output.one_or_list(is_list, &all, |out| {
-            all.iter().try_for_each(|done| done.print(command, output, out))
+        context.output.one_or_list(is_list, &all, |out| {
+            all.iter().try_for_each(|done| done.print(command, &context.output, out))
         })?;
     }
     failed.map_or(Ok(()), Err)
 }
 
-/// The bus and the selected gateways.
-fn gateways(
-    arguments: &FlashArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(Bus, Vec<usize>), Failure> {
+fn gateways(arguments: &FlashArguments, context: &Context) -> Result<(Bus, Vec<usize>)> {
     if let Some(path) = &arguments.file {
-        let (bus, places) = super::places(&config_file::read(path)?, global, output)?;
+        let (bus, places) = super::places(&config_file::read(path)?, context)?;
         return Ok((bus, places.into_iter().map(|place| place.slave).collect()));
     }
-    let bus = Bus::open(global, output)?;
+    let bus = context.bus()?;
     let Recognised { gateways, unknown } = bus.one_or_all(arguments.all.all)?;
     match unknown.first() {
         None => Ok((bus, gateways)),

@@ -13,11 +13,8 @@ use ecan_config_file::{EXAMPLE, FlashCommand, ResolvedGateway};
 use ecan_mcan_port::Config;
 use ecan_sim::ClockKind;
 
-use crate::bus::Bus;
 use crate::config_file;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Bus, Context, Result};
 
 /// Arguments of `config`.
 #[derive(Debug, Args)]
@@ -78,35 +75,25 @@ enum Action {
     Export(export::ExportArguments),
 }
 
-pub fn run(
-    arguments: &ConfigArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &ConfigArguments, context: &Context) -> Result {
     match &arguments.action {
-        Action::Example => output.bytes(EXAMPLE.as_bytes()),
+        Action::Example => context.output.bytes(EXAMPLE.as_bytes()),
         Action::Check { file } => {
-            global.without_slave("the whole file is checked offline")?;
-            check::run(file, output)
+            context.global.without_slave("the whole file is checked offline")?;
+            check::run(file, &context.output)
         }
-        Action::Apply { file, steps } => apply::run(file, *steps, global, output),
-        Action::Diff { file, active } => diff::run(file, *active, global, output),
-        Action::Save(whose) => flash::run(FlashCommand::Save, whose, true, global, output),
-        Action::Load(whose) => flash::run(FlashCommand::Load, whose, true, global, output),
-        Action::Factory { whose, yes } => {
-            flash::run(FlashCommand::Factory, whose, *yes, global, output)
-        }
-        Action::Export(arguments) => export::run(arguments, global, output),
+        Action::Apply { file, steps } => apply::run(file, *steps, context),
+        Action::Diff { file, active } => diff::run(file, *active, context),
+        Action::Save(whose) => flash::run(FlashCommand::Save, whose, true, context),
+        Action::Load(whose) => flash::run(FlashCommand::Load, whose, true, context),
+        Action::Factory { whose, yes } => flash::run(FlashCommand::Factory, whose, *yes, context),
+        Action::Export(arguments) => export::run(arguments, context),
     }
 }
 
 /// Opens the bus of a file and finds its gateways: all, or the selected one.
-fn places(
-    file: &Config,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(Bus, Vec<ResolvedGateway>), Failure> {
-    let bus = config_file::open_bus(file, global, output, ClockKind::Stepped)?;
+fn places(file: &Config, context: &Context) -> Result<(Bus, Vec<ResolvedGateway>)> {
+    let bus = config_file::open_bus(file, context, ClockKind::Stepped)?;
     let places = config_file::places(file, &bus)?;
     Ok((bus, places))
 }

@@ -5,21 +5,15 @@ use std::path::Path;
 use ecan_diagnosis::Snapshot;
 use serde::{Deserialize, Serialize};
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
 
-use super::file_failure;
-
-/// Format name in the file.
 const FORMAT: &str = "ecan-diagnosis";
-/// Format version.
 const VERSION: u32 = 1;
 
-/// Contents of the bundle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Bundle {
     format: String,
     version: u32,
-    /// Program that wrote it.
     pub(super) program: String,
     /// Time in seconds since 1970, UTC.
     pub(super) taken_s: u64,
@@ -29,7 +23,6 @@ pub(super) struct Bundle {
     pub(super) snapshot: Snapshot,
 }
 
-/// Host information.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Host {
     pub(super) kernel: String,
@@ -42,7 +35,6 @@ pub(super) struct Host {
     pub(super) checks: serde_json::Value,
 }
 
-/// The master and its bus.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Master {
     pub(super) index: u32,
@@ -51,7 +43,6 @@ pub(super) struct Master {
     pub(super) slaves: Vec<Slave>,
 }
 
-/// Slave in the view of the master.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Slave {
     pub(super) position: u16,
@@ -67,7 +58,6 @@ pub(super) struct Slave {
     pub(super) links: [bool; 4],
 }
 
-/// Identity of the gateway.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gateway {
     pub(super) name: String,
@@ -92,17 +82,17 @@ impl Bundle {
         }
     }
 
-    pub(super) fn save(&self, path: &Path) -> Result<(), Failure> {
+    pub(super) fn save(&self, path: &Path) -> Result {
         let mut text = serde_json::to_string_pretty(self)
-            .map_err(|error| file_failure("write", path, error))?;
+            .map_err(|error| Failure::file("write", path, error))?;
         text.push('\n');
-        std::fs::write(path, text).map_err(|error| file_failure("write", path, error))
+        std::fs::write(path, text).map_err(|error| Failure::file("write", path, error))
     }
 
-    pub(super) fn load(path: &Path) -> Result<Self, Failure> {
+    pub(super) fn load(path: &Path) -> Result<Self> {
         let text =
-            std::fs::read_to_string(path).map_err(|error| file_failure("read", path, error))?;
-        let wrong = |reason: String| file_failure("understand", path, reason);
+            std::fs::read_to_string(path).map_err(|error| Failure::file("read", path, error))?;
+        let wrong = |reason: String| Failure::file("understand", path, reason);
         // Check format and version first: this gives a better message than the first missing field.
         let value: serde_json::Value =
             serde_json::from_str(&text).map_err(|error| wrong(format!("invalid JSON: {error}")))?;

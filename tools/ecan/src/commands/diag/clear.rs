@@ -3,12 +3,11 @@
 use ecan_host::{Maintenance, MaintenanceError};
 use ecan_protocol::device::MaintenanceCommand;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
+use crate::context::{Bus, Failure, Result};
 
 /// Clears the PDO errors of both directions, the cycle statistics, the runtime diagnostics and
 /// flags.
-pub(super) fn clear(bus: &Bus, slave: usize) -> Result<(), Failure> {
+pub(super) fn clear(bus: &Bus, slave: usize) -> Result {
     for profile in [0x8010, 0x8011] {
         bus.write(slave, profile, 8, 0b10)?;
     }

@@ -6,14 +6,11 @@ mod read;
 mod report;
 mod text;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Bus, Context, Failure, Output, Result, note};
 use crate::slave_choice::AllArgument;
 
 use bundle::Bundle;
@@ -51,51 +48,41 @@ pub struct DiagArguments {
     ethercat: Option<PathBuf>,
 }
 
-pub fn run(
-    arguments: &DiagArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &DiagArguments, context: &Context) -> Result {
     if let Some(path) = &arguments.from {
-        global.without_slave("--from explains the gateway of a file")?;
-        return explain(&[Bundle::load(path)?], arguments, output);
+        context.global.without_slave("--from explains the gateway of a file")?;
+        return explain(&[Bundle::load(path)?], arguments, &context.output);
     }
-    let bus = Bus::open(global, output)?;
+    let bus = context.bus()?;
     let slaves = read::slaves(&bus, arguments.all.all)?;
-    let look = |slave: &usize| read::bundle(&bus, *slave, arguments, global, output);
+    let look = |slave: &usize| read::bundle(&bus, *slave, arguments, context);
     let bundles = slaves.iter().map(look).collect::<Result<Vec<_>, _>>()?;
     // Print the report even if the rest fails; clear only after recording.
-    let explained = explain(&bundles, arguments, output);
+    let explained = explain(&bundles, arguments, &context.output);
     if let (Some(path), [bundle]) = (&arguments.record, &bundles[..]) {
         bundle.save(path)?;
-        output.note(format_args!("written to {}", path.display()));
+        note(format_args!("written to {}", path.display()));
     }
     if arguments.clear {
-        clear_all(&bus, &slaves, arguments.all.all, output)?;
+        clear_all(&bus, &slaves, arguments.all.all)?;
     }
     explained
 }
 
 /// Clears every gateway; returns the first error.
-fn clear_all(
-    bus: &Bus,
-    slaves: &[usize],
-    names_slave: bool,
-    output: &Output,
-) -> Result<(), Failure> {
+fn clear_all(bus: &Bus, slaves: &[usize], names_slave: bool) -> Result {
     let mut failed = None;
     for slave in slaves {
         let place = if names_slave { format!("slave {slave}: ") } else { String::new() };
         match clear::clear(bus, *slave) {
-            Ok(()) => output.note(format_args!("{place}counters and flags cleared")),
+            Ok(()) => note(format_args!("{place}counters and flags cleared")),
             Err(failure) => failed = failed.or(Some(failure)),
         }
     }
     failed.map_or(Ok(()), Err)
 }
 
-/// Prints the report; [`Failure::ProblemsFound`] if there is a finding.
-fn explain(bundles: &[Bundle], arguments: &DiagArguments, output: &Output) -> Result<(), Failure> {
+fn explain(bundles: &[Bundle], arguments: &DiagArguments, output: &Output) -> Result {
     let reports: Vec<_> = bundles.iter().map(Report::new).collect();
     output.one_or_list(arguments.all.all, &reports, |out| {
         for (number, report) in reports.iter().enumerate() {
@@ -110,8 +97,4 @@ fn explain(bundles: &[Bundle], arguments: &DiagArguments, output: &Output) -> Re
         true => Ok(()),
         false => Err(Failure::ProblemsFound),
     }
-}
-
-fn file_failure(what: &'static str, path: &Path, reason: impl ToString) -> Failure {
-    Failure::File { what, path: path.to_owned(), reason: reason.to_string() }
 }

@@ -3,13 +3,10 @@
 use ecan_diagnosis::{Depth, ReadError, Snapshot};
 use ecan_host::Error;
 
-use crate::bus::Bus;
 use crate::commands::doctor;
+use crate::context::{Bus, Context, Failure, GlobalOptions, Result, note};
 use crate::ethercat_tool::EthercatTool;
-use crate::failure::Failure;
 use crate::firmware_version::serial_number;
-use crate::global::GlobalOptions;
-use crate::output::Output;
 use crate::slave_choice::Recognised;
 
 use super::DiagArguments;
@@ -17,7 +14,7 @@ use super::bundle::{Bundle, Gateway, Host, Master, Slave};
 
 /// Selects the slaves, with two differences to other commands: the only slave of a bus is read even
 /// if it is not identified as a gateway, and `--all` includes slaves that cannot be identified.
-pub(super) fn slaves(bus: &Bus, all: bool) -> Result<Vec<usize>, Failure> {
+pub(super) fn slaves(bus: &Bus, all: bool) -> Result<Vec<usize>> {
     match bus.one_or_all(all) {
         Err(Failure::Slave(_)) if !bus.is_chosen() && bus.diagnostics().slave_count() == 1 => {
             Ok(vec![0])
@@ -35,10 +32,9 @@ pub(super) fn bundle(
     bus: &Bus,
     slave: usize,
     arguments: &DiagArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<Bundle, Failure> {
-    let info = bus.diagnostics().slave_info(slave).map_err(Failure::Device)?;
+    context: &Context,
+) -> Result<Bundle> {
+    let info = bus.diagnostics().slave_info(slave)?;
     let depth = match arguments.record {
         Some(_) => Depth::Everything,
         None => Depth::Findings,
@@ -55,7 +51,7 @@ pub(super) fn bundle(
     snapshot.position = info.position;
     snapshot.al_state = info.al_state;
     snapshot.has_error_flag = info.error_flag;
-    snapshot.al_status_code = al_status_code(bus, slave, arguments, global, output);
+    snapshot.al_status_code = al_status_code(bus, slave, arguments, context);
     // Each further request to a silent slave takes the mailbox timeout of the master.
     let answers = has_mailbox && snapshot.silence.is_none();
     let text = |index| if answers { bus.text(slave, index).ok() } else { None };
@@ -65,7 +61,7 @@ pub(super) fn bundle(
         hardware: text(0x1009),
         serial: serial_number(|subindex| snapshot.get(0xF000, subindex).ok_or(())).ok(),
     };
-    Ok(Bundle::new(host(bus, global), master(bus, global)?, gateway, snapshot))
+    Ok(Bundle::new(host(bus, context.global), master(bus, context.global)?, gateway, snapshot))
 }
 
 fn read_error(error: Error) -> ReadError {
@@ -85,18 +81,17 @@ fn al_status_code(
     bus: &Bus,
     slave: usize,
     arguments: &DiagArguments,
-    global: &GlobalOptions,
-    output: &Output,
+    context: &Context,
 ) -> Option<u16> {
     let named = arguments.ethercat.as_deref();
     if named.is_none() && bus.ecrt().is_simulated() {
         return None;
     }
-    let tool = EthercatTool::find(named, global.master());
+    let tool = EthercatTool::find(named, context.global.master());
     match tool.and_then(|tool| tool.register(slave, AL_STATUS_CODE)) {
         Ok(code) => Some(code),
         Err(error) => {
-            output.note(format_args!("AL status code not read: {error}"));
+            note(format_args!("AL status code not read: {error}"));
             None
         }
     }
@@ -123,7 +118,7 @@ fn system_name(root: &doctor::Root) -> String {
     line.unwrap_or_default().trim_matches('"').to_owned()
 }
 
-fn master(bus: &Bus, global: &GlobalOptions) -> Result<Master, Failure> {
+fn master(bus: &Bus, global: &GlobalOptions) -> Result<Master> {
     let state =
         bus.diagnostics().master_state().map_err(|error| Failure::Master(error.to_string()))?;
     let slaves = bus.slaves()?.into_iter().map(|info| Slave {

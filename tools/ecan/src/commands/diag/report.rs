@@ -28,7 +28,6 @@ pub(super) struct Report<'a> {
     pub(super) bundle: &'a Bundle,
 }
 
-/// Direction of process data.
 #[derive(Debug, Serialize)]
 pub(super) struct Direction {
     pub(super) name: &'static str,
@@ -42,7 +41,6 @@ pub(super) struct Direction {
     pub(super) overflows: Option<u32>,
 }
 
-/// CAN channel.
 #[derive(Debug, Serialize)]
 pub(super) struct Channel {
     pub(super) channel: u8,

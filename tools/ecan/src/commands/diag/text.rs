@@ -6,7 +6,7 @@ use std::io::Write;
 
 use ecan_diagnosis::{Finding, ObjectKey, Severity};
 
-use crate::output::{Output, Tone};
+use crate::context::{Output, Tone};
 use crate::table;
 
 use super::report::{Channel, Report};
@@ -63,14 +63,12 @@ fn heading(report: &Report, out: &mut dyn Write) -> Written {
     writeln!(out, "diagnostic flags: {}", listed(report.flags.as_deref()))
 }
 
-/// Text of a missing value.
 const NOT_READ: &str = "not read";
 
 fn or_not_read(value: Option<impl Display>) -> String {
     value.map_or_else(|| NOT_READ.to_owned(), |value| value.to_string())
 }
 
-/// Names of the set bits.
 fn listed(words: Option<&[&str]>) -> String {
     match words {
         None => NOT_READ.to_owned(),
@@ -83,28 +81,25 @@ fn directions(report: &Report, out: &mut dyn Write) -> Written {
     if report.directions.is_empty() {
         return writeln!(out, "\nprocess data: {NOT_READ}");
     }
-    let heads = ["", "BYTES", "ASSIGNED", "STATUS", "LAST ERROR", "ERRORS", "OVERFLOWS"];
-    let mut rows = vec![heads.map(str::to_owned)];
+    let titles = ["", "BYTES", "ASSIGNED", "STATUS", "LAST ERROR", "ERRORS", "OVERFLOWS"];
     let status = |raw: Option<u32>, words: Option<&str>| {
         or_not_read(raw.zip(words).map(|(raw, words)| format!("{raw} {words}")))
     };
-    for it in &report.directions {
-        rows.push([
+    writeln!(out)?;
+    table::print_with_titles(out, titles, &report.directions, |it| {
+        [
             it.name.to_owned(),
-            if it.active_bytes == Some(0) {
-                "not active".to_owned()
-            } else {
-                or_not_read(it.active_bytes)
+            match it.active_bytes {
+                Some(0) => "not active".to_owned(),
+                bytes => or_not_read(bytes),
             },
             or_not_read(it.assigned_chunks.map(|chunks| format!("{chunks} chunks"))),
             status(it.status, it.status_words),
             status(it.last_error, it.last_error_words),
             or_not_read(it.errors),
             or_not_read(it.overflows),
-        ]);
-    }
-    writeln!(out)?;
-    table::print(out, &rows)
+        ]
+    })
 }
 
 /// A count, its text, and its name for a missing value.
@@ -157,7 +152,7 @@ fn print_channel(channel: &Channel, out: &mut dyn Write) -> Written {
         ["  counters", &counters],
         ["  data path", &path.join("; ")],
     ];
-    table::print(out, &rows.map(|row| row.map(str::to_owned)))
+    table::print(out, rows, |row| row.map(str::to_owned))
 }
 
 fn performance(report: &Report, out: &mut dyn Write) -> Written {
@@ -165,15 +160,10 @@ fn performance(report: &Report, out: &mut dyn Write) -> Written {
         return writeln!(out, "\ncycle performance (0x9011): {NOT_READ}");
     }
     writeln!(out, "\ncycle performance (0x9011)")?;
-    let rows: Vec<_> = report
-        .performance
-        .iter()
-        .map(|it| {
-            let us = it.us.map_or_else(String::new, |us| format!("{us:.1} us"));
-            [format!("  {}", it.name), it.value.to_string(), us]
-        })
-        .collect();
-    table::print(out, &rows)
+    table::print(out, &report.performance, |it| {
+        let us = it.us.map_or_else(String::new, |us| format!("{us:.1} us"));
+        [format!("  {}", it.name), it.value.to_string(), us]
+    })
 }
 
 /// Entries that this firmware does not have.

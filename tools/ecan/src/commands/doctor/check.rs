@@ -2,7 +2,6 @@
 
 use serde::Serialize;
 
-/// Result of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -11,7 +10,6 @@ pub enum Verdict {
     Warning,
     /// EtherCAT cannot work.
     Bad,
-    /// Not checked.
     Skipped,
 }
 
@@ -26,7 +24,6 @@ impl Verdict {
     }
 }
 
-/// A check of the host.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Check {
     pub name: &'static str,

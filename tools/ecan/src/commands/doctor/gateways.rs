@@ -4,8 +4,8 @@ use std::path::Path;
 
 use ecan_host::{Diagnostics, Ecrt, Error, MAX_PLAIN_MULTIPLIER};
 
+use crate::context::GlobalOptions;
 use crate::ethercat_tool::{EthercatTool, ToolError};
-use crate::global::GlobalOptions;
 use crate::slave_choice::{Recognised, Unknown};
 
 use super::{Check, sii};

@@ -7,10 +7,8 @@ use crate::program::{self, RunError};
 
 use super::{Check, Root, master};
 
-/// Time limit of ethtool.
 const LIMIT: Duration = Duration::from_secs(5);
 
-/// Paths of the master's configuration.
 const CONFIGURATIONS: [&str; 5] = [
     "etc/ethercat.conf",
     "etc/sysconfig/ethercat",
@@ -22,13 +20,11 @@ const CONFIGURATIONS: [&str; 5] = [
 const ANY: &str = "ff:ff:ff:ff:ff:ff";
 const INTERFACES: &str = "sys/class/net";
 
-/// Network interface of the master.
 enum Interface {
     /// Interface of the network stack.
     Shown(String),
     /// Interface of a native driver, not visible in the network stack.
     Native(String),
-    /// Unknown; reason and remedy.
     Unknown(Check),
 }
 

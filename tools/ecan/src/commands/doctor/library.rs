@@ -1,29 +1,16 @@
 //! Check of the EtherCAT library.
 
 use ecan_host::Ecrt;
-use ecan_sim::{BackendError, ClockKind, EcrtSetting};
+use ecan_sim::{BackendError, ClockKind};
 
-use crate::bus::sim_options;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Context, Result};
 
 use super::{Check, Root};
 
 /// Loads the library. An invalid setting is an error of the program, not a result.
-pub(super) fn load(
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<Result<Ecrt, String>, Failure> {
-    let setting = EcrtSetting::resolve(global.ecrt.as_deref()).map_err(BackendError::from)?;
-    let options = sim_options(ClockKind::Stepped);
-    match ecan_sim::open(&setting, &options) {
-        Ok(backend) => {
-            if let Some(simulation) = &backend.simulation {
-                output.note(simulation.banner());
-            }
-            Ok(Ok(backend.ecrt))
-        }
+pub(super) fn load(context: &Context) -> Result<Result<Ecrt, String>> {
+    match context.backend(&context.setting()?, ClockKind::Stepped) {
+        Ok(backend) => Ok(Ok(backend.ecrt)),
         Err(BackendError::Load(error)) => Ok(Err(error.to_string())),
         Err(other) => Err(other.into()),
     }

@@ -5,7 +5,6 @@ use std::io::ErrorKind;
 
 use super::{Check, Root};
 
-/// Module of the master.
 const MASTER: &str = "ec_master";
 /// Module of the ACPI embedded controller, with a similar name.
 const ACPI: &str = "ec_sys";
@@ -35,7 +34,6 @@ fn drivers(root: &Root) -> Vec<String> {
     modules.into_iter().filter(is_driver).collect()
 }
 
-/// Returns whether the master has a native driver.
 pub(super) fn has_native_driver(root: &Root) -> bool {
     drivers(root).iter().any(|name| name != GENERIC)
 }

@@ -16,9 +16,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::{Output, Tone};
+use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::table;
 
 pub use check::Check;
@@ -45,27 +43,22 @@ pub struct DoctorArguments {
     ethercat: Option<PathBuf>,
 }
 
-pub fn run(
-    arguments: &DoctorArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
-    global.without_slave("doctor checks the host; use `ecan diag` for a gateway")?;
+pub fn run(arguments: &DoctorArguments, context: &Context) -> Result {
+    context.global.without_slave("doctor checks the host; use `ecan diag` for a gateway")?;
     let checks = match &arguments.root {
         Some(path) if !path.is_dir() => {
-            let (path, reason) = (path.clone(), "not a directory".to_owned());
-            return Err(Failure::File { what: "read", path, reason });
+            return Err(Failure::file("read", path, "not a directory"));
         }
         Some(path) => {
             let root = Root::at(path.clone()).with_ethtool(arguments.ethtool.clone());
-            host_checks(&root, global.master())
+            host_checks(&root, context.global.master())
         }
         None => {
             let root = Root::default().with_ethtool(arguments.ethtool.clone());
-            all_checks(&root, arguments.ethercat.as_deref(), global, output)?
+            all_checks(&root, arguments.ethercat.as_deref(), context)?
         }
     };
-    output.data(&checks, |out| print(&checks, output, out))?;
+    context.output.data(&checks, |out| print(&checks, &context.output, out))?;
     let has_problem = checks.iter().any(Check::has_problem);
     if has_problem { Err(Failure::ProblemsFound) } else { Ok(()) }
 }
@@ -98,13 +91,8 @@ fn real_time_checks(root: &Root) -> Vec<Check> {
 }
 
 /// Checks of files, library and bus.
-fn all_checks(
-    root: &Root,
-    tool: Option<&Path>,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<Vec<Check>, Failure> {
-    let library = library::load(global, output)?;
+fn all_checks(root: &Root, tool: Option<&Path>, context: &Context) -> Result<Vec<Check>> {
+    let library = library::load(context)?;
     let mut checks = vec![library::check(&library)];
     match &library {
         Ok(ecrt) if ecrt.is_simulated() => {
@@ -115,25 +103,21 @@ fn all_checks(
         }
         Ok(ecrt) => {
             checks.push(library::same_version(root, ecrt.version()));
-            checks.extend(master_checks(root, global.master()));
+            checks.extend(master_checks(root, context.global.master()));
         }
-        Err(_) => checks.extend(master_checks(root, global.master())),
+        Err(_) => checks.extend(master_checks(root, context.global.master())),
     }
     checks.extend(real_time_checks(root));
-    checks.extend(gateways::checks(library.ok(), tool, global));
+    checks.extend(gateways::checks(library.ok(), tool, context.global));
     Ok(checks)
 }
 
 fn print(checks: &[Check], output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
-    let rows: Vec<_> = checks
-        .iter()
-        .map(|check| {
-            let word = format!("{:7}", check.verdict.word());
-            let word = output.toned(tone(check.verdict), word);
-            [word, check.name.to_owned(), check.found.clone()]
-        })
-        .collect();
-    table::print(out, &rows)?;
+    table::print(out, checks, |check| {
+        let word = format!("{:7}", check.verdict.word());
+        let word = output.toned(tone(check.verdict), word);
+        [word, check.name.to_owned(), check.found.clone()]
+    })?;
     for check in checks.iter().filter(|check| check.has_problem()) {
         let name = output.toned(tone(check.verdict), check.name);
         writeln!(out, "\n{name}: {}\n  remedy: {}", check.found, check.remedy)?;

@@ -8,7 +8,6 @@ const PRIORITY: u64 = 80;
 const LOCKED_BYTES: u64 = 256 << 20;
 /// Acceptable exit latency of sleep states, in microseconds.
 const WAKE_UP_US: u64 = 50;
-/// Capability bits of CapEff.
 const CAP_IPC_LOCK: u32 = 14;
 const CAP_SYS_NICE: u32 = 23;
 

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-/// Paths of ethtool.
 const ETHTOOLS: [&str; 4] =
     ["/usr/sbin/ethtool", "/sbin/ethtool", "/usr/bin/ethtool", "/usr/local/sbin/ethtool"];
 
@@ -14,7 +13,6 @@ pub struct Root {
 }
 
 impl Default for Root {
-    /// This host.
     fn default() -> Self {
         let ethtool = ETHTOOLS.iter().map(PathBuf::from).find(|path| path.exists());
         Self { path: PathBuf::from("/"), ethtool }
@@ -27,12 +25,10 @@ impl Root {
         Self { path, ethtool: None }
     }
 
-    /// Sets the path of ethtool.
     pub fn with_ethtool(self, program: Option<PathBuf>) -> Self {
         Self { ethtool: program.or(self.ethtool), path: self.path }
     }
 
-    /// Path of ethtool.
     pub fn ethtool(&self) -> Option<&Path> {
         self.ethtool.as_deref()
     }
@@ -46,17 +42,14 @@ impl Root {
         self.path(name).exists()
     }
 
-    /// Text of a file; `None` if it cannot be read.
     pub fn text(&self, name: impl AsRef<Path>) -> Option<String> {
         std::fs::read_to_string(self.path(name)).ok()
     }
 
-    /// First line of a file, trimmed.
     pub fn first_line(&self, name: impl AsRef<Path>) -> Option<String> {
         Some(self.text(name)?.lines().next().unwrap_or_default().trim().to_owned())
     }
 
-    /// Names in a directory, sorted.
     pub fn names(&self, directory: impl AsRef<Path>) -> Vec<String> {
         let entries = std::fs::read_dir(self.path(directory)).into_iter().flatten().flatten();
         let mut names: Vec<_> =

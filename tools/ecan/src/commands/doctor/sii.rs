@@ -4,10 +4,8 @@ use ecan_protocol::mapping::{
     Direction, MAX_PDO_BYTES, sync_manager_address, sync_manager_control,
 };
 
-/// Expected SM2 and SM3.
 const WANTED: [(&str, Direction); 2] = [("SM2", Direction::RxPdo), ("SM3", Direction::TxPdo)];
 
-/// Category of the sync managers in the SII.
 const CATEGORY: u16 = 41;
 
 /// Returns the deviations; empty if the layout is correct.

@@ -4,10 +4,8 @@ use ecan_protocol::config::{ApplyStatus, FilterCommand, FilterCommandStatus, Fil
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
+use crate::context::{Bus, Failure, Result};
 
-/// List of filters: standard or extended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Standard,
@@ -51,7 +49,6 @@ pub(super) struct ElementCounts {
     pub(super) buffers: u8,
 }
 
-/// Filters of one channel.
 pub struct ChannelFilters<'a> {
     pub bus: &'a Bus,
     pub slave: usize,
@@ -63,36 +60,35 @@ impl ChannelFilters<'_> {
         0x8001 + u16::from(self.channel)
     }
 
-    fn get(&self, subindex: u8) -> Result<u32, Failure> {
+    fn get(&self, subindex: u8) -> Result<u32> {
         self.bus.read(self.slave, self.object(), subindex)
     }
 
-    fn set(&self, subindex: u8, value: u32) -> Result<(), Failure> {
+    fn set(&self, subindex: u8, value: u32) -> Result {
         self.bus.write(self.slave, self.object(), subindex, value)
     }
 
     /// Non-match policies: standard, extended.
-    pub(super) fn non_match(&self) -> Result<[u32; 2], Failure> {
+    pub(super) fn non_match(&self) -> Result<[u32; 2]> {
         Ok([self.get(36)?, self.get(37)?])
     }
 
-    pub(super) fn extended_mask(&self) -> Result<u32, Failure> {
+    pub(super) fn extended_mask(&self) -> Result<u32> {
         self.get(40)
     }
 
-    pub(super) fn element_counts(&self) -> Result<ElementCounts, Failure> {
+    pub(super) fn element_counts(&self) -> Result<ElementCounts> {
         let count = |subindex| self.get(subindex).map(|it| u8::try_from(it).unwrap_or(u8::MAX));
         Ok(ElementCounts { fifo0: count(62)?, fifo1: count(64)?, buffers: count(67)? })
     }
 
     /// Returns whether the channel runs, so that an apply changes only the filters.
-    pub(super) fn is_running(&self) -> Result<bool, Failure> {
+    pub(super) fn is_running(&self) -> Result<bool> {
         let raw = self.bus.read(self.slave, 0x9000 + u16::from(self.channel), 9)?;
         Ok(ChannelStatus::from_raw(raw as u16).state() != ChannelState::Disabled)
     }
 
-    /// Restarts the channel with its configuration.
-    pub(super) fn apply(&self) -> Result<(), Failure> {
+    pub(super) fn apply(&self) -> Result {
         self.set(1, 1)?;
         let status = ApplyStatus::from_raw(u8::try_from(self.get(2)?).unwrap_or(u8::MAX));
         if status == ApplyStatus::Ok {
@@ -102,13 +98,12 @@ impl ChannelFilters<'_> {
         Err(Failure::Rejected(format!("{words}; the previous one stays active")))
     }
 
-    /// Reads a list through the window, filter by filter.
-    pub fn read(&self, kind: Kind) -> Result<Vec<RawFilter>, Failure> {
+    pub fn read(&self, kind: Kind) -> Result<Vec<RawFilter>> {
         let window = kind.window();
         (0..self.get(window.count)?).map(|number| self.load(kind, number)).collect()
     }
 
-    fn load(&self, kind: Kind, number: u32) -> Result<RawFilter, Failure> {
+    fn load(&self, kind: Kind, number: u32) -> Result<RawFilter> {
         self.command(kind, number, FilterCommand::Load)?;
         let first = kind.window().first_field;
         let field = |offset| self.get(first + offset);
@@ -121,7 +116,7 @@ impl ChannelFilters<'_> {
         })
     }
 
-    fn save(&self, kind: Kind, number: u32, filter: &RawFilter) -> Result<(), Failure> {
+    fn save(&self, kind: Kind, number: u32, filter: &RawFilter) -> Result {
         let values = [filter.matching, filter.action, filter.sync, filter.id1, filter.id2];
         for (subindex, value) in kind.window().fields().zip(values) {
             self.set(subindex, value)?;
@@ -129,7 +124,7 @@ impl ChannelFilters<'_> {
         self.command(kind, number, FilterCommand::Save)
     }
 
-    fn command(&self, kind: Kind, number: u32, command: FilterCommand) -> Result<(), Failure> {
+    fn command(&self, kind: Kind, number: u32, command: FilterCommand) -> Result {
         let window = kind.window();
         self.set(window.index, number)?;
         self.set(window.command, command.raw().into())?;
@@ -144,8 +139,7 @@ impl ChannelFilters<'_> {
         Err(Failure::Rejected(format!("{name} filter {number} of CAN{}: {reason}", self.channel)))
     }
 
-    /// Appends a filter.
-    pub(super) fn append(&self, kind: Kind, filter: RawFilter) -> Result<(), Failure> {
+    pub(super) fn append(&self, kind: Kind, filter: RawFilter) -> Result {
         let window = kind.window();
         let (count, max) = (self.get(window.count)?, self.get(window.max)?);
         if count >= max {
@@ -156,8 +150,7 @@ impl ChannelFilters<'_> {
         self.set(window.count, count + 1)
     }
 
-    /// Removes a filter.
-    pub(super) fn remove(&self, kind: Kind, number: u8) -> Result<(), Failure> {
+    pub(super) fn remove(&self, kind: Kind, number: u8) -> Result {
         let mut filters = self.read(kind)?;
         if usize::from(number) >= filters.len() {
             let name = kind.name();
@@ -180,7 +173,7 @@ impl ChannelFilters<'_> {
     }
 
     /// Writes a whole list and disables the filters after it.
-    pub fn replace(&self, kind: Kind, filters: &[RawFilter]) -> Result<(), Failure> {
+    pub fn replace(&self, kind: Kind, filters: &[RawFilter]) -> Result {
         let window = kind.window();
         let before = self.get(window.count)?;
         for (number, filter) in (0..).zip(filters) {

@@ -11,10 +11,7 @@ use std::io::Write;
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Context, Failure, Result, note};
 use crate::table;
 
 pub use channel_filters::{ChannelFilters, Kind as FilterKind, RawFilter};
@@ -86,7 +83,7 @@ enum Action {
 #[derive(Debug, Args)]
 struct ChannelArgument {
     /// CAN channel, 0 to 3
-    #[arg(long, value_name = "N", value_parser = crate::frames::channels::parse_channel)]
+    #[arg(long, value_name = "N", value_parser = crate::frames::parse_channel)]
     channel: u8,
 }
 
@@ -118,11 +115,7 @@ struct ListedFilter {
     raw: RawFilter,
 }
 
-pub fn run(
-    arguments: &FilterArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &FilterArguments, context: &Context) -> Result {
     let (channel, no_apply) = match &arguments.action {
         Action::List { channel } => (channel, true),
         Action::Add { channel, apply, .. }
@@ -133,7 +126,7 @@ pub fn run(
         Action::Add { filter, .. } => Some(filter.build().map_err(Failure::Usage)?),
         _ => None,
     };
-    let bus = Bus::open(global, output)?;
+    let bus = context.bus()?;
     let filters = ChannelFilters { bus: &bus, slave: bus.slave()?, channel: channel.channel };
     match &arguments.action {
         Action::List { .. } => {}
@@ -158,18 +151,18 @@ pub fn run(
             filters.apply()?;
         } else {
             let words = "is off: filters take effect at the next apply";
-            output.note(format_args!("CAN{} {words}", channel.channel));
+            note(format_args!("CAN{} {words}", channel.channel));
         }
     }
     let listed = list(&filters)?;
-    output.data(&listed, |out| print(&listed, out))
+    context.output.data(&listed, |out| print(&listed, out))
 }
 
 fn kind(is_extended: bool) -> Kind {
     if is_extended { Kind::Extended } else { Kind::Standard }
 }
 
-fn list(filters: &ChannelFilters) -> Result<Listed, Failure> {
+fn list(filters: &ChannelFilters) -> Result<Listed> {
     let of_kind = |kind| {
         let raw = filters.read(kind)?;
         let listed = raw.into_iter().enumerate().map(|(number, raw)| ListedFilter {
@@ -212,14 +205,10 @@ fn print(listed: &Listed, out: &mut dyn Write) -> std::io::Result<()> {
             _ => String::new(),
         };
         writeln!(out, "CAN{channel} {name}: {count}; other frames: {non_match}{mask}")?;
-        let rows: Vec<_> = filters
-            .iter()
-            .map(|it| {
-                let sync = if it.is_sync { "sync message" } else { "" };
-                [format!("  {}", it.number), it.identifiers.clone(), it.action.clone(), sync.into()]
-            })
-            .collect();
-        table::print(out, &rows)?;
+        table::print(out, filters, |it| {
+            let sync = if it.is_sync { "sync message" } else { "" };
+            [format!("  {}", it.number), it.identifiers.clone(), it.action.clone(), sync.into()]
+        })?;
     }
     Ok(())
 }

@@ -56,7 +56,6 @@ fn parse_identifier(text: &str) -> Result<u32, String> {
     u32::try_from(value).map_err(|_| format!("{text} is out of range; allowed: 0 to 0x1FFFFFFF"))
 }
 
-/// Converts the options to a filter of the library.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Filter {
     Standard(StandardFilter),
@@ -120,7 +119,6 @@ impl Filter {
         }
     }
 
-    /// Checks CAN IDs, FIFOs and buffers.
     pub(super) fn check(&self, counts: ElementCounts) -> Result<(), String> {
         let mut config = McanChannelConfig::default();
         config.ram.rx_fifo0.size = counts.fifo0;

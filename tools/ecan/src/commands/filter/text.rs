@@ -4,7 +4,6 @@ use ecan_protocol::config::{ExtendedMatch, FilterAction, NonMatch, StandardMatch
 
 use super::channel_filters::{Kind, RawFilter};
 
-/// CAN IDs matched by a filter.
 pub(super) fn identifiers(kind: Kind, filter: &RawFilter) -> String {
     let RawFilter { id1, id2, .. } = *filter;
     let digits = if kind == Kind::Standard { 3 } else { 8 };
@@ -42,7 +41,6 @@ fn decode_action(filter: &RawFilter) -> Option<FilterAction> {
     FilterAction::from_raw(u8::try_from(filter.action).ok()?, filter.id2)
 }
 
-/// Action for matching frames.
 pub(super) fn action(filter: &RawFilter) -> String {
     match decode_action(filter) {
         Some(FilterAction::Disabled) => "disabled".to_owned(),
@@ -57,7 +55,6 @@ pub(super) fn action(filter: &RawFilter) -> String {
     }
 }
 
-/// Text of a non-match policy.
 pub(super) fn non_match(raw: u32) -> &'static str {
     match u8::try_from(raw).ok().and_then(NonMatch::from_raw) {
         Some(NonMatch::Fifo0) => "RX FIFO0",

@@ -4,14 +4,12 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use ecan_host::Identity;
-use ecan_protocol::device::Capabilities;
-use ecan_protocol::object::{ObjectType, lookup};
 
-use super::gateways::{Gateways, LOOK_EVERY, SlaveEntry};
+use super::gateways::{Gateways, POLL_INTERVAL};
 use super::package::FirmwareFile;
 use super::rejection::Rejection;
-use crate::ethercat_tool::{EthercatTool, NumberType, ToolError, is_denial};
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
+use crate::ethercat_tool::{EthercatTool, SlaveEntry, ToolError, is_denial};
 
 /// Name of the firmware file on a gateway (manual 15.3.1).
 const FILE_NAME: &str = "ecan_lite_app";
@@ -25,8 +23,7 @@ pub struct ByTool {
 }
 
 impl ByTool {
-    /// Uses the given tool, or the one that is found.
-    pub fn open(named: Option<&Path>, master: u32) -> Result<Self, Failure> {
+    pub fn open(named: Option<&Path>, master: u32) -> Result<Self> {
         let tool = EthercatTool::find(named, master).map_err(failure)?;
         Ok(Self { tool, opened: Instant::now() })
     }
@@ -38,50 +35,33 @@ impl ByTool {
 }
 
 fn failure(error: ToolError) -> Failure {
-    let words = match error.remedy() {
-        "" => error.to_string(),
-        remedy => format!("{error}; {remedy}"),
-    };
-    if error.is_about_host() { Failure::Master(words) } else { Failure::Rejected(words) }
+    if error.is_about_host() {
+        Failure::Master(error.text())
+    } else {
+        Failure::Rejected(error.text())
+    }
 }
 
 impl Gateways for ByTool {
-    fn present(&self) -> Result<Vec<SlaveEntry>, Failure> {
-        let listed = self.tool.slaves().map_err(failure)?;
-        let present = listed.into_iter().map(|slave| SlaveEntry {
-            position: slave.position,
-            alias: slave.alias,
-            al_state: slave.al_state(),
-            state: slave.state,
-        });
-        Ok(present.collect())
+    fn present(&self) -> Result<Vec<SlaveEntry>> {
+        self.tool.slaves().map_err(failure)
     }
 
-    fn identity(&self, slave: usize) -> Result<Identity, Failure> {
+    fn identity(&self, slave: usize) -> Result<Identity> {
         let (vendor_id, product_code) = self.tool.identity(slave).map_err(failure)?;
         Ok(Identity { vendor_id, product_code })
     }
 
-    fn number(&self, slave: usize, subindex: u8) -> Result<u32, Failure> {
-        let object = (Capabilities::INDEX, subindex);
-        let kind = match lookup(object.0, subindex).map(|(_, entry)| entry.ty) {
-            Some(ObjectType::U8) => NumberType::Uint8,
-            Some(ObjectType::U16) => NumberType::Uint16,
-            _ => NumberType::Uint32,
-        };
-        self.tool.upload_number(slave, object, kind).map_err(failure)
+    fn number(&self, slave: usize, index: u16, subindex: u8) -> Result<u32> {
+        self.tool.upload_number(slave, index, subindex).map_err(failure)
     }
 
     fn is_denial(&self, failure: &Failure) -> bool {
-        matches!(failure, Failure::Rejected(words) if is_denial(words))
+        matches!(failure, Failure::Rejected(message) if is_denial(message))
     }
 
-    fn software_version(&self, slave: usize) -> Result<String, Failure> {
-        self.tool.upload_text(slave, (0x100A, 0)).map_err(failure)
-    }
-
-    fn foe_status(&self, slave: usize) -> Result<u32, Failure> {
-        self.tool.upload_number(slave, (0xB000, 11), NumberType::Uint32).map_err(failure)
+    fn software_version(&self, slave: usize) -> Result<String> {
+        self.tool.upload_text(slave, 0x100A).map_err(failure)
     }
 
     fn write(
@@ -94,7 +74,7 @@ impl Gateways for ByTool {
     }
 
     fn pause(&self) {
-        std::thread::sleep(LOOK_EVERY);
+        std::thread::sleep(POLL_INTERVAL);
     }
 
     fn now(&self) -> Duration {

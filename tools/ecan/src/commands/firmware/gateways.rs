@@ -3,49 +3,32 @@
 use std::time::Duration;
 
 use ecan_host::{Identity, SlaveKind, SlaveQuery, slave_kinds};
-use ecan_protocol::device::AlState;
+use ecan_protocol::device::{AlState, Capabilities};
 use serde::Serialize;
 
 use super::rejection::Rejection;
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
+use crate::ethercat_tool::SlaveEntry;
 use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, one_or_all};
 
-/// Slave on the bus.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct SlaveEntry {
-    /// Position of the slave.
-    pub position: usize,
-    /// Alias, if set.
-    pub alias: Option<u16>,
-    /// AL state as text.
-    pub state: String,
-    /// AL state; `None` for other text.
-    pub al_state: Option<AlState>,
-}
-
 /// Poll interval during the restart of a gateway.
-pub const LOOK_EVERY: Duration = Duration::from_millis(500);
+pub const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Bus with access to the firmware of its gateways.
 pub trait Gateways {
-    /// Lists the slaves.
-    fn present(&self) -> Result<Vec<SlaveEntry>, Failure>;
+    fn present(&self) -> Result<Vec<SlaveEntry>>;
 
     /// Vendor ID and product code in the SII.
-    fn identity(&self, slave: usize) -> Result<Identity, Failure>;
+    fn identity(&self, slave: usize) -> Result<Identity>;
 
-    /// Reads a number of 0xF000.
-    fn number(&self, slave: usize, subindex: u8) -> Result<u32, Failure>;
+    fn number(&self, slave: usize, index: u16, subindex: u8) -> Result<u32>;
 
     /// Returns whether an error means that the slave does not have the object.
     fn is_denial(&self, failure: &Failure) -> bool;
 
     /// Reads 0x100A.
-    fn software_version(&self, slave: usize) -> Result<String, Failure>;
-
-    /// Reads 0xB000:11, the gateway's status of its last firmware transfer.
-    fn foe_status(&self, slave: usize) -> Result<u32, Failure>;
+    fn software_version(&self, slave: usize) -> Result<String>;
 
     /// Writes the file; `progress` gets the number of accepted bytes, if known.
     fn write(
@@ -55,17 +38,13 @@ pub trait Gateways {
         progress: &dyn Fn(u64),
     ) -> Result<(), Rejection>;
 
-    /// Waits for [`LOOK_EVERY`].
     fn pause(&self);
 
-    /// Time of a monotonic clock.
     fn now(&self) -> Duration;
 }
 
-/// Firmware and identity of a gateway.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Running {
-    /// Firmware version.
     #[serde(flatten)]
     pub version: FirmwareVersion,
     /// 0xF000:07 and :08.
@@ -73,9 +52,8 @@ pub struct Running {
 }
 
 impl Running {
-    /// Reads both.
-    pub fn read(gateways: &dyn Gateways, slave: usize) -> Result<Self, Failure> {
-        let number = |subindex| gateways.number(slave, subindex);
+    pub fn read(gateways: &dyn Gateways, slave: usize) -> Result<Self> {
+        let number = |subindex| gateways.number(slave, Capabilities::INDEX, subindex);
         // The numbers first: they show whether the gateway responds.
         let (mut version, serial) = (FirmwareVersion::read(None, number)?, serial_number(number)?);
         version.firmware = match gateways.software_version(slave) {
@@ -92,7 +70,6 @@ impl std::fmt::Display for Running {
     }
 }
 
-/// Adapter for the identification of slaves.
 struct SlaveQueryAdapter<'a> {
     gateways: &'a dyn Gateways,
     present: &'a [SlaveEntry],
@@ -101,17 +78,17 @@ struct SlaveQueryAdapter<'a> {
 impl SlaveQuery for SlaveQueryAdapter<'_> {
     type Error = Failure;
 
-    fn al_state(&self, slave: usize) -> Result<Option<AlState>, Failure> {
+    fn al_state(&self, slave: usize) -> Result<Option<AlState>> {
         let found = self.present.iter().find(|present| present.position == slave);
         Ok(found.and_then(|present| present.al_state))
     }
 
-    fn identity(&self, slave: usize) -> Result<Identity, Failure> {
+    fn identity(&self, slave: usize) -> Result<Identity> {
         self.gateways.identity(slave)
     }
 
-    fn upload(&self, slave: usize, subindex: u8) -> Result<u32, Failure> {
-        self.gateways.number(slave, subindex)
+    fn upload(&self, slave: usize, subindex: u8) -> Result<u32> {
+        self.gateways.number(slave, Capabilities::INDEX, subindex)
     }
 
     fn is_denial(&self, error: &Failure) -> bool {
@@ -120,19 +97,19 @@ impl SlaveQuery for SlaveQueryAdapter<'_> {
 }
 
 impl Candidates for SlaveQueryAdapter<'_> {
-    fn positions(&self) -> Result<Vec<(usize, u16)>, Failure> {
-        let place = |slave: &SlaveEntry| (slave.position, slave.alias.unwrap_or(0));
-        Ok(self.present.iter().map(place).collect())
+    fn positions(&self) -> Result<Vec<(usize, u16)>> {
+        let position = |slave: &SlaveEntry| (slave.position, slave.alias.unwrap_or(0));
+        Ok(self.present.iter().map(position).collect())
     }
 
-    fn recognised(&self) -> Result<Recognised, Failure> {
+    fn recognised(&self) -> Result<Recognised> {
         let positions: Vec<_> = self.present.iter().map(|slave| slave.position).collect();
         let kinds = slave_kinds(self, &positions);
         Ok(Recognised::new(positions.into_iter().zip(kinds)))
     }
 
-    fn serial(&self, slave: usize) -> Result<u64, Failure> {
-        serial_number(|subindex| self.gateways.number(slave, subindex))
+    fn serial(&self, slave: usize) -> Result<u64> {
+        serial_number(|subindex| self.upload(slave, subindex))
     }
 }
 
@@ -146,20 +123,17 @@ pub fn reason_against(gateways: &dyn Gateways, slave: &SlaveEntry) -> Option<Str
     }
 }
 
-/// Selected slaves.
 pub struct Selection {
-    /// Selected gateways.
     pub gateways: Vec<SlaveEntry>,
     /// Slaves that cannot be identified, with `--all`.
     pub unknown: Vec<(SlaveEntry, Unknown)>,
 }
 
-/// Selects one gateway, or all.
 pub fn chosen(
     gateways: &dyn Gateways,
     choice: Option<SlaveChoice>,
     all: bool,
-) -> Result<Selection, Failure> {
+) -> Result<Selection> {
     let present = gateways.present()?;
     let asked = SlaveQueryAdapter { gateways, present: &present };
     let Recognised { gateways: meant, unknown } = one_or_all(&asked, choice, all)?;

@@ -15,19 +15,17 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use ecan_command_line::interrupt::Interrupt;
-use ecan_sim::{BackendError, ClockKind, EcrtSetting};
+use ecan_sim::{ClockKind, EcrtSetting};
 use serde::Serialize;
 
 use self::by_tool::ByTool;
-use self::gateways::{Gateways, Running, Selection, SlaveEntry};
+use self::gateways::{Gateways, Running, Selection};
 use self::package::FirmwareFile;
 use self::simulated::Simulated;
 use self::update::{Outcome, Report, Update};
-use crate::bus::{Bus, sim_options};
 use crate::confirmation::confirm;
-use crate::failure::Failure;
-use crate::global::GlobalOptions;
-use crate::output::{Output, Tone};
+use crate::context::{Bus, Context, Failure, Output, Result, Tone, note};
+use crate::ethercat_tool::SlaveEntry;
 use crate::table;
 
 /// Show or update the firmware over FoE (manual 15.3.1)
@@ -105,25 +103,21 @@ struct UpdateReport<'a> {
     words: String,
 }
 
-pub fn run(
-    arguments: &FirmwareArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &FirmwareArguments, context: &Context) -> Result {
     match &arguments.action {
         Action::Version => {
-            let (gateways, _) = open(arguments, global, output)?;
-            let chosen = gateways::chosen(&*gateways, global.slave, arguments.all)?;
-            version(&*gateways, chosen, output)
+            let (gateways, _) = open(arguments, context)?;
+            let chosen = gateways::chosen(&*gateways, context.global.slave, arguments.all)?;
+            version(&*gateways, chosen, &context.output)
         }
         Action::Update(wanted) => {
             // Check the file first: this needs no bus.
             let file = FirmwareFile::read(&wanted.file)?;
-            let (gateways, is_simulated) = open(arguments, global, output)?;
-            let chosen = gateways::chosen(&*gateways, global.slave, arguments.all)?;
+            let (gateways, is_simulated) = open(arguments, context)?;
+            let chosen = gateways::chosen(&*gateways, context.global.slave, arguments.all)?;
             if let Some(doubts) = file.doubts(is_simulated) {
                 let words = format!("{}: {doubts}", file.path.display());
-                output.note(format_args!("ecan: warning: {words}"));
+                note(format_args!("ecan: warning: {words}"));
             }
             ask(wanted, &file, &chosen)?;
             let said = "interrupted: stopping after the current gateway";
@@ -134,21 +128,16 @@ pub fn run(
                 expected: wanted.expect_version.as_deref(),
                 patience: Duration::from_secs(wanted.timeout.into()),
             };
-            update_all(&update, &chosen, &interrupt, output)
+            update_all(&update, &chosen, &interrupt, &context.output)
         }
     }
 }
 
 /// Opens the gateways; `true` if they are simulated.
-fn open(
-    arguments: &FirmwareArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(Box<dyn Gateways>, bool), Failure> {
-    let setting = EcrtSetting::resolve(global.ecrt.as_deref()).map_err(BackendError::from)?;
-    match (setting, &arguments.ethercat) {
+fn open(arguments: &FirmwareArguments, context: &Context) -> Result<(Box<dyn Gateways>, bool)> {
+    match (context.setting()?, &arguments.ethercat) {
         (EcrtSetting::Library(_), named) => {
-            let tool = ByTool::open(named.as_deref(), global.master())?;
+            let tool = ByTool::open(named.as_deref(), context.global.master())?;
             let tool = match arguments.action {
                 Action::Version => tool,
                 Action::Update(_) => tool.shielded(),
@@ -160,18 +149,17 @@ fn open(
             Err(Failure::Usage(words.to_owned()))
         }
         (setting @ EcrtSetting::Simulated(_), None) => {
-            let options = sim_options(ClockKind::Stepped);
-            let backend = ecan_sim::open(&setting, &options)?;
+            let backend = context.backend(&setting, ClockKind::Stepped)?;
             let Some(simulation) = backend.simulation.clone() else {
                 return Err(Failure::Master("the simulation cannot be accessed".to_owned()));
             };
-            let bus = Bus::of(&backend, global, output)?;
+            let bus = Bus::of(&backend, context.global.master(), context.global.slave)?;
             Ok((Box::new(Simulated { bus, simulation }), true))
         }
     }
 }
 
-fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Result<(), Failure> {
+fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Result {
     let is_only = chosen.gateways.len() + chosen.unknown.len() == 1;
     let mut versions = Vec::new();
     for SlaveEntry { position, state, .. } in chosen.gateways {
@@ -189,8 +177,7 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
     }
     versions.sort_by_key(|version| version.position);
     output.data(&versions, |out| {
-        let mut rows = vec![["POS", "STATE", "FIRMWARE", "SERIAL"].map(str::to_owned)];
-        rows.extend(versions.iter().map(|it| {
+        table::print_with_titles(out, ["POS", "STATE", "FIRMWARE", "SERIAL"], &versions, |it| {
             let [firmware, serial] = match (&it.running, &it.error) {
                 (Some(running), _) => [running.to_string(), running.serial.to_string()],
                 (None, error) => {
@@ -199,8 +186,7 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
                 }
             };
             [it.position.to_string(), it.state.clone(), firmware, serial]
-        }));
-        table::print(out, &rows)
+        })
     })?;
     let unread = versions.iter().filter(|version| version.running.is_none()).count();
     match unread {
@@ -212,7 +198,7 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
     }
 }
 
-fn ask(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Selection) -> Result<(), Failure> {
+fn ask(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Selection) -> Result {
     let words = |slave: &SlaveEntry| format!("{} ({})", slave.position, slave.state);
     let slaves: Vec<_> = chosen.gateways.iter().map(words).collect();
     let question = format_args!(
@@ -230,7 +216,7 @@ fn update_all(
     chosen: &Selection,
     interrupt: &Interrupt,
     output: &Output,
-) -> Result<(), Failure> {
+) -> Result {
     let mut reports: Vec<Report> = Vec::new();
     let mut is_interrupted = false;
     for slave in &chosen.gateways {
@@ -279,8 +265,7 @@ fn print(reports: &[Report], output: &Output, out: &mut dyn Write) -> std::io::R
     let or_dash = |running: &Option<Running>| {
         running.as_ref().map_or_else(|| "-".to_owned(), ToString::to_string)
     };
-    let mut rows = vec![["POS", "BEFORE", "AFTER", "RESULT"].map(str::to_owned)];
-    rows.extend(reports.iter().map(|report| {
+    table::print_with_titles(out, ["POS", "BEFORE", "AFTER", "RESULT"], reports, |report| {
         let tone = match report.outcome {
             _ if report.is_good() => Tone::Good,
             Outcome::Unchanged { .. } => Tone::Warning,
@@ -292,8 +277,7 @@ fn print(reports: &[Report], output: &Output, out: &mut dyn Write) -> std::io::R
             or_dash(&report.after),
             output.toned(tone, report.text()),
         ]
-    }));
-    table::print(out, &rows)?;
+    })?;
     if reports.len() > 1 {
         let all = reports.len();
         let good = reports.iter().filter(|report| report.is_good()).count();

@@ -8,45 +8,33 @@ use std::path::{Path, PathBuf};
 
 use ecan_sim::{FirmwarePackage, FirmwarePackageError};
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
 
-/// Minimum size of firmware in bytes.
-const SMALLEST: usize = 256;
-/// Maximum size of firmware in bytes.
-const BIGGEST: u64 = 16 << 20;
+const MIN_BYTES: usize = 256;
+const MAX_BYTES: u64 = 16 << 20;
 
-/// File that may contain firmware.
 #[derive(Clone, Debug)]
 pub struct FirmwareFile {
-    /// Path of the file.
     pub path: PathBuf,
-    /// Contents of the file.
     pub bytes: Vec<u8>,
 }
 
 impl FirmwareFile {
     /// Reads a file.
-    ///
-    /// # Errors
-    /// [`Failure::File`] if it cannot be read, is empty, or has an impossible size.
-    pub fn read(path: &Path) -> Result<Self, Failure> {
-        let fault = |reason: String| Failure::File { what: "use", path: path.to_owned(), reason };
-        let unread = |error: std::io::Error| Failure::File {
-            what: "read",
-            path: path.to_owned(),
-            reason: match error.kind() {
-                ErrorKind::IsADirectory => "is a directory".to_owned(),
-                _ => error.to_string(),
-            },
+    pub fn read(path: &Path) -> Result<Self> {
+        let fault = |reason: String| Failure::file("use", path, reason);
+        let unread = |error: std::io::Error| match error.kind() {
+            ErrorKind::IsADirectory => Failure::file("read", path, "is a directory"),
+            _ => Failure::file("read", path, error),
         };
         let known = std::fs::metadata(path).map_err(unread)?;
-        if known.len() > BIGGEST {
+        if known.len() > MAX_BYTES {
             return Err(fault(format!("{} bytes are too large for firmware", known.len())));
         }
         let bytes = std::fs::read(path).map_err(unread)?;
         match bytes.len() {
             0 => Err(fault("file is empty".to_owned())),
-            few if few < SMALLEST => Err(fault(format!("{few} bytes are too small for firmware"))),
+            few if few < MIN_BYTES => Err(fault(format!("{few} bytes are too small for firmware"))),
             _ => Ok(Self { path: path.to_owned(), bytes }),
         }
     }

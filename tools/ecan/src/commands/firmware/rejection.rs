@@ -4,38 +4,25 @@ use serde::Serialize;
 
 use crate::ethercat_tool::ToolError;
 
-/// Rejection of a firmware file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Rejection {
-    /// Cause.
     pub cause: Cause,
     /// Message of the tool or the device.
     pub said: String,
 }
 
-/// Causes of a rejection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
-    /// No tool, no master, no permission.
     Host,
-    /// No such slave.
     NoSlave,
-    /// The password is not 0.
     Password,
-    /// The device does not accept the file.
     Verify,
-    /// The flash cannot be erased or written, or is full.
     Flash,
-    /// The device has no file of this name.
     Name,
-    /// The device does not accept firmware in this state.
     State,
-    /// The transfer was interrupted.
     Interrupted,
-    /// The gateway rejected the file; the master does not report why.
     Unexplained,
-    /// Cause not in the manual.
     Other,
 }
 
@@ -72,9 +59,9 @@ impl Cause {
     }
 
     fn of_number(said: &str) -> Option<Self> {
-        let (_, behind) = said.split_once("error code 0x")?;
-        let end = behind.find(|letter: char| !letter.is_ascii_hexdigit()).unwrap_or(behind.len());
-        Self::of_code(u32::from_str_radix(behind.get(..end)?, 16).ok()?)
+        let (_, rest) = said.split_once("error code 0x")?;
+        let end = rest.find(|letter: char| !letter.is_ascii_hexdigit()).unwrap_or(rest.len());
+        Self::of_code(u32::from_str_radix(rest.get(..end)?, 16).ok()?)
     }
 
     fn of_code(code: u32) -> Option<Self> {
@@ -89,7 +76,6 @@ impl Cause {
         })
     }
 
-    /// Cause and remedy.
     pub fn text(self) -> &'static str {
         match self {
             Self::Host => "the master is not accessible",
@@ -125,7 +111,6 @@ impl Cause {
 }
 
 impl Rejection {
-    /// Builds a rejection from a message.
     pub fn new(said: impl Into<String>) -> Self {
         let said = said.into();
         Self { cause: Cause::of(&said), said }
@@ -152,8 +137,7 @@ impl From<ToolError> for Rejection {
             ToolError::Failed { message, .. } => Cause::of(message),
             _ => Cause::Other,
         };
-        let (said, remedy) = (error.to_string(), error.remedy());
-        Self { cause, said: if remedy.is_empty() { said } else { format!("{said}; {remedy}") } }
+        Self { cause, said: error.text() }
     }
 }
 

@@ -3,16 +3,14 @@
 use std::time::Duration;
 
 use ecan_host::{Identity, SlaveQuery};
-use ecan_protocol::device::Capabilities;
 use ecan_sim::{FirmwareProgress, FirmwareUpdateError, Gateway, Simulation};
 
-use super::gateways::{Gateways, LOOK_EVERY, SlaveEntry};
+use super::gateways::{Gateways, POLL_INTERVAL};
 use super::package::FirmwareFile;
 use super::rejection::Rejection;
-use crate::bus::Bus;
-use crate::failure::Failure;
+use crate::context::{Bus, Failure, Result};
+use crate::ethercat_tool::SlaveEntry;
 
-/// Bytes per write.
 const PIECE: usize = 1024;
 /// Wait before a write is repeated, in ns.
 const BUSY_NS: u64 = 10_000_000;
@@ -25,7 +23,6 @@ pub struct Simulated {
 }
 
 impl Simulated {
-    /// Repeats an action until the gateway is no longer busy.
     fn until_done(
         &self,
         slave: usize,
@@ -46,10 +43,10 @@ impl Simulated {
 }
 
 impl Gateways for Simulated {
-    fn present(&self) -> Result<Vec<SlaveEntry>, Failure> {
+    fn present(&self) -> Result<Vec<SlaveEntry>> {
         let mut present = Vec::new();
         for (slave, info) in self.bus.slaves()?.into_iter().enumerate() {
-            let state = self.bus.diagnostics().al_state(slave).map_err(Failure::Device)?;
+            let state = self.bus.diagnostics().al_state(slave)?;
             present.push(SlaveEntry {
                 position: info.position.into(),
                 alias: (info.alias != 0).then_some(info.alias),
@@ -60,24 +57,20 @@ impl Gateways for Simulated {
         Ok(present)
     }
 
-    fn identity(&self, slave: usize) -> Result<Identity, Failure> {
+    fn identity(&self, slave: usize) -> Result<Identity> {
         SlaveQuery::identity(self.bus.diagnostics(), slave).map_err(Failure::Device)
     }
 
-    fn number(&self, slave: usize, subindex: u8) -> Result<u32, Failure> {
-        self.bus.read(slave, Capabilities::INDEX, subindex)
+    fn number(&self, slave: usize, index: u16, subindex: u8) -> Result<u32> {
+        self.bus.read(slave, index, subindex)
     }
 
     fn is_denial(&self, failure: &Failure) -> bool {
         matches!(failure, Failure::Device(error) if self.bus.diagnostics().is_denial(error))
     }
 
-    fn software_version(&self, slave: usize) -> Result<String, Failure> {
+    fn software_version(&self, slave: usize) -> Result<String> {
         self.bus.text(slave, 0x100A)
-    }
-
-    fn foe_status(&self, slave: usize) -> Result<u32, Failure> {
-        self.bus.diagnostics().sdo_upload_u32(slave, 0xB000, 11).map_err(Failure::Device)
     }
 
     fn write(
@@ -99,7 +92,7 @@ impl Gateways for Simulated {
     }
 
     fn pause(&self) {
-        self.simulation.pass_ns(LOOK_EVERY.as_nanos() as u64);
+        self.simulation.pass_ns(POLL_INTERVAL.as_nanos() as u64);
     }
 
     fn now(&self) -> Duration {

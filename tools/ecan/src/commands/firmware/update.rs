@@ -5,17 +5,17 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::gateways::{Gateways, Running, SlaveEntry, reason_against};
+use super::gateways::{Gateways, Running, reason_against};
 use super::package::FirmwareFile;
 use super::rejection::{Cause, Rejection};
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
+use crate::ethercat_tool::SlaveEntry;
 use crate::slave_choice::Unknown;
 
 /// Time for which a gateway with an unchanged version is observed: it may have missed a response
 /// and restart later.
 const SETTLING: Duration = Duration::from_secs(5);
 
-/// Result of an update.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "result")]
 pub enum Outcome {
@@ -23,29 +23,20 @@ pub enum Outcome {
     Updated,
     /// The gateway restarted with the same version, which was expected.
     Reinstalled,
-    /// The version did not change.
     Unchanged {
-        /// Whether a restart was observed.
         has_restarted: bool,
     },
     /// Another version runs, but not the expected one.
     WrongVersion {
-        /// Expected version.
         expected: String,
     },
-    /// The file was rejected.
     Refused {
-        /// Reason.
         refusal: Rejection,
     },
-    /// The gateway does not respond after the update.
     NotBack {
-        /// Last error.
         reason: String,
     },
-    /// Nothing was written.
     NotTried {
-        /// Reason.
         reason: String,
         /// Whether the cause is a gateway: this one, or the one before.
         #[serde(skip)]
@@ -53,16 +44,11 @@ pub enum Outcome {
     },
 }
 
-/// Result for a gateway.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Position of the slave.
     pub position: usize,
-    /// Version before.
     pub before: Option<Running>,
-    /// Version after, read back.
     pub after: Option<Running>,
-    /// Result.
     #[serde(flatten)]
     pub outcome: Outcome,
 }
@@ -108,12 +94,10 @@ impl Report {
         Self { position, before: None, after: None, outcome }
     }
 
-    /// Slave that cannot be identified.
     pub fn unknown(slave: &Unknown) -> Self {
         Self::left_out(slave.position, slave.text())
     }
 
-    /// Position, versions and result.
     pub fn line(&self) -> String {
         let versions = match (&self.before, &self.after) {
             (Some(before), Some(after)) if before != after => format!("{before} -> {after}, "),
@@ -123,7 +107,6 @@ impl Report {
         format!("slave {}: {versions}{}", self.position, self.text())
     }
 
-    /// Text of the result.
     pub fn text(&self) -> String {
         match &self.outcome {
             Outcome::Updated => "updated".to_owned(),
@@ -148,7 +131,6 @@ impl Report {
     }
 }
 
-/// Settings of the update.
 #[derive(Debug)]
 pub struct Update<'a> {
     pub gateways: &'a dyn Gateways,
@@ -183,7 +165,8 @@ impl Update<'_> {
         let written = self.gateways.write(position, self.file, &|taken| bar.set_position(taken));
         if let Err(mut refusal) = written {
             bar.finish_and_clear();
-            if let Ok(status) = self.gateways.foe_status(position) {
+            // Status of the last firmware transfer.
+            if let Ok(status) = self.gateways.number(position, 0xB000, 11) {
                 refusal.add_status(status);
             }
             // It may be restarting; the report then has no version.
@@ -217,7 +200,7 @@ impl Update<'_> {
     }
 
     /// Slaves after a restarting one are unreachable for a while.
-    fn read_before(&self, position: usize, is_first: bool) -> Result<Running, Failure> {
+    fn read_before(&self, position: usize, is_first: bool) -> Result<Running> {
         let deadline = self.gateways.now() + self.patience;
         loop {
             let read = Running::read(self.gateways, position);
@@ -230,7 +213,7 @@ impl Update<'_> {
 
     /// Reads the version after the update, and whether the gateway was unreachable in between.
     /// Another gateway at its position counts as unreachable.
-    fn wait(&self, position: usize, before: &Running) -> Result<(Running, bool), Failure> {
+    fn wait(&self, position: usize, before: &Running) -> Result<(Running, bool)> {
         let deadline = self.gateways.now() + self.patience;
         let (mut was_away, mut back_since) = (false, None);
         let last = loop {

@@ -7,11 +7,12 @@ use std::time::Duration;
 use ecan_host::Identity;
 use ecan_protocol::device::AlState;
 
-use super::gateways::{Gateways, LOOK_EVERY, SlaveEntry};
+use super::gateways::{Gateways, POLL_INTERVAL};
 use super::package::FirmwareFile;
 use super::rejection::Rejection;
 use super::update::{Outcome, Update};
-use crate::failure::Failure;
+use crate::ethercat_tool::SlaveEntry;
+use crate::failure::{Failure, Result};
 
 /// Gateway that is unreachable for a while after the update.
 struct Slow {
@@ -32,7 +33,7 @@ impl Slow {
     }
 
     /// Whether the new firmware runs.
-    fn is_new(&self) -> Result<bool, Failure> {
+    fn is_new(&self) -> Result<bool> {
         self.pass(self.answer);
         match self.written.get() {
             None => Ok(false),
@@ -45,15 +46,18 @@ impl Slow {
 }
 
 impl Gateways for Slow {
-    fn present(&self) -> Result<Vec<SlaveEntry>, Failure> {
+    fn present(&self) -> Result<Vec<SlaveEntry>> {
         Ok(vec![slave()])
     }
 
-    fn identity(&self, _: usize) -> Result<Identity, Failure> {
+    fn identity(&self, _: usize) -> Result<Identity> {
         Ok(Identity { vendor_id: 1, product_code: 1 })
     }
 
-    fn number(&self, _: usize, subindex: u8) -> Result<u32, Failure> {
+    fn number(&self, _: usize, index: u16, subindex: u8) -> Result<u32> {
+        if index != 0xF000 {
+            return Ok(0);
+        }
         let is_new = self.is_new()?;
         Ok(match subindex {
             5 => 0x0202 + u32::from(is_new),
@@ -68,12 +72,8 @@ impl Gateways for Slow {
         false
     }
 
-    fn software_version(&self, _: usize) -> Result<String, Failure> {
+    fn software_version(&self, _: usize) -> Result<String> {
         self.is_new().map(|is_new| if is_new { "2.3.1" } else { "2.2.1" }.to_owned())
-    }
-
-    fn foe_status(&self, _: usize) -> Result<u32, Failure> {
-        Ok(0)
     }
 
     fn write(&self, _: usize, _: &FirmwareFile, _: &dyn Fn(u64)) -> Result<(), Rejection> {
@@ -82,7 +82,7 @@ impl Gateways for Slow {
     }
 
     fn pause(&self) {
-        self.pass(LOOK_EVERY);
+        self.pass(POLL_INTERVAL);
     }
 
     fn now(&self) -> Duration {
@@ -106,7 +106,7 @@ fn update(gateway: &Slow, patience: Duration) -> (Outcome, Duration) {
 const SECOND: Duration = Duration::from_secs(1);
 
 #[test]
-fn patience_ends_by_the_clock_and_not_by_the_number_of_looks() {
+fn time_limit_follows_the_clock_not_the_polls() {
     let (outcome, waited) = update(&Slow::new(3 * SECOND, 1000 * SECOND), 3 * SECOND);
     assert!(matches!(outcome, Outcome::NotBack { .. }), "{outcome:?}");
     assert_eq!(waited, 3 * SECOND);

@@ -7,10 +7,8 @@ use fastrand::Rng;
 
 /// Number of data bytes of an incremented counter.
 const COUNTER_BYTES: usize = 8;
-/// Letter of a random digit in fixed data.
 const RANDOM_DIGIT: char = 'x';
 
-/// Mode of the CAN ID.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IdMode {
     Random,
@@ -39,7 +37,6 @@ impl FromStr for IdMode {
     }
 }
 
-/// Mode of the length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LengthMode {
     Random,
@@ -65,7 +62,6 @@ impl FromStr for LengthMode {
     }
 }
 
-/// Mode of the data.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DataMode {
     Random,
@@ -95,7 +91,6 @@ impl FromStr for DataMode {
     }
 }
 
-/// Pattern of the frames.
 #[derive(Clone, Debug)]
 pub struct Pattern {
     pub id: IdMode,
@@ -109,7 +104,6 @@ pub struct Pattern {
     pub is_mixed: bool,
 }
 
-/// Generates frames.
 #[derive(Debug)]
 pub struct Generator {
     pattern: Pattern,
@@ -118,8 +112,6 @@ pub struct Generator {
 }
 
 impl Generator {
-    /// # Errors
-    /// A fixed CAN ID or length is invalid for these frames.
     pub fn new(pattern: Pattern, seed: u64) -> Result<Self, FrameError> {
         if let IdMode::Fixed(id) = pattern.id {
             CanId::new(id, pattern.is_extended)?;
@@ -133,16 +125,11 @@ impl Generator {
         Ok(Self { pattern, random: Rng::with_seed(seed), made: 0 })
     }
 
-    /// Removes CAN FD from a mix.
     pub fn without_fd(mut self) -> Self {
         self.pattern.is_fd = false;
         self
     }
 
-    /// Returns the next frame.
-    ///
-    /// # Errors
-    /// None for a pattern that [`new`](Self::new) accepts.
     pub fn next_frame(&mut self) -> Result<CanFrame, FrameError> {
         let Pattern { is_mixed, is_fd, has_bit_rate_switch, is_remote, .. } = self.pattern;
         let is_fd = is_fd && (!is_mixed || self.random.bool());

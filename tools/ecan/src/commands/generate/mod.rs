@@ -3,21 +3,14 @@
 mod generator;
 
 use clap::Args;
-use ecan_command_line::interrupt::Interrupt;
 
-use crate::failure::Failure;
-use crate::frames::channels::{Channels, parse_channel};
-use crate::frames::format::Screen;
-use crate::frames::options::FrameOptions;
-use crate::frames::prepared::Prepared;
-use crate::frames::printer::{Destination, Printer};
-use crate::frames::sender::{Due, Record, Sender};
-use crate::frames::settings::{GatewayRequirements, Settings};
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Context, Failure, Result};
+use crate::frames::{
+    Channels, Destination, Due, FrameOptions, GatewayRequirements, Prepared, Printer, Record,
+    Screen, Sender, parse_channel,
+};
 use generator::{DataMode, Generator, IdMode, LengthMode, Pattern};
 
-/// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
   ecan gen                                     random frames, 5 per second, until Ctrl-C
@@ -88,8 +81,7 @@ fn parse_gap(text: &str) -> Result<u64, String> {
 }
 
 impl GenArguments {
-    /// Returns whether CAN FD frames are requested or mixed in.
-    fn generator(&self) -> Result<Generator, Failure> {
+    fn generator(&self) -> Result<Generator> {
         let pattern = Pattern {
             id: self.id,
             length: self.length,
@@ -105,39 +97,33 @@ impl GenArguments {
     }
 }
 
-pub fn run(
-    arguments: &GenArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &GenArguments, context: &Context) -> Result {
     let GenArguments { channel, count, gap, options, .. } = arguments;
     let is_output_taken = options.capture.is_on_output();
     if arguments.verbose && is_output_taken {
         let words = "--verbose and a capture on standard output exclude each other";
         return Err(Failure::Usage(words.to_owned()));
     }
-    let output = &output.on_stderr(is_output_taken);
+    let context = &context.on_stderr(is_output_taken);
     let mut generator = arguments.generator()?;
-    let settings = Settings::of(&options.gateway)?;
-    let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
     let requirements = GatewayRequirements {
         has_results: true,
         has_end: count.is_some(),
         ..GatewayRequirements::on(channels)
     };
-    let prepared = Prepared::new(&settings, requirements, global, output)?;
+    let prepared = Prepared::new(options, requirements, context)?;
     if arguments.fd || arguments.brs {
         prepared.needs_fd("CAN FD frames are requested", *channel)?;
     }
     if !prepared.has_fd(*channel) {
         generator = generator.without_fd();
     }
-    let is_shown = arguments.verbose && !global.json;
+    let is_shown = arguments.verbose && !context.global.json;
     let destination = Destination { is_shown, log: None, existing: options.capture.existing() };
-    let printer = Printer::start(Screen::default(), destination, &interrupt)?;
-    let Some(service) = prepared.enter(&options.capture, &interrupt, output)? else {
-        return printer.finish(output);
+    let printer = Printer::start(Screen::default(), destination, &prepared.interrupt)?;
+    let Some(service) = prepared.enter()? else {
+        return printer.finish();
     };
     let frames = (0..count.unwrap_or(u64::MAX)).map(|number| {
         let frame = generator.next_frame().map_err(|it| Failure::Usage(it.to_string()))?;
@@ -145,6 +131,6 @@ pub fn run(
     });
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
     let record = Record::Sent(printer);
-    let sender = Sender { channels, timeout_ns, interrupt: &interrupt, record };
-    sender.run(service, frames, *count, output)
+    let sender = Sender { channels, timeout_ns, record };
+    sender.run(service, frames, *count, &context.output)
 }

@@ -14,27 +14,23 @@ use super::snapshot::{
     CLASSES, ChannelView, CycleView, Errors, Event, GatewayState, GatewayView, Snapshot, Times,
 };
 
-/// Maximum number of events.
 const EVENTS: usize = 200;
 
 /// Error counters of one gateway; `None` if it does not respond.
 pub type GatewayErrors = Option<[Errors; CHANNELS]>;
 
-/// Counters at one time.
 #[derive(Clone, Debug)]
 struct Moment {
     now_ns: u64,
     gateways: Vec<Counted>,
 }
 
-/// Counters for the rates, per channel.
 #[derive(Clone, Copy, Debug, Default)]
 struct Counted {
     received: [u64; CHANNELS],
     busy_s: [f64; CHANNELS],
 }
 
-/// Stored values of one gateway.
 #[derive(Clone, Debug, Default)]
 struct Memory {
     position: usize,
@@ -43,16 +39,13 @@ struct Memory {
     base: SlaveStatistics,
     errors: GatewayErrors,
     errors_base: GatewayErrors,
-    /// Time of the last loss.
     lost_ns: Option<u64>,
 }
 
-/// Collects observations.
 #[derive(Debug)]
 pub struct Collector {
     is_simulated: bool,
     cycle_ns: u32,
-    /// Window for the rates.
     window_ns: u64,
     start_ns: Option<u64>,
     cycles: CycleStatistics,
@@ -84,7 +77,6 @@ impl Collector {
         }
     }
 
-    /// Adds an observation of the cycle.
     pub fn take(&mut self, observation: &Observation) {
         self.start_ns.get_or_insert(observation.now_ns);
         self.measure(observation);
@@ -107,14 +99,12 @@ impl Collector {
         }
     }
 
-    /// Adds the error counters of a gateway.
     pub fn take_errors(&mut self, at: usize, errors: GatewayErrors) {
         if let Some(gateway) = self.gateways.get_mut(at) {
             gateway.errors = errors;
         }
     }
 
-    /// Clears all counters.
     pub fn clear(&mut self) {
         self.cycles.clear();
         self.histogram = [0; CLASSES];
@@ -201,7 +191,6 @@ impl Collector {
         }
     }
 
-    /// Returns the current state.
     pub fn snapshot(&self) -> Snapshot {
         let now_ns = self.history.back().map_or(0, |moment| moment.now_ns);
         Snapshot {
@@ -294,7 +283,6 @@ impl Collector {
         }
     }
 
-    /// Frames per second and bus load over the window.
     fn rates(&self, at: usize, channel: usize) -> (f64, f64) {
         let of = |moment: &Moment| {
             let counted = moment.gateways.get(at)?;
@@ -319,7 +307,6 @@ fn since(now: u64, base: u64) -> u64 {
     now.checked_sub(base).unwrap_or(now)
 }
 
-/// Histogram class of a period.
 fn class(period_ns: u64, cycle_ns: u32) -> usize {
     let difference_ns = period_ns as i64 - i64::from(cycle_ns);
     let ends_ns = [-100_000, -10_000, -1_000, 1_001, 10_001, 100_001];

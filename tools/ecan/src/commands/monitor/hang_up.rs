@@ -14,10 +14,6 @@ pub struct HangUp(Arc<AtomicBool>);
 
 impl HangUp {
     /// Watches standard output, and standard input if it is a terminal, on a detached thread.
-    ///
-    /// # Errors
-    /// The thread cannot be started.
-    /// The system's, when there can be no more threads.
     pub fn watch() -> std::io::Result<Self> {
         let hang_up = Self::default();
         let flag = hang_up.0.clone();
@@ -28,7 +24,6 @@ impl HangUp {
         Ok(hang_up)
     }
 
-    /// Returns whether the terminal is closed.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

@@ -4,7 +4,6 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use ecan_protocol::mapping::CHANNELS;
 
-/// Selection of the user.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Choice {
     /// Index of a gateway.
@@ -14,7 +13,6 @@ pub struct Choice {
     pub has_help: bool,
 }
 
-/// Action after a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     None,
@@ -23,7 +21,6 @@ pub enum Action {
 }
 
 impl Choice {
-    /// Handles a key, for this number of gateways.
     pub fn press(&mut self, key: KeyEvent, gateways: usize) -> Action {
         if key.kind == KeyEventKind::Release {
             return Action::None;

@@ -16,21 +16,15 @@ use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_sim::ClockKind;
 
-use crate::failure::Failure;
-use crate::frames::channels::Channels;
-use crate::frames::options::GatewayOptions;
-use crate::frames::settings::Settings;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Context, Failure, Result, note};
+use crate::frames::{Channels, GatewayOptions, Settings};
 
 use collector::Collector;
 use observation::Observation;
 use watcher::Watcher;
 
-/// Interval of observations, in nanoseconds.
 const LOOK_NS: u64 = 100_000_000;
 
-/// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
   ecan monitor --bitrate 1000000               all gateways of the bus, in full-screen mode
@@ -73,42 +67,35 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "expected seconds, 0.001 to 1000000".to_owned())
 }
 
-pub fn run(
-    arguments: &MonitorArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &MonitorArguments, context: &Context) -> Result {
     // The terminal must be restored, which takes up to a second.
     let interrupt = Interrupt::install_patient()?;
-    let is_asked_once = arguments.once || arguments.seconds.is_some() || global.json;
+    let is_asked_once = arguments.once || arguments.seconds.is_some() || context.global.json;
     if is_asked_once || !std::io::stdout().is_terminal() {
-        return print_once(arguments, &interrupt, is_asked_once, global, output);
+        return print_once(arguments, &interrupt, is_asked_once, context);
     }
     let settings = Settings::of(&arguments.options)?;
-    let bus = settings.open_bus(global, output, ClockKind::Real)?;
-    let watcher = Watcher::open(&bus, &settings, arguments, global)?;
-    terminal::run(watcher, arguments, &interrupt, output)
+    let bus = settings.open_bus(context, ClockKind::Real)?;
+    let watcher = Watcher::open(&bus, &settings, arguments, context.global)?;
+    terminal::run(watcher, arguments, &interrupt, &context.output)
 }
 
-/// Observes for a time, then prints.
 fn print_once(
     arguments: &MonitorArguments,
     interrupt: &Interrupt,
     is_asked: bool,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+    context: &Context,
+) -> Result {
     let seconds = arguments.seconds.unwrap_or(1.0);
     let settings = Settings::of(&arguments.options)?;
-    let bus = settings.open_bus(global, output, ClockKind::Stepped)?;
+    let bus = settings.open_bus(context, ClockKind::Stepped)?;
     if !is_asked {
-        output.note(format_args!(
+        note(format_args!(
             "standard output is not a terminal: printing once after {seconds} s, as with --once"
         ));
     }
-    let mut watcher = Watcher::open(&bus, &settings, arguments, global)?;
-    let granted = arguments.options.real_time.apply(|line| output.note(line));
-    granted.map_err(|error| Failure::Host(error.to_string()))?;
+    let mut watcher = Watcher::open(&bus, &settings, arguments, context.global)?;
+    arguments.options.real_time.apply(|line| note(line))?;
     let length_ns = (seconds * 1e9) as u64;
     let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
     let mut collector = Collector::new(watcher.positions(), cycle_ns, length_ns, is_simulated);
@@ -136,6 +123,6 @@ fn print_once(
         collector.take_errors(at, errors);
     }
     let snapshot = collector.snapshot();
-    output.data(&snapshot, |out| text::print(out, &snapshot))?;
+    context.output.data(&snapshot, |out| text::print(out, &snapshot))?;
     if snapshot.has_problem() { Err(Failure::ProblemsFound) } else { Ok(()) }
 }

@@ -8,17 +8,14 @@ use ecan_protocol::can::FrameBits;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
 
-/// Maximum number of cycles in an observation.
 const MARKS: usize = 4096;
 
-/// Start and end of the work of a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Mark {
     pub start: CycleStart,
     pub end_ns: u64,
 }
 
-/// Gateway in the view of the cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GatewayObservation {
     pub session: Session,
@@ -43,7 +40,6 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Allocates for a number of gateways.
     pub fn new(gateways: usize) -> Self {
         Self {
             now_ns: 0,
@@ -53,7 +49,6 @@ impl Observation {
         }
     }
 
-    /// Returns whether `count` further cycles may not fit.
     pub fn is_nearly_full(&self) -> bool {
         self.marks.len() >= MARKS / 2
     }
@@ -125,7 +120,6 @@ struct ChannelTime {
 }
 
 impl BusTime {
-    /// For the gateways of a configuration.
     pub fn new(config: &PortConfig) -> Self {
         let channel = |channel: &Option<ChannelConfig>| {
             let Some(ChannelConfig { can, .. }) = channel else { return ChannelTime::default() };

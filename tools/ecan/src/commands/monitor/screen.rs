@@ -31,7 +31,6 @@ up, down        select a gateway
 left, right     select a channel
 ?               close this help";
 
-/// Draws the screen.
 pub fn draw(frame: &mut Frame, snapshot: &Snapshot, choice: Choice, has_color: bool) {
     let area = frame.area();
     let tint = Tint(has_color);
@@ -49,7 +48,6 @@ pub fn draw(frame: &mut Frame, snapshot: &Snapshot, choice: Choice, has_color: b
     }
 }
 
-/// Colours, if enabled.
 #[derive(Clone, Copy)]
 struct Tint(bool);
 
@@ -179,7 +177,6 @@ fn columns<const N: usize>(widths: [u16; N], room: u16) -> Vec<Constraint> {
     widths.into_iter().take_while(fits).map(Constraint::Length).collect()
 }
 
-/// Minimum width of the reason.
 const REASON_WIDTH: u16 = 15;
 
 fn draw_gateways(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
@@ -228,7 +225,6 @@ fn draw_channels(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Cho
     }
 }
 
-/// State of the selected channel, as a line.
 fn in_words(channel: &ChannelView) -> String {
     let Some(state) = &channel.state else { return "the gateway is not ready".to_owned() };
     let mut words = state.clone();
@@ -275,7 +271,6 @@ fn draw_events(frame: &mut Frame, area: Rect, snapshot: &Snapshot) {
     frame.render_widget(Paragraph::new(latest_events(snapshot, room)).block(block), area);
 }
 
-/// The last events.
 fn latest_events(snapshot: &Snapshot, room: usize) -> Vec<Line<'_>> {
     let skipped = snapshot.events.len().saturating_sub(room);
     let events = snapshot.events.iter().skip(skipped);

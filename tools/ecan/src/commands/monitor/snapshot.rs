@@ -3,7 +3,6 @@
 use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
-/// Number of histogram classes.
 pub const CLASSES: usize = 7;
 /// Class limits: difference between period and cycle in microseconds.
 pub const CLASS_NAMES: [&str; CLASSES] =
@@ -12,9 +11,7 @@ pub const CLASS_NAMES: [&str; CLASSES] =
 /// Displayed values at one time. Counters count from the start or the last clear.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Snapshot {
-    /// Time since the start.
     pub seconds: f64,
-    /// Whether the master is simulated.
     pub is_simulated: bool,
     pub cycle: CycleView,
     pub gateways: Vec<GatewayView>,
@@ -22,16 +19,13 @@ pub struct Snapshot {
     pub events: Vec<Event>,
 }
 
-/// Timing of the cycle.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CycleView {
-    /// Nominal cycle time.
     pub cycle_us: f64,
     pub cycles: u64,
     /// Overruns and skipped deadlines.
     pub overruns: u64,
     pub skipped: u64,
-    /// Cycles without measurement.
     pub unmeasured: u64,
     /// Time between the starts of two cycles.
     pub period: Times,
@@ -42,7 +36,6 @@ pub struct CycleView {
     pub histogram: [u64; CLASSES],
 }
 
-/// Times in microseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Times {
     pub min_us: f64,
@@ -53,7 +46,6 @@ pub struct Times {
     pub max_us: f64,
 }
 
-/// State of a gateway.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GatewayState {
@@ -75,10 +67,8 @@ impl GatewayState {
     }
 }
 
-/// One gateway.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct GatewayView {
-    /// Position of the slave.
     pub position: usize,
     pub state: GatewayState,
     /// Awaited event or error; empty if ready.
@@ -96,7 +86,6 @@ pub struct GatewayView {
     pub channels: [ChannelView; CHANNELS],
 }
 
-/// One CAN channel.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ChannelView {
     /// State in the last image; `None` while the gateway is not ready.
@@ -109,9 +98,7 @@ pub struct ChannelView {
     /// Pending frames in the gateway, 0 to 7; 7 may be more.
     pub rx_pending: u8,
     pub tx_pending: u8,
-    /// Received frames per second.
     pub rx_per_second: f64,
-    /// Received frames.
     pub received: u64,
     /// Minimum bus load of these frames, 0 to 1.
     pub load: f64,
@@ -123,17 +110,13 @@ pub struct ChannelView {
 /// the gateway, from its start or the last clear.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Errors {
-    /// Transmit error counter.
     pub transmit: u8,
     /// Receive error counter; 128 if the controller is error passive.
     pub receive: u8,
-    /// Received frames dropped by the gateway.
     pub dropped: u64,
-    /// Number of bus-offs.
     pub bus_offs: u64,
 }
 
-/// Event.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Event {
     /// Time since the start.
@@ -142,7 +125,6 @@ pub struct Event {
 }
 
 impl Snapshot {
-    /// Returns whether a gateway is not ready or a channel is bus-off.
     pub fn has_problem(&self) -> bool {
         self.gateways.iter().any(|gateway| {
             gateway.state != GatewayState::Ready

@@ -11,8 +11,7 @@ use ecan_host::Diagnostics;
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event};
 
-use crate::failure::Failure;
-use crate::output::Output;
+use crate::context::{Failure, Output, Result, note};
 
 use super::collector::{Collector, GatewayErrors};
 use super::hang_up::HangUp;
@@ -31,18 +30,15 @@ const WINDOW_NS: u64 = 1_000_000_000;
 const FRAME: Duration = Duration::from_millis(100);
 /// Time limit for the end of the drawing, which blocks if its terminal is blocked.
 const END: Duration = Duration::from_secs(1);
-/// Poll interval of the end.
 const LOOK: Duration = Duration::from_millis(5);
-/// Interval of reading the error counters.
 const ERRORS_PAUSE: Duration = Duration::from_millis(1000);
 
-/// Runs until the user quits.
 pub fn run(
     mut watcher: Watcher,
     arguments: &MonitorArguments,
     interrupt: &Interrupt,
     output: &Output,
-) -> Result<(), Failure> {
+) -> Result {
     let gateways = watcher.positions().len();
     let (full, seen) = sync_channel(OBSERVATIONS);
     let (spent, empty) = sync_channel(OBSERVATIONS);
@@ -69,8 +65,7 @@ pub fn run(
     let thread = std::thread::Builder::new().name("drawing".to_owned());
     let thread = thread.spawn(move || drawing.run()).map_err(Failure::of_thread)?;
     let guard = Joined { full: Some(full), thread: Some(thread) };
-    let granted = arguments.options.real_time.apply(|line| output.note(line));
-    granted.map_err(|error| Failure::Host(error.to_string()))?;
+    arguments.options.real_time.apply(|line| note(line))?;
     watcher.activate(&arguments.options)?;
     let mut observation = Observation::new(gateways);
     let mut look_ns = 0;
@@ -98,7 +93,7 @@ pub fn run(
 /// Thread of the drawing; ended when dropped.
 struct Joined {
     full: Option<SyncSender<Observation>>,
-    thread: Option<JoinHandle<Result<(), Failure>>>,
+    thread: Option<JoinHandle<Result>>,
 }
 
 impl Joined {
@@ -109,11 +104,11 @@ impl Joined {
         }
     }
 
-    fn finish(mut self) -> Result<(), Failure> {
+    fn finish(mut self) -> Result {
         self.end()
     }
 
-    fn end(&mut self) -> Result<(), Failure> {
+    fn end(&mut self) -> Result {
         self.full = None;
         let Some(thread) = self.thread.take() else { return Ok(()) };
         let deadline = Instant::now() + END;
@@ -139,10 +134,8 @@ impl Drop for Joined {
     }
 }
 
-/// Draws a snapshot.
 type Draw = fn(&mut Frame<'_>, &Snapshot, Choice, bool);
 
-/// State of the drawing thread.
 struct Drawing {
     collector: Collector,
     seen: Receiver<Observation>,
@@ -173,7 +166,6 @@ impl Drop for Restored {
     }
 }
 
-/// Restores the terminal, ignoring errors.
 fn restore_in_time() {
     let (ending, ended) = channel::<()>();
     let restore = move || {
@@ -186,7 +178,7 @@ fn restore_in_time() {
 }
 
 impl Drawing {
-    fn run(mut self) -> Result<(), Failure> {
+    fn run(mut self) -> Result {
         let _over = Over(self.is_over.clone());
         // Messages before the cycle starts appear on the normal screen.
         let Ok(first) = self.seen.recv() else { return Ok(()) };
@@ -204,7 +196,7 @@ impl Drawing {
         let _ = self.spent.try_send(observation);
     }
 
-    fn draw_all(&mut self, terminal: &mut ratatui::DefaultTerminal) -> Result<(), Failure> {
+    fn draw_all(&mut self, terminal: &mut ratatui::DefaultTerminal) -> Result {
         let mut choice = Choice::default();
         let mut shown = self.collector.snapshot();
         loop {
@@ -247,7 +239,7 @@ impl Mailbox {
         diagnostics: Diagnostics,
         gateways: usize,
         errors: Sender<(usize, GatewayErrors)>,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self> {
         let (stop, stopped) = channel::<()>();
         std::thread::Builder::new()
             .name("mailbox".to_owned())

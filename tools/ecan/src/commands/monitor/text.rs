@@ -6,19 +6,14 @@ use crate::table;
 
 use super::snapshot::{CLASS_NAMES, ChannelView, CycleView, GatewayView, Snapshot, Times};
 
-/// Prints all values.
 pub fn print(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Result<()> {
-    let mut rows = vec![
-        ["gateway", "state", "WC", "incomplete", "lost images", "faulty images", "lost", "reason"]
-            .map(str::to_owned),
-    ];
-    rows.extend(snapshot.gateways.iter().map(gateway_cells));
-    table::print(out, &rows)?;
+    let titles =
+        ["gateway", "state", "WC", "incomplete", "lost images", "faulty images", "lost", "reason"];
+    table::print_with_titles(out, titles, &snapshot.gateways, gateway_cells)?;
     for gateway in &snapshot.gateways {
         writeln!(out, "\ngateway {}", gateway.position)?;
-        let mut rows = vec![CHANNEL_TITLES.map(str::to_owned)];
-        rows.extend((0..).zip(&gateway.channels).map(|(at, it)| channel_cells(at, it)));
-        table::print(out, &rows)?;
+        let channels = gateway.channels.iter().enumerate();
+        table::print_with_titles(out, CHANNEL_TITLES, channels, |(at, it)| channel_cells(at, it))?;
     }
     writeln!(out)?;
     writeln!(out, "cycle {} us: {}", snapshot.cycle.cycle_us, cycle_counts(&snapshot.cycle))?;
@@ -39,7 +34,6 @@ pub fn print(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Cells of a gateway's row.
 pub fn gateway_cells(gateway: &GatewayView) -> [String; 8] {
     let GatewayView { working_counter, expected_working_counter, .. } = gateway;
     [
@@ -54,7 +48,6 @@ pub fn gateway_cells(gateway: &GatewayView) -> [String; 8] {
     ]
 }
 
-/// Headers of the channel table.
 pub const CHANNEL_TITLES: [&str; 10] = [
     "channel",
     "state",
@@ -68,7 +61,6 @@ pub const CHANNEL_TITLES: [&str; 10] = [
     "received",
 ];
 
-/// Cells of a channel's row.
 pub fn channel_cells(at: usize, channel: &ChannelView) -> [String; 10] {
     let count = |value: Option<u64>| value.map_or_else(|| "-".to_owned(), |it| it.to_string());
     let errors = channel.errors;
@@ -88,7 +80,6 @@ pub fn channel_cells(at: usize, channel: &ChannelView) -> [String; 10] {
     ]
 }
 
-/// State, with a mark for a warning.
 fn state(channel: &ChannelView) -> String {
     let state = channel.state.clone().unwrap_or_else(|| "-".to_owned());
     if channel.has_warning && !channel.is_bus_off { format!("{state}, warning") } else { state }
@@ -99,7 +90,6 @@ fn waiting(frames: u8) -> String {
     if frames >= 7 { "7+".to_owned() } else { frames.to_string() }
 }
 
-/// Numbers of cycles, overruns and skipped deadlines.
 pub fn cycle_counts(cycle: &CycleView) -> String {
     let unmeasured = match cycle.unmeasured {
         0 => String::new(),
@@ -109,7 +99,6 @@ pub fn cycle_counts(cycle: &CycleView) -> String {
     format!("{cycles} cycles, {overruns} overruns, {skipped} skipped{unmeasured}")
 }
 
-/// Table of the times of the cycle, in microseconds.
 pub fn cycle_times(cycle: &CycleView) -> [String; 3] {
     let row = |name: &str, cells: [String; 6]| {
         let cells = cells.map(|cell| format!("{cell:>7}"));

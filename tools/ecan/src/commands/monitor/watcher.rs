@@ -5,18 +5,14 @@ use ecan_host::Diagnostics;
 use ecan_mcan_port::Port;
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::frames::service::failure;
-use crate::frames::settings::{GatewayRequirements, Planned, Settings};
-use crate::global::GlobalOptions;
+use crate::context::{Bus, Failure, GlobalOptions, Result};
+use crate::frames::{GatewayRequirements, Planned, Settings, failure};
 
 use super::MonitorArguments;
 use super::collector::GatewayErrors;
 use super::observation::{BusTime, Mark, Observation};
 use super::snapshot::Errors;
 
-/// Observed gateways.
 #[derive(Debug)]
 pub struct Watcher {
     port: Port,
@@ -31,7 +27,7 @@ impl Watcher {
         settings: &Settings<'_>,
         arguments: &MonitorArguments,
         global: &GlobalOptions,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self> {
         let requirements = GatewayRequirements {
             is_listening: arguments.listen_only,
             ..GatewayRequirements::on(arguments.channel)
@@ -50,10 +46,7 @@ impl Watcher {
     }
 
     /// Activates the master; from now on [`cycle`](Self::cycle) must be called.
-    pub fn activate(
-        &mut self,
-        options: &crate::frames::options::GatewayOptions,
-    ) -> Result<(), Failure> {
+    pub fn activate(&mut self, options: &crate::frames::GatewayOptions) -> Result {
         options.real_time.set_timing(self.port.adapter_mut());
         let timeout = self.port.startup_timeout();
         let begun = self.port.adapter_mut().begin_op_wait(timeout);
@@ -61,7 +54,7 @@ impl Watcher {
     }
 
     /// Waits for a cycle and runs it. Does not allocate without errors.
-    pub fn cycle(&mut self, observation: &mut Observation) -> Result<(), Failure> {
+    pub fn cycle(&mut self, observation: &mut Observation) -> Result {
         let mut cycle = self.port.next_cycle();
         for received in cycle.received() {
             self.busy.count(&received.to_owned());
@@ -73,7 +66,6 @@ impl Watcher {
         ended.map(drop).map_err(|error| Failure::Master(error.to_string()))
     }
 
-    /// Records the state of the gateways.
     pub fn look(&self, observation: &mut Observation) {
         observation.look(&self.port, &self.busy, self.now_ns());
     }
@@ -104,7 +96,7 @@ impl Watcher {
     }
 
     /// Handle for the mailbox, for another thread.
-    pub fn open_diagnostics(&self) -> Result<Diagnostics, Failure> {
+    pub fn open_diagnostics(&self) -> Result<Diagnostics> {
         let opened = self.port.adapter().open_diagnostics();
         opened.map_err(|error| Failure::Master(error.to_string()))
     }
@@ -124,7 +116,7 @@ impl Watcher {
         interrupt: &Interrupt,
         mut take: impl FnMut(&Self, &mut Observation),
         observation: &mut Observation,
-    ) -> Result<(), Failure> {
+    ) -> Result {
         let deadline_ns = self.now_ns().saturating_add(self.startup_timeout_ns());
         while !self.is_ready() && self.now_ns() < deadline_ns && !interrupt.is_set() {
             self.cycle(observation)?;

@@ -11,10 +11,8 @@ use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortPlan};
 
 use crate::config_file;
-use crate::failure::Failure;
-use crate::frames::channels::Channels;
-use crate::frames::options::SetupOptions;
-use crate::output::{Output, Tone};
+use crate::context::{Context, Failure, Result, Tone};
+use crate::frames::{Channels, SetupOptions};
 
 use report::Report;
 
@@ -57,14 +55,13 @@ pub struct PlanArguments {
     setup: SetupOptions,
 }
 
-/// Configuration of the gateways and their loaded channels.
 struct Planned {
     adapter: AdapterConfig,
     port: PortConfig,
     channels: Channels,
 }
 
-pub fn run(arguments: &PlanArguments, output: &Output) -> Result<(), Failure> {
+pub fn run(arguments: &PlanArguments, context: &Context) -> Result {
     let planned = match &arguments.setup.config {
         Some(path) => {
             let file = config_file::read(path)?;
@@ -77,6 +74,7 @@ pub fn run(arguments: &PlanArguments, output: &Output) -> Result<(), Failure> {
     let Planned { adapter, port, .. } = planned;
     let plan = PortPlan::of(&adapter, &port, &traffic);
     let faults = plan.faults(&adapter, &port);
+    let output = &context.output;
     output.data(&Report::new(&plan, &faults), |out| {
         write!(out, "{}", ecan_plan_table::plan_table(&plan, &adapter, &traffic))?;
         faults

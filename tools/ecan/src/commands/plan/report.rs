@@ -3,7 +3,6 @@
 use ecan_mcan_port::{CpuCost, ImageFill, ImagePlan, PortPlan};
 use serde::Serialize;
 
-/// Contents of the plan table.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     cycle_ns: u32,

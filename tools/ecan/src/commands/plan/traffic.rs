@@ -5,19 +5,15 @@ use std::path::Path;
 use ecan_mcan_port::{FrameRate, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
 
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
 use crate::frames::recording::{self, Recorded};
 
 use super::{PlanArguments, Planned};
 
-/// CAN ID of frames without a recording.
 const FRAME_ID: u16 = 0x123;
 
 /// Traffic sent; the same amount is received.
-pub(super) fn of(
-    arguments: &PlanArguments,
-    planned: &Planned,
-) -> Result<Vec<FrameStream>, Failure> {
+pub(super) fn of(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>> {
     let sent = match &arguments.replay {
         Some(path) => recorded(path, planned)?,
         None => even(arguments, planned)?,
@@ -27,8 +23,7 @@ pub(super) fn of(
     Ok([sent, back].concat())
 }
 
-/// Traffic with the same number of frames on each channel.
-fn even(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>, Failure> {
+fn even(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>> {
     let rate = FrameRate::PerCycle(arguments.frames);
     let mut streams = Vec::new();
     for (slave, gateway) in planned.port.gateways.iter().enumerate() {
@@ -46,7 +41,7 @@ fn even(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>
     }
 }
 
-fn frame(is_fd: bool, bytes: Option<u8>) -> Result<CanFrame, Failure> {
+fn frame(is_fd: bool, bytes: Option<u8>) -> Result<CanFrame> {
     let bytes = bytes.unwrap_or(if is_fd { 64 } else { 8 });
     let wrong = |error: &dyn std::fmt::Display| {
         Failure::Usage(format!("a frame of {bytes} bytes: {error}"))
@@ -66,7 +61,7 @@ struct TrafficGroup {
     count: u32,
 }
 
-fn recorded(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>, Failure> {
+fn recorded(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>> {
     let gateways = planned.port.gateways.len();
     let frames = recording::read(path, planned.channels, gateways)?.frames;
     let times = || frames.iter().map(|it| it.logged.time_ns);

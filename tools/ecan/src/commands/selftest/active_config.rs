@@ -3,10 +3,8 @@
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-use crate::bus::Bus;
-use crate::failure::Failure;
+use crate::context::{Bus, Result};
 
-/// Active configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ActiveConfig {
     /// Per direction: image size in bytes, 0 without a profile, and the profile word (0x8010,
@@ -19,7 +17,7 @@ pub(super) struct ActiveConfig {
 }
 
 impl ActiveConfig {
-    pub(super) fn read(bus: &Bus, slave: usize) -> Result<Self, Failure> {
+    pub(super) fn read(bus: &Bus, slave: usize) -> Result<Self> {
         let mut profiles = [(0, 0); 2];
         for (direction, profile) in Direction::ALL.into_iter().zip(&mut profiles) {
             let read = |subindex| bus.read(slave, direction.profile_object(), subindex);
@@ -60,7 +58,6 @@ impl ActiveConfig {
         of(self) == of(other)
     }
 
-    /// Returns a difference to `before`.
     pub(super) fn difference(&self, before: &Self) -> Option<String> {
         for direction in Direction::ALL {
             if !self.has_profile_of(before, direction) {

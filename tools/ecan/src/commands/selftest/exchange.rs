@@ -7,8 +7,8 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
-use crate::failure::Failure;
-use crate::frames::service::Service;
+use crate::context::{Failure, Result};
+use crate::frames::Service;
 
 use super::frames::{difference, frame, origin};
 
@@ -24,20 +24,16 @@ pub(super) struct Route {
     pub(super) to: u8,
 }
 
-/// Frame counts of a route.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub(super) struct Counts {
-    /// Sent frames.
     pub(super) sent: u32,
     /// Frames received unchanged.
     pub(super) received: u32,
     /// Frames received with other contents.
     pub(super) wrong: u32,
-    /// Frames received more than once.
     pub(super) repeated: u32,
     /// Received frames that the test did not send.
     pub(super) strange: u32,
-    /// Description of the first wrong frame.
     pub(super) first_wrong: Option<String>,
 }
 
@@ -75,7 +71,6 @@ impl ChannelState {
         is_alone || self.status.last_error == LastErrorCode::Acknowledge
     }
 
-    /// Returns the errors since `before`.
     pub(super) fn faults(&self, before: &Self) -> Vec<String> {
         let Self { channel, counters, status, .. } = self;
         let mut faults = Vec::new();
@@ -99,8 +94,7 @@ impl ChannelState {
     }
 }
 
-/// Text of the error counters of a channel.
-pub(super) fn states(service: &mut Service, channels: &[u8]) -> Result<Vec<ChannelState>, Failure> {
+pub(super) fn states(service: &mut Service, channels: &[u8]) -> Result<Vec<ChannelState>> {
     let channels = channels.to_vec();
     let read = service.port_mut().diagnose(move |diagnostics| {
         let read = |channel| {
@@ -114,11 +108,9 @@ pub(super) fn states(service: &mut Service, channels: &[u8]) -> Result<Vec<Chann
     }
 }
 
-/// Route during a test.
 struct Traffic {
     route: Route,
     frames: Vec<CanFrame>,
-    /// Whether each frame was received.
     has_come: Vec<bool>,
     counts: Counts,
 }
@@ -166,7 +158,7 @@ pub(super) fn exchange(
     count: u16,
     is_fd: bool,
     interrupt: &Interrupt,
-) -> Result<Option<Vec<Counts>>, Failure> {
+) -> Result<Option<Vec<Counts>>> {
     let mut traffics = Vec::new();
     for route in routes {
         let frames = (0..count).map(|number| frame(route.from, number, is_fd));

@@ -2,9 +2,7 @@
 
 use ecan_protocol::can::{CanFrame, CanId, FrameError, FrameKind};
 
-/// Maximum number of frames per sender.
 pub(super) const MOST: u16 = 256;
-/// Upper bits of the extended CAN IDs.
 const EXTENDED: u32 = 0x1555_0000;
 const CLASSIC_LENGTHS: [usize; 9] = [8, 0, 1, 2, 3, 4, 5, 6, 7];
 const FD_LENGTHS: [usize; 16] = [64, 0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48];

@@ -8,13 +8,8 @@ use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::config::NodeMode;
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
-use crate::frames::channels::Channels;
-use crate::frames::options::WATCHDOG;
-use crate::frames::service::{GatewaySetup, Service};
-use crate::frames::single_gateway::statistics;
-use crate::output::Output;
+use crate::context::{Bus, Failure, Result, note};
+use crate::frames::{Channels, GatewaySetup, Service, WATCHDOG, statistics};
 
 use super::exchange::{ChannelState, Counts, Route, exchange, states};
 use super::rates::Rate;
@@ -25,17 +20,13 @@ use super::{SelftestArguments, identity};
 /// Cycle time in ns that may trigger the watchdog of a gateway.
 const PAUSE_NS: u64 = WATCHDOG.as_nanos() as u64 / 2;
 
-/// Settings of a test.
 pub(super) struct Test<'a> {
     pub(super) arguments: &'a SelftestArguments,
     pub(super) rates: &'a [Rate],
     pub(super) master: u32,
-    /// Report progress.
     pub(super) is_watched: bool,
-    pub(super) output: &'a Output,
 }
 
-/// Path of the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TestPath {
     Loopback,
@@ -51,7 +42,6 @@ impl TestPath {
     }
 }
 
-/// Frames over several channels in parallel.
 struct Run<'a> {
     way: TestPath,
     rate: &'a Rate,
@@ -62,7 +52,7 @@ struct Run<'a> {
 
 impl Test<'_> {
     /// Checks the options before the bus is accessed.
-    pub(super) fn check(&self) -> Result<(), Failure> {
+    pub(super) fn check(&self) -> Result {
         for run in self.runs(0)? {
             let checked = run.config.check(&run.adapter);
             checked.map_err(|faults| Failure::Usage(faults.to_string()))?;
@@ -70,13 +60,7 @@ impl Test<'_> {
         Ok(())
     }
 
-    /// Tests a slave. The report marks a test stopped by the user.
-    pub(super) fn run(
-        &self,
-        bus: &Bus,
-        slave: usize,
-        interrupt: &Interrupt,
-    ) -> Result<Report, Failure> {
+    pub(super) fn run(&self, bus: &Bus, slave: usize, interrupt: &Interrupt) -> Result<Report> {
         let time = jiff::Timestamp::now().to_string();
         let mut report = Report { position: slave, time, ..Report::default() };
         let expected = self.arguments.expect_version.as_deref();
@@ -93,7 +77,7 @@ impl Test<'_> {
         slave: usize,
         interrupt: &Interrupt,
         report: &mut Report,
-    ) -> Result<(), Failure> {
+    ) -> Result {
         let runs = self.runs(slave)?;
         let mut is_tested = [false; CHANNELS];
         for route in runs.iter().flat_map(|run| &run.routes) {
@@ -136,7 +120,7 @@ impl Test<'_> {
         runs: Vec<Run<'_>>,
         interrupt: &Interrupt,
         report: &mut Report,
-    ) -> Result<bool, Failure> {
+    ) -> Result<bool> {
         let mut is_first = true;
         for run in runs {
             let name = match run.way {
@@ -144,7 +128,7 @@ impl Test<'_> {
                 TestPath::Wire => format!("wires, {}", run.rate.name()),
             };
             if self.is_watched {
-                self.output.note(format_args!("testing slave {slave}: {name}"));
+                note(format_args!("testing slave {slave}: {name}"));
             }
             if !is_first && has_restarted(bus, slave) {
                 let words = "the gateway restarted since the previous test";
@@ -173,13 +157,13 @@ impl Test<'_> {
         run: Run<'_>,
         interrupt: &Interrupt,
         report: &mut Report,
-    ) -> Result<bool, Failure> {
+    ) -> Result<bool> {
         let Run { adapter, config, .. } = &run;
         let (adapter, config) = (*adapter, *config);
         let place = GatewaySetup { position: slave, adapter, config, channels: Channels::NONE };
         wait_present(bus, slave).map_err(Failure::Rejected)?;
         let real_time = &self.arguments.real_time;
-        let started = Service::start(bus.ecrt(), place, real_time, interrupt, self.output)?;
+        let started = Service::start(bus.ecrt(), place, real_time, interrupt)?;
         let Some(service) = started else { return Ok(false) };
         // From here on, an error is one of the gateway or its link.
         self.exchange(service, run, interrupt, report)
@@ -192,7 +176,7 @@ impl Test<'_> {
         run: Run<'_>,
         interrupt: &Interrupt,
         report: &mut Report,
-    ) -> Result<bool, Failure> {
+    ) -> Result<bool> {
         let Run { way, rate, routes, .. } = run;
         let count = self.arguments.frames;
         let channels: Vec<_> = routes.iter().map(|route| route.from).collect();
@@ -224,7 +208,7 @@ impl Test<'_> {
     }
 
     /// Runs everything with a gateway: at each bit rate the loopbacks, then the wires.
-    fn runs(&self, slave: usize) -> Result<Vec<Run<'_>>, Failure> {
+    fn runs(&self, slave: usize) -> Result<Vec<Run<'_>>> {
         let loops: Vec<_> =
             self.arguments.channels.iter().map(|it| Route { from: it, to: it }).collect();
         let pairs = self.arguments.wired.iter().flat_map(|wiring| wiring.pairs());
@@ -278,7 +262,6 @@ fn has_restarted(bus: &Bus, slave: usize) -> bool {
     read_patiently(bus, slave, 0x8010, 9).is_ok_and(|bytes| bytes == 0)
 }
 
-/// Returns whether the gateway was lost.
 fn losses(service: &Service) -> Option<String> {
     match statistics(service.port()).sessions_lost {
         0 => None,
@@ -332,7 +315,6 @@ fn judge(
     }
 }
 
-/// Reason for missing frames in the view of the sender.
 fn missing(
     way: TestPath,
     Route { from, to }: Route,
@@ -351,7 +333,6 @@ mod tests {
 
     use super::*;
     use crate::commands::filter::{ChannelFilters, FilterKind};
-    use crate::global::Color;
 
     #[derive(Parser)]
     struct Line {
@@ -369,14 +350,7 @@ mod tests {
     fn with_test<T>(line: &[&str], run: impl FnOnce(&Test<'_>) -> T) -> T {
         let Line { arguments } = Line::parse_from(line);
         let rates = Rate::usual();
-        let output = Output::new(false, Color::Never);
-        run(&Test {
-            arguments: &arguments,
-            rates: &rates,
-            master: 0,
-            is_watched: false,
-            output: &output,
-        })
+        run(&Test { arguments: &arguments, rates: &rates, master: 0, is_watched: false })
     }
 
     fn tested(bus: &Bus) -> Report {

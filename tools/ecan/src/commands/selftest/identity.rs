@@ -2,8 +2,7 @@
 
 use ecan_protocol::device::Recognition;
 
-use crate::bus::Bus;
-use crate::failure::Failure;
+use crate::context::{Bus, Result};
 use crate::firmware_version::FirmwareVersion;
 
 use super::report::Report;
@@ -75,11 +74,7 @@ fn identity(bus: &Bus, slave: usize, of_sii: [u32; 3]) -> Result<String, String>
     Ok(format!("vendor 0x{vendor:08X}, product 0x{product:08X}, revision 0x{revision:08X}"))
 }
 
-/// Returns the version if it is the expected one.
-fn version(
-    running: Result<FirmwareVersion, Failure>,
-    expected: Option<&str>,
-) -> Result<String, String> {
+fn version(running: Result<FirmwareVersion>, expected: Option<&str>) -> Result<String, String> {
     let running = running.map_err(|error| error.to_string())?;
     match expected {
         Some(expected) if !running.is_version(expected) => {

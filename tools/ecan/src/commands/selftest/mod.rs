@@ -17,20 +17,17 @@ use std::path::PathBuf;
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::real_time::RealTimeArguments;
+use ecan_sim::ClockKind;
 use serde::Serialize;
 
-use crate::bus::Bus;
 use crate::config_file;
-use crate::failure::Failure;
-use crate::frames::channels::Channels;
-use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::context::{Bus, Context, Failure, Output, Result, note};
+use crate::frames::Channels;
 
 use rates::Rate;
 use report::Report;
 use wiring::Wiring;
 
-/// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
   ecan selftest                         every gateway of the bus, each channel by loopback
@@ -89,33 +86,27 @@ pub struct SelftestArguments {
     real_time: RealTimeArguments,
 }
 
-/// Output of the test.
 #[derive(Debug, Serialize)]
 struct Selftest {
     is_good: bool,
     gateways: Vec<Report>,
 }
 
-pub fn run(
-    arguments: &SelftestArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
     let file = arguments.config.as_deref().map(rates::read).transpose()?;
     let rates = file.as_ref().map_or_else(Rate::usual, Rate::of_file);
+    let global = context.global;
     let master = file.as_ref().map_or(global.master(), |file| config_file::master(file, global));
-    let global = GlobalOptions { master: Some(master), ..global.clone() };
     let is_watched = std::io::stderr().is_terminal();
-    let test = gateway::Test { arguments, rates: &rates, master, is_watched, output };
+    let test = gateway::Test { arguments, rates: &rates, master, is_watched };
     test.check()?;
     let interrupt = Interrupt::install_with_message("stopping after restoring the configuration")?;
-    let bus = Bus::open(&global, output)?;
-    let slaves = slaves(&bus, arguments, output)?;
+    let bus = context.bus_of_master(master, ClockKind::Stepped)?;
+    let slaves = slaves(&bus, arguments)?;
     if let Some(directory) = &arguments.report {
         report::prepare(directory)?;
     }
-    let granted = arguments.real_time.apply(|line| output.note(line));
-    granted.map_err(|error| Failure::Host(error.to_string()))?;
+    arguments.real_time.apply(|line| note(line))?;
     let (mut reports, mut serials) = (Vec::new(), BTreeSet::new());
     let (mut stopped, mut unwritten) = (None, None);
     for slave in slaves {
@@ -151,12 +142,12 @@ pub fn run(
     }
     if let Some(failure) = stopped {
         if !reports.is_empty() {
-            print(false, reports, output)?;
+            print(false, reports, &context.output)?;
         }
         return Err(failure);
     }
     let is_good = reports.iter().all(|report| report.is_good);
-    print(is_good, reports, output)?;
+    print(is_good, reports, &context.output)?;
     match unwritten {
         Some(failure) => Err(failure),
         None if is_good => Ok(()),
@@ -164,19 +155,14 @@ pub fn run(
     }
 }
 
-fn print(is_good: bool, gateways: Vec<Report>, output: &Output) -> Result<(), Failure> {
+fn print(is_good: bool, gateways: Vec<Report>, output: &Output) -> Result {
     let selftest = Selftest { is_good, gateways };
     output.data(&selftest, |out| {
         selftest.gateways.iter().try_for_each(|report| report.print(output, out))
     })
 }
 
-/// Slaves to test: the selected one, or every gateway.
-fn slaves(
-    bus: &Bus,
-    arguments: &SelftestArguments,
-    output: &Output,
-) -> Result<Vec<usize>, Failure> {
+fn slaves(bus: &Bus, arguments: &SelftestArguments) -> Result<Vec<usize>> {
     if bus.is_chosen() {
         if arguments.gateways.is_some() {
             let words = "--gateways and --slave exclude each other";
@@ -196,7 +182,7 @@ fn slaves(
         return Ok(vec![bus.slave()?]);
     }
     for other in others {
-        output.note(format_args!("slave {other} is not identified as an ECAN-Lite: not tested"));
+        note(format_args!("slave {other} is not identified as an ECAN-Lite: not tested"));
     }
     Ok(gateways)
 }

@@ -7,7 +7,7 @@ use ecan_mcan_port::Config;
 use ecan_protocol::config::{McanChannelConfig, NodeMode};
 
 use crate::config_file;
-use crate::failure::Failure;
+use crate::context::{Failure, Result};
 
 /// Default list: nominal and data bit rate in bit/s.
 const USUAL: [(u32, Option<u32>); 6] = [
@@ -19,14 +19,12 @@ const USUAL: [(u32, Option<u32>); 6] = [
     (1_000_000, Some(5_000_000)),
 ];
 
-/// Bit rate configuration of a channel.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Rate {
     can: McanChannelConfig,
 }
 
 impl Rate {
-    /// Default list.
     pub(super) fn usual() -> Vec<Self> {
         let settings = USUAL.map(|(nominal, data)| plain(nominal, data));
         settings.into_iter().map(|it| Self { can: it.can }).collect()
@@ -57,7 +55,6 @@ impl Rate {
         rates
     }
 
-    /// Channel with these bit rates.
     pub(super) fn channel(&self, mode: NodeMode) -> ChannelConfig {
         let data = self.is_fd().then_some(self.can.data_bitrate);
         let mut settings = plain(self.can.nominal_bitrate, data);
@@ -96,11 +93,11 @@ fn plain(nominal: u32, data: Option<u32>) -> ChannelConfig {
 }
 
 /// Reads a valid file with at least one channel.
-pub(super) fn read(path: &Path) -> Result<Config, Failure> {
+pub(super) fn read(path: &Path) -> Result<Config> {
     let file = config_file::read(path)?;
     if Rate::of_file(&file).is_empty() {
-        let reason = "the file has no channel and thus no bit rate to test".to_owned();
-        return Err(Failure::File { what: "use", path: path.to_owned(), reason });
+        let reason = "the file has no channel and thus no bit rate to test";
+        return Err(Failure::file("use", path, reason));
     }
     Ok(file)
 }

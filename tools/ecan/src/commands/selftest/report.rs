@@ -6,25 +6,19 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::failure::Failure;
-use crate::output::{Output, Tone};
+use crate::context::{Failure, Output, Result, Tone};
 
 use super::exchange::{ChannelState, Counts};
 
-/// Check of a gateway.
 #[derive(Debug, Serialize)]
 pub(super) struct Check {
-    /// Name of the check.
     pub(super) name: String,
     pub(super) is_good: bool,
-    /// Result text.
     pub(super) words: String,
-    /// Figures of a frame test.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) frames: Option<Figures>,
 }
 
-/// Figures of a frame test.
 #[derive(Debug, Serialize)]
 pub(super) struct Figures {
     pub(super) from: u8,
@@ -37,11 +31,9 @@ pub(super) struct Figures {
     pub(super) channels: Vec<ChannelState>,
 }
 
-/// Report of a gateway.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Report {
     pub(super) is_good: bool,
-    /// Whether the user stopped the test.
     pub(super) was_stopped: bool,
     /// Start time of the test, from the clock of this computer.
     pub(super) time: String,
@@ -53,31 +45,26 @@ pub(super) struct Report {
     pub(super) product_code: u32,
     pub(super) revision: u32,
     pub(super) checks: Vec<Check>,
-    /// Path of the written report.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) file: Option<String>,
 }
 
 impl Report {
-    /// Adds a result.
     pub(super) fn add(&mut self, name: impl Into<String>, found: Result<String, String>) {
         let is_good = found.is_ok();
         let (Ok(words) | Err(words)) = found;
         self.checks.push(Check { name: name.into(), is_good, words, frames: None });
     }
 
-    /// Marks the test as incomplete.
     pub(super) fn stop(&mut self) {
         self.was_stopped = true;
         self.add("test", Err("stopped before the end".to_owned()));
     }
 
-    /// Returns whether all checks passed so far.
     pub(super) fn is_good_so_far(&self) -> bool {
         self.checks.iter().all(|check| check.is_good)
     }
 
-    /// Title for people.
     pub(super) fn title(&self) -> String {
         match self.own_serial() {
             Some(serial) => format!("gateway {serial} at position {}", self.position),
@@ -117,7 +104,7 @@ impl Report {
 
     /// Writes the report to a new file in a directory, named after the serial number, or after the
     /// position if the serial number is not unique.
-    pub(super) fn write(&mut self, directory: &Path, is_duplicate: bool) -> Result<(), Failure> {
+    pub(super) fn write(&mut self, directory: &Path, is_duplicate: bool) -> Result {
         let position = self.position;
         let name = match self.own_serial() {
             Some(serial) if is_duplicate => format!("{serial}-position-{position}"),
@@ -134,7 +121,7 @@ impl Report {
 }
 
 /// Creates a file that does not exist; earlier reports are kept.
-fn create(directory: &Path, name: &str) -> Result<(PathBuf, File), Failure> {
+fn create(directory: &Path, name: &str) -> Result<(PathBuf, File)> {
     let mut number = 1_u32;
     loop {
         let path = directory.join(match number {
@@ -151,15 +138,13 @@ fn create(directory: &Path, name: &str) -> Result<(PathBuf, File), Failure> {
     }
 }
 
-/// Creates the directory for the reports before the tests start.
-pub(super) fn prepare(directory: &Path) -> Result<(), Failure> {
+pub(super) fn prepare(directory: &Path) -> Result {
     if directory.exists() && !directory.is_dir() {
-        let reason = "not a directory".to_owned();
-        return Err(Failure::File { what: "write to", path: PathBuf::from(directory), reason });
+        return Err(Failure::file("write to", directory, "not a directory"));
     }
     std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))
 }
 
 fn failed(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::File { what: "write", path: PathBuf::from(path), reason: error.to_string() }
+    Failure::file("write", path, error)
 }

@@ -8,20 +8,16 @@ use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{CHANNELS, Direction, assignment_index};
 use ecan_protocol::object::{Access, SdoWrite};
 
-use crate::bus::Bus;
 use crate::commands::filter::{ChannelFilters, FilterKind, RawFilter};
 use crate::commands::reboot;
-use crate::failure::Failure;
+use crate::context::{Bus, Failure, Result};
 
 use super::active_config::ActiveConfig;
 
-/// Poll interval of the slave state, in nanoseconds.
 const LOOK_EVERY_NS: u64 = 50_000_000;
 /// Time limit for a slave to respond or to reach PREOP, in nanoseconds.
 const STATE_NS: u64 = 10_000_000_000;
-/// Time limit of a restart, in nanoseconds.
 const RESTART_NS: u64 = 30_000_000_000;
-/// Configuration objects.
 const OBJECTS: [u16; 12] = [
     0x8000, 0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022, 0x8023, 0x8024,
 ];
@@ -29,7 +25,6 @@ const OBJECTS: [u16; 12] = [
 /// Filters of a channel: standard and extended.
 type Filters = [Vec<RawFilter>; 2];
 
-/// Configuration of a gateway.
 #[derive(Debug)]
 pub(super) struct Saved {
     slave: usize,
@@ -42,17 +37,14 @@ pub(super) struct Saved {
     active_config: ActiveConfig,
 }
 
-/// Method of the restoration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Restored {
-    /// By writing the values.
     Written,
-    /// By a restart and writing the values.
     Restarted,
 }
 
 impl Saved {
-    pub(super) fn read(bus: &Bus, slave: usize) -> Result<Self, Failure> {
+    pub(super) fn read(bus: &Bus, slave: usize) -> Result<Self> {
         let serial = bus.serial(slave)?;
         let mut values = BTreeMap::new();
         for (index, subindex) in entries() {
@@ -123,7 +115,7 @@ impl Saved {
         }
     }
 
-    fn write(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<(), Failure> {
+    fn write(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result {
         let slave = self.slave;
         let now = ActiveConfig::read(bus, slave)?;
         for (direction, entries) in Direction::ALL.into_iter().zip(&self.assignments) {
@@ -169,7 +161,6 @@ impl Saved {
         Ok(())
     }
 
-    /// Checks for differences to the saved configuration.
     fn compare(&self, bus: &Bus) -> Result<(), String> {
         let now = Self::read(bus, self.slave).map_err(|failure| failure.to_string())?;
         for ((index, subindex), value) in &self.values {
@@ -216,24 +207,19 @@ fn entries() -> impl Iterator<Item = (u16, u8)> {
     })
 }
 
-fn read_filters(bus: &Bus, slave: usize, channel: u8) -> Result<Filters, Failure> {
+fn read_filters(bus: &Bus, slave: usize, channel: u8) -> Result<Filters> {
     let of_channel = ChannelFilters { bus, slave, channel };
     Ok([of_channel.read(FilterKind::Standard)?, of_channel.read(FilterKind::Extended)?])
 }
 
-fn read_assignment(bus: &Bus, slave: usize, direction: Direction) -> Result<Vec<u32>, Failure> {
+fn read_assignment(bus: &Bus, slave: usize, direction: Direction) -> Result<Vec<u32>> {
     let index = assignment_index(direction);
     let count = u8::try_from(bus.read(slave, index, 0)?).unwrap_or(u8::MAX);
     (1..=count).map(|subindex| bus.read(slave, index, subindex)).collect()
 }
 
 /// Writes count 0, the entries, then the count.
-fn write_assignment(
-    bus: &Bus,
-    slave: usize,
-    direction: Direction,
-    entries: &[u32],
-) -> Result<(), Failure> {
+fn write_assignment(bus: &Bus, slave: usize, direction: Direction, entries: &[u32]) -> Result {
     let index = assignment_index(direction);
     bus.write(slave, index, 0, 0)?;
     for (subindex, entry) in (1..).zip(entries) {
@@ -242,8 +228,7 @@ fn write_assignment(
     bus.write(slave, index, 0, u32::try_from(entries.len()).unwrap_or_default())
 }
 
-/// Executes an apply command and checks its status.
-fn apply(bus: &Bus, slave: usize, command: SdoWrite, status: u8) -> Result<(), Failure> {
+fn apply(bus: &Bus, slave: usize, command: SdoWrite, status: u8) -> Result {
     let SdoWrite { index, subindex, value, .. } = command;
     bus.write(slave, index, subindex, value)?;
     match bus.read(slave, index, status)? {
@@ -256,12 +241,7 @@ fn apply(bus: &Bus, slave: usize, command: SdoWrite, status: u8) -> Result<(), F
 }
 
 /// Reads from a slave that may be unreachable for some time.
-pub(super) fn read_patiently(
-    bus: &Bus,
-    slave: usize,
-    index: u16,
-    subindex: u8,
-) -> Result<u32, Failure> {
+pub(super) fn read_patiently(bus: &Bus, slave: usize, index: u16, subindex: u8) -> Result<u32> {
     let deadline = bus.clock().now_ns() + STATE_NS;
     loop {
         match bus.read(slave, index, subindex) {
