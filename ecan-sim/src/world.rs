@@ -12,7 +12,7 @@ mod recording;
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::backend_error::BackendError;
-use crate::bus::{BusEvent, BusStatistics, CanBus, StationId, StationStatistics};
+use crate::bus::{BusEvent, BusFault, BusStatistics, CanBus, StationId, StationStatistics};
 use crate::fault::{Fault, FaultScript, LibraryCall, LossDirection, ScriptedFault};
 use crate::gateway::{Gateway, GatewayCounters};
 use crate::node::BridgeFactory;
@@ -105,7 +105,9 @@ impl World {
             world.add_node(NodeSlot::new(spec, bus, station, seed, bridges)?);
         }
         for index in 0..world.nodes.len() {
-            world.start_fixed_node(index);
+            if let Some(config) = world.nodes.get(index).and_then(|node| node.fixed) {
+                world.configure_node(index, config);
+            }
         }
         for slot in 0..world.slots.len() {
             world.update_gateway(slot);
@@ -232,9 +234,12 @@ impl World {
             Fault::Gateway { gateway, fault } => {
                 self.with_gateway(gateway, |gateway, now| gateway.inject(now, fault));
             }
-            Fault::BusOff { gateway, channel } => self.bus_off(gateway, channel),
-            Fault::ErrorFrames { gateway, channel, frames } => {
-                self.error_frames(gateway, channel, frames);
+            Fault::BusOff { gateway, channel } => {
+                self.bus_fault(gateway, channel, BusFault::BusOff);
+            }
+            Fault::ErrorFrames { gateway, channel, frames: count } => {
+                let fault = |station| BusFault::ErrorFrames { station, count };
+                self.bus_fault(gateway, channel, fault);
             }
             Fault::NodeSilent { node, for_ms } => {
                 if let Some(slot) = self.nodes.iter_mut().find(|slot| slot.name == node) {

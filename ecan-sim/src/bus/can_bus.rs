@@ -232,18 +232,9 @@ impl CanBus {
         slot.local_free_at = at + slot.config.map_or(0, |c| c.bits_ns(INTERMISSION_BITS));
         slot.statistics.transmitted += 1;
         slot.statistics.received += 1;
-        events.push(BusEvent::Transmitted {
-            station,
-            frame: local.frame,
-            start_ns: local.start,
-            at_ns: at,
-        });
-        events.push(BusEvent::Received {
-            station,
-            frame: local.frame,
-            start_ns: local.start,
-            at_ns: at,
-        });
+        let LocalTransmission { frame, start: start_ns, end: at_ns } = local;
+        events.push(BusEvent::Transmitted { station, frame, start_ns, at_ns });
+        events.push(BusEvent::Received { station, frame, start_ns, at_ns });
     }
 
     /// End of a recovery, if it is before the next transmission.

@@ -25,12 +25,10 @@ impl BitCrc {
         Self { width, polynomial, initial, table }
     }
 
-    /// The register before the first bit.
     pub(super) const fn start(&self) -> u32 {
         self.initial
     }
 
-    /// Adds one bit.
     pub(super) const fn bit(&self, register: u32, bit: bool) -> u32 {
         let mixed = register ^ ((bit as u32) << (self.width - 1));
         shift(mixed, self.width, self.polynomial)

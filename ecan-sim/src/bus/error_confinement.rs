@@ -1,8 +1,6 @@
 //! Error counters and error states (ISO 11898-1, fault confinement).
 
-/// Count from which a station is in the warning state.
 const WARNING_LIMIT: u16 = 96;
-/// Count from which a station is error passive.
 const PASSIVE_LIMIT: u16 = 128;
 /// Transmit error count from which a station is bus-off.
 const BUS_OFF_LIMIT: u16 = 256;
@@ -10,7 +8,6 @@ const BUS_OFF_LIMIT: u16 = 256;
 const REC_MAX: u16 = 255;
 /// Receive error counter of an error-passive receiver after a good frame; the standard allows 119
 /// to 127.
-/// 119 to 127 open.
 const REC_AFTER_PASSIVE: u16 = 127;
 
 /// Error state of a station.
@@ -40,7 +37,6 @@ pub enum BusError {
     Form,
 }
 
-/// Error counters of one station.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct ErrorCounters {
     pub tec: u16,

@@ -3,7 +3,6 @@
 /// Occurrences of eleven recessive bits that end the bus-off state.
 const SEQUENCES: u64 = 128;
 
-/// A recovery in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Recovery {
     missing: u64,

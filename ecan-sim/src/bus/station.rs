@@ -55,13 +55,7 @@ impl StationConfig {
     /// A classic station in normal mode.
     #[must_use]
     pub const fn classic(bitrate: u32) -> Self {
-        Self {
-            nominal_bitrate: bitrate,
-            data_bitrate: bitrate,
-            fd: false,
-            mode: StationMode::Normal,
-            auto_retransmit: true,
-        }
+        Self { fd: false, ..Self::fd(bitrate, bitrate) }
     }
 
     /// An FD station in normal mode.
@@ -116,21 +110,11 @@ impl StationConfig {
     }
 }
 
-/// Reason why a station cannot read a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mismatch {
     NominalBitrate,
     DataBitrate,
     FdFormat,
-}
-
-impl Mismatch {
-    pub(super) const fn error(self) -> BusError {
-        match self {
-            Self::FdFormat => BusError::Form,
-            Self::NominalBitrate | Self::DataBitrate => BusError::Stuff,
-        }
-    }
 }
 
 /// The frame that a station has in arbitration.
@@ -144,7 +128,6 @@ pub(super) struct ArbitrationEntry {
     pub withdrawn: bool,
 }
 
-/// A frame in internal loopback.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LocalTransmission {
     pub frame: CanFrame,
@@ -172,7 +155,6 @@ pub(super) struct Station {
 }
 
 impl Station {
-    /// Returns whether its error state has not been reported yet.
     pub(super) fn has_new_state(&self) -> bool {
         self.counters.state() != self.reported
     }

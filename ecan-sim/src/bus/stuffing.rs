@@ -22,9 +22,9 @@ const fn step(state: State, bit: bool) -> (u8, State) {
 }
 
 /// Number of stuff bits (high nibble) and next state (low nibble) for eight bits in each state.
-static BYTE_STEPS: [[u8; 256]; 10] = byte_steps();
+static BYTE_STEPS: [[u8; 256]; 10] = table(false);
 /// The same for one to seven bits, with a leading 1.
-static PART_STEPS: [[u8; 256]; 10] = part_steps();
+static PART_STEPS: [[u8; 256]; 10] = table(true);
 
 /// The entry for the lowest `length` bits.
 const fn steps(mut state: State, bits: usize, length: u32) -> u8 {
@@ -39,28 +39,15 @@ const fn steps(mut state: State, bits: usize, length: u32) -> u8 {
     total << 4 | state
 }
 
-const fn byte_steps() -> [[u8; 256]; 10] {
+const fn table(is_part: bool) -> [[u8; 256]; 10] {
     let mut table = [[0; 256]; 10];
     let mut state = 0;
     while state < 10 {
-        let mut byte = 0;
-        while byte < 256 {
-            table[state][byte] = steps(state as State, byte, 8);
-            byte += 1;
-        }
-        state += 1;
-    }
-    table
-}
-
-const fn part_steps() -> [[u8; 256]; 10] {
-    let mut table = [[0; 256]; 10];
-    let mut state = 0;
-    while state < 10 {
-        let mut marked = 2;
-        while marked < 256 {
-            table[state][marked] = steps(state as State, marked, (marked as u32).ilog2());
-            marked += 1;
+        let mut bits = if is_part { 2 } else { 0 };
+        while bits < 256 {
+            let length = if is_part { (bits as u32).ilog2() } else { 8 };
+            table[state][bits] = steps(state as State, bits, length);
+            bits += 1;
         }
         state += 1;
     }
@@ -92,7 +79,11 @@ impl StuffCounter {
     #[inline]
     pub(super) fn byte(&mut self, byte: u8) {
         // infallible: every entry's low nibble is a state below 10
-        let entry = BYTE_STEPS[usize::from(self.state)][usize::from(byte)];
+        self.apply(BYTE_STEPS[usize::from(self.state)][usize::from(byte)]);
+    }
+
+    #[inline]
+    fn apply(&mut self, entry: u8) {
         self.count += u32::from(entry >> 4);
         self.state = entry & 0xF;
     }
@@ -105,9 +96,7 @@ impl StuffCounter {
         if part > 0 {
             let marked = 1 << part | (bits >> left) as u8 & ((1 << part) - 1);
             // infallible: as above
-            let entry = PART_STEPS[usize::from(self.state)][usize::from(marked)];
-            self.count += u32::from(entry >> 4);
-            self.state = entry & 0xF;
+            self.apply(PART_STEPS[usize::from(self.state)][usize::from(marked)]);
         }
         while left > 0 {
             left -= 8;

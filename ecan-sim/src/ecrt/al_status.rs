@@ -2,7 +2,6 @@
 
 use crate::world::World;
 
-/// Error indication, a bit of AL status.
 pub(super) const AL_ERROR: u8 = 0x10;
 
 pub(crate) fn al_status(world: &World, slot: usize) -> u8 {

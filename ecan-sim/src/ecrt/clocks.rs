@@ -1,6 +1,6 @@
 //! Distributed clocks of the bus as the master keeps them.
 
-use crate::ecrt::datagram::ClockDatagram;
+use crate::ecrt::datagram::DatagramState;
 use crate::ecrt::slave_config::DcConfig;
 use crate::ecrt::timing::SYNC0_AHEAD_NS;
 use crate::gateway::Sync0;
@@ -10,7 +10,6 @@ const SYNC0_ACTIVE: u16 = 0x0200;
 
 #[derive(Debug, Default)]
 pub(crate) struct Clocks {
-    /// Last application time.
     pub(crate) app_time: u64,
     /// When it was set, in simulated time.
     pub(crate) set_at_ns: u64,
@@ -22,9 +21,9 @@ pub(crate) struct Clocks {
     pub(crate) selected: Option<usize>,
     /// Time to write into the reference clock.
     pub(crate) reference_target: u64,
-    pub(crate) reference: ClockDatagram,
-    pub(crate) slaves: ClockDatagram,
-    pub(crate) monitor: ClockDatagram,
+    pub(crate) reference: DatagramState,
+    pub(crate) slaves: DatagramState,
+    pub(crate) monitor: DatagramState,
     /// Result of the datagram for the slaves: lower half of the reference clock.
     pub(crate) reference_value: u32,
     /// Result of the monitor datagram: the slaves' differences, combined by OR.
@@ -40,7 +39,6 @@ impl Clocks {
         }
     }
 
-    /// Sync0 of a slave that starts now.
     pub(crate) fn sync0(&self, dc: &DcConfig) -> Option<Sync0> {
         if dc.assign_activate & SYNC0_ACTIVE == 0 {
             return None;

@@ -11,10 +11,8 @@ pub(crate) const MAX_DATAGRAM_BYTES: usize = 1486;
 /// One FMMU of a domain: the whole of one sync manager of one slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct DomainFmmu {
-    /// Slave configuration it belongs to.
     pub(crate) config: usize,
     pub(crate) sync_manager: u8,
-    /// Direction of that sync manager.
     pub(crate) direction: ProcessDirection,
     /// First byte in the domain.
     pub(crate) offset: usize,
@@ -28,11 +26,9 @@ pub(crate) struct DomainDatagram {
     pub(crate) expected: u32,
     pub(crate) state: DatagramState,
     pub(crate) working_counter: u16,
-    /// The transmitted data.
     pub(crate) wire: Vec<u8>,
 }
 
-/// A domain of the simulated master.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Domain {
     pub(crate) fmmus: Vec<DomainFmmu>,
@@ -83,7 +79,6 @@ impl Domain {
         }
     }
 
-    /// Sums the working counters of the received datagrams.
     pub(crate) fn process(&mut self) {
         self.working_counter = self
             .datagrams
@@ -128,7 +123,7 @@ impl Used {
             command,
             offset,
             expected,
-            state: DatagramState::Init,
+            state: DatagramState::Idle,
             working_counter: 0,
             wire: vec![0; size],
         }

@@ -7,15 +7,16 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 use std::sync::Arc;
 
-use crate::ecrt::calls::{CallResult, ConfigCall, DomainCall, MasterCall};
-use crate::ecrt::request_calls::{RegRequestCall, RequestCall};
+use crate::ecrt::calls::{Call, CallResult};
+use crate::ecrt::registry::Target;
+use crate::ecrt::slave_config::{RegRequest, RequestId, SdoRequest, SlaveConfig, SyncConfig};
 use crate::scenario::EcrtVersion;
 use crate::simulation::Simulation;
 use ecrt_sys::{
     Ecrt, Errno, Functions, Status, ec_domain_t, ec_master_t, ec_reg_request_t, ec_sdo_request_t,
     ec_slave_config_t,
 };
-use libc::{c_int, c_uint, size_t};
+use libc::{c_int, size_t};
 
 pub(crate) fn simulated_library(simulation: &Simulation) -> Ecrt {
     let shared = simulation.shared().clone();
@@ -47,13 +48,6 @@ fn status(call: impl FnOnce() -> CallResult) -> c_int {
     guarded(call).map_or_else(|errno| -errno, |()| 0)
 }
 
-/// Return value of a call that returns a byte offset.
-fn byte_offset(call: impl FnOnce() -> CallResult<usize>) -> c_int {
-    guarded(call)
-        .and_then(|byte| c_int::try_from(byte).map_err(|_| libc::EOVERFLOW))
-        .unwrap_or_else(|errno| -errno)
-}
-
 fn handle_or_null<T>(call: impl FnOnce() -> CallResult<usize>) -> *mut T {
     guarded(call).map_or_else(null_with, pointer)
 }
@@ -75,23 +69,6 @@ unsafe fn store<T>(target: *mut T, value: T) -> CallResult {
     Ok(())
 }
 
-/// Returns the position of an entry: the bit in an out-parameter, the byte as result. Without the
-/// out-parameter an entry inside a byte is an error.
-///
-/// # Safety
-/// `bit_position` is null or valid for writing.
-unsafe fn entry_offset(
-    (byte, bit): (usize, c_uint),
-    bit_position: *mut c_uint,
-) -> CallResult<usize> {
-    if bit_position.is_null() {
-        return if bit == 0 { Ok(byte) } else { Err(libc::EFAULT) };
-    }
-    // SAFETY: not null, so valid for writing by the caller's promise.
-    unsafe { store(bit_position, bit)? };
-    Ok(byte)
-}
-
 /// Copies the caller's data.
 ///
 /// # Safety
@@ -104,138 +81,140 @@ unsafe fn bytes(data: *const u8, size: size_t) -> CallResult<Vec<u8>> {
     Ok(unsafe { slice::from_raw_parts(data, size) }.to_vec())
 }
 
-fn on_master(master: *const ec_master_t) -> CallResult<MasterCall> {
-    MasterCall::find(master.addr())
+fn on_master(master: *const ec_master_t) -> CallResult<Call<()>> {
+    Call::find(master.addr(), |target| (target == Target::Master).then_some(()))
 }
 
-fn on_config(config: *const ec_slave_config_t) -> CallResult<ConfigCall> {
-    ConfigCall::find(config.addr())
+fn on_config(config: *const ec_slave_config_t) -> CallResult<Call<usize>> {
+    Call::find(config.addr(), |target| match target {
+        Target::Config(index) => Some(index),
+        _ => None,
+    })
 }
 
-fn on_domain(domain: *const ec_domain_t) -> CallResult<DomainCall> {
-    DomainCall::find(domain.addr())
+/// Changes a configuration, before activation.
+fn change_config<R>(
+    config: *const ec_slave_config_t,
+    action: impl FnOnce(&mut SlaveConfig) -> CallResult<R>,
+) -> CallResult<R> {
+    let call = on_config(config)?;
+    call.configuring(|state| action(state.master.config(call.object)?))
 }
 
-fn on_request(request: *const ec_sdo_request_t) -> CallResult<RequestCall> {
-    RequestCall::find(request.addr())
+fn change_sync(
+    config: *const ec_slave_config_t,
+    sync: u8,
+    action: impl FnOnce(&mut SyncConfig),
+) -> CallResult {
+    change_config(config, |config| {
+        config.syncs.get_mut(usize::from(sync)).map(action).ok_or(libc::ENOENT)
+    })
 }
 
-fn on_reg_request(request: *const ec_reg_request_t) -> CallResult<RegRequestCall> {
-    RegRequestCall::find(request.addr())
+fn on_domain(domain: *const ec_domain_t) -> CallResult<Call<usize>> {
+    Call::find(domain.addr(), |target| match target {
+        Target::Domain(index) => Some(index),
+        _ => None,
+    })
 }
 
-/// A function in both forms: 1.6 returns a status, 1.5 returns nothing.
-macro_rules! two_forms {
-    ($(#[$doc:meta])* $reported:ident / $silent:ident ($($argument:ident: $type:ty),*)
-        $body:block) => {
-        $(#[$doc])*
-        pub unsafe extern "C" fn $reported($($argument: $type),*) -> ::libc::c_int {
-            $crate::ecrt::functions::status(|| -> $crate::ecrt::calls::CallResult { $body })
-        }
-        pub(super) unsafe extern "C" fn $silent($($argument: $type),*) {
-            // SAFETY: the same arguments under the same promises.
-            let _ = unsafe { $reported($($argument),*) };
+fn on_request(request: *const ec_sdo_request_t) -> CallResult<Call<RequestId>> {
+    Call::find(request.addr(), |target| match target {
+        Target::Request(id) => Some(id),
+        _ => None,
+    })
+}
+
+fn with_request<R>(
+    request: *const ec_sdo_request_t,
+    action: impl FnOnce(&mut SdoRequest) -> R,
+) -> CallResult<R> {
+    let call = on_request(request)?;
+    call.with(|state| Ok(action(state.master.request(call.object).ok_or(libc::ENOENT)?)))
+}
+
+fn on_reg_request(request: *const ec_reg_request_t) -> CallResult<Call<RequestId>> {
+    Call::find(request.addr(), |target| match target {
+        Target::RegRequest(id) => Some(id),
+        _ => None,
+    })
+}
+
+fn with_reg_request<R>(
+    request: *const ec_reg_request_t,
+    action: impl FnOnce(&mut RegRequest) -> R,
+) -> CallResult<R> {
+    let call = on_reg_request(request)?;
+    call.with(|state| Ok(action(state.master.reg_request(call.object).ok_or(libc::ENOENT)?)))
+}
+
+/// Functions that return a status. One of two forms also has the form of 1.5, in a module of its
+/// name, which returns nothing.
+macro_rules! functions {
+    (@one_form $($signature:tt)*) => {};
+    (@two_forms $name:ident($($argument:ident: $type:ty),*)) => {
+        pub(in crate::ecrt) mod $name {
+            #[allow(clippy::wildcard_imports)]
+            use super::*;
+
+            pub(in crate::ecrt) unsafe extern "C" fn silent($($argument: $type),*) {
+                // SAFETY: the same arguments under the same promises.
+                let _ = unsafe { super::$name($($argument),*) };
+            }
         }
     };
+    ($(
+        $(#[$doc:meta])*
+        $forms:ident $name:ident($($argument:ident: $type:ty),*) $body:block
+    )*) => { $(
+        $(#[$doc])*
+        pub unsafe extern "C" fn $name($($argument: $type),*) -> ::libc::c_int {
+            $crate::ecrt::functions::status(|| -> $crate::ecrt::calls::CallResult { $body })
+        }
+        functions!(@$forms $name($($argument: $type),*));
+    )* };
 }
 
 // after the macro that they use
 mod bus;
 mod configuration;
-mod emergencies;
 mod opening;
 mod pdo_lists;
 mod process_data;
 mod requests;
 mod sdo_transfers;
-mod startup_sdos;
 #[cfg(test)]
 mod tests;
 
 pub use bus::*;
 pub use configuration::*;
-pub use emergencies::*;
 pub use opening::*;
 pub use pdo_lists::*;
 pub use process_data::*;
 pub use requests::*;
 pub use sdo_transfers::*;
-pub use startup_sdos::*;
 
 /// Function table of a simulated release.
 pub fn table(version: EcrtVersion) -> Functions {
-    let new = version != EcrtVersion::V1_5;
-    /// The form of a function that the release has.
-    macro_rules! form {
-        ($reported:ident / $silent:ident) => {
-            if new { Status::Reported($reported) } else { Status::Silent($silent) }
+    let is_1_6 = version != EcrtVersion::V1_5;
+    macro_rules! entry {
+        (required $name:ident) => {
+            $name
+        };
+        (optional $name:ident) => {
+            is_1_6.then_some($name)
+        };
+        (status $name:ident) => {
+            if is_1_6 { Status::Reported($name) } else { Status::Silent($name::silent) }
+        };
+        (optional_status $name:ident) => {
+            is_1_6.then_some(Status::Reported($name))
         };
     }
-    Functions {
-        release_master,
-        master: master_info,
-        master_scan_progress: new.then_some(master_scan_progress),
-        master_get_slave,
-        master_get_sync_manager,
-        master_get_pdo,
-        master_get_pdo_entry,
-        master_sdo_download,
-        master_sdo_upload,
-        master_state: form!(master_state / master_state_silent),
-        master_link_state,
-        master_create_domain,
-        master_slave_config,
-        master_select_reference_clock,
-        master_set_send_interval,
-        master_activate,
-        master_deactivate: form!(master_deactivate / master_deactivate_silent),
-        slave_config_sync_manager,
-        slave_config_watchdog: form!(slave_config_watchdog / slave_config_watchdog_silent),
-        slave_config_pdo_assign_add,
-        slave_config_pdo_assign_clear: form!(
-            slave_config_pdo_assign_clear / slave_config_pdo_assign_clear_silent
-        ),
-        slave_config_pdo_mapping_add,
-        slave_config_pdo_mapping_clear: form!(
-            slave_config_pdo_mapping_clear / slave_config_pdo_mapping_clear_silent
-        ),
-        slave_config_reg_pdo_entry,
-        slave_config_dc: form!(slave_config_dc / slave_config_dc_silent),
-        slave_config_sdo,
-        slave_config_flag: new.then_some(slave_config_flag),
-        slave_config_state_timeout: new.then_some(slave_config_state_timeout),
-        slave_config_state: form!(slave_config_state / slave_config_state_silent),
-        slave_config_create_sdo_request,
-        domain_size,
-        domain_data,
-        domain_process: form!(domain_process / domain_process_silent),
-        domain_queue: form!(domain_queue / domain_queue_silent),
-        domain_state: form!(domain_state / domain_state_silent),
-        master_send: form!(master_send / master_send_silent),
-        master_receive: form!(master_receive / master_receive_silent),
-        master_application_time: form!(master_application_time / master_application_time_silent),
-        master_sync_reference_clock: form!(
-            master_sync_reference_clock / master_sync_reference_clock_silent
-        ),
-        master_sync_reference_clock_to: new.then_some(form!(
-            master_sync_reference_clock_to / master_sync_reference_clock_to_silent
-        )),
-        master_sync_slave_clocks: form!(master_sync_slave_clocks / master_sync_slave_clocks_silent),
-        master_reference_clock_time,
-        master_sync_monitor_queue: form!(
-            master_sync_monitor_queue / master_sync_monitor_queue_silent
-        ),
-        master_sync_monitor_process,
-        sdo_request_index: form!(sdo_request_index / sdo_request_index_silent),
-        sdo_request_timeout: form!(sdo_request_timeout / sdo_request_timeout_silent),
-        sdo_request_data,
-        sdo_request_data_size,
-        sdo_request_state,
-        sdo_request_write: form!(sdo_request_write / sdo_request_write_silent),
-        sdo_request_read: form!(sdo_request_read / sdo_request_read_silent),
-        slave_config_create_reg_request,
-        reg_request_data,
-        reg_request_state,
-        reg_request_read: form!(reg_request_read / reg_request_read_silent),
+    macro_rules! table {
+        ($( $(#[$doc:meta])* $kind:ident $name:ident($($arguments:tt)*) $(-> $result:ty)?; )*) => {
+            Functions { $( $name: entry!($kind $name), )* }
+        };
     }
+    ecrt_sys::for_each_function!(table)
 }

@@ -1,10 +1,10 @@
 //! Mailbox transfers: their owner and their duration.
 
+use crate::ecrt::slave_config::RequestId;
 use crate::ecrt::timing::SDO_NS;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MailboxTransfer {
-    /// Time of its begin.
     pub(crate) since: u64,
     /// Sends of the application before it began.
     sends: u64,
@@ -13,7 +13,6 @@ pub(crate) struct MailboxTransfer {
 }
 
 impl MailboxTransfer {
-    /// Begins a transfer after `sends` sends of the application.
     pub(crate) fn begin(now: u64, sends: u64) -> Self {
         Self { since: now, sends, found: None }
     }
@@ -44,8 +43,8 @@ impl MailboxTransfer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum TransferOwner {
     Blocking(u64),
-    Request { config: usize, request: usize },
-    Register { config: usize, request: usize },
+    Request(RequestId),
+    Register(RequestId),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

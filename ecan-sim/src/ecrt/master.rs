@@ -27,9 +27,7 @@ const LOG_LINES: usize = 1000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Phase {
-    /// Not reserved.
     Idle,
-    /// Reserved, not activated.
     Reserved,
     /// Activated: its datagrams travel with the application's sends.
     Active,
@@ -57,7 +55,6 @@ pub(crate) struct MasterModel {
     pub(crate) queue: Vec<Queued>,
     /// The last send stopped at a datagram that fits no frame.
     pub(crate) blocked: bool,
-    /// Sends of the application so far.
     pub(crate) sends: u64,
     pub(crate) clocks: Clocks,
     /// Lines that the calls for the clocks would have written to stderr.
@@ -156,7 +153,6 @@ impl MasterModel {
         }
     }
 
-    /// Whether this handle drives the bus.
     pub(crate) fn may_exchange(&self, client: u64) -> Result<(), i32> {
         if self.owner == Some(client) { Ok(()) } else { Err(libc::EPERM) }
     }
@@ -219,7 +215,6 @@ impl MasterModel {
         self.poll_due = now;
     }
 
-    /// When a state machine continues.
     pub(crate) fn next_due(&self) -> u64 {
         let slaves = self.slaves.iter().map(|slave| slave.due).min().unwrap_or(u64::MAX);
         if self.is_configuring() { slaves } else { slaves.min(self.poll_due) }
@@ -230,7 +225,6 @@ impl MasterModel {
         self.slaves.iter().any(|slave| slave.startup.is_some())
     }
 
-    /// Runs one step of every state machine that is due.
     pub(crate) fn step(&mut self, world: &mut World) {
         let now = world.now_ns();
         if self.poll_due <= now && !self.is_configuring() {
@@ -251,14 +245,28 @@ impl MasterModel {
         }
     }
 
-    /// Begins a mailbox transfer.
     fn begin_transfer(&self, now: u64) -> MailboxTransfer {
         MailboxTransfer::begin(now, self.sends)
     }
 
-    /// Polls a mailbox transfer; see [`MailboxTransfer::poll`].
     fn poll_mailbox(&self, mailbox: &mut MailboxTransfer, now: u64) -> Result<(), u64> {
         mailbox.poll(now, (self.phase == Phase::Active).then_some(self.sends))
+    }
+
+    pub(crate) fn config(&mut self, index: usize) -> Result<&mut SlaveConfig, i32> {
+        self.configs.get_mut(index).ok_or(libc::ENOENT)
+    }
+
+    pub(crate) fn domain(&mut self, index: usize) -> Result<&mut Domain, i32> {
+        self.domains.get_mut(index).ok_or(libc::ENOENT)
+    }
+
+    /// Lets the slave of a configuration choose its next transfer.
+    fn wake(&mut self, config: usize, now: u64) {
+        let slave = self.configs.get(config).and_then(|config| config.slave);
+        if let Some(slave) = slave.and_then(|slave| self.slaves.get_mut(slave)) {
+            slave.due = slave.due.min(now);
+        }
     }
 
     pub(crate) fn attached(&self, slave: usize) -> Option<&SlaveConfig> {

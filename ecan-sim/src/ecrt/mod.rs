@@ -9,8 +9,8 @@ mod clocks;
 mod datagram;
 mod domain;
 mod shared;
-// the crate root documents the safety contract of all functions
-#[allow(clippy::missing_safety_doc)]
+// the crate root documents the safety contract of all functions, `ecrt_sys::Functions` each of them
+#[allow(missing_docs, clippy::missing_safety_doc)]
 pub(crate) mod functions;
 mod mailbox;
 mod master;
@@ -18,7 +18,6 @@ mod pdo;
 mod pdo_assignment;
 mod process_memory;
 mod registry;
-mod request_calls;
 mod sdo_transfer;
 mod slave_config;
 mod slave_view;

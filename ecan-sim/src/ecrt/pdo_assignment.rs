@@ -11,7 +11,6 @@ pub(crate) struct AssignmentWrite {
     pub(crate) subindex: u8,
     pub(crate) value: u32,
     pub(crate) size: usize,
-    /// Index in the list to continue from after a failure.
     pub(crate) after_failure: usize,
 }
 

@@ -17,7 +17,6 @@ pub(crate) struct ProcessMemory {
 }
 
 impl ProcessMemory {
-    /// Memory of `len` zero bytes.
     pub(crate) fn new(len: usize) -> Self {
         let words = (0..len.div_ceil(WORD_BYTES).max(1)).map(|_| AtomicU64::new(0)).collect();
         Self { words, len }

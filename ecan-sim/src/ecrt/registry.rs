@@ -8,15 +8,15 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 
 use crate::ecrt::shared::Shared;
+use crate::ecrt::slave_config::RequestId;
 
-/// Object of a handle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Target {
     Master,
     Domain(usize),
     Config(usize),
-    Request { config: usize, request: usize },
-    RegRequest { config: usize, request: usize },
+    Request(RequestId),
+    RegRequest(RequestId),
 }
 
 #[derive(Clone)]
@@ -35,7 +35,6 @@ static NEXT: AtomicUsize = AtomicUsize::new(FIRST);
 // a BTreeMap, because leak checkers report the contents of a static HashMap
 static HANDLES: LazyLock<RwLock<BTreeMap<usize, Handle>>> = LazyLock::new(RwLock::default);
 
-/// Adds a handle; returns its address.
 pub(super) fn insert(handle: Handle) -> usize {
     let address = NEXT.fetch_add(STRIDE, Ordering::Relaxed);
     HANDLES.write().unwrap_or_else(PoisonError::into_inner).insert(address, handle);
@@ -47,7 +46,6 @@ pub(super) fn find(address: usize) -> Option<Handle> {
     HANDLES.read().unwrap_or_else(PoisonError::into_inner).get(&address).cloned()
 }
 
-/// Finds the address of an existing handle.
 pub(super) fn address_of(shared: &Arc<Shared>, client: u64, target: Target) -> Option<usize> {
     let handles = HANDLES.read().unwrap_or_else(PoisonError::into_inner);
     handles

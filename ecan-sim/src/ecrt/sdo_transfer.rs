@@ -36,20 +36,16 @@ impl SdoObject {
     }
 }
 
-/// Data of a transfer.
 pub(crate) enum Payload<'a> {
     Download(&'a [u8]),
     Upload(&'a mut Vec<u8>),
 }
 
 pub(crate) enum Attempt {
-    /// Completed.
     Done(Result<(), SdoFailure>),
-    /// No response yet: poll again.
     Waiting,
 }
 
-/// Attempts a transfer that began at `since`.
 pub(crate) fn attempt(
     world: &mut World,
     slot: usize,

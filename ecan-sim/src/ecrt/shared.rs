@@ -28,7 +28,6 @@ const BLOCKED_PATIENCE: Duration = Duration::from_millis(500);
 /// Time after power-on and scan in which the slaves reach PREOP.
 const SETTLE_NS: u64 = 1_000_000_000;
 
-/// The world and its master.
 pub(crate) struct State {
     pub(crate) world: World,
     pub(crate) master: MasterModel,
@@ -45,7 +44,6 @@ impl State {
         }
     }
 
-    /// Advances time to `to`.
     fn run_until(&mut self, to: u64) {
         loop {
             let due = self.machines_due().max(self.world.now_ns());
@@ -114,7 +112,6 @@ impl Shared {
         self.version
     }
 
-    /// Simulated time.
     pub(crate) fn now_ns(&self) -> u64 {
         match self.kind {
             ClockKind::Stepped => self.now.load(Ordering::Acquire),
@@ -274,7 +271,6 @@ impl Shared {
         }
     }
 
-    /// A blocking SDO transfer.
     pub(crate) fn transfer(
         &self,
         position: u16,

@@ -1,6 +1,6 @@
 //! Configuration of one slave by the application.
 
-use crate::ecrt::pdo::{Pdo, PdoEntry, direction_of, pdo_bytes};
+use crate::ecrt::pdo::{Pdo, direction_of, pdo_bytes};
 use crate::ecrt::process_memory::ProcessMemory;
 use crate::ecrt::sdo_transfer::SdoObject;
 use crate::scenario::GatewaySpec;
@@ -29,13 +29,18 @@ pub(crate) struct StartupSdo {
     pub(crate) data: Vec<u8>,
 }
 
-/// Distributed clocks of a slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct DcConfig {
     pub(crate) assign_activate: u16,
     pub(crate) sync0_cycle: u32,
     pub(crate) sync0_shift: i32,
     pub(crate) sync1_cycle: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct RequestId {
+    pub(crate) config: usize,
+    pub(crate) request: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,6 +97,20 @@ impl SdoRequest {
         }
     }
 
+    /// Progress; copies the data of a finished read to the caller. The timeout is checked when it
+    /// is the request's turn; until then it stays busy.
+    pub(crate) fn fetch(&mut self) -> RequestProgress {
+        if self.unfetched {
+            if self.data.len() > self.memory.len() {
+                return RequestProgress::Failure;
+            }
+            self.memory.write(0, &self.data);
+            self.data_size = self.data.len();
+            self.unfetched = false;
+        }
+        self.progress
+    }
+
     pub(crate) fn is_overdue(&self, now: u64) -> bool {
         self.timeout_ns > 0 && now.saturating_sub(self.queued_at) >= self.timeout_ns
     }
@@ -115,7 +134,6 @@ pub(crate) struct SlaveConfig {
     pub(crate) state_timeouts: Vec<(u8, u8, u64)>,
 }
 
-/// An entry of a configured PDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum EntrySelector {
     Object {
@@ -148,7 +166,6 @@ impl SlaveConfig {
         }
     }
 
-    /// Whether the configured identity is that of a slave.
     pub(crate) fn fits(&self, slave: &GatewaySpec) -> bool {
         slave.config.vendor_id == self.vendor_id && slave.config.product_code == self.product_code
     }
@@ -170,18 +187,18 @@ impl SlaveConfig {
     /// Location of an entry: sync manager, its direction, its size, bit offset.
     pub(crate) fn locate(
         &self,
-        wanted: EntrySelector,
+        selector: EntrySelector,
     ) -> Option<(u8, Option<ProcessDirection>, usize, usize)> {
         for (number, sync) in (0u8..).zip(&self.syncs) {
             let mut bit = 0;
-            for (pdo_place, pdo) in sync.pdos.iter().enumerate() {
-                for (place, entry) in pdo.entries.iter().enumerate() {
-                    let found = match wanted {
+            for (pdo_position, pdo) in sync.pdos.iter().enumerate() {
+                for (position, entry) in pdo.entries.iter().enumerate() {
+                    let found = match selector {
                         EntrySelector::Object { index, subindex } => {
                             (entry.index, entry.subindex) == (index, subindex)
                         }
                         EntrySelector::Position { sync, pdo, entry } => {
-                            (number, pdo_place, place) == (sync, pdo, entry)
+                            (number, pdo_position, position) == (sync, pdo, entry)
                         }
                     };
                     if found {
@@ -193,22 +210,15 @@ impl SlaveConfig {
         }
         None
     }
-
-    pub(crate) fn add_entry(&mut self, pdo: u16, entry: PdoEntry) -> bool {
-        self.find_pdo(pdo).map(|pdo| pdo.entries.push(entry)).is_some()
-    }
 }
 
-/// A register request of a configuration.
 #[derive(Debug)]
 pub(crate) struct RegRequest {
     pub(crate) writes: bool,
     pub(crate) address: u16,
     pub(crate) size: usize,
     pub(crate) progress: RequestProgress,
-    /// The master's copy of the data.
     pub(crate) data: Vec<u8>,
-    /// The caller's memory.
     pub(crate) memory: ProcessMemory,
 }
 

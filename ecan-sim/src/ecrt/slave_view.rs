@@ -33,7 +33,6 @@ pub(crate) struct SlaveView {
 }
 
 impl SlaveView {
-    /// Scans a slave.
     pub(crate) fn scanned(world: &mut World, slot: usize) -> Option<Self> {
         let spec = world.spec(slot)?.clone();
         let outputs = read_assignment(world, slot, Direction::RxPdo);
@@ -70,7 +69,6 @@ impl SlaveView {
         self.current & AL_ERROR == 0 && self.current & 0x0F != AlState::Init.raw()
     }
 
-    /// Whether neither configuration nor a transfer is running.
     pub(crate) fn is_idle(&self) -> bool {
         self.startup.is_none() && self.transfer.is_none()
     }
@@ -99,7 +97,6 @@ fn read_assignment(world: &mut World, slot: usize, direction: Direction) -> Vec<
     pdos
 }
 
-/// An integer object of up to four bytes.
 fn read(world: &mut World, slot: usize, index: u16, subindex: u8) -> Option<u32> {
     let mut data = Vec::new();
     let answer = world

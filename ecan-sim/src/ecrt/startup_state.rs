@@ -22,6 +22,5 @@ pub(crate) enum Startup {
 }
 
 impl Startup {
-    /// The first step.
     pub(crate) const BEGIN: Self = Self::Request(AlState::Init);
 }

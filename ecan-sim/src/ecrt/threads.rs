@@ -8,7 +8,6 @@
 
 use std::thread::{self, ThreadId};
 
-/// The threads of a world.
 #[derive(Debug, Default)]
 pub(super) struct Threads {
     /// Thread and master handle of each worker.
@@ -59,12 +58,10 @@ impl Threads {
         self.workers.iter().any(|worker| worker.0 == thread)
     }
 
-    /// Whether the calling thread is a worker.
     pub(super) fn has_caller(&self) -> bool {
         !self.workers.is_empty() && self.is_worker(thread::current().id())
     }
 
-    /// Whether the clock may move.
     pub(super) fn is_settled(&self) -> bool {
         self.computing <= self.overdue
     }

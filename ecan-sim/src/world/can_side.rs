@@ -14,7 +14,6 @@ pub(super) enum Owner {
     Node(usize),
 }
 
-/// A bus and the owners of its stations.
 pub(super) struct BusSlot {
     pub(super) bus: CanBus,
     /// By station.
@@ -31,7 +30,6 @@ impl BusSlot {
         self.next = self.bus.next_event().unwrap_or(NEVER);
     }
 
-    /// Plans the bus after frames were offered.
     fn replan(&mut self) {
         self.bus.replan();
         self.refresh();
@@ -79,7 +77,9 @@ impl World {
                 self.configure_followers(bus, config);
             }
             self.report_bus_state(index, channel);
-            self.refresh_bus(bus);
+            if let Some(slot) = self.buses.get_mut(bus) {
+                slot.refresh();
+            }
             // The borrows have ended; start over with the configuration in place.
             return self.update_channel(index, channel);
         }
@@ -103,31 +103,20 @@ impl World {
     /// its first configuration.
     pub(super) fn configure_followers(&mut self, bus: usize, config: StationConfig) {
         let config = StationConfig { mode: StationMode::Normal, auto_retransmit: true, ..config };
+        let follows = |node: &NodeSlot| node.bus == bus && node.fixed.is_none() && !node.detached;
         for index in 0..self.nodes.len() {
-            let follows = self
-                .nodes
-                .get(index)
-                .is_some_and(|node| node.bus == bus && node.fixed.is_none() && !node.detached);
-            if follows {
+            if self.nodes.get(index).is_some_and(follows) {
                 self.configure_node(index, config);
             }
         }
     }
 
-    /// Adds a node that has not started.
     pub(super) fn add_node(&mut self, node: NodeSlot) {
         self.nodes.push(node);
         self.nodes_due.add();
     }
 
-    /// Starts a node with its own bit rates.
-    pub(super) fn start_fixed_node(&mut self, index: usize) {
-        if let Some(config) = self.nodes.get(index).and_then(|node| node.fixed) {
-            self.configure_node(index, config);
-        }
-    }
-
-    fn configure_node(&mut self, index: usize, config: StationConfig) {
+    pub(super) fn configure_node(&mut self, index: usize, config: StationConfig) {
         let now = self.now;
         let Some(slot) = self.nodes.get_mut(index) else { return };
         let before = slot.config.replace(config);
@@ -166,7 +155,7 @@ impl World {
         }
     }
 
-    /// As [`collect_output`](Self::collect_output for one of several nodes of a bus. Returns whether the
+    /// As [`collect_output`](Self::collect_output) for one of several nodes of a bus. Returns whether the
     /// bus must be planned again.
     fn collect_unplanned(&mut self, index: usize) -> bool {
         let now = self.now;
@@ -199,12 +188,6 @@ impl World {
             return true;
         }
         false
-    }
-
-    fn refresh_bus(&mut self, index: usize) {
-        if let Some(slot) = self.buses.get_mut(index) {
-            slot.refresh();
-        }
     }
 
     /// Runs a bus up to now and delivers its events.
@@ -268,17 +251,14 @@ impl World {
             }
             Some(&Owner::Node(index)) => {
                 let Some(slot) = self.nodes.get_mut(index) else { return };
-                slot.has_events |= match event {
-                    BusEvent::Transmitted { frame, .. } => {
-                        slot.node.as_node_mut().transmitted(now, frame, &mut slot.output);
-                        true
-                    }
-                    BusEvent::Received { frame, .. } => {
-                        slot.node.received(now, frame, &mut slot.output)
-                    }
-                    BusEvent::Abandoned { .. } | BusEvent::StateChanged { .. } => true,
-                    BusEvent::ErrorFrame { .. } => false,
-                };
+                if let BusEvent::Received { frame, .. } = event {
+                    slot.has_events |= slot.node.received(now, frame, &mut slot.output);
+                    return;
+                }
+                if let BusEvent::Transmitted { frame, .. } = event {
+                    slot.node.as_node_mut().transmitted(now, frame, &mut slot.output);
+                }
+                slot.has_events = true;
             }
             None => {}
         }
@@ -332,15 +312,7 @@ impl World {
         }
     }
 
-    pub(super) fn bus_off(&mut self, gateway: usize, channel: usize) {
-        self.bus_fault(gateway, channel, BusFault::BusOff);
-    }
-
-    pub(super) fn error_frames(&mut self, gateway: usize, channel: usize, count: u32) {
-        self.bus_fault(gateway, channel, |station| BusFault::ErrorFrames { station, count });
-    }
-
-    fn bus_fault(
+    pub(super) fn bus_fault(
         &mut self,
         gateway: usize,
         channel: usize,
@@ -364,8 +336,8 @@ impl World {
         for node in self.nodes.iter_mut().filter(|node| node.bus == bus) {
             node.has_events = true;
         }
-        let is_there = |slot: &&mut LineSlot| slot.links.iter().any(|link| link.bus == bus);
-        self.slots.iter_mut().filter(is_there).for_each(|slot| slot.acts_seen = None);
+        let has_bus = |slot: &&mut LineSlot| slot.links.iter().any(|link| link.bus == bus);
+        self.slots.iter_mut().filter(has_bus).for_each(|slot| slot.acts_seen = None);
         self.after_events(bus);
     }
 }

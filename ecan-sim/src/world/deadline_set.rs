@@ -16,17 +16,14 @@ impl Default for DeadlineSet {
 }
 
 impl DeadlineSet {
-    /// Adds an entry without a time.
     pub(super) fn add(&mut self) {
         self.times.push(NEVER);
     }
 
-    /// Time of an entry; never if it does not exist.
     pub(super) fn get(&self, number: usize) -> u64 {
         self.times.get(number).copied().unwrap_or(NEVER)
     }
 
-    /// The earliest time.
     pub(super) const fn first(&self) -> u64 {
         self.first
     }

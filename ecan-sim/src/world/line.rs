@@ -8,16 +8,12 @@ use crate::gateway::Gateway;
 use crate::scenario::{GatewaySpec, Topology};
 use crate::world::{NEVER, World};
 
-/// Direction of process data, from the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ProcessDirection {
-    /// Master to slave.
     Output,
-    /// Slave to master.
     Input,
 }
 
-/// A logical command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LogicalCommand {
     /// LRD
@@ -28,16 +24,12 @@ pub(crate) enum LogicalCommand {
     ReadWrite,
 }
 
-/// One FMMU of a slave, as configured by the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fmmu {
-    /// Logical start address.
     pub(crate) logical_start: u32,
     /// Length in bytes.
     pub(crate) length: u16,
-    /// Mapped sync manager.
     pub(crate) sync_manager: u8,
-    /// Direction.
     pub(crate) direction: ProcessDirection,
 }
 
@@ -49,7 +41,6 @@ impl Fmmu {
     }
 }
 
-/// A gateway's channel on its bus.
 pub(super) struct ChannelLink {
     pub(super) bus: usize,
     pub(super) station: StationId,
@@ -65,7 +56,6 @@ impl ChannelLink {
     }
 }
 
-/// A gateway on the line.
 pub(super) struct LineSlot {
     pub(super) gateway: Gateway,
     pub(super) spec: GatewaySpec,
@@ -77,7 +67,6 @@ pub(super) struct LineSlot {
     pub(super) cable_open_until: u64,
     /// Number of supply losses: a station address does not survive one.
     pub(super) generation: u32,
-    /// Time of the gateway's next event.
     pub(super) next: u64,
     /// The gateway's own event count at the last update; `None` forces an update.
     pub(super) acts_seen: Option<u64>,
@@ -128,17 +117,14 @@ impl World {
         }
     }
 
-    /// Number of supply losses of a gateway.
     pub(crate) fn generation(&self, index: usize) -> u32 {
         self.slots.get(index).map_or(0, |slot| slot.generation)
     }
 
-    /// Specification of a gateway.
     pub(crate) fn spec(&self, index: usize) -> Option<&GatewaySpec> {
         self.slots.get(index).map(|slot| &slot.spec)
     }
 
-    /// Replaces the FMMUs of a slave.
     pub(crate) fn set_fmmus(&mut self, index: usize, fmmus: impl IntoIterator<Item = Fmmu>) {
         if let Some(slot) = self.slots.get_mut(index) {
             slot.fmmus.clear();
@@ -200,21 +186,16 @@ impl World {
             let mut touched = false;
             for fmmu in &slot.fmmus {
                 let Some(part) = fmmu.part(logical, data) else { continue };
-                let (done, weight) = match (fmmu.direction, command) {
-                    (ProcessDirection::Output, LogicalCommand::Write) => {
-                        (slot.gateway.write_outputs(now, part), 1)
-                    }
-                    (ProcessDirection::Output, LogicalCommand::ReadWrite) => {
-                        (slot.gateway.write_outputs(now, part), 2)
-                    }
-                    (ProcessDirection::Input, LogicalCommand::Read | LogicalCommand::ReadWrite) => {
-                        (slot.gateway.read_inputs(now, part), 1)
-                    }
+                let done = match (fmmu.direction, command) {
                     (ProcessDirection::Output, LogicalCommand::Read)
-                    | (ProcessDirection::Input, LogicalCommand::Write) => (false, 0),
+                    | (ProcessDirection::Input, LogicalCommand::Write) => false,
+                    (ProcessDirection::Output, _) => slot.gateway.write_outputs(now, part),
+                    (ProcessDirection::Input, _) => slot.gateway.read_inputs(now, part),
                 };
                 touched |= done;
-                counter = counter.wrapping_add(if done { weight } else { 0 });
+                let counts_twice = fmmu.direction == ProcessDirection::Output
+                    && command == LogicalCommand::ReadWrite;
+                counter = counter.wrapping_add(u16::from(done) + u16::from(done && counts_twice));
             }
             if touched {
                 self.update_gateway(index);

@@ -64,7 +64,6 @@ impl NodeBody {
     }
 }
 
-/// A node on its bus.
 pub(super) struct NodeSlot {
     pub(super) name: String,
     pub(super) node: NodeBody,
@@ -74,7 +73,6 @@ pub(super) struct NodeSlot {
     pub(super) fixed: Option<StationConfig>,
     /// Active bit rates; the node starts with the first.
     pub(super) config: Option<StationConfig>,
-    /// Frames that wait for the bus.
     pub(super) output: NodeOutput,
     pub(super) muted_until: u64,
     /// An event on the bus concerned the node: its output must be read.
@@ -86,6 +84,14 @@ pub(super) struct NodeSlot {
 }
 
 impl NodeSlot {
+    /// Name and drive, if the node is one.
+    pub(super) fn drive(&self) -> Option<(&str, &Drive)> {
+        match &self.node {
+            NodeBody::Drive(drive) => Some((&self.name, drive)),
+            NodeBody::Other(_) => None,
+        }
+    }
+
     pub(super) fn new(
         spec: &NodeSpec,
         bus: usize,

@@ -20,15 +20,11 @@ pub struct BusFrame {
     pub is_from_channel: bool,
 }
 
-/// Extent of a recording.
 enum Scope {
-    /// The bus of one channel.
     Channel { bus: usize, station: StationId },
-    /// Every bus.
     All,
 }
 
-/// A recording in progress.
 pub(super) struct Recording {
     scope: Scope,
     /// Frames with the index of their bus.
@@ -40,7 +36,6 @@ impl Recording {
         Self { scope, frames: Vec::new() }
     }
 
-    /// Records an event of a bus; `owners` are those of its stations.
     pub(super) fn note(&mut self, bus: usize, owners: &[Owner], event: &BusEvent) {
         let BusEvent::Transmitted { station, frame, start_ns, at_ns } = event else { return };
         let is_from_channel = match self.scope {

@@ -8,7 +8,7 @@ use ecrt_sys::{
 use libc::{c_int, c_uint, size_t};
 
 export! {
-    reported ecrt_master(master: *mut ec_master_t, info: *mut ec_master_info_t) -> c_int = master_info;
+    reported ecrt_master(master: *mut ec_master_t, info: *mut ec_master_info_t) -> c_int = master;
     reported ecrt_master_scan_progress(
         master: *mut ec_master_t, progress: *mut ec_master_scan_progress_t) -> c_int
         = master_scan_progress;

@@ -5,7 +5,7 @@ use crate::bus::can_bus::planning::{Transmission, TransmissionResult};
 use crate::bus::error_confinement::{BusError, ErrorState};
 use crate::bus::event::BusEvent;
 use crate::bus::frame_timing::INTERMISSION_BITS;
-use crate::bus::station::{StationId, StationMode};
+use crate::bus::station::{Mismatch, StationId, StationMode};
 
 /// Suspend transmission time of an error-passive sender after the intermission.
 const SUSPEND_BITS: u32 = 8;
@@ -66,23 +66,17 @@ impl CanBus {
             station.counters.sent();
             station.statistics.transmitted += 1;
             station.offer = None;
-            events.push(BusEvent::Transmitted {
-                station: transmitter,
-                frame: t.frame,
-                start_ns: t.start,
-                at_ns: t.end,
-            });
+            let (frame, start_ns, at_ns) = (t.frame, t.start, t.end);
+            events.push(BusEvent::Transmitted { station: transmitter, frame, start_ns, at_ns });
             if t.config.mode == StationMode::ExternalLoopback {
                 station.statistics.received += 1;
-                events.push(BusEvent::Received {
-                    station: transmitter,
-                    frame: t.frame,
-                    start_ns: t.start,
-                    at_ns: t.end,
-                });
+                events.push(BusEvent::Received { station: transmitter, frame, start_ns, at_ns });
             }
         } else {
-            station.last_error = t.result.transmitter_error();
+            station.last_error = Some(match t.result {
+                TransmissionResult::NoAck => BusError::Ack,
+                _ => BusError::Bit,
+            });
             station.statistics.transmit_errors += 1;
             if t.result == TransmissionResult::Disturbed {
                 station.injected_errors = station.injected_errors.saturating_sub(1);
@@ -94,11 +88,8 @@ impl CanBus {
             if let Some(offer) = station.offer.filter(|o| once || o.withdrawn) {
                 station.offer = None;
                 if !offer.withdrawn {
-                    events.push(BusEvent::Abandoned {
-                        station: transmitter,
-                        frame: offer.frame,
-                        at_ns: t.end,
-                    });
+                    let (station, frame) = (transmitter, offer.frame);
+                    events.push(BusEvent::Abandoned { station, frame, at_ns: t.end });
                 }
             }
         }
@@ -131,18 +122,14 @@ impl CanBus {
                     states_changed |= station.has_new_state();
                 }
                 station.statistics.received += 1;
-                events.push(BusEvent::Received {
-                    station: StationId(index),
-                    frame: t.frame,
-                    start_ns: t.start,
-                    at_ns: t.end,
-                });
+                let (station, frame) = (StationId(index), t.frame);
+                events.push(BusEvent::Received { station, frame, start_ns: t.start, at_ns: t.end });
                 continue;
             }
             station.statistics.receive_errors += 1;
             station.last_error = Some(match readable {
-                Ok(()) => BusError::Stuff,
-                Err(mismatch) => mismatch.error(),
+                Err(Mismatch::FdFormat) => BusError::Form,
+                _ => BusError::Stuff,
             });
             if counts {
                 let first = t.result == TransmissionResult::Destroyed
@@ -167,10 +154,9 @@ impl CanBus {
             if ready > t.start || offer.key == t.key {
                 continue;
             }
-            let frame = offer.frame;
-            let once = !config.auto_retransmit;
+            let (frame, repeats) = (offer.frame, config.auto_retransmit);
             station.statistics.arbitrations_lost += 1;
-            if once {
+            if !repeats {
                 station.offer = None;
                 events.push(BusEvent::Abandoned { station: StationId(index), frame, at_ns: t.end });
             }
@@ -198,11 +184,8 @@ impl CanBus {
             if state == ErrorState::BusOff {
                 station.statistics.bus_offs += 1;
             }
-            events.push(BusEvent::StateChanged {
-                station: StationId(index),
-                state,
-                at_ns: self.now,
-            });
+            let station = StationId(index);
+            events.push(BusEvent::StateChanged { station, state, at_ns: self.now });
         }
     }
 }

@@ -5,7 +5,6 @@ use ecan_protocol::can::CanFrame;
 use crate::earliest::earliest;
 
 use super::CanBus;
-use crate::bus::error_confinement::BusError;
 use crate::bus::frame_timing::{FrameTiming, bits_ns};
 use crate::bus::station::{Mismatch, StationConfig, StationMode};
 
@@ -21,7 +20,6 @@ const ERROR_FRAME_BITS: u32 = 6 + 6 + 8;
 /// good frame has eight bits left.
 const NO_ACK_EXTRA_BITS: u32 = 6;
 
-/// TransmissionResult of a transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TransmissionResult {
     /// Acknowledged, or sent in external loopback.
@@ -138,15 +136,11 @@ impl CanBus {
         }
         let disturbed = self.stations.get(t.transmitter).is_some_and(|s| s.injected_errors > 0);
         let whole = t.config.duration_ns(&t.timing);
-        let (result, length) = if let Some(after) = destroyed
-            && !disturbed
-        {
+        let (result, length) = if disturbed {
+            let bits = DISTURBED_AFTER_BITS + ERROR_FRAME_BITS;
+            (TransmissionResult::Disturbed, t.config.bits_ns(bits))
+        } else if let Some(after) = destroyed {
             (TransmissionResult::Destroyed, after + t.config.bits_ns(ERROR_FRAME_BITS))
-        } else if disturbed {
-            (
-                TransmissionResult::Disturbed,
-                t.config.bits_ns(DISTURBED_AFTER_BITS + ERROR_FRAME_BITS),
-            )
         } else if acknowledged {
             (TransmissionResult::Delivered, whole)
         } else {
@@ -186,17 +180,6 @@ fn mismatch_ns(mismatch: Mismatch, t: &Transmission) -> u64 {
         Mismatch::FdFormat => t.config.bits_ns(header),
         Mismatch::DataBitrate => {
             t.config.bits_ns(header) + bits_ns(DATA_RATE_ERROR_AFTER_BITS, t.config.data_bitrate)
-        }
-    }
-}
-
-impl TransmissionResult {
-    /// The error that the transmitter detects.
-    pub(super) const fn transmitter_error(self) -> Option<BusError> {
-        match self {
-            Self::Delivered | Self::SenderRemoved => None,
-            Self::NoAck => Some(BusError::Ack),
-            Self::Disturbed | Self::Destroyed => Some(BusError::Bit),
         }
     }
 }

@@ -1,8 +1,10 @@
 //! State of the bus.
 
-use super::{on_master, status, store};
-use crate::ecrt::pdo::{SYNC_MANAGERS, direction_of};
+use super::{on_master, store};
+use crate::ecrt::calls::CallResult;
+use crate::ecrt::pdo::{Pdo, SYNC_MANAGERS, direction_of};
 use crate::ecrt::shared::State;
+use crate::ecrt::slave_view::SlaveView;
 use crate::world::ProcessDirection;
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_INVALID, EC_DIR_OUTPUT, EC_PORT_MII, EC_PORT_NOT_IMPLEMENTED,
@@ -10,16 +12,65 @@ use ecrt_sys::{
     ec_master_scan_progress_t, ec_master_state_t, ec_master_t, ec_pdo_entry_info_t, ec_pdo_info_t,
     ec_slave_info_t, ec_sync_info_t,
 };
-use libc::{c_char, c_int, c_uint};
+use libc::{c_char, c_uint};
 
-/// `ecrt_master`: general information.
-pub unsafe extern "C" fn master_info(
+fn slave_info(slave: &SlaveView, position: u16, count: usize) -> ec_slave_info_t {
+    let config = &slave.spec.config;
+    let mut value = ec_slave_info_t {
+        position,
+        vendor_id: config.vendor_id,
+        product_code: config.product_code,
+        revision_number: config.revision,
+        serial_number: config.serial as u32,
+        alias: slave.spec.alias,
+        al_state: slave.current,
+        error_flag: u8::from(slave.error_flag),
+        sync_count: SYNC_MANAGERS,
+        sdo_count: ecan_protocol::object::objects().len() as u16,
+        ..Default::default()
+    };
+    for (to, from) in value.name.iter_mut().zip(b"ECAN-Lite\0") {
+        *to = *from as c_char;
+    }
+    let next = position.saturating_add(1);
+    for (number, port) in value.ports.iter_mut().enumerate() {
+        port.desc = if number < 2 { EC_PORT_MII } else { EC_PORT_NOT_IMPLEMENTED };
+        let linked = number == 0 || (number == 1 && usize::from(next) < count);
+        port.link.link_up = u8::from(linked);
+        port.link.signal_detected = u8::from(linked);
+        port.link.loop_closed = u8::from(!linked);
+        port.next_slave = match number {
+            0 if position > 0 => position - 1,
+            1 if linked => next,
+            _ => u16::MAX,
+        };
+    }
+    value
+}
+
+/// Evaluates the PDOs that a sync manager assigns by default, and stores the result.
+///
+/// # Safety
+/// `target` is null or valid for writing.
+unsafe fn store_pdo_info<T>(
     master: *mut ec_master_t,
-    info: *mut ec_master_info_t,
-) -> c_int {
-    status(|| {
-        let call = on_master(master)?;
-        let value = call.with(|State { world, master, .. }| {
+    position: u16,
+    sync: u8,
+    target: *mut T,
+    info: impl FnOnce(&[Pdo]) -> Option<T>,
+) -> CallResult {
+    let value = on_master(master)?.with(|state| {
+        let slave = state.master.slaves.get(usize::from(position));
+        let pdos = slave.and_then(|slave| slave.assigned.get(usize::from(sync)));
+        pdos.and_then(|pdos| info(pdos)).ok_or(libc::EINVAL)
+    })?;
+    // SAFETY: the caller's promise.
+    unsafe { store(target, value) }
+}
+
+functions! {
+    one_form master(master: *mut ec_master_t, info: *mut ec_master_info_t) {
+        let value = on_master(master)?.with(|State { world, master, .. }| {
             let mut value = ec_master_info_t {
                 slave_count: master.slaves.len() as c_uint,
                 scan_busy: u8::from(master.scan.is_some()),
@@ -27,184 +78,108 @@ pub unsafe extern "C" fn master_info(
                 ..Default::default()
             };
             value.set_link_up(c_uint::from(world.link_is_up()));
-            value
-        });
-        // SAFETY: the caller passes a place for the information, or null.
-        unsafe { store(info, value) }
-    })
-}
-
-/// `ecrt_master_scan_progress`: progress of the bus scan.
-pub unsafe extern "C" fn master_scan_progress(
-    master: *mut ec_master_t,
-    progress: *mut ec_master_scan_progress_t,
-) -> c_int {
-    status(|| {
-        let call = on_master(master)?;
-        let value = call.with(|state| {
-            let scanned = state.master.slaves.len() as c_uint;
-            let total = state.master.scan.as_ref().map_or(scanned, |scan| scan.total() as c_uint);
-            ec_master_scan_progress_t { slave_count: total, scan_index: scanned }
-        });
-        // SAFETY: the caller passes a place for the progress, or null.
-        unsafe { store(progress, value) }
-    })
-}
-
-/// `ecrt_master_get_slave`: a slave on the bus.
-pub unsafe extern "C" fn master_get_slave(
-    master: *mut ec_master_t,
-    position: u16,
-    info: *mut ec_slave_info_t,
-) -> c_int {
-    status(|| {
-        let call = on_master(master)?;
-        let last = call.with(|state| state.master.slaves.len());
-        let value = call.slave(position, |slave| {
-            let config = &slave.spec.config;
-            let mut value = ec_slave_info_t {
-                position,
-                vendor_id: config.vendor_id,
-                product_code: config.product_code,
-                revision_number: config.revision,
-                serial_number: config.serial as u32,
-                alias: slave.spec.alias,
-                al_state: slave.current,
-                error_flag: u8::from(slave.error_flag),
-                sync_count: SYNC_MANAGERS,
-                sdo_count: ecan_protocol::object::objects().len() as u16,
-                ..Default::default()
-            };
-            for (to, from) in value.name.iter_mut().zip(b"ECAN-Lite\0") {
-                *to = *from as c_char;
-            }
-            let next = position.saturating_add(1);
-            for (number, port) in value.ports.iter_mut().enumerate() {
-                port.desc = if number < 2 { EC_PORT_MII } else { EC_PORT_NOT_IMPLEMENTED };
-                let linked = number == 0 || (number == 1 && usize::from(next) < last);
-                port.link.link_up = u8::from(linked);
-                port.link.signal_detected = u8::from(linked);
-                port.link.loop_closed = u8::from(!linked);
-                port.next_slave = match number {
-                    0 if position > 0 => position - 1,
-                    1 if linked => next,
-                    _ => u16::MAX,
-                };
-            }
             Ok(value)
         })?;
         // SAFETY: the caller passes a place for the information, or null.
         unsafe { store(info, value) }
-    })
-}
+    }
 
-/// `ecrt_master_get_sync_manager`: a sync manager of a slave on the bus.
-pub unsafe extern "C" fn master_get_sync_manager(
-    master: *mut ec_master_t,
-    position: u16,
-    sync_index: u8,
-    sync: *mut ec_sync_info_t,
-) -> c_int {
-    status(|| {
-        let call = on_master(master)?;
-        let value = call.sync_pdos(position, sync_index, |pdos| {
-            Ok(ec_sync_info_t {
-                index: sync_index,
-                dir: match direction_of(sync_index) {
-                    Some(ProcessDirection::Output) => EC_DIR_OUTPUT,
-                    Some(ProcessDirection::Input) => EC_DIR_INPUT,
-                    None => EC_DIR_INVALID,
-                },
-                n_pdos: pdos.len() as c_uint,
-                pdos: std::ptr::null_mut(),
-                watchdog_mode: if sync_index == 2 { EC_WD_ENABLE } else { EC_WD_DISABLE },
-            })
+    one_form master_scan_progress(
+        master: *mut ec_master_t, progress: *mut ec_master_scan_progress_t
+    ) {
+        let value = on_master(master)?.with(|state| {
+            let scanned = state.master.slaves.len() as c_uint;
+            let total = state.master.scan.as_ref().map_or(scanned, |scan| scan.slots.len() as c_uint);
+            Ok(ec_master_scan_progress_t { slave_count: total, scan_index: scanned })
+        })?;
+        // SAFETY: the caller passes a place for the progress, or null.
+        unsafe { store(progress, value) }
+    }
+
+    one_form master_get_slave(
+        master: *mut ec_master_t, position: u16, info: *mut ec_slave_info_t
+    ) {
+        let value = on_master(master)?.with(|state| {
+            let slaves = &state.master.slaves;
+            let slave = slaves.get(usize::from(position)).ok_or(libc::EINVAL)?;
+            Ok(slave_info(slave, position, slaves.len()))
         })?;
         // SAFETY: the caller passes a place for the information, or null.
-        unsafe { store(sync, value) }
-    })
-}
+        unsafe { store(info, value) }
+    }
 
-/// `ecrt_master_get_pdo`: a PDO that a slave assigns by default.
-pub unsafe extern "C" fn master_get_pdo(
-    master: *mut ec_master_t,
-    position: u16,
-    sync_index: u8,
-    pdo_position: u16,
-    pdo: *mut ec_pdo_info_t,
-) -> c_int {
-    status(|| {
-        let call = on_master(master)?;
-        let value = call.sync_pdos(position, sync_index, |pdos| {
-            let found = pdos.get(usize::from(pdo_position)).ok_or(libc::EINVAL)?;
-            Ok(ec_pdo_info_t {
-                index: found.index,
-                n_entries: found.entries.len() as c_uint,
-                entries: std::ptr::null_mut(),
-            })
-        })?;
+    one_form master_get_sync_manager(
+        master: *mut ec_master_t, position: u16, sync_index: u8, sync: *mut ec_sync_info_t
+    ) {
+        let info = |pdos: &[Pdo]| Some(ec_sync_info_t {
+            index: sync_index,
+            dir: match direction_of(sync_index) {
+                Some(ProcessDirection::Output) => EC_DIR_OUTPUT,
+                Some(ProcessDirection::Input) => EC_DIR_INPUT,
+                None => EC_DIR_INVALID,
+            },
+            n_pdos: pdos.len() as c_uint,
+            pdos: std::ptr::null_mut(),
+            watchdog_mode: if sync_index == 2 { EC_WD_ENABLE } else { EC_WD_DISABLE },
+        });
         // SAFETY: the caller passes a place for the information, or null.
-        unsafe { store(pdo, value) }
-    })
-}
+        unsafe { store_pdo_info(master, position, sync_index, sync, info) }
+    }
 
-/// `ecrt_master_get_pdo_entry`: an entry of such a PDO.
-pub unsafe extern "C" fn master_get_pdo_entry(
-    master: *mut ec_master_t,
-    position: u16,
-    sync_index: u8,
-    pdo_position: u16,
-    entry_position: u16,
-    entry: *mut ec_pdo_entry_info_t,
-) -> c_int {
-    status(|| {
-        let call = on_master(master)?;
-        let value = call.sync_pdos(position, sync_index, |pdos| {
-            let pdo = pdos.get(usize::from(pdo_position)).ok_or(libc::EINVAL)?;
-            let found = pdo.entries.get(usize::from(entry_position)).ok_or(libc::EINVAL)?;
-            Ok(ec_pdo_entry_info_t {
-                index: found.index,
-                subindex: found.subindex,
-                bit_length: found.bits,
-            })
-        })?;
+    one_form master_get_pdo(
+        master: *mut ec_master_t, position: u16, sync_index: u8, pdo_position: u16,
+        pdo: *mut ec_pdo_info_t
+    ) {
+        let info = |pdos: &[Pdo]| {
+            let found = pdos.get(usize::from(pdo_position))?;
+            let n_entries = found.entries.len() as c_uint;
+            Some(ec_pdo_info_t { index: found.index, n_entries, entries: std::ptr::null_mut() })
+        };
         // SAFETY: the caller passes a place for the information, or null.
-        unsafe { store(entry, value) }
-    })
-}
+        unsafe { store_pdo_info(master, position, sync_index, pdo, info) }
+    }
 
-two_forms!(
-    /// `ecrt_master_state`: state of all links.
-    master_state / master_state_silent(
-    master: *const ec_master_t, state: *mut ec_master_state_t) {
-    let mut value = ec_master_state_t::default();
-    on_master(master)?.with(|State { world, master, .. }| {
-        value.slaves_responding = master.responding;
-        value.set_al_states(c_uint::from(master.al_states));
-        value.set_link_up(c_uint::from(world.link_is_up()));
-    });
-    // SAFETY: the caller passes a place for the state, or null.
-    unsafe { store(state, value) }
-});
+    one_form master_get_pdo_entry(
+        master: *mut ec_master_t, position: u16, sync_index: u8, pdo_position: u16,
+        entry_position: u16, entry: *mut ec_pdo_entry_info_t
+    ) {
+        let info = |pdos: &[Pdo]| {
+            let pdo = pdos.get(usize::from(pdo_position))?;
+            let found = pdo.entries.get(usize::from(entry_position))?;
+            let (index, subindex) = (found.index, found.subindex);
+            Some(ec_pdo_entry_info_t { index, subindex, bit_length: found.bits })
+        };
+        // SAFETY: the caller passes a place for the information, or null.
+        unsafe { store_pdo_info(master, position, sync_index, entry, info) }
+    }
 
-/// `ecrt_master_link_state`: state of one link; only one exists.
-pub unsafe extern "C" fn master_link_state(
-    master: *const ec_master_t,
-    device: c_uint,
-    state: *mut ec_master_link_state_t,
-) -> c_int {
-    status(|| {
-        let call = on_master(master)?;
+    two_forms master_state(master: *const ec_master_t, state: *mut ec_master_state_t) {
+        let mut value = ec_master_state_t::default();
+        on_master(master)?.with(|State { world, master, .. }| {
+            value.slaves_responding = master.responding;
+            value.set_al_states(c_uint::from(master.al_states));
+            value.set_link_up(c_uint::from(world.link_is_up()));
+            Ok(())
+        })?;
+        // SAFETY: the caller passes a place for the state, or null.
+        unsafe { store(state, value) }
+    }
+
+    // only one link exists
+    one_form master_link_state(
+        master: *const ec_master_t, device: c_uint, state: *mut ec_master_link_state_t
+    ) {
         if device != 0 {
             return Err(libc::EINVAL);
         }
         let mut value = ec_master_link_state_t::default();
-        call.with(|State { world, master, .. }| {
+        on_master(master)?.with(|State { world, master, .. }| {
             value.slaves_responding = master.responding;
             value.set_al_states(c_uint::from(master.al_states));
             value.set_link_up(c_uint::from(world.link_is_up()));
-        });
+            Ok(())
+        })?;
         // SAFETY: the caller passes a place for the state, or null.
         unsafe { store(state, value) }
-    })
+    }
 }

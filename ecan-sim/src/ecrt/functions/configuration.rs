@@ -1,12 +1,21 @@
 //! Configuration and activation.
 
 use std::ffi::CStr;
+use std::sync::Arc;
 
 use super::{
-    byte_offset, entry_offset, handle_or_null, on_config, on_domain, on_master, status, store,
+    bytes, change_config, change_sync, guarded, handle_or_null, on_config, on_domain, on_master,
+    store,
 };
-use crate::ecrt::pdo::PdoEntry;
-use crate::ecrt::slave_config::{DcConfig, EntrySelector, SyncWatchdog};
+use crate::ecrt::calls::CallResult;
+use crate::ecrt::master::Phase;
+use crate::ecrt::pdo::{Pdo, PdoEntry};
+use crate::ecrt::registry::{self, Target};
+use crate::ecrt::sdo_transfer::SdoObject;
+use crate::ecrt::slave_config::{
+    DcConfig, EntrySelector, RequestId, SdoRequest, StartupSdo, SyncWatchdog,
+};
+use crate::ecrt::timing::ACTIVATE_NS;
 use crate::world::ProcessDirection;
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, EC_WD_DISABLE, EC_WD_ENABLE, ec_al_state_t,
@@ -15,12 +24,20 @@ use ecrt_sys::{
 };
 use libc::{c_char, c_int, c_uint, size_t};
 
-/// `ecrt_master_create_domain`: creates a domain.
+/// AL state bits of OP.
+const OPERATIONAL: u8 = 8;
+
 pub unsafe extern "C" fn master_create_domain(master: *mut ec_master_t) -> *mut ec_domain_t {
-    handle_or_null(|| on_master(master).and_then(|call| call.create_domain()))
+    handle_or_null(|| {
+        let call = on_master(master)?;
+        let index = call.configuring(|state| {
+            state.master.domains.push(Default::default());
+            Ok(state.master.domains.len() - 1)
+        })?;
+        Ok(call.insert(Target::Domain(index)))
+    })
 }
 
-/// `ecrt_master_slave_config`: creates or finds the configuration of a slave.
 pub unsafe extern "C" fn master_slave_config(
     master: *mut ec_master_t,
     alias: u16,
@@ -29,57 +46,135 @@ pub unsafe extern "C" fn master_slave_config(
     product_code: u32,
 ) -> *mut ec_slave_config_t {
     handle_or_null(|| {
-        on_master(master)
-            .and_then(|call| call.slave_config(alias, position, vendor_id, product_code))
-    })
-}
-
-/// `ecrt_master_select_reference_clock`: selects the reference clock.
-pub unsafe extern "C" fn master_select_reference_clock(
-    master: *mut ec_master_t,
-    config: *mut ec_slave_config_t,
-) -> c_int {
-    status(|| {
-        let config = if config.is_null() { None } else { Some(on_config(config)?) };
-        on_master(master)?.select_reference_clock(config.as_ref())
-    })
-}
-
-/// `ecrt_master_set_send_interval`: sets the interval between sends.
-pub unsafe extern "C" fn master_set_send_interval(
-    master: *mut ec_master_t,
-    interval_us: size_t,
-) -> c_int {
-    status(|| {
         let call = on_master(master)?;
+        let index = call.configuring(|state| {
+            state.master.slave_config(alias, position, vendor_id, product_code)
+        })?;
+        let target = Target::Config(index);
+        Ok(call.address_of(target).unwrap_or_else(|| call.insert(target)))
+    })
+}
+
+pub unsafe extern "C" fn slave_config_create_sdo_request(
+    config: *mut ec_slave_config_t,
+    index: u16,
+    subindex: u8,
+    size: size_t,
+) -> *mut ec_sdo_request_t {
+    handle_or_null(|| {
+        let call = on_config(config)?;
+        let request = call.configuring(|state| {
+            let requests = &mut state.master.config(call.object)?.requests;
+            requests.push(SdoRequest::new(index, subindex, size));
+            Ok(requests.len() - 1)
+        })?;
+        Ok(call.insert(Target::Request(RequestId { config: call.object, request })))
+    })
+}
+
+/// Registers a mapped entry in a domain of the same master handle. Returns the byte offset, and the
+/// bit in an out-parameter; without that, an entry inside a byte is an error.
+///
+/// # Safety
+/// `bit_position` is null or valid for writing.
+pub(super) unsafe fn register_entry(
+    config: *mut ec_slave_config_t,
+    entry: EntrySelector,
+    domain: *mut ec_domain_t,
+    bit_position: *mut c_uint,
+) -> c_int {
+    let byte = guarded(|| {
+        let (call, domain) = (on_config(config)?, on_domain(domain)?);
+        if !Arc::ptr_eq(&call.shared, &domain.shared) || call.client != domain.client {
+            return Err(libc::ENOENT);
+        }
+        let (byte, bit) = call.configuring(|state| {
+            let config = state.master.config(call.object)?;
+            let (sync, direction, size, bit) = config.locate(entry).ok_or(libc::ENOENT)?;
+            let direction = direction.ok_or(libc::EINVAL)?;
+            let domain = state.master.domain(domain.object)?;
+            let base = domain.add_fmmu(call.object, sync, direction, size);
+            Ok((base + bit / 8, (bit % 8) as c_uint))
+        })?;
+        if bit != 0 || !bit_position.is_null() {
+            // SAFETY: the caller's promise.
+            unsafe { store(bit_position, bit)? };
+        }
+        c_int::try_from(byte).map_err(|_| libc::EOVERFLOW)
+    });
+    byte.unwrap_or_else(|errno| -errno)
+}
+
+pub unsafe extern "C" fn slave_config_reg_pdo_entry(
+    config: *mut ec_slave_config_t,
+    entry_index: u16,
+    entry_subindex: u8,
+    domain: *mut ec_domain_t,
+    bit_position: *mut c_uint,
+) -> c_int {
+    let entry = EntrySelector::Object { index: entry_index, subindex: entry_subindex };
+    // SAFETY: the caller passes a place for the bit position, or null.
+    unsafe { register_entry(config, entry, domain, bit_position) }
+}
+
+fn add_startup_sdo(config: *mut ec_slave_config_t, object: SdoObject, data: Vec<u8>) -> CallResult {
+    change_config(config, |config| {
+        config.sdos.push(StartupSdo { object, data });
+        Ok(())
+    })
+}
+
+functions! {
+    one_form master_select_reference_clock(
+        master: *mut ec_master_t, config: *mut ec_slave_config_t
+    ) {
+        let config = if config.is_null() { None } else { Some(on_config(config)?.object) };
+        on_master(master)?.configuring(|state| {
+            state.master.clocks.selected = config;
+            Ok(())
+        })
+    }
+
+    one_form master_set_send_interval(master: *mut ec_master_t, interval_us: size_t) {
         if interval_us == 0 {
             return Err(libc::EINVAL);
         }
-        call.driving(|_| ())
-    })
-}
+        on_master(master)?.driving(|_| Ok(()))
+    }
 
-/// `ecrt_master_activate`: ends configuration, starts the operation phase.
-pub unsafe extern "C" fn master_activate(master: *mut ec_master_t) -> c_int {
-    status(|| on_master(master).and_then(|call| call.activate()))
-}
+    // takes time, because the master's threads are exchanged
+    one_form master_activate(master: *mut ec_master_t) {
+        let call = on_master(master)?;
+        let done = call.driving(|state| {
+            let now = state.world.now_ns();
+            let fresh = state.master.phase != Phase::Active;
+            if fresh {
+                state.master.activate(now);
+            }
+            Ok(fresh.then_some(now + ACTIVATE_NS))
+        })?;
+        if let Some(done) = done {
+            call.shared.sleep_until(done);
+        }
+        Ok(())
+    }
 
-two_forms!(
-    /// `ecrt_master_deactivate`: ends the operation phase; all handles made from the master become
-    /// invalid.
-    master_deactivate / master_deactivate_silent(master: *mut ec_master_t) {
-    on_master(master)?.deactivate()
-});
+    // all handles made from the master become invalid
+    two_forms master_deactivate(master: *mut ec_master_t) {
+        let call = on_master(master)?;
+        call.driving(|state| {
+            let now = state.world.now_ns();
+            state.master.deactivate(now);
+            Ok(())
+        })?;
+        registry::forget(&call.shared, call.client, false);
+        Ok(())
+    }
 
-/// `ecrt_slave_config_sync_manager`: direction and watchdog of a sync manager.
-pub unsafe extern "C" fn slave_config_sync_manager(
-    config: *mut ec_slave_config_t,
-    sync_index: u8,
-    direction: ec_direction_t,
-    watchdog: ec_watchdog_mode_t,
-) -> c_int {
-    status(|| {
-        let call = on_config(config)?;
+    one_form slave_config_sync_manager(
+        config: *mut ec_slave_config_t, sync_index: u8, direction: ec_direction_t,
+        watchdog: ec_watchdog_mode_t
+    ) {
         let direction = match direction {
             EC_DIR_OUTPUT => ProcessDirection::Output,
             EC_DIR_INPUT => ProcessDirection::Input,
@@ -91,110 +186,111 @@ pub unsafe extern "C" fn slave_config_sync_manager(
             EC_WD_DISABLE => SyncWatchdog::Disable,
             _ => return Err(libc::EINVAL),
         };
-        call.change_sync(sync_index, |sync| {
+        change_sync(config, sync_index, |sync| {
             (sync.direction, sync.watchdog) = (Some(direction), watchdog);
+        })
+    }
+
+    two_forms slave_config_watchdog(
+        config: *mut ec_slave_config_t, divider: u16, intervals: u16
+    ) {
+        change_config(config, |config| {
+            config.watchdog = (divider, intervals);
             Ok(())
         })
-    })
-}
+    }
 
-two_forms!(
-    /// `ecrt_slave_config_watchdog`: divider and intervals of the watchdog.
-    slave_config_watchdog / slave_config_watchdog_silent(
-    config: *mut ec_slave_config_t, divider: u16, intervals: u16) {
-    on_config(config)?.change(|config| {
-        config.watchdog = (divider, intervals);
-        Ok(())
-    })
-});
-
-/// `ecrt_slave_config_pdo_assign_add`: adds a PDO to a sync manager.
-pub unsafe extern "C" fn slave_config_pdo_assign_add(
-    config: *mut ec_slave_config_t,
-    sync_index: u8,
-    pdo_index: u16,
-) -> c_int {
-    status(|| on_config(config).and_then(|call| call.assign_pdo(sync_index, pdo_index)))
-}
-
-two_forms!(
-    /// `ecrt_slave_config_pdo_assign_clear`: removes all PDOs of a sync manager.
-    slave_config_pdo_assign_clear / slave_config_pdo_assign_clear_silent(
-    config: *mut ec_slave_config_t, sync_index: u8) {
-    on_config(config)?.change_sync(sync_index, |sync| {
-        sync.pdos.clear();
-        Ok(())
-    })
-});
-
-/// `ecrt_slave_config_pdo_mapping_add`: adds an entry to a PDO.
-pub unsafe extern "C" fn slave_config_pdo_mapping_add(
-    config: *mut ec_slave_config_t,
-    pdo_index: u16,
-    entry_index: u16,
-    entry_subindex: u8,
-    entry_bits: u8,
-) -> c_int {
-    status(|| {
+    one_form slave_config_pdo_assign_add(
+        config: *mut ec_slave_config_t, sync_index: u8, pdo_index: u16
+    ) {
         let call = on_config(config)?;
+        call.configuring(|state| {
+            let slave = state.master.config(call.object)?.slave;
+            let slave = slave.and_then(|slave| state.master.slaves.get(slave));
+            let mut known = slave.iter().flat_map(|slave| slave.assigned.iter().flatten());
+            let known = known.find(|pdo| pdo.index == pdo_index).cloned();
+            let pdo = known.unwrap_or(Pdo { index: pdo_index, entries: Vec::new() });
+            let config = state.master.config(call.object)?;
+            config.syncs.get_mut(usize::from(sync_index)).ok_or(libc::EINVAL)?.pdos.push(pdo);
+            Ok(())
+        })
+    }
+
+    two_forms slave_config_pdo_assign_clear(config: *mut ec_slave_config_t, sync_index: u8) {
+        change_sync(config, sync_index, |sync| sync.pdos.clear())
+    }
+
+    one_form slave_config_pdo_mapping_add(
+        config: *mut ec_slave_config_t, pdo_index: u16, entry_index: u16, entry_subindex: u8,
+        entry_bits: u8
+    ) {
         let entry = PdoEntry { index: entry_index, subindex: entry_subindex, bits: entry_bits };
-        call.change(
-            |config| {
-                if config.add_entry(pdo_index, entry) { Ok(()) } else { Err(libc::ENOENT) }
-            },
-        )
-    })
-}
+        change_config(config, |config| {
+            config.find_pdo(pdo_index).ok_or(libc::ENOENT)?.entries.push(entry);
+            Ok(())
+        })
+    }
 
-two_forms!(
-    /// `ecrt_slave_config_pdo_mapping_clear`: removes all entries of a PDO.
-    slave_config_pdo_mapping_clear / slave_config_pdo_mapping_clear_silent(
-    config: *mut ec_slave_config_t, pdo_index: u16) {
-    on_config(config)?.change(|config| {
-        if let Some(pdo) = config.find_pdo(pdo_index) {
-            pdo.entries.clear();
-        }
-        Ok(())
-    })
-});
+    two_forms slave_config_pdo_mapping_clear(config: *mut ec_slave_config_t, pdo_index: u16) {
+        change_config(config, |config| {
+            if let Some(pdo) = config.find_pdo(pdo_index) {
+                pdo.entries.clear();
+            }
+            Ok(())
+        })
+    }
 
-/// `ecrt_slave_config_reg_pdo_entry`: registers an entry in a domain; returns its byte offset.
-pub unsafe extern "C" fn slave_config_reg_pdo_entry(
-    config: *mut ec_slave_config_t,
-    entry_index: u16,
-    entry_subindex: u8,
-    domain: *mut ec_domain_t,
-    bit_position: *mut c_uint,
-) -> c_int {
-    byte_offset(|| {
-        let call = on_config(config)?;
-        let domain = on_domain(domain)?;
-        let entry = EntrySelector::Object { index: entry_index, subindex: entry_subindex };
-        let place = call.register_entry(entry, &domain)?;
-        // SAFETY: the caller passes a place for the bit position, or null.
-        unsafe { entry_offset(place, bit_position) }
-    })
-}
+    two_forms slave_config_dc(
+        config: *mut ec_slave_config_t, assign_activate: u16, sync0_cycle: u32, sync0_shift: i32,
+        sync1_cycle: u32, _sync1_shift: i32
+    ) {
+        change_config(config, |config| {
+            config.dc = Some(DcConfig { assign_activate, sync0_cycle, sync0_shift, sync1_cycle });
+            Ok(())
+        })
+    }
 
-two_forms!(
-    /// `ecrt_slave_config_dc`: distributed clocks of a slave.
-    slave_config_dc / slave_config_dc_silent(
-    config: *mut ec_slave_config_t, assign_activate: u16, sync0_cycle: u32, sync0_shift: i32,
-    sync1_cycle: u32, _sync1_shift: i32) {
-    on_config(config)?.change(|config| {
-        config.dc = Some(DcConfig { assign_activate, sync0_cycle, sync0_shift, sync1_cycle });
-        Ok(())
-    })
-});
+    one_form slave_config_sdo(
+        config: *mut ec_slave_config_t, index: u16, subindex: u8, data: *const u8, size: size_t
+    ) {
+        // SAFETY: the caller passes `size` bytes, or null.
+        add_startup_sdo(config, SdoObject::entry(index, subindex), unsafe { bytes(data, size)? })
+    }
 
-/// `ecrt_slave_config_flag`: a named flag; accepted without effect.
-pub unsafe extern "C" fn slave_config_flag(
-    config: *mut ec_slave_config_t,
-    key: *const c_char,
-    _value: i32,
-) -> c_int {
-    status(|| {
-        let call = on_config(config)?;
+    /// One byte.
+    one_form slave_config_sdo8(
+        config: *mut ec_slave_config_t, index: u16, subindex: u8, value: u8
+    ) {
+        add_startup_sdo(config, SdoObject::entry(index, subindex), vec![value])
+    }
+
+    /// Two bytes.
+    one_form slave_config_sdo16(
+        config: *mut ec_slave_config_t, index: u16, subindex: u8, value: u16
+    ) {
+        let data = value.to_le_bytes().to_vec();
+        add_startup_sdo(config, SdoObject::entry(index, subindex), data)
+    }
+
+    /// Four bytes.
+    one_form slave_config_sdo32(
+        config: *mut ec_slave_config_t, index: u16, subindex: u8, value: u32
+    ) {
+        let data = value.to_le_bytes().to_vec();
+        add_startup_sdo(config, SdoObject::entry(index, subindex), data)
+    }
+
+    /// A whole object by Complete Access, which the gateway rejects at startup.
+    one_form slave_config_complete_sdo(
+        config: *mut ec_slave_config_t, index: u16, data: *const u8, size: size_t
+    ) {
+        // SAFETY: the caller passes `size` bytes, or null.
+        add_startup_sdo(config, SdoObject::whole(index), unsafe { bytes(data, size)? })
+    }
+
+    // accepted without effect
+    one_form slave_config_flag(config: *mut ec_slave_config_t, key: *const c_char, _value: i32) {
+        on_config(config)?;
         if key.is_null() {
             return Err(libc::EFAULT);
         }
@@ -202,49 +298,58 @@ pub unsafe extern "C" fn slave_config_flag(
         if unsafe { CStr::from_ptr(key) }.is_empty() {
             return Err(libc::EINVAL);
         }
-        call.change(|_| Ok(()))
-    })
-}
+        change_config(config, |_| Ok(()))
+    }
 
-/// `ecrt_slave_config_state_timeout`: longest time of a state change.
-pub unsafe extern "C" fn slave_config_state_timeout(
-    config: *mut ec_slave_config_t,
-    from: ec_al_state_t,
-    to: ec_al_state_t,
-    timeout_ms: c_uint,
-) -> c_int {
-    status(|| {
-        let call = on_config(config)?;
+    one_form slave_config_state_timeout(
+        config: *mut ec_slave_config_t, from: ec_al_state_t, to: ec_al_state_t, timeout_ms: c_uint
+    ) {
         let state = |state: ec_al_state_t| u8::try_from(state).map_err(|_| libc::EINVAL);
         let limit = (state(from)?, state(to)?, u64::from(timeout_ms) * 1_000_000);
-        call.change(|config| {
+        change_config(config, |config| {
             config.state_timeouts.push(limit);
             Ok(())
         })
-    })
-}
+    }
 
-two_forms!(
-    /// `ecrt_slave_config_state`: state of the slave.
-    slave_config_state / slave_config_state_silent(
-    config: *const ec_slave_config_t, state: *mut ec_slave_config_state_t) {
-    let (slave, operational) = on_config(config)?.state()?;
-    let mut value = ec_slave_config_state_t::default();
-    value.set_online(c_uint::from(slave.online));
-    value.set_operational(c_uint::from(operational));
-    value.set_al_state(c_uint::from(slave.al_state));
-    // SAFETY: the caller passes a place for the state, or null.
-    unsafe { store(state, value) }
-});
+    two_forms slave_config_state(
+        config: *const ec_slave_config_t, state: *mut ec_slave_config_state_t
+    ) {
+        let call = on_config(config)?;
+        let mut value = ec_slave_config_state_t::default();
+        call.with(|state| {
+            let slave = state.master.config(call.object)?.slave;
+            if let Some(slave) = slave.and_then(|slave| state.master.slaves.get(slave)) {
+                let operational = slave.current == OPERATIONAL
+                    && !slave.force_config
+                    && slave.startup.is_none();
+                value.set_online(1);
+                value.set_operational(c_uint::from(operational));
+                value.set_al_state(c_uint::from(slave.current & 0x0F));
+            }
+            Ok(())
+        })?;
+        // SAFETY: the caller passes a place for the state, or null.
+        unsafe { store(state, value) }
+    }
 
-/// `ecrt_slave_config_create_sdo_request`: an SDO request that runs in parallel with the cycle.
-pub unsafe extern "C" fn slave_config_create_sdo_request(
-    config: *mut ec_slave_config_t,
-    index: u16,
-    subindex: u8,
-    size: size_t,
-) -> *mut ec_sdo_request_t {
-    handle_or_null(|| {
-        on_config(config).and_then(|call| call.create_sdo_request(index, subindex, size))
-    })
+    /// Size of the queue of emergency messages (CoE). The gateway sends none.
+    one_form slave_config_emerg_size(config: *mut ec_slave_config_t, _elements: size_t) {
+        change_config(config, |_| Ok(()))
+    }
+
+    /// `ENOENT`: there is no emergency message.
+    one_form slave_config_emerg_pop(config: *mut ec_slave_config_t, _target: *mut u8) {
+        on_config(config).and(Err(libc::ENOENT))
+    }
+
+    /// Clears emergency messages and overruns.
+    one_form slave_config_emerg_clear(config: *mut ec_slave_config_t) {
+        on_config(config).map(drop)
+    }
+
+    /// Number of lost emergency messages.
+    one_form slave_config_emerg_overruns(config: *const ec_slave_config_t) {
+        on_config(config).map(drop)
+    }
 }

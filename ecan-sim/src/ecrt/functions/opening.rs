@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use super::{guarded, null_with, on_master, pointer, status};
+use super::{guarded, null_with, on_master, pointer};
 use crate::ecrt::registry::{self, Handle, Target};
 use crate::ecrt::shared::Shared;
 use crate::simulation::Simulation;
 use ecrt_sys::{OpenMaster, ec_master_t};
-use libc::{c_int, c_uint};
+use libc::c_uint;
 
 /// `ecrt_request_master`: a master of this simulation, reserved for the caller.
 ///
@@ -21,22 +21,29 @@ pub fn open_master(simulation: &Simulation, index: c_uint) -> *mut ec_master_t {
     SimulatedMasters::of(simulation).open(index)
 }
 
-/// `ecrt_master_reserve`: reserves the master of an opened handle.
-pub unsafe extern "C" fn master_reserve(master: *mut ec_master_t) -> c_int {
-    status(|| on_master(master)?.reserve())
-}
-
-/// `ecrt_release_master`: releases a master; all handles made from it become invalid.
 pub unsafe extern "C" fn release_master(master: *mut ec_master_t) {
     let _ = guarded(|| {
-        on_master(master)?.release();
+        let call = on_master(master)?;
+        call.shared.release_client(call.client);
+        registry::forget(&call.shared, call.client, true);
         Ok(())
     });
 }
 
-/// `ecrt_master_reset`: retries to bring the configured slaves to OP.
-pub unsafe extern "C" fn master_reset(master: *mut ec_master_t) -> c_int {
-    status(|| on_master(master)?.reset())
+functions! {
+    /// Reserves the master of an opened handle.
+    one_form master_reserve(master: *mut ec_master_t) {
+        let call = on_master(master)?;
+        call.shared.reserve(call.client)
+    }
+
+    /// Retries to bring the configured slaves to OP.
+    one_form master_reset(master: *mut ec_master_t) {
+        on_master(master)?.driving(|state| {
+            state.master.reset();
+            Ok(())
+        })
+    }
 }
 
 /// Opens masters of one simulated world.

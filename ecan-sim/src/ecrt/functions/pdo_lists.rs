@@ -2,12 +2,14 @@
 
 use std::slice;
 
+use super::configuration::register_entry;
 use super::{
-    byte_offset, entry_offset, master_slave_config, on_config, on_domain,
-    slave_config_pdo_assign_add, slave_config_pdo_assign_clear, slave_config_pdo_mapping_add,
-    slave_config_pdo_mapping_clear, slave_config_reg_pdo_entry, slave_config_sync_manager, status,
+    master_slave_config, on_domain, slave_config_pdo_assign_add, slave_config_pdo_assign_clear,
+    slave_config_pdo_mapping_add, slave_config_pdo_mapping_clear, slave_config_reg_pdo_entry,
+    slave_config_sync_manager, status,
 };
 use crate::ecrt::calls::CallResult;
+use crate::ecrt::registry::Target;
 use crate::ecrt::slave_config::EntrySelector;
 use ecrt_sys::{
     EC_MAX_SYNC_MANAGERS, ec_domain_t, ec_pdo_entry_reg_t, ec_pdo_info_t, ec_slave_config_t,
@@ -19,8 +21,8 @@ use libc::{c_int, c_uint};
 const END_OF_SYNCS: u8 = 0xFF;
 
 /// Return value of the called functions: a status, or a byte offset.
-fn checked(answer: c_int) -> CallResult<c_int> {
-    if answer < 0 { Err(-answer) } else { Ok(answer) }
+fn checked(result: c_int) -> CallResult<c_int> {
+    if result < 0 { Err(-result) } else { Ok(result) }
 }
 
 /// A list of the caller, empty if null.
@@ -35,7 +37,7 @@ unsafe fn list<'a, T>(first: *const T, count: c_uint) -> &'a [T] {
     unsafe { slice::from_raw_parts(first, count as usize) }
 }
 
-/// `ecrt_slave_config_pdos`: sync managers with their PDOs and entries, up to the given number or
+/// Sync managers with their PDOs and entries, up to the given number or
 /// index 0xFF. Those before a rejected one stay configured.
 pub unsafe extern "C" fn slave_config_pdos(
     config: *mut ec_slave_config_t,
@@ -44,9 +46,9 @@ pub unsafe extern "C" fn slave_config_pdos(
 ) -> c_int {
     status(|| {
         // the list may end before the given number, which EC_END sets to the maximum
-        for place in 0..if syncs.is_null() { 0 } else { sync_count as usize } {
+        for index in 0..if syncs.is_null() { 0 } else { sync_count as usize } {
             // SAFETY: the caller passes this number of elements, or ends the list after this one.
-            let sync = unsafe { &*syncs.add(place) };
+            let sync = unsafe { &*syncs.add(index) };
             if sync.index == END_OF_SYNCS {
                 break;
             }
@@ -92,50 +94,46 @@ unsafe fn configure_pdo(
     for entry in unsafe { list(pdo.entries, pdo.n_entries) } {
         let (index, subindex, bits) = (entry.index, entry.subindex, entry.bit_length);
         // SAFETY: as above.
-        let answer =
+        let result =
             unsafe { slave_config_pdo_mapping_add(config, pdo.index, index, subindex, bits) };
-        checked(answer)?;
+        checked(result)?;
     }
     Ok(())
 }
 
-/// `ecrt_slave_config_reg_pdo_entry_pos`: registers an entry in a domain by the positions of sync
+/// Registers an entry in a domain by the positions of sync
 /// manager, PDO and entry; returns its byte offset.
 pub unsafe extern "C" fn slave_config_reg_pdo_entry_pos(
     config: *mut ec_slave_config_t,
     sync_index: u8,
-    pdo_place: c_uint,
-    entry_place: c_uint,
+    pdo_position: c_uint,
+    entry_position: c_uint,
     domain: *mut ec_domain_t,
     bit_position: *mut c_uint,
 ) -> c_int {
-    byte_offset(|| {
-        let call = on_config(config)?;
-        if u32::from(sync_index) >= EC_MAX_SYNC_MANAGERS {
-            return Err(libc::EINVAL);
-        }
-        let (pdo, entry) = (pdo_place as usize, entry_place as usize);
-        let entry = EntrySelector::Position { sync: sync_index, pdo, entry };
-        let place = call.register_entry(entry, &on_domain(domain)?)?;
-        // SAFETY: the caller passes a place for the bit position, or null.
-        unsafe { entry_offset(place, bit_position) }
-    })
+    if u32::from(sync_index) >= EC_MAX_SYNC_MANAGERS {
+        return -libc::EINVAL;
+    }
+    let (pdo, entry) = (pdo_position as usize, entry_position as usize);
+    let entry = EntrySelector::Position { sync: sync_index, pdo, entry };
+    // SAFETY: the caller passes a place for the bit position, or null.
+    unsafe { register_entry(config, entry, domain, bit_position) }
 }
 
-/// `ecrt_domain_reg_pdo_entry_list`: registers entries of any slaves in a domain, up to the one
+/// Registers entries of any slaves in a domain, up to the one
 /// with index 0.
 pub unsafe extern "C" fn domain_reg_pdo_entry_list(
     domain: *mut ec_domain_t,
     entries: *const ec_pdo_entry_reg_t,
 ) -> c_int {
     status(|| {
-        let master = on_domain(domain)?.master_address()?;
+        let master = on_domain(domain)?.address_of(Target::Master).ok_or(libc::EINVAL)?;
         if entries.is_null() {
             return Err(libc::EFAULT);
         }
-        for place in 0.. {
+        for index in 0.. {
             // SAFETY: the caller ends the list after this element.
-            let entry = unsafe { &*entries.add(place) };
+            let entry = unsafe { &*entries.add(index) };
             if entry.index == 0 {
                 break;
             }

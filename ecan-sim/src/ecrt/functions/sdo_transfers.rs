@@ -1,10 +1,10 @@
 //! Blocking SDO transfers.
 
-use super::{bytes, on_master, status, store};
+use super::{bytes, on_master, store};
 use crate::ecrt::calls::CallResult;
 use crate::ecrt::sdo_transfer::SdoObject;
 use ecrt_sys::ec_master_t;
-use libc::{c_int, size_t};
+use libc::size_t;
 
 /// Transfers. The abort code is set only with `EIO`.
 ///
@@ -17,65 +17,44 @@ unsafe fn transfer(
     download: Option<Vec<u8>>,
     abort_code: *mut u32,
 ) -> CallResult<Vec<u8>> {
-    on_master(master)?.transfer(position, object, download).map_err(|(errno, code)| {
-        if errno == libc::EIO {
+    on_master(master)?.shared.transfer(position, object, download).map_err(|failure| {
+        if failure.errno == libc::EIO {
             // SAFETY: the caller's promise. Without a place for it the code goes nowhere.
-            let _ = unsafe { store(abort_code, code) };
+            let _ = unsafe { store(abort_code, failure.abort_code) };
         }
-        errno
+        failure.errno
     })
 }
 
-/// `ecrt_master_sdo_download`: writes an object and waits for the response.
-pub unsafe extern "C" fn master_sdo_download(
-    master: *mut ec_master_t,
-    position: u16,
-    index: u16,
-    subindex: u8,
-    data: *const u8,
-    size: size_t,
-    abort_code: *mut u32,
-) -> c_int {
-    status(|| {
+functions! {
+    one_form master_sdo_download(
+        master: *mut ec_master_t, position: u16, index: u16, subindex: u8, data: *const u8,
+        size: size_t, abort_code: *mut u32
+    ) {
         let object = SdoObject::entry(index, subindex);
         // SAFETY: the caller passes `size` bytes and a place for the code, each or null.
         unsafe {
             let data = bytes(data, size)?;
             transfer(master, position, object, Some(data), abort_code).map(drop)
         }
-    })
-}
+    }
 
-/// `ecrt_master_sdo_download_complete`: the same by Complete Access, which the gateway rejects.
-pub unsafe extern "C" fn master_sdo_download_complete(
-    master: *mut ec_master_t,
-    position: u16,
-    index: u16,
-    data: *const u8,
-    size: size_t,
-    abort_code: *mut u32,
-) -> c_int {
-    status(|| {
+    /// Writes an object by Complete Access, which the gateway rejects.
+    one_form master_sdo_download_complete(
+        master: *mut ec_master_t, position: u16, index: u16, data: *const u8, size: size_t,
+        abort_code: *mut u32
+    ) {
         // SAFETY: the caller passes `size` bytes and a place for the code, each or null.
         unsafe {
             let data = bytes(data, size)?;
             transfer(master, position, SdoObject::whole(index), Some(data), abort_code).map(drop)
         }
-    })
-}
+    }
 
-/// `ecrt_master_sdo_upload`: reads an object and waits for the response.
-pub unsafe extern "C" fn master_sdo_upload(
-    master: *mut ec_master_t,
-    position: u16,
-    index: u16,
-    subindex: u8,
-    target: *mut u8,
-    target_size: size_t,
-    result_size: *mut size_t,
-    abort_code: *mut u32,
-) -> c_int {
-    status(|| {
+    one_form master_sdo_upload(
+        master: *mut ec_master_t, position: u16, index: u16, subindex: u8, target: *mut u8,
+        target_size: size_t, result_size: *mut size_t, abort_code: *mut u32
+    ) {
         let object = SdoObject::entry(index, subindex);
         // SAFETY: the caller passes a place for the code, or null.
         let data = unsafe { transfer(master, position, object, None, abort_code)? };
@@ -89,5 +68,5 @@ pub unsafe extern "C" fn master_sdo_upload(
         unsafe { target.copy_from_nonoverlapping(data.as_ptr(), data.len()) };
         // SAFETY: the caller passes a place for the size, or null.
         unsafe { store(result_size, data.len()) }
-    })
+    }
 }

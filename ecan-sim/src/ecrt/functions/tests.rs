@@ -68,7 +68,7 @@ fn handles_die_with_deactivation_and_release() {
 #[test]
 fn panic_ends_as_an_error_of_the_call() {
     assert_eq!(status(|| panic!("on purpose")), -libc::EIO);
-    assert_eq!(byte_offset(|| panic!("on purpose")), -libc::EIO);
+    assert_eq!(guarded::<c_int>(|| panic!("on purpose")), Err(libc::EIO));
     assert!(data_or_null(|| panic!("on purpose")).is_null());
     Errno::new(0).set_last();
     assert!(handle_or_null::<ec_master_t>(|| panic!("on purpose")).is_null());

@@ -2,7 +2,6 @@
 
 use ecan_protocol::device::AlState;
 
-use super::startup::set_up_mailboxes;
 use super::{MasterModel, Phase};
 use crate::ecrt::al_status::al_status;
 use crate::ecrt::slave_view::SlaveView;
@@ -13,20 +12,12 @@ use crate::world::World;
 #[derive(Debug)]
 pub(crate) struct Scan {
     /// Gateways that responded at its begin.
-    slots: Vec<usize>,
+    pub(crate) slots: Vec<usize>,
     at: usize,
     prepared: bool,
 }
 
-impl Scan {
-    /// Number of slaves to scan.
-    pub(crate) fn total(&self) -> usize {
-        self.slots.len()
-    }
-}
-
 impl MasterModel {
-    /// Continues the scan, or polls the slaves.
     pub(crate) fn run_bus(&mut self, world: &mut World) {
         match self.scan.take() {
             Some(scan) => self.scan_step(scan, world),
@@ -131,8 +122,8 @@ impl MasterModel {
             self.poll_due = now;
         } else {
             if al_status(world, slot) & 0x0F == AlState::Init.raw() {
-                set_up_mailboxes(world, slot);
                 world.with_gateway(slot, |gateway, now| {
+                    gateway.set_up_mailboxes();
                     gateway.request_al_state(now, AlState::PreOp);
                 });
             }
@@ -142,7 +133,6 @@ impl MasterModel {
         self.scan = Some(scan);
     }
 
-    /// Attaches configurations to their slaves.
     pub(crate) fn attach_configs(&mut self) {
         for config in 0..self.configs.len() {
             self.attach_config(config);

@@ -6,7 +6,7 @@ use libc::c_int;
 use super::MasterModel;
 use crate::ecrt::al_status::al_status;
 use crate::ecrt::mailbox::{Transfer, TransferOwner};
-use crate::ecrt::slave_config::{RegRequest, RequestProgress};
+use crate::ecrt::slave_config::{RegRequest, RequestId, RequestProgress};
 use crate::ecrt::timing::REGISTER_NS;
 use crate::world::World;
 
@@ -15,21 +15,20 @@ const AL_STATUS: u16 = 0x0130;
 const AL_STATUS_CODE: u16 = 0x0134;
 
 impl MasterModel {
-    pub(crate) fn reg_request(&mut self, config: usize, request: usize) -> Option<&mut RegRequest> {
-        self.configs.get_mut(config)?.reg_requests.get_mut(request)
+    pub(crate) fn reg_request(&mut self, id: RequestId) -> Option<&mut RegRequest> {
+        self.configs.get_mut(id.config)?.reg_requests.get_mut(id.request)
     }
 
     /// Queues an access. A write copies the caller's data.
     pub(crate) fn start_reg_request(
         &mut self,
-        config: usize,
-        request: usize,
+        id: RequestId,
         writes: bool,
         address: u16,
         size: usize,
         now: u64,
     ) -> Result<(), c_int> {
-        let entry = self.reg_request(config, request).ok_or(libc::ENOENT)?;
+        let entry = self.reg_request(id).ok_or(libc::ENOENT)?;
         if size == 0 || size > entry.memory.len() {
             return Err(libc::ENOBUFS);
         }
@@ -39,14 +38,10 @@ impl MasterModel {
             entry.memory.read(0, &mut entry.data);
         }
         entry.progress = RequestProgress::Queued;
-        let slave = self.configs.get(config).and_then(|config| config.slave);
-        if let Some(slave) = slave.and_then(|slave| self.slaves.get_mut(slave)) {
-            slave.due = slave.due.min(now);
-        }
+        self.wake(id.config, now);
         Ok(())
     }
 
-    /// Chooses the next register request of an idle slave.
     pub(crate) fn choose_reg_request(&mut self, index: usize, now: u64) -> bool {
         let mailbox = self.begin_transfer(now);
         let Some(slave) = self.slaves.get_mut(index) else { return false };
@@ -59,22 +54,20 @@ impl MasterModel {
             .find(|(_, entry)| entry.progress == RequestProgress::Queued);
         let Some((request, entry)) = queued else { return false };
         entry.progress = RequestProgress::Busy;
-        let owner = TransferOwner::Register { config, request };
+        let owner = TransferOwner::Register(RequestId { config, request });
         slave.transfer = Some(Transfer { owner, mailbox });
         slave.due = now + REGISTER_NS;
         true
     }
 
-    /// Ends a register request.
     pub(crate) fn finish_reg_request(
         &mut self,
-        config: usize,
-        request: usize,
+        id: RequestId,
         slot: usize,
         present: bool,
         world: &mut World,
     ) {
-        let Some(entry) = self.reg_request(config, request) else { return };
+        let Some(entry) = self.reg_request(id) else { return };
         if !present {
             entry.progress = RequestProgress::Failure;
             return;

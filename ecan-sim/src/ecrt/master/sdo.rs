@@ -3,7 +3,7 @@
 use super::MasterModel;
 use crate::ecrt::mailbox::{Transfer, TransferOwner};
 use crate::ecrt::sdo_transfer::{Attempt, Payload, SdoFailure, SdoObject, attempt};
-use crate::ecrt::slave_config::{RequestProgress, SdoRequest};
+use crate::ecrt::slave_config::{RequestId, RequestProgress, SdoRequest};
 use crate::ecrt::timing::STATE_POLL_NS;
 use crate::world::World;
 
@@ -44,7 +44,6 @@ impl MasterModel {
         Ok(id)
     }
 
-    /// Takes the result of a completed transfer.
     pub(crate) fn take_blocking(&mut self, id: u64) -> Option<Result<Vec<u8>, SdoFailure>> {
         let place = self.blocking.iter().position(|sdo| sdo.id == id)?;
         if self.blocking.get(place).is_some_and(|sdo| sdo.result.is_none()) {
@@ -66,13 +65,13 @@ impl MasterModel {
         for index in 0..self.slaves.len() {
             let transfer = self.slaves.get_mut(index).and_then(|slave| slave.transfer.take());
             match transfer.map(|transfer| transfer.owner) {
-                Some(TransferOwner::Request { config, request }) => {
-                    if let Some(entry) = self.request(config, request) {
+                Some(TransferOwner::Request(id)) => {
+                    if let Some(entry) = self.request(id) {
                         entry.progress = RequestProgress::Failure;
                     }
                 }
-                Some(TransferOwner::Register { config, request }) => {
-                    if let Some(entry) = self.reg_request(config, request) {
+                Some(TransferOwner::Register(id)) => {
+                    if let Some(entry) = self.reg_request(id) {
                         entry.progress = RequestProgress::Failure;
                     }
                 }
@@ -81,7 +80,6 @@ impl MasterModel {
         }
     }
 
-    /// Chooses the next transfer of an idle slave.
     pub(crate) fn choose_transfer(&mut self, index: usize, world: &World) {
         let now = world.now_ns();
         let held_until = world.requests_held_until();
@@ -121,7 +119,7 @@ impl MasterModel {
                     continue;
                 }
                 entry.progress = RequestProgress::Busy;
-                chosen = Some(TransferOwner::Request { config, request });
+                chosen = Some(TransferOwner::Request(RequestId { config, request }));
                 break;
             }
         }
@@ -133,16 +131,14 @@ impl MasterModel {
         }
     }
 
-    /// Continues the running transfer of a slave.
     pub(crate) fn run_transfer(&mut self, index: usize, world: &mut World) {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return };
         let Some(mut transfer) = slave.transfer else { return };
         let (slot, present, since) = (slave.slot, slave.is_present(world), transfer.mailbox.since);
-        if let TransferOwner::Register { config, request } = transfer.owner {
-            self.finish_reg_request(config, request, slot, present, world);
-            self.end_transfer(index, now);
-            return;
+        if let TransferOwner::Register(id) = transfer.owner {
+            self.finish_reg_request(id, slot, present, world);
+            return self.end_transfer(index, now);
         }
         if let Err(delay) = self.poll_mailbox(&mut transfer.mailbox, now) {
             if let Some(slave) = self.slaves.get_mut(index) {
@@ -153,7 +149,7 @@ impl MasterModel {
         }
         let mut upload = std::mem::take(&mut self.scratch);
         let attempt = match transfer.owner {
-            TransferOwner::Register { .. } => None,
+            TransferOwner::Register(_) => None,
             TransferOwner::Blocking(id) => {
                 self.blocking.iter_mut().find(|sdo| sdo.id == id).map(|sdo| {
                     let payload = match &sdo.download {
@@ -163,17 +159,15 @@ impl MasterModel {
                     attempt(world, slot, present, since, sdo.object, payload)
                 })
             }
-            TransferOwner::Request { config, request } => {
-                self.request(config, request).map(|entry| {
-                    let object = SdoObject::entry(entry.index, entry.subindex);
-                    let payload = if entry.writes {
-                        Payload::Download(&entry.data)
-                    } else {
-                        Payload::Upload(&mut entry.data)
-                    };
-                    attempt(world, slot, present, since, object, payload)
-                })
-            }
+            TransferOwner::Request(id) => self.request(id).map(|entry| {
+                let object = SdoObject::entry(entry.index, entry.subindex);
+                let payload = if entry.writes {
+                    Payload::Download(&entry.data)
+                } else {
+                    Payload::Upload(&mut entry.data)
+                };
+                attempt(world, slot, present, since, object, payload)
+            }),
         };
         match attempt {
             Some(Attempt::Waiting) => {
@@ -205,14 +199,14 @@ impl MasterModel {
         upload: &[u8],
     ) {
         match owner {
-            TransferOwner::Register { .. } => {}
+            TransferOwner::Register(_) => {}
             TransferOwner::Blocking(id) => {
                 if let Some(sdo) = self.blocking.iter_mut().find(|sdo| sdo.id == id) {
                     sdo.result = Some(result.map(|()| upload.to_vec()));
                 }
             }
-            TransferOwner::Request { config, request } => {
-                if let Some(entry) = self.request(config, request) {
+            TransferOwner::Request(id) => {
+                if let Some(entry) = self.request(id) {
                     entry.unfetched = result.is_ok() && !entry.writes;
                     entry.progress = if result.is_ok() {
                         RequestProgress::Success
@@ -224,45 +218,22 @@ impl MasterModel {
         }
     }
 
-    pub(crate) fn request(&mut self, config: usize, request: usize) -> Option<&mut SdoRequest> {
-        self.configs.get_mut(config)?.requests.get_mut(request)
+    pub(crate) fn request(&mut self, id: RequestId) -> Option<&mut SdoRequest> {
+        self.configs.get_mut(id.config)?.requests.get_mut(id.request)
     }
 
-    /// Queues the transfer of a request.
     pub(crate) fn start_request(
         &mut self,
-        config: usize,
-        request: usize,
+        id: RequestId,
         writes: bool,
         now: u64,
-    ) -> bool {
-        let Some(entry) = self.request(config, request) else { return false };
+    ) -> Result<(), i32> {
+        let entry = self.request(id).ok_or(libc::EINVAL)?;
         if writes && entry.data_size == 0 {
-            return false;
+            return Err(libc::EINVAL);
         }
         entry.start(writes, now);
-        let slave = self.configs.get(config).and_then(|config| config.slave);
-        if let Some(slave) = slave.and_then(|slave| self.slaves.get_mut(slave)) {
-            slave.due = slave.due.min(now);
-        }
-        true
-    }
-
-    /// Progress of a request. Its timeout is checked when it is its turn; until then it stays busy.
-    pub(crate) fn request_progress(
-        &mut self,
-        config: usize,
-        request: usize,
-    ) -> Option<RequestProgress> {
-        let entry = self.request(config, request)?;
-        if entry.unfetched {
-            if entry.data.len() > entry.memory.len() {
-                return Some(RequestProgress::Failure);
-            }
-            entry.memory.write(0, &entry.data);
-            entry.data_size = entry.data.len();
-            entry.unfetched = false;
-        }
-        Some(entry.progress)
+        self.wake(id.config, now);
+        Ok(())
     }
 }

@@ -30,7 +30,6 @@ const WATCHDOG_INTERVALS: u16 = 1000;
 /// Time of one watchdog divider step, ns.
 const WATCHDOG_STEP_NS: u64 = 40;
 
-/// Result of a step.
 enum Next {
     Step(Startup, u64),
     Done,
@@ -90,12 +89,12 @@ impl MasterModel {
                 Next::Step(Startup::Mailboxes, 3 * REGISTER_NS)
             }
             Startup::Mailboxes => {
-                set_up_mailboxes(world, slot);
+                world.with_gateway(slot, |gateway, _| gateway.set_up_mailboxes());
                 Next::Step(Startup::Request(AlState::PreOp), REGISTER_NS)
             }
-            Startup::Sdo { at, mailbox } => self.startup_sdo(index, world, at, mailbox),
+            Startup::Sdo { at, mailbox } => self.startup_sdo(index, slot, world, at, mailbox),
             Startup::Assignment { list, at, mailbox } => {
-                self.assignment_step(index, world, list, at, mailbox)
+                self.assignment_step(index, slot, world, list, at, mailbox)
             }
             Startup::Watchdog => {
                 // without a setting the slave keeps its values; one of both sets the other to its
@@ -202,38 +201,44 @@ impl MasterModel {
         Next::Step(Startup::Wait { to, from, since }, STATE_POLL_NS)
     }
 
+    /// Attempts a download; `Err` is the time to wait before the next attempt.
+    fn attempt_download(
+        &self,
+        slot: usize,
+        world: &mut World,
+        mailbox: &mut MailboxTransfer,
+        object: SdoObject,
+        data: &[u8],
+    ) -> Result<Result<(), SdoFailure>, u64> {
+        self.poll_mailbox(mailbox, world.now_ns())?;
+        match attempt(world, slot, true, mailbox.since, object, Payload::Download(data)) {
+            Attempt::Waiting => Err(STATE_POLL_NS),
+            Attempt::Done(result) => Ok(result),
+        }
+    }
+
     fn startup_sdo(
         &mut self,
         index: usize,
+        slot: usize,
         world: &mut World,
         at: usize,
         mut mailbox: MailboxTransfer,
     ) -> Next {
-        let now = world.now_ns();
-        let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {
-            return Next::Failed;
-        };
         let Some(config) = self.attached(index) else {
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
+        let next = self.begin_transfer(world.now_ns());
         let Some(sdo) = config.sdos.get(at) else {
-            let list = self
-                .slaves
-                .get(index)
-                .map_or_else(Vec::new, |slave| assignment_writes(config, &slave.spec));
-            let mailbox = self.begin_transfer(now);
-            return Next::Step(Startup::Assignment { list, at: 0, mailbox }, 0);
+            let spec = world.spec(slot);
+            let list = spec.map_or_else(Vec::new, |spec| assignment_writes(config, spec));
+            return Next::Step(Startup::Assignment { list, at: 0, mailbox: next }, 0);
         };
-        if let Err(delay) = self.poll_mailbox(&mut mailbox, now) {
-            return Next::Step(Startup::Sdo { at, mailbox }, delay);
-        }
         let object = sdo.object;
-        match attempt(world, slot, true, mailbox.since, object, Payload::Download(&sdo.data)) {
-            Attempt::Waiting => Next::Step(Startup::Sdo { at, mailbox }, STATE_POLL_NS),
-            Attempt::Done(Ok(())) => {
-                Next::Step(Startup::Sdo { at: at + 1, mailbox: self.begin_transfer(now) }, 0)
-            }
-            Attempt::Done(Err(failure)) => {
+        match self.attempt_download(slot, world, &mut mailbox, object, &sdo.data) {
+            Err(delay) => Next::Step(Startup::Sdo { at, mailbox }, delay),
+            Ok(Ok(())) => Next::Step(Startup::Sdo { at: at + 1, mailbox: next }, 0),
+            Ok(Err(failure)) => {
                 self.log_sdo(index, "startup SDO", object, failure);
                 Next::Failed
             }
@@ -243,40 +248,28 @@ impl MasterModel {
     fn assignment_step(
         &mut self,
         index: usize,
+        slot: usize,
         world: &mut World,
         list: Vec<AssignmentWrite>,
         at: usize,
         mut mailbox: MailboxTransfer,
     ) -> Next {
-        let now = world.now_ns();
-        let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {
-            return Next::Failed;
-        };
         let Some(write) = list.get(at).copied() else {
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
-        if let Err(delay) = self.poll_mailbox(&mut mailbox, now) {
-            return Next::Step(Startup::Assignment { list, at, mailbox }, delay);
-        }
         let object = SdoObject::entry(write.index, write.subindex);
         let bytes = write.value.to_le_bytes();
         let data = bytes.get(..write.size).unwrap_or(&bytes);
-        match attempt(world, slot, true, mailbox.since, object, Payload::Download(data)) {
-            Attempt::Waiting => {
-                Next::Step(Startup::Assignment { list, at, mailbox }, STATE_POLL_NS)
+        let at = match self.attempt_download(slot, world, &mut mailbox, object, data) {
+            Err(delay) => return Next::Step(Startup::Assignment { list, at, mailbox }, delay),
+            Ok(Ok(())) => at + 1,
+            Ok(Err(failure)) => {
+                self.log_sdo(index, "warning: PDO configuration", object, failure);
+                write.after_failure
             }
-            Attempt::Done(result) => {
-                let at = match result {
-                    Ok(()) => at + 1,
-                    Err(failure) => {
-                        self.log_sdo(index, "warning: PDO configuration", object, failure);
-                        write.after_failure
-                    }
-                };
-                let mailbox = self.begin_transfer(now);
-                Next::Step(Startup::Assignment { list, at, mailbox }, 0)
-            }
-        }
+        };
+        let mailbox = self.begin_transfer(world.now_ns());
+        Next::Step(Startup::Assignment { list, at, mailbox }, 0)
     }
 
     fn set_up_sync_managers(&mut self, index: usize, world: &mut World) {
@@ -316,9 +309,4 @@ impl MasterModel {
         };
         self.log(index, &text);
     }
-}
-
-/// Configures the mailboxes of a slave.
-pub(crate) fn set_up_mailboxes(world: &mut World, slot: usize) {
-    world.with_gateway(slot, |gateway, _| gateway.set_up_mailboxes());
 }

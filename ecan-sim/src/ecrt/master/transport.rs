@@ -1,7 +1,7 @@
 //! Send queue: frames, losses, and blocking by an oversized datagram.
 
 use super::MasterModel;
-use crate::ecrt::datagram::{ClockDatagram, DatagramState, Queued};
+use crate::ecrt::datagram::{DatagramState, Queued};
 use crate::ecrt::timing::{BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS};
 use crate::fault::LossDirection;
 use crate::world::{CycleFaults, LogicalCommand, World};
@@ -20,53 +20,49 @@ impl MasterModel {
         if !self.queue.contains(&item) {
             self.queue.push(item);
         }
-        match item {
-            Queued::Domain { domain, datagram } => {
-                let domain = self.domains.get_mut(domain);
-                if let Some(datagram) = domain.and_then(|d| d.datagrams.get_mut(datagram)) {
-                    datagram.state = DatagramState::Queued;
-                }
-            }
-            clock => *self.clock_datagram(clock) = ClockDatagram::Queued,
+        if let Some(state) = self.datagram_state(item) {
+            *state = DatagramState::Queued;
         }
     }
 
-    fn clock_datagram(&mut self, item: Queued) -> &mut ClockDatagram {
-        match item {
+    fn datagram_state(&mut self, item: Queued) -> Option<&mut DatagramState> {
+        Some(match item {
+            Queued::Domain { domain, datagram } => {
+                &mut self.domains.get_mut(domain)?.datagrams.get_mut(datagram)?.state
+            }
             Queued::ReferenceClock => &mut self.clocks.reference,
             Queued::SlaveClocks => &mut self.clocks.slaves,
-            Queued::ClockMonitor | Queued::Domain { .. } => &mut self.clocks.monitor,
-        }
+            Queued::ClockMonitor => &mut self.clocks.monitor,
+        })
     }
 
-    /// Size of a datagram that waits to be sent.
-    fn pending_bytes(&self, item: Queued) -> Option<usize> {
-        match item {
-            Queued::Domain { domain, datagram } => {
-                let datagram = self.domains.get(domain)?.datagrams.get(datagram)?;
-                (datagram.state == DatagramState::Queued).then_some(datagram.wire.len())
-            }
-            Queued::ReferenceClock => {
-                (self.clocks.reference == ClockDatagram::Queued).then_some(CLOCK_BYTES)
-            }
-            Queued::SlaveClocks => {
-                (self.clocks.slaves == ClockDatagram::Queued).then_some(CLOCK_BYTES)
-            }
-            Queued::ClockMonitor => {
-                (self.clocks.monitor == ClockDatagram::Queued).then_some(CLOCK_BYTES)
-            }
+    fn pending_bytes(&mut self, item: Queued) -> Option<usize> {
+        if *self.datagram_state(item)? != DatagramState::Queued {
+            return None;
         }
+        Some(match item {
+            Queued::Domain { domain, datagram } => {
+                self.domains.get(domain)?.datagrams.get(datagram)?.wire.len()
+            }
+            _ => CLOCK_BYTES,
+        })
     }
 
     /// Sends the queue in frames. A datagram larger than a frame blocks all datagrams after it, now
-    /// and at each later send.
+    /// and at each later send. Without a link nothing is sent.
     pub(crate) fn send(&mut self, world: &mut World) {
         self.sends = self.sends.wrapping_add(1);
+        self.blocked = false;
         if !world.link_is_up() {
-            self.drop_queue();
+            while let Some(item) = self.queue.pop() {
+                if let Some(state) = self.datagram_state(item) {
+                    *state = DatagramState::Lost;
+                }
+            }
             return;
         }
-        let carries_process_data = self.queue.iter().any(|item| {
+        let queue = std::mem::take(&mut self.queue);
+        let carries_process_data = queue.iter().any(|item| {
             matches!(item, Queued::Domain { .. }) && self.pending_bytes(*item).is_some()
         });
         let faults =
@@ -74,9 +70,7 @@ impl MasterModel {
         let passed = (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)).count();
         let mut delay_ns = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
         let mut frame = FRAME_HEADER_BYTES;
-        self.blocked = false;
-        for index in 0..self.queue.len() {
-            let Some(item) = self.queue.get(index).copied() else { break };
+        for &item in &queue {
             let Some(bytes) = self.pending_bytes(item) else { continue };
             let bytes = bytes + DATAGRAM_OVERHEAD;
             if frame + bytes > FRAME_BYTES {
@@ -90,6 +84,7 @@ impl MasterModel {
             delay_ns += bytes as u64 * BYTE_NS;
             self.transmit(item, world, faults, delay_ns);
         }
+        self.queue = queue;
     }
 
     fn transmit(&mut self, item: Queued, world: &mut World, faults: CycleFaults, delay_ns: u64) {
@@ -97,8 +92,10 @@ impl MasterModel {
         let arrives_ns = faults.lost.is_none().then_some(at_ns + delay_ns);
         let Queued::Domain { domain, datagram } = item else {
             self.exchange_clock(item, world, faults.lost);
-            let answered = arrives_ns.filter(|_| self.reference_clock().is_some());
-            *self.clock_datagram(item) = ClockDatagram::Sent { at_ns, arrives_ns: answered };
+            let arrives_ns = arrives_ns.filter(|_| self.reference_clock().is_some());
+            if let Some(state) = self.datagram_state(item) {
+                *state = DatagramState::Sent { at_ns, arrives_ns };
+            }
             return;
         };
         let Some(domain) = self.domains.get_mut(domain) else { return };
@@ -127,52 +124,23 @@ impl MasterModel {
         self.queue = queue;
     }
 
-    /// Whether the datagram has returned or timed out.
     fn receive_one(&mut self, item: Queued, now: u64) -> bool {
-        let arrived = |arrives_ns: Option<u64>| arrives_ns.is_some_and(|at| at <= now);
-        let overdue = |at_ns: u64| now.saturating_sub(at_ns) > DATAGRAM_TIMEOUT_NS;
-        let Queued::Domain { domain, datagram } = item else {
-            let clock = self.clock_datagram(item);
-            let ClockDatagram::Sent { at_ns, arrives_ns } = *clock else { return false };
-            *clock = match () {
-                () if arrived(arrives_ns) => ClockDatagram::Received,
-                () if overdue(at_ns) => ClockDatagram::Lost,
-                () => return false,
-            };
-            return true;
-        };
-        let Some(domain) = self.domains.get_mut(domain) else { return true };
-        let Some(datagram) = domain.datagrams.get_mut(datagram) else { return true };
-        let DatagramState::Sent { at_ns, arrives_ns } = datagram.state else { return false };
-        if arrived(arrives_ns) {
-            datagram.state = DatagramState::Received;
-            if let Some(memory) = &domain.memory
-                && datagram.command != LogicalCommand::Write
-            {
-                memory.write(datagram.offset, &datagram.wire);
-            }
-            return true;
+        let Some(state) = self.datagram_state(item) else { return true };
+        let DatagramState::Sent { at_ns, arrives_ns } = *state else { return false };
+        let has_arrived = arrives_ns.is_some_and(|at| at <= now);
+        if !has_arrived && now.saturating_sub(at_ns) <= DATAGRAM_TIMEOUT_NS {
+            return false;
         }
-        if overdue(at_ns) {
-            datagram.state = DatagramState::TimedOut;
-            return true;
+        *state = if has_arrived { DatagramState::Received } else { DatagramState::Lost };
+        if has_arrived
+            && let Queued::Domain { domain, datagram } = item
+            && let Some(domain) = self.domains.get(domain)
+            && let Some(datagram) = domain.datagrams.get(datagram)
+            && let Some(memory) = &domain.memory
+            && datagram.command != LogicalCommand::Write
+        {
+            memory.write(datagram.offset, &datagram.wire);
         }
-        false
-    }
-
-    /// Without a link nothing is sent.
-    fn drop_queue(&mut self) {
-        self.blocked = false;
-        while let Some(item) = self.queue.pop() {
-            match item {
-                Queued::Domain { domain, datagram } => {
-                    let domain = self.domains.get_mut(domain);
-                    if let Some(datagram) = domain.and_then(|d| d.datagrams.get_mut(datagram)) {
-                        datagram.state = DatagramState::Error;
-                    }
-                }
-                clock => *self.clock_datagram(clock) = ClockDatagram::Lost,
-            }
-        }
+        true
     }
 }
