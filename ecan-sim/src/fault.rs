@@ -1,11 +1,11 @@
 use std::collections::VecDeque;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::gateway::GatewayFault;
 
 /// Direction in which a frame is lost.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LossDirection {
     /// Before the first slave: no slave sees the frame.
@@ -16,7 +16,7 @@ pub enum LossDirection {
 }
 
 /// A call of libethercat that [`Fault::LibraryError`] makes fail.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LibraryCall {
     /// `ecrt_master_receive`: received frames remain for the next call.

@@ -6,7 +6,6 @@
 mod raw_fault;
 mod raw_node;
 
-use std::fmt;
 use std::ops::Range;
 use std::path::Path;
 
@@ -19,24 +18,14 @@ use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, Scenario, Topology};
 use crate::wake_up::WakeUpDelay;
 
 /// Error in a scenario file.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}{reason}", line.map_or_else(String::new, |line| format!("line {line}: ")))]
 pub struct ScenarioError {
     /// Line, from 1; `None` if the error concerns the whole file.
     pub line: Option<usize>,
     /// Error text.
     pub reason: String,
 }
-
-impl fmt::Display for ScenarioError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.line {
-            Some(line) => write!(f, "line {line}: {}", self.reason),
-            None => f.write_str(&self.reason),
-        }
-    }
-}
-
-impl std::error::Error for ScenarioError {}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -116,7 +105,25 @@ impl Source<'_> {
         });
         ScenarioError { line, reason: reason.into() }
     }
+
+    /// Builds a table of the file; an error has the line at which it begins.
+    fn build<T, R>(
+        &self,
+        raw: Spanned<T>,
+        build: impl FnOnce(T) -> Result<R, String>,
+    ) -> Result<R, ScenarioError> {
+        let span = raw.span();
+        build(raw.into_inner()).map_err(|reason| self.error(Some(span), reason))
+    }
 }
+
+/// Replaces fields by those of a raw table that are given.
+macro_rules! set {
+    ($target:ident from $raw:ident: $($field:ident),+) => {
+        $( if let Some(value) = $raw.$field { $target.$field = value; } )+
+    };
+}
+use set;
 
 impl Scenario {
     /// Reads a scenario from the text of a file. `name` is the default of the scenario's name;
@@ -238,10 +245,7 @@ impl Scenario {
         let source = Source { text };
         let raw: RawScenario = toml::from_str(text)
             .map_err(|error| source.error(error.span(), error.message().trim()))?;
-        let wake_up = raw.wake_up_us.map(|raw| {
-            let span = raw.span();
-            raw.into_inner().build().map_err(|reason| source.error(Some(span), reason))
-        });
+        let wake_up = raw.wake_up_us.map(|raw| source.build(raw, RawWakeUp::build));
         let mut scenario = Self {
             name: raw.name.unwrap_or_else(|| name.to_owned()),
             seed: raw.seed.unwrap_or(1),
@@ -254,27 +258,14 @@ impl Scenario {
             ..Self::default()
         };
         for (position, raw) in raw.gateway.into_iter().enumerate() {
-            let span = raw.span();
-            let gateway = raw
-                .into_inner()
-                .build(position)
-                .map_err(|reason| source.error(Some(span), reason))?;
-            scenario.gateways.push(gateway);
+            scenario.gateways.push(source.build(raw, |raw| raw.build(position))?);
         }
         for raw in raw.node {
-            let span = raw.span();
-            let node = raw
-                .into_inner()
-                .build(&scenario, directory)
-                .map_err(|reason| source.error(Some(span), reason))?;
+            let node = source.build(raw, |raw: RawNode| raw.build(&scenario, directory))?;
             scenario.nodes.push(node);
         }
         for raw in raw.fault {
-            let span = raw.span();
-            let fault = raw
-                .into_inner()
-                .build(&scenario)
-                .map_err(|reason| source.error(Some(span), reason))?;
+            let fault = source.build(raw, |raw: RawFault| raw.build(&scenario))?;
             scenario.faults.push(fault);
         }
         Ok(scenario)
@@ -284,32 +275,27 @@ impl Scenario {
 impl RawGateway {
     fn build(self, position: usize) -> Result<GatewaySpec, String> {
         let mut spec = GatewaySpec::at(position);
+        set!(spec from self: alias, pdo_assign, pdo_configuration);
         let config = &mut spec.config;
-        set(&mut spec.alias, self.alias);
-        set(&mut config.serial, self.serial);
-        set(&mut config.hardware_revision, self.hardware_revision);
-        set(&mut config.firmware, self.firmware);
-        set(&mut config.vendor_id, self.vendor_id);
-        set(&mut config.product_code, self.product_code);
-        set(&mut config.revision, self.revision);
-        set(&mut config.boot_ms, self.boot_ms);
-        let ns = |us: u32| u64::from(us) * 1_000;
-        set(&mut config.service_delay_ns, self.service_delay_us.map(ns));
-        set(&mut config.service_jitter_ns, self.service_jitter_us.map(ns));
+        set!(config from self: serial, hardware_revision, firmware, vendor_id, product_code);
+        set!(config from self: revision, boot_ms, tx_pressure_percent);
+        for (target, us) in [
+            (&mut config.service_delay_ns, self.service_delay_us),
+            (&mut config.service_jitter_ns, self.service_jitter_us),
+            (&mut config.release_jitter_ns, self.release_jitter_us),
+            (&mut config.mailbox_delay_ns, self.mailbox_delay_us),
+        ] {
+            *target = us.map_or(*target, |us| u64::from(us) * 1_000);
+        }
         if let Some(ppm) = self.clock_drift_ppm {
             if !(-1000.0..=1000.0).contains(&ppm) {
                 return Err("`clock_drift_ppm` is out of range; allowed: -1000 to 1000".to_owned());
             }
             config.clock_drift_ppb = (ppm * 1000.0).round() as i32;
         }
-        set(&mut config.release_jitter_ns, self.release_jitter_us.map(ns));
-        set(&mut config.mailbox_delay_ns, self.mailbox_delay_us.map(ns));
-        if self.tx_pressure_percent.is_some_and(|percent| !(1..=100).contains(&percent)) {
+        if !(1..=100).contains(&config.tx_pressure_percent) {
             return Err("`tx_pressure_percent` is out of range; allowed: 1 to 100".to_owned());
         }
-        set(&mut config.tx_pressure_percent, self.tx_pressure_percent);
-        set(&mut spec.pdo_assign, self.pdo_assign);
-        set(&mut spec.pdo_configuration, self.pdo_configuration);
         if let Some(buses) = self.buses {
             spec.buses = buses.try_into().map_err(|buses: Vec<String>| {
                 format!(
@@ -323,11 +309,5 @@ impl RawGateway {
             }
         }
         Ok(spec)
-    }
-}
-
-fn set<T>(field: &mut T, value: Option<T>) {
-    if let Some(value) = value {
-        *field = value;
     }
 }

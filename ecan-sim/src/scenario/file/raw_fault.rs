@@ -1,14 +1,15 @@
 //! Faults in a scenario file.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};
 use crate::gateway::GatewayFault;
 use crate::scenario::{NodeKind, NodeSpec, Scenario};
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RawFault {
+    #[serde(skip_serializing)]
     kind: RawFaultKind,
     cycle: Option<u64>,
     at_ms: Option<u64>,
@@ -57,6 +58,13 @@ enum RawFaultKind {
     RequestsHeld,
 }
 
+/// A fault, the gateway or drive of which is still to be read.
+enum Subject {
+    Gateway(GatewayFault),
+    Drive(DriveFault),
+    Other(Fault),
+}
+
 /// Error numbers that can be given by name.
 const ERRNO_NAMES: [(&str, i32); 12] = [
     ("EPERM", libc::EPERM),
@@ -82,105 +90,99 @@ impl RawFault {
             (None, Some(ms)) => When::At(ms.saturating_mul(1_000_000)),
             _ => return Err("a fault needs either `cycle` or `at_ms`".to_owned()),
         };
-        let fault = match self.kind {
-            RawFaultKind::LostFrame => Fault::LostFrame {
-                direction: self.way.take().unwrap_or_default(),
-                cycles: self.cycles.take().unwrap_or(1),
-            },
-            RawFaultKind::WorkingCounterOffset => Fault::WorkingCounterOffset {
-                offset: need("offset", self.offset.take())?,
-                cycles: self.cycles.take().unwrap_or(1),
-            },
-            RawFaultKind::PowerCycle => Fault::PowerCycle {
-                gateway: self.gateway(scenario)?,
-                off_ms: self.off_ms.take().unwrap_or(1000),
-            },
-            RawFaultKind::PowerOff => Fault::PowerOff { gateway: self.gateway(scenario)? },
-            RawFaultKind::LinkLoss => Fault::LinkLoss {
-                gateway: self.gateway(scenario)?,
-                for_ms: need("for_ms", self.for_ms.take())?,
-            },
-            RawFaultKind::SdoAbort => {
-                let fault = GatewayFault::SdoAbort {
-                    index: need("index", self.index.take())?,
-                    subindex: self.subindex.take().unwrap_or(0),
-                    code: need("code", self.code.take())?,
-                    times: self.times.take().unwrap_or(1),
-                };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::MailboxTimeout => {
-                let fault = GatewayFault::MailboxSilent { ms: need("for_ms", self.for_ms.take())? };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::TornImage => {
-                let fault = GatewayFault::TornTxPdo { images: self.times.take().unwrap_or(1) };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::CrcError => {
-                let fault = GatewayFault::CrcErrorTxPdo { images: self.times.take().unwrap_or(1) };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::AlError => {
-                let code = need("code", self.code.take())?;
-                let code = u16::try_from(code).map_err(|_| "an AL status code has 16 bits")?;
-                let fault = GatewayFault::AlError { code };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::ClockJump => {
-                let fault = GatewayFault::ClockJump { ns: need("ns", self.ns.take())? };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::ServiceStall => {
-                let fault = GatewayFault::ServiceStall { ms: need("for_ms", self.for_ms.take())? };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::FlashFailure => {
-                let fault = GatewayFault::FlashFailure { times: self.times.take().unwrap_or(1) };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::BusOff => {
-                Fault::BusOff { gateway: self.gateway(scenario)?, channel: self.channel()? }
-            }
-            RawFaultKind::ErrorFrames => Fault::ErrorFrames {
-                gateway: self.gateway(scenario)?,
-                channel: self.channel()?,
-                frames: self.times.take().unwrap_or(1),
-            },
-            RawFaultKind::NodeSilent => {
-                let node = self.node(scenario)?.name.clone();
-                Fault::NodeSilent { node, for_ms: need("for_ms", self.for_ms.take())? }
-            }
-            RawFaultKind::DriveError => {
-                let fault = DriveFault::Error { code: self.error_code()? };
-                Fault::Drive { node: self.drive(scenario)?, fault }
-            }
-            RawFaultKind::DriveEmcy => {
-                let register = self.register.take().unwrap_or(1);
-                let fault = DriveFault::Emcy { code: self.error_code()?, register };
-                Fault::Drive { node: self.drive(scenario)?, fault }
-            }
-            RawFaultKind::DrivePowerCycle => {
-                let fault = DriveFault::PowerCycle { off_ms: self.off_ms.take().unwrap_or(1000) };
-                Fault::Drive { node: self.drive(scenario)?, fault }
-            }
-            RawFaultKind::DriveBlocked => {
-                let fault = DriveFault::Blocked { for_ms: need("for_ms", self.for_ms.take())? };
-                Fault::Drive { node: self.drive(scenario)?, fault }
-            }
-            RawFaultKind::LibraryError => Fault::LibraryError {
-                call: need("call", self.call.take())?,
-                errno: errno(&need("errno", self.errno.take())?)?,
-                times: self.times.take().unwrap_or(1),
-            },
-            RawFaultKind::RequestsHeld => {
-                Fault::RequestsHeld { for_ms: need("for_ms", self.for_ms.take())? }
-            }
+        let subject = self.subject(scenario)?;
+        let fault = match subject {
+            Subject::Gateway(fault) => Fault::Gateway { gateway: self.gateway(scenario)?, fault },
+            Subject::Drive(fault) => Fault::Drive { node: self.drive(scenario)?, fault },
+            Subject::Other(fault) => fault,
         };
         match self.left_over() {
             Some(key) => Err(format!("`{key}` does not belong to a fault of this kind")),
             None => Ok(ScriptedFault { when, fault }),
         }
+    }
+
+    fn subject(&mut self, scenario: &Scenario) -> Result<Subject, String> {
+        use RawFaultKind as Kind;
+        use Subject::{Drive, Gateway, Other};
+        Ok(match self.kind {
+            Kind::LostFrame => Other(Fault::LostFrame {
+                direction: self.way.take().unwrap_or_default(),
+                cycles: self.cycles.take().unwrap_or(1),
+            }),
+            Kind::WorkingCounterOffset => Other(Fault::WorkingCounterOffset {
+                offset: need("offset", self.offset.take())?,
+                cycles: self.cycles.take().unwrap_or(1),
+            }),
+            Kind::PowerCycle => {
+                let gateway = self.gateway(scenario)?;
+                Other(Fault::PowerCycle { gateway, off_ms: self.off_ms() })
+            }
+            Kind::PowerOff => Other(Fault::PowerOff { gateway: self.gateway(scenario)? }),
+            Kind::LinkLoss => {
+                let gateway = self.gateway(scenario)?;
+                Other(Fault::LinkLoss { gateway, for_ms: self.for_ms()? })
+            }
+            Kind::SdoAbort => Gateway(GatewayFault::SdoAbort {
+                index: need("index", self.index.take())?,
+                subindex: self.subindex.take().unwrap_or(0),
+                code: need("code", self.code.take())?,
+                times: self.times(),
+            }),
+            Kind::MailboxTimeout => Gateway(GatewayFault::MailboxSilent { ms: self.for_ms()? }),
+            Kind::TornImage => Gateway(GatewayFault::TornTxPdo { images: self.times() }),
+            Kind::CrcError => Gateway(GatewayFault::CrcErrorTxPdo { images: self.times() }),
+            Kind::AlError => {
+                Gateway(GatewayFault::AlError { code: self.short_code("an AL status code")? })
+            }
+            Kind::ServiceStall => Gateway(GatewayFault::ServiceStall { ms: self.for_ms()? }),
+            Kind::FlashFailure => Gateway(GatewayFault::FlashFailure { times: self.times() }),
+            Kind::ClockJump => Gateway(GatewayFault::ClockJump { ns: need("ns", self.ns.take())? }),
+            Kind::BusOff => {
+                let gateway = self.gateway(scenario)?;
+                Other(Fault::BusOff { gateway, channel: self.channel()? })
+            }
+            Kind::ErrorFrames => {
+                let (gateway, channel) = (self.gateway(scenario)?, self.channel()?);
+                Other(Fault::ErrorFrames { gateway, channel, frames: self.times() })
+            }
+            Kind::NodeSilent => {
+                let node = self.node(scenario)?.name.clone();
+                Other(Fault::NodeSilent { node, for_ms: self.for_ms()? })
+            }
+            Kind::DriveError => {
+                Drive(DriveFault::Error { code: self.short_code("an error code")? })
+            }
+            Kind::DriveEmcy => Drive(DriveFault::Emcy {
+                code: self.short_code("an error code")?,
+                register: self.register.take().unwrap_or(1),
+            }),
+            Kind::DrivePowerCycle => Drive(DriveFault::PowerCycle { off_ms: self.off_ms() }),
+            Kind::DriveBlocked => Drive(DriveFault::Blocked { for_ms: self.for_ms()? }),
+            Kind::LibraryError => Other(Fault::LibraryError {
+                call: need("call", self.call.take())?,
+                errno: errno(&need("errno", self.errno.take())?)?,
+                times: self.times(),
+            }),
+            Kind::RequestsHeld => Other(Fault::RequestsHeld { for_ms: self.for_ms()? }),
+        })
+    }
+
+    fn times(&mut self) -> u32 {
+        self.times.take().unwrap_or(1)
+    }
+
+    fn off_ms(&mut self) -> u32 {
+        self.off_ms.take().unwrap_or(1000)
+    }
+
+    fn for_ms(&mut self) -> Result<u32, String> {
+        need("for_ms", self.for_ms.take())
+    }
+
+    fn short_code(&mut self, name: &str) -> Result<u16, String> {
+        let code = need("code", self.code.take())?;
+        u16::try_from(code).map_err(|_| format!("{name} has 16 bits"))
     }
 
     fn node<'a>(&mut self, scenario: &'a Scenario) -> Result<&'a NodeSpec, String> {
@@ -195,11 +197,6 @@ impl RawFault {
             NodeKind::Drive(_) => Ok(node.name.clone()),
             _ => Err(format!("node \"{}\" is not a drive", node.name)),
         }
-    }
-
-    fn error_code(&mut self) -> Result<u16, String> {
-        let code = need("code", self.code.take())?;
-        u16::try_from(code).map_err(|_| "an error code has 16 bits".to_owned())
     }
 
     fn gateway(&mut self, scenario: &Scenario) -> Result<usize, String> {
@@ -223,26 +220,10 @@ impl RawFault {
         }
     }
 
-    fn left_over(&self) -> Option<&'static str> {
-        let keys = [
-            ("gateway", self.gateway.is_some()),
-            ("channel", self.channel.is_some()),
-            ("node", self.node.is_some()),
-            ("way", self.way.is_some()),
-            ("cycles", self.cycles.is_some()),
-            ("offset", self.offset.is_some()),
-            ("off_ms", self.off_ms.is_some()),
-            ("for_ms", self.for_ms.is_some()),
-            ("index", self.index.is_some()),
-            ("subindex", self.subindex.is_some()),
-            ("code", self.code.is_some()),
-            ("register", self.register.is_some()),
-            ("times", self.times.is_some()),
-            ("call", self.call.is_some()),
-            ("errno", self.errno.is_some()),
-            ("ns", self.ns.is_some()),
-        ];
-        keys.iter().find(|(_, given)| *given).map(|(key, _)| *key)
+    /// A key that was not used.
+    fn left_over(&self) -> Option<String> {
+        let keys = toml::Table::try_from(self).unwrap_or_default();
+        keys.into_iter().next().map(|(key, _)| key)
     }
 }
 

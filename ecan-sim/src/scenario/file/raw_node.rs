@@ -39,7 +39,7 @@ pub(super) struct RawNode {
     quirks: Option<DriveQuirks>,
 }
 
-#[derive(Deserialize, Clone, Copy, PartialEq)]
+#[derive(Deserialize, Clone, Copy, Debug, PartialEq)]
 #[serde(rename_all = "lowercase")]
 enum RawNodeKind {
     Echo,
@@ -50,22 +50,9 @@ enum RawNodeKind {
     Drive,
 }
 
-impl RawNodeKind {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Echo => "echo",
-            Self::Replay => "replay",
-            Self::Silent => "silent",
-            Self::Faulty => "faulty",
-            Self::Bridge => "bridge",
-            Self::Drive => "drive",
-        }
-    }
-}
-
 impl RawNode {
     /// The keys of one kind only, and whether they are given.
-    fn keys(&self) -> impl Iterator<Item = (RawNodeKind, &'static str, bool)> {
+    fn keys(&self) -> [(RawNodeKind, &'static str, bool); 18] {
         use RawNodeKind::{Bridge, Drive, Faulty, Replay};
         [
             (Faulty, "drop_permille", self.drop_permille.is_some()),
@@ -87,7 +74,6 @@ impl RawNode {
             (Drive, "quirks", self.quirks.is_some()),
             (Replay, "file", self.file.is_some()),
         ]
-        .into_iter()
     }
 
     pub(super) fn build(
@@ -104,9 +90,11 @@ impl RawNode {
                 format!("bus \"{}\" does not exist; there are: {}", self.bus, buses.join(", "))
             });
         }
-        let stray = self.keys().find(|(kind, _, is_given)| *is_given && *kind != self.kind);
+        let stray =
+            self.keys().into_iter().find(|(kind, _, is_given)| *is_given && *kind != self.kind);
         if let Some((kind, key, _)) = stray {
-            return Err(format!("`{key}` belongs to nodes of kind \"{}\"", kind.name()));
+            let kind = format!("{kind:?}").to_lowercase();
+            return Err(format!("`{key}` belongs to nodes of kind \"{kind}\""));
         }
         let shares = [self.drop_permille, self.corrupt_permille, self.repeat_permille];
         if shares.into_iter().flatten().any(|share| share > 1000) {
@@ -118,6 +106,11 @@ impl RawNode {
         if self.data_bitrate.is_some() && self.bitrate.is_none() {
             return Err("`data_bitrate` needs `bitrate`".to_owned());
         }
+        let name = self.name.take().unwrap_or_else(|| format!("node {}", scenario.nodes.len()));
+        if scenario.nodes.iter().any(|node| node.name == name) {
+            return Err(format!("two nodes have the name \"{name}\""));
+        }
+        let (bus, bitrate, data_bitrate) = (self.bus.clone(), self.bitrate, self.data_bitrate);
         let kind = match self.kind {
             RawNodeKind::Echo => NodeKind::Echo,
             RawNodeKind::Silent => NodeKind::Silent,
@@ -128,34 +121,13 @@ impl RawNode {
                 babble_us: self.babble_us.unwrap_or(0),
             }),
             RawNodeKind::Bridge => NodeKind::Bridge(self.bridge()?),
-            RawNodeKind::Drive => NodeKind::Drive(Box::new(self.drive(directory)?)),
+            RawNodeKind::Drive => NodeKind::Drive(Box::new(self.drive(scenario, directory)?)),
             RawNodeKind::Replay => {
                 let file = self.file.ok_or("a node of kind \"replay\" needs `file`")?;
                 NodeKind::Replay { file: directory.join(file) }
             }
         };
-        let name = self.name.unwrap_or_else(|| format!("node {}", scenario.nodes.len()));
-        if scenario.nodes.iter().any(|node| node.name == name) {
-            return Err(format!("two nodes have the name \"{name}\""));
-        }
-        if let NodeKind::Drive(drive) = &kind {
-            let node = drive.config.node;
-            let same = |other: &&NodeSpec| {
-                let same_id =
-                    matches!(&other.kind, NodeKind::Drive(one) if one.config.node == node);
-                same_id && other.bus == self.bus
-            };
-            if let Some(other) = scenario.nodes.iter().find(same) {
-                return Err(format!("node-ID {node} is already used by \"{}\"", other.name));
-            }
-        }
-        Ok(NodeSpec {
-            name,
-            bus: self.bus,
-            kind,
-            bitrate: self.bitrate,
-            data_bitrate: self.data_bitrate,
-        })
+        Ok(NodeSpec { name, bus, kind, bitrate, data_bitrate })
     }
 
     fn bridge(&self) -> Result<BridgeSpec, String> {
@@ -171,19 +143,21 @@ impl RawNode {
         })
     }
 
-    fn drive(&mut self, directory: &Path) -> Result<DriveSpec, String> {
+    fn drive(self, scenario: &Scenario, directory: &Path) -> Result<DriveSpec, String> {
         let node = self.node_id.ok_or("a node of kind \"drive\" needs `node_id`")?;
         let node = NodeId::new(node)
             .ok_or_else(|| format!("`node_id` {node} is out of range; allowed: 1 to 127"))?;
+        let is_same = |other: &&NodeSpec| {
+            other.bus == self.bus
+                && matches!(&other.kind, NodeKind::Drive(drive) if drive.config.node == node)
+        };
+        if let Some(other) = scenario.nodes.iter().find(is_same) {
+            return Err(format!("node-ID {node} is already used by \"{}\"", other.name));
+        }
         let mut config = DriveConfig::new(node);
-        set(&mut config.serial, self.serial);
-        set(&mut config.boot_ms, self.boot_ms);
-        set(&mut config.sdo_delay_us, self.sdo_delay_us);
-        set(&mut config.enable_ms, self.enable_ms);
-        set(&mut config.motor, self.motor);
-        set(&mut config.quirks, self.quirks.take());
+        set!(config from self: serial, boot_ms, sdo_delay_us, enable_ms, motor, quirks);
         config.motor.check()?;
-        let eds = self.eds.take().map(|file| directory.join(file));
+        let eds = self.eds.map(|file| directory.join(file));
         Ok(DriveSpec { config, eds })
     }
 }
