@@ -5,7 +5,7 @@
 
 use crate::gateway::{Gateway, Sync0};
 
-use super::context::Context;
+use super::Context;
 
 const PORTS: usize = 4;
 /// Activation bits: cyclic unit, Sync0.
@@ -18,7 +18,7 @@ pub(super) struct ClockRegisters {
     receive_times: [u32; PORTS],
     frame_received: u64,
     offset: u64,
-    delay: u32,
+    pub(super) delay: u32,
 }
 
 impl ClockRegisters {
@@ -79,10 +79,6 @@ impl ClockRegisters {
         let moved = offset.wrapping_sub(std::mem::replace(&mut self.offset, offset));
         let time = context.gateway.dc_time(context.now).wrapping_add(moved);
         context.gateway.write_dc_system_time(context.now, time);
-    }
-
-    pub(super) fn set_delay(&mut self, delay: u32) {
-        self.delay = delay;
     }
 }
 

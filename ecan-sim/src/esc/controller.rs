@@ -7,9 +7,8 @@ mod registers;
 
 use ecan_protocol::device::AlState;
 
+use super::Context;
 use super::clock::ClockRegisters;
-use super::command::{Access, Command};
-use super::context::Context;
 use super::eeprom::EepromInterface;
 use super::fmmu::{FMMUS, Fmmu};
 use super::frame::{Datagram, FrameFault, for_each_datagram};
@@ -18,7 +17,8 @@ use mailbox_buffers::MailboxBuffers;
 use memory::{INPUTS, MEMORY_BYTES, OUTPUTS, READ_MAILBOX, WRITE_MAILBOX};
 use registers::{address, event};
 
-const DATAGRAM_BYTES: usize = 1500;
+/// Longest data of a datagram: its length has 11 bits.
+const DATAGRAM_BYTES: usize = 0x7FF;
 
 mod dl {
     pub(super) const LOADED: u16 = 1 << 0;
@@ -30,6 +30,25 @@ mod dl {
     pub(super) const COMMUNICATION_1: u16 = 1 << 11;
     pub(super) const CLOSED_2_AND_3: u16 = 1 << 12 | 1 << 14;
 }
+/// Kind of access at an addressed slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Access {
+    Read,
+    Write,
+    /// The memory is read before it is written.
+    Exchange,
+}
+
+impl Access {
+    fn reads(self) -> bool {
+        self != Self::Write
+    }
+
+    fn writes(self) -> bool {
+        self != Self::Read
+    }
+}
+
 /// DL control bit: the alias is also a station address.
 const ALIAS_IS_ADDRESS: u8 = 1;
 
@@ -85,7 +104,7 @@ impl Controller {
             cyclic_start: [0; 8],
             events: 0,
             watchdogs_cleared: 0,
-            mailbox: MailboxBuffers::new(),
+            mailbox: MailboxBuffers::default(),
             scratch: vec![0; DATAGRAM_BYTES].into_boxed_slice(),
             boots: None,
             stops: Stops::default(),
@@ -98,7 +117,7 @@ impl Controller {
         self.catch_up(context);
         match for_each_datagram(frame, |datagram| self.serve(datagram, context)) {
             Ok(()) | Err(FrameFault::NotEtherCat) => {}
-            Err(_) => self.count_processing_error(),
+            Err(_) => self.count(address::PROCESSING_ERRORS),
         }
     }
 
@@ -135,7 +154,7 @@ impl Controller {
         let stops = Stops::of(context);
         let before = std::mem::replace(&mut self.stops, stops);
         if stops.mailbox != before.mailbox {
-            self.mailbox = MailboxBuffers::new();
+            self.mailbox = MailboxBuffers::default();
             self.sync_managers[WRITE_MAILBOX].discard();
             self.sync_managers[READ_MAILBOX].discard();
         }
@@ -165,36 +184,31 @@ impl Controller {
     }
 
     fn serve(&mut self, mut datagram: Datagram<'_>, context: &mut Context<'_>) {
-        let address = datagram.slave_address();
-        match Command::from_raw(datagram.command()) {
-            // unknown commands pass unchanged
-            None | Some(Command::None) => return,
-            Some(Command::Position(access)) => {
-                datagram.count_slave_address_up();
-                if address == 0 {
-                    self.access(access, &mut datagram, context);
-                }
-            }
-            Some(Command::Station(access)) => {
-                if self.is_addressed(address) {
-                    self.access(access, &mut datagram, context);
-                }
-            }
-            Some(Command::Broadcast(access)) => {
-                datagram.count_slave_address_up();
-                self.broadcast(access, &mut datagram, context);
-            }
-            Some(Command::Logical(access)) => self.map(access, &mut datagram, context),
-            Some(Command::PositionReadOthersWrite) => {
-                datagram.count_slave_address_up();
-                let access = if address == 0 { Access::Read } else { Access::Write };
-                self.access(access, &mut datagram, context);
-            }
-            Some(Command::StationReadOthersWrite) => {
-                let is_read = self.is_addressed(address);
-                let access = if is_read { Access::Read } else { Access::Write };
-                self.access(access, &mut datagram, context);
-            }
+        let (command, address) = (datagram.command(), datagram.slave_address());
+        let is_addressed = match command {
+            // APRD, APWR, APRW, ARMW: the slave that finds the address 0; each one counts it up
+            1..=3 | 13 => address == 0,
+            // FPRD, FPWR, FPRW, FRMW
+            4..=6 | 14 => self.is_addressed(address),
+            // BRD, BWR, BRW; LRD, LWR, LRW
+            7..=12 => true,
+            // NOP and undefined commands pass unchanged
+            _ => return,
+        };
+        let is_broadcast = matches!(command, 7..=9);
+        if is_broadcast || matches!(command, 1..=3 | 13) {
+            datagram.count_slave_address_up();
+        }
+        let access = match command {
+            // the addressed slave is read, all others are written
+            13 | 14 if is_addressed => Access::Read,
+            13 | 14 => Access::Write,
+            _ => [Access::Read, Access::Write, Access::Exchange][usize::from(command - 1) % 3],
+        };
+        if matches!(command, 10..=12) {
+            self.map(access, &mut datagram, context);
+        } else if is_addressed || command >= 13 {
+            self.access(access, is_broadcast, &mut datagram, context);
         }
         let mask = u16::from_le_bytes(self.stored(address::EVENT_MASK));
         if mask != 0 {
@@ -202,49 +216,30 @@ impl Controller {
         }
     }
 
-    fn access(&mut self, access: Access, datagram: &mut Datagram<'_>, context: &mut Context<'_>) {
-        let offset = datagram.offset();
-        let mut scratch = std::mem::take(&mut self.scratch);
-        let bytes = datagram.data().len().min(scratch.len());
-        if access == Access::Exchange {
-            scratch[..bytes].copy_from_slice(&datagram.data()[..bytes]);
-        }
-        if access.reads() && self.read(offset, datagram.data(), context) {
-            datagram.count(1);
-        }
-        let is_written = match access {
-            Access::Read => false,
-            Access::Write => self.write(offset, datagram.data(), context),
-            Access::Exchange => self.write(offset, &scratch[..bytes], context),
-        };
-        if is_written {
-            datagram.count(if access == Access::Exchange { 2 } else { 1 });
-        }
-        self.scratch = scratch;
-    }
-
-    fn broadcast(
+    /// Accesses the memory; with a broadcast what is read is combined by OR.
+    fn access(
         &mut self,
         access: Access,
+        is_broadcast: bool,
         datagram: &mut Datagram<'_>,
         context: &mut Context<'_>,
     ) {
-        if access == Access::Write {
-            return self.access(access, datagram, context);
-        }
         let offset = datagram.offset();
         let mut scratch = std::mem::take(&mut self.scratch);
-        let bytes = datagram.data().len().min(scratch.len());
-        let own = &mut scratch[..bytes];
-        own.fill(0);
-        let is_read = self.read(offset, own, context);
-        if access == Access::Exchange && self.write(offset, datagram.data(), context) {
-            datagram.count(2);
+        let own = &mut scratch[..datagram.data().len()];
+        // a rejected part of the memory leaves the datagram as it is
+        own.copy_from_slice(datagram.data());
+        if is_broadcast {
+            own.fill(0);
+        }
+        let is_read = access.reads() && self.read(offset, own, context);
+        if access.writes() && self.write(offset, datagram.data(), context) {
+            datagram.count(if access == Access::Exchange { 2 } else { 1 });
         }
         if is_read {
             datagram.count(1);
             for (to, from) in datagram.data().iter_mut().zip(&*own) {
-                *to |= from;
+                *to = if is_broadcast { *to | from } else { *from };
             }
         }
         self.scratch = scratch;

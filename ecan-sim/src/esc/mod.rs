@@ -2,8 +2,6 @@
 //! frames. It drives the same firmware as the simulated libethercat, [`crate::gateway`].
 
 mod clock;
-mod command;
-mod context;
 mod controller;
 mod eeprom;
 mod fmmu;
@@ -12,5 +10,17 @@ mod sii;
 mod sync_manager;
 mod wire;
 
+use crate::gateway::Gateway;
+
 pub use frame::ETHERCAT_ETHERTYPE;
 pub use wire::{Wire, WireStatistics};
+
+/// Context of a frame in one slave controller.
+struct Context<'a> {
+    gateway: &'a mut Gateway,
+    now: u64,
+    /// Time of the frame from the first slave to this one, ns.
+    delay_ns: u64,
+    /// Time until the frame returns from the next slave; `None` without one.
+    return_ns: Option<u64>,
+}

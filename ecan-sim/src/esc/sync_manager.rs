@@ -20,9 +20,7 @@ const ACTIVATE_WRITABLE: u8 = 0xC3;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SyncManager {
-    start: u16,
-    length: u16,
-    control: u8,
+    pub(super) config: SyncManagerConfig,
     activate: u8,
     /// Acknowledge of the repeat request, in the register of the device side.
     repeat_acknowledged: bool,
@@ -44,15 +42,15 @@ pub(super) enum Progress {
 
 impl SyncManager {
     pub(super) fn is_enabled(&self) -> bool {
-        self.activate & ACTIVATE_ENABLED != 0 && self.length > 0
+        self.activate & ACTIVATE_ENABLED != 0 && self.config.length > 0
     }
 
     pub(super) fn start(&self) -> usize {
-        self.start.into()
+        self.config.start.into()
     }
 
     pub(super) fn length(&self) -> usize {
-        self.length.into()
+        self.config.length.into()
     }
 
     pub(super) fn end(&self) -> usize {
@@ -61,18 +59,6 @@ impl SyncManager {
 
     pub(super) fn contains(&self, address: usize) -> bool {
         self.is_enabled() && (self.start()..self.end()).contains(&address)
-    }
-
-    pub(super) fn config(&self) -> SyncManagerConfig {
-        SyncManagerConfig { start: self.start, length: self.length, control: self.control }
-    }
-
-    fn is_single(&self) -> bool {
-        self.config().is_single()
-    }
-
-    fn is_written_by_master(&self) -> bool {
-        self.config().is_written_by_master()
     }
 
     /// Voids the contents and a partial access.
@@ -84,14 +70,14 @@ impl SyncManager {
     /// The master writes `bytes` bytes from an offset. `is_full` is the state of the buffer, which
     /// may belong to the firmware.
     pub(super) fn write(&mut self, offset: usize, bytes: usize, is_full: bool) -> Progress {
-        let is_free = !self.is_single() || !is_full;
-        let may = self.is_written_by_master() && is_free;
+        let is_free = !self.config.is_single() || !is_full;
+        let may = self.config.is_written_by_master() && is_free;
         self.access(may, offset, bytes)
     }
 
     pub(super) fn read(&mut self, offset: usize, bytes: usize, is_full: bool) -> Progress {
-        let has_data = !self.is_single() || is_full;
-        let may = !self.is_written_by_master() && has_data;
+        let has_data = !self.config.is_single() || is_full;
+        let may = !self.config.is_written_by_master() && has_data;
         self.access(may, offset, bytes)
     }
 
@@ -114,12 +100,12 @@ impl SyncManager {
     /// Event request for the master.
     pub(super) fn has_event(&self) -> bool {
         self.is_enabled()
-            && if self.is_written_by_master() { self.was_read } else { self.was_written }
+            && if self.config.is_written_by_master() { self.was_read } else { self.was_written }
     }
 
     pub(super) fn has_device_event(&self) -> bool {
         self.is_enabled()
-            && if self.is_written_by_master() { self.was_written } else { self.was_read }
+            && if self.config.is_written_by_master() { self.was_written } else { self.was_read }
     }
 
     pub(super) fn take_repeat_request(&mut self) -> bool {
@@ -132,15 +118,13 @@ impl SyncManager {
     pub(super) fn register(&self, at: usize, is_full: bool) -> u8 {
         let flag = |is_set: bool, flag: u8| if is_set { flag } else { 0 };
         match at {
-            0 => self.start.to_le_bytes()[0],
-            1 => self.start.to_le_bytes()[1],
-            2 => self.length.to_le_bytes()[0],
-            3 => self.length.to_le_bytes()[1],
-            4 => self.control,
+            0 | 1 => self.config.start.to_le_bytes()[at],
+            2 | 3 => self.config.length.to_le_bytes()[at - 2],
+            4 => self.config.control,
             5 => {
                 flag(self.was_written, STATUS_WRITTEN)
                     | flag(self.was_read, STATUS_READ)
-                    | flag(is_full && self.is_single(), STATUS_FULL)
+                    | flag(is_full && self.config.is_single(), STATUS_FULL)
             }
             6 => self.activate,
             7 => flag(self.repeat_acknowledged, ACTIVATE_REPEAT),
@@ -152,16 +136,16 @@ impl SyncManager {
     /// it is disabled.
     pub(super) fn write_register(&mut self, at: usize, value: u8) -> bool {
         let is_on = self.activate & ACTIVATE_ENABLED != 0;
-        let byte = |word: u16, place: usize| {
+        let changed = |word: u16| {
             let mut bytes = word.to_le_bytes();
-            bytes[place % 2] = value;
+            bytes[at % 2] = value;
             u16::from_le_bytes(bytes)
         };
         match at {
             0..=4 if is_on => return true,
-            0 | 1 => self.start = byte(self.start, at),
-            2 | 3 => self.length = byte(self.length, at),
-            4 => self.control = value,
+            0 | 1 => self.config.start = changed(self.config.start),
+            2 | 3 => self.config.length = changed(self.config.length),
+            4 => self.config.control = value,
             6 => {
                 self.activate = value & ACTIVATE_WRITABLE;
                 let is_still_on = value & ACTIVATE_ENABLED != 0;

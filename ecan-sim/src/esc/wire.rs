@@ -4,7 +4,7 @@ use crate::node::BridgeFactory;
 use crate::scenario::{Scenario, Topology};
 use crate::world::{CycleFaults, World};
 
-use super::context::Context;
+use super::Context;
 use super::controller::Controller;
 use super::frame::{FrameFault, for_each_datagram, mark_as_processed};
 use super::sii;

@@ -70,7 +70,7 @@ impl Default for GatewayModelConfig {
 }
 
 /// Configuration of one sync manager.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SyncManagerConfig {
     /// Physical start address in the slave controller's memory.
     pub start: u16,

@@ -8,6 +8,8 @@
 
 use crate::gateway::{FirmwareProgress, FirmwareUpdateError, Gateway};
 
+use super::Context;
+
 const FILE_NAME: &[u8] = b"ecan_lite_app";
 const PASSWORD: u32 = 0;
 /// Header: opcode, a reserved byte, and a field that depends on the opcode.
@@ -41,18 +43,19 @@ impl From<FirmwareUpdateError> for Fault {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Transfer {
+    #[default]
     Idle,
-    /// The master writes; `expected` is the number of its next packet.
+    // The master writes; `expected` is the number of its next packet.
     Write {
         expected: u32,
     },
-    /// The last packet was accepted and waits for its acknowledge.
+    // The last packet was accepted and waits for its acknowledge.
     LastWritten {
         number: u32,
     },
-    /// The master reads; packet `number` was sent, with the file from `offset` on.
+    // The master reads; packet `number` was sent, with the file from `offset` on.
     Read {
         number: u32,
         offset: usize,
@@ -61,89 +64,62 @@ enum Transfer {
     },
 }
 
-#[derive(Debug)]
-pub(crate) struct FoeServer {
+#[derive(Debug, Default)]
+pub(super) struct FoeServer {
     transfer: Transfer,
 }
 
 impl FoeServer {
-    pub(crate) fn new() -> Self {
-        Self { transfer: Transfer::Idle }
-    }
-
-    /// Processes a request, given from its FoE header on. The response, from its FoE header on and
-    /// at most `room` bytes, replaces `out`; it is empty if none is due or fits.
-    pub(crate) fn request(
-        &mut self,
-        now: u64,
-        request: &[u8],
-        room: usize,
-        out: &mut Vec<u8>,
-        gateway: &mut Gateway,
-    ) {
-        out.clear();
-        if room < HEADER_BYTES {
-            return;
-        }
-        // FoE header and data as long as the mailbox that the master writes to allows
-        let full = gateway
-            .sync_manager(0)
-            .map_or(room, |sm| usize::from(sm.length).saturating_sub(MAILBOX_HEADER_BYTES));
-        if let Err(fault) = self.serve(now, request, room, full, out, gateway) {
-            if matches!(self.transfer, Transfer::Write { .. } | Transfer::LastWritten { .. }) {
-                gateway.abandon_firmware_update();
-            }
-            self.transfer = Transfer::Idle;
-            answer_error(fault, room, out);
-        }
+    /// Processes a request, given from its FoE header on; returns the response, from its FoE header
+    /// on, unless none is due or fits.
+    pub(super) fn request(&mut self, request: &[u8], context: &mut Context<'_>) -> Option<Vec<u8>> {
+        let space = context.room.checked_sub(HEADER_BYTES)?;
+        self.serve(request, context).unwrap_or_else(|fault| {
+            self.end_transfer(context.gateway);
+            let text = fault.text.as_bytes();
+            Some(message(opcode::ERROR, fault.code, &text[..space.min(text.len())]))
+        })
     }
 
     fn serve(
         &mut self,
-        now: u64,
         request: &[u8],
-        room: usize,
-        full: usize,
-        out: &mut Vec<u8>,
-        gateway: &mut Gateway,
-    ) -> Result<(), Fault> {
-        let Some((&[opcode, _, a, b, c, d], data)) = request.split_first_chunk::<HEADER_BYTES>()
-        else {
-            return Err(ILLEGAL);
-        };
+        context: &mut Context<'_>,
+    ) -> Result<Option<Vec<u8>>, Fault> {
+        let (&[opcode, _, a, b, c, d], data) =
+            request.split_first_chunk::<HEADER_BYTES>().ok_or(ILLEGAL)?;
         let field = u32::from_le_bytes([a, b, c, d]);
         match opcode {
             opcode::READ => {
-                self.end_write(gateway);
+                self.end_transfer(context.gateway);
                 check_file(field, data)?;
-                self.send(1, 0, room, out, gateway)
+                self.send(1, 0, context).map(Some)
             }
             opcode::WRITE => {
-                self.end_write(gateway);
+                self.end_transfer(context.gateway);
                 check_file(field, data)?;
-                gateway.begin_firmware_update(now)?;
+                context.gateway.begin_firmware_update(context.now)?;
                 self.transfer = Transfer::Write { expected: 1 };
-                answer(opcode::ACK, 0, out);
-                Ok(())
+                Ok(Some(message(opcode::ACK, 0, &[])))
             }
-            opcode::DATA => self.take(now, field, data, full, out, gateway),
-            opcode::ACK => self.acknowledged(field, room, out, gateway),
+            opcode::DATA => self.take(field, data, context).map(Some),
+            opcode::ACK => self.acknowledged(field, context),
             opcode::BUSY => match self.transfer {
                 Transfer::Read { number, offset, .. } => {
-                    self.send(number, offset, room, out, gateway)
+                    self.send(number, offset, context).map(Some)
                 }
                 _ => Err(ILLEGAL),
             },
             // an error gets no response
             opcode::ERROR => {
-                self.end_write(gateway);
-                Ok(())
+                self.end_transfer(context.gateway);
+                Ok(None)
             }
             _ => Err(ILLEGAL),
         }
     }
 
-    fn end_write(&mut self, gateway: &mut Gateway) {
+    fn end_transfer(&mut self, gateway: &mut Gateway) {
         if matches!(self.transfer, Transfer::Write { .. } | Transfer::LastWritten { .. }) {
             gateway.abandon_firmware_update();
         }
@@ -152,23 +128,23 @@ impl FoeServer {
 
     fn take(
         &mut self,
-        now: u64,
         number: u32,
         data: &[u8],
-        full: usize,
-        out: &mut Vec<u8>,
-        gateway: &mut Gateway,
-    ) -> Result<(), Fault> {
+        context: &mut Context<'_>,
+    ) -> Result<Vec<u8>, Fault> {
+        let Context { now, room, gateway } = context;
         match self.transfer {
             Transfer::Write { expected } if number == expected => {
-                if let FirmwareProgress::Busy { percent } = gateway.write_firmware(now, data)? {
-                    answer_busy(percent, out);
-                    return Ok(());
+                if let FirmwareProgress::Busy { percent } = gateway.write_firmware(*now, data)? {
+                    return Ok(busy(percent));
                 }
+                // FoE header and data as long as the mailbox that the master writes to allows
+                let full = gateway.sync_manager(0).map_or(*room, |sm| {
+                    usize::from(sm.length).saturating_sub(MAILBOX_HEADER_BYTES)
+                });
                 if HEADER_BYTES + data.len() >= full {
                     self.transfer = Transfer::Write { expected: expected.wrapping_add(1) };
-                    answer(opcode::ACK, number, out);
-                    return Ok(());
+                    return Ok(message(opcode::ACK, number, &[]));
                 }
                 self.transfer = Transfer::LastWritten { number };
             }
@@ -176,31 +152,26 @@ impl FoeServer {
             Transfer::Write { .. } | Transfer::LastWritten { .. } => return Err(PACKET_NUMBER),
             Transfer::Idle | Transfer::Read { .. } => return Err(ILLEGAL),
         }
-        match gateway.finish_firmware_update(now)? {
-            FirmwareProgress::Busy { percent } => answer_busy(percent, out),
-            FirmwareProgress::Done => {
-                self.transfer = Transfer::Idle;
-                answer(opcode::ACK, number, out);
-            }
+        if let FirmwareProgress::Busy { percent } = gateway.finish_firmware_update(*now)? {
+            return Ok(busy(percent));
         }
-        Ok(())
+        self.transfer = Transfer::Idle;
+        Ok(message(opcode::ACK, number, &[]))
     }
 
     fn acknowledged(
         &mut self,
         number: u32,
-        room: usize,
-        out: &mut Vec<u8>,
-        gateway: &Gateway,
-    ) -> Result<(), Fault> {
+        context: &Context<'_>,
+    ) -> Result<Option<Vec<u8>>, Fault> {
         match self.transfer {
             Transfer::Read { number: sent, .. } if number != sent => Err(PACKET_NUMBER),
             Transfer::Read { is_last: true, .. } => {
                 self.transfer = Transfer::Idle;
-                Ok(())
+                Ok(None)
             }
             Transfer::Read { offset, length, .. } => {
-                self.send(number.wrapping_add(1), offset + length, room, out, gateway)
+                self.send(number.wrapping_add(1), offset + length, context).map(Some)
             }
             _ => Err(ILLEGAL),
         }
@@ -210,28 +181,23 @@ impl FoeServer {
         &mut self,
         number: u32,
         offset: usize,
-        room: usize,
-        out: &mut Vec<u8>,
-        gateway: &Gateway,
-    ) -> Result<(), Fault> {
-        let payload = room - HEADER_BYTES;
+        context: &Context<'_>,
+    ) -> Result<Vec<u8>, Fault> {
+        let payload = context.room - HEADER_BYTES;
         // without space for data no file would end
         if payload == 0 {
             return Err(ILLEGAL);
         }
-        let rest = gateway.running_firmware().get(offset..).unwrap_or_default();
+        let rest = context.gateway.running_firmware().get(offset..).unwrap_or_default();
         let data = rest.get(..payload).unwrap_or(rest);
         let is_last = data.len() < payload;
         self.transfer = Transfer::Read { number, offset, length: data.len(), is_last };
-        answer(opcode::DATA, number, out);
-        out.extend_from_slice(data);
-        Ok(())
+        Ok(message(opcode::DATA, number, data))
     }
 }
 
 fn check_file(password: u32, name: &[u8]) -> Result<(), Fault> {
-    let end = name.iter().position(|&byte| byte == 0).unwrap_or(name.len());
-    if name.get(..end) != Some(FILE_NAME) {
+    if name.split(|&byte| byte == 0).next() != Some(FILE_NAME) {
         return Err(NOT_FOUND);
     }
     if password != PASSWORD {
@@ -240,20 +206,12 @@ fn check_file(password: u32, name: &[u8]) -> Result<(), Fault> {
     Ok(())
 }
 
-fn answer(opcode: u8, field: u32, out: &mut Vec<u8>) {
-    out.extend_from_slice(&[opcode, 0]);
-    out.extend_from_slice(&field.to_le_bytes());
+fn message(opcode: u8, field: u32, data: &[u8]) -> Vec<u8> {
+    [&[opcode, 0], &field.to_le_bytes()[..], data].concat()
 }
 
-fn answer_busy(percent: u8, out: &mut Vec<u8>) {
-    answer(opcode::BUSY, u32::from(BUSY_ENTIRE) << 16 | u32::from(percent), out);
-}
-
-fn answer_error(fault: Fault, room: usize, out: &mut Vec<u8>) {
-    out.clear();
-    answer(opcode::ERROR, fault.code, out);
-    let space = room.saturating_sub(HEADER_BYTES);
-    out.extend(fault.text.bytes().take(space));
+fn busy(percent: u8) -> Vec<u8> {
+    message(opcode::BUSY, u32::from(BUSY_ENTIRE) << 16 | u32::from(percent), &[])
 }
 
 #[cfg(test)]

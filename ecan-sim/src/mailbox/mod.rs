@@ -13,20 +13,40 @@ mod response_queue;
 #[cfg(test)]
 mod tests;
 
-use coe::CoeServer;
+use coe::SdoServer;
 use errors::MailboxError;
 use foe::FoeServer;
 use header::{HEADER_BYTES, Header, protocol};
 use response_queue::{MessageAddress, ResponseQueue};
 
 use ecan_protocol::device::AlState;
+use ecan_protocol::object::AbortCode;
 
 use crate::gateway::Gateway;
 
+/// What the processing of a request needs.
+struct Context<'a> {
+    now: u64,
+    /// Bytes of the read mailbox after its header.
+    room: usize,
+    gateway: &'a mut Gateway,
+}
+
+impl Context<'_> {
+    fn sdo_upload(&mut self, index: u16, subindex: u8) -> Result<Vec<u8>, AbortCode> {
+        let mut data = Vec::new();
+        self.gateway.sdo_upload(self.now, index, subindex, &mut data).map(|()| data)
+    }
+
+    fn sdo_download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<(), AbortCode> {
+        self.gateway.sdo_download(self.now, index, subindex, data)
+    }
+}
+
 /// Mailbox services of one gateway's firmware.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct MailboxServer {
-    coe: CoeServer,
+    sdo: SdoServer,
     foe: FoeServer,
     responses: ResponseQueue,
     /// Counter of the last request, 0 for none.
@@ -34,16 +54,6 @@ pub(crate) struct MailboxServer {
 }
 
 impl MailboxServer {
-    /// State after a start or a stop of the mailboxes.
-    pub(crate) fn new() -> Self {
-        Self {
-            coe: CoeServer::new(),
-            foe: FoeServer::new(),
-            responses: ResponseQueue::default(),
-            last_counter: 0,
-        }
-    }
-
     /// The firmware takes a message from the write mailbox (SM0): `request` is the whole buffer, as
     /// long as the sync manager. `reply_bytes` is the length of the read mailbox (SM1). Does
     /// nothing while the mailbox does not respond.
@@ -55,9 +65,38 @@ impl MailboxServer {
         gateway: &mut Gateway,
     ) {
         gateway.advance(now);
-        if gateway.mailbox_answers(now) {
-            self.serve(now, request, reply_bytes, gateway);
+        if !gateway.mailbox_answers(now) {
+            return;
         }
+        let ready = now.saturating_add(gateway.config().mailbox_delay_ns);
+        let Some((header, rest)) = Header::parse(request) else {
+            let to = MessageAddress { address: 0, protocol: protocol::ERROR };
+            let message = MailboxError::SizeTooShort.message();
+            self.responses.push(ready, to, vec![message], reply_bytes);
+            return;
+        };
+        // the master did not see that the mailbox accepted the message, and wrote it again
+        let is_repeated = header.counter != 0 && header.counter == self.last_counter;
+        if is_repeated {
+            return;
+        }
+        self.last_counter = header.counter;
+        // an error is not answered with an error
+        if header.protocol == protocol::ERROR {
+            return;
+        }
+        let answer = if self.responses.is_full() {
+            Err(MailboxError::NoMemory)
+        } else {
+            let room = reply_bytes.saturating_sub(HEADER_BYTES);
+            self.answer(header, rest, &mut Context { now, room, gateway })
+        };
+        let (protocol, messages) = match answer {
+            Ok(messages) => (header.protocol, messages),
+            Err(error) => (protocol::ERROR, vec![error.message()]),
+        };
+        let to = MessageAddress { address: header.address, protocol };
+        self.responses.push(ready, to, messages, reply_bytes);
     }
 
     /// Whether [`send`](Self::send) has a message. Cheap: to be called whenever the read mailbox is
@@ -77,8 +116,8 @@ impl MailboxServer {
         }
         let speaks_coe = gateway.al_state() != AlState::Boot;
         while let Some(emergency) = gateway.take_emergency().filter(|_| speaks_coe) {
-            let envelope = MessageAddress { address: 0, protocol: protocol::COE };
-            if self.responses.write(envelope, &coe::emergency_message(emergency), out) {
+            let to = MessageAddress { address: 0, protocol: protocol::COE };
+            if self.responses.write(to, &coe::emergency_message(emergency), out) {
                 return true;
             }
         }
@@ -91,61 +130,23 @@ impl MailboxServer {
         self.responses.next_ready()
     }
 
-    fn serve(&mut self, now: u64, request: &[u8], reply_bytes: usize, gateway: &mut Gateway) {
-        let ready = now.saturating_add(gateway.config().mailbox_delay_ns);
-        let Some((header, rest)) = Header::parse(request) else {
-            let envelope = MessageAddress { address: 0, protocol: protocol::ERROR };
-            let message = MailboxError::SizeTooShort.message();
-            self.responses.push(ready, envelope, vec![message], reply_bytes);
-            return;
-        };
-        // the master did not see that the mailbox accepted the message, and wrote it again
-        let is_repeated = header.counter != 0 && header.counter == self.last_counter;
-        if is_repeated {
-            return;
-        }
-        self.last_counter = header.counter;
-        // an error is not answered with an error
-        if header.protocol == protocol::ERROR {
-            return;
-        }
-        let answer = if self.responses.is_full() {
-            Err(MailboxError::NoMemory)
-        } else {
-            self.answer(now, header, rest, reply_bytes, gateway)
-        };
-        let (protocol, messages) = match answer {
-            Ok(messages) => (header.protocol, messages),
-            Err(error) => (protocol::ERROR, vec![error.message()]),
-        };
-        let envelope = MessageAddress { address: header.address, protocol };
-        self.responses.push(ready, envelope, messages, reply_bytes);
-    }
-
     /// Response messages, without mailbox headers; `rest` is the request after its header.
     fn answer(
         &mut self,
-        now: u64,
         header: Header,
         rest: &[u8],
-        reply_bytes: usize,
-        gateway: &mut Gateway,
+        context: &mut Context<'_>,
     ) -> Result<Vec<Vec<u8>>, MailboxError> {
         if header.channel != 0 {
             return Err(MailboxError::InvalidChannel);
         }
         let body = rest.get(..usize::from(header.length)).ok_or(MailboxError::InvalidSize)?;
-        let room = reply_bytes.saturating_sub(HEADER_BYTES);
         match header.protocol {
             // BOOT permits FoE only
-            protocol::COE if gateway.al_state() != AlState::Boot => {
-                self.coe.request(now, body, room, gateway)
+            protocol::COE if context.gateway.al_state() != AlState::Boot => {
+                coe::request(&mut self.sdo, body, context)
             }
-            protocol::FOE => {
-                let mut answer = Vec::new();
-                self.foe.request(now, body, room, &mut answer, gateway);
-                Ok(if answer.is_empty() { Vec::new() } else { vec![answer] })
-            }
+            protocol::FOE => Ok(self.foe.request(body, context).into_iter().collect()),
             reserved if protocol::RESERVED.contains(&reserved) => Err(MailboxError::Syntax),
             _ => Err(MailboxError::UnsupportedProtocol),
         }

@@ -16,7 +16,7 @@ pub(super) struct MessageAddress {
 #[derive(Debug)]
 struct Answer {
     ready: u64,
-    envelope: MessageAddress,
+    to: MessageAddress,
     /// Never empty.
     messages: VecDeque<Vec<u8>>,
 }
@@ -39,17 +39,17 @@ impl ResponseQueue {
     pub(super) fn push(
         &mut self,
         ready: u64,
-        envelope: MessageAddress,
+        to: MessageAddress,
         messages: Vec<Vec<u8>>,
         reply_bytes: usize,
     ) {
         let fits = |message: &Vec<u8>| HEADER_BYTES + message.len() <= reply_bytes;
         let answer = if messages.iter().all(fits) {
-            Answer { ready, envelope, messages: messages.into() }
+            Answer { ready, to, messages: messages.into() }
         } else {
             Answer {
                 ready,
-                envelope: MessageAddress { protocol: protocol::ERROR, ..envelope },
+                to: MessageAddress { protocol: protocol::ERROR, ..to },
                 messages: VecDeque::from([MailboxError::InvalidSize.message()]),
             }
         };
@@ -65,11 +65,11 @@ impl ResponseQueue {
     /// Copies the next message that is ready by `now` into the read mailbox.
     pub(super) fn send(&mut self, now: u64, out: &mut [u8]) -> bool {
         while let Some(answer) = self.answers.front_mut().filter(|answer| answer.ready <= now) {
-            let (envelope, message) = (answer.envelope, answer.messages.pop_front());
+            let (to, message) = (answer.to, answer.messages.pop_front());
             if answer.messages.is_empty() {
                 self.answers.pop_front();
             }
-            if message.is_some_and(|message| self.write(envelope, &message, out)) {
+            if message.is_some_and(|message| self.write(to, &message, out)) {
                 return true;
             }
         }
@@ -77,12 +77,7 @@ impl ResponseQueue {
     }
 
     /// Copies a message into the read mailbox; returns `false` if it does not fit.
-    pub(super) fn write(
-        &mut self,
-        envelope: MessageAddress,
-        message: &[u8],
-        out: &mut [u8],
-    ) -> bool {
+    pub(super) fn write(&mut self, to: MessageAddress, message: &[u8], out: &mut [u8]) -> bool {
         let Ok(length) = u16::try_from(message.len()) else {
             return false;
         };
@@ -90,7 +85,7 @@ impl ResponseQueue {
             return false;
         }
         self.counter = self.counter % 7 + 1;
-        let MessageAddress { address, protocol } = envelope;
+        let MessageAddress { address, protocol } = to;
         let header = Header { length, address, channel: 0, protocol, counter: self.counter };
         let Some((head, rest)) = out.split_at_mut_checked(HEADER_BYTES) else {
             return false;

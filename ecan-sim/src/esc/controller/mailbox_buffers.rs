@@ -2,12 +2,13 @@
 
 use crate::mailbox::MailboxServer;
 
-use super::super::context::Context;
+use super::super::Context;
 use super::super::sync_manager::SyncManager;
 use super::Controller;
 use super::memory::{READ_MAILBOX, WRITE_MAILBOX};
 use super::registers::REGISTER_BYTES;
 
+#[derive(Default)]
 pub(super) struct MailboxBuffers {
     server: MailboxServer,
     /// The last message read, for a repeat.
@@ -16,13 +17,7 @@ pub(super) struct MailboxBuffers {
     displaced: Option<Vec<u8>>,
 }
 
-impl MailboxBuffers {
-    pub(super) fn new() -> Self {
-        Self { server: MailboxServer::new(), last_read: Vec::new(), displaced: None }
-    }
-}
-
-fn place(sm: SyncManager) -> std::ops::Range<usize> {
+fn memory_range(sm: SyncManager) -> std::ops::Range<usize> {
     let start = sm.start().saturating_sub(REGISTER_BYTES);
     start..start + sm.length()
 }
@@ -36,7 +31,7 @@ impl Controller {
         let [write_mailbox, read_mailbox] =
             [WRITE_MAILBOX, READ_MAILBOX].map(|n| self.sync_managers[n]);
         if write_mailbox.is_enabled() && write_mailbox.is_full {
-            let request = self.memory.get(place(write_mailbox)).unwrap_or_default();
+            let request = self.memory.get(memory_range(write_mailbox)).unwrap_or_default();
             self.mailbox.server.receive(now, request, read_mailbox.length(), context.gateway);
             self.sync_managers[WRITE_MAILBOX].mark_empty();
         }
@@ -44,7 +39,7 @@ impl Controller {
             return;
         }
         let Self { memory, mailbox, sync_managers, .. } = self;
-        let out = memory.get_mut(place(read_mailbox)).unwrap_or_default();
+        let out = memory.get_mut(memory_range(read_mailbox)).unwrap_or_default();
         let is_filled = match mailbox.displaced.take() {
             Some(message) => put(&message, out),
             None => {
@@ -58,7 +53,8 @@ impl Controller {
     }
 
     pub(super) fn read_mailbox_was_read(&mut self, context: &mut Context<'_>) {
-        let message = self.memory.get(place(self.sync_managers[READ_MAILBOX])).unwrap_or_default();
+        let message =
+            self.memory.get(memory_range(self.sync_managers[READ_MAILBOX])).unwrap_or_default();
         self.mailbox.last_read.clear();
         self.mailbox.last_read.extend_from_slice(message);
         self.serve_mailbox(context);
@@ -71,7 +67,7 @@ impl Controller {
         if !sm.is_enabled() || !sm.take_repeat_request() || mailbox.last_read.is_empty() {
             return;
         }
-        let out = memory.get_mut(place(*sm)).unwrap_or_default();
+        let out = memory.get_mut(memory_range(*sm)).unwrap_or_default();
         if sm.is_full {
             mailbox.displaced = Some(out.to_vec());
         }

@@ -1,18 +1,18 @@
 //! Accesses to the address space of a slave controller: registers, sync manager buffers, and plain
 //! memory. An access counts if any byte of it was accepted.
 
-use super::super::context::Context;
+use super::super::Context;
 use super::super::sync_manager::Progress;
 use super::Controller;
 use super::registers::REGISTER_BYTES;
 
 const MEMORY_END: usize = REGISTER_BYTES + 0x2000;
-pub(in crate::esc) const MEMORY_BYTES: usize = MEMORY_END - REGISTER_BYTES;
+pub(super) const MEMORY_BYTES: usize = MEMORY_END - REGISTER_BYTES;
 
-pub(in crate::esc) const WRITE_MAILBOX: usize = 0;
-pub(in crate::esc) const READ_MAILBOX: usize = 1;
-pub(in crate::esc) const OUTPUTS: usize = 2;
-pub(in crate::esc) const INPUTS: usize = 3;
+pub(super) const WRITE_MAILBOX: usize = 0;
+pub(super) const READ_MAILBOX: usize = 1;
+pub(super) const OUTPUTS: usize = 2;
+pub(super) const INPUTS: usize = 3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Area {
@@ -40,12 +40,7 @@ impl Controller {
     }
 
     /// Reads for the master. A rejected part leaves `out` unchanged.
-    pub(in crate::esc) fn read(
-        &mut self,
-        at: u16,
-        out: &mut [u8],
-        context: &mut Context<'_>,
-    ) -> bool {
+    pub(super) fn read(&mut self, at: u16, out: &mut [u8], context: &mut Context<'_>) -> bool {
         let (mut at, mut rest, mut is_done) = (usize::from(at), out, false);
         while !rest.is_empty() {
             let (area, end) = self.area(at);
@@ -68,12 +63,7 @@ impl Controller {
         is_done
     }
 
-    pub(in crate::esc) fn write(
-        &mut self,
-        at: u16,
-        data: &[u8],
-        context: &mut Context<'_>,
-    ) -> bool {
+    pub(super) fn write(&mut self, at: u16, data: &[u8], context: &mut Context<'_>) -> bool {
         let (mut at, mut rest, mut is_done) = (usize::from(at), data, false);
         while !rest.is_empty() {
             let (area, end) = self.area(at);
@@ -94,18 +84,18 @@ impl Controller {
     }
 
     /// Memory at an address after the registers; shorter at its end.
-    pub(in crate::esc) fn memory_at(&self, at: usize, bytes: usize) -> &[u8] {
+    pub(super) fn memory_at(&self, at: usize, bytes: usize) -> &[u8] {
         let from = at.saturating_sub(REGISTER_BYTES).min(MEMORY_BYTES);
         &self.memory[from..(from + bytes).min(MEMORY_BYTES)]
     }
 
-    pub(in crate::esc) fn memory_mut(&mut self, at: usize, bytes: usize) -> &mut [u8] {
+    pub(super) fn memory_mut(&mut self, at: usize, bytes: usize) -> &mut [u8] {
         let from = at.saturating_sub(REGISTER_BYTES).min(MEMORY_BYTES);
         &mut self.memory[from..(from + bytes).min(MEMORY_BYTES)]
     }
 
     /// Whether a buffer is full. Process data buffers belong to the firmware.
-    pub(in crate::esc) fn buffer_is_full(&self, number: usize, context: &Context<'_>) -> bool {
+    pub(super) fn buffer_is_full(&self, number: usize, context: &Context<'_>) -> bool {
         match number {
             OUTPUTS => context.gateway.outputs_full(),
             INPUTS => context.gateway.inputs_full(),
@@ -196,7 +186,7 @@ impl Controller {
     }
 
     /// Raises the events of buffers that the firmware has filled or emptied.
-    pub(in crate::esc) fn check_buffers(&mut self, context: &Context<'_>) {
+    pub(super) fn check_buffers(&mut self, context: &Context<'_>) {
         for number in [OUTPUTS, INPUTS] {
             let is_full = self.buffer_is_full(number, context);
             let sm = &mut self.sync_managers[number];

@@ -2,16 +2,16 @@
 
 use ecan_protocol::device::AlState;
 
-use super::super::clock::{self, ClockRegisters};
-use super::super::context::Context;
+use super::super::Context;
+use super::super::clock;
 use super::super::eeprom::{Effect, INTERFACE_BYTES};
 use super::super::fmmu::{FMMU_BYTES, FMMUS, Fmmu};
 use super::super::sync_manager::{SYNC_MANAGER_BYTES, SYNC_MANAGERS};
 use super::Controller;
 
-pub(in crate::esc) const REGISTER_BYTES: usize = 0x1000;
+pub(super) const REGISTER_BYTES: usize = 0x1000;
 
-pub(in crate::esc) mod address {
+pub(super) mod address {
     pub(crate) const TYPE: usize = 0x0000;
     pub(crate) const STATION: usize = 0x0010;
     pub(crate) const ALIAS: usize = 0x0012;
@@ -99,7 +99,7 @@ const WATCHDOG_STEP_NS: u64 = 40;
 const AL_STATE: u8 = 0x0F;
 const AL_ACKNOWLEDGE: u8 = 0x10;
 
-pub(in crate::esc) mod event {
+pub(super) mod event {
     pub(crate) const DL_STATUS: u16 = 1 << 2;
     pub(crate) const AL_STATUS: u16 = 1 << 3;
     pub(crate) const FIRST_SYNC_MANAGER: u16 = 1 << 4;
@@ -110,7 +110,7 @@ fn touches(at: usize, bytes: usize, register: usize, length: usize) -> bool {
     at < register + length && register < at + bytes
 }
 
-pub(in crate::esc) fn initial() -> Box<[u8]> {
+pub(super) fn initial() -> Box<[u8]> {
     let mut registers = vec![0; REGISTER_BYTES].into_boxed_slice();
     for (at, bytes) in DEFAULTS {
         registers[at..at + bytes.len()].copy_from_slice(bytes);
@@ -119,27 +119,22 @@ pub(in crate::esc) fn initial() -> Box<[u8]> {
 }
 
 impl Controller {
-    pub(in crate::esc) fn stored<const N: usize>(&self, at: usize) -> [u8; N] {
+    pub(super) fn stored<const N: usize>(&self, at: usize) -> [u8; N] {
         self.registers.get(at..at + N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
     }
 
-    pub(in crate::esc) fn store(&mut self, at: usize, bytes: &[u8]) {
+    pub(super) fn store(&mut self, at: usize, bytes: &[u8]) {
         if let Some(to) = self.registers.get_mut(at..at + bytes.len()) {
             to.copy_from_slice(bytes);
         }
     }
 
-    pub(in crate::esc) fn count(&mut self, at: usize) {
+    pub(super) fn count(&mut self, at: usize) {
         let [value] = self.stored(at);
         self.store(at, &[value.saturating_add(1)]);
     }
 
-    pub(in crate::esc) fn read_registers(
-        &mut self,
-        at: usize,
-        out: &mut [u8],
-        context: &Context<'_>,
-    ) {
+    pub(super) fn read_registers(&mut self, at: usize, out: &mut [u8], context: &Context<'_>) {
         self.refresh(at, out.len(), context);
         if let Some(from) = self.registers.get(at..at + out.len()) {
             out.copy_from_slice(from);
@@ -168,18 +163,14 @@ impl Controller {
             self.store(address::EVENTS, &self.event_requests().to_le_bytes());
         }
         if touches(address::DEVICE_EVENTS, 4) {
-            let events = self.sync_managers.iter().enumerate().map(|(number, sm)| {
-                if sm.has_device_event() { FIRST_DEVICE_SYNC_MANAGER << number } else { 0 }
-            });
-            let events: u32 = events.sum();
+            let sms = self.sync_managers.iter().enumerate().filter(|(_, sm)| sm.has_device_event());
+            let events: u32 = sms.map(|(number, _)| FIRST_DEVICE_SYNC_MANAGER << number).sum();
             self.store(address::DEVICE_EVENTS, &events.to_le_bytes());
         }
         if touches(address::WATCHDOG_STATUS, 4) {
+            let is_fed = !context.gateway.watchdog_has_expired();
+            self.store(address::WATCHDOG_STATUS, &[is_fed.into()]);
             let expired = context.gateway.watchdog_expirations();
-            self.store(
-                address::WATCHDOG_STATUS,
-                &[u8::from(!context.gateway.watchdog_has_expired())],
-            );
             let seen = expired.wrapping_sub(self.watchdogs_cleared).min(0xFF) as u8;
             self.store(address::WATCHDOG_COUNTERS, &[seen]);
         }
@@ -190,16 +181,15 @@ impl Controller {
             for number in 0..SYNC_MANAGERS {
                 let is_full = self.buffer_is_full(number, context);
                 let first = address::SYNC_MANAGER + number * SYNC_MANAGER_BYTES;
-                for (byte, at) in (first..first + SYNC_MANAGER_BYTES).enumerate() {
+                for byte in 0..SYNC_MANAGER_BYTES {
                     let value = self.sync_managers[number].register(byte, is_full);
-                    self.store(at, &[value]);
+                    self.store(first + byte, &[value]);
                 }
             }
         }
         if touches(address::RECEIVE_TIMES, 0x30) {
-            let clock: ClockRegisters = self.clock;
             let end = address::RECEIVE_TIMES + 0x30;
-            clock.show(&mut self.registers[address::RECEIVE_TIMES..end], context);
+            self.clock.show(&mut self.registers[address::RECEIVE_TIMES..end], context);
         }
         if touches(address::CYCLIC_START, 8)
             && let Some(next) = context.gateway.next_sync0_system_time(context.now)
@@ -208,20 +198,17 @@ impl Controller {
         }
     }
 
-    pub(in crate::esc) fn event_requests(&self) -> u16 {
+    pub(super) fn event_requests(&self) -> u16 {
         let sync_managers = self.sync_managers.iter().enumerate();
         self.events
             | sync_managers
-                .map(
-                    |(number, sm)| {
-                        if sm.has_event() { event::FIRST_SYNC_MANAGER << number } else { 0 }
-                    },
-                )
+                .filter(|(_, sm)| sm.has_event())
+                .map(|(number, _)| event::FIRST_SYNC_MANAGER << number)
                 .sum::<u16>()
     }
 
     /// The master writes registers; returns whether any of them is writable.
-    pub(in crate::esc) fn write_registers(
+    pub(super) fn write_registers(
         &mut self,
         at: usize,
         data: &[u8],
@@ -237,16 +224,16 @@ impl Controller {
             is_done = true;
             // any write clears a counter
             let is_counter = matches!(first, address::RECEIVE_ERRORS | address::WATCHDOG_COUNTERS);
-            for place in from..to {
-                self.registers[place] = if is_counter { 0 } else { data[place - at] };
+            for byte in from..to {
+                self.registers[byte] = if is_counter { 0 } else { data[byte - at] };
             }
         }
         let sync_managers =
             address::SYNC_MANAGER..address::SYNC_MANAGER + SYNC_MANAGERS * SYNC_MANAGER_BYTES;
-        for (place, value) in (at..).zip(data).filter(|(place, _)| sync_managers.contains(place)) {
-            let place = place - address::SYNC_MANAGER;
-            let sm = &mut self.sync_managers[place / SYNC_MANAGER_BYTES];
-            is_done |= sm.write_register(place % SYNC_MANAGER_BYTES, *value);
+        for (byte, value) in (at..).zip(data).filter(|(byte, _)| sync_managers.contains(byte)) {
+            let offset = byte - address::SYNC_MANAGER;
+            let sm = &mut self.sync_managers[offset / SYNC_MANAGER_BYTES];
+            is_done |= sm.write_register(offset % SYNC_MANAGER_BYTES, *value);
         }
         if touches(at, data.len(), address::EEPROM, INTERFACE_BYTES) {
             is_done |= self.write_eeprom_interface(at, data, context);
@@ -293,13 +280,12 @@ impl Controller {
             self.clock.set_offset(offset, context);
         }
         if touches(address::TIME_DELAY, 4) {
-            self.clock.set_delay(u32::from_le_bytes(self.stored(address::TIME_DELAY)));
+            self.clock.delay = u32::from_le_bytes(self.stored(address::TIME_DELAY));
         }
         if touches(address::SYSTEM_TIME, 8) {
             let written_time: [u8; 8] = self.stored(address::SYSTEM_TIME);
             let is_whole = at + bytes >= address::SYSTEM_TIME + 8;
-            self.clock
-                .write_time(if is_whole { &written_time } else { &written_time[..4] }, context);
+            self.clock.write_time(&written_time[..if is_whole { 8 } else { 4 }], context);
         }
         if touches(address::SPEED_COUNTER, 2) {
             context.gateway.restart_dc_control(context.now);
@@ -332,7 +318,7 @@ impl Controller {
     fn after_sync_manager_write(&mut self, context: &mut Context<'_>) {
         for number in 0..4 {
             let sm = self.sync_managers[number];
-            let config = sm.is_enabled().then(|| sm.config());
+            let config = sm.is_enabled().then_some(sm.config);
             context.gateway.configure_sync_manager(number as u8, config);
         }
         self.repeat_if_requested();
@@ -350,52 +336,36 @@ impl Controller {
             return false;
         }
         let mut interface = self.eeprom.show(context.now);
-        for (place, value) in (at..).zip(data) {
-            let place = place.checked_sub(address::EEPROM);
-            if let Some(to) = place.and_then(|place| interface.get_mut(place)) {
+        for (byte, value) in (at..).zip(data) {
+            let offset = byte.checked_sub(address::EEPROM);
+            if let Some(to) = offset.and_then(|offset| interface.get_mut(offset)) {
                 *to = *value;
             }
         }
         let has_command = touches(at, data.len(), address::EEPROM + 1, 1);
-        self.command_eeprom(&interface, has_command, context);
-        true
-    }
-
-    fn command_eeprom(
-        &mut self,
-        interface: &[u8; INTERFACE_BYTES],
-        has_command: bool,
-        context: &mut Context<'_>,
-    ) {
         let words = context.gateway.eeprom();
-        match self.eeprom.written(context.now, interface, has_command, words) {
+        match self.eeprom.written(context.now, &interface, has_command, words) {
             Effect::Nothing => {}
             Effect::Write { word, value } => context.gateway.write_eeprom(word, value),
             // the alias is loaded at power-on only
-            Effect::Reload => {
-                let words = context.gateway.eeprom();
-                self.load_interface_configuration(words);
-            }
+            Effect::Reload => self.load_interface_configuration(context.gateway.eeprom()),
         }
+        true
     }
 
-    pub(in crate::esc) fn load_configuration(&mut self, words: &[u16]) {
+    pub(super) fn load_configuration(&mut self, words: &[u16]) {
         self.load_interface_configuration(words);
         self.store(address::ALIAS, &words.get(4).copied().unwrap_or(0).to_le_bytes());
     }
 
     /// Loads the part of it that a reload also loads.
-    pub(in crate::esc) fn load_interface_configuration(&mut self, words: &[u16]) {
+    pub(super) fn load_interface_configuration(&mut self, words: &[u16]) {
         let word = |at: usize| words.get(at).copied().unwrap_or(0).to_le_bytes();
         self.store(address::PDI, &word(0));
         self.store(address::PULSE_LENGTH, &word(2));
     }
 
-    pub(in crate::esc) fn count_processing_error(&mut self) {
-        self.count(address::PROCESSING_ERRORS);
-    }
-
-    pub(in crate::esc) fn count_lost_link(&mut self, port: usize) {
+    pub(super) fn count_lost_link(&mut self, port: usize) {
         self.count(address::LOST_LINKS + port);
         self.events |= event::DL_STATUS;
     }

@@ -7,7 +7,7 @@
 
 use ecan_protocol::object::{AbortCode, Entry, Object, object};
 
-use crate::gateway::Gateway;
+use super::Context;
 
 const COUNT_BYTES: usize = 2;
 
@@ -33,24 +33,19 @@ fn block_bytes(object: &Object, entry: &Entry) -> usize {
     }
 }
 
-fn writable_count(object: &Object) -> Option<&'static Entry> {
-    object.entry(0).filter(|entry| object.highest_subindex() > 0 && entry.access.can_write())
-}
-
 /// Uploads the entries from `first` on, 0 or 1. Write-only entries read as zeros.
 pub(super) fn upload(
-    now: u64,
     index: u16,
     first: u8,
-    gateway: &mut Gateway,
+    context: &mut Context<'_>,
 ) -> Result<Vec<u8>, AbortCode> {
     let object = open(index, first)?;
-    let mut value = Vec::new();
-    let mut last = object.highest_subindex();
-    if writable_count(object).is_some() {
-        gateway.sdo_upload(now, index, 0, &mut value)?;
-        last = value.first().copied().unwrap_or(0);
-    }
+    let has_writable_count = object.highest_subindex() > 0
+        && object.entry(0).is_some_and(|entry| entry.access.can_write());
+    let last = match has_writable_count {
+        true => context.sdo_upload(index, 0)?.first().copied().unwrap_or(0),
+        false => object.highest_subindex(),
+    };
     let mut block = Vec::new();
     for entry in object.entries {
         if !(first..=last).contains(&entry.subindex) {
@@ -58,8 +53,7 @@ pub(super) fn upload(
         }
         let end = block.len() + block_bytes(object, entry);
         if entry.access.can_read() {
-            gateway.sdo_upload(now, index, entry.subindex, &mut value)?;
-            block.extend_from_slice(&value);
+            block.extend(context.sdo_upload(index, entry.subindex)?);
         }
         block.resize(end, 0);
     }
@@ -71,11 +65,10 @@ pub(super) fn upload(
 /// read-only one must match. The first rejected entry ends the download; entries written before it
 /// stay.
 pub(super) fn download(
-    now: u64,
     index: u16,
     first: u8,
     data: &[u8],
-    gateway: &mut Gateway,
+    context: &mut Context<'_>,
 ) -> Result<(), AbortCode> {
     let object = open(index, first)?;
     let parts = split(object, first, data)?;
@@ -85,21 +78,17 @@ pub(super) fn download(
         if subindex == 0 && object.highest_subindex() > 0 {
             let value = bytes.get(..1).unwrap_or_default();
             if entry.access.can_write() {
-                gateway.sdo_download(now, index, 0, &[0])?;
+                context.sdo_download(index, 0, &[0])?;
                 count = Some(value);
-            } else {
-                let mut present = Vec::new();
-                gateway.sdo_upload(now, index, 0, &mut present)?;
-                if present != value {
-                    return Err(AbortCode::READ_ONLY);
-                }
+            } else if context.sdo_upload(index, 0)? != value {
+                return Err(AbortCode::READ_ONLY);
             }
         } else {
-            gateway.sdo_download(now, index, subindex, bytes)?;
+            context.sdo_download(index, subindex, bytes)?;
         }
     }
     match count {
-        Some(count) => gateway.sdo_download(now, index, 0, count),
+        Some(count) => context.sdo_download(index, 0, count),
         None => Ok(()),
     }
 }

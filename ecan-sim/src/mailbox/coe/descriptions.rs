@@ -51,41 +51,41 @@ fn object_kind(index: u16, object: &Object) -> (u16, u8) {
 pub(super) fn describe_object(index: u16) -> Result<Vec<u8>, AbortCode> {
     let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
     let (data_type, code) = object_kind(index, object);
-    let mut body = index.to_le_bytes().to_vec();
-    body.extend_from_slice(&data_type.to_le_bytes());
-    body.push(object.highest_subindex());
-    body.push(code);
-    body.extend_from_slice(object.name.as_bytes());
+    let kind = [object.highest_subindex(), code];
+    let mut body =
+        [&index.to_le_bytes()[..], &data_type.to_le_bytes(), &kind, object.name.as_bytes()]
+            .concat();
     if let Some(instance) = object.instance(index).filter(|_| object.count > 1) {
         body.extend_from_slice(format!(" {instance}").as_bytes());
     }
     Ok(body)
 }
 
-/// Description of an entry, after the SDO information header, with the known values of `wanted`.
+/// Description of an entry, after the SDO information header, with the known values of `requested`.
 pub(super) fn describe_entry(
     index: u16,
     subindex: u8,
-    wanted: u8,
+    requested: u8,
     gateway: &Gateway,
 ) -> Result<Vec<u8>, AbortCode> {
     let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
     let entry = object.entry(subindex).ok_or(AbortCode::NO_SUBINDEX)?;
     let bytes = entry.ty.size_bytes().unwrap_or_else(|| gateway.text(index).len());
-    let (contained, values) = known_values(entry, wanted);
-    let mut body = index.to_le_bytes().to_vec();
-    body.push(subindex);
-    body.push(contained);
-    body.extend_from_slice(&type_code(entry.ty).to_le_bytes());
-    body.extend_from_slice(&((bytes * 8) as u16).to_le_bytes());
-    body.extend_from_slice(&entry_rights(index, entry).to_le_bytes());
-    body.extend_from_slice(&values);
-    body.extend_from_slice(entry.name.as_bytes());
-    Ok(body)
+    let (contained, values) = known_values(entry, requested);
+    Ok([
+        &index.to_le_bytes()[..],
+        &[subindex, contained],
+        &type_code(entry.ty).to_le_bytes(),
+        &((bytes * 8) as u16).to_le_bytes(),
+        &entry_rights(index, entry).to_le_bytes(),
+        &values,
+        entry.name.as_bytes(),
+    ]
+    .concat())
 }
 
-/// Default, minimum and maximum, as far as wanted and known, and which they are.
-fn known_values(entry: &Entry, wanted: u8) -> (u8, Vec<u8>) {
+/// Default, minimum and maximum, as far as requested and known, and which they are.
+fn known_values(entry: &Entry, requested: u8) -> (u8, Vec<u8>) {
     let size = entry.ty.size_bytes().filter(|_| entry.ty.is_integer());
     let (min, max) = match entry.ty {
         // the dictionary has no limits for this signed type
@@ -103,7 +103,7 @@ fn known_values(entry: &Entry, wanted: u8) -> (u8, Vec<u8>) {
     let mut values = Vec::new();
     for (bit, value) in known {
         if let (Some(value), Some(size)) = (value, size)
-            && wanted & bit != 0
+            && requested & bit != 0
         {
             contained |= bit;
             values.extend(value.to_le_bytes().into_iter().take(size));

@@ -2,11 +2,9 @@
 
 use ecan_protocol::object::AbortCode;
 
-use crate::gateway::Gateway;
-
 use super::descriptions::{describe_entry, describe_object};
 use super::object_lists::object_list;
-use super::{COE_HEADER_BYTES, MailboxError, coe_header, service};
+use super::{COE_HEADER_BYTES, Context, MailboxError, message, service};
 
 const INFO_HEADER_BYTES: usize = 4;
 
@@ -23,11 +21,7 @@ mod opcode {
     pub(super) const INCOMPLETE: u8 = 0x80;
 }
 
-pub(super) fn answer(
-    request: &[u8],
-    room: usize,
-    gateway: &Gateway,
-) -> Result<Vec<Vec<u8>>, MailboxError> {
+pub(super) fn answer(request: &[u8], context: &Context<'_>) -> Result<Vec<Vec<u8>>, MailboxError> {
     let (&[service, ..], body) =
         request.split_first_chunk::<INFO_HEADER_BYTES>().ok_or(MailboxError::SizeTooShort)?;
     let (opcode, result) = match service & !opcode::INCOMPLETE {
@@ -40,15 +34,15 @@ pub(super) fn answer(
             (opcode::OBJECT, describe_object(u16::from_le_bytes([i0, i1])))
         }
         opcode::ENTRY_REQUEST => {
-            let &[i0, i1, subindex, wanted] = parameters(body)?;
+            let &[i0, i1, subindex, requested] = parameters(body)?;
             let index = u16::from_le_bytes([i0, i1]);
-            (opcode::ENTRY, describe_entry(index, subindex, wanted, gateway))
+            (opcode::ENTRY, describe_entry(index, subindex, requested, context.gateway))
         }
         _ => (opcode::ERROR, Err(AbortCode::COMMAND)),
     };
     Ok(match result {
-        Ok(body) => fragments(opcode, &body, room),
-        Err(code) => fragments(opcode::ERROR, &code.0.to_le_bytes(), room),
+        Ok(body) => fragments(opcode, &body, context.room),
+        Err(code) => fragments(opcode::ERROR, &code.0.to_le_bytes(), context.room),
     })
 }
 
@@ -72,12 +66,8 @@ fn fragments(opcode: u8, body: &[u8], room: usize) -> Vec<Vec<u8>> {
         .map(|(number, part)| {
             let left = count - 1 - number;
             let more = if left > 0 { opcode::INCOMPLETE } else { 0 };
-            let mut message = Vec::with_capacity(COE_HEADER_BYTES + INFO_HEADER_BYTES + part.len());
-            message.extend_from_slice(&coe_header(service::SDO_INFORMATION));
-            message.extend_from_slice(&[opcode | more, 0]);
-            message.extend_from_slice(&(left as u16).to_le_bytes());
-            message.extend_from_slice(part);
-            message
+            let header = [opcode | more, 0];
+            message(service::SDO_INFORMATION, &[&header, &(left as u16).to_le_bytes(), part])
         })
         .collect()
 }

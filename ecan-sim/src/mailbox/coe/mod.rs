@@ -1,6 +1,5 @@
 //! CAN application protocol over EtherCAT (ETG.1000.6): SDO, SDO information, emergencies.
 
-mod abort;
 mod complete_access;
 mod descriptions;
 mod entry_rights;
@@ -10,10 +9,11 @@ mod sdo_server;
 mod segments;
 mod target;
 
-use sdo_server::SdoServer;
+pub(super) use sdo_server::SdoServer;
 
-use crate::gateway::{Emergency, Gateway};
+use crate::gateway::Emergency;
 
+use super::Context;
 use super::errors::MailboxError;
 
 mod service {
@@ -27,51 +27,33 @@ mod service {
 
 const COE_HEADER_BYTES: usize = 2;
 
-const fn coe_header(service: u8) -> [u8; COE_HEADER_BYTES] {
-    ((service as u16) << 12).to_le_bytes()
+/// A message with the CoE header number 0.
+fn message(service: u8, parts: &[&[u8]]) -> Vec<u8> {
+    let header = (u16::from(service) << 12).to_le_bytes();
+    [&header[..], &parts.concat()].concat()
 }
 
 pub(super) fn emergency_message(emergency: Emergency) -> Vec<u8> {
     let Emergency { code, register, data } = emergency;
-    let mut message = Vec::with_capacity(10);
-    message.extend_from_slice(&coe_header(service::EMERGENCY));
-    message.extend_from_slice(&code.to_le_bytes());
-    message.push(register);
-    message.extend_from_slice(&data);
-    message
+    message(service::EMERGENCY, &[&code.to_le_bytes(), &[register], &data])
 }
 
-#[derive(Debug)]
-pub(super) struct CoeServer {
-    sdo: SdoServer,
-}
-
-impl CoeServer {
-    pub(super) fn new() -> Self {
-        Self { sdo: SdoServer::new() }
-    }
-
-    pub(super) fn request(
-        &mut self,
-        now: u64,
-        body: &[u8],
-        room: usize,
-        gateway: &mut Gateway,
-    ) -> Result<Vec<Vec<u8>>, MailboxError> {
-        let (&[_, high], rest) =
-            body.split_first_chunk::<COE_HEADER_BYTES>().ok_or(MailboxError::SizeTooShort)?;
-        match high >> 4 {
-            service::SDO_REQUEST => {
-                Ok(self.sdo.request(now, rest, room, gateway)?.into_iter().collect())
-            }
-            service::SDO_INFORMATION => information::answer(rest, room, gateway),
-            // services that only a slave sends, and process data outside the sync managers
-            service::EMERGENCY
-            | service::SDO_RESPONSE
-            | service::TX_PDO..=service::RX_PDO_REMOTE_REQUEST => {
-                Err(MailboxError::ServiceNotSupported)
-            }
-            _ => Err(MailboxError::InvalidHeader),
+pub(super) fn request(
+    sdo: &mut SdoServer,
+    body: &[u8],
+    context: &mut Context<'_>,
+) -> Result<Vec<Vec<u8>>, MailboxError> {
+    let (&[_, high], rest) =
+        body.split_first_chunk::<COE_HEADER_BYTES>().ok_or(MailboxError::SizeTooShort)?;
+    match high >> 4 {
+        service::SDO_REQUEST => Ok(sdo.request(rest, context)?.into_iter().collect()),
+        service::SDO_INFORMATION => information::answer(rest, context),
+        // services that only a slave sends, and process data outside the sync managers
+        service::EMERGENCY
+        | service::SDO_RESPONSE
+        | service::TX_PDO..=service::RX_PDO_REMOTE_REQUEST => {
+            Err(MailboxError::ServiceNotSupported)
         }
+        _ => Err(MailboxError::InvalidHeader),
     }
 }

@@ -3,12 +3,9 @@
 
 use ecan_protocol::object::AbortCode;
 
-use crate::gateway::Gateway;
-
-use super::abort::abort_message;
 use super::segments::{SMALLEST_SEGMENT, SegmentedDownload, SegmentedUpload};
 use super::target::{COMPLETE_ACCESS, EXPEDITED, Target};
-use super::{COE_HEADER_BYTES, MailboxError, coe_header, service};
+use super::{COE_HEADER_BYTES, Context, MailboxError, message, service};
 
 /// Bytes of an SDO message after the CoE header, before the data of a normal transfer.
 const SDO_BYTES: usize = 8;
@@ -29,6 +26,7 @@ mod response {
     pub(super) const DOWNLOAD_SEGMENT: u8 = 1 << 5;
     pub(super) const UPLOAD: u8 = 2 << 5;
     pub(super) const DOWNLOAD: u8 = 3 << 5;
+    pub(super) const ABORT: u8 = 4 << 5;
 }
 
 /// Bits of the command byte that begins a transfer.
@@ -46,30 +44,25 @@ struct Initiation<'a> {
 }
 
 /// State between two messages.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 enum Transfer {
+    #[default]
     Idle,
     Upload(SegmentedUpload),
     Download(SegmentedDownload),
 }
 
-#[derive(Debug)]
-pub(super) struct SdoServer {
+#[derive(Debug, Default)]
+pub(in crate::mailbox) struct SdoServer {
     transfer: Transfer,
 }
 
 impl SdoServer {
-    pub(super) fn new() -> Self {
-        Self { transfer: Transfer::Idle }
-    }
-
     /// Returns the response or the abort. A request that begins a transfer ends the previous one.
     pub(super) fn request(
         &mut self,
-        now: u64,
         body: &[u8],
-        room: usize,
-        gateway: &mut Gateway,
+        context: &mut Context<'_>,
     ) -> Result<Option<Vec<u8>>, MailboxError> {
         let (&[command, i0, i1, subindex, d0, d1, d2, d3], rest) =
             body.split_first_chunk::<SDO_BYTES>().ok_or(MailboxError::SizeTooShort)?;
@@ -78,24 +71,23 @@ impl SdoServer {
             subindex,
             is_complete: command & COMPLETE_ACCESS != 0,
         };
-        let initiation = Initiation { command, target, data: [d0, d1, d2, d3], rest };
-        let running = std::mem::replace(&mut self.transfer, Transfer::Idle);
+        let request = Initiation { command, target, data: [d0, d1, d2, d3], rest };
+        let running = std::mem::take(&mut self.transfer);
         let (at, result) = match (command >> 5, running) {
-            (request::UPLOAD, _) => (target, self.begin_upload(now, target, room, gateway)),
-            (request::DOWNLOAD, _) => (target, self.begin_download(now, &initiation, gateway)),
+            (request::UPLOAD, _) => (target, self.begin_upload(target, context)),
+            (request::DOWNLOAD, _) => (target, self.begin_download(&request, context)),
             (request::UPLOAD_SEGMENT, Transfer::Upload(upload)) => {
-                (upload.target, self.continue_upload(command, upload, room))
+                (upload.target, self.continue_upload(command, upload, context.room))
             }
             (request::DOWNLOAD_SEGMENT, Transfer::Download(download)) => {
                 let at = download.target;
-                (at, self.continue_download(now, body, download, gateway))
+                (at, self.continue_download(body, download, context))
             }
             (request::ABORT, _) => return Ok(None),
             // a segment without transfer, or in the other direction
             (request::UPLOAD_SEGMENT | request::DOWNLOAD_SEGMENT, running) => {
-                let nothing = Target { index: 0, subindex: 0, is_complete: false };
                 let at = match running {
-                    Transfer::Idle => nothing,
+                    Transfer::Idle => Target { index: 0, subindex: 0, is_complete: false },
                     Transfer::Upload(upload) => upload.target,
                     Transfer::Download(download) => download.target,
                 };
@@ -103,28 +95,29 @@ impl SdoServer {
             }
             _ => (target, Err(AbortCode::COMMAND)),
         };
-        let message = result.unwrap_or_else(|code| abort_message(at.index, at.subindex, code));
-        Ok(Some(message))
+        // an abort is an SDO request, also from the slave
+        Ok(Some(result.unwrap_or_else(|code| {
+            initiation(service::SDO_REQUEST, response::ABORT, at, code.0.to_le_bytes())
+        })))
     }
 
     fn begin_upload(
         &mut self,
-        now: u64,
         target: Target,
-        room: usize,
-        gateway: &mut Gateway,
+        context: &mut Context<'_>,
     ) -> Result<Vec<u8>, AbortCode> {
-        let data = target.upload(now, gateway)?;
+        let data = target.upload(context)?;
         let command = response::UPLOAD | target.complete_bit() | SIZE_INDICATED;
         if (1..=EXPEDITED).contains(&data.len()) {
             let unused = (EXPEDITED - data.len()) as u8;
             let mut four = [0; EXPEDITED];
-            four.iter_mut().zip(&data).for_each(|(to, from)| *to = *from);
-            return Ok(initiation_response(command | IS_EXPEDITED | unused << 2, target, four));
+            four[..data.len()].copy_from_slice(&data);
+            let command = command | IS_EXPEDITED | unused << 2;
+            return Ok(initiation(service::SDO_RESPONSE, command, target, four));
         }
         let size = u32::try_from(data.len()).map_err(|_| AbortCode::OUT_OF_MEMORY)?;
-        let mut message = initiation_response(command, target, size.to_le_bytes());
-        let first = data.len().min(room.saturating_sub(COE_HEADER_BYTES + SDO_BYTES));
+        let mut message = initiation(service::SDO_RESPONSE, command, target, size.to_le_bytes());
+        let first = data.len().min(context.room.saturating_sub(COE_HEADER_BYTES + SDO_BYTES));
         message.extend_from_slice(data.get(..first).unwrap_or_default());
         if first < data.len() {
             self.transfer = Transfer::Upload(SegmentedUpload::new(target, data, first));
@@ -142,11 +135,9 @@ impl SdoServer {
             upload.next(command & TOGGLE != 0, room.saturating_sub(COE_HEADER_BYTES + 1))?;
         let unused = SMALLEST_SEGMENT.saturating_sub(segment.len());
         let last = if is_last { LAST_SEGMENT } else { 0 };
-        let mut message = Vec::with_capacity(COE_HEADER_BYTES + 1 + segment.len() + unused);
-        message.extend_from_slice(&coe_header(service::SDO_RESPONSE));
-        message.push(response::UPLOAD_SEGMENT | command & TOGGLE | (unused as u8) << 1 | last);
-        message.extend_from_slice(segment);
-        message.extend(std::iter::repeat_n(0, unused));
+        let command = response::UPLOAD_SEGMENT | command & TOGGLE | (unused as u8) << 1 | last;
+        let parts: [&[u8]; 3] = [&[command], segment, &[0; SMALLEST_SEGMENT][..unused]];
+        let message = message(service::SDO_RESPONSE, &parts);
         if !is_last {
             self.transfer = Transfer::Upload(upload);
         }
@@ -155,18 +146,17 @@ impl SdoServer {
 
     fn begin_download(
         &mut self,
-        now: u64,
-        initiation: &Initiation<'_>,
-        gateway: &mut Gateway,
+        request: &Initiation<'_>,
+        context: &mut Context<'_>,
     ) -> Result<Vec<u8>, AbortCode> {
-        let &Initiation { command, target, data, rest } = initiation;
+        let &Initiation { command, target, data, rest } = request;
         let has_size = command & SIZE_INDICATED != 0;
         if command & IS_EXPEDITED != 0 {
             let size = match has_size {
                 true => EXPEDITED - usize::from(command >> 2 & 0x03),
                 false => target.expedited_size(),
             };
-            target.download(now, data.get(..size).unwrap_or(&data), gateway)?;
+            target.download(data.get(..size).unwrap_or(&data), context)?;
         } else {
             // a normal transfer needs its size
             if !has_size {
@@ -180,22 +170,22 @@ impl SdoServer {
                 return Err(AbortCode::TOO_LONG);
             }
             if rest.len() == announced {
-                target.download(now, rest, gateway)?;
+                target.download(rest, context)?;
             } else {
                 target.check_announced(announced)?;
                 let download = SegmentedDownload::new(target, rest, announced);
                 self.transfer = Transfer::Download(download);
             }
         }
-        Ok(initiation_response(response::DOWNLOAD | target.complete_bit(), target, [0; EXPEDITED]))
+        let command = response::DOWNLOAD | target.complete_bit();
+        Ok(initiation(service::SDO_RESPONSE, command, target, [0; EXPEDITED]))
     }
 
     fn continue_download(
         &mut self,
-        now: u64,
         body: &[u8],
         mut download: SegmentedDownload,
-        gateway: &mut Gateway,
+        context: &mut Context<'_>,
     ) -> Result<Vec<u8>, AbortCode> {
         let (&command, data) = body.split_first().ok_or(AbortCode::COMMAND)?;
         // only the smallest segment may have unused bytes
@@ -206,23 +196,16 @@ impl SdoServer {
         let segment = data.get(..data.len() - unused).unwrap_or_default();
         let target = download.target;
         match download.take(command & TOGGLE != 0, segment, command & LAST_SEGMENT != 0)? {
-            Some(all) => target.download(now, all, gateway)?,
+            Some(all) => target.download(all, context)?,
             None => self.transfer = Transfer::Download(download),
         }
-        let mut message = Vec::with_capacity(COE_HEADER_BYTES + SDO_BYTES);
-        message.extend_from_slice(&coe_header(service::SDO_RESPONSE));
-        message.push(response::DOWNLOAD_SEGMENT | command & TOGGLE);
-        message.extend_from_slice(&[0; SMALLEST_SEGMENT]);
-        Ok(message)
+        let command = response::DOWNLOAD_SEGMENT | command & TOGGLE;
+        Ok(message(service::SDO_RESPONSE, &[&[command], &[0; SMALLEST_SEGMENT]]))
     }
 }
 
-fn initiation_response(command: u8, target: Target, data: [u8; EXPEDITED]) -> Vec<u8> {
-    let mut message = Vec::with_capacity(COE_HEADER_BYTES + SDO_BYTES);
-    message.extend_from_slice(&coe_header(service::SDO_RESPONSE));
-    message.push(command);
-    message.extend_from_slice(&target.index.to_le_bytes());
-    message.push(target.subindex);
-    message.extend_from_slice(&data);
-    message
+/// A message with the object of a transfer.
+fn initiation(service: u8, command: u8, target: Target, data: [u8; EXPEDITED]) -> Vec<u8> {
+    let Target { index, subindex, .. } = target;
+    message(service, &[&[command], &index.to_le_bytes(), &[subindex], &data])
 }

@@ -1,8 +1,6 @@
 use ecan_protocol::object::{AbortCode, object};
 
-use crate::gateway::Gateway;
-
-use super::complete_access;
+use super::{Context, complete_access};
 
 /// Data bytes of an expedited transfer.
 pub(super) const EXPEDITED: usize = 4;
@@ -18,24 +16,20 @@ pub(super) struct Target {
 }
 
 impl Target {
-    pub(super) fn upload(self, now: u64, gateway: &mut Gateway) -> Result<Vec<u8>, AbortCode> {
-        if self.is_complete {
-            return complete_access::upload(now, self.index, self.subindex, gateway);
+    pub(super) fn upload(self, context: &mut Context<'_>) -> Result<Vec<u8>, AbortCode> {
+        let Self { index, subindex, is_complete } = self;
+        match is_complete {
+            true => complete_access::upload(index, subindex, context),
+            false => context.sdo_upload(index, subindex),
         }
-        let mut data = Vec::new();
-        gateway.sdo_upload(now, self.index, self.subindex, &mut data).map(|()| data)
     }
 
-    pub(super) fn download(
-        self,
-        now: u64,
-        data: &[u8],
-        gateway: &mut Gateway,
-    ) -> Result<(), AbortCode> {
-        if self.is_complete {
-            return complete_access::download(now, self.index, self.subindex, data, gateway);
+    pub(super) fn download(self, data: &[u8], context: &mut Context<'_>) -> Result<(), AbortCode> {
+        let Self { index, subindex, is_complete } = self;
+        match is_complete {
+            true => complete_access::download(index, subindex, data, context),
+            false => context.sdo_download(index, subindex, data),
         }
-        gateway.sdo_download(now, self.index, self.subindex, data)
     }
 
     /// Checks a segmented download before its data arrive.

@@ -3,7 +3,7 @@
 use ecan_protocol::device::AlState;
 use proptest::prelude::*;
 
-use super::FoeServer;
+use super::{Context, FoeServer};
 use crate::gateway::{
     FirmwarePackage, Gateway, GatewayFault, GatewayModelConfig, SyncManagerConfig,
 };
@@ -16,7 +16,6 @@ struct Fixture {
     room: usize,
     server: FoeServer,
     gateway: Gateway,
-    out: Vec<u8>,
 }
 
 impl Fixture {
@@ -30,13 +29,13 @@ impl Fixture {
         let length = room as u16 + 6;
         let settings = SyncManagerConfig { start: 0x1000, length, control: 0x26 };
         gateway.configure_sync_manager(0, Some(settings));
-        Self { now, room, server: FoeServer::new(), gateway, out: Vec::new() }
+        Self { now, room, server: FoeServer::default(), gateway }
     }
 
     fn ask(&mut self, request: &[u8]) -> Vec<u8> {
-        let Self { now, room, server, gateway, out } = self;
-        server.request(*now, request, *room, out, gateway);
-        out.clone()
+        let Self { now, room, server, gateway } = self;
+        let context = &mut Context { now: *now, room: *room, gateway };
+        server.request(request, context).unwrap_or_default()
     }
 
     fn open(&mut self, opcode: u8, password: u32, name: &[u8]) -> Vec<u8> {
@@ -280,7 +279,7 @@ fn interrupted_updates_leave_the_running_version() {
     let mut fixture = Fixture::new(122);
     begin(&mut fixture);
     fixture.gateway.power(fixture.now, false);
-    fixture.server = FoeServer::new();
+    fixture.server = FoeServer::default();
     fixture.gateway.power(fixture.now, true);
     fixture.now += 300 * MS;
     fixture.gateway.set_up_mailboxes();

@@ -31,7 +31,7 @@ impl Fixture {
         gateway.set_up_mailboxes();
         gateway.request_al_state(now, AlState::PreOp);
         assert_eq!(gateway.al_state(), AlState::PreOp);
-        Self { gateway, server: MailboxServer::new(), now, mailbox }
+        Self { gateway, server: MailboxServer::default(), now, mailbox }
     }
 
     /// Writes a whole mailbox that begins with these bytes.

@@ -94,7 +94,7 @@ fn repeated_write_is_ignored() {
     }
     // INIT resets the counter
     assert_eq!(fixture.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
-    fixture.server = MailboxServer::new();
+    fixture.server = MailboxServer::default();
     assert_eq!(fixture.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
 }
 
@@ -133,7 +133,7 @@ fn gateway_in_init_ignores_mailbox_requests() {
     fixture.write(&coe(&UPLOAD));
     fixture.gateway.request_al_state(fixture.now, AlState::Init);
     assert_eq!(fixture.read(), None);
-    fixture.server = MailboxServer::new();
+    fixture.server = MailboxServer::default();
     fixture.write(&coe(&UPLOAD));
     assert_eq!(fixture.server.next_ready(), None);
 }

@@ -154,7 +154,7 @@ fn run(steps: Vec<Step>) {
                 while fixture.read().is_some() {}
                 fixture.gateway.advance(fixture.now);
                 counter = 0;
-                fixture.server = MailboxServer::new();
+                fixture.server = MailboxServer::default();
                 if is_served && fixture.gateway.mailbox_answers(fixture.now) {
                     let upload = coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0]);
                     assert_eq!(fixture.exchange(&upload)[8], 0x4F);
@@ -182,7 +182,7 @@ fn run(steps: Vec<Step>) {
             Step::State(state) => fixture.gateway.request_al_state(fixture.now, state),
             Step::Reset => {
                 counter = 0;
-                fixture.server = MailboxServer::new();
+                fixture.server = MailboxServer::default();
             }
         }
     }
