@@ -9,13 +9,7 @@ use crate::scenario::ClockKind;
 /// while a thread sleeps on it.
 #[derive(Clone)]
 pub struct SimClock {
-    shared: Arc<Shared>,
-}
-
-impl SimClock {
-    pub(crate) fn new(shared: Arc<Shared>) -> Self {
-        Self { shared }
-    }
+    pub(crate) shared: Arc<Shared>,
 }
 
 impl Clock for SimClock {

@@ -193,8 +193,8 @@ impl FaultScript {
             When::Cycle(cycle) => (&mut self.by_cycle, cycle),
             When::At(ns) => (&mut self.by_time, start_ns.saturating_add(ns)),
         };
-        let place = list.partition_point(|(other, _)| *other <= at);
-        list.insert(place, (at, scripted.fault));
+        let index = list.partition_point(|(other, _)| *other <= at);
+        list.insert(index, (at, scripted.fault));
     }
 
     pub(crate) fn next_time(&self) -> Option<u64> {
@@ -211,11 +211,7 @@ impl FaultScript {
 }
 
 fn take_due(list: &mut VecDeque<(u64, Fault)>, now: u64) -> Option<Fault> {
-    if list.front().is_some_and(|(at, _)| *at <= now) {
-        list.pop_front().map(|(_, fault)| fault)
-    } else {
-        None
-    }
+    list.pop_front_if(|(at, _)| *at <= now).map(|(_, fault)| fault)
 }
 
 #[cfg(test)]

@@ -16,14 +16,7 @@ use crate::world::World;
 #[derive(Clone)]
 pub struct Simulation {
     shared: Arc<Shared>,
-    description: Arc<Description>,
-}
-
-struct Description {
-    scenario: String,
-    seed: u64,
-    gateways: usize,
-    nodes: usize,
+    scenario: Arc<Scenario>,
 }
 
 impl Simulation {
@@ -34,12 +27,7 @@ impl Simulation {
     ) -> Result<Self, BackendError> {
         Ok(Self {
             shared: Arc::new(Shared::new(scenario, clock, bridges)?),
-            description: Arc::new(Description {
-                scenario: scenario.name.clone(),
-                seed: scenario.seed,
-                gateways: scenario.gateways.len(),
-                nodes: scenario.nodes.len(),
-            }),
+            scenario: Arc::new(scenario.clone()),
         })
     }
 
@@ -49,12 +37,12 @@ impl Simulation {
 
     /// Name of the scenario.
     pub fn scenario_name(&self) -> &str {
-        &self.description.scenario
+        &self.scenario.name
     }
 
     /// Seed of all random values.
     pub fn seed(&self) -> u64 {
-        self.description.seed
+        self.scenario.seed
     }
 
     /// Clock of the simulation.
@@ -64,12 +52,13 @@ impl Simulation {
 
     /// The simulation's clock.
     pub fn clock(&self) -> SimClock {
-        SimClock::new(self.shared.clone())
+        SimClock { shared: self.shared.clone() }
     }
 
     /// One line for programs to print first; states that the run is simulated.
     pub fn banner(&self) -> String {
-        let Description { scenario, seed, gateways, nodes } = &*self.description;
+        let Scenario { name, seed, gateways, nodes, .. } = &*self.scenario;
+        let (gateways, nodes) = (gateways.len(), nodes.len());
         let clock = match self.clock_kind() {
             ClockKind::Real => "real time",
             ClockKind::Stepped => "stepped time",
@@ -81,10 +70,10 @@ impl Simulation {
         let plural = |count: usize| if count == 1 { "" } else { "s" };
         let bridges = self.with_world(|world| world.node_descriptions());
         format!(
-            "SIMULATED: no EtherCAT master, no hardware. Scenario {scenario}: {gateways} \
+            "SIMULATED: no EtherCAT master, no hardware. Scenario {name}: {gateways} \
              gateway{}, {nodes} node{}, libethercat {version}, {clock}, seed {seed}{bridges}",
-            plural(*gateways),
-            plural(*nodes),
+            plural(gateways),
+            plural(nodes),
         )
     }
 

@@ -40,8 +40,8 @@ fn between(low: u64, high: u64, part: u64, whole: u64, power: u32) -> u64 {
     const ONE: u128 = 1 << 32;
     let share = ONE * u128::from(part) / u128::from(whole.max(1));
     let bent = (1..power).fold(share, |bent, _| bent * share / ONE);
-    let way = u128::from(high.saturating_sub(low)) * bent / ONE;
-    low.saturating_add(u64::try_from(way).unwrap_or(u64::MAX))
+    let added = u128::from(high.saturating_sub(low)) * bent / ONE;
+    low.saturating_add(u64::try_from(added).unwrap_or(u64::MAX))
 }
 
 #[derive(Debug)]

@@ -154,16 +154,16 @@ fn clocks() -> Vec<u8> {
 mod tests {
     use super::*;
 
-    fn find(words: &[u16], wanted: u16) -> &[u16] {
+    fn find(words: &[u16], category: u16) -> &[u16] {
         let mut at = CATEGORIES;
         while words[at] != END {
             let length = usize::from(words[at + 1]);
-            if words[at] == wanted {
+            if words[at] == category {
                 return &words[at + 2..at + 2 + length];
             }
             at += 2 + length;
         }
-        panic!("no category {wanted}");
+        panic!("no category {category}");
     }
 
     #[test]

@@ -8,7 +8,6 @@ pub(super) const GLOBAL_DATA_PATH: u16 = 0x8020;
 pub(super) const FIRST_DATA_PATH: u16 = 0x8021;
 pub(super) const DIAGNOSTIC_TEST: u16 = 0x8030;
 pub(super) const CYCLE_PERFORMANCE: u16 = 0x9011;
-const FIRST_REGISTER_SERVICE: u16 = 0xA000;
 pub(super) const MAINTENANCE: u16 = 0xB000;
 pub(super) const MAINTENANCE_COMMAND: u8 = 4;
 pub(super) const MODE_TIMEOUT: u8 = 3;
@@ -22,39 +21,17 @@ pub(super) enum Command {
     Reboot,
     RotatePins,
     ApplyChannel(usize),
-    ChannelFlash {
-        channel: usize,
-        bits: u32,
-    },
-    EditFilters {
-        channel: usize,
-        extended: bool,
-        command: u8,
-    },
+    ChannelFlash { channel: usize, bits: u32 },
+    EditFilters { channel: usize, extended: bool, command: u8 },
     ApplyProfile(Direction),
-    ControlProfile {
-        direction: Direction,
-        bits: u32,
-    },
+    ControlProfile { direction: Direction, bits: u32 },
     ProfileRequested(Direction),
-    /// `apply` false: the command object is only reset.
-    GlobalDataPath {
-        apply: bool,
-    },
-    DataPath {
-        channel: usize,
-        apply: bool,
-    },
-    TestPolicies {
-        key: bool,
-    },
-    Performance {
-        subindex: u8,
-        clear: bool,
-    },
-    Register {
-        channel: usize,
-    },
+    // `apply` false: the command object is only reset
+    GlobalDataPath { apply: bool },
+    DataPath { channel: usize, apply: bool },
+    TestPolicies { key: bool },
+    Performance { subindex: u8, clear: bool },
+    Register { channel: usize },
     AccessMode(u8),
     Maintenance(u32),
 }
@@ -64,11 +41,8 @@ impl Command {
         let channel = |first: u16| usize::from(index - first);
         let byte = value.to_le_bytes()[0];
         match index {
-            SYSTEM => match subindex {
-                1 if value == 1 => Self::Reboot,
-                12 => Self::RotatePins,
-                _ => Self::Nothing,
-            },
+            SYSTEM if subindex == 1 && value == 1 => Self::Reboot,
+            SYSTEM if subindex == 12 => Self::RotatePins,
             0x8001..=0x8004 => Self::of_channel(channel(FIRST_CHANNEL_OBJECT), subindex, value),
             0x8010 => Self::of_profile(Direction::TxPdo, subindex, value),
             0x8011 => Self::of_profile(Direction::RxPdo, subindex, value),
@@ -78,9 +52,7 @@ impl Command {
             }
             DIAGNOSTIC_TEST => Self::TestPolicies { key: subindex == TEST_KEY },
             CYCLE_PERFORMANCE => Self::Performance { subindex, clear: value == 1 },
-            0xA000..=0xA003 if subindex == 2 => {
-                Self::Register { channel: channel(FIRST_REGISTER_SERVICE) }
-            }
+            0xA000..=0xA003 if subindex == 2 => Self::Register { channel: channel(0xA000) },
             MAINTENANCE if subindex == 1 => Self::AccessMode(byte),
             MAINTENANCE if subindex == MAINTENANCE_COMMAND => Self::Maintenance(value),
             _ => Self::Nothing,

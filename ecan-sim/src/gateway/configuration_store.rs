@@ -164,7 +164,7 @@ impl ConfigurationStore {
             restore(&self.saved().ok_or(error)?, target)?;
         }
         if has(command::FACTORY) {
-            if target.faults.take_flash_failure() {
+            if target.faults.flash_failures.take() {
                 return Err(MaintenanceStatus::FlashError);
             }
             self.flash.clear();
@@ -184,7 +184,7 @@ impl ConfigurationStore {
         image: &ConfigurationImage,
         faults: &mut PendingFaults,
     ) -> Result<(), MaintenanceStatus> {
-        if faults.take_flash_failure() {
+        if faults.flash_failures.take() {
             return Err(MaintenanceStatus::FlashError);
         }
         self.flash = image.to_bytes();
@@ -309,7 +309,7 @@ mod tests {
     #[test]
     fn failing_flash_is_reported() {
         let mut fixture = Fixture::new();
-        fixture.faults.add_flash_failures(1);
+        fixture.faults.flash_failures.add(1);
         assert_eq!(fixture.run(command::SAVE), MaintenanceStatus::FlashError);
     }
 }

@@ -391,10 +391,10 @@ impl DataPath {
         control.note_overflow(undelivered.dropped, None);
         control.note_overflow(undelivered.unpacked, Some(PdoError::PacketOverrun));
         control.note_overflow(undelivered.oversized, Some(PdoError::FrameOverrun));
-        if faults.take_torn_image() {
+        if faults.torn_images.take() {
             self.builder.tear();
         }
-        if faults.take_crc_error() {
+        if faults.crc_errors.take() {
             self.builder.corrupt_crc();
         }
         self.counters.images_published += 1;

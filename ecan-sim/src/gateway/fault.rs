@@ -62,12 +62,30 @@ struct SdoAbort {
     times: u32,
 }
 
+/// Number of operations that still fail.
+#[derive(Debug, Default)]
+pub(super) struct Count(u32);
+
+impl Count {
+    pub(super) fn add(&mut self, count: u32) {
+        self.0 = self.0.saturating_add(count);
+    }
+
+    /// Whether the next operation fails.
+    pub(super) fn take(&mut self) -> bool {
+        let any = self.0 > 0;
+        self.0 = self.0.saturating_sub(1);
+        any
+    }
+}
+
 #[derive(Debug, Default)]
 pub(super) struct PendingFaults {
     sdo_aborts: Vec<SdoAbort>,
-    torn_images: u32,
-    crc_errors: u32,
-    flash_failures: u32,
+    pub(super) torn_images: Count,
+    pub(super) crc_errors: Count,
+    /// Operations of the flash.
+    pub(super) flash_failures: Count,
     pub(super) mailbox_silent_until: u64,
 }
 
@@ -76,22 +94,10 @@ impl PendingFaults {
         self.sdo_aborts.push(SdoAbort { index, subindex, code, times });
     }
 
-    pub(super) fn add_torn_images(&mut self, images: u32) {
-        self.torn_images = self.torn_images.saturating_add(images);
-    }
-
-    pub(super) fn add_crc_errors(&mut self, images: u32) {
-        self.crc_errors = self.crc_errors.saturating_add(images);
-    }
-
-    pub(super) fn add_flash_failures(&mut self, times: u32) {
-        self.flash_failures = self.flash_failures.saturating_add(times);
-    }
-
     pub(super) fn take_sdo_abort(&mut self, index: u16, subindex: u8) -> Option<AbortCode> {
         let matches = |abort: &SdoAbort| (abort.index, abort.subindex) == (index, subindex);
         let at = self.sdo_aborts.iter().position(matches)?;
-        let abort = self.sdo_aborts.get_mut(at)?;
+        let abort = &mut self.sdo_aborts[at];
         let code = AbortCode(abort.code);
         abort.times = abort.times.saturating_sub(1);
         if abort.times == 0 {
@@ -99,24 +105,6 @@ impl PendingFaults {
         }
         Some(code)
     }
-
-    pub(super) fn take_torn_image(&mut self) -> bool {
-        take_one(&mut self.torn_images)
-    }
-
-    pub(super) fn take_crc_error(&mut self) -> bool {
-        take_one(&mut self.crc_errors)
-    }
-
-    pub(super) fn take_flash_failure(&mut self) -> bool {
-        take_one(&mut self.flash_failures)
-    }
-}
-
-fn take_one(count: &mut u32) -> bool {
-    let any = *count > 0;
-    *count = count.saturating_sub(1);
-    any
 }
 
 #[cfg(test)]
@@ -135,10 +123,10 @@ mod tests {
     #[test]
     fn counted_faults_end_after_their_count() {
         let mut faults = PendingFaults::default();
-        faults.add_flash_failures(1);
-        faults.add_torn_images(2);
-        assert_eq!([0; 2].map(|_| faults.take_flash_failure()), [true, false]);
-        assert_eq!([0; 3].map(|_| faults.take_torn_image()), [true, true, false]);
-        assert!(!faults.take_crc_error());
+        faults.flash_failures.add(1);
+        faults.torn_images.add(2);
+        assert_eq!([0; 2].map(|_| faults.flash_failures.take()), [true, false]);
+        assert_eq!([0; 3].map(|_| faults.torn_images.take()), [true, true, false]);
+        assert!(!faults.crc_errors.take());
     }
 }

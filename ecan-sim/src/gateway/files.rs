@@ -69,14 +69,4 @@ impl Gateway {
     pub fn write_eeprom(&mut self, word: u16, value: u16) {
         self.eeprom.write(word, value);
     }
-
-    /// Erases the EEPROM and restarts the firmware, which rebuilds it, as bit 6 of the maintenance
-    /// command does. Does nothing without supply.
-    pub fn rebuild_eeprom(&mut self, now: u64) {
-        self.advance(now);
-        if self.is_responding() {
-            self.eeprom.words.clear();
-            self.boot();
-        }
-    }
 }

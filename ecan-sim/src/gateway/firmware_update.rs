@@ -211,7 +211,7 @@ impl FirmwareUpdate {
         self.transfer = None;
         self.starts_free = false;
         self.free_file.clear();
-        if faults.take_flash_failure() {
+        if faults.flash_failures.take() {
             return Err(self.fail(FirmwareUpdateError::Flash));
         }
         let sector = Vec::with_capacity(SECTOR_BYTES);
@@ -236,7 +236,7 @@ impl FirmwareUpdate {
         transfer.sector.extend_from_slice(data);
         let sectors = transfer.sector.len() / SECTOR_BYTES;
         if sectors > 0 {
-            if faults.take_flash_failure() {
+            if faults.flash_failures.take() {
                 return Err(self.fail(FirmwareUpdateError::Flash));
             }
             self.free_file.extend(transfer.sector.drain(..sectors * SECTOR_BYTES));
@@ -256,7 +256,7 @@ impl FirmwareUpdate {
             return Ok(transfer.progress(now));
         }
         if !transfer.sector.is_empty() {
-            if faults.take_flash_failure() {
+            if faults.flash_failures.take() {
                 return Err(self.fail(FirmwareUpdateError::Flash));
             }
             self.free_file.append(&mut transfer.sector);

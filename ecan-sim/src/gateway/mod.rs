@@ -178,9 +178,9 @@ impl Gateway {
             GatewayFault::SdoAbort { index, subindex, code, times } => {
                 faults.add_sdo_abort(index, subindex, code, times)
             }
-            GatewayFault::TornTxPdo { images } => faults.add_torn_images(images),
-            GatewayFault::CrcErrorTxPdo { images } => faults.add_crc_errors(images),
-            GatewayFault::FlashFailure { times } => faults.add_flash_failures(times),
+            GatewayFault::TornTxPdo { images } => faults.torn_images.add(images),
+            GatewayFault::CrcErrorTxPdo { images } => faults.crc_errors.add(images),
+            GatewayFault::FlashFailure { times } => faults.flash_failures.add(times),
             GatewayFault::MailboxSilent { ms } => faults.mailbox_silent_until = until(ms),
             GatewayFault::ServiceStall { ms } => self.services.stalled_until = until(ms),
             GatewayFault::AlError { code } => self.fall_back(AlStatusCode(code)),

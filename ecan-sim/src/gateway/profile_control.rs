@@ -132,18 +132,7 @@ impl ProfileControl {
     /// A requested field was written: apply is pending while the request differs from the active
     /// profile.
     pub(super) fn note_request(&mut self, values: &DictionaryValues) {
-        let object = self.direction.profile_object();
-        let fields = [
-            (subindex::MULTIPLIER, self.active.map(|p| p.multiplier)),
-            (subindex::CHANNEL_MASK, self.active.map(|p| p.channel_mask)),
-            (subindex::PROFILE, self.active.map(|p| p.profile.raw())),
-            (subindex::BUDGET, self.active.map(|p| p.budget.raw())),
-            (subindex::OPTIONS, self.active.map(|p| p.options.bits())),
-        ];
-        let equal = fields
-            .iter()
-            .all(|&(subindex, active)| active == Some(values.get_u8(object, subindex)));
-        if !equal {
+        if self.active.is_none() || self.requested(values).ok() != self.active {
             self.status = ProfileStatus::PendingApply;
         } else if self.status == ProfileStatus::PendingApply {
             self.status = ProfileStatus::Ok;

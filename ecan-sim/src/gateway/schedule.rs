@@ -44,8 +44,8 @@ impl ScheduleQueue {
         if self.entries.len() >= SCHEDULE_DEPTH {
             return false;
         }
-        let place = self.entries.partition_point(|waiting| waiting.due_ns <= entry.due_ns);
-        self.entries.insert(place, entry);
+        let index = self.entries.partition_point(|waiting| waiting.due_ns <= entry.due_ns);
+        self.entries.insert(index, entry);
         true
     }
 

@@ -200,13 +200,13 @@ fn data_units_read_the_sync_manager_memory() {
 
 #[test]
 fn identity_comes_from_the_settings() {
-    let settings = ecan_sim::GatewayModelConfig {
+    let config = ecan_sim::GatewayModelConfig {
         serial: 0x1122_3344_5566_7788,
         vendor_id: 0xABCD,
         firmware: (0x0207, 0x2605),
         ..Default::default()
     };
-    let mut fixture = Fixture::preop_with(settings);
+    let mut fixture = Fixture::preop_with(config);
     assert_eq!(fixture.upload(0x1018, 1), 0xABCD);
     assert_eq!(fixture.upload(0xF000, 5), 0x0207);
     assert_eq!(fixture.upload(0xF000, 6), 0x2605);

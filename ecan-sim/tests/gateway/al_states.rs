@@ -174,8 +174,8 @@ fn rejected_writes_do_not_feed_the_watchdog() {
 fn watchdog_is_disabled_without_control_bit_or_time() {
     for (control, watchdog) in [(0x26, 5 * MS), (0x66, 0)] {
         let mut fixture = Fixture::configured(chunks(3), chunks(3));
-        let settings = SyncManagerConfig { start: 0x1100, length: 384, control };
-        fixture.gateway.configure_sync_manager(2, Some(settings));
+        let config = SyncManagerConfig { start: 0x1100, length: 384, control };
+        fixture.gateway.configure_sync_manager(2, Some(config));
         fixture.gateway.set_watchdog_ns(watchdog);
         fixture.start();
         fixture.pass(1_000 * MS);
@@ -222,8 +222,8 @@ fn stopped_pulses_in_op_are_a_fatal_sync_error() {
 
 #[test]
 fn missed_outputs_are_a_fatal_sync_error_if_limited() {
-    let settings = GatewayModelConfig { missed_sync_limit: 4, ..GatewayModelConfig::default() };
-    let mut fixture = Fixture::preop_with(settings);
+    let config = GatewayModelConfig { missed_sync_limit: 4, ..GatewayModelConfig::default() };
+    let mut fixture = Fixture::preop_with(config);
     fixture.apply_profiles(chunks(3), chunks(3));
     fixture.start_sync0();
     fixture.pass(MS);

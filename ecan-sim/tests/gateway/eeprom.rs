@@ -55,11 +55,11 @@ fn rebuild_command_erases_and_reboots() {
 #[test]
 fn interrupted_rebuild_is_completed_at_start() {
     let mut fixture = with_eeprom(Fixture::preop());
-    fixture.gateway.rebuild_eeprom(fixture.now);
-    fixture.pass(MS);
+    fixture.write_u8(0xB000, 1, 2);
+    fixture.write_u8(0xB000, 4, REBUILD);
+    fixture.pass(20 * MS);
     fixture.gateway.power(fixture.now, false);
     assert!(fixture.gateway.eeprom().is_empty());
-    fixture.gateway.rebuild_eeprom(fixture.now);
     fixture.gateway.power(fixture.now, true);
     fixture.pass(200 * MS);
     assert_eq!(fixture.gateway.eeprom(), [1, 2, 3]);

@@ -135,8 +135,8 @@ fn update_needs_a_running_gateway() {
 
 #[test]
 fn serial_number_stays() {
-    let settings = GatewayModelConfig { serial: 0x1122_3344_5566_7788, ..Default::default() };
-    let mut fixture = Fixture::preop_with(settings);
+    let config = GatewayModelConfig { serial: 0x1122_3344_5566_7788, ..Default::default() };
+    let mut fixture = Fixture::preop_with(config);
     update(&mut fixture, &file(0x0909_0009)).unwrap();
     restart(&mut fixture);
     assert_eq!((fixture.upload(0xF000, 7), fixture.upload(0xF000, 8)), (0x5566_7788, 0x1122_3344));

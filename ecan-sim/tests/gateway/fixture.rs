@@ -45,10 +45,10 @@ impl Fixture {
         Self::preop_with(GatewayModelConfig::default())
     }
 
-    pub fn preop_with(settings: GatewayModelConfig) -> Self {
+    pub fn preop_with(config: GatewayModelConfig) -> Self {
         let profile = PdoProfile::default();
         let mut fixture = Self {
-            gateway: Gateway::new(settings, 1),
+            gateway: Gateway::new(config, 1),
             now: 1_000 * MS,
             writer: ImageWriter::new(Direction::RxPdo, profile),
             reader: ImageReader::new(Direction::TxPdo, profile),
@@ -82,8 +82,8 @@ impl Fixture {
         Self::configured_with(GatewayModelConfig::default(), tx, rx)
     }
 
-    pub fn configured_with(settings: GatewayModelConfig, tx: PdoProfile, rx: PdoProfile) -> Self {
-        let mut fixture = Self::preop_with(settings);
+    pub fn configured_with(config: GatewayModelConfig, tx: PdoProfile, rx: PdoProfile) -> Self {
+        let mut fixture = Self::preop_with(config);
         fixture.apply_profiles(tx, rx);
         for channel in 0..CHANNELS as u8 {
             fixture.apply_channel(channel, McanChannelConfig::fd(1_000_000, 5_000_000));
@@ -110,12 +110,12 @@ impl Fixture {
     }
 
     pub fn set_up_sync_manager(&mut self, direction: Direction, length: u16) {
-        let settings = SyncManagerConfig {
+        let config = SyncManagerConfig {
             start: sync_manager_address(direction),
             length,
             control: sync_manager_control(direction),
         };
-        self.gateway.configure_sync_manager(sync_manager(direction), Some(settings));
+        self.gateway.configure_sync_manager(sync_manager(direction), Some(config));
     }
 
     pub fn apply_channel(&mut self, channel: u8, config: McanChannelConfig) {

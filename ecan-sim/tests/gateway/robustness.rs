@@ -148,9 +148,9 @@ proptest! {
 
     #[test]
     fn equal_seeds_give_equal_runs(steps in prop::collection::vec(step(), 1..40)) {
-        let settings = GatewayModelConfig { service_jitter_ns: 20_000, ..Default::default() };
+        let config = GatewayModelConfig { service_jitter_ns: 20_000, ..Default::default() };
         let [first, second] = [(); 2].map(|()| {
-            let mut fixture = Fixture::preop_with(settings.clone());
+            let mut fixture = Fixture::preop_with(config.clone());
             fixture.apply_profiles(chunks(8), chunks(8));
             fixture.apply_channel(0, Default::default());
             fixture.start();

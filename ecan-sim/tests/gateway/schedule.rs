@@ -183,11 +183,11 @@ fn pulses_follow_start_and_shift() {
 
 #[test]
 fn release_jitter_delays_and_keeps_the_order() {
-    let settings = ecan_sim::GatewayModelConfig {
+    let config = ecan_sim::GatewayModelConfig {
         release_jitter_ns: 13_000,
         ..ecan_sim::GatewayModelConfig::default()
     };
-    let mut fixture = Fixture::configured_with(settings, chunks(24), chunks(24));
+    let mut fixture = Fixture::configured_with(config, chunks(24), chunks(24));
     let start = fixture.start_sync0();
     fixture.pass(MS);
     fixture.start();

@@ -236,8 +236,8 @@ fn channels_have_rings_of_their_own() {
 
 /// In OP with this threshold of `tx_pressure`; see [`with`].
 fn with_pressure(tx_pressure_percent: u8, policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
-    let settings = GatewayModelConfig { tx_pressure_percent, ..GatewayModelConfig::default() };
-    let mut fixture = Fixture::preop_with(settings);
+    let config = GatewayModelConfig { tx_pressure_percent, ..GatewayModelConfig::default() };
+    let mut fixture = Fixture::preop_with(config);
     fixture.apply_profiles(chunks(3), chunks(24));
     let ram = MessageRamLayout { tx_fifo_size, ..MessageRamLayout::fd() };
     fixture.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });

@@ -14,9 +14,9 @@ struct Access {
 }
 
 fn parse(line: &str) -> Option<Access> {
-    let mut words = line.split_whitespace().skip(1);
-    let state = words.next()?.strip_prefix("AL")?.parse().ok()?;
-    let command = match words.next()? {
+    let mut fields = line.split_whitespace().skip(1);
+    let state = fields.next()?.strip_prefix("AL")?.parse().ok()?;
+    let command = match fields.next()? {
         "APWR" => APWR,
         "FPRD" => FPRD,
         "FPWR" => FPWR,
@@ -26,9 +26,9 @@ fn parse(line: &str) -> Option<Access> {
         "FRMW" => FRMW,
         other => panic!("{other}"),
     };
-    let offset = u16::from_str_radix(words.next()?.strip_prefix("0x")?, 16).ok()?;
-    assert_eq!(words.next(), Some("len"));
-    let length = words.next()?.parse().ok()?;
+    let offset = u16::from_str_radix(fields.next()?.strip_prefix("0x")?, 16).ok()?;
+    assert_eq!(fields.next(), Some("len"));
+    let length = fields.next()?.parse().ok()?;
     Some(Access { state, command, offset, length, may_be_refused: line.contains("wkc0") })
 }
 

@@ -5,7 +5,6 @@ use std::str::FromStr;
 
 use clap::Args;
 use ecan_sim::FirmwarePackage;
-use thiserror::Error;
 
 use crate::screen::Screen;
 
@@ -44,16 +43,16 @@ impl FromStr for Version {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let expected = || "expected MAJOR.MINOR.BUILD, at most 255.255.65535".to_owned();
-        let mut parts = text.split('.');
-        let mut next = || parts.next().ok_or_else(expected);
-        let (major, minor, build) = (next()?, next()?, next()?);
-        let version = Self {
-            major: major.parse().map_err(|_| expected())?,
-            minor: minor.parse().map_err(|_| expected())?,
-            build: build.parse().map_err(|_| expected())?,
+        let parse = || {
+            let parts: Vec<_> = text.split('.').collect();
+            let [major, minor, build] = parts.try_into().ok()?;
+            Some(Self {
+                major: u8::from_str(major).ok()?,
+                minor: u8::from_str(minor).ok()?,
+                build: u16::from_str(build).ok()?,
+            })
         };
-        if parts.next().is_none() { Ok(version) } else { Err(expected()) }
+        parse().ok_or_else(|| "expected MAJOR.MINOR.BUILD, at most 255.255.65535".to_owned())
     }
 }
 
@@ -63,24 +62,16 @@ impl Version {
     }
 }
 
-#[derive(Debug, Error)]
-pub enum FirmwareError {
-    #[error("cannot read {}: {error}", path.display())]
-    Read { path: PathBuf, error: std::io::Error },
-    #[error("cannot write {}: {error}", path.display())]
-    Write { path: PathBuf, error: std::io::Error },
-}
-
-pub fn run(arguments: &FirmwareArguments) -> Result<(), FirmwareError> {
+pub fn run(arguments: &FirmwareArguments) -> Result<(), String> {
     let FirmwareArguments { version, out, device_type, application } = arguments;
     let application = match application {
         Some(path) => std::fs::read(path)
-            .map_err(|error| FirmwareError::Read { path: path.clone(), error })?,
+            .map_err(|error| format!("cannot read {}: {error}", path.display()))?,
         None => (0..APPLICATION_BYTES).map(|at| (at ^ (at >> 8)) as u8).collect(),
     };
     let file = FirmwarePackage::new(*device_type, version.raw(), application).to_bytes();
     std::fs::write(out, &file)
-        .map_err(|error| FirmwareError::Write { path: out.clone(), error })?;
+        .map_err(|error| format!("cannot write {}: {error}", out.display()))?;
     let Version { major, minor, build } = version;
     Screen::Output.line(format_args!(
         "{}: version {major}.{minor}.{build}, {} bytes, for simulated gateways only",

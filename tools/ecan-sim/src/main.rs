@@ -37,7 +37,7 @@ fn main() -> ExitCode {
     arguments.log.start();
     let outcome = match &arguments.command {
         Command::Wire(arguments) => wire::run(arguments).map_err(|error| error.to_string()),
-        Command::Firmware(arguments) => firmware::run(arguments).map_err(|error| error.to_string()),
+        Command::Firmware(arguments) => firmware::run(arguments),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

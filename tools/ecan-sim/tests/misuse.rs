@@ -40,9 +40,9 @@ fn invalid_options_are_reported() {
         ),
         (&wire, "network interface \"none\" does not exist; there are: "),
     ];
-    for (arguments, words) in cases {
+    for (arguments, text) in cases {
         let message = fails(&run(arguments));
-        assert!(message.contains(words), "{arguments:?}: {message}");
+        assert!(message.contains(text), "{arguments:?}: {message}");
     }
 }
 

@@ -153,10 +153,10 @@ fn images(text: &mut String, plan: &PortPlan) -> std::fmt::Result {
 /// Every kind of frame, with the packets of it that an image of its gateway could hold.
 fn frames(text: &mut String, plan: &PortPlan, traffic: &[FrameStream]) -> std::fmt::Result {
     writeln!(text, "\n{:<16}{:<34}{:>12}{:>16}", "frame", "kind", "packet bytes", "per image")?;
-    let mut told = Vec::new();
+    let mut printed = Vec::new();
     for stream in traffic {
         let Some(gateway) = plan.gateways.get(stream.slave) else { continue };
-        let (image, way) = match stream.way {
+        let (image, direction) = match stream.way {
             FrameRoute::ToBus => (&gateway.rx, "out"),
             FrameRoute::FromBus => (&gateway.tx, "in"),
             FrameRoute::OnBusOnly => continue,
@@ -165,14 +165,14 @@ fn frames(text: &mut String, plan: &PortPlan, traffic: &[FrameStream]) -> std::f
         let frame = stream.frame.as_ref();
         let line = format!(
             "{:<16}{:<34}{:>12}{:>16}",
-            format!("slave {} {way}", stream.slave),
+            format!("slave {} {direction}", stream.slave),
             kind(&stream.frame),
             image.packet_bytes(frame, is_scheduled),
             image.frames_per_image(frame, is_scheduled)
         );
-        if !told.contains(&line) {
+        if !printed.contains(&line) {
             writeln!(text, "{line}")?;
-            told.push(line);
+            printed.push(line);
         }
     }
     writeln!(text, "an image holds {MAX_PACKETS} packets at most")
@@ -190,7 +190,7 @@ fn kind(frame: &CanFrame) -> String {
 }
 
 /// When scheduled frames leave: those of the traffic, or what the manual begins with. Times count
-/// from the point of the cycle grid, by the settings of each gateway.
+/// from the point of the cycle grid, by the configuration of each gateway.
 fn schedules(text: &mut String, plan: &PortPlan, traffic: &[FrameStream]) -> std::fmt::Result {
     let mut offsets: Vec<(usize, u32)> =
         traffic.iter().filter_map(|s| Some((s.slave, s.schedule_offset_ns?))).collect();

@@ -39,8 +39,8 @@ fn open(scenario: Scenario, clock: ClockKind) -> Simulation {
     ecan_sim::open_scenario(scenario, &options).unwrap().simulation.unwrap()
 }
 
-fn bridge(settings: BridgeSpec) -> NodeKind {
-    NodeKind::Bridge(settings)
+fn bridge(spec: BridgeSpec) -> NodeKind {
+    NodeKind::Bridge(spec)
 }
 
 fn only_bridge(simulation: &Simulation) -> BridgeInfo {
@@ -176,8 +176,8 @@ fn malformed_input_is_answered_with_bell() {
 #[test]
 fn queues_are_bounded_and_count_drops() {
     // Time is paused, so the queue to the bus is not emptied.
-    let settings = BridgeSpec { queue: Some(8), ..BridgeSpec::default() };
-    let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
+    let spec = BridgeSpec { queue: Some(8), ..BridgeSpec::default() };
+    let simulation = simulation(vec![NodeKind::Silent, bridge(spec)]);
     let bridge = only_bridge(&simulation);
     let mut client = Client::slcan(bridge.address());
     client.send(&"t1230\r".repeat(20));
@@ -217,8 +217,8 @@ fn client_that_does_not_read_blocks_nothing() {
 
 #[test]
 fn excess_client_is_rejected_until_another_leaves() {
-    let settings = BridgeSpec { max_clients: Some(1), ..BridgeSpec::default() };
-    let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
+    let spec = BridgeSpec { max_clients: Some(1), ..BridgeSpec::default() };
+    let simulation = simulation(vec![NodeKind::Silent, bridge(spec)]);
     let bridge = only_bridge(&simulation);
     let first = Client::slcan(bridge.address());
     assert!(Client::connect(bridge.address()).is_closed());
@@ -344,13 +344,13 @@ fn scenario_file_configures_bridge() {
         queue = 10
     "#;
     let scenario = Scenario::from_toml(text, "joined", std::path::Path::new(".")).unwrap();
-    let settings = BridgeSpec {
+    let spec = BridgeSpec {
         protocol: BridgeProtocol::Socketcand,
         max_clients: Some(2),
         queue: Some(10),
         ..BridgeSpec::default()
     };
-    assert_eq!(scenario.nodes[1].kind, bridge(settings));
+    assert_eq!(scenario.nodes[1].kind, bridge(spec));
     let simulation = open(scenario, ClockKind::Real);
     let info = only_bridge(&simulation);
     let address = info.address();

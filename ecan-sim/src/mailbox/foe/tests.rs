@@ -27,8 +27,8 @@ impl Fixture {
         gateway.set_up_mailboxes();
         gateway.request_al_state(now, AlState::PreOp);
         let length = room as u16 + 6;
-        let settings = SyncManagerConfig { start: 0x1000, length, control: 0x26 };
-        gateway.configure_sync_manager(0, Some(settings));
+        let config = SyncManagerConfig { start: 0x1000, length, control: 0x26 };
+        gateway.configure_sync_manager(0, Some(config));
         Self { now, room, server: FoeServer::default(), gateway }
     }
 

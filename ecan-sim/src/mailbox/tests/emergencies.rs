@@ -46,12 +46,12 @@ fn watchdog_expires_after_a_normal_startup() {
         let mut block = vec![8, 0];
         block.extend((0..8).flat_map(|chunk| (first_map + chunk).to_le_bytes()));
         fixture.download(object, 0, true, &block).unwrap();
-        let settings = SyncManagerConfig {
+        let config = SyncManagerConfig {
             start: sync_manager_address(direction),
             length: 1024,
             control: sync_manager_control(direction),
         };
-        fixture.gateway.configure_sync_manager(sync_manager(direction), Some(settings));
+        fixture.gateway.configure_sync_manager(sync_manager(direction), Some(config));
     }
     fixture.gateway.set_watchdog_ns(3 * MS);
     for state in [AlState::SafeOp, AlState::Op] {

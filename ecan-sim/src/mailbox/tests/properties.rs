@@ -60,9 +60,9 @@ fn sdo() -> impl Strategy<Value = Vec<u8>> {
 
 fn information() -> impl Strategy<Value = Vec<u8>> {
     (0..9_u8, prop_oneof![0..7_u16, Just(0x8001), any::<u16>()], any::<u8>(), any::<u8>()).prop_map(
-        |(opcode, index, subindex, wanted)| {
+        |(opcode, index, subindex, requested)| {
             let [i0, i1] = index.to_le_bytes();
-            vec![0x00, 0x80, opcode, 0, 0, 0, i0, i1, subindex, wanted]
+            vec![0x00, 0x80, opcode, 0, 0, 0, i0, i1, subindex, requested]
         },
     )
 }

@@ -1,78 +1,47 @@
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+//! candump log of the CAN buses.
+
+use std::borrow::Cow;
+use std::path::Path;
 
 use ecan_candump::Record;
+use ecan_command_line::log_file::{LogFileError, Writer};
 use ecan_sim::World;
-use thiserror::Error;
-
-#[derive(Debug, Error)]
-#[error("cannot write {}: {error}", path.display())]
-pub struct DumpError {
-    path: PathBuf,
-    error: std::io::Error,
-}
 
 pub struct Dump {
-    path: PathBuf,
-    output: BufWriter<Box<dyn Write>>,
+    log: Writer,
     /// Offset from simulated time to the time of day, ns.
     offset_ns: u64,
-    is_flushed: bool,
 }
 
 impl Dump {
-    /// Creates or truncates the file; `-` is standard output. `offset_ns` is added to simulated
-    /// time.
-    pub fn create(path: &Path, offset_ns: u64) -> Result<Self, DumpError> {
-        let path = path.to_owned();
-        let output: Box<dyn Write> = if is_standard_output(&path) {
-            Box::new(std::io::stdout())
-        } else {
-            match File::create(&path) {
-                Ok(file) => Box::new(file),
-                Err(error) => return Err(DumpError { path, error }),
-            }
-        };
-        Ok(Self { path, output: BufWriter::new(output), offset_ns, is_flushed: true })
+    /// Creates or truncates the file; `-` is standard output.
+    pub fn create(path: &Path, offset_ns: u64) -> Result<Self, LogFileError> {
+        Ok(Self { log: Writer::create(path)?, offset_ns })
     }
 
     /// Writes what was recorded since the last call. The bus names are the interface names.
-    pub fn write(&mut self, world: &mut World) -> Result<(), DumpError> {
-        let mut outcome = Ok(());
+    pub fn write(&mut self, world: &mut World) -> Result<(), LogFileError> {
+        let mut result = Ok(());
         world.drain_recorded(|bus, recorded| {
+            // spaces separate the fields of a log
+            let interface = match bus.contains(char::is_whitespace) {
+                true => Cow::Owned(bus.replace(char::is_whitespace, "_")),
+                false => Cow::Borrowed(bus),
+            };
             let record = Record {
                 time_ns: recorded.end_ns.saturating_add(self.offset_ns),
-                interface: bus,
+                interface: &interface,
                 frame: recorded.frame,
                 direction: None,
             };
-            self.is_flushed = false;
-            if outcome.is_ok() {
-                // Spaces separate the fields of a log.
-                outcome = if bus.contains(char::is_whitespace) {
-                    let interface = bus.replace(char::is_whitespace, "_");
-                    writeln!(self.output, "{}", Record { interface: &interface, ..record })
-                } else {
-                    writeln!(self.output, "{record}")
-                };
+            if result.is_ok() {
+                result = self.log.write_line(record);
             }
         });
-        outcome.map_err(|error| self.fault(error))
+        result
     }
 
-    pub fn flush(&mut self) -> Result<(), DumpError> {
-        if std::mem::replace(&mut self.is_flushed, true) {
-            return Ok(());
-        }
-        self.output.flush().map_err(|error| self.fault(error))
+    pub fn flush(&mut self) -> Result<(), LogFileError> {
+        self.log.flush()
     }
-
-    fn fault(&self, error: std::io::Error) -> DumpError {
-        DumpError { path: self.path.clone(), error }
-    }
-}
-
-pub fn is_standard_output(path: &Path) -> bool {
-    path.as_os_str() == "-"
 }

@@ -17,6 +17,7 @@ use ecan_sim::{ClockKind, Scenario, ScenarioChoice, SimOptions, Wire, load_scena
 use crate::screen::Screen;
 use dump::Dump;
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::new_file::is_standard_stream;
 use interface::Interface;
 use packet_socket::PacketSocket;
 use server::Server;
@@ -25,7 +26,7 @@ pub use arguments::WireArguments;
 
 pub fn run(arguments: &WireArguments) -> Result<(), Box<dyn Error>> {
     let screen = match &arguments.dump {
-        Some(path) if dump::is_standard_output(path) => Screen::OutputIsData,
+        Some(path) if is_standard_stream(path) => Screen::OutputIsData,
         _ => Screen::Output,
     };
     let scenario = scenario(arguments, screen)?;

@@ -1,6 +1,5 @@
 //! Packet socket for the EtherCAT frames of one interface (packet(7)).
 
-use std::fmt;
 use std::io::IoSliceMut;
 use std::num::NonZeroU32;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
@@ -183,13 +182,5 @@ impl PacketSocket {
     /// Frames dropped by the system since the last call.
     pub fn losses(&self) -> u64 {
         getsockopt(&self.descriptor, Losses).map_or(0, |losses| losses.tp_drops.into())
-    }
-}
-
-impl fmt::Debug for PacketSocket {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("PacketSocket")
-            .field("interface", &self.interface.name())
-            .finish_non_exhaustive()
     }
 }

@@ -1,17 +1,18 @@
+use std::error::Error;
 use std::fmt::Display;
 
 use ecan_host::{Clock, MonotonicClock};
 use ecan_sim::Wire;
-use thiserror::Error;
 
 use super::arguments::WireArguments;
-use super::dump::{Dump, DumpError};
+use super::dump::Dump;
 use super::packet_socket::{PacketSocket, Received, SocketError};
 use super::summary;
 use super::turnaround::{Turnaround, real_time_ns};
 use super::watch::Watch;
 use crate::screen::Screen;
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::log_file::LogFileError;
 
 /// Maximum wait for a frame, ns: interval of serving bridges and signals.
 const LONGEST_WAIT_NS: u64 = 1_000_000;
@@ -19,14 +20,6 @@ const LONGEST_WAIT_NS: u64 = 1_000_000;
 const LOOK_NS: u64 = 100_000_000;
 /// More than any EtherCAT frame.
 const FRAME_BYTES: usize = 4096;
-
-#[derive(Debug, Error)]
-pub enum ServeError {
-    #[error(transparent)]
-    Socket(#[from] SocketError),
-    #[error(transparent)]
-    Dump(#[from] DumpError),
-}
 
 pub struct Server {
     wire: Wire,
@@ -76,7 +69,7 @@ impl Server {
     }
 
     /// Answers frames until the time is over or the user ends it.
-    pub fn serve(&mut self, interrupt: &Interrupt) -> Result<(), ServeError> {
+    pub fn serve(&mut self, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
         while !interrupt.is_set() {
             let received = self.socket.receive(&mut self.frame[..])?;
             let now = MonotonicClock.now_ns();
@@ -138,7 +131,7 @@ impl Server {
         Ok(())
     }
 
-    fn log_events(&mut self) -> Result<(), DumpError> {
+    fn log_events(&mut self) -> Result<(), LogFileError> {
         let Self { wire, watch, dump, screen, is_quiet, start_ns, .. } = self;
         if !*is_quiet {
             let now = wire.world().now_ns();
@@ -158,7 +151,7 @@ impl Server {
         }
     }
 
-    pub fn finish(&mut self) -> Result<(), DumpError> {
+    pub fn finish(&mut self) -> Result<(), LogFileError> {
         self.screen.line("");
         let dropped = self.socket.losses();
         summary::print(&self.wire, dropped, self.unsent, self.screen);

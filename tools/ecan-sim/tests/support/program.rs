@@ -64,16 +64,16 @@ impl Running {
     }
 
     /// Waits for a line with this text.
-    pub fn wait_for(&mut self, words: &str) {
+    pub fn wait_for(&mut self, text: &str) {
         let start = Instant::now();
-        while !self.seen.iter().any(|line| line.contains(words)) {
+        while !self.seen.iter().any(|line| line.contains(text)) {
             let left = DEADLINE.saturating_sub(start.elapsed());
             match self.lines.recv_timeout(left) {
                 Ok(line) => self.seen.push(line),
-                Err(RecvTimeoutError::Timeout) => panic!("no \"{words}\": {:#?}", self.seen),
+                Err(RecvTimeoutError::Timeout) => panic!("no \"{text}\": {:#?}", self.seen),
                 Err(RecvTimeoutError::Disconnected) => {
                     let errors = self.errors();
-                    panic!("ended without \"{words}\": {:#?} {errors}", self.seen);
+                    panic!("ended without \"{text}\": {:#?} {errors}", self.seen);
                 }
             }
         }
