@@ -16,7 +16,7 @@ use crate::gateway::CHANNEL_TABLES;
 use ecan_mcan_port::Config;
 
 /// Checks the configuration and reports its faults to the document.
-pub(crate) fn check(document: &mut Document<'_>, file: &Config) {
+pub(crate) fn check(document: &Document<'_>, file: &Config) {
     let Err(faults) = file.port.check(&file.adapter) else { return };
     for fault in faults.0 {
         document.semantic_fault(&locations(&fault), fault.to_string());

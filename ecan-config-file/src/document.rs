@@ -1,6 +1,7 @@
 //! A TOML document that is read key by key. Every fault is kept with its location, and each key that
 //! is not read is a fault.
 
+use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
@@ -14,11 +15,11 @@ pub(crate) struct Document<'i> {
     text: &'i str,
     /// Start of each line, in bytes.
     lines: Vec<usize>,
-    faults: Vec<(usize, String)>,
+    faults: RefCell<Vec<(usize, String)>>,
     /// Start of the value of each key, by its full path.
-    locations: BTreeMap<String, usize>,
+    locations: RefCell<BTreeMap<String, usize>>,
     /// Paths with a known fault.
-    faulty: Vec<String>,
+    faulty: RefCell<Vec<String>>,
     syntax_lines: BTreeSet<usize>,
 }
 
@@ -31,16 +32,16 @@ impl<'i> Document<'i> {
             lines: std::iter::once(0)
                 .chain(text.match_indices('\n').map(|(at, _)| at + 1))
                 .collect(),
-            faults: Vec::new(),
-            locations: BTreeMap::new(),
-            faulty: Vec::new(),
+            faults: RefCell::default(),
+            locations: RefCell::default(),
+            faulty: RefCell::default(),
             syntax_lines: BTreeSet::new(),
         };
         for error in errors {
             let at = error.span().map_or(0, |span| span.start);
             let (line, _) = document.line_and_column(at);
             document.syntax_lines.insert(line);
-            document.faults.push((at, error.message().trim().to_owned()));
+            document.push(at, error.message().trim());
         }
         (document, root)
     }
@@ -50,46 +51,49 @@ impl<'i> Document<'i> {
         self.syntax_lines.is_empty()
     }
 
-    fn locate(&mut self, path: &str, span: &Range<usize>) {
-        self.locations.insert(path.to_owned(), span.start);
+    fn push(&self, at: usize, reason: impl Into<String>) {
+        self.faults.borrow_mut().push((at, reason.into()));
+    }
+
+    fn locate(&self, path: &str, span: &Range<usize>) {
+        self.locations.borrow_mut().insert(path.to_owned(), span.start);
     }
 
     /// Reports a fault of the value at a path. A consequence of a fault of the syntax in the same line
     /// is not reported.
-    pub(crate) fn fault(&mut self, path: &str, at: usize, reason: impl Into<String>) {
+    fn fault(&self, path: &str, at: usize, reason: impl Into<String>) {
         let (line, _) = self.line_and_column(at);
-        self.faulty.push(path.to_owned());
+        self.faulty.borrow_mut().push(path.to_owned());
         if !self.syntax_lines.contains(&line) {
-            self.faults.push((at, reason.into()));
+            self.push(at, reason);
         }
     }
 
     /// Reports a byte that is not part of UTF-8 text.
-    pub(crate) fn invalid_byte(&mut self, at: usize, byte: u8) {
-        self.faults.push((at, format!("byte 0x{byte:02X} is not UTF-8")));
+    pub(crate) fn invalid_byte(&self, at: usize, byte: u8) {
+        self.push(at, format!("byte 0x{byte:02X} is not UTF-8"));
     }
 
     /// True if a fault of this path is known.
-    pub(crate) fn is_faulty(&self, path: &str) -> bool {
-        self.faulty.iter().any(|faulty| faulty == path)
+    fn is_faulty(&self, path: &str) -> bool {
+        self.faulty.borrow().iter().any(|faulty| faulty == path)
     }
 
     /// Reports a fault of the values at the first of these paths that the file has, or at the table
     /// around it. Not reported if a path already has a fault: this one would be its consequence.
-    pub(crate) fn semantic_fault(&mut self, paths: &[String], reason: String) {
+    pub(crate) fn semantic_fault(&self, paths: &[String], reason: String) {
         if paths.iter().any(|path| self.is_faulty(path)) {
             return;
         }
-        let found = paths.iter().find_map(|path| self.locations.get(path).copied());
+        let found = paths.iter().find_map(|path| self.locations.borrow().get(path).copied());
         let around = || paths.first().and_then(|path| self.around(path));
-        let at = found.or_else(around).unwrap_or(0);
-        self.faults.push((at, reason));
+        self.push(found.or_else(around).unwrap_or(0), reason);
     }
 
     /// The nearest table around a path.
     fn around(&self, path: &str) -> Option<usize> {
         let (outer, _) = path.rsplit_once('.')?;
-        self.locations.get(outer).copied().or_else(|| self.around(outer))
+        self.locations.borrow().get(outer).copied().or_else(|| self.around(outer))
     }
 
     fn line_and_column(&self, at: usize) -> (usize, usize) {
@@ -104,20 +108,22 @@ impl<'i> Document<'i> {
     ///
     /// # Errors
     /// The faults, if there are any.
-    pub(crate) fn finish(mut self) -> Result<(), FileFaults> {
-        self.faults.sort();
-        self.faults.dedup();
-        let located = |(at, reason): &(usize, String)| {
-            let (line, column) = self.line_and_column(*at);
-            FileFault { line, column, reason: reason.clone() }
+    pub(crate) fn finish(self) -> Result<(), FileFaults> {
+        let mut faults = self.faults.take();
+        faults.sort();
+        faults.dedup();
+        let located = |(at, reason)| {
+            let (line, column) = self.line_and_column(at);
+            FileFault { line, column, reason }
         };
-        let faults: Vec<_> = self.faults.iter().map(located).collect();
+        let faults: Vec<_> = faults.into_iter().map(located).collect();
         if faults.is_empty() { Ok(()) } else { Err(FileFaults(faults)) }
     }
 }
 
-/// A table, and the keys of it that were read.
+/// A table, and the keys of it that were read. Each other key is a fault when the table is dropped.
 pub(crate) struct Table<'t, 'i> {
+    document: &'t Document<'i>,
     path: String,
     table: &'t DeTable<'i>,
     at: usize,
@@ -125,19 +131,21 @@ pub(crate) struct Table<'t, 'i> {
 }
 
 impl<'t, 'i> Table<'t, 'i> {
-    pub(crate) fn root(table: &'t Spanned<DeTable<'i>>) -> Self {
-        Self { path: String::new(), table: table.get_ref(), at: 0, known: Vec::new() }
+    pub(crate) fn root(document: &'t Document<'i>, table: &'t Spanned<DeTable<'i>>) -> Self {
+        Self { document, path: String::new(), table: table.get_ref(), at: 0, known: Vec::new() }
     }
 
     fn nested(
-        document: &mut Document<'_>,
+        document: &'t Document<'i>,
         path: String,
         value: &'t Spanned<DeValue<'i>>,
     ) -> Option<Self> {
         let span = value.span();
         document.locate(&path, &span);
         match value.get_ref() {
-            DeValue::Table(table) => Some(Self { path, table, at: span.start, known: Vec::new() }),
+            DeValue::Table(table) => {
+                Some(Self { document, path, table, at: span.start, known: Vec::new() })
+            }
             other => {
                 let reason = format!("`{path}` must be a table, not {}", kind(other));
                 document.fault(&path, span.start, reason);
@@ -146,23 +154,23 @@ impl<'t, 'i> Table<'t, 'i> {
         }
     }
 
-    /// The path of a key of this table.
-    pub(crate) fn path(&self, key: &str) -> String {
+    fn path(&self, key: &str) -> String {
         if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
     }
 
     /// The value of a key, which becomes known.
-    fn value(
-        &mut self,
-        document: &mut Document<'_>,
-        key: &'static str,
-    ) -> Option<&'t Spanned<DeValue<'i>>> {
+    fn value(&mut self, key: &'static str) -> Option<&'t Spanned<DeValue<'i>>> {
         if !self.known.contains(&key) {
             self.known.push(key);
         }
         let value = self.table.get(key)?;
-        document.locate(&self.path(key), &value.span());
+        self.document.locate(&self.path(key), &value.span());
         Some(value)
+    }
+
+    /// True if a fault of the key is known.
+    pub(crate) fn is_faulty(&self, key: &str) -> bool {
+        self.document.is_faulty(&self.path(key))
     }
 
     /// True if the file has the key.
@@ -171,18 +179,17 @@ impl<'t, 'i> Table<'t, 'i> {
     }
 
     /// Reports a fault of a key, or of the table if it does not have the key.
-    pub(crate) fn fault(&self, document: &mut Document<'_>, key: &str, reason: impl Into<String>) {
+    pub(crate) fn fault(&self, key: &str, reason: impl Into<String>) {
         let at = self.table.get(key).map_or(self.at, |value| value.span().start);
-        document.fault(&self.path(key), at, reason);
+        self.document.fault(&self.path(key), at, reason);
     }
 
-    fn wrong(&self, document: &mut Document<'_>, key: &str, wanted: &str, found: &DeValue<'_>) {
-        self.fault(document, key, format!("`{key}` must be {wanted}, not {}", kind(found)));
+    fn wrong(&self, key: &str, wanted: &str, found: &DeValue<'_>) {
+        self.fault(key, format!("`{key}` must be {wanted}, not {}", kind(found)));
     }
 
     fn out_of_range(
         &self,
-        document: &mut Document<'_>,
         key: &str,
         found: Option<impl std::fmt::Display>,
         min: u32,
@@ -192,47 +199,38 @@ impl<'t, 'i> Table<'t, 'i> {
             Some(found) => format!("= {found} is out of range"),
             None => "is too large".to_owned(),
         };
-        self.fault(document, key, format!("`{key}` {found}; allowed: {min} to {max}"));
+        self.fault(key, format!("`{key}` {found}; allowed: {min} to {max}"));
     }
 
     /// A table in this one.
-    pub(crate) fn table(
-        &mut self,
-        document: &mut Document<'_>,
-        key: &'static str,
-    ) -> Option<Table<'t, 'i>> {
+    pub(crate) fn table(&mut self, key: &'static str) -> Option<Table<'t, 'i>> {
         let path = self.path(key);
-        let value = self.value(document, key)?;
-        Table::nested(document, path, value)
+        let value = self.value(key)?;
+        Table::nested(self.document, path, value)
     }
 
     /// An array of tables.
-    pub(crate) fn tables(
-        &mut self,
-        document: &mut Document<'_>,
-        key: &'static str,
-    ) -> Vec<Table<'t, 'i>> {
-        let Some(value) = self.value(document, key) else { return Vec::new() };
+    pub(crate) fn tables(&mut self, key: &'static str) -> Vec<Table<'t, 'i>> {
+        let Some(value) = self.value(key) else { return Vec::new() };
         let DeValue::Array(array) = value.get_ref() else {
             let reason = format!("`{key}` must be an array of tables, [[{}]]", self.path(key));
-            self.fault(document, key, reason);
+            self.fault(key, reason);
             return Vec::new();
         };
         let path = self.path(key);
         let nested = array.iter().enumerate();
         nested
-            .filter_map(|(at, value)| Table::nested(document, format!("{path}[{at}]"), value))
+            .filter_map(|(at, value)| Table::nested(self.document, format!("{path}[{at}]"), value))
             .collect()
     }
 
-    /// An integer from `min` to `max`.
-    pub(crate) fn unsigned(
+    /// An integer from `min` to `max`, which fits `T`.
+    pub(crate) fn unsigned<T: TryFrom<u32>>(
         &mut self,
-        document: &mut Document<'_>,
         key: &'static str,
         (min, max): (u32, u32),
-    ) -> Option<u32> {
-        let value = self.value(document, key)?;
+    ) -> Option<T> {
+        let value = self.value(key)?;
         match value.get_ref() {
             DeValue::Integer(number) => {
                 let number = integer(number);
@@ -240,65 +238,50 @@ impl<'t, 'i> Table<'t, 'i> {
                     .and_then(|number| u32::try_from(number).ok())
                     .filter(|number| (min..=max).contains(number));
                 if in_range.is_none() {
-                    self.out_of_range(document, key, number, min, max);
+                    self.out_of_range(key, number, min, max);
                 }
-                in_range
+                in_range.and_then(|number| T::try_from(number).ok())
             }
             other => {
-                self.wrong(document, key, "an integer", other);
+                self.wrong(key, "an integer", other);
                 None
             }
         }
     }
 
     /// An integer or float times `scale`, rounded.
-    fn scaled(
-        &self,
-        document: &mut Document<'_>,
-        key: &'static str,
-        value: &DeValue<'_>,
-        scale: f64,
-        max: f64,
-    ) -> Option<u32> {
+    fn scaled(&self, key: &'static str, value: &DeValue<'_>, scale: f64, max: f64) -> Option<u32> {
         let number = match value {
             DeValue::Integer(number) => integer(number).map(|number| number as f64),
             DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
             other => {
-                self.wrong(document, key, "a number", other);
+                self.wrong(key, "a number", other);
                 return None;
             }
         };
         let in_range = number.filter(|number| (0.0..=max).contains(number));
         if in_range.is_none() {
-            self.out_of_range(document, key, number, 0, max);
+            self.out_of_range(key, number, 0, max);
         }
         in_range.map(|number| (number * scale).round() as u32)
     }
 
     /// A time in microseconds, as nanoseconds.
-    pub(crate) fn microseconds(
-        &mut self,
-        document: &mut Document<'_>,
-        key: &'static str,
-    ) -> Option<u32> {
-        let value = self.value(document, key)?;
-        self.scaled(document, key, value.get_ref(), 1_000.0, 4_000_000.0)
+    pub(crate) fn microseconds(&mut self, key: &'static str) -> Option<u32> {
+        let value = self.value(key)?;
+        self.scaled(key, value.get_ref(), 1_000.0, 4_000_000.0)
     }
 
     /// One percentage or a list of two, in 0.1 %.
-    pub(crate) fn permille_window(
-        &mut self,
-        document: &mut Document<'_>,
-        key: &'static str,
-    ) -> Option<[u32; 2]> {
-        let value = self.value(document, key)?;
-        let mut one = |value: &DeValue<'_>| self.scaled(document, key, value, 10.0, 100.0);
+    pub(crate) fn permille_window(&mut self, key: &'static str) -> Option<[u32; 2]> {
+        let value = self.value(key)?;
+        let one = |value: &DeValue<'_>| self.scaled(key, value, 10.0, 100.0);
         match value.get_ref() {
             DeValue::Array(array) => match array.iter().collect::<Vec<_>>()[..] {
                 [min, max] => Some([one(min.get_ref())?, one(max.get_ref())?]),
                 _ => {
                     let reason = format!("`{key}` must be one percentage, or [min, max]");
-                    self.fault(document, key, reason);
+                    self.fault(key, reason);
                     None
                 }
             },
@@ -307,29 +290,27 @@ impl<'t, 'i> Table<'t, 'i> {
     }
 
     /// True or false.
-    pub(crate) fn flag(&mut self, document: &mut Document<'_>, key: &'static str) -> Option<bool> {
-        let value = self.value(document, key)?.get_ref();
+    pub(crate) fn flag(&mut self, key: &'static str) -> Option<bool> {
+        let value = self.value(key)?.get_ref();
         if let DeValue::Boolean(flag) = value {
             return Some(*flag);
         }
-        self.wrong(document, key, "true or false", value);
+        self.wrong(key, "true or false", value);
         None
     }
 
     /// One of these words.
     pub(crate) fn word<T: Copy>(
         &mut self,
-        document: &mut Document<'_>,
         key: &'static str,
         words: &[(impl AsRef<str>, T)],
     ) -> Option<T> {
-        let value = self.value(document, key)?;
-        self.one_word(document, key, value, words)
+        let value = self.value(key)?;
+        self.one_word(key, value, words)
     }
 
     fn one_word<T: Copy>(
         &self,
-        document: &mut Document<'_>,
         key: &'static str,
         value: &Spanned<DeValue<'_>>,
         words: &[(impl AsRef<str>, T)],
@@ -344,7 +325,7 @@ impl<'t, 'i> Table<'t, 'i> {
                 None => kind(value.get_ref()).to_owned(),
             };
             let reason = format!("`{key}` = {what} is invalid; allowed: {}", allowed.join(", "));
-            document.fault(&self.path(key), value.span().start, reason);
+            self.document.fault(&self.path(key), value.span().start, reason);
         }
         found.map(|(_, meaning)| *meaning)
     }
@@ -352,23 +333,22 @@ impl<'t, 'i> Table<'t, 'i> {
     /// A list of these words.
     pub(crate) fn words<T: Copy>(
         &mut self,
-        document: &mut Document<'_>,
         key: &'static str,
         words: &[(impl AsRef<str>, T)],
     ) -> Option<Vec<T>> {
-        let value = self.value(document, key)?.get_ref();
+        let value = self.value(key)?.get_ref();
         let DeValue::Array(array) = value else {
-            self.wrong(document, key, "an array of words", value);
+            self.wrong(key, "an array of words", value);
             return None;
         };
         // All words are read, so that each wrong one is reported.
-        let meanings: Vec<_> =
-            array.iter().map(|value| self.one_word(document, key, value, words)).collect();
+        let meanings: Vec<_> = array.iter().map(|value| self.one_word(key, value, words)).collect();
         meanings.into_iter().collect()
     }
+}
 
-    /// Reports the keys that were not read.
-    pub(crate) fn finish(self, document: &mut Document<'_>) {
+impl Drop for Table<'_, '_> {
+    fn drop(&mut self) {
         for key in self.table.keys() {
             let name: &str = key.get_ref();
             if self.known.contains(&name) {
@@ -379,8 +359,15 @@ impl<'t, 'i> Table<'t, 'i> {
                 None => format!("; known keys: {}", self.known.join(", ")),
             };
             let reason = format!("unknown key `{name}`{hint}");
-            document.fault(&self.path(name), key.span().start, reason);
+            self.document.fault(&self.path(name), key.span().start, reason);
         }
+    }
+}
+
+/// Replaces a default by a value of the file.
+pub(crate) fn store<T>(place: &mut T, value: Option<T>) {
+    if let Some(value) = value {
+        *place = value;
     }
 }
 

@@ -87,6 +87,23 @@ fn expected_type(index: u16, subindex: u8) -> &'static str {
     type_name(lookup(index, subindex).map_or(ObjectType::U32, |(_, entry)| entry.ty))
 }
 
+/// A comparison in CSV and in the shell function `check`, with its values.
+fn comparison(expected: &Expectation) -> (&'static str, &'static str, Vec<u64>) {
+    match *expected {
+        Expectation::Equals(value) => ("expect", "-eq", vec![value]),
+        Expectation::AtLeast(value) => ("expect_at_least", "-ge", vec![value]),
+        Expectation::AtMost(value) => ("expect_at_most", "-le", vec![value]),
+        Expectation::HasBits(value) => ("expect_bits", "bits", vec![value]),
+        Expectation::HasAny(value) => ("expect_any_bit", "any", vec![value]),
+        Expectation::OneOf(values) => ("expect_one_of", "of", values.to_vec()),
+        Expectation::Masked { value, mask } => ("expect_masked", "masked", vec![value, mask]),
+    }
+}
+
+fn joined(values: &[u64], separator: &str) -> String {
+    values.iter().map(ToString::to_string).collect::<Vec<_>>().join(separator)
+}
+
 /// The text, in quotation marks if it needs them.
 fn quoted(text: &str) -> String {
     if text.contains([',', ';', '"']) {
@@ -105,21 +122,12 @@ fn csv(steps: &[StartupStep]) -> String {
                 ("write", type_name(write.ty), vec![write.value.into()])
             }
             StartupStep::Expect { expected, .. } => {
-                let (action, values) = match *expected {
-                    Expectation::Equals(value) => ("expect", vec![value]),
-                    Expectation::AtLeast(value) => ("expect_at_least", vec![value]),
-                    Expectation::AtMost(value) => ("expect_at_most", vec![value]),
-                    Expectation::HasBits(value) => ("expect_bits", vec![value]),
-                    Expectation::HasAny(value) => ("expect_any_bit", vec![value]),
-                    Expectation::OneOf(values) => ("expect_one_of", values.to_vec()),
-                    Expectation::Masked { value, mask } => ("expect_masked", vec![value, mask]),
-                };
+                let (action, _, values) = comparison(expected);
                 (action, expected_type(index, subindex), values)
             }
         };
-        let values: Vec<_> = values.iter().map(ToString::to_string).collect();
         let comment = quoted(&name(index, subindex));
-        let value = values.join("|");
+        let value = joined(&values, "|");
         let _ = writeln!(out, "{action},0x{index:04X},{subindex},{ty},{value},{comment}");
     }
     out
@@ -201,19 +209,8 @@ fn ethercat(steps: &[StartupStep], address: SlaveAddress) -> String {
                 write.value
             ),
             StartupStep::Expect { expected, .. } => {
-                let (comparison, value) = match *expected {
-                    Expectation::Equals(value) => ("-eq", value.to_string()),
-                    Expectation::AtLeast(value) => ("-ge", value.to_string()),
-                    Expectation::AtMost(value) => ("-le", value.to_string()),
-                    Expectation::HasBits(value) => ("bits", value.to_string()),
-                    Expectation::HasAny(value) => ("any", value.to_string()),
-                    Expectation::OneOf(values) => {
-                        let values: Vec<_> = values.iter().map(ToString::to_string).collect();
-                        ("of", values.join(" "))
-                    }
-                    Expectation::Masked { value, mask } => ("masked", format!("{value} {mask}")),
-                };
-                let ty = expected_type(index, subindex);
+                let (_, comparison, values) = comparison(expected);
+                let (ty, value) = (expected_type(index, subindex), joined(&values, " "));
                 writeln!(
                     out,
                     "check \"$(ethercat upload {address} --type {ty} {object})\" {comparison} \

@@ -3,46 +3,36 @@
 use ecan_protocol::config::ConfigObject;
 use ecan_protocol::object::{Entry, KeyForm, lookup};
 
-use crate::document::{Document, Table};
+use crate::document::Table;
 
 /// Reads the keys of an object into `config`. `group` is the table inside the object's table that
 /// is read, empty for that table itself.
-pub(crate) fn read<C: ConfigObject>(
-    document: &mut Document<'_>,
-    table: &mut Table<'_, '_>,
-    group: &str,
-    config: &mut C,
-) {
+pub(crate) fn read<C: ConfigObject>(table: &mut Table<'_, '_>, group: &str, config: &mut C) {
     for entry in C::fields() {
         if let Some(key) = key_in(entry, group)
-            && let Some(value) = read_value(document, table, key, entry)
+            && let Some(value) = read_value(table, key, entry)
             && let Err(fault) = config.set_value(entry.subindex, value)
         {
-            table.fault(document, key, fault.to_string());
+            table.fault(key, fault.to_string());
         }
     }
 }
 
 /// Keys of a group that the table does not have.
-pub(crate) fn report_missing<C: ConfigObject>(
-    document: &mut Document<'_>,
-    table: &Table<'_, '_>,
-    group: &str,
-) {
+pub(crate) fn report_missing<C: ConfigObject>(table: &Table<'_, '_>, group: &str) {
     for key in C::fields().filter_map(|entry| key_in(entry, group)).filter(|key| !table.has(key)) {
-        table.fault(document, key, format!("`{key}` is missing"));
+        table.fault(key, format!("`{key}` is missing"));
     }
 }
 
 /// Reads one key as the entry at `index` and `subindex` says.
 pub(crate) fn read_entry(
-    document: &mut Document<'_>,
     table: &mut Table<'_, '_>,
     key: &'static str,
     (index, subindex): (u16, u8),
 ) -> Option<u32> {
     let (_, entry) = lookup(index, subindex)?;
-    read_value(document, table, key, entry)
+    read_value(table, key, entry)
 }
 
 fn key_in(entry: &Entry, group: &str) -> Option<&'static str> {
@@ -63,52 +53,41 @@ fn words(entry: &Entry) -> Vec<(String, u32)> {
     words
 }
 
-fn read_value(
-    document: &mut Document<'_>,
-    table: &mut Table<'_, '_>,
-    key: &'static str,
-    entry: &Entry,
-) -> Option<u32> {
+fn read_value(table: &mut Table<'_, '_>, key: &'static str, entry: &Entry) -> Option<u32> {
     match entry.form {
         KeyForm::Number => {
-            let number = table.unsigned(document, key, (entry.min, entry.max))?;
+            let number = table.unsigned(key, (entry.min, entry.max))?;
             if entry.accepts(number) {
                 return Some(number);
             }
             let allowed: Vec<u32> = entry.values.iter().map(|(value, _)| *value).collect();
-            invalid(document, table, key, number, &allowed)
+            invalid(table, key, number, &allowed)
         }
-        KeyForm::Flag => table.flag(document, key).map(u32::from),
-        KeyForm::Word => table.word(document, key, &words(entry)),
+        KeyForm::Flag => table.flag(key).map(u32::from),
+        KeyForm::Word => table.word(key, &words(entry)),
         KeyForm::Words(names) => {
             let words: Vec<_> =
                 names.iter().map(|(name, bit)| (name.to_lowercase(), *bit)).collect();
-            let bits = table.words(document, key, &words)?;
+            let bits = table.words(key, &words)?;
             Some(bits.into_iter().fold(0, |all, bit| all | bit))
         }
         KeyForm::Size(sizes) => {
             let mut allowed = sizes.to_vec();
             allowed.sort_unstable();
             let range = (*allowed.first()?, *allowed.last()?);
-            let size = table.unsigned(document, key, range)?;
+            let size = table.unsigned(key, range)?;
             let raw = (0..).zip(sizes).find(|(_, known)| **known == size).map(|(raw, _)| raw);
-            raw.or_else(|| invalid(document, table, key, size, &allowed))
+            raw.or_else(|| invalid(table, key, size, &allowed))
         }
-        KeyForm::LowerBound => table.permille_window(document, key).map(|[min, _]| min),
-        KeyForm::UpperBound => table.permille_window(document, key).map(|[_, max]| max),
+        KeyForm::LowerBound => table.permille_window(key).map(|[min, _]| min),
+        KeyForm::UpperBound => table.permille_window(key).map(|[_, max]| max),
     }
 }
 
-fn invalid(
-    document: &mut Document<'_>,
-    table: &Table<'_, '_>,
-    key: &str,
-    number: u32,
-    allowed: &[u32],
-) -> Option<u32> {
+fn invalid(table: &Table<'_, '_>, key: &str, number: u32, allowed: &[u32]) -> Option<u32> {
     let allowed: Vec<_> = allowed.iter().map(ToString::to_string).collect();
     let reason = format!("`{key}` = {number} is invalid; allowed: {}", allowed.join(", "));
-    table.fault(document, key, reason);
+    table.fault(key, reason);
     None
 }
 

@@ -5,7 +5,7 @@ use ecan_protocol::config::{
     StandardFilter, StandardMatch,
 };
 
-use crate::document::{Document, Table};
+use crate::document::Table;
 use crate::fields;
 
 pub(crate) const STANDARD_TABLE: &str = "standard_filter";
@@ -13,13 +13,10 @@ pub(crate) const EXTENDED_TABLE: &str = "extended_filter";
 
 const KEYS: [&str; 5] = ["match", "action", "sync", "id1", "id2"];
 
-pub(crate) fn read_standard(
-    document: &mut Document<'_>,
-    table: &mut Table<'_, '_>,
-) -> Vec<StandardFilter> {
-    let tables = table.tables(document, STANDARD_TABLE);
+pub(crate) fn read_standard(table: &mut Table<'_, '_>) -> Vec<StandardFilter> {
+    let tables = table.tables(STANDARD_TABLE);
     let read = |table| {
-        let filter = Filter::read(document, table, FilterWindow::STANDARD);
+        let filter = Filter::read(table, FilterWindow::STANDARD);
         StandardFilter {
             matching: filter.matching(StandardMatch::from_raw, StandardMatch::Two),
             action: filter.action,
@@ -31,13 +28,10 @@ pub(crate) fn read_standard(
     tables.into_iter().map(read).collect()
 }
 
-pub(crate) fn read_extended(
-    document: &mut Document<'_>,
-    table: &mut Table<'_, '_>,
-) -> Vec<ExtendedFilter> {
-    let tables = table.tables(document, EXTENDED_TABLE);
+pub(crate) fn read_extended(table: &mut Table<'_, '_>) -> Vec<ExtendedFilter> {
+    let tables = table.tables(EXTENDED_TABLE);
     let read = |table| {
-        let filter = Filter::read(document, table, FilterWindow::EXTENDED);
+        let filter = Filter::read(table, FilterWindow::EXTENDED);
         ExtendedFilter {
             matching: filter.matching(ExtendedMatch::from_raw, ExtendedMatch::Two),
             action: filter.action,
@@ -59,10 +53,10 @@ struct Filter {
 }
 
 impl Filter {
-    fn read(document: &mut Document<'_>, mut table: Table<'_, '_>, window: FilterWindow) -> Self {
+    fn read(mut table: Table<'_, '_>, window: FilterWindow) -> Self {
         let mut fields = window.fields().zip(KEYS).map(|(subindex, key)| {
             let entry = (McanChannelConfig::INDEX, subindex);
-            fields::read_entry(document, &mut table, key, entry)
+            fields::read_entry(&mut table, key, entry)
         });
         let [matching, action, sync, id1, id2] = std::array::from_fn(|_| fields.next().flatten());
         drop(fields);
@@ -74,20 +68,19 @@ impl Filter {
             false => &["action", "match", "id1", "id2"],
         };
         for key in needed.iter().filter(|key| !table.has(key)) {
-            table.fault(document, key, format!("`{key}` is missing"));
+            table.fault(key, format!("`{key}` is missing"));
         }
         let mut buffer = 0;
         if is_buffer {
             for key in ["match", "id2"].into_iter().filter(|key| table.has(key)) {
                 let why = "a filter into a receive buffer matches the one CAN ID `id1`";
-                table.fault(document, key, format!("`{key}` has no effect: {why}"));
+                table.fault(key, format!("`{key}` has no effect: {why}"));
             }
-            buffer = table.unsigned(document, "rx_buffer", (0, 63)).unwrap_or(0);
+            buffer = table.unsigned("rx_buffer", (0, 63)).unwrap_or(0);
             if !table.has("rx_buffer") {
-                table.fault(document, "rx_buffer", "`rx_buffer` is missing: the buffer's number");
+                table.fault("rx_buffer", "`rx_buffer` is missing: the buffer's number");
             }
         }
-        table.finish(document);
         let action = action.and_then(|raw| FilterAction::from_raw(raw as u8, buffer));
         Self {
             matching,

@@ -7,7 +7,7 @@ use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
 use crate::channel;
-use crate::document::{Document, Table};
+use crate::document::{Table, store};
 use crate::fields;
 
 /// Tables of the channels.
@@ -24,86 +24,63 @@ pub(crate) struct ReadGateway {
     pub(crate) filters: Vec<(u8, AcceptanceFilter)>,
 }
 
-pub(crate) fn read(
-    document: &mut Document<'_>,
-    mut table: Table<'_, '_>,
-    at: usize,
-) -> ReadGateway {
+pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     // Without `alias` and `position` in the file, the gateways are the first slaves of the bus.
     let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), 3);
     let mut gateway = GatewayConfig::default();
     let mut startup = Vec::new();
-    if let Some(alias) = table.unsigned(document, "alias", (0, 0xFFFF)) {
-        slave.alias = alias as u16;
-        if alias != 0 {
-            slave.position = 0;
-        }
+    store(&mut slave.alias, table.unsigned("alias", (0, 0xFFFF)));
+    if slave.alias != 0 {
+        slave.position = 0;
     }
-    if let Some(position) = table.unsigned(document, "position", (0, 0xFFFF)) {
-        slave.position = position as u16;
+    store(&mut slave.position, table.unsigned("position", (0, 0xFFFF)));
+    if let Some(identity) = table.table("identity") {
+        slave.identity = read_identity(identity);
     }
-    if let Some(identity) = table.table(document, "identity") {
-        slave.identity = read_identity(document, identity);
-    }
-    if let Some(n) = table.unsigned(document, "n", N) {
-        (slave.rx_multiplier, slave.tx_multiplier) = (n as u8, n as u8);
+    if let Some(n) = table.unsigned("n", N) {
+        (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
     }
     for direction in Direction::ALL {
-        read_direction(document, &mut table, direction, &mut slave, &mut gateway);
+        read_direction(&mut table, direction, &mut slave, &mut gateway);
     }
     let has_each = table.has("rx_pdo") && table.has("tx_pdo");
     if !table.has("n") && !has_each {
-        table.fault(document, "n", "`n` is missing: the size of the PDOs in 128 bytes, 1 to 24");
+        table.fault("n", "`n` is missing: the size of the PDOs in 128 bytes, 1 to 24");
     }
-    let flags = [
-        ("paced", &mut gateway.paced),
-        ("allow_diagnostic_tests", &mut gateway.allow_diagnostic_tests),
-    ];
-    for (key, flag) in flags {
-        if let Some(is_set) = table.flag(document, key) {
-            *flag = is_set;
-        }
+    store(&mut gateway.paced, table.flag("paced"));
+    store(&mut gateway.allow_diagnostic_tests, table.flag("allow_diagnostic_tests"));
+    store(&mut gateway.hold_limit, table.unsigned("hold_limit", (0, 0xFFFF)));
+    store(&mut gateway.input_limit, table.unsigned("input_limit", (0, 0xFFFF)));
+    if let Some(schedule) = table.table("schedule") {
+        gateway.schedule = read_schedule(schedule);
     }
-    let limits =
-        [("hold_limit", &mut gateway.hold_limit), ("input_limit", &mut gateway.input_limit)];
-    for (key, limit) in limits {
-        if let Some(cycles) = table.unsigned(document, key, (0, 0xFFFF)) {
-            *limit = cycles as u16;
-        }
-    }
-    if let Some(schedule) = table.table(document, "schedule") {
-        gateway.schedule = read_schedule(document, schedule);
-    }
-    if let Some(global) = table.table(document, "data_path") {
-        startup = global_steps(document, global);
+    if let Some(global) = table.table("data_path") {
+        startup = global_steps(global);
     }
     let mut filters = Vec::new();
     let channels = CHANNEL_TABLES.into_iter().zip(&mut gateway.channels);
     for (channel, (key, place)) in (0..).zip(channels) {
-        let Some(table) = table.table(document, key) else { continue };
-        let (config, own) = channel::read(document, table);
+        let Some(table) = table.table(key) else { continue };
+        let (config, own) = channel::read(table);
         *place = Some(config);
         filters.extend(own.into_iter().map(|filter| (channel, filter)));
     }
-    table.finish(document);
     ReadGateway { slave, gateway, startup, filters }
 }
 
-fn read_identity(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Option<Identity> {
+fn read_identity(mut table: Table<'_, '_>) -> Option<Identity> {
     let mut number = |key| {
-        let number = table.unsigned(document, key, (0, u32::MAX));
+        let number = table.unsigned(key, (0, u32::MAX));
         if !table.has(key) {
-            table.fault(document, key, format!("`{key}` is missing"));
+            table.fault(key, format!("`{key}` is missing"));
         }
         number
     };
     let (vendor_id, product_code) = (number("vendor_id"), number("product_code"));
-    table.finish(document);
     Some(Identity { vendor_id: vendor_id?, product_code: product_code? })
 }
 
 fn read_direction(
-    document: &mut Document<'_>,
     table: &mut Table<'_, '_>,
     direction: Direction,
     slave: &mut SlaveConfig,
@@ -126,7 +103,7 @@ fn read_direction(
         ),
     };
     let has_common_n = table.has("n");
-    let Some(mut table) = table.table(document, key) else { return };
+    let Some(mut table) = table.table(key) else { return };
     let mut requested = PdoProfile {
         multiplier: *n,
         profile: *profile,
@@ -134,46 +111,30 @@ fn read_direction(
         options: *options,
         ..PdoProfile::default()
     };
-    fields::read(document, &mut table, "", &mut requested);
+    fields::read(&mut table, "", &mut requested);
     (*n, *profile) = (requested.multiplier, requested.profile);
     (*budget, *options) = (requested.budget, requested.options);
     if !has_common_n && !table.has("n") {
-        table.fault(document, "n", "`n` is missing: the size of the PDO in 128 bytes, 1 to 24");
+        table.fault("n", "`n` is missing: the size of the PDO in 128 bytes, 1 to 24");
     }
-    table.finish(document);
 }
 
-fn read_schedule(document: &mut Document<'_>, mut table: Table<'_, '_>) -> ScheduleConfig {
+fn read_schedule(mut table: Table<'_, '_>) -> ScheduleConfig {
     let mut schedule = ScheduleConfig::default();
-    let times = [
-        ("latest_send_us", &mut schedule.latest_send_ns),
-        ("transport_us", &mut schedule.transport_ns),
-        ("processing_us", &mut schedule.processing_ns),
-    ];
-    for (key, time) in times {
-        if let Some(ns) = table.microseconds(document, key) {
-            *time = ns;
-        }
-    }
+    store(&mut schedule.latest_send_ns, table.microseconds("latest_send_us"));
+    store(&mut schedule.transport_ns, table.microseconds("transport_us"));
+    store(&mut schedule.processing_ns, table.microseconds("processing_us"));
     let checks = [("count", MarginCheck::Count), ("refuse", MarginCheck::Reject)];
-    if let Some(check) = table.word(document, "margin_check", &checks) {
-        schedule.margin_check = check;
-    }
-    if let Some(ms) = table.unsigned(document, "watch_ms", (0, 3_600_000)) {
-        schedule.watch_ms = ms;
-    }
-    if let Some(is_set) = table.flag(document, "give_up_missed") {
-        schedule.give_up_missed = is_set;
-    }
-    table.finish(document);
+    store(&mut schedule.margin_check, table.word("margin_check", &checks));
+    store(&mut schedule.watch_ms, table.unsigned("watch_ms", (0, 3_600_000)));
+    store(&mut schedule.give_up_missed, table.flag("give_up_missed"));
     schedule
 }
 
 /// 0x8020, applied and read back.
-fn global_steps(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Vec<StartupStep> {
+fn global_steps(mut table: Table<'_, '_>) -> Vec<StartupStep> {
     let mut global = DataPathGlobal::default();
-    fields::read(document, &mut table, "", &mut global);
-    table.finish(document);
+    fields::read(&mut table, "", &mut global);
     let apply = DataPathGlobal::apply_write();
     let writes = global.writes().chain([apply]).map(StartupStep::Download);
     writes.chain([StartupStep::expect(apply.index, 3, 0)]).collect()

@@ -4,7 +4,7 @@ use ecan_protocol::can::TDC_FORCED_FROM;
 use ecan_protocol::config::{BitTimingMode, ConfigObject, McanChannelConfig};
 use ecan_protocol::object::{Entry, KeyForm};
 
-use crate::document::{Document, Table};
+use crate::document::Table;
 
 const BIT_TIMING: u8 = 7;
 const NON_ISO: u8 = 9;
@@ -13,7 +13,7 @@ const TDC_OFFSET: u8 = 33;
 const TDC_FILTER: u8 = 34;
 
 /// Reports a fault for each key of a channel without an effect (manual 13.4).
-pub(crate) fn check(document: &mut Document<'_>, table: &Table<'_, '_>, can: &McanChannelConfig) {
+pub(crate) fn check(table: &Table<'_, '_>, can: &McanChannelConfig) {
     for entry in McanChannelConfig::fields() {
         let Some(key) = entry.key.and_then(|key| key.split('.').next()) else { continue };
         // `false` for something that is off does no harm.
@@ -23,8 +23,8 @@ pub(crate) fn check(document: &mut Document<'_>, table: &Table<'_, '_>, can: &Mc
         }
         let Some((decided_by, why)) = idle_reason(entry, can) else { continue };
         // A consequence of another fault is not reported, and one reason for a key is enough.
-        if ![decided_by, key].iter().any(|key| document.is_faulty(&table.path(key))) {
-            table.fault(document, key, format!("`{key}` has no effect: {why}"));
+        if ![decided_by, key].iter().any(|key| table.is_faulty(key)) {
+            table.fault(key, format!("`{key}` has no effect: {why}"));
         }
     }
     if can.fd && !can.tdc && can.tdc_runs() {
@@ -32,7 +32,7 @@ pub(crate) fn check(document: &mut Document<'_>, table: &Table<'_, '_>, can: &Mc
             "`tdc` has no effect: from {} Mbit/s on delay compensation always runs",
             TDC_FORCED_FROM / 1_000_000
         );
-        table.fault(document, "tdc", reason);
+        table.fault("tdc", reason);
     }
 }
 

@@ -78,13 +78,13 @@ pub fn startup(config: &Config, gateway: usize) -> Vec<StartupStep> {
 
 /// Reads the text; `invalid` are the locations and values of bytes that are not UTF-8.
 fn read(text: &str, invalid: &[(usize, u8)]) -> Result<Config, FileFaults> {
-    let (mut document, root) = Document::parse(text);
+    let (document, root) = Document::parse(text);
     for (at, byte) in invalid {
         document.invalid_byte(*at, *byte);
     }
-    let file = bus::read(&mut document, Table::root(&root));
+    let file = bus::read(Table::root(&document, &root));
     if document.is_valid_toml() {
-        check::check(&mut document, &file);
+        check::check(&document, &file);
     }
     document.finish()?;
     Ok(file)
