@@ -76,10 +76,10 @@ impl Error {
     /// link lost, slave restarting, queue full (`ecan_result_is_temporary` in C).
     pub fn is_temporary(&self) -> bool {
         match self {
-            Self::Adapter(error) => matches!(error, ecan_host::Error::NotOperational(_)),
+            Self::Adapter(error) => error.is_temporary(),
             Self::Port(error) => error.is_temporary(),
             Self::Send(error) => error.is_temporary(),
-            Self::Cycle(error) => matches!(error, ecan_host::CycleError::Library { .. }),
+            Self::Cycle(error) => error.is_temporary(),
             _ => false,
         }
     }
