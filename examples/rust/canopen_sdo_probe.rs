@@ -11,23 +11,20 @@ use std::time::Duration;
 
 use clap::Parser;
 use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
-use ecan_example_support::backend::{self, SimulationDefaults};
+use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::object_value::ValueType;
 use ecan_example_support::report_exit;
-use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+
+/// PDO size per direction, in chunks of 128 bytes.
+const PDO_N: u8 = 3;
 
 /// Read or write an object of a CANopen node through an ECAN-Lite gateway
 #[derive(Debug, Parser)]
 #[command(name = "canopen_sdo_probe", version)]
 struct Arguments {
-    /// EtherCAT master library: a path, or `sim`, `sim:NAME`, `sim:FILE.toml` for the simulator
-    /// [default: the environment variable ECAN_ECRT, else the installed libethercat]
-    #[arg(long, value_name = "SETTING")]
-    ecrt: Option<String>,
-    /// Index of the EtherCAT master
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    master: u32,
+    #[command(flatten)]
+    master: MasterArguments,
     /// Position of the gateway
     #[arg(long, value_name = "N", default_value_t = 0)]
     slave: u16,
@@ -84,16 +81,9 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         (Some(text), Some(kind)) => Some(kind.encode(text)?),
         _ => None,
     };
-    let defaults = SimulationDefaults {
-        scenario: "drives",
-        slaves: usize::from(arguments.slave) + 1,
-        ..SimulationDefaults::default()
-    };
-    let backend = backend::open(arguments.ecrt.as_deref(), defaults)?;
-    let mut adapter =
-        AdapterConfig::new(1).with_cycle(Duration::from_micros(arguments.cycle_us.into()));
-    adapter.master_index = arguments.master;
+    let mut adapter = arguments.master.adapter(1, PDO_N, arguments.cycle_us);
     adapter.slaves[0].position = arguments.slave;
+    let backend = arguments.master.open("drives", &adapter)?;
     let channel = ChannelConfig::classic(arguments.bitrate);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(arguments.channel, channel));
     let mut port = Port::open(&backend.ecrt, (adapter, config))?;

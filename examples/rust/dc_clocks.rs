@@ -8,13 +8,12 @@
 use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
-use ecan_example_support::backend::{self, SimulationDefaults};
+use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::clock_plot::ClockPlot;
 use ecan_example_support::{Interrupt, RealTimeArguments, real_time, report_exit, wait_ready};
-use ecan_host::{AdapterConfig, ClockSource, ClockStatus, DcSync};
+use ecan_host::{ClockSource, ClockStatus, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 
 /// Interval of the printed lines, ns.
@@ -26,13 +25,8 @@ const SETTLED_NS: u32 = 1_000;
 #[derive(Debug, Parser)]
 #[command(name = "dc_clocks", version)]
 struct Arguments {
-    /// EtherCAT master library: a path, or `sim`, `sim:NAME`, `sim:FILE.toml` for the simulator
-    /// [default: the environment variable ECAN_ECRT, else the installed libethercat]
-    #[arg(long, value_name = "SETTING")]
-    ecrt: Option<String>,
-    /// Index of the EtherCAT master
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    master: u32,
+    #[command(flatten)]
+    master: MasterArguments,
     /// Number of gateways
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     slaves: u16,
@@ -57,12 +51,6 @@ struct Arguments {
     /// Write a picture of the phase error
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
-    /// Seed of the random numbers of a simulation
-    #[arg(long, value_name = "SEED")]
-    seed: Option<u64>,
-    /// Run a simulation in wall-clock time instead of at full speed
-    #[arg(long)]
-    real_time: bool,
     #[command(flatten)]
     thread: RealTimeArguments,
 }
@@ -81,10 +69,8 @@ fn main() -> ExitCode {
 
 /// Gateways with Sync0 at the cycle.
 fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
-    let mut adapter = AdapterConfig::new(arguments.slaves)
-        .with_multiplier(arguments.pdo_n)
-        .with_cycle(Duration::from_micros(arguments.cycle_us.into()));
-    adapter.master_index = arguments.master;
+    let Arguments { slaves, pdo_n, cycle_us, .. } = *arguments;
+    let mut adapter = arguments.master.adapter(slaves, pdo_n, cycle_us);
     adapter.dc = Some(DcSync {
         source: match arguments.source {
             Source::Host => ClockSource::Host,
@@ -94,15 +80,8 @@ fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
         ..DcSync::new(adapter.cycle_ns(), arguments.shift_us.saturating_mul(1_000))
     });
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
-    let config = PortConfig::uniform(arguments.slaves.into(), gateway);
-    let defaults = SimulationDefaults {
-        scenario: "echo",
-        slaves: arguments.slaves.into(),
-        seed: arguments.seed,
-        real_time: arguments.real_time,
-        ..SimulationDefaults::default()
-    };
-    let backend = backend::open(arguments.ecrt.as_deref(), defaults)?;
+    let config = PortConfig::uniform(slaves.into(), gateway);
+    let backend = arguments.master.open("echo", &adapter)?;
     arguments.thread.apply(|line| println!("{line}"))?;
     Ok(Port::open(&backend.ecrt, (adapter, config))?)
 }
@@ -112,7 +91,6 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let interrupt = Interrupt::install()?;
     let mut port = open_port(arguments)?;
     if !wait_ready(&mut port, &interrupt)? {
-        println!("stopped by the user");
         return Ok(true);
     }
     arguments.thread.set_timing(port.adapter_mut());

@@ -147,13 +147,12 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         return Ok(true);
     }
     let interrupt = Interrupt::install()?;
-    let backend = arguments.gateways.open_backend("jitter", &adapter)?;
+    let backend = arguments.gateways.master.open("jitter", &adapter)?;
     let files = arguments.files();
     files.check(backend.simulation.is_some())?;
     arguments.thread.apply(|line| println!("{line}"))?;
     let mut port = Port::open(&backend.ecrt, (adapter, config))?;
     if !wait_ready(&mut port, &interrupt)? {
-        println!("stopped by the user");
         return Ok(true);
     }
     println!("{} gateway(s) ready", port.slave_count());

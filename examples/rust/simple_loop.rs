@@ -86,17 +86,16 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
 
     // The EtherCAT master library, or the simulated one; then the real-time thread.
     let interrupt = Interrupt::install()?;
-    let backend = arguments.gateways.open_backend("echo", &setup.adapter)?;
+    let backend = arguments.gateways.master.open("echo", &setup.adapter)?;
     arguments.thread.apply(|line| println!("{line}"))?;
 
     // Checks the configuration, writes the startup SDOs, and verifies the gateways in OP.
     let mut port = Port::open(&backend.ecrt, (setup.adapter, setup.port))?;
     if !wait_ready(&mut port, &interrupt)? {
-        println!("stopped by the user");
         return Ok(true);
     }
     println!("{} gateway(s) ready", port.slave_count());
-    run_options(&mut port, &arguments.thread, arguments.gateways.real_time);
+    run_options(&mut port, &arguments.thread, arguments.gateways.master.real_time);
 
     let mut record = LoopRecord::new(&port, &source, arguments.dump.as_deref())?;
     let result = exchange_frames(&mut port, &mut source, &mut record, &interrupt);

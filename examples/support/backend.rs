@@ -1,41 +1,63 @@
-//! The `--ecrt` option: the real EtherCAT master or the simulated one.
+//! Options of the EtherCAT master: the real one or the simulated one.
 
+use std::time::Duration;
+
+use clap::Args;
+use ecan_command_line::logging::LogArguments;
+use ecan_host::AdapterConfig;
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 
-/// Simulation that a program uses by default.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct SimulationDefaults {
-    /// Built-in scenario of a plain `sim`.
-    pub scenario: &'static str,
-    /// Number of gateways.
-    pub slaves: usize,
-    /// Seed of the random numbers.
-    pub seed: Option<u64>,
-    /// Run in wall-clock time instead of at full speed.
+/// Options of all programs.
+#[derive(Debug, Args)]
+pub struct MasterArguments {
+    /// EtherCAT master library: a path, or `sim`, `sim:NAME`, `sim:FILE.toml` for the simulator
+    /// [default: the environment variable ECAN_ECRT, else the installed libethercat]
+    #[arg(long, value_name = "SETTING")]
+    ecrt: Option<String>,
+    /// Index of the EtherCAT master
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    master: u32,
+    /// Seed of the random numbers of a simulation
+    #[arg(long, value_name = "SEED")]
+    seed: Option<u64>,
+    /// Run a simulation in wall-clock time instead of at full speed
+    #[arg(long)]
     pub real_time: bool,
-    /// The configuration has PDOs that a master must split into datagrams.
-    pub large_pdos: bool,
+    #[command(flatten)]
+    log: LogArguments,
 }
 
-/// Opens the library that `--ecrt`, the environment or the default selects, and prints the banner of
-/// a simulated run.
-///
-/// # Errors
-/// The library or the scenario cannot be opened.
-pub fn open(setting: Option<&str>, defaults: SimulationDefaults) -> Result<Backend, BackendError> {
-    let setting = EcrtSetting::resolve(setting)?;
-    let clock = if defaults.real_time { ClockKind::Real } else { ClockKind::Stepped };
-    let options = SimOptions {
-        suggested: Some(defaults.scenario.into()),
-        clock: Some(clock),
-        seed: defaults.seed,
-        slaves: Some(defaults.slaves),
-        carries_large_pdos: defaults.large_pdos.then_some(true),
-        bridges: Some(ecan_sim_bridge::make),
-    };
-    let backend = ecan_sim::open(&setting, &options)?;
-    if let Some(simulation) = &backend.simulation {
-        println!("{}", simulation.banner());
+impl MasterArguments {
+    /// Configuration of the Adapter for gateways from position 0.
+    pub fn adapter(&self, slaves: u16, pdo_n: u8, cycle_us: u32) -> AdapterConfig {
+        let cycle = Duration::from_micros(cycle_us.into());
+        let adapter = AdapterConfig::new(slaves).with_multiplier(pdo_n).with_cycle(cycle);
+        AdapterConfig { master_index: self.master, ..adapter }
     }
-    Ok(backend)
+
+    /// Starts the log, opens the library that `--ecrt`, the environment or the default selects, and
+    /// prints the banner of a simulated run. A plain `sim` selects this built-in scenario, with the
+    /// gateways of the Adapter.
+    ///
+    /// # Errors
+    /// The library or the scenario cannot be opened.
+    pub fn open(&self, scenario: &str, adapter: &AdapterConfig) -> Result<Backend, BackendError> {
+        self.log.start();
+        let setting = EcrtSetting::resolve(self.ecrt.as_deref())?;
+        let clock = if self.real_time { ClockKind::Real } else { ClockKind::Stepped };
+        let last_position = adapter.slaves.iter().map(|slave| slave.position).max();
+        let options = SimOptions {
+            suggested: Some(scenario.into()),
+            clock: Some(clock),
+            seed: self.seed,
+            slaves: last_position.map(|position| usize::from(position) + 1),
+            carries_large_pdos: adapter.allow_large_pdos.then_some(true),
+            bridges: Some(ecan_sim_bridge::make),
+        };
+        let backend = ecan_sim::open(&setting, &options)?;
+        if let Some(simulation) = &backend.simulation {
+            println!("{}", simulation.banner());
+        }
+        Ok(backend)
+    }
 }

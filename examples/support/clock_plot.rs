@@ -1,21 +1,16 @@
 //! The phase error of distributed clocks over time, as an SVG picture.
 
 use std::error::Error;
-use std::fmt::Write;
 use std::path::Path;
 
 use ecan_host::ClockStatus;
 
-use crate::svg::{self, Anchor};
+use crate::svg::{self, Diagram};
 
 /// Maximum number of samples in a picture.
 const SAMPLES: u64 = 4_000;
 const WIDTH: f64 = 960.0;
 const PANEL: f64 = 220.0;
-const LEFT: f64 = 70.0;
-const RIGHT: f64 = 20.0;
-const TOP: f64 = 36.0;
-const BOTTOM: f64 = 34.0;
 /// Range of the lower panel in both directions, us.
 const CLOSE_US: f64 = 1.5;
 
@@ -64,68 +59,34 @@ impl ClockPlot {
         }
     }
 
-    /// Writes the picture.
+    /// Writes the picture: all samples, and an enlarged part around 0.
     ///
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), Box<dyn Error>> {
-        std::fs::write(path, self.svg())
-            .map_err(|error| format!("cannot write {}: {error}", path.display()).into())
-    }
-
-    fn svg(&self) -> String {
-        let mut out = svg::open(WIDTH, 2.0 * PANEL);
         let errors = || self.samples.iter().map(|(_, us)| *us);
-        let low = errors().fold(-1.0, f64::min);
-        let high = errors().fold(1.0, f64::max);
-        let air = (high - low) * 0.05;
-        self.panel(&mut out, 0.0, "phase error", (low - air, high + air));
-        self.panel(&mut out, PANEL, "phase error, enlarged", (-CLOSE_US, CLOSE_US));
-        out.push_str("</svg>\n");
-        out
+        let (low, high) = (errors().fold(-1.0, f64::min), errors().fold(1.0, f64::max));
+        let margin = (high - low) * 0.05;
+        let picture = svg::picture(WIDTH, 2.0 * PANEL, |svg| {
+            self.draw(svg, 0.0, "phase error", (low - margin, high + margin));
+            self.draw(svg, PANEL, "phase error, enlarged", (-CLOSE_US, CLOSE_US));
+        });
+        svg::write(path, &picture)
     }
 
-    fn panel(&self, out: &mut String, top: f64, title: &str, (low, high): (f64, f64)) {
+    fn draw(&self, svg: &mut String, top: f64, title: &str, y: (f64, f64)) {
         let end = self.samples.last().map_or(1.0, |last| last.0).max(1e-9);
-        let (x0, x1) = (LEFT, WIDTH - RIGHT);
-        let (y0, y1) = (top + PANEL - BOTTOM, top + TOP);
-        let x = |seconds: f64| x0 + (x1 - x0) * seconds / end;
-        let y = |us: f64| y0 - (y0 - y1) * (us.clamp(low, high) - low) / (high - low);
-        svg::text(out, (x0, y1 - 10.0), Anchor::Start, "font-weight=\"bold\"", title);
-        svg::text(out, (x1, y1 - 10.0), Anchor::End, "fill=\"#b03030\"", "| reading missed");
-        // Writing to a String cannot fail.
-        for us in svg::ticks(low, high, 5) {
-            let _ = writeln!(
-                out,
-                "<line x1=\"{x0}\" x2=\"{x1}\" y1=\"{0:.1}\" y2=\"{0:.1}\" stroke=\"#e4e4e4\"/>",
-                y(us)
-            );
-            svg::text(out, (x0 - 6.0, y(us) + 4.0), Anchor::End, "", &format!("{us} us"));
+        let rows = (top + PANEL - 34.0, top + 36.0);
+        let diagram = Diagram { columns: (70.0, WIDTH - 20.0), rows, x: (0.0, end), y };
+        diagram.frame(svg, title, ("| reading missed", "#b03030"));
+        for us in svg::ticks(y.0, y.1, 5) {
+            diagram.label_row(svg, us, &format!("{us} us"));
         }
-        for seconds in svg::ticks(0.0, end, 8) {
-            svg::text(out, (x(seconds), y0 + 18.0), Anchor::Middle, "", &format!("{seconds} s"));
-        }
-        let _ = writeln!(
-            out,
-            "<rect x=\"{x0}\" y=\"{y1}\" width=\"{}\" height=\"{}\" fill=\"none\" stroke=\"#999\"/>",
-            x1 - x0,
-            y0 - y1
-        );
+        diagram.label_columns(svg, 8, |seconds| format!("{seconds} s"));
         for seconds in &self.missed {
-            let _ = writeln!(
-                out,
-                "<line x1=\"{0:.1}\" x2=\"{0:.1}\" y1=\"{y0}\" y2=\"{1}\" stroke=\"#b03030\"/>",
-                x(*seconds),
-                y0 - 8.0
-            );
+            let (x, bottom) = diagram.at((*seconds, y.0));
+            svg::line(svg, [(x, bottom), (x, bottom - 8.0)], "stroke=\"#b03030\"");
         }
-        let points = self.samples.iter().fold(String::new(), |mut points, (seconds, us)| {
-            let _ = write!(points, "{:.1},{:.1} ", x(*seconds), y(*us));
-            points
-        });
-        let _ = writeln!(
-            out,
-            "<polyline points=\"{points}\" fill=\"none\" stroke=\"#0b62a4\" stroke-width=\"1.3\"/>"
-        );
+        diagram.curve(svg, self.samples.iter().copied(), "#0b62a4");
     }
 }

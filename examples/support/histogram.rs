@@ -2,14 +2,10 @@
 
 use std::fmt::Write;
 
-use crate::svg::{self, Anchor};
+use crate::svg::{self, Diagram};
 
 /// Number of bars; odd, so that symmetric distributions have a middle bar.
 const BARS: usize = 61;
-const LEFT: f64 = 56.0;
-const RIGHT: f64 = 14.0;
-const TOP: f64 = 34.0;
-const BOTTOM: f64 = 40.0;
 
 /// A range of times, in microseconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,63 +54,43 @@ pub struct Panel<'a> {
 impl Panel<'_> {
     /// Draws the panel at a position of the picture. The vertical axis is logarithmic, so that single
     /// times are visible next to thousands.
-    pub fn draw(&self, out: &mut String, (left, top): (f64, f64), (width, height): (f64, f64)) {
+    pub fn draw(&self, svg: &mut String, (left, top): (f64, f64), (width, height): (f64, f64)) {
         let Range { low_us, high_us } = self.range;
-        let (x0, x1) = (left + LEFT, left + width - RIGHT);
-        let (y0, y1) = (top + height - BOTTOM, top + TOP);
-        let x = |us: f64| x0 + (x1 - x0) * (us - low_us) / (high_us - low_us);
         let counts = self.counts();
         let most = counts.iter().copied().max().unwrap_or(0).max(self.at_least).max(1);
-        // At most one decade above the largest bar; a single time has a visible bar.
+        // At most one decade above the largest bar.
         let decades = (most as f64 * 1.25).log10().max(1.0);
-        let y = |count: f64| y0 - (y0 - y1) * ((count.log10() + 0.3) / (decades + 0.3)).max(0.0);
-        svg::text(out, (x0, top + 20.0), Anchor::Start, "font-weight=\"bold\"", self.title);
-        svg::text(out, (x1, top + 20.0), Anchor::End, "fill=\"#555\"", self.subtitle);
-        for power in 0..=decades.floor() as i32 {
-            let count = 10_f64.powi(power);
-            let line = y(count);
-            let _ = writeln!(
-                out,
-                "<line x1=\"{x0:.1}\" x2=\"{x1:.1}\" y1=\"{line:.1}\" y2=\"{line:.1}\" \
-                 stroke=\"#e4e4e4\"/>"
-            );
-            let label = format!("{count}");
-            svg::text(out, (x0 - 6.0, line + 4.0), Anchor::End, "fill=\"#555\"", &label);
+        let diagram = Diagram {
+            columns: (left + 56.0, left + width - 14.0),
+            rows: (top + height - 40.0, top + 34.0),
+            x: (low_us, high_us),
+            // A single time has a visible bar.
+            y: (-0.3, decades),
+        };
+        diagram.frame(svg, self.title, (self.subtitle, "#555"));
+        for power in 0..=decades as u32 {
+            diagram.label_row(svg, power.into(), &10_u64.pow(power).to_string());
         }
         let step = (high_us - low_us) / BARS as f64;
         for (nth, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
-            let from = x(low_us + step * nth as f64);
-            let to = x(low_us + step * (nth + 1) as f64);
-            let height = y0 - y(*count as f64);
+            let from_us = low_us + step * nth as f64;
+            let (from, y) = diagram.at((from_us, (*count as f64).log10()));
+            let (to, bottom) = diagram.at((from_us + step, -0.3));
+            let (width, height) = ((to - from - 0.6).max(0.6), bottom - y);
             let _ = writeln!(
-                out,
-                "<rect x=\"{from:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{height:.1}\" \
-                 fill=\"{}\"/>",
-                y0 - height,
-                (to - from - 0.6).max(0.6),
+                svg,
+                "<rect x=\"{from:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" \
+                 height=\"{height:.1}\" fill=\"{}\"/>",
                 self.colour
             );
         }
-        let _ = writeln!(
-            out,
-            "<line x1=\"{0:.1}\" x2=\"{0:.1}\" y1=\"{y1:.1}\" y2=\"{y0:.1}\" stroke=\"#333\" \
-             stroke-dasharray=\"3 3\"/>\n\
-             <path d=\"M{x0:.1} {y1:.1}V{y0:.1}H{x1:.1}\" fill=\"none\" stroke=\"#888\"/>",
-            x(self.mark_us)
-        );
-        for tick in svg::ticks(low_us, high_us, 6) {
-            let at = x(tick);
-            let _ = writeln!(
-                out,
-                "<line x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"{y0:.1}\" y2=\"{:.1}\" stroke=\"#888\"/>",
-                y0 + 4.0
-            );
-            // Enough digits to tell the ticks apart.
-            let digits = if high_us - low_us < 3.0 { 1 } else { 0 };
-            let label = format!("{tick:.digits$}");
-            svg::text(out, (at, y0 + 17.0), Anchor::Middle, "fill=\"#555\"", &label);
-        }
-        svg::text(out, ((x0 + x1) / 2.0, y0 + 33.0), Anchor::Middle, "", self.axis);
+        let [bottom, top] = [-0.3, decades].map(|value| diagram.at((self.mark_us, value)));
+        svg::line(svg, [bottom, top], "stroke=\"#333\" stroke-dasharray=\"3 3\"");
+        // Enough digits to distinguish the ticks.
+        let digits = if high_us - low_us < 3.0 { 1 } else { 0 };
+        diagram.label_columns(svg, 6, |tick| format!("{tick:.digits$}"));
+        let middle = (diagram.columns.0 + diagram.columns.1) / 2.0;
+        svg::text(svg, (middle, diagram.rows.0 + 33.0), "middle", "", self.axis);
     }
 
     /// The number of times in the largest bar.

@@ -18,6 +18,7 @@ pub mod histogram;
 pub mod loop_record;
 pub mod loop_setup;
 pub mod motion_arguments;
+pub mod motion_demo;
 pub mod motion_record;
 pub mod object_value;
 pub mod phase_sweep;

@@ -2,7 +2,6 @@
 
 use std::error::Error;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use clap::Args;
 use ecan_cia402::{AxisConfig, Cia402Config};
@@ -10,9 +9,8 @@ use ecan_host::{Adapter, AdapterConfig, ClockSource, DcSync, Ecrt, StartupPlan};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::CHANNELS;
-use ecan_sim::Backend;
 
-use crate::backend::{self, SimulationDefaults};
+use crate::backend::MasterArguments;
 use crate::real_time::RealTimeArguments;
 
 /// Maximum bit rate of classic CAN, which CANopen uses.
@@ -21,13 +19,9 @@ const MAX_BITRATE: u32 = 1_000_000;
 /// Options of the motion demos: those of manual 15.6 and the common ones.
 #[derive(Debug, Args)]
 pub struct MotionArguments {
-    /// EtherCAT master library: a path, or `sim`, `sim:NAME`, `sim:FILE.toml` for the simulator
-    /// [default: the environment variable ECAN_ECRT, else the installed libethercat]
-    #[arg(long, value_name = "SETTING")]
-    pub ecrt: Option<String>,
-    /// Index of the EtherCAT master
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub master: u32,
+    /// Options of the master
+    #[command(flatten)]
+    pub master: MasterArguments,
     /// PDO size per direction, in chunks of 128 bytes
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub pdo_n: u8,
@@ -73,12 +67,6 @@ pub struct MotionArguments {
     /// Options of the real-time thread
     #[command(flatten)]
     pub thread: RealTimeArguments,
-    /// Seed of the random numbers of a simulation
-    #[arg(long, value_name = "SEED")]
-    pub seed: Option<u64>,
-    /// Run a simulation in wall-clock time instead of at full speed
-    #[arg(long)]
-    pub real_time: bool,
 }
 
 impl MotionArguments {
@@ -101,10 +89,7 @@ impl MotionArguments {
         slaves: u16,
         axes: &[AxisConfig],
     ) -> Result<(AdapterConfig, PortConfig), Box<dyn Error>> {
-        let mut adapter = AdapterConfig::new(slaves)
-            .with_multiplier(self.pdo_n)
-            .with_cycle(Duration::from_micros(self.cycle_us.into()));
-        adapter.master_index = self.master;
+        let mut adapter = self.master.adapter(slaves, self.pdo_n, self.cycle_us);
         if self.dc_sync0 {
             let sync0_us = self.dc_cycle_us.unwrap_or(self.cycle_us);
             let ns = |us: u32| us.saturating_mul(1_000);
@@ -129,25 +114,6 @@ impl MotionArguments {
             }
         }
         Ok((adapter, config))
-    }
-
-    /// Opens the EtherCAT master library; a plain `sim` selects the scenario with drives.
-    ///
-    /// # Errors
-    /// The library or the scenario cannot be opened, or a real-time option was denied.
-    pub fn open_backend(&self, slaves: u16) -> Result<Backend, Box<dyn Error>> {
-        let backend = backend::open(
-            self.ecrt.as_deref(),
-            SimulationDefaults {
-                scenario: "drives",
-                slaves: usize::from(slaves),
-                seed: self.seed,
-                real_time: self.real_time,
-                large_pdos: false,
-            },
-        )?;
-        self.thread.apply(|line| println!("{line}"))?;
-        Ok(backend)
     }
 
     /// Opens the Port, without startup SDOs if the options skip them.

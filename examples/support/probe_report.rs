@@ -131,7 +131,7 @@ impl Report {
                 let _ = writeln!(csv, "{mode},{number},{sent_ns},{},{}", text(at), text(period));
             }
         }
-        write(path, &csv)
+        svg::write(path, &csv)
     }
 
     /// Writes the picture, as a page with the table (`.html`) or alone (`.svg`).
@@ -140,9 +140,9 @@ impl Report {
     /// The file cannot be written.
     pub fn write_picture(&self, path: &Path) -> Result<(), Box<dyn Error>> {
         if path.extension().is_some_and(|extension| extension == "svg") {
-            return write(path, &self.svg());
+            return svg::write(path, &self.svg());
         }
-        write(path, &self.html())
+        svg::write(path, &self.html())
     }
 
     fn html(&self) -> String {
@@ -219,14 +219,13 @@ impl Report {
             ("master period", self.rows.iter().map(master).collect()),
         ];
         let lines: usize = kinds.iter().map(|(_, all)| filled(all)).sum();
-        let mut picture = svg::open(2.0 * PANEL_WIDTH, PANEL_HEIGHT * lines as f64 + 16.0);
-        let mut top = 0.0;
-        for (name, all) in &kinds {
-            self.draw_kind(&mut picture, top, name, all);
-            top += PANEL_HEIGHT * filled(all) as f64;
-        }
-        picture.push_str("</svg>\n");
-        picture
+        svg::picture(2.0 * PANEL_WIDTH, PANEL_HEIGHT * lines as f64 + 16.0, |svg| {
+            let mut top = 0.0;
+            for (name, all) in &kinds {
+                self.draw_kind(svg, top, name, all);
+                top += PANEL_HEIGHT * filled(all) as f64;
+            }
+        })
     }
 
     fn draw_kind(&self, picture: &mut String, mut top: f64, name: &str, all: &[Vec<u64>]) {
@@ -272,8 +271,4 @@ fn filled(all: &[Vec<u64>]) -> usize {
 
 fn dash() -> String {
     "-".to_owned()
-}
-
-fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
-    std::fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()).into())
 }

@@ -1,34 +1,30 @@
 //! Pieces of SVG pictures.
 
+use std::error::Error;
 use std::fmt::Write;
+use std::path::Path;
 
-/// Returns the start of a picture of this size in pixels, on white.
-pub fn open(width: f64, height: f64) -> String {
-    format!(
+/// Returns a picture of this size in pixels, on white.
+pub fn picture(width: f64, height: f64, draw: impl FnOnce(&mut String)) -> String {
+    let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
          viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"12\">\n\
          <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
-    )
+    );
+    draw(&mut svg);
+    svg + "</svg>\n"
 }
 
-/// Alignment of a text to its position.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Anchor {
-    /// Its start.
-    Start,
-    /// Its middle.
-    Middle,
-    /// Its end.
-    End,
+/// Writes a file.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
+    std::fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()).into())
 }
 
-/// Adds a text; `style` contains further attributes.
-pub fn text(svg: &mut String, (x, y): (f64, f64), anchor: Anchor, style: &str, content: &str) {
-    let anchor = match anchor {
-        Anchor::Start => "start",
-        Anchor::Middle => "middle",
-        Anchor::End => "end",
-    };
+/// Adds a text; `anchor` is start, middle or end, `style` contains further attributes.
+pub fn text(svg: &mut String, (x, y): (f64, f64), anchor: &str, style: &str, content: &str) {
     // Writing to a String cannot fail.
     let _ = writeln!(
         svg,
@@ -37,9 +33,81 @@ pub fn text(svg: &mut String, (x, y): (f64, f64), anchor: Anchor, style: &str, c
     );
 }
 
+/// Adds a line between two positions in pixels.
+pub fn line(svg: &mut String, [(x1, y1), (x2, y2)]: [(f64, f64); 2], style: &str) {
+    let _ = writeln!(
+        svg,
+        "<line x1=\"{x1:.1}\" x2=\"{x2:.1}\" y1=\"{y1:.1}\" y2=\"{y2:.1}\" {style}/>"
+    );
+}
+
 /// Escapes a text for XML and HTML.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// A diagram: the corners of its frame in pixels, and the values at its edges.
+#[derive(Debug, Clone, Copy)]
+pub struct Diagram {
+    /// Left and right edge.
+    pub columns: (f64, f64),
+    /// Lower and upper edge.
+    pub rows: (f64, f64),
+    /// Horizontal values at the left and right edge.
+    pub x: (f64, f64),
+    /// Vertical values at the lower and upper edge.
+    pub y: (f64, f64),
+}
+
+impl Diagram {
+    /// Position of a value in pixels; beyond the lower or upper edge the edge.
+    pub fn at(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        let scale = |value: f64, (low, high): (f64, f64), (from, to): (f64, f64)| {
+            from + (to - from) * (value - low) / (high - low)
+        };
+        (scale(x, self.x, self.columns), scale(y.clamp(self.y.0, self.y.1), self.y, self.rows))
+    }
+
+    /// Adds frame and title, and a note in this colour on the right.
+    pub fn frame(&self, svg: &mut String, title: &str, (note, colour): (&str, &str)) {
+        let ((left, right), (bottom, top)) = (self.columns, self.rows);
+        text(svg, (left, top - 10.0), "start", "font-weight=\"bold\"", title);
+        text(svg, (right, top - 10.0), "end", &format!("fill=\"{colour}\""), note);
+        let (width, height) = (right - left, bottom - top);
+        let _ = writeln!(
+            svg,
+            "<rect x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" fill=\"none\" \
+             stroke=\"#999\"/>"
+        );
+    }
+
+    /// Adds labels of about `count` round values below the diagram.
+    pub fn label_columns(&self, svg: &mut String, count: u32, label: impl Fn(f64) -> String) {
+        for value in ticks(self.x.0, self.x.1, count) {
+            let (x, bottom) = (self.at((value, self.y.0)).0, self.rows.0);
+            line(svg, [(x, bottom), (x, bottom + 4.0)], "stroke=\"#888\"");
+            text(svg, (x, bottom + 17.0), "middle", "fill=\"#555\"", &label(value));
+        }
+    }
+
+    /// Adds a horizontal line with its label.
+    pub fn label_row(&self, svg: &mut String, value: f64, label: &str) {
+        let (left, right) = self.columns;
+        let y = self.at((self.x.0, value)).1;
+        line(svg, [(left, y), (right, y)], "stroke=\"#e4e4e4\"");
+        text(svg, (left - 6.0, y + 4.0), "end", "fill=\"#555\"", label);
+    }
+
+    /// Adds a curve through values.
+    pub fn curve(&self, svg: &mut String, values: impl Iterator<Item = (f64, f64)>, colour: &str) {
+        let points: Vec<_> =
+            values.map(|value| self.at(value)).map(|(x, y)| format!("{x:.1},{y:.1}")).collect();
+        let _ = writeln!(
+            svg,
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.3\"/>",
+            points.join(" ")
+        );
+    }
 }
 
 /// Returns about `count` round values between two ends: multiples of 1, 2 or 5 times a power of ten.
