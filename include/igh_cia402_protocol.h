@@ -206,7 +206,7 @@ typedef struct {
      * stayed enabled. Default 0: only igh_cia402_enable() does that. A drive that left Operation
      * enabled is never enabled automatically.
      */
-    uint8_t auto_take_up;
+    uint8_t auto_resume;
     /** An igh_cia402_range_t: range of the position counter. Default IGH_CIA402_RANGE_LINEAR. */
     uint8_t range;
     /** Smallest position of IGH_CIA402_RANGE_MODULO, 0x607B:01. */
@@ -625,7 +625,7 @@ typedef struct {
     /** Active axes that got nothing in this cycle: their motion must not continue. */
     uint32_t waiting;
     /** Axes whose target was rejected. */
-    uint32_t refused;
+    uint32_t rejected;
     /** Axes that are not active, or hold. */
     uint32_t closed;
     /** SYNC messages. */
@@ -1032,8 +1032,8 @@ typedef enum {
     IGH_CIA402_DECISION_TARGET = 3,
     /** No target in this cycle; decision_reason is an igh_cia402_wait_t. */
     IGH_CIA402_DECISION_WAIT = 4,
-    /** The target was rejected; decision_reason is an igh_cia402_refusal_t. */
-    IGH_CIA402_DECISION_REFUSED = 5,
+    /** The target was rejected; decision_reason is an igh_cia402_rejection_t. */
+    IGH_CIA402_DECISION_REJECTED = 5,
 } igh_cia402_decision_t;
 
 /** Reason why an active axis got nothing in a cycle. Its motion must not continue. */
@@ -1041,7 +1041,7 @@ typedef enum {
     /** The working counter of this cycle is incomplete. */
     IGH_CIA402_WAIT_WORKING_COUNTER = 1,
     /** The last image is unconfirmed and is repeated. */
-    IGH_CIA402_WAIT_IMAGE_HELD = 2,
+    IGH_CIA402_WAIT_IMAGE_UNCONFIRMED = 2,
     /** The first target must be an actual position of this cycle, and there is none. */
     IGH_CIA402_WAIT_NO_FRESH_POSITION = 3,
     /** The drive has an old target, far from the axis: it must be disabled first. */
@@ -1051,24 +1051,24 @@ typedef enum {
     /** The target of this cycle was sent already. */
     IGH_CIA402_WAIT_SPENT = 6,
     /** A frame was rejected in this cycle; the axis will hold. */
-    IGH_CIA402_WAIT_FRAME_REFUSED = 7,
+    IGH_CIA402_WAIT_FRAME_REJECTED = 7,
 } igh_cia402_wait_t;
 
 /** Reason why a target was rejected. The previous target stays. */
 typedef enum {
     /** Too far from the target before. */
-    IGH_CIA402_REFUSAL_STEP = 1,
+    IGH_CIA402_REJECTION_STEP = 1,
     /** Too far from the actual position. */
-    IGH_CIA402_REFUSAL_WINDOW = 2,
+    IGH_CIA402_REJECTION_WINDOW = 2,
     /** Outside the bounds of the axis. */
-    IGH_CIA402_REFUSAL_BOUNDS = 3,
+    IGH_CIA402_REJECTION_BOUNDS = 3,
     /** The position counter does not have this position. */
-    IGH_CIA402_REFUSAL_COUNTER = 4,
+    IGH_CIA402_REJECTION_COUNTER = 4,
     /** The mode has no targets. */
-    IGH_CIA402_REFUSAL_NO_TARGETS = 5,
+    IGH_CIA402_REJECTION_NO_TARGETS = 5,
     /** Another reason. */
-    IGH_CIA402_REFUSAL_OTHER = 255,
-} igh_cia402_refusal_t;
+    IGH_CIA402_REJECTION_OTHER = 255,
+} igh_cia402_rejection_t;
 
 /** Reason of a hold: the axis gets no targets until igh_cia402_enable(). */
 typedef enum {
@@ -1123,7 +1123,7 @@ typedef enum {
     /** The drive has a fault; error_code. */
     IGH_CIA402_AXIS_ERROR_FAULT = 4,
     /** The drive stays in fault after a reset; error_code. */
-    IGH_CIA402_AXIS_ERROR_RESET_REFUSED = 5,
+    IGH_CIA402_AXIS_ERROR_RESET_FAILED = 5,
     /** The axis held; hold_reason. */
     IGH_CIA402_AXIS_ERROR_HELD = 6,
     /** Homing ended without a home position. */
@@ -1141,7 +1141,7 @@ typedef enum {
 /** State of a node's heartbeat. */
 typedef enum {
     /** Not monitored. */
-    IGH_CANOPEN_HEARTBEAT_UNWATCHED = 0,
+    IGH_CANOPEN_HEARTBEAT_UNCONFIGURED = 0,
     /** None since monitoring started or the node booted. */
     IGH_CANOPEN_HEARTBEAT_UNKNOWN = 1,
     /** Received in time. */
@@ -1198,12 +1198,12 @@ typedef struct {
     uint8_t heartbeat;
     /** An igh_cia402_decision_t: decision on the last target. */
     uint8_t decision;
-    /** Reason of the decision: an igh_cia402_wait_t or igh_cia402_refusal_t; else 0. */
+    /** Reason of the decision: an igh_cia402_wait_t or igh_cia402_rejection_t; else 0. */
     uint8_t decision_reason;
     /** An igh_cia402_hold_t: reason of the hold. */
     uint8_t hold_reason;
     /** An igh_cia402_axis_error_t: error of the last command. */
-    uint8_t trouble;
+    uint8_t axis_error;
     /** 1 if the drive is configured. */
     uint8_t is_configured;
     /** 1 if the axis follows targets. */
@@ -1283,13 +1283,13 @@ typedef struct {
     /** Targets passed to the gateway, the first ones included. */
     uint64_t targets_sent;
     /** Times that the axis became active while enabled. */
-    uint64_t take_ups;
+    uint64_t activations;
     /** Rejected targets of the application, for any reason. */
-    uint64_t targets_refused;
+    uint64_t targets_rejected;
     /** Targets rejected because of the step limit. */
-    uint64_t refused_step;
+    uint64_t rejected_step;
     /** Targets rejected because of the following window. */
-    uint64_t refused_window;
+    uint64_t rejected_window;
     /**
      * Cycles in which an active axis got no target: an incomplete working counter, a repeated
      * image, a full image.

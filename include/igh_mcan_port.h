@@ -490,7 +490,7 @@ typedef struct {
     /** ... in this number of cycles; 0 counts as 1. More than one frame needs 1. */
     uint32_t cycles;
     /** An igh_mcan_frame_route_t. */
-    uint8_t way;
+    uint8_t route;
     /** Not used. */
     uint8_t reserved[3];
 } igh_mcan_frame_stream_t;
@@ -830,12 +830,12 @@ typedef struct {
      */
     uint32_t watch_ms;
     /** 1 rejects frames without margin; 0 sends and counts them. */
-    uint8_t refuse_without_margin;
+    uint8_t reject_without_margin;
     /**
      * 1 discards an unconfirmed image that contains only scheduled frames: repeated, they
      * could be sent a period late.
      */
-    uint8_t give_up_missed;
+    uint8_t discard_missed;
     /** Not used. */
     uint8_t reserved[2];
 } igh_mcan_schedule_settings_t;
@@ -891,7 +891,7 @@ typedef struct {
     /** Frames without a result so far. */
     uint64_t open;
     /** Frames that were rejected because their cycle began too late for the phase. */
-    uint64_t refused_late;
+    uint64_t rejected_late;
     /** Frames among `scheduled` that were accepted without margin. */
     uint64_t without_margin;
 } igh_mcan_schedule_account_t;
@@ -1029,7 +1029,7 @@ typedef struct {
     /** 1 if the image's layout is not the configured one: its frames may be misread. */
     uint8_t layout_changed;
     /** 1 if the last RxPDO image is unconfirmed and is repeated; frames sent now wait. */
-    uint8_t is_holding;
+    uint8_t is_unconfirmed;
     /** Images lost before this one, by the sequence. */
     uint16_t lost_images;
     /** Not used. */
@@ -1131,11 +1131,11 @@ typedef struct {
     /** Frames received in TxPDO images. */
     uint64_t frames_received;
     /** Frames rejected because the image was full. */
-    uint64_t refused_image_full;
+    uint64_t rejected_image_full;
     /** Frames rejected because the gateway's transmit queue might overflow. */
-    uint64_t refused_queue_full;
+    uint64_t rejected_queue_full;
     /** Frames rejected because the channel was bus-off. */
-    uint64_t refused_bus_off;
+    uint64_t rejected_bus_off;
     /** Transmit results that reported success: code 0 or 1 (manual 10). */
     uint64_t results_ok;
     /** Transmit results that reported a failure. */

@@ -21,12 +21,12 @@ bool frame_plan_print(const bus_settings_t *settings, const igh_mcan_tx_frame_t 
             if ((settings->channel_masks[slave] >> channel & 1) == 0) {
                 continue;
             }
-            for (uint8_t way = IGH_MCAN_ROUTE_TO_BUS; way <= IGH_MCAN_ROUTE_FROM_BUS; way++) {
+            for (uint8_t route = IGH_MCAN_ROUTE_TO_BUS; route <= IGH_MCAN_ROUTE_FROM_BUS; route++) {
                 igh_mcan_frame_stream_t *stream = &streams[count++];
-                *stream = (igh_mcan_frame_stream_t){.frame = *frame, .frames = 1, .way = way};
+                *stream = (igh_mcan_frame_stream_t){.frame = *frame, .frames = 1, .route = route};
                 stream->frame.slave = (uint16_t)slave;
                 stream->frame.channel = channel;
-                stream->frame.scheduled = way == IGH_MCAN_ROUTE_TO_BUS && frame->scheduled;
+                stream->frame.scheduled = route == IGH_MCAN_ROUTE_TO_BUS && frame->scheduled;
             }
         }
     }

@@ -39,12 +39,12 @@ static bool print_channels(bus_t *bus, size_t slave, uint8_t channel_mask)
             report_sdk_error();
             return false;
         }
-        uint64_t refused =
-            count.refused_image_full + count.refused_queue_full + count.refused_bus_off;
+        uint64_t rejected =
+            count.rejected_image_full + count.rejected_queue_full + count.rejected_bus_off;
         printf("slave %zu can%u %10" PRIu64 "%10" PRIu64 "%10" PRIu64 "%10" PRIu64 "%12" PRIu64
                "\n",
                slave, channel, count.frames_sent, count.frames_delivered, count.frames_received,
-               count.frames_discarded, refused);
+               count.frames_discarded, rejected);
     }
     return true;
 }
@@ -72,7 +72,7 @@ bool gateway_report_print(bus_t *bus, const bus_settings_t *settings)
 {
     bool is_complete = true;
     printf("\n%-13s %10s%10s%10s%10s%12s\n", "channel", "sent", "delivered", "received",
-           "discarded", "refused");
+           "discarded", "rejected");
     for (size_t slave = 0; slave < settings->slaves; slave++) {
         is_complete &= print_channels(bus, slave, settings->channel_masks[slave]);
     }

@@ -70,7 +70,7 @@ static void print_row(size_t axis, const motion_row_t *row)
     if (statistics->holds > 0) {
         printf("   held %" PRIu64 " time(s)\n", statistics->holds);
     }
-    if (statistics->holds > 0 || state->trouble != IGH_CIA402_AXIS_ERROR_NONE) {
+    if (statistics->holds > 0 || state->axis_error != IGH_CIA402_AXIS_ERROR_NONE) {
         printf("   %s\n", row->text);
     }
 }

@@ -135,7 +135,7 @@ static void start_up(void)
         SAME(IGH_CIA402_MODE_CSP, state.mode);
         SAME(1, state.is_running);
         SAME(1, state.has_target);
-        SAME(0, state.trouble);
+        SAME(0, state.axis_error);
     }
 }
 
@@ -162,7 +162,7 @@ static void motion(void)
         GOOD(igh_cia402_get_send_summary(&motors, &summary));
         SAME(AXES, summary.targets);
         SAME(1, summary.all_moved);
-        SAME(0, summary.refused);
+        SAME(0, summary.rejected);
         GOOD(igh_mcan_port_cycle_end(&port));
     }
     for (int i = 0; i < 50; i++) {
@@ -198,9 +198,9 @@ static void motion(void)
     GOOD(igh_cia402_set_target(&motors, 0, state_of(0).target + 1001));
     GOOD(igh_cia402_send_targets_all(&motors));
     GOOD(igh_cia402_get_send_summary(&motors, &summary));
-    SAME(1, summary.refused);
-    SAME(IGH_CIA402_DECISION_REFUSED, state_of(0).decision);
-    SAME(IGH_CIA402_REFUSAL_STEP, state_of(0).decision_reason);
+    SAME(1, summary.rejected);
+    SAME(IGH_CIA402_DECISION_REJECTED, state_of(0).decision);
+    SAME(IGH_CIA402_REJECTION_STEP, state_of(0).decision_reason);
     GOOD(igh_mcan_port_cycle_end(&port));
     GOOD(igh_cia402_set_target(&motors, 0, state_of(0).target));
     begin();
@@ -209,9 +209,9 @@ static void motion(void)
     GOOD(igh_cia402_send_targets_all(&motors));
     GOOD(igh_mcan_port_cycle_end(&port));
     GOOD(igh_cia402_get_axis_statistics(&motors, 0, &statistics));
-    SAME(1, statistics.targets_refused);
-    SAME(1, statistics.refused_step);
-    SAME(1, statistics.take_ups);
+    SAME(1, statistics.targets_rejected);
+    SAME(1, statistics.rejected_step);
+    SAME(1, statistics.activations);
     SAME(0, statistics.holds);
     TRUE(statistics.targets_sent > 500 && statistics.tpdos > 500);
     GOOD(igh_cia402_set_motion_div(&motors, 2));
@@ -390,7 +390,7 @@ static void faults(void)
     }
     SAME(0, state_of(0).is_running);
     SAME(0x8611, state_of(0).error_code);
-    SAME(IGH_CIA402_AXIS_ERROR_FAULT, state_of(0).trouble);
+    SAME(IGH_CIA402_AXIS_ERROR_FAULT, state_of(0).axis_error);
     /* It is not enabled before its fault is reset. */
     igh_cia402_enable(&motors, 0);
     for (int i = 0; i < 300; i++) {
@@ -406,7 +406,7 @@ static void faults(void)
     SAME(1, igh_cia402_all_running(&motors));
     GOOD(igh_cia402_get_axis_statistics(&motors, 0, &statistics));
     SAME(1, statistics.faults);
-    SAME(2, statistics.take_ups);
+    SAME(2, statistics.activations);
     TRUE(statistics.emergencies >= 1);
     GOOD(igh_cia402_shutdown_timeout(&motors, 10000));
     GOOD(igh_cia402_context_deinit(&motors));

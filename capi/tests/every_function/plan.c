@@ -14,11 +14,11 @@ static void frames(void)
     GOOD(igh_mcan_tx_frame_set_can(&stream[0].frame, 0, 0, 0x123, 0, DATA, 8));
     stream[0].frames = 4;
     stream[0].cycles = 1;
-    stream[0].way = IGH_MCAN_ROUTE_TO_BUS;
+    stream[0].route = IGH_MCAN_ROUTE_TO_BUS;
     GOOD(igh_mcan_tx_frame_set_can(&stream[1].frame, 0, 0, 0x7FF, IGH_MCAN_FLAG_EXT, DATA, 8));
     stream[1].frames = 1;
     stream[1].cycles = 10;
-    stream[1].way = IGH_MCAN_ROUTE_FROM_BUS;
+    stream[1].route = IGH_MCAN_ROUTE_FROM_BUS;
     GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 2, text, sizeof(text)));
     TEXT_HAS("plan for 1 gateway(s), cycle 1000.0 us", text);
     TEXT_HAS("slave 0 LRW 768", text);
@@ -46,9 +46,9 @@ static void frames(void)
     TEXT_HAS("leaves at", text);
     GOOD(ecan_igh_config_set_dc_sync0(&igh_config, 0, 0));
 
-    stream[0].way = 3;
+    stream[0].route = 3;
     BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0));
-    stream[0].way = 0;
+    stream[0].route = 0;
     stream[0].frames = 2;
     stream[0].cycles = 3;
     BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0));

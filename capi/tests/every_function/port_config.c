@@ -197,7 +197,7 @@ static void gateway(igh_mcan_port_config_t *config)
     BAD(ECAN_ERR_NULL, igh_mcan_port_default_schedule(NULL));
     GOOD(igh_mcan_port_default_schedule(&schedule));
     SAME(100, schedule.watch_ms);
-    SAME(0, schedule.refuse_without_margin);
+    SAME(0, schedule.reject_without_margin);
     BAD(ECAN_ERR_NULL, igh_mcan_port_set_schedule(config, 0, NULL));
     GOOD(igh_mcan_port_set_schedule(config, 0, &schedule));
     GOOD(igh_mcan_port_set_paced(config, 0, 0));

@@ -204,7 +204,7 @@ static void remote_and_batch(igh_mcan_port_t *port)
     GOOD(igh_mcan_port_get_channel_statistics(port, 0, 0, &statistics));
     TRUE(statistics.frames_sent >= 300);
     SAME(statistics.frames_sent, statistics.frames_delivered);
-    TRUE(statistics.refused_image_full + statistics.refused_queue_full > 0);
+    TRUE(statistics.rejected_image_full + statistics.rejected_queue_full > 0);
     SAME(0, statistics.results_failed);
 }
 
@@ -219,7 +219,7 @@ static void state(igh_mcan_port_t *port)
     GOOD(igh_mcan_port_get_cycle_report(port, 0, &report));
     SAME(1, report.domain.is_complete);
     SAME(IGH_MCAN_IMAGE_NEW, report.image);
-    SAME(0, report.is_holding);
+    SAME(0, report.is_unconfirmed);
     SAME(0, report.lost_images);
     GOOD(igh_mcan_port_get_channel_status(port, 0, 0, &status));
     SAME(IGH_MCAN_STATE_RUN, status.state);

@@ -73,7 +73,7 @@ pub struct igh_cia402_axis_t {
     /// 1: in CSP, the axis becomes active again automatically after a hold in which its drive
     /// stayed enabled. Default 0: only igh_cia402_enable() does that. A drive that left Operation
     /// enabled is never enabled automatically.
-    pub auto_take_up: u8,
+    pub auto_resume: u8,
     /// An igh_cia402_range_t: range of the position counter. Default IGH_CIA402_RANGE_LINEAR.
     pub range: u8,
     /// Smallest position of IGH_CIA402_RANGE_MODULO, 0x607B:01.
@@ -178,7 +178,7 @@ impl igh_cia402_axis_t {
             node_id,
             mode: settings.mode.raw(),
             pdo_number: settings.pdo_number,
-            auto_take_up: settings.auto_resume.into(),
+            auto_resume: settings.auto_resume.into(),
             range: igh_cia402_range_t::IGH_CIA402_RANGE_LINEAR as u8,
             range_min: 0,
             range_max: 0,
@@ -273,7 +273,7 @@ impl igh_cia402_axis_t {
             tpdo_timeout: self.tpdo_timeout,
             wc_misses: self.wc_misses,
             drain_images: self.drain_images,
-            auto_resume: self.auto_take_up != 0,
+            auto_resume: self.auto_resume != 0,
             enable_timeout: duration(self.enable_timeout_ms),
             pdo_number: self.pdo_number,
             drive,
@@ -414,7 +414,7 @@ mod tests {
         (axis.host_loss, axis.quick_stop) = (IGH_CIA402_UNCHANGED, -2);
         axis.write_following_error = 1;
         (axis.following_error_window, axis.following_error_ms) = (12_000, 20);
-        (axis.reset, axis.auto_take_up, axis.write_position_limits) = (1, 1, 1);
+        (axis.reset, axis.auto_resume, axis.write_position_limits) = (1, 1, 1);
         axis.further_count = 2;
         axis.further[0] =
             igh_cia402_object_t { value: -1, index: 0x2000, size: 2, ..Default::default() };

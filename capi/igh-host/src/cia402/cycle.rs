@@ -43,7 +43,7 @@ mirror! {
         /// Active axes that got nothing in this cycle: their motion must not continue.
         waiting: u32 = rust.waiting as u32,
         /// Axes whose target was rejected.
-        refused: u32 = rust.rejected as u32,
+        rejected: u32 = rust.rejected as u32,
         /// Axes that are not active, or hold.
         closed: u32 = rust.closed as u32,
         /// SYNC messages.

@@ -11,8 +11,8 @@ use crate::callback::ProgressCallback;
 /// Calls the application when the progress of an axis changes.
 pub(crate) struct Reporter {
     callback: Option<ProgressCallback>,
-    /// Last reported progress, by axis.
-    told: Vec<Option<ReportedProgress>>,
+    /// By axis.
+    reported: Vec<Option<ReportedProgress>>,
 }
 
 /// Part of an axis' progress whose change is reported; not the time, and not the single steps of
@@ -20,25 +20,23 @@ pub(crate) struct Reporter {
 #[derive(Clone, Copy, PartialEq)]
 struct ReportedProgress {
     phase: AxisPhase,
-    trouble: Option<AxisError>,
+    error: Option<AxisError>,
 }
 
 impl Reporter {
     pub(crate) fn new(callback: Option<ProgressCallback>) -> Self {
-        Self { callback, told: Vec::new() }
+        Self { callback, reported: Vec::new() }
     }
 
     pub(crate) fn see(&mut self, progress: &AxisProgress) {
         let Some(callback) = self.callback else { return };
-        let now = ReportedProgress { phase: progress.phase, trouble: progress.error };
-        if self.told.len() <= progress.axis {
-            self.told.resize(progress.axis + 1, None);
+        let now = ReportedProgress { phase: progress.phase, error: progress.error };
+        if self.reported.len() <= progress.axis {
+            self.reported.resize(progress.axis + 1, None);
         }
-        let Some(told) = self.told.get_mut(progress.axis) else { return };
-        if *told == Some(now) {
+        if self.reported[progress.axis].replace(now) == Some(now) {
             return;
         }
-        *told = Some(now);
         let text = CString::new(progress.to_string()).unwrap_or_default();
         callback.report(progress.axis, &text);
     }

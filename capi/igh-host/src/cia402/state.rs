@@ -57,12 +57,12 @@ pub struct igh_cia402_axis_state_t {
     pub heartbeat: u8,
     /// An igh_cia402_decision_t: decision on the last target.
     pub decision: u8,
-    /// Reason of the decision: an igh_cia402_wait_t or igh_cia402_refusal_t; else 0.
+    /// Reason of the decision: an igh_cia402_wait_t or igh_cia402_rejection_t; else 0.
     pub decision_reason: u8,
     /// An igh_cia402_hold_t: reason of the hold.
     pub hold_reason: u8,
     /// An igh_cia402_axis_error_t: error of the last command.
-    pub trouble: u8,
+    pub axis_error: u8,
     /// 1 if the drive is configured.
     pub is_configured: u8,
     /// 1 if the axis follows targets.
@@ -117,7 +117,7 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
         decision: igh_cia402_decision_t::from(decision) as u8,
         decision_reason: decision_reason(decision),
         hold_reason: igh_cia402_hold_t::from(hold_reason) as u8,
-        trouble: igh_cia402_axis_error_t::from(progress.error) as u8,
+        axis_error: igh_cia402_axis_error_t::from(progress.error) as u8,
         is_configured: (!matches!(
             phase,
             IGH_CIA402_PHASE_NOT_CONFIGURED

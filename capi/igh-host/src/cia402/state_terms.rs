@@ -61,8 +61,8 @@ mirror! {
         IGH_CIA402_DECISION_TARGET = 3 => Decision::Target(_),
         /// No target in this cycle; decision_reason is an igh_cia402_wait_t.
         IGH_CIA402_DECISION_WAIT = 4 => Decision::Wait(_),
-        /// The target was rejected; decision_reason is an igh_cia402_refusal_t.
-        IGH_CIA402_DECISION_REFUSED = 5 => Decision::Reject(_),
+        /// The target was rejected; decision_reason is an igh_cia402_rejection_t.
+        IGH_CIA402_DECISION_REJECTED = 5 => Decision::Reject(_),
     }
 }
 
@@ -72,7 +72,7 @@ mirror! {
         /// The working counter of this cycle is incomplete.
         IGH_CIA402_WAIT_WORKING_COUNTER = 1 => WaitReason::WorkingCounter,
         /// The last image is unconfirmed and is repeated.
-        IGH_CIA402_WAIT_IMAGE_HELD = 2 => WaitReason::ImageUnconfirmed,
+        IGH_CIA402_WAIT_IMAGE_UNCONFIRMED = 2 => WaitReason::ImageUnconfirmed,
         /// The first target must be an actual position of this cycle, and there is none.
         IGH_CIA402_WAIT_NO_FRESH_POSITION = 3 => WaitReason::NoFreshPosition,
         /// The drive has an old target, far from the axis: it must be disabled first.
@@ -82,25 +82,25 @@ mirror! {
         /// The target of this cycle was sent already.
         IGH_CIA402_WAIT_SPENT = 6 => WaitReason::Spent,
         /// A frame was rejected in this cycle; the axis will hold.
-        IGH_CIA402_WAIT_FRAME_REFUSED = 7 => WaitReason::Rejected,
+        IGH_CIA402_WAIT_FRAME_REJECTED = 7 => WaitReason::Rejected,
     }
 }
 
 mirror! {
     /// Reason why a target was rejected. The previous target stays.
-    pub enum igh_cia402_refusal_t from TargetRejection {
+    pub enum igh_cia402_rejection_t from TargetRejection {
         /// Too far from the target before.
-        IGH_CIA402_REFUSAL_STEP = 1 => TargetRejection::Step { .. },
+        IGH_CIA402_REJECTION_STEP = 1 => TargetRejection::Step { .. },
         /// Too far from the actual position.
-        IGH_CIA402_REFUSAL_WINDOW = 2 => TargetRejection::Window { .. },
+        IGH_CIA402_REJECTION_WINDOW = 2 => TargetRejection::Window { .. },
         /// Outside the bounds of the axis.
-        IGH_CIA402_REFUSAL_BOUNDS = 3 => TargetRejection::Bounds { .. },
+        IGH_CIA402_REJECTION_BOUNDS = 3 => TargetRejection::Bounds { .. },
         /// The position counter does not have this position.
-        IGH_CIA402_REFUSAL_COUNTER = 4 => TargetRejection::Counter { .. },
+        IGH_CIA402_REJECTION_COUNTER = 4 => TargetRejection::Counter { .. },
         /// The mode has no targets.
-        IGH_CIA402_REFUSAL_NO_TARGETS = 5 => TargetRejection::NoTargets,
+        IGH_CIA402_REJECTION_NO_TARGETS = 5 => TargetRejection::NoTargets,
         /// Another reason.
-        IGH_CIA402_REFUSAL_OTHER = 255 => _,
+        IGH_CIA402_REJECTION_OTHER = 255 => _,
     }
 }
 
@@ -160,7 +160,7 @@ mirror! {
         /// The drive has a fault; error_code.
         IGH_CIA402_AXIS_ERROR_FAULT = 4 => Some(AxisError::Fault { .. }),
         /// The drive stays in fault after a reset; error_code.
-        IGH_CIA402_AXIS_ERROR_RESET_REFUSED = 5 => Some(AxisError::ResetFailed { .. }),
+        IGH_CIA402_AXIS_ERROR_RESET_FAILED = 5 => Some(AxisError::ResetFailed { .. }),
         /// The axis held; hold_reason.
         IGH_CIA402_AXIS_ERROR_HELD = 6 => Some(AxisError::Held(_)),
         /// Homing ended without a home position.
@@ -180,7 +180,7 @@ mirror! {
     /// State of a node's heartbeat.
     pub enum igh_canopen_heartbeat_t from Heartbeat {
         /// Not monitored.
-        IGH_CANOPEN_HEARTBEAT_UNWATCHED = 0 => Heartbeat::Unconfigured,
+        IGH_CANOPEN_HEARTBEAT_UNCONFIGURED = 0 => Heartbeat::Unconfigured,
         /// None since monitoring started or the node booted.
         IGH_CANOPEN_HEARTBEAT_UNKNOWN = 1 => Heartbeat::Unknown,
         /// Received in time.
@@ -194,7 +194,7 @@ mirror! {
 pub(crate) fn decision_reason(decision: Decision) -> u8 {
     match decision {
         Decision::Wait(reason) => igh_cia402_wait_t::from(reason) as u8,
-        Decision::Reject(rejection) => igh_cia402_refusal_t::from(rejection) as u8,
+        Decision::Reject(rejection) => igh_cia402_rejection_t::from(rejection) as u8,
         _ => 0,
     }
 }

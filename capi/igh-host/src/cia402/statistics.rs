@@ -16,13 +16,13 @@ mirror! {
         /// Targets passed to the gateway, the first ones included.
         targets_sent: u64,
         /// Times that the axis became active while enabled.
-        take_ups: u64 = rust.activations,
+        activations: u64,
         /// Rejected targets of the application, for any reason.
-        targets_refused: u64 = rust.targets_rejected,
+        targets_rejected: u64,
         /// Targets rejected because of the step limit.
-        refused_step: u64 = rust.rejected_step,
+        rejected_step: u64,
         /// Targets rejected because of the following window.
-        refused_window: u64 = rust.rejected_window,
+        rejected_window: u64,
         /// Cycles in which an active axis got no target: an incomplete working counter, a repeated
         /// image, a full image.
         waits: u64,

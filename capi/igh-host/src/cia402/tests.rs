@@ -202,8 +202,8 @@ fn a_target_beyond_the_limit_is_refused_with_its_reason() {
         }
     });
     let state = rig.state(0);
-    assert_eq!(state.decision, igh_cia402_decision_t::IGH_CIA402_DECISION_REFUSED as u8);
-    assert_eq!(state.decision_reason, igh_cia402_refusal_t::IGH_CIA402_REFUSAL_STEP as u8);
+    assert_eq!(state.decision, igh_cia402_decision_t::IGH_CIA402_DECISION_REJECTED as u8);
+    assert_eq!(state.decision_reason, igh_cia402_rejection_t::IGH_CIA402_REJECTION_STEP as u8);
     // SAFETY: the pointer is valid.
     unsafe {
         let no_angle = igh_cia402_set_target_degrees(rig.motors(), 0, f64::NAN);

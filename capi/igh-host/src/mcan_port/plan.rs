@@ -41,20 +41,20 @@ pub struct igh_mcan_frame_stream_t {
     /// ... in this number of cycles; 0 counts as 1. More than one frame needs 1.
     pub cycles: u32,
     /// An igh_mcan_frame_route_t.
-    pub way: u8,
+    pub route: u8,
     /// Not used.
     pub reserved: [u8; 3],
 }
 
 impl igh_mcan_frame_stream_t {
     fn to_rust(self, call: Call) -> Result<FrameStream, ecan_result_t> {
-        let way = match self.way {
+        let route = match self.route {
             0 => FrameRoute::ToBus,
             1 => FrameRoute::FromBus,
             2 => FrameRoute::OnBusOnly,
-            way => {
-                let text = format_args!("{way} is no igh_mcan_frame_route_t");
-                return Err(call.argument("way", text));
+            route => {
+                let text = format_args!("{route} is invalid; allowed: igh_mcan_frame_route_t");
+                return Err(call.argument("route", text));
             }
         };
         let rate = match (self.frames, self.cycles) {
@@ -72,7 +72,7 @@ impl igh_mcan_frame_stream_t {
             channel: self.frame.channel,
             frame: self.frame.frame(call)?.into(),
             rate,
-            way,
+            way: route,
             schedule_offset_ns: self.frame.schedule().map(|schedule| schedule.offset_ns),
         })
     }

@@ -32,10 +32,10 @@ mirror! {
         /// milliseconds; 0 never reads them.
         watch_ms: u32,
         /// 1 rejects frames without margin; 0 sends and counts them.
-        refuse_without_margin: u8 = (rust.margin_check == MarginCheck::Reject).into(),
+        reject_without_margin: u8 = (rust.margin_check == MarginCheck::Reject).into(),
         /// 1 discards an unconfirmed image that contains only scheduled frames: repeated, they
         /// could be sent a period late.
-        give_up_missed: u8,
+        discard_missed: u8 = rust.give_up_missed.into(),
         /// Not used.
         reserved: [u8; 2] = [0; 2],
     }
@@ -47,12 +47,12 @@ impl From<igh_mcan_schedule_settings_t> for ScheduleConfig {
             latest_send_ns: from.latest_send_ns,
             transport_ns: from.transport_ns,
             processing_ns: from.processing_ns,
-            margin_check: match from.refuse_without_margin {
+            margin_check: match from.reject_without_margin {
                 0 => MarginCheck::Count,
                 _ => MarginCheck::Reject,
             },
             watch_ms: from.watch_ms,
-            give_up_missed: from.give_up_missed != 0,
+            give_up_missed: from.discard_missed != 0,
         }
     }
 }
@@ -105,7 +105,7 @@ mirror! {
         /// Frames without a result so far.
         open: u64,
         /// Frames that were rejected because their cycle began too late for the phase.
-        refused_late: u64,
+        rejected_late: u64 = rust.refused_late,
         /// Frames among `scheduled` that were accepted without margin.
         without_margin: u64,
     }

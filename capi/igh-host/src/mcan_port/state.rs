@@ -55,7 +55,7 @@ pub struct igh_mcan_cycle_report_t {
     /// 1 if the image's layout is not the configured one: its frames may be misread.
     pub layout_changed: u8,
     /// 1 if the last RxPDO image is unconfirmed and is repeated; frames sent now wait.
-    pub is_holding: u8,
+    pub is_unconfirmed: u8,
     /// Images lost before this one, by the sequence.
     pub lost_images: u16,
     /// Not used.
@@ -120,7 +120,7 @@ pub fn igh_mcan_port_get_cycle_report(
         image: igh_mcan_image_t::IGH_MCAN_IMAGE_NONE as u8,
         is_incomplete: 0,
         layout_changed: 0,
-        is_holding: report.is_unconfirmed.into(),
+        is_unconfirmed: report.is_unconfirmed.into(),
         lost_images: 0,
         reserved: 0,
     };
