@@ -5,7 +5,7 @@ use std::ptr::null_mut;
 
 use ecan_sim::{Simulation, libethercat};
 use ecrt_sys::{Errno, ec_master_t};
-use libc::{c_int, c_uint};
+use libc::c_uint;
 
 use crate::report::reported;
 use crate::world;
@@ -46,10 +46,4 @@ fn in_world(
             null_mut()
         }
     }
-}
-
-export! {
-    silent ecrt_release_master(master: *mut ec_master_t) = release_master;
-    reported ecrt_master_reserve(master: *mut ec_master_t) -> c_int = master_reserve;
-    silent ecrt_master_reset(master: *mut ec_master_t) -> c_int = master_reset;
 }

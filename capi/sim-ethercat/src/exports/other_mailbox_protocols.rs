@@ -5,6 +5,8 @@ use ecrt_sys::{
 };
 use libc::{EOPNOTSUPP, c_char, c_int, c_uchar, in_addr, size_t};
 
+use crate::report::reported;
+
 /// An SoE request of IgH's interface. None exists here.
 #[allow(non_camel_case_types)]
 #[repr(C)]
@@ -45,63 +47,63 @@ impl<T> Unsupported for *mut T {
 /// Exports functions that only return an error.
 macro_rules! unsupported {
     ($(
-        $manner:ident $export:ident($($argument:ident: $type:ty),*) -> $result:ty;
+        $export:ident($($argument:ident: $type:ty),*) -> $result:ty;
     )*) => { $(
         #[unsafe(no_mangle)]
         pub extern "C" fn $export($($argument: $type),*) -> $result {
             let _ = ($($argument),*);
             Errno::new(EOPNOTSUPP).set_last();
             let result: $result = Unsupported::ANSWER;
-            export!($manner $export result)
+            reported(stringify!($export), result)
         }
     )* };
 }
 
 unsupported! {
-    reported ecrt_master_write_idn(
+    ecrt_master_write_idn(
         master: *mut ec_master_t, position: u16, drive: u8, idn: u16, data: *const u8,
         size: size_t, error_code: *mut u16) -> c_int;
-    reported ecrt_master_read_idn(
+    ecrt_master_read_idn(
         master: *mut ec_master_t, position: u16, drive: u8, idn: u16, target: *mut u8,
         target_size: size_t, result_size: *mut size_t, error_code: *mut u16) -> c_int;
-    reported ecrt_slave_config_idn(
+    ecrt_slave_config_idn(
         config: *mut ec_slave_config_t, drive: u8, idn: u16, state: ec_al_state_t,
         data: *const u8, size: size_t) -> c_int;
-    reported ecrt_slave_config_create_soe_request(
+    ecrt_slave_config_create_soe_request(
         config: *mut ec_slave_config_t, drive: u8, idn: u16, size: size_t)
         -> *mut ec_soe_request_t;
-    silent ecrt_soe_request_idn(request: *mut ec_soe_request_t, drive: u8, idn: u16) -> c_int;
-    silent ecrt_soe_request_timeout(request: *mut ec_soe_request_t, timeout_ms: u32) -> c_int;
-    silent ecrt_soe_request_data(request: *const ec_soe_request_t) -> *mut u8;
-    silent ecrt_soe_request_data_size(request: *const ec_soe_request_t) -> size_t;
-    silent ecrt_soe_request_state(request: *mut ec_soe_request_t) -> ec_request_state_t;
-    silent ecrt_soe_request_write(request: *mut ec_soe_request_t) -> c_int;
-    silent ecrt_soe_request_read(request: *mut ec_soe_request_t) -> c_int;
+    ecrt_soe_request_idn(request: *mut ec_soe_request_t, drive: u8, idn: u16) -> c_int;
+    ecrt_soe_request_timeout(request: *mut ec_soe_request_t, timeout_ms: u32) -> c_int;
+    ecrt_soe_request_data(request: *const ec_soe_request_t) -> *mut u8;
+    ecrt_soe_request_data_size(request: *const ec_soe_request_t) -> size_t;
+    ecrt_soe_request_state(request: *mut ec_soe_request_t) -> ec_request_state_t;
+    ecrt_soe_request_write(request: *mut ec_soe_request_t) -> c_int;
+    ecrt_soe_request_read(request: *mut ec_soe_request_t) -> c_int;
 
-    reported ecrt_slave_config_create_voe_handler(
+    ecrt_slave_config_create_voe_handler(
         config: *mut ec_slave_config_t, size: size_t) -> *mut ec_voe_handler_t;
-    silent ecrt_voe_handler_send_header(
+    ecrt_voe_handler_send_header(
         handler: *mut ec_voe_handler_t, vendor_id: u32, vendor_type: u16) -> c_int;
-    silent ecrt_voe_handler_received_header(
+    ecrt_voe_handler_received_header(
         handler: *const ec_voe_handler_t, vendor_id: *mut u32, vendor_type: *mut u16) -> c_int;
-    silent ecrt_voe_handler_data(handler: *const ec_voe_handler_t) -> *mut u8;
-    silent ecrt_voe_handler_data_size(handler: *const ec_voe_handler_t) -> size_t;
-    silent ecrt_voe_handler_write(handler: *mut ec_voe_handler_t, size: size_t) -> c_int;
-    silent ecrt_voe_handler_read(handler: *mut ec_voe_handler_t) -> c_int;
-    silent ecrt_voe_handler_read_nosync(handler: *mut ec_voe_handler_t) -> c_int;
-    silent ecrt_voe_handler_execute(handler: *mut ec_voe_handler_t) -> ec_request_state_t;
+    ecrt_voe_handler_data(handler: *const ec_voe_handler_t) -> *mut u8;
+    ecrt_voe_handler_data_size(handler: *const ec_voe_handler_t) -> size_t;
+    ecrt_voe_handler_write(handler: *mut ec_voe_handler_t, size: size_t) -> c_int;
+    ecrt_voe_handler_read(handler: *mut ec_voe_handler_t) -> c_int;
+    ecrt_voe_handler_read_nosync(handler: *mut ec_voe_handler_t) -> c_int;
+    ecrt_voe_handler_execute(handler: *mut ec_voe_handler_t) -> ec_request_state_t;
 
-    reported ecrt_slave_config_eoe_mac_address(
+    ecrt_slave_config_eoe_mac_address(
         config: *mut ec_slave_config_t, mac_address: *const c_uchar) -> c_int;
-    reported ecrt_slave_config_eoe_ip_address(
+    ecrt_slave_config_eoe_ip_address(
         config: *mut ec_slave_config_t, ip_address: in_addr) -> c_int;
-    reported ecrt_slave_config_eoe_subnet_mask(
+    ecrt_slave_config_eoe_subnet_mask(
         config: *mut ec_slave_config_t, subnet_mask: in_addr) -> c_int;
-    reported ecrt_slave_config_eoe_default_gateway(
+    ecrt_slave_config_eoe_default_gateway(
         config: *mut ec_slave_config_t, gateway_address: in_addr) -> c_int;
-    reported ecrt_slave_config_eoe_dns_address(
+    ecrt_slave_config_eoe_dns_address(
         config: *mut ec_slave_config_t, dns_address: in_addr) -> c_int;
-    reported ecrt_slave_config_eoe_hostname(
+    ecrt_slave_config_eoe_hostname(
         config: *mut ec_slave_config_t, name: *const c_char) -> c_int;
 }
 
