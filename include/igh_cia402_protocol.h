@@ -340,8 +340,8 @@ int igh_cia402_axis_init(igh_cia402_axis_t *axis,
  * --------------------------------------------------------------------------- */
 
 /**
- * Common settings of the axes of a context. igh_cia402_default_settings() fills it; change fields
- * after it. Plain data: it may be copied and needs no deinit.
+ * Common settings of the axes of a context. igh_cia402_default_settings() fills it; change
+ * fields after it. Plain data: it may be copied and needs no deinit.
  */
 typedef struct {
     /** Not for the application: marks filled settings. */
@@ -358,20 +358,20 @@ typedef struct {
     /** Node-ID of the host's heartbeat, which no drive may have. Default 127. */
     uint8_t host_node_id;
     /**
-     * SYNC with a counter from 1 to this value, 2 to 240, as in the drives' 0x1019; 0 sends SYNC
-     * without data. Default 0.
+     * SYNC with a counter from 1 to this value, 2 to 240, as in the drives' 0x1019; 0 sends
+     * SYNC without data. Default 0.
      */
     uint8_t sync_counter_overflow;
     /** Most SDO frames and NMT commands per cycle and channel. Default 2. */
     uint8_t service_frames_per_cycle;
     /**
-     * Number of pending frames of the channel in the gateway at which SDO frames wait, at most 7.
-     * Default 7.
+     * Number of pending frames of the channel in the gateway at which SDO frames wait, at most
+     * 7. Default 7.
      */
     uint8_t sdo_pending_limit;
     /**
-     * Bytes of each RxPDO image that SDO frames leave free for frames that the application sends
-     * after the targets. Default 0.
+     * Bytes of each RxPDO image that SDO frames leave free for frames that the application
+     * sends after the targets. Default 0.
      */
     uint32_t reserved_image_bytes;
     /** Size of the NMT command queue of a channel. Default 32. */
@@ -380,7 +380,10 @@ typedef struct {
     uint32_t sdo_timeout_ms;
     /** Longest value of an SDO transfer, in bytes. Default 1024. */
     uint32_t sdo_buffer_bytes;
-    /** Downloads with at least this number of bytes try block transfer; 0 never does. Default 64. */
+    /**
+     * Downloads with at least this number of bytes try block transfer; 0 never does. Default
+     * 64.
+     */
     uint32_t sdo_block_from;
     /** Number of retries of an SDO transfer without a response. Default 2. */
     uint8_t sdo_retries;
@@ -779,7 +782,10 @@ int igh_cia402_set_target_step(igh_cia402_context_t *context, size_t axis, int32
  * skipped, except the method.
  */
 typedef struct {
-    /** Speed during search for the switch, 0x6099:01, in the drive's units; 0 does not write it. */
+    /**
+     * Speed during search for the switch, 0x6099:01, in the drive's units; 0 does not write
+     * it.
+     */
     uint32_t switch_speed;
     /** Speed during search for zero, 0x6099:02; 0 does not write it. */
     uint32_t zero_speed;

@@ -522,8 +522,8 @@ typedef enum {
 } igh_mcan_pdo_error_t;
 
 /**
- * Fault of an image and its location, with the fields that the manual demands (16.2). Fields that
- * do not apply are 0.
+ * Fault of an image and its location, with the fields that the manual demands (16.2). Fields
+ * that do not apply are 0.
  */
 typedef struct {
     /** An igh_mcan_pdo_error_t; 0 for no fault. */

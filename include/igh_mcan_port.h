@@ -1014,7 +1014,10 @@ typedef enum {
     IGH_MCAN_IMAGE_NEW = 1,
     /** The image of an earlier cycle again. */
     IGH_MCAN_IMAGE_REPEATED = 2,
-    /** An image with a fault, usable up to the fault at most; see igh_mcan_port_get_parse_diag(). */
+    /**
+     * An image with a fault, usable up to the fault at most; see
+     * igh_mcan_port_get_parse_diag().
+     */
     IGH_MCAN_IMAGE_FAULT = 3,
 } igh_mcan_image_t;
 

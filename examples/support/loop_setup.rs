@@ -67,7 +67,8 @@ impl LoopSetup {
         let name = path.display();
         let targets = self.channels.targets(&self.port);
         let assign = |logged| self.assign(logged, &targets);
-        let frames: Vec<_> = log_file::read(path)?.frames
+        let frames: Vec<_> = log_file::read(path)?
+            .frames
             .into_iter()
             .map(assign)
             .collect::<Result<_, _>>()

@@ -9,7 +9,7 @@ use std::ffi::c_int;
 use ecan_c_export::export;
 use ecan_canopen::NmtError;
 use ecan_cia402::HomingConfig;
-use ecan_mcan_host::pointers;
+use ecan_mcan_host::{mirror, pointers};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers;
@@ -182,42 +182,29 @@ pub fn igh_cia402_change_mode(context: *mut igh_cia402_context_t, axis: usize, m
     cia402.change_mode(axis, numbers::mode(call, mode)?).or_code(call)
 }
 
-/// Homing of an axis. igh_cia402_homing_init() fills it. Objects that a drive does not have are
-/// skipped, except the method.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct igh_cia402_homing_t {
-    /// Speed during search for the switch, 0x6099:01, in the drive's units; 0 does not write it.
-    pub switch_speed: u32,
-    /// Speed during search for zero, 0x6099:02; 0 does not write it.
-    pub zero_speed: u32,
-    /// Acceleration, 0x609A; 0 does not write it.
-    pub acceleration: u32,
-    /// Home offset, 0x607C, in steps, if has_offset is 1.
-    pub offset: i32,
-    /// Timeout in milliseconds. Default 60000.
-    pub timeout_ms: u32,
-    /// Homing method, 0x6098: 35 and 37 use the present position as home, 1 to 34 search for
-    /// switches and index pulses, negative ones are the manufacturer's.
-    pub method: i8,
-    /// 1: the offset is written. Default 0.
-    pub has_offset: u8,
-    /// Not used.
-    pub reserved: [u8; 2],
-}
-
-impl From<HomingConfig> for igh_cia402_homing_t {
-    fn from(from: HomingConfig) -> Self {
-        Self {
-            switch_speed: from.switch_speed.unwrap_or(0),
-            zero_speed: from.zero_speed.unwrap_or(0),
-            acceleration: from.acceleration.unwrap_or(0),
-            offset: from.offset.unwrap_or(0),
-            timeout_ms: milliseconds(from.timeout),
-            method: from.method,
-            has_offset: from.offset.is_some().into(),
-            reserved: [0; 2],
-        }
+mirror! {
+    /// Homing of an axis. igh_cia402_homing_init() fills it. Objects that a drive does not have are
+    /// skipped, except the method.
+    #[derive(PartialEq, Eq)]
+    pub struct igh_cia402_homing_t from rust: HomingConfig {
+        /// Speed during search for the switch, 0x6099:01, in the drive's units; 0 does not write
+        /// it.
+        switch_speed: u32 = rust.switch_speed.unwrap_or(0),
+        /// Speed during search for zero, 0x6099:02; 0 does not write it.
+        zero_speed: u32 = rust.zero_speed.unwrap_or(0),
+        /// Acceleration, 0x609A; 0 does not write it.
+        acceleration: u32 = rust.acceleration.unwrap_or(0),
+        /// Home offset, 0x607C, in steps, if has_offset is 1.
+        offset: i32 = rust.offset.unwrap_or(0),
+        /// Timeout in milliseconds. Default 60000.
+        timeout_ms: u32 = milliseconds(rust.timeout),
+        /// Homing method, 0x6098: 35 and 37 use the present position as home, 1 to 34 search for
+        /// switches and index pulses, negative ones are the manufacturer's.
+        method: i8,
+        /// 1: the offset is written. Default 0.
+        has_offset: u8 = rust.offset.is_some().into(),
+        /// Not used.
+        reserved: [u8; 2] = [0; 2],
     }
 }
 

@@ -9,6 +9,7 @@ use ecan_canopen::{
 use ecan_cia402::Cia402Config;
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::mirror;
 
 /// Marks filled settings.
 const SEAL: u64 = 0x6563_616e_5f63_3432;
@@ -16,79 +17,58 @@ const SEAL: u64 = 0x6563_616e_5f63_3432;
 /// Upper limit of sdo_buffer_bytes.
 const MOST_SDO_BYTES: u32 = 1 << 24;
 
-/// Common settings of the axes of a context. igh_cia402_default_settings() fills it; change fields
-/// after it. Plain data: it may be copied and needs no deinit.
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-pub struct igh_cia402_settings_t {
-    /// Not for the application: marks filled settings.
-    pub seal: u64,
-    /// Cycles from target to target (--motion-div); 0 counts as 1. Default 1.
-    pub motion_div: u32,
-    /// Cycles from SYNC to SYNC; 0 counts as 1. Default 1.
-    pub sync_every_cycles: u32,
-    /// Heartbeat of the host, in milliseconds; 0 sends none, and no drive detects a lost host.
-    /// Default 50.
-    pub host_heartbeat_ms: u32,
-    /// Node-ID of the host's heartbeat, which no drive may have. Default 127.
-    pub host_node_id: u8,
-    /// SYNC with a counter from 1 to this value, 2 to 240, as in the drives' 0x1019; 0 sends SYNC
-    /// without data. Default 0.
-    pub sync_counter_overflow: u8,
-    /// Most SDO frames and NMT commands per cycle and channel. Default 2.
-    pub service_frames_per_cycle: u8,
-    /// Number of pending frames of the channel in the gateway at which SDO frames wait, at most 7.
-    /// Default 7.
-    pub sdo_pending_limit: u8,
-    /// Bytes of each RxPDO image that SDO frames leave free for frames that the application sends
-    /// after the targets. Default 0.
-    pub reserved_image_bytes: u32,
-    /// Size of the NMT command queue of a channel. Default 32.
-    pub nmt_queue: u32,
-    /// Timeout for the response to an SDO request, in milliseconds. Default 500.
-    pub sdo_timeout_ms: u32,
-    /// Longest value of an SDO transfer, in bytes. Default 1024.
-    pub sdo_buffer_bytes: u32,
-    /// Downloads with at least this number of bytes try block transfer; 0 never does. Default 64.
-    pub sdo_block_from: u32,
-    /// Number of retries of an SDO transfer without a response. Default 2.
-    pub sdo_retries: u8,
-    /// 1: uploads request block transfer. Default 0.
-    pub sdo_block_upload: u8,
-    /// Segments per block of a block upload, 1 to 127. Default 16.
-    pub sdo_block_segments: u8,
-    /// Not used.
-    pub reserved_bytes: [u8; 5],
-    /// Not used.
-    pub reserved: [u64; 4],
+mirror! {
+    /// Common settings of the axes of a context. igh_cia402_default_settings() fills it; change
+    /// fields after it. Plain data: it may be copied and needs no deinit.
+    pub struct igh_cia402_settings_t from rust: Cia402Config {
+        /// Not for the application: marks filled settings.
+        seal: u64 = SEAL,
+        /// Cycles from target to target (--motion-div); 0 counts as 1. Default 1.
+        motion_div: u32,
+        /// Cycles from SYNC to SYNC; 0 counts as 1. Default 1.
+        sync_every_cycles: u32 = rust.sync.every_cycles,
+        /// Heartbeat of the host, in milliseconds; 0 sends none, and no drive detects a lost host.
+        /// Default 50.
+        host_heartbeat_ms: u32 = {
+            rust.network.host_heartbeat.map_or(0, |host| milliseconds(host.period))
+        },
+        /// Node-ID of the host's heartbeat, which no drive may have. Default 127.
+        host_node_id: u8 = rust.network.host_heartbeat.map_or(NodeId::MAX, |host| host.node).get(),
+        /// SYNC with a counter from 1 to this value, 2 to 240, as in the drives' 0x1019; 0 sends
+        /// SYNC without data. Default 0.
+        sync_counter_overflow: u8 = rust.sync.counter_overflow.unwrap_or(0),
+        /// Most SDO frames and NMT commands per cycle and channel. Default 2.
+        service_frames_per_cycle: u8 = rust.network.service_frames_per_cycle,
+        /// Number of pending frames of the channel in the gateway at which SDO frames wait, at most
+        /// 7. Default 7.
+        sdo_pending_limit: u8 = rust.network.sdo_pending_limit,
+        /// Bytes of each RxPDO image that SDO frames leave free for frames that the application
+        /// sends after the targets. Default 0.
+        reserved_image_bytes: u32 = short(rust.network.reserved_image_bytes),
+        /// Size of the NMT command queue of a channel. Default 32.
+        nmt_queue: u32 = short(rust.network.nmt_queue),
+        /// Timeout for the response to an SDO request, in milliseconds. Default 500.
+        sdo_timeout_ms: u32 = milliseconds(rust.node.sdo.timeout),
+        /// Longest value of an SDO transfer, in bytes. Default 1024.
+        sdo_buffer_bytes: u32 = short(rust.node.sdo.buffer_bytes),
+        /// Downloads with at least this number of bytes try block transfer; 0 never does. Default
+        /// 64.
+        sdo_block_from: u32 = rust.node.sdo.block.download_from.map_or(0, short),
+        /// Number of retries of an SDO transfer without a response. Default 2.
+        sdo_retries: u8 = rust.node.sdo.retries,
+        /// 1: uploads request block transfer. Default 0.
+        sdo_block_upload: u8 = rust.node.sdo.block.upload.into(),
+        /// Segments per block of a block upload, 1 to 127. Default 16.
+        sdo_block_segments: u8 = rust.node.sdo.block.segments,
+        /// Not used.
+        reserved_bytes: [u8; 5] = [0; 5],
+        /// Not used.
+        reserved: [u64; 4] = [0; 4],
+    }
 }
 
-impl From<Cia402Config> for igh_cia402_settings_t {
-    fn from(settings: Cia402Config) -> Self {
-        let Cia402Config { network, node, sync, motion_div } = settings;
-        let host = network.host_heartbeat;
-        let short = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
-        Self {
-            seal: SEAL,
-            motion_div,
-            sync_every_cycles: sync.every_cycles,
-            host_heartbeat_ms: host.map_or(0, |host| milliseconds(host.period)),
-            host_node_id: host.map_or(NodeId::MAX, |host| host.node).get(),
-            sync_counter_overflow: sync.counter_overflow.unwrap_or(0),
-            service_frames_per_cycle: network.service_frames_per_cycle,
-            sdo_pending_limit: network.sdo_pending_limit,
-            reserved_image_bytes: short(network.reserved_image_bytes),
-            nmt_queue: short(network.nmt_queue),
-            sdo_timeout_ms: milliseconds(node.sdo.timeout),
-            sdo_buffer_bytes: short(node.sdo.buffer_bytes),
-            sdo_block_from: node.sdo.block.download_from.map_or(0, short),
-            sdo_retries: node.sdo.retries,
-            sdo_block_upload: node.sdo.block.upload.into(),
-            sdo_block_segments: node.sdo.block.segments,
-            reserved_bytes: [0; 5],
-            reserved: [0; 4],
-        }
-    }
+fn short(count: usize) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX)
 }
 
 impl igh_cia402_settings_t {

@@ -7,39 +7,40 @@ use ecan_mcan_host::boundary::{Call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::channel_status::igh_mcan_channel_status_t;
 use ecan_mcan_host::pdo::diagnosis::igh_mcan_pdo_parse_diag_t;
-use ecan_mcan_host::pointers;
+use ecan_mcan_host::{mirror, pointers};
 use ecan_mcan_port::{AddressError, ChannelHandle, GatewayHandle, ImageReport, Port, Session};
 
 use super::context::igh_mcan_port_t;
 use crate::adapter::cycle::ecan_igh_domain_report_t;
 use crate::errors::{self, OrCode as _};
 
-/// State of a gateway's session.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum igh_mcan_session_t {
-    /// The slave is not in OP, or its process data are missing.
-    IGH_MCAN_SESSION_WAITING = 0,
-    /// In OP, being verified; only empty images are sent.
-    IGH_MCAN_SESSION_VERIFYING = 1,
-    /// Ready.
-    IGH_MCAN_SESSION_READY = 2,
-    /// Verification failed; it starts again every second.
-    IGH_MCAN_SESSION_FAILED = 3,
+mirror! {
+    /// State of a gateway's session.
+    pub enum igh_mcan_session_t from Session {
+        /// The slave is not in OP, or its process data are missing.
+        IGH_MCAN_SESSION_WAITING = 0 => Session::Waiting,
+        /// In OP, being verified; only empty images are sent.
+        IGH_MCAN_SESSION_VERIFYING = 1 => Session::Verifying,
+        /// Ready.
+        IGH_MCAN_SESSION_READY = 2 => Session::Ready,
+        /// Verification failed; it starts again every second.
+        IGH_MCAN_SESSION_FAILED = 3 => Session::Failed(_),
+    }
 }
 
-/// Kind of the TxPDO image of a cycle.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum igh_mcan_image_t {
-    /// The gateway is not ready.
-    IGH_MCAN_IMAGE_NONE = 0,
-    /// A new image.
-    IGH_MCAN_IMAGE_NEW = 1,
-    /// The image of an earlier cycle again.
-    IGH_MCAN_IMAGE_REPEATED = 2,
-    /// An image with a fault, usable up to the fault at most; see igh_mcan_port_get_parse_diag().
-    IGH_MCAN_IMAGE_FAULT = 3,
+mirror! {
+    /// Kind of the TxPDO image of a cycle.
+    pub enum igh_mcan_image_t from ImageReport {
+        /// The gateway is not ready.
+        IGH_MCAN_IMAGE_NONE = 0 => ImageReport::None,
+        /// A new image.
+        IGH_MCAN_IMAGE_NEW = 1 => ImageReport::New { .. },
+        /// The image of an earlier cycle again.
+        IGH_MCAN_IMAGE_REPEATED = 2 => ImageReport::Repeated,
+        /// An image with a fault, usable up to the fault at most; see
+        /// igh_mcan_port_get_parse_diag().
+        IGH_MCAN_IMAGE_FAULT = 3 => ImageReport::Fault(_),
+    }
 }
 
 /// One cycle with one gateway.
@@ -95,13 +96,7 @@ pub fn igh_mcan_port_get_session(
         };
         put_text(&mut text, &description);
     }
-    let value = match session {
-        Session::Waiting => igh_mcan_session_t::IGH_MCAN_SESSION_WAITING,
-        Session::Verifying => igh_mcan_session_t::IGH_MCAN_SESSION_VERIFYING,
-        Session::Ready => igh_mcan_session_t::IGH_MCAN_SESSION_READY,
-        Session::Failed(_) => igh_mcan_session_t::IGH_MCAN_SESSION_FAILED,
-    };
-    Ok(value as c_int)
+    Ok(igh_mcan_session_t::from(session) as c_int)
 }
 
 /// Gets the report of the current cycle with a gateway.
@@ -115,27 +110,21 @@ pub fn igh_mcan_port_get_cycle_report(
 ) {
     let gateway = need_slave(call, port, slave)?;
     let report = port.cycle_report(gateway);
-    let mut value = igh_mcan_cycle_report_t {
-        domain: report.domain.into(),
-        image: igh_mcan_image_t::IGH_MCAN_IMAGE_NONE as u8,
-        is_incomplete: 0,
-        layout_changed: 0,
-        is_unconfirmed: report.is_unconfirmed.into(),
-        lost_images: 0,
-        reserved: 0,
-    };
-    match report.image {
-        ImageReport::None => {}
+    let (lost_images, is_incomplete, layout_changed) = match report.image {
         ImageReport::New { lost, is_incomplete, layout_changed } => {
-            value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_NEW as u8;
-            value.is_incomplete = is_incomplete.into();
-            value.layout_changed = layout_changed.into();
-            value.lost_images = lost;
+            (lost, is_incomplete, layout_changed)
         }
-        ImageReport::Repeated => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_REPEATED as u8,
-        ImageReport::Fault(_) => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_FAULT as u8,
-    }
-    Ok(value)
+        _ => (0, false, false),
+    };
+    Ok(igh_mcan_cycle_report_t {
+        domain: report.domain.into(),
+        image: igh_mcan_image_t::from(report.image) as u8,
+        is_incomplete: is_incomplete.into(),
+        layout_changed: layout_changed.into(),
+        is_unconfirmed: report.is_unconfirmed.into(),
+        lost_images,
+        reserved: 0,
+    })
 }
 
 /// Gets the last fault in a TxPDO image (manual 16.2).

@@ -24,7 +24,7 @@ pub struct Call {
 /// Runs a call from C and returns its return value.
 #[inline(always)]
 pub fn call(function: &'static str, body: impl FnOnce(Call) -> Result<(), ecan_result_t>) -> c_int {
-    getter(function, |error| error.code(), |call| body(call).map(|()| 0))
+    code_getter(function, |call| body(call).map(|()| 0))
 }
 
 /// Runs a call from C that returns a value; `failed` makes the value of an error.
@@ -52,6 +52,15 @@ macro_rules! pointers {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let mut $pointer = unsafe { $call.$kind(stringify!($pointer), $pointer $(, $count)?)? };
     )+};
+}
+
+/// As [`getter`], of a number that is never negative: an error is its code.
+#[inline(always)]
+pub fn code_getter(
+    function: &'static str,
+    body: impl FnOnce(Call) -> Result<c_int, ecan_result_t>,
+) -> c_int {
+    getter(function, ecan_result_t::code, body)
 }
 
 /// As [`getter`], with a fixed value for every error.

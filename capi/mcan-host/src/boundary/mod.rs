@@ -6,6 +6,6 @@ mod mirror;
 mod out_pointer;
 mod sealed;
 
-pub use call::{Call, ToResult, call, getter, getter_or};
+pub use call::{Call, ToResult, call, code_getter, getter, getter_or};
 pub use out_pointer::{OutArray, OutPointer, put_text};
 pub use sealed::Opaque;

@@ -3,6 +3,8 @@
 use std::ffi::c_char;
 use std::ptr::NonNull;
 
+use crate::common::result::ecan_result_t;
+
 /// A pointer of C for a result.
 #[derive(Debug)]
 pub struct OutPointer<T>(NonNull<T>);
@@ -17,6 +19,14 @@ impl<T> OutPointer<T> {
     pub fn set(&self, value: T) {
         // SAFETY: `Call::out` was promised that it is valid for writing.
         unsafe { self.0.write(value) };
+    }
+
+    /// Stores a result, if it is not an error.
+    ///
+    /// # Errors
+    /// The error.
+    pub fn store(&self, result: Result<T, ecan_result_t>) -> Result<(), ecan_result_t> {
+        result.map(|value| self.set(value))
     }
 
     /// The pointer itself.

@@ -3,7 +3,7 @@
 use ecan_c_export::export;
 use ecan_protocol::image::ChannelStatus;
 
-use crate::pointers;
+use crate::{mirror, pointers};
 
 /// State of a CAN channel (manual 7). The device may report other values.
 #[repr(C)]
@@ -23,49 +23,32 @@ pub enum igh_mcan_state_t {
     IGH_MCAN_STATE_LISTEN = 5,
 }
 
-/// Status of a channel, as the TxPDO header carries it (manual 7). Flags are 0 or 1.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct igh_mcan_channel_status_t {
-    /// The word as transmitted.
-    pub raw: u16,
-    /// An igh_mcan_state_t.
-    pub state: u8,
-    /// CAN FD is enabled.
-    pub fd_enabled: u8,
-    /// Error warning, error passive or degraded bus.
-    pub warn: u8,
-    /// Off the bus.
-    pub bus_off: u8,
-    /// The receive cache is filling up.
-    pub rx_pressure: u8,
-    /// The transmit queue is filling up.
-    pub tx_pressure: u8,
-    /// The channel's diagnostic object has new content.
-    pub detail_pending: u8,
-    /// A counter has reached its maximum.
-    pub counter_saturated: u8,
-    /// Received frames that wait, as a coarse figure: 0 to 7.
-    pub rx_pending: u8,
-    /// Frames that wait to be sent, as a coarse figure: 0 to 7.
-    pub tx_pending: u8,
-}
-
-impl From<ChannelStatus> for igh_mcan_channel_status_t {
-    fn from(status: ChannelStatus) -> Self {
-        Self {
-            raw: status.raw(),
-            state: status.state().raw(),
-            fd_enabled: status.fd_enabled().into(),
-            warn: status.warn().into(),
-            bus_off: status.bus_off().into(),
-            rx_pressure: status.rx_pressure().into(),
-            tx_pressure: status.tx_pressure().into(),
-            detail_pending: status.detail_pending().into(),
-            counter_saturated: status.counter_sat().into(),
-            rx_pending: status.rx_pending(),
-            tx_pending: status.tx_pending(),
-        }
+mirror! {
+    /// Status of a channel, as the TxPDO header carries it (manual 7). Flags are 0 or 1.
+    #[derive(Default)]
+    pub struct igh_mcan_channel_status_t from status: ChannelStatus {
+        /// The word as transmitted.
+        raw: u16 = status.raw(),
+        /// An igh_mcan_state_t.
+        state: u8 = status.state().raw(),
+        /// CAN FD is enabled.
+        fd_enabled: u8 = status.fd_enabled().into(),
+        /// Error warning, error passive or degraded bus.
+        warn: u8 = status.warn().into(),
+        /// Off the bus.
+        bus_off: u8 = status.bus_off().into(),
+        /// The receive cache is filling up.
+        rx_pressure: u8 = status.rx_pressure().into(),
+        /// The transmit queue is filling up.
+        tx_pressure: u8 = status.tx_pressure().into(),
+        /// The channel's diagnostic object has new content.
+        detail_pending: u8 = status.detail_pending().into(),
+        /// A counter has reached its maximum.
+        counter_saturated: u8 = status.counter_sat().into(),
+        /// Received frames that wait, as a coarse figure: 0 to 7.
+        rx_pending: u8 = status.rx_pending(),
+        /// Frames that wait to be sent, as a coarse figure: 0 to 7.
+        tx_pending: u8 = status.tx_pending(),
     }
 }
 

@@ -7,7 +7,7 @@ use ecan_protocol::image::{ImageFault, ParseDiagnosis, PdoError};
 
 use crate::boundary::{ToResult, put_text};
 use crate::common::result::ecan_result_t;
-use crate::pointers;
+use crate::{mirror, pointers};
 
 /// Errors of the encapsulation layer, as 0x8010:14 and 0x8011:14 report them (manual 13.2), and two
 /// for an image that was read while it was written.
@@ -52,63 +52,43 @@ pub enum igh_mcan_pdo_error_t {
     IGH_MCAN_PDO_TORN = 257,
 }
 
-/// Fault of an image and its location, with the fields that the manual demands (16.2). Fields that
-/// do not apply are 0.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct igh_mcan_pdo_parse_diag_t {
-    /// An igh_mcan_pdo_error_t; 0 for no fault.
-    pub error: u16,
-    /// Offset in the image where the faulty packet starts, in bytes; 0 for the header.
-    pub offset: u16,
-    /// Offset after that packet, padding included, if it is known.
-    pub packet_end: u16,
-    /// Control word of the packet.
-    pub ctrl: u16,
-    /// Sequence number of the image.
-    pub seq: u16,
-    /// payload_len of the header.
-    pub payload_len: u16,
-    /// payload_crc16 of the header.
-    pub payload_crc16: u16,
-    /// CRC of the payload as received.
-    pub computed_crc16: u16,
-    /// layout_id of the header.
-    pub layout_id: u16,
-    /// Channel of the packet.
-    pub ch: u8,
-    /// DLC of the packet.
-    pub dlc: u8,
-    /// Timestamp format of the packet.
-    pub tsf: u8,
-    /// Kind of the packet.
-    pub kind: u8,
-    /// Not used.
-    pub reserved: [u8; 2],
-}
-
-impl From<&ParseDiagnosis> for igh_mcan_pdo_parse_diag_t {
-    fn from(diagnosis: &ParseDiagnosis) -> Self {
-        Self {
-            error: match diagnosis.fault {
-                ImageFault::Updating => igh_mcan_pdo_error_t::IGH_MCAN_PDO_UPDATING as u16,
-                ImageFault::Torn => igh_mcan_pdo_error_t::IGH_MCAN_PDO_TORN as u16,
-                ImageFault::Pdo(error) => error.raw(),
-            },
-            offset: diagnosis.offset,
-            packet_end: diagnosis.packet_end,
-            ctrl: diagnosis.ctrl,
-            seq: diagnosis.sequence,
-            payload_len: diagnosis.payload_len,
-            payload_crc16: diagnosis.payload_crc16,
-            computed_crc16: diagnosis.computed_crc16,
-            layout_id: diagnosis.layout_id,
-            ch: diagnosis.channel,
-            dlc: diagnosis.dlc,
-            tsf: diagnosis.tsf,
-            kind: diagnosis.kind,
-            reserved: [0; 2],
-        }
+mirror! {
+    /// Fault of an image and its location, with the fields that the manual demands (16.2). Fields
+    /// that do not apply are 0.
+    #[derive(Default)]
+    pub struct igh_mcan_pdo_parse_diag_t from diagnosis: &ParseDiagnosis {
+        /// An igh_mcan_pdo_error_t; 0 for no fault.
+        error: u16 = match diagnosis.fault {
+            ImageFault::Updating => igh_mcan_pdo_error_t::IGH_MCAN_PDO_UPDATING as u16,
+            ImageFault::Torn => igh_mcan_pdo_error_t::IGH_MCAN_PDO_TORN as u16,
+            ImageFault::Pdo(error) => error.raw(),
+        },
+        /// Offset in the image where the faulty packet starts, in bytes; 0 for the header.
+        offset: u16,
+        /// Offset after that packet, padding included, if it is known.
+        packet_end: u16,
+        /// Control word of the packet.
+        ctrl: u16,
+        /// Sequence number of the image.
+        seq: u16 = diagnosis.sequence,
+        /// payload_len of the header.
+        payload_len: u16,
+        /// payload_crc16 of the header.
+        payload_crc16: u16,
+        /// CRC of the payload as received.
+        computed_crc16: u16,
+        /// layout_id of the header.
+        layout_id: u16,
+        /// Channel of the packet.
+        ch: u8 = diagnosis.channel,
+        /// DLC of the packet.
+        dlc: u8,
+        /// Timestamp format of the packet.
+        tsf: u8,
+        /// Kind of the packet.
+        kind: u8,
+        /// Not used.
+        reserved: [u8; 2] = [0; 2],
     }
 }
 

@@ -15,52 +15,34 @@ use crate::boundary::{Call, Opaque, OutArray, OutPointer};
 use crate::common::result::ecan_result_t;
 use crate::{mirror, pointers};
 
-/// The header of an image, as transmitted (manual 6), without any check.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct igh_mcan_pdo_header_t {
-    /// Header version and length, 0x16.
-    pub ver_ihl: u8,
-    /// Flags (manual 6.1).
-    pub flags: u8,
-    /// Sequence number of the image.
-    pub seq_begin: u16,
-    /// The same, written last: an image is complete if both agree.
-    pub seq_end: u16,
-    /// Valid bytes of the frame area.
-    pub payload_len: u16,
-    /// CRC over them; 0 without CRC.
-    pub payload_crc16: u16,
-    /// Short ID of the layout.
-    pub layout_id: u16,
-    /// Enabled channels.
-    pub channel_mask: u8,
-    /// Packets in the frame area.
-    pub frame_count: u8,
-    /// Overflows and truncations of this image, at most 255.
-    pub overflow_sat: u8,
-    /// 1 = CRC-16/CCITT-FALSE, 0 = none.
-    pub crc_alg: u8,
-    /// Status words of the channels; see igh_mcan_channel_status_decode().
-    pub channel_status: [u16; 4],
-}
-
-impl From<&Header> for igh_mcan_pdo_header_t {
-    fn from(header: &Header) -> Self {
-        Self {
-            ver_ihl: header.ver_ihl,
-            flags: header.flags.bits(),
-            seq_begin: header.seq_begin,
-            seq_end: header.seq_end,
-            payload_len: header.payload_len,
-            payload_crc16: header.payload_crc16,
-            layout_id: header.layout_id,
-            channel_mask: header.channel_mask,
-            frame_count: header.frame_count,
-            overflow_sat: header.overflow_sat,
-            crc_alg: header.crc_alg,
-            channel_status: header.channel_status.map(|status| status.raw()),
-        }
+mirror! {
+    /// The header of an image, as transmitted (manual 6), without any check.
+    #[derive(Default)]
+    pub struct igh_mcan_pdo_header_t from header: &Header {
+        /// Header version and length, 0x16.
+        ver_ihl: u8,
+        /// Flags (manual 6.1).
+        flags: u8 = header.flags.bits(),
+        /// Sequence number of the image.
+        seq_begin: u16,
+        /// The same, written last: an image is complete if both agree.
+        seq_end: u16,
+        /// Valid bytes of the frame area.
+        payload_len: u16,
+        /// CRC over them; 0 without CRC.
+        payload_crc16: u16,
+        /// Short ID of the layout.
+        layout_id: u16,
+        /// Enabled channels.
+        channel_mask: u8,
+        /// Packets in the frame area.
+        frame_count: u8,
+        /// Overflows and truncations of this image, at most 255.
+        overflow_sat: u8,
+        /// 1 = CRC-16/CCITT-FALSE, 0 = none.
+        crc_alg: u8,
+        /// Status words of the channels; see igh_mcan_channel_status_decode().
+        channel_status: [u16; 4] = header.channel_status.map(|status| status.raw()),
     }
 }
 
