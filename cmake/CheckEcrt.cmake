@@ -1,4 +1,4 @@
-# With ECRT_INCLUDE_DIR: whether the binding's types are those of the installed ecrt.h.
+# With ECRT_INCLUDE_DIR: compares the types of the binding with the installed ecrt.h.
 if(ECRT_INCLUDE_DIR)
     if(NOT EXISTS "${ECRT_INCLUDE_DIR}/ecrt.h")
         message(FATAL_ERROR "ECRT_INCLUDE_DIR is ${ECRT_INCLUDE_DIR}: there is no ecrt.h in it")

@@ -1,4 +1,4 @@
-# The C libraries from their Rust crates.
+# Builds the C libraries from their Rust crates.
 #
 # cargo makes the static library. The shared one is linked from it here, since its symbols are
 # versioned: rustc's own link of a cdylib takes no version script.
@@ -6,7 +6,7 @@
 find_program(ECAN_CARGO cargo HINTS "$ENV{HOME}/.cargo/bin" REQUIRED)
 find_package(Threads REQUIRED)
 
-# What a Rust static library needs of the system.
+# System libraries of a Rust static library.
 set(ECAN_SYSTEM_LIBRARIES Threads::Threads ${CMAKE_DL_LIBS} m)
 
 # cargo's release build of a package with further FLAGS; OUTPUT gets the path of its static library.
@@ -17,7 +17,7 @@ function(ecan_cargo_build target)
     if(ECRT_LIBRARY)
         list(APPEND _environment "ECAN_DEFAULT_ECRT=${ECRT_LIBRARY}")
     endif()
-    # cargo knows best what is stale, and does nothing where nothing is.
+    # cargo decides what is out of date.
     add_custom_target(${target}_cargo ALL
         COMMAND ${CMAKE_COMMAND} -E env ${_environment} ${ECAN_CARGO} build --release --locked --quiet
             -p ${_arg_PACKAGE} ${_arg_FLAGS}
@@ -60,7 +60,7 @@ function(ecan_add_library name)
         "$<$<CONFIG:Release>:-Wl,--strip-debug>")
     set_target_properties(${name} PROPERTIES
         VERSION ${PROJECT_VERSION}
-        # Before 1.0 each minor version may break what was.
+        # Before 1.0 each minor version may be incompatible.
         SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR}
         LINK_DEPENDS "${_static};${_map}")
 endfunction()

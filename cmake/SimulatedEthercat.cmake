@@ -2,8 +2,8 @@
 #
 #     LD_LIBRARY_PATH=build/sim ./my_master
 #
-# It is never installed: the loader must not find it by itself.
-# A scenario's bridges have threads, so the code stays once it is loaded (nodelete).
+# It is never installed: the loader must not find it without LD_LIBRARY_PATH.
+# The bridges of a scenario have threads, so the code stays loaded (nodelete).
 ecan_cargo_build(simulated_ethercat PACKAGE ecan-sim-ethercat LIBRARY ethercat_sim
     OUTPUT _sim_archive)
 set(_sim_map "${PROJECT_SOURCE_DIR}/capi/sim-ethercat/libethercat.map")

@@ -1,4 +1,5 @@
-/* Compiled by CheckEcrt.cmake: the sizes and places of what the SDK shares with libethercat. */
+/* Compiled by CheckEcrt.cmake: sizes and offsets of the types that the SDK shares with
+ * libethercat. */
 #include <stddef.h>
 
 #include <ecrt.h>

@@ -12,7 +12,7 @@
 #include "igh_mcan_port.h"
 
 #define CYCLE_US 1000
-/* Cycles until the gateway must be in service, and until the frame must be back. */
+/* Cycles until the gateway must be ready, and until the frame must have returned. */
 #define START_CYCLES 20000
 #define ECHO_CYCLES 200
 
@@ -28,7 +28,7 @@ static void wait_for_cycle(void)
     nanosleep(&cycle, NULL);
 }
 
-/* One cycle; gives the number of echoes of our frame. */
+/* Runs one cycle; returns the number of echoes of the frame. */
 static int cycle(ec_master_t *master, igh_mcan_port_t *port, int sends)
 {
     const uint8_t data[2] = {0x12, 0x34};
@@ -76,7 +76,7 @@ static int run(ec_master_t *master, ecan_igh_context_t *igh, igh_mcan_port_t *po
     }
     if (ecan_igh_wait_op_timeout(igh, 1000) != ECAN_ERR_ATTACHED ||
         ecan_igh_activate(igh) != ECAN_ERR_ATTACHED) {
-        return failed("what is the owner's business was not refused");
+        return failed("a call that is reserved for the owner was not rejected");
     }
     while (igh_mcan_port_is_ready(port) != 1) {
         if (++cycles > START_CYCLES) {
@@ -101,7 +101,7 @@ int main(void)
         return 1;
     }
     int code = run(master, &igh, &port);
-    /* Before the owner lets go of the master. */
+    /* Before the owner releases the master. */
     if (ecan_igh_deinit(&igh) != ECAN_OK) {
         code = failed("deinit");
     }

@@ -1,6 +1,6 @@
 /*
- * What a plain C master needs of libethercat's interface (1.6), for tests that
- * are built on machines without IgH's header.
+ * Part of libethercat's interface (1.6) for a plain C master, for tests on
+ * machines without IgH's header.
  */
 #ifndef ECRT_PLAIN_H
 #define ECRT_PLAIN_H
@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Ends a list of sync managers, and stands for "as many as there are". */
+/* Ends a list of sync managers; as a number: all. */
 #define EC_END (~0U)
 
 typedef struct ec_master ec_master_t;

@@ -9,7 +9,7 @@
 
 #include "igh_mcan_port.h"
 
-/* Cycles in which a frame must have come back. */
+/* Cycles in which a frame must have returned. */
 #define CYCLES 20
 
 static int failed(const char *what)
@@ -94,8 +94,8 @@ int main(void)
         }
     }
 
-    /* 15.5.3, with what the manual recommends for the packaging. The Port ends before: an image has
-     * one writer. It leaves the sequence numbers where they are, so the writer goes on from there. */
+    /* 15.5.3, with the packaging that the manual recommends. The Port ends before: an image has
+     * one writer. The writer continues its sequence numbers. */
     size_t slave_index = 0;
     igh_mcan_pdo_profile_t rx_profile;
     igh_mcan_pdo_profile_t tx_profile;

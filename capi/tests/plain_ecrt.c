@@ -4,7 +4,7 @@
  *
  *   plain_ecrt [--dc]      --dc: with distributed clocks and Sync0
  *
- * Exit code 0: the frame came back. 1: the message says what did not happen.
+ * Exit code 0: the frame received back. 1: the message says what did not happen.
  * Chapters are those of the ECAN-Lite Technical Manual V2.2.
  */
 #define _POSIX_C_SOURCE 200809L
@@ -105,7 +105,7 @@ static void put_image(uint8_t *image, uint16_t sequence, const uint8_t *packet, 
     put16(image + 4, sequence);
 }
 
-/* Whether an image is whole and its first packet is the frame. */
+/* Returns true if an image is complete and its first packet is the frame. */
 static int holds_frame(const uint8_t *image)
 {
     const size_t size = get16(image + 6);
@@ -132,7 +132,7 @@ static int upload(ec_master_t *master, uint16_t index, uint8_t subindex, uint32_
     return 0;
 }
 
-/* The assignment of one direction, before anything that is judged by it. */
+/* The assignment of one direction, before the settings that depend on it. */
 static int assign(ec_slave_config_t *config, uint16_t assignment, uint16_t first_pdo)
 {
     int result = ecrt_slave_config_sdo8(config, assignment, 0, 0);
@@ -164,7 +164,7 @@ static int add_startup_sdos(ec_slave_config_t *config)
     result |= ecrt_slave_config_sdo8(config, 0x8001, 15, 0);
     result |= ecrt_slave_config_sdo32(config, 0x8001, 19, 500000);
     result |= ecrt_slave_config_sdo8(config, 0x8001, 1, 1);
-    return result ? failed("the startup SDOs are refused") : 0;
+    return result ? failed("the startup SDOs are rejected") : 0;
 }
 
 /* Sync managers, PDOs and entries of both directions (5.1.1). */
@@ -192,7 +192,7 @@ static int set_pdos(ec_slave_config_t *config, uint8_t subindex)
             pdos[way][chunk].entries = entries[way][chunk];
         }
     }
-    return ecrt_slave_config_pdos(config, EC_END, syncs) ? failed("the PDOs are refused") : 0;
+    return ecrt_slave_config_pdos(config, EC_END, syncs) ? failed("the PDOs are rejected") : 0;
 }
 
 static int configure(struct program *program)
@@ -213,7 +213,7 @@ static int configure(struct program *program)
     if (chunk_bytes != 128 || header_bytes != HEADER_BYTES) {
         return failed("the slave at position 0 is no ECAN-Lite");
     }
-    /* The manual does not name the subindex of the mapped objects: the slave does. */
+    /* The manual does not give the subindex of the mapped objects; it is read from the slave. */
     subindex = (uint8_t)(mapping >> 8);
     printf("slave 0: %s, vendor 0x%08X, product 0x%08X\n", info.name,
            (unsigned int)info.vendor_id, (unsigned int)info.product_code);
@@ -229,7 +229,7 @@ static int configure(struct program *program)
     }
     if (program->with_clocks
         && ecrt_slave_config_dc(program->config, 0x0300, (uint32_t)CYCLE_NS, 0, 0, 0)) {
-        return failed("the distributed clocks are refused");
+        return failed("the distributed clocks are rejected");
     }
     const ec_pdo_entry_reg_t registrations[] = {
         {0, 0, info.vendor_id, info.product_code, 0x7000, subindex,
@@ -254,7 +254,7 @@ static uint64_t to_ns(const struct timespec *time)
     return (uint64_t)time->tv_sec * 1000000000ULL + (uint64_t)time->tv_nsec;
 }
 
-/* Sleeps to the next cycle. One that is missed is left out, not made up for. */
+/* Sleeps until the next cycle. Missed deadlines are skipped. */
 static void wait_for_cycle(struct program *program)
 {
     struct timespec now;
@@ -291,7 +291,7 @@ static int activate(struct program *program)
     return 0;
 }
 
-/* First half of a cycle; whether the last image and an answer were exchanged. */
+/* First half of a cycle. Returns true if the last image and a response were exchanged. */
 static int begin_cycle(struct program *program)
 {
     ec_domain_state_t state;
@@ -341,8 +341,8 @@ static int wait_for_op(struct program *program)
 }
 
 /*
- * An image that did not arrive stays as it is: to the gateway a repeat is
- * nothing new. A frame without an answer is sent again.
+ * An image that did not arrive is repeated unchanged, which the gateway
+ * ignores. A frame without a response is sent again.
  */
 static int exchange_frame(struct program *program)
 {

@@ -41,14 +41,14 @@ void bus_settings_add_options(bus_settings_t *settings, option_list_t *list)
         .name = "bitrate", .value_name = "BITRATE", .number = &settings->bitrate,
         .minimum = 1, .maximum = UINT32_MAX,
         .excluded_by = "config",
-        .help = "CAN bit rate in bit/s; of CAN FD the nominal one"});
+        .help = "CAN bit rate in bit/s; nominal for CAN FD"});
     options_add(list, (option_t){
         .name = "seed", .value_name = "SEED", .number = &settings->seed, .maximum = UINT64_MAX,
         .is_given = &settings->is_seed_given,
-        .help = "Seed of everything random in a simulation"});
+        .help = "Seed of the random numbers of a simulation"});
     options_add(list, (option_t){
         .name = "real-time", .flag = &settings->real_time,
-        .help = "Run a simulation in wall-clock time, not as fast as the machine goes"});
+        .help = "Run a simulation in wall-clock time instead of at full speed"});
 }
 
 void bus_settings_add_fd_option(bus_settings_t *settings, option_list_t *list)
@@ -79,7 +79,7 @@ void bus_settings_add_config_option(bus_settings_t *settings, option_list_t *lis
 {
     options_add(list, (option_t){
         .name = "config", .value_name = "FILE", .text = &settings->config,
-        .help = "Take gateways, channels, bit rates, filters, cycle and clocks from this "
+        .help = "Read gateways, channels, bit rates, filters, cycle and clocks from this "
                 "configuration file (`ecan config example` prints one)"});
 }
 
@@ -88,11 +88,11 @@ void bus_settings_add_plan_option(bus_settings_t *settings, option_list_t *list)
     options_add(list, (option_t){
         .name = "plan", .flag = &settings->plan,
         .excluded_by = "config",
-        .help = "Tell what this costs on wire, buses and mailboxes, and what speaks against it, "
+        .help = "Print the load of wire, buses and mailboxes, with warnings and errors, "
                 "without touching a bus"});
 }
 
-/* The library, and the simulation should it be one: no affair of a configuration file. */
+/* Library and simulation, which a configuration file does not contain. */
 static bool configure_library(ecan_igh_config_t *config, const bus_settings_t *settings)
 {
     if (ecan_igh_default_config(config) != ECAN_OK ||
@@ -204,13 +204,13 @@ bool bus_settings_read_config(bus_settings_t *settings)
     return is_good;
 }
 
-static int user_gave_up(void *user)
+static int is_stopped_by_user(void *user)
 {
     (void)user;
     return interrupt_is_set();
 }
 
-static bool wait_for_service(bus_t *bus)
+static bool wait_until_ready(bus_t *bus)
 {
     int code = ecan_igh_wait_op_timeout(&bus->igh, ecan_igh_startup_timeout_ms(&bus->igh));
     if (code == ECAN_ERR_STOPPED) {
@@ -228,7 +228,7 @@ bool bring_up(bus_t *bus, const bus_settings_t *settings)
     if (!bus_settings_configure(settings, &igh_config, &mcan_config)) {
         return false;
     }
-    /* Gateways that are configured already may keep what they were told. */
+    /* Without startup SDOs the gateways keep their configuration. */
     if (!settings->skip_sdo_config &&
         igh_mcan_port_apply_config(&igh_config, &mcan_config) != ECAN_OK) {
         report_sdk_error();
@@ -242,16 +242,16 @@ bool bring_up(bus_t *bus, const bus_settings_t *settings)
         return false;
     }
     if (igh_mcan_port_init(&bus->mcan, &bus->igh, &mcan_config) != ECAN_OK ||
-        ecan_igh_stop_waiting_when(&bus->igh, user_gave_up, NULL) != ECAN_OK) {
+        ecan_igh_stop_waiting_when(&bus->igh, is_stopped_by_user, NULL) != ECAN_OK) {
         report_sdk_error();
         shut_down(bus);
         return false;
     }
-    if (!wait_for_service(bus)) {
+    if (!wait_until_ready(bus)) {
         shut_down(bus);
         return false;
     }
-    printf("%zu gateway(s) in service\n", ecan_igh_slave_count(&bus->igh));
+    printf("%zu gateway(s) ready\n", ecan_igh_slave_count(&bus->igh));
     return true;
 }
 

@@ -1,4 +1,4 @@
-/* From options to gateways in service: the manual's steps 3 to 5 (15.5.2). */
+/* From the options to ready gateways: steps 3 to 5 of the manual (15.5.2). */
 #ifndef BRING_UP_H
 #define BRING_UP_H
 
@@ -8,17 +8,17 @@
 #include "igh_mcan_port.h"
 #include "options.h"
 
-/* What the programs tell the SDK; most of it comes from the command line. */
+/* Settings of the programs for the SDK, mostly from the command line. */
 typedef struct {
     const char *ecrt;     /* NULL: the environment decides */
-    const char *scenario; /* what a plain "sim" simulates */
+    const char *scenario; /* scenario of a plain "sim" */
     uint64_t master;
     uint64_t slaves;         /* number of gateways */
-    uint64_t first_position; /* of the first of them; the others follow */
+    uint64_t first_position; /* position of the first one; the others follow */
     uint64_t pdo_n;
     bool large_pdos;
     uint64_t cycle_us;
-    uint8_t channel_masks[ECAN_IGH_MAX_SLAVES]; /* channels in use of each gateway */
+    uint8_t channel_masks[ECAN_IGH_MAX_SLAVES]; /* enabled channels of each gateway */
     uint64_t bitrate;
     uint64_t fd_bitrate; /* data bit rate of CAN FD; 0 for classic CAN */
     uint64_t profile;
@@ -27,8 +27,8 @@ typedef struct {
     bool dc_sync0;
     uint64_t dc_cycle_us; /* 0: the cycle */
     uint64_t dc_shift_us;
-    uint8_t fd_masks[ECAN_IGH_MAX_SLAVES]; /* those of them with CAN FD */
-    const char *config; /* a file that says all of it but the library; NULL: the options do */
+    uint8_t fd_masks[ECAN_IGH_MAX_SLAVES]; /* channels among them with CAN FD */
+    const char *config; /* file in place of the options, except for the library; NULL: none */
     uint64_t seed;
     bool is_seed_given;
     bool real_time;
@@ -41,7 +41,7 @@ typedef struct {
     igh_mcan_port_t mcan;
 } bus_t;
 
-/* One gateway at position 0 with the manual's values for the first contact. */
+/* One gateway at position 0, with the manual's first values. */
 void bus_settings_default(bus_settings_t *settings, const char *scenario);
 
 /* --ecrt, --master, --pdo-n, --cycle-us, --bitrate, --seed, --real-time */
@@ -56,20 +56,20 @@ void bus_settings_add_dc_options(bus_settings_t *settings, option_list_t *list);
 /* --config, which excludes the options about the bus */
 void bus_settings_add_config_option(bus_settings_t *settings, option_list_t *list);
 
-/* Takes from the configuration file what the program itself has to know of it: gateways, channels
- * and cycle. False, with every fault of the file on standard error. */
+/* Reads gateways, channels and cycle from the configuration file. Returns false, with every
+ * fault of the file on standard error. */
 bool bus_settings_read_config(bus_settings_t *settings);
 
 /* --plan */
 void bus_settings_add_plan_option(bus_settings_t *settings, option_list_t *list);
 
-/* The configurations that the settings mean; false, with a message on standard error, for a value
- * that the SDK refuses. */
+/* Makes the configurations of the settings. Returns false, with a message on standard error, if
+ * the SDK rejects a value. */
 bool bus_settings_configure(const bus_settings_t *settings, ecan_igh_config_t *igh_config,
                             igh_mcan_port_config_t *mcan_config);
 
-/* Opens the gateways and waits until they are in service; false, with a message on standard error,
- * where they do not get there. */
+/* Opens the gateways and waits until they are ready. Returns false, with a message on standard
+ * error, if they do not become ready. */
 bool bring_up(bus_t *bus, const bus_settings_t *settings);
 
 /* Releases the master. */

@@ -5,7 +5,7 @@
 
 #define NS_PER_S 1000000000u
 
-/* Where reading stands, and what is wrong there. */
+/* Position in the line, and the fault there. */
 typedef struct {
     const char *at;
     const char *fault;
@@ -27,7 +27,7 @@ static bool is_digit(char c)
     return c >= '0' && c <= '9';
 }
 
-static bool at_word_end(const cursor_t *cursor)
+static bool at_field_end(const cursor_t *cursor)
 {
     return *cursor->at == '\0' || is_blank(*cursor->at);
 }
@@ -41,7 +41,7 @@ static bool take_blanks(cursor_t *cursor)
     return cursor->at != start || fail(cursor, "expected a blank");
 }
 
-/* Goes past blanks, too. */
+/* Also skips blanks. */
 static bool at_line_end(cursor_t *cursor)
 {
     while (is_blank(*cursor->at)) {
@@ -50,14 +50,14 @@ static bool at_line_end(cursor_t *cursor)
     return *cursor->at == '\0';
 }
 
-static bool take(cursor_t *cursor, char wanted)
+static bool take(cursor_t *cursor, char expected)
 {
-    bool is_there = *cursor->at == wanted;
+    bool is_there = *cursor->at == expected;
     cursor->at += is_there;
     return is_there;
 }
 
-/* The value of a hexadecimal digit; -1 where there is none. */
+/* Value of a hexadecimal digit; -1 for other characters. */
 static int take_hex(cursor_t *cursor)
 {
     char c = *cursor->at;
@@ -98,14 +98,14 @@ static bool read_time(cursor_t *cursor, uint64_t *time_ns)
 
 static bool read_interface(cursor_t *cursor, unsigned *interface)
 {
-    if (at_word_end(cursor)) {
+    if (at_field_end(cursor)) {
         return fail(cursor, "expected the name of an interface");
     }
-    while (!at_word_end(cursor) && !is_digit(*cursor->at)) {
+    while (!at_field_end(cursor) && !is_digit(*cursor->at)) {
         cursor->at++;
     }
     *interface = (unsigned)strtoul(cursor->at, NULL, 10);
-    while (!at_word_end(cursor)) {
+    while (!at_field_end(cursor)) {
         cursor->at++;
     }
     return true;
@@ -121,7 +121,7 @@ static bool read_identifier(cursor_t *cursor, uint32_t *id, uint8_t *flags)
         digits++;
     }
     if ((digits != 3 && digits != 8) || !take(cursor, '#')) {
-        return fail(cursor, "expected an identifier of 3 or 8 hex digits, then `#`");
+        return fail(cursor, "expected a CAN ID of 3 or 8 hex digits, then `#`");
     }
     *flags = digits == 8 ? IGH_MCAN_FLAG_EXT : 0;
     return true;
@@ -129,7 +129,7 @@ static bool read_identifier(cursor_t *cursor, uint32_t *id, uint8_t *flags)
 
 static bool read_data(cursor_t *cursor, uint8_t *data, size_t limit, size_t *length)
 {
-    for (*length = 0; !at_word_end(cursor); ++*length) {
+    for (*length = 0; !at_field_end(cursor); ++*length) {
         int high = take_hex(cursor);
         int low = high >= 0 ? take_hex(cursor) : -1;
         if (low < 0) {
@@ -143,7 +143,7 @@ static bool read_data(cursor_t *cursor, uint8_t *data, size_t limit, size_t *len
     return true;
 }
 
-/* "166#D0320009", "166#R4", "166##1D0320009"; the SDK says whether it is a frame at all. */
+/* "166#D0320009", "166#R4", "166##1D0320009"; the SDK checks the frame. */
 static bool read_frame(cursor_t *cursor, igh_mcan_tx_frame_t *frame)
 {
     enum { LOG_BRS = 1, LOG_ESI = 2, LOG_FDF = 4 };
@@ -168,7 +168,7 @@ static bool read_frame(cursor_t *cursor, igh_mcan_tx_frame_t *frame)
         result = igh_mcan_tx_frame_set_canfd(frame, 0, 0, id, flags, data, length);
     } else if (take(cursor, 'R')) {
         length = is_digit(*cursor->at) ? (size_t)(*cursor->at++ - '0') : 0;
-        if (!at_word_end(cursor)) {
+        if (!at_field_end(cursor)) {
             return fail(cursor, "expected the DLC of a remote frame, 0 to 8");
         }
         flags |= IGH_MCAN_FLAG_RTR;
@@ -186,7 +186,7 @@ static bool read_frame(cursor_t *cursor, igh_mcan_tx_frame_t *frame)
     return true;
 }
 
-/* Behind the frame may be a direction: R or T. */
+/* A direction may follow the frame: R or T. */
 static bool read_end(cursor_t *cursor)
 {
     if (at_line_end(cursor)) {
@@ -210,7 +210,7 @@ candump_line_t candump_line_read(const char *line, candump_record_t *record,
         read_frame(&cursor, &record->frame) && read_end(&cursor)) {
         return CANDUMP_LINE_RECORD;
     }
-    fault->words = cursor.fault;
+    fault->text = cursor.fault;
     fault->column = (size_t)(cursor.at - line) + 1;
     return CANDUMP_LINE_FAULT;
 }

@@ -9,7 +9,7 @@
 
 #include "igh_mcan_pdo.h"
 
-/* What a line tells. */
+/* Content of a line. */
 typedef struct {
     uint64_t time_ns;
     unsigned interface;        /* N of "canN", "vcanN" and the like; 0 without a number */
@@ -22,18 +22,18 @@ typedef enum {
     CANDUMP_LINE_FAULT,
 } candump_line_t;
 
-/* What is wrong with a line, and where: the column counts from 1. */
+/* Fault of a line, with its column from 1. */
 typedef struct {
-    const char *words; /* valid until the next error of the SDK */
+    const char *text; /* valid until the next error of the SDK */
     size_t column;
 } candump_fault_t;
 
-/* Reads a line, with or without its line break. */
+/* Parses a line, with or without its line break. */
 candump_line_t candump_line_read(const char *line, candump_record_t *record,
                                  candump_fault_t *fault);
 
-/* Writes a received frame as a line of the interface `can<interface>`. False where the file does
- * not take it; errno says why. */
+/* Writes a received frame as a line of the interface `can<interface>`. Returns false, with the
+ * reason in errno, if the file cannot be written. */
 bool candump_line_write(FILE *file, uint64_t time_ns, size_t interface,
                         const igh_mcan_rx_frame_t *frame);
 

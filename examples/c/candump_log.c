@@ -28,7 +28,7 @@ static bool read_lines(candump_log_t *log, FILE *file, const char *path, char **
         candump_fault_t fault;
         candump_line_t kind = candump_line_read(*line, &logged.record, &fault);
         if (kind == CANDUMP_LINE_FAULT) {
-            report("%s, line %zu, column %zu: %s", path, number, fault.column, fault.words);
+            report("%s, line %zu, column %zu: %s", path, number, fault.column, fault.text);
             return false;
         }
         if (kind == CANDUMP_LINE_RECORD && !append(log, &capacity, &logged)) {
@@ -41,7 +41,7 @@ static bool read_lines(candump_log_t *log, FILE *file, const char *path, char **
         return false;
     }
     if (log->count == 0) {
-        report("%s holds no frame", path);
+        report("%s contains no frame", path);
     }
     return log->count > 0;
 }

@@ -18,8 +18,8 @@ typedef struct {
     size_t count;
 } candump_log_t;
 
-/* Reads a file. False, with a message on standard error and nothing to free, where it cannot be
- * read, is no candump log or holds no frame. */
+/* Reads a file. Returns false, with a message on standard error and nothing to free, if it
+ * cannot be read, is not a candump log or contains no frame. */
 bool candump_log_read(candump_log_t *log, const char *path);
 
 void candump_log_free(candump_log_t *log);

@@ -17,7 +17,7 @@ enum { MAX_VALUE_BYTES = 1024 };
 typedef struct {
     bus_settings_t bus;
     uint64_t channel, node_id, index, subindex, timeout_ms;
-    const char *type_name; /* NULL: not known */
+    const char *type_name; /* NULL: unknown */
     object_type_t type;
     const char *written; /* NULL: only read */
 } arguments_t;
@@ -25,7 +25,7 @@ typedef struct {
 static void parse_arguments(arguments_t *arguments, int argc, char **argv)
 {
     option_list_t list = {
-        .about = "Reads or writes an object of a CANopen node behind an ECAN-Lite gateway."};
+        .about = "Reads or writes an object of a CANopen node through an ECAN-Lite gateway."};
     *arguments = (arguments_t){.timeout_ms = 5000};
     bus_settings_default(&arguments->bus, "drives");
     bus_settings_add_options(&arguments->bus, &list);
@@ -58,7 +58,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     options_add(&list, (option_t){
         .name = "timeout-ms", .value_name = "MS", .number = &arguments->timeout_ms,
         .minimum = 1, .maximum = UINT32_MAX,
-        .help = "How long the transfer may take, in milliseconds"});
+        .help = "Timeout of the transfer in milliseconds"});
     options_parse(&list, argc, argv);
 
     arguments->bus.channel_masks[0] = (uint8_t)(1u << arguments->channel);
@@ -72,7 +72,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     }
 }
 
-/* With the gateway in service: the transfers. */
+/* Transfers through the ready gateway. */
 static bool transfer(bus_t *bus, const arguments_t *arguments, const uint8_t *written,
                      size_t written_length)
 {

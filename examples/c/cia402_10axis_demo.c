@@ -10,15 +10,16 @@
 
 enum { AXES = 10 };
 
-/* Axis by axis to the next channel of all gateways; node ids count up on each channel from 1. */
+/* Distributes the axes over the channels of all gateways in turn; node-IDs start at 1 on each
+ * channel. */
 static void add_drives(motion_t *motion)
 {
     size_t channels = (size_t)motion->bus.slaves * ECAN_MCAN_CHANNELS;
     for (size_t axis = 0; axis < AXES; axis++) {
-        size_t place = axis % channels;
+        size_t index = axis % channels;
         motion_add_drive(motion, (drive_place_t){
-            .slave = place / ECAN_MCAN_CHANNELS,
-            .channel = (uint8_t)(place % ECAN_MCAN_CHANNELS),
+            .slave = index / ECAN_MCAN_CHANNELS,
+            .channel = (uint8_t)(index % ECAN_MCAN_CHANNELS),
             .node_id = (uint8_t)(axis / channels + 1)});
     }
 }

@@ -23,7 +23,7 @@ int main(int argc, char **argv)
         .help = "CAN channel of the drive"});
     options_add(&list, (option_t){
         .name = "node", .value_name = "ID", .number = &node_id, .minimum = 1, .maximum = 127,
-        .help = "Node id of the drive"});
+        .help = "Node-ID of the drive"});
     options_parse(&list, argc, argv);
 
     motion_add_drive(&motion, (drive_place_t){

@@ -11,7 +11,7 @@ static void take(cycle_health_t *health, int result)
 {
     if (result != ECAN_OK) {
         health->result = result;
-        snprintf(health->words, sizeof(health->words), "%s", ecan_last_error());
+        snprintf(health->text, sizeof(health->text), "%s", ecan_last_error());
     }
 }
 
@@ -28,20 +28,20 @@ bool cycle_ended(cycle_health_t *health, int result)
         health->failed_in_a_row = 0;
         return true;
     }
-    /* Anything else than trouble with the master is a mistake of the program. */
+    /* Any code except a failed call of the master is an error of the program. */
     if (health->result != ECAN_ERR_MASTER) {
-        report("%s", health->words);
+        report("%s", health->text);
         return false;
     }
     health->failed_in_a_row++;
     if (health->failed_in_a_row > MAX_FAILED_CYCLES) {
-        report("more than %d cycles in a row failed: %s", MAX_FAILED_CYCLES, health->words);
+        report("more than %d cycles in a row failed: %s", MAX_FAILED_CYCLES, health->text);
         return false;
     }
     return true;
 }
 
-bool is_refused_for_now(int send_result)
+bool is_temporary(int send_result)
 {
     return send_result == ECAN_ERR_NO_ROOM || send_result == ECAN_ERR_QUEUE_FULL ||
            send_result == ECAN_ERR_BUS_OFF || send_result == ECAN_ERR_NOT_READY;

@@ -8,22 +8,22 @@
 
 #include "report.h"
 
-/* More than the queues of a gateway hold. */
-enum { MAX_UNDER_WAY = 1024 };
+/* More than the size of a gateway's queues. */
+enum { MAX_PENDING = 1024 };
 
 bool echo_check_init(echo_check_t *check, size_t slaves)
 {
     memset(check, 0, sizeof(*check));
     check->channels = calloc(slaves * ECAN_MCAN_CHANNELS, sizeof(*check->channels));
     if (check->channels == NULL) {
-        report("too little memory");
+        report("not enough memory");
         return false;
     }
     check->channel_count = slaves * ECAN_MCAN_CHANNELS;
     for (size_t i = 0; i < check->channel_count; i++) {
-        check->channels[i].frames = calloc(MAX_UNDER_WAY, sizeof(igh_mcan_tx_frame_t));
+        check->channels[i].frames = calloc(MAX_PENDING, sizeof(igh_mcan_tx_frame_t));
         if (check->channels[i].frames == NULL) {
-            report("too little memory");
+            report("not enough memory");
             echo_check_free(check);
             return false;
         }
@@ -50,28 +50,28 @@ static void note(echo_check_t *check, const char *format, ...)
     }
 }
 
-/* Takes the oldest frame out of a ring that is not empty. */
-static const igh_mcan_tx_frame_t *take_first(echo_check_t *check, under_way_t *channel)
+/* Removes the oldest frame of a ring that is not empty. */
+static const igh_mcan_tx_frame_t *take_first(echo_check_t *check, pending_t *channel)
 {
     const igh_mcan_tx_frame_t *frame = &channel->frames[channel->first];
-    channel->first = (channel->first + 1) % MAX_UNDER_WAY;
+    channel->first = (channel->first + 1) % MAX_PENDING;
     channel->count--;
-    check->under_way--;
+    check->pending--;
     return frame;
 }
 
 void echo_check_sent(echo_check_t *check, const igh_mcan_tx_frame_t *frame)
 {
-    size_t place = (size_t)frame->slave * ECAN_MCAN_CHANNELS + frame->channel;
-    under_way_t *channel = &check->channels[place];
+    size_t index = (size_t)frame->slave * ECAN_MCAN_CHANNELS + frame->channel;
+    pending_t *channel = &check->channels[index];
     check->sent++;
-    if (channel->count == MAX_UNDER_WAY) {
-        note(check, "%d frames on can%zu did not come back", MAX_UNDER_WAY, place);
+    if (channel->count == MAX_PENDING) {
+        note(check, "%d frames on can%zu did not return", MAX_PENDING, index);
         take_first(check, channel);
     }
-    channel->frames[(channel->first + channel->count) % MAX_UNDER_WAY] = *frame;
+    channel->frames[(channel->first + channel->count) % MAX_PENDING] = *frame;
     channel->count++;
-    check->under_way++;
+    check->pending++;
 }
 
 static bool is_same(const igh_mcan_tx_frame_t *sent, const igh_mcan_rx_frame_t *received)
@@ -82,8 +82,8 @@ static bool is_same(const igh_mcan_tx_frame_t *sent, const igh_mcan_rx_frame_t *
            sent->len == received->len && memcmp(sent->data, received->data, bytes) == 0;
 }
 
-/* Words for a frame: identifier, flags, length and the first bytes. */
-static const char *words(char *text, size_t size, uint32_t can_id, uint8_t flags, uint8_t len,
+/* Text of a frame: CAN ID, flags, length and the first bytes. */
+static const char *frame_text(char *text, size_t size, uint32_t can_id, uint8_t flags, uint8_t len,
                          const uint8_t *data)
 {
     int used = snprintf(text, size, "0x%" PRIX32 " (flags 0x%02X) [%u]", can_id, flags, len);
@@ -95,20 +95,23 @@ static const char *words(char *text, size_t size, uint32_t can_id, uint8_t flags
 
 void echo_check_received(echo_check_t *check, const igh_mcan_rx_frame_t *frame)
 {
-    size_t place = (size_t)frame->slave * ECAN_MCAN_CHANNELS + frame->channel;
-    under_way_t *channel = &check->channels[place];
-    char came[64], due[64] = "nothing";
+    size_t index = (size_t)frame->slave * ECAN_MCAN_CHANNELS + frame->channel;
+    pending_t *channel = &check->channels[index];
+    char received[64], expected[64] = "nothing";
     bool is_right = false;
     check->returned++;
     if (channel->count > 0) {
         const igh_mcan_tx_frame_t *sent = take_first(check, channel);
         is_right = is_same(sent, frame);
         if (!is_right) {
-            words(due, sizeof(due), sent->can_id, sent->flags, sent->len, sent->data);
+            frame_text(expected, sizeof(expected), sent->can_id, sent->flags, sent->len,
+                       sent->data);
         }
     }
     if (!is_right) {
-        note(check, "frame %" PRIu64 " on can%zu: %s came back, %s was due", check->returned, place,
-             words(came, sizeof(came), frame->can_id, frame->flags, frame->len, frame->data), due);
+        note(check, "frame %" PRIu64 " on can%zu: received %s, expected %s", check->returned, index,
+             frame_text(received, sizeof(received), frame->can_id, frame->flags, frame->len,
+                        frame->data),
+             expected);
     }
 }

@@ -1,5 +1,5 @@
-/* Comparing what comes back with what was sent: every frame on its channel, unchanged and in order.
- * Channels are counted over all gateways. */
+/* Compares returned frames with sent ones: every frame on its channel, unchanged and in order.
+ * Channels are numbered over all gateways. */
 #ifndef ECHO_CHECK_H
 #define ECHO_CHECK_H
 
@@ -9,24 +9,24 @@
 
 #include "igh_mcan_pdo.h"
 
-/* Frames of one channel that did not come back yet, as a ring. */
+/* Frames of one channel that have not returned, as a ring. */
 typedef struct {
     igh_mcan_tx_frame_t *frames;
     size_t first;
     size_t count;
-} under_way_t;
+} pending_t;
 
 typedef struct {
-    under_way_t *channels;
+    pending_t *channels;
     size_t channel_count;
-    size_t under_way; /* on all channels */
+    size_t pending; /* on all channels */
     uint64_t sent;
     uint64_t returned;
-    char first_difference[256]; /* "" as long as everything comes back as it should */
+    char first_difference[256]; /* first difference; "" for none */
 } echo_check_t;
 
-/* Takes the memory, so that the cycle need not. False, with a message on standard error, where
- * there is too little. */
+/* Allocates the memory before the cycle. Returns false, with a message on standard error, if
+ * there is not enough. */
 bool echo_check_init(echo_check_t *check, size_t slaves);
 
 void echo_check_free(echo_check_t *check);

@@ -6,12 +6,12 @@
 
 #include "bring_up.h"
 
-/* Bytes of a plan in words. */
+/* Bytes of the text of a plan. */
 enum { PLAN_TEXT = 32768 };
 
-/* Prints what the settings cost when every channel in use sends such a frame in each cycle and gets
- * one back; its slave and channel do not count. False, with every reason on standard error, where it
- * would not work. */
+/* Prints the load of the settings if every enabled channel sends and receives such a frame in
+ * each cycle; slave and channel of the frame are ignored. Returns false, with every fault on
+ * standard error, for a faulty plan. */
 bool frame_plan_print(const bus_settings_t *settings, const igh_mcan_tx_frame_t *frame);
 
 #endif /* FRAME_PLAN_H */

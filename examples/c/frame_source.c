@@ -39,8 +39,8 @@ int frame_source_counter(igh_mcan_tx_frame_t *frame, size_t slave, uint8_t chann
                  : igh_mcan_tx_frame_set_can(frame, slave, channel, LOOP_ID, 0, data, 8);
 }
 
-/* One frame per channel with the number of the cycle in it. A frame that is refused for now is
- * left out: the next cycle has a newer one. */
+/* Sends a frame with the cycle number on each channel. A temporarily rejected frame is skipped:
+ * the next cycle has a newer one. */
 static bool send_counter(frame_source_t *source, igh_mcan_port_t *mcan, echo_check_t *check)
 {
     for (size_t slave = 0; slave < source->slaves; slave++) {
@@ -56,7 +56,7 @@ static bool send_counter(frame_source_t *source, igh_mcan_port_t *mcan, echo_che
             }
             if (result == ECAN_OK) {
                 echo_check_sent(check, &frame);
-            } else if (!is_refused_for_now(result)) {
+            } else if (!is_temporary(result)) {
                 report_sdk_error();
                 return false;
             }
@@ -66,27 +66,28 @@ static bool send_counter(frame_source_t *source, igh_mcan_port_t *mcan, echo_che
     return true;
 }
 
-/* Where a recorded frame goes: to its interface, counted over all gateways, or to the first channel
- * that is used. */
-static void set_place(const frame_source_t *source, unsigned interface, igh_mcan_tx_frame_t *frame)
+/* Target of a recorded frame: its interface, counted over all gateways, or the first enabled
+ * channel. */
+static void set_position(const frame_source_t *source, unsigned interface,
+                         igh_mcan_tx_frame_t *frame)
 {
     if (source->is_by_interface) {
-        size_t place = interface % (source->slaves * ECAN_MCAN_CHANNELS);
-        frame->slave = (uint16_t)(place / ECAN_MCAN_CHANNELS);
-        frame->channel = (uint8_t)(place % ECAN_MCAN_CHANNELS);
+        size_t index = interface % (source->slaves * ECAN_MCAN_CHANNELS);
+        frame->slave = (uint16_t)(index / ECAN_MCAN_CHANNELS);
+        frame->channel = (uint8_t)(index % ECAN_MCAN_CHANNELS);
     } else {
-        size_t place = 0;
-        while ((source->channel_masks[place / ECAN_MCAN_CHANNELS] >> place % ECAN_MCAN_CHANNELS &
+        size_t index = 0;
+        while ((source->channel_masks[index / ECAN_MCAN_CHANNELS] >> index % ECAN_MCAN_CHANNELS &
                 1) == 0) {
-            place++;
+            index++;
         }
-        frame->slave = (uint16_t)(place / ECAN_MCAN_CHANNELS);
-        frame->channel = (uint8_t)(place % ECAN_MCAN_CHANNELS);
+        frame->slave = (uint16_t)(index / ECAN_MCAN_CHANNELS);
+        frame->channel = (uint8_t)(index % ECAN_MCAN_CHANNELS);
     }
 }
 
-/* All that the gateway takes of what is due. A frame that is refused for now waits for the next
- * cycle, and with it all that come after it, so that their order holds. */
+/* Sends the frames that are due. A temporarily rejected frame and all frames after it wait for
+ * the next cycle, so that the order is kept. */
 static bool send_recording(frame_source_t *source, igh_mcan_port_t *mcan, uint64_t elapsed_ns,
                            echo_check_t *check)
 {
@@ -94,9 +95,9 @@ static bool send_recording(frame_source_t *source, igh_mcan_port_t *mcan, uint64
            due_after_start(source->recording, source->done) <= elapsed_ns) {
         const candump_record_t *record = &source->recording->frames[source->done].record;
         igh_mcan_tx_frame_t frame = record->frame;
-        set_place(source, record->interface, &frame);
+        set_position(source, record->interface, &frame);
         int result = igh_mcan_port_send(mcan, &frame);
-        if (is_refused_for_now(result)) {
+        if (is_temporary(result)) {
             break;
         }
         if (result != ECAN_OK) {

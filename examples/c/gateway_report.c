@@ -16,13 +16,13 @@ void session_watch_print(session_watch_t *watch, bus_t *bus, uint64_t elapsed_ns
 {
     size_t slaves = ecan_igh_slave_count(&bus->igh);
     for (size_t slave = 0; slave < slaves; slave++) {
-        char words[256];
-        /* Only a change is worth putting into words, which takes time. */
+        char text[256];
+        /* Makes the text only for a change, because it takes time. */
         int session = igh_mcan_port_get_session(&bus->mcan, slave, NULL, 0);
         if (session != watch->sessions[slave]) {
             watch->sessions[slave] = session;
-            if (igh_mcan_port_get_session(&bus->mcan, slave, words, sizeof(words)) >= 0) {
-                printf("%9.3f s  slave %zu: %s\n", (double)elapsed_ns / 1e9, slave, words);
+            if (igh_mcan_port_get_session(&bus->mcan, slave, text, sizeof(text)) >= 0) {
+                printf("%9.3f s  slave %zu: %s\n", (double)elapsed_ns / 1e9, slave, text);
             }
         }
     }
@@ -62,7 +62,7 @@ static bool print_gateway(bus_t *bus, size_t slave)
            count.rxpdo_repeated, count.txpdo_received, count.txpdo_lost,
            count.parse_errors + count.txpdo_torn);
     if (count.sessions_lost > 0 || count.txpdo_incomplete > 0) {
-        printf("%-14sout of service %" PRIu64 " time(s), incomplete images %" PRIu64 "\n", "",
+        printf("%-14ssession lost %" PRIu64 " time(s), incomplete images %" PRIu64 "\n", "",
                count.sessions_lost, count.txpdo_incomplete);
     }
     return true;
@@ -87,8 +87,8 @@ bool gateway_report_print(bus_t *bus, const bus_settings_t *settings)
 bool gateway_report_is_flawless(bus_t *bus, size_t slave)
 {
     igh_mcan_statistics_t count;
-    char words[256];
-    int session = igh_mcan_port_get_session(&bus->mcan, slave, words, sizeof(words));
+    char text[256];
+    int session = igh_mcan_port_get_session(&bus->mcan, slave, text, sizeof(text));
     if (session < 0 || igh_mcan_port_get_statistics(&bus->mcan, slave, &count) != ECAN_OK) {
         report_sdk_error();
         return false;
@@ -99,7 +99,7 @@ bool gateway_report_is_flawless(bus_t *bus, size_t slave)
                count.txpdo_lost);
     }
     if (session != IGH_MCAN_SESSION_READY) {
-        report("slave %zu is %s", slave, words);
+        report("slave %zu is %s", slave, text);
     }
     return errors + count.txpdo_lost == 0 && session == IGH_MCAN_SESSION_READY;
 }

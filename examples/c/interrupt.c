@@ -18,7 +18,7 @@ bool interrupt_install(void)
     struct sigaction action;
     memset(&action, 0, sizeof(action));
     action.sa_handler = on_signal;
-    /* Output to a terminal or a pipe goes on as if nothing had happened. */
+    /* Interrupted output to a terminal or a pipe continues. */
     action.sa_flags = SA_RESTART;
     sigemptyset(&action.sa_mask);
     if (sigaction(SIGINT, &action, NULL) != 0 || sigaction(SIGTERM, &action, NULL) != 0 ||

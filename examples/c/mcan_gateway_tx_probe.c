@@ -25,9 +25,9 @@ enum {
     STACK_BYTES = 256 * 1024
 };
 
-/* The end waits so long for frames under way. */
+/* Time to wait for pending frames at the end. */
 #define IDLE_TIMEOUT_NS UINT64_C(500000000)
-/* A gateway that takes no frame for so long will not take any more. */
+/* Time without an accepted frame after which the program ends. */
 #define STALL_TIMEOUT_NS UINT64_C(10000000000)
 
 typedef struct {
@@ -41,13 +41,13 @@ typedef struct {
     uint64_t spin_us;
 } arguments_t;
 
-/* What the run brought. */
+/* Results of the run. */
 typedef struct {
     uint64_t sent;
-    uint64_t refused;
+    uint64_t rejected;
     uint64_t received;
     uint64_t order_errors;
-    uint64_t next_number;     /* of the frame that is due back */
+    uint64_t next_number;     /* number of the next expected frame */
     uint64_t last_receive_ns; /* 0 before the first */
     samples_t rx_periods;
 } result_t;
@@ -73,7 +73,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     options_add(&list, (option_t){
         .name = "offset-ns", .value_name = "NS", .number = &arguments->offset_ns,
         .maximum = UINT32_MAX, .is_given = &arguments->is_scheduled,
-        .help = "Schedule the frames so long behind Sync0 instead of sending them directly; "
+        .help = "Schedule the frames at this time after Sync0 instead of sending them directly; "
                 "implies --dc-sync0"});
     options_add(&list, (option_t){
         .name = "rt-priority", .value_name = "P", .number = &arguments->rt_priority,
@@ -81,10 +81,10 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
         .help = "Run under SCHED_FIFO with this priority and with locked memory"});
     options_add(&list, (option_t){
         .name = "rt-required", .flag = &arguments->rt_required,
-        .help = "Give up where --rt-priority is not permitted"});
+        .help = "Fail if the system denies --rt-priority"});
     options_add(&list, (option_t){
         .name = "spin-us", .value_name = "US", .number = &arguments->spin_us, .maximum = 1000,
-        .help = "Sleep until so many microseconds before the cycle is due, then spin"});
+        .help = "Poll the clock for this time before each deadline, in microseconds"});
     options_parse(&list, argc, argv);
     arguments->bus.dc_sync0 |= arguments->is_scheduled;
     arguments->bus.channel_masks[0] = (uint8_t)(1u << arguments->channel);
@@ -93,7 +93,8 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     }
 }
 
-/* Makes this thread keep its cycle; false, with a message, where --rt-required asks for more. */
+/* Requests real-time scheduling. Returns false, with a message, if --rt-required is set and the
+ * system denies it. */
 static bool enter_real_time(bus_t *bus, const arguments_t *arguments)
 {
     ecan_igh_real_time_t settings;
@@ -113,7 +114,7 @@ static bool enter_real_time(bus_t *bus, const arguments_t *arguments)
     return true;
 }
 
-/* The frame with this number. */
+/* Makes the frame with this number. */
 static int make_frame(igh_mcan_tx_frame_t *frame, const arguments_t *arguments, uint64_t number)
 {
     uint8_t data[FD_BYTES] = {0}, channel = (uint8_t)arguments->channel;
@@ -168,7 +169,8 @@ static bool receive(bus_t *bus, result_t *result, uint64_t now_ns)
     return true;
 }
 
-/* Sends all frames and waits for what is under way; false, with a message, when it cannot go on. */
+/* Sends all frames and waits for pending ones. Returns false, with a message, if it cannot
+ * continue. */
 static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *result)
 {
     cycle_health_t health = {0};
@@ -183,13 +185,13 @@ static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *resul
         cycle_begun(&health, igh_mcan_port_cycle_begin(&bus->mcan));
         bool is_fine = receive(bus, result, now);
         if (is_sending) {
-            /* A frame that is refused for now is sent again in the next cycle. */
+            /* A temporarily rejected frame is sent again in the next cycle. */
             int sent = send_frame(bus, arguments, result->sent);
             if (sent == ECAN_OK) {
                 result->sent++;
                 last_sent = now;
-            } else if (is_refused_for_now(sent)) {
-                result->refused++;
+            } else if (is_temporary(sent)) {
+                result->rejected++;
             } else if (is_fine) {
                 report_sdk_error();
                 is_fine = false;
@@ -203,7 +205,8 @@ static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *resul
             report("no frame was taken for 10 s: %s", ecan_last_error());
             return false;
         }
-        if (!is_sending && (result->received >= result->sent || now - last_sent > IDLE_TIMEOUT_NS)) {
+        if (!is_sending &&
+            (result->received >= result->sent || now - last_sent > IDLE_TIMEOUT_NS)) {
             break;
         }
     }
@@ -231,19 +234,20 @@ static void print_result(bus_t *bus, result_t *result, const arguments_t *argume
 {
     char master_period[512];
     uint64_t cycle_ns = arguments->bus.cycle_us * 1000;
-    printf("%" PRIu64 " frames sent, %" PRIu64 " times one had to wait for the next cycle\n",
-           result->sent, result->refused);
-    printf("%" PRIu64 " came back, %" PRIu64 " out of order\n", result->received,
+    printf("%" PRIu64 " frames sent, %" PRIu64 " rejections; the frame was sent in a later cycle\n",
+           result->sent, result->rejected);
+    printf("%" PRIu64 " returned, %" PRIu64 " out of order\n", result->received,
            result->order_errors);
     if (ecan_igh_get_cycle_statistics_text(&bus->igh, master_period, sizeof(master_period)) ==
         ECAN_OK) {
         printf("%s\n", master_period);
     }
     print_periods("rx_period", &result->rx_periods, cycle_ns);
-    printf("rx_period is what the host sees, in whole cycles; times on the bus need an analyser\n");
+    printf("rx_period is measured by the host, in whole cycles; times on the bus need an "
+           "analyser\n");
 }
 
-/* With the gateway in service: the measurement. */
+/* Measurement with the ready gateway. */
 static bool work(bus_t *bus, const arguments_t *arguments)
 {
     result_t result = {0};
@@ -257,7 +261,7 @@ static bool work(bus_t *bus, const arguments_t *arguments)
     return is_good;
 }
 
-/* What the probe's frames cost. */
+/* Plan of the probe's frames. */
 static bool print_plan(const arguments_t *arguments)
 {
     igh_mcan_tx_frame_t frame;

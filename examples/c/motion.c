@@ -11,7 +11,7 @@
 #include "motion_table.h"
 #include "report.h"
 
-/* How long drives may take to be configured, found and enabled, each, and to be switched off. */
+/* Timeouts for configuration, position and enabling, each, and for the shutdown. */
 enum { START_UP_MS = 30000, SHUTDOWN_MS = 20000 };
 
 void motion_default(motion_t *motion, uint64_t cycles)
@@ -30,14 +30,14 @@ void motion_add_options(motion_t *motion, option_list_t *list)
     bus_settings_add_plan_option(bus, list);
     options_add(list, (option_t){
         .name = "cycles", .value_name = "N", .number = &motion->cycles, .maximum = UINT64_MAX,
-        .help = "Number of cycles to move in"});
+        .help = "Number of cycles with motion"});
     options_add(list, (option_t){
         .name = "step", .value_name = "STEP", .integer = &motion->step,
-        .help = "Step of every axis per target, in increments; 0 enables without moving"});
+        .help = "Step of every axis per target, in increments; 0 enables without motion"});
     options_add(list, (option_t){
         .name = "motion-div", .value_name = "N", .number = &motion->motion_div,
         .minimum = 1, .maximum = UINT32_MAX,
-        .help = "Cycles from target to target"});
+        .help = "Cycles per target"});
     options_add(list, (option_t){
         .name = "profile", .value_name = "N", .number = &bus->profile, .maximum = UINT8_MAX,
         .help = "PDO packet profile: 0, 1, 4 or 5"});
@@ -46,21 +46,21 @@ void motion_add_options(motion_t *motion, option_list_t *list)
         .help = "Align packets to 4 bytes"});
     options_add(list, (option_t){
         .name = "skip-sdo-config", .flag = &bus->skip_sdo_config,
-        .help = "Leave the gateways' startup SDOs out, for repeated debugging: they must be "
+        .help = "Skip the startup SDOs of the gateways, for repeated debugging; they must be "
                 "configured already"});
 }
 
-void motion_add_drive(motion_t *motion, drive_place_t place)
+void motion_add_drive(motion_t *motion, drive_place_t index)
 {
-    motion->drives[motion->drive_count++] = place;
-    motion->bus.channel_masks[place.slave] |= (uint8_t)(1u << place.channel);
+    motion->drives[motion->drive_count++] = index;
+    motion->bus.channel_masks[index.slave] |= (uint8_t)(1u << index.channel);
 }
 
 static bool fill_axes(igh_cia402_axis_t *axes, const motion_t *motion)
 {
     for (size_t i = 0; i < motion->drive_count; i++) {
-        const drive_place_t *place = &motion->drives[i];
-        if (igh_cia402_axis_init(&axes[i], place->slave, place->channel, place->node_id,
+        const drive_place_t *index = &motion->drives[i];
+        if (igh_cia402_axis_init(&axes[i], index->slave, index->channel, index->node_id,
                                  motion->step) != ECAN_OK) {
             report_sdk_error();
             return false;
@@ -69,7 +69,7 @@ static bool fill_axes(igh_cia402_axis_t *axes, const motion_t *motion)
     return true;
 }
 
-/* Prints what the axes cost, for --plan. */
+/* Prints the plan of the axes, for --plan. */
 static bool print_plan(const motion_t *motion)
 {
     static char text[PLAN_TEXT];
@@ -89,7 +89,7 @@ static bool print_plan(const motion_t *motion)
     return code == ECAN_OK;
 }
 
-/* Puts the axes on the Port. */
+/* Opens the axes on the Port. */
 static bool init_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motion)
 {
     igh_cia402_axis_t axes[MOTION_MAX_AXES];
@@ -110,7 +110,7 @@ static bool init_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *
     return true;
 }
 
-/* Whether the buses carry what is to come. */
+/* Prints the expected load of the buses. */
 static bool print_loads(igh_cia402_context_t *cia402)
 {
     igh_cia402_bus_load_t loads[MOTION_MAX_AXES];
@@ -123,13 +123,13 @@ static bool print_loads(igh_cia402_context_t *cia402)
         const igh_cia402_bus_load_t *load = &loads[i];
         const char *warning = "";
         switch (load->warning) {
-        case IGH_CIA402_LOAD_TOO_MUCH: warning = " - too much: lengthen the cycle"; break;
+        case IGH_CIA402_LOAD_TOO_MUCH: warning = "; too high: use a longer cycle"; break;
         case IGH_CIA402_LOAD_BUDGET:
-            warning = " - more frames than the gateway serves per cycle";
+            warning = "; more frames than the gateway serves per cycle";
             break;
-        case IGH_CIA402_LOAD_TIGHT: warning = " - too much with unlucky data"; break;
+        case IGH_CIA402_LOAD_TIGHT: warning = "; too high in the worst case of stuff bits"; break;
         case IGH_CIA402_LOAD_NO_RESERVE:
-            warning = " - little is left for SDO and heartbeats";
+            warning = "; little reserve for SDO and heartbeats";
             break;
         default: break;
         }
@@ -148,7 +148,7 @@ static void print_progress(void *user, size_t axis, const char *text)
     printf("  %s\n", text);
 }
 
-/* Brings all axes to where they follow targets (manual 15.5.4, step 4). */
+/* Configures and enables all axes (manual 15.5.4, step 4). */
 static bool start_up(igh_cia402_context_t *cia402, bus_t *bus, uint64_t cycles)
 {
     uint64_t start = ecan_igh_now_ns(&bus->igh);
@@ -163,8 +163,8 @@ static bool start_up(igh_cia402_context_t *cia402, bus_t *bus, uint64_t cycles)
     return true;
 }
 
-/* One cycle with a step of every axis. Where the working counter is incomplete the SDK by itself
- * moves no axis on (manual 15.5.2, step 8). */
+/* Runs one cycle with a step of every axis. With an incomplete working counter the SDK moves no
+ * axis (manual 15.5.2, step 8). */
 static bool run_cycle(igh_cia402_context_t *cia402, bus_t *bus, cycle_health_t *health)
 {
     if (igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
@@ -181,7 +181,7 @@ static bool run_cycle(igh_cia402_context_t *cia402, bus_t *bus, cycle_health_t *
     return is_fine && may_go_on;
 }
 
-/* Prints what an axis is doing when it is no longer what it was doing before. */
+/* Prints the state of an axis when it changes. */
 static bool print_changes(igh_cia402_context_t *cia402, uint8_t *phases, size_t axis_count)
 {
     igh_cia402_axis_state_t state;
@@ -221,7 +221,7 @@ static bool move(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motio
     return true;
 }
 
-/* With axes on the Port: the whole way from standstill to standstill. */
+/* Runs the axes from standstill to standstill. */
 static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motion)
 {
     motion_table_t table;
@@ -232,9 +232,9 @@ static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *m
     bool is_good = print_loads(cia402) && start_up(cia402, bus, motion->cycles) &&
                    move(cia402, bus, motion);
     is_good &= igh_cia402_all_running(cia402) == 1;
-    is_good &= motion_table_take(&table, cia402);
+    is_good &= motion_table_read(&table, cia402);
 
-    printf("%scoming to rest\n", interrupt_is_set() ? "stopped by the user\n" : "");
+    printf("%sstopping the axes\n", interrupt_is_set() ? "stopped by the user\n" : "");
     if (igh_cia402_shutdown_timeout(cia402, SHUTDOWN_MS) != ECAN_OK) {
         report_sdk_error();
         is_good = false;

@@ -1,5 +1,4 @@
-/* What the CiA 402 demos share: from their options to axes that move and come to rest again (manual
- * 15.5.4, 15.6). */
+/* Common part of the CiA 402 demos: options, startup, motion and shutdown (manual 15.5.4, 15.6). */
 #ifndef MOTION_H
 #define MOTION_H
 
@@ -12,7 +11,7 @@
 
 enum { MOTION_MAX_AXES = 10 };
 
-/* Where a drive is. */
+/* Address of a drive. */
 typedef struct {
     size_t slave;
     uint8_t channel;
@@ -28,17 +27,17 @@ typedef struct {
     uint64_t cycles;
 } motion_t;
 
-/* No drive yet; they do not move. */
+/* No drives, and no motion. */
 void motion_default(motion_t *motion, uint64_t cycles);
 
-/* The options of the manual's table, but for --slaves. */
+/* The options of the manual's table, except --slaves. */
 void motion_add_options(motion_t *motion, option_list_t *list);
 
-/* Adds a drive and puts its channel to use. */
-void motion_add_drive(motion_t *motion, drive_place_t place);
+/* Adds a drive and enables its channel. */
+void motion_add_drive(motion_t *motion, drive_place_t index);
 
-/* Runs the demo. True when every axis followed its targets until the end; all else has a message on
- * standard error or stands in the table. */
+/* Runs the demo. Returns true if every axis followed its targets until the end; every other
+ * result has a message on standard error or a line in the table. */
 bool motion_run(const motion_t *motion);
 
 #endif /* MOTION_H */

@@ -5,7 +5,7 @@
 
 #include "report.h"
 
-static const char *drive_state_words(uint8_t drive_state)
+static const char *drive_state_text(uint8_t drive_state)
 {
     switch (drive_state) {
     case IGH_CIA402_DRIVE_NOT_READY: return "not ready";
@@ -20,7 +20,7 @@ static const char *drive_state_words(uint8_t drive_state)
     }
 }
 
-bool motion_table_take(motion_table_t *table, igh_cia402_context_t *cia402)
+bool motion_table_read(motion_table_t *table, igh_cia402_context_t *cia402)
 {
     size_t axes = igh_cia402_axis_count(cia402);
     for (table->count = 0; table->count < axes && table->count < MOTION_MAX_AXES; table->count++) {
@@ -36,7 +36,7 @@ bool motion_table_take(motion_table_t *table, igh_cia402_context_t *cia402)
     return true;
 }
 
-/* A number in so many columns; "-" where there is none. */
+/* Prints a number in this width; "-" for none. */
 static void print_number(int columns, bool is_there, int64_t number)
 {
     if (is_there) {
@@ -55,13 +55,13 @@ static void print_row(size_t axis, const motion_row_t *row)
     uint64_t error = (uint64_t)(state->following_error < 0 ? -state->following_error
                                                            : state->following_error);
     uint64_t max_error = statistics->max_following_error;
-    /* The statistics take the error before the cycle's target, the column after it. */
+    /* The statistics measure the error before the target of the cycle, the column after it. */
     if (has_error && error > max_error) {
         max_error = error;
     }
     snprintf(name, sizeof(name), "%zu: node %u (slave %u, channel %u)", axis, state->node_id,
              state->slave, state->channel);
-    printf("%-38s%-20s", name, drive_state_words(state->drive_state));
+    printf("%-38s%-20s", name, drive_state_text(state->drive_state));
     print_number(11, state->has_target, state->target);
     print_number(11, state->has_actual, state->actual);
     print_number(8, has_error, state->following_error);

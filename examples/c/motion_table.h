@@ -7,7 +7,7 @@
 #include "igh_cia402_protocol.h"
 #include "motion.h"
 
-/* What is known of an axis at one moment. */
+/* State of an axis at one time. */
 typedef struct {
     igh_cia402_axis_state_t state;
     igh_cia402_axis_statistics_t statistics;
@@ -19,9 +19,9 @@ typedef struct {
     size_t count;
 } motion_table_t;
 
-/* Takes the rows: before the axes come to rest, since they are switched off then. False, with a
- * message on standard error and the rows so far, where that fails. */
-bool motion_table_take(motion_table_t *table, igh_cia402_context_t *cia402);
+/* Reads the rows; call it before the shutdown, which disables the axes. Returns false, with a
+ * message on standard error and the rows so far, on failure. */
+bool motion_table_read(motion_table_t *table, igh_cia402_context_t *cia402);
 
 /* One line per axis: state, target, actual position, following error, gaps, emergencies. */
 void motion_table_print(const motion_table_t *table);

@@ -31,7 +31,7 @@ bool object_type_parse(const char *name, object_type_t *type)
 static bool encode_number(object_type_t type, const char *text, uint8_t *data)
 {
     bool is_negative = text[0] == '-';
-    /* Of a signed type the bits below the sign. */
+    /* Signed types: the bits below the sign. */
     uint64_t most = UINT64_MAX >> (64 - 8 * type.bytes + (type.kind == OBJECT_SIGNED ? 1 : 0));
     uint64_t number = 0;
     if (!parse_number(is_negative ? text + 1 : text, &number) ||
@@ -77,7 +77,7 @@ bool object_value_encode(object_type_t type, const char *text, uint8_t *data, si
         return encode_number(type, text, data);
     case OBJECT_HEX:
         if (!encode_hex(text, data, size, length)) {
-            report("%s is not a row of at most %zu bytes in hexadecimal", text, size);
+            report("%s is invalid; expected at most %zu bytes in hexadecimal", text, size);
             return false;
         }
         return true;
@@ -105,7 +105,7 @@ static int64_t signed_value(const uint8_t *data, size_t length)
 {
     uint64_t sign = UINT64_C(1) << (8 * length - 1);
     uint64_t value = unsigned_value(data, length);
-    /* Without a cast of a number that does not fit. */
+    /* Avoids a cast of a number that does not fit. */
     return (value & sign) == 0 ? (int64_t)value : -(int64_t)(sign - 1 - (value ^ sign)) - 1;
 }
 

@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 typedef enum {
-    OBJECT_ANY, /* not known: shown in every way that fits */
+    OBJECT_ANY, /* unknown: shown in every format that fits */
     OBJECT_UNSIGNED,
     OBJECT_SIGNED,
     OBJECT_STRING,
@@ -22,13 +22,13 @@ typedef struct {
 /* u8, u16, u32, u64, i8, i16, i32, i64, string or hex; false for other names. */
 bool object_type_parse(const char *name, object_type_t *type);
 
-/* The bytes of a value, little-endian; false, with a message on standard error, where the text is
- * no such value or does not fit. */
+/* Converts a text to the bytes of a value, little-endian. Returns false, with a message on
+ * standard error, if the text is not a value of the type. */
 bool object_value_encode(object_type_t type, const char *text, uint8_t *data, size_t size,
                          size_t *length);
 
-/* Prints a value and ends the line; false, with a message on standard error, for a value of another
- * length than the type's. */
+/* Prints a value and a line break. Returns false, with a message on standard error, if the
+ * length is not that of the type. */
 bool object_value_print(object_type_t type, const uint8_t *data, size_t length);
 
 #endif /* OBJECT_VALUE_H */

@@ -11,7 +11,7 @@
 #include "igh_ecan_common.h"
 #include "report.h"
 
-/* What getopt_long() returns: the place in the list, behind all characters. */
+/* Return values of getopt_long(): the index in the list, above all characters. */
 enum { FIRST_OPTION = 256 };
 
 void options_wrong_use(const char *format, ...)
@@ -38,7 +38,7 @@ bool parse_number(const char *text, uint64_t *number)
 {
     bool is_hexadecimal = text[0] == '0' && (text[1] == 'x' || text[1] == 'X');
     const char *digits = is_hexadecimal ? text + 2 : text;
-    /* strtoull() by itself takes blanks and signs, too. */
+    /* strtoull() also accepts blanks and signs. */
     const char *known = is_hexadecimal ? "0123456789abcdefABCDEF" : "0123456789";
     if (*digits == '\0' || strspn(digits, known) != strlen(digits)) {
         return false;
@@ -85,12 +85,12 @@ static void store(const option_t *option, const char *value)
     }
 }
 
-/* Prints words behind the column of the names, broken into lines of 80 characters. */
-static void print_wrapped(const char *words)
+/* Prints a text after the column of the names, in lines of 80 characters. */
+static void print_wrapped(const char *text)
 {
     enum { INDENT = 26, WIDTH = 80 };
     size_t column = INDENT;
-    for (const char *word = words; *word != '\0';) {
+    for (const char *word = text; *word != '\0';) {
         size_t length = strcspn(word, " ");
         if (column > INDENT && column + 1 + length > WIDTH) {
             printf("\n%*s", INDENT, "");
@@ -109,24 +109,24 @@ static void print_wrapped(const char *words)
 
 static void print_option(const option_t *option)
 {
-    char left[64], words[512];
-    size_t room = sizeof(words);
+    char left[64], text[512];
+    size_t room = sizeof(text);
     snprintf(left, sizeof(left), "--%s %s", option->name,
              option->value_name != NULL ? option->value_name : "");
     printf("  %-22s  ", left);
     if (option->is_required) {
-        snprintf(words, room, "%s (required)", option->help);
+        snprintf(text, room, "%s (required)", option->help);
     } else if (option->integer != NULL) {
-        snprintf(words, room, "%s [default: %" PRId32 "]", option->help, *option->integer);
+        snprintf(text, room, "%s [default: %" PRId32 "]", option->help, *option->integer);
     } else if (option->text != NULL && *option->text != NULL) {
-        snprintf(words, room, "%s [default: %s]", option->help, *option->text);
+        snprintf(text, room, "%s [default: %s]", option->help, *option->text);
     } else if (option->number != NULL && option->is_given == NULL &&
                *option->number >= option->minimum) {
-        snprintf(words, room, "%s [default: %" PRIu64 "]", option->help, *option->number);
+        snprintf(text, room, "%s [default: %" PRIu64 "]", option->help, *option->number);
     } else {
-        snprintf(words, room, "%s", option->help);
+        snprintf(text, room, "%s", option->help);
     }
-    print_wrapped(words);
+    print_wrapped(text);
 }
 
 static void print_help(const option_list_t *list, const char *program)
@@ -139,7 +139,7 @@ static void print_help(const option_list_t *list, const char *program)
     print_option(&(option_t){.name = "version", .help = "Print the version"});
 }
 
-/* Whether the value of an option was found on the command line. */
+/* Returns true if the command line contains the option. */
 static bool has_value(const option_list_t *list, const char *const *values, const char *name)
 {
     for (size_t i = 0; i < list->count; i++) {
@@ -154,7 +154,7 @@ void options_parse(const option_list_t *list, int argc, char **argv)
 {
     enum { HELP = 1, VERSION = 2 };
     struct option table[OPTIONS_MAX + 3];
-    /* Values are stored at the end, so that the help still finds the defaults. */
+    /* Values are stored at the end, so that the help shows the defaults. */
     const char *values[OPTIONS_MAX] = {NULL};
     memset(table, 0, sizeof(table));
     for (size_t i = 0; i < list->count; i++) {
@@ -165,7 +165,7 @@ void options_parse(const option_list_t *list, int argc, char **argv)
     table[list->count] = (struct option){"help", no_argument, NULL, HELP};
     table[list->count + 1] = (struct option){"version", no_argument, NULL, VERSION};
 
-    /* The colon asks for ':' in place of a message of getopt's own where a value is missing. */
+    /* With the colon getopt returns ':' for a missing value and prints no message. */
     int found;
     while ((found = getopt_long(argc, argv, ":h", table, NULL)) != -1) {
         switch (found) {
@@ -179,13 +179,13 @@ void options_parse(const option_list_t *list, int argc, char **argv)
         case ':':
             options_wrong_use("%s needs a value", argv[optind - 1]);
         case '?':
-            options_wrong_use("%s is no option, or takes no value", argv[optind - 1]);
+            options_wrong_use("%s is not an option, or has no value", argv[optind - 1]);
         default:
             values[found - FIRST_OPTION] = optarg != NULL ? optarg : "";
         }
     }
     if (optind < argc) {
-        options_wrong_use("%s is no option", argv[optind]);
+        options_wrong_use("%s is not an option", argv[optind]);
     }
     for (size_t i = 0; i < list->count; i++) {
         const char *other = list->options[i].excluded_by;

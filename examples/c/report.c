@@ -10,7 +10,7 @@
 void report(const char *format, ...)
 {
     va_list arguments;
-    /* What was printed before stands before, also where both streams go to one file. */
+    /* Keeps the order of both streams, also in one file. */
     fflush(stdout);
     fputs("error: ", stderr);
     va_start(arguments, format);

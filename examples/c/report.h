@@ -1,20 +1,20 @@
-/* One readable message on standard error for whatever ends a program. */
+/* Error messages on standard error. */
 #ifndef REPORT_H
 #define REPORT_H
 
-/* How the programs end; wrong use is told apart from a run that failed. */
+/* Exit statuses; wrong use has its own. */
 enum { EXIT_WRONG_USE = 2 };
 
-/* Says what went wrong, as printf() does. */
+/* Prints an error message, like printf(). */
 #if defined(__GNUC__)
 __attribute__((format(printf, 1, 2)))
 #endif
 void report(const char *format, ...);
 
-/* Says what the SDK found wrong in the last call: ecan_last_error(). */
+/* Prints the error of the last call of the SDK: ecan_last_error(). */
 void report_sdk_error(void);
 
-/* Says what could not be done to what and, from errno, why. */
+/* Prints a failed operation, its object, and the reason in errno. */
 void report_errno(const char *what, const char *object);
 
 #endif /* REPORT_H */

@@ -24,10 +24,10 @@
 
 enum { RX_CAPACITY = 32 };
 
-/* The end waits for frames under way until none has come for so long: the longer of the two. */
+/* Time without a frame after which none is pending, at the end: the longer of the two. */
 #define IDLE_TIMEOUT_NS UINT64_C(200000000)
 #define QUIET_CYCLES 20
-/* A replay is given up when nothing was taken or came back for so long. */
+/* Time without an accepted or returned frame after which a replay ends. */
 #define STALL_TIMEOUT_NS UINT64_C(10000000000)
 
 typedef struct {
@@ -43,8 +43,8 @@ typedef struct {
 static void parse_arguments(arguments_t *arguments, int argc, char **argv)
 {
     option_list_t list = {
-        .about = "Sends CAN frames through ECAN-Lite gateways every cycle and receives what comes "
-                 "back."};
+        .about = "Sends CAN frames through ECAN-Lite gateways every cycle and receives "
+                 "frames."};
     *arguments = (arguments_t){.channel = "0", .cycles = 1000};
     bus_settings_default(&arguments->bus, "echo");
     bus_settings_add_options(&arguments->bus, &list);
@@ -54,15 +54,15 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     options_add(&list, (option_t){
         .name = "slaves", .value_name = "N", .number = &arguments->bus.slaves,
         .minimum = 1, .maximum = ECAN_IGH_MAX_SLAVES, .excluded_by = "config",
-        .help = "Number of gateways, from position 0 on"});
+        .help = "Number of gateways, from position 0"});
     options_add(&list, (option_t){
         .name = "large-pdos", .flag = &arguments->bus.large_pdos, .excluded_by = "config",
-        .help = "The installed master carries more than 1486 bytes of process data per sync "
+        .help = "The installed master supports more than 1486 bytes of process data per sync "
                 "manager"});
     options_add(&list, (option_t){
         .name = "cycles", .value_name = "N", .number = &arguments->cycles, .maximum = UINT64_MAX,
         .excluded_by = "replay",
-        .help = "Number of cycles to send in; a recording is sent to its end"});
+        .help = "Number of cycles with frames; a recording is sent to its end"});
     options_add(&list, (option_t){
         .name = "channel", .value_name = "CHANNEL", .text = &arguments->channel,
         .is_given = &arguments->is_channel_given,
@@ -71,10 +71,10 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
                 "that its interface names, counted over all gateways"});
     options_add(&list, (option_t){
         .name = "replay", .value_name = "FILE", .text = &arguments->replay,
-        .help = "Send the frames of a candump log and check that each comes back"});
+        .help = "Send the frames of a candump log and check that each returns"});
     options_add(&list, (option_t){
         .name = "dump", .value_name = "FILE", .text = &arguments->dump,
-        .help = "Write what comes back as a candump log"});
+        .help = "Write received frames as a candump log"});
     options_parse(&list, argc, argv);
 
     uint64_t channel = 0;
@@ -91,7 +91,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     }
 }
 
-/* Which channels are used, by the options and the configuration file. */
+/* Selects the channels by the options and the configuration file. */
 static bool choose_channels(arguments_t *arguments)
 {
     bus_settings_t *bus = &arguments->bus;
@@ -130,7 +130,7 @@ static bool read_recording(const arguments_t *arguments, candump_log_t *recordin
     bool is_classic = arguments->bus.fd_bitrate == 0 && arguments->bus.config == NULL;
     for (size_t i = 0; i < recording->count && is_classic; i++) {
         if ((recording->frames[i].record.frame.flags & IGH_MCAN_FLAG_FD) != 0) {
-            report("%s, line %zu is a CAN FD frame: give --fd DATA_BITRATE", arguments->replay,
+            report("%s, line %zu is a CAN FD frame: set --fd DATA_BITRATE", arguments->replay,
                    recording->frames[i].line);
             candump_log_free(recording);
             return false;
@@ -144,7 +144,7 @@ static bool read_recording(const arguments_t *arguments, candump_log_t *recordin
     return true;
 }
 
-/* Takes what came back in this cycle; false, with a message, when it cannot go on. */
+/* Receives the frames of this cycle. Returns false, with a message, if it cannot continue. */
 static bool receive(bus_t *bus, echo_check_t *check, FILE *dump, uint64_t log_time_ns)
 {
     igh_mcan_rx_frame_t rx[RX_CAPACITY];
@@ -161,7 +161,7 @@ static bool receive(bus_t *bus, echo_check_t *check, FILE *dump, uint64_t log_ti
             size_t interface = (size_t)rx[i].slave * ECAN_MCAN_CHANNELS + rx[i].channel;
             echo_check_received(check, &rx[i]);
             if (dump != NULL && !candump_line_write(dump, log_time_ns, interface, &rx[i])) {
-                report_errno("cannot write", "what came back");
+                report_errno("cannot write", "received frames");
                 return false;
             }
         }
@@ -169,13 +169,14 @@ static bool receive(bus_t *bus, echo_check_t *check, FILE *dump, uint64_t log_ti
     return true;
 }
 
-/* Sends to the end of the source and receives until everything is back or nothing comes any more.
- * False, with a message, when it cannot go on. */
+/* Sends to the end of the source and receives until every frame has returned or none arrives any
+ * more. Returns false, with a message, if it cannot continue. */
 static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t *source,
                      echo_check_t *check, FILE *dump)
 {
     uint64_t cycle_ns = settings->cycle_us * 1000;
-    uint64_t quiet_ns = QUIET_CYCLES * cycle_ns > IDLE_TIMEOUT_NS ? QUIET_CYCLES * cycle_ns : IDLE_TIMEOUT_NS;
+    uint64_t quiet_ns =
+        QUIET_CYCLES * cycle_ns > IDLE_TIMEOUT_NS ? QUIET_CYCLES * cycle_ns : IDLE_TIMEOUT_NS;
     uint64_t start = ecan_igh_now_ns(&bus->igh), last_activity = 0;
     cycle_health_t health = {0};
     session_watch_t watch;
@@ -202,11 +203,11 @@ static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t 
             last_activity = elapsed;
         }
         if (source->done == source->total) {
-            if (check->under_way == 0 || elapsed - last_activity > quiet_ns) {
+            if (check->pending == 0 || elapsed - last_activity > quiet_ns) {
                 break;
             }
         } else if (frame_source_next_due(source, &due)) {
-            /* A gap of the recording is no standstill. */
+            /* A gap of the recording is not a stall. */
             uint64_t expected = due > last_activity ? due : last_activity;
             if (elapsed > expected && elapsed - expected > STALL_TIMEOUT_NS) {
                 break;
@@ -219,11 +220,11 @@ static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t 
     return true;
 }
 
-/* Says how the replay went; true when every frame came back unchanged and in order. */
+/* Prints the result of the replay. Returns true if every frame returned unchanged and in order. */
 static bool report_replay(bus_t *bus, const frame_source_t *source, const echo_check_t *check)
 {
     bool is_good = true;
-    printf("\nreplay: %" PRIu64 " frames sent, %" PRIu64 " came back\n", check->sent,
+    printf("\nreplay: %" PRIu64 " frames sent, %" PRIu64 " returned\n", check->sent,
            check->returned);
     if (check->first_difference[0] != '\0') {
         report("%s", check->first_difference);
@@ -233,20 +234,20 @@ static bool report_replay(bus_t *bus, const frame_source_t *source, const echo_c
         report("%" PRIu64 " frames were not sent", source->total - source->done);
         is_good = false;
     }
-    if (check->under_way > 0) {
-        report("%zu frames did not come back", check->under_way);
+    if (check->pending > 0) {
+        report("%zu frames did not return", check->pending);
         is_good = false;
     }
     for (size_t slave = 0; slave < source->slaves; slave++) {
         is_good &= gateway_report_is_flawless(bus, slave);
     }
     if (is_good) {
-        printf("replay: all of them, unchanged and in order\n");
+        printf("replay: all frames unchanged and in order\n");
     }
     return is_good;
 }
 
-/* With the gateways in service: the loop, and what is to be said at its end. */
+/* Loop with the ready gateways, and the report at its end. */
 static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *recording)
 {
     bool is_replay = arguments->replay != NULL;
@@ -279,7 +280,7 @@ static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *
     return is_good;
 }
 
-/* What the counter's frames cost. */
+/* Plan of the counter's frames. */
 static bool print_plan(const arguments_t *arguments)
 {
     igh_mcan_tx_frame_t frame;

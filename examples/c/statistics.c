@@ -9,10 +9,10 @@ bool samples_init(samples_t *samples, size_t capacity)
 {
     *samples = (samples_t){.values = malloc(capacity * sizeof(uint64_t)), .capacity = capacity};
     if (samples->values == NULL) {
-        report("too little memory for %zu samples", capacity);
+        report("not enough memory for %zu samples", capacity);
         return false;
     }
-    /* Written to, the memory is really there: no page fault in the cycle. */
+    /* Writes to the memory, to avoid page faults in the cycle. */
     memset(samples->values, 0, capacity * sizeof(uint64_t));
     return true;
 }
@@ -36,7 +36,7 @@ static int compare(const void *left, const void *right)
     return (a > b) - (a < b);
 }
 
-/* The smallest value that is not below so many percent of the samples. */
+/* Percentile of the samples. */
 static uint64_t percentile(const samples_t *samples, size_t percent)
 {
     return samples->values[(samples->count * percent + 99) / 100 - 1];

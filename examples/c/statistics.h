@@ -1,4 +1,4 @@
-/* Least, greatest and percentiles of a row of times. */
+/* Minimum, maximum and percentiles of times. */
 #ifndef STATISTICS_H
 #define STATISTICS_H
 
@@ -16,16 +16,16 @@ typedef struct {
     uint64_t min, max, p95, p99;
 } distribution_t;
 
-/* Takes the memory, so that the cycle need not. False, with a message on standard error, where
- * there is too little. */
+/* Allocates the memory before the cycle. Returns false, with a message on standard error, if
+ * there is not enough. */
 bool samples_init(samples_t *samples, size_t capacity);
 
 void samples_free(samples_t *samples);
 
-/* Adds a value; behind the capacity it is left out. */
+/* Adds a value; values beyond the capacity are dropped. */
 void samples_add(samples_t *samples, uint64_t value);
 
-/* Sorts the samples. All 0 where there is none. */
+/* Sorts the samples. All 0 without samples. */
 distribution_t samples_distribution(samples_t *samples);
 
 #endif /* STATISTICS_H */

@@ -1,4 +1,5 @@
-/* A customer's smallest program: one frame out, and back from the simulator's echo node. */
+/* The smallest program of a customer: sends a frame, and receives it from the simulator's echo
+ * node. */
 #include <stdio.h>
 
 #include <igh_cia402_protocol.h>
@@ -49,6 +50,6 @@ int main(void)
         igh_mcan_port_cycle_end(&port);
     }
     ecan_igh_deinit(&igh);
-    puts(is_back ? "the frame came back" : "the frame did not come back");
+    puts(is_back ? "the frame received back" : "the frame did not come back");
     return is_back ? 0 : 1;
 }

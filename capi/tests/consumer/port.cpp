@@ -38,6 +38,6 @@ int main()
         igh_mcan_port_cycle_end(port.get());
     }
     ecan_igh_deinit(igh.get());
-    std::puts(is_back ? "the frame came back" : "the frame did not come back");
+    std::puts(is_back ? "the frame received back" : "the frame did not come back");
     return is_back ? 0 : 1;
 }

@@ -3,17 +3,17 @@
 
 static const uint8_t VALUE[8] = {1};
 
-/* Every function of a configuration refuses what is none. */
+/* Every function of a configuration rejects an invalid one. */
 static void no_config(int code, ecan_igh_config_t *config)
 {
     char text[ECAN_IGH_MAX_SETTING];
-    uint16_t place;
+    uint16_t position;
     uint32_t number;
     size_t count;
     BAD(code, ecan_igh_check_config(config));
     BAD(code, ecan_igh_config_get_slave_count(config, &count));
     BAD(code, ecan_igh_config_get_cycle_ns(config, &number));
-    BAD(code, ecan_igh_config_get_slave_position(config, 0, &place, &place));
+    BAD(code, ecan_igh_config_get_slave_position(config, 0, &position, &position));
     BAD(code, ecan_igh_config_get_slave_pdo_multipliers(config, 0, &number, &number));
     BAD(code, ecan_igh_config_get_ecrt(config, text, sizeof(text)));
     BAD(code, ecan_igh_config_set_ecrt(config, "sim"));
@@ -166,7 +166,7 @@ static void slaves(ecan_igh_config_t *config)
     GOOD(ecan_igh_config_allow_large_pdos(config, 0));
     BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
 
-    /* Every fault is named. */
+    /* Every fault is reported. */
     GOOD(ecan_igh_config_set_slave_position(config, 1, 0, 0));
     GOOD(ecan_igh_config_set_dc_sync0(config, 1500, 0));
     BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));

@@ -1,9 +1,9 @@
-/* igh_adapter.h: contexts, their life, and what must not be done with them. */
+/* igh_adapter.h: life of contexts, and invalid calls. */
 #include "check.h"
 
 static const uint8_t VALUE[4] = {1};
 
-/* Every function of a context refuses what is none. */
+/* Every function of a context rejects an invalid one. */
 static void no_context(int code, ecan_igh_context_t *context)
 {
     static ecan_igh_config_t config;
@@ -68,7 +68,7 @@ static void no_context(int code, ecan_igh_context_t *context)
     }
 }
 
-/* Every NULL but the context itself. */
+/* Every NULL except the context. */
 static void null_pointers(ecan_igh_context_t *context)
 {
     static ecan_igh_config_t config;
@@ -121,7 +121,7 @@ static void wrong_slave(ecan_igh_context_t *context, size_t slave)
     BAD(ECAN_ERR_SLAVE, ecan_igh_create_sdo_request(context, slave, 4, &size));
 }
 
-static void refused_starts(void)
+static void rejected_starts(void)
 {
     static ecan_igh_config_t config;
     ecan_igh_context_t context;
@@ -179,7 +179,7 @@ static void refused_starts(void)
     BAD(ECAN_ERR_SDO, ecan_igh_init(&context, &config));
     SAME(0x06010002, ecan_last_abort_code());
 
-    /* There is nothing to deinit, and nothing that can be used. */
+    /* Nothing to deinit, and nothing that can be used. */
     BAD(ECAN_ERR_NOT_INITIALISED, ecan_igh_activate(&context));
     GOOD(ecan_igh_deinit(&context));
     simulate(&config, "sim:echo");
@@ -187,7 +187,7 @@ static void refused_starts(void)
     GOOD(ecan_igh_deinit(&context));
 }
 
-static void contexts_that_are_none(void)
+static void invalid_contexts(void)
 {
     static ecan_igh_config_t config;
     static igh_mcan_port_config_t port_config;
@@ -231,12 +231,12 @@ static void contexts_that_are_none(void)
     check_about(NULL);
     GOOD(ecan_igh_diagnostics_deinit(&diagnostics));
 
-    /* An old context does not name the master that follows. */
+    /* An old context does not refer to the next master. */
     copy = context;
     GOOD(ecan_igh_deinit(&context));
     GOOD(ecan_igh_init(&context, &config));
     context = copy;
-    check_about("the words of an earlier context");
+    check_about("the text of an earlier context");
     no_context(ECAN_ERR_NOT_INITIALISED, &context);
     check_about(NULL);
 }
@@ -296,8 +296,8 @@ void test_adapter_life(void)
     size_t size;
     size_t request;
 
-    refused_starts();
-    contexts_that_are_none();
+    rejected_starts();
+    invalid_contexts();
 
     simulate(&config, "sim:echo");
     GOOD(ecan_igh_config_set_slave_count(&config, 2));

@@ -12,7 +12,7 @@ static void privileges(void)
     BAD(ECAN_ERR_NULL, ecan_igh_apply_real_time(NULL, report, sizeof(report)));
     BAD(ECAN_ERR_NULL, ecan_igh_apply_real_time(&settings, NULL, 10));
 
-    /* Nothing is asked for, nothing is told. */
+    /* No request, no report. */
     fill_garbage(1, report, sizeof(report));
     GOOD(ecan_igh_apply_real_time(&settings, report, sizeof(report)));
     SAME(0, report[0]);
@@ -30,7 +30,8 @@ static void privileges(void)
     ERROR_HAS("stack");
     settings.lock_memory = 0;
 
-    /* A CPU that hardly any machine has: told where it may lack, an error where it may not. */
+    /* A CPU that most machines do not have: reported if it is optional, an error if it is
+     * required. */
     settings.cpu_mask = UINT64_C(1) << 63;
     GOOD(ecan_igh_apply_real_time(&settings, report, sizeof(report)));
     TEXT_HAS("CPU 63: not granted", report);
@@ -41,7 +42,7 @@ static void privileges(void)
     ERROR_HAS("CPU 63");
     TEXT_HAS("CPU 63", report);
 
-    /* Granted or not, in words. */
+    /* Text, granted or denied. */
     settings.is_required = 0;
     settings.cpu_mask = 0;
     settings.priority = 1;

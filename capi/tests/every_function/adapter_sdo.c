@@ -34,7 +34,7 @@ static void waiting_transfers(ecan_igh_context_t *context)
     SAME(ABORT_READ_ONLY, ecan_last_abort_code());
     BAD(ECAN_ERR_SDO, ecan_igh_sdo_download(context, 0, 0x5555, 0, ZERO, 4));
     SAME(ABORT_NO_OBJECT, ecan_last_abort_code());
-    /* An error that is no refusal has no abort code. */
+    /* An error without an SDO abort has no abort code. */
     BAD(ECAN_ERR_SLAVE, ecan_igh_sdo_download(context, 7, 0x5555, 0, ZERO, 4));
     SAME(0, ecan_last_abort_code());
     GOOD(ecan_igh_sdo_upload(context, 0, 0x8001, 36, data, sizeof(data), &length));
@@ -189,13 +189,13 @@ static void handles(ecan_igh_context_t *context)
     GOOD(ecan_igh_diagnostics_deinit(&handle));
 }
 
-/* What another thread finds; only it writes until it is joined, but for `is_done`. */
-struct beside {
+/* Results of another thread; until it is joined only that thread writes, except `is_done`. */
+struct worker {
     pthread_mutex_t lock;
     int is_done;
     ecan_igh_diagnostics_t handle;
     int upload;
-    int refused;
+    int rejected;
     uint32_t abort_code;
     int download;
     int state;
@@ -204,51 +204,51 @@ struct beside {
     ecan_igh_master_state_t master;
 };
 
-static void *work_beside(void *user)
+static void *run_worker(void *user)
 {
-    struct beside *beside = user;
-    ecan_igh_diagnostics_t *handle = &beside->handle;
-    beside->upload = ecan_igh_diagnostics_sdo_upload(handle, 0, 0x1018, 1, beside->data,
-                                                     sizeof(beside->data), &beside->length);
-    beside->refused = ecan_igh_diagnostics_sdo_upload(
-        handle, 0, 0x5555, 0, beside->data, sizeof(beside->data), &beside->length);
-    beside->abort_code = ecan_last_abort_code();
-    beside->download = ecan_igh_diagnostics_sdo_download(handle, 0, 0x1018, 1, ZERO, 4);
-    beside->state = ecan_igh_diagnostics_master_state(handle, &beside->master);
-    pthread_mutex_lock(&beside->lock);
-    beside->is_done = 1;
-    pthread_mutex_unlock(&beside->lock);
+    struct worker *worker = user;
+    ecan_igh_diagnostics_t *handle = &worker->handle;
+    worker->upload = ecan_igh_diagnostics_sdo_upload(handle, 0, 0x1018, 1, worker->data,
+                                                     sizeof(worker->data), &worker->length);
+    worker->rejected = ecan_igh_diagnostics_sdo_upload(
+        handle, 0, 0x5555, 0, worker->data, sizeof(worker->data), &worker->length);
+    worker->abort_code = ecan_last_abort_code();
+    worker->download = ecan_igh_diagnostics_sdo_download(handle, 0, 0x1018, 1, ZERO, 4);
+    worker->state = ecan_igh_diagnostics_master_state(handle, &worker->master);
+    pthread_mutex_lock(&worker->lock);
+    worker->is_done = 1;
+    pthread_mutex_unlock(&worker->lock);
     return NULL;
 }
 
-static void diagnosis_beside_the_cycle(ecan_igh_context_t *context)
+static void diagnosis_during_the_cycle(ecan_igh_context_t *context)
 {
-    static struct beside beside;
+    static struct worker worker;
     pthread_t thread;
     long cycles = 0;
     int is_done = 0;
 
-    memset(&beside, 0, sizeof(beside));
-    SAME(0, pthread_mutex_init(&beside.lock, NULL));
-    GOOD(ecan_igh_diagnostics_open(&beside.handle, context));
-    SAME(0, pthread_create(&thread, NULL, work_beside, &beside));
+    memset(&worker, 0, sizeof(worker));
+    SAME(0, pthread_mutex_init(&worker.lock, NULL));
+    GOOD(ecan_igh_diagnostics_open(&worker.handle, context));
+    SAME(0, pthread_create(&thread, NULL, run_worker, &worker));
     for (cycles = 0; cycles < 100000000L && !is_done; cycles++) {
         cycle(context);
-        pthread_mutex_lock(&beside.lock);
-        is_done = beside.is_done;
-        pthread_mutex_unlock(&beside.lock);
+        pthread_mutex_lock(&worker.lock);
+        is_done = worker.is_done;
+        pthread_mutex_unlock(&worker.lock);
     }
     SAME(1, is_done);
     SAME(0, pthread_join(thread, NULL));
-    SAME(ECAN_OK, beside.upload);
-    SAME(ECAN_ERR_SDO, beside.refused);
-    SAME(ABORT_NO_OBJECT, beside.abort_code);
-    SAME(ECAN_ERR_SDO, beside.download);
-    SAME(ECAN_OK, beside.state);
-    SAME(1, beside.master.slaves_responding);
+    SAME(ECAN_OK, worker.upload);
+    SAME(ECAN_ERR_SDO, worker.rejected);
+    SAME(ABORT_NO_OBJECT, worker.abort_code);
+    SAME(ECAN_ERR_SDO, worker.download);
+    SAME(ECAN_OK, worker.state);
+    SAME(1, worker.master.slaves_responding);
     SAME(1, ecan_igh_is_operational(context));
-    GOOD(ecan_igh_diagnostics_deinit(&beside.handle));
-    pthread_mutex_destroy(&beside.lock);
+    GOOD(ecan_igh_diagnostics_deinit(&worker.handle));
+    pthread_mutex_destroy(&worker.lock);
 }
 
 void test_adapter_sdo(void)
@@ -272,7 +272,7 @@ void test_adapter_sdo(void)
     GOOD(ecan_igh_wait_op_timeout(&context, 20000));
     waiting_transfers(&context);
     use_requests(&context, request, small);
-    diagnosis_beside_the_cycle(&context);
+    diagnosis_during_the_cycle(&context);
 
     /* A handle may outlive the context. */
     GOOD(ecan_igh_diagnostics_open(&handle, &context));

@@ -17,13 +17,13 @@ static void failed(const char *file, int line, const char *what)
             what_about == NULL ? "" : "]");
 }
 
-/* The words of the last error begin with the function that was called. */
+/* The text of the last error begins with the called function. */
 static int names_function(const char *call)
 {
     size_t length = strcspn(call, "(");
-    const char *words = ecan_last_error();
-    return strncmp(words, call, length) == 0 && strncmp(words + length, ": ", 2) == 0 &&
-           words[length + 2] != '\0';
+    const char *text = ecan_last_error();
+    return strncmp(text, call, length) == 0 && strncmp(text + length, ": ", 2) == 0 &&
+           text[length + 2] != '\0';
 }
 
 void check_before(void)
@@ -64,7 +64,7 @@ void check_none(const char *file, int line, const char *call, int code, long lon
                 ecan_result_name(ecan_last_error_code()), ecan_last_error());
     } else if (!names_function(call)) {
         failed(file, line, call);
-        fprintf(stderr, "    the words do not name the function: \"%s\"\n", ecan_last_error());
+        fprintf(stderr, "    the text does not name the function: \"%s\"\n", ecan_last_error());
     }
 }
 
@@ -136,14 +136,14 @@ const char *fill_garbage(int kind, void *memory, size_t size)
     }
 }
 
-/* In a directory of its own, which ends with it. */
+/* In an own directory that is deleted with it. */
 int write_file(const char *text, char *path, size_t size)
 {
-    const char *place = getenv("TMPDIR");
+    const char *parent = getenv("TMPDIR");
     char directory[256];
     FILE *file;
     int length = snprintf(directory, sizeof(directory), "%s/every_function_XXXXXX",
-                          place == NULL ? "/tmp" : place);
+                          parent == NULL ? "/tmp" : parent);
     if (length >= (int)sizeof(directory) || mkdtemp(directory) == NULL ||
         snprintf(path, size, "%s/file.toml", directory) >= (int)size) {
         return -1;

@@ -1,4 +1,4 @@
-/* Checks that count, and the contexts that every function has to refuse. */
+/* Counted checks, and contexts that every function must reject. */
 #ifndef CHECK_H
 #define CHECK_H
 
@@ -11,21 +11,21 @@
 #include "igh_cia402_protocol.h"
 #include "igh_mcan_port.h"
 
-/* A call that succeeds, and leaves the last error as it is. */
+/* A call that succeeds and does not change the last error. */
 #define GOOD(call)                                                                                 \
     do {                                                                                           \
         check_before();                                                                            \
         check_good(__FILE__, __LINE__, #call, (call));                                             \
     } while (0)
 
-/* A call that returns this code, in words of its own. */
+/* A call that returns this code, with a text. */
 #define BAD(code, call)                                                                            \
     do {                                                                                           \
         check_before();                                                                            \
         check_bad(__FILE__, __LINE__, #call, (code), (call));                                      \
     } while (0)
 
-/* A getter that returns this value where it fails with this code. */
+/* A getter that returns this value and fails with this code. */
 #define NONE(code, value, call)                                                                    \
     do {                                                                                           \
         check_before();                                                                            \
@@ -54,26 +54,26 @@ void check_same(const char *file, int line, const char *what, long long expected
 void check_true(const char *file, int line, const char *what, int condition);
 void check_text(const char *file, int line, const char *part, const char *text);
 
-/* What is being tried; told with a failure. NULL for nothing in particular. */
+/* Description of the tested case, for failures; NULL for none. */
 void check_about(const char *about);
 unsigned long check_count(void);
 unsigned long check_failures(void);
 
-/* Fills memory as it may be found: 0x00, 0xFF, 0xA5, and random bytes. */
+/* Fills memory with any content: 0x00, 0xFF, 0xA5, and random bytes. */
 #define GARBAGE_KINDS 4
 const char *fill_garbage(int kind, void *memory, size_t size);
 
-/* A file in a directory of its own; `path` gets where. 0 for success. */
+/* Creates a file in an own directory and stores its path. Returns 0 for success. */
 int write_file(const char *text, char *path, size_t size);
 void remove_file(const char *path);
 
-/* A file with a scenario for the simulator; `setting` gets "sim:" and its path. 0 for success. */
+/* Creates a scenario file; `setting` gets "sim:" and its path. Returns 0 for success. */
 int write_scenario(const char *toml, char *setting, size_t size);
 void remove_scenario(const char *setting);
 
 /* Configurations for a simulated bus with a stepped clock. */
 void simulate(ecan_igh_config_t *config, const char *setting);
-/* With a Port, its configuration applied; the context and the Port are initialised, or it fails. */
+/* Initialises a context, and a Port whose configuration is applied, or fails. */
 int start_port(ecan_igh_context_t *igh, igh_mcan_port_t *port, const ecan_igh_config_t *igh_config,
                const igh_mcan_port_config_t *config);
 
@@ -88,7 +88,7 @@ void test_adapter_real_time(void);
 void test_adapter_sdo(void);
 void test_port_config(void);
 void test_config_file(void);
-void test_config_file_in_service(void);
+void test_config_file_run(void);
 void test_port_life(void);
 void test_port_cycle(void);
 void test_port_schedule(void);

@@ -1,9 +1,9 @@
-/* igh_cia402_protocol.h: the axis table, settings, contexts, and what must not be done with them. */
+/* igh_cia402_protocol.h: axis table, settings, contexts, and invalid calls. */
 #include "check.h"
 
 static const uint8_t VALUE[4] = {1};
 
-/* Every function of a context refuses what is none. */
+/* Every function of a context rejects an invalid one. */
 static void no_context(int code, igh_cia402_context_t *context)
 {
     igh_mcan_rx_frame_t rx;

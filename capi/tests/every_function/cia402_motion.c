@@ -1,4 +1,4 @@
-/* igh_cia402_protocol.h: start-up, motion, commands, states, faults, shutdown. */
+/* igh_cia402_protocol.h: startup, motion, commands, states, faults, shutdown. */
 #include "check.h"
 
 #define AXES 3
@@ -14,8 +14,8 @@ static struct {
     int is_last_named;
 } progress;
 
-/* A call with the context from the callback is refused. */
-static void tell(void *user, size_t axis, const char *text)
+/* A call with the context from the callback is rejected. */
+static void on_progress(void *user, size_t axis, const char *text)
 {
     char name[16];
     TRUE(user == &progress);
@@ -110,14 +110,14 @@ static void unknown_numbers(void)
 
 static void start_up(void)
 {
-    GOOD(igh_cia402_set_progress_callback(&motors, tell, &progress));
+    GOOD(igh_cia402_set_progress_callback(&motors, on_progress, &progress));
     SAME(ECAN_OK, igh_cia402_configure_csp_all_timeout(&motors, 30000));
     TRUE(progress.calls > AXES);
     SAME(1, progress.busy);
     SAME(1, progress.is_last_named);
     GOOD(igh_cia402_set_progress_callback(&motors, NULL, NULL));
     SAME(IGH_CIA402_PHASE_STANDBY, state_of(0).phase);
-    /* Until the next heartbeat tells it. */
+    /* Until the next heartbeat reports it. */
     for (int i = 0; i < 250; i++) {
         cycle();
     }
@@ -173,7 +173,7 @@ static void motion(void)
         SAME(start[axis] + 1500, state_of(axis).target);
     }
 
-    /* By the axis' own step. */
+    /* By the step of the axis. */
     for (int i = 0; i < 200; i++) {
         begin();
         GOOD(igh_cia402_send_target_step(&motors));
@@ -193,7 +193,7 @@ static void motion(void)
         GOOD(igh_mcan_port_cycle_end(&port));
     }
 
-    /* A target too far is refused, and the one before stands. */
+    /* A target that is too far is rejected, and the previous one stays. */
     begin();
     GOOD(igh_cia402_set_target(&motors, 0, state_of(0).target + 1001));
     GOOD(igh_cia402_send_targets_all(&motors));
@@ -291,7 +291,7 @@ static void commands(void)
         cycle();
     }
 
-    /* NMT: a node that is stopped is not taken up; it is configured anew. */
+    /* NMT: a stopped node does not become active; it is configured again. */
     GOOD(igh_cia402_send_nmt(&motors, 0, IGH_CANOPEN_NMT_STOP));
     for (int i = 0; i < 300; i++) {
         cycle();
@@ -309,7 +309,7 @@ static void commands(void)
     SAME(1, igh_cia402_all_running(&motors));
 }
 
-static void words_and_load(void)
+static void text_and_load(void)
 {
     igh_cia402_bus_load_t loads[3];
     char text[256];
@@ -391,7 +391,7 @@ static void faults(void)
     SAME(0, state_of(0).is_running);
     SAME(0x8611, state_of(0).error_code);
     SAME(IGH_CIA402_AXIS_ERROR_FAULT, state_of(0).axis_error);
-    /* It is not enabled before its fault is reset. */
+    /* Not enabled before the reset of the fault. */
     igh_cia402_enable(&motors, 0);
     for (int i = 0; i < 300; i++) {
         cycle();
@@ -435,7 +435,7 @@ void test_cia402_motion(void)
     start_up();
     motion();
     commands();
-    words_and_load();
+    text_and_load();
     shutdown();
     GOOD(igh_cia402_context_deinit(&motors));
     GOOD(igh_mcan_port_deinit(&port));

@@ -38,7 +38,7 @@ static void canopen(void)
     BAD(ECAN_ERR_SDO, igh_canopen_sdo_download(&port, 0, 0, 1, 0x5FFF, 0, VALUE, 4, 2000));
     SAME(ABORT_NO_OBJECT, ecan_last_abort_code());
 
-    /* Nobody has this node-ID. */
+    /* No node has this node-ID. */
     BAD(ECAN_ERR_TIMEOUT,
         igh_canopen_sdo_upload(&port, 0, 0, 99, 0x1000, 0, data, 16, &length, 5000));
     SAME(0, ecan_last_abort_code());
@@ -170,7 +170,7 @@ void test_cia402_sdo(void)
     SAME(0, length);
     of_an_axis();
     in_the_cycle();
-    /* A node that is not there is named. */
+    /* The message names the absent node. */
     BAD(ECAN_ERR_AXES, igh_cia402_configure_csp_all_timeout(&motors, 10000));
     ERROR_HAS("node 99");
     GOOD(igh_cia402_context_deinit(&motors));

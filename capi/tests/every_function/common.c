@@ -99,11 +99,11 @@ static void last_error(void)
     ERROR_HAS("ecan_igh_default_config: ");
     SAME(0, ecan_last_abort_code());
 
-    /* Success leaves it as it is. */
+    /* Success does not change it. */
     SAME(8, igh_mcan_len_from_dlc(8, 0));
     SAME(ECAN_ERR_NULL, ecan_last_error_code());
 
-    /* It is this thread's own. */
+    /* It belongs to this thread. */
     SAME(0, pthread_create(&thread, NULL, another_thread, &seen));
     SAME(0, pthread_join(thread, NULL));
     SAME(1, seen.is_empty_at_first);

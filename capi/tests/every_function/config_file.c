@@ -1,4 +1,4 @@
-/* igh_mcan_port.h: configurations from a file, and files that are none. */
+/* igh_mcan_port.h: configurations from a file, and invalid files. */
 #include "check.h"
 
 #include <stdlib.h>
@@ -22,10 +22,10 @@ static const char FAULTY[] = "cycle_us = \"fast\"\n"
                              "bitrate = 1_000_000\n"
                              "data_bitrate = 500_000\n"
                              "node_mode = \"quiet\"\n";
-/* Where its faults are, with a part of their words. */
+/* Locations of its faults, with a part of their texts. */
 static const struct {
     uint32_t line, column;
-    const char *words;
+    const char *text;
 } FAULTS[] = {{1, 12, "`cycle_us` must be a number, not a string"},
               {2, 38, "Sync0 shift of 20000 us"},
               {5, 5, "`n` = 25 is out of range; allowed: 1 to 24"},
@@ -41,7 +41,7 @@ static ecan_igh_config_t igh_config;
 static igh_mcan_port_config_t config;
 static igh_mcan_file_fault_t faults[32];
 
-/* Both configurations are as before. */
+/* Both configurations are unchanged. */
 static void untouched(void)
 {
     uint32_t cycle_ns, bitrate;
@@ -100,11 +100,11 @@ static void unreadable(void)
     untouched();
 }
 
-static void all_faults_are_told(void)
+static void reports_all_faults(void)
 {
     char path[300];
     size_t count = 0;
-    char place[64];
+    char location[64];
 
     SAME(0, write_file(FAULTY, path, sizeof(path)));
     fill_garbage(2, faults, sizeof(faults));
@@ -114,18 +114,18 @@ static void all_faults_are_told(void)
     for (size_t i = 0; i < ITEMS(FAULTS); i++) {
         SAME(FAULTS[i].line, faults[i].line);
         SAME(FAULTS[i].column, faults[i].column);
-        TEXT_HAS(FAULTS[i].words, faults[i].reason);
-        ERROR_HAS(FAULTS[i].words);
-        snprintf(place, sizeof(place), "line %u, column %u: ", (unsigned)FAULTS[i].line,
+        TEXT_HAS(FAULTS[i].text, faults[i].reason);
+        ERROR_HAS(FAULTS[i].text);
+        snprintf(location, sizeof(location), "line %u, column %u: ", (unsigned)FAULTS[i].line,
                  (unsigned)FAULTS[i].column);
-        ERROR_HAS(place);
+        ERROR_HAS(location);
     }
     ERROR_HAS(path);
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_load_config(&igh_config, &config, path));
     ERROR_HAS("10 faults");
     remove_file(path);
 
-    /* No more than there is room for, and all are counted. */
+    /* Not more than the capacity, and all are counted. */
     fill_garbage(2, faults, sizeof(faults));
     BAD(ECAN_ERR_CONFIG,
         igh_mcan_port_parse_config(&igh_config, &config, FAULTY, faults, 2, &count));
@@ -138,7 +138,7 @@ static void all_faults_are_told(void)
     untouched();
 }
 
-/* A comment in Latin-1, as an old editor leaves it. */
+/* A comment in Latin-1, as of an old editor. */
 static void no_text(void)
 {
     size_t count = 0;
@@ -155,8 +155,8 @@ static void no_text(void)
     untouched();
 }
 
-/* More faults than the words of an error can hold. */
-static void very_many_faults(void)
+/* More faults than the text of an error can hold. */
+static void many_faults(void)
 {
     enum { MANY = 2000 };
     size_t count = 0;
@@ -186,7 +186,8 @@ static void too_much(void)
     for (int i = 0; i < ECAN_IGH_MAX_SLAVES + 1; i++) {
         end += sprintf(end, "[[gateway]]\nn = 1\ncan0 = { bitrate = 500_000 }\n");
     }
-    BAD(ECAN_ERR_CONFIG, igh_mcan_port_parse_config(&igh_config, &config, text, faults, 32, &count));
+    BAD(ECAN_ERR_CONFIG,
+        igh_mcan_port_parse_config(&igh_config, &config, text, faults, 32, &count));
     ERROR_HAS("too many gateways");
     SAME(1, count);
     end = text + sprintf(text, "cycle_us = 100_000\nwatchdog_us = 1_000_000\n");
@@ -198,14 +199,15 @@ static void too_much(void)
         }
         end += sprintf(end, "]\n");
     }
-    BAD(ECAN_ERR_CONFIG, igh_mcan_port_parse_config(&igh_config, &config, text, faults, 32, &count));
+    BAD(ECAN_ERR_CONFIG,
+        igh_mcan_port_parse_config(&igh_config, &config, text, faults, 32, &count));
     ERROR_HAS("512 filters");
     SAME(1, count);
     free(text);
     untouched();
 }
 
-/* What stood in the configurations does not mix with what the file says. */
+/* Previous content of the configurations does not mix with the file. */
 static void replaced(const char *path)
 {
     static const uint8_t VALUE[4] = {1};
@@ -266,9 +268,9 @@ void test_config_file(void)
     check_about(NULL);
     wrong_pointers(path);
     unreadable();
-    all_faults_are_told();
+    reports_all_faults();
     no_text();
-    very_many_faults();
+    many_faults();
     too_much();
     replaced(path);
     remove_file(path);

@@ -1,4 +1,4 @@
-/* Calls every function of the C API, as it is meant and as it is not. */
+/* Calls every function of the C API, with valid and invalid arguments. */
 #include "check.h"
 
 int main(void)
@@ -12,7 +12,7 @@ int main(void)
     test_adapter_sdo();
     test_port_config();
     test_config_file();
-    test_config_file_in_service();
+    test_config_file_run();
     test_port_life();
     test_port_cycle();
     test_port_schedule();

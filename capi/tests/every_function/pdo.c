@@ -1,9 +1,9 @@
-/* igh_mcan_pdo.h: frames, profiles, the writer, small things. */
+/* igh_mcan_pdo.h: frames, profiles, the writer, small functions. */
 #include "check.h"
 
 static const uint8_t DATA[65] = {0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88, 0x99};
 
-/* Identifiers, lengths and flags that are no frame; the same wherever a frame is given. */
+/* Invalid CAN IDs, lengths and flags; the same for every function with a frame. */
 static const struct {
     uint32_t can_id;
     uint8_t flags;
@@ -66,7 +66,7 @@ static void frames(void)
     SAME(0, memcmp(frame.data, DATA, 64));
     GOOD(igh_mcan_tx_frame_set_canfd(&frame, 0, 0, 1, IGH_MCAN_FLAG_ESI, NULL, 0));
 
-    /* The frame is only written to with success. */
+    /* The frame is written only on success. */
     fill_garbage(2, &frame, sizeof(frame));
     before = frame;
     BAD(ECAN_ERR_NULL, igh_mcan_tx_frame_set_can(NULL, 0, 0, 0x123, 0, DATA, 8));
@@ -106,7 +106,7 @@ static void frames(void)
     BAD(ECAN_ERR_ARGUMENT, igh_mcan_tx_frame_set_hint(&frame, 256));
 }
 
-/* A profile whose field has another value must be refused with this code. */
+/* A profile with an invalid field must be rejected with this code. */
 static void faulty_profile(int code, igh_mcan_pdo_profile_t profile)
 {
     igh_mcan_pdo_writer_t writer;
@@ -123,7 +123,7 @@ static void faulty_profile(int code, igh_mcan_pdo_profile_t profile)
         igh_mcan_pdo_parse_frames_ex(&profile, image, sizeof(image), &frame, 1, &count, NULL));
 }
 
-static void frames_that_came(void)
+static void received_frames(void)
 {
     igh_mcan_tx_frame_t frame;
     igh_mcan_tx_frame_t before;
@@ -280,7 +280,7 @@ static void writer(void)
     TRUE(igh_mcan_pdo_writer_room(&writer) < room);
     room = igh_mcan_pdo_writer_room(&writer);
 
-    /* Nothing of these changes the image. */
+    /* None of these changes the image. */
     BAD(ECAN_ERR_NULL, igh_mcan_pdo_writer_add(&writer, NULL));
     BAD(ECAN_ERR_CHANNEL, igh_mcan_pdo_writer_add_can(&writer, 2, 0x123, 0, DATA, 8));
     BAD(ECAN_ERR_CHANNEL, igh_mcan_pdo_writer_add_can(&writer, 4, 0x123, 0, DATA, 8));
@@ -336,7 +336,7 @@ static void writer(void)
     TRUE(sequence != 0xFFFF);
 }
 
-static void small_things(void)
+static void small_functions(void)
 {
     static const uint8_t DIGITS[] = "123456789";
     static const int FD_BYTES[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
@@ -385,8 +385,8 @@ static void small_things(void)
 void test_pdo(void)
 {
     frames();
-    frames_that_came();
+    received_frames();
     profiles();
     writer();
-    small_things();
+    small_functions();
 }

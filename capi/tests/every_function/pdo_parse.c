@@ -1,4 +1,4 @@
-/* igh_mcan_pdo.h: reading images, sound ones and broken ones. */
+/* igh_mcan_pdo.h: reading valid and damaged images. */
 #include "check.h"
 
 /* The manual's example of 5.4.4.1. */
@@ -32,7 +32,7 @@ static void make_example(void)
     }
 }
 
-/* Sets the bytes of the payload and its CRC as the device would. */
+/* Sets the bytes of the payload and its CRC, as the device does. */
 static void seal_payload(uint16_t length)
 {
     uint16_t crc = igh_mcan_pdo_crc16(image + ECAN_PDO_HEADER_BYTES, length);
@@ -206,7 +206,7 @@ static void broken(void)
     check_about(NULL);
 }
 
-/* Any bytes at all are parsed without harm. */
+/* Any bytes can be parsed without harm. */
 static void any_bytes(void)
 {
     static igh_mcan_rx_frame_t frames[ECAN_PDO_MAX_PACKETS];
@@ -232,7 +232,7 @@ static void any_bytes(void)
     }
 }
 
-static void diagnosis_in_words(void)
+static void diagnosis_text(void)
 {
     igh_mcan_pdo_parse_diag_t diag;
     igh_mcan_rx_frame_t frames[4];
@@ -293,6 +293,6 @@ void test_pdo_parse(void)
     sound();
     broken();
     any_bytes();
-    diagnosis_in_words();
+    diagnosis_text();
     sequences();
 }

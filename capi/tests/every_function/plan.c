@@ -28,7 +28,7 @@ static void frames(void)
     GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 2, text, 10));
     SAME(9, strlen(text));
 
-    /* Eight frames of 135 bits do not go into a millisecond; every reason is told. */
+    /* Eight frames of 135 bits do not fit a millisecond; every fault is reported. */
     stream[0].frames = 8;
     GOOD(ecan_igh_config_set_pdo_multiplier(&igh_config, 12));
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));

@@ -3,7 +3,7 @@
 
 static ecan_igh_config_t igh_config;
 
-/* Every function of a configuration refuses what is none. */
+/* Every function of a configuration rejects an invalid one. */
 static void no_config(int code, igh_mcan_port_config_t *config)
 {
     igh_mcan_schedule_settings_t schedule = {0};
@@ -145,7 +145,7 @@ static void filters(igh_mcan_port_config_t *config)
     BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_add_extended_filter(config, 0, 0, 0, 8, 1, 2));
     GOOD(igh_mcan_port_clear_filters(config, 0, 0));
 
-    /* Identifiers are judged with the whole. */
+    /* CAN IDs are checked with the whole configuration. */
     GOOD(igh_mcan_port_add_standard_filter(config, 0, 0, 0, 1, 0x800, 0x900));
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_check_config(&igh_config, config));
     GOOD(igh_mcan_port_clear_filters(config, 0, 0));
@@ -264,7 +264,7 @@ void test_port_config(void)
     wrong_slave(&config, ECAN_IGH_MAX_SLAVES);
     wrong_slave(&config, SIZE_MAX);
 
-    /* Bit rates and sample points that cannot be had. */
+    /* Impossible bit rates and sample points. */
     GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 777777));
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_check_config(&igh_config, &config));
     BAD(ECAN_ERR_CONFIG, igh_mcan_port_apply_config(&igh_config, &config));

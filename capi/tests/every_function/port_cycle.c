@@ -1,4 +1,4 @@
-/* igh_mcan_port.h: the cycle, sending and what comes back, faults of bus and gateway. */
+/* igh_mcan_port.h: the cycle, sending and receiving, faults of bus and gateway. */
 #include "check.h"
 
 static const uint8_t DATA[64] = {1, 2, 3, 4, 5, 6, 7, 8};
@@ -9,7 +9,7 @@ static void begin(igh_mcan_port_t *port)
     GOOD(igh_mcan_port_cycle_begin(port));
 }
 
-static void refused_sends(igh_mcan_port_t *port)
+static void rejected_sends(igh_mcan_port_t *port)
 {
     static const struct {
         uint32_t can_id;
@@ -82,7 +82,7 @@ static void refused_sends(igh_mcan_port_t *port)
     BAD(ECAN_ERR_ORDER, igh_mcan_port_send(port, &tx));
 }
 
-/* Every frame comes back from the echo node, and its TX_RESULT bears the ticket of its send. */
+/* Every frame returns from the echo node, and its TX_RESULT has the ticket of its send. */
 static void results(igh_mcan_port_t *port)
 {
     igh_mcan_ticket_t tickets[40];
@@ -165,7 +165,7 @@ static void remote_and_batch(igh_mcan_port_t *port)
         GOOD(igh_mcan_tx_frame_set_can(&frames[i], 0, 0, 0x200, 0, DATA, 8));
         GOOD(igh_mcan_tx_frame_set_hint(&frames[i], (int)(i % 4)));
     }
-    /* More than fits: it stops at the first that is not taken, and goes on later. */
+    /* More than fits: it stops at the first rejected frame, and continues later. */
     begin(port);
     code = igh_mcan_port_send_batch(port, frames, ITEMS(frames), &sent);
     TRUE(code == ECAN_ERR_NO_ROOM || code == ECAN_ERR_QUEUE_FULL);
@@ -242,8 +242,8 @@ static void state(igh_mcan_port_t *port)
     TRUE(statistics.cycles > 0 && statistics.txpdo_received > 0);
 }
 
-/* A scenario with faults: images with a broken CRC, a channel that goes bus-off, a library that
- * fails. The code of a cycle is that of its words. */
+/* A scenario with faults: images with a wrong CRC, a bus-off channel, a failing library. The
+ * code of a cycle is that of its text. */
 static void faults(void)
 {
     static ecan_igh_config_t igh_config;
@@ -316,7 +316,7 @@ void test_port_cycle(void)
     GOOD(igh_mcan_port_set_encapsulation(&config, 0, IGH_MCAN_ENCAPSULATION_COMPACT_TIMESTAMPED,
                                          0));
     SAME(0, start_port(&igh, &port, &igh_config, &config));
-    refused_sends(&port);
+    rejected_sends(&port);
     results(&port);
     remote_and_batch(&port);
     state(&port);

@@ -1,4 +1,4 @@
-/* igh_mcan_port.h: Ports, their life, and what must not be done with them. */
+/* igh_mcan_port.h: life of Ports, and invalid calls. */
 #include "check.h"
 
 static const uint8_t DATA[64] = {1, 2, 3, 4, 5, 6, 7, 8};
@@ -6,7 +6,7 @@ static const uint8_t DATA[64] = {1, 2, 3, 4, 5, 6, 7, 8};
 static ecan_igh_config_t igh_config;
 static igh_mcan_port_config_t config;
 
-/* Every function of a Port refuses what is none. */
+/* Every function of a Port rejects an invalid one. */
 static void no_port(int code, igh_mcan_port_t *port)
 {
     igh_mcan_rx_frame_t rx;
@@ -92,7 +92,7 @@ static void null_pointers(ecan_igh_context_t *igh, igh_mcan_port_t *port)
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_capabilities(port, 0, NULL));
 }
 
-static void wrong_places(igh_mcan_port_t *port, size_t slave)
+static void wrong_indices(igh_mcan_port_t *port, size_t slave)
 {
     char text[64];
     igh_mcan_cycle_report_t report;
@@ -153,7 +153,7 @@ static void before_it_is_active(igh_mcan_port_t *port)
     BAD(ECAN_ERR_ORDER, igh_mcan_port_get_last_ticket(port, &ticket));
 }
 
-static void refused_starts(void)
+static void rejected_starts(void)
 {
     static igh_mcan_port_config_t other;
     static ecan_igh_config_t plain;
@@ -176,7 +176,7 @@ static void refused_starts(void)
     BAD(ECAN_ERR_ORDER, igh_mcan_port_init(&second, &igh, &config));
     BAD(ECAN_ERR_ORDER, ecan_igh_reconfigure(&igh, &igh_config));
 
-    /* A Port that has ended may begin again, in the same place or another. */
+    /* A closed Port may be opened again, at the same address or another. */
     GOOD(igh_mcan_port_deinit(&port));
     GOOD(igh_mcan_port_deinit(&port));
     no_port(ECAN_ERR_NOT_INITIALISED, &port);
@@ -192,7 +192,7 @@ static void refused_starts(void)
     GOOD(ecan_igh_deinit(&igh));
     BAD(ECAN_ERR_NOT_INITIALISED, igh_mcan_port_init(&second, &igh, &config));
 
-    /* Without apply, the gateway keeps what it was told last: nothing. */
+    /* Without apply the gateway keeps its last configuration, here none. */
     simulate(&plain, "sim:echo");
     GOOD(ecan_igh_init(&igh, &plain));
     if (igh_mcan_port_init(&port, &igh, &config) == ECAN_OK) {
@@ -201,7 +201,7 @@ static void refused_starts(void)
     GOOD(ecan_igh_deinit(&igh));
 }
 
-static void ports_that_are_none(void)
+static void invalid_ports(void)
 {
     ecan_igh_context_t igh;
     igh_mcan_port_t port;
@@ -247,8 +247,8 @@ static void at_run_time(void)
     GOOD(igh_mcan_port_init(&port, &igh, &config));
     before_it_is_active(&port);
     null_pointers(&igh, &port);
-    wrong_places(&port, 1);
-    wrong_places(&port, SIZE_MAX);
+    wrong_indices(&port, 1);
+    wrong_indices(&port, SIZE_MAX);
     GOOD(ecan_igh_wait_op_timeout(&igh, 20000));
     GOOD(ecan_igh_wait_op_timeout(&igh, 20000));
     SAME(1, igh_mcan_port_is_ready(&port));
@@ -256,7 +256,7 @@ static void at_run_time(void)
     BAD(ECAN_ERR_ORDER, ecan_igh_receive(&igh));
     BAD(ECAN_ERR_ORDER, ecan_igh_send(&igh));
     null_pointers(&igh, &port);
-    wrong_places(&port, 1);
+    wrong_indices(&port, 1);
 
     /* N of 3 to 8 and classic CAN to CAN FD; a fault changes nothing. */
     simulate(&larger, "sim:echo");
@@ -307,7 +307,7 @@ void test_port_life(void)
     GOOD(igh_mcan_port_default_config(&config));
     GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 500000));
     GOOD(igh_mcan_port_apply_config(&igh_config, &config));
-    refused_starts();
-    ports_that_are_none();
+    rejected_starts();
+    invalid_ports();
     at_run_time();
 }

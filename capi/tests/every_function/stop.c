@@ -1,11 +1,11 @@
-/* ecan_igh_stop_waiting_when(): the waiting calls of every layer end, and may be taken up again. */
+/* ecan_igh_stop_waiting_when(): the waiting calls of every layer end, and can be called again. */
 #include "check.h"
 
 static ecan_igh_context_t igh;
 static igh_mcan_port_t port;
 static igh_cia402_context_t motors;
 
-/* Cycles that are still waited for. */
+/* Number of cycles until the stop. */
 static int cycles_left;
 
 static int stop(void *user)
@@ -21,7 +21,7 @@ static void stop_after(int cycles)
     GOOD(ecan_igh_stop_waiting_when(&igh, stop, &cycles_left));
 }
 
-static void stop_the_way_to_op(void)
+static void stop_startup(void)
 {
     stop_after(5);
     BAD(ECAN_ERR_STOPPED, ecan_igh_wait_op_timeout(&igh, 20000));
@@ -30,7 +30,7 @@ static void stop_the_way_to_op(void)
     GOOD(ecan_igh_wait_op_timeout(&igh, 20000));
 }
 
-static void stop_the_axes(void)
+static void stop_axes(void)
 {
     igh_cia402_axis_t axis;
     GOOD(igh_cia402_axis_init(&axis, 0, 0, 1, 0));
@@ -41,7 +41,7 @@ static void stop_the_axes(void)
     BAD(ECAN_ERR_STOPPED, igh_cia402_configure_csp_all_timeout(&motors, 20000));
     GOOD(ecan_igh_stop_waiting_when(&igh, NULL, NULL));
     GOOD(igh_cia402_start_up_timeout(&motors, 20000));
-    /* The end in order is not given up. */
+    /* An orderly shutdown is not stopped. */
     stop_after(0);
     GOOD(igh_cia402_shutdown_timeout(&motors, 20000));
     SAME(0, cycles_left);
@@ -62,7 +62,7 @@ void test_stop(void)
     GOOD(igh_mcan_port_apply_config(&config, &gateways));
     GOOD(ecan_igh_init(&igh, &config));
     GOOD(igh_mcan_port_init(&port, &igh, &gateways));
-    stop_the_way_to_op();
-    stop_the_axes();
+    stop_startup();
+    stop_axes();
     GOOD(ecan_igh_deinit(&igh));
 }

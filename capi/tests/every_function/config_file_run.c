@@ -1,9 +1,9 @@
-/* igh_mcan_port.h: gateways in service by what a file says. */
+/* igh_mcan_port.h: gateways that run with a configuration file. */
 #include "check.h"
 
 static const uint8_t DATA[64] = {1, 2, 3, 4, 5, 6, 7, 8};
 
-/* The partners keep to their bit rates, whatever the gateways are told. */
+/* The other nodes keep their bit rates, independently of the gateways. */
 static const char SCENARIO[] = "[[gateway]]\n"
                                "[[gateway]]\n"
                                "[[gateway]]\n"
@@ -62,13 +62,13 @@ static const char OTHER_CELL[] = "cycle_us = 1000\n"
 static ecan_igh_config_t igh_config;
 static igh_mcan_port_config_t config;
 
-/* Echoes by what was sent. */
+/* Expected echoes of the sent frames. */
 struct echoes {
     unsigned inside, outside, fd, second, others, with_time;
 };
 
-/* Frames that the filter lets through and others on the first gateway's channel 0, CAN FD on its
- * channel 1, and one on the second gateway; 10 each. */
+/* Accepted and filtered frames on channel 0 of the first gateway, CAN FD on its channel 1, and
+ * one frame on the second gateway; 10 each. */
 static struct echoes exchange(igh_mcan_port_t *port, int has_fd)
 {
     struct echoes echoes = {0};
@@ -79,12 +79,12 @@ static struct echoes exchange(igh_mcan_port_t *port, int has_fd)
         GOOD(igh_mcan_port_cycle_begin(port));
         GOOD(igh_mcan_port_receive(port, rx, ITEMS(rx), &count));
         for (size_t i = 0; i < count; i++) {
-            unsigned place = rx[i].slave * 4u + rx[i].channel;
-            echoes.inside += place == 0 && rx[i].can_id == 0x123;
-            echoes.outside += place == 0 && rx[i].can_id == 0x323;
-            echoes.fd += place == 1 && rx[i].can_id == 0x123 && rx[i].len == 64;
-            echoes.second += place == 7 && rx[i].can_id == 0x123;
-            echoes.others += place != 0 && place != 1 && place != 7;
+            unsigned index = rx[i].slave * 4u + rx[i].channel;
+            echoes.inside += index == 0 && rx[i].can_id == 0x123;
+            echoes.outside += index == 0 && rx[i].can_id == 0x323;
+            echoes.fd += index == 1 && rx[i].can_id == 0x123 && rx[i].len == 64;
+            echoes.second += index == 7 && rx[i].can_id == 0x123;
+            echoes.others += index != 0 && index != 1 && index != 7;
             echoes.with_time += rx[i].timestamp_format != IGH_MCAN_TIMESTAMP_NONE;
         }
         if (cycle < 10) {
@@ -113,7 +113,7 @@ static void object_is(ecan_igh_context_t *igh, size_t slave, uint16_t index, uin
     SAME(expected, value);
 }
 
-static void what_the_file_says(void)
+static void content_of_the_file(void)
 {
     uint8_t enabled, fd;
     uint16_t alias, position;
@@ -136,8 +136,8 @@ static void what_the_file_says(void)
     SAME(2000000, rate);
 }
 
-/* What the file alone has words for reached the gateways, before OP. */
-static void what_the_gateways_were_told(ecan_igh_context_t *igh)
+/* Settings that only a file has reached the gateways before OP. */
+static void written_configuration(ecan_igh_context_t *igh)
 {
     object_is(igh, 0, 0x8010, 3, 4);
     object_is(igh, 0, 0x8011, 3, 3);
@@ -150,7 +150,7 @@ static void what_the_gateways_were_told(ecan_igh_context_t *igh)
     object_is(igh, 1, 0x8011, 3, 2);
 }
 
-void test_config_file_in_service(void)
+void test_config_file_run(void)
 {
     ecan_igh_context_t igh;
     igh_mcan_port_t port;
@@ -163,11 +163,11 @@ void test_config_file_in_service(void)
     simulate(&igh_config, setting);
     GOOD(igh_mcan_port_load_config(&igh_config, &config, path));
     remove_file(path);
-    what_the_file_says();
+    content_of_the_file();
 
     GOOD(ecan_igh_init(&igh, &igh_config));
     GOOD(igh_mcan_port_init(&port, &igh, &config));
-    what_the_gateways_were_told(&igh);
+    written_configuration(&igh);
     GOOD(ecan_igh_wait_op_timeout(&igh, ecan_igh_startup_timeout_ms(&igh)));
     SAME(1, igh_mcan_port_is_ready(&port));
     echoes = exchange(&port, 1);
@@ -178,14 +178,14 @@ void test_config_file_in_service(void)
     SAME(0, echoes.others);
     /* Profile 1 of the first gateway's TxPDO. */
     SAME(20, echoes.with_time);
-    /* With Sync0, which the next file leaves out. */
+    /* With Sync0, which the next file does not have. */
     GOOD(igh_mcan_port_wait_next_cycle(&port));
     GOOD(igh_mcan_port_cycle_begin(&port));
     GOOD(igh_mcan_port_schedule_can(&port, 0, 0, 0x123, 0, DATA, 8, 500000, 7));
     GOOD(igh_mcan_port_cycle_end(&port));
 
-    /* Another file at run time: its filter refuses what the first let through, and the second
-     * gateway's partner does not hear its bit rate. */
+    /* Another file at run time: its filter rejects frames that the first accepted, and the node
+     * of the second gateway has another bit rate. */
     SAME(0, write_file(OTHER_CELL, path, sizeof(path)));
     GOOD(igh_mcan_port_load_config(&igh_config, &config, path));
     remove_file(path);
@@ -201,7 +201,7 @@ void test_config_file_in_service(void)
     BAD(ECAN_ERR_SCHEDULE, igh_mcan_port_schedule_can(&port, 0, 0, 0x123, 0, DATA, 8, 500000, 7));
     GOOD(igh_mcan_port_cycle_end(&port));
 
-    /* What is changed behind the load has to be applied. */
+    /* Changes after the load must be applied. */
     GOOD(ecan_igh_deinit(&igh));
     GOOD(igh_mcan_port_set_paced(&config, 0, 0));
     GOOD(ecan_igh_init(&igh, &igh_config));
