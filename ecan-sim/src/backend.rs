@@ -38,7 +38,7 @@ impl ScenarioChoice {
         if BUILTIN_SCENARIOS.contains(&name) {
             return Ok(Self::Named(name.to_owned()));
         }
-        Err(BackendError::UnknownScenario { name: name.to_owned() })
+        Err(BackendError::UnknownScenario(name.to_owned()))
     }
 
     /// Choice of a simulated [`EcrtSetting`].
@@ -140,7 +140,7 @@ pub fn open_scenario(scenario: Scenario, options: &SimOptions) -> Result<Backend
 fn choose(choice: &ScenarioChoice, options: &SimOptions) -> Result<Scenario, BackendError> {
     let named = |name: &str| {
         scenario::by_name(name, options.slaves.unwrap_or(1))
-            .ok_or_else(|| BackendError::UnknownScenario { name: name.to_owned() })
+            .ok_or_else(|| BackendError::UnknownScenario(name.to_owned()))
     };
     match choice {
         ScenarioChoice::Suggested => named(options.suggested.as_deref().unwrap_or("echo")),
@@ -148,11 +148,11 @@ fn choose(choice: &ScenarioChoice, options: &SimOptions) -> Result<Scenario, Bac
         ScenarioChoice::Given(scenario) => Ok(Scenario::clone(scenario)),
         ScenarioChoice::File(path) => {
             let text = std::fs::read_to_string(path)
-                .map_err(|error| BackendError::Read { path: path.clone(), error })?;
+                .map_err(|error| BackendError::Read(path.clone(), error))?;
             let directory = path.parent().unwrap_or(Path::new("."));
             let name = path.display().to_string();
             Scenario::from_toml(&text, &name, directory)
-                .map_err(|error| BackendError::Scenario { path: path.clone(), error })
+                .map_err(|error| BackendError::Scenario(path.clone(), error))
         }
     }
 }
@@ -184,6 +184,6 @@ mod tests {
     #[test]
     fn empty_scenario_name_is_rejected() {
         let opened = open(&EcrtSetting::parse("sim:"), &SimOptions::default());
-        assert!(matches!(opened, Err(BackendError::UnknownScenario { .. })));
+        assert!(matches!(opened, Err(BackendError::UnknownScenario(_))));
     }
 }

@@ -16,57 +16,29 @@ pub enum BackendError {
     Load(#[from] LoadError),
     /// No built-in scenario has this name.
     #[error(
-        "unknown scenario \"{name}\"; allowed: {}, or a file name that ends in .toml",
-        BUILTIN_SCENARIOS.join(", ")
+        "unknown scenario \"{0}\"; allowed: {known}, or a file name that ends in .toml",
+        known = BUILTIN_SCENARIOS.join(", ")
     )]
-    UnknownScenario {
-        /// The name.
-        name: String,
-    },
+    UnknownScenario(String),
     /// The environment variable is not UTF-8.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
     /// A file cannot be read.
-    #[error("cannot read {}: {error}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        error: std::io::Error,
-    },
+    #[error("cannot read {0}: {1}")]
+    Read(PathBuf, std::io::Error),
     /// A bridge of the scenario cannot be made.
     #[error(transparent)]
     Bridge(Box<dyn Error + Send + Sync>),
-    /// The scenario has a bridge, and [`SimOptions::bridges`](crate::SimOptions::bridges) is not set.
-    #[error("node \"{node}\" is a bridge; this program does not support bridges")]
-    NoBridges {
-        /// The node.
-        node: String,
-    },
-    /// A scenario file is invalid.
-    #[error("{}: {error}", path.display())]
-    Scenario {
-        /// The file.
-        path: PathBuf,
-        /// The first error in it.
-        error: ScenarioError,
-    },
-    /// The EDS of a drive is invalid.
-    #[error("{}, {error}", path.display())]
-    Eds {
-        /// The file.
-        path: PathBuf,
-        /// The first error in it.
-        error: EdsError,
-    },
-    /// A candump log of the scenario is invalid.
-    #[error("{}, line {line}: {reason}", path.display())]
-    Log {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// The first error in it.
-        reason: String,
-    },
+    /// This node is a bridge, and [`SimOptions::bridges`](crate::SimOptions::bridges) is not set.
+    #[error("node \"{0}\" is a bridge; this program does not support bridges")]
+    NoBridges(String),
+    /// A scenario file is invalid: its first error.
+    #[error("{0}: {1}")]
+    Scenario(PathBuf, ScenarioError),
+    /// The EDS of a drive is invalid: its first error.
+    #[error("{0}, {1}")]
+    Eds(PathBuf, EdsError),
+    /// A candump log of the scenario is invalid: line, from 1, and error.
+    #[error("{0}, line {1}: {2}")]
+    Log(PathBuf, usize, String),
 }

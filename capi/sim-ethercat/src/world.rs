@@ -45,7 +45,7 @@ fn open() -> Result<Simulation, BackendError> {
 
 fn error_number(error: &BackendError) -> c_int {
     match error {
-        BackendError::Read { error, .. } => error.raw_os_error().unwrap_or(libc::EIO),
+        BackendError::Read(_, error) => error.raw_os_error().unwrap_or(libc::EIO),
         _ => libc::EINVAL,
     }
 }

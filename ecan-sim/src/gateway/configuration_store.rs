@@ -236,7 +236,7 @@ fn restore(image: &ConfigurationImage, target: &mut Target<'_>) -> Result<(), Ma
 
 fn image_status(error: FirmwareUpdateError) -> MaintenanceStatus {
     match error {
-        FirmwareUpdateError::Package(FirmwarePackageError::PayloadCheck { .. }) => {
+        FirmwareUpdateError::Package(FirmwarePackageError::PayloadCheck(..)) => {
             MaintenanceStatus::CrcError
         }
         _ => MaintenanceStatus::ImageInvalid,

@@ -21,6 +21,7 @@ use thiserror::Error;
 
 use super::crc32::crc32;
 
+const HEADER_BYTES: usize = FirmwarePackage::HEADER_BYTES;
 const MAGIC: [u8; 4] = *b"ECLA";
 const DEVICE_TYPE_SHIFT: u32 = 24;
 
@@ -35,87 +36,45 @@ const DEVICE_TYPE_SHIFT: u32 = 24;
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FirmwarePackage {
-    device_type: u8,
-    version: u32,
-    payload: Vec<u8>,
+    /// Device type, 0xF000:01; 0 for ECAN-Lite.
+    pub device_type: u8,
+    /// Version: 0xF000:05 in the upper half, :06 in the lower one.
+    pub version: u32,
+    /// The application.
+    pub payload: Vec<u8>,
 }
 
 /// Fault of a firmware package.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum FirmwarePackageError {
-    /// Shorter than the header.
-    #[error(
-        "{bytes} bytes are too short for a package header; needed: {} bytes",
-        FirmwarePackage::HEADER_BYTES
-    )]
-    NoHeader {
-        /// Length of the file.
-        bytes: usize,
-    },
+    /// Shorter than the header: the length of the file, in bytes.
+    #[error("{0} bytes are too short for a package header; needed: {HEADER_BYTES} bytes")]
+    NoHeader(usize),
     /// The first bytes are not those of a package, for example of a bare application.
     #[error("the file is not in packaging format: it does not begin with ECLA")]
     NotAPackage,
-    /// The CRC of the header is wrong.
-    #[error("header CRC32 {found:#010x} is wrong; computed: {computed:#010x}")]
-    HeaderCheck {
-        /// CRC32 in the file.
-        found: u32,
-        /// Computed CRC32.
-        computed: u32,
-    },
-    /// A field of an otherwise valid header has an undefined value.
-    #[error("invalid value {value:#010x} in the header field at offset {offset}")]
-    HeaderField {
-        /// Offset of the field.
-        offset: u8,
-        /// Its value.
-        value: u32,
-    },
-    /// The file does not have the length given in the header.
-    #[error("the payload has {found} bytes; the header gives {announced}")]
-    Length {
-        /// Payload length in the header.
-        announced: u32,
-        /// Bytes of payload in the file.
-        found: usize,
-    },
-    /// The CRC of the payload is wrong.
-    #[error("payload CRC32 {found:#010x} is wrong; computed: {computed:#010x}")]
-    PayloadCheck {
-        /// CRC32 in the file.
-        found: u32,
-        /// Computed CRC32.
-        computed: u32,
-    },
+    /// The CRC of the header, and the computed one.
+    #[error("header CRC32 {0:#010x} is wrong; computed: {1:#010x}")]
+    HeaderCheck(u32, u32),
+    /// Offset and value of a field of an otherwise valid header that has an undefined value.
+    #[error("invalid value {1:#010x} in the header field at offset {0}")]
+    HeaderField(u8, u32),
+    /// Length of the payload by the header, and in the file.
+    #[error("the payload has {1} bytes; the header gives {0}")]
+    Length(u32, usize),
+    /// The CRC of the payload in the header, and the computed one.
+    #[error("payload CRC32 {0:#010x} is wrong; computed: {1:#010x}")]
+    PayloadCheck(u32, u32),
 }
 
 impl FirmwarePackage {
     /// Bytes before the payload.
     pub const HEADER_BYTES: usize = 32;
 
-    /// A package of a device type (0xF000:01, 0 for ECAN-Lite), a version (0xF000:05 in the upper
-    /// half, :06 in the lower one) and the application itself.
+    /// A package with these fields.
     #[must_use]
     pub fn new(device_type: u8, version: u32, payload: Vec<u8>) -> Self {
         Self { device_type, version, payload }
-    }
-
-    /// Device type of 0xF000:01.
-    #[must_use]
-    pub fn device_type(&self) -> u8 {
-        self.device_type
-    }
-
-    /// Version: major in the upper half, minor in the lower one.
-    #[must_use]
-    pub fn version(&self) -> u32 {
-        self.version
-    }
-
-    /// The application.
-    #[must_use]
-    pub fn payload(&self) -> &[u8] {
-        &self.payload
     }
 
     pub(super) fn header(&self) -> Header {
@@ -171,26 +130,21 @@ pub(super) struct Header {
 
 impl Header {
     pub(super) fn parse(file: &[u8]) -> Result<Self, FirmwarePackageError> {
-        let bytes = file.len();
-        let (header, _) = file
-            .split_first_chunk::<{ FirmwarePackage::HEADER_BYTES }>()
-            .ok_or(FirmwarePackageError::NoHeader { bytes })?;
+        let error = FirmwarePackageError::NoHeader(file.len());
+        let (header, _) =
+            file.split_first_chunk::<{ FirmwarePackage::HEADER_BYTES }>().ok_or(error)?;
         let (words, _) = header.as_chunks::<4>();
-        let &[magic, length, device, version, payload_bytes, payload_crc, reserved, check] = words
-        else {
-            return Err(FirmwarePackageError::NoHeader { bytes });
-        };
-        if magic != MAGIC {
+        let words: [[u8; 4]; 8] = words.try_into().map_err(|_| error)?;
+        let [magic, length, device, version, payload_bytes, payload_crc, reserved, found] =
+            words.map(u32::from_le_bytes);
+        if magic != u32::from_le_bytes(MAGIC) {
             return Err(FirmwarePackageError::NotAPackage);
         }
-        let [length, device, version, payload_bytes, payload_crc, reserved, found] =
-            [length, device, version, payload_bytes, payload_crc, reserved, check]
-                .map(u32::from_le_bytes);
         let computed = crc32(header.split_last_chunk::<4>().map_or(&[], |(checked, _)| checked));
         if found != computed {
-            return Err(FirmwarePackageError::HeaderCheck { found, computed });
+            return Err(FirmwarePackageError::HeaderCheck(found, computed));
         }
-        let fault = |offset, value| Err(FirmwarePackageError::HeaderField { offset, value });
+        let fault = |offset, value| Err(FirmwarePackageError::HeaderField(offset, value));
         if length != FirmwarePackage::HEADER_BYTES as u32 {
             return fault(4, length);
         }
@@ -209,12 +163,11 @@ impl Header {
     ) -> Result<&'a [u8], FirmwarePackageError> {
         let payload = file.get(FirmwarePackage::HEADER_BYTES..).unwrap_or_default();
         if u32::try_from(payload.len()) != Ok(self.payload_bytes) {
-            let (announced, found) = (self.payload_bytes, payload.len());
-            return Err(FirmwarePackageError::Length { announced, found });
+            return Err(FirmwarePackageError::Length(self.payload_bytes, payload.len()));
         }
         let computed = crc32(payload);
         if computed != self.payload_crc {
-            return Err(FirmwarePackageError::PayloadCheck { found: self.payload_crc, computed });
+            return Err(FirmwarePackageError::PayloadCheck(self.payload_crc, computed));
         }
         Ok(payload)
     }

@@ -47,12 +47,9 @@ pub enum FirmwareUpdateError {
     /// The file is not a valid package.
     #[error("the file is not a valid package: {0}")]
     Package(#[from] FirmwarePackageError),
-    /// The package is for another product.
-    #[error("the package is for device type {found}, this gateway is of type {DEVICE_TYPE}")]
-    WrongDevice {
-        /// Device type in the package's header.
-        found: u8,
-    },
+    /// The package is for another product, of this device type.
+    #[error("the package is for device type {0}, this gateway is of type {DEVICE_TYPE}")]
+    WrongDevice(u8),
 }
 
 impl FirmwareUpdateError {
@@ -64,9 +61,9 @@ impl FirmwareUpdateError {
             Self::NotBegun => 0x8004,
             Self::TooBig => 0x8003,
             Self::Flash => 0x8011,
-            Self::Package(FirmwarePackageError::PayloadCheck { .. }) => 0x800C,
+            Self::Package(FirmwarePackageError::PayloadCheck(..)) => 0x800C,
             Self::Package(_) => 0x8010,
-            Self::WrongDevice { .. } => 0x800D,
+            Self::WrongDevice(_) => 0x800D,
         }
     }
 
@@ -77,7 +74,7 @@ impl FirmwareUpdateError {
             Self::NotReady => "Access denied",
             Self::NotBegun => "Illegal operation",
             Self::TooBig | Self::Flash => "file write fail",
-            Self::Package(_) | Self::WrongDevice { .. } => "OTA verify failed",
+            Self::Package(_) | Self::WrongDevice(_) => "OTA verify failed",
         }
     }
 }
@@ -135,7 +132,7 @@ pub(super) struct FirmwareUpdate {
 fn check(file: &[u8]) -> Result<Header, FirmwareUpdateError> {
     let header = Header::parse(file)?;
     if header.device_type != DEVICE_TYPE {
-        return Err(FirmwareUpdateError::WrongDevice { found: header.device_type });
+        return Err(FirmwareUpdateError::WrongDevice(header.device_type));
     }
     header.check_payload(file)?;
     Ok(header)

@@ -39,20 +39,12 @@ impl Budget {
             BudgetPolicy::Deterministic => (even, 0, even, false),
         };
         let mut reserved = [0; CHANNELS];
-        for channel in enabled {
-            if let Some(own) = reserved.get_mut(usize::from(channel)) {
-                *own = reserve;
-            }
-        }
+        enabled.for_each(|channel| reserved[usize::from(channel)] = reserve);
         Self { reserved, shared, greatest, lends }
     }
 
-    fn own(&self, channel: usize) -> usize {
-        self.reserved.get(channel).copied().unwrap_or(0)
-    }
-
     fn fits(&self, channel: usize, bytes: usize) -> bool {
-        bytes <= self.own(channel) + self.shared
+        bytes <= self.reserved[channel] + self.shared
     }
 
     /// Whether no image has space for a packet of this size under this policy.
@@ -61,22 +53,18 @@ impl Budget {
     }
 
     fn take(&mut self, channel: usize, bytes: usize) {
-        let from_own = bytes.min(self.own(channel));
-        if let Some(own) = self.reserved.get_mut(channel) {
-            *own -= from_own;
-        }
+        let from_own = bytes.min(self.reserved[channel]);
+        self.reserved[channel] -= from_own;
         self.shared = self.shared.saturating_sub(bytes - from_own);
     }
 
     /// All channels were served: the remaining reserves become common. Returns whether there were
     /// any.
     fn release_reserves(&mut self) -> bool {
-        if !self.lends {
+        if !std::mem::take(&mut self.lends) {
             return false;
         }
-        self.lends = false;
-        let left: usize = self.reserved.iter().sum();
-        self.reserved = [0; CHANNELS];
+        let left: usize = std::mem::take(&mut self.reserved).iter().sum();
         self.shared += left;
         left > 0
     }
@@ -149,21 +137,14 @@ impl TxPdoBuilder {
         counters: &mut GatewayCounters,
     ) -> Option<(u16, UndeliveredFrames)> {
         let writer = self.writer.as_mut()?;
-        let profile = *writer.profile();
-        let mut undelivered = UndeliveredFrames::default();
+        let budget = Budget::new(writer.profile());
+        let undelivered = UndeliveredFrames::default();
+        let mut packer = Packer { writer, shadow: &mut self.shadow, budget, undelivered, counters };
         if !empty {
-            let mut budget = Budget::new(&profile);
-            pack_results(writer, &mut self.shadow, results, &mut budget, counters);
-            pack_frames(
-                writer,
-                &mut self.shadow,
-                channels,
-                &mut budget,
-                time_base_ns,
-                &mut undelivered,
-                counters,
-            );
+            packer.pack_results(results);
+            packer.pack_frames(channels, time_base_ns);
         }
+        let Packer { writer, shadow, mut undelivered, .. } = packer;
         for channel in channels.iter_mut() {
             undelivered.dropped += std::mem::take(&mut channel.receive.dropped_since_image);
         }
@@ -176,7 +157,7 @@ impl TxPdoBuilder {
         self.last_status = status;
         self.payload_bytes = writer.used();
         let sequence = writer.commit(
-            &mut self.shadow,
+            shadow,
             CommitFields {
                 flags,
                 overflow: u8::try_from(overflow).unwrap_or(u8::MAX),
@@ -191,114 +172,102 @@ impl TxPdoBuilder {
         let whole = self.writer.as_ref().map_or(0, |writer| writer.profile().pdo_bytes());
         let end =
             if self.payload_only { (HEADER_BYTES + self.payload_bytes).min(whole) } else { whole };
-        self.shadow.get(..end).unwrap_or_default()
+        &self.shadow[..end]
     }
 
     /// Fault: sets `seq_end` to one less than `seq_begin`.
     pub(super) fn tear(&mut self) {
-        let seq_begin = self.shadow.get(2..4).map(|bytes| [bytes[0], bytes[1]]);
-        if let (Some(begin), Some(seq_end)) = (seq_begin, self.shadow.get_mut(4..6)) {
-            let previous = u16::from_le_bytes(begin).wrapping_sub(1);
-            seq_end.copy_from_slice(&previous.to_le_bytes());
-        }
+        let seq_begin = u16::from_le_bytes([self.shadow[2], self.shadow[3]]);
+        self.shadow[4..6].copy_from_slice(&seq_begin.wrapping_sub(1).to_le_bytes());
     }
 
     /// Fault: inverts the payload CRC.
     pub(super) fn corrupt_crc(&mut self) {
-        for byte in self.shadow.iter_mut().skip(8).take(2) {
-            *byte = !*byte;
-        }
-    }
-}
-
-fn pack_results(
-    writer: &mut ImageWriter,
-    shadow: &mut [u8],
-    results: &mut ResultQueue,
-    budget: &mut Budget,
-    counters: &mut GatewayCounters,
-) {
-    while let Some(result) = results.front().copied() {
-        if !writer.profile().has_channel(result.channel) {
-            results.pop();
-            counters.results_lost += 1;
-            continue;
-        }
-        let channel = usize::from(result.channel);
-        let before = writer.used();
-        if !budget.fits(channel, RESULT_BYTES_MAX) {
-            break;
-        }
-        if writer.push_tx_result(shadow, &result).is_err() {
-            break;
-        }
-        budget.take(channel, writer.used() - before);
-        results.pop();
-        counters.results_to_master += 1;
+        self.shadow[8..10].iter_mut().for_each(|byte| *byte = !*byte);
     }
 }
 
 /// A TX_RESULT packet with padding.
 const RESULT_BYTES_MAX: usize = 8;
 
-/// Packs frames, the oldest first over all channels, each channel in order and within its
-/// budget. A channel whose next frame does not fit waits for the next image.
-fn pack_frames(
-    writer: &mut ImageWriter,
-    shadow: &mut [u8],
-    channels: &mut [Channel; CHANNELS],
-    budget: &mut Budget,
-    time_base_ns: u64,
-    undelivered: &mut UndeliveredFrames,
-    counters: &mut GatewayCounters,
-) {
-    let with_timestamp = writer.profile().profile.allows_delta16();
-    let mut blocked = [false; CHANNELS];
-    let mut consumed = [0u16; CHANNELS];
-    loop {
-        let Some(number) = oldest(channels, &blocked) else {
-            if blocked.contains(&true) && budget.release_reserves() {
-                blocked = [false; CHANNELS];
+/// The packets of one image.
+struct Packer<'a> {
+    writer: &'a mut ImageWriter,
+    shadow: &'a mut [u8],
+    budget: Budget,
+    undelivered: UndeliveredFrames,
+    counters: &'a mut GatewayCounters,
+}
+
+impl Packer<'_> {
+    fn pack_results(&mut self, results: &mut ResultQueue) {
+        let Self { writer, shadow, budget, counters, .. } = self;
+        while let Some(result) = results.front().copied() {
+            if !writer.profile().has_channel(result.channel) {
+                results.pop();
+                counters.results_lost += 1;
                 continue;
             }
-            break;
-        };
-        let (Some(channel), Some(blocked), Some(consumed)) =
-            (channels.get_mut(number), blocked.get_mut(number), consumed.get_mut(number))
-        else {
-            break;
-        };
-        let Some(head) = channel.receive.front() else {
-            break;
-        };
-        let timestamp = if with_timestamp {
-            Timestamp::Delta16(delta_us(head.at_ns, time_base_ns))
-        } else {
-            Timestamp::None
-        };
-        let frame = head.frame.as_ref();
-        let bytes = writer.packet_bytes(frame, timestamp);
-        if budget.never_fits(bytes) {
-            channel.receive.pop();
-            undelivered.oversized += 1;
-            counters.receive_losses.oversized += 1;
-            continue;
+            let channel = usize::from(result.channel);
+            let before = writer.used();
+            if !budget.fits(channel, RESULT_BYTES_MAX)
+                || writer.push_tx_result(shadow, &result).is_err()
+            {
+                break;
+            }
+            budget.take(channel, writer.used() - before);
+            results.pop();
+            counters.results_to_master += 1;
         }
-        let pushed = budget.fits(number, bytes)
-            && usize::from(writer.frames()) < MAX_PACKETS
-            && writer.push(shadow, number as u8, head.source, frame, timestamp).is_ok();
-        if !pushed {
-            *blocked = true;
-            continue;
-        }
-        budget.take(number, bytes);
-        channel.receive.pop();
-        *consumed += 1;
-        counters.frames_to_master += 1;
     }
-    for (channel, consumed) in channels.iter_mut().zip(consumed) {
-        channel.receive.note_consumed(consumed);
-        undelivered.unpacked += u32::try_from(channel.receive.waiting()).unwrap_or(u32::MAX);
+
+    /// Packs frames, the oldest first over all channels, each channel in order and within its
+    /// budget. A channel whose next frame does not fit waits for the next image.
+    fn pack_frames(&mut self, channels: &mut [Channel; CHANNELS], time_base_ns: u64) {
+        let Self { writer, shadow, budget, undelivered, counters } = self;
+        let has_timestamp = writer.profile().profile.allows_delta16();
+        let mut blocked = [false; CHANNELS];
+        let mut consumed = [0; CHANNELS];
+        loop {
+            let Some(number) = oldest(channels, &blocked) else {
+                if blocked.contains(&true) && budget.release_reserves() {
+                    blocked = [false; CHANNELS];
+                    continue;
+                }
+                break;
+            };
+            let receive = &mut channels[number].receive;
+            let Some(head) = receive.front() else {
+                break;
+            };
+            let timestamp = match has_timestamp {
+                true => Timestamp::Delta16(delta_us(head.at_ns, time_base_ns)),
+                false => Timestamp::None,
+            };
+            let frame = head.frame.as_ref();
+            let bytes = writer.packet_bytes(frame, timestamp);
+            if budget.never_fits(bytes) {
+                receive.pop();
+                undelivered.oversized += 1;
+                counters.receive_losses.oversized += 1;
+                continue;
+            }
+            let pushed = budget.fits(number, bytes)
+                && usize::from(writer.frames()) < MAX_PACKETS
+                && writer.push(shadow, number as u8, head.source, frame, timestamp).is_ok();
+            if !pushed {
+                blocked[number] = true;
+                continue;
+            }
+            budget.take(number, bytes);
+            receive.pop();
+            consumed[number] += 1;
+            counters.frames_to_master += 1;
+        }
+        for (channel, consumed) in channels.iter_mut().zip(consumed) {
+            channel.receive.note_consumed(consumed);
+            undelivered.unpacked += channel.receive.waiting() as u32;
+        }
     }
 }
 

@@ -105,8 +105,7 @@ impl NodeSlot {
             NodeKind::Silent => other(Box::new(SilentNode)),
             NodeKind::Replay { file } => other(Box::new(read_log(file)?)),
             NodeKind::Bridge(bridge) => {
-                let node = spec.name.clone();
-                let make = bridges.ok_or(BackendError::NoBridges { node })?;
+                let make = bridges.ok_or_else(|| BackendError::NoBridges(spec.name.clone()))?;
                 other(make(bridge).map_err(BackendError::Bridge)?)
             }
             NodeKind::Faulty(config) => other(Box::new(FaultyNode::new(*config, seed))),
@@ -139,18 +138,14 @@ impl NodeSlot {
 
 fn read_log(path: &std::path::Path) -> Result<ReplayNode, BackendError> {
     let text = std::fs::read_to_string(path)
-        .map_err(|error| BackendError::Read { path: path.to_owned(), error })?;
-    ReplayNode::from_log(&text, None).map_err(|error| BackendError::Log {
-        path: path.to_owned(),
-        line: error.line,
-        reason: error.cause.to_string(),
-    })
+        .map_err(|error| BackendError::Read(path.to_owned(), error))?;
+    ReplayNode::from_log(&text, None)
+        .map_err(|error| BackendError::Log(path.to_owned(), error.line, error.cause.to_string()))
 }
 
 fn make_drive(spec: &DriveSpec) -> Result<Drive, BackendError> {
     let Some(path) = &spec.eds else { return Ok(Drive::new(&spec.config)) };
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| BackendError::Read { path: path.clone(), error })?;
-    Drive::from_eds(&spec.config, &text)
-        .map_err(|error| BackendError::Eds { path: path.clone(), error })
+    let text =
+        std::fs::read_to_string(path).map_err(|error| BackendError::Read(path.clone(), error))?;
+    Drive::from_eds(&spec.config, &text).map_err(|error| BackendError::Eds(path.clone(), error))
 }

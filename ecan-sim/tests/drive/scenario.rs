@@ -492,7 +492,7 @@ fn missing_or_invalid_eds_is_reported() {
         scenario.nodes[0].kind = NodeKind::Drive(Box::new(DriveSpec { config, eds: Some(file) }));
         let error = open_scenario(scenario.clone(), &SimOptions::default()).unwrap_err();
         assert!(error.to_string().contains(text), "{error}");
-        assert!(matches!(error, BackendError::Eds { .. } | BackendError::Read { .. }));
+        assert!(matches!(error, BackendError::Eds(..) | BackendError::Read(..)));
     }
     std::fs::remove_dir_all(&directory).unwrap();
 }

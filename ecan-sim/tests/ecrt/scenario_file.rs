@@ -228,7 +228,7 @@ fn missing_files_and_bad_logs_are_reported() {
     };
     let options = SimOptions::default();
     let error = open(&setting("none.toml"), &options).unwrap_err();
-    assert!(matches!(error, BackendError::Read { .. }));
+    assert!(matches!(error, BackendError::Read(..)));
     assert!(error.to_string().contains("none.toml"));
 
     std::fs::write(directory.join("bad.toml"), "seed = 1\nsead = 2\n").unwrap();
@@ -240,7 +240,7 @@ fn missing_files_and_bad_logs_are_reported() {
     std::fs::write(directory.join("replay.toml"), replay).unwrap();
     std::fs::write(directory.join("frames.log"), "(1.000000) can0 123#11\nnonsense\n").unwrap();
     let error = open(&setting("replay.toml"), &options).unwrap_err();
-    assert!(matches!(error, BackendError::Log { line: 2, .. }), "{error}");
+    assert!(matches!(error, BackendError::Log(_, 2, _)), "{error}");
 
     std::fs::write(directory.join("frames.log"), "(1.000000) can0 123#11\n").unwrap();
     let backend = open(&setting("replay.toml"), &options).unwrap();

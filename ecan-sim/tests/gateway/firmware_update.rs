@@ -62,7 +62,7 @@ fn size_crc_and_status_of_the_last_file_are_shown() {
     let check = b"123456789";
     fixture.gateway.begin_firmware_update(fixture.now).unwrap();
     assert_eq!(fixture.upload(0xB000, 11), 1, "receiving");
-    let rejected = FirmwareUpdateError::Package(FirmwarePackageError::NoHeader { bytes: 9 });
+    let rejected = FirmwareUpdateError::Package(FirmwarePackageError::NoHeader(9));
     assert_eq!(update(&mut fixture, check), Err(rejected));
     // the check value of CRC-32
     let shown = [9, 10, 11].map(|subindex| fixture.upload(0xB000, subindex));
@@ -96,7 +96,7 @@ fn commands_check_the_free_partition() {
     assert_eq!(maintain(&mut fixture, VALIDATE), CRC_ERROR);
     assert_eq!(maintain(&mut fixture, ACTIVATE), CRC_ERROR);
     let foreign = FirmwarePackage::new(1, 1, Vec::new()).to_bytes();
-    assert_eq!(update(&mut fixture, &foreign), Err(FirmwareUpdateError::WrongDevice { found: 1 }));
+    assert_eq!(update(&mut fixture, &foreign), Err(FirmwareUpdateError::WrongDevice(1)));
     assert_eq!(maintain(&mut fixture, VALIDATE), IMAGE_INVALID);
     fixture.pass(2_000 * MS);
     assert!(fixture.gateway.is_responding());

@@ -119,6 +119,6 @@ fn built_package_is_accepted_by_gateway() {
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stdout).contains("version 2.3.1, 43 bytes"), "{}", text(&output.stdout));
     let package = ecan_sim::FirmwarePackage::parse(&std::fs::read(&out).unwrap()).unwrap();
-    assert_eq!((package.device_type(), package.version()), (7, 0x0203_0001));
-    assert_eq!(package.payload(), b"application");
+    assert_eq!((package.device_type, package.version), (7, 0x0203_0001));
+    assert_eq!(package.payload, b"application");
 }

@@ -273,7 +273,7 @@ fn scenario_without_bridge_factory_reports_the_node() {
         ..Scenario::default()
     };
     let error = ecan_sim::open_scenario(scenario, &SimOptions::default()).unwrap_err();
-    assert!(matches!(error, BackendError::NoBridges { .. }));
+    assert!(matches!(error, BackendError::NoBridges(_)));
     assert_eq!(
         error.to_string(),
         "node \"slcan\" is a bridge; this program does not support bridges"

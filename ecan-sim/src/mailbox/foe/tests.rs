@@ -176,7 +176,7 @@ fn wrong_package_is_rejected_and_keeps_the_version() {
     let mut long = good.to_bytes();
     long.push(0);
     let cases = [
-        (good.payload().to_vec(), 0x8010),
+        (good.payload.clone(), 0x8010),
         (Vec::new(), 0x8010),
         (changed(0), 0x8010),
         (changed(12), 0x8010),
@@ -329,7 +329,7 @@ fn running_package_is_read_back() {
         }
         assert_eq!(answer, []);
         assert_eq!(file, fixture.gateway.running_firmware());
-        assert_eq!(FirmwarePackage::parse(&file).unwrap().version(), 0x0202_0001);
+        assert_eq!(FirmwarePackage::parse(&file).unwrap().version, 0x0202_0001);
     }
     let mut fixture = Fixture::new(38);
     fixture.open(1, 0, NAME);

@@ -44,7 +44,7 @@ fn update(tool: &FakeEthercat, file: &Path, more: &[&str]) -> (i32, String, Stri
 fn running(tool: &FakeEthercat, gateway: usize) -> u32 {
     let master = tool.master();
     let file = master.line.wire.world().gateway(gateway).unwrap().running_firmware();
-    FirmwarePackage::parse(file).unwrap().version()
+    FirmwarePackage::parse(file).unwrap().version
 }
 
 #[test]

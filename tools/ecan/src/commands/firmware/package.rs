@@ -50,7 +50,7 @@ impl FirmwareFile {
                         .to_owned(),
                 );
             }
-            Err(FirmwarePackageError::NotAPackage | FirmwarePackageError::NoHeader { .. }) => {}
+            Err(FirmwarePackageError::NotAPackage | FirmwarePackageError::NoHeader(_)) => {}
             Err(error) => {
                 return Some(format!(
                     "damaged package for simulated gateways (from ecan-sim): {error}"
