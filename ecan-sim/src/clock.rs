@@ -28,6 +28,6 @@ impl Clock for SimClock {
     }
 
     fn is_free_running(&self) -> bool {
-        self.shared.clock_kind() == ClockKind::Real
+        self.shared.kind == ClockKind::Real
     }
 }

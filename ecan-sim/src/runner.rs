@@ -30,7 +30,7 @@ pub struct RealTimeRunner {
 
 impl RealTimeRunner {
     pub(crate) fn start(shared: Arc<Shared>) -> Result<Self, RunnerError> {
-        if shared.clock_kind() == ClockKind::Stepped {
+        if shared.kind == ClockKind::Stepped {
             return Err(RunnerError::SteppedClock);
         }
         let stop = Arc::new(AtomicBool::new(false));

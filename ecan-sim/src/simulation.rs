@@ -47,7 +47,7 @@ impl Simulation {
 
     /// Clock of the simulation.
     pub fn clock_kind(&self) -> ClockKind {
-        self.shared.clock_kind()
+        self.shared.kind
     }
 
     /// The simulation's clock.
@@ -63,7 +63,7 @@ impl Simulation {
             ClockKind::Real => "real time",
             ClockKind::Stepped => "stepped time",
         };
-        let version = match self.shared.version() {
+        let version = match self.shared.version {
             EcrtVersion::V1_5 => "1.5",
             EcrtVersion::V1_6 => "1.6",
         };

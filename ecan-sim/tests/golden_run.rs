@@ -131,14 +131,14 @@ fn bus_with_faults_keeps_its_digest() {
     let (mut now, mut count) = (0, 0);
     let mut events = Vec::new();
     for round in 0..30_000u64 {
-        let place = random.below(7) as usize;
+        let index = random.below(7) as usize;
         match random.below(200) {
-            0 => bus.inject(BusFault::ErrorFrames { station: stations[place], count: 20 }),
-            1 => bus.inject(BusFault::BusOff(stations[place])),
-            2 => bus.configure(now, stations[place], None),
-            3..=6 => bus.configure(now, stations[place], Some(configs[place])),
+            0 => bus.inject(BusFault::ErrorFrames { station: stations[index], count: 20 }),
+            1 => bus.inject(BusFault::BusOff(stations[index])),
+            2 => bus.configure(now, stations[index], None),
+            3..=6 => bus.configure(now, stations[index], Some(configs[index])),
             7 => bus.configure(now, stations[6], Some(odd)),
-            8..=11 => bus.withdraw(stations[place]),
+            8..=11 => bus.withdraw(stations[index]),
             _ => {
                 let frame = any_frame(&mut random);
                 // without other stations the classic one would destroy most of its frames
@@ -149,7 +149,7 @@ fn bus_with_faults_keeps_its_digest() {
                     }
                     _ => frame,
                 };
-                bus.offer(now, stations[place], frame);
+                bus.offer(now, stations[index], frame);
             }
         }
         now += random.below(200_000);
@@ -194,10 +194,10 @@ fn scenario() -> Scenario {
     scenario.nodes.retain(|node| !matches!(node.bus.as_str(), "1.2" | "1.3"));
     for (index, node) in scenario.nodes.iter_mut().enumerate() {
         if let NodeKind::Drive(drive) = &mut node.kind {
-            let settings = &mut drive.config;
-            settings.motor.period_us = [1_000, 250, 1_000, 700][index % 4];
-            settings.enable_ms = [0, 0, 35][index % 3];
-            settings.motor.absolute_encoder = index % 5 != 0;
+            let config = &mut drive.config;
+            config.motor.period_us = [1_000, 250, 1_000, 700][index % 4];
+            config.enable_ms = [0, 0, 35][index % 3];
+            config.motor.absolute_encoder = index % 5 != 0;
         }
     }
     let node = |name: &str, bus: &str, kind| NodeSpec {
@@ -326,13 +326,13 @@ fn command(number: usize, cycle: u64) -> [u8; 6] {
 /// Frames of the program in a cycle.
 fn frames(cycle: u64, random: &mut Random) -> Vec<(usize, u8, CanFrame)> {
     let mut frames = Vec::new();
-    for place in 0..6 {
-        let (slave, channel) = (place / CHANNELS, (place % CHANNELS) as u8);
+    for index in 0..6 {
+        let (slave, channel) = (index / CHANNELS, (index % CHANNELS) as u8);
         if matches!(cycle, 106 | 900) {
             frames.push((slave, channel, data(0, &[1, 0])));
         }
         for drive in 0..3u8 {
-            let (number, node) = (3 * place + usize::from(drive), drive + 1);
+            let (number, node) = (3 * index + usize::from(drive), drive + 1);
             // some cycles apart, so that the responses have space
             if cycle >= 35 && (cycle - 35) % 4 == u64::from(drive) {
                 let step = (cycle - 35) as usize / 4;
@@ -452,8 +452,8 @@ fn two_gateways_with_drives_keep_their_digest() {
     let mut digests = [0; 2 * CHANNELS];
     let mut counts = [0; 2 * CHANNELS];
     let mut states = [0; 2 * CHANNELS];
-    for (place, digest) in digests.iter_mut().enumerate() {
-        let run = run(place / CHANNELS, place % CHANNELS);
+    for (index, digest) in digests.iter_mut().enumerate() {
+        let run = run(index / CHANNELS, index % CHANNELS);
         let mut frames = Digest::new();
         for recorded in &run.recorded {
             frames.numbers(&[recorded.start_ns, recorded.end_ns]);
@@ -461,9 +461,9 @@ fn two_gateways_with_drives_keep_their_digest() {
             frames.frame(&recorded.frame);
         }
         *digest = frames.0;
-        counts[place] = run.recorded.len();
+        counts[index] = run.recorded.len();
         assert!(run.followed >= 9, "{} drives followed targets", run.followed);
-        states[place] = run.state;
+        states[index] = run.state;
     }
     assert!(counts.iter().all(|count| *count > 300), "{counts:?} frames");
     assert_eq!(states, [STATE_DIGEST; 2 * CHANNELS], "{states:#018X?}");
@@ -475,10 +475,10 @@ fn two_gateways_with_drives_keep_their_digest() {
 fn scenario_drives_are_found_at_their_nodes() {
     let simulation = stepped(scenario()).simulation.unwrap();
     simulation.with_world(|world| {
-        for place in 0..6 {
+        for index in 0..6 {
             for node in 1..=3 {
                 let id = NodeId::new(node).unwrap();
-                assert!(world.drive_at(place / CHANNELS, place % CHANNELS, id).is_some());
+                assert!(world.drive_at(index / CHANNELS, index % CHANNELS, id).is_some());
             }
         }
     });

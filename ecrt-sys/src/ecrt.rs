@@ -47,7 +47,7 @@ impl fmt::Display for Origin {
 
 struct Shared {
     functions: Functions,
-    opener: Box<dyn OpenMaster>,
+    opener: Arc<dyn OpenMaster>,
     origin: Origin,
     version: (u8, u8),
     clock: Arc<dyn Clock>,
@@ -78,7 +78,7 @@ impl Ecrt {
             shared: Arc::new(Shared {
                 functions,
                 version: version(library.version_magic),
-                opener: Box::new(library),
+                opener: Arc::new(library),
                 origin,
                 clock: Arc::new(MonotonicClock),
             }),
@@ -107,7 +107,7 @@ impl Ecrt {
         Self {
             shared: Arc::new(Shared {
                 functions,
-                opener: Box::new(masters),
+                opener: masters,
                 origin: Origin::Simulated { scenario: scenario.into() },
                 version: version(version_magic),
                 clock,

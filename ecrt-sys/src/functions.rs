@@ -162,11 +162,11 @@ macro_rules! for_each_function {
             required master_get_pdo_entry(
                 master: *mut ec_master_t, position: u16, sync_index: u8, pdo_position: u16,
                 entry_position: u16, entry: *mut ec_pdo_entry_info_t) -> c_int;
-            /// Writes an object and waits for the answer. Blocks.
+            /// Writes an object and waits for the response. Blocks.
             required master_sdo_download(
                 master: *mut ec_master_t, position: u16, index: u16, subindex: u8, data: *const u8,
                 size: size_t, abort_code: *mut u32) -> c_int;
-            /// Reads an object and waits for the answer. Blocks.
+            /// Reads an object and waits for the response. Blocks.
             required master_sdo_upload(
                 master: *mut ec_master_t, position: u16, index: u16, subindex: u8, target: *mut u8,
                 target_size: size_t, result_size: *mut size_t, abort_code: *mut u32) -> c_int;

@@ -1,5 +1,3 @@
-//! Errors of loading a library.
-
 use std::path::PathBuf;
 
 use thiserror::Error;

@@ -1,7 +1,3 @@
-//! Opening a master of a libethercat.
-
-use std::sync::Arc;
-
 use crate::bindings::ec_master_t;
 
 /// The two functions of a libethercat that take no handle, so that each simulated library can have
@@ -14,14 +10,4 @@ pub trait OpenMaster: Send + Sync {
 
     /// `ecrt_open_master`: an unreserved handle, or null as above.
     fn open(&self, index: u32) -> *mut ec_master_t;
-}
-
-impl<M: OpenMaster + ?Sized> OpenMaster for Arc<M> {
-    fn request(&self, index: u32) -> *mut ec_master_t {
-        (**self).request(index)
-    }
-
-    fn open(&self, index: u32) -> *mut ec_master_t {
-        (**self).open(index)
-    }
 }

@@ -1,5 +1,3 @@
-//! The setting `ecrt`: which EtherCAT master library a program loads.
-
 use std::ffi::OsString;
 use std::path::PathBuf;
 

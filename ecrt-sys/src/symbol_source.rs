@@ -1,5 +1,3 @@
-//! Lookup of functions in a library.
-
 use std::ffi::CString;
 
 use libloading::os::unix::Library;

@@ -1,5 +1,3 @@
-//! One CAN bus.
-
 mod completion;
 mod planning;
 

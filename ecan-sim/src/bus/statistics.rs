@@ -1,5 +1,3 @@
-//! Counters of the bus and of its stations.
-
 /// Counters of a bus up to an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BusStatistics {

@@ -1,5 +1,3 @@
-//! Configuration of a simulated drive.
-
 use ecan_canopen::NodeId;
 use ecan_protocol::object::AbortCode;
 use serde::Deserialize;

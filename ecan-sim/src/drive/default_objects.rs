@@ -1,5 +1,3 @@
-//! Object dictionary of the built-in drive.
-
 use ecan_canopen::{CobId, NodeId, OperatingMode, PdoCobId, SupportedModes, object};
 
 use super::config::MotorConfig;

@@ -1,5 +1,3 @@
-//! Errors in electronic data sheets.
-
 /// Error in an EDS.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {reason}")]

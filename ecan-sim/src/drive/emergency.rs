@@ -11,7 +11,7 @@ pub(super) const HISTORY: usize = 8;
 /// Maximum number of messages that wait for the inhibit time.
 const WAITING: usize = 8;
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Emergency {
     pub(super) register: u8,
     /// Last error code; 0 after a reset.
@@ -39,13 +39,7 @@ pub(super) fn register_of(code: u16) -> ErrorRegister {
 
 impl Emergency {
     pub(super) fn new() -> Self {
-        Self {
-            register: 0,
-            code: 0,
-            waiting: VecDeque::with_capacity(WAITING),
-            free_at: 0,
-            sent: 0,
-        }
+        Self { waiting: VecDeque::with_capacity(WAITING), ..Self::default() }
     }
 
     pub(super) fn restart(&mut self) {

@@ -154,24 +154,6 @@ impl TargetHistory {
         self.records.iter()
     }
 
-    /// Number of targets in the history.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.records.len()
-    }
-
-    /// Returns whether the history is empty.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.records.is_empty()
-    }
-
-    /// The last target.
-    #[must_use]
-    pub fn last(&self) -> Option<&TargetRecord> {
-        self.records.back()
-    }
-
     /// Sums over all targets.
     #[must_use]
     pub const fn sums(&self) -> &TargetSums {

@@ -1,5 +1,3 @@
-//! PDOs that the drive sends and receives.
-
 use ecan_canopen::{MappingEntry, PdoCobId, TransmissionType, object};
 use ecan_protocol::can::CanId;
 

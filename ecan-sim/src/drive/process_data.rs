@@ -48,7 +48,8 @@ impl Device {
         out: &mut NodeOutput,
         due: impl Fn(&mut TransmitPdo, &Dictionary) -> Option<[u8; PDO_BYTES]>,
     ) {
-        self.publish_pdo_objects();
+        let slots = self.pdo_slots;
+        self.publish_to(&slots);
         for pdo in &mut self.transmit {
             if let (Some(id), Some(data)) = (pdo.id, due(pdo, &self.objects)) {
                 send(&self.config, out, id, data.get(..pdo.mapping.length).unwrap_or(&data));
@@ -131,12 +132,6 @@ impl Device {
 impl Device {
     pub(super) fn publish(&mut self) {
         let slots = self.slots;
-        self.publish_to(&slots);
-    }
-
-    /// Updates the objects that transmit PDOs contain.
-    pub(super) fn publish_pdo_objects(&mut self) {
-        let slots = self.pdo_slots;
         self.publish_to(&slots);
     }
 

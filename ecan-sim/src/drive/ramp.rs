@@ -21,8 +21,8 @@ impl Ramp {
 
     pub(super) fn towards_velocity(&mut self, seconds: f64, velocity: f64, bounds: &Bounds) {
         let before = self.velocity;
-        let wanted = velocity.clamp(-bounds.velocity, bounds.velocity);
-        self.velocity = approach(before, wanted, seconds, bounds);
+        let demand = velocity.clamp(-bounds.velocity, bounds.velocity);
+        self.velocity = approach(before, demand, seconds, bounds);
         self.position += (before + self.velocity) / 2.0 * seconds;
     }
 
@@ -34,7 +34,7 @@ impl Ramp {
         // The velocity after this step from which the remaining distance suffices to brake.
         let rest = distance.abs() - nears * seconds / 2.0;
         let bound = (half * half + 2.0 * bounds.deceleration * rest).max(0.0).sqrt() - half;
-        let wanted = bound.clamp(0.0, bounds.velocity).copysign(distance);
+        let demand = bound.clamp(0.0, bounds.velocity).copysign(distance);
         // One more step of braking ends at the target.
         let near = distance.abs() <= (nears.abs() + 2.0 * half) * seconds;
         if near && nears.abs() <= 2.0 * half {
@@ -42,20 +42,20 @@ impl Ramp {
             return true;
         }
         let before = self.velocity;
-        self.velocity = approach(before, wanted, seconds, bounds);
+        self.velocity = approach(before, demand, seconds, bounds);
         self.position += (before + self.velocity) / 2.0 * seconds;
         false
     }
 }
 
-fn approach(velocity: f64, wanted: f64, seconds: f64, bounds: &Bounds) -> f64 {
-    let speeds_up = wanted.abs() > velocity.abs() && wanted * velocity >= 0.0;
+fn approach(velocity: f64, demand: f64, seconds: f64, bounds: &Bounds) -> f64 {
+    let speeds_up = demand.abs() > velocity.abs() && demand * velocity >= 0.0;
     let rate = if speeds_up { bounds.acceleration } else { bounds.deceleration };
     let change = rate * seconds;
-    if (wanted - velocity).abs() <= change {
-        wanted
+    if (demand - velocity).abs() <= change {
+        demand
     } else {
-        velocity + change.copysign(wanted - velocity)
+        velocity + change.copysign(demand - velocity)
     }
 }
 

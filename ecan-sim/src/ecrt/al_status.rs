@@ -1,5 +1,3 @@
-//! AL status register of a gateway.
-
 use crate::world::World;
 
 pub(super) const AL_ERROR: u8 = 0x10;

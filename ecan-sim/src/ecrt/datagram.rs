@@ -1,5 +1,3 @@
-//! Datagrams in the send queue and their states.
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Queued {
     Domain { domain: usize, datagram: usize },

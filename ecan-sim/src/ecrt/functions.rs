@@ -20,7 +20,7 @@ use libc::{c_int, size_t};
 
 pub(crate) fn simulated_library(simulation: &Simulation) -> Ecrt {
     let shared = simulation.shared().clone();
-    let version = shared.version();
+    let version = shared.version;
     let masters = Arc::new(opening::SimulatedMasters { shared });
     let scenario = simulation.scenario_name();
     let clock = Arc::new(simulation.clock());
@@ -85,11 +85,22 @@ fn on_master(master: *const ec_master_t) -> CallResult<Call<()>> {
     Call::find(master.addr(), |target| (target == Target::Master).then_some(()))
 }
 
-fn on_config(config: *const ec_slave_config_t) -> CallResult<Call<usize>> {
-    Call::find(config.addr(), |target| match target {
-        Target::Config(index) => Some(index),
-        _ => None,
-    })
+macro_rules! calls {
+    ($($name:ident($handle:ty) -> $target:ident($object:ty);)*) => { $(
+        fn $name(handle: *const $handle) -> CallResult<Call<$object>> {
+            Call::find(handle.addr(), |target| match target {
+                Target::$target(object) => Some(object),
+                _ => None,
+            })
+        }
+    )* };
+}
+
+calls! {
+    on_config(ec_slave_config_t) -> Config(usize);
+    on_domain(ec_domain_t) -> Domain(usize);
+    on_request(ec_sdo_request_t) -> Request(RequestId);
+    on_reg_request(ec_reg_request_t) -> RegRequest(RequestId);
 }
 
 /// Changes a configuration, before activation.
@@ -111,33 +122,12 @@ fn change_sync(
     })
 }
 
-fn on_domain(domain: *const ec_domain_t) -> CallResult<Call<usize>> {
-    Call::find(domain.addr(), |target| match target {
-        Target::Domain(index) => Some(index),
-        _ => None,
-    })
-}
-
-fn on_request(request: *const ec_sdo_request_t) -> CallResult<Call<RequestId>> {
-    Call::find(request.addr(), |target| match target {
-        Target::Request(id) => Some(id),
-        _ => None,
-    })
-}
-
 fn with_request<R>(
     request: *const ec_sdo_request_t,
     action: impl FnOnce(&mut SdoRequest) -> R,
 ) -> CallResult<R> {
     let call = on_request(request)?;
     call.with(|state| Ok(action(state.master.request(call.object).ok_or(libc::ENOENT)?)))
-}
-
-fn on_reg_request(request: *const ec_reg_request_t) -> CallResult<Call<RequestId>> {
-    Call::find(request.addr(), |target| match target {
-        Target::RegRequest(id) => Some(id),
-        _ => None,
-    })
 }
 
 fn with_reg_request<R>(

@@ -25,15 +25,16 @@ use sdo::BlockingSdo;
 
 const LOG_LINES: usize = 1000;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Phase {
+    #[default]
     Idle,
     Reserved,
     /// Activated: its datagrams travel with the application's sends.
     Active,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct MasterModel {
     pub(crate) version: EcrtVersion,
     pub(crate) carries_large_pdos: bool,
@@ -71,26 +72,9 @@ impl MasterModel {
             version: scenario.version,
             carries_large_pdos: scenario.carries_large_pdos,
             is_held_elsewhere: scenario.reserved,
-            phase: Phase::Idle,
-            owner: None,
-            next_client: 0,
-            slaves: Vec::new(),
-            scan: None,
-            poll_due: 0,
-            rescan_required: false,
-            responding: 0,
-            al_states: 0,
-            domains: Vec::new(),
-            configs: Vec::new(),
             queue: Vec::with_capacity(16),
-            blocked: false,
-            sends: 0,
-            clocks: Clocks::default(),
-            stderr_lines: 0,
-            blocking: Vec::new(),
-            next_blocking: 0,
             scratch: Vec::with_capacity(256),
-            log: VecDeque::new(),
+            ..Self::default()
         }
     }
 
@@ -172,10 +156,7 @@ impl MasterModel {
             slave.startup = None;
             slave.due = now;
         }
-        for slave in self.slaves.iter_mut().filter(|slave| slave.config.is_some()) {
-            slave.requested = AlState::Op;
-            slave.error_flag = false;
-        }
+        self.reset();
         self.poll_due = now;
     }
 
@@ -291,7 +272,9 @@ impl MasterModel {
             return if same { Ok(index) } else { Err(libc::ENOENT) };
         }
         let index = self.configs.len();
-        self.configs.push(SlaveConfig::new(alias, position, vendor_id, product_code));
+        let identity =
+            SlaveConfig { alias, position, vendor_id, product_code, ..Default::default() };
+        self.configs.push(identity);
         self.attach_config(index);
         let slave = self.configs.get(index).and_then(|config| config.slave);
         if let (Some(config), Some(slave)) =

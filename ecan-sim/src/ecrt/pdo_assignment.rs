@@ -1,7 +1,7 @@
 //! SDO writes of PDO assignment and mapping after the startup SDOs.
 
 use crate::ecrt::pdo::SYNC_MANAGERS;
-use crate::ecrt::slave_config::{SlaveConfig, SyncConfig};
+use crate::ecrt::slave_config::SlaveConfig;
 use crate::scenario::GatewaySpec;
 
 /// One write, and where to continue if the slave aborts it.
@@ -23,8 +23,12 @@ pub(crate) fn assignment_writes(config: &SlaveConfig, spec: &GatewaySpec) -> Vec
     let mut list = Vec::new();
     for number in FIRST_PROCESS_SYNC..SYNC_MANAGERS {
         let Some(sync) = config.syncs.get(usize::from(number)) else { continue };
-        if spec.pdo_configuration {
-            push_mappings(&mut list, sync);
+        for pdo in sync.pdos.iter().filter(|_| spec.pdo_configuration) {
+            let entries = pdo.entries.iter().map(|entry| {
+                let object = u32::from(entry.index) << 16 | u32::from(entry.subindex) << 8;
+                (object | u32::from(entry.bits), 4)
+            });
+            push_list(&mut list, pdo.index, entries, false);
         }
         if spec.pdo_assign {
             let pdos = sync.pdos.iter().map(|pdo| (u32::from(pdo.index), 2));
@@ -32,18 +36,6 @@ pub(crate) fn assignment_writes(config: &SlaveConfig, spec: &GatewaySpec) -> Vec
         }
     }
     list
-}
-
-fn push_mappings(list: &mut Vec<AssignmentWrite>, sync: &SyncConfig) {
-    for pdo in &sync.pdos {
-        let entries = pdo.entries.iter().map(|entry| {
-            let word = u32::from(entry.index) << 16
-                | u32::from(entry.subindex) << 8
-                | u32::from(entry.bits);
-            (word, 4)
-        });
-        push_list(list, pdo.index, entries, false);
-    }
 }
 
 /// Count to 0, the entries, the count.
@@ -79,7 +71,7 @@ mod tests {
 
     #[test]
     fn assignment_is_cleared_written_and_counted() {
-        let mut config = SlaveConfig::new(0, 0, 1, 2);
+        let mut config = SlaveConfig { vendor_id: 1, product_code: 2, ..SlaveConfig::default() };
         config.syncs[2].pdos =
             [0x1600, 0x1601].map(|index| Pdo { index, entries: Vec::new() }).to_vec();
         let spec = GatewaySpec::at(0);

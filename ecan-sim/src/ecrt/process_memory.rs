@@ -83,8 +83,8 @@ fn copy(target: &mut [u8], source: Option<&[u8]>) {
 
 fn change(word: &AtomicU64, skip: usize, source: &[u8]) {
     let mut bytes = word.load(Ordering::Relaxed).to_ne_bytes();
-    if let Some(place) = bytes.get_mut(skip..skip + source.len()) {
-        place.copy_from_slice(source);
+    if let Some(part) = bytes.get_mut(skip..skip + source.len()) {
+        part.copy_from_slice(source);
         word.store(u64::from_ne_bytes(bytes), Ordering::Relaxed);
     }
 }

@@ -57,9 +57,9 @@ pub(crate) fn attempt(
     if !present {
         return Attempt::Done(Err(SdoFailure::UNANSWERED));
     }
-    let answers =
+    let responds =
         world.with_gateway(slot, |gateway, now| gateway.mailbox_answers(now)).unwrap_or(false);
-    if !answers {
+    if !responds {
         if world.now_ns().saturating_sub(since) >= MAILBOX_TIMEOUT_NS {
             return Attempt::Done(Err(SdoFailure::UNANSWERED));
         }

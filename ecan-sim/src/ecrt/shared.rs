@@ -59,8 +59,8 @@ impl State {
 
 /// A simulated master and its world, shared by every handle.
 pub(crate) struct Shared {
-    kind: ClockKind,
-    version: EcrtVersion,
+    pub(crate) kind: ClockKind,
+    pub(crate) version: EcrtVersion,
     /// Simulated time of the stepped clock, readable without the lock.
     now: AtomicU64,
     state: Mutex<State>,
@@ -102,14 +102,6 @@ impl Shared {
             moved: Condvar::new(),
             settled: Condvar::new(),
         })
-    }
-
-    pub(crate) fn clock_kind(&self) -> ClockKind {
-        self.kind
-    }
-
-    pub(crate) fn version(&self) -> EcrtVersion {
-        self.version
     }
 
     pub(crate) fn now_ns(&self) -> u64 {

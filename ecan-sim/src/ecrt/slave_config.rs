@@ -116,7 +116,7 @@ impl SdoRequest {
     }
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct SlaveConfig {
     pub(crate) alias: u16,
     pub(crate) position: u16,
@@ -149,23 +149,6 @@ pub(crate) enum EntrySelector {
 }
 
 impl SlaveConfig {
-    pub(crate) fn new(alias: u16, position: u16, vendor_id: u32, product_code: u32) -> Self {
-        Self {
-            alias,
-            position,
-            vendor_id,
-            product_code,
-            slave: None,
-            syncs: Default::default(),
-            sdos: Vec::new(),
-            watchdog: (0, 0),
-            dc: None,
-            requests: Vec::new(),
-            reg_requests: Vec::new(),
-            state_timeouts: Vec::new(),
-        }
-    }
-
     pub(crate) fn fits(&self, slave: &GatewaySpec) -> bool {
         slave.config.vendor_id == self.vendor_id && slave.config.product_code == self.product_code
     }

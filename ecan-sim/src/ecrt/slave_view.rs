@@ -39,8 +39,8 @@ impl SlaveView {
         let inputs = read_assignment(world, slot, Direction::TxPdo);
         let mut assigned = [const { Vec::new() }; SYNC_MANAGERS as usize];
         for (direction, pdos) in [(Direction::RxPdo, outputs), (Direction::TxPdo, inputs)] {
-            if let Some(place) = assigned.get_mut(usize::from(sync_manager(direction))) {
-                *place = pdos;
+            if let Some(list) = assigned.get_mut(usize::from(sync_manager(direction))) {
+                *list = pdos;
             }
         }
         Some(Self {
@@ -99,9 +99,9 @@ fn read_assignment(world: &mut World, slot: usize, direction: Direction) -> Vec<
 
 fn read(world: &mut World, slot: usize, index: u16, subindex: u8) -> Option<u32> {
     let mut data = Vec::new();
-    let answer = world
+    let result = world
         .with_gateway(slot, |gateway, now| gateway.sdo_upload(now, index, subindex, &mut data));
-    answer?.ok()?;
+    result?.ok()?;
     let mut word = [0; 4];
     for (to, from) in word.iter_mut().zip(&data) {
         *to = *from;

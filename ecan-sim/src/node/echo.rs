@@ -1,5 +1,3 @@
-//! A node that echoes frames.
-
 use ecan_protocol::can::CanFrame;
 
 use super::{Node, NodeOutput};

@@ -1,5 +1,3 @@
-//! A node with faults.
-
 use ecan_protocol::can::{CanFrame, CanId, FrameKind};
 
 use super::{Node, NodeOutput};
@@ -85,14 +83,14 @@ impl Node for FaultyNode {
             self.dropped += 1;
             return;
         }
-        let answer = if self.random.chance(self.config.corrupt_permille) {
+        let response = if self.random.chance(self.config.corrupt_permille) {
             self.corrupt(frame)
         } else {
             *frame
         };
-        out.send(answer);
+        out.send(response);
         if self.random.chance(self.config.repeat_permille) {
-            out.send(answer);
+            out.send(response);
         }
     }
 

@@ -58,7 +58,7 @@ impl ReplayNode {
                 parsed => parsed.map_err(|cause| ReplayError { line: number + 1, cause })?,
             };
             if let Some(record) = parsed
-                && interface.is_none_or(|wanted| wanted == record.interface)
+                && interface.is_none_or(|name| name == record.interface)
             {
                 records.push(ReplayRecord { time_ns: record.time_ns, frame: record.frame });
             }

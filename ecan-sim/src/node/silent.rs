@@ -1,5 +1,3 @@
-//! A node that only acknowledges.
-
 use super::Node;
 
 /// Sends nothing; its controller acknowledges frames.

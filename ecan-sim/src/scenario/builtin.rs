@@ -1,5 +1,3 @@
-//! Built-in scenarios.
-
 use ecan_canopen::NodeId;
 
 use crate::drive::{DriveConfig, MotorConfig};

@@ -1,5 +1,3 @@
-//! The parts of a scenario.
-
 use std::path::PathBuf;
 
 use serde::Deserialize;
@@ -22,12 +20,13 @@ pub enum ClockKind {
 }
 
 /// Simulated release of libethercat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 pub enum EcrtVersion {
     /// 1.5.2: many functions return nothing, some do not exist.
     #[serde(rename = "1.5", alias = "1.5.2")]
     V1_5,
     /// 1.6.2.
+    #[default]
     #[serde(rename = "1.6", alias = "1.6.2")]
     V1_6,
 }
@@ -43,10 +42,11 @@ impl EcrtVersion {
 }
 
 /// Connection of the gateways to the master.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Topology {
     /// One after the other: a missing gateway cuts off all gateways downstream of it.
+    #[default]
     Line,
     /// Each on a junction: without a missing gateway the others remain reachable, but their
     /// positions shift.

@@ -1,5 +1,3 @@
-//! Access to the drives of the world.
-
 use ecan_canopen::{Emcy, ErrorRegister, NodeId};
 
 use crate::drive::Drive;

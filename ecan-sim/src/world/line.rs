@@ -107,12 +107,12 @@ impl World {
     /// Returns whether a frame of the master reaches this gateway and returns: it has booted and
     /// its cable is connected, and in a line the same holds for all gateways before it.
     pub fn is_reachable(&self, index: usize) -> bool {
-        let answers =
+        let responds =
             |slot: &LineSlot| slot.cable_open_until <= self.now && slot.gateway.is_responding();
         match self.topology {
-            Topology::Star => self.slots.get(index).is_some_and(answers),
+            Topology::Star => self.slots.get(index).is_some_and(responds),
             Topology::Line => {
-                index < self.slots.len() && self.slots.iter().take(index + 1).all(answers)
+                index < self.slots.len() && self.slots.iter().take(index + 1).all(responds)
             }
         }
     }

@@ -1,5 +1,3 @@
-//! Recording of the frames on CAN buses.
-
 use ecan_protocol::can::CanFrame;
 
 use crate::bus::{BusEvent, StationId};

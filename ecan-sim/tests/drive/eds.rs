@@ -198,10 +198,10 @@ fn every_error_has_line_and_text() {
             "`$NODE+1` is not a number",
         ),
     ];
-    for (old, new, place, expected) in cases {
+    for (old, new, at_line, expected) in cases {
         let (at, text) = wrong(old, new);
         assert_eq!(text, expected, "{old} -> {new}");
-        assert_eq!(at, line(place), "{old} -> {new}: {text}");
+        assert_eq!(at, line(at_line), "{old} -> {new}: {text}");
     }
 }
 
@@ -225,11 +225,11 @@ proptest! {
 
     #[test]
     fn file_with_one_changed_line_is_parsed_or_rejected(
-        place in 0..SMALL.lines().count(),
+        at_line in 0..SMALL.lines().count(),
         with in "[\\[\\]=;0-9a-zA-Z$+-]{0,20}",
     ) {
         let lines: Vec<_> = SMALL.lines().enumerate()
-            .map(|(number, line)| if number == place { with.as_str() } else { line })
+            .map(|(number, line)| if number == at_line { with.as_str() } else { line })
             .collect();
         if let Err(error) = read(&lines.join("\n")) {
             prop_assert!((1..=lines.len()).contains(&error.line));

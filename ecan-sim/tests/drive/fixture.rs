@@ -117,23 +117,23 @@ impl Fixture {
         let mut data = [0; 4];
         data[..usize::from(bytes)].copy_from_slice(&[a, b, c, d][..usize::from(bytes)]);
         let [a, b, c, d] = data;
-        let answer = self.sdo([0x23 | (4 - bytes) << 2, low, high, sub, a, b, c, d]);
-        match answer[0] {
+        let response = self.sdo([0x23 | (4 - bytes) << 2, low, high, sub, a, b, c, d]);
+        match response[0] {
             0x60 => Ok(()),
-            0x80 => Err(u32::from_le_bytes(answer[4..].try_into().unwrap())),
-            other => panic!("answer {other:02X}"),
+            0x80 => Err(u32::from_le_bytes(response[4..].try_into().unwrap())),
+            other => panic!("response {other:02X}"),
         }
     }
 
     /// Reads a number with an expedited upload.
     pub fn read(&mut self, index: u16, sub: u8) -> Result<u32, u32> {
         let [low, high] = index.to_le_bytes();
-        let answer = self.sdo([0x40, low, high, sub, 0, 0, 0, 0]);
-        let value = u32::from_le_bytes(answer[4..].try_into().unwrap());
-        match answer[0] {
+        let response = self.sdo([0x40, low, high, sub, 0, 0, 0, 0]);
+        let value = u32::from_le_bytes(response[4..].try_into().unwrap());
+        match response[0] {
             0x80 => Err(value),
             command if command & 0xE3 == 0x43 => Ok(value),
-            other => panic!("answer {other:02X}"),
+            other => panic!("response {other:02X}"),
         }
     }
 

@@ -117,9 +117,9 @@ fn every_nth_sync_and_start_value_apply() {
     fixture.write(0x1800, 6, 2, 1).unwrap();
     fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
     fixture.nmt(NmtCommand::Start);
-    let answers: Vec<_> = (1..=10).map(|counter| fixture.frame(0x80, &[counter]).len()).collect();
+    let counts: Vec<_> = (1..=10).map(|counter| fixture.frame(0x80, &[counter]).len()).collect();
     // the second SYNC is the first that counts, then every third
-    assert_eq!(answers, [0, 1, 0, 0, 1, 0, 0, 1, 0, 0]);
+    assert_eq!(counts, [0, 1, 0, 0, 1, 0, 0, 1, 0, 0]);
 }
 
 #[test]

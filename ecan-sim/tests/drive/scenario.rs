@@ -53,8 +53,8 @@ fn built_in_scenario_has_four_drives_per_channel() {
             let name = format!("drive {gateway}.{channel}/{node}");
             assert_eq!(world.drive_name(gateway, channel, id(node)), Some(name.as_str()));
             assert_eq!(world.drive(&name).unwrap().node_id(), drive.node_id());
-            let place = 100_000 * gateway + 10_000 * channel + 1_000 * usize::from(node) + 7;
-            assert_eq!(drive.position(), place as i32);
+            let position = 100_000 * gateway + 10_000 * channel + 1_000 * usize::from(node) + 7;
+            assert_eq!(drive.position(), position as i32);
         }
         assert!(world.drive_at(0, 0, id(5)).is_none());
         assert!(world.drive_at(3, 0, id(1)).is_none());
@@ -78,8 +78,8 @@ fn axis_reaches_its_first_target() {
             format!("{arrow} {id:03X} {}", bytes.join(" ")).trim_end().to_owned()
         };
         trace.extend(frames.iter().map(|frame| print(">", frame.id().raw(), frame.data())));
-        let answers = exchange(program, frames);
-        trace.extend(answers.iter().map(|(id, data)| print("<", *id, data)));
+        let responses = exchange(program, frames);
+        trace.extend(responses.iter().map(|(id, data)| print("<", *id, data)));
     };
     let sdo = |bytes: [u8; 8]| frame(0x601, &bytes);
     step(&mut program, "identity", &[sdo([0x40, 0x18, 0x10, 1, 0, 0, 0, 0])]);

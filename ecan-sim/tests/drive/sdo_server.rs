@@ -3,10 +3,10 @@
 use crate::fixture::{Fixture, config};
 use ecan_sim::{DriveConfig, DriveQuirks, SdoDirection, SdoEffect, SdoRule};
 
-fn aborted(answer: [u8; 8], index: u16, sub: u8) -> u32 {
+fn aborted(response: [u8; 8], index: u16, sub: u8) -> u32 {
     let [low, high] = index.to_le_bytes();
-    assert_eq!(answer[..4], [0x80, low, high, sub], "{answer:02X?}");
-    u32::from_le_bytes(answer[4..].try_into().unwrap())
+    assert_eq!(response[..4], [0x80, low, high, sub], "{response:02X?}");
+    u32::from_le_bytes(response[4..].try_into().unwrap())
 }
 
 #[test]
@@ -74,14 +74,14 @@ fn repeated_toggle_bit_is_aborted() {
     let mut fixture = Fixture::booted();
     fixture.sdo([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]);
     fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
-    let answer = fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
-    assert_eq!(aborted(answer, 0x1008, 0), 0x0503_0000);
+    let response = fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(aborted(response, 0x1008, 0), 0x0503_0000);
     fixture.sdo([0x21, 0x01, 0x20, 0, 20, 0, 0, 0]);
-    let answer = fixture.sdo(*b"\x10abcdefg");
-    assert_eq!(aborted(answer, 0x2001, 0), 0x0503_0000);
+    let response = fixture.sdo(*b"\x10abcdefg");
+    assert_eq!(aborted(response, 0x2001, 0), 0x0503_0000);
     // the transfer has ended
-    let answer = fixture.sdo(*b"\x00abcdefg");
-    assert_eq!(aborted(answer, 0x2001, 0), 0x0504_0001);
+    let response = fixture.sdo(*b"\x00abcdefg");
+    assert_eq!(aborted(response, 0x2001, 0), 0x0504_0001);
 }
 
 /// Sizes that do not match the data.
@@ -139,8 +139,8 @@ fn block_download(fixture: &mut Fixture, value: &[u8], announce: bool) {
     let size = if announce { value.len() as u32 } else { 0 };
     let [a, b, c, d] = size.to_le_bytes();
     let command = 0xC4 | u8::from(announce) << 1;
-    let answer = fixture.sdo([command, 0x00, 0x20, 0, a, b, c, d]);
-    assert_eq!(answer, [0xA4, 0x00, 0x20, 0, 127, 0, 0, 0]);
+    let response = fixture.sdo([command, 0x00, 0x20, 0, a, b, c, d]);
+    assert_eq!(response, [0xA4, 0x00, 0x20, 0, 127, 0, 0, 0]);
     let chunks: Vec<_> = if value.is_empty() { vec![&[][..]] } else { value.chunks(7).collect() };
     let mut sequence = 0;
     for (number, chunk) in chunks.iter().enumerate() {
@@ -149,12 +149,12 @@ fn block_download(fixture: &mut Fixture, value: &[u8], announce: bool) {
         let mut frame = [0; 8];
         frame[0] = sequence | u8::from(last) << 7;
         frame[1..=chunk.len()].copy_from_slice(chunk);
-        let answers = fixture.sdo_all(frame);
+        let responses = fixture.sdo_all(frame);
         if last || sequence == 127 {
-            assert_eq!(answers, [[0xA2, sequence, 127, 0, 0, 0, 0, 0]]);
+            assert_eq!(responses, [[0xA2, sequence, 127, 0, 0, 0, 0, 0]]);
             sequence = 0;
         } else {
-            assert!(answers.is_empty());
+            assert!(responses.is_empty());
         }
     }
     let used = chunks.last().unwrap().len();
@@ -164,9 +164,9 @@ fn block_download(fixture: &mut Fixture, value: &[u8], announce: bool) {
 }
 
 fn block_upload(fixture: &mut Fixture, block_size: u8) -> Vec<u8> {
-    let answer = fixture.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0]);
-    assert_eq!(answer[..4], [0xC6, 0x00, 0x20, 0]);
-    let size = u32::from_le_bytes(answer[4..].try_into().unwrap()) as usize;
+    let response = fixture.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0]);
+    assert_eq!(response[..4], [0xC6, 0x00, 0x20, 0]);
+    let size = u32::from_le_bytes(response[4..].try_into().unwrap()) as usize;
     let mut value = Vec::new();
     let mut segments = fixture.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
     loop {
@@ -209,10 +209,10 @@ fn download_block_resumes_at_lost_segment() {
     fixture.sdo([0xC6, 0x00, 0x20, 0, 14, 0, 0, 0]);
     assert!(fixture.sdo_all(*b"\x01abcdefg").is_empty());
     // segment 2 is lost, 3 and last arrives: the server has 1
-    let answers = fixture.sdo_all(*b"\x83xxxxxxx");
-    assert_eq!(answers, [[0xA2, 1, 127, 0, 0, 0, 0, 0]]);
-    let answers = fixture.sdo_all(*b"\x81hijklmn");
-    assert_eq!(answers, [[0xA2, 1, 127, 0, 0, 0, 0, 0]]);
+    let responses = fixture.sdo_all(*b"\x83xxxxxxx");
+    assert_eq!(responses, [[0xA2, 1, 127, 0, 0, 0, 0, 0]]);
+    let responses = fixture.sdo_all(*b"\x81hijklmn");
+    assert_eq!(responses, [[0xA2, 1, 127, 0, 0, 0, 0, 0]]);
     let [low, high] = crc(b"abcdefghijklmn").to_le_bytes();
     assert_eq!(fixture.sdo([0xC1, low, high, 0, 0, 0, 0, 0]), [0xA1, 0, 0, 0, 0, 0, 0, 0]);
     assert_eq!(block_upload(&mut fixture, 10), b"abcdefghijklmn");
@@ -237,7 +237,7 @@ fn upload_block_resumes_at_lost_segment() {
 #[test]
 fn invalid_block_transfers_are_aborted() {
     let mut fixture = Fixture::booted();
-    let code = |answer: [u8; 8]| u32::from_le_bytes(answer[4..].try_into().unwrap());
+    let code = |response: [u8; 8]| u32::from_le_bytes(response[4..].try_into().unwrap());
     // block sizes
     assert_eq!(code(fixture.sdo([0xA4, 0, 0x20, 0, 0, 0, 0, 0])), 0x0504_0002);
     assert_eq!(code(fixture.sdo([0xA4, 0, 0x20, 0, 128, 0, 0, 0])), 0x0504_0002);
@@ -258,8 +258,8 @@ fn invalid_block_transfers_are_aborted() {
     fixture.sdo([0xC6, 0x81, 0x60, 0, 4, 0, 0, 0]);
     fixture.sdo([0x81, 1, 2, 3, 4, 0, 0, 0]);
     let [low, high] = crc(&[1, 2, 3, 4]).to_le_bytes();
-    let answer = fixture.sdo([0xC1 | 3 << 2, low, high, 0, 0, 0, 0, 0]);
-    assert_eq!(answer, [0xA1, 0, 0, 0, 0, 0, 0, 0]);
+    let response = fixture.sdo([0xC1 | 3 << 2, low, high, 0, 0, 0, 0, 0]);
+    assert_eq!(response, [0xA1, 0, 0, 0, 0, 0, 0, 0]);
     assert_eq!(fixture.drive.object(0x6081, 0), Some(0x0403_0201));
 }
 
@@ -285,8 +285,8 @@ fn drive_without_block_transfer_aborts() {
     }
     let quirks = DriveQuirks { block_upload_falls_back: true, ..Default::default() };
     let mut fixture = with_quirks(quirks);
-    let answer = fixture.sdo([0xA4, 0x08, 0x10, 0, 127, 0, 0, 0]);
-    assert_eq!(answer, [0x41, 0x08, 0x10, 0, 26, 0, 0, 0]);
+    let response = fixture.sdo([0xA4, 0x08, 0x10, 0, 127, 0, 0, 0]);
+    assert_eq!(response, [0x41, 0x08, 0x10, 0, 26, 0, 0, 0]);
     assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00ECAN si");
 }
 

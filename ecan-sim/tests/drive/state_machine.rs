@@ -23,14 +23,14 @@ fn way_to(state: DriveState) -> Fixture {
     fixture.write(0x605A, 0, 6, 2).unwrap();
     // disable at once
     fixture.write(0x605C, 0, 0, 2).unwrap();
-    let words: &[u16] = match state {
+    let controlwords: &[u16] = match state {
         ReadyToSwitchOn => &[SHUTDOWN],
         SwitchedOn => &[SHUTDOWN, SWITCH_ON],
         OperationEnabled => &[SHUTDOWN, SWITCH_ON, ENABLE],
         QuickStopActive => &[SHUTDOWN, SWITCH_ON, ENABLE, QUICK_STOP],
         _ => &[],
     };
-    words.iter().for_each(|word| fixture.controlword(*word));
+    controlwords.iter().for_each(|word| fixture.controlword(*word));
     if state == Fault {
         fixture.drive.fail(fixture.now, 0x1000, &mut NodeOutput::new());
     }
@@ -122,7 +122,7 @@ fn every_controlword_in_every_state_has_its_transition() {
 
 #[test]
 fn each_state_has_its_statusword() {
-    let words = [
+    let controlwords = [
         (SwitchOnDisabled, 0x0240),
         (ReadyToSwitchOn, 0x0221),
         (SwitchedOn, 0x0233),
@@ -131,7 +131,7 @@ fn each_state_has_its_statusword() {
         (QuickStopActive, 0x0217),
         (Fault, 0x0208),
     ];
-    for (state, word) in words {
+    for (state, word) in controlwords {
         let mut fixture = way_to(state);
         assert_eq!(fixture.read(0x6041, 0), Ok(word), "{state}");
         assert_eq!(u32::from(fixture.drive.statusword().0), word);

@@ -24,7 +24,7 @@ fn entry_is_found_by_position_and_by_object() {
     let (config, domain) = (program.config, program.domain);
     let at = |sync, pdo, entry| {
         let mut bit = u32::MAX;
-        // SAFETY: the handles are the library's, the place is there.
+        // SAFETY: the handles are the library's, the pointer is valid.
         let byte = unsafe {
             c::slave_config_reg_pdo_entry_pos(config, sync, pdo, entry, domain, &mut bit)
         };
@@ -45,7 +45,7 @@ fn entry_inside_a_byte_needs_a_bit_position() {
     let program = CMaster::configured();
     let (config, domain) = (program.config, program.domain);
     let mut bit = 0;
-    // SAFETY: the handles are the library's, the place is there.
+    // SAFETY: the handles are the library's, the pointer is valid.
     unsafe {
         assert_eq!(c::slave_config_pdo_mapping_clear(config, 0x1600), 0);
         assert_eq!(c::slave_config_pdo_mapping_add(config, 0x1600, 0x7000, 1, 3), 0);
@@ -93,12 +93,12 @@ fn one_handle_at_a_time_reserves_the_master() {
 fn complete_access_is_aborted() {
     let program = CMaster::configured();
     let (data, mut abort_code) = ([8u8, 0, 0, 0], 0);
-    // SAFETY: the handle is the library's, the data and the place are there.
-    let answer = unsafe {
+    // SAFETY: the handle is the library's, the data and the pointer are valid.
+    let result = unsafe {
         let (first, size) = (data.as_ptr(), data.len());
         c::master_sdo_download_complete(program.master, 0, 0x8010, first, size, &mut abort_code)
     };
-    assert_eq!((answer, abort_code), (-libc::EIO, 0x0601_0000));
+    assert_eq!((result, abort_code), (-libc::EIO, 0x0601_0000));
 }
 
 #[test]
@@ -107,9 +107,9 @@ fn startup_complete_access_keeps_the_slave_in_preop() {
     program.register_by_list();
     let data = [8u8, 0, 0, 0];
     // SAFETY: the handle is the library's, the data are there.
-    let answer =
+    let result =
         unsafe { c::slave_config_complete_sdo(program.config, 0x8010, data.as_ptr(), data.len()) };
-    assert_eq!(answer, 0);
+    assert_eq!(result, 0);
     program.activate();
     assert_eq!(program.ends_without_op(), (PREOP, true));
     assert!(program.log().contains("startup SDO 0x8010"), "{}", program.log());
@@ -178,6 +178,6 @@ fn slave_without_emergencies_has_none() {
 fn configuration_flag_without_a_name_is_invalid() {
     let program = CMaster::configured();
     // SAFETY: the handle is the library's, the text ends with a zero.
-    let answer = unsafe { c::slave_config_flag(program.config, c"".as_ptr(), 1) };
-    assert_eq!(answer, -libc::EINVAL);
+    let result = unsafe { c::slave_config_flag(program.config, c"".as_ptr(), 1) };
+    assert_eq!(result, -libc::EINVAL);
 }

@@ -65,30 +65,30 @@ impl CMaster {
         }
         for SdoWrite { index, subindex, value, ty } in list {
             // SAFETY: the handle is the library's.
-            let answer = unsafe {
+            let result = unsafe {
                 match ty.size_bytes() {
                     Some(1) => c::slave_config_sdo8(self.config, index, subindex, value as u8),
                     Some(2) => c::slave_config_sdo16(self.config, index, subindex, value as u16),
                     _ => c::slave_config_sdo32(self.config, index, subindex, value),
                 }
             };
-            assert_eq!(answer, 0, "0x{index:04X}:{subindex:02X}");
+            assert_eq!(result, 0, "0x{index:04X}:{subindex:02X}");
         }
     }
 
     fn set_pdos(&self) {
-        let ways =
-            [(Direction::RxPdo, EC_DIR_OUTPUT), (Direction::TxPdo, EC_DIR_INPUT)].map(|way| {
-                let entries: Vec<_> = (0..8)
-                    .map(|unit| ec_pdo_entry_info_t {
-                        index: data_object_index(way.0, 0, unit),
-                        subindex: MAPPED_SUBINDEX,
-                        bit_length: 128,
-                    })
-                    .collect();
-                (way, entries)
-            });
-        for ((direction, dir), mut entries) in ways {
+        let directions = [(Direction::RxPdo, EC_DIR_OUTPUT), (Direction::TxPdo, EC_DIR_INPUT)];
+        let lists = directions.map(|(direction, dir)| {
+            let entries: Vec<_> = (0..8)
+                .map(|unit| ec_pdo_entry_info_t {
+                    index: data_object_index(direction, 0, unit),
+                    subindex: MAPPED_SUBINDEX,
+                    bit_length: 128,
+                })
+                .collect();
+            ((direction, dir), entries)
+        });
+        for ((direction, dir), mut entries) in lists {
             let mut pdo = ec_pdo_info_t {
                 index: pdo_map_index(direction, 0),
                 n_entries: 8,
@@ -103,9 +103,9 @@ impl CMaster {
             };
             let end = ec_sync_info_t { index: 0xFF, ..sync };
             // SAFETY: the lists have the given lengths, and the second one is the end.
-            let answer =
+            let result =
                 unsafe { c::slave_config_pdos(self.config, u32::MAX, [sync, end].as_ptr()) };
-            assert_eq!(answer, 0);
+            assert_eq!(result, 0);
         }
     }
 
@@ -125,8 +125,8 @@ impl CMaster {
         };
         let list = [entry(0x7000, outputs), entry(0x6000, inputs), entry(0, null_mut())];
         // SAFETY: the list ends with index 0, the places are there.
-        let answer = unsafe { c::domain_reg_pdo_entry_list(self.domain, list.as_ptr()) };
-        (answer, offsets)
+        let result = unsafe { c::domain_reg_pdo_entry_list(self.domain, list.as_ptr()) };
+        (result, offsets)
     }
 
     pub fn activate(&self) {
@@ -147,7 +147,7 @@ impl CMaster {
 
     pub fn state(&self) -> ec_slave_config_state_t {
         let mut state = ec_slave_config_state_t::default();
-        // SAFETY: the handle is the library's, the place is there.
+        // SAFETY: the handle is the library's, the pointer is valid.
         assert_eq!(unsafe { c::slave_config_state(self.config, &mut state) }, 0);
         state
     }
@@ -164,7 +164,7 @@ impl CMaster {
     pub fn ends_without_op(&self) -> (u8, bool) {
         assert!(!self.reaches_op());
         let mut info = ec_slave_info_t::default();
-        // SAFETY: the handle is the library's, the place is there.
+        // SAFETY: the handle is the library's, the pointer is valid.
         assert_eq!(unsafe { c::master_get_slave(self.master, 0, &mut info) }, 0);
         (info.al_state, info.error_flag == 1)
     }

@@ -18,8 +18,8 @@ fn slaves_are_scanned_and_in_preop() {
     let state = master.state().unwrap();
     assert_eq!((state.slaves_responding, state.al_states, state.link_up), (2, 2, true));
     let slave = master.slave_info(1).unwrap();
-    let settings = GatewaySpec::at(1).config;
-    assert_eq!((slave.vendor_id, slave.product_code), (settings.vendor_id, settings.product_code));
+    let config = GatewaySpec::at(1).config;
+    assert_eq!((slave.vendor_id, slave.product_code), (config.vendor_id, config.product_code));
     assert_eq!((slave.alias, slave.serial_number, slave.al_state), (77, 0x1234, 2));
     assert_eq!((slave.sync_count, slave.error_flag), (4, false));
     assert_eq!(slave.ports[0].next_slave, Some(0));

@@ -7,7 +7,7 @@ use ecan_sim::{Fault, GatewayFault, LossDirection};
 use proptest::prelude::*;
 
 fn faults() -> impl Strategy<Value = Fault> {
-    let way = prop_oneof![Just(LossDirection::Outward), Just(LossDirection::Return)];
+    let direction = prop_oneof![Just(LossDirection::Outward), Just(LossDirection::Return)];
     let gateway = 0..2usize;
     let channel = 0..4usize;
     let inside = prop_oneof![
@@ -17,7 +17,8 @@ fn faults() -> impl Strategy<Value = Fault> {
         Just(GatewayFault::AlError { code: 0x001A }),
     ];
     prop_oneof![
-        (way, 1..300u32).prop_map(|(way, cycles)| Fault::LostFrame { direction: way, cycles }),
+        (direction, 1..300u32)
+            .prop_map(|(direction, cycles)| Fault::LostFrame { direction, cycles }),
         (-3..4i32, 1..10u32)
             .prop_map(|(offset, cycles)| Fault::WorkingCounterOffset { offset, cycles }),
         (gateway.clone(), 1..500u32)

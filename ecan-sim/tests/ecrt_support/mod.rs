@@ -182,20 +182,22 @@ impl Program {
 }
 
 fn configure(master: &mut Master, position: usize, n: u8, extra: &[SdoWrite]) -> Slave {
-    let place = position as u16;
-    let info = master.slave_info(place).expect("the slave is there");
+    let position = position as u16;
+    let info = master.slave_info(position).expect("the slave is there");
     let domain = master.create_domain().expect("create_domain");
     let config =
-        master.slave_config(0, place, info.vendor_id, info.product_code).expect("slave_config");
+        master.slave_config(0, position, info.vendor_id, info.product_code).expect("slave_config");
     let profile = PdoProfile { multiplier: n, ..PdoProfile::default() };
     let mut list: Vec<SdoWrite> = Vec::new();
     for direction in [Direction::RxPdo, Direction::TxPdo] {
         let sync = sync_manager(direction);
-        let way = match direction {
+        let sync_direction = match direction {
             Direction::RxPdo => SyncDirection::Output,
             Direction::TxPdo => SyncDirection::Input,
         };
-        master.config_sync_manager(config, sync, way, WatchdogMode::Default).expect("sync");
+        master
+            .config_sync_manager(config, sync, sync_direction, WatchdogMode::Default)
+            .expect("sync");
         master.config_pdo_assign_clear(config, sync).expect("assign_clear");
         for chunk in 0..n {
             let pdo = pdo_map_index(direction, chunk);

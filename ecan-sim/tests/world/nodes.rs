@@ -120,48 +120,48 @@ fn invalid_log_is_rejected_with_line() {
     );
 }
 
-fn answers(config: FaultyConfig, count: usize) -> (FaultyNode, Vec<Vec<CanFrame>>) {
+fn responses(config: FaultyConfig, count: usize) -> (FaultyNode, Vec<Vec<CanFrame>>) {
     let mut node = FaultyNode::new(config, 7);
     let mut out = NodeOutput::new();
-    let answers = (0..count)
+    let responses = (0..count)
         .map(|now| {
             node.received(now as u64, &frame(0x123, &[0xA5; 8]), &mut out);
             drain(&mut out)
         })
         .collect();
-    (node, answers)
+    (node, responses)
 }
 
 #[test]
 fn faulty_node_without_faults_echoes() {
-    let (_, answers) = answers(FaultyConfig::default(), 100);
-    assert!(answers.iter().all(|a| a == &[frame(0x123, &[0xA5; 8])]));
+    let (_, responses) = responses(FaultyConfig::default(), 100);
+    assert!(responses.iter().all(|a| a == &[frame(0x123, &[0xA5; 8])]));
 }
 
 #[test]
 fn faulty_node_drops_configured_rate() {
     let config = |drop_permille| FaultyConfig { drop_permille, ..FaultyConfig::default() };
-    let (node, none) = answers(config(1000), 50);
+    let (node, none) = responses(config(1000), 50);
     assert!(none.iter().all(Vec::is_empty));
     assert_eq!(node.dropped(), 50);
-    let (node, some) = answers(config(250), 10_000);
+    let (node, some) = responses(config(250), 10_000);
     let dropped = some.iter().filter(|a| a.is_empty()).count();
     assert_eq!(node.dropped(), dropped as u64);
     assert!((2_300..2_700).contains(&dropped), "{dropped} of 10000");
 }
 
 #[test]
-fn corrupted_answer_differs_in_one_bit() {
-    let (node, answers) =
-        answers(FaultyConfig { corrupt_permille: 1000, ..FaultyConfig::default() }, 200);
+fn corrupted_response_differs_in_one_bit() {
+    let (node, responses) =
+        responses(FaultyConfig { corrupt_permille: 1000, ..FaultyConfig::default() }, 200);
     assert_eq!(node.corrupted(), 200);
     let mut hit = [false; 64];
-    for answer in answers {
-        let [answer] = answer.as_slice() else {
-            panic!("one answer each");
+    for response in responses {
+        let [response] = response.as_slice() else {
+            panic!("one response each");
         };
         let differing: Vec<usize> =
-            (0..64).filter(|bit| (answer.data()[bit / 8] ^ 0xA5) >> (bit % 8) & 1 == 1).collect();
+            (0..64).filter(|bit| (response.data()[bit / 8] ^ 0xA5) >> (bit % 8) & 1 == 1).collect();
         assert_eq!(differing.len(), 1);
         hit[differing[0]] = true;
     }

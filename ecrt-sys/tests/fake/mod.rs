@@ -66,8 +66,8 @@ impl Fake {
 pub const RELEASES: [&[&str]; 2] = [&["MAGIC=0x105", "SILENT", "OLD"], &["MAGIC=0x106"]];
 
 #[track_caller]
-pub fn says(text: &str, words: &[&str]) {
-    for word in words {
-        assert!(text.contains(word), "\"{word}\" is not in \"{text}\"");
+pub fn assert_contains(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "\"{part}\" is not in \"{text}\"");
     }
 }

@@ -32,7 +32,10 @@ impl CanBus {
             self.complete_losers(t, events);
         }
         if self.has_local_activity {
-            self.complete_recoveries(t);
+            let quiet = t.end.saturating_sub(t.config.bits_ns(QUIET_END_BITS));
+            for recovery in self.stations.iter_mut().filter_map(|s| s.recovery.as_mut()) {
+                recovery.interrupted(t.start, quiet);
+            }
         }
         if states_changed {
             self.report_states(events);
@@ -159,15 +162,6 @@ impl CanBus {
             if !repeats {
                 station.offer = None;
                 events.push(BusEvent::Abandoned { station: StationId(index), frame, at_ns: t.end });
-            }
-        }
-    }
-
-    fn complete_recoveries(&mut self, t: &Transmission) {
-        let quiet = t.end.saturating_sub(t.config.bits_ns(QUIET_END_BITS));
-        for station in &mut self.stations {
-            if let Some(recovery) = &mut station.recovery {
-                recovery.interrupted(t.start, quiet);
             }
         }
     }

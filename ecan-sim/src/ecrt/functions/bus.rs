@@ -1,5 +1,3 @@
-//! State of the bus.
-
 use super::{on_master, store};
 use crate::ecrt::calls::CallResult;
 use crate::ecrt::pdo::{Pdo, SYNC_MANAGERS, direction_of};
@@ -80,7 +78,7 @@ functions! {
             value.set_link_up(c_uint::from(world.link_is_up()));
             Ok(value)
         })?;
-        // SAFETY: the caller passes a place for the information, or null.
+        // SAFETY: the caller passes a pointer for the information, or null.
         unsafe { store(info, value) }
     }
 
@@ -92,7 +90,7 @@ functions! {
             let total = state.master.scan.as_ref().map_or(scanned, |scan| scan.slots.len() as c_uint);
             Ok(ec_master_scan_progress_t { slave_count: total, scan_index: scanned })
         })?;
-        // SAFETY: the caller passes a place for the progress, or null.
+        // SAFETY: the caller passes a pointer for the progress, or null.
         unsafe { store(progress, value) }
     }
 
@@ -104,7 +102,7 @@ functions! {
             let slave = slaves.get(usize::from(position)).ok_or(libc::EINVAL)?;
             Ok(slave_info(slave, position, slaves.len()))
         })?;
-        // SAFETY: the caller passes a place for the information, or null.
+        // SAFETY: the caller passes a pointer for the information, or null.
         unsafe { store(info, value) }
     }
 
@@ -122,7 +120,7 @@ functions! {
             pdos: std::ptr::null_mut(),
             watchdog_mode: if sync_index == 2 { EC_WD_ENABLE } else { EC_WD_DISABLE },
         });
-        // SAFETY: the caller passes a place for the information, or null.
+        // SAFETY: the caller passes a pointer for the information, or null.
         unsafe { store_pdo_info(master, position, sync_index, sync, info) }
     }
 
@@ -135,7 +133,7 @@ functions! {
             let n_entries = found.entries.len() as c_uint;
             Some(ec_pdo_info_t { index: found.index, n_entries, entries: std::ptr::null_mut() })
         };
-        // SAFETY: the caller passes a place for the information, or null.
+        // SAFETY: the caller passes a pointer for the information, or null.
         unsafe { store_pdo_info(master, position, sync_index, pdo, info) }
     }
 
@@ -149,7 +147,7 @@ functions! {
             let (index, subindex) = (found.index, found.subindex);
             Some(ec_pdo_entry_info_t { index, subindex, bit_length: found.bits })
         };
-        // SAFETY: the caller passes a place for the information, or null.
+        // SAFETY: the caller passes a pointer for the information, or null.
         unsafe { store_pdo_info(master, position, sync_index, entry, info) }
     }
 
@@ -161,7 +159,7 @@ functions! {
             value.set_link_up(c_uint::from(world.link_is_up()));
             Ok(())
         })?;
-        // SAFETY: the caller passes a place for the state, or null.
+        // SAFETY: the caller passes a pointer for the state, or null.
         unsafe { store(state, value) }
     }
 
@@ -179,7 +177,7 @@ functions! {
             value.set_link_up(c_uint::from(world.link_is_up()));
             Ok(())
         })?;
-        // SAFETY: the caller passes a place for the state, or null.
+        // SAFETY: the caller passes a pointer for the state, or null.
         unsafe { store(state, value) }
     }
 }

@@ -113,7 +113,7 @@ pub unsafe extern "C" fn slave_config_reg_pdo_entry(
     bit_position: *mut c_uint,
 ) -> c_int {
     let entry = EntrySelector::Object { index: entry_index, subindex: entry_subindex };
-    // SAFETY: the caller passes a place for the bit position, or null.
+    // SAFETY: the caller passes a pointer for the bit position, or null.
     unsafe { register_entry(config, entry, domain, bit_position) }
 }
 
@@ -329,7 +329,7 @@ functions! {
             }
             Ok(())
         })?;
-        // SAFETY: the caller passes a place for the state, or null.
+        // SAFETY: the caller passes a pointer for the state, or null.
         unsafe { store(state, value) }
     }
 

@@ -1,5 +1,3 @@
-//! Opening and releasing a master.
-
 use std::sync::Arc;
 
 use super::{guarded, null_with, on_master, pointer};

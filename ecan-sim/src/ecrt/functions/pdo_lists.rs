@@ -116,7 +116,7 @@ pub unsafe extern "C" fn slave_config_reg_pdo_entry_pos(
     }
     let (pdo, entry) = (pdo_position as usize, entry_position as usize);
     let entry = EntrySelector::Position { sync: sync_index, pdo, entry };
-    // SAFETY: the caller passes a place for the bit position, or null.
+    // SAFETY: the caller passes a pointer for the bit position, or null.
     unsafe { register_entry(config, entry, domain, bit_position) }
 }
 
@@ -139,7 +139,7 @@ pub unsafe extern "C" fn domain_reg_pdo_entry_list(
             }
             let master = super::pointer(master);
             let (vendor, product) = (entry.vendor_id, entry.product_code);
-            // SAFETY: the bit position is a place of the caller's, or null.
+            // SAFETY: the bit position is a pointer of the caller, or null.
             let offset = unsafe {
                 let config =
                     master_slave_config(master, entry.alias, entry.position, vendor, product);
@@ -149,7 +149,7 @@ pub unsafe extern "C" fn domain_reg_pdo_entry_list(
                 let (index, subindex) = (entry.index, entry.subindex);
                 slave_config_reg_pdo_entry(config, index, subindex, domain, entry.bit_position)
             };
-            // SAFETY: the offset is a place of the caller's, or null.
+            // SAFETY: the offset is a pointer of the caller, or null.
             unsafe { super::store(entry.offset, checked(offset)? as c_uint)? };
         }
         Ok(())

@@ -93,7 +93,7 @@ functions! {
             };
             Ok(ec_domain_state_t { working_counter, wc_state, redundancy_active: 0 })
         })?;
-        // SAFETY: the caller passes a place for the state, or null.
+        // SAFETY: the caller passes a pointer for the state, or null.
         unsafe { store(state, value) }
     }
 
@@ -148,7 +148,7 @@ functions! {
             state.master.stderr_lines += u64::from(time.is_err());
             time
         })?;
-        // SAFETY: the caller passes a place for the time, or null.
+        // SAFETY: the caller passes a pointer for the time, or null.
         unsafe { store(time_ns, value) }
     }
 

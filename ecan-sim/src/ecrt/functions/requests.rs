@@ -1,5 +1,3 @@
-//! SDO and register requests.
-
 use super::{
     data_or_null, guarded, handle_or_null, on_config, on_reg_request, on_request, with_reg_request,
     with_request,

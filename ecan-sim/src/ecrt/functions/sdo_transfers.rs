@@ -1,5 +1,3 @@
-//! Blocking SDO transfers.
-
 use super::{bytes, on_master, store};
 use crate::ecrt::calls::CallResult;
 use crate::ecrt::sdo_transfer::SdoObject;
@@ -19,7 +17,7 @@ unsafe fn transfer(
 ) -> CallResult<Vec<u8>> {
     on_master(master)?.shared.transfer(position, object, download).map_err(|failure| {
         if failure.errno == libc::EIO {
-            // SAFETY: the caller's promise. Without a place for it the code goes nowhere.
+            // SAFETY: the caller's promise. Without a pointer the code is dropped.
             let _ = unsafe { store(abort_code, failure.abort_code) };
         }
         failure.errno
@@ -32,7 +30,7 @@ functions! {
         size: size_t, abort_code: *mut u32
     ) {
         let object = SdoObject::entry(index, subindex);
-        // SAFETY: the caller passes `size` bytes and a place for the code, each or null.
+        // SAFETY: the caller passes `size` bytes and a pointer for the code, each or null.
         unsafe {
             let data = bytes(data, size)?;
             transfer(master, position, object, Some(data), abort_code).map(drop)
@@ -44,7 +42,7 @@ functions! {
         master: *mut ec_master_t, position: u16, index: u16, data: *const u8, size: size_t,
         abort_code: *mut u32
     ) {
-        // SAFETY: the caller passes `size` bytes and a place for the code, each or null.
+        // SAFETY: the caller passes `size` bytes and a pointer for the code, each or null.
         unsafe {
             let data = bytes(data, size)?;
             transfer(master, position, SdoObject::whole(index), Some(data), abort_code).map(drop)
@@ -56,7 +54,7 @@ functions! {
         target_size: size_t, result_size: *mut size_t, abort_code: *mut u32
     ) {
         let object = SdoObject::entry(index, subindex);
-        // SAFETY: the caller passes a place for the code, or null.
+        // SAFETY: the caller passes a pointer for the code, or null.
         let data = unsafe { transfer(master, position, object, None, abort_code)? };
         if data.len() > target_size {
             return Err(libc::EOVERFLOW);
@@ -64,9 +62,9 @@ functions! {
         if target.is_null() {
             return Err(libc::EFAULT);
         }
-        // SAFETY: the caller passes a place for `target_size` bytes, and there are no more.
+        // SAFETY: the caller passes a pointer to `target_size` bytes, and there are no more.
         unsafe { target.copy_from_nonoverlapping(data.as_ptr(), data.len()) };
-        // SAFETY: the caller passes a place for the size, or null.
+        // SAFETY: the caller passes a pointer for the size, or null.
         unsafe { store(result_size, data.len()) }
     }
 }

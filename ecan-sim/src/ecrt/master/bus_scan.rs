@@ -110,7 +110,9 @@ impl MasterModel {
         let now = world.now_ns();
         let Some(slot) = scan.slots.get(scan.at).copied() else {
             self.poll_due = now;
-            self.attach_configs();
+            for config in 0..self.configs.len() {
+                self.attach_config(config);
+            }
             return;
         };
         if scan.prepared {
@@ -131,12 +133,6 @@ impl MasterModel {
             self.poll_due = now + SCAN_SLAVE_NS;
         }
         self.scan = Some(scan);
-    }
-
-    pub(crate) fn attach_configs(&mut self) {
-        for config in 0..self.configs.len() {
-            self.attach_config(config);
-        }
     }
 
     /// Attaches one configuration if its slave is present, unconfigured, and has the configured

@@ -45,11 +45,11 @@ impl MasterModel {
     }
 
     pub(crate) fn take_blocking(&mut self, id: u64) -> Option<Result<Vec<u8>, SdoFailure>> {
-        let place = self.blocking.iter().position(|sdo| sdo.id == id)?;
-        if self.blocking.get(place).is_some_and(|sdo| sdo.result.is_none()) {
+        let index = self.blocking.iter().position(|sdo| sdo.id == id)?;
+        if self.blocking.get(index).is_some_and(|sdo| sdo.result.is_none()) {
             return None;
         }
-        self.blocking.swap_remove(place).result
+        self.blocking.swap_remove(index).result
     }
 
     pub(crate) fn cancel_blocking(&mut self, id: u64) {

@@ -1,5 +1,3 @@
-//! Faults in a scenario file.
-
 use serde::{Deserialize, Serialize};
 
 use crate::fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};

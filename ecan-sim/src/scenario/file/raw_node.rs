@@ -1,5 +1,3 @@
-//! Nodes in a scenario file.
-
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
