@@ -38,9 +38,9 @@ enum Interface {
 
 /// Writer of a capture.
 ///
-/// Writes the description of an interface before its first packet and allocates only then. Times
-/// are nanoseconds since 1970. Do not use it in the cycle, because it waits for the file; see
-/// [`Recorder`](crate::Recorder).
+/// Writes the description of an interface before its first packet and allocates only then. Times are
+/// nanoseconds since 1970. Each function returns the I/O errors of the writer. Do not use it in the
+/// cycle, because it waits for the file; see [`Recorder`](crate::Recorder).
 #[derive(Debug)]
 pub struct Capture<W> {
     blocks: Blocks<W>,
@@ -49,18 +49,12 @@ pub struct Capture<W> {
 
 impl<W: Write> Capture<W> {
     /// Starts a capture. The writer should be buffered; `application` is stored in the file.
-    ///
-    /// # Errors
-    /// I/O errors of the writer.
     pub fn new(writer: W, application: &str) -> io::Result<Self> {
         let blocks = Blocks::begin(writer, application)?;
         Ok(Self { blocks, interfaces: Vec::with_capacity(16) })
     }
 
     /// Writes a CAN frame; `port` counts the channels of all gateways from `can0`.
-    ///
-    /// # Errors
-    /// I/O errors of the writer.
     pub fn frame(
         &mut self,
         time_ns: u64,
@@ -74,9 +68,6 @@ impl<W: Write> Capture<W> {
     }
 
     /// Writes an error frame of a channel.
-    ///
-    /// # Errors
-    /// I/O errors of the writer.
     pub fn error(&mut self, time_ns: u64, port: usize, error: &ErrorFrame) -> io::Result<()> {
         let interface = self.interface(Interface::Can(port))?;
         let header = socketcan::error_header(error);
@@ -85,9 +76,6 @@ impl<W: Write> Capture<W> {
     }
 
     /// Writes a PDO image, 128 * N bytes.
-    ///
-    /// # Errors
-    /// I/O errors of the writer.
     pub fn image(&mut self, time_ns: u64, origin: &ImageOrigin, image: &[u8]) -> io::Result<()> {
         let interface = self.interface(Interface::Images(origin.slave))?;
         let traffic = match origin.direction {
@@ -98,17 +86,11 @@ impl<W: Write> Capture<W> {
     }
 
     /// Flushes the writer.
-    ///
-    /// # Errors
-    /// I/O errors of the writer.
     pub fn flush(&mut self) -> io::Result<()> {
         self.blocks.flush()
     }
 
     /// Ends the capture and returns the writer.
-    ///
-    /// # Errors
-    /// I/O errors of the writer.
     pub fn finish(self) -> io::Result<W> {
         self.blocks.finish()
     }

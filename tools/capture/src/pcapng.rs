@@ -55,7 +55,6 @@ impl<W: Write> Blocks<W> {
         Ok(number)
     }
 
-    /// Writes a packet with a header and content.
     pub fn packet(
         &mut self,
         interface: u32,
@@ -78,12 +77,10 @@ impl<W: Write> Blocks<W> {
         self.put(ENHANCED_PACKET)
     }
 
-    /// Flushes the writer.
     pub fn flush(&mut self) -> io::Result<()> {
         self.writer.flush()
     }
 
-    /// Flushes and returns the writer.
     pub fn finish(mut self) -> io::Result<W> {
         self.writer.flush()?;
         Ok(self.writer)

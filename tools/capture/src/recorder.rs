@@ -14,17 +14,14 @@ use crate::capture::{Capture, Traffic};
 use crate::error_frame::ErrorFrame;
 use crate::image::ImageOrigin;
 
-/// Maximum number of queued packets.
 const QUEUE: usize = 1 << 15;
 /// Maximum number of queued images: one second of both directions at a cycle of 1 ms.
 const IMAGES: usize = 2048;
 
 /// Time limit of a stalled file in a hurry.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Poll interval.
-const LOOK: Duration = Duration::from_millis(1);
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Queued packet.
 #[derive(Debug)]
 enum Packet {
     Frame { port: usize, traffic: Traffic, frame: CanFrame },
@@ -162,7 +159,7 @@ impl Recorder {
                     return false;
                 }
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
         true
     }
@@ -180,7 +177,7 @@ impl Recorder {
     fn has_waited(&self) -> bool {
         let waits = self.is_patient && !self.is_in_hurry();
         if waits {
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
         waits
     }
@@ -199,9 +196,8 @@ impl Recorder {
         let mut waiting = (time_ns, packet);
         loop {
             match queue.try_send(waiting) {
-                Ok(()) => return,
                 // The error of the thread is returned by `finish`.
-                Err(TrySendError::Disconnected(_)) => return,
+                Ok(()) | Err(TrySendError::Disconnected(_)) => return,
                 Err(TrySendError::Full(back)) => waiting = back,
             }
             if !self.has_waited() {

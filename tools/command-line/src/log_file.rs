@@ -80,7 +80,7 @@ pub fn read(path: &Path) -> Result<Log, LogFileError> {
     Ok(log)
 }
 
-/// Writer of a candump log.
+/// Writer of a candump log. Each function fails with [`LogFileError::Write`].
 pub struct Writer {
     file: BufWriter<Box<dyn Write + Send>>,
     path: PathBuf,
@@ -88,17 +88,11 @@ pub struct Writer {
 
 impl Writer {
     /// Creates or truncates the file; `-` is standard output.
-    ///
-    /// # Errors
-    /// [`LogFileError::Write`].
     pub fn create(path: &Path) -> Result<Self, LogFileError> {
         Self::create_with(path, Existing::Replace)
     }
 
     /// As [`create`](Self::create), with a policy for an existing file.
-    ///
-    /// # Errors
-    /// [`LogFileError::Write`].
     pub fn create_with(path: &Path, existing: Existing) -> Result<Self, LogFileError> {
         let path = path.to_owned();
         match create(&path, existing) {
@@ -108,9 +102,6 @@ impl Writer {
     }
 
     /// Appends a frame; `port` counts the channels of all gateways from `can0`.
-    ///
-    /// # Errors
-    /// [`LogFileError::Write`].
     pub fn write(
         &mut self,
         time_ns: u64,
@@ -122,25 +113,16 @@ impl Writer {
     }
 
     /// Appends a line, given without line break.
-    ///
-    /// # Errors
-    /// [`LogFileError::Write`].
     pub fn write_line(&mut self, line: impl Display) -> Result<(), LogFileError> {
         writeln!(self.file, "{line}").map_err(|error| self.fault(error))
     }
 
     /// Flushes the buffer.
-    ///
-    /// # Errors
-    /// [`LogFileError::Write`].
     pub fn flush(&mut self) -> Result<(), LogFileError> {
         self.file.flush().map_err(|error| self.fault(error))
     }
 
     /// Flushes and closes the file.
-    ///
-    /// # Errors
-    /// [`LogFileError::Write`].
     pub fn finish(mut self) -> Result<(), LogFileError> {
         self.flush()
     }

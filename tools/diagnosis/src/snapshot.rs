@@ -158,7 +158,6 @@ impl Snapshot {
         self.get(index, subindex).map_or_else(|| "unknown".to_owned(), text)
     }
 
-    /// Value as a number, or "unknown".
     pub(crate) fn number(&self, index: u16, subindex: u8) -> String {
         self.text_of(index, subindex, |value| value.to_string())
     }

@@ -1,5 +1,3 @@
-//! The bus of a command and the selection of its slaves.
-
 use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveKind, SlaveQuery as _};
 use ecan_protocol::device::Capabilities;
 use ecan_sim::Backend;
@@ -40,6 +38,26 @@ impl Bus {
 
     pub fn clock(&self) -> &dyn Clock {
         self.ecrt.clock().as_ref()
+    }
+
+    pub fn sleep_ns(&self, duration_ns: u64) {
+        self.clock().sleep_until_ns(self.clock().now_ns().saturating_add(duration_ns));
+    }
+
+    /// Repeats an action every `interval_ns` until it succeeds; returns its error after `limit_ns`.
+    pub fn retry<T, E>(
+        &self,
+        interval_ns: u64,
+        limit_ns: u64,
+        mut action: impl FnMut() -> Result<T, E>,
+    ) -> Result<T, E> {
+        let deadline_ns = self.clock().now_ns().saturating_add(limit_ns);
+        loop {
+            match action() {
+                Err(_) if self.clock().now_ns() < deadline_ns => self.sleep_ns(interval_ns),
+                outcome => return outcome,
+            }
+        }
     }
 
     pub fn slaves(&self) -> Result<Vec<SlaveInfo>> {

@@ -1,5 +1,3 @@
-//! A configuration file and the positions of its gateways on a bus.
-
 use std::path::Path;
 
 use ecan_config_file::{ConfigFileError, ResolveError, ResolvedGateway, find, load};
@@ -31,8 +29,7 @@ pub fn places(file: &Config, bus: &Bus) -> Result<Vec<ResolvedGateway>> {
         let chosen = bus.slave()?;
         places.retain(|place| place.slave == chosen);
         if places.is_empty() {
-            let words = format!("slave {chosen} is not a gateway of the file");
-            return Err(Failure::Slave(words));
+            return Err(Failure::Slave(format!("slave {chosen} is not a gateway of the file")));
         }
     }
     Ok(places)

@@ -1,5 +1,3 @@
-//! Confirmation of irreversible actions.
-
 use std::io::{BufRead, IsTerminal, Write};
 
 use crate::context::{Failure, Result};
@@ -17,8 +15,7 @@ pub fn confirm(
     }
     let stdin = std::io::stdin();
     if !stdin.is_terminal() {
-        let words = format!("cannot ask for confirmation of {what}; use --yes");
-        return Err(Failure::Usage(words));
+        return Err(Failure::Usage(format!("cannot ask for confirmation of {what}; use --yes")));
     }
     let mut stderr = std::io::stderr();
     // If the question cannot be written, nothing is confirmed.

@@ -1,5 +1,3 @@
-//! Errors of a command and their exit status.
-
 use std::path::{Path, PathBuf};
 
 use ecan_command_line::interrupt::InterruptError;
@@ -64,6 +62,10 @@ impl Failure {
     /// Error of a file; `what` is the failed operation, for example "read".
     pub fn file(what: &'static str, path: &Path, reason: impl ToString) -> Self {
         Self::File { what, path: path.to_owned(), reason: reason.to_string() }
+    }
+
+    pub fn master(error: impl ToString) -> Self {
+        Self::Master(error.to_string())
     }
 
     pub fn of_thread(error: std::io::Error) -> Self {

@@ -1,5 +1,3 @@
-//! Options of every command.
-
 use clap::{Args, ValueEnum};
 use ecan_command_line::logging::LogArguments;
 

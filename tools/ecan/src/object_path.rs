@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use ecan_protocol::object::{Object, objects};
+use ecan_protocol::object::{Entry, objects};
 
 use crate::value::parse_unsigned;
 
@@ -15,6 +15,21 @@ pub struct ObjectPath {
 /// Normalizes a name for comparison: letters and digits, in lower case.
 fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
+}
+
+/// Finds the item of this name, or the only one whose name contains it; else returns all of these.
+fn find<T: Copy>(
+    items: impl IntoIterator<Item = T>,
+    name: fn(T) -> &'static str,
+    text: &str,
+) -> Result<T, Vec<T>> {
+    let text = plain(text);
+    let found: Vec<_> = items.into_iter().filter(|it| plain(name(*it)).contains(&text)).collect();
+    let exact = found.iter().find(|it| plain(name(**it)) == text);
+    match (exact, &found[..]) {
+        (Some(item), _) | (None, [item]) => Ok(*item),
+        _ => Err(found),
+    }
 }
 
 /// Finds the index of a number or name; `@N` selects one object of a family.
@@ -31,14 +46,12 @@ fn find_index(text: &str) -> Result<u16, String> {
             (name, Some(nth))
         }
     };
-    let wanted = plain(name);
-    let found: Vec<_> = objects().iter().filter(|it| plain(it.name).contains(&wanted)).collect();
-    let exact = found.iter().find(|object| plain(object.name) == wanted);
-    let object: &Object = match (exact, &found[..]) {
-        (Some(exact), _) => exact,
-        (None, [only]) => only,
-        (None, []) => return Err(format!("unknown object \"{name}\"; see `ecan sdo list`")),
-        (None, several) => {
+    let object = match find(objects().iter().copied(), |it| it.name, name) {
+        Ok(object) => object,
+        Err(several) if several.is_empty() => {
+            return Err(format!("unknown object \"{name}\"; see `ecan sdo list`"));
+        }
+        Err(several) => {
             let names: Vec<_> = several.iter().map(|object| object.name).collect();
             return Err(format!("ambiguous object \"{name}\"; candidates: {}", names.join(", ")));
         }
@@ -61,26 +74,17 @@ fn find_subindex(index: u16, text: &str) -> Result<u8, String> {
     }
     let object = ecan_protocol::object::object(index)
         .ok_or_else(|| format!("entries of 0x{index:04X} have no names; use a number"))?;
-    let wanted = plain(text);
-    let entries = object.entries.iter().filter(|entry| plain(entry.name).contains(&wanted));
-    let found: Vec<_> = entries.collect();
-    let exact = found.iter().find(|entry| plain(entry.name) == wanted);
-    match (exact, &found[..]) {
-        (Some(entry), _) => Ok(entry.subindex),
-        (None, [only]) => Ok(only.subindex),
-        (None, []) => Err(format!("{} has no entry \"{text}\"", object.name)),
-        (None, several) => {
-            let names: Vec<_> = several
-                .iter()
-                .map(|entry| format!("{} (:{})", entry.name, entry.subindex))
-                .collect();
-            Err(format!(
-                "ambiguous entry \"{text}\" of {}; candidates: {}",
-                object.name,
-                names.join(", ")
-            ))
+    find(object.entries, |entry| entry.name, text).map(|entry| entry.subindex).map_err(|several| {
+        let name = |entry: &&Entry| format!("{} (:{})", entry.name, entry.subindex);
+        let names: Vec<_> = several.iter().map(name).collect();
+        match names.is_empty() {
+            true => format!("{} has no entry \"{text}\"", object.name),
+            false => {
+                let names = names.join(", ");
+                format!("ambiguous entry \"{text}\" of {}; candidates: {names}", object.name)
+            }
         }
-    }
+    })
 }
 
 impl FromStr for ObjectPath {

@@ -1,5 +1,3 @@
-//! Runs other programs with a time limit.
-
 use std::io::Read;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::mpsc::{Receiver, channel};

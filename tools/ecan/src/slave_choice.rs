@@ -1,5 +1,3 @@
-//! Selection of a slave on a bus.
-
 use std::fmt::{self, Display};
 use std::str::FromStr;
 

@@ -1,5 +1,3 @@
-//! Columns of text.
-
 use std::io::{self, Write};
 
 /// Prints a row per item with columns as wide as their widest cell; the last column is not padded.

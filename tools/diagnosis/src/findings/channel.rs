@@ -11,7 +11,6 @@ use crate::registers::{
 };
 use crate::snapshot::{ObjectKey, Snapshot};
 
-/// Values of one channel.
 pub(super) struct Channel<'a> {
     pub(super) snapshot: &'a Snapshot,
     pub(super) number: u8,
@@ -50,12 +49,10 @@ impl Channel<'_> {
         self.snapshot.get(self.config_object(), subindex)
     }
 
-    /// Entry of the configuration object.
     pub(super) fn config_entry(&self, subindex: u8) -> ObjectKey {
         ObjectKey { index: self.config_object(), subindex }
     }
 
-    /// Entry of the data path control.
     fn data_path_entry(&self, subindex: u8) -> ObjectKey {
         ObjectKey { index: 0x8021 + u16::from(self.number), subindex }
     }
@@ -106,7 +103,6 @@ impl Channel<'_> {
         text
     }
 
-    /// Text of the pin rotation, if it is not 0.
     fn rotation(&self) -> Option<String> {
         let rotation = self.snapshot.get(0x8000, 13).filter(|rotation| *rotation != 0)?;
         let channels = CHANNELS as u32;

@@ -15,7 +15,6 @@ const FAILED: &str = "not specified by the gateway: a busy channel, or a rejecte
 const RESTART_FAILED: &str = "the CAN controller did not restart, or its driver failed";
 
 impl Channel<'_> {
-    /// The last apply command.
     pub(super) fn apply_command(&self) -> Option<Finding> {
         let raw = self.config(2).filter(|raw| *raw != 0)?;
         let status = ApplyStatus::from_raw(u8::try_from(raw).unwrap_or(u8::MAX));
@@ -46,7 +45,6 @@ impl Channel<'_> {
         finding.next_step(next, "13.4")
     }
 
-    /// The last Flash command.
     pub(super) fn flash_command(&self) -> Option<Finding> {
         let raw = self.config(4).filter(|raw| *raw != 0)?;
         let status = ApplyStatus::from_raw(u8::try_from(raw).unwrap_or(u8::MAX));

@@ -30,7 +30,6 @@ digits is extended.
 
 With -T the exit status is 1 if fewer frames than -n are received, or none without -n.";
 
-/// Arguments of `dump`.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("file").multiple(true).args(["record", "capture"]))]
 pub struct DumpArguments {

@@ -58,7 +58,6 @@ struct Info {
     errors: BTreeMap<&'static str, String>,
 }
 
-/// Selection of gateways.
 #[derive(Debug, Args)]
 pub struct InfoArguments {
     #[command(flatten)]

@@ -1,5 +1,3 @@
-//! `ecan man`: the help as manual pages.
-
 use std::path::Path;
 
 use crate::context::{Failure, Result, note};

@@ -1,5 +1,3 @@
-//! The commands, one file each.
-
 pub mod bridge;
 pub mod caps;
 pub mod config;

@@ -16,7 +16,6 @@ const ACTIVE: u8 = 13;
 const MASK: u8 = 14;
 const STATUS: u8 = 15;
 
-/// Arguments of `pins`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -5,11 +5,10 @@ use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Result};
 
-const LOOK_NS: u64 = 20_000_000;
+const POLL_NS: u64 = 20_000_000;
 /// Time after which a gateway that is still on the bus has not restarted, in ns.
 const VANISH_NS: u64 = 5_000_000_000;
 
-/// Arguments of `reboot`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -62,38 +61,35 @@ fn command(bus: &Bus, slave: usize) -> Result {
     bus.write(slave, 0x8000, 1, 1)
 }
 
-/// Restarts a gateway and waits until it responds; returns the duration in ns.
+/// Restarts a gateway and waits until it has left the bus and responds again; returns the duration
+/// in ns.
 pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64> {
     command(bus, slave)?;
-    wait(bus, slave, timeout_ns)
-}
-
-/// Waits until the gateway has left the bus and responds again; returns the duration in ns.
-fn wait(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64> {
     let clock = bus.clock();
     let start = clock.now_ns();
     let elapsed = || clock.now_ns().saturating_sub(start);
-    let look_again = || clock.sleep_until_ns(clock.now_ns().saturating_add(LOOK_NS));
     let seconds = timeout_ns / 1_000_000_000;
     while is_there(bus, slave) {
         if elapsed() >= VANISH_NS {
-            let words = "accepted the command but did not restart";
-            return Err(Failure::Rejected(format!("slave {slave} {words}")));
+            let text = format!("slave {slave} accepted the command but did not restart");
+            return Err(Failure::Rejected(text));
         }
         if elapsed() >= timeout_ns {
-            let words = format!("slave {slave} is still on the bus after {seconds} s");
             return Err(Failure::Slave(format!(
-                "{words}; it accepted the command and may still restart"
+                "slave {slave} is still on the bus after {seconds} s; it accepted the command and may \
+                 still restart"
             )));
         }
-        look_again();
+        bus.sleep_ns(POLL_NS);
     }
     while !is_there(bus, slave) || bus.read(slave, 0xF000, 5).is_err() {
         if elapsed() >= timeout_ns {
-            let words = format!("slave {slave} does not respond {seconds} s after the restart");
-            return Err(Failure::Slave(format!("{words}; check its LEDs and its supply")));
+            return Err(Failure::Slave(format!(
+                "slave {slave} does not respond {seconds} s after the restart; check its LEDs and its \
+                 supply"
+            )));
         }
-        look_again();
+        bus.sleep_ns(POLL_NS);
     }
     Ok(elapsed())
 }

@@ -17,7 +17,6 @@ const OFFSETS: std::ops::RangeInclusive<u64> = 0x0004..=0x0404;
 const TRIES: u32 = 20;
 const PAUSE_NS: u64 = 5_000_000;
 
-/// Arguments of `reg`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -112,7 +111,7 @@ pub fn run(arguments: &RegArguments, context: &Context) -> Result {
             let service = Service { bus: &bus, slave: bus.slave()?, channel };
             let reading = service.write(register, value)?;
             context.output.data(&reading, |out| print(&reading, out))?;
-            judge_readback(&reading, value, &context.output)
+            check_readback(&reading, value, &context.output)
         }
     }
 }
@@ -151,7 +150,7 @@ fn check_whitelist(offset: u16) -> Result {
 }
 
 /// Warns if a plain register does not contain the written value.
-fn judge_readback(reading: &Reading, written: u32, output: &Output) -> Result {
+fn check_readback(reading: &Reading, written: u32, output: &Output) -> Result {
     // Commands, self-clearing flags, and registers with hardware bits.
     const COMMANDS: [&str; 8] = ["IR", "CCCR", "TEST", "RXF0A", "RXF1A", "TXBAR", "TXBCR", "TXEFA"];
     let name = reading.name.unwrap_or_default();
@@ -236,14 +235,13 @@ impl Service<'_> {
     }
 
     fn command(&self, command: u32) -> Result<Answer> {
-        let clock = self.bus.clock();
         for _ in 0..TRIES {
             self.set(2, command)?;
             match self.get(3)? {
                 0 => return Ok(Answer::Done),
                 1 => return Err(rejected("unknown offset")),
                 2 => return Err(rejected("register not in the whitelist of the gateway")),
-                3 => clock.sleep_until_ns(clock.now_ns().saturating_add(PAUSE_NS)),
+                3 => self.bus.sleep_ns(PAUSE_NS),
                 4 => return Ok(Answer::Denied),
                 other => return Err(rejected(&format!("unknown status {other}"))),
             }

@@ -39,7 +39,6 @@ impl FromStr for Loops {
     }
 }
 
-/// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArguments {
     /// Candump log; - is stdin

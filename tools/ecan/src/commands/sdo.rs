@@ -12,7 +12,6 @@ use crate::readings::{Readings, not_read};
 use crate::table;
 use crate::value::{Value, encode};
 
-/// Arguments of `sdo`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 An object is INDEX:SUBINDEX, or OBJECT:ENTRY with (parts of) the names of the manual; OBJECT@N selects
@@ -54,7 +53,6 @@ enum Action {
     },
 }
 
-/// Types for a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Type {
     U8,
@@ -76,7 +74,7 @@ impl From<Type> for ObjectType {
     }
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 struct Read {
     position: usize,
     index: u16,
@@ -87,15 +85,6 @@ struct Read {
     text: Option<String>,
     meaning: Option<String>,
     error: Option<String>,
-}
-
-impl Read {
-    fn missing(position: usize, path: ObjectPath, reason: String) -> Self {
-        let ObjectPath { index, subindex } = path;
-        let name = entry_of(path).map(|entry| entry.name);
-        let (bytes, value, text, meaning, error) = (None, None, None, None, Some(reason));
-        Self { position, index, subindex, name, bytes, value, text, meaning, error }
-    }
 }
 
 #[derive(Debug, Serialize)]
@@ -198,11 +187,12 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
         return Err(Failure::Usage(format!("0x{:04X} is not in the table", path.index)));
     };
     // Without a colon, the whole object is listed.
-    let wanted = name.contains(':').then_some(path.subindex);
-    let entries: Vec<_> = known.entries.iter().filter(|it| is_wanted(it, wanted)).collect();
-    if let (Some(subindex), []) = (wanted, &entries[..]) {
-        let words = format!("{} has no entry :{subindex:02} in the table", known.name);
-        return Err(Failure::Usage(words));
+    let only = name.contains(':').then_some(path.subindex);
+    let is_listed = |it: &&Entry| only.is_none_or(|subindex| subindex == it.subindex);
+    let entries: Vec<_> = known.entries.iter().filter(is_listed).collect();
+    if let (Some(subindex), []) = (only, &entries[..]) {
+        let text = format!("{} has no entry :{subindex:02} in the table", known.name);
+        return Err(Failure::Usage(text));
     }
     if names {
         return list_entries(path.index, known, &entries, &context.output);
@@ -219,7 +209,14 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
         let path = ObjectPath { index: path.index, subindex: entry.subindex };
         let read = readings.note(read(&bus, slave, path));
         readings.answers()?;
-        values.push(read.unwrap_or_else(|reason| Read::missing(slave, path, reason)));
+        values.push(read.unwrap_or_else(|reason| Read {
+            position: slave,
+            index: path.index,
+            subindex: path.subindex,
+            name: Some(entry.name),
+            error: Some(reason),
+            ..Read::default()
+        }));
     }
     readings.any()?;
     context.output.data(&values, |out| {
@@ -235,10 +232,6 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
         })
     })?;
     readings.end()
-}
-
-fn is_wanted(entry: &Entry, wanted: Option<u8>) -> bool {
-    wanted.is_none_or(|subindex| subindex == entry.subindex)
 }
 
 fn heading(index: u16, object: &Object) -> String {

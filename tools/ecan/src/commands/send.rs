@@ -20,7 +20,6 @@ Examples:
 
 The command exits when the gateway has sent the frames, that is, another node has acknowledged them.";
 
-/// Arguments of `send`.
 #[derive(Debug, Args)]
 pub struct SendArguments {
     /// Frames in the format of cansend: ID#DATA, ID#R[LENGTH], ID##FLAGS[DATA]

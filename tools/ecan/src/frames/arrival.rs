@@ -1,5 +1,3 @@
-//! Received frames and transmit reports with their time.
-
 use ecan_mcan_port::Received;
 
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,3 @@
-//! Bit rates of a channel: text, and configuration of a gateway.
-
 use std::fmt;
 
 use ecan_mcan_port::ChannelConfig;

@@ -1,5 +1,3 @@
-//! Capture of frames and images for Wireshark.
-
 use std::collections::HashMap;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -21,7 +19,6 @@ use crate::frames::single_gateway::{channel_status, session};
 
 const UNDER_WAY: usize = 4096;
 
-/// Capture options.
 #[derive(Debug, Args)]
 pub struct CaptureOptions {
     /// Write received and sent frames for Wireshark (pcapng); - is stdout

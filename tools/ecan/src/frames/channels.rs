@@ -1,5 +1,3 @@
-//! Channels of a command.
-
 use std::fmt;
 use std::str::FromStr;
 
@@ -8,7 +6,7 @@ use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::CHANNELS;
 
 /// One or several channels of a gateway: `0`, `can0`, `0,2` or `all`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Channels {
     mask: u8,
     /// Whether `all` was given.

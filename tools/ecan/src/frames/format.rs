@@ -1,5 +1,3 @@
-//! Output formats of a frame: candump screen, candump log, or JSON.
-
 use std::fmt::Write;
 
 use ecan_candump::{FrameText, ScreenFrame};

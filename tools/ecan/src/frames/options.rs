@@ -1,5 +1,3 @@
-//! Gateway and channel options of the frame commands.
-
 use std::time::Duration;
 
 use std::path::PathBuf;
@@ -12,7 +10,6 @@ use ecan_protocol::config::SamplePointWindow;
 
 use crate::frames::capture::CaptureOptions;
 
-/// Options of the frame commands.
 #[derive(Debug, Args)]
 pub struct FrameOptions {
     #[command(flatten)]

@@ -1,5 +1,3 @@
-//! Preparation of a gateway for the frame commands.
-
 use std::fmt::Display;
 
 use ecan_command_line::interrupt::Interrupt;

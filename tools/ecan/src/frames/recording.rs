@@ -1,5 +1,3 @@
-//! Frames of a candump log with their channels.
-
 use std::path::Path;
 
 use ecan_command_line::log_file::{self, Log, LoggedFrame};

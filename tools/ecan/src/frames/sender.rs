@@ -1,5 +1,3 @@
-//! Sends frames at their due times and waits for their transmission.
-
 use ecan_mcan_port::{ReceiveSource, Received, ReceivedFrame};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::Timestamp;

@@ -1,5 +1,3 @@
-//! A running gateway with its cycle, for the frame commands.
-
 use std::fmt::Display;
 use std::path::Path;
 use std::time::SystemTime;
@@ -166,7 +164,7 @@ impl Service {
         }
         let say = comments(self.absolute_ns(cycle.now_ns));
         self.watch.look(&self.port, cycle.now_ns, say);
-        ended.map_err(|error| Failure::Master(error.to_string()))
+        ended.map_err(Failure::master)
     }
 
     /// Reports the remaining changes and finishes the capture.

@@ -1,5 +1,3 @@
-//! Gateway configuration from options or from a configuration file.
-
 use std::path::{Path, PathBuf};
 
 use ecan_config_file::ResolvedGateway;

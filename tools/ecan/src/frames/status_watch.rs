@@ -1,5 +1,3 @@
-//! Reports changes of channel states and of the session.
-
 use ecan_mcan_port::{Port, Session};
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;

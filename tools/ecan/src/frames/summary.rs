@@ -1,5 +1,3 @@
-//! Summary of sending many frames.
-
 use ecan_mcan_port::Port;
 use serde::Serialize;
 

@@ -1,8 +1,5 @@
-//! Time stamps of candump.
-
 use clap::ValueEnum;
 
-/// Style of time stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Style {
     /// Seconds since 1970, or since the start of a stepped simulation

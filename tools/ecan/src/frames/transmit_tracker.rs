@@ -13,11 +13,11 @@ use crate::frames::single_gateway::{channel_status, session};
 
 /// Cycles after the last result until the channel status covers all frames.
 const STATUS_CYCLES: usize = 3;
-const UNDER_WAY: usize = 4096;
+const PENDING_FRAMES: usize = 4096;
 /// Saturation value of the pending count in the status word.
 const SATURATED: u32 = 7;
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct TransmitTracker {
     channels: Channels,
     /// Frames without result, with their numbers.
@@ -54,25 +54,13 @@ impl TransmitTracker {
         let now_ns = service.now_ns();
         Self {
             channels,
-            open: HashMap::with_capacity(UNDER_WAY),
-            taken: 0,
-            handed_over: 0,
-            failed: 0,
-            first_failure: None,
-            quiet_cycles: 0,
-            recently_handed_over: [0; STATUS_CYCLES],
-            departed: 0,
+            open: HashMap::with_capacity(PENDING_FRAMES),
             capacity: channels.iter().map(|channel| service.capacity(channel)).sum(),
-            waiting: 0,
-            doubtful: 0,
-            pending: 0,
             session: session(service.port()),
-            was_lost: false,
-            is_stopped: false,
-            bus_off: None,
             last_progress_ns: now_ns,
             start_ns: now_ns,
             last_departure_ns: now_ns,
+            ..Self::default()
         }
     }
 

@@ -2,9 +2,8 @@
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{self, JoinHandle};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread;
 use std::time::Duration;
 
 /// UDP port of the beacon in the protocol.
@@ -15,13 +14,12 @@ const INTERVAL: Duration = Duration::from_secs(1);
 /// Sends the beacon periodically until dropped.
 #[derive(Debug)]
 pub struct Beacon {
-    is_over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _stop: Sender<()>,
 }
 
 impl Beacon {
     /// Announces the bridge at `server` to an address, which may be a broadcast address.
-    pub fn start(to: SocketAddr, server: SocketAddr, channel: u8) -> io::Result<Self> {
+    pub fn start(to: SocketAddr, server: SocketAddr, can: u8) -> io::Result<Self> {
         let any: IpAddr = match to {
             SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
             SocketAddr::V6(_) => std::net::Ipv6Addr::UNSPECIFIED.into(),
@@ -31,28 +29,18 @@ impl Beacon {
         socket.connect(to)?;
         // A server on all addresses is announced with the source address of the beacon.
         let ip = if server.ip().is_unspecified() { socket.local_addr()?.ip() } else { server.ip() };
-        let text = text(SocketAddr::new(ip, server.port()), channel);
-        let is_over = Arc::new(AtomicBool::new(false));
-        let over = is_over.clone();
-        let thread = thread::Builder::new().name("bridge beacon".to_owned()).spawn(move || {
-            while !over.load(Ordering::Acquire) {
+        let text = text(SocketAddr::new(ip, server.port()), can);
+        let (stop, stopped) = channel::<()>();
+        thread::Builder::new().name("bridge beacon".to_owned()).spawn(move || {
+            loop {
                 // Errors are ignored: no receiver, or no network at the moment.
                 let _ = socket.send(text.as_bytes());
-                thread::park_timeout(INTERVAL);
+                if stopped.recv_timeout(INTERVAL) != Err(RecvTimeoutError::Timeout) {
+                    return;
+                }
             }
         })?;
-        Ok(Self { is_over, thread: Some(thread) })
-    }
-}
-
-impl Drop for Beacon {
-    fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take() {
-            thread.thread().unpark();
-            // The panic hook has reported a panic already.
-            let _ = thread.join();
-        }
+        Ok(Self { _stop: stop })
     }
 }
 

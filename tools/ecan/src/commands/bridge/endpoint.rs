@@ -1,5 +1,3 @@
-//! Addresses and servers for clients.
-
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -33,7 +31,7 @@ impl FromStr for Listening {
 }
 
 #[derive(Clone, Debug, Serialize)]
-pub struct Place {
+pub struct Address {
     pub protocol: &'static str,
     pub address: String,
     pub channel: u8,
@@ -64,10 +62,9 @@ impl Endpoint {
         Listening(address): Listening,
         max_clients: u16,
     ) -> Result<Self> {
-        let max_clients = max_clients.into();
-        let settings =
-            BridgeConfig { address, max_clients, ..BridgeConfig::with_protocol(protocol) };
-        let server = BridgeServer::listen(&settings);
+        let mut config = BridgeConfig::with_protocol(protocol);
+        (config.address, config.max_clients) = (address, max_clients.into());
+        let server = BridgeServer::listen(&config);
         server.map(Self::Server).map_err(|error| Failure::Bridge(error.to_string()))
     }
 
@@ -97,14 +94,10 @@ impl Endpoint {
         }
     }
 
-    pub fn place(&self, channel: u8) -> Place {
+    pub fn address(&self, channel: u8) -> Address {
         let (protocol, address) = match self {
             Self::Server(server) => {
-                let protocol = match server.info().protocol() {
-                    BridgeProtocol::Slcan => "slcan",
-                    BridgeProtocol::Socketcand => "socketcand",
-                };
-                (protocol, server.info().address().to_string())
+                (server.info().protocol().name(), server.info().address().to_string())
             }
             Self::Terminal { bridge, link } => {
                 let path = link.as_ref().map_or(bridge.path(), |link| &link.0);
@@ -112,7 +105,7 @@ impl Endpoint {
             }
             Self::Interface(bridge) => ("socketcan", bridge.interface().to_owned()),
         };
-        Place { protocol, address, channel }
+        Address { protocol, address, channel }
     }
 
     pub fn socketcand_address(&self) -> Option<SocketAddr> {
@@ -122,10 +115,7 @@ impl Endpoint {
     }
 
     pub fn is_open_to_others(&self) -> bool {
-        match self {
-            Self::Server(server) => !server.info().address().ip().is_loopback(),
-            Self::Terminal { .. } | Self::Interface(_) => false,
-        }
+        matches!(self, Self::Server(server) if !server.info().address().ip().is_loopback())
     }
 
     pub fn check(&self) -> Result {
@@ -138,12 +128,12 @@ impl Endpoint {
 
     pub fn losses(&self) -> Vec<String> {
         let counted = self.clients().statistics();
-        let has_own_words = counted.dropped_to_bus + counted.mismatched + counted.discarded;
-        let words = [
+        let counted_apart = counted.dropped_to_bus + counted.mismatched + counted.discarded;
+        let losses = [
             (counted.dropped_to_bus, "frames to the bus dropped: queue full"),
             (counted.dropped_to_clients, "frames from the bus dropped: clients too slow"),
             (
-                counted.rejected.saturating_sub(has_own_words),
+                counted.rejected.saturating_sub(counted_apart),
                 "commands or frames rejected: malformed, unknown, or out of sequence",
             ),
             (
@@ -157,8 +147,8 @@ impl Endpoint {
                  ip link set INTERFACE mtu 72 a virtual one carries them)",
             ),
         ];
-        let lost = words.into_iter().filter(|(count, _)| *count > 0);
-        lost.map(|(count, words)| format!("{count} {words}")).collect()
+        let lost = losses.into_iter().filter(|(count, _)| *count > 0);
+        lost.map(|(count, text)| format!("{count} {text}")).collect()
     }
 }
 

@@ -1,5 +1,3 @@
-//! Frames of clients in the gateway.
-
 use std::collections::HashMap;
 
 use ecan_mcan_port::SendTicket;

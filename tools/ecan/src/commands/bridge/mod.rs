@@ -15,7 +15,7 @@ use ecan_mcan_port::{Received, Session};
 use ecan_protocol::can::CanFrame;
 
 use crate::commands::bridge::beacon::Beacon;
-use crate::commands::bridge::endpoint::{Endpoint, Listening, Place};
+use crate::commands::bridge::endpoint::{Address, Endpoint, Listening};
 use crate::commands::bridge::in_flight::InFlight;
 use crate::commands::bridge::round_robin::RoundRobin;
 use crate::commands::bridge::transmit_gate::TransmitGate;
@@ -40,7 +40,6 @@ other bit rates cannot send or receive. Frames are exchanged once per EtherCAT c
 
 Create a virtual CAN interface: modprobe vcan; ip link add dev vcan0 type vcan; ip link set vcan0 up";
 
-/// Arguments of `bridge`.
 #[derive(Debug, Args)]
 pub struct BridgeArguments {
     /// CAN channel, 0 to 3
@@ -119,7 +118,7 @@ pub fn run(arguments: &BridgeArguments, context: &Context) -> Result {
         is_listening: arguments.listen_only,
         service,
         endpoints,
-        under_way: InFlight::default(),
+        in_flight: InFlight::default(),
         waiting: None,
         turns: RoundRobin::default(),
         gate,
@@ -164,17 +163,14 @@ fn start_beacon(arguments: &BridgeArguments, endpoints: &[Endpoint]) -> Result<O
 }
 
 fn announce(channel: u8, endpoints: &[Endpoint], output: &Output) -> Result {
-    let places: Vec<_> = endpoints.iter().map(|endpoint| endpoint.place(channel)).collect();
-    for (endpoint, place) in endpoints.iter().zip(&places) {
+    let addresses: Vec<_> = endpoints.iter().map(|it| it.address(channel)).collect();
+    for (endpoint, Address { address, .. }) in endpoints.iter().zip(&addresses) {
         if endpoint.is_open_to_others() {
-            note(format_args!(
-                "every host that can connect to {} can send on the bus",
-                place.address
-            ));
+            note(format_args!("every host that can connect to {address} can send on the bus"));
         }
     }
-    output.data(&places, |out| {
-        places.iter().try_for_each(|Place { protocol, address, channel }| {
+    output.data(&addresses, |out| {
+        addresses.iter().try_for_each(|Address { protocol, address, channel }| {
             writeln!(out, "{protocol} bridge at {address} on can{channel}")
         })
     })
@@ -190,7 +186,7 @@ struct Traffic {
     service: Service,
     endpoints: Vec<Endpoint>,
     /// Client frames in the gateway.
-    under_way: InFlight<PendingFrame>,
+    in_flight: InFlight<PendingFrame>,
     /// Frame that waits for space.
     waiting: Option<PendingFrame>,
     turns: RoundRobin,
@@ -208,7 +204,7 @@ impl Traffic {
                 Received::Frame(received) => self.deliver(&received.frame, time_ns, None),
                 Received::TransmitReport(report) => {
                     self.moved_ns = cycle.now_ns;
-                    let held = report.ticket.and_then(|ticket| self.under_way.remove(ticket));
+                    let held = report.ticket.and_then(|ticket| self.in_flight.remove(ticket));
                     let Some(held) = held else { continue };
                     if report.code.is_success() {
                         self.deliver(&held.frame, time_ns, Some(held));
@@ -221,9 +217,9 @@ impl Traffic {
         let is_ready = session(self.service.port()) == Session::Ready;
         if !is_ready {
             // Results of frames before the loss never arrive.
-            self.under_way.clear();
+            self.in_flight.clear();
         }
-        let forgotten = self.under_way.forget_old(cycle.now_ns);
+        let forgotten = self.in_flight.forget_old(cycle.now_ns);
         if forgotten > 0 {
             note(format_args!("# {forgotten} client frames: transmit result unknown"));
         }
@@ -238,7 +234,7 @@ impl Traffic {
         while let Some(held) = self.waiting.take().or_else(|| self.next_of_clients()) {
             match self.service.send(self.channel, &held.frame) {
                 Ok(Some(ticket)) => {
-                    self.under_way.insert(ticket, held, cycle.now_ns);
+                    self.in_flight.insert(ticket, held, cycle.now_ns);
                 }
                 Ok(None) => {
                     self.waiting = Some(held);
@@ -254,7 +250,7 @@ impl Traffic {
 
     fn report_losses(&self) {
         for endpoint in &self.endpoints {
-            let Place { protocol, address, .. } = endpoint.place(self.channel);
+            let Address { protocol, address, .. } = endpoint.address(self.channel);
             for loss in endpoint.losses() {
                 note(format_args!("# {protocol} bridge at {address}: {loss}"));
             }

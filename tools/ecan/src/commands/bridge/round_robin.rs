@@ -1,5 +1,3 @@
-//! Round-robin selection.
-
 /// Takes from several sources in turn, so that none is starved.
 #[derive(Debug, Default)]
 pub struct RoundRobin {

@@ -1,5 +1,3 @@
-//! Gate for the frames of clients.
-
 use crate::commands::bridge::endpoint::Endpoint;
 use crate::context::note;
 

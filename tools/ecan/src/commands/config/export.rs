@@ -22,7 +22,6 @@ pub struct ExportArguments {
     gateway: Option<usize>,
 }
 
-/// Formats of startup lists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ListFormat {
     /// Every write and check, one per line
@@ -72,8 +71,7 @@ impl From<&StartupStep> for Step {
 pub fn run(arguments: &ExportArguments, context: &Context) -> Result {
     context.global.without_slave("use --gateway to select a gateway of the file")?;
     if context.global.json && arguments.format.is_some() {
-        let words = "--json and --format exclude each other";
-        return Err(Failure::Usage(words.to_owned()));
+        return Err(Failure::Usage("--json and --format exclude each other".to_owned()));
     }
     let file = config_file::read(&arguments.file)?;
     let slaves = &file.adapter.slaves;

@@ -13,7 +13,6 @@ use crate::confirmation::confirm;
 use crate::context::{Bus, Context, Failure, Output, Result, Tone};
 use crate::slave_choice::{AllArgument, Recognised};
 
-/// Selection of gateways.
 #[derive(Debug, Args)]
 pub struct FlashArguments {
     /// Configuration file that selects the gateways [default: the gateway of the bus]

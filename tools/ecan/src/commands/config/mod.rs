@@ -16,7 +16,6 @@ use ecan_sim::ClockKind;
 use crate::config_file;
 use crate::context::{Bus, Context, Result};
 
-/// Arguments of `config`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 First configuration, from the file to the Flash of the gateway:

@@ -1,5 +1,3 @@
-//! Clears counters and flags after reading.
-
 use ecan_host::{Maintenance, MaintenanceError};
 use ecan_protocol::device::MaintenanceCommand;
 

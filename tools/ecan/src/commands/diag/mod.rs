@@ -16,7 +16,6 @@ use crate::slave_choice::AllArgument;
 use bundle::Bundle;
 use report::Report;
 
-/// Arguments of `diag`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

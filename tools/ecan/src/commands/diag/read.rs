@@ -119,8 +119,7 @@ fn system_name(root: &doctor::Root) -> String {
 }
 
 fn master(bus: &Bus, global: &GlobalOptions) -> Result<Master> {
-    let state =
-        bus.diagnostics().master_state().map_err(|error| Failure::Master(error.to_string()))?;
+    let state = bus.diagnostics().master_state().map_err(Failure::master)?;
     let slaves = bus.slaves()?.into_iter().map(|info| Slave {
         position: info.position,
         alias: info.alias,

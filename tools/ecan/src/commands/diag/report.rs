@@ -1,5 +1,3 @@
-//! Decoded values with their findings.
-
 use ecan_diagnosis::registers::{
     ErrorCounters, EventFifoStatus, HighPriorityStatus, Interrupts, ProtocolStatus,
     ReceiveFifoStatus, TransmitQueueStatus,

@@ -1,5 +1,3 @@
-//! Text form of the report.
-
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::io::Write;

@@ -1,5 +1,3 @@
-//! A check of the host and its result.
-
 use serde::Serialize;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

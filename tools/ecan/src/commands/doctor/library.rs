@@ -1,5 +1,3 @@
-//! Check of the EtherCAT library.
-
 use ecan_host::Ecrt;
 use ecan_sim::{BackendError, ClockKind};
 

@@ -23,7 +23,6 @@ pub use check::Check;
 use check::Verdict;
 pub use root::Root;
 
-/// Arguments of `doctor`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -1,5 +1,3 @@
-//! Files of a host below a root directory.
-
 use std::path::{Path, PathBuf};
 
 const ETHTOOLS: [&str; 4] =

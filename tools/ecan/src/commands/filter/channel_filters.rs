@@ -1,5 +1,3 @@
-//! Acceptance filters of a channel in the gateway.
-
 use ecan_protocol::config::{ApplyStatus, FilterCommand, FilterCommandStatus, FilterWindow};
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use serde::Serialize;

@@ -19,7 +19,6 @@ pub use channel_filters::{ChannelFilters, Kind as FilterKind, RawFilter};
 use channel_filters::Kind;
 use new_filter::NewFilter;
 
-/// Arguments of `filter`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -1,5 +1,3 @@
-//! Options of a new filter.
-
 use clap::{ArgGroup, Args, ValueEnum};
 use ecan_protocol::config::{
     ExtendedFilter, ExtendedMatch, FilterAction, FilterElementFault, McanChannelConfig,
@@ -10,7 +8,6 @@ use crate::value::parse_unsigned;
 
 use super::channel_filters::{ElementCounts, Kind, RawFilter};
 
-/// Options of a new filter.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("identifiers").required(true).args(["id", "range", "mask"]))]
 pub(super) struct NewFilter {
@@ -40,7 +37,6 @@ pub(super) struct NewFilter {
     sync: bool,
 }
 
-/// Destination of matching frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum To {
     Fifo0,

@@ -1,5 +1,3 @@
-//! Gateways accessed with IgH's tool `ethercat`.
-
 use std::path::Path;
 use std::time::{Duration, Instant};
 

@@ -1,5 +1,3 @@
-//! Gateways of a bus, for firmware updates.
-
 use std::time::Duration;
 
 use ecan_host::{Identity, SlaveKind, SlaveQuery, slave_kinds};

@@ -145,8 +145,7 @@ fn open(arguments: &FirmwareArguments, context: &Context) -> Result<(Box<dyn Gat
             Ok((Box::new(tool), false))
         }
         (EcrtSetting::Simulated(_), Some(_)) => {
-            let words = "--ethercat cannot be used with a simulated master";
-            Err(Failure::Usage(words.to_owned()))
+            Err(Failure::Usage("--ethercat cannot be used with a simulated master".to_owned()))
         }
         (setting @ EcrtSetting::Simulated(_), None) => {
             let backend = context.backend(&setting, ClockKind::Stepped)?;

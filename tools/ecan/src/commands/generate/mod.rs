@@ -21,7 +21,6 @@ Examples:
 Modes: r random, i incremented; for CAN IDs also e random even and o random odd; any other value is
 fixed. In data, x is a random digit, for example 11xx3344.";
 
-/// Arguments of `gen`.
 #[derive(Debug, Args)]
 pub struct GenArguments {
     /// CAN channel, 0 to 3

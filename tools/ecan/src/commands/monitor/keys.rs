@@ -1,5 +1,3 @@
-//! Keys of the monitor.
-
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use ecan_protocol::mapping::CHANNELS;

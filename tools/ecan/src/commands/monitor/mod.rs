@@ -19,7 +19,6 @@ use ecan_sim::ClockKind;
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{Channels, GatewayOptions, Settings};
 
-use collector::Collector;
 use observation::Observation;
 use watcher::Watcher;
 
@@ -43,7 +42,6 @@ Load is the bus load of the frames that reach the host, without stuff bits and w
 filters or full buffers drop. TEC and REC are the error counters of the CAN controller. Dropped frames
 and bus-offs are counted by the gateway from its start or the last clear, all others from the start.";
 
-/// Arguments of `monitor`.
 #[derive(Debug, Args)]
 pub struct MonitorArguments {
     /// Print the current state once and exit, without full-screen mode
@@ -97,8 +95,7 @@ fn print_once(
     let mut watcher = Watcher::open(&bus, &settings, arguments, context.global)?;
     arguments.options.real_time.apply(|line| note(line))?;
     let length_ns = (seconds * 1e9) as u64;
-    let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
-    let mut collector = Collector::new(watcher.positions(), cycle_ns, length_ns, is_simulated);
+    let mut collector = watcher.collector(length_ns);
     let mut observation = Observation::new(watcher.positions().len());
     watcher.activate(&arguments.options)?;
     let mut look_ns = 0;

@@ -1,5 +1,3 @@
-//! Displayed values as plain data.
-
 use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 

@@ -49,10 +49,9 @@ pub fn run(
     let (errors_out, errors_in) = channel();
     // Started before the real-time settings of the cycle thread, which it must not inherit.
     let _mailbox = Mailbox::start(watcher.open_diagnostics()?, gateways, errors_out)?;
-    let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
     let hang_up = HangUp::watch().map_err(Failure::of_thread)?;
     let drawing = Drawing {
-        collector: Collector::new(watcher.positions(), cycle_ns, WINDOW_NS, is_simulated),
+        collector: watcher.collector(WINDOW_NS),
         seen,
         spent,
         errors: errors_in,

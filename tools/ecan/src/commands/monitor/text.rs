@@ -1,5 +1,3 @@
-//! Prints a snapshot as text.
-
 use std::io::Write;
 
 use crate::table;

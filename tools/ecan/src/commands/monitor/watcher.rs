@@ -9,7 +9,7 @@ use crate::context::{Bus, Failure, GlobalOptions, Result};
 use crate::frames::{GatewayRequirements, Planned, Settings, failure};
 
 use super::MonitorArguments;
-use super::collector::GatewayErrors;
+use super::collector::{Collector, GatewayErrors};
 use super::observation::{BusTime, Mark, Observation};
 use super::snapshot::Errors;
 
@@ -50,7 +50,7 @@ impl Watcher {
         options.real_time.set_timing(self.port.adapter_mut());
         let timeout = self.port.startup_timeout();
         let begun = self.port.adapter_mut().begin_op_wait(timeout);
-        begun.map(|_| ()).map_err(|error| Failure::Master(error.to_string()))
+        begun.map(|_| ()).map_err(Failure::master)
     }
 
     /// Waits for a cycle and runs it. Does not allocate without errors.
@@ -63,7 +63,7 @@ impl Watcher {
         observation.look_for_bus_off(&self.port);
         let adapter = self.port.adapter();
         observation.mark(Mark { start: adapter.cycle_start(), end_ns: adapter.clock().now_ns() });
-        ended.map(drop).map_err(|error| Failure::Master(error.to_string()))
+        ended.map(drop).map_err(Failure::master)
     }
 
     pub fn look(&self, observation: &mut Observation) {
@@ -79,26 +79,17 @@ impl Watcher {
         self.port.adapter().clock().now_ns()
     }
 
-    pub fn cycle_ns(&self) -> u32 {
-        self.port.adapter().config().cycle_ns()
-    }
-
-    pub fn is_ready(&self) -> bool {
-        self.port.is_ready()
-    }
-
-    pub fn startup_timeout_ns(&self) -> u64 {
-        self.port.startup_timeout().as_nanos() as u64
-    }
-
-    pub fn is_simulated(&self) -> bool {
-        self.port.adapter().is_simulated()
+    /// Collector with rates over the last `window_ns`.
+    pub fn collector(&self, window_ns: u64) -> Collector {
+        let adapter = self.port.adapter();
+        let (cycle_ns, is_simulated) = (adapter.config().cycle_ns(), adapter.is_simulated());
+        Collector::new(&self.positions, cycle_ns, window_ns, is_simulated)
     }
 
     /// Handle for the mailbox, for another thread.
     pub fn open_diagnostics(&self) -> Result<Diagnostics> {
         let opened = self.port.adapter().open_diagnostics();
-        opened.map_err(|error| Failure::Master(error.to_string()))
+        opened.map_err(Failure::master)
     }
 
     /// Reads the error counters of all gateways while the cycle runs.
@@ -117,8 +108,9 @@ impl Watcher {
         mut take: impl FnMut(&Self, &mut Observation),
         observation: &mut Observation,
     ) -> Result {
-        let deadline_ns = self.now_ns().saturating_add(self.startup_timeout_ns());
-        while !self.is_ready() && self.now_ns() < deadline_ns && !interrupt.is_set() {
+        let deadline_ns =
+            self.now_ns().saturating_add(self.port.startup_timeout().as_nanos() as u64);
+        while !self.port.is_ready() && self.now_ns() < deadline_ns && !interrupt.is_set() {
             self.cycle(observation)?;
             take(self, observation);
         }
@@ -135,10 +127,10 @@ const BUS_OFFS: u8 = 15;
 /// Reads the error counters of a gateway's channels; `None` without a response. Blocks.
 pub fn read_errors(diagnostics: &Diagnostics, at: usize) -> GatewayErrors {
     let mut errors = [Errors::default(); CHANNELS];
-    for (place, index) in errors.iter_mut().zip(INFORMATION..) {
+    for (channel, index) in errors.iter_mut().zip(INFORMATION..) {
         let read = |subindex| diagnostics.sdo_upload_u32(at, index, subindex).ok();
         let counters = ecan_diagnosis::registers::ErrorCounters::from_raw(read(ERROR_COUNTERS)?);
-        *place = Errors {
+        *channel = Errors {
             transmit: counters.transmit,
             receive: if counters.is_receive_passive { 128 } else { counters.receive },
             dropped: read(DROPPED)?.into(),

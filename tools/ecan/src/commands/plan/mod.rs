@@ -19,7 +19,6 @@ use report::Report;
 /// Default nominal bit rate of a plan in bit/s: the factory setting of a gateway.
 const BITRATE: u32 = 500_000;
 
-/// Arguments of `plan`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

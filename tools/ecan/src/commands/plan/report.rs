@@ -1,5 +1,3 @@
-//! JSON form of the plan.
-
 use ecan_mcan_port::{CpuCost, ImageFill, ImagePlan, PortPlan};
 use serde::Serialize;
 

@@ -1,6 +1,5 @@
 //! Sends the frames of a test and compares the received frames.
 
-use ecan_command_line::interrupt::Interrupt;
 use ecan_diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus};
 use ecan_mcan_port::Received;
 use ecan_protocol::can::CanFrame;
@@ -157,7 +156,6 @@ pub(super) fn exchange(
     routes: &[Route],
     count: u16,
     is_fd: bool,
-    interrupt: &Interrupt,
 ) -> Result<Option<Vec<Counts>>> {
     let mut traffics = Vec::new();
     for route in routes {
@@ -169,7 +167,7 @@ pub(super) fn exchange(
     }
     let (mut quiet, mut last_ns) = (0, service.now_ns());
     while quiet < QUIET_CYCLES {
-        if interrupt.is_set() {
+        if service.is_interrupted() {
             return Ok(None);
         }
         let cycle = service.begin();

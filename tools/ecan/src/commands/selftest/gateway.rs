@@ -14,7 +14,7 @@ use crate::frames::{Channels, GatewaySetup, Service, WATCHDOG, statistics};
 use super::exchange::{ChannelState, Counts, Route, exchange, states};
 use super::rates::Rate;
 use super::report::{Check, Figures, Report};
-use super::saved::{Restored, Saved, read_patiently, wait_present};
+use super::saved::{Saved, read_patiently, wait_present};
 use super::{SelftestArguments, identity};
 
 /// Cycle time in ns that may trigger the watchdog of a gateway.
@@ -43,7 +43,7 @@ impl TestPath {
 }
 
 struct Run<'a> {
-    way: TestPath,
+    path: TestPath,
     rate: &'a Rate,
     routes: Vec<Route>,
     adapter: AdapterConfig,
@@ -97,15 +97,12 @@ impl Test<'_> {
         if let Err(failure @ Failure::Master(_)) = tested {
             return Err(failure);
         }
-        let restored = saved.restore(bus, is_tested);
-        let words = |restored| match restored {
-            Restored::Written => "as before the test".to_owned(),
-            Restored::Restarted => "as before the test, by a restart".to_owned(),
+        let restored = match saved.restore(bus, is_tested) {
+            Ok(false) => Ok("as before the test".to_owned()),
+            Ok(true) => Ok("as before the test, by a restart".to_owned()),
+            Err(error) => Err(format!("not restored: {error}")),
         };
-        report.add(
-            "configuration",
-            restored.map(words).map_err(|why| format!("not restored: {why}")),
-        );
+        report.add("configuration", restored);
         if !tested? {
             report.stop();
         }
@@ -123,7 +120,7 @@ impl Test<'_> {
     ) -> Result<bool> {
         let mut is_first = true;
         for run in runs {
-            let name = match run.way {
+            let name = match run.path {
                 TestPath::Loopback => format!("loopback, {}", run.rate.name()),
                 TestPath::Wire => format!("wires, {}", run.rate.name()),
             };
@@ -158,31 +155,23 @@ impl Test<'_> {
         interrupt: &Interrupt,
         report: &mut Report,
     ) -> Result<bool> {
-        let Run { adapter, config, .. } = &run;
-        let (adapter, config) = (*adapter, *config);
-        let place = GatewaySetup { position: slave, adapter, config, channels: Channels::NONE };
-        wait_present(bus, slave).map_err(Failure::Rejected)?;
+        let Run { adapter, config, .. } = run;
+        let setup = GatewaySetup { position: slave, adapter, config, channels: Channels::NONE };
+        wait_present(bus, slave)?;
         let real_time = &self.arguments.real_time;
-        let started = Service::start(bus.ecrt(), place, real_time, interrupt)?;
+        let started = Service::start(bus.ecrt(), setup, real_time, interrupt)?;
         let Some(service) = started else { return Ok(false) };
         // From here on, an error is one of the gateway or its link.
-        self.exchange(service, run, interrupt, report)
-            .map_err(|failure| Failure::Rejected(failure.to_string()))
+        self.exchange(service, run, report).map_err(|error| Failure::Rejected(error.to_string()))
     }
 
-    fn exchange(
-        &self,
-        mut service: Service,
-        run: Run<'_>,
-        interrupt: &Interrupt,
-        report: &mut Report,
-    ) -> Result<bool> {
-        let Run { way, rate, routes, .. } = run;
+    fn exchange(&self, mut service: Service, run: Run<'_>, report: &mut Report) -> Result<bool> {
+        let Run { path, rate, routes, .. } = run;
         let count = self.arguments.frames;
         let channels: Vec<_> = routes.iter().map(|route| route.from).collect();
         service.port_mut().adapter_mut().measure_cycles();
         let before = states(&mut service, &channels)?;
-        let exchanged = exchange(&mut service, &routes, count, rate.is_fd(), interrupt)?;
+        let exchanged = exchange(&mut service, &routes, count, rate.is_fd())?;
         let Some(counts) = exchanged else { return Ok(false) };
         let after = states(&mut service, &channels)?;
         let pause = pause(&service);
@@ -193,15 +182,14 @@ impl Test<'_> {
             let is_concerned = |channel| channel == route.from || channel == route.to;
             let concerned: Vec<_> =
                 before.iter().zip(&after).filter(|(_, it)| is_concerned(it.channel)).collect();
-            let found = judge(way, route, &counts, count, &concerned);
-            let found = found.map_err(|words| words + &pause);
+            let found = check_counts(path, route, &counts, count, &concerned);
             let is_good = found.is_ok();
-            let (Ok(words) | Err(words)) = found;
+            let words = found.unwrap_or_else(|faults| faults + &pause);
             let (bitrate, data_bitrate) = rate.bit_rates();
             let channels = concerned.into_iter().map(|(_, after)| *after).collect();
             let Route { from, to } = route;
             let frames = Figures { from, to, bitrate, data_bitrate, counts, channels };
-            let name = way.name(route, rate);
+            let name = path.name(route, rate);
             report.checks.push(Check { name, is_good, words, frames: Some(frames) });
         }
         Ok(true)
@@ -212,30 +200,25 @@ impl Test<'_> {
         let loops: Vec<_> =
             self.arguments.channels.iter().map(|it| Route { from: it, to: it }).collect();
         let pairs = self.arguments.wired.iter().flat_map(|wiring| wiring.pairs());
-        let wires: Vec<_> = pairs
-            .flat_map(|&(one, other)| {
-                [Route { from: one, to: other }, Route { from: other, to: one }]
-            })
-            .collect();
+        let both = |&(a, b): &(u8, u8)| [Route { from: a, to: b }, Route { from: b, to: a }];
+        let wires: Vec<_> = pairs.flat_map(both).collect();
         let position = u16::try_from(slave)
             .map_err(|_| Failure::Slave(format!("slave {slave} does not exist")))?;
         let mut runs = Vec::new();
         for rate in self.rates {
-            let ways = [
+            let paths = [
                 (TestPath::Loopback, NodeMode::InternalLoopback, &loops),
                 (TestPath::Wire, NodeMode::Normal, &wires),
             ];
-            for (way, mode, routes) in ways.into_iter().filter(|(_, _, routes)| !routes.is_empty())
+            for (path, mode, routes) in paths.into_iter().filter(|(.., routes)| !routes.is_empty())
             {
                 let mut gateway = GatewayConfig::default();
                 for route in routes {
-                    if let Some(place) = gateway.channels.get_mut(usize::from(route.from)) {
-                        *place = Some(rate.channel(mode));
-                    }
+                    gateway.channels[usize::from(route.from)] = Some(rate.channel(mode));
                 }
                 let adapter = self.adapter(position);
                 let config = PortConfig::uniform(1, gateway);
-                runs.push(Run { way, rate, routes: routes.clone(), adapter, config });
+                runs.push(Run { path, rate, routes: routes.clone(), adapter, config });
             }
         }
         Ok(runs)
@@ -283,18 +266,18 @@ fn pause(service: &Service) -> String {
 }
 
 /// Result of a route; `states` are those of its channels before and after.
-fn judge(
-    way: TestPath,
+fn check_counts(
+    path: TestPath,
     route: Route,
     counts: &Counts,
-    wanted: u16,
+    expected: u16,
     states: &[(&ChannelState, &ChannelState)],
 ) -> Result<String, String> {
     let mut faults = Vec::new();
     let came = counts.received + counts.wrong;
-    if came < u32::from(wanted) {
-        let why = missing(way, route, states).map_or_else(String::new, |why| format!(" ({why})"));
-        faults.push(format!("{came} of {wanted} frames received{why}"));
+    if came < u32::from(expected) {
+        let why = missing(path, route, states).map_or_else(String::new, |why| format!(" ({why})"));
+        faults.push(format!("{came} of {expected} frames received{why}"));
     }
     if let Some(first) = &counts.first_wrong {
         faults.push(format!("{} frames received with errors, the first: {first}", counts.wrong));
@@ -316,12 +299,12 @@ fn judge(
 }
 
 fn missing(
-    way: TestPath,
+    path: TestPath,
     Route { from, to }: Route,
     states: &[(&ChannelState, &ChannelState)],
 ) -> Option<String> {
     let (_, sender) = states.iter().find(|(_, state)| state.channel == from)?;
-    (way == TestPath::Wire && sender.is_unheard()).then(|| {
+    (path == TestPath::Wire && sender.is_unheard()).then(|| {
         format!("no acknowledgement; check the wiring from channel {from} to channel {to} and its termination")
     })
 }
@@ -359,7 +342,7 @@ mod tests {
         })
     }
 
-    fn said_of_configuration(report: &Report) -> &Check {
+    fn configuration_check(report: &Report) -> &Check {
         report.checks.iter().find(|it| it.name == "configuration").unwrap()
     }
 
@@ -401,7 +384,7 @@ mod tests {
         let good: Vec<_> = report.checks.iter().filter(|it| it.name.starts_with("loop")).collect();
         assert!(good.len() == 24 && good.iter().all(|it| it.is_good), "{good:?}");
         assert!(!report.is_good);
-        assert_eq!(said_of_configuration(&report).words, "as before the test, by a restart");
+        assert_eq!(configuration_check(&report).words, "as before the test, by a restart");
         assert_eq!(everything(&bus), before);
     }
 
@@ -435,13 +418,13 @@ mod tests {
         assert_eq!(bus.read(0, 0x9001, 9).unwrap() & 7, 2, "on the bus");
         assert_eq!((before.1[0].id1, before.1[0].id2), (5, 6));
         let report = tested(&bus);
-        let said = said_of_configuration(&report);
-        assert!(said.is_good, "{said:?}");
+        let check = configuration_check(&report);
+        assert!(check.is_good, "{check:?}");
         assert_eq!((everything(&bus), filter()), before);
     }
 
     #[test]
-    fn gateway_is_not_restarted_without_need() {
+    fn gateway_is_restarted_only_if_needed() {
         let bus = bus();
         // For example from an earlier test.
         with_test(&["selftest"], |test| {
@@ -451,7 +434,7 @@ mod tests {
         wait_present(&bus, 0).unwrap();
         let before = everything(&bus);
         let report = tested(&bus);
-        assert_eq!(said_of_configuration(&report).words, "as before the test");
+        assert_eq!(configuration_check(&report).words, "as before the test");
         assert_eq!(everything(&bus), before);
     }
 }

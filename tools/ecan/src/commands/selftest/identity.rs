@@ -15,13 +15,11 @@ pub(super) fn check(
     expected_version: Option<&str>,
     report: &mut Report,
 ) -> bool {
-    let present = wait_present(bus, slave);
-    let info = present
-        .and_then(|()| bus.diagnostics().slave_info(slave).map_err(|error| error.to_string()));
+    let info = wait_present(bus, slave).and_then(|()| Ok(bus.diagnostics().slave_info(slave)?));
     let info = match info {
         Ok(info) => info,
-        Err(words) => {
-            report.add("recognition", Err(words));
+        Err(error) => {
+            report.add("recognition", Err(error.to_string()));
             return false;
         }
     };
@@ -41,14 +39,12 @@ pub(super) fn check(
     report.hardware = bus.text(slave, 0x1009).ok();
     let serial = bus.serial(slave);
     report.serial = serial.as_ref().ok().copied();
-    report.add(
-        "serial number",
-        match serial {
-            Ok(0 | u64::MAX) => Err("not programmed".to_owned()),
-            Ok(serial) => Ok(serial.to_string()),
-            Err(error) => Err(error.to_string()),
-        },
-    );
+    let serial = match serial {
+        Ok(0 | u64::MAX) => Err("not programmed".to_owned()),
+        Ok(serial) => Ok(serial.to_string()),
+        Err(error) => Err(error.to_string()),
+    };
+    report.add("serial number", serial);
     true
 }
 

@@ -47,7 +47,6 @@ kept: the next one is SERIAL-2.json.
 
 Exit status 0 if all tests pass, 1 if a test fails.";
 
-/// Arguments of `selftest`.
 #[derive(Debug, Args)]
 pub struct SelftestArguments {
     /// Use the bit rates of this configuration file
@@ -165,8 +164,7 @@ fn print(is_good: bool, gateways: Vec<Report>, output: &Output) -> Result {
 fn slaves(bus: &Bus, arguments: &SelftestArguments) -> Result<Vec<usize>> {
     if bus.is_chosen() {
         if arguments.gateways.is_some() {
-            let words = "--gateways and --slave exclude each other";
-            return Err(Failure::Usage(words.to_owned()));
+            return Err(Failure::Usage("--gateways and --slave exclude each other".to_owned()));
         }
         return Ok(vec![bus.slave()?]);
     }

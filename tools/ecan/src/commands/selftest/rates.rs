@@ -1,5 +1,3 @@
-//! Bit rates of a test.
-
 use std::path::Path;
 
 use ecan_mcan_port::ChannelConfig;

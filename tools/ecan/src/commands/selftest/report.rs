@@ -1,5 +1,3 @@
-//! Report of a gateway.
-
 use std::fs::File;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};

@@ -14,7 +14,7 @@ use crate::context::{Bus, Failure, Result};
 
 use super::active_config::ActiveConfig;
 
-const LOOK_EVERY_NS: u64 = 50_000_000;
+const POLL_NS: u64 = 50_000_000;
 /// Time limit for a slave to respond or to reach PREOP, in nanoseconds.
 const STATE_NS: u64 = 10_000_000_000;
 const RESTART_NS: u64 = 30_000_000_000;
@@ -37,12 +37,6 @@ pub(super) struct Saved {
     active_config: ActiveConfig,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Restored {
-    Written,
-    Restarted,
-}
-
 impl Saved {
     pub(super) fn read(bus: &Bus, slave: usize) -> Result<Self> {
         let serial = bus.serial(slave)?;
@@ -63,12 +57,12 @@ impl Saved {
     }
 
     /// Waits until the master has released the gateway, and restores everything that the test has
-    /// changed on the channels `tested`. Returns the reason if that fails. A lost gateway gets some
-    /// time to respond.
+    /// changed on the channels `tested`; returns whether this needed a restart. A lost gateway
+    /// gets some time to respond.
     ///
     /// No command deactivates a profile or a channel (manual 13.2, 13.4): the gateway is restarted
     /// for that.
-    pub(super) fn restore(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<Restored, String> {
+    pub(super) fn restore(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<bool> {
         let mut deadline = bus.clock().now_ns() + STATE_NS;
         let mut is_restarted = false;
         loop {
@@ -78,40 +72,32 @@ impl Saved {
                 deadline = bus.clock().now_ns() + STATE_NS;
             }
             match outcome {
-                Ok(()) if is_restarted => return Ok(Restored::Restarted),
-                Ok(()) => return Ok(Restored::Written),
-                Err(why) if bus.clock().now_ns() >= deadline => return Err(why),
-                Err(_) => bus.clock().sleep_until_ns(bus.clock().now_ns() + LOOK_EVERY_NS),
+                Ok(()) => return Ok(is_restarted),
+                Err(failure) if bus.clock().now_ns() >= deadline => return Err(failure),
+                Err(_) => bus.sleep_ns(POLL_NS),
             }
         }
     }
 
-    fn try_restore(
-        &self,
-        bus: &Bus,
-        tested: [bool; CHANNELS],
-        is_restarted: &mut bool,
-    ) -> Result<(), String> {
-        let words = |failure: Failure| failure.to_string();
-        self.wait_own_place(bus)?;
-        let now = ActiveConfig::read(bus, self.slave).map_err(words)?;
+    fn try_restore(&self, bus: &Bus, tested: [bool; CHANNELS], is_restarted: &mut bool) -> Result {
+        self.wait_own_position(bus)?;
+        let now = ActiveConfig::read(bus, self.slave)?;
         if now.has_more_than(&self.active_config) {
             let restarted = reboot::restart(bus, self.slave, RESTART_NS);
-            restarted.map_err(|failure| format!("restart failed: {failure}"))?;
+            restarted.map_err(|it| Failure::Rejected(format!("restart failed: {it}")))?;
             *is_restarted = true;
-            self.wait_own_place(bus)?;
+            self.wait_own_position(bus)?;
         }
-        self.write(bus, tested).map_err(words)?;
+        self.write(bus, tested)?;
         self.compare(bus)
     }
 
     /// Waits for PREOP. Another gateway may be at the position of an unreachable one.
-    fn wait_own_place(&self, bus: &Bus) -> Result<(), String> {
+    fn wait_own_position(&self, bus: &Bus) -> Result {
         wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
-        match bus.serial(self.slave) {
-            Ok(serial) if serial == self.serial => Ok(()),
-            Ok(serial) => Err(format!("gateway {serial} is at its position")),
-            Err(failure) => Err(failure.to_string()),
+        match bus.serial(self.slave)? {
+            serial if serial == self.serial => Ok(()),
+            serial => Err(Failure::Rejected(format!("gateway {serial} is at its position"))),
         }
     }
 
@@ -161,31 +147,27 @@ impl Saved {
         Ok(())
     }
 
-    fn compare(&self, bus: &Bus) -> Result<(), String> {
-        let now = Self::read(bus, self.slave).map_err(|failure| failure.to_string())?;
+    fn compare(&self, bus: &Bus) -> Result {
+        let differs = |text| Err(Failure::Rejected(text));
+        let now = Self::read(bus, self.slave)?;
         for ((index, subindex), value) in &self.values {
             let found = now.values.get(&(*index, *subindex));
             if let Some(found) = found.filter(|found| *found != value) {
                 let object = ecan_protocol::object::describe(*index, *subindex);
-                return Err(format!("{object} was {value} and is {found}"));
+                return differs(format!("{object} was {value} and is {found}"));
             }
         }
-        if let Some(channel) =
-            (0..CHANNELS).find(|at| now.filters.get(*at) != self.filters.get(*at))
-        {
-            return Err(format!("the filters of channel {channel} differ"));
+        if let Some(channel) = (0..CHANNELS).find(|at| now.filters[*at] != self.filters[*at]) {
+            return differs(format!("the filters of channel {channel} differ"));
         }
         if now.assignments != self.assignments {
-            return Err("the PDO assignment (0x1C12, 0x1C13) differs".to_owned());
+            return differs("the PDO assignment (0x1C12, 0x1C13) differs".to_owned());
         }
-        match now.active_config.difference(&self.active_config) {
-            Some(words) => Err(words),
-            None => Ok(()),
-        }
+        now.active_config.difference(&self.active_config).map_or(Ok(()), differs)
     }
 }
 
-/// Returns whether an entry is configuration: writable, but not a command or editing window.
+/// Entries of the configuration: writable, but not a command or editing window.
 fn entries() -> impl Iterator<Item = (u16, u8)> {
     let is_value = |index: u16, subindex: u8| match index {
         0x8001..=0x8004 => !FilterWindow::BOTH.iter().any(|window| {
@@ -242,36 +224,18 @@ fn apply(bus: &Bus, slave: usize, command: SdoWrite, status: u8) -> Result {
 
 /// Reads from a slave that may be unreachable for some time.
 pub(super) fn read_patiently(bus: &Bus, slave: usize, index: u16, subindex: u8) -> Result<u32> {
-    let deadline = bus.clock().now_ns() + STATE_NS;
-    loop {
-        match bus.read(slave, index, subindex) {
-            Err(_) if bus.clock().now_ns() < deadline => {
-                bus.clock().sleep_until_ns(bus.clock().now_ns() + LOOK_EVERY_NS);
-            }
-            read => return read,
-        }
-    }
+    bus.retry(POLL_NS, STATE_NS, || bus.read(slave, index, subindex))
 }
 
 /// Waits until the master lists a slave. During a rescan of the bus it lists none.
-pub(super) fn wait_present(bus: &Bus, slave: usize) -> Result<(), String> {
+pub(super) fn wait_present(bus: &Bus, slave: usize) -> Result {
     wait(bus, slave, |_| true)
 }
 
-fn wait(bus: &Bus, slave: usize, is_fit: fn(Option<AlState>) -> bool) -> Result<(), String> {
-    let deadline = bus.clock().now_ns() + STATE_NS;
-    loop {
-        let state = bus.diagnostics().al_state(slave);
-        if matches!(state, Ok(state) if is_fit(state)) {
-            return Ok(());
-        }
-        if bus.clock().now_ns() >= deadline {
-            return Err(match state {
-                Err(error) => error.to_string(),
-                Ok(Some(state)) => format!("the slave stays in {state}"),
-                Ok(None) => "the state of the slave is unknown".to_owned(),
-            });
-        }
-        bus.clock().sleep_until_ns(bus.clock().now_ns() + LOOK_EVERY_NS);
-    }
+fn wait(bus: &Bus, slave: usize, is_fit: fn(Option<AlState>) -> bool) -> Result {
+    bus.retry(POLL_NS, STATE_NS, || match bus.diagnostics().al_state(slave)? {
+        state if is_fit(state) => Ok(()),
+        Some(state) => Err(Failure::Rejected(format!("the slave stays in {state}"))),
+        None => Err(Failure::Rejected("the state of the slave is unknown".to_owned())),
+    })
 }

@@ -1,5 +1,3 @@
-//! Pairs of wired channels.
-
 use std::str::FromStr;
 
 use ecan_protocol::mapping::CHANNELS;
