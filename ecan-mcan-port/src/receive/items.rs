@@ -4,10 +4,10 @@ use std::iter::{Enumerate, FusedIterator};
 use std::slice::IterMut;
 
 use ecan_host::Adapter;
-use ecan_protocol::image::{Header, Packet, Packets};
+use ecan_protocol::image::{Packet, Packets, TxResult};
 
 use crate::gateway::Gateway;
-use crate::receive::received::ReceivedView;
+use crate::receive::received::{ReceivedView, TransmitReport};
 
 /// The frames and transmit results of a cycle, from [`Cycle::received`](crate::Cycle::received).
 #[derive(Debug)]
@@ -22,7 +22,6 @@ pub struct ReceivedItems<'c> {
 struct OpenImage<'c> {
     slave: usize,
     gateway: &'c mut Gateway,
-    header: Header,
     packets: Packets<'c>,
 }
 
@@ -36,44 +35,52 @@ impl<'c> ReceivedItems<'c> {
     fn next_image(&mut self) -> Option<OpenImage<'c>> {
         let adapter = self.adapter;
         self.gateways.find_map(|(slave, gateway)| {
-            let (header, packets) = gateway.receiver.resume(adapter.tx_pdo(slave))?;
-            Some(OpenImage { slave, gateway, header, packets })
+            let packets = gateway.receiver.resume(adapter.tx_pdo(slave))?;
+            Some(OpenImage { slave, gateway, packets })
         })
     }
 }
 
 impl<'c> OpenImage<'c> {
-    #[inline]
+    #[inline(always)]
     fn next(&mut self) -> Option<ReceivedView<'c>> {
-        let Gateway { receiver, transmitter, statistics, .. } = &mut *self.gateway;
         match self.packets.next()? {
             Ok(Packet::Frame(packet)) => {
-                statistics.channel(packet.channel).frames_received += 1;
+                self.gateway.statistics.channel(packet.channel).frames_received += 1;
                 Some(ReceivedView::Frame { slave: self.slave, packet })
             }
             Ok(Packet::TxResult(result)) => {
-                let send = transmitter.take_result(&result);
-                if send.is_none() {
-                    statistics.unmatched_results += 1;
-                } else if result.code.is_success() {
-                    statistics.channel(result.channel).results_ok += 1;
-                } else {
-                    statistics.channel(result.channel).results_failed += 1;
-                }
-                Some(ReceivedView::from_result(self.slave, &result, send))
+                Some(ReceivedView::TransmitReport(self.gateway.take_result(self.slave, &result)))
             }
             Err(diagnosis) => {
-                receiver.fault(diagnosis, statistics);
+                self.gateway.receiver.fault(diagnosis, &mut self.gateway.statistics);
                 None
             }
         }
     }
 }
 
+impl Gateway {
+    /// Assigns a transmit result to its frame, and counts it.
+    fn take_result(&mut self, slave: usize, result: &TxResult) -> TransmitReport {
+        let Self { transmitter, statistics, .. } = self;
+        let send = transmitter.take_result(result);
+        if send.is_none() {
+            statistics.unmatched_results += 1;
+        } else if result.code.is_success() {
+            statistics.channel(result.channel).results_ok += 1;
+        } else {
+            statistics.channel(result.channel).results_failed += 1;
+        }
+        TransmitReport::new(slave, result, send)
+    }
+}
+
 impl<'c> Iterator for ReceivedItems<'c> {
     type Item = ReceivedView<'c>;
 
-    #[inline]
+    // Always inlined, as the frame otherwise passes through memory twice.
+    #[inline(always)]
     fn next(&mut self) -> Option<Self::Item> {
         loop {
             if let Some(image) = &mut self.current {
@@ -92,8 +99,8 @@ impl FusedIterator for ReceivedItems<'_> {}
 impl Drop for ReceivedItems<'_> {
     #[inline]
     fn drop(&mut self) {
-        if let Some(OpenImage { gateway, header, packets, .. }) = &mut self.current {
-            gateway.receiver.suspend(*header, packets);
+        if let Some(OpenImage { gateway, packets, .. }) = &mut self.current {
+            gateway.receiver.pending = Some(packets.cursor());
         }
     }
 }

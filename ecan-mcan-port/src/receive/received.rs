@@ -84,6 +84,17 @@ impl TransmitReport {
     pub fn is_late_drop(&self) -> bool {
         self.schedule_tag.is_some() && self.code == ResultCode::BusBusy
     }
+
+    pub(crate) fn new(slave: usize, result: &TxResult, send: Option<OpenFrame>) -> Self {
+        let sequence = result.sequence;
+        Self {
+            ticket: send.map(|send| SendTicket { slave, sequence, index: send.index }),
+            slave,
+            channel: result.channel,
+            code: result.code,
+            schedule_tag: send.and_then(|send| send.tag),
+        }
+    }
 }
 
 /// An item that arrived.
@@ -182,19 +193,5 @@ impl ReceivedView<'_> {
             }),
             Self::TransmitReport(report) => Received::TransmitReport(*report),
         }
-    }
-
-    pub(crate) fn from_result(slave: usize, result: &TxResult, send: Option<OpenFrame>) -> Self {
-        Self::TransmitReport(TransmitReport {
-            ticket: send.map(|send| SendTicket {
-                slave,
-                sequence: result.sequence,
-                index: send.index,
-            }),
-            slave,
-            channel: result.channel,
-            code: result.code,
-            schedule_tag: send.and_then(|send| send.tag),
-        })
     }
 }

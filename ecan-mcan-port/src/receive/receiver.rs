@@ -5,7 +5,7 @@ use ecan_protocol::image::{
     Arrival, ChannelStatus, Header, ImageFault, ImageReader, PacketCursor, Packets, ParseDiagnosis,
     SequenceTracker,
 };
-use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::mapping::{CHANNELS, HEADER_BYTES};
 
 use crate::receive::report::ImageReport;
 use crate::statistics::SlaveStatistics;
@@ -15,10 +15,11 @@ pub(crate) struct Receiver {
     reader: ImageReader,
     tracker: SequenceTracker,
     report: ImageReport,
-    status: [ChannelStatus; CHANNELS],
     last_diagnosis: Option<ParseDiagnosis>,
-    /// Image with packets left to hand out, and the next of them.
-    pending: Option<(Header, PacketCursor)>,
+    /// Of the last new image.
+    header: Header,
+    /// The first of its packets that were not handed out, if any.
+    pub(crate) pending: Option<PacketCursor>,
     /// Cycles in a row without a new image.
     misses: u16,
 }
@@ -29,8 +30,8 @@ impl Receiver {
             reader,
             tracker: SequenceTracker::new(),
             report: ImageReport::None,
-            status: [ChannelStatus::default(); CHANNELS],
             last_diagnosis: None,
+            header: Header::parse(&[0; HEADER_BYTES]),
             pending: None,
             misses: 0,
         }
@@ -45,7 +46,7 @@ impl Receiver {
     }
 
     pub(crate) fn status(&self) -> &[ChannelStatus; CHANNELS] {
-        &self.status
+        &self.header.channel_status
     }
 
     pub(crate) fn last_diagnosis(&self) -> Option<ParseDiagnosis> {
@@ -83,8 +84,8 @@ impl Receiver {
                 let (is_incomplete, layout_changed) =
                     (image.is_incomplete(), image.layout_changed());
                 self.report = ImageReport::New { lost, is_incomplete, layout_changed };
-                self.status = image.header().channel_status;
-                self.pending = Some((*image.header(), PacketCursor::default()));
+                self.header = *image.header();
+                self.pending = Some(PacketCursor::default());
                 self.misses = 0;
                 statistics.txpdo_received += 1;
                 statistics.txpdo_lost += u64::from(lost);
@@ -106,6 +107,7 @@ impl Receiver {
     }
 
     /// Records a fault; the packets before it were handed out and stay valid.
+    #[cold]
     pub(crate) fn fault(&mut self, diagnosis: ParseDiagnosis, statistics: &mut SlaveStatistics) {
         match diagnosis.fault {
             ImageFault::Updating | ImageFault::Torn => statistics.txpdo_torn += 1,
@@ -115,15 +117,10 @@ impl Receiver {
         self.report = ImageReport::Fault(diagnosis);
     }
 
-    /// Starts handing out the packets that are left of the image of this cycle.
+    /// Hands out the packets that are left of the image of this cycle.
     #[inline]
-    pub(crate) fn resume<'i>(&mut self, image: &'i [u8]) -> Option<(Header, Packets<'i>)> {
-        let (header, cursor) = self.pending.take()?;
-        Some((header, self.reader.resume(image, &header, cursor)))
-    }
-
-    /// Keeps the packets that were not handed out for another call in the same cycle.
-    pub(crate) fn suspend(&mut self, header: Header, packets: &Packets<'_>) {
-        self.pending = Some((header, packets.cursor()));
+    pub(crate) fn resume<'i>(&mut self, image: &'i [u8]) -> Option<Packets<'i>> {
+        let cursor = self.pending.take()?;
+        Some(self.reader.resume(image, &self.header, cursor))
     }
 }
