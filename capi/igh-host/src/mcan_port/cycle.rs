@@ -56,15 +56,6 @@ pub fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) {
     error.map_or(Ok(()), Err).or_code(call)
 }
 
-/// Converts an item of an image.
-#[inline(always)]
-fn rx_frame(item: &ReceivedView<'_>) -> igh_mcan_rx_frame_t {
-    match item {
-        ReceivedView::Frame { slave, packet } => igh_mcan_rx_frame_t::from_packet(*slave, packet),
-        ReceivedView::TransmitReport(report) => tx_result(report),
-    }
-}
-
 /// Converts an item that was copied from its image.
 pub(crate) fn owned_rx_frame(item: &Received) -> igh_mcan_rx_frame_t {
     match item {
@@ -98,7 +89,13 @@ pub(crate) fn receive(cycle: &mut Cycle<'_>, room: &mut OutArray<igh_mcan_rx_fra
     while !room.is_full()
         && let Some(item) = items.next()
     {
-        room.push(rx_frame(&item));
+        // Two calls, so that the compiler builds a frame in its final location.
+        match item {
+            ReceivedView::Frame { slave, packet } => {
+                room.push(igh_mcan_rx_frame_t::from_packet(slave, &packet))
+            }
+            ReceivedView::TransmitReport(report) => room.push(tx_result(&report)),
+        };
     }
 }
 
