@@ -16,27 +16,29 @@ fn entry(index: u16, subindex: u8) -> &'static Entry {
 
 #[test]
 fn every_object_of_chapter_13_has_its_subindices() {
-    // First index, number of objects, subindices in the manual's table, highest of them.
-    let manual: [(u16, u16, usize, u8); 15] = [
-        (0x8000, 1, 14, 15),
-        (0x8001, 4, 86, 87),
-        (0x8010, 1, 16, 16),
-        (0x8011, 1, 16, 16),
-        (0x8020, 1, 10, 10),
-        (0x8021, 4, 20, 20),
-        (0x8030, 1, 10, 10),
-        (0x9000, 4, 16, 16),
-        (0x9011, 1, 24, 24),
-        (0x9020, 4, 20, 20),
-        (0xA000, 4, 7, 7),
-        (0xB000, 1, 12, 12),
-        (0xF000, 1, 32, 32),
-        (0x1018, 1, 4, 4),
-        (0x1600, 24, 8, 8),
+    // First index, number of objects, subindices in the manual's table, highest of them, saved in
+    // the Flash.
+    let manual: [(u16, u16, usize, u8, bool); 15] = [
+        (0x8000, 1, 14, 15, true),
+        (0x8001, 4, 86, 87, true),
+        (0x8010, 1, 16, 16, true),
+        (0x8011, 1, 16, 16, true),
+        (0x8020, 1, 10, 10, true),
+        (0x8021, 4, 20, 20, true),
+        (0x8030, 1, 10, 10, false),
+        (0x9000, 4, 16, 16, false),
+        (0x9011, 1, 24, 24, false),
+        (0x9020, 4, 20, 20, false),
+        (0xA000, 4, 7, 7, false),
+        (0xB000, 1, 12, 12, false),
+        (0xF000, 1, 32, 32, false),
+        (0x1018, 1, 4, 4, false),
+        (0x1600, 24, 8, 8, false),
     ];
-    for (first, count, subindices, highest) in manual {
+    for (first, count, subindices, highest, is_saved) in manual {
         let object = object(first).unwrap();
         assert_eq!((object.first, object.count), (first, count));
+        assert_eq!(object.is_saved, is_saved, "0x{first:04X}");
         // Subindex 0 is not in the manual's tables.
         assert_eq!(object.entries.len(), subindices + 1, "0x{first:04X}");
         assert_eq!(object.highest_subindex(), highest, "0x{first:04X}");

@@ -17,7 +17,8 @@ object! {
     pub struct DataPathGlobal {}
     const GLOBAL_DATA_PATH =
         Object::single(0x8020, "Data Path Global Control", "13.2.1", DataPathGlobal::ENTRIES)
-            .applied_by(2, 3);
+            .applied_by(2, 3)
+            .saved();
     entries {
         entry(Entry::highest(10));
         entry(Entry::ro(1, "Control format", U16).default(1));
@@ -149,7 +150,8 @@ object! {
     pub struct DataPathConfig {}
     const CHANNEL_DATA_PATH =
         Object::family(0x8021, 4, 1, "MCAN Data Path Control", "13.2.2", DataPathConfig::ENTRIES)
-            .applied_by(2, 3);
+            .applied_by(2, 3)
+            .saved();
     entries {
         entry(Entry::highest(20));
         /// Use this policy (:01).

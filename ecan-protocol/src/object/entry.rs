@@ -172,6 +172,8 @@ pub struct Object {
     pub chapter: &'static str,
     /// Apply command and status, if the object has them.
     pub apply: Option<Apply>,
+    /// The gateway saves its writable values in the Flash, except commands and editing windows.
+    pub is_saved: bool,
     /// The entries in ascending order of subindex, subindex 0 included.
     pub entries: &'static [Entry],
 }
@@ -194,12 +196,23 @@ impl Object {
         chapter: &'static str,
         entries: &'static [Entry],
     ) -> Self {
-        Self { first, count, stride, name, chapter, apply: None, entries }
+        Self { first, count, stride, name, chapter, apply: None, is_saved: false, entries }
     }
 
     pub(super) const fn applied_by(mut self, command: u8, status: u8) -> Self {
         self.apply = Some(Apply { command, status });
         self
+    }
+
+    pub(super) const fn saved(mut self) -> Self {
+        self.is_saved = true;
+        self
+    }
+
+    /// Index of each member.
+    pub fn indices(&self) -> impl Iterator<Item = u16> + use<> {
+        let Self { first, count, stride, .. } = *self;
+        (0..count).map(move |number| first + number * stride)
     }
 
     /// Number of a family member (the channel for 0x8001..0x8004), `None` if the index is not one of

@@ -109,7 +109,8 @@ object! {
     }
     const MCAN_CHANNEL =
         Object::family(0x8001, 4, 1, "MCAN Channel Config", "13.4", McanChannelConfig::ENTRIES)
-            .applied_by(1, 2);
+            .applied_by(1, 2)
+            .saved();
     entries {
         entry(Entry::highest(87));
         entry(Entry::wo(1, "Apply command", U8).default(0).values(&[(0, "no-op"), (1, "apply")])

@@ -190,10 +190,12 @@ object! {
     pub struct PdoProfile {}
     const TX_PDO_PROFILE =
         Object::single(0x8010, "TxPDO Profile Control", "13.2", PdoProfile::ENTRIES)
-            .applied_by(1, 2);
+            .applied_by(1, 2)
+            .saved();
     const RX_PDO_PROFILE =
         Object::single(0x8011, "RxPDO Profile Control", "13.2", PdoProfile::ENTRIES)
-            .applied_by(1, 2);
+            .applied_by(1, 2)
+            .saved();
     entries {
         entry(Entry::highest(16));
         entry(Entry::rw(1, "Apply command", U8).default(0).values(&[(0, "no-op"), (1, "apply")]));

@@ -29,4 +29,5 @@ pub(super) const SYSTEM: Object = Object::single(
         ]),
         Entry::ro(15, "CAN pin apply status", U8).default(0),
     ],
-);
+)
+.saved();

@@ -1,5 +1,5 @@
-//! Saved configuration: values of 0x8000..0x8024 and the filter lists, without commands, editing
-//! windows, the test policies of 0x8030 and runtime state (manual 13.3, 13.4, 13.7).
+//! Saved configuration: values of the saved objects and the filter lists, without commands, editing
+//! windows and runtime state (manual 13.3, 13.4, 13.7).
 //!
 //! The manual gives no format, only a CRC32 over the image. This format is: the letters `ECFG`, a
 //! format number, the common objects, the four channels, the CRC32 of all that, all little endian.
@@ -7,7 +7,7 @@
 //! a load.
 
 use ecan_protocol::mapping::CHANNELS;
-use ecan_protocol::object::{Access, Entry, object};
+use ecan_protocol::object::{Access, Entry, object, objects};
 
 use super::channel_control::{FIRST_CHANNEL_OBJECT, FilterLists};
 use super::crc32::crc32;
@@ -19,7 +19,11 @@ const FORMAT: u32 = 1;
 const PREFIX_BYTES: usize = 8;
 const FILTER_BYTES: usize = 11;
 
-const COMMON_OBJECTS: [u16; 8] = [0x8000, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022, 0x8023, 0x8024];
+/// Saved objects that belong to no single channel.
+fn common_objects() -> impl Iterator<Item = u16> {
+    let saved = objects().iter().filter(|object| object.is_saved);
+    saved.filter(|object| object.first != FIRST_CHANNEL_OBJECT).flat_map(|object| object.indices())
+}
 
 /// A saved configuration, in the parts that are saved and loaded separately.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,7 +92,7 @@ impl ConfigurationImage {
         runs: [bool; CHANNELS],
     ) -> Self {
         let mut common = Vec::new();
-        COMMON_OBJECTS.into_iter().for_each(|index| save_object(index, values, &mut common));
+        common_objects().for_each(|index| save_object(index, values, &mut common));
         let mut channels = [const { Vec::new() }; CHANNELS];
         for (number, out) in channels.iter_mut().enumerate() {
             out.push(u8::from(runs[number]));
@@ -111,7 +115,7 @@ impl ConfigurationImage {
 
     pub(super) fn restore_common(&self, values: &mut DictionaryValues) {
         let mut bytes = self.common.as_slice();
-        for index in COMMON_OBJECTS {
+        for index in common_objects() {
             restore_object(index, values, &mut bytes);
         }
     }

@@ -22,9 +22,9 @@ impl DictionaryValues {
     pub(super) fn new() -> Self {
         let mut slots = Vec::new();
         for object in objects() {
-            for instance in 0..object.count {
+            for index in object.indices() {
                 slots.push(Slot {
-                    index: object.first + instance * object.stride,
+                    index,
                     object,
                     values: object.entries.iter().map(|entry| entry.default.unwrap_or(0)).collect(),
                 });

@@ -1,4 +1,9 @@
+//! Faults that a scenario or a test injects into a gateway.
+
+use ecan_protocol::device::AlStatusCode;
 use ecan_protocol::object::AbortCode;
+
+use super::{Gateway, NS_PER_MS};
 
 /// A fault of a gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +59,27 @@ pub enum GatewayFault {
     },
 }
 
+impl Gateway {
+    /// Injects a fault.
+    pub fn inject(&mut self, now: u64, fault: GatewayFault) {
+        self.advance(now);
+        let until = |ms: u32| now + u64::from(ms) * NS_PER_MS;
+        let faults = &mut self.faults;
+        match fault {
+            GatewayFault::SdoAbort { index, subindex, code, times } => {
+                faults.add_sdo_abort(index, subindex, code, times)
+            }
+            GatewayFault::TornTxPdo { images } => faults.torn_images.add(images),
+            GatewayFault::CrcErrorTxPdo { images } => faults.crc_errors.add(images),
+            GatewayFault::FlashFailure { times } => faults.flash_failures.add(times),
+            GatewayFault::MailboxSilent { ms } => faults.mailbox_silent_until = until(ms),
+            GatewayFault::ServiceStall { ms } => self.services.stalled_until = until(ms),
+            GatewayFault::AlError { code } => self.fall_back(AlStatusCode(code)),
+            GatewayFault::ClockJump { ns } => self.clock.change(now, |clock| clock.jump(ns, now)),
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 struct SdoAbort {
     index: u16,
@@ -86,10 +112,14 @@ pub(super) struct PendingFaults {
     pub(super) crc_errors: Count,
     /// Operations of the flash.
     pub(super) flash_failures: Count,
-    pub(super) mailbox_silent_until: u64,
+    mailbox_silent_until: u64,
 }
 
 impl PendingFaults {
+    pub(super) fn is_mailbox_silent(&self, now: u64) -> bool {
+        now < self.mailbox_silent_until
+    }
+
     pub(super) fn add_sdo_abort(&mut self, index: u16, subindex: u8, code: u32, times: u32) {
         self.sdo_aborts.push(SdoAbort { index, subindex, code, times });
     }

@@ -169,25 +169,6 @@ impl Gateway {
         self.power.is_running()
     }
 
-    /// Injects a fault.
-    pub fn inject(&mut self, now: u64, fault: GatewayFault) {
-        self.advance(now);
-        let until = |ms: u32| now + u64::from(ms) * NS_PER_MS;
-        let faults = &mut self.faults;
-        match fault {
-            GatewayFault::SdoAbort { index, subindex, code, times } => {
-                faults.add_sdo_abort(index, subindex, code, times)
-            }
-            GatewayFault::TornTxPdo { images } => faults.torn_images.add(images),
-            GatewayFault::CrcErrorTxPdo { images } => faults.crc_errors.add(images),
-            GatewayFault::FlashFailure { times } => faults.flash_failures.add(times),
-            GatewayFault::MailboxSilent { ms } => faults.mailbox_silent_until = until(ms),
-            GatewayFault::ServiceStall { ms } => self.services.stalled_until = until(ms),
-            GatewayFault::AlError { code } => self.fall_back(AlStatusCode(code)),
-            GatewayFault::ClockJump { ns } => self.clock.change(now, |clock| clock.jump(ns, now)),
-        }
-    }
-
     /// The next time at which the gateway acts without a call.
     #[must_use]
     pub fn next_event(&self) -> Option<u64> {

@@ -25,9 +25,7 @@ impl Gateway {
     /// Whether the mailbox responds: booted, not in INIT, and not silenced by a fault.
     #[must_use]
     pub fn mailbox_answers(&self, now: u64) -> bool {
-        self.is_responding()
-            && self.al.state.has_mailbox()
-            && now >= self.faults.mailbox_silent_until
+        self.is_responding() && self.al.state.has_mailbox() && !self.faults.is_mailbox_silent(now)
     }
 
     /// SDO upload: replaces the contents of `out` by the bytes of the entry; empty after an error.

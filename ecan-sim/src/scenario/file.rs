@@ -229,15 +229,7 @@ impl Scenario {
     /// # Ok::<(), ecan_sim::ScenarioError>(())
     /// ```
     ///
-    /// Further kinds of faults: `working_counter_offset` (`offset`, `cycles`), `mailbox_timeout`
-    /// and `service_stall` (`gateway`, `for_ms`), `clock_jump` (`gateway`, `ns`), `torn_image`,
-    /// `crc_error` and `flash_failure` (`gateway`, `times`), `al_error` (`gateway`, `code`),
-    /// `bus_off` (`gateway`, `channel`), `error_frames` (`gateway`, `channel`, `times`),
-    /// `node_silent` (`node`, `for_ms`), and of drives `drive_emcy` (`node`, `code`, `register`),
-    /// `drive_power_cycle` (`node`, `off_ms`) and `drive_blocked` (`node`, `for_ms`).
-    /// `library_error` (`call` = receive, send, domain_process, domain_queue or domain_state;
-    /// `errno`, a number or a name; `times`) makes a call of the library fail, `requests_held`
-    /// (`for_ms`) keeps the master from starting requests.
+    /// All kinds of faults, with their keys, are in docs/SIMULATION.md.
     ///
     /// # Errors
     /// The first error in the text, with its line.

@@ -344,8 +344,7 @@ fn channel_flash_commands_fail_in_op() {
 fn crc_covers_what_is_saved_and_nothing_else() {
     let mut checked = 0;
     for object in objects() {
-        for instance in 0..object.count {
-            let index = object.first + instance * object.stride;
+        for index in object.indices() {
             let saved_object = matches!(index, 0x8000..=0x8004 | 0x8010..=0x8011 | 0x8020..=0x8024);
             for entry in object.entries {
                 let window = (0x8001..=0x8004).contains(&index)

@@ -1,7 +1,7 @@
 //! Access field of SDO information: permitted access by state, PDO mapping, and whether the entry
 //! is a device setting (ETG.1000.6).
 
-use ecan_protocol::object::{Access, Entry, Object};
+use ecan_protocol::object::{Access, Entry, Object, object};
 
 pub(super) mod rights {
     /// Readable in PREOP, SAFEOP and OP.
@@ -40,8 +40,7 @@ pub(super) fn entry_rights(index: u16, entry: &Entry) -> u16 {
     }
     match index {
         0x1C12 | 0x1C13 => field |= rights::SETTING,
-        // the configuration, without the test policies of 0x8030
-        0x8000..=0x802F if entry.access == Access::Rw && !is_command(entry) => {
+        _ if is_saved(index) && entry.access == Access::Rw && !is_command(entry) => {
             field |= rights::BACKUP | rights::SETTING;
         }
         _ => {}
@@ -51,6 +50,10 @@ pub(super) fn entry_rights(index: u16, entry: &Entry) -> u16 {
 
 pub(super) fn object_rights(index: u16, object: &Object) -> u16 {
     object.entries.iter().fold(0, |field, entry| field | entry_rights(index, entry))
+}
+
+fn is_saved(index: u16) -> bool {
+    object(index).is_some_and(|object| object.is_saved)
 }
 
 fn is_command(entry: &Entry) -> bool {

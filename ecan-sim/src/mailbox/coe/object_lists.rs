@@ -16,9 +16,7 @@ const MEMBERSHIP: [Option<u16>; 5] = [
 ];
 
 pub(super) fn all_objects() -> impl Iterator<Item = (u16, &'static Object)> {
-    objects().iter().flat_map(|object| {
-        (0..object.count).map(move |instance| (object.first + instance * object.stride, *object))
-    })
+    objects().iter().flat_map(|object| object.indices().map(move |index| (index, *object)))
 }
 
 fn members(membership: Option<u16>) -> impl Iterator<Item = u16> {

@@ -31,10 +31,7 @@ fn list(fixture: &mut Fixture, list_type: u8) -> Vec<u16> {
 }
 
 fn dictionary() -> Vec<u16> {
-    objects()
-        .iter()
-        .flat_map(|object| (0..object.count).map(|n| object.first + n * object.stride))
-        .collect()
+    objects().iter().flat_map(|object| object.indices()).collect()
 }
 
 #[test]

@@ -6,7 +6,7 @@ use ecan_protocol::config::{DataPathConfig, FilterWindow, McanChannelConfig};
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{CHANNELS, Direction, assignment_index};
-use ecan_protocol::object::{Access, SdoWrite};
+use ecan_protocol::object::{Access, SdoWrite, objects};
 
 use crate::commands::filter::{ChannelFilters, FilterKind, RawFilter};
 use crate::commands::reboot;
@@ -18,9 +18,6 @@ const POLL_NS: u64 = 50_000_000;
 /// Time limit for a slave to respond or to reach PREOP, in nanoseconds.
 const STATE_NS: u64 = 10_000_000_000;
 const RESTART_NS: u64 = 30_000_000_000;
-const OBJECTS: [u16; 12] = [
-    0x8000, 0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022, 0x8023, 0x8024,
-];
 
 /// Filters of a channel: standard and extended.
 type Filters = [Vec<RawFilter>; 2];
@@ -178,8 +175,9 @@ fn entries() -> impl Iterator<Item = (u16, u8)> {
         0x8020..=0x8024 => subindex != 2,
         _ => true,
     };
-    OBJECTS.into_iter().flat_map(move |index| {
-        let entries = ecan_protocol::object::object(index).map_or(&[][..], |object| object.entries);
+    let saved = objects().iter().filter(|object| object.is_saved);
+    let saved = saved.flat_map(|object| object.indices().map(|index| (index, object.entries)));
+    saved.flat_map(move |(index, entries)| {
         entries
             .iter()
             .filter(|entry| entry.access == Access::Rw && entry.ty.is_integer())
