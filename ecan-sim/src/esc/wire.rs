@@ -104,7 +104,7 @@ impl Wire {
     }
 
     /// Passes an Ethernet frame, without its checksum, down the line at `now`; returns whether it
-    /// comes back. Its bytes are then those that the master receives.
+    /// returns. Its bytes are then those that the master receives.
     pub fn pass(&mut self, now: u64, frame: &mut [u8]) -> bool {
         self.world.advance(now);
         let mut first_logical = None;

@@ -12,21 +12,12 @@ use super::dictionary_values::DictionaryValues;
 /// Subindices of 0x8010 and 0x8011.
 pub(super) mod subindex {
     pub(in crate::gateway) const APPLY: u8 = 1;
-    pub(in crate::gateway) const STATUS: u8 = 2;
     pub(in crate::gateway) const MULTIPLIER: u8 = 3;
     pub(in crate::gateway) const CHANNEL_MASK: u8 = 4;
     pub(in crate::gateway) const PROFILE: u8 = 5;
     pub(in crate::gateway) const BUDGET: u8 = 6;
     pub(in crate::gateway) const OPTIONS: u8 = 7;
     pub(in crate::gateway) const COMMAND: u8 = 8;
-    pub(in crate::gateway) const ACTIVE_BYTES: u8 = 9;
-    pub(in crate::gateway) const ACTIVE_AREA: u8 = 10;
-    pub(in crate::gateway) const LAYOUT_CRC: u8 = 11;
-    pub(in crate::gateway) const ACTIVE_WORD: u8 = 12;
-    pub(in crate::gateway) const SEQUENCE: u8 = 13;
-    pub(in crate::gateway) const LAST_ERROR: u8 = 14;
-    pub(in crate::gateway) const ERROR_COUNTER: u8 = 15;
-    pub(in crate::gateway) const OVERFLOW_COUNTER: u8 = 16;
 }
 
 pub(super) const COMMAND_RESET_SESSION: u32 = 1 << 0;
@@ -178,15 +169,15 @@ impl ProfileControl {
         let active = self.active;
         Some(match subindex {
             subindex::APPLY | subindex::COMMAND => 0,
-            subindex::STATUS => u32::from(self.status.raw()),
-            subindex::ACTIVE_BYTES => self.active_bytes() as u32,
-            subindex::ACTIVE_AREA => active.map_or(0, |p| p.frame_area_bytes() as u32),
-            subindex::LAYOUT_CRC => active.map_or(0, |p| layout_crc(self.direction, p)),
-            subindex::ACTIVE_WORD => active.map_or(0, |p| p.word()),
-            subindex::SEQUENCE => u32::from(self.sequence),
-            subindex::LAST_ERROR => u32::from(self.last_error.raw()),
-            subindex::ERROR_COUNTER => self.error_counter,
-            subindex::OVERFLOW_COUNTER => self.overflow_counter,
+            2 => u32::from(self.status.raw()),
+            9 => self.active_bytes() as u32,
+            10 => active.map_or(0, |p| p.frame_area_bytes() as u32),
+            11 => active.map_or(0, |p| layout_crc(self.direction, p)),
+            12 => active.map_or(0, |p| p.word()),
+            13 => u32::from(self.sequence),
+            14 => u32::from(self.last_error.raw()),
+            15 => self.error_counter,
+            16 => self.overflow_counter,
             _ => return None,
         })
     }

@@ -20,7 +20,7 @@ impl RxPdoParser {
             profile.map(|profile| ImageReader::new(Direction::RxPdo, profile).with_crc(crc));
     }
 
-    /// Clears the last sequence number, so that the next image is new whatever its number.
+    /// Clears the last sequence number, so that the next image is new with any number.
     pub(super) fn reset_session(&mut self) {
         self.last_sequence = None;
         self.last_image.clear();

@@ -210,7 +210,7 @@ fn schedules(text: &mut String, plan: &PortPlan, traffic: &[FrameStream]) -> std
     writeln!(
         text,
         "\n{:<16}{:>14}{:>12}{:>12}{:>12}{:>12}{:>12}",
-        "scheduled", "behind Sync0", "image from", "to", "Sync0 at", "leaves at", "margin"
+        "scheduled", "after Sync0", "image from", "to", "Sync0 at", "leaves at", "margin"
     )?;
     for (slave, offset_ns, margin) in margins {
         writeln!(
@@ -227,6 +227,6 @@ fn schedules(text: &mut String, plan: &PortPlan, traffic: &[FrameStream]) -> std
     }
     writeln!(
         text,
-        "behind the start of a cycle; images until then with what is allowed for waking up and work"
+        "after the start of a cycle; images until then with what is allowed for waking up and work"
     )
 }

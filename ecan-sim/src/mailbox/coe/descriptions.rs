@@ -84,7 +84,7 @@ pub(super) fn describe_entry(
     .concat())
 }
 
-/// Default, minimum and maximum, as far as requested and known, and which they are.
+/// Default, minimum and maximum, those requested and known, and which they are.
 fn known_values(entry: &Entry, requested: u8) -> (u8, Vec<u8>) {
     let size = entry.ty.size_bytes().filter(|_| entry.ty.is_integer());
     let (min, max) = match entry.ty {
