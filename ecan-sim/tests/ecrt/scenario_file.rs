@@ -154,6 +154,19 @@ for_ms = 9000
     );
 }
 
+#[test]
+fn documented_keys_are_accepted() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/SIMULATION.md");
+    let Ok(text) = std::fs::read_to_string(&path) else {
+        println!("skipped: {} is not there", path.display());
+        return;
+    };
+    let (_, rest) = text.split_once("```toml\n").unwrap();
+    let (example, _) = rest.split_once("```").unwrap();
+    let scenario = read(example).unwrap();
+    assert_eq!((scenario.gateways.len(), scenario.nodes.len(), scenario.faults.len()), (1, 3, 4));
+}
+
 /// Text, line and part of the message.
 #[test]
 fn scenario_fault_is_reported_with_its_line() {
