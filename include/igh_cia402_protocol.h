@@ -1108,8 +1108,6 @@ typedef enum {
     IGH_CIA402_HOLD_NOT_FOLLOWING = 13,
     /** The drive reports a following error. */
     IGH_CIA402_HOLD_FOLLOWING_ERROR = 14,
-    /** The axis moved during activation. */
-    IGH_CIA402_HOLD_MOVING = 15,
     /** The application commanded it. */
     IGH_CIA402_HOLD_COMMANDED = 16,
     /** Another reason. */

@@ -42,7 +42,7 @@ pub const RPDO_MAPPING: u16 = 0x1600;
 pub const TPDO_COMMUNICATION: u16 = 0x1800;
 /// Mapping of the first TPDO; the others follow.
 pub const TPDO_MAPPING: u16 = 0x1A00;
-/// What happens when communication is lost, I16 (abort connection option code).
+/// Reaction to a loss of communication, I16 (abort connection option code).
 pub const ABORT_CONNECTION_OPTION: u16 = 0x6007;
 /// Error code, U16.
 pub const ERROR_CODE: u16 = 0x603F;
@@ -96,38 +96,24 @@ pub const RATED_TORQUE: u16 = 0x6076;
 pub const TORQUE_ACTUAL: u16 = 0x6077;
 /// Target position, I32.
 pub const TARGET_POSITION: u16 = 0x607A;
-/// Position range limit, array of I32: 1 minimum, 2 maximum.
-pub const POSITION_RANGE_LIMIT: u16 = 0x607B;
 /// Home offset, I32.
 pub const HOME_OFFSET: u16 = 0x607C;
 /// Software position limit, array of I32: 1 minimum, 2 maximum.
 pub const SOFTWARE_POSITION_LIMIT: u16 = 0x607D;
-/// Polarity, U8.
-pub const POLARITY: u16 = 0x607E;
 /// Maximum profile velocity, U32.
 pub const MAX_PROFILE_VELOCITY: u16 = 0x607F;
 /// Maximum motor speed, U32.
 pub const MAX_MOTOR_SPEED: u16 = 0x6080;
 /// Profile velocity, U32.
 pub const PROFILE_VELOCITY: u16 = 0x6081;
-/// End velocity, U32.
-pub const END_VELOCITY: u16 = 0x6082;
 /// Profile acceleration, U32.
 pub const PROFILE_ACCELERATION: u16 = 0x6083;
 /// Profile deceleration, U32.
 pub const PROFILE_DECELERATION: u16 = 0x6084;
 /// Quick stop deceleration, U32.
 pub const QUICK_STOP_DECELERATION: u16 = 0x6085;
-/// Motion profile type, I16.
-pub const MOTION_PROFILE_TYPE: u16 = 0x6086;
-/// Torque slope, U32.
-pub const TORQUE_SLOPE: u16 = 0x6087;
 /// Position encoder resolution, array of U32.
 pub const ENCODER_RESOLUTION: u16 = 0x608F;
-/// Gear ratio, array of U32.
-pub const GEAR_RATIO: u16 = 0x6091;
-/// Feed constant, array of U32.
-pub const FEED_CONSTANT: u16 = 0x6092;
 /// Homing method, I8.
 pub const HOMING_METHOD: u16 = 0x6098;
 /// Homing speeds, array of U32: 1 to the switch, 2 to the zero.
@@ -142,16 +128,10 @@ pub const VELOCITY_OFFSET: u16 = 0x60B1;
 pub const TORQUE_OFFSET: u16 = 0x60B2;
 /// Interpolation time: 1 value (U8), 2 power of ten of seconds (I8).
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
-/// Maximum acceleration, U32.
-pub const MAX_ACCELERATION: u16 = 0x60C5;
-/// Maximum deceleration, U32.
-pub const MAX_DECELERATION: u16 = 0x60C6;
 /// Following error actual value, I32.
 pub const FOLLOWING_ERROR: u16 = 0x60F4;
 /// Digital inputs, U32.
 pub const DIGITAL_INPUTS: u16 = 0x60FD;
-/// Digital outputs, array of U32.
-pub const DIGITAL_OUTPUTS: u16 = 0x60FE;
 /// Target velocity, I32.
 pub const TARGET_VELOCITY: u16 = 0x60FF;
 /// Supported drive modes, U32.

@@ -398,17 +398,17 @@ fn configuration_reports_progress_and_result() {
             Step::expect(0x1000, 0, 0x0002_0192u32),
         ],
     );
-    let mut words = Vec::new();
+    let mut text = Vec::new();
     network
         .configure_blocking(&mut port, &mut configurator, Duration::from_secs(20), |progress| {
             let step = progress.step.map_or("done".to_owned(), |step| step.to_string());
-            if words.last() != Some(&step) {
-                words.push(step);
+            if text.last() != Some(&step) {
+                text.push(step);
             }
         })
         .unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(
-        words,
+        text,
         [
             "wait for the boot-up message",
             "device type (read 0x1000:00)",

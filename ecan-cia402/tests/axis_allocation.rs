@@ -16,14 +16,14 @@ use ecan_host::AdapterConfig;
 use ecan_sim::{Fault, LossDirection};
 
 /// Cycles of the axes, with what is allocated between begin and end.
-fn cycles(bench: &mut Fixture, count: usize) -> u64 {
+fn cycles(fixture: &mut Fixture, count: usize) -> u64 {
     (0..count)
         .map(|_| {
-            bench.port.wait_next_cycle();
+            fixture.port.wait_next_cycle();
             let before = allocations();
-            let mut cycle = bench.port.begin_cycle();
-            bench.cia402.process_rx(&mut cycle);
-            bench.cia402.send_target_step(&mut cycle);
+            let mut cycle = fixture.port.begin_cycle();
+            fixture.cia402.process_rx(&mut cycle);
+            fixture.cia402.send_target_step(&mut cycle);
             drop(cycle);
             allocations() - before
         })
@@ -34,23 +34,23 @@ fn cycles(bench: &mut Fixture, count: usize) -> u64 {
 fn forty_axes_allocate_nothing() {
     let table = axes(40).into_iter().map(|axis| axis.with_target_step(50)).collect();
     let adapter = AdapterConfig::new(3).with_multiplier(6).with_cycle(Duration::from_millis(2));
-    let mut bench = Fixture::open(ecan_sim::drives(3, 4), adapter, table).started();
+    let mut fixture = Fixture::open(ecan_sim::drives(3, 4), adapter, table).started();
     // The simulated world grows its queues to their working size first.
-    cycles(&mut bench, 500);
-    assert_eq!(cycles(&mut bench, 500), 0, "in motion");
-    bench.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
-    bench.inject(Fault::NodeSilent { node: "drive 1.2/3".to_owned(), for_ms: 500 });
-    assert_eq!(cycles(&mut bench, 500), 0, "in trouble");
-    assert!(!bench.cia402.is_running(0));
-    bench.cia402.enable_all().unwrap();
-    assert_eq!(cycles(&mut bench, 500), 0, "while they are taken up");
-    assert!(bench.cia402.all_running());
+    cycles(&mut fixture, 500);
+    assert_eq!(cycles(&mut fixture, 500), 0, "in motion");
+    fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
+    fixture.inject(Fault::NodeSilent { node: "drive 1.2/3".to_owned(), for_ms: 500 });
+    assert_eq!(cycles(&mut fixture, 500), 0, "with faults");
+    assert!(!fixture.cia402.is_running(0));
+    fixture.cia402.enable_all().unwrap();
+    assert_eq!(cycles(&mut fixture, 500), 0, "during activation");
+    assert!(fixture.cia402.all_running());
     let before = allocations();
-    bench.cia402.home(7, HomingConfig::new(37)).unwrap();
-    bench.cia402.quick_stop(8).unwrap();
-    bench.cia402.halt(9).unwrap();
+    fixture.cia402.home(7, HomingConfig::new(37)).unwrap();
+    fixture.cia402.quick_stop(8).unwrap();
+    fixture.cia402.halt(9).unwrap();
     assert_eq!(allocations() - before, 0, "commands");
-    assert_eq!(cycles(&mut bench, 2_000), 0, "while one is homed");
-    assert!(bench.cia402.is_running(7) && !bench.cia402.is_running(8));
-    bench.judge();
+    assert_eq!(cycles(&mut fixture, 2_000), 0, "while one is homed");
+    assert!(fixture.cia402.is_running(7) && !fixture.cia402.is_running(8));
+    fixture.check();
 }

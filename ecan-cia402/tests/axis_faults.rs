@@ -21,10 +21,10 @@ fn moving(count: usize) -> Vec<AxisConfig> {
 
 /// Axes in motion.
 fn in_motion(count: usize) -> Fixture {
-    let mut bench = Fixture::single(moving(count)).started();
-    bench.steps(100);
-    assert!(bench.cia402.all_running());
-    bench
+    let mut fixture = Fixture::single(moving(count)).started();
+    fixture.steps(100);
+    assert!(fixture.cia402.all_running());
+    fixture
 }
 
 fn held_for(cia402: &Cia402, axis: usize) -> Option<HoldReason> {
@@ -32,19 +32,20 @@ fn held_for(cia402: &Cia402, axis: usize) -> Option<HoldReason> {
 }
 
 /// Takes every axis up again and moves on.
-fn recover(bench: &mut Fixture) {
-    bench.cia402.enable_all().unwrap();
-    bench.until(5_000, Cia402::all_running);
-    let before: Vec<_> = (0..bench.cia402.axis_count()).map(|n| bench.cia402.target(n)).collect();
-    bench.steps(100);
+fn recover(fixture: &mut Fixture) {
+    fixture.cia402.enable_all().unwrap();
+    fixture.until(5_000, Cia402::all_running);
+    let before: Vec<_> =
+        (0..fixture.cia402.axis_count()).map(|n| fixture.cia402.target(n)).collect();
+    fixture.steps(100);
     for (n, before) in before.into_iter().enumerate() {
-        assert!(bench.cia402.target(n) > before, "axis {n} moves on");
+        assert!(fixture.cia402.target(n) > before, "axis {n} moves on");
     }
-    bench.judge();
+    fixture.check();
 }
 
-fn start_fails(bench: &mut Fixture) -> AxisTimeout {
-    match bench.cia402.start_up_timeout(&mut bench.port, START, |_| {}) {
+fn start_fails(fixture: &mut Fixture) -> AxisTimeout {
+    match fixture.cia402.start_up_timeout(&mut fixture.port, START, |_| {}) {
         Err(Cia402Error::AxisTimeout(axes)) => axes,
         other => panic!("{other:?}"),
     }
@@ -52,91 +53,91 @@ fn start_fails(bench: &mut Fixture) -> AxisTimeout {
 
 #[test]
 fn fault_holds_its_axis_until_a_reset_edge() {
-    let mut bench = in_motion(2);
-    bench.strike(0, DriveFault::Error { code: 0x2310 });
-    bench.until(50, |cia402| !cia402.is_running(0));
-    assert!(matches!(held_for(&bench.cia402, 0), Some(HoldReason::LeftOperationEnabled(_))));
-    bench.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::Fault));
-    let trouble = bench.cia402.error(0);
-    assert_eq!(trouble, Some(AxisError::Fault { error_code: 0x2310 }));
-    assert!(bench.cia402.is_running(1), "the other axis goes on");
+    let mut fixture = in_motion(2);
+    fixture.strike(0, DriveFault::Error { code: 0x2310 });
+    fixture.until(50, |cia402| !cia402.is_running(0));
+    assert!(matches!(held_for(&fixture.cia402, 0), Some(HoldReason::LeftOperationEnabled(_))));
+    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::Fault));
+    let error = fixture.cia402.error(0);
+    assert_eq!(error, Some(AxisError::Fault { error_code: 0x2310 }));
+    assert!(fixture.cia402.is_running(1), "the other axis continues");
     // Enabling does not reset.
-    bench.cia402.enable(0).unwrap();
-    bench.steps(50);
-    assert_eq!(bench.cia402.drive_state(0), Some(DriveState::Fault));
-    bench.cia402.reset_fault(0).unwrap();
-    bench.until(200, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
-    bench.steps(50);
-    assert_eq!(bench.cia402.drive_state(0), Some(DriveState::SwitchOnDisabled), "by itself");
-    recover(&mut bench);
-    assert_eq!(bench.cia402.statistics(0).faults, 1);
+    fixture.cia402.enable(0).unwrap();
+    fixture.steps(50);
+    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::Fault));
+    fixture.cia402.reset_fault(0).unwrap();
+    fixture.until(200, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
+    fixture.steps(50);
+    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::SwitchOnDisabled), "by itself");
+    recover(&mut fixture);
+    assert_eq!(fixture.cia402.statistics(0).faults, 1);
 }
 
 #[test]
 fn persistent_fault_is_reported_after_a_reset() {
     let scenario = with_quirk(1, 1, |quirks| quirks.stuck_in_fault = true);
-    let mut bench = Fixture::with(scenario, moving(1)).started();
-    bench.strike(0, DriveFault::Error { code: 0x7305 });
-    bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Fault));
-    bench.cia402.reset_fault(0).unwrap();
-    bench.until(2_000, |cia402| {
+    let mut fixture = Fixture::with(scenario, moving(1)).started();
+    fixture.strike(0, DriveFault::Error { code: 0x7305 });
+    fixture.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Fault));
+    fixture.cia402.reset_fault(0).unwrap();
+    fixture.until(2_000, |cia402| {
         cia402.error(0) == Some(AxisError::ResetFailed { error_code: 0x7305 })
     });
-    bench.judge();
+    fixture.check();
 }
 
 #[test]
 fn quick_stop_stops_and_can_be_left() {
-    let mut bench = in_motion(1);
-    bench.cia402.quick_stop(0).unwrap();
-    bench.until(500, |cia402| cia402.drive_state(0) != Some(DriveState::OperationEnabled));
-    bench.steps(300);
-    assert!(bench.drive(0, |drive| drive.velocity()).abs() < 10.0);
-    assert_eq!(bench.cia402.decision(0), Decision::Closed);
-    recover(&mut bench);
+    let mut fixture = in_motion(1);
+    fixture.cia402.quick_stop(0).unwrap();
+    fixture.until(500, |cia402| cia402.drive_state(0) != Some(DriveState::OperationEnabled));
+    fixture.steps(300);
+    assert!(fixture.drive(0, |drive| drive.velocity()).abs() < 10.0);
+    assert_eq!(fixture.cia402.decision(0), Decision::Closed);
+    recover(&mut fixture);
 }
 
 #[test]
 fn silent_drive_holds_by_tpdo_then_by_heartbeat() {
-    let mut bench = in_motion(2);
+    let mut fixture = in_motion(2);
     let name = "drive 0.0/1".to_owned();
-    let known = bench.simulation.with_world(|world| world.drive(&name).is_some());
+    let known = fixture.simulation.with_world(|world| world.drive(&name).is_some());
     assert!(known, "the scenario's name of the first drive");
-    bench.inject(Fault::NodeSilent { node: name, for_ms: 600 });
-    let cycles = bench.until(50, |cia402| !cia402.is_running(0));
+    fixture.inject(Fault::NodeSilent { node: name, for_ms: 600 });
+    let cycles = fixture.until(50, |cia402| !cia402.is_running(0));
     assert!(cycles <= 10, "{cycles}");
-    assert!(matches!(held_for(&bench.cia402, 0), Some(HoldReason::TpdoLost(_))));
-    bench.cia402.enable(0).unwrap();
-    bench.steps(200);
-    let words = bench.cia402.progress(0).unwrap().to_string();
-    assert!(words.contains("heartbeat"), "{words}");
-    assert!(bench.cia402.is_running(1));
-    bench.until(1_000, |cia402| cia402.is_running(0));
-    recover(&mut bench);
+    assert!(matches!(held_for(&fixture.cia402, 0), Some(HoldReason::TpdoLost(_))));
+    fixture.cia402.enable(0).unwrap();
+    fixture.steps(200);
+    let text = fixture.cia402.progress(0).unwrap().to_string();
+    assert!(text.contains("heartbeat"), "{text}");
+    assert!(fixture.cia402.is_running(1));
+    fixture.until(1_000, |cia402| cia402.is_running(0));
+    recover(&mut fixture);
 }
 
 #[test]
 fn emergency_message_alone_stops_nothing() {
-    let mut bench = in_motion(1);
-    bench.strike(0, DriveFault::Emcy { code: 0x4210, register: 8 });
-    bench.steps(50);
-    assert_eq!(bench.cia402.statistics(0).emergencies, 1);
-    assert!(bench.cia402.is_running(0));
-    bench.judge();
+    let mut fixture = in_motion(1);
+    fixture.strike(0, DriveFault::Emcy { code: 0x4210, register: 8 });
+    fixture.steps(50);
+    assert_eq!(fixture.cia402.statistics(0).emergencies, 1);
+    assert!(fixture.cia402.is_running(0));
+    fixture.check();
 }
 
 #[test]
 fn drive_power_loss_in_motion_needs_a_new_configuration() {
-    let mut bench = in_motion(2);
-    bench.strike(0, DriveFault::PowerCycle { off_ms: 300 });
-    bench.until(50, |cia402| !cia402.is_running(0));
-    bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
-    assert_eq!(bench.cia402.error(0), Some(AxisError::Restarted));
-    assert!(bench.cia402.enable(0).is_err(), "not configured");
-    assert!(bench.cia402.is_running(1));
-    bench.cia402.configure_all().unwrap();
-    bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
-    recover(&mut bench);
+    let mut fixture = in_motion(2);
+    fixture.strike(0, DriveFault::PowerCycle { off_ms: 300 });
+    fixture.until(50, |cia402| !cia402.is_running(0));
+    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
+    assert_eq!(fixture.cia402.error(0), Some(AxisError::Restarted));
+    assert!(fixture.cia402.enable(0).is_err(), "not configured");
+    assert!(fixture.cia402.is_running(1));
+    fixture.cia402.configure_all().unwrap();
+    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    recover(&mut fixture);
 }
 
 #[test]
@@ -153,12 +154,12 @@ fn rejected_object_is_reported_with_its_abort_code() {
     for axis in &mut table {
         axis.drive.following_error = Some((10_000, 10));
     }
-    let mut bench = Fixture::with(scenario, table);
-    let text = start_fails(&mut bench).to_string();
+    let mut fixture = Fixture::with(scenario, table);
+    let text = start_fails(&mut fixture).to_string();
     for part in ["1 axis not configured", "axis 1", "node 2", "0x6065", "0x06090030"] {
         assert!(text.contains(part), "{text}");
     }
-    assert!(bench.cia402.phase(0) == Some(AxisPhase::Standby), "the other one is configured");
+    assert!(fixture.cia402.phase(0) == Some(AxisPhase::Standby), "the other one is configured");
 }
 
 #[test]
@@ -171,27 +172,27 @@ fn unanswered_object_is_retried_then_reported() {
         times,
     };
     let scenario = with_quirk(1, 1, |quirks| quirks.sdo_rules.push(rule(Some(1))));
-    let mut bench = Fixture::with(scenario, moving(1)).started();
-    bench.judge();
+    let mut fixture = Fixture::with(scenario, moving(1)).started();
+    fixture.check();
     let scenario = with_quirk(1, 1, |quirks| quirks.sdo_rules.push(rule(None)));
-    bench = Fixture::with(scenario, moving(1));
-    let text = start_fails(&mut bench).to_string();
+    fixture = Fixture::with(scenario, moving(1));
+    let text = start_fails(&mut fixture).to_string();
     assert!(text.contains("0x1A00:01") && text.contains("no answer"), "{text}");
 }
 
 #[test]
 fn fixed_mapping_is_reported() {
     let scenario = with_quirk(1, 1, |quirks| quirks.fixed_mapping = true);
-    let mut bench = Fixture::with(scenario, moving(1));
-    let text = start_fails(&mut bench).to_string();
+    let mut fixture = Fixture::with(scenario, moving(1));
+    let text = start_fails(&mut fixture).to_string();
     assert!(text.contains("mapping") && text.contains("0x1600"), "{text}");
 }
 
 #[test]
 fn rejected_mode_is_reported() {
     let scenario = with_quirk(1, 1, |quirks| quirks.ignored_modes = vec![8]);
-    let mut bench = Fixture::with(scenario, moving(1));
-    let axes = start_fails(&mut bench);
+    let mut fixture = Fixture::with(scenario, moving(1));
+    let axes = start_fails(&mut fixture);
     let Some(AxisError::Setup(failure)) = axes.axes[0].error else { panic!("{axes}") };
     assert!(matches!(failure.fault, StepFault::TimedOut { .. }), "{failure}");
     let text = axes.to_string();
@@ -201,14 +202,14 @@ fn rejected_mode_is_reported() {
 #[test]
 fn slow_mode_change_is_awaited() {
     let scenario = with_quirk(1, 1, |quirks| quirks.mode_delay_ms = 300);
-    Fixture::with(scenario, moving(1)).started().judge();
+    Fixture::with(scenario, moving(1)).started().check();
 }
 
 #[test]
 fn missing_boot_up_is_reported() {
     let scenario = with_quirk(1, 1, |quirks| quirks.never_boots = true);
-    let mut bench = Fixture::with(scenario, moving(2));
-    let text = start_fails(&mut bench).to_string();
+    let mut fixture = Fixture::with(scenario, moving(2));
+    let text = start_fails(&mut fixture).to_string();
     assert!(text.contains("axis 0") && !text.contains("axis 1"), "{text}");
 }
 
@@ -216,158 +217,158 @@ fn missing_boot_up_is_reported() {
 fn slow_brake_is_reported_as_enable_timeout() {
     let scenario = axes::scenario(1, |settings| settings.enable_ms = 400);
     let mut table = moving(1);
-    let mut bench = Fixture::with(scenario.clone(), table.clone()).started();
-    bench.steps(50);
-    bench.judge();
+    let mut fixture = Fixture::with(scenario.clone(), table.clone()).started();
+    fixture.steps(50);
+    fixture.check();
     table[0].enable_timeout = Duration::from_millis(200);
-    bench = Fixture::with(scenario, table);
-    let text = start_fails(&mut bench).to_string();
+    fixture = Fixture::with(scenario, table);
+    let text = start_fails(&mut fixture).to_string();
     assert!(text.contains("not enabled after") && text.contains("switched on"), "{text}");
 }
 
 #[test]
 fn lost_frame_only_repeats_the_last_image() {
     for way in [LossDirection::Outward, LossDirection::Return] {
-        let mut bench = in_motion(4);
-        bench.inject(Fault::LostFrame { direction: way, cycles: 1 });
-        bench.steps(50);
+        let mut fixture = in_motion(4);
+        fixture.inject(Fault::LostFrame { direction: way, cycles: 1 });
+        fixture.steps(50);
         for n in 0..4 {
-            let statistics = bench.cia402.statistics(n);
+            let statistics = fixture.cia402.statistics(n);
             assert_eq!((statistics.holds, statistics.waits), (0, 1), "axis {n}, {way:?}");
         }
-        bench.judge();
+        fixture.check();
     }
 }
 
 #[test]
 fn lost_working_counter_holds_until_activation() {
-    let mut bench = in_motion(4);
-    bench.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
-    bench.until(20, |cia402| !cia402.is_running(0));
-    bench.steps(50);
+    let mut fixture = in_motion(4);
+    fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
+    fixture.until(20, |cia402| !cia402.is_running(0));
+    fixture.steps(50);
     for n in 0..4 {
-        let reason = held_for(&bench.cia402, n);
+        let reason = held_for(&fixture.cia402, n);
         assert_eq!(reason, Some(HoldReason::WorkingCounter), "axis {n}");
-        assert!(!bench.cia402.is_running(n));
+        assert!(!fixture.cia402.is_running(n));
     }
-    assert_eq!(bench.session(), Session::Ready);
-    assert!(bench.statistics().rxpdo_discarded > 0);
-    recover(&mut bench);
+    assert_eq!(fixture.session(), Session::Ready);
+    assert!(fixture.statistics().rxpdo_discarded > 0);
+    recover(&mut fixture);
 }
 
 #[test]
 fn axis_resumes_by_itself_after_a_path_error() {
     let mut table = moving(2);
     table[0].auto_resume = true;
-    let mut bench = Fixture::single(table).started();
-    bench.steps(100);
-    bench.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
-    bench.steps(100);
-    assert!(bench.cia402.is_running(0) && !bench.cia402.is_running(1));
-    assert_eq!(bench.cia402.statistics(0).activations, 2);
+    let mut fixture = Fixture::single(table).started();
+    fixture.steps(100);
+    fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
+    fixture.steps(100);
+    assert!(fixture.cia402.is_running(0) && !fixture.cia402.is_running(1));
+    assert_eq!(fixture.cia402.statistics(0).activations, 2);
     // What lies in the drive is not for it to decide.
-    bench.strike(0, DriveFault::Error { code: 0x2310 });
-    bench.steps(500);
-    assert_eq!(bench.cia402.drive_state(0), Some(DriveState::Fault));
-    bench.judge();
+    fixture.strike(0, DriveFault::Error { code: 0x2310 });
+    fixture.steps(500);
+    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::Fault));
+    fixture.check();
 }
 
 #[test]
 fn after_bus_off_stale_targets_are_waited_out() {
-    let mut bench = in_motion(4);
-    bench.inject(Fault::BusOff { gateway: 0, channel: 0 });
-    bench.until(20, |cia402| !cia402.is_running(0));
+    let mut fixture = in_motion(4);
+    fixture.inject(Fault::BusOff { gateway: 0, channel: 0 });
+    fixture.until(20, |cia402| !cia402.is_running(0));
     for n in 0..4 {
-        assert_eq!(held_for(&bench.cia402, n), Some(HoldReason::BusOff), "axis {n}");
+        assert_eq!(held_for(&fixture.cia402, n), Some(HoldReason::BusOff), "axis {n}");
     }
-    bench.steps(500);
-    assert!((0..4).all(|n| !bench.cia402.is_running(n)));
-    recover(&mut bench);
+    fixture.steps(500);
+    assert!((0..4).all(|n| !fixture.cia402.is_running(n)));
+    recover(&mut fixture);
 }
 
 #[test]
 fn gateway_power_loss_in_motion_recovers() {
-    let mut bench = in_motion(4);
-    bench.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
-    bench.until(50, |cia402| !cia402.is_running(0));
+    let mut fixture = in_motion(4);
+    fixture.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
+    fixture.until(50, |cia402| !cia402.is_running(0));
     let mut cycles = 0;
-    while bench.session() != Session::Ready || cycles < 500 {
-        bench.step();
+    while fixture.session() != Session::Ready || cycles < 500 {
+        fixture.step();
         cycles += 1;
-        assert!(cycles < 30_000, "{}", bench.session());
+        assert!(cycles < 30_000, "{}", fixture.session());
     }
     for n in 0..4 {
         let (state, operational) =
-            bench.drive(n, |drive| (drive.state(), drive.nmt_state() == NmtState::Operational));
+            fixture.drive(n, |drive| (drive.state(), drive.nmt_state() == NmtState::Operational));
         // It noticed that the host was gone, and stopped by itself.
         assert_eq!((state, operational), (DriveState::SwitchOnDisabled, false), "axis {n}");
-        assert!(!bench.cia402.is_running(n));
+        assert!(!fixture.cia402.is_running(n));
     }
-    recover(&mut bench);
+    recover(&mut fixture);
 }
 
 #[test]
 fn unnoticed_drive_restart_is_detected() {
-    let mut bench = in_motion(2);
-    bench.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
-    bench.steps(20);
-    bench.strike(0, DriveFault::PowerCycle { off_ms: 50 });
+    let mut fixture = in_motion(2);
+    fixture.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
+    fixture.steps(20);
+    fixture.strike(0, DriveFault::PowerCycle { off_ms: 50 });
     let mut cycles = 0;
-    while bench.session() != Session::Ready || cycles < 500 {
-        bench.step();
+    while fixture.session() != Session::Ready || cycles < 500 {
+        fixture.step();
         cycles += 1;
-        assert!(cycles < 30_000, "{}", bench.session());
+        assert!(cycles < 30_000, "{}", fixture.session());
     }
     // Its boot-up message came while nobody listened: only its mapping tells.
-    bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
-    assert_eq!(bench.cia402.error(0), Some(AxisError::Restarted));
-    assert_ne!(bench.cia402.phase(1), Some(AxisPhase::NotConfigured), "the other kept it");
-    bench.cia402.configure_all().unwrap();
-    bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
-    recover(&mut bench);
+    fixture.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
+    assert_eq!(fixture.cia402.error(0), Some(AxisError::Restarted));
+    assert_ne!(fixture.cia402.phase(1), Some(AxisPhase::NotConfigured), "the other kept it");
+    fixture.cia402.configure_all().unwrap();
+    fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    recover(&mut fixture);
 }
 
 #[test]
 fn unnoticed_restart_during_configuration_is_detected() {
     for steps in [8, 15, 20, 30, 38] {
-        let mut bench = Fixture::single(moving(1));
-        bench.cia402.configure_all().unwrap();
-        bench.until(500, |cia402| {
+        let mut fixture = Fixture::single(moving(1));
+        fixture.cia402.configure_all().unwrap();
+        fixture.until(500, |cia402| {
             let setup = cia402.progress(0).and_then(|progress| progress.setup);
             setup.is_some_and(|setup| setup.done >= steps)
         });
         // Its boot-up message is lost; the request under way is repeated and answered.
-        bench.strike(0, DriveFault::PowerCycle { off_ms: 50 });
-        bench.inject(Fault::NodeSilent { node: "drive 0.0/1".into(), for_ms: 300 });
+        fixture.strike(0, DriveFault::PowerCycle { off_ms: 50 });
+        fixture.inject(Fault::NodeSilent { node: "drive 0.0/1".into(), for_ms: 300 });
         // Or the configuration itself reads back what is missing.
         let is_found = [Some(AxisPhase::NotConfigured), Some(AxisPhase::SetupFailed)];
-        bench.until(1_000, |cia402| is_found.contains(&cia402.phase(0)));
-        bench.cia402.configure_all().unwrap();
-        bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
-        recover(&mut bench);
+        fixture.until(1_000, |cia402| is_found.contains(&cia402.phase(0)));
+        fixture.cia402.configure_all().unwrap();
+        fixture.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+        recover(&mut fixture);
     }
 }
 
 #[test]
 fn blocked_motor_stops_targets_at_the_window() {
-    let mut bench = in_motion(1);
-    bench.strike(0, DriveFault::Blocked { for_ms: 2_000 });
-    bench.steps(400);
-    assert!(bench.cia402.statistics(0).rejected_window > 0 || !bench.cia402.is_running(0));
-    bench.judge();
+    let mut fixture = in_motion(1);
+    fixture.strike(0, DriveFault::Blocked { for_ms: 2_000 });
+    fixture.steps(400);
+    assert!(fixture.cia402.statistics(0).rejected_window > 0 || !fixture.cia402.is_running(0));
+    fixture.check();
 }
 
 #[test]
 fn target_beyond_the_limits_is_rejected_with_its_reason() {
-    let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
-    let at = bench.cia402.target(0).unwrap();
-    bench.cia402.set_target(0, at + 1_001).unwrap();
-    bench.idle(5);
-    assert!(matches!(bench.cia402.decision(0), Decision::Reject(_)));
-    assert_eq!(bench.cia402.target(0), Some(at));
-    bench.cia402.set_target(0, at + 1_000).unwrap();
-    bench.idle(1);
-    assert_eq!(bench.cia402.decision(0), Decision::Target(at + 1_000));
-    assert_eq!(bench.cia402.statistics(0).rejected_step, 5);
-    bench.judge();
+    let mut fixture = Fixture::single(vec![axis(0, 0, 1)]).started();
+    let at = fixture.cia402.target(0).unwrap();
+    fixture.cia402.set_target(0, at + 1_001).unwrap();
+    fixture.idle(5);
+    assert!(matches!(fixture.cia402.decision(0), Decision::Reject(_)));
+    assert_eq!(fixture.cia402.target(0), Some(at));
+    fixture.cia402.set_target(0, at + 1_000).unwrap();
+    fixture.idle(1);
+    assert_eq!(fixture.cia402.decision(0), Decision::Target(at + 1_000));
+    assert_eq!(fixture.cia402.statistics(0).rejected_step, 5);
+    fixture.check();
 }

@@ -65,28 +65,30 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-fn strike(bench: &mut Fixture, event: &Event) {
+fn strike(fixture: &mut Fixture, event: &Event) {
     let gateway = |fault| Fault::Gateway { gateway: 0, fault };
     match *event {
-        Event::LostFrames(way, cycles) => bench.inject(Fault::LostFrame { direction: way, cycles }),
-        Event::BusOff => bench.inject(Fault::BusOff { gateway: 0, channel: 0 }),
+        Event::LostFrames(way, cycles) => {
+            fixture.inject(Fault::LostFrame { direction: way, cycles })
+        }
+        Event::BusOff => fixture.inject(Fault::BusOff { gateway: 0, channel: 0 }),
         Event::ErrorFrames(frames) => {
-            bench.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames });
+            fixture.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames });
         }
         Event::Silent(n, for_ms) => {
-            bench.inject(Fault::NodeSilent { node: format!("drive 0.0/{}", n + 1), for_ms });
+            fixture.inject(Fault::NodeSilent { node: format!("drive 0.0/{}", n + 1), for_ms });
         }
-        Event::DriveError(n) => bench.strike(n, DriveFault::Error { code: 0x2310 }),
-        Event::DrivePower(n, off_ms) => bench.strike(n, DriveFault::PowerCycle { off_ms }),
-        Event::Blocked(n, for_ms) => bench.strike(n, DriveFault::Blocked { for_ms }),
-        Event::GatewayPower(off_ms) => bench.inject(Fault::PowerCycle { gateway: 0, off_ms }),
-        Event::LinkLoss(for_ms) => bench.inject(Fault::LinkLoss { gateway: 0, for_ms }),
-        Event::Torn => bench.inject(gateway(GatewayFault::TornTxPdo { images: 2 })),
-        Event::Stall(ms) => bench.inject(gateway(GatewayFault::ServiceStall { ms })),
-        Event::HostPause(ms) => bench.simulation.pass_ns(ms * 1_000_000),
+        Event::DriveError(n) => fixture.strike(n, DriveFault::Error { code: 0x2310 }),
+        Event::DrivePower(n, off_ms) => fixture.strike(n, DriveFault::PowerCycle { off_ms }),
+        Event::Blocked(n, for_ms) => fixture.strike(n, DriveFault::Blocked { for_ms }),
+        Event::GatewayPower(off_ms) => fixture.inject(Fault::PowerCycle { gateway: 0, off_ms }),
+        Event::LinkLoss(for_ms) => fixture.inject(Fault::LinkLoss { gateway: 0, for_ms }),
+        Event::Torn => fixture.inject(gateway(GatewayFault::TornTxPdo { images: 2 })),
+        Event::Stall(ms) => fixture.inject(gateway(GatewayFault::ServiceStall { ms })),
+        Event::HostPause(ms) => fixture.simulation.pass_ns(ms * 1_000_000),
         _ => {}
     }
-    let cia402 = &mut bench.cia402;
+    let cia402 = &mut fixture.cia402;
     // A command that is refused is one more thing that can happen.
     let _ = match *event {
         Event::Enable(n) => cia402.enable(n),
@@ -103,13 +105,13 @@ fn strike(bench: &mut Fixture, event: &Event) {
 
 /// What a patient operator does: whatever is not well is taken up again. A command that is refused
 /// is given again later.
-fn operate(bench: &mut Fixture) {
+fn operate(fixture: &mut Fixture) {
     for n in 0..AXES {
-        let _ = match bench.cia402.phase(n) {
-            Some(AxisPhase::NotConfigured | AxisPhase::SetupFailed) => bench.cia402.configure(n),
-            Some(AxisPhase::Fault) => bench.cia402.reset_fault(n),
+        let _ = match fixture.cia402.phase(n) {
+            Some(AxisPhase::NotConfigured | AxisPhase::SetupFailed) => fixture.cia402.configure(n),
+            Some(AxisPhase::Fault) => fixture.cia402.reset_fault(n),
             Some(AxisPhase::Standby | AxisPhase::Holding(_) | AxisPhase::QuickStop) => {
-                bench.cia402.enable(n)
+                fixture.cia402.enable(n)
             }
             _ => Ok(()),
         };
@@ -117,7 +119,7 @@ fn operate(bench: &mut Fixture) {
 }
 
 /// Targets at the limit: a step is the limit.
-fn bench() -> Fixture {
+fn fixture() -> Fixture {
     let table = axes(AXES)
         .into_iter()
         .map(|mut axis| {
@@ -148,38 +150,38 @@ proptest! {
 
     #[test]
     fn no_axis_ever_jumps(events in prop::collection::vec((event(), 1..120_usize), 1..14)) {
-        let mut bench = bench();
+        let mut fixture = fixture();
         for (event, cycles) in &events {
-            strike(&mut bench, event);
+            strike(&mut fixture, event);
             for cycle in 0..*cycles {
-                bench.step();
+                fixture.step();
                 if cycle % 40 == 39 {
-                    operate(&mut bench);
+                    operate(&mut fixture);
                 }
             }
         }
         // And back to work, however bad it was. What has struck may show late.
         let mut sound = 0;
         for cycle in 0..20_000 {
-            sound = if bench.cia402.all_running() { sound + 1 } else { 0 };
+            sound = if fixture.cia402.all_running() { sound + 1 } else { 0 };
             if sound > 400 {
                 break;
             }
-            bench.step();
+            fixture.step();
             if cycle % 40 == 39 {
-                operate(&mut bench);
+                operate(&mut fixture);
             }
         }
         prop_assert!(
             sound > 400,
             "gateway {}, {:#?}",
-            bench.session(),
-            bench.cia402.progress_all().map(|axis| axis.to_string()).collect::<Vec<_>>()
+            fixture.session(),
+            fixture.cia402.progress_all().map(|axis| axis.to_string()).collect::<Vec<_>>()
         );
         for n in 0..AXES {
-            let state = bench.drive(n, |drive| drive.state());
+            let state = fixture.drive(n, |drive| drive.state());
             prop_assert_eq!(state, DriveState::OperationEnabled);
         }
-        bench.judge();
+        fixture.check();
     }
 }

@@ -15,47 +15,48 @@ use ecan_sim::{ClockKind, SimOptions};
 
 #[test]
 fn enabling_does_not_move_the_axis() {
-    let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
-    let before = bench.drive(0, |drive| drive.mechanical_position());
-    bench.idle(500);
-    assert_eq!(bench.cia402.drive_state(0), Some(DriveState::OperationEnabled));
-    assert_eq!(bench.cia402.phase(0), Some(AxisPhase::Running));
-    let after = bench.drive(0, |drive| drive.mechanical_position());
+    let mut fixture = Fixture::single(vec![axis(0, 0, 1)]).started();
+    let before = fixture.drive(0, |drive| drive.mechanical_position());
+    fixture.idle(500);
+    assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::OperationEnabled));
+    assert_eq!(fixture.cia402.phase(0), Some(AxisPhase::Running));
+    let after = fixture.drive(0, |drive| drive.mechanical_position());
     assert!((after - before).abs() < 0.5, "from {before} to {after}");
-    bench.judge();
-    let statistics = bench.cia402.statistics(0);
+    fixture.check();
+    let statistics = fixture.cia402.statistics(0);
     assert_eq!((statistics.activations, statistics.lost_tpdos, statistics.holds), (1, 0, 0));
 }
 
 #[test]
 fn four_axes_follow_their_steps() {
     let table = axes(4).into_iter().map(|axis| axis.with_target_step(100)).collect();
-    let mut bench = Fixture::single(table).started();
-    let before: Vec<_> = (0..4).map(|n| bench.cia402.actual(n).unwrap()).collect();
-    bench.steps(500);
+    let mut fixture = Fixture::single(table).started();
+    let before: Vec<_> = (0..4).map(|n| fixture.cia402.actual(n).unwrap()).collect();
+    fixture.steps(500);
     for (n, before) in before.into_iter().enumerate() {
-        let (target, actual) = (bench.cia402.target(n).unwrap(), bench.cia402.actual(n).unwrap());
+        let (target, actual) =
+            (fixture.cia402.target(n).unwrap(), fixture.cia402.actual(n).unwrap());
         assert!(target - before > 48_000, "axis {n} from {before} to {target}");
         assert!((target - actual).abs() < 1_000, "axis {n} at {actual} for {target}");
-        let statistics = bench.cia402.statistics(n);
+        let statistics = fixture.cia402.statistics(n);
         assert_eq!((statistics.lost_tpdos, statistics.holds, statistics.waits), (0, 0, 0));
     }
-    bench.judge();
+    fixture.check();
 }
 
 #[test]
 fn shutdown_leaves_drives_at_rest_without_fault() {
     let table = axes(4).into_iter().map(|axis| axis.with_target_step(200)).collect();
-    let mut bench = Fixture::single(table).started();
-    bench.steps(200);
-    let ended = bench.cia402.shutdown_timeout(&mut bench.port, Duration::from_secs(10), |_| {});
+    let mut fixture = Fixture::single(table).started();
+    fixture.steps(200);
+    let ended = fixture.cia402.shutdown_timeout(&mut fixture.port, Duration::from_secs(10), |_| {});
     ended.unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!(bench.cia402.shutdown_state(), Shutdown::Done);
-    bench.judge();
+    assert_eq!(fixture.cia402.shutdown_state(), Shutdown::Done);
+    fixture.check();
     // The host is gone: no cycle for two seconds.
-    bench.simulation.pass_ns(2_000_000_000);
+    fixture.simulation.pass_ns(2_000_000_000);
     for n in 0..4 {
-        let (state, velocity) = bench.drive(n, |drive| (drive.state(), drive.velocity()));
+        let (state, velocity) = fixture.drive(n, |drive| (drive.state(), drive.velocity()));
         assert_eq!(state, DriveState::SwitchOnDisabled, "axis {n}");
         assert!(velocity.abs() < 10.0, "axis {n} at {velocity} increments per second");
     }
@@ -64,11 +65,11 @@ fn shutdown_leaves_drives_at_rest_without_fault() {
 #[test]
 fn drives_detect_a_stopped_host() {
     let table = axes(2).into_iter().map(|axis| axis.with_target_step(200)).collect();
-    let mut bench = Fixture::single(table).started();
-    bench.steps(200);
-    bench.simulation.pass_ns(1_000_000_000);
+    let mut fixture = Fixture::single(table).started();
+    fixture.steps(200);
+    fixture.simulation.pass_ns(1_000_000_000);
     for n in 0..2 {
-        let state = bench.drive(n, |drive| drive.state());
+        let state = fixture.drive(n, |drive| drive.state());
         assert_ne!(state, DriveState::OperationEnabled, "axis {n}");
     }
 }
@@ -78,10 +79,10 @@ fn drives_without_optional_objects_start() {
     let scenario = with_quirk(1, 1, |quirks| {
         quirks.missing = vec![0x1006, 0x1016, 0x1017, 0x6007, 0x60C2];
     });
-    let mut bench = Fixture::with(scenario, axes(2)).started();
-    bench.idle(100);
-    assert!(bench.cia402.all_running());
-    bench.judge();
+    let mut fixture = Fixture::with(scenario, axes(2)).started();
+    fixture.idle(100);
+    assert!(fixture.cia402.all_running());
+    fixture.check();
 }
 
 #[test]

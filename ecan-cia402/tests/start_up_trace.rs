@@ -56,8 +56,8 @@ fn server(frame: ServerFrame) -> String {
     }
 }
 
-/// A frame in words; `None` for what comes in every cycle and says nothing new.
-fn words(frame: &CanFrame, host: NodeId) -> Option<String> {
+/// A frame in text; `None` for what comes in every cycle and says nothing new.
+fn text(frame: &CanFrame, host: NodeId) -> Option<String> {
     let data = frame.data();
     Some(match CobId::classify(frame.id())? {
         Service::Nmt => {
@@ -95,7 +95,7 @@ struct Trace {
 
 impl Trace {
     fn add(&mut self, frame: &CanFrame) {
-        let Some(line) = words(frame, NodeId::MAX) else { return };
+        let Some(line) = text(frame, NodeId::MAX) else { return };
         let repeats = !matches!(
             CobId::classify(frame.id()),
             Some(Service::SdoClient(_) | Service::SdoServer(_) | Service::Nmt)
@@ -111,37 +111,37 @@ impl Trace {
 
 #[test]
 fn axis_startup_matches_the_golden_trace() {
-    let mut bench = Fixture::with(scenario(), vec![axis(0, 0, 1)]);
+    let mut fixture = Fixture::with(scenario(), vec![axis(0, 0, 1)]);
     let mut trace = Trace::default();
-    let mut run = |bench: &mut Fixture, what: &str, done: &dyn Fn(&Fixture) -> bool| {
+    let mut run = |fixture: &mut Fixture, what: &str, done: &dyn Fn(&Fixture) -> bool| {
         trace.lines.push(format!("-- {what}"));
         for _ in 0..3_000 {
-            if done(bench) {
+            if done(fixture) {
                 return;
             }
-            let mut cycle = bench.port.next_cycle();
-            bench.cia402.process_rx_with(&mut cycle, |item| {
+            let mut cycle = fixture.port.next_cycle();
+            fixture.cia402.process_rx_with(&mut cycle, |item| {
                 if let Received::Frame(received) = item
                     && received.channel == 1
                 {
                     trace.add(&received.frame);
                 }
             });
-            bench.cia402.send_targets_all(&mut cycle);
+            fixture.cia402.send_targets_all(&mut cycle);
             assert_eq!(cycle.finish().error(), None);
         }
-        panic!("{what}: {}", bench.cia402.progress(0).unwrap());
+        panic!("{what}: {}", fixture.cia402.progress(0).unwrap());
     };
-    let phase = |words: &'static str| {
-        move |bench: &Fixture| bench.cia402.phase(0).unwrap().to_string() == words
+    let phase = |text: &'static str| {
+        move |fixture: &Fixture| fixture.cia402.phase(0).unwrap().to_string() == text
     };
-    bench.cia402.configure_all().unwrap();
-    run(&mut bench, "configure", &phase("configured"));
-    bench.cia402.read_position_all().unwrap();
-    run(&mut bench, "read the actual position", &phase("ready at its actual position"));
-    bench.cia402.enable_all().unwrap();
-    run(&mut bench, "enable", &phase("following targets"));
-    let drive = bench
+    fixture.cia402.configure_all().unwrap();
+    run(&mut fixture, "configure", &phase("configured"));
+    fixture.cia402.read_position_all().unwrap();
+    run(&mut fixture, "read the actual position", &phase("ready at its actual position"));
+    fixture.cia402.enable_all().unwrap();
+    run(&mut fixture, "enable", &phase("following targets"));
+    let drive = fixture
         .simulation
         .with_world(|world| *world.drive_at(0, 0, node(1)).unwrap().targets().sums());
     assert_eq!((drive.largest_first_offset, drive.largest_step), (0, 0), "nothing jumped");

@@ -2,7 +2,7 @@
 
 use ecan_host::{ConfigFault, PlanError};
 use ecan_mcan_port::{PortConfigFault, PortPlanError};
-use ecan_protocol::can::{BitTimingError, MCAN_CLOCK_HZ, Phase, solve_data, solve_nominal};
+use ecan_protocol::can::{BitTimingError, MCAN_CLOCK_HZ, Phase, solve_bit_timing};
 use ecan_protocol::config::{
     ChannelFault, DataPathFault, FilterElementFault, FilterFault, RangeFault,
 };
@@ -34,11 +34,12 @@ fn hidden_by(file: &Config, fault: &PortConfigFault) -> Option<PortConfigFault> 
     };
     let gateway = file.port.gateways.get(slave)?;
     let can = &gateway.channels.get(usize::from(channel))?.as_ref()?.can;
-    let solved = match phase {
-        Phase::Nominal => solve_nominal(MCAN_CLOCK_HZ, can.nominal_bitrate, 0, 1_000),
-        Phase::Data => solve_data(MCAN_CLOCK_HZ, can.data_bitrate, 0, 1_000),
+    let bitrate = match phase {
+        Phase::Nominal => can.nominal_bitrate,
+        Phase::Data => can.data_bitrate,
     };
-    let fault = ChannelFault::Timing { phase, error: solved.err()? };
+    let error = solve_bit_timing(phase, MCAN_CLOCK_HZ, bitrate, 0, 1_000).err()?;
+    let fault = ChannelFault::Timing { phase, error };
     Some(PortConfigFault::Channel { slave, channel, fault })
 }
 
@@ -67,8 +68,6 @@ fn locations(fault: &PortConfigFault) -> Vec<String> {
         PortConfigFault::Profile { slave, direction, fault } => {
             let key = match fault {
                 ProfileError::Multiplier(_) => "n",
-                ProfileError::Encapsulation(_) => "profile",
-                ProfileError::Budget(_) => "budget",
                 _ => "options",
             };
             in_direction(slave, pdo(direction), key)

@@ -25,9 +25,7 @@ mod plan;
 mod real_time;
 mod startup;
 
-pub use adapter::{
-    Adapter, Delivery, DomainReport, OpProgress, OpWait, RequestId, run_in_parallel,
-};
+pub use adapter::{Adapter, Delivery, DomainReport, OpProgress, OpWait, run_in_parallel};
 pub use bus::{
     Diagnostics, IdentificationError, Maintenance, MaintenanceError, SlaveKind, SlaveQuery,
     denies_object, slave_kinds,
@@ -40,9 +38,8 @@ pub use config::{
 pub use error::{CycleError, Error, NotOperational, SdoDirection, SlaveReport, value_text};
 pub use master::{
     DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner, OpenError,
-    OpenFailure, PdoEntryInfo, PdoInfo, PortInfo, PortKind, RegRequestId, RequestState,
-    ScanProgress, SdoError, SdoRequestId, SlaveConfigId, SlaveConfigState, SlaveInfo,
-    SyncDirection, SyncManagerInfo, WatchdogMode, WcState,
+    OpenFailure, PortInfo, PortKind, RegRequestId, RequestState, SdoError, SdoRequestId,
+    SlaveConfigId, SlaveConfigState, SlaveInfo, SyncDirection, WatchdogMode, WcState,
 };
 pub use phase::Phase;
 pub use plan::{

@@ -27,7 +27,7 @@ fn catch_up(max_cycles: u32) -> CycleTiming {
 }
 
 /// A timer whose first cycle took so long; the starts of the cycles after it, which take no time.
-/// Points are told from the first.
+/// Points are relative to the first.
 fn starts_after(timing: CycleTiming, work_ns: u64, count: usize) -> Vec<CycleStart> {
     let ecrt: Ecrt = simulated(ecan_sim::echo(1)).0;
     let clock = ecrt.clock();

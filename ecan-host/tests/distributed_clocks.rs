@@ -275,9 +275,9 @@ fn lost_reference_slave_is_not_followed() {
         adapter.wait_next_cycle();
         let _ = adapter.receive();
         adapter.send().unwrap();
-        let told = status(&adapter);
-        assert!((told.rate_ppb - rate).abs() < 1_000, "{told:?}");
-        assert!(told.phase_error_ns.unwrap().abs() < 1_000, "{told:?}");
+        let status_now = status(&adapter);
+        assert!((status_now.rate_ppb - rate).abs() < 1_000, "{status_now:?}");
+        assert!(status_now.phase_error_ns.unwrap().abs() < 1_000, "{status_now:?}");
     }
     assert!(status(&adapter).missed_readings > before);
 }

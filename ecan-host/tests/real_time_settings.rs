@@ -1,4 +1,4 @@
-//! What the system refuses to a real-time thread is told in words.
+//! Messages of privileges that the system does not grant to a real-time thread.
 #![allow(missing_docs)]
 
 use ecan_host::{

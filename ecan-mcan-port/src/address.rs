@@ -33,7 +33,6 @@ impl GatewayHandle {
 
     /// Slave index of the gateway.
     #[inline]
-    #[must_use]
     pub const fn slave(self) -> usize {
         self.slave
     }
@@ -46,21 +45,18 @@ impl ChannelHandle {
 
     /// The gateway that the channel belongs to.
     #[inline]
-    #[must_use]
     pub const fn gateway(self) -> GatewayHandle {
         GatewayHandle::new(self.slave)
     }
 
     /// Slave index of the gateway.
     #[inline]
-    #[must_use]
     pub const fn slave(self) -> usize {
         self.slave
     }
 
     /// Channel of the gateway, 0 to 3.
     #[inline]
-    #[must_use]
     pub const fn channel(self) -> u8 {
         self.channel
     }

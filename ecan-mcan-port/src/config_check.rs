@@ -43,13 +43,13 @@ pub enum PortConfigFault {
         slave: usize,
         /// The direction.
         direction: Direction,
-        /// What is wrong.
+        /// The fault.
         fault: ProfileError,
     },
     /// The application bypass cuts the CAN side off.
     #[error(
         "slave {slave}, {direction}: the option APP_BYPASS cuts the CAN channels off; allow \
-         diagnostic tests if that is wanted"
+         diagnostic tests if that is intended"
     )]
     Bypass {
         /// Slave index.
@@ -64,7 +64,7 @@ pub enum PortConfigFault {
         slave: usize,
         /// The channel.
         channel: u8,
-        /// What is wrong.
+        /// The fault.
         fault: ChannelFault,
     },
     /// A data path that the gateway refuses.
@@ -74,7 +74,7 @@ pub enum PortConfigFault {
         slave: usize,
         /// The channel.
         channel: u8,
-        /// What is wrong.
+        /// The fault.
         fault: DataPathFault,
     },
     /// The [`PortPlan`](crate::PortPlan) finds that it would not work.
@@ -87,7 +87,7 @@ pub enum PortConfigFault {
         slave: usize,
         /// The channel.
         channel: u8,
-        /// What is wrong.
+        /// The fault.
         fault: FilterFault,
     },
     /// A limit of lost images that no image could keep.

@@ -47,8 +47,9 @@ impl PortError {
     /// Whether the cause may pass by itself, so that the same call can succeed later.
     pub fn is_temporary(&self) -> bool {
         match self {
-            Self::NotReady { .. } | Self::Cycle(CycleError::Library { .. }) => true,
-            Self::Adapter(error) => matches!(error, ecan_host::Error::NotOperational(_)),
+            Self::NotReady { .. } => true,
+            Self::Adapter(error) => error.is_temporary(),
+            Self::Cycle(error) => error.is_temporary(),
             _ => false,
         }
     }

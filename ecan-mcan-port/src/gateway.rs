@@ -10,9 +10,7 @@ use crate::port_config::GatewayConfig;
 use crate::receive::receiver::Receiver;
 use crate::schedule::config::ScheduleConfig;
 use crate::schedule::margin::ScheduleTimes;
-use crate::schedule::watch::{
-    LATE_DROP, QUEUE_FULL, ScheduleWatch, TIMER_MISS, TX_FAIL, WatchResult,
-};
+use crate::schedule::watch::{ScheduleDiagnostics as Diagnostics, ScheduleWatch, WatchResult};
 use crate::session::machine::{Event, Session, SessionMachine};
 use crate::statistics::SlaveStatistics;
 use crate::transmit::transmitter::Transmitter;
@@ -33,8 +31,8 @@ pub(crate) struct Gateway {
     input_limit: u16,
     pub(crate) schedule: ScheduleConfig,
     pub(crate) schedule_times: ScheduleTimes,
-    /// Sync0 pulse that the scheduled frames of this cycle count from, in application time since
-    /// the first cycle; `None` if unknown.
+    /// Sync0 pulse that the scheduled frames of this cycle count from, in application time since the
+    /// first cycle; `None` if unknown.
     pulse_ns: Option<u64>,
     pub(crate) watch: ScheduleWatch,
 }
@@ -95,13 +93,11 @@ impl Gateway {
         })
     }
 
-    /// Whether the configuration enables a channel.
     #[inline]
     pub(crate) fn has_channel(&self, channel: u8) -> bool {
         usize::from(channel) < CHANNELS && self.channel_mask >> channel & 1 == 1
     }
 
-    /// Whether a channel is configured for CAN FD.
     pub(crate) fn is_fd(&self, channel: u8) -> bool {
         usize::from(channel) < CHANNELS && self.fd_mask >> channel & 1 == 1
     }
@@ -176,7 +172,6 @@ impl Gateway {
         }
     }
 
-    /// One step of reading the diagnostics, and its result for the accounts.
     fn step_watch(&mut self, adapter: &mut Adapter) {
         let Self { watch, transmitter, .. } = self;
         match watch.step(adapter, transmitter.accounts().is_used()) {
@@ -184,8 +179,12 @@ impl Gateway {
             WatchResult::Cleared => transmitter.accounts_mut().flags_lost(),
             WatchResult::Looked(seen) => {
                 // Transmit results report the other losses frame by frame.
-                let reported = if transmitter.has_results() { 0 } else { LATE_DROP | QUEUE_FULL };
-                let relevant = TX_FAIL | TIMER_MISS | reported;
+                let reported = if transmitter.has_results() {
+                    0
+                } else {
+                    Diagnostics::LATE_DROP | Diagnostics::QUEUE_FULL
+                };
+                let relevant = Diagnostics::TX_FAIL | Diagnostics::TIMER_MISS | reported;
                 transmitter.accounts_mut().looked(&seen, watch.last(), relevant);
                 watch.keep(seen);
             }
@@ -211,7 +210,6 @@ impl Gateway {
     }
 }
 
-/// Logs that a channel went bus-off or recovered.
 #[cold]
 fn log_bus_off(slave: usize, channel: usize, is_bus_off: bool) {
     if is_bus_off {
@@ -221,7 +219,6 @@ fn log_bus_off(slave: usize, channel: usize, is_bus_off: bool) {
     }
 }
 
-/// Publishes the images of all gateways, and sends.
 pub(crate) fn publish(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result<(), CycleError> {
     for (slave, gateway) in gateways.iter_mut().enumerate() {
         gateway.transmitter.end(adapter.rx_pdo_mut(slave), &mut gateway.statistics);

@@ -27,7 +27,6 @@ use crate::statistics::SlaveStatistics;
 pub struct Port {
     pub(crate) adapter: Adapter,
     pub(crate) gateways: Vec<Gateway>,
-    /// A cycle has begun and not ended.
     pub(crate) is_cycle_open: bool,
     /// Deadline of the running cycle; `None` without a wait for the cycle.
     pub(crate) deadline_ns: Option<u64>,

@@ -83,9 +83,9 @@ pub struct GatewayConfig {
     pub tx_encapsulation: EncapsulationProfile,
     /// Packet profile of the RxPDO, 0x8011:05.
     pub rx_encapsulation: EncapsulationProfile,
-    /// How channels share the TxPDO, 0x8010:06 (manual 12).
+    /// Division of the TxPDO among the channels, 0x8010:06 (manual 12).
     pub tx_budget: BudgetPolicy,
-    /// How channels share the RxPDO, 0x8011:06. The Port itself does not limit channels by it.
+    /// Division of the RxPDO among the channels, 0x8011:06. The Port itself does not limit channels by it.
     pub rx_budget: BudgetPolicy,
     /// Options of the TxPDO, 0x8010:07 (manual 9.1). [`OptionFlags::TX_RESULT`] requests a result
     /// for every frame sent.

@@ -66,7 +66,7 @@ pub struct SlaveStatistics {
 }
 
 impl SlaveStatistics {
-    /// The counters of a channel; the packet codec has checked the channel number.
+    /// The packet codec has checked the channel number.
     pub(crate) fn channel(&mut self, channel: u8) -> &mut ChannelStatistics {
         &mut self.channels[usize::from(channel) % CHANNELS]
     }

@@ -17,12 +17,12 @@ use ecan_protocol::image::{OptionFlags, Schedule};
 
 /// Runs `cycles` of sending until the image is full and receiving everything; gives the
 /// allocations inside the cycles and the frames that came back.
-fn full_images(bench: &mut Fixture, frames: &[CanFrame; 4], cycles: u32) -> (u64, u64) {
+fn full_images(fixture: &mut Fixture, frames: &[CanFrame; 4], cycles: u32) -> (u64, u64) {
     let (mut inside, mut back) = (0, 0);
     for _ in 0..cycles {
-        bench.port.wait_next_cycle();
+        fixture.port.wait_next_cycle();
         let before = allocations();
-        let mut cycle = bench.port.begin_cycle();
+        let mut cycle = fixture.port.begin_cycle();
         cycle.received().map(|item| item.to_owned()).for_each(|item| {
             if let Received::Frame(_) = item {
                 back += 1;
@@ -39,7 +39,7 @@ fn full_images(bench: &mut Fixture, frames: &[CanFrame; 4], cycles: u32) -> (u64
 }
 
 #[test]
-fn the_counter_counts() {
+fn counter_counts() {
     let before = allocations();
     let boxed = std::hint::black_box(Box::new(1));
     assert_eq!(allocations() - before, 1, "{boxed}");
@@ -54,12 +54,12 @@ fn full_images_allocate_nothing() {
         let adapter =
             AdapterConfig::new(1).with_multiplier(11).with_cycle(Duration::from_millis(1));
         let config = PortConfig::uniform(1, gateway);
-        let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
+        let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
         let id = CanId::standard(0x100).unwrap();
         let frames = [0, 1, 2, 3].map(|n| CanFrame::fd(id, &[n; 64], true, false).unwrap());
         // The simulated world grows its queues to their working size first.
-        full_images(&mut bench, &frames, 200);
-        let (inside, back) = full_images(&mut bench, &frames, 500);
+        full_images(&mut fixture, &frames, 200);
+        let (inside, back) = full_images(&mut fixture, &frames, 500);
         assert!(back > 1_000, "only {back} frames came back");
         assert_eq!(inside, 0, "paced: {paced}");
     }
@@ -67,32 +67,32 @@ fn full_images_allocate_nothing() {
 
 #[test]
 fn scheduled_frames_and_the_look_at_their_flags_allocate_nothing() {
-    let mut bench = common::with_sync0(ecan_sim::echo(1), 500_000, |gateway| {
+    let mut fixture = common::with_sync0(ecan_sim::echo(1), 500_000, |gateway| {
         gateway.tx_options = OptionFlags::TX_RESULT;
         gateway.schedule.watch_ms = 10;
     });
-    let run = |bench: &mut Fixture, cycles: u16| {
+    let run = |fixture: &mut Fixture, cycles: u16| {
         let mut inside = 0;
         for tag in 0..cycles {
-            bench.port.wait_next_cycle();
+            fixture.port.wait_next_cycle();
             let before = allocations();
-            let mut cycle = bench.port.begin_cycle();
+            let mut cycle = fixture.port.begin_cycle();
             cycle.received().for_each(drop);
             let at = Schedule { tag, offset_ns: 100_000 };
             cycle.schedule_can(0, 0, common::id(1), &[1], at).unwrap();
             assert_eq!(cycle.finish().error(), None);
             if tag % 100 == 10 {
-                bench.port.clear_schedule_flags(bench.port.gw(0));
+                fixture.port.clear_schedule_flags(fixture.port.gw(0));
             }
             inside += allocations() - before;
         }
         inside
     };
-    run(&mut bench, 200);
-    assert_eq!(run(&mut bench, 500), 0);
-    let account = bench.port.schedule_account(bench.port.ch(0, 0));
+    run(&mut fixture, 200);
+    assert_eq!(run(&mut fixture, 500), 0);
+    let account = fixture.port.schedule_account(fixture.port.ch(0, 0));
     assert!(
-        account.sent > 300 && bench.port.schedule_diagnostics(bench.port.gw(0)).is_some(),
+        account.sent > 300 && fixture.port.schedule_diagnostics(fixture.port.gw(0)).is_some(),
         "{account:?}"
     );
 }

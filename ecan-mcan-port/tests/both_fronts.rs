@@ -48,23 +48,23 @@ fn traffic(recorded: Vec<BusFrame>) -> Traffic {
 /// Sends up to six frames in a cycle through the Port; gives the images and the traffic.
 fn over_libethercat(scenario: Scenario, config: &PortConfig) -> (Vec<Vec<u8>>, Traffic, u64) {
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-    let mut bench = Fixture::ready(scenario, adapter, *config);
-    bench.idle(20);
-    bench.simulation.with_world(|world| assert!(world.record_bus_of(0, 0)));
+    let mut fixture = Fixture::ready(scenario, adapter, *config);
+    fixture.idle(20);
+    fixture.simulation.with_world(|world| assert!(world.record_bus_of(0, 0)));
     let mut images = Vec::new();
     for cycle in 0..CYCLES {
-        bench.cycle(|open| {
+        fixture.cycle(|open| {
             for nth in 0..cycle % 7 {
                 let data = [cycle as u8, nth as u8, 3, 4, 5, 6, 7, 8];
                 // What is not taken is not in the image either.
                 let _ = open.send_can(0, 0, id(0x100 + nth as u16), &data[..nth + 1]);
             }
         });
-        images.push(bench.port.adapter().rx_pdo(0)[..BYTES].to_vec());
+        images.push(fixture.port.adapter().rx_pdo(0)[..BYTES].to_vec());
     }
-    bench.idle(10);
-    let counters = bench.simulation.with_world(|world| world.counters(0).unwrap());
-    let recorded = bench.simulation.with_world(|world| world.take_recorded());
+    fixture.idle(10);
+    let counters = fixture.simulation.with_world(|world| world.counters(0).unwrap());
+    let recorded = fixture.simulation.with_world(|world| world.take_recorded());
     (images, traffic(recorded), counters.frames_on_bus)
 }
 
@@ -105,7 +105,7 @@ fn over_the_wire(scenario: &Scenario, config: &PortConfig, images: &[Vec<u8>]) -
 }
 
 #[test]
-fn the_same_images_give_the_same_traffic() {
+fn same_images_give_the_same_traffic() {
     let scenario = || Scenario::from_toml(SCENARIO, "both", Path::new(".")).unwrap();
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let (images, port, sent) = over_libethercat(scenario(), &config);

@@ -17,16 +17,16 @@ use ecan_protocol::image::{EncapsulationProfile, OptionFlags, Timestamp};
 use ecan_protocol::mapping::CHANNELS;
 
 #[test]
-fn the_example_of_the_manual_lies_in_the_process_image() {
+fn example_of_the_manual_lies_in_the_process_image() {
     let gateway = GatewayConfig::on_all_channels(classic());
     let adapter = AdapterConfig::new(1).with_multiplier(8).with_cycle(Duration::from_millis(1));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
     let data = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
     let mut sequence = 0;
-    bench.cycle(|cycle| {
+    fixture.cycle(|cycle| {
         sequence = cycle.send_can(0, 0, id(0x123), &data).unwrap().sequence;
     });
-    let image = bench.port.adapter().rx_pdo(0);
+    let image = fixture.port.adapter().rx_pdo(0);
     let [low, high] = sequence.to_le_bytes();
     // Manual 5.4.4.1; the CRC covers the payload alone, so it does not depend on the sequence.
     let header = [
@@ -37,12 +37,12 @@ fn the_example_of_the_manual_lies_in_the_process_image() {
     assert_eq!(image[..24], header);
     assert_eq!(image[24..36], packet);
     assert!(image[36..].iter().all(|byte| *byte == 0));
-    let back = frames_of(&bench.idle(5));
+    let back = frames_of(&fixture.idle(5));
     assert_eq!(back.len(), 1);
     assert_eq!(back[0].frame, frame(0x123, &data));
     assert_eq!((back[0].slave, back[0].channel), (0, 0));
     // The packet of a received frame has the same bytes.
-    let tx = bench.port.adapter().tx_pdo(0);
+    let tx = fixture.port.adapter().tx_pdo(0);
     assert_eq!(tx[0], 0x16);
 }
 
@@ -55,13 +55,13 @@ fn every_size_works_in_either_direction() {
             adapter.slaves[0].tx_multiplier = tx;
             let gateway = GatewayConfig::on_channel(2, classic());
             let config = PortConfig::uniform(1, gateway);
-            let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
-            assert_eq!(bench.port.adapter().rx_pdo(0).len(), usize::from(rx) * 128);
-            assert_eq!(bench.port.adapter().tx_pdo(0).len(), usize::from(tx) * 128);
+            let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
+            assert_eq!(fixture.port.adapter().rx_pdo(0).len(), usize::from(rx) * 128);
+            assert_eq!(fixture.port.adapter().tx_pdo(0).len(), usize::from(tx) * 128);
             let frames: Vec<_> = (0..40).map(|n| frame(0x100 + n, &n.to_le_bytes())).collect();
-            let back: Vec<_> = bench.carry(2, &frames, 200).iter().map(|f| f.frame).collect();
+            let back: Vec<_> = fixture.carry(2, &frames, 200).iter().map(|f| f.frame).collect();
             assert_eq!(back, frames, "N = {rx} out, {tx} back");
-            assert_eq!(bench.port.statistics(bench.port.gw(0)).parse_errors, 0);
+            assert_eq!(fixture.port.statistics(fixture.port.gw(0)).parse_errors, 0);
         }
     }
 }
@@ -84,9 +84,9 @@ fn twelve_chunks_and_more_need_a_master_that_carries_them() {
         adapter.allow_large_pdos = true;
         let mut scenario = ecan_sim::echo(1);
         scenario.carries_large_pdos = true;
-        let mut bench = Fixture::ready(scenario, adapter, config);
+        let mut fixture = Fixture::ready(scenario, adapter, config);
         let frames: Vec<_> = (0..100).map(|n| frame(0x200 + n, &[7; 8])).collect();
-        assert_eq!(bench.carry(0, &frames, 200).len(), 100);
+        assert_eq!(fixture.carry(0, &frames, 200).len(), 100);
     }
 }
 
@@ -99,9 +99,9 @@ fn two_gateways_with_different_sizes_do_not_mix() {
         GatewayConfig::on_channel(1, classic()),
         GatewayConfig::on_channel(3, ChannelConfig::fd(500_000, 2_000_000)),
     ]);
-    let mut bench = Fixture::ready(ecan_sim::echo(2), adapter, config);
+    let mut fixture = Fixture::ready(ecan_sim::echo(2), adapter, config);
     let long = [0xA5; 48];
-    bench.cycle(|cycle| {
+    fixture.cycle(|cycle| {
         cycle.send_can(0, 1, id(0x11), &[1]).unwrap();
         let fd = FrameRef::fd(id(0x22), &long, true, false).unwrap();
         cycle.send(cycle.ch(1, 3), fd).unwrap();
@@ -114,7 +114,7 @@ fn two_gateways_with_different_sizes_do_not_mix() {
             Err(SendError::NotFd { slave: 0, channel: 1 })
         );
     });
-    let back = frames_of(&bench.idle(6));
+    let back = frames_of(&fixture.idle(6));
     let seen: Vec<_> = back.iter().map(|f| (f.slave, f.channel, f.frame)).collect();
     assert_eq!(seen.len(), 2, "{seen:?}");
     assert!(seen.contains(&(0, 1, frame(0x11, &[1]))));
@@ -125,10 +125,10 @@ fn two_gateways_with_different_sizes_do_not_mix() {
 fn three_gateways_carry_traffic_on_all_twelve_channels() {
     let adapter = AdapterConfig::new(3).with_cycle(Duration::from_millis(2));
     let gateway = GatewayConfig::on_all_channels(classic());
-    let mut bench = Fixture::ready(ecan_sim::echo(3), adapter, PortConfig::uniform(3, gateway));
+    let mut fixture = Fixture::ready(ecan_sim::echo(3), adapter, PortConfig::uniform(3, gateway));
     let mut back = vec![Vec::new(); 12];
     for round in 0..50u8 {
-        let items = bench.cycle(|cycle| {
+        let items = fixture.cycle(|cycle| {
             for slave in 0..3 {
                 for channel in 0..4 {
                     let data = [slave as u8, channel, round];
@@ -138,7 +138,7 @@ fn three_gateways_carry_traffic_on_all_twelve_channels() {
         });
         collect(&items, &mut back);
     }
-    collect(&bench.idle(6), &mut back);
+    collect(&fixture.idle(6), &mut back);
     for (place, frames) in back.iter().enumerate() {
         let (slave, channel) = ((place / CHANNELS) as u8, (place % CHANNELS) as u8);
         let expected: Vec<_> = (0..50u8)
@@ -157,7 +157,7 @@ fn collect(items: &[ecan_mcan_port::Received], back: &mut [Vec<CanFrame>]) {
 #[test]
 fn every_kind_of_frame_comes_back_as_it_went() {
     let fd = ChannelConfig::fd(1_000_000, 5_000_000);
-    let mut bench = Fixture::single(GatewayConfig::on_channel(0, fd));
+    let mut fixture = Fixture::single(GatewayConfig::on_channel(0, fd));
     let mut frames = Vec::new();
     let ids =
         [id(0), id(0x7FF), CanId::extended(0).unwrap(), CanId::extended(0x1FFF_FFFF).unwrap()];
@@ -173,7 +173,7 @@ fn every_kind_of_frame_comes_back_as_it_went() {
             frames.push(CanFrame::fd(can_id, &data, false, false).unwrap());
         }
     }
-    let back: Vec<_> = bench.carry(0, &frames, 2000).iter().map(|f| f.frame).collect();
+    let back: Vec<_> = fixture.carry(0, &frames, 2000).iter().map(|f| f.frame).collect();
     assert_eq!(back, frames);
 }
 
@@ -192,7 +192,7 @@ fn options_and_profiles_keep_frames_whole() {
             gateway.rx_options = option;
             gateway.tx_encapsulation = EncapsulationProfile::from_raw(raw).unwrap();
             gateway.rx_encapsulation = gateway.tx_encapsulation;
-            let mut bench = Fixture::single(gateway);
+            let mut fixture = Fixture::single(gateway);
             let frames: Vec<_> = (0..60)
                 .map(|n: u8| match n % 3 {
                     0 => CanFrame::fd(id(n.into()), &[n; 12], true, false).unwrap(),
@@ -200,7 +200,7 @@ fn options_and_profiles_keep_frames_whole() {
                     _ => CanFrame::fd(id(n.into()), &[n; 64], true, false).unwrap(),
                 })
                 .collect();
-            let back = bench.carry(0, &frames, 500);
+            let back = fixture.carry(0, &frames, 500);
             let same: Vec<_> = back.iter().map(|f| f.frame).collect();
             assert_eq!(same, frames, "{option:?}, profile {raw}");
             let stamped = back.iter().any(|f| f.timestamp != Timestamp::None);
@@ -210,13 +210,13 @@ fn options_and_profiles_keep_frames_whole() {
 }
 
 #[test]
-fn a_full_image_refuses_the_frame_and_counts_it() {
+fn full_image_rejects_the_frame_and_counts_it() {
     let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle(Duration::from_millis(1));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
     // 104 bytes of frame area hold 8 packets of 12 bytes (manual 5.2, 8.3).
     let mut refused = None;
-    bench.cycle(|cycle| {
+    fixture.cycle(|cycle| {
         for n in 0..8 {
             cycle.send_can(0, 0, id(n), &[0; 8]).unwrap();
         }
@@ -226,28 +226,28 @@ fn a_full_image_refuses_the_frame_and_counts_it() {
     });
     let what = Backpressure::Image;
     assert_eq!(refused, Some(SendError::Backpressure { slave: 0, channel: 0, what }));
-    assert_eq!(bench.port.statistics(bench.port.gw(0)).channels[0].refused_image_full, 1);
-    let back = frames_of(&bench.idle(10));
+    assert_eq!(fixture.port.statistics(fixture.port.gw(0)).channels[0].refused_image_full, 1);
+    let back = frames_of(&fixture.idle(10));
     assert_eq!(back.len(), 9);
     assert_eq!(back[8].frame, frame(9, &[0; 4]));
 }
 
 #[test]
-fn a_burst_is_paced_by_the_gateways_queue_and_nothing_is_dropped() {
+fn burst_is_paced_by_the_gateways_queue_and_nothing_is_dropped() {
     let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle(Duration::from_millis(1));
     let config =
         PortConfig::uniform(1, GatewayConfig::on_channel(0, ChannelConfig::classic(125_000)));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
     let frames: Vec<_> = (0..1000u16).map(|n| frame(n % 0x700, &n.to_le_bytes())).collect();
-    let back: Vec<_> = bench.carry(0, &frames, 5000).iter().map(|f| f.frame).collect();
+    let back: Vec<_> = fixture.carry(0, &frames, 5000).iter().map(|f| f.frame).collect();
     assert_eq!(back, frames);
-    let statistics = bench.port.statistics(bench.port.gw(0));
+    let statistics = fixture.port.statistics(fixture.port.gw(0));
     assert!(statistics.channels[0].refused_queue_full > 0, "the burst was never held back");
     assert_eq!(statistics.txpdo_incomplete, 0);
 }
 
 #[test]
-fn the_receive_source_and_the_transmit_hint_travel_along() {
+fn receive_source_and_the_transmit_hint_travel_along() {
     let filter = StandardFilter {
         matching: StandardMatch::Range,
         action: FilterAction::Fifo1,
@@ -258,9 +258,9 @@ fn the_receive_source_and_the_transmit_hint_travel_along() {
     let mut config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     config.add_filter(0, 0, filter).unwrap();
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
     let hint = TransmitHint::HighPriority;
-    bench.cycle(|cycle| {
+    fixture.cycle(|cycle| {
         let options = SendOptions { hint, schedule: None };
         let batch = [
             TransmitFrame { to: cycle.ch(0, 0), frame: frame(0x234, &[1]), options },
@@ -269,24 +269,24 @@ fn the_receive_source_and_the_transmit_hint_travel_along() {
         assert_eq!(cycle.send_batch(&batch).sent, 2);
     });
     // ID_AUX stands in bits 11 to 13 of the identifier field (manual 8.1).
-    assert_eq!(bench.port.adapter().rx_pdo(0)[26..28], (0x234u16 | 1 << 11).to_le_bytes());
+    assert_eq!(fixture.port.adapter().rx_pdo(0)[26..28], (0x234u16 | 1 << 11).to_le_bytes());
     let mut back: Vec<_> =
-        frames_of(&bench.idle(6)).iter().map(|f| (f.frame.id().raw(), f.source)).collect();
+        frames_of(&fixture.idle(6)).iter().map(|f| (f.frame.id().raw(), f.source)).collect();
     back.sort_by_key(|(id, _)| *id);
     assert_eq!(back, [(0x234, ReceiveSource::Fifo1), (0x345, ReceiveSource::Fifo0)]);
 }
 
 #[test]
 fn what_does_not_fit_the_buffer_stays_for_the_next_call() {
-    let mut bench = Fixture::single(GatewayConfig::on_channel(0, classic()));
-    bench.cycle(|cycle| {
+    let mut fixture = Fixture::single(GatewayConfig::on_channel(0, classic()));
+    fixture.cycle(|cycle| {
         for n in 0..6 {
             cycle.send_can(0, 0, id(n), &[]).unwrap();
         }
     });
     let mut seen = Vec::new();
     for _ in 0..8 {
-        let mut cycle = bench.port.next_cycle();
+        let mut cycle = fixture.port.next_cycle();
         let blank = ecan_mcan_port::Received::TransmitReport(ecan_mcan_port::TransmitReport {
             ticket: None,
             slave: 9,
@@ -309,8 +309,8 @@ fn what_does_not_fit_the_buffer_stays_for_the_next_call() {
 
 #[test]
 fn wrong_address_and_invalid_frame_return_errors() {
-    let mut bench = Fixture::single(GatewayConfig::on_channel(0, classic()));
-    bench.cycle(|cycle| {
+    let mut fixture = Fixture::single(GatewayConfig::on_channel(0, classic()));
+    fixture.cycle(|cycle| {
         let wrong = [
             (cycle.channel(4, 0), AddressError::Slave { slave: 4, count: 1 }),
             (cycle.channel(0, 4), AddressError::Channel { slave: 0, channel: 4 }),

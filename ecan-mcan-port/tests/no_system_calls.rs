@@ -93,7 +93,7 @@ fn child_as(role: &str) -> ExitStatus {
 }
 
 #[test]
-fn a_cycle_makes_none() {
+fn cycle_makes_none() {
     assert_eq!(child_as("works").code(), Some(0));
 }
 

@@ -90,7 +90,7 @@ fn packets_have_the_sizes_of_the_manual() {
 
 /// An image of N = 24 holds 255 packets of 4 bytes though 762 would fit.
 #[test]
-fn an_image_holds_255_packets_at_most() {
+fn image_holds_255_packets_at_most() {
     let mut adapter = adapter(24).with_cycle(Duration::from_millis(10));
     adapter.allow_large_pdos = true;
     let empty = frame(1, &[]);
@@ -150,7 +150,7 @@ fn fixed_shares_are_judged_by_themselves() {
 
 /// Eight frames of 111 to 135 bits in 1000: 89 to 108 %.
 #[test]
-fn a_bus_that_stuff_bits_can_fill_is_refused() {
+fn bus_that_stuff_bits_can_fill_is_rejected() {
     let traffic = [FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(8))];
     let plan = PortPlan::of(&adapter(3), &one_channel(classic()), &traffic);
     let [PortPlanError::BusLoad { least_percent: 89, most_percent: 108, .. }] = plan.refusals[..]
@@ -193,7 +193,7 @@ fn budgets_of_the_service_are_compared_with_the_traffic() {
 }
 
 #[test]
-fn the_check_refuses_a_budget_in_the_words_of_the_plan() {
+fn check_rejects_a_budget_with_the_text_of_the_plan() {
     let settings = classic().with_traffic(Traffic { received: 9, sent: 1 });
     let faults = one_channel(settings).check(&adapter(3)).unwrap_err().0;
     let refusal = PortPlanError::Budget { slave: 0, channel: 0, received: 9, sent: 1 };
@@ -285,11 +285,12 @@ fn schedules_are_judged() {
     let config = one_channel(classic());
     let refused = |adapter: &AdapterConfig, offset_ns| {
         let refusals = scheduled(adapter, &config, offset_ns).refusals;
-        let [PortPlanError::NotSchedulable { slave: 0, offset_ns: told, reason }] = refusals[..]
+        let [PortPlanError::NotSchedulable { slave: 0, offset_ns: reported, reason }] =
+            refusals[..]
         else {
             panic!("{refusals:?}")
         };
-        assert_eq!(told, offset_ns);
+        assert_eq!(reported, offset_ns);
         (reason, refusals[0].to_string())
     };
     let (reason, text) = refused(&adapter(3), 100_000);
@@ -337,8 +338,8 @@ fn frames_of_all_cycles_of_a_sync0_period_meet_at_its_pulse() {
     assert_eq!(plan(FrameRate::EveryCycles(3), 3_700_000), []);
     assert_eq!(plan(FrameRate::EveryCycles(3), 3_750_000), [overruns(3_750_000, 270_000)]);
     let crowded = PortWarning::ScheduleCrowded { slave: 0, frames: 80, depth: 64 };
-    let told = plan(FrameRate::PerCycle(20), 100_000);
-    assert!(told.contains(&crowded), "{told:?}");
+    let reported = plan(FrameRate::PerCycle(20), 100_000);
+    assert!(reported.contains(&crowded), "{reported:?}");
     assert!(crowded.to_string().contains("80 scheduled frames wait for one Sync0 pulse"));
     assert!(
         !plan(FrameRate::PerCycle(16), 100_000)
@@ -349,7 +350,7 @@ fn frames_of_all_cycles_of_a_sync0_period_meet_at_its_pulse() {
 
 /// A pulse at 100 us, images until 197.2 us: what is counted by default is refused on wish.
 #[test]
-fn a_short_margin_is_warned_of_or_refused_as_the_port_does() {
+fn short_margin_is_warned_of_or_rejected_as_in_the_port() {
     let mut config = one_channel(classic());
     let adapter = with_sync0(100_000);
     let (offset_ns, lacking_ns) = (100_000, 97_200);
@@ -381,7 +382,7 @@ fn configurations_that_do_not_match_have_a_plan_all_the_same() {
 
 /// The Port takes as many frames into one image as the plan says, and not one more.
 #[test]
-fn an_image_takes_the_frames_of_the_plan() {
+fn image_takes_the_frames_of_the_plan() {
     let empty_fd = fd_frame(0);
     let cases = [(1, eight()), (3, eight()), (2, fd_frame(64)), (3, fd_frame(20)), (8, empty_fd)];
     for (multiplier, frame) in cases {
@@ -394,9 +395,9 @@ fn an_image_takes_the_frames_of_the_plan() {
             let planned = PortPlan::of(&adapter(multiplier), &config, &[]).gateways[0]
                 .rx
                 .frames_per_image(frame.as_ref(), false);
-            let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(multiplier), config);
+            let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(multiplier), config);
             let mut taken = 0;
-            bench.cycle(|cycle| {
+            fixture.cycle(|cycle| {
                 let can0 = cycle.ch(0, 0);
                 while cycle.send(can0, &frame).is_ok() {
                     taken += 1;
@@ -411,7 +412,7 @@ fn an_image_takes_the_frames_of_the_plan() {
 
 /// What the simulated bus measures to the bit lies between the bounds of the plan.
 #[test]
-fn the_measured_load_lies_within_the_planned_one() {
+fn measured_load_lies_within_the_planned_one() {
     let settings = ChannelConfig::fd(500_000, 2_000_000);
     let frames = [eight(), frame(0, &[0; 8]), fd_frame(32), frame(0x7FF, &[])];
     for sample in frames {
@@ -422,23 +423,23 @@ fn the_measured_load_lies_within_the_planned_one() {
         ];
         let config = one_channel(settings);
         let load = PortPlan::of(&adapter(3), &config, &traffic).channels[0].load;
-        let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
-        let busy = |bench: &Fixture| {
-            bench.simulation.with_world(|world| world.bus("0.0").unwrap().statistics())
+        let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+        let busy = |fixture: &Fixture| {
+            fixture.simulation.with_world(|world| world.bus("0.0").unwrap().statistics())
         };
-        let send = |bench: &mut Fixture| {
-            bench.cycle(|cycle| {
+        let send = |fixture: &mut Fixture| {
+            fixture.cycle(|cycle| {
                 cycle.send(cycle.ch(0, 0), &sample).unwrap();
             });
         };
         for _ in 0..20 {
-            send(&mut bench);
+            send(&mut fixture);
         }
-        let before = busy(&bench);
+        let before = busy(&fixture);
         for _ in 0..500 {
-            send(&mut bench);
+            send(&mut fixture);
         }
-        let measured = busy(&bench);
+        let measured = busy(&fixture);
         assert_eq!(measured.frames - before.frames, 1_000);
         let share = (measured.busy_ns - before.busy_ns) as f64 / 500e6;
         assert!(load.least - 1e-6 <= share && share <= load.most + 1e-6, "{share}: {load:?}");
@@ -447,7 +448,7 @@ fn the_measured_load_lies_within_the_planned_one() {
 
 /// Plan and Port reckon alike, and what one takes the other takes.
 #[test]
-fn the_port_has_the_margins_of_the_plan() {
+fn port_has_the_margins_of_the_plan() {
     for shift_us in [0, 30, 150, 210, 230, 700] {
         let mut adapter =
             AdapterConfig::new(2).with_multiplier(3).with_cycle(Duration::from_millis(1));
@@ -455,7 +456,7 @@ fn the_port_has_the_margins_of_the_plan() {
         let mut gateway = GatewayConfig::on_channel(0, classic());
         gateway.schedule.margin_check = MarginCheck::Reject;
         let config = PortConfig::uniform(2, gateway);
-        let mut bench = Fixture::ready(ecan_sim::echo(2), adapter, config);
+        let mut fixture = Fixture::ready(ecan_sim::echo(2), adapter, config);
         for (slave, offset_ns) in [0, 1]
             .into_iter()
             .flat_map(|slave| [0, 20_000, 60_000, 999_999, 1_000_000].map(|ns| (slave, ns)))
@@ -463,9 +464,9 @@ fn the_port_has_the_margins_of_the_plan() {
             let stream = FrameStream::to_bus(slave, 0, eight(), EVERY_CYCLE).scheduled(offset_ns);
             let plan = PortPlan::of(&adapter, &config, &[stream]);
             let planned = plan.schedule_margin(slave, offset_ns);
-            assert_eq!(planned, bench.port.schedule_margin(bench.port.gw(slave), offset_ns));
+            assert_eq!(planned, fixture.port.schedule_margin(fixture.port.gw(slave), offset_ns));
             let mut sent = None;
-            bench.cycle(|cycle| {
+            fixture.cycle(|cycle| {
                 let at = Schedule { tag: 0, offset_ns };
                 sent = Some(cycle.schedule_can(slave, 0, common::id(1), &[], at).map(drop));
             });
@@ -492,18 +493,18 @@ fn scheduled_frames_leave_when_the_plan_says() {
         let offset_ns = offset_us * 1_000;
         let plan = PortPlan::of(&adapter, &config, &[]);
         let planned = plan.schedule_margin(0, offset_ns).unwrap().release_ns;
-        let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
-        bench.cycle(|port| {
+        let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
+        fixture.cycle(|port| {
             let schedule = Schedule { tag: 1, offset_ns };
             port.schedule_can(0, 0, CanId::standard(1).unwrap(), &[1], schedule).unwrap();
         });
-        let released = |bench: &Fixture| {
-            bench.simulation.with_world(|world| world.counters(0).unwrap().frames_released)
+        let released = |fixture: &Fixture| {
+            fixture.simulation.with_world(|world| world.counters(0).unwrap().frames_released)
         };
         let mut passed_us = 0;
-        while released(&bench) == 0 {
+        while released(&fixture) == 0 {
             assert!(passed_us < 3_000, "it never left");
-            bench.simulation.pass_ns(1_000);
+            fixture.simulation.pass_ns(1_000);
             passed_us += 1;
         }
         assert_eq!(passed_us * 1_000, planned, "shift {shift_us} us, offset {offset_us} us");

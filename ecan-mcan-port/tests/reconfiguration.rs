@@ -16,18 +16,18 @@ fn adapter(multiplier: u8) -> AdapterConfig {
 #[test]
 fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     for multiplier in [8, 1, 11, 3] {
-        bench.port.reconfigure((adapter(multiplier), config)).unwrap();
-        assert_eq!(bench.port.adapter().phase(), Phase::Configured);
-        bench.port.wait_ready().unwrap();
+        fixture.port.reconfigure((adapter(multiplier), config)).unwrap();
+        assert_eq!(fixture.port.adapter().phase(), Phase::Configured);
+        fixture.port.wait_ready().unwrap();
         let read = |diagnostics: &Diagnostics| {
             [0x8010, 0x8011].map(|object| diagnostics.sdo_upload_u32(0, object, 9).unwrap())
         };
         let bytes = u32::from(multiplier) * 128;
-        assert_eq!(bench.port.diagnose(read).unwrap(), [bytes; 2]);
+        assert_eq!(fixture.port.diagnose(read).unwrap(), [bytes; 2]);
         let frames: Vec<_> = (0..30).map(|n| frame(n, &[multiplier])).collect();
-        let back: Vec<_> = bench.carry(0, &frames, 100).iter().map(|f| f.frame).collect();
+        let back: Vec<_> = fixture.carry(0, &frames, 100).iter().map(|f| f.frame).collect();
         assert_eq!(back, frames, "N = {multiplier}");
     }
 }
@@ -35,58 +35,58 @@ fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
 #[test]
 fn other_channels_and_bit_rates_can_be_chosen() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     let fd = ChannelConfig::fd(500_000, 4_000_000);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(3, fd));
-    bench.port.reconfigure((adapter(8), config)).unwrap();
-    bench.port.wait_ready().unwrap();
+    fixture.port.reconfigure((adapter(8), config)).unwrap();
+    fixture.port.wait_ready().unwrap();
     let frames = [frame(7, &[1, 2, 3])];
-    let back = bench.carry(3, &frames, 50);
+    let back = fixture.carry(3, &frames, 50);
     assert_eq!((back[0].channel, back[0].frame), (3, frames[0]));
 }
 
 #[test]
-fn a_faulty_configuration_leaves_everything_running() {
+fn faulty_configuration_leaves_everything_running() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
-    let refused = bench.port.reconfigure((adapter(12), config));
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+    let refused = fixture.port.reconfigure((adapter(12), config));
     assert!(matches!(refused, Err(PortError::Config(_))), "{refused:?}");
     let frames = [frame(1, &[])];
-    assert_eq!(bench.carry(0, &frames, 50).len(), 1);
+    assert_eq!(fixture.carry(0, &frames, 50).len(), 1);
 }
 
 #[test]
 fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     let mut elsewhere = adapter(3);
     elsewhere.slaves[0].position = 5;
     elsewhere.preop_timeout = Duration::from_millis(200);
-    let failed = bench.port.reconfigure((elsewhere, config));
+    let failed = fixture.port.reconfigure((elsewhere, config));
     assert!(failed.unwrap_err().to_string().contains("position 5"));
-    assert_eq!(bench.port.adapter().phase(), Phase::Down);
-    bench.port.reconfigure((adapter(3), config)).unwrap();
-    bench.port.wait_ready().unwrap();
-    assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
+    assert_eq!(fixture.port.adapter().phase(), Phase::Down);
+    fixture.port.reconfigure((adapter(3), config)).unwrap();
+    fixture.port.wait_ready().unwrap();
+    assert_eq!(fixture.carry(0, &[frame(1, &[])], 50).len(), 1);
 }
 
 #[test]
-fn the_configuration_in_force_can_be_changed_and_given_back() {
+fn configuration_in_force_can_be_changed_and_given_back() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
-    let larger = (*bench.port.adapter().config()).with_multiplier(8);
-    bench.port.reconfigure((larger, config)).unwrap();
-    bench.port.wait_ready().unwrap();
-    assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+    let larger = (*fixture.port.adapter().config()).with_multiplier(8);
+    fixture.port.reconfigure((larger, config)).unwrap();
+    fixture.port.wait_ready().unwrap();
+    assert_eq!(fixture.carry(0, &[frame(1, &[])], 50).len(), 1);
 }
 
 #[test]
 fn another_master_is_refused_and_nothing_changes() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     let mut elsewhere = adapter(3);
     elsewhere.master_index = 3;
-    let refused = bench.port.reconfigure((elsewhere, config)).unwrap_err();
+    let refused = fixture.port.reconfigure((elsewhere, config)).unwrap_err();
     assert!(refused.to_string().contains("master 3"), "{refused}");
-    assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
+    assert_eq!(fixture.carry(0, &[frame(1, &[])], 50).len(), 1);
 }

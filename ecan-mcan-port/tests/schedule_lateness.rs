@@ -1,5 +1,5 @@
-//! Scheduled frames that would miss their Sync0 pulse: refused, taken back, given up, never told as
-//! sent (manual 8.4, 13.8).
+//! Scheduled frames that would miss their Sync0 pulse: rejected, withdrawn or discarded, but never
+//! reported as sent (manual 8.4, 13.8).
 #![allow(missing_docs)]
 
 mod common;
@@ -16,12 +16,12 @@ use schedule_support::{
 };
 
 #[test]
-fn a_cycle_that_begins_behind_the_pulse_is_refused_and_never_sent_late() {
-    let mut bench = with_sync0(sluggish(), 300_000, results);
-    bench.simulation.with_world(|world| world.record_bus_of(0, 0));
+fn frame_of_a_cycle_after_the_pulse_is_rejected() {
+    let mut fixture = with_sync0(sluggish(), 300_000, results);
+    fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
     let mut sent = 0;
     for _ in 0..2_000 {
-        bench.cycle(|cycle| {
+        fixture.cycle(|cycle| {
             let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
             match cycle.schedule_can(0, 0, id(1), &[], at) {
                 Ok(_) => sent += 1,
@@ -30,11 +30,11 @@ fn a_cycle_that_begins_behind_the_pulse_is_refused_and_never_sent_late() {
             }
         });
     }
-    let (told, counters) = check(&mut bench);
-    assert!(told.refused_late > 10, "{told:?}");
-    assert_eq!((told.scheduled, told.refused_late), (sent, 2_000 - sent));
-    assert_eq!((counters.frames_released, told.sent), (sent, sent), "{counters:?}");
-    let frames = bench.simulation.with_world(|world| world.take_recorded());
+    let (frames, counters) = check(&mut fixture);
+    assert!(frames.refused_late > 10, "{frames:?}");
+    assert_eq!((frames.scheduled, frames.refused_late), (sent, 2_000 - sent));
+    assert_eq!((counters.frames_released, frames.sent), (sent, sent), "{counters:?}");
+    let frames = fixture.simulation.with_world(|world| world.take_recorded());
     let sent: Vec<_> = frames.iter().filter(|f| f.is_from_channel).collect();
     for pair in sent.windows(2) {
         let period = pair[1].start_ns - pair[0].start_ns;
@@ -44,11 +44,11 @@ fn a_cycle_that_begins_behind_the_pulse_is_refused_and_never_sent_late() {
 }
 
 #[test]
-fn an_application_that_takes_too_long_withdraws_what_would_be_late() {
-    let mut bench = with_sync0(echo(1), 300_000, results);
-    let clock = bench.port.adapter().ecrt().clock().clone();
+fn long_cycle_withdraws_late_frames() {
+    let mut fixture = with_sync0(echo(1), 300_000, results);
+    let clock = fixture.port.adapter().ecrt().clock().clone();
     for nth in 0..50 {
-        bench.cycle(|cycle| {
+        fixture.cycle(|cycle| {
             let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
             cycle.schedule_can(0, 0, id(1), &[], at).unwrap();
             if nth % 10 == 0 {
@@ -56,22 +56,22 @@ fn an_application_that_takes_too_long_withdraws_what_would_be_late() {
             }
         });
     }
-    let (told, counters) = check(&mut bench);
-    assert_eq!((told.withdrawn, told.sent, counters.frames_released), (5, 45, 45));
+    let (frames, counters) = check(&mut fixture);
+    assert_eq!((frames.withdrawn, frames.sent, counters.frames_released), (5, 45, 45));
 }
 
 #[test]
-fn the_margin_is_told_counted_or_demanded() {
-    let mut bench = with_sync0(echo(1), 120_000, results);
-    let margin = bench.port.schedule_margin(bench.port.gw(0), OFFSET_NS).unwrap();
+fn margin_is_reported_counted_or_required() {
+    let mut fixture = with_sync0(echo(1), 120_000, results);
+    let margin = fixture.port.schedule_margin(fixture.port.gw(0), OFFSET_NS).unwrap();
     assert!(!margin.is_sufficient(), "{margin}");
     assert!(margin.to_string().starts_with("margin -"), "{margin}");
-    schedule(&mut bench, 1, OFFSET_NS);
-    assert_eq!(check(&mut bench).0.without_margin, 1);
-    let mut bench = with_sync0(echo(1), 120_000, |gateway| {
+    schedule(&mut fixture, 1, OFFSET_NS);
+    assert_eq!(check(&mut fixture).0.without_margin, 1);
+    let mut fixture = with_sync0(echo(1), 120_000, |gateway| {
         gateway.schedule.margin_check = MarginCheck::Reject;
     });
-    bench.cycle(|cycle| {
+    fixture.cycle(|cycle| {
         let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
         let refused = cycle.schedule_can(0, 0, id(1), &[], at).unwrap_err();
         let SendError::NotSchedulable { reason: NotSchedulable::NoMargin { lacking_ns }, .. } =
@@ -82,41 +82,41 @@ fn the_margin_is_told_counted_or_demanded() {
         assert_eq!(i64::try_from(lacking_ns).unwrap(), -margin.least_ns());
         assert!(refused.to_string().contains("move the Sync0 shift"), "{refused}");
     });
-    let bench = with_sync0(echo(1), SHIFT_NS, |_| ());
-    assert!(bench.port.schedule_margin(bench.port.gw(0), OFFSET_NS).unwrap().is_sufficient());
-    let beyond = bench.port.schedule_margin(bench.port.gw(0), 1_000_000);
+    let fixture = with_sync0(echo(1), SHIFT_NS, |_| ());
+    assert!(fixture.port.schedule_margin(fixture.port.gw(0), OFFSET_NS).unwrap().is_sufficient());
+    let beyond = fixture.port.schedule_margin(fixture.port.gw(0), 1_000_000);
     assert_eq!(beyond, Err(NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 }));
 }
 
 /// A pulse within the time that an image needs through the host and on the wire: without a margin,
 /// but frames are taken and sent, as is promised where margins are only counted.
 #[test]
-fn a_pulse_within_the_way_of_the_images_refuses_no_frame() {
+fn pulse_during_the_transfer_rejects_no_frame() {
     for shift_ns in [31_000, 50_000, 95_000] {
-        let mut bench = with_sync0(echo(1), shift_ns, results);
+        let mut fixture = with_sync0(echo(1), shift_ns, results);
         assert!(
-            bench.port.schedule_margin(bench.port.gw(0), OFFSET_NS).unwrap().after_pulse_ns < 0
+            fixture.port.schedule_margin(fixture.port.gw(0), OFFSET_NS).unwrap().after_pulse_ns < 0
         );
         for _ in 0..100 {
-            assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1, "shift {shift_ns}");
+            assert_eq!(schedule(&mut fixture, 1, OFFSET_NS), 1, "shift {shift_ns}");
         }
-        let (told, _) = check(&mut bench);
-        assert_eq!((told.without_margin, told.sent, told.refused_late), (100, 100, 0));
+        let (frames, _) = check(&mut fixture);
+        assert_eq!((frames.without_margin, frames.sent, frames.refused_late), (100, 100, 0));
     }
 }
 
 #[test]
-fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
-    let mut bench = with_sync0(echo(1), SHIFT_NS, results);
-    bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 2 });
-    bench.cycle(|cycle| {
+fn unconfirmed_image_takes_no_scheduled_frame() {
+    let mut fixture = with_sync0(echo(1), SHIFT_NS, results);
+    fixture.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 2 });
+    fixture.cycle(|cycle| {
         cycle.send_can(0, 0, id(1), &[]).unwrap();
         let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
         cycle.schedule_can(0, 0, id(2), &[], at).unwrap();
     });
     let mut refused = 0;
     while refused < 2 {
-        bench.cycle(|cycle| {
+        fixture.cycle(|cycle| {
             assert!(cycle.cycle_report(cycle.gw(0)).is_unconfirmed);
             let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
             let error = cycle.schedule_can(0, 0, id(3), &[], at).unwrap_err();
@@ -127,12 +127,12 @@ fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
         });
         refused += 1;
     }
-    assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1, "it arrived");
-    bench.idle(500);
-    let (told, counters) = (account(&bench), counters(&bench));
+    assert_eq!(schedule(&mut fixture, 1, OFFSET_NS), 1, "it arrived");
+    fixture.idle(500);
+    let (frames, counters) = (account(&fixture), counters(&fixture));
     // The first one left two periods late.
-    assert_eq!((told.refused_late, told.scheduled), (2, 2));
-    assert_eq!((told.sent, told.unknown), (1, 1));
+    assert_eq!((frames.refused_late, frames.scheduled), (2, 2));
+    assert_eq!((frames.sent, frames.unknown), (1, 1));
     assert_eq!(
         (counters.frames_released, counters.frames_on_bus),
         (2, 3),
@@ -142,19 +142,19 @@ fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
 
 /// Images with frames of both kinds that are published again: what left may have left late.
 #[test]
-fn a_repeated_image_is_never_told_as_sent() {
+fn repeated_image_is_never_reported_as_sent() {
     for way in [LossDirection::Outward, LossDirection::Return] {
         for change in [results as fn(&mut GatewayConfig), |_| ()] {
-            let mut bench = with_sync0(echo(1), SHIFT_NS, change);
-            bench.simulation.inject(Fault::LostFrame { direction: way, cycles: 3 });
-            bench.cycle(|cycle| {
+            let mut fixture = with_sync0(echo(1), SHIFT_NS, change);
+            fixture.simulation.inject(Fault::LostFrame { direction: way, cycles: 3 });
+            fixture.cycle(|cycle| {
                 let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
                 cycle.schedule_can(0, 0, id(2), &[], at).unwrap();
                 cycle.send_can(0, 0, id(1), &[]).unwrap();
             });
-            bench.idle(500);
-            let (told, counters) = (account(&bench), counters(&bench));
-            assert_eq!((told.sent, told.unknown, told.open), (0, 1, 0), "{way:?}");
+            fixture.idle(500);
+            let (frames, counters) = (account(&fixture), counters(&fixture));
+            assert_eq!((frames.sent, frames.unknown, frames.open), (0, 1, 0), "{way:?}");
             assert_eq!((counters.frames_released, counters.frames_on_bus), (1, 2));
         }
     }
@@ -163,15 +163,15 @@ fn a_repeated_image_is_never_told_as_sent() {
 /// Frames to be sent at once leave in a late cycle, too, with their own results; scheduled ones
 /// beside them do not.
 #[test]
-fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
+fn late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
     for has_results in [true, false] {
         let change = if has_results { results } else { |_: &mut GatewayConfig| () };
-        let mut bench = with_sync0(echo(1), 300_000, change);
-        let clock = bench.port.adapter().ecrt().clock().clone();
+        let mut fixture = with_sync0(echo(1), 300_000, change);
+        let clock = fixture.port.adapter().ecrt().clock().clone();
         let mut tickets = Vec::new();
         let mut items = Vec::new();
         for nth in 0..20_u8 {
-            items.extend(bench.cycle(|cycle| {
+            items.extend(fixture.cycle(|cycle| {
                 let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
                 cycle.schedule_can(0, 0, id(1), &[], at).unwrap();
                 tickets.push(cycle.send_can(0, 0, id(2), &[nth; 8]).unwrap());
@@ -183,9 +183,9 @@ fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
                 }
             }));
         }
-        items.extend(bench.idle(500));
-        let (told, counters) = (account(&bench), counters(&bench));
-        assert_eq!((told.scheduled, told.withdrawn, told.sent), (40, 20, 20));
+        items.extend(fixture.idle(500));
+        let (frames, counters) = (account(&fixture), counters(&fixture));
+        assert_eq!((frames.scheduled, frames.withdrawn, frames.sent), (40, 20, 20));
         assert_eq!((counters.frames_released, counters.frames_on_bus), (20, 60));
         let mut sent_at_once = Vec::new();
         let mut ended = Vec::new();
@@ -204,7 +204,7 @@ fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
         assert_eq!(sent_at_once, expected);
         tickets.retain(|_| has_results);
         assert_eq!(ended, tickets);
-        let statistics = bench.port.statistics(bench.port.gw(0));
+        let statistics = fixture.port.statistics(fixture.port.gw(0));
         assert_eq!(statistics.channels[0].frames_discarded, 20);
         assert_eq!(statistics.channels[0].frames_delivered, 60);
     }
@@ -213,22 +213,22 @@ fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
 /// A cycle that ends behind the time at which a pulse stands misses one only where there is one.
 #[test]
 fn only_the_cycle_with_the_pulse_can_miss_it() {
-    let mut bench = with_long_sync0(300_000, results);
-    bench.simulation.with_world(|world| world.record_bus_of(0, 0));
-    let clock = bench.port.adapter().ecrt().clock().clone();
+    let mut fixture = with_long_sync0(300_000, results);
+    fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
+    let clock = fixture.port.adapter().ecrt().clock().clone();
     for _ in 0..400 {
-        bench.cycle(|cycle| {
+        fixture.cycle(|cycle| {
             let point_ns = cycle.adapter().cycle_time_ns();
             let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
             cycle.schedule_can(0, 0, id(1), &point_ns.to_le_bytes(), at).unwrap();
             clock.sleep_until_ns(clock.now_ns() + 250_000);
         });
     }
-    bench.idle(500);
-    let (told, counters) = (account(&bench), counters(&bench));
-    assert_eq!((told.scheduled, told.withdrawn, told.sent), (400, 100, 300));
+    fixture.idle(500);
+    let (frames, counters) = (account(&fixture), counters(&fixture));
+    assert_eq!((frames.scheduled, frames.withdrawn, frames.sent), (400, 100, 300));
     assert_eq!(counters.frames_released, 300);
-    let frames = bench.simulation.with_world(|world| world.take_recorded());
+    let frames = fixture.simulation.with_world(|world| world.take_recorded());
     for frame in frames.iter().filter(|it| it.is_from_channel) {
         let point_ns = u64::from_le_bytes(*frame.frame.data().first_chunk().unwrap());
         let waited_ns = frame.start_ns - point_ns;
@@ -239,22 +239,23 @@ fn only_the_cycle_with_the_pulse_can_miss_it() {
 
 /// A lost image that goes out again before its pulse is as good as new.
 #[test]
-fn a_repeat_that_meets_the_same_pulse_loses_nothing() {
+fn repeat_that_meets_the_same_pulse_loses_nothing() {
     for change in [results as fn(&mut GatewayConfig), |_| ()] {
-        let mut bench = with_long_sync0(SHIFT_NS, change);
+        let mut fixture = with_long_sync0(SHIFT_NS, change);
         let mut outcomes = Vec::new();
         for _ in 0..4 {
-            let (before, released) = (account(&bench), counters(&bench).frames_released);
+            let (before, released) = (account(&fixture), counters(&fixture).frames_released);
             for nth in 0..40 {
                 if nth % 4 == 0 {
                     let way = LossDirection::Outward;
-                    bench.simulation.inject(Fault::LostFrame { direction: way, cycles: 1 });
+                    fixture.simulation.inject(Fault::LostFrame { direction: way, cycles: 1 });
                 }
-                schedule(&mut bench, u16::from(nth % 4 == 0), OFFSET_NS);
+                schedule(&mut fixture, u16::from(nth % 4 == 0), OFFSET_NS);
             }
-            bench.idle(501);
-            let (told, released) = (account(&bench), counters(&bench).frames_released - released);
-            outcomes.push((told.sent - before.sent, told.unknown - before.unknown, released));
+            fixture.idle(501);
+            let (frames, released) =
+                (account(&fixture), counters(&fixture).frames_released - released);
+            outcomes.push((frames.sent - before.sent, frames.unknown - before.unknown, released));
         }
         outcomes.sort_unstable();
         // In the cycle of the pulse it comes too late.
@@ -264,17 +265,17 @@ fn a_repeat_that_meets_the_same_pulse_loses_nothing() {
 
 /// An image that stays lost until its pulse has passed is given up then.
 #[test]
-fn a_repeat_is_given_up_when_the_pulse_has_passed() {
+fn repeat_is_discarded_after_the_pulse() {
     for change in [results as fn(&mut GatewayConfig), |_| ()] {
-        let mut bench = with_long_sync0(SHIFT_NS, change);
+        let mut fixture = with_long_sync0(SHIFT_NS, change);
         for _ in 0..20 {
             let way = LossDirection::Outward;
-            bench.simulation.inject(Fault::LostFrame { direction: way, cycles: 5 });
-            schedule(&mut bench, 1, OFFSET_NS);
-            bench.idle(12);
+            fixture.simulation.inject(Fault::LostFrame { direction: way, cycles: 5 });
+            schedule(&mut fixture, 1, OFFSET_NS);
+            fixture.idle(12);
         }
-        bench.idle(500);
-        let (told, counters) = (account(&bench), counters(&bench));
-        assert_eq!((told.sent, told.unknown, counters.frames_released), (0, 20, 0));
+        fixture.idle(500);
+        let (frames, counters) = (account(&fixture), counters(&fixture));
+        assert_eq!((frames.sent, frames.unknown, counters.frames_released), (0, 20, 0));
     }
 }

@@ -18,32 +18,32 @@ fn with_sync0() -> Fixture {
 }
 
 #[test]
-fn a_scheduled_frame_leaves_at_its_phase_and_in_pdo_order() {
-    let mut bench = with_sync0();
+fn scheduled_frame_leaves_at_its_phase_and_in_pdo_order() {
+    let mut fixture = with_sync0();
     let schedule = |offset_ns| Schedule { tag: 7, offset_ns };
-    bench.cycle(|cycle| {
+    fixture.cycle(|cycle| {
         cycle.schedule_can(0, 0, id(3), &[], schedule(300_000)).unwrap();
         cycle.schedule_can(0, 0, id(1), &[], schedule(100_000)).unwrap();
         cycle.schedule_can(0, 0, id(2), &[], schedule(100_000)).unwrap();
     });
-    let back: Vec<_> = frames_of(&bench.idle(8)).iter().map(|f| f.frame.id().raw()).collect();
+    let back: Vec<_> = frames_of(&fixture.idle(8)).iter().map(|f| f.frame.id().raw()).collect();
     assert_eq!(back, [1, 2, 3], "by phase, then in the order of the image");
-    let counters = bench.simulation.with_world(|world| world.counters(0).unwrap());
+    let counters = fixture.simulation.with_world(|world| world.counters(0).unwrap());
     assert_eq!((counters.frames_scheduled, counters.frames_released), (3, 3));
     assert_eq!(counters.transmit_losses.late, 0);
 }
 
 #[test]
 fn what_cannot_be_scheduled_is_refused_with_the_reason() {
-    let mut bench = with_sync0();
+    let mut fixture = with_sync0();
     let beyond = Schedule { tag: 0, offset_ns: 1_000_000 };
-    bench.cycle(|cycle| {
+    fixture.cycle(|cycle| {
         let refused = cycle.schedule_can(0, 0, id(1), &[], beyond).unwrap_err();
         let reason = NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 };
         assert_eq!(refused, SendError::NotSchedulable { slave: 0, offset_ns: 1_000_000, reason });
     });
-    let mut bench = Fixture::single(GatewayConfig::on_channel(0, classic()));
-    bench.cycle(|cycle| {
+    let mut fixture = Fixture::single(GatewayConfig::on_channel(0, classic()));
+    fixture.cycle(|cycle| {
         let schedule = Schedule { tag: 0, offset_ns: 1 };
         let refused = cycle.schedule_can(0, 0, id(1), &[], schedule).unwrap_err();
         assert!(refused.to_string().contains("not configured"), "{refused}");

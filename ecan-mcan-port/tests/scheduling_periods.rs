@@ -21,9 +21,9 @@ fn fd(gateway: &mut GatewayConfig) {
 }
 
 /// The manual's frame: CAN FD with bit rate switch, 16 bytes.
-fn send(bench: &mut Fixture, id: CanId, offset_ns: Option<u32>) {
+fn send(fixture: &mut Fixture, id: CanId, offset_ns: Option<u32>) {
     let frame = FrameRef::fd(id, &[0; 16], true, false).unwrap();
-    bench.cycle(|cycle| {
+    fixture.cycle(|cycle| {
         let can0 = cycle.ch(0, 0);
         match offset_ns {
             None => cycle.send(can0, frame),
@@ -38,19 +38,19 @@ fn send(bench: &mut Fixture, id: CanId, offset_ns: Option<u32>) {
 
 /// Distances from the period of all frames on the bus.
 fn errors(offset_ns: Option<u32>, spin_ns: u64) -> Distribution {
-    let mut bench = with_sync0(ecan_sim::jitter(1), 700_000, fd);
+    let mut fixture = with_sync0(ecan_sim::jitter(1), 700_000, fd);
     let timing = CycleTiming { spin_ns, overrun: OverrunPolicy::Skip };
-    bench.port.adapter_mut().set_cycle_timing(timing);
-    bench.simulation.with_world(|world| world.record_bus_of(0, 0));
+    fixture.port.adapter_mut().set_cycle_timing(timing);
+    fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
     for _ in 0..FRAMES {
-        send(&mut bench, id(0x123), offset_ns);
+        send(&mut fixture, id(0x123), offset_ns);
     }
-    bench.idle(500);
-    let frames = bench.simulation.with_world(|world| world.take_recorded());
+    fixture.idle(500);
+    let frames = fixture.simulation.with_world(|world| world.take_recorded());
     let sent: Vec<_> = frames.iter().filter(|it| it.is_from_channel).collect();
     assert_eq!(sent.len() as u64, FRAMES, "every frame was on the bus");
     if offset_ns.is_some() {
-        let account = bench.port.schedule_account(bench.port.ch(0, 0));
+        let account = fixture.port.schedule_account(fixture.port.ch(0, 0));
         assert_eq!((account.scheduled, account.sent), (FRAMES, FRAMES));
     }
     let periods = sent.windows(2).map(|pair| pair[1].start_ns - pair[0].start_ns);
@@ -70,7 +70,7 @@ fn scheduled_frames_keep_the_window_of_the_manual_and_direct_ones_an_order_less(
 }
 
 #[test]
-fn a_spin_helps_direct_frames_and_is_not_needed_by_scheduled_ones() {
+fn spin_helps_direct_frames_and_is_not_needed_by_scheduled_ones() {
     let (direct, spun) = (errors(None, 0), errors(None, 100_000));
     assert!(spun.p95_ns * 2 < direct.p95_ns, "{spun}");
     assert_eq!(errors(Some(OFFSET_NS), 0), errors(Some(OFFSET_NS), 100_000));

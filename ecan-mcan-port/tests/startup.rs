@@ -1,4 +1,4 @@
-//! What a gateway is told before it goes to OP, and what is refused before the bus is touched.
+//! Configuration of a gateway before OP, and faults that are found before the bus is touched.
 #![allow(missing_docs)]
 
 use std::time::Duration;
@@ -21,7 +21,7 @@ fn downloads(steps: &[StartupStep]) -> Vec<(u16, u8, u32)> {
 }
 
 #[test]
-fn the_sequence_of_the_manual_is_written() {
+fn sequence_of_the_manual_is_written() {
     let adapter = AdapterConfig::new(1).with_multiplier(8);
     let gateway = GatewayConfig::on_all_channels(ChannelConfig::fd(1_000_000, 5_000_000));
     let plan = PortConfig::uniform(1, gateway).startup_plan(&adapter);
@@ -92,7 +92,7 @@ fn every_fault_of_both_configurations_is_reported_at_once() {
     let mut config = PortConfig::from([gateway, GatewayConfig::default()]);
     (0..65).for_each(|_| config.add_filter(0, 0, filter).unwrap());
     let faults = config.check(&adapter).unwrap_err().0;
-    let has = |wanted: &dyn Fn(&PortConfigFault) -> bool| faults.iter().any(wanted);
+    let has = |is_expected: &dyn Fn(&PortConfigFault) -> bool| faults.iter().any(is_expected);
     assert!(has(&|f| matches!(f, PortConfigFault::Adapter(_))), "{faults:?}");
     assert!(has(&|f| matches!(f, PortConfigFault::Channel { slave: 0, channel: 0, .. })));
     assert!(has(&|f| matches!(f, PortConfigFault::Filter { slave: 0, channel: 0, .. })));
@@ -102,7 +102,7 @@ fn every_fault_of_both_configurations_is_reported_at_once() {
 }
 
 #[test]
-fn a_gateway_whose_can_side_is_cut_off_by_a_test_is_refused_unless_allowed() {
+fn gateway_with_a_bypass_test_is_rejected_unless_allowed() {
     let cut_off = |diagnostics: &Diagnostics| {
         let key = 0x4543_414E_u32.to_le_bytes();
         diagnostics.sdo_download(0, 0x8030, 1, &key).unwrap();
@@ -110,14 +110,14 @@ fn a_gateway_whose_can_side_is_cut_off_by_a_test_is_refused_unless_allowed() {
     };
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let mut gateway = GatewayConfig::on_channel(0, classic());
-    let mut bench = Fixture::single(gateway);
-    bench.port.diagnose(cut_off).unwrap();
+    let mut fixture = Fixture::single(gateway);
+    fixture.port.diagnose(cut_off).unwrap();
     let config = PortConfig::uniform(1, gateway);
-    let refused = bench.port.reconfigure((adapter, config)).unwrap_err();
+    let refused = fixture.port.reconfigure((adapter, config)).unwrap_err();
     let PortError::Adapter(Error::Readback { index: 0x8030, subindex: 6, found: 3, .. }) = refused
     else {
         panic!("{refused}")
     };
     gateway.allow_diagnostic_tests = true;
-    bench.port.reconfigure((adapter, PortConfig::uniform(1, gateway))).unwrap();
+    fixture.port.reconfigure((adapter, PortConfig::uniform(1, gateway))).unwrap();
 }

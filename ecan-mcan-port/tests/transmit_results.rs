@@ -25,11 +25,11 @@ fn reports(items: &[Received]) -> Vec<TransmitReport> {
 
 #[test]
 fn every_send_gets_its_own_result() {
-    let mut bench = Fixture::single(with_results());
+    let mut fixture = Fixture::single(with_results());
     let mut tickets = HashSet::new();
     let mut answered = Vec::new();
     for round in 0..20 {
-        let items = bench.cycle(|cycle| {
+        let items = fixture.cycle(|cycle| {
             for channel in 0..4 {
                 let ticket = cycle.send_can(0, channel, id(round), &[channel]).unwrap();
                 assert!(tickets.insert((ticket, channel)), "tickets are unique");
@@ -37,7 +37,7 @@ fn every_send_gets_its_own_result() {
         });
         answered.extend(reports(&items));
     }
-    answered.extend(reports(&bench.idle(10)));
+    answered.extend(reports(&fixture.idle(10)));
     assert_eq!(answered.len(), 80);
     for report in &answered {
         let ticket = report.ticket.expect("known send");
@@ -45,28 +45,28 @@ fn every_send_gets_its_own_result() {
         assert!(tickets.remove(&(ticket, report.channel)), "{report:?}");
     }
     assert!(tickets.is_empty());
-    let statistics = bench.port.statistics(bench.port.gw(0));
+    let statistics = fixture.port.statistics(fixture.port.gw(0));
     assert_eq!(statistics.unmatched_results, 0);
     assert_eq!(statistics.channels.map(|c| c.results_ok), [20; 4]);
 }
 
 #[test]
-fn a_bus_off_channel_answers_with_the_reason() {
+fn bus_off_channel_answers_with_the_reason() {
     let mut gateway = with_results();
     // Frames go out all the same, and manual recovery keeps the channel off.
     gateway.paced = false;
     for settings in gateway.channels.iter_mut().flatten() {
         settings.data_path.bus_off_recovery = ecan_protocol::config::BusOffRecovery::Manual;
     }
-    let mut bench = Fixture::single(gateway);
-    bench.simulation.inject(ecan_sim::Fault::BusOff { gateway: 0, channel: 1 });
-    bench.idle(5);
-    assert!(bench.port.channel_status(bench.port.ch(0, 1)).bus_off());
+    let mut fixture = Fixture::single(gateway);
+    fixture.simulation.inject(ecan_sim::Fault::BusOff { gateway: 0, channel: 1 });
+    fixture.idle(5);
+    assert!(fixture.port.channel_status(fixture.port.ch(0, 1)).bus_off());
     let mut ticket = None;
-    let mut items = bench.cycle(|cycle| ticket = cycle.send_can(0, 1, id(5), &[]).ok());
-    items.extend(bench.idle(5));
+    let mut items = fixture.cycle(|cycle| ticket = cycle.send_can(0, 1, id(5), &[]).ok());
+    items.extend(fixture.idle(5));
     let reports = reports(&items);
     assert_eq!(reports.len(), 1, "{reports:?}");
     assert_eq!((reports[0].ticket, reports[0].code), (ticket, ResultCode::BusOff));
-    assert_eq!(bench.port.statistics(bench.port.gw(0)).channels[1].results_failed, 1);
+    assert_eq!(fixture.port.statistics(fixture.port.gw(0)).channels[1].results_failed, 1);
 }

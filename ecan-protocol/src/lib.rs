@@ -38,6 +38,7 @@
 #![deny(missing_docs)]
 
 mod copy;
+mod text_enum;
 
 pub mod can;
 pub mod config;

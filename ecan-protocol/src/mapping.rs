@@ -1,7 +1,5 @@
 //! Process data directions and the 128 byte chunk mapping (manual 5.1, 5.3).
 
-use core::fmt;
-
 /// CAN channels of a gateway.
 pub const CHANNELS: usize = 4;
 /// Bytes of one mapping chunk, the unit of the PDO size.
@@ -19,13 +17,14 @@ pub const MAX_PDO_BYTES: usize = MAX_MULTIPLIER as usize * CHUNK_BYTES;
 /// Most packets in one image: the header counts them in one byte.
 pub const MAX_PACKETS: usize = 255;
 
-/// A direction of process data, named as seen by the slave, as in the manual.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Direction {
+crate::text_enum! {
+    /// A direction of process data, named as seen by the slave, as in the manual.
+    #[derive(PartialOrd, Ord)]
+    pub enum Direction;
     /// Slave to master (SM3, inputs): received CAN frames. Controlled by 0x8010.
-    TxPdo,
+    TxPdo = "TxPDO";
     /// Master to slave (SM2, outputs): CAN frames to send. Controlled by 0x8011.
-    RxPdo,
+    RxPdo = "RxPDO";
 }
 
 impl Direction {
@@ -33,7 +32,6 @@ impl Direction {
     pub const ALL: [Self; 2] = [Self::TxPdo, Self::RxPdo];
 
     /// The PDO Profile Control object of this direction: 0x8010 or 0x8011 (manual 13.2).
-    #[must_use]
     pub const fn profile_object(self) -> u16 {
         match self {
             Self::TxPdo => 0x8010,
@@ -42,17 +40,7 @@ impl Direction {
     }
 }
 
-impl fmt::Display for Direction {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::TxPdo => "TxPDO",
-            Self::RxPdo => "RxPDO",
-        })
-    }
-}
-
 /// Index of the PDO that maps a chunk: 0x1A00 or 0x1600 plus `chunk` (0 to 23).
-#[must_use]
 pub const fn pdo_map_index(direction: Direction, chunk: u8) -> u16 {
     let base: u16 = match direction {
         Direction::TxPdo => 0x1A00,
@@ -65,14 +53,12 @@ pub const fn pdo_map_index(direction: Direction, chunk: u8) -> u16 {
 ///
 /// The manual counts from 1; the host reads the actual subindex of a gateway before it registers
 /// entries.
-#[must_use]
 pub const fn map_subindex(unit: u8) -> u8 {
     unit.saturating_add(1)
 }
 
 /// Index of the data object of a unit: 0x6000 or 0x7000 plus 0x80 for each chunk (0 to 23)
 /// and 0x10 for each unit (0 to 7).
-#[must_use]
 pub const fn data_object_index(direction: Direction, chunk: u8, unit: u8) -> u16 {
     let base: u16 = match direction {
         Direction::TxPdo => 0x6000,
@@ -82,7 +68,6 @@ pub const fn data_object_index(direction: Direction, chunk: u8, unit: u8) -> u16
 }
 
 /// Returns direction, chunk and unit of a data object; `None` for other objects.
-#[must_use]
 pub const fn locate_data_object(index: u16) -> Option<(Direction, u8, u8)> {
     let direction = match index & 0xF000 {
         0x6000 => Direction::TxPdo,
@@ -98,13 +83,11 @@ pub const fn locate_data_object(index: u16) -> Option<(Direction, u8, u8)> {
 }
 
 /// Offset of a unit in the continuous image, in bytes.
-#[must_use]
 pub const fn buffer_offset(chunk: u8, unit: u8) -> usize {
     chunk as usize * CHUNK_BYTES + unit as usize * UNIT_BYTES
 }
 
 /// The sync manager PDO assignment object: 0x1C13 for TxPDO, 0x1C12 for RxPDO.
-#[must_use]
 pub const fn assignment_index(direction: Direction) -> u16 {
     match direction {
         Direction::TxPdo => 0x1C13,
@@ -113,7 +96,6 @@ pub const fn assignment_index(direction: Direction) -> u16 {
 }
 
 /// The sync manager of a direction: 3 for TxPDO, 2 for RxPDO.
-#[must_use]
 pub const fn sync_manager(direction: Direction) -> u8 {
     match direction {
         Direction::TxPdo => 3,
@@ -122,7 +104,6 @@ pub const fn sync_manager(direction: Direction) -> u8 {
 }
 
 /// Physical start address of the direction's sync manager (manual 5.3).
-#[must_use]
 pub const fn sync_manager_address(direction: Direction) -> u16 {
     match direction {
         Direction::TxPdo => 0x1D00,
@@ -131,7 +112,6 @@ pub const fn sync_manager_address(direction: Direction) -> u16 {
 }
 
 /// Control byte of the direction's sync manager, a single buffer (manual 5.3).
-#[must_use]
 pub const fn sync_manager_control(direction: Direction) -> u8 {
     match direction {
         Direction::TxPdo => 0x22,

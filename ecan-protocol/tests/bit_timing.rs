@@ -2,7 +2,7 @@
 
 use ecan_protocol::can::{
     BITRATE_TOLERANCE_PPM, BitTiming, BitTimingError, MCAN_CLOCK_HZ, Phase, SamplePoint,
-    solve_data, solve_nominal, tdc_active,
+    solve_bit_timing, tdc_active,
 };
 use proptest::prelude::*;
 
@@ -29,7 +29,11 @@ fn nominal_timings_match_hand_calculation() {
         (10_000, 750, 875, timing(25, 256, 63, 63)),
         (10_000, 875, 875, timing(40, 174, 25, 25)),
     ] {
-        assert_eq!(solve_nominal(CLOCK, bitrate, min, max), Ok(expected), "{bitrate}");
+        assert_eq!(
+            solve_bit_timing(Phase::Nominal, CLOCK, bitrate, min, max),
+            Ok(expected),
+            "{bitrate}"
+        );
         assert_eq!(expected.bitrate(CLOCK), bitrate);
         assert!(expected.fits(Phase::Nominal));
     }
@@ -47,7 +51,7 @@ fn data_timings_match_hand_calculation() {
         (2_000_000, 875, 875, timing(5, 6, 1, 1)),
         (1_000_000, 800, 800, timing(2, 31, 8, 8)),
     ] {
-        let solved = solve_data(CLOCK, bitrate, min, max);
+        let solved = solve_bit_timing(Phase::Data, CLOCK, bitrate, min, max);
         assert_eq!(solved, Ok(expected), "{bitrate}");
         assert!(expected.fits(Phase::Data));
     }
@@ -58,7 +62,8 @@ fn five_megabit_has_three_sample_points_in_the_default_window() {
     let mut found = Vec::new();
     for permille in 750..=875 {
         // Windows of 0.1 %: 81.25 % lies between 81.2 and 81.3.
-        if let Ok(timing) = solve_data(CLOCK, 5_000_000, permille, permille + 1) {
+        if let Ok(timing) = solve_bit_timing(Phase::Data, CLOCK, 5_000_000, permille, permille + 1)
+        {
             assert_eq!(timing.quanta(), 16);
             found.push(timing.sample_point());
         }
@@ -69,13 +74,13 @@ fn five_megabit_has_three_sample_points_in_the_default_window() {
 
 #[test]
 fn impossible_window_names_nearest_sample_points() {
-    let error = solve_data(CLOCK, 5_000_000, 800, 800).unwrap_err();
+    let error = solve_bit_timing(Phase::Data, CLOCK, 5_000_000, 800, 800).unwrap_err();
     assert_eq!(
         error.to_string(),
         "no sample point between 80 % and 80 % at 5000000 bit/s, nearest are 75 % and 81.25 %"
     );
     // With 10 quanta at 8 Mbit/s and TSEG2 of 1 the last point is 90 %.
-    let error = solve_data(CLOCK, 8_000_000, 950, 960).unwrap_err();
+    let error = solve_bit_timing(Phase::Data, CLOCK, 8_000_000, 950, 960).unwrap_err();
     assert_eq!(
         error.to_string(),
         "no sample point between 95 % and 96 % at 8000000 bit/s, nearest is 90 %"
@@ -85,7 +90,7 @@ fn impossible_window_names_nearest_sample_points() {
 #[test]
 fn impossible_bit_rate_names_nearest() {
     // 80 MHz / 3 Mbit/s is 26.67.
-    let error = solve_data(CLOCK, 3_000_000, 750, 875).unwrap_err();
+    let error = solve_bit_timing(Phase::Data, CLOCK, 3_000_000, 750, 875).unwrap_err();
     assert_eq!(
         error.to_string(),
         "3000000 bit/s cannot be divided from a clock of 80000000 Hz, \
@@ -93,7 +98,7 @@ fn impossible_bit_rate_names_nearest() {
     );
     // Slower than 512 * 385 periods.
     assert_eq!(
-        solve_nominal(CLOCK, 100, 750, 875),
+        solve_bit_timing(Phase::Nominal, CLOCK, 100, 750, 875),
         Err(BitTimingError::Bitrate {
             clock_hz: CLOCK,
             bitrate: 100,
@@ -101,10 +106,10 @@ fn impossible_bit_rate_names_nearest() {
             above: Some(405)
         })
     );
-    assert_eq!(solve_nominal(CLOCK, 0, 750, 875), Err(BitTimingError::Zero));
-    assert_eq!(solve_nominal(0, 500_000, 750, 875), Err(BitTimingError::Zero));
+    assert_eq!(solve_bit_timing(Phase::Nominal, CLOCK, 0, 750, 875), Err(BitTimingError::Zero));
+    assert_eq!(solve_bit_timing(Phase::Nominal, 0, 500_000, 750, 875), Err(BitTimingError::Zero));
     assert_eq!(
-        solve_nominal(CLOCK, 500_000, 875, 750).unwrap_err().to_string(),
+        solve_bit_timing(Phase::Nominal, CLOCK, 500_000, 875, 750).unwrap_err().to_string(),
         "sample point window 87.5 %..75 % is not a range inside 0..100 %"
     );
 }
@@ -112,7 +117,7 @@ fn impossible_bit_rate_names_nearest() {
 #[test]
 fn odd_bit_rates_are_solved_within_tolerance() {
     // 83.333 kbit/s: 960 periods give 83333.33 bit/s.
-    let timing = solve_nominal(CLOCK, 83_333, 750, 875).unwrap();
+    let timing = solve_bit_timing(Phase::Nominal, CLOCK, 83_333, 750, 875).unwrap();
     assert_eq!(timing.clocks_per_bit(), 960);
     assert_eq!(timing.bitrate(CLOCK), 83_333);
 }
@@ -135,7 +140,6 @@ fn sample_point_display_is_percent() {
     assert_eq!(SamplePoint(8750).to_string(), "87.5 %");
     assert_eq!(SamplePoint(8000).to_string(), "80 %");
     assert_eq!(SamplePoint(8005).to_string(), "80.05 %");
-    assert_eq!(timing(1, 12, 3, 3).sample_point_permille(), 813);
 }
 
 /// Every timing of a prescaler for a bit rate of a phase, by trying all.
@@ -187,9 +191,9 @@ proptest! {
     ) {
         let max = (min + width).min(1000);
         let (phase, solved) = if data_phase {
-            (Phase::Data, solve_data(clock, rate, min, max))
+            (Phase::Data, solve_bit_timing(Phase::Data, clock, rate, min, max))
         } else {
-            (Phase::Nominal, solve_nominal(clock, rate, min, max))
+            (Phase::Nominal, solve_bit_timing(Phase::Nominal, clock, rate, min, max))
         };
         let all = all_timings(phase, clock, rate);
         let good: Vec<_> = all.iter().filter(|(_, t)| inside(t, min, max)).collect();

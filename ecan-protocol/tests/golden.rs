@@ -181,7 +181,7 @@ fn remote_frame_packet() {
 
 /// Manual 8.3: with D64 the data has 64 bytes for every DLC.
 #[test]
-fn a_window_of_64_bytes() {
+fn window_of_64_bytes() {
     let profile = PdoProfile { profile: EncapsulationProfile::Window64, ..PdoProfile::default() };
     let frame = FrameRef::fd(standard(0x10), &[0xAB; 12], false, false).unwrap();
     let classic = FrameRef::classic(standard(0x11), &[0xCD]).unwrap();

@@ -32,7 +32,7 @@ fn full_image_rejects_the_whole_frame() {
 }
 
 #[test]
-fn the_header_counts_no_more_than_255_packets() {
+fn header_counts_no_more_than_255_packets() {
     let mut image = [0; 3072];
     let profile = PdoProfile { multiplier: 24, ..PdoProfile::default() };
     let mut writer = ImageWriter::new(Direction::RxPdo, profile);

@@ -4,7 +4,7 @@
 
 mod ecrt_support;
 
-use ecan_canopen::NodeId;
+use ecan_canopen::{NmtState, NodeId};
 use ecan_protocol::can::{CanFrame, CanId, FrameKind};
 use ecan_protocol::config::DataPathConfig;
 use ecan_sim::{
@@ -370,7 +370,8 @@ fn state(program: &Program, digest: &mut Digest) {
         for (_, drive) in world.drives() {
             digest.numbers(&[drive.position() as u64, drive.mechanical_position().to_bits()]);
             digest.numbers(&[drive.velocity().to_bits(), drive.torque().to_bits()]);
-            digest.numbers(&[drive.statusword().0.into(), drive.nmt_state() as u64]);
+            let nmt_state = NmtState::ALL.iter().position(|state| *state == drive.nmt_state());
+            digest.numbers(&[drive.statusword().0.into(), nmt_state.unwrap() as u64]);
             digest.numbers(&[drive.syncs(), drive.received_pdos(), drive.emergencies_sent()]);
             digest.numbers(&[drive.demand() as u64, drive.following_error() as u64]);
             digest.number(drive.error_code().into());

@@ -1,7 +1,7 @@
 //! The object behind the contexts of one master: the Adapter, a Port on it, axes on the Port.
 
 use ecan_cia402::{Cia402, SendSummary};
-use ecan_host::{Adapter, RequestId};
+use ecan_host::{Adapter, SdoRequestId};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
@@ -70,7 +70,7 @@ impl From<SendTicket> for LastTicket {
 /// An SDO request of the application.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Request {
-    pub(crate) id: RequestId,
+    pub(crate) id: SdoRequestId,
     pub(crate) size: usize,
 }
 

@@ -8,7 +8,7 @@ use super::node_id::NodeId;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CobId(u16);
 
-/// What an identifier of the predefined connection set carries.
+/// Content of a COB-ID of the predefined connection set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Service {
     /// NMT command, to all nodes.
@@ -43,59 +43,46 @@ impl CobId {
     pub const TIME: Self = Self(0x100);
 
     /// Emergency of a node.
-    #[must_use]
     pub const fn emcy(node: NodeId) -> Self {
         Self(0x080 + node.get() as u16)
     }
 
     /// Process data sent by a node; `number` 1 to 4, above that counted as 4.
-    #[must_use]
     pub const fn tpdo(node: NodeId, number: u8) -> Self {
         Self::pdo(FIRST_TPDO, node, number)
     }
 
     /// Process data received by a node; `number` 1 to 4, above that counted as 4.
-    #[must_use]
     pub const fn rpdo(node: NodeId, number: u8) -> Self {
         Self::pdo(FIRST_RPDO, node, number)
     }
 
     const fn pdo(first: u16, node: NodeId, number: u8) -> Self {
-        let nth = match number {
-            0 | 1 => 0,
-            2 => 1,
-            3 => 2,
-            _ => 3,
-        };
-        Self(first + nth * 0x100 + node.get() as u16)
+        let nth = if number > 4 { 3 } else { number.saturating_sub(1) };
+        Self(first + nth as u16 * 0x100 + node.get() as u16)
     }
 
     /// SDO request to a node.
-    #[must_use]
     pub const fn sdo_client(node: NodeId) -> Self {
         Self(0x600 + node.get() as u16)
     }
 
     /// SDO answer of a node.
-    #[must_use]
     pub const fn sdo_server(node: NodeId) -> Self {
         Self(0x580 + node.get() as u16)
     }
 
     /// Boot-up and heartbeat of a node.
-    #[must_use]
     pub const fn heartbeat(node: NodeId) -> Self {
         Self(0x700 + node.get() as u16)
     }
 
     /// The number.
-    #[must_use]
     pub const fn raw(self) -> u16 {
         self.0
     }
 
     /// The identifier for a frame.
-    #[must_use]
     pub fn can_id(self) -> CanId {
         CanId::standard(self.0).unwrap_or_else(|_| {
             // infallible: every constructor stays below 0x780
@@ -103,9 +90,8 @@ impl CobId {
         })
     }
 
-    /// What an identifier carries, by the predefined connection set; `None` for an extended
+    /// The content of a COB-ID, by the predefined connection set; `None` for an extended
     /// identifier and for one that the set leaves free.
-    #[must_use]
     pub fn classify(id: CanId) -> Option<Service> {
         if id.is_extended() {
             return None;
@@ -122,14 +108,8 @@ impl CobId {
         };
         Some(match function {
             0x080 => Service::Emcy(node),
-            0x180 => Service::Tpdo(node, 1),
-            0x200 => Service::Rpdo(node, 1),
-            0x280 => Service::Tpdo(node, 2),
-            0x300 => Service::Rpdo(node, 2),
-            0x380 => Service::Tpdo(node, 3),
-            0x400 => Service::Rpdo(node, 3),
-            0x480 => Service::Tpdo(node, 4),
-            0x500 => Service::Rpdo(node, 4),
+            0x180 | 0x280 | 0x380 | 0x480 => Service::Tpdo(node, (function >> 8) as u8),
+            0x200 | 0x300 | 0x400 | 0x500 => Service::Rpdo(node, (function >> 8) as u8 - 1),
             0x580 => Service::SdoServer(node),
             0x600 => Service::SdoClient(node),
             0x700 => Service::Heartbeat(node),

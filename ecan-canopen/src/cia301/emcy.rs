@@ -1,4 +1,4 @@
-//! Emergency messages (CiA 301, 7.2.7) and the error codes of CiA 402 in words.
+//! Emergency messages (CiA 301, 7.2.7) and the texts of the error codes of CiA 402.
 
 use core::fmt;
 
@@ -23,7 +23,6 @@ impl ErrorRegister {
     pub const MANUFACTURER: Self = Self(1 << 7);
 
     /// Whether all bits of `other` are set.
-    #[must_use]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
@@ -57,40 +56,39 @@ impl fmt::Display for ErrorRegister {
     }
 }
 
-/// Class of an error code: its upper half.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum EmcyClass {
+ecan_protocol::text_enum! {
+    /// Class of an error code: its upper half.
+    pub enum EmcyClass;
     /// 0x00xx: reset, no error.
-    NoError,
+    NoError = "error reset";
     /// 0x10xx.
-    Generic,
+    Generic = "generic error";
     /// 0x20xx to 0x23xx.
-    Current,
+    Current = "current";
     /// 0x30xx to 0x33xx.
-    Voltage,
+    Voltage = "voltage";
     /// 0x40xx to 0x42xx.
-    Temperature,
+    Temperature = "temperature";
     /// 0x50xx.
-    Hardware,
+    Hardware = "device hardware";
     /// 0x60xx to 0x63xx.
-    Software,
+    Software = "device software";
     /// 0x70xx.
-    AdditionalModules,
+    AdditionalModules = "additional modules";
     /// 0x80xx to 0x82xx.
-    Monitoring,
+    Monitoring = "monitoring";
     /// 0x90xx.
-    External,
+    External = "external error";
     /// 0xF0xx.
-    AdditionalFunctions,
+    AdditionalFunctions = "additional functions";
     /// 0xFFxx.
-    DeviceSpecific,
+    DeviceSpecific = "device specific";
     /// Anything else.
-    Unknown,
+    Unknown = "unknown class";
 }
 
 impl EmcyClass {
     /// The class of a code.
-    #[must_use]
     pub const fn of(code: u16) -> Self {
         match code >> 8 {
             0x00 => Self::NoError,
@@ -110,28 +108,7 @@ impl EmcyClass {
     }
 }
 
-impl fmt::Display for EmcyClass {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::NoError => "error reset",
-            Self::Generic => "generic error",
-            Self::Current => "current",
-            Self::Voltage => "voltage",
-            Self::Temperature => "temperature",
-            Self::Hardware => "device hardware",
-            Self::Software => "device software",
-            Self::AdditionalModules => "additional modules",
-            Self::Monitoring => "monitoring",
-            Self::External => "external error",
-            Self::AdditionalFunctions => "additional functions",
-            Self::DeviceSpecific => "device specific",
-            Self::Unknown => "unknown class",
-        })
-    }
-}
-
 /// The meaning of an error code that CiA 301 or CiA 402 names.
-#[must_use]
 pub const fn error_code_text(code: u16) -> Option<&'static str> {
     Some(match code {
         0x0000 => "no error",
@@ -202,19 +179,11 @@ pub struct Emcy {
 
 impl Emcy {
     /// Class of the code.
-    #[must_use]
     pub const fn class(&self) -> EmcyClass {
         EmcyClass::of(self.code)
     }
 
-    /// Whether it reports that an error has gone.
-    #[must_use]
-    pub const fn is_reset(&self) -> bool {
-        matches!(self.class(), EmcyClass::NoError)
-    }
-
     /// The data of the frame.
-    #[must_use]
     pub const fn to_bytes(self) -> [u8; 8] {
         let [low, high] = self.code.to_le_bytes();
         let [a, b, c, d, e] = self.manufacturer;
@@ -222,7 +191,6 @@ impl Emcy {
     }
 
     /// Reads the data of a frame; `None` unless it has 8 bytes.
-    #[must_use]
     pub fn parse(data: &[u8]) -> Option<Self> {
         let &[low, high, register, a, b, c, d, e] = data else { return None };
         Some(Self {
@@ -238,7 +206,7 @@ impl fmt::Display for Emcy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "0x{:04X} ", self.code)?;
         match error_code_text(self.code) {
-            Some(words) => write!(f, "{words} ({})", self.class())?,
+            Some(text) => write!(f, "{text} ({})", self.class())?,
             None => write!(f, "{}", self.class())?,
         }
         write!(f, ", error register: {}", self.register)
@@ -262,8 +230,7 @@ mod tests {
             emcy.to_string(),
             "0x8611 following error (monitoring), error register: generic, device profile"
         );
-        assert!(!emcy.is_reset());
-        assert!(Emcy { code: 0, ..emcy }.is_reset());
+        assert_eq!(Emcy { code: 0, ..emcy }.class(), EmcyClass::NoError);
         assert_eq!(Emcy::parse(&[0; 7]), None);
     }
 }

@@ -4,14 +4,12 @@ use super::nmt::NmtState;
 use super::node_id::NodeId;
 
 /// Data of a heartbeat; with [`NmtState::Initialising`] that of the boot-up message.
-#[must_use]
 pub const fn heartbeat_data(state: NmtState) -> [u8; 1] {
     [state.raw()]
 }
 
 /// The state that a heartbeat or boot-up message reports. The toggle bit of node guarding, bit 7,
 /// is ignored. `None` for what is neither.
-#[must_use]
 pub fn parse_heartbeat(data: &[u8]) -> Option<NmtState> {
     let &[byte] = data else { return None };
     NmtState::from_raw(byte & 0x7F)
@@ -22,19 +20,17 @@ pub fn parse_heartbeat(data: &[u8]) -> Option<NmtState> {
 pub struct HeartbeatConsumer {
     /// Whose heartbeat is watched.
     pub producer: NodeId,
-    /// How long it may be missing, in milliseconds.
+    /// Longest time without it, in milliseconds.
     pub time_ms: u16,
 }
 
 impl HeartbeatConsumer {
     /// The value of the entry.
-    #[must_use]
     pub const fn raw(self) -> u32 {
         (self.producer.get() as u32) << 16 | self.time_ms as u32
     }
 
     /// Reads an entry; `None` for one that is not used.
-    #[must_use]
     pub const fn from_raw(raw: u32) -> Option<Self> {
         let [time_low, time_high, producer, reserved] = raw.to_le_bytes();
         let time_ms = u16::from_le_bytes([time_low, time_high]);

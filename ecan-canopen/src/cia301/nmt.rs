@@ -1,61 +1,20 @@
 //! Network management (CiA 301, 7.2.8.3).
 
-use core::fmt;
-
 use super::node_id::NodeId;
 
-/// A command of the NMT master.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum NmtCommand {
+ecan_protocol::text_enum! {
+    /// A command of the NMT master.
+    pub enum NmtCommand: u8;
     /// To OPERATIONAL.
-    Start,
+    Start = 0x01, "start";
     /// To STOPPED.
-    Stop,
+    Stop = 0x02, "stop";
     /// To PRE-OPERATIONAL.
-    EnterPreOperational,
+    EnterPreOperational = 0x80, "enter pre-operational";
     /// Restart of the device.
-    ResetNode,
+    ResetNode = 0x81, "reset node";
     /// Restart of its communication.
-    ResetCommunication,
-}
-
-impl NmtCommand {
-    /// The command specifier.
-    #[must_use]
-    pub const fn raw(self) -> u8 {
-        match self {
-            Self::Start => 0x01,
-            Self::Stop => 0x02,
-            Self::EnterPreOperational => 0x80,
-            Self::ResetNode => 0x81,
-            Self::ResetCommunication => 0x82,
-        }
-    }
-
-    /// The command with this specifier.
-    #[must_use]
-    pub const fn from_raw(raw: u8) -> Option<Self> {
-        Some(match raw {
-            0x01 => Self::Start,
-            0x02 => Self::Stop,
-            0x80 => Self::EnterPreOperational,
-            0x81 => Self::ResetNode,
-            0x82 => Self::ResetCommunication,
-            _ => return None,
-        })
-    }
-}
-
-impl fmt::Display for NmtCommand {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Start => "start",
-            Self::Stop => "stop",
-            Self::EnterPreOperational => "enter pre-operational",
-            Self::ResetNode => "reset node",
-            Self::ResetCommunication => "reset communication",
-        })
-    }
+    ResetCommunication = 0x82, "reset communication";
 }
 
 /// A command and whom it is for.
@@ -69,13 +28,11 @@ pub struct NmtRequest {
 
 impl NmtRequest {
     /// Whether the node has to follow it.
-    #[must_use]
     pub fn concerns(&self, node: NodeId) -> bool {
         self.node.is_none_or(|one| one == node)
     }
 
     /// The data of the frame.
-    #[must_use]
     pub const fn to_bytes(self) -> [u8; 2] {
         let node = match self.node {
             Some(node) => node.get(),
@@ -85,7 +42,6 @@ impl NmtRequest {
     }
 
     /// Reads the data of a frame; `None` for what is no NMT command.
-    #[must_use]
     pub fn parse(data: &[u8]) -> Option<Self> {
         let &[command, node] = data else { return None };
         let command = NmtCommand::from_raw(command)?;
@@ -96,53 +52,17 @@ impl NmtRequest {
     }
 }
 
-/// NMT state of a node.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum NmtState {
+ecan_protocol::text_enum! {
+    /// NMT state of a node.
+    pub enum NmtState: u8;
     /// Booting; the boot-up message reports it.
-    Initialising,
+    Initialising = 0x00, "initialising";
     /// Answers NMT and sends heartbeats only.
-    Stopped,
+    Stopped = 0x04, "stopped";
     /// Everything runs, PDOs included.
-    Operational,
+    Operational = 0x05, "operational";
     /// SDO, SYNC, EMCY, no PDOs.
-    PreOperational,
-}
-
-impl NmtState {
-    /// The number in heartbeats.
-    #[must_use]
-    pub const fn raw(self) -> u8 {
-        match self {
-            Self::Initialising => 0x00,
-            Self::Stopped => 0x04,
-            Self::Operational => 0x05,
-            Self::PreOperational => 0x7F,
-        }
-    }
-
-    /// The state with this number.
-    #[must_use]
-    pub const fn from_raw(raw: u8) -> Option<Self> {
-        Some(match raw {
-            0x00 => Self::Initialising,
-            0x04 => Self::Stopped,
-            0x05 => Self::Operational,
-            0x7F => Self::PreOperational,
-            _ => return None,
-        })
-    }
-}
-
-impl fmt::Display for NmtState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Initialising => "initialising",
-            Self::Stopped => "stopped",
-            Self::Operational => "operational",
-            Self::PreOperational => "pre-operational",
-        })
-    }
+    PreOperational = 0x7F, "pre-operational";
 }
 
 #[cfg(test)]

@@ -13,13 +13,11 @@ impl NodeId {
     pub const MAX: Self = Self(127);
 
     /// The id with this number; `None` outside 1 to 127.
-    #[must_use]
     pub const fn new(id: u8) -> Option<Self> {
         if id >= 1 && id <= 127 { Some(Self(id)) } else { None }
     }
 
     /// The number.
-    #[must_use]
     pub const fn get(self) -> u8 {
         self.0
     }

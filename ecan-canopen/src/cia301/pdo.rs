@@ -17,19 +17,16 @@ pub struct MappingEntry {
 
 impl MappingEntry {
     /// An entry.
-    #[must_use]
     pub const fn new(index: u16, subindex: u8, bits: u8) -> Self {
         Self { index, subindex, bits }
     }
 
     /// The value of the entry.
-    #[must_use]
     pub const fn raw(self) -> u32 {
         (self.index as u32) << 16 | (self.subindex as u32) << 8 | self.bits as u32
     }
 
     /// The entry with this value.
-    #[must_use]
     pub const fn from_raw(raw: u32) -> Self {
         let [bits, subindex, low, high] = raw.to_le_bytes();
         Self { index: u16::from_le_bytes([low, high]), subindex, bits }
@@ -59,7 +56,6 @@ pub struct PdoCobId {
 
 impl PdoCobId {
     /// An existing PDO that no remote frame may ask for.
-    #[must_use]
     pub const fn new(id: CanId) -> Self {
         Self { id, is_valid: true, allows_rtr: false }
     }
@@ -71,7 +67,6 @@ impl PdoCobId {
     }
 
     /// The value of the entry.
-    #[must_use]
     pub fn raw(self) -> u32 {
         let flag = |set, bit| if set { bit } else { 0 };
         self.id.raw()
@@ -81,7 +76,6 @@ impl PdoCobId {
     }
 
     /// The entry with this value; `None` for an 11-bit identifier that has more bits.
-    #[must_use]
     pub fn from_raw(raw: u32) -> Option<Self> {
         let id = CanId::new(raw & 0x1FFF_FFFF, raw & EXTENDED != 0).ok()?;
         Some(Self { id, is_valid: raw & INVALID == 0, allows_rtr: raw & NO_RTR == 0 })
@@ -107,7 +101,6 @@ pub enum TransmissionType {
 
 impl TransmissionType {
     /// The number.
-    #[must_use]
     pub const fn raw(self) -> u8 {
         match self {
             Self::SynchronousAcyclic => 0,
@@ -120,7 +113,6 @@ impl TransmissionType {
     }
 
     /// The type with this number; `None` for the reserved 241 to 251.
-    #[must_use]
     pub const fn from_raw(raw: u8) -> Option<Self> {
         Some(match raw {
             0 => Self::SynchronousAcyclic,
@@ -134,7 +126,6 @@ impl TransmissionType {
     }
 
     /// Whether SYNC rules it.
-    #[must_use]
     pub const fn is_synchronous(self) -> bool {
         matches!(self, Self::SynchronousAcyclic | Self::Synchronous(_) | Self::RtrSynchronous)
     }

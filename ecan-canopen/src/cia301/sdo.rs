@@ -1,8 +1,8 @@
-//! What SDO frames of both directions share (CiA 301, 7.2.4.3).
+//! Common parts of the SDO frames of both directions (CiA 301, 7.2.4.3).
 
 use thiserror::Error;
 
-/// Why eight bytes are no SDO frame.
+/// Error: data that is not an SDO frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum SdoDecodeError {
     /// SDO frames have 8 data bytes.
@@ -19,26 +19,25 @@ pub enum SdoDecodeError {
     },
 }
 
-/// How a transfer begins: with all of a short value, or with the size of a long one.
+/// Begin of a transfer: all of a short value, or the size of a long one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Initiate {
     /// The value itself, up to 4 bytes.
     Expedited {
         /// The value; bytes behind its length are 0 or without meaning.
         data: [u8; 4],
-        /// Its length, 1 to 4; `None` when it is not told.
+        /// Its length, 1 to 4; `None` if not given.
         length: Option<u8>,
     },
     /// Segments follow.
     Segmented {
-        /// Bytes in all; `None` when it is not told.
+        /// Bytes in all; `None` if not given.
         size: Option<u32>,
     },
 }
 
 impl Initiate {
     /// An expedited value of up to 4 bytes; `None` for an empty or a longer one.
-    #[must_use]
     pub fn expedited(value: &[u8]) -> Option<Self> {
         let length = u8::try_from(value.len()).ok().filter(|length| (1..=4).contains(length))?;
         let mut data = [0; 4];
@@ -48,7 +47,6 @@ impl Initiate {
         Some(Self::Expedited { data, length: Some(length) })
     }
 
-    /// The low bits of the command and the last four bytes of the frame.
     pub(crate) const fn encode(self) -> (u8, [u8; 4]) {
         match self {
             Self::Expedited { data, length: Some(length) } => {
@@ -80,13 +78,12 @@ pub struct Segment {
     pub last: bool,
     /// Its bytes.
     pub data: [u8; 7],
-    /// How many of them count, 0 to 7.
+    /// Number of valid bytes, 0 to 7.
     pub length: u8,
 }
 
 impl Segment {
     /// A segment of up to 7 bytes; what is longer is cut.
-    #[must_use]
     pub fn new(toggle: bool, value: &[u8], last: bool) -> Self {
         let mut data = [0; 7];
         for (to, from) in data.iter_mut().zip(value) {
@@ -96,7 +93,6 @@ impl Segment {
     }
 
     /// The bytes that count.
-    #[must_use]
     pub fn bytes(&self) -> &[u8] {
         self.data.get(..usize::from(self.length)).unwrap_or(&self.data)
     }
@@ -128,7 +124,6 @@ pub(crate) const fn object_frame(command: u8, index: u16, subindex: u8, tail: [u
     [command, low, high, subindex, a, b, c, d]
 }
 
-/// Command, index, subindex and the last four bytes.
 pub(crate) const fn object_parts(frame: &[u8; 8]) -> (u8, u16, u8, [u8; 4]) {
     let [command, low, high, subindex, a, b, c, d] = *frame;
     (command, u16::from_le_bytes([low, high]), subindex, [a, b, c, d])

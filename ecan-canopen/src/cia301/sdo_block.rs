@@ -18,7 +18,6 @@ pub struct BlockSegment {
 
 impl BlockSegment {
     /// A segment of up to 7 bytes, filled up with zeros.
-    #[must_use]
     pub fn new(sequence: u8, value: &[u8], last: bool) -> Self {
         let mut data = [0; 7];
         for (to, from) in data.iter_mut().zip(value) {
@@ -28,7 +27,6 @@ impl BlockSegment {
     }
 
     /// The frame.
-    #[must_use]
     pub fn to_bytes(self) -> [u8; 8] {
         let mut frame = [0; 8];
         frame[0] = self.sequence & !END | if self.last { END } else { 0 };
@@ -37,8 +35,7 @@ impl BlockSegment {
     }
 
     /// Reads a frame that comes while a block is under way; `None` without a number from 1 to
-    /// 127 or without 8 bytes. An abort (0x80) is told apart by its number 0.
-    #[must_use]
+    /// 127 or without 8 bytes. An abort (0x80) has the number 0.
     pub fn parse(data: &[u8]) -> Option<Self> {
         let &[head, a, b, c, d, e, f, g] = data else { return None };
         let sequence = head & !END;
@@ -52,12 +49,11 @@ impl BlockSegment {
 
 /// CRC of a value that block transfer carries: CRC-16 with polynomial 0x1021 and start value 0
 /// (XMODEM). `crc` is that of what came before, 0 at first.
-#[must_use]
 pub fn block_crc(crc: u16, value: &[u8]) -> u16 {
     value.iter().fold(crc, |crc, byte| {
-        let place = usize::from((crc >> 8) as u8 ^ byte);
+        let nth = usize::from((crc >> 8) as u8 ^ byte);
         // infallible: a byte indexes a table of 256
-        crc << 8 ^ TABLE[place]
+        crc << 8 ^ TABLE[nth]
     })
 }
 

@@ -61,7 +61,7 @@ pub enum ClientFrame {
         index: u16,
         /// Subindex.
         subindex: u8,
-        /// Bytes in all, if told.
+        /// Bytes in all, if given.
         size: Option<u32>,
         /// The client computes the CRC.
         crc: bool,
@@ -79,14 +79,13 @@ pub enum ClientFrame {
         index: u16,
         /// Subindex.
         subindex: u8,
-        /// Why.
+        /// Reason.
         code: AbortCode,
     },
 }
 
 impl ClientFrame {
     /// The data of the CAN frame.
-    #[must_use]
     pub fn to_bytes(self) -> [u8; 8] {
         match self {
             Self::Upload { index, subindex } => object_frame(0x40, index, subindex, [0; 4]),

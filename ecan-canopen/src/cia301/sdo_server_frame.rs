@@ -37,7 +37,7 @@ pub enum ServerFrame {
         index: u16,
         /// Subindex.
         subindex: u8,
-        /// Bytes in all, if told.
+        /// Bytes in all, if given.
         size: Option<u32>,
         /// The server computes the CRC.
         crc: bool,
@@ -75,14 +75,13 @@ pub enum ServerFrame {
         index: u16,
         /// Subindex.
         subindex: u8,
-        /// Why.
+        /// Reason.
         code: AbortCode,
     },
 }
 
 impl ServerFrame {
     /// The data of the CAN frame.
-    #[must_use]
     pub fn to_bytes(self) -> [u8; 8] {
         match self {
             Self::Upload { index, subindex, initiate } => {

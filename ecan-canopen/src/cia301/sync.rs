@@ -6,13 +6,11 @@ use super::cob_id::CobId;
 pub const SYNC_COB_ID: CobId = CobId::SYNC;
 
 /// Data of a SYNC: nothing, or the counter (1 to 240).
-#[must_use]
 pub fn sync_data(counter: &Option<[u8; 1]>) -> &[u8] {
     counter.as_ref().map_or(&[], |counter| &counter[..])
 }
 
 /// The counter of a SYNC, `Some(None)` for one without; `None` for what is no SYNC.
-#[must_use]
 pub fn parse_sync(data: &[u8]) -> Option<Option<u8>> {
     match data {
         [] => Some(None),

@@ -43,10 +43,7 @@ impl Controlword {
     /// Bit 8: halt.
     pub const HALT: u16 = 1 << 8;
 
-    const COMMAND: u16 = 0x8F;
-
     /// The bits of a command, all others 0.
-    #[must_use]
     pub const fn of(command: Command) -> Self {
         Self(match command {
             Command::Shutdown => 0x06,
@@ -62,7 +59,6 @@ impl Controlword {
     ///
     /// 0x07 is [`Command::SwitchOn`] here; in operation enabled it means
     /// [`Command::DisableOperation`].
-    #[must_use]
     pub const fn command(self, previous: Self) -> Command {
         if self.has(Self::FAULT_RESET) && !previous.has(Self::FAULT_RESET) {
             return Command::FaultReset;
@@ -81,7 +77,6 @@ impl Controlword {
     }
 
     /// Whether all of these bits are set.
-    #[must_use]
     pub const fn has(self, bits: u16) -> bool {
         self.0 & bits == bits
     }
@@ -90,12 +85,6 @@ impl Controlword {
     #[must_use]
     pub const fn with(self, bits: u16) -> Self {
         Self(self.0 | bits)
-    }
-
-    /// The same without the bits of mode and halt: the command alone.
-    #[must_use]
-    pub const fn command_bits(self) -> Self {
-        Self(self.0 & Self::COMMAND)
     }
 }
 
@@ -117,7 +106,6 @@ mod tests {
             assert_eq!(Controlword::of(command).command(idle), command);
             let with_mode = Controlword::of(command).with(Controlword::MODE_4 | Controlword::HALT);
             assert_eq!(with_mode.command(idle), command);
-            assert_eq!(with_mode.command_bits(), Controlword::of(command));
         }
     }
 

@@ -1,97 +1,30 @@
 //! Modes of operation (CiA 402-2, 10).
 
-use core::fmt;
-
-/// A mode of operation, 0x6060 and 0x6061.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum OperatingMode {
+ecan_protocol::text_enum! {
+    /// A mode of operation, 0x6060 and 0x6061.
+    pub enum OperatingMode: i8;
     /// Profile position (PP).
-    ProfilePosition,
+    ProfilePosition = 1, "PP";
     /// Profile velocity (PV).
-    ProfileVelocity,
+    ProfileVelocity = 3, "PV";
     /// Profile torque (PT).
-    ProfileTorque,
+    ProfileTorque = 4, "PT";
     /// Homing (HM).
-    Homing,
+    Homing = 6, "HM";
     /// Interpolated position (IP).
-    InterpolatedPosition,
+    InterpolatedPosition = 7, "IP";
     /// Cyclic synchronous position (CSP).
-    CyclicPosition,
+    CyclicPosition = 8, "CSP";
     /// Cyclic synchronous velocity (CSV).
-    CyclicVelocity,
+    CyclicVelocity = 9, "CSV";
     /// Cyclic synchronous torque (CST).
-    CyclicTorque,
+    CyclicTorque = 10, "CST";
 }
 
 impl OperatingMode {
-    /// Every mode here.
-    pub const ALL: [Self; 8] = [
-        Self::ProfilePosition,
-        Self::ProfileVelocity,
-        Self::ProfileTorque,
-        Self::Homing,
-        Self::InterpolatedPosition,
-        Self::CyclicPosition,
-        Self::CyclicVelocity,
-        Self::CyclicTorque,
-    ];
-
-    /// The number.
-    #[must_use]
-    pub const fn raw(self) -> i8 {
-        match self {
-            Self::ProfilePosition => 1,
-            Self::ProfileVelocity => 3,
-            Self::ProfileTorque => 4,
-            Self::Homing => 6,
-            Self::InterpolatedPosition => 7,
-            Self::CyclicPosition => 8,
-            Self::CyclicVelocity => 9,
-            Self::CyclicTorque => 10,
-        }
-    }
-
-    /// The mode with this number; `None` for 0 (no mode) and for others.
-    #[must_use]
-    pub const fn from_raw(raw: i8) -> Option<Self> {
-        Some(match raw {
-            1 => Self::ProfilePosition,
-            3 => Self::ProfileVelocity,
-            4 => Self::ProfileTorque,
-            6 => Self::Homing,
-            7 => Self::InterpolatedPosition,
-            8 => Self::CyclicPosition,
-            9 => Self::CyclicVelocity,
-            10 => Self::CyclicTorque,
-            _ => return None,
-        })
-    }
-
     /// Whether a target comes with every cycle.
-    #[must_use]
     pub const fn is_cyclic(self) -> bool {
         matches!(self, Self::CyclicPosition | Self::CyclicVelocity | Self::CyclicTorque)
-    }
-
-    /// The usual short name.
-    #[must_use]
-    pub const fn short_name(self) -> &'static str {
-        match self {
-            Self::ProfilePosition => "PP",
-            Self::ProfileVelocity => "PV",
-            Self::ProfileTorque => "PT",
-            Self::Homing => "HM",
-            Self::InterpolatedPosition => "IP",
-            Self::CyclicPosition => "CSP",
-            Self::CyclicVelocity => "CSV",
-            Self::CyclicTorque => "CST",
-        }
-    }
-}
-
-impl fmt::Display for OperatingMode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.short_name())
     }
 }
 
@@ -101,13 +34,11 @@ pub struct SupportedModes(pub u32);
 
 impl SupportedModes {
     /// The bit of a mode: its number minus one.
-    #[must_use]
     pub const fn bit(mode: OperatingMode) -> u32 {
         1 << (mode.raw() - 1)
     }
 
     /// Whether the drive has a mode.
-    #[must_use]
     pub const fn contains(self, mode: OperatingMode) -> bool {
         self.0 & Self::bit(mode) != 0
     }
@@ -125,7 +56,7 @@ mod tests {
 
     #[test]
     fn modes_and_their_bits() {
-        for mode in OperatingMode::ALL {
+        for &mode in OperatingMode::ALL {
             assert_eq!(OperatingMode::from_raw(mode.raw()), Some(mode));
         }
         assert_eq!(OperatingMode::from_raw(0), None);

@@ -1,41 +1,24 @@
 //! The statusword (CiA 402-2, 8.4.2) and the states that it tells.
 
-use core::fmt;
-
-/// State of a drive's power stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum DriveState {
+ecan_protocol::text_enum! {
+    /// State of a drive's power stage.
+    pub enum DriveState;
     /// Starting up.
-    NotReadyToSwitchOn,
+    NotReadyToSwitchOn = "not ready to switch on";
     /// Power may not be switched on.
-    SwitchOnDisabled,
+    SwitchOnDisabled = "switch on disabled";
     /// Power may be switched on.
-    ReadyToSwitchOn,
+    ReadyToSwitchOn = "ready to switch on";
     /// Power is on, the motor is without torque.
-    SwitchedOn,
+    SwitchedOn = "switched on";
     /// The motor follows its targets.
-    OperationEnabled,
+    OperationEnabled = "operation enabled";
     /// A quick stop runs or has ended with power on.
-    QuickStopActive,
+    QuickStopActive = "quick stop active";
     /// A fault was found, its reaction runs.
-    FaultReactionActive,
+    FaultReactionActive = "fault reaction active";
     /// Faulted, the motor is without torque.
-    Fault,
-}
-
-impl fmt::Display for DriveState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::NotReadyToSwitchOn => "not ready to switch on",
-            Self::SwitchOnDisabled => "switch on disabled",
-            Self::ReadyToSwitchOn => "ready to switch on",
-            Self::SwitchedOn => "switched on",
-            Self::OperationEnabled => "operation enabled",
-            Self::QuickStopActive => "quick stop active",
-            Self::FaultReactionActive => "fault reaction active",
-            Self::Fault => "fault",
-        })
-    }
+    Fault = "fault";
 }
 
 /// The statusword, 0x6041.
@@ -43,8 +26,6 @@ impl fmt::Display for DriveState {
 pub struct Statusword(pub u16);
 
 impl Statusword {
-    /// Bit 4: high voltage is applied.
-    pub const VOLTAGE_ENABLED: u16 = 1 << 4;
     /// Bit 5: clear while a quick stop is active.
     pub const QUICK_STOP: u16 = 1 << 5;
     /// Bit 7: warning.
@@ -62,7 +43,6 @@ impl Statusword {
     pub const MODE_13: u16 = 1 << 13;
 
     /// The state; `None` for a combination that CiA 402 does not know.
-    #[must_use]
     pub const fn state(self) -> Option<DriveState> {
         Some(match self.0 & 0x6F {
             0x00 | 0x20 => DriveState::NotReadyToSwitchOn,
@@ -78,7 +58,6 @@ impl Statusword {
     }
 
     /// The bits of a state, with voltage enabled where power is on.
-    #[must_use]
     pub const fn of_state(state: DriveState) -> Self {
         Self(match state {
             DriveState::NotReadyToSwitchOn => 0x00,
@@ -93,7 +72,6 @@ impl Statusword {
     }
 
     /// Whether all of these bits are set.
-    #[must_use]
     pub const fn has(self, bits: u16) -> bool {
         self.0 & bits == bits
     }

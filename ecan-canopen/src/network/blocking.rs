@@ -14,7 +14,7 @@ use super::network::Network;
 use super::node_sequence::Configuring;
 use super::sdo::Sdo;
 use super::wait::run_cycle_until;
-use crate::{NmtCommand, NmtState};
+use crate::NmtState;
 
 impl Network {
     /// Executes the network's part of one cycle: receives, calls `work`, then sends SYNC and
@@ -89,24 +89,6 @@ impl Network {
                 Err(error)
             }
         }
-    }
-
-    /// Sends an NMT command to all nodes and waits until all gateways have accepted it. Blocks.
-    /// [`nmt_state`](Self::nmt_state) reports its effect.
-    ///
-    /// # Errors
-    /// [`WaitError::Nmt`]; [`WaitError::TimedOut`] if a gateway does not accept it in time.
-    pub fn nmt_all_blocking(
-        &mut self,
-        port: &mut Port,
-        command: NmtCommand,
-        timeout: Duration,
-    ) -> Result<(), WaitError> {
-        self.nmt_all(command)?;
-        run_cycle_until(port, timeout, |cycle, now_ns| {
-            self.serve(cycle, now_ns, |_| ());
-            (!self.nmt_is_pending()).then_some(())
-        })
     }
 
     /// Waits until every node has reported an NMT state by boot-up message or heartbeat. Blocks.

@@ -14,11 +14,8 @@ const NODE_IDS: usize = 128;
 pub(super) struct Channel {
     pub(super) slave: usize,
     pub(super) channel: u8,
-    /// Whether its gateway was ready in the last cycle.
     pub(super) is_ready: bool,
-    /// Indices of its nodes in the network.
     pub(super) nodes: Vec<usize>,
-    /// Indices by node-ID.
     lookup: [Option<u16>; NODE_IDS],
     /// The node that sends first in the next cycle.
     pub(super) turn: usize,
@@ -44,7 +41,6 @@ impl Channel {
         }
     }
 
-    /// Adds the node at `nth` of the network.
     pub(super) fn add_node(&mut self, node: NodeId, nth: u16) {
         self.nodes.push(usize::from(nth));
         if let Some(entry) = self.lookup.get_mut(usize::from(node.get())) {
@@ -52,7 +48,6 @@ impl Channel {
         }
     }
 
-    /// The node of an ID, by its nth in the network.
     pub(super) fn node(&self, node: NodeId) -> Option<usize> {
         self.lookup.get(usize::from(node.get())).copied().flatten().map(usize::from)
     }

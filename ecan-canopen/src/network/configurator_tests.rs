@@ -24,9 +24,9 @@ struct Fixture {
     network: Network,
     handles: Vec<NodeHandle>,
     servers: Vec<Server>,
-    paper: RecordingSink,
+    sink: RecordingSink,
     now_ns: u64,
-    /// Every SDO request, in words.
+    /// Every SDO request, in text.
     trace: Vec<String>,
     /// Answers that get lost, by their number.
     lost: Vec<usize>,
@@ -57,7 +57,7 @@ impl Fixture {
             network,
             handles,
             servers: (1..=COUNT).map(server).collect(),
-            paper: RecordingSink::new(),
+            sink: RecordingSink::new(),
             now_ns: 0,
             trace: Vec::new(),
             lost: Vec::new(),
@@ -69,8 +69,8 @@ impl Fixture {
     fn cycle(&mut self, configurator: &mut Configurator) -> Configuring {
         self.now_ns += MS;
         let outcome = configurator.step(&mut self.network, self.now_ns);
-        cycle(&mut self.network, &mut self.paper, self.now_ns);
-        for (slave, channel, id, data) in std::mem::take(&mut self.paper.sent) {
+        cycle(&mut self.network, &mut self.sink, self.now_ns);
+        for (slave, channel, id, data) in std::mem::take(&mut self.sink.sent) {
             let node = (id & 0x7F) as u8;
             if id & !0x7F != 0x600 {
                 continue;
@@ -81,7 +81,7 @@ impl Fixture {
                 Some(answer) => vec![answer],
                 None => server.request(frame),
             };
-            self.trace.push(format!("{node} {}", words(frame)));
+            self.trace.push(format!("{node} {}", text(frame)));
             for answer in answers {
                 self.answers += 1;
                 if !self.lost.contains(&(self.answers - 1)) {
@@ -133,7 +133,7 @@ fn refusal(server: &Server, frame: [u8; 8]) -> Option<[u8; 8]> {
     Some(reference::abort(key, code))
 }
 
-fn words(frame: [u8; 8]) -> String {
+fn text(frame: [u8; 8]) -> String {
     let key = format!("{:04X}:{:02X}", u16::from_le_bytes([frame[1], frame[2]]), frame[3]);
     let value = u32::from_le_bytes([frame[4], frame[5], frame[6], frame[7]]);
     match frame[0] {
@@ -160,12 +160,12 @@ fn targets(node: u8) -> PdoMapping {
 
 #[test]
 fn pdo_mapping_keeps_the_order_of_cia_301() {
-    let mut bench = Fixture::new();
+    let mut fixture = Fixture::new();
     let mut configurator = Configurator::new();
-    configurator.add(&bench.network, bench.handles[0], targets(1).steps().unwrap());
-    assert_eq!(bench.run(&mut configurator), Configuring::Done);
+    configurator.add(&fixture.network, fixture.handles[0], targets(1).steps().unwrap());
+    assert_eq!(fixture.run(&mut configurator), Configuring::Done);
     assert_eq!(
-        bench.trace_of(1),
+        fixture.trace_of(1),
         [
             "read 1400:01",
             "write 1400:01 = C0000201",
@@ -188,32 +188,34 @@ fn pdo_mapping_keeps_the_order_of_cia_301() {
 
 #[test]
 fn many_nodes_are_configured_in_parallel() {
-    let mut bench = Fixture::new();
+    let mut fixture = Fixture::new();
     let mut alone = Configurator::new();
-    alone.add(&bench.network, bench.handles[0], targets(1).steps().unwrap());
-    bench.run(&mut alone);
-    let alone_ns = bench.now_ns;
-    let mut bench = Fixture::new();
+    alone.add(&fixture.network, fixture.handles[0], targets(1).steps().unwrap());
+    fixture.run(&mut alone);
+    let alone_ns = fixture.now_ns;
+    let mut fixture = Fixture::new();
     let mut all = Configurator::new();
-    for (node, handle) in (1..=COUNT).zip(&bench.handles) {
-        all.add(&bench.network, *handle, targets(node).steps().unwrap());
+    for (node, handle) in (1..=COUNT).zip(&fixture.handles) {
+        all.add(&fixture.network, *handle, targets(node).steps().unwrap());
     }
-    assert_eq!(bench.run(&mut all), Configuring::Done);
-    assert_eq!(bench.now_ns, alone_ns, "two channels, two frames a cycle each");
-    for (node, server) in (1..=COUNT).zip(&bench.servers) {
+    assert_eq!(fixture.run(&mut all), Configuring::Done);
+    assert_eq!(fixture.now_ns, alone_ns, "two channels, two frames a cycle each");
+    for (node, server) in (1..=COUNT).zip(&fixture.servers) {
         assert_eq!(server.value(0x1400, 1), (0x4000_0300 + u32::from(node)).to_le_bytes());
     }
 }
 
 #[test]
 fn rejected_step_stops_its_node_and_is_located() {
-    let mut bench = Fixture::new();
-    bench.servers[1].refused.insert((0x1600, 2), 0x0604_0041);
+    let mut fixture = Fixture::new();
+    fixture.servers[1].refused.insert((0x1600, 2), 0x0604_0041);
     let mut configurator = Configurator::new();
-    for (node, handle) in (1..=2).zip(&bench.handles) {
-        configurator.add(&bench.network, *handle, targets(node).steps().unwrap());
+    for (node, handle) in (1..=2).zip(&fixture.handles) {
+        configurator.add(&fixture.network, *handle, targets(node).steps().unwrap());
     }
-    let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("not refused") };
+    let Configuring::Failed(failure) = fixture.run(&mut configurator) else {
+        panic!("not refused")
+    };
     assert_eq!(
         failure.fault,
         StepFault::Access(NodeAccessError::Sdo(SdoFault::Aborted(AbortCode::NOT_MAPPABLE)))
@@ -224,16 +226,16 @@ fn rejected_step_stops_its_node_and_is_located() {
          aborted by the node: 0x06040041 object cannot be mapped to a PDO"
     );
     assert_eq!(configurator.failures().count(), 1);
-    let first = configurator.progress_of(bench.handles[0], bench.now_ns).unwrap();
+    let first = configurator.progress_of(fixture.handles[0], fixture.now_ns).unwrap();
     assert_eq!(first.to_string(), "node 1 (slave 0, channel 1): all 12 steps done");
-    assert!(bench.trace_of(2).last().unwrap().contains("1600:02"), "nothing after the refusal");
+    assert!(fixture.trace_of(2).last().unwrap().contains("1600:02"), "nothing after the refusal");
 }
 
 #[test]
 fn tolerated_step_ignores_a_missing_object() {
-    let mut bench = Fixture::new();
-    bench.servers[0].refused.insert((0x60C2, 1), 0x0601_0002);
-    bench.servers[0].refused.insert((0x1016, 1), 0x0602_0000);
+    let mut fixture = Fixture::new();
+    fixture.servers[0].refused.insert((0x60C2, 1), 0x0601_0002);
+    fixture.servers[0].refused.insert((0x1016, 1), 0x0602_0000);
     let steps = [
         Step::write(0x1016, 1, 0x007F_0064u32).if_present(),
         Step::write(0x60C2, 1, 1u8).if_accepted(),
@@ -244,19 +246,19 @@ fn tolerated_step_ignores_a_missing_object() {
         Step::expect(0x6060, 0, 8i8).if_accepted(),
     ];
     let mut configurator = Configurator::new();
-    configurator.add(&bench.network, bench.handles[0], steps);
-    assert_eq!(bench.run(&mut configurator), Configuring::Done);
-    let read = |subindex| configurator.uploaded(bench.handles[0], 0x1018, subindex);
+    configurator.add(&fixture.network, fixture.handles[0], steps);
+    assert_eq!(fixture.run(&mut configurator), Configuring::Done);
+    let read = |subindex| configurator.uploaded(fixture.handles[0], 0x1018, subindex);
     assert_eq!((read(1), read(9), read(2)), (Some(0x1234), None, None));
-    assert_eq!(bench.servers[0].value(0x6060, 0), [0xFF]);
+    assert_eq!(fixture.servers[0].value(0x6060, 0), [0xFF]);
 
     let mut configurator = Configurator::new();
     configurator.add(
-        &bench.network,
-        bench.handles[0],
+        &fixture.network,
+        fixture.handles[0],
         [Step::write(0x60C2, 1, 1u8).if_present().named("interpolation time")],
     );
-    let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("forgiven") };
+    let Configuring::Failed(failure) = fixture.run(&mut configurator) else { panic!("forgiven") };
     assert_eq!(
         failure.fault,
         StepFault::Access(NodeAccessError::Sdo(SdoFault::Aborted(AbortCode::READ_ONLY)))
@@ -265,18 +267,18 @@ fn tolerated_step_ignores_a_missing_object() {
 
 #[test]
 fn expect_step_detects_another_value() {
-    let mut bench = Fixture::new();
+    let mut fixture = Fixture::new();
     let mut configurator = Configurator::new();
-    configurator.add(&bench.network, bench.handles[0], [Step::expect(0x1018, 1, 0x1235u32)]);
-    let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("not found") };
+    configurator.add(&fixture.network, fixture.handles[0], [Step::expect(0x1018, 1, 0x1235u32)]);
+    let Configuring::Failed(failure) = fixture.run(&mut configurator) else { panic!("not found") };
     assert_eq!(failure.fault.to_string(), "value is 0x1234, expected 0x1235");
     let mut configurator = Configurator::new();
     configurator.add(
-        &bench.network,
-        bench.handles[0],
+        &fixture.network,
+        fixture.handles[0],
         [Step::expect_that(0x1018, 1, Expectation::Masked { value: 0x30, mask: 0xF0 })],
     );
-    assert_eq!(bench.run(&mut configurator), Configuring::Done);
+    assert_eq!(fixture.run(&mut configurator), Configuring::Done);
 }
 
 fn nmt(command: NmtCommand) -> Step {
@@ -289,10 +291,10 @@ fn await_state(state: NmtState, timeout_ms: u64) -> Step {
 
 #[test]
 fn steps_wait_for_boot_up_and_states() {
-    let mut bench = Fixture::new();
-    let (node, other) = (bench.handles[0], bench.handles[1]);
+    let mut fixture = Fixture::new();
+    let (node, other) = (fixture.handles[0], fixture.handles[1]);
     // A boot-up message from before does not count.
-    bench.network.take(&received(0, 1, 0x701, &[0]), 0);
+    fixture.network.take(&received(0, 1, 0x701, &[0]), 0);
     let steps = [
         nmt(NmtCommand::ResetNode),
         Step::device(NodeAction::AwaitBootUp { timeout: Duration::from_secs(1) }).named("boot"),
@@ -301,70 +303,70 @@ fn steps_wait_for_boot_up_and_states() {
         await_state(NmtState::Operational, 100),
     ];
     let mut configurator = Configurator::new();
-    configurator.add(&bench.network, node, steps);
-    configurator.add(&bench.network, other, steps);
+    configurator.add(&fixture.network, node, steps);
+    configurator.add(&fixture.network, other, steps);
     for _ in 0..500 {
-        assert_eq!(bench.cycle(&mut configurator), Configuring::Running);
+        assert_eq!(fixture.cycle(&mut configurator), Configuring::Running);
     }
-    let progress = configurator.progress_of(node, bench.now_ns).unwrap();
+    let progress = configurator.progress_of(node, fixture.now_ns).unwrap();
     assert_eq!(
         progress.to_string(),
         "node 1 (slave 0, channel 1): step 2 of 5, boot (wait for the boot-up message), for 499 ms"
     );
-    bench.network.take(&received(0, 1, 0x701, &[0]), bench.now_ns);
+    fixture.network.take(&received(0, 1, 0x701, &[0]), fixture.now_ns);
     for _ in 0..10 {
-        bench.cycle(&mut configurator);
+        fixture.cycle(&mut configurator);
     }
-    assert_eq!(configurator.progress_of(node, bench.now_ns).unwrap().done, 2, "the pause");
+    assert_eq!(configurator.progress_of(node, fixture.now_ns).unwrap().done, 2, "the pause");
     for _ in 0..5 {
-        bench.cycle(&mut configurator);
+        fixture.cycle(&mut configurator);
     }
-    bench.network.take(&received(0, 1, 0x701, &[5]), bench.now_ns);
-    let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("no end") };
+    fixture.network.take(&received(0, 1, 0x701, &[5]), fixture.now_ns);
+    let Configuring::Failed(failure) = fixture.run(&mut configurator) else { panic!("no end") };
     assert_eq!(failure.address, address(0, 0, 2));
     assert_eq!(
         failure.fault,
         StepFault::Access(NodeAccessError::NoBootUp { waited: Duration::from_millis(1_001) })
     );
-    assert_eq!(configurator.progress_of(node, bench.now_ns).unwrap().done, 5);
+    assert_eq!(configurator.progress_of(node, fixture.now_ns).unwrap().done, 5);
 
     let mut configurator = Configurator::new();
-    configurator.add(&bench.network, node, [await_state(NmtState::Stopped, 20)]);
-    let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("stopped") };
+    configurator.add(&fixture.network, node, [await_state(NmtState::Stopped, 20)]);
+    let Configuring::Failed(failure) = fixture.run(&mut configurator) else { panic!("stopped") };
     assert_eq!(failure.fault.to_string(), "after 21 ms the node is still in state operational");
 }
 
 #[test]
 fn transfer_of_the_application_delays_the_step() {
-    let mut bench = Fixture::new();
-    let node = bench.handles[0];
-    bench.network.start_upload(node, 0x6060, 0).unwrap();
+    let mut fixture = Fixture::new();
+    let node = fixture.handles[0];
+    fixture.network.start_upload(node, 0x6060, 0).unwrap();
     let mut configurator = Configurator::new();
-    configurator.add(&bench.network, node, [Step::read(0x1018, 1)]);
-    assert_eq!(bench.run(&mut configurator), Configuring::Done);
+    configurator.add(&fixture.network, node, [Step::read(0x1018, 1)]);
+    assert_eq!(fixture.run(&mut configurator), Configuring::Done);
     assert_eq!(configurator.uploaded(node, 0x1018, 1), Some(0x1234));
     // And one that starts in the very cycle in which the step's answer has come.
     let mut configurator = Configurator::new();
-    configurator.add(&bench.network, node, [Step::read(0x1018, 1)]);
-    bench.cycle(&mut configurator);
-    bench.network.start_upload(node, 0x6060, 0).unwrap();
-    assert_eq!(bench.run(&mut configurator), Configuring::Done);
+    configurator.add(&fixture.network, node, [Step::read(0x1018, 1)]);
+    fixture.cycle(&mut configurator);
+    fixture.network.start_upload(node, 0x6060, 0).unwrap();
+    assert_eq!(fixture.run(&mut configurator), Configuring::Done);
     assert_eq!(configurator.uploaded(node, 0x1018, 1), Some(0x1234), "not the other's value");
 }
 
 #[test]
 fn clear_cancels_running_transfers() {
-    let mut bench = Fixture::new();
-    let node = bench.handles[0];
+    let mut fixture = Fixture::new();
+    let node = fixture.handles[0];
     let mut configurator = Configurator::new();
-    configurator.add(&bench.network, node, [Step::read(0x1018, 1)]);
-    bench.lost = vec![0];
-    bench.cycle(&mut configurator);
-    configurator.clear(&mut bench.network);
+    configurator.add(&fixture.network, node, [Step::read(0x1018, 1)]);
+    fixture.lost = vec![0];
+    fixture.cycle(&mut configurator);
+    configurator.clear(&mut fixture.network);
     assert_eq!(configurator.progress(0).count(), 0);
-    assert_eq!(bench.network.sdo_failure(node).unwrap().fault, SdoFault::Cancelled);
-    bench.cycle(&mut configurator);
-    assert_eq!(bench.servers[0].aborts, [0x0800_0000]);
+    assert_eq!(fixture.network.sdo_failure(node).unwrap().fault, SdoFault::Cancelled);
+    fixture.cycle(&mut configurator);
+    assert_eq!(fixture.servers[0].aborts, [0x0800_0000]);
 }
 
 #[test]
@@ -383,12 +385,12 @@ fn impossible_mapping_is_rejected() {
 
 #[test]
 fn disabling_steps_disable_a_pdo() {
-    let mut bench = Fixture::new();
+    let mut fixture = Fixture::new();
     let mut configurator = Configurator::new();
     let steps = PdoMapping::disabling_steps(PdoDirection::Receive, 1).unwrap();
-    configurator.add(&bench.network, bench.handles[2], steps);
-    assert_eq!(bench.run(&mut configurator), Configuring::Done);
-    assert_eq!(bench.servers[2].value(0x1400, 1), 0xC000_0203_u32.to_le_bytes());
+    configurator.add(&fixture.network, fixture.handles[2], steps);
+    assert_eq!(fixture.run(&mut configurator), Configuring::Done);
+    assert_eq!(fixture.servers[2].value(0x1400, 1), 0xC000_0203_u32.to_le_bytes());
 }
 
 proptest! {
@@ -405,29 +407,29 @@ proptest! {
         lost in proptest::collection::btree_set(0..70usize, 0..=2),
         room in proptest::collection::vec(0..4usize, 20),
     ) {
-        let mut bench = Fixture::new();
-        bench.lost = lost.into_iter().collect();
+        let mut fixture = Fixture::new();
+        fixture.lost = lost.into_iter().collect();
         let mut configurator = Configurator::new();
-        for (node, handle) in (1..=COUNT).zip(&bench.handles) {
-            configurator.add(&bench.network, *handle, targets(node).steps().unwrap());
+        for (node, handle) in (1..=COUNT).zip(&fixture.handles) {
+            configurator.add(&fixture.network, *handle, targets(node).steps().unwrap());
         }
         let mut outcome = Configuring::Running;
         for at in 0..2_000 {
-            bench.paper.room_frames = room.get(at).copied().unwrap_or(4);
-            outcome = bench.cycle(&mut configurator);
+            fixture.sink.room_frames = room.get(at).copied().unwrap_or(4);
+            outcome = fixture.cycle(&mut configurator);
             if outcome != Configuring::Running {
                 break;
             }
         }
         prop_assert_eq!(outcome, Configuring::Done);
-        for (node, server) in (1..=COUNT).zip(&bench.servers) {
+        for (node, server) in (1..=COUNT).zip(&fixture.servers) {
             let expected = (0x4000_0300 + u32::from(node)).to_le_bytes();
             prop_assert_eq!(server.value(0x1400, 1), expected);
             let mapping: BTreeMap<_, _> =
                 server.objects.range((0x1600, 0)..(0x1601, 0)).collect();
             prop_assert_eq!(mapping.len(), 3);
             prop_assert_eq!(server.value(0x1600, 2), 0x607A_0020_u32.to_le_bytes());
-            let mut writes = bench.trace_of(node);
+            let mut writes = fixture.trace_of(node);
             writes.retain(|line| line.starts_with("write 1600"));
             writes.dedup();
             prop_assert_eq!(writes, [

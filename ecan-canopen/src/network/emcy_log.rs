@@ -23,8 +23,8 @@ pub struct EmcyLog {
 
 impl EmcyLog {
     pub(super) fn push(&mut self, at_ns: u64, emcy: Emcy) {
-        let place = self.count as usize % EMCY_DEPTH;
-        if let Some(record) = self.records.get_mut(place) {
+        let slot = self.count as usize % EMCY_DEPTH;
+        if let Some(record) = self.records.get_mut(slot) {
             *record = Some(EmcyRecord { at_ns, emcy });
         }
         self.count = self.count.wrapping_add(1);
@@ -43,8 +43,8 @@ impl EmcyLog {
     /// The last [`EMCY_DEPTH`] messages, newest first.
     pub fn recent(&self) -> impl Iterator<Item = EmcyRecord> + '_ {
         (1..=EMCY_DEPTH as u32).map_while(|back| {
-            let place = self.count.wrapping_sub(back) as usize % EMCY_DEPTH;
-            self.records.get(place).copied().flatten()
+            let slot = self.count.wrapping_sub(back) as usize % EMCY_DEPTH;
+            self.records.get(slot).copied().flatten()
         })
     }
 }

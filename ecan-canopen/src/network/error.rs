@@ -60,7 +60,6 @@ pub enum NmtError {
 
 impl NmtError {
     /// Whether the same call may succeed later without a change by the application.
-    #[must_use]
     pub const fn is_temporary(&self) -> bool {
         matches!(self, Self::QueueFull { .. })
     }
@@ -76,9 +75,6 @@ pub enum WaitError {
     /// The transfer could not start.
     #[error(transparent)]
     Start(#[from] SdoStartError),
-    /// The command could not be queued.
-    #[error(transparent)]
-    Nmt(#[from] NmtError),
     /// A step of a configuration failed.
     #[error(transparent)]
     Step(Box<StepFailure>),
@@ -105,16 +101,14 @@ impl From<StepFailure> for WaitError {
 
 impl WaitError {
     /// Whether the same call may succeed later without a change by the application.
-    #[must_use]
     pub fn is_temporary(&self) -> bool {
         match self {
             Self::Sdo(failure) => failure.fault.is_temporary(),
             Self::Start(error) => error.is_temporary(),
-            Self::Nmt(error) => error.is_temporary(),
             Self::Step(failure) => failure.is_temporary(),
             Self::TimedOut { .. } => true,
             Self::Stopped => false,
-            Self::Cycle(error) => !matches!(error, CycleError::NotActive { .. }),
+            Self::Cycle(error) => error.is_temporary(),
         }
     }
 }

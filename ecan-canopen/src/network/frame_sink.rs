@@ -18,7 +18,6 @@ pub(super) trait FrameSink {
     /// Bytes left in the image of this cycle.
     fn room(&self, slave: usize) -> usize;
 
-    /// Whether the gateway is ready.
     fn is_ready(&self, slave: usize) -> bool;
 
     /// Whether the last image is unconfirmed, so that frames wait for the next one.

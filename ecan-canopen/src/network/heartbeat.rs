@@ -1,41 +1,28 @@
 //! Heartbeat consumer of one node, and heartbeat producer of the host (CiA 301, 7.2.8.3.2.2).
 
-use std::fmt;
 use std::time::Duration;
 
 use super::config::HostHeartbeat;
 
-/// Duration as a number of nanoseconds of the bus clock.
 pub(super) fn nanoseconds(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// State of a node's heartbeat.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Heartbeat {
+ecan_protocol::text_enum! {
+    /// State of a node's heartbeat.
+    #[derive(Default)]
+    pub enum Heartbeat;
     /// Not watched.
     #[default]
-    Unconfigured,
+    Unconfigured = "not watched";
     /// Watched; none received since the watch began or since the node booted.
-    Unknown,
+    Unknown = "none received yet";
     /// Received in time.
-    Active,
+    Active = "active";
     /// Overdue. The next heartbeat makes it active again.
-    TimedOut,
+    TimedOut = "timed out";
 }
 
-impl fmt::Display for Heartbeat {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Unconfigured => "not watched",
-            Self::Unknown => "none received yet",
-            Self::Active => "active",
-            Self::TimedOut => "timed out",
-        })
-    }
-}
-
-/// Watches the heartbeat of one node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct HeartbeatWatch {
     timeout_ns: u64,
@@ -93,7 +80,6 @@ impl HeartbeatWatch {
     }
 }
 
-/// Due time of the host's heartbeat on one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct HeartbeatTimer {
     due_ns: Option<u64>,
@@ -111,7 +97,6 @@ impl HeartbeatTimer {
         self.due_ns = Some(if next > now_ns { next } else { now_ns.saturating_add(period) });
     }
 
-    /// The next heartbeat is due at once.
     pub(super) fn reset(&mut self) {
         self.due_ns = None;
     }

@@ -94,11 +94,6 @@ impl Network {
         Ok(NodeHandle(nth))
     }
 
-    /// Number of nodes.
-    pub fn node_count(&self) -> usize {
-        self.nodes.len()
-    }
-
     /// All nodes, in the order in which they were added.
     pub fn handles(&self) -> impl Iterator<Item = NodeHandle> + use<> {
         (0..self.nodes.len()).map(NodeHandle)
@@ -203,28 +198,6 @@ impl Network {
     /// Whether NMT commands wait to be sent; real-time safe.
     pub fn nmt_is_pending(&self) -> bool {
         self.channels.iter().any(|channel| channel.next_nmt().is_some())
-    }
-
-    // Heartbeat of the host
-
-    /// Starts, changes or stops the heartbeat of the host; the next is due at once. Real-time safe.
-    ///
-    /// # Errors
-    /// [`NetworkError::HostNode`] if a node has its node-ID; nothing is changed.
-    pub fn set_host_heartbeat(
-        &mut self,
-        heartbeat: Option<HostHeartbeat>,
-    ) -> Result<(), NetworkError> {
-        if let Some(host) = heartbeat
-            && let Some(node) = self.nodes.iter().find(|node| node.address.node == host.node)
-        {
-            return Err(NetworkError::HostNode { address: node.address });
-        }
-        self.config.host_heartbeat = heartbeat;
-        for channel in &mut self.channels {
-            channel.heartbeat.reset();
-        }
-        Ok(())
     }
 
     /// Heartbeat of the host.

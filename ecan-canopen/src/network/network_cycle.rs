@@ -122,7 +122,6 @@ fn emcy(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
     true
 }
 
-/// Takes a boot-up message or a heartbeat.
 fn error_control(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
     let Some(state) = parse_heartbeat(data) else { return false };
     if state == NmtState::Initialising {

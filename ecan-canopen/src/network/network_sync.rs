@@ -27,25 +27,9 @@ impl Network {
         Ok(())
     }
 
-    /// Excludes a channel from SYNC, or includes it again. Real-time safe; does nothing for a channel
-    /// without nodes.
-    pub fn set_channel_sync(&mut self, slave: usize, channel: u8, enabled: bool) {
-        if let Some(nth) = self.channel_index(slave, channel)
-            && let Some(channel) = self.channels.get_mut(nth)
-        {
-            channel.sync.enable(enabled && self.sync.is_some());
-        }
-    }
-
     /// Configuration of SYNC; `None` if it is off.
     pub fn sync(&self) -> Option<SyncConfig> {
         self.sync
-    }
-
-    /// Whether a SYNC is due on a channel in this cycle, so that targets are sent with it; valid after
-    /// [`receive`](Self::receive). Real-time safe.
-    pub fn sync_is_due(&self) -> bool {
-        self.channels.iter().any(|channel| channel.sync.is_due())
     }
 
     /// Sends the SYNC messages that are due, after the targets of the cycle: a channel sends in the order in

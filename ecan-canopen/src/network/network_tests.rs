@@ -1,8 +1,8 @@
-//! The network on a Port of paper: every frame that it hands over, with refusals at will.
+//! The network on a Port of sink: every frame that it hands over, with refusals at will.
 
 use std::time::Duration;
 
-use crate::{NmtCommand, NmtState, NodeId};
+use crate::{EmcyClass, NmtCommand, NmtState, NodeId};
 use ecan_mcan_port::{
     AddressError, Backpressure, ReceiveSource, ReceivedFrame, SendError, SendOptions, SendTicket,
 };
@@ -115,11 +115,11 @@ fn with_frame(slave: usize, channel: u8, frame: CanFrame) -> ReceivedFrame {
 }
 
 /// One cycle at `now_ns`: gateways, time, SYNC, sending.
-pub(super) fn cycle(network: &mut Network, paper: &mut RecordingSink, now_ns: u64) {
-    network.watch_gateways(paper);
+pub(super) fn cycle(network: &mut Network, sink: &mut RecordingSink, now_ns: u64) {
+    network.watch_gateways(sink);
     network.tick(now_ns);
-    network.send_sync_to(paper);
-    network.send_to(paper, now_ns);
+    network.send_sync_to(sink);
+    network.send_to(sink, now_ns);
 }
 
 fn network(config: NetworkConfig, nodes: &[NodeAddress]) -> (Network, Vec<NodeHandle>) {
@@ -153,13 +153,13 @@ fn nmt_then_heartbeat_then_sdo_and_sync_before_all() {
     let host = HostHeartbeat { node: NodeId::new(100).unwrap(), period: Duration::from_millis(50) };
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let (mut network, nodes) = network(config, &[address(0, 0, 1), address(0, 0, 2)]);
-    let mut paper = RecordingSink::new();
+    let mut sink = RecordingSink::new();
     network.set_sync(Some(SyncConfig::default())).unwrap();
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.nmt(nodes[1], NmtCommand::EnterPreOperational).unwrap();
-    cycle(&mut network, &mut paper, 0);
+    cycle(&mut network, &mut sink, 0);
     assert_eq!(
-        paper.sent,
+        sink.sent,
         [
             (0, 0, 0x080, vec![]),
             (0, 0, 0x000, vec![0x80, 2]),
@@ -167,24 +167,24 @@ fn nmt_then_heartbeat_then_sdo_and_sync_before_all() {
             (0, 0, 0x601, vec![0x40, 0, 0x10, 0, 0, 0, 0, 0]),
         ]
     );
-    paper.sent.clear();
-    cycle(&mut network, &mut paper, 10 * MS);
-    assert_eq!(paper.ids(), [0x080]);
-    cycle(&mut network, &mut paper, 50 * MS);
-    assert_eq!(paper.ids(), [0x080, 0x764]);
+    sink.sent.clear();
+    cycle(&mut network, &mut sink, 10 * MS);
+    assert_eq!(sink.ids(), [0x080]);
+    cycle(&mut network, &mut sink, 50 * MS);
+    assert_eq!(sink.ids(), [0x080, 0x764]);
 }
 
 #[test]
 fn broadcast_is_sent_once_per_channel_with_nodes() {
     let nodes = [address(0, 0, 1), address(0, 0, 2), address(0, 3, 1), address(1, 2, 9)];
     let (mut network, handles) = network(NetworkConfig::default(), &nodes);
-    let mut paper = RecordingSink::new();
+    let mut sink = RecordingSink::new();
     network.nmt_all(NmtCommand::Start).unwrap();
     assert!(network.nmt_is_pending());
     assert_eq!(network.status(handles[0]).unwrap().expected_nmt_state, None, "not sent yet");
-    cycle(&mut network, &mut paper, 0);
+    cycle(&mut network, &mut sink, 0);
     let frame = |slave, channel| (slave, channel, 0, vec![1, 0]);
-    assert_eq!(paper.sent, [frame(0, 0), frame(0, 3), frame(1, 2)]);
+    assert_eq!(sink.sent, [frame(0, 0), frame(0, 3), frame(1, 2)]);
     assert!(!network.nmt_is_pending());
     for handle in handles {
         let status = network.status(handle).unwrap();
@@ -196,23 +196,23 @@ fn broadcast_is_sent_once_per_channel_with_nodes() {
 #[test]
 fn full_image_delays_frames_in_order() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
-    let mut paper = RecordingSink::new();
-    paper.room_frames = 0;
+    let mut sink = RecordingSink::new();
+    sink.room_frames = 0;
     network.nmt(nodes[0], NmtCommand::ResetNode).unwrap();
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
     network.start_download(nodes[0], 0x6040, 0, &[6, 0]).unwrap();
     for ms in 0..2_000 {
-        cycle(&mut network, &mut paper, ms * MS);
+        cycle(&mut network, &mut sink, ms * MS);
     }
-    assert_eq!(paper.sent, []);
+    assert_eq!(sink.sent, []);
     assert!(network.statistics().waited >= 2_000);
     assert_eq!(network.sdo_state(nodes[0]), Sdo::Busy, "no timeout of what was never sent");
     for ms in 2_000..2_003 {
-        paper.room_frames = 1;
-        cycle(&mut network, &mut paper, ms * MS);
+        sink.room_frames = 1;
+        cycle(&mut network, &mut sink, ms * MS);
     }
     assert_eq!(
-        paper.sent,
+        sink.sent,
         [
             (0, 0, 0, vec![0x81, 1]),
             (0, 0, 0, vec![1, 1]),
@@ -224,24 +224,24 @@ fn full_image_delays_frames_in_order() {
 #[test]
 fn sdo_frame_does_not_overtake_a_waiting_nmt_command() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
-    let mut paper = RecordingSink::new();
+    let mut sink = RecordingSink::new();
     for _ in 0..3 {
         network.nmt(nodes[0], NmtCommand::Stop).unwrap();
     }
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
-    cycle(&mut network, &mut paper, 0);
-    assert_eq!(paper.ids(), [0, 0], "two service frames a cycle");
-    cycle(&mut network, &mut paper, MS);
-    assert_eq!(paper.ids(), [0, 0x601]);
+    cycle(&mut network, &mut sink, 0);
+    assert_eq!(sink.ids(), [0, 0], "two service frames a cycle");
+    cycle(&mut network, &mut sink, MS);
+    assert_eq!(sink.ids(), [0, 0x601]);
 
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
     network.take(&received(0, 0, 0x581, &[0x4F, 0, 0x10, 0, 1, 0, 0, 0]), 2 * MS);
     network.start_upload(nodes[0], 0x1001, 0).unwrap();
-    paper.refusals = 1;
-    cycle(&mut network, &mut paper, 2 * MS);
-    assert_eq!(paper.ids(), [] as [u32; 0], "there is room again, and still the order holds");
-    cycle(&mut network, &mut paper, 3 * MS);
-    assert_eq!(paper.ids(), [0, 0x601]);
+    sink.refusals = 1;
+    cycle(&mut network, &mut sink, 2 * MS);
+    assert_eq!(sink.ids(), [] as [u32; 0], "there is room again, and still the order holds");
+    cycle(&mut network, &mut sink, 3 * MS);
+    assert_eq!(sink.ids(), [0, 0x601]);
 }
 
 #[test]
@@ -253,9 +253,9 @@ fn full_nmt_queue_returns_error() {
     let full = Err(NmtError::QueueFull { slave: 0, channel: 3 });
     assert_eq!(network.nmt(nodes[0], NmtCommand::Start), full);
     assert_eq!(network.nmt_all(NmtCommand::Start), full);
-    let mut paper = RecordingSink::new();
-    cycle(&mut network, &mut paper, 0);
-    assert_eq!(paper.sent.len(), 3, "the refused broadcast went to nobody");
+    let mut sink = RecordingSink::new();
+    cycle(&mut network, &mut sink, 0);
+    assert_eq!(sink.sent.len(), 3, "the rejected broadcast is not sent");
     assert_eq!(network.nmt(NodeHandle(9), NmtCommand::Start), Err(NmtError::UnknownNode));
 }
 
@@ -267,32 +267,32 @@ fn each_channel_has_its_budget_and_its_nodes_take_turns() {
     for handle in handles.iter().chain([&other]) {
         network.start_upload(*handle, 0x1000, 0).unwrap();
     }
-    let mut paper = RecordingSink::new();
-    cycle(&mut network, &mut paper, 0);
-    assert_eq!(paper.ids(), [0x601, 0x602, 0x609]);
-    cycle(&mut network, &mut paper, MS);
-    assert_eq!(paper.ids(), [0x603, 0x604]);
+    let mut sink = RecordingSink::new();
+    cycle(&mut network, &mut sink, 0);
+    assert_eq!(sink.ids(), [0x601, 0x602, 0x609]);
+    cycle(&mut network, &mut sink, MS);
+    assert_eq!(sink.ids(), [0x603, 0x604]);
     // The first is ready for another, but the fifth has waited longer.
     network.take(&received(0, 0, 0x581, &[0x43, 0, 0x10, 0, 1, 2, 3, 4]), 2 * MS);
     network.start_upload(handles[0], 0x1000, 0).unwrap();
-    cycle(&mut network, &mut paper, 2 * MS);
-    assert_eq!(paper.ids(), [0x605, 0x601]);
+    cycle(&mut network, &mut sink, 2 * MS);
+    assert_eq!(sink.ids(), [0x605, 0x601]);
 }
 
 #[test]
 fn block_download_keeps_the_frame_budget() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
     network.start_download(nodes[0], 0x1F50, 1, &[7; 700]).unwrap();
-    let mut paper = RecordingSink::new();
-    cycle(&mut network, &mut paper, 0);
+    let mut sink = RecordingSink::new();
+    cycle(&mut network, &mut sink, 0);
     network.take(&received(0, 0, 0x581, &[0xA4, 0x50, 0x1F, 1, 127, 0, 0, 0]), MS);
     for ms in 1..=50 {
-        let before = paper.sent.len();
-        cycle(&mut network, &mut paper, ms * MS);
-        assert_eq!(paper.sent.len() - before, 2);
+        let before = sink.sent.len();
+        cycle(&mut network, &mut sink, ms * MS);
+        assert_eq!(sink.sent.len() - before, 2);
     }
-    cycle(&mut network, &mut paper, 51 * MS);
-    assert_eq!(paper.sent.len(), 101, "all segments are out");
+    cycle(&mut network, &mut sink, 51 * MS);
+    assert_eq!(sink.sent.len(), 101, "all segments are out");
 }
 
 #[test]
@@ -301,26 +301,26 @@ fn sdo_frames_wait_for_a_full_channel_and_spare_targets() {
     let (mut network, nodes) = network(config, &[address(0, 0, 1)]);
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
-    let mut paper = RecordingSink { pending: 7, ..RecordingSink::new() };
-    cycle(&mut network, &mut paper, 0);
-    assert_eq!(paper.ids(), [0], "an NMT command goes all the same");
-    paper.pending = 6;
-    paper.room = 111;
-    cycle(&mut network, &mut paper, MS);
-    assert_eq!(paper.ids(), []);
-    paper.room = 112;
-    cycle(&mut network, &mut paper, 2 * MS);
-    assert_eq!(paper.ids(), [0x601]);
+    let mut sink = RecordingSink { pending: 7, ..RecordingSink::new() };
+    cycle(&mut network, &mut sink, 0);
+    assert_eq!(sink.ids(), [0], "an NMT command goes all the same");
+    sink.pending = 6;
+    sink.room = 111;
+    cycle(&mut network, &mut sink, MS);
+    assert_eq!(sink.ids(), []);
+    sink.room = 112;
+    cycle(&mut network, &mut sink, 2 * MS);
+    assert_eq!(sink.ids(), [0x601]);
 }
 
 #[test]
 fn permanent_rejection_ends_the_transfer() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 2, 1)]);
     let error = SendError::from(AddressError::Disabled { slave: 0, channel: 2 });
-    let mut paper = RecordingSink { error: Some(error), ..RecordingSink::new() };
+    let mut sink = RecordingSink { error: Some(error), ..RecordingSink::new() };
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
-    cycle(&mut network, &mut paper, 0);
+    cycle(&mut network, &mut sink, 0);
     assert_eq!(network.sdo_state(nodes[0]), Sdo::Failed(SdoFault::Rejected(error)));
     assert!(!network.nmt_is_pending());
     let statistics = network.statistics();
@@ -336,15 +336,15 @@ fn permanent_rejection_ends_the_transfer() {
 fn lost_gateway_ends_its_transfers_and_drops_commands() {
     let (mut network, nodes) =
         network(NetworkConfig::default(), &[address(0, 0, 1), address(1, 0, 1)]);
-    let mut paper = RecordingSink::new();
+    let mut sink = RecordingSink::new();
     for node in &nodes {
         network.start_upload(*node, 0x1000, 0).unwrap();
     }
-    cycle(&mut network, &mut paper, 0);
-    paper.sent.clear();
-    paper.ready[1] = false;
+    cycle(&mut network, &mut sink, 0);
+    sink.sent.clear();
+    sink.ready[1] = false;
     network.nmt(nodes[1], NmtCommand::Start).unwrap();
-    cycle(&mut network, &mut paper, MS);
+    cycle(&mut network, &mut sink, MS);
     assert_eq!(network.sdo_state(nodes[0]), Sdo::Busy);
     assert_eq!(network.sdo_state(nodes[1]), Sdo::Failed(SdoFault::GatewayLost));
     assert!(!network.nmt_is_pending(), "out of date when the gateway comes back");
@@ -352,13 +352,13 @@ fn lost_gateway_ends_its_transfers_and_drops_commands() {
     network.start_upload(nodes[1], 0x1001, 0).unwrap();
     network.nmt(nodes[1], NmtCommand::EnterPreOperational).unwrap();
     for ms in 2..1_000 {
-        cycle(&mut network, &mut paper, ms * MS);
+        cycle(&mut network, &mut sink, ms * MS);
     }
     assert_eq!(network.sdo_state(nodes[1]), Sdo::Busy);
-    paper.sent.clear();
-    paper.ready[1] = true;
-    cycle(&mut network, &mut paper, 1_000 * MS);
-    let to_second: Vec<_> = paper.sent.iter().filter(|(slave, ..)| *slave == 1).collect();
+    sink.sent.clear();
+    sink.ready[1] = true;
+    cycle(&mut network, &mut sink, 1_000 * MS);
+    let to_second: Vec<_> = sink.sent.iter().filter(|(slave, ..)| *slave == 1).collect();
     assert_eq!(to_second.len(), 2);
     assert_eq!((to_second[0].2, to_second[1].2), (0, 0x601));
 }
@@ -393,7 +393,7 @@ fn messages_of_a_node_and_of_strangers() {
     assert_eq!(status.heartbeat, Heartbeat::Active);
     let records: Vec<_> = network.emcy(node).unwrap().recent().collect();
     assert_eq!(records.len(), 2);
-    assert!(records[0].emcy.is_reset());
+    assert_eq!(records[0].emcy.class(), EmcyClass::NoError);
     assert_eq!((records[1].at_ns, records[1].emcy.code), (20 * MS, 0x8611));
     let statistics = network.statistics();
     assert_eq!((statistics.malformed, statistics.sdo_strays), (2, 1));
@@ -405,50 +405,47 @@ fn messages_of_a_node_and_of_strangers() {
 #[test]
 fn restarted_node_ends_the_transfer() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
-    let mut paper = RecordingSink::new();
+    let mut sink = RecordingSink::new();
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.take(&received(0, 0, 0x701, &[0]), 0);
     assert_eq!(network.sdo_state(nodes[0]), Sdo::Busy, "it was not asked before it booted");
-    cycle(&mut network, &mut paper, 0);
+    cycle(&mut network, &mut sink, 0);
     network.take(&received(0, 0, 0x701, &[0]), MS);
     assert_eq!(network.sdo_state(nodes[0]), Sdo::Failed(SdoFault::NodeRestarted));
-    cycle(&mut network, &mut paper, 2 * MS);
-    assert_eq!(paper.sent.len(), 1, "nothing to abort");
+    cycle(&mut network, &mut sink, 2 * MS);
+    assert_eq!(sink.sent.len(), 1, "nothing to abort");
 }
 
 #[test]
-fn sync_follows_its_configuration_on_enabled_channels() {
-    let nodes = [address(0, 0, 1), address(0, 1, 1)];
-    let (mut network, _) = network(NetworkConfig::default(), &nodes);
+fn sync_follows_its_configuration() {
+    let (mut network, _) = network(NetworkConfig::default(), &[address(0, 1, 1)]);
     let schedule = Some(Schedule { tag: 3, offset_ns: 250_000 });
     let settings = SyncConfig { every_cycles: 2, counter_overflow: Some(2), schedule };
     let wrong = SyncConfig { counter_overflow: Some(1), ..settings };
     assert_eq!(network.set_sync(Some(wrong)), Err(NetworkError::CounterOverflow { value: 1 }));
     network.set_sync(Some(settings)).unwrap();
-    network.set_channel_sync(0, 0, false);
-    let mut paper = RecordingSink::new();
-    let mut due = Vec::new();
+    let mut sink = RecordingSink::new();
+    let mut sent = Vec::new();
     for ms in 0..6 {
         network.tick(ms * MS);
-        due.push(network.sync_is_due());
-        network.send_sync_to(&mut paper);
+        sent.push(network.send_sync_to(&mut sink));
     }
-    assert_eq!(due, [true, false, true, false, true, false]);
+    assert_eq!(sent, [1, 0, 1, 0, 1, 0]);
     let frame = |counter| (0, 1, 0x080, vec![counter]);
-    assert_eq!(paper.sent, [frame(1), frame(2), frame(1)]);
-    assert_eq!(paper.schedules, [schedule; 3]);
-    paper.sent.clear();
-    paper.room_frames = 0;
+    assert_eq!(sink.sent, [frame(1), frame(2), frame(1)]);
+    assert_eq!(sink.schedules, [schedule; 3]);
+    sink.sent.clear();
+    sink.room_frames = 0;
     network.tick(6 * MS);
-    assert_eq!(network.send_sync_to(&mut paper), 0);
-    paper.room_frames = 1;
+    assert_eq!(network.send_sync_to(&mut sink), 0);
+    sink.room_frames = 1;
     network.tick(7 * MS);
-    assert_eq!(network.send_sync_to(&mut paper), 1, "late, with its own number");
-    assert_eq!(paper.sent, [frame(2)]);
+    assert_eq!(network.send_sync_to(&mut sink), 1, "late, with its own number");
+    assert_eq!(sink.sent, [frame(2)]);
     assert_eq!((network.statistics().syncs_sent, network.statistics().syncs_late), (4, 1));
     network.set_sync(None).unwrap();
     network.tick(8 * MS);
-    assert_eq!((network.sync_is_due(), network.send_sync_to(&mut paper)), (false, 0));
+    assert_eq!(network.send_sync_to(&mut sink), 0);
 }
 
 #[test]
@@ -457,15 +454,15 @@ fn unconfirmed_image_delays_sync_of_its_gateway_only() {
     let (mut network, _) = network(NetworkConfig::default(), &nodes);
     let settings = SyncConfig { every_cycles: 2, counter_overflow: Some(9), schedule: None };
     network.set_sync(Some(settings)).unwrap();
-    let mut paper = RecordingSink::new();
+    let mut sink = RecordingSink::new();
     let mut sent = Vec::new();
     for ms in 0..10 {
-        paper.holding[0] = (3..=6).contains(&ms);
+        sink.holding[0] = (3..=6).contains(&ms);
         network.tick(ms * MS);
-        network.send_sync_to(&mut paper);
+        network.send_sync_to(&mut sink);
         let by_channel = [0, 1].map(|slave| network.has_sent_sync(slave, 0));
-        assert_eq!(by_channel, [0, 1].map(|slave| paper.sent.iter().any(|s| s.0 == slave)));
-        sent.extend(paper.sent.drain(..).map(|(slave, _, _, data)| (ms, slave, data[0])));
+        assert_eq!(by_channel, [0, 1].map(|slave| sink.sent.iter().any(|s| s.0 == slave)));
+        sent.extend(sink.sent.drain(..).map(|(slave, _, _, data)| (ms, slave, data[0])));
     }
     let of = |slave| sent.iter().filter(|s| s.1 == slave).map(|s| (s.0, s.2)).collect::<Vec<_>>();
     assert_eq!(of(1), [(0, 1), (2, 2), (4, 3), (6, 4), (8, 5)]);
@@ -480,14 +477,14 @@ fn settings_reach_the_client() {
     let sdo = SdoConfig { timeout: Duration::from_millis(5), retries: 0, ..SdoConfig::default() };
     let settings = NodeConfig { sdo, ..NodeConfig::default() };
     let node = network.add_node(address(0, 0, 1), settings).unwrap();
-    let mut paper = RecordingSink::new();
+    let mut sink = RecordingSink::new();
     network.start_upload(node, 0x1000, 0).unwrap();
-    cycle(&mut network, &mut paper, 0);
-    cycle(&mut network, &mut paper, 5 * MS);
+    cycle(&mut network, &mut sink, 0);
+    cycle(&mut network, &mut sink, 5 * MS);
     assert_eq!(network.sdo_state(node), Sdo::Busy);
-    cycle(&mut network, &mut paper, 6 * MS);
+    cycle(&mut network, &mut sink, 6 * MS);
     assert_eq!(network.sdo_state(node), Sdo::Failed(SdoFault::TimedOut { attempts: 1 }));
-    assert_eq!(paper.ids(), [0x601, 0x601], "the request and its abort");
+    assert_eq!(sink.ids(), [0x601, 0x601], "the request and its abort");
     assert_eq!(network.heartbeat(node), Heartbeat::Unconfigured);
     assert_eq!(network.sdo_state(NodeHandle(5)), Sdo::Idle);
 }

@@ -37,7 +37,6 @@ pub struct NodeSequence<S> {
     failure: Option<StepFailure>,
 }
 
-/// What a sequence remembers of the node between two cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct ClientState {
     /// Number of the sequence's last transfer.

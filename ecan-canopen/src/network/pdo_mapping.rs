@@ -12,7 +12,6 @@ const INVALID: u32 = 1 << 31;
 /// No remote request for the PDO: bit 30, which stays as the node has it.
 const NO_RTR: u32 = 1 << 30;
 
-/// Longest PDO, in bits.
 const MAX_BITS: u32 = 64;
 
 /// Direction of a PDO, seen from the node.

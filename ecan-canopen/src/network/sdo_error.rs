@@ -45,7 +45,6 @@ pub enum SdoFault {
 
 impl SdoFault {
     /// Whether the same transfer may succeed later without a change by the application.
-    #[must_use]
     pub const fn is_temporary(&self) -> bool {
         matches!(self, Self::TimedOut { .. } | Self::GatewayLost | Self::NodeRestarted)
     }
@@ -95,7 +94,6 @@ pub enum SdoStartError {
 
 impl SdoStartError {
     /// Whether the same call may succeed later without a change by the application.
-    #[must_use]
     pub const fn is_temporary(&self) -> bool {
         matches!(self, Self::Busy)
     }

@@ -24,7 +24,6 @@ pub(super) struct ServiceSender<'a, O> {
 }
 
 impl<O: FrameSink> ServiceSender<'_, O> {
-    /// Sends everything that is due in this cycle.
     pub(super) fn deliver(&mut self, now_ns: u64) {
         let budget = self.config.service_frames_per_cycle.max(1);
         let left = self.send_nmt(budget);
@@ -46,7 +45,6 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         }
     }
 
-    /// Sends NMT commands in order; returns the remaining budget.
     fn send_nmt(&mut self, budget: u8) -> u8 {
         for used in 0..budget {
             let Some(request) = self.channel.next_nmt() else { return budget - used };

@@ -14,7 +14,7 @@ use crate::NmtState;
 /// Cause of the failure of a step.
 pub type StepFault = StepError<NodeAccessError>;
 
-/// Why a transfer or an action of a step failed.
+/// Cause of the failure of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum NodeAccessError {
@@ -69,7 +69,6 @@ pub struct StepFailure {
 
 impl StepFailure {
     /// Whether the same step may succeed later without a change by the application.
-    #[must_use]
     pub const fn is_temporary(&self) -> bool {
         match self.fault {
             StepError::Access(NodeAccessError::Sdo(fault)) => fault.is_temporary(),

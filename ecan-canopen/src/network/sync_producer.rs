@@ -2,7 +2,6 @@
 
 use super::config::SyncConfig;
 
-/// SYNC of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct SyncProducer {
     is_enabled: bool,

@@ -35,7 +35,6 @@ const START_PAUSE_NS: u64 = 500_000_000;
 /// Longest time for which a drive is commanded to switch off.
 const DISABLE_NS: u64 = 30_000_000_000;
 
-/// One axis.
 #[derive(Debug)]
 pub(crate) struct Axis {
     pub(crate) index: usize,
@@ -114,7 +113,6 @@ impl Axis {
         }
     }
 
-    /// The target in force.
     pub(crate) fn target(&self) -> Option<i32> {
         match self.guard.state() {
             GuardState::Running { target } => Some(target),
@@ -131,7 +129,6 @@ impl Axis {
         matches!(self.guard.state(), GuardState::Armed { .. } | GuardState::Running { .. })
     }
 
-    /// Whether a halt is complete.
     pub(crate) fn is_at_rest(&self) -> bool {
         self.target().is_none_or(|target| match target_kind(self.mode) {
             TargetKind::Position => self.targets.ramp.step() == 0,
@@ -144,7 +141,6 @@ impl Axis {
 
     // Commands of the application and of procedures
 
-    /// Starts the configuration. Allocates.
     pub(crate) fn configure(
         &mut self,
         network: &mut Network,
@@ -181,7 +177,6 @@ impl Axis {
         Ok(())
     }
 
-    /// Establishes the actual position, without enabling.
     pub(crate) fn read_position(&mut self) -> Result<(), CommandError> {
         self.ready_for_commands()?;
         self.error = None;
@@ -292,7 +287,6 @@ impl Axis {
 
     // Events
 
-    /// The guard began to hold.
     pub(crate) fn held(&mut self, reason: HoldReason) {
         tracing::warn!(axis = self.index, "axis {}: holding ({reason})", self.index);
         self.statistics.held(reason);
@@ -314,13 +308,12 @@ impl Axis {
     }
 
     fn stop_after_hold(&mut self) {
-        self.targets.wanted = None;
+        self.targets.requested = None;
         self.targets.ramp.stop();
         let continues = target_kind(self.mode) != TargetKind::Position;
         self.state = self.state.after_hold(continues && self.drive.is_enabled());
     }
 
-    /// The drive entered Fault.
     pub(crate) fn faulted(&mut self, network: &Network) {
         self.statistics.faults += 1;
         let error_code = self.error_code(network);
@@ -331,7 +324,6 @@ impl Axis {
         }
     }
 
-    /// The connection to the drive was lost.
     pub(crate) fn require_verification(&mut self) {
         if self.state.is_configured() && self.verification == Verification::Complete {
             self.verification = Verification::Due { from_ns: 0 };
@@ -355,7 +347,6 @@ impl Axis {
         self.error = Some(AxisError::Setup(failure));
     }
 
-    /// The first target was sent to the enabled drive.
     pub(crate) fn activated(&mut self) {
         tracing::info!(axis = self.index, "axis {}: active", self.index);
         self.statistics.activations += 1;
@@ -384,7 +375,6 @@ impl Axis {
 
     // Each cycle
 
-    /// Transitions that follow from the state of the drive, from a transfer, or from the time.
     pub(crate) fn step_state(&mut self, network: &mut Network, now_ns: u64) {
         let elapsed_ns = |since_ns: u64| now_ns.saturating_sub(since_ns);
         match &mut self.state {

@@ -17,7 +17,6 @@ use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::input::{DriveView, GuardInput};
 use crate::guard::terms::{Decision, GuardState, TargetKind, WaitReason};
 
-/// Frame to send to the drive.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Outgoing {
     pub(crate) rpdo: RpdoBytes,
@@ -34,7 +33,6 @@ impl Axis {
         self.drive.arrived = None;
     }
 
-    /// Takes a TPDO of this axis.
     pub(crate) fn take_tpdo(&mut self, data: &[u8]) {
         match self.layout.decode(data) {
             Some(feedback) => {
@@ -45,7 +43,6 @@ impl Axis {
         }
     }
 
-    /// Takes a transmit report of the axis's channel.
     pub(crate) fn take_report(&mut self, report: &TransmitReport) {
         if let Some(ticket) = report.ticket
             && self.tickets.remove(ticket)
@@ -56,7 +53,6 @@ impl Axis {
         }
     }
 
-    /// Passes everything that this cycle received to the guard.
     pub(crate) fn observe(&mut self, watch: &GatewayWatch, network: &Network) {
         let channel = self.settings.address.channel;
         let actual = watch.actual(channel, self.drive.arrived.map(|feedback| feedback.position));
@@ -158,8 +154,8 @@ impl Axis {
         if !is_due || !(is_driven || self.state == AxisState::Resuming) {
             return None;
         }
-        let (wanted, ramp_step) = self.wanted_target(stepping);
-        self.decision = self.guard.decide(wanted);
+        let (requested, ramp_step) = self.wanted_target(stepping);
+        self.decision = self.guard.decide(requested);
         self.statistics.decided(self.decision, self.is_running());
         if self.decision == Decision::Wait(WaitReason::HoldsOldTarget) {
             self.old_target_found();
@@ -207,7 +203,6 @@ impl Axis {
         }
     }
 
-    /// The Port accepted the frame.
     pub(crate) fn sent(&mut self, outgoing: &Outgoing, ticket: SendTicket) {
         if let AxisState::ResettingFault(reset) = &mut self.state {
             reset.sent();

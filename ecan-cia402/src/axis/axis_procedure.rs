@@ -1,4 +1,4 @@
-//! What an axis does over many cycles in parallel with its state: verification, mode change, homing.
+//! Procedures of an axis over many cycles, in parallel with its state: verification, mode change, homing.
 
 use std::time::Duration;
 
@@ -15,7 +15,6 @@ use super::procedure::{Procedure, Stage};
 use super::script::{Script, mode_steps, script};
 use super::verification::{RETRY_NS, Verification};
 
-/// Longest time for an axis to come to rest and switch off.
 const REST_TIMEOUT: Duration = Duration::from_secs(30);
 
 impl Axis {
@@ -76,7 +75,6 @@ impl Axis {
         script(mapping.chain(transmission).chain(heartbeat).chain([mode]))
     }
 
-    /// Continues a mode change or a homing.
     pub(crate) fn step_procedure(&mut self, network: &mut Network, now_ns: u64) {
         let Some(mut procedure) = self.procedure else { return };
         let continues = match procedure.stage {

@@ -1,4 +1,4 @@
-//! What an axis does, for the application.
+//! Phase and progress of an axis.
 
 use std::time::Duration;
 

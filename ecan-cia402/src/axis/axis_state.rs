@@ -43,18 +43,20 @@ pub(crate) enum AxisState {
     /// Not configured, or no longer: the drive restarted.
     #[default]
     Unconfigured,
-    /// The configuration steps run.
     Configuring,
     /// The mode is written, and the drive must display it.
     SettingMode(Script),
-    /// The configuration failed.
     SetupFailed,
     /// Configured; the drive receives no command.
     Standby,
     /// The guard establishes the position, and the drive is brought to Operation Enabled.
-    Enabling { since_ns: u64 },
+    Enabling {
+        since_ns: u64,
+    },
     /// The drive is switched off, so that it drops an old target, and then enabled.
-    ReEnabling { since_ns: u64 },
+    ReEnabling {
+        since_ns: u64,
+    },
     /// The drive is enabled and follows targets.
     Active,
     /// The axis held while its drive stayed enabled, and becomes active again by itself.
@@ -62,10 +64,11 @@ pub(crate) enum AxisState {
     /// The drive is off. Nothing is sent unless it leaves this state.
     Off,
     /// The drive is switched off, step by step.
-    SwitchingOff { since_ns: u64 },
+    SwitchingOff {
+        since_ns: u64,
+    },
     /// The drive stops by its own rules and remains stopped.
     QuickStop,
-    /// A fault is reset.
     ResettingFault(FaultReset),
     /// Shutdown: the drive stops watching the host's heartbeat.
     Releasing(Script),

@@ -241,7 +241,6 @@ impl AxisConfig {
     }
 }
 
-/// Kind of the targets of a mode.
 pub(crate) fn target_kind(mode: OperatingMode) -> TargetKind {
     match mode {
         OperatingMode::Homing => TargetKind::None,
@@ -351,7 +350,7 @@ mod tests {
         assert_eq!(faults(&settings()), []);
         assert_eq!(faults(&settings().with_target_step(-5_000)), []);
         assert_eq!(faults(&settings().with_step_limit(3)), []);
-        for mode in OperatingMode::ALL {
+        for &mode in OperatingMode::ALL {
             let expected = usize::from(mode == OperatingMode::InterpolatedPosition);
             assert_eq!(faults(&settings().with_mode(mode)).len(), expected, "{mode}");
         }

@@ -4,7 +4,6 @@ use ecan_canopen::{DriveState, Statusword};
 
 use super::pdo_layout::Feedback;
 
-/// Latest status that a drive reported by TPDO.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct DriveStatus {
     /// Newest TPDO of this cycle.
@@ -16,7 +15,6 @@ pub(crate) struct DriveStatus {
 }
 
 impl DriveStatus {
-    /// Takes over the TPDO of this cycle.
     pub(crate) fn update(&mut self) {
         if let Some(feedback) = self.arrived {
             self.statusword = Some(feedback.statusword);

@@ -1,6 +1,5 @@
 //! Homing: what it is told, and what the statusword says about it (CiA 402-2, 12).
 
-use std::fmt;
 use std::time::Duration;
 
 use ecan_canopen::{OperatingMode, Statusword, Step, object};
@@ -10,7 +9,7 @@ use super::script::{Script, mode_steps, script};
 /// Cycles for which a drive may still show the outcome of an earlier homing after the start.
 const OLD_NEWS_CYCLES: u16 = 20;
 
-/// How an axis finds its home position. Objects that a drive does not have are skipped, apart from
+/// Homing of an axis. Objects that a drive does not have are skipped, apart from
 /// the method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HomingConfig {
@@ -23,7 +22,7 @@ pub struct HomingConfig {
     pub zero_speed: Option<u32>,
     /// Acceleration, 0x609A; `None` leaves it alone.
     pub acceleration: Option<u32>,
-    /// What the home position is called, 0x607C; `None` leaves it alone.
+    /// Position that the home position gets, 0x607C; `None` leaves it alone.
     pub offset: Option<i32>,
     /// Longest time for the movement.
     pub timeout: Duration,
@@ -56,21 +55,17 @@ impl HomingConfig {
     }
 }
 
-/// What the statusword says about a homing that was started.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum HomingState {
-    /// Under way.
-    Running,
+ecan_protocol::text_enum! {
+    /// State of a started homing, by the statusword.
+    pub enum HomingState;
+    Running = "looking for the home position";
     /// Interrupted or not begun: at rest without a home position.
-    Waiting,
+    Waiting = "interrupted or not started";
     /// The home position is found, the axis still moves.
-    Found,
-    /// The home position is found and the axis is at rest.
-    Attained,
-    /// An error; the axis still moves.
-    Failing,
-    /// An error, and the axis is at rest.
-    Failed,
+    Found = "found, not at rest yet";
+    Attained = "home position attained";
+    Failing = "homing error, still moving";
+    Failed = "homing error";
 }
 
 impl HomingState {
@@ -85,19 +80,6 @@ impl HomingState {
             (false, true, false) => Self::Found,
             (false, true, true) => Self::Attained,
         }
-    }
-}
-
-impl fmt::Display for HomingState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Running => "looking for the home position",
-            Self::Waiting => "interrupted or not started",
-            Self::Found => "found, not at rest yet",
-            Self::Attained => "home position attained",
-            Self::Failing => "homing error, still moving",
-            Self::Failed => "homing error",
-        })
     }
 }
 

@@ -1,4 +1,4 @@
-//! What the process data of an axis carry: one RPDO and one TPDO.
+//! Process data of an axis: one RPDO and one TPDO.
 
 use ecan_canopen::{Controlword, MappingEntry, OperatingMode, Statusword, object};
 
@@ -76,7 +76,7 @@ impl RpdoBytes {
     }
 }
 
-/// What a TPDO says.
+/// Values of a TPDO.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Feedback {
     /// The statusword.
@@ -159,7 +159,7 @@ mod tests {
 
     #[test]
     fn mapping_matches_the_encoded_length() {
-        for mode in OperatingMode::ALL {
+        for &mode in OperatingMode::ALL {
             let Some(layout) = PdoLayout::for_mode(mode) else {
                 assert_eq!(mode, OperatingMode::InterpolatedPosition);
                 continue;

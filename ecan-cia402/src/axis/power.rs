@@ -2,13 +2,10 @@
 
 use ecan_canopen::{Command, Controlword, DriveState};
 
-/// Target state of the power stage of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum PowerGoal {
-    /// No command.
     #[default]
     None,
-    /// Operation Enabled.
     Enabled,
     /// Switch On Disabled, step by step: the drive first leaves operation by its own rules (0x605C),
     /// then switches power off.
@@ -59,7 +56,6 @@ const LEVEL_FRAMES: u16 = 3;
 /// Frames after which a drive that is still in fault has rejected the reset, in levels.
 const RESET_LEVELS: u16 = 100;
 
-/// Level of the fault reset bit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ResetLevel {
     /// The bit is low, so that the drive sees an edge.
@@ -88,7 +84,6 @@ impl FaultReset {
         Self { level: ResetLevel::Low, level_frames, frames: 0 }
     }
 
-    /// Returns the controlword for a drive in this state.
     pub(crate) fn controlword(&self, state: DriveState) -> Option<Controlword> {
         let command = match (self.level, state) {
             (ResetLevel::Low, DriveState::Fault) => Command::DisableVoltage,
@@ -98,7 +93,6 @@ impl FaultReset {
         Some(Controlword::of(command))
     }
 
-    /// Counts a controlword that was sent.
     pub(crate) fn sent(&mut self) {
         let (limit, next) = match self.level {
             ResetLevel::Low => (self.level_frames, ResetLevel::High),
@@ -118,7 +112,6 @@ impl FaultReset {
         self.level == ResetLevel::Failed
     }
 
-    /// Returns whether a drive in this state has left the fault.
     pub(crate) fn is_complete(&self, state: DriveState) -> bool {
         !matches!(state, DriveState::Fault | DriveState::FaultReactionActive)
     }

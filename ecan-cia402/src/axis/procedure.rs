@@ -26,7 +26,6 @@ pub(crate) enum Stage {
     Restoring(Script),
 }
 
-/// A mode change or a homing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Procedure {
     /// Mode in force at the end.
@@ -53,7 +52,6 @@ impl Procedure {
         Self { mode, mode_before, homing, then_enable, stage, error: None, stage_since_ns }
     }
 
-    /// Transfers of the stage [`Stage::Writing`].
     pub(crate) fn script(&self) -> Script {
         match &self.homing {
             Some(homing) => homing.script(),

@@ -22,18 +22,18 @@ impl SetPoint {
 
     /// The bits of the controlword and the target for this cycle. `acknowledged` is statusword
     /// bit 12. Real-time safe.
-    pub fn step(&mut self, wanted: i32, acknowledged: bool) -> (u16, i32) {
+    pub fn step(&mut self, requested: i32, acknowledged: bool) -> (u16, i32) {
         if let Some(offered) = self.offered {
             if !acknowledged {
                 return (Controlword::MODE_4 | Controlword::MODE_5, offered);
             }
             self.taken = Some(offered);
             self.offered = None;
-        } else if !acknowledged && self.taken != Some(wanted) {
-            self.offered = Some(wanted);
-            return (Controlword::MODE_4 | Controlword::MODE_5, wanted);
+        } else if !acknowledged && self.taken != Some(requested) {
+            self.offered = Some(requested);
+            return (Controlword::MODE_4 | Controlword::MODE_5, requested);
         }
-        (Controlword::MODE_5, self.taken.unwrap_or(wanted))
+        (Controlword::MODE_5, self.taken.unwrap_or(requested))
     }
 
     /// Whether the drive has taken this position.

@@ -14,12 +14,9 @@ const LAST_PDO: u16 = 4;
 const PROFILE_402: Expectation = Expectation::Masked { value: 402, mask: 0xFFFF };
 const NS_PER_US: u64 = 1_000;
 
-/// What the bus gives to every axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct BusConfig {
-    /// Time from SYNC to SYNC, in nanoseconds.
     pub(crate) sync_period_ns: u64,
-    /// The host's heartbeat, if it produces one.
     pub(crate) host: Option<HostHeartbeat>,
 }
 
@@ -209,11 +206,11 @@ mod tests {
         let host =
             HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(50) };
         let bus = BusConfig { sync_period_ns: 1_000_000, host: Some(host) };
-        let words: Vec<String> =
+        let texts: Vec<String> =
             steps(&settings, &bus).unwrap().iter().map(|step| step.action.to_string()).collect();
-        let place = |part: &str| {
-            let at = words.iter().position(|word| word.contains(part));
-            at.unwrap_or_else(|| panic!("no {part} in {words:#?}"))
+        let position_of = |part: &str| {
+            let at = texts.iter().position(|text| text.contains(part));
+            at.unwrap_or_else(|| panic!("no {part} in {texts:#?}"))
         };
         let order = [
             "NMT enter pre-operational",
@@ -235,8 +232,8 @@ mod tests {
             "write 0x60C2:01 = 0x01",
             "NMT start",
         ];
-        let places: Vec<usize> = order.iter().map(|part| place(part)).collect();
-        assert!(places.is_sorted(), "{words:#?}");
+        let positions: Vec<usize> = order.iter().map(|part| position_of(part)).collect();
+        assert!(positions.is_sorted(), "{texts:#?}");
     }
 
     #[test]

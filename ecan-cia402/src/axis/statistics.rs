@@ -25,7 +25,7 @@ pub struct AxisStatistics {
     pub waits: u64,
     /// Times that the axis held.
     pub holds: u64,
-    /// Why it held last.
+    /// Reason of its last hold.
     pub last_hold: Option<HoldReason>,
     /// TPDOs received.
     pub tpdos: u64,

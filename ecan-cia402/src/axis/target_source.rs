@@ -4,11 +4,9 @@ use super::ramp::Ramp;
 use crate::guard::position_range::PositionRange;
 use crate::guard::terms::TargetKind;
 
-/// Source of the targets of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct TargetSource {
-    /// Target of the application.
-    pub(crate) wanted: Option<i32>,
+    pub(crate) requested: Option<i32>,
     /// Whether the axis is brought to rest, or rests, instead of following the application.
     pub(crate) is_halted: bool,
     pub(crate) ramp: Ramp,
@@ -16,20 +14,18 @@ pub(crate) struct TargetSource {
 
 impl TargetSource {
     pub(crate) fn new(ramp: u32) -> Self {
-        Self { wanted: None, is_halted: false, ramp: Ramp::new(ramp) }
+        Self { requested: None, is_halted: false, ramp: Ramp::new(ramp) }
     }
 
-    /// Forgets all targets.
     pub(crate) fn clear(&mut self) {
-        self.wanted = None;
+        self.requested = None;
         self.is_halted = false;
         self.ramp.stop();
     }
 
-    /// Brings the axis to rest.
     pub(crate) fn halt(&mut self) {
         self.is_halted = true;
-        self.wanted = None;
+        self.requested = None;
     }
 
     /// Returns the next target after `last`, and the step of the host's own ramp that makes it.
@@ -57,7 +53,7 @@ impl TargetSource {
                 let limit = i32::try_from(rate_limit).unwrap_or(i32::MAX);
                 (Some(last - last.clamp(-limit, limit)), None)
             }
-            _ => (self.wanted, None),
+            _ => (self.requested, None),
         }
     }
 }
@@ -71,7 +67,7 @@ mod tests {
     #[test]
     fn halted_rate_returns_to_zero_by_its_limit() {
         let mut source = TargetSource::new(10);
-        source.wanted = Some(500);
+        source.requested = Some(500);
         assert_eq!(source.next(TargetKind::Rate, LINEAR, 120, None, 50), (Some(500), None));
         source.halt();
         assert_eq!(source.next(TargetKind::Rate, LINEAR, 120, None, 50), (Some(70), None));

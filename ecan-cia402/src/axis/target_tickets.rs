@@ -5,7 +5,6 @@ use ecan_mcan_port::SendTicket;
 /// Most pending results; older ones are forgotten.
 const CAPACITY: usize = 8;
 
-/// Tickets of sent targets whose transmit result is pending.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct TargetTickets {
     tickets: [Option<SendTicket>; CAPACITY],
@@ -20,7 +19,6 @@ impl TargetTickets {
         self.next = (self.next + 1) % CAPACITY;
     }
 
-    /// Removes a ticket; returns whether it was pending.
     pub(crate) fn remove(&mut self, ticket: SendTicket) -> bool {
         let slot = self.tickets.iter_mut().find(|slot| **slot == Some(ticket));
         slot.is_some_and(|slot| slot.take().is_some())

@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use crate::guard::position_range::PositionRange;
 
-/// Why a value has no raw counterpart.
+/// Error: a value without a raw counterpart.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum UnitError {
     /// Not a number, or infinite.
@@ -20,7 +20,7 @@ pub enum UnitError {
     Range {
         /// The value given, in its own unit.
         value: f64,
-        /// What it would be in steps.
+        /// The value in steps.
         steps: f64,
     },
 }
@@ -47,12 +47,6 @@ impl Scale {
     /// [`AxisConfig::check`](super::AxisConfig::check)), with step 0 at angle 0.
     pub fn steps_per_turn(steps: f64) -> Self {
         Self { steps_per_turn: steps, origin: 0 }
-    }
-
-    /// A motor of so many steps per turn behind a gear: `motor` turns of the motor are `axis`
-    /// turns of the axis.
-    pub fn geared(motor_steps_per_turn: f64, motor: f64, axis: f64) -> Self {
-        Self::steps_per_turn(motor_steps_per_turn * motor / axis)
     }
 
     /// The same scale with angle 0 at `step`.
@@ -113,11 +107,6 @@ impl Scale {
         }
         range.add(self.origin, steps as i64).filter(|raw| range.contains(*raw)).ok_or(outside)
     }
-
-    /// Steps per cycle for a speed in degrees per second. Real-time safe.
-    pub fn steps_per_cycle(self, degrees_per_second: f64, cycle_ns: u32) -> f64 {
-        degrees_per_second / 360.0 * self.steps_per_turn * f64::from(cycle_ns) / 1e9
-    }
 }
 
 #[cfg(test)]
@@ -129,7 +118,7 @@ mod tests {
 
     #[test]
     fn quarter_turn_is_a_quarter_of_the_steps() {
-        let scale = Scale::geared(4096.0, 50.0, 1.0);
+        let scale = Scale::steps_per_turn(204_800.0);
         assert_eq!(scale.from_degrees(90.0, LINEAR), Ok(51_200));
         assert_eq!(scale.from_radians(PI / 2.0, LINEAR), Ok(51_200));
         assert_eq!(scale.degrees(-51_200), -90.0);
@@ -157,12 +146,6 @@ mod tests {
         assert_eq!(wrapped, Ok((3_000_000_000_i64 - (1_i64 << 32)) as i32));
         let turn = PositionRange::Modulo { min: 0, max: 359 };
         assert_eq!(Scale::default().from_degrees(-10.0, turn), Ok(350));
-    }
-
-    #[test]
-    fn speed_converts_to_steps_per_cycle() {
-        let scale = Scale::steps_per_turn(36_000.0);
-        assert_eq!(scale.steps_per_cycle(360.0, 1_000_000), 36.0);
     }
 
     proptest! {

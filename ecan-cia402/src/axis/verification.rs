@@ -3,15 +3,11 @@
 use super::script::Script;
 use crate::guard::input::GuardInput;
 
-/// Pause before a drive that did not answer is asked again.
 pub(crate) const RETRY_NS: u64 = 500_000_000;
 
-/// Parts of the connection to a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Reachability {
-    /// The gateway is ready.
     pub(crate) gateway: bool,
-    /// The heartbeat has not timed out.
     pub(crate) heartbeat: bool,
     /// The node is in Operational, as far as the host can tell.
     pub(crate) operational: bool,
@@ -44,7 +40,8 @@ pub(crate) enum Verification {
     #[default]
     Complete,
     /// The drive is to be asked, from this time on.
-    Due { from_ns: u64 },
-    /// The drive is being asked.
+    Due {
+        from_ns: u64,
+    },
     Running(Script),
 }

@@ -6,7 +6,7 @@
 
 use super::input::{ChannelView, PathStatus};
 
-/// Where the gateway's count of waiting frames ends.
+/// Value at which the gateway's count of waiting frames saturates.
 const SATURATED: u8 = 7;
 
 /// Follows the channel after the last target was sent.

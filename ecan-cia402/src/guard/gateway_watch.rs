@@ -1,4 +1,4 @@
-//! What a gateway and its channels tell in each cycle, and what changed since the last.
+//! State of a gateway and its channels in each cycle, and its changes since the last one.
 //!
 //! The manual does not say whether the count of received frames that wait (manual 7, bits 10 to 12)
 //! includes those that the same image brings. It shows by itself: an image with more frames of a
@@ -11,15 +11,14 @@ use ecan_protocol::mapping::CHANNELS;
 
 use super::input::{Actual, ChannelView, PathStatus, PositionUnavailable};
 
-/// Where the count of waiting frames in a channel's status ends (manual 7).
+/// Value at which the count of waiting frames in a channel's status saturates (manual 7).
 const SATURATED: u8 = 7;
 
 /// Cycles in a row in which everything came, the present one included, before a position can be
 /// fresh.
 const STEADY: u8 = 3;
 
-/// A gateway that has axes.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct GatewayWatch {
     pub(crate) slave: usize,
     image: ImageReport,
@@ -34,13 +33,12 @@ pub(crate) struct GatewayWatch {
     channels: [ChannelWatch; CHANNELS],
 }
 
-/// One of its channels.
 #[derive(Debug, Clone, Copy, Default)]
 struct ChannelWatch {
     status: ChannelStatus,
-    refusals: u64,
+    rejections: u64,
     queue_rejected: bool,
-    image_refusals: u64,
+    image_rejections: u64,
     image_full: bool,
     received: u64,
     /// Frames that this image brought.
@@ -53,18 +51,7 @@ struct ChannelWatch {
 
 impl GatewayWatch {
     pub(crate) fn new(slave: usize) -> Self {
-        Self {
-            slave,
-            image: ImageReport::None,
-            is_ready: false,
-            is_complete: false,
-            is_unconfirmed: false,
-            discarded: false,
-            sessions_lost: 0,
-            images_discarded: 0,
-            counts_left_only: false,
-            channels: [ChannelWatch::default(); CHANNELS],
-        }
+        Self { slave, ..Self::default() }
     }
 
     /// Once per cycle, when everything received has been taken out: only then is a fault behind
@@ -89,10 +76,10 @@ impl GatewayWatch {
         for (number, (channel, counters)) in
             (0_u8..).zip(self.channels.iter_mut().zip(statistics.channels))
         {
-            channel.queue_rejected = counters.refused_queue_full != channel.refusals;
-            channel.refusals = counters.refused_queue_full;
-            channel.image_full = counters.refused_image_full != channel.image_refusals;
-            channel.image_refusals = counters.refused_image_full;
+            channel.queue_rejected = counters.refused_queue_full != channel.rejections;
+            channel.rejections = counters.refused_queue_full;
+            channel.image_full = counters.refused_image_full != channel.image_rejections;
+            channel.image_rejections = counters.refused_image_full;
             channel.in_image = counters.frames_received.saturating_sub(channel.received);
             channel.received = counters.frames_received;
             let [now, before, _] = channel.delivered;
@@ -111,8 +98,8 @@ impl GatewayWatch {
         let flows = self.is_complete && !self.is_unconfirmed;
         for channel in &mut self.channels {
             let in_image = if self.counts_left_only { 0 } else { channel.in_image };
-            let verdict = judge(self.image, channel.status, in_image, Some(0));
-            let is_clear = flows && matches!(verdict, Actual::Fresh(_));
+            let actual = classify(self.image, channel.status, in_image, Some(0));
+            let is_clear = flows && matches!(actual, Actual::Fresh(_));
             channel.steady = if is_clear { channel.steady.saturating_add(1) } else { 0 };
         }
     }
@@ -122,12 +109,10 @@ impl GatewayWatch {
         self.is_unconfirmed
     }
 
-    /// Whether frames can go out at all.
     pub(crate) fn is_ready(&self) -> bool {
         self.is_ready
     }
 
-    /// The way to a drive on a channel.
     pub(crate) fn path(&self, channel: u8, target_lost: bool) -> PathStatus {
         let watch = self.channel(channel);
         let [delivered, _, covered] = watch.delivered;
@@ -145,11 +130,10 @@ impl GatewayWatch {
         }
     }
 
-    /// What a position from a TPDO of this cycle is worth.
     pub(crate) fn actual(&self, channel: u8, position: Option<i32>) -> Actual {
         let watch = self.channel(channel);
         let in_image = if self.counts_left_only { 0 } else { watch.in_image };
-        match judge(self.image, watch.status, in_image, position) {
+        match classify(self.image, watch.status, in_image, position) {
             Actual::Fresh(position) if watch.steady < STEADY => Actual::Late(position),
             actual => actual,
         }
@@ -177,7 +161,7 @@ fn view(image: ImageReport, status: ChannelStatus) -> ChannelView {
 
 /// `in_image` is the number of frames of the channel that the image brought, as far as the status
 /// counts them.
-fn judge(
+fn classify(
     image: ImageReport,
     status: ChannelStatus,
     in_image: u64,
@@ -195,13 +179,13 @@ fn judge(
         }
         ImageReport::New { .. } => match position {
             None => Actual::None(PositionUnavailable::NoTpdo),
-            Some(position) => judge_age(status, in_image, position),
+            Some(position) => classify_age(status, in_image, position),
         },
     }
 }
 
 /// Whether something newer may wait in the gateway.
-fn judge_age(status: ChannelStatus, in_image: u64, position: i32) -> Actual {
+fn classify_age(status: ChannelStatus, in_image: u64, position: i32) -> Actual {
     let counted = status.rx_pending();
     if status.rx_pressure() {
         Actual::None(PositionUnavailable::Backlog)
@@ -246,7 +230,7 @@ mod tests {
             (ImageReport::None, running(), Some(5), none(PositionUnavailable::NoImage)),
         ];
         for (image, status, position, expected) in cases {
-            assert_eq!(judge(image, status, 0, position), expected, "{image:?} {status:?}");
+            assert_eq!(classify(image, status, 0, position), expected, "{image:?} {status:?}");
         }
     }
 
@@ -263,7 +247,7 @@ mod tests {
         ];
         for (counted, in_image, expected) in cases {
             let status = running().with_rx_pending(counted);
-            assert_eq!(judge(NEW, status, in_image, Some(5)), expected, "{counted} {in_image}");
+            assert_eq!(classify(NEW, status, in_image, Some(5)), expected, "{counted} {in_image}");
         }
     }
 

@@ -1,7 +1,5 @@
 //! Input of the motion guard in one cycle.
 
-use std::fmt;
-
 use ecan_canopen::DriveState;
 
 /// Actual position of an axis in one cycle, and its age.
@@ -20,36 +18,20 @@ pub enum Actual {
     None(PositionUnavailable),
 }
 
-/// Reason for which a cycle has no usable actual position.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PositionUnavailable {
-    /// The gateway sent no new image.
-    NoImage,
+ecan_protocol::text_enum! {
+    /// Reason for which a cycle has no usable actual position.
+    pub enum PositionUnavailable;
+    NoImage = "no new image from the gateway";
     /// The image is damaged, or was written while it was read.
-    Damaged,
+    Damaged = "the gateway's image is damaged";
     /// The gateway marked the image as truncated or overflowed (manual 6.1): newer frames are
     /// delayed or lost.
-    Incomplete,
-    /// The image has another layout than the configured one.
-    Layout,
+    Incomplete = "the gateway's image is incomplete";
+    Layout = "the gateway's image has another layout";
     /// The gateway's count of waiting received frames is saturated, or it reports receive
     /// pressure: the age of the position is unknown.
-    Backlog,
-    /// The image is good, and has no TPDO of this axis.
-    NoTpdo,
-}
-
-impl fmt::Display for PositionUnavailable {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::NoImage => "no new image from the gateway",
-            Self::Damaged => "the gateway's image is damaged",
-            Self::Incomplete => "the gateway's image is incomplete",
-            Self::Layout => "the gateway's image has another layout",
-            Self::Backlog => "received frames pile up in the gateway",
-            Self::NoTpdo => "no TPDO in the image",
-        })
-    }
+    Backlog = "received frames pile up in the gateway";
+    NoTpdo = "no TPDO in the image";
 }
 
 /// Status word of the channel in one cycle (manual 7).
@@ -128,40 +110,53 @@ pub struct GuardInput {
 }
 
 /// Reason for which an axis gets no targets until it is activated again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum HoldReason {
     /// The gateway is no longer ready.
+    #[error("the gateway was lost")]
     GatewayLost,
     /// Frames for the gateway were discarded, and a target may be among them.
+    #[error("pending frames were discarded")]
     FramesDiscarded,
     /// The working counter was incomplete in more cycles in a row than the axis tolerates.
+    #[error("the working counter stayed incomplete")]
     WorkingCounter,
     /// The channel is bus-off.
+    #[error("the channel went bus-off")]
     BusOff,
     /// The channel left the bus without being bus-off.
+    #[error("the channel left the bus")]
     ChannelStopped,
     /// The gateway's transmit queue was full.
+    #[error("the gateway's transmit queue was full")]
     QueueFull,
     /// The gateway reported a target as not sent.
+    #[error("the gateway reported a target as not sent")]
     TargetLost,
     /// The drive's heartbeat timed out.
+    #[error("the drive's heartbeat timed out")]
     HeartbeatLost,
     /// The drive left the NMT state Operational, or restarted.
+    #[error("the drive is not Operational")]
     NotOperational,
     /// The connection to the drive was lost, and its configuration is not verified yet.
+    #[error("the drive's configuration is being verified")]
     Unverified,
     /// No usable TPDO arrived in more cycles in a row than the axis tolerates.
+    #[error("TPDO missing: {0}")]
     TpdoLost(PositionUnavailable),
     /// The drive left Operation Enabled.
+    #[error("the drive left Operation Enabled and is in {0}")]
     LeftOperationEnabled(DriveState),
     /// The drive stopped following its target while it was enabled.
+    #[error("the drive stopped following its target")]
     NotFollowing,
     /// The drive reports a following error.
+    #[error("the drive reports a following error")]
     FollowingError,
-    /// The axis moved during its activation.
-    Moving,
     /// The application commanded it.
+    #[error("commanded")]
     Commanded,
 }
 
@@ -176,30 +171,5 @@ impl HoldReason {
                 | Self::NotOperational
                 | Self::Commanded
         )
-    }
-}
-
-impl fmt::Display for HoldReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::GatewayLost => "the gateway was lost",
-            Self::FramesDiscarded => "pending frames were discarded",
-            Self::WorkingCounter => "the working counter stayed incomplete",
-            Self::BusOff => "the channel went bus-off",
-            Self::ChannelStopped => "the channel left the bus",
-            Self::QueueFull => "the gateway's transmit queue was full",
-            Self::TargetLost => "the gateway reported a target as not sent",
-            Self::HeartbeatLost => "the drive's heartbeat timed out",
-            Self::NotOperational => "the drive is not Operational",
-            Self::Unverified => "the drive's configuration is being verified",
-            Self::TpdoLost(why) => return write!(f, "TPDO missing: {why}"),
-            Self::LeftOperationEnabled(state) => {
-                return write!(f, "the drive left Operation Enabled and is in {state}");
-            }
-            Self::NotFollowing => "the drive stopped following its target",
-            Self::FollowingError => "the drive reports a following error",
-            Self::Moving => "the axis moves",
-            Self::Commanded => "commanded",
-        })
     }
 }

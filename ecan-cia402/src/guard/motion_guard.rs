@@ -78,7 +78,6 @@ pub struct MotionGuard {
     drain: Drain,
     /// The first of the two positions of `Reading`.
     first: Option<i32>,
-    /// The fresh position of this cycle.
     fresh: Option<i32>,
     /// The last usable actual position, and how many cycles ago it came.
     actual: Option<i32>,
@@ -148,11 +147,6 @@ impl MotionGuard {
     /// Reason that delays the activation; `None` if nothing does, or without an activation.
     pub fn hindrance(&self) -> Option<HoldReason> {
         self.hindrance
-    }
-
-    /// Whether this cycle has a fresh actual position.
-    pub fn is_fresh(&self) -> bool {
-        self.fresh.is_some()
     }
 
     /// A target that moves nothing, to accompany a command that stops or resets the drive: the
@@ -240,7 +234,6 @@ impl MotionGuard {
         }
     }
 
-    /// Updates what every state needs.
     fn note(&mut self, input: &GuardInput) {
         self.fresh = None;
         self.actual_age = self.actual_age.saturating_add(1);
@@ -279,7 +272,6 @@ impl MotionGuard {
         };
     }
 
-    /// Reason on the path to the drive.
     fn path_broken(&self, input: &GuardInput) -> Option<HoldReason> {
         let path = &input.path;
         if !path.is_ready {
@@ -302,7 +294,6 @@ impl MotionGuard {
         (self.misses > self.limits.wc_misses).then_some(HoldReason::WorkingCounter)
     }
 
-    /// Reason in the reports of the drive.
     fn drive_lost(&self, input: &GuardInput) -> Option<HoldReason> {
         let drive = &input.drive;
         if drive.heartbeat_lost {
@@ -318,7 +309,6 @@ impl MotionGuard {
         is_lost.then_some(HoldReason::TpdoLost(self.no_actual))
     }
 
-    /// Reason in the motion of the drive.
     fn drive_left(&self, input: &GuardInput) -> Option<HoldReason> {
         let drive = &input.drive;
         if !self.is_enabled {
@@ -378,15 +368,15 @@ impl MotionGuard {
             && self.state == GuardState::Holding { reason: HoldReason::WorkingCounter }
     }
 
-    /// Decides what is sent, second in the cycle. `wanted` is the application's target; without one
+    /// Decides what is sent, second in the cycle. `requested` is the application's target; without one
     /// the last target is sent again.
-    pub fn decide(&mut self, wanted: Option<i32>) -> Decision {
-        let decision = self.judge(wanted);
+    pub fn decide(&mut self, requested: Option<i32>) -> Decision {
+        let decision = self.evaluate(requested);
         self.decided = decision.target();
         decision
     }
 
-    fn judge(&self, wanted: Option<i32>) -> Decision {
+    fn evaluate(&self, requested: Option<i32>) -> Decision {
         match self.state {
             GuardState::Armed { target } => {
                 if let Some(reason) = self.waits {
@@ -405,7 +395,7 @@ impl MotionGuard {
                 if let Some(reason) = self.waits {
                     return Decision::Wait(reason);
                 }
-                let next = wanted.unwrap_or(target);
+                let next = requested.unwrap_or(target);
                 match self.check(target, next) {
                     Ok(()) => Decision::Target(next),
                     Err(rejection) => Decision::Reject(rejection),
@@ -484,7 +474,7 @@ impl MotionGuard {
     }
 }
 
-/// How far outside the bounds a target is, in steps.
+/// Distance of a target from the bounds, in steps.
 fn beyond(target: i32, min: i32, max: i32) -> i64 {
     let target = i64::from(target);
     (i64::from(min) - target).max(target - i64::from(max)).max(0)

@@ -176,13 +176,13 @@ impl Model {
             // Given up by the host; the gateway may have it all the same.
             self.held = None;
         }
-        let wanted = match self.guard.state() {
+        let requested = match self.guard.state() {
             GuardState::Running { target } => Some(target.saturating_add(conditions.advance)),
             _ => None,
         };
         let mut frames = Vec::new();
         let command = if self.seen == Power::Off { Command::SwitchOn } else { Command::Enable };
-        match self.guard.decide(wanted) {
+        match self.guard.decide(requested) {
             Decision::Track(target) => {
                 prop_assert!(!self.has_stale(), "at {}: enabling over a stale target", n);
                 frames.push(Frame::Target { span: self.span, target, command });

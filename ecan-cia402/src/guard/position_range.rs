@@ -1,6 +1,6 @@
-//! How far apart two raw positions are, when the counter wraps and when it does not.
+//! Distance of two raw positions of a counter that may wrap.
 
-/// How the position counter of a drive runs.
+/// Range of the position counter of a drive.
 ///
 /// Every comparison of positions (step limit, following-error window, standstill) goes through
 /// [`distance`](Self::distance), every addition through [`add`](Self::add), so that a wrap is

@@ -13,7 +13,7 @@ use super::terms::{Decision, GuardLimits, GuardState, TargetKind, WaitReason};
 #[derive(Debug, Clone)]
 struct CycleEvents {
     input: GuardInput,
-    wanted: Option<i32>,
+    requested: Option<i32>,
     /// The Port takes the frame.
     taken: bool,
     take_up: bool,
@@ -113,16 +113,16 @@ fn happening() -> impl Strategy<Value = CycleEvents> {
         rarely(),
         channel(),
     );
-    let wanted = prop_oneof![
+    let requested = prop_oneof![
         2 => Just(None),
         8 => (-60..60_i32).prop_map(Some),
         1 => any::<i32>().prop_map(Some),
     ];
-    let app = (wanted, prop::bool::weighted(0.9), prop::bool::weighted(0.4), rarely());
+    let app = (requested, prop::bool::weighted(0.9), prop::bool::weighted(0.4), rarely());
     (path, drive(), actual(), app).prop_map(|(path, drive, actual, app)| {
         let (is_ready, is_complete, is_unconfirmed, discarded, full, target_lost, channel) = path;
         let (queue_rejected, image_full) = full;
-        let (wanted, taken, take_up, release) = app;
+        let (requested, taken, take_up, release) = app;
         let path = PathStatus {
             is_ready,
             is_complete,
@@ -136,7 +136,7 @@ fn happening() -> impl Strategy<Value = CycleEvents> {
             covered: 0,
         };
         let input = GuardInput { path, drive, actual };
-        CycleEvents { input, wanted, taken, take_up, release }
+        CycleEvents { input, requested, taken, take_up, release }
     })
 }
 
@@ -154,7 +154,7 @@ fn run(limits: GuardLimits, happenings: Vec<CycleEvents>) -> (MotionGuard, Vec<R
         if what.take_up {
             guard.activate();
         }
-        let decision = guard.decide(what.wanted);
+        let decision = guard.decide(what.requested);
         if decision.target().is_some() {
             if what.taken {
                 guard.sent();
@@ -201,7 +201,7 @@ fn last_actual(records: &[Record], n: usize) -> Option<i32> {
     })
 }
 
-fn judge(limits: &GuardLimits, records: &[Record]) -> Result<(), TestCaseError> {
+fn check_records(limits: &GuardLimits, records: &[Record]) -> Result<(), TestCaseError> {
     for (n, record) in records.iter().enumerate() {
         if !record.sent() {
             continue;
@@ -218,13 +218,13 @@ fn judge(limits: &GuardLimits, records: &[Record]) -> Result<(), TestCaseError> 
         match record.decision {
             Decision::Track(target) => {
                 prop_assert!(!enabled);
-                judge_beginning(limits, records, n, target)?;
+                check_beginning(limits, records, n, target)?;
             }
             Decision::First(target) => {
                 prop_assert!(enabled);
-                judge_beginning(limits, records, n, target)?;
+                check_beginning(limits, records, n, target)?;
             }
-            Decision::Target(target) => judge_running(limits, records, n, target)?,
+            Decision::Target(target) => check_running(limits, records, n, target)?,
             other => prop_assert!(false, "{other:?} is no target"),
         }
     }
@@ -232,7 +232,7 @@ fn judge(limits: &GuardLimits, records: &[Record]) -> Result<(), TestCaseError> 
 }
 
 /// A target that is not the application's.
-fn judge_beginning(
+fn check_beginning(
     limits: &GuardLimits,
     records: &[Record],
     n: usize,
@@ -247,13 +247,13 @@ fn judge_beginning(
         Actual::Fresh(position) => Some(position),
         _ => None,
     };
-    // Since the axis was last wanted up there was a quiet time and a position before this one.
+    // Since the axis was last activated there was a quiet time and a position before this one.
     let last_target = records[..n]
         .iter()
         .rposition(|r| r.sent() && matches!(r.decision, Decision::Target(_) | Decision::First(_)));
     let since = last_target.map_or(0, |at| at + 1);
     let between = &records[since..n];
-    prop_assert!(between.iter().any(|r| r.what.take_up), "at {n}: nobody wanted it");
+    prop_assert!(between.iter().any(|r| r.what.take_up), "at {n}: not activated");
     let statuses = between
         .iter()
         .filter(|r| matches!(r.what.input.path.channel, ChannelView::Running { .. }))
@@ -269,7 +269,7 @@ fn judge_beginning(
 }
 
 /// A target of the application.
-fn judge_running(
+fn check_running(
     limits: &GuardLimits,
     records: &[Record],
     n: usize,
@@ -311,8 +311,8 @@ fn judge_running(
             |p: i32| (i64::from(min) - i64::from(p)).max(i64::from(p) - i64::from(max)).max(0);
         prop_assert!(outside(target) == 0 || target == before || outside(target) < outside(before));
     }
-    if let Some(wanted) = records[n].what.wanted {
-        prop_assert_eq!(target, wanted, "never anything else than what is wanted");
+    if let Some(requested) = records[n].what.requested {
+        prop_assert_eq!(target, requested, "never anything else than the requested target");
     }
     Ok(())
 }
@@ -343,7 +343,7 @@ fn well(position: i32) -> CycleEvents {
             },
             actual: Actual::Fresh(position),
         },
-        wanted: None,
+        requested: None,
         taken: true,
         take_up: true,
         release: false,
@@ -359,7 +359,7 @@ proptest! {
         happenings in prop::collection::vec(happening(), 1..160),
     ) {
         let (_, records) = run(limits, happenings);
-        judge(&limits, &records)?;
+        check_records(&limits, &records)?;
     }
 
     #[test]
@@ -370,7 +370,7 @@ proptest! {
     ) {
         let sound = happenings.into_iter().chain((0..20).map(|_| well(position)));
         let (guard, records) = run(limits, sound.collect());
-        judge(&limits, &records)?;
+        check_records(&limits, &records)?;
         let is_running = matches!(guard.state(), GuardState::Running { .. });
         // An axis that went on running may stand far from its target by now, and so may one whose
         // drive was enabled all the time.

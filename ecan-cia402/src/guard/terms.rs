@@ -128,42 +128,26 @@ pub enum TargetRejection {
     NoTargets,
 }
 
-/// Reason for which nothing is sent in this cycle although the axis is active. The application's
-/// motion must not continue in such a cycle: the next target is compared with the last one sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WaitReason {
+ecan_protocol::text_enum! {
+    /// Reason for which nothing is sent in this cycle although the axis is active. The application's
+    /// motion must not continue in such a cycle: the next target is compared with the last one sent.
+    pub enum WaitReason;
     /// The working counter of this cycle is incomplete (manual 15.5.2, step 8).
-    WorkingCounter,
+    WorkingCounter = "the working counter is incomplete";
     /// The last image is unconfirmed and repeated; a target now would follow it in the same bus
     /// cycle.
-    ImageUnconfirmed,
+    ImageUnconfirmed = "the last image is repeated";
     /// The first target must be an actual position of this very cycle.
-    NoFreshPosition,
+    NoFreshPosition = "no fresh actual position in this cycle";
     /// The drive is enabled and holds an old target further than a step from its position: blocked,
     /// or targets were lost. Its actual position would be a jump for the drive; it must be
     /// switched off first.
-    HoldsOldTarget,
+    HoldsOldTarget = "the drive holds an old target far from the axis";
     /// The image of the last cycle had no space for a frame of the channel. If that was SYNC, the
     /// targets of that cycle are not effective yet, and another one would be a double step.
-    ImageFull,
-    /// The target of this cycle was sent already.
-    Spent,
-    /// A frame was rejected in this cycle; the axis will hold from the next one on.
-    Rejected,
-}
-
-impl fmt::Display for WaitReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::WorkingCounter => "the working counter is incomplete",
-            Self::ImageUnconfirmed => "the last image is repeated",
-            Self::HoldsOldTarget => "the drive holds an old target far from the axis",
-            Self::ImageFull => "the image was full",
-            Self::Spent => "the target of this cycle was sent",
-            Self::NoFreshPosition => "no fresh actual position in this cycle",
-            Self::Rejected => "a frame was rejected",
-        })
-    }
+    ImageFull = "the image was full";
+    Spent = "the target of this cycle was sent";
+    Rejected = "a frame was rejected";
 }
 
 /// Decision about the target of a cycle.

@@ -54,9 +54,9 @@ fn in_state(state: DriveState, position: i32) -> GuardInput {
     input
 }
 
-fn cycle(guard: &mut MotionGuard, input: &GuardInput, wanted: Option<i32>) -> Decision {
+fn cycle(guard: &mut MotionGuard, input: &GuardInput, requested: Option<i32>) -> Decision {
     guard.observe(input);
-    let decision = guard.decide(wanted);
+    let decision = guard.decide(requested);
     if decision.target().is_some() {
         guard.sent();
     }

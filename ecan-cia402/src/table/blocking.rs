@@ -13,7 +13,6 @@ use crate::axis::axis_state::AxisState;
 use crate::axis::phase::AxisProgress;
 use crate::guard::terms::GuardState;
 
-/// Relation of an axis to the state that is waited for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum WaitStatus {
     Waiting,
@@ -159,7 +158,6 @@ impl Cia402 {
         }
     }
 
-    /// Runs the cycle until no axis is waiting.
     fn wait(
         &mut self,
         port: &mut Port,

@@ -132,7 +132,6 @@ impl Cia402 {
             lookup.insert(address, axis.pdo_number, u16::try_from(index).unwrap_or(u16::MAX));
             table.push(Axis::new(index, axis, handle, cycles_per_sync));
         }
-        network.set_sync(Some(settings.sync))?;
         let cycle_ns = u64::from(port.adapter().config().cycle_ns());
         let sync_period_ns = cycle_ns * u64::from(cycles_per_sync);
         Ok(Self {
@@ -258,10 +257,10 @@ impl Cia402 {
         let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
         let streams = process_data(axes, &self.sync, self.motion_div, offset_ns);
         let cycle_ns = port.adapter().config().cycle_ns();
-        let load = |place: (usize, u8)| {
-            let gateway = port.config().gateways.get(place.0)?;
-            let channel = gateway.channels.get(usize::from(place.1))?.as_ref()?;
-            Some(BusLoad::of(place, &streams, &channel.can, cycle_ns))
+        let load = |address: (usize, u8)| {
+            let gateway = port.config().gateways.get(address.0)?;
+            let channel = gateway.channels.get(usize::from(address.1))?.as_ref()?;
+            Some(BusLoad::of(address, &streams, &channel.can, cycle_ns))
         };
         channels.into_iter().filter_map(load).collect()
     }

@@ -23,15 +23,20 @@ impl Cia402 {
         self.axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })
     }
 
+    fn cancel_procedure(&mut self, axis: usize) -> Result<&mut Axis, CommandError> {
+        let found = self.axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
+        found.cancel_procedure(&mut self.network);
+        Ok(found)
+    }
+
     /// Commands every axis, also after a rejection; returns the first rejection.
     fn command_all(
         &mut self,
-        mut command: impl FnMut(&mut Axis) -> Result<(), CommandError>,
+        mut command: impl FnMut(&mut Self, usize) -> Result<(), CommandError>,
     ) -> Result<(), CommandError> {
         let mut result = Ok(());
-        for axis in &mut self.axes {
-            let taken = command(axis);
-            result = result.and(taken);
+        for axis in 0..self.axes.len() {
+            result = result.and(command(self, axis));
         }
         result
     }
@@ -58,14 +63,10 @@ impl Cia402 {
     /// # Errors
     /// The first [`CommandError`]; the other axes are configured nevertheless.
     pub fn configure_all(&mut self) -> Result<(), CommandError> {
-        let mut result = Ok(());
-        for index in 0..self.axes.len() {
-            if self.axis(index).is_some_and(|axis| !axis.state.is_configured()) {
-                let begun = self.configure(index);
-                result = result.and(begun);
-            }
-        }
-        result
+        self.command_all(|table, axis| match table.axes.get(axis) {
+            Some(it) if !it.state.is_configured() => table.configure(axis),
+            _ => Ok(()),
+        })
     }
 
     /// Starts to establish the position of an axis: old targets drain, then two fresh TPDOs must
@@ -83,7 +84,7 @@ impl Cia402 {
     /// # Errors
     /// The first [`CommandError`]; the other axes are read nevertheless.
     pub fn read_position_all(&mut self) -> Result<(), CommandError> {
-        self.command_all(Axis::read_position)
+        self.command_all(Self::read_position)
     }
 
     // Power
@@ -108,8 +109,7 @@ impl Cia402 {
     /// # Errors
     /// The first [`CommandError`]; the other axes are enabled nevertheless.
     pub fn enable_all(&mut self) -> Result<(), CommandError> {
-        let now_ns = self.now_ns;
-        self.command_all(|axis| axis.enable(now_ns))
+        self.command_all(Self::enable)
     }
 
     /// Ends targets at once and switches a drive off, through Switched On; it stops by its 0x605C.
@@ -118,19 +118,14 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn disable(&mut self, axis: usize) -> Result<(), CommandError> {
-        let Self { axes, network, .. } = self;
-        let axis = axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        axis.cancel_procedure(network);
-        axis.disable();
+        self.cancel_procedure(axis)?.disable();
         Ok(())
     }
 
     /// Switches all drives off.
     pub fn disable_all(&mut self) {
-        for index in 0..self.axes.len() {
-            // infallible: the index is that of an axis
-            let _ = self.disable(index);
-        }
+        // infallible: the indices are those of axes
+        let _ = self.command_all(Self::disable);
     }
 
     /// Ends targets at once and commands a quick stop; the drive stops by its 0x605A.
@@ -139,19 +134,14 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn quick_stop(&mut self, axis: usize) -> Result<(), CommandError> {
-        let Self { axes, network, .. } = self;
-        let axis = axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        axis.cancel_procedure(network);
-        axis.quick_stop();
+        self.cancel_procedure(axis)?.quick_stop();
         Ok(())
     }
 
     /// Commands a quick stop to all drives.
     pub fn quick_stop_all(&mut self) {
-        for index in 0..self.axes.len() {
-            // infallible: the index is that of an axis
-            let _ = self.quick_stop(index);
-        }
+        // infallible: the indices are those of axes
+        let _ = self.command_all(Self::quick_stop);
     }
 
     /// Resets the fault of a drive with a real edge: the bit is sent low, then high, each in several
@@ -216,7 +206,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn set_target(&mut self, axis: usize, target: i32) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.targets.wanted = Some(target);
+        self.axis_mut(axis)?.targets.requested = Some(target);
         Ok(())
     }
 
@@ -244,7 +234,7 @@ impl Cia402 {
         let axis = self.axis_mut(index)?;
         let target =
             angle(&axis.settings).map_err(|error| CommandError::Unit { axis: index, error })?;
-        axis.targets.wanted = Some(target);
+        axis.targets.requested = Some(target);
         Ok(())
     }
 

@@ -135,25 +135,25 @@ impl Cia402 {
         self.cycles_to_target = self.cycles_to_target.checked_sub(1).unwrap_or(self.motion_div - 1);
         let mut full = FullChannels::default();
         for axis in &mut self.axes {
-            let place = (axis.settings.address.slave, axis.settings.address.channel);
+            let (slave, channel) = (axis.settings.address.slave, axis.settings.address.channel);
             let outgoing = axis.prepare(stepping, with_target);
             if let Some(outgoing) = outgoing {
-                let gateway = self.gateways.get(place.0);
+                let gateway = self.gateways.get(slave);
                 let is_open = gateway.is_some_and(|g| g.is_ready() && !g.is_unconfirmed());
-                if !is_open || full.contains(place) {
+                if !is_open || full.contains((slave, channel)) {
                     axis.skipped();
                 } else {
                     let sent = FrameRef::classic(axis.rpdo, outgoing.rpdo.as_slice())
                         .map_err(Into::into)
                         .and_then(|frame| {
-                            let to = cycle.channel(place.0, place.1)?;
+                            let to = cycle.channel(slave, channel)?;
                             cycle.send_with(to, frame, self.target_options)
                         });
                     match sent {
                         Ok(ticket) => axis.sent(&outgoing, ticket),
                         Err(error) => {
                             if axis.not_sent(&outgoing, &error) {
-                                full.insert(place);
+                                full.insert((slave, channel));
                             }
                         }
                     }
@@ -211,11 +211,11 @@ impl FullChannels {
         1 << (slave.min(31) * CHANNELS + usize::from(channel) % CHANNELS)
     }
 
-    fn insert(&mut self, place: (usize, u8)) {
-        self.0 |= Self::bit(place);
+    fn insert(&mut self, address: (usize, u8)) {
+        self.0 |= Self::bit(address);
     }
 
-    fn contains(self, place: (usize, u8)) -> bool {
-        self.0 & Self::bit(place) != 0
+    fn contains(self, address: (usize, u8)) -> bool {
+        self.0 & Self::bit(address) != 0
     }
 }

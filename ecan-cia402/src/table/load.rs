@@ -30,22 +30,21 @@ pub struct BusLoad {
     pub most: f64,
 }
 
-/// What does not fit any more on a channel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LoadWarning {
+ecan_protocol::text_enum! {
+    /// Overload of a channel.
+    pub enum LoadWarning;
     /// Even without a stuff bit the bus is too slow for the cycle: targets pile up, and the axes
     /// will hold.
-    TooMuch,
+    TooMuch = "the bus is too slow for this cycle";
     /// With unlucky data the bus is too slow for a cycle now and then.
-    Tight,
+    Tight = "the bus may be too slow for some cycles";
     /// Less than a tenth is left for SDO, heartbeats and emergencies.
-    NoReserve,
-    /// More frames in a cycle than the gateway serves in one direction.
-    Budget,
+    NoReserve = "hardly any room is left for SDO, heartbeats and emergencies";
+    Budget = "more frames per cycle than the gateway serves";
 }
 
 impl BusLoad {
-    /// What does not fit, the worst first; `None` where there is room for everything.
+    /// Overload, the worst first; `None` if everything fits.
     pub fn warning(&self) -> Option<LoadWarning> {
         if self.least > 1.0 {
             Some(LoadWarning::TooMuch)
@@ -68,17 +67,6 @@ impl std::fmt::Display for BusLoad {
         let name = if *axes == 1 { "axis" } else { "axes" };
         write!(f, "slave {slave} channel {channel}: {axes} {name}, ")?;
         write!(f, "{:.0} to {:.0} % of the bus", least * 100.0, most * 100.0)
-    }
-}
-
-impl std::fmt::Display for LoadWarning {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::TooMuch => "the bus is too slow for this cycle",
-            Self::Tight => "the bus may be too slow for some cycles",
-            Self::NoReserve => "hardly any room is left for SDO, heartbeats and emergencies",
-            Self::Budget => "more frames per cycle than the gateway serves",
-        })
     }
 }
 

@@ -21,17 +21,16 @@ impl AxisLookup {
     }
 
     pub(super) fn insert(&mut self, address: NodeAddress, pdo_number: u8, axis: u16) {
-        let place = self
+        let slot = self
             .slaves
             .get_mut(address.slave)
             .and_then(|channels| channels.get_mut(usize::from(address.channel)))
             .and_then(|nodes| nodes.get_mut(usize::from(address.node.get())));
-        if let Some(place) = place {
-            *place = Some((axis, pdo_number));
+        if let Some(slot) = slot {
+            *slot = Some((axis, pdo_number));
         }
     }
 
-    /// The axis whose TPDO this identifier is. Real-time safe.
     pub(super) fn tpdo(&self, slave: usize, channel: u8, id: CanId) -> Option<usize> {
         let Some(Service::Tpdo(node, number)) = CobId::classify(id) else { return None };
         let (axis, pdo_number) = self.find(slave, channel, node)?;

@@ -51,7 +51,6 @@ impl fmt::Display for Shutdown {
 }
 
 impl Shutdown {
-    /// Cancels procedures and brings all axes to rest.
     pub(super) fn begin(axes: &mut [Axis], network: &mut Network, since_ns: u64) -> Self {
         for axis in axes {
             axis.cancel_procedure(network);
@@ -62,7 +61,6 @@ impl Shutdown {
         Self::Decelerating { since_ns }
     }
 
-    /// Continues the shutdown, once per cycle; returns its next state.
     pub(super) fn step(
         self,
         axes: &mut [Axis],

@@ -116,7 +116,7 @@ impl Fixture {
     }
 
     /// One cycle when it is due: everything in, `work`, everything out. An error of the cycle is
-    /// what a bus in trouble has.
+    /// what a bus with faults has.
     pub fn cycle_with<T>(&mut self, work: impl FnOnce(&mut Cia402, &mut Cycle<'_>) -> T) -> T {
         let mut cycle = self.port.next_cycle();
         self.cia402.process_rx(&mut cycle);
@@ -178,7 +178,7 @@ impl Fixture {
     }
 
     /// By the drives' own testimony: nothing jumped.
-    pub fn judge(&self) {
+    pub fn check(&self) {
         for axis in 0..self.cia402.axis_count() {
             let settings = self.cia402.settings(axis).unwrap();
             let sums = self.drive(axis, |drive| *drive.targets().sums());

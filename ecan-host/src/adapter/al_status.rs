@@ -4,7 +4,6 @@ use ecan_protocol::device::AlStatusCode;
 
 use crate::master::{Master, RegRequestId, RequestState};
 
-/// ESC register of the AL status code.
 const AL_STATUS_CODE_REGISTER: u16 = 0x0134;
 
 /// Watches a slave's AL status code while OP is waited for.
@@ -21,7 +20,6 @@ impl AlStatusWatch {
         Self { request, last: None }
     }
 
-    /// The last code seen since the last [`clear`](Self::clear).
     pub(crate) fn last(&self) -> Option<AlStatusCode> {
         self.last
     }

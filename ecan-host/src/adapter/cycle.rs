@@ -55,7 +55,7 @@ impl DomainReport {
     }
 }
 
-fn judge(slave: &Slave, working_counter: u32, wc_state: WcState) -> (Delivery, Delivery) {
+fn delivery_of(slave: &Slave, working_counter: u32, wc_state: WcState) -> (Delivery, Delivery) {
     let seen = |counted: bool| if counted { Delivery::Confirmed } else { Delivery::Missed };
     match wc_state {
         WcState::Complete => (Delivery::Confirmed, Delivery::Confirmed),
@@ -114,7 +114,8 @@ impl Adapter {
             match state {
                 Ok(_) if slave.is_unsent => {}
                 Ok(state) => {
-                    let (outputs, inputs) = judge(slave, state.working_counter, state.wc_state);
+                    let (outputs, inputs) =
+                        delivery_of(slave, state.working_counter, state.wc_state);
                     let report = &mut slave.report;
                     report.working_counter = state.working_counter;
                     report.wc_state = state.wc_state;

@@ -76,10 +76,10 @@ impl Adapter {
         self.clocks.as_ref().map(DistributedClocks::status)
     }
 
-    /// What the last [`receive`](Self::receive) found that the next deadline is to be shifted by,
-    /// in nanoseconds, so that the host follows the reference clock
+    /// Shift of the next deadline by the last [`receive`](Self::receive), in nanoseconds, so that
+    /// the host follows the reference clock
     /// ([`ClockSource::Reference`](crate::ClockSource::Reference)); otherwise 0.
-    /// [`wait_next_cycle`](Self::wait_next_cycle) has it in already. Real-time safe.
+    /// [`wait_next_cycle`](Self::wait_next_cycle) applies it. Real-time safe.
     pub fn clock_correction_ns(&self) -> i64 {
         self.clock_correction_ns
     }

@@ -54,9 +54,6 @@ fn steps_to_try(startup: &[StartupStep], slave: &Slave) -> Vec<StartupStep> {
 
 impl Adapter {
     /// The slaves that are not in OP now, without what takes blocking transfers.
-    ///
-    /// # Errors
-    /// The library's error.
     pub fn not_operational(&self, waited_ms: u64) -> Result<NotOperational, Error> {
         let mut slaves = Vec::new();
         for (index, slave) in self.slaves.iter().enumerate() {
@@ -66,11 +63,11 @@ impl Adapter {
                 continue;
             }
             let info = self.diagnostics.slave_info(index).ok();
-            let place = self.config.slaves.get(index);
+            let slave_config = self.config.slaves.get(index);
             slaves.push(SlaveReport {
                 slave: index,
-                alias: place.map_or(0, |settings| settings.alias),
-                position: place.map_or(0, |settings| settings.position),
+                alias: slave_config.map_or(0, |settings| settings.alias),
+                position: slave_config.map_or(0, |settings| settings.position),
                 online: state.online,
                 al_state: info
                     .as_ref()

@@ -13,7 +13,6 @@ mod requests;
 pub use cycle::{Delivery, DomainReport};
 pub use operation::{OpProgress, OpWait};
 pub use parallel::run_in_parallel;
-pub use requests::RequestId;
 
 use std::ops::Range;
 
@@ -33,7 +32,6 @@ use al_status::AlStatusWatch;
 use events::{Outage, Overruns};
 use operation::StopCheck;
 
-/// A configured slave and its handles in the master.
 #[derive(Debug)]
 struct Slave {
     config: SlaveConfigId,
@@ -53,7 +51,8 @@ struct Slave {
 
 /// The master side of one or more ECAN-Lite gateways (manual 15.1, "Adapter").
 ///
-/// Belongs to one thread at a time. Dropping it releases the master, also after an error.
+/// Belongs to one thread at a time. Dropping it releases the master, also after an error. Its
+/// methods fail in the wrong [`Phase`], for an index out of range, and with the library's error.
 #[derive(Debug)]
 pub struct Adapter {
     ecrt: Ecrt,
@@ -157,7 +156,7 @@ impl Adapter {
 
     /// From PREOP slaves to a configured master.
     fn configure(&mut self) -> Result<(), Error> {
-        self.diagnostics.set_places(&self.config);
+        self.diagnostics.set_addresses(&self.config);
         self.response_ns = Plan::of(&self.config).response_ns();
         let clock = self.ecrt.clock().as_ref();
         identification::wait_for_slaves(&self.diagnostics, clock, &self.config)?;
@@ -264,9 +263,6 @@ impl Adapter {
 
     /// Starts cyclic operation: from here the application calls [`receive`](Self::receive) and
     /// [`send`](Self::send) every cycle, also while the slaves are still on their way to OP.
-    ///
-    /// # Errors
-    /// A wrong phase, an attached master, or the library's error.
     pub fn activate(&mut self) -> Result<(), Error> {
         self.need_owned("activate")?;
         self.need_phase("activate", Phase::Configured)?;
@@ -314,9 +310,9 @@ impl Adapter {
     ) -> Result<(), Error> {
         self.need_owned("reconfigure")?;
         config.check()?;
-        let (is, wanted) = (self.config.master_index, config.master_index);
-        if is != wanted {
-            return Err(Error::OtherMaster { is, wanted });
+        let (is, configured) = (self.config.master_index, config.master_index);
+        if is != configured {
+            return Err(Error::OtherMaster { is, configured });
         }
         let was_active = self.phase == Phase::Active;
         self.phase = Phase::Down;
@@ -380,26 +376,17 @@ impl Adapter {
     }
 
     /// Identity of a slave as found on the bus.
-    ///
-    /// # Errors
-    /// An index out of range.
     pub fn identity(&self, slave: usize) -> Result<Identity, Error> {
         Ok(self.slave(slave)?.identity)
     }
 
     /// Serial number of the gateway at a slave's address (0xF000:07 and :08).
-    ///
-    /// # Errors
-    /// An index out of range.
     pub fn serial_number(&self, slave: usize) -> Result<u64, Error> {
         let [low, high] = self.slave(slave)?.serial;
         Ok(u64::from(high) << 32 | u64::from(low))
     }
 
     /// Datagram layout of a slave.
-    ///
-    /// # Errors
-    /// An index out of range.
     pub fn domain_layout(&self, slave: usize) -> Result<DomainLayout, Error> {
         Ok(self.slave(slave)?.layout)
     }
@@ -411,9 +398,6 @@ impl Adapter {
     }
 
     /// Opens another diagnostics handle, which may move to another thread.
-    ///
-    /// # Errors
-    /// The master cannot be opened.
     pub fn open_diagnostics(&self) -> Result<Diagnostics, Error> {
         Diagnostics::open(&self.ecrt, &self.config)
     }

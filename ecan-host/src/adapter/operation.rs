@@ -18,7 +18,6 @@ const INSPECT_NS: u64 = 200_000_000;
 const CYCLES_PER_SDO: u32 = 4;
 /// Time of a startup SDO that does not depend on the cycle.
 const SDO_TIME: Duration = Duration::from_millis(5);
-/// Time for the AL state changes of a slave.
 const STATES_TIME: Duration = Duration::from_secs(5);
 
 /// Function of the application that decides whether to end a wait.
@@ -85,9 +84,6 @@ impl Adapter {
     }
 
     /// As [`wait_op`](Self::wait_op), with the application's own cycle.
-    ///
-    /// # Errors
-    /// As there.
     pub fn wait_op_with(
         &mut self,
         timeout: Duration,
@@ -123,9 +119,6 @@ impl Adapter {
 
     /// Begins to wait for OP, for applications that run the cycle themselves: activates where that
     /// has not been done, except on an attached Adapter.
-    ///
-    /// # Errors
-    /// Activation failed.
     pub fn begin_op_wait(&mut self, timeout: Duration) -> Result<OpWait, Error> {
         if self.phase == Phase::Configured && !self.is_attached() {
             self.activate()?;
@@ -139,9 +132,6 @@ impl Adapter {
     }
 
     /// Progress of a wait; call it once after each cycle. May block briefly: not for the cycle itself.
-    ///
-    /// # Errors
-    /// The library's error.
     pub fn op_progress(&mut self, wait: &mut OpWait) -> Result<OpProgress, Error> {
         if self.all_operational()? {
             let waited_ms = (self.ecrt.clock().now_ns() - wait.start_ns) / 1_000_000;
@@ -177,9 +167,6 @@ impl Adapter {
 
     /// Online, OP and AL state of a slave as the master's configuration sees it. It lags the
     /// working counter by seconds. Real-time safe.
-    ///
-    /// # Errors
-    /// The library's error; an index out of range is `EINVAL`.
     pub fn slave_state(&self, slave: usize) -> Result<SlaveConfigState, CycleError> {
         let failed = CycleError::of_slave("ecrt_slave_config_state", slave);
         match self.slaves.get(slave) {
@@ -189,9 +176,6 @@ impl Adapter {
     }
 
     /// Whether every slave is in OP and exchanged both directions in the last cycle.
-    ///
-    /// # Errors
-    /// The library's error.
     pub fn all_operational(&self) -> Result<bool, CycleError> {
         for slave in 0..self.slaves.len() {
             if !self.slave_state(slave)?.operational {

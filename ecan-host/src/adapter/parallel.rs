@@ -24,9 +24,6 @@ impl Drop for WorkerGuard<'_> {
 /// Runs `work` on another thread, with the diagnostics handle that `open` returns there, and
 /// `cycle` on this one until `work` is done. `cycle` is one whole cycle including its wait; at
 /// least one is run.
-///
-/// # Errors
-/// The error of `open`.
 pub fn run_in_parallel<R: Send>(
     clock: &dyn Clock,
     open: impl FnOnce() -> Result<Diagnostics, Error> + Send,

@@ -16,32 +16,28 @@ use crate::master::{LinkState, Master, MasterState, SlaveInfo};
 #[derive(Debug)]
 pub struct Diagnostics {
     master: Master,
-    /// Alias and position of each configured slave.
-    places: Vec<(u16, u16)>,
+    addresses: Vec<(u16, u16)>,
 }
 
 impl Diagnostics {
     pub(crate) fn open(ecrt: &Ecrt, config: &AdapterConfig) -> Result<Self, Error> {
-        let mut diagnostics = Self::without_places(ecrt, config.master_index)?;
-        diagnostics.set_places(config);
+        let mut diagnostics = Self::without_addresses(ecrt, config.master_index)?;
+        diagnostics.set_addresses(config);
         Ok(diagnostics)
     }
 
-    fn without_places(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
-        Ok(Self { master: Master::open(ecrt, master_index)?, places: Vec::new() })
+    fn without_addresses(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
+        Ok(Self { master: Master::open(ecrt, master_index)?, addresses: Vec::new() })
     }
 
     /// A handle on every slave of the bus, configured or not: the index of a slave is its position.
     /// For tools that inspect a bus that no application or another one drives.
     ///
     /// Blocks while the bus is scanned.
-    ///
-    /// # Errors
-    /// The master cannot be opened or queried.
     pub fn of_bus(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
-        let mut diagnostics = Self::without_places(ecrt, master_index)?;
+        let mut diagnostics = Self::without_addresses(ecrt, master_index)?;
         let count = diagnostics.master_state()?.slaves_responding;
-        diagnostics.places =
+        diagnostics.addresses =
             (0..count).filter_map(|at| Some((0, u16::try_from(at).ok()?))).collect();
         Ok(diagnostics)
     }
@@ -52,25 +48,19 @@ impl Diagnostics {
 
     /// Number of its slaves.
     pub fn slave_count(&self) -> usize {
-        self.places.len()
+        self.addresses.len()
     }
 
-    pub(crate) fn set_places(&mut self, config: &AdapterConfig) {
-        self.places = config.slaves.iter().map(|s| (s.alias, s.position)).collect();
+    pub(crate) fn set_addresses(&mut self, config: &AdapterConfig) {
+        self.addresses = config.slaves.iter().map(|s| (s.alias, s.position)).collect();
     }
 
     /// Number of responding slaves, AL states present on the bus, link.
-    ///
-    /// # Errors
-    /// The library's error.
     pub fn master_state(&self) -> Result<MasterState, Error> {
         self.master.state().map_err(|e| Error::library("ecrt_master_state", None, e))
     }
 
     /// Link of the main device (`device` = 0) or the backup device (1).
-    ///
-    /// # Errors
-    /// The library's error, also where there is no such device.
     pub fn link_state(&self, device: u32) -> Result<LinkState, Error> {
         self.master
             .link_state(device)
@@ -78,9 +68,6 @@ impl Diagnostics {
     }
 
     /// Information about a slave: identity, AL state, error flag, name.
-    ///
-    /// # Errors
-    /// An index out of range, or the library's error (the slave is gone).
     pub fn slave_info(&self, slave: usize) -> Result<SlaveInfo, Error> {
         let position = self.ring_position(slave)?;
         self.master
@@ -89,9 +76,6 @@ impl Diagnostics {
     }
 
     /// AL state of a slave as the master last saw it; `None` for a value that is no state.
-    ///
-    /// # Errors
-    /// As [`slave_info`](Self::slave_info).
     pub fn al_state(&self, slave: usize) -> Result<Option<AlState>, Error> {
         Ok(AlState::from_status(self.slave_info(slave)?.al_state.into()))
     }
@@ -99,7 +83,7 @@ impl Diagnostics {
     /// Uploads an object into `data` and returns its length in bytes.
     ///
     /// # Errors
-    /// The abort code where the slave refused; else the library's error.
+    /// The abort code where the slave refused.
     pub fn sdo_upload(
         &self,
         slave: usize,
@@ -114,9 +98,6 @@ impl Diagnostics {
     }
 
     /// Uploads an object of at most 4 bytes as a little-endian number.
-    ///
-    /// # Errors
-    /// As [`sdo_upload`](Self::sdo_upload).
     pub fn sdo_upload_u32(&self, slave: usize, index: u16, subindex: u8) -> Result<u32, Error> {
         let mut data = [0; 4];
         self.sdo_upload(slave, index, subindex, &mut data)?;
@@ -124,9 +105,6 @@ impl Diagnostics {
     }
 
     /// Downloads an object.
-    ///
-    /// # Errors
-    /// As [`sdo_upload`](Self::sdo_upload).
     pub fn sdo_download(
         &self,
         slave: usize,
@@ -143,9 +121,9 @@ impl Diagnostics {
     /// Current position of a configured slave: alias 0 counts from the start, another one from
     /// the slave that has it.
     pub(crate) fn ring_position(&self, slave: usize) -> Result<u16, Error> {
-        let count = self.places.len();
+        let count = self.addresses.len();
         let (alias, position) =
-            self.places.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
+            self.addresses.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
         let info = self.master.info().map_err(|e| Error::library("ecrt_master", None, e))?;
         let responding = if info.scan_busy { 0 } else { info.slave_count };
         let on_bus = u16::try_from(responding).unwrap_or(u16::MAX);

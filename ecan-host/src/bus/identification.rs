@@ -7,10 +7,8 @@ use crate::config::{AdapterConfig, Identity, SlaveConfig};
 use crate::deadline::deadline_ns;
 use crate::error::Error;
 
-/// Interval of queries while slaves are scanned, in nanoseconds.
 const POLL_NS: u64 = 50_000_000;
 
-/// Waits until the bus is scanned and every configured slave is in PREOP.
 pub(crate) fn wait_for_slaves(
     diagnostics: &Diagnostics,
     clock: &dyn ecrt_sys::Clock,
@@ -55,7 +53,6 @@ pub(crate) struct Identified {
     pub(crate) serial: [u32; 2],
 }
 
-/// Verifies that the slave is the configured one.
 pub(crate) fn identify(
     diagnostics: &Diagnostics,
     slave: usize,
@@ -63,13 +60,13 @@ pub(crate) fn identify(
 ) -> Result<Identified, Error> {
     let info = diagnostics.slave_info(slave)?;
     let found = Identity { vendor_id: info.vendor_id, product_code: info.product_code };
-    if let Some(wanted) = settings.identity.filter(|wanted| *wanted != found) {
-        return Err(Error::IdentityMismatch { slave, wanted, found });
+    if let Some(expected) = settings.identity.filter(|expected| *expected != found) {
+        return Err(Error::IdentityMismatch { slave, expected, found });
     }
     let read = |subindex| diagnostics.sdo_upload_u32(slave, Capabilities::INDEX, subindex);
     match Recognition::read(read) {
-        Ok(told) if told.looks_like_ecan_lite() => {}
-        Ok(told) => return Err(Error::NotAnEcanLite { slave, found: told }),
+        Ok(found) if found.looks_like_ecan_lite() => {}
+        Ok(found) => return Err(Error::NotAnEcanLite { slave, found }),
         Err(cause) => return Err(Error::Unrecognised { slave, cause: Box::new(cause) }),
     }
     Ok(Identified { identity: found, serial: [read(7)?, read(8)?] })

@@ -14,9 +14,7 @@ const COMMAND: u8 = 4;
 const STATUS: u8 = 5;
 const SEQUENCE: u8 = 12;
 
-/// Poll interval of the sequence, in nanoseconds.
 const POLL_NS: u64 = 10_000_000;
-/// Timeout of a command, in nanoseconds.
 const TIMEOUT_NS: u64 = 10_000_000_000;
 
 /// Error of a maintenance command.
@@ -26,10 +24,12 @@ pub enum MaintenanceError {
     #[error(transparent)]
     Device(#[from] Error),
     /// The gateway does not grant the access mode.
-    #[error("the gateway does not grant {wanted} mode: its access mode stays {found} (0xB000:02)")]
+    #[error(
+        "the gateway does not grant {requested} mode: its access mode stays {found} (0xB000:02)"
+    )]
     Mode {
         /// The requested mode.
-        wanted: AccessMode,
+        requested: AccessMode,
         /// The mode that it has: 0 run, 1 engineering, 2 factory.
         found: u32,
     },
@@ -73,15 +73,15 @@ impl<'a> Maintenance<'a> {
     /// that restores the mode, if `action` succeeded.
     pub fn in_mode<R, E: From<MaintenanceError>>(
         &self,
-        wanted: AccessMode,
+        requested: AccessMode,
         action: impl FnOnce() -> Result<R, E>,
     ) -> Result<R, E> {
-        let rights = u32::from(wanted.raw());
+        let rights = u32::from(requested.raw());
         let before = self.read(MODE).map_err(MaintenanceError::Device)?;
         if before >= rights {
             return action();
         }
-        let outcome = match self.request(wanted) {
+        let outcome = match self.request(requested) {
             Ok(()) => action(),
             Err(error) => Err(error.into()),
         };
@@ -92,12 +92,12 @@ impl<'a> Maintenance<'a> {
         Ok(value)
     }
 
-    fn request(&self, wanted: AccessMode) -> Result<(), MaintenanceError> {
-        self.write(MODE_REQUEST, wanted.raw())?;
+    fn request(&self, requested: AccessMode) -> Result<(), MaintenanceError> {
+        self.write(MODE_REQUEST, requested.raw())?;
         let found = self.read(MODE)?;
-        match found >= u32::from(wanted.raw()) {
+        match found >= u32::from(requested.raw()) {
             true => Ok(()),
-            false => Err(MaintenanceError::Mode { wanted, found }),
+            false => Err(MaintenanceError::Mode { requested, found }),
         }
     }
 

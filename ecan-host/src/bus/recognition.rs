@@ -21,7 +21,7 @@ pub enum SlaveKind<E> {
     Unknown(IdentificationError<E>),
 }
 
-/// Why a slave cannot be identified.
+/// Cause for which a slave cannot be identified.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum IdentificationError<E> {
     /// In this state a slave answers no SDO.
@@ -49,25 +49,16 @@ impl<E> SlaveKind<E> {
 
 /// A way to ask the slaves of a bus, which are named by their positions.
 pub trait SlaveQuery {
-    /// Why a response is missing.
+    /// Cause of a missing response.
     type Error;
 
     /// AL state of a slave; `None` for a value that is no state.
-    ///
-    /// # Errors
-    /// The slave or the master cannot be queried.
     fn al_state(&self, slave: usize) -> Result<Option<AlState>, Self::Error>;
 
     /// Identity in the slave's SII.
-    ///
-    /// # Errors
-    /// The slave or the master cannot be queried.
     fn identity(&self, slave: usize) -> Result<Identity, Self::Error>;
 
     /// A number of 0xF000.
-    ///
-    /// # Errors
-    /// The slave refuses, or does not answer.
     fn upload(&self, slave: usize, subindex: u8) -> Result<u32, Self::Error>;
 
     /// Whether the error is the slave's abort for an entry that its 0xF000 does not have.
@@ -109,7 +100,7 @@ fn ask<I: SlaveQuery>(inquiry: &I, slave: usize) -> SlaveKind<I::Error> {
         Ok(Some(_)) => {}
     }
     match Recognition::read(|subindex| inquiry.upload(slave, subindex)) {
-        Ok(told) if told.looks_like_ecan_lite() => SlaveKind::Gateway,
+        Ok(found) if found.looks_like_ecan_lite() => SlaveKind::Gateway,
         Ok(_) => SlaveKind::Other,
         Err(error) if inquiry.is_denial(&error) => SlaveKind::Other,
         Err(error) => SlaveKind::Unknown(IdentificationError::Silent(error)),
@@ -157,7 +148,7 @@ impl SlaveQuery for Diagnostics {
 }
 
 impl Diagnostics {
-    /// What each slave that this handle knows is. Asks all of them: a slave that does not answer
+    /// The kind of each slave of this handle. Queries all of them: a slave that does not answer
     /// takes as long as the master waits for a mailbox.
     pub fn slave_kinds(&self) -> Vec<SlaveKind<Error>> {
         slave_kinds(self, &(0..self.slave_count()).collect::<Vec<_>>())

@@ -39,7 +39,6 @@ struct Sent {
     carries_monitor: bool,
 }
 
-/// A reading of the reference clock.
 #[derive(Debug, Clone, Copy)]
 struct Reading {
     /// Lower half of its time.
@@ -53,13 +52,12 @@ impl Reading {
     /// the library repeats the last value.
     fn follows(&self, before: Self, cycle_ns: u32) -> bool {
         let passed = self.sent_ns.saturating_sub(before.sent_ns);
-        let told = self.time.wrapping_sub(before.time);
-        let error = (told.wrapping_sub(passed as u32) as i32).unsigned_abs();
+        let counted = self.time.wrapping_sub(before.time);
+        let error = (counted.wrapping_sub(passed as u32) as i32).unsigned_abs();
         u64::from(error) <= u64::from(cycle_ns / 4) + passed / 1_000
     }
 }
 
-/// State of the clocks between the calls of a cycle.
 #[derive(Debug)]
 pub(crate) struct DistributedClocks {
     dc: DcSync,
@@ -68,7 +66,6 @@ pub(crate) struct DistributedClocks {
     time_ns: Option<u64>,
     /// Point of the grid of the running cycle, on the host's clock.
     point_ns: u64,
-    /// Shift of the deadline after it.
     correction_ns: i64,
     sent: Option<Sent>,
     /// The last reading, whether it was of use or not.
@@ -101,7 +98,6 @@ impl DistributedClocks {
         ClockStatus { is_locked: self.pll.is_locked(), ..self.status }
     }
 
-    /// A cycle starts at a point of the grid.
     pub(crate) fn start_cycle(&mut self, point_ns: u64) {
         let cycle = u64::from(self.cycle_ns).max(1);
         self.time_ns = Some(match (self.time_ns, self.dc.source) {
@@ -183,8 +179,8 @@ impl DistributedClocks {
     pub(crate) fn send(&mut self, master: &mut Master, now_ns: u64) -> Result<(), CycleError> {
         let Some(time_ns) = self.time_ns else { return Ok(()) };
         let late_ns = now_ns.saturating_sub(self.point_ns);
-        let told = master.application_time(time_ns);
-        told.map_err(CycleError::library("ecrt_master_application_time"))?;
+        let sent = master.application_time(time_ns);
+        sent.map_err(CycleError::library("ecrt_master_application_time"))?;
         if self.dc.source == ClockSource::Host {
             // With the time of leaving, delays of the cycle do not reach the clocks.
             let leaves_ns = time_ns.wrapping_add(late_ns);

@@ -30,7 +30,6 @@ pub(crate) struct PhaseLockedLoop {
 }
 
 impl PhaseLockedLoop {
-    /// Unlocked, without a notion of the rate.
     pub(crate) fn new(cycle_ns: u32) -> Self {
         let cycle_ns = f64::from(cycle_ns);
         Self { cycle_ns, rate_ns: 0.0, rest_ns: 0.0, mean_ns: None, is_stale: false }
@@ -51,10 +50,10 @@ impl PhaseLockedLoop {
         }
         self.mean_ns = Some(mean + (error.abs() - mean) / MEAN_OVER);
         let limit = self.cycle_ns * MAX_SHIFT;
-        let wanted = -error * PROPORTIONAL;
-        let shift = wanted.clamp(-limit, limit);
+        let unlimited = -error * PROPORTIONAL;
+        let shift = unlimited.clamp(-limit, limit);
         // An error that is corrected at the limit contains no information about the rate.
-        if shift == wanted {
+        if shift == unlimited {
             let limit = self.cycle_ns * MAX_RATE;
             self.rate_ns = (self.rate_ns - error * INTEGRAL).clamp(-limit, limit);
         }
@@ -72,7 +71,6 @@ impl PhaseLockedLoop {
         whole as i64
     }
 
-    /// Whether the phase errors have become small.
     pub(crate) fn is_locked(&self) -> bool {
         self.mean_ns.is_some_and(|mean| mean < self.cycle_ns * LOCKED)
     }

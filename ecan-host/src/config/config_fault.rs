@@ -9,9 +9,7 @@ use super::adapter_config::{AdapterConfig, MAX_WATCHDOG, SlaveConfig, WATCHDOG_U
 use super::faults::Faults;
 use crate::plan::{Plan, PlanError};
 
-/// Shortest cycle that is accepted.
 const MIN_CYCLE: Duration = Duration::from_micros(100);
-/// Longest cycle that is accepted.
 const MAX_CYCLE: Duration = Duration::from_millis(100);
 
 /// One fault of an [`AdapterConfig`].

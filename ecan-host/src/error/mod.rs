@@ -92,13 +92,13 @@ pub enum Error {
     },
     /// A reconfiguration with another master than the reserved one.
     #[error(
-        "the Adapter has reserved master {is} and cannot change to master {wanted}; open a new Adapter"
+        "the Adapter has reserved master {is} and cannot change to master {configured}; open a new Adapter"
     )]
     OtherMaster {
         /// The master in use.
         is: u32,
         /// The configured master.
-        wanted: u32,
+        configured: u32,
     },
     /// The handle given to attach is not the handle of another owner.
     #[error("attach needs the handle of a master that its owner drives (Master::from_raw)")]
@@ -110,12 +110,12 @@ pub enum Error {
         call: &'static str,
     },
     /// The slave has another identity than the configured one.
-    #[error("slave {slave}: identity {found} does not match the configured {wanted}")]
+    #[error("slave {slave}: identity {found} does not match the configured {expected}")]
     IdentityMismatch {
         /// Slave index.
         slave: usize,
         /// Configured identity.
-        wanted: Identity,
+        expected: Identity,
         /// Identity on the bus.
         found: Identity,
     },

@@ -64,22 +64,16 @@ impl fmt::Display for SlaveReport {
 }
 
 /// The slaves that did not reach OP in time.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "not in OP after {waited_ms} ms{}", slaves.iter().map(|it| format!("\n  - {it}")).collect::<String>()
+)]
 pub struct NotOperational {
     /// Time waited, in milliseconds.
     pub waited_ms: u64,
     /// Every slave that is not in OP.
     pub slaves: Vec<SlaveReport>,
 }
-
-impl fmt::Display for NotOperational {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "not in OP after {} ms", self.waited_ms)?;
-        self.slaves.iter().try_for_each(|slave| write!(f, "\n  - {slave}"))
-    }
-}
-
-impl std::error::Error for NotOperational {}
 
 pub(crate) fn is_preop(al_state: u8) -> bool {
     AlState::from_status(al_state.into()) == Some(AlState::PreOp)

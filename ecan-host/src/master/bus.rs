@@ -1,12 +1,11 @@
 //! State of the bus: the master, its links, the slaves.
 
 use ecrt_sys::{
-    EC_DIR_INPUT, EC_DIR_OUTPUT, EC_PORT_EBUS, EC_PORT_MII, EC_PORT_NOT_CONFIGURED, EC_WD_DISABLE,
-    EC_WD_ENABLE, Errno, ec_master_info_t, ec_master_link_state_t, ec_master_scan_progress_t,
-    ec_master_state_t, ec_pdo_entry_info_t, ec_pdo_info_t, ec_slave_info_t, ec_sync_info_t, status,
+    EC_PORT_EBUS, EC_PORT_MII, EC_PORT_NOT_CONFIGURED, Errno, ec_master_info_t,
+    ec_master_link_state_t, ec_master_state_t, ec_slave_info_t, status,
 };
 
-use super::{Answer, Master, SyncDirection, WatchdogMode};
+use super::{Answer, Master};
 
 /// General information about a master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,15 +40,6 @@ pub struct LinkState {
     pub al_states: u8,
     /// This link is up.
     pub link_up: bool,
-}
-
-/// Progress of the bus scan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ScanProgress {
-    /// Slaves to scan.
-    pub slave_count: u32,
-    /// The one being scanned.
-    pub scan_index: u32,
 }
 
 /// Information about a slave on the bus.
@@ -115,45 +105,8 @@ pub enum PortKind {
     Mii,
 }
 
-/// A sync manager of a slave on the bus, as its EEPROM describes it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SyncManagerInfo {
-    /// Number of the sync manager.
-    pub index: u8,
-    /// Its direction.
-    pub direction: Option<SyncDirection>,
-    /// PDOs assigned by default.
-    pub pdo_count: u32,
-    /// Its watchdog.
-    pub watchdog: WatchdogMode,
-}
-
-/// A PDO of a slave on the bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PdoInfo {
-    /// Index of the mapping object.
-    pub index: u16,
-    /// Entries mapped by default.
-    pub entry_count: u32,
-}
-
-/// An entry of a PDO of a slave on the bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PdoEntryInfo {
-    /// Index of the mapped object.
-    pub index: u16,
-    /// Its subindex.
-    pub subindex: u8,
-    /// Its length, bits.
-    pub bit_length: u8,
-}
-
 impl Master {
     /// General information. May block.
-    ///
-    /// # Errors
-    ///
-    /// Error of the kernel module.
     pub fn info(&self) -> Result<MasterInfo, Errno> {
         let mut answer = Answer::<ec_master_info_t>::new();
         // SAFETY: the master is valid as long as `self`, and the target is writable.
@@ -169,10 +122,6 @@ impl Master {
     }
 
     /// State of all links; lags the bus by seconds. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// Error of the kernel module.
     pub fn state(&self) -> Result<MasterState, Errno> {
         let mut answer = Answer::<ec_master_state_t>::new();
         // SAFETY: as in `info`.
@@ -192,7 +141,6 @@ impl Master {
     /// exists: the library writes to stderr otherwise.
     ///
     /// # Errors
-    ///
     /// `EINVAL` for a link that is not configured.
     pub fn link_state(&self, device: u32) -> Result<LinkState, Errno> {
         let mut answer = Answer::<ec_master_link_state_t>::new();
@@ -209,28 +157,9 @@ impl Master {
         })
     }
 
-    /// Progress of the bus scan. May block.
-    ///
-    /// # Errors
-    ///
-    /// `ENOSYS` before version 1.6, otherwise what the kernel module returns.
-    pub fn scan_progress(&self) -> Result<ScanProgress, Errno> {
-        let function = self.ecrt.functions().master_scan_progress;
-        let function = function.ok_or(Errno::ENOSYS)?;
-        let mut answer = Answer::<ec_master_scan_progress_t>::new();
-        // SAFETY: as in `info`.
-        let status = unsafe { function(self.raw.as_ptr(), answer.target()) };
-        Errno::check(status)?;
-        Ok(ScanProgress {
-            slave_count: answer.value.slave_count,
-            scan_index: answer.value.scan_index,
-        })
-    }
-
     /// The slave at a ring position. May block; allocates the name.
     ///
     /// # Errors
-    ///
     /// `EINVAL` where there is no slave.
     pub fn slave_info(&self, position: u16) -> Result<SlaveInfo, Errno> {
         let mut answer = Answer::<ec_slave_info_t>::new();
@@ -267,93 +196,6 @@ impl Master {
                 next_slave: (port.next_slave != u16::MAX).then_some(port.next_slave),
                 delay_to_next_dc_ns: port.delay_to_next_dc,
             }),
-        })
-    }
-
-    /// A sync manager of the slave at a ring position. May block.
-    ///
-    /// # Errors
-    ///
-    /// `ENOENT` or `EINVAL` where there is none.
-    pub fn sync_manager(&self, position: u16, sync: u8) -> Result<SyncManagerInfo, Errno> {
-        let mut answer = Answer::<ec_sync_info_t>::new();
-        // SAFETY: as in `info`; the library leaves the pointer to PDOs NULL.
-        let status = unsafe {
-            (self.ecrt.functions().master_get_sync_manager)(
-                self.raw.as_ptr(),
-                position,
-                sync,
-                answer.target(),
-            )
-        };
-        Errno::check(status)?;
-        let info = answer.value;
-        Ok(SyncManagerInfo {
-            index: info.index,
-            direction: match info.dir {
-                EC_DIR_OUTPUT => Some(SyncDirection::Output),
-                EC_DIR_INPUT => Some(SyncDirection::Input),
-                _ => None,
-            },
-            pdo_count: info.n_pdos,
-            watchdog: match info.watchdog_mode {
-                EC_WD_ENABLE => WatchdogMode::Enable,
-                EC_WD_DISABLE => WatchdogMode::Disable,
-                _ => WatchdogMode::Default,
-            },
-        })
-    }
-
-    /// The PDO at a position of a sync manager's default assignment. May block.
-    ///
-    /// # Errors
-    ///
-    /// `ENOENT` or `EINVAL` where there is none.
-    pub fn pdo(&self, position: u16, sync: u8, pdo_position: u16) -> Result<PdoInfo, Errno> {
-        let mut answer = Answer::<ec_pdo_info_t>::new();
-        // SAFETY: as in `info`; the library leaves the pointer to entries NULL.
-        let status = unsafe {
-            (self.ecrt.functions().master_get_pdo)(
-                self.raw.as_ptr(),
-                position,
-                sync,
-                pdo_position,
-                answer.target(),
-            )
-        };
-        Errno::check(status)?;
-        Ok(PdoInfo { index: answer.value.index, entry_count: answer.value.n_entries })
-    }
-
-    /// The entry at a position of such a PDO's default mapping. May block.
-    ///
-    /// # Errors
-    ///
-    /// `ENOENT` or `EINVAL` where there is none.
-    pub fn pdo_entry(
-        &self,
-        position: u16,
-        sync: u8,
-        pdo_position: u16,
-        entry_position: u16,
-    ) -> Result<PdoEntryInfo, Errno> {
-        let mut answer = Answer::<ec_pdo_entry_info_t>::new();
-        // SAFETY: as in `info`.
-        let status = unsafe {
-            (self.ecrt.functions().master_get_pdo_entry)(
-                self.raw.as_ptr(),
-                position,
-                sync,
-                pdo_position,
-                entry_position,
-                answer.target(),
-            )
-        };
-        Errno::check(status)?;
-        Ok(PdoEntryInfo {
-            index: answer.value.index,
-            subindex: answer.value.subindex,
-            bit_length: answer.value.bit_length,
         })
     }
 }

@@ -7,10 +7,6 @@ use super::{Master, SlaveConfigId};
 impl Master {
     /// Chooses the slave whose clock all others follow; `None` for the first that has one.
     /// Before activation.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id, or what the kernel module returns.
     pub fn select_reference_clock(&mut self, config: Option<SlaveConfigId>) -> Result<(), Errno> {
         let config = match config {
             Some(id) => self.slave_config_raw(id)?,
@@ -22,60 +18,39 @@ impl Master {
         })
     }
 
-    /// Sets the application time, ns since 2000-01-01; every cycle, before the clocks are
-    /// synchronised. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// `EINTR` when interrupted, otherwise what the kernel module returns.
-    pub fn application_time(&mut self, time_ns: u64) -> Result<(), Errno> {
-        // SAFETY: the master is valid as long as `self`.
-        Errno::check(unsafe {
-            status!(self.ecrt.functions().master_application_time, self.raw.as_ptr(), time_ns)
-        })
-    }
+    library_calls! {
+        /// Sets the application time, ns since 2000-01-01; every cycle, before the clocks are
+        /// synchronised. Real-time safe.
+        master fn application_time(time_ns: u64) = status master_application_time;
 
-    /// Queues the reference clock's correction to the application time. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// `ENXIO` without a reference clock, `EINTR` when interrupted.
-    pub fn sync_reference_clock(&mut self) -> Result<(), Errno> {
-        // SAFETY: as in `application_time`.
-        Errno::check(unsafe {
-            status!(self.ecrt.functions().master_sync_reference_clock, self.raw.as_ptr())
-        })
+        /// Queues the reference clock's correction to the application time. Real-time safe.
+        ///
+        /// # Errors
+        /// `ENXIO` without a reference clock.
+        master fn sync_reference_clock() = status master_sync_reference_clock;
+
+        /// Queues the other clocks' correction to the reference clock. Real-time safe.
+        master fn sync_slave_clocks() = status master_sync_slave_clocks;
+
+        /// Queues the measurement of how far the clocks differ. Real-time safe.
+        master fn sync_monitor_queue() = status master_sync_monitor_queue;
     }
 
     /// Queues the reference clock's correction to `time_ns`. Real-time safe.
     ///
     /// # Errors
-    ///
-    /// `ENOSYS` before 1.5.3, otherwise as [`Master::sync_reference_clock`].
+    /// `ENOSYS` before 1.5.3.
     pub fn sync_reference_clock_to(&mut self, time_ns: u64) -> Result<(), Errno> {
         let function = self.ecrt.functions().master_sync_reference_clock_to;
         let function = function.ok_or(Errno::ENOSYS)?;
-        // SAFETY: as in `application_time`.
+        // SAFETY: the master is valid as long as `self`.
         Errno::check(unsafe { status!(function, self.raw.as_ptr(), time_ns) })
-    }
-
-    /// Queues the other clocks' correction to the reference clock. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// As [`Master::sync_reference_clock`].
-    pub fn sync_slave_clocks(&mut self) -> Result<(), Errno> {
-        // SAFETY: as in `application_time`.
-        Errno::check(unsafe {
-            status!(self.ecrt.functions().master_sync_slave_clocks, self.raw.as_ptr())
-        })
     }
 
     /// Lower half of the reference clock's time at the last exchange, ns. Real-time safe, but only after
     /// an exchange that arrived: otherwise the library writes to stderr.
     ///
     /// # Errors
-    ///
     /// `ENXIO` without a reference clock, `EIO` when the exchange was lost.
     pub fn reference_clock_time(&self) -> Result<u32, Errno> {
         let mut time_ns = 0;
@@ -87,26 +62,13 @@ impl Master {
         Ok(time_ns)
     }
 
-    /// Queues the measurement of how far the clocks differ. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// `EINTR` when interrupted, otherwise what the kernel module returns.
-    pub fn sync_monitor_queue(&mut self) -> Result<(), Errno> {
-        // SAFETY: as in `application_time`.
-        Errno::check(unsafe {
-            status!(self.ecrt.functions().master_sync_monitor_queue, self.raw.as_ptr())
-        })
-    }
-
     /// The largest difference of a clock to the reference clock, ns, as measured last. Real-time safe,
     /// but only after an exchange that arrived: otherwise the library writes to stderr.
     ///
     /// # Errors
-    ///
     /// `EIO` when the measurement did not arrive.
     pub fn sync_monitor_process(&mut self) -> Result<u32, Errno> {
-        // SAFETY: as in `application_time`.
+        // SAFETY: the master is valid as long as `self`.
         let difference =
             unsafe { (self.ecrt.functions().master_sync_monitor_process)(self.raw.as_ptr()) };
         match difference {

@@ -1,6 +1,5 @@
 //! Configuration of slaves and domains, before activation.
 
-use std::ffi::CString;
 use std::ptr::NonNull;
 
 use libc::c_int;
@@ -46,10 +45,6 @@ pub struct SlaveConfigState {
 
 impl Master {
     /// Creates a domain. Before activation.
-    ///
-    /// # Errors
-    ///
-    /// `EPERM` when the master is not reserved, `ENOMEM`.
     pub fn create_domain(&mut self) -> Result<DomainId, Errno> {
         Errno::clear_last();
         // SAFETY: the master is valid as long as `self`.
@@ -64,9 +59,7 @@ impl Master {
     /// slave on). Before activation.
     ///
     /// # Errors
-    ///
-    /// `EPERM` if the master is not reserved, `ENOMEM`; also if that address was configured
-    /// before with another identity.
+    /// If that address was configured before with another identity.
     pub fn slave_config(
         &mut self,
         alias: u16,
@@ -94,8 +87,7 @@ impl Master {
     /// Sets direction and watchdog of a sync manager.
     ///
     /// # Errors
-    ///
-    /// `EBADF` for a stale id, `ENOENT` for a sync manager above 15.
+    /// `ENOENT` for a sync manager above 15.
     pub fn config_sync_manager(
         &mut self,
         config: SlaveConfigId,
@@ -119,109 +111,46 @@ impl Master {
         })
     }
 
-    /// Empties a sync manager's PDO assignment.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id.
-    pub fn config_pdo_assign_clear(
-        &mut self,
-        config: SlaveConfigId,
-        sync: u8,
-    ) -> Result<(), Errno> {
-        let raw = self.slave_config_raw(config)?;
-        // SAFETY: as in `config_sync_manager`.
-        Errno::check(unsafe {
-            status!(self.ecrt.functions().slave_config_pdo_assign_clear, raw, sync)
-        })
-    }
+    library_calls! {
+        /// Empties a sync manager's PDO assignment.
+        config fn config_pdo_assign_clear(sync: u8) = status slave_config_pdo_assign_clear;
 
-    /// Adds a PDO to a sync manager's assignment.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id; `EEXIST` for a PDO assigned before.
-    pub fn config_pdo_assign_add(
-        &mut self,
-        config: SlaveConfigId,
-        sync: u8,
-        pdo_index: u16,
-    ) -> Result<(), Errno> {
-        let raw = self.slave_config_raw(config)?;
-        // SAFETY: as in `config_sync_manager`.
-        Errno::check(unsafe {
-            (self.ecrt.functions().slave_config_pdo_assign_add)(raw, sync, pdo_index)
-        })
-    }
+        /// Adds a PDO to a sync manager's assignment.
+        ///
+        /// # Errors
+        /// `EEXIST` for a PDO assigned before.
+        config fn config_pdo_assign_add(sync: u8, pdo_index: u16)
+            = direct slave_config_pdo_assign_add;
 
-    /// Empties a PDO's mapping.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id.
-    pub fn config_pdo_mapping_clear(
-        &mut self,
-        config: SlaveConfigId,
-        pdo_index: u16,
-    ) -> Result<(), Errno> {
-        let raw = self.slave_config_raw(config)?;
-        // SAFETY: as in `config_sync_manager`.
-        Errno::check(unsafe {
-            status!(self.ecrt.functions().slave_config_pdo_mapping_clear, raw, pdo_index)
-        })
-    }
+        /// Empties a PDO's mapping.
+        config fn config_pdo_mapping_clear(pdo_index: u16)
+            = status slave_config_pdo_mapping_clear;
 
-    /// Adds an entry to a PDO's mapping.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id; `ENOENT` for a PDO that is not assigned.
-    pub fn config_pdo_mapping_add(
-        &mut self,
-        config: SlaveConfigId,
-        pdo_index: u16,
-        entry_index: u16,
-        entry_subindex: u8,
-        entry_bits: u8,
-    ) -> Result<(), Errno> {
-        let raw = self.slave_config_raw(config)?;
-        // SAFETY: as in `config_sync_manager`.
-        Errno::check(unsafe {
-            (self.ecrt.functions().slave_config_pdo_mapping_add)(
-                raw,
-                pdo_index,
-                entry_index,
-                entry_subindex,
-                entry_bits,
-            )
-        })
-    }
+        /// Adds an entry to a PDO's mapping.
+        ///
+        /// # Errors
+        /// `ENOENT` for a PDO that is not assigned.
+        config fn config_pdo_mapping_add(
+            pdo_index: u16, entry_index: u16, entry_subindex: u8, entry_bits: u8
+        ) = direct slave_config_pdo_mapping_add;
 
-    /// Sets divider and intervals of the slave's watchdog, in the units of its registers 0x0400
-    /// and 0x0420; 0 leaves the register alone.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id.
-    pub fn config_watchdog(
-        &mut self,
-        config: SlaveConfigId,
-        divider: u16,
-        intervals: u16,
-    ) -> Result<(), Errno> {
-        let raw = self.slave_config_raw(config)?;
-        // SAFETY: as in `config_sync_manager`.
-        Errno::check(unsafe {
-            status!(self.ecrt.functions().slave_config_watchdog, raw, divider, intervals)
-        })
+        /// Sets divider and intervals of the slave's watchdog, in the units of its registers
+        /// 0x0400 and 0x0420; 0 leaves the register alone.
+        config fn config_watchdog(divider: u16, intervals: u16) = status slave_config_watchdog;
+
+        /// Sets the slave's distributed clocks: the AssignActivate word, cycle and shift of Sync0
+        /// and Sync1, ns.
+        config fn config_dc(
+            assign_activate: u16, sync0_cycle_ns: u32, sync0_shift_ns: i32,
+            sync1_cycle_ns: u32, sync1_shift_ns: i32
+        ) = status slave_config_dc;
     }
 
     /// Registers an object to be written at every start of the slave, in the order of these
     /// calls, before the master writes the PDO assignment.
     ///
     /// # Errors
-    ///
-    /// `EBADF` for a stale id, `EINVAL` for an empty value, `ENOMEM`.
+    /// `EINVAL` for an empty value.
     pub fn config_sdo(
         &mut self,
         config: SlaveConfigId,
@@ -243,83 +172,12 @@ impl Master {
         })
     }
 
-    /// Sets the slave's distributed clocks: the AssignActivate word, cycle and shift of Sync0
-    /// and Sync1, ns.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id.
-    pub fn config_dc(
-        &mut self,
-        config: SlaveConfigId,
-        assign_activate: u16,
-        sync0_cycle_ns: u32,
-        sync0_shift_ns: i32,
-        sync1_cycle_ns: u32,
-        sync1_shift_ns: i32,
-    ) -> Result<(), Errno> {
-        let raw = self.slave_config_raw(config)?;
-        // SAFETY: as in `config_sync_manager`.
-        Errno::check(unsafe {
-            status!(
-                self.ecrt.functions().slave_config_dc,
-                raw,
-                assign_activate,
-                sync0_cycle_ns,
-                sync0_shift_ns,
-                sync1_cycle_ns,
-                sync1_shift_ns
-            )
-        })
-    }
-
-    /// Sets a named flag of the configuration.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id, `EINVAL` for a name with a zero in it, `ENOSYS` before 1.5.3.
-    pub fn config_flag(
-        &mut self,
-        config: SlaveConfigId,
-        key: &str,
-        value: i32,
-    ) -> Result<(), Errno> {
-        let raw = self.slave_config_raw(config)?;
-        let function = self.ecrt.functions().slave_config_flag;
-        let function = function.ok_or(Errno::ENOSYS)?;
-        let key = CString::new(key).map_err(|_| Errno::EINVAL)?;
-        // SAFETY: as in `config_sync_manager`; the name ends with a zero, and the library
-        // copies it.
-        Errno::check(unsafe { function(raw, key.as_ptr(), value) })
-    }
-
-    /// Sets the time that a state change may take, ms; the states as in
-    /// [`SlaveConfigState::al_state`].
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id, `ENOSYS` before 1.6.
-    pub fn config_state_timeout(
-        &mut self,
-        config: SlaveConfigId,
-        from: u8,
-        to: u8,
-        timeout_ms: u32,
-    ) -> Result<(), Errno> {
-        let raw = self.slave_config_raw(config)?;
-        let function = self.ecrt.functions().slave_config_state_timeout;
-        let function = function.ok_or(Errno::ENOSYS)?;
-        // SAFETY: as in `config_sync_manager`.
-        Errno::check(unsafe { function(raw, from.into(), to.into(), timeout_ms) })
-    }
-
     /// Puts a PDO entry of the slave, and with it the whole sync manager, into a domain.
     /// Returns the entry's offset there, bytes.
     ///
     /// # Errors
-    ///
-    /// `EBADF` for a stale id, `ENOENT` for an entry that is not mapped, `ERANGE` (or what the
-    /// library returns) for one that does not begin at a byte.
+    /// `ENOENT` for an entry that is not mapped, `ERANGE` (or what the library returns) for one
+    /// that does not begin at a byte.
     pub fn config_reg_pdo_entry(
         &mut self,
         config: SlaveConfigId,
@@ -345,10 +203,6 @@ impl Master {
     }
 
     /// State of a slave configuration; lags the bus by seconds. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id, or what the kernel module returns.
     pub fn config_state(&self, config: SlaveConfigId) -> Result<SlaveConfigState, Errno> {
         let raw = self.slave_config_raw(config)?;
         let mut answer = Answer::<ec_slave_config_state_t>::new();

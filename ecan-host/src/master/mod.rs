@@ -4,6 +4,38 @@
 //! scheduling of the cycle's thread.
 #![allow(unsafe_code)]
 
+/// Declares methods that pass their arguments to a function of the library, about a slave
+/// configuration or about the master. `status`: a function that returns nothing in version 1.5.
+macro_rules! library_calls {
+    ($(
+        $(#[$meta:meta])*
+        $about:ident fn $name:ident($($argument:ident: $type:ty),*) = $kind:ident $function:ident;
+    )+) => { $(
+        library_calls!(@$about [$(#[$meta])*] $name($($argument: $type),*) $kind $function);
+    )+ };
+    (@config [$($meta:tt)*] $name:ident($($argument:ident: $type:ty),*) $kind:ident $f:ident) => {
+        $($meta)*
+        pub fn $name(&mut self, config: SlaveConfigId, $($argument: $type),*) -> Result<(), Errno> {
+            let raw = self.slave_config_raw(config)?;
+            // SAFETY: the configuration belongs to this master and is current, so it is valid.
+            Errno::check(unsafe {
+                library_calls!(@$kind self.ecrt.functions().$f, raw $(, $argument)*)
+            })
+        }
+    };
+    (@master [$($meta:tt)*] $name:ident($($argument:ident: $type:ty),*) $kind:ident $f:ident) => {
+        $($meta)*
+        pub fn $name(&mut self, $($argument: $type),*) -> Result<(), Errno> {
+            // SAFETY: the master is valid as long as `self`.
+            Errno::check(unsafe {
+                library_calls!(@$kind self.ecrt.functions().$f, self.raw.as_ptr() $(, $argument)*)
+            })
+        }
+    };
+    (@status $function:expr, $($argument:expr),+) => { status!($function, $($argument),+) };
+    (@direct $function:expr, $($argument:expr),+) => { ($function)($($argument),+) };
+}
+
 mod bus;
 mod clocks;
 mod configuration;
@@ -19,10 +51,7 @@ use std::fmt;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-pub use bus::{
-    LinkState, MasterInfo, MasterState, PdoEntryInfo, PdoInfo, PortInfo, PortKind, ScanProgress,
-    SlaveInfo, SyncManagerInfo,
-};
+pub use bus::{LinkState, MasterInfo, MasterState, PortInfo, PortKind, SlaveInfo};
 pub use configuration::{SlaveConfigState, SyncDirection, WatchdogMode};
 pub use open_error::{NodeOwner, OpenError, OpenFailure};
 pub use process_data::{DomainState, WcState};
@@ -65,7 +94,6 @@ id! {
     RegRequestId
 }
 
-/// Origin of a master handle, which decides what may be done with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ownership {
     /// Reserved and released by the SDK.
@@ -93,6 +121,10 @@ fn next_generation() -> u64 {
 /// Methods marked "Real-time safe" neither block on the master's semaphore nor allocate. Call the
 /// others before activation or outside the cycle thread. With a 1.5 library, calls that report
 /// nothing there count as successful.
+///
+/// An error is the number that the library or the kernel module gives: `EINTR` when interrupted,
+/// `EPERM` for a master that is not reserved, `ENOMEM`. The methods that only the owner of an
+/// attached master may call give `EPERM` there, and every method `EBADF` for a stale id.
 ///
 /// ```no_run
 /// use ecan_host::{Ecrt, Master};
@@ -137,7 +169,6 @@ impl Master {
     /// block while the master is busy.
     ///
     /// # Errors
-    ///
     /// The device node is missing or not permitted, another application has reserved the master,
     /// the master waits for its network interface, or library and kernel module have different
     /// versions.
@@ -149,7 +180,6 @@ impl Master {
     /// with the application that drives it.
     ///
     /// # Errors
-    ///
     /// As [`Master::request`], except that a reserved master can be opened.
     pub fn open(ecrt: &Ecrt, index: u32) -> Result<Self, OpenError> {
         Self::obtain(ecrt, index, Ownership::Opened, Ecrt::open_master)
@@ -175,7 +205,6 @@ impl Master {
     /// [`Master::refresh_domain_data`] makes the process data available.
     ///
     /// # Errors
-    ///
     /// `EINVAL` for a null pointer.
     ///
     /// # Safety
@@ -192,31 +221,26 @@ impl Master {
 
     /// The library's own handle, for calls that this type does not offer. Valid as long as the
     /// master.
-    #[must_use]
     pub fn as_raw(&self) -> *mut ec_master_t {
         self.raw.as_ptr()
     }
 
     /// The library of the master.
-    #[must_use]
     pub fn ecrt(&self) -> &Ecrt {
         &self.ecrt
     }
 
     /// Whether the master is reserved for this process, by the SDK or by the application.
-    #[must_use]
     pub fn is_reserved(&self) -> bool {
         self.ownership != Ownership::Opened
     }
 
     /// Whether the application owns the master ([`Master::from_raw`]).
-    #[must_use]
     pub fn is_attached(&self) -> bool {
         self.ownership == Ownership::Attached
     }
 
     /// Whether [`Master::activate`] has succeeded since the last deactivation.
-    #[must_use]
     pub fn is_active(&self) -> bool {
         self.active
     }

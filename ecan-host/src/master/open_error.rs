@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 use ecrt_sys::{Ecrt, Errno};
 use thiserror::Error;
 
+use crate::real_time::join;
+
 /// A master could not be opened or reserved. The text states the master, the cause and what to do.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("EtherCAT master {index} is not available: {failure}")]
@@ -128,16 +130,12 @@ fn present(masters: &[u32]) -> String {
     match masters {
         [] => "there is no master at all".into(),
         [one] => format!("there is master {one}"),
-        many => {
-            let numbers: Vec<String> = many.iter().map(u32::to_string).collect();
-            format!("there are masters {}", numbers.join(", "))
-        }
+        many => format!("there are masters {}", join(many, ", ")),
     }
 }
 
 /// Paths of the system that show why a master does not open.
 struct System<'a> {
-    /// Directory of the device nodes.
     devices: &'a Path,
     /// The kernel's directory of the loaded module.
     module: &'a Path,
@@ -152,7 +150,6 @@ impl System<'_> {
         self.devices.join(format!("EtherCAT{index}"))
     }
 
-    /// Numbers of the masters that have a device node.
     fn masters(&self) -> Vec<u32> {
         let Ok(entries) = fs::read_dir(self.devices) else {
             return Vec::new();

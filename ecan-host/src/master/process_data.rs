@@ -28,7 +28,6 @@ pub enum WcState {
     Complete,
 }
 
-/// A domain and, in the operation phase, its memory.
 pub(super) struct Domain {
     pub(super) raw: NonNull<ec_domain_t>,
     data: NonNull<u8>,
@@ -54,10 +53,6 @@ fn image_size(size: usize) -> Result<usize, Errno> {
 impl Master {
     /// Sets the interval between sends, µs, by which the master plans mailbox traffic. May
     /// block.
-    ///
-    /// # Errors
-    ///
-    /// `EPERM` for a foreign master, otherwise what the kernel module returns.
     pub fn set_send_interval(&mut self, interval_us: usize) -> Result<(), Errno> {
         self.need_owned()?;
         // SAFETY: the master is valid as long as `self`.
@@ -70,9 +65,8 @@ impl Master {
     /// and receives. Makes the process image available. Blocks.
     ///
     /// # Errors
-    ///
-    /// `EPERM` for a foreign master, `EINVAL` when active already, otherwise what the kernel
-    /// module returns. A master whose process image cannot be reached is deactivated again.
+    /// `EINVAL` when active already. A master whose process image cannot be reached is deactivated
+    /// again.
     pub fn activate(&mut self) -> Result<(), Errno> {
         self.need_owned()?;
         if self.active {
@@ -91,9 +85,7 @@ impl Master {
     /// every id stale, also if the library reports an error. Blocks.
     ///
     /// # Errors
-    ///
-    /// `EPERM` for a foreign master, `EINVAL` when not active, otherwise what the kernel module
-    /// returns.
+    /// `EINVAL` when not active.
     pub fn deactivate(&mut self) -> Result<(), Errno> {
         self.need_owned()?;
         if !self.active {
@@ -111,7 +103,6 @@ impl Master {
     /// foreign master it is called after the owner has activated. May block.
     ///
     /// # Errors
-    ///
     /// `EAGAIN` if there are no process data yet, `EIO` if their size is unknown. All
     /// images are empty then.
     pub fn refresh_domain_data(&mut self) -> Result<(), Errno> {
@@ -151,8 +142,7 @@ impl Master {
     /// Bytes of a domain's process image, before activation too. May block.
     ///
     /// # Errors
-    ///
-    /// `EBADF` for a stale id, `EIO` if the kernel module does not report the size.
+    /// `EIO` if the kernel module does not report the size.
     pub fn domain_size(&self, id: DomainId) -> Result<usize, Errno> {
         let raw = self.domain_raw(id)?;
         // SAFETY: the domain belongs to this master and is current, so it is valid.
@@ -161,7 +151,6 @@ impl Master {
 
     /// A domain's process image; empty before activation and for a stale id. Real-time safe.
     #[inline]
-    #[must_use]
     pub fn domain_data(&self, id: DomainId) -> &[u8] {
         match self.domain(id) {
             // SAFETY: the library maps `size` bytes there from activation to deactivation,
@@ -174,7 +163,6 @@ impl Master {
 
     /// A domain's process image for writing; empty before activation and for a stale id. Real-time safe.
     #[inline]
-    #[must_use]
     pub fn domain_data_mut(&mut self, id: DomainId) -> &mut [u8] {
         match self.domain(id) {
             // SAFETY: as in `domain_data`; domains do not overlap, and `self` is borrowed
@@ -187,11 +175,6 @@ impl Master {
     }
 
     /// Evaluates a domain's received datagrams. Real-time safe; call it after [`Master::receive`].
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id, `EINTR` when interrupted, otherwise what the kernel module
-    /// returns.
     pub fn domain_process(&mut self, id: DomainId) -> Result<(), Errno> {
         let raw = self.domain_raw(id)?;
         // SAFETY: the domain belongs to this master and is current, so it is valid.
@@ -199,10 +182,6 @@ impl Master {
     }
 
     /// Queues a domain's datagrams. Real-time safe; call it before [`Master::send`].
-    ///
-    /// # Errors
-    ///
-    /// As [`Master::domain_process`].
     pub fn domain_queue(&mut self, id: DomainId) -> Result<(), Errno> {
         let raw = self.domain_raw(id)?;
         // SAFETY: as in `domain_process`.
@@ -210,10 +189,6 @@ impl Master {
     }
 
     /// Working counter of a domain's last processed exchange. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// As [`Master::domain_process`].
     pub fn domain_state(&self, id: DomainId) -> Result<DomainState, Errno> {
         let raw = self.domain_raw(id)?;
         let mut answer = Answer::<ec_domain_state_t>::new();
@@ -232,11 +207,6 @@ impl Master {
     }
 
     /// Sends everything queued. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// `EPERM` for a foreign or unreserved master, `EINTR` when interrupted, otherwise what the
-    /// kernel module returns.
     pub fn send(&mut self) -> Result<(), Errno> {
         self.need_owned()?;
         // SAFETY: the master is valid as long as `self`.
@@ -244,10 +214,6 @@ impl Master {
     }
 
     /// Processes received frames and writes their data into the domains. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// As [`Master::send`].
     pub fn receive(&mut self) -> Result<(), Errno> {
         self.need_owned()?;
         // SAFETY: the master is valid as long as `self`; no slice of an image is alive, since

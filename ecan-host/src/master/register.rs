@@ -15,10 +15,6 @@ pub(super) struct RegRequest {
 
 impl Master {
     /// Creates a request for registers of the slave, up to `size` bytes. Before activation.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id, `ENOMEM`, otherwise what the kernel module returns.
     pub fn create_reg_request(
         &mut self,
         config: SlaveConfigId,
@@ -45,9 +41,7 @@ impl Master {
     /// Starts reading `size` bytes from register `address` on. Real-time safe.
     ///
     /// # Errors
-    ///
-    /// `EBADF` for a stale id, `EBUSY` while it is running, `EMSGSIZE` for more than the
-    /// request holds, otherwise what the kernel module returns.
+    /// `EBUSY` while it is running, `EMSGSIZE` for more than the request holds.
     pub fn reg_request_read(
         &mut self,
         id: RegRequestId,
@@ -72,10 +66,6 @@ impl Master {
     }
 
     /// State of the request; fetches the data of a finished read. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id.
     pub fn reg_request_state(&mut self, id: RegRequestId) -> Result<RequestState, Errno> {
         let raw = self.reg_request(id)?.raw.as_ptr();
         // SAFETY: the request is valid as in `reg_request_read`; `self` is borrowed mutably, so
@@ -88,7 +78,6 @@ impl Master {
 
     /// All bytes that the request has room for; after a successful read the first of them are
     /// the registers, lowest address first. Empty for a stale id. Real-time safe.
-    #[must_use]
     pub fn reg_request_data(&self, id: RegRequestId) -> &[u8] {
         let Ok(request) = self.reg_request(id) else {
             return &[];

@@ -51,10 +51,6 @@ impl Master {
     ///
     /// A write always has the size that the request holds: the `size` given here, and after a
     /// read the size that was read. So make one request for each size that is to be written.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id, `ENOMEM`, otherwise what the kernel module returns.
     pub fn create_sdo_request(
         &mut self,
         config: SlaveConfigId,
@@ -90,8 +86,7 @@ impl Master {
     /// Sets the time that the request may take, ms; 0 for no limit. Real-time safe.
     ///
     /// # Errors
-    ///
-    /// `EBADF` for a stale id, `EBUSY` while it is running.
+    /// `EBUSY` while it is running.
     pub fn sdo_request_timeout(&mut self, id: SdoRequestId, timeout_ms: u32) -> Result<(), Errno> {
         let raw = self.sdo_request(id)?.idle()?;
         // SAFETY: the request belongs to this master and is current, so it is valid.
@@ -101,8 +96,7 @@ impl Master {
     /// Points the request at another object. Real-time safe.
     ///
     /// # Errors
-    ///
-    /// `EBADF` for a stale id, `EBUSY` while it is running.
+    /// `EBUSY` while it is running.
     pub fn sdo_request_index(
         &mut self,
         id: SdoRequestId,
@@ -119,9 +113,7 @@ impl Master {
     /// Starts reading the object. Real-time safe.
     ///
     /// # Errors
-    ///
-    /// `EBADF` for a stale id, `EBUSY` while it is running, otherwise what the kernel module
-    /// returns.
+    /// `EBUSY` while it is running.
     pub fn sdo_request_read(&mut self, id: SdoRequestId) -> Result<(), Errno> {
         let raw = self.sdo_request(id)?.idle()?;
         // SAFETY: as in `sdo_request_timeout`.
@@ -133,9 +125,8 @@ impl Master {
     /// Starts writing `data` to the object. Real-time safe.
     ///
     /// # Errors
-    ///
-    /// `EBADF` for a stale id, `EBUSY` while it is running, `EMSGSIZE` when `data` has not
-    /// exactly the size that the request holds, otherwise what the kernel module returns.
+    /// `EBUSY` while it is running, `EMSGSIZE` when `data` has not exactly the size that the
+    /// request holds.
     pub fn sdo_request_write(&mut self, id: SdoRequestId, data: &[u8]) -> Result<(), Errno> {
         let raw = self.sdo_request(id)?.idle()?;
         let functions = self.ecrt.functions();
@@ -156,10 +147,6 @@ impl Master {
     }
 
     /// State of the request; fetches the data of a finished read. Real-time safe.
-    ///
-    /// # Errors
-    ///
-    /// `EBADF` for a stale id.
     pub fn sdo_request_state(&mut self, id: SdoRequestId) -> Result<RequestState, Errno> {
         let raw = self.sdo_request(id)?.raw.as_ptr();
         // SAFETY: as in `sdo_request_timeout`; `self` is borrowed mutably, so no slice of the
@@ -172,7 +159,6 @@ impl Master {
 
     /// Data of the request: after a successful read the value of the object. Empty for a
     /// stale id. Real-time safe.
-    #[must_use]
     pub fn sdo_request_data(&self, id: SdoRequestId) -> &[u8] {
         let Ok(request) = self.sdo_request(id) else {
             return &[];

@@ -41,7 +41,6 @@ impl Master {
     /// it has. Blocks until the slave answers.
     ///
     /// # Errors
-    ///
     /// The slave aborts, does not answer or is not there, or the object does not fit.
     pub fn sdo_upload(
         &self,
@@ -76,7 +75,6 @@ impl Master {
     /// Writes an object of the slave at a ring position. Blocks until the slave answers.
     ///
     /// # Errors
-    ///
     /// The slave aborts, does not answer or is not there.
     pub fn sdo_download(
         &self,

@@ -1,7 +1,5 @@
 //! Layout of a slave's process data in datagrams.
 
-use std::fmt;
-
 use ecan_protocol::mapping::CHUNK_BYTES;
 
 /// Largest process data of one EtherCAT datagram, in bytes.
@@ -10,25 +8,15 @@ pub const MAX_DATAGRAM_BYTES: usize = 1486;
 /// Largest N of one direction that fits one datagram: 11 * 128 = 1408 bytes.
 pub const MAX_PLAIN_MULTIPLIER: u8 = (MAX_DATAGRAM_BYTES / CHUNK_BYTES) as u8;
 
-/// Command of a datagram with the process data of a slave.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum LogicalCommand {
+ecan_protocol::text_enum! {
+    /// Command of a datagram with the process data of a slave.
+    pub enum LogicalCommand;
     /// Writes the RxPDO and reads the TxPDO.
-    ReadWrite,
+    ReadWrite = "LRW";
     /// Writes the RxPDO.
-    Write,
+    Write = "LWR";
     /// Reads the TxPDO.
-    Read,
-}
-
-impl fmt::Display for LogicalCommand {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::ReadWrite => "LRW",
-            Self::Write => "LWR",
-            Self::Read => "LRD",
-        })
-    }
+    Read = "LRD";
 }
 
 /// Layout of one gateway's domain.

@@ -11,7 +11,6 @@ pub const DATAGRAM_OVERHEAD_BYTES: usize = 10 + 2;
 /// Bytes on the wire around the datagrams of a frame: preamble, Ethernet header, EtherCAT header,
 /// frame check sequence, gap to the next frame.
 pub const FRAME_OVERHEAD_BYTES: usize = 8 + 14 + FRAME_HEADER_BYTES + 4 + GAP_BYTES;
-/// Bytes of the EtherCAT header of a frame.
 const FRAME_HEADER_BYTES: usize = 2;
 /// Gap between two frames, in bytes.
 const GAP_BYTES: usize = 12;

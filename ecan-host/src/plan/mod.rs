@@ -83,9 +83,9 @@ pub struct Plan {
     pub frames: Vec<EthernetFrame>,
     /// Room for mailbox traffic.
     pub mailbox: MailboxBandwidth,
-    /// What does not work.
+    /// Errors: the configuration does not work.
     pub refusals: Vec<PlanError>,
-    /// What works with little margin.
+    /// Warnings: it works with little margin.
     pub warnings: Vec<PlanWarning>,
 }
 
@@ -126,13 +126,13 @@ impl Plan {
             refusals: Vec::new(),
             warnings: Vec::new(),
         };
-        plan.judge_sizes(config);
-        plan.judge_time();
-        plan.judge_watchdog(config);
+        plan.check_sizes(config);
+        plan.check_time();
+        plan.check_watchdog(config);
         plan
     }
 
-    fn judge_sizes(&mut self, config: &AdapterConfig) {
+    fn check_sizes(&mut self, config: &AdapterConfig) {
         if config.allow_large_pdos {
             return;
         }
@@ -146,7 +146,7 @@ impl Plan {
         }
     }
 
-    fn judge_time(&mut self) {
+    fn check_time(&mut self) {
         let (wire_ns, cycle_ns) = (self.wire_ns(), self.cycle_ns);
         let cycle = u64::from(cycle_ns);
         let (transfers, slaves) = (self.mailbox.transfers(), self.slaves.len());
@@ -169,7 +169,7 @@ impl Plan {
         }
     }
 
-    fn judge_watchdog(&mut self, config: &AdapterConfig) {
+    fn check_watchdog(&mut self, config: &AdapterConfig) {
         let watchdog_us = u32::try_from(config.watchdog.as_micros()).unwrap_or(u32::MAX);
         let cycle_ns = self.cycle_ns;
         let (watchdog_ns, cycle) = (u64::from(watchdog_us) * 1_000, u64::from(cycle_ns));
@@ -201,7 +201,7 @@ impl Plan {
         self.wire_bytes() as u64 * BYTE_NS
     }
 
-    /// How long after a [`send`](crate::Adapter::send) its frames are taken to be back, in
+    /// Time after a [`send`](crate::Adapter::send) in which its frames are expected back, in
     /// nanoseconds (H33 of docs/ASSUMPTIONS.md): their time on the wire, 1 us in each slave, and in
     /// the host 60 us, but no more than an eighth of the cycle and a quarter of what wire and slaves
     /// leave of it.

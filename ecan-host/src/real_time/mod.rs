@@ -1,7 +1,7 @@
-//! What makes the application's thread keep its cycle (manual 13.9 and 15.5.2, step 7).
+//! Real-time thread of the cycle (manual 13.9 and 15.5.2, step 7).
 //!
-//! [`RealTimeConfig`] asks the system for what such a thread needs, [`CycleTimer`] waits for the
-//! points of the cycle grid, [`CycleStatistics`] tells how well it was kept.
+//! [`RealTimeConfig`] requests the privileges of such a thread, [`CycleTimer`] waits for the
+//! deadlines, [`CycleStatistics`] measures the cycles.
 
 mod cycle_statistics;
 mod cycle_timer;
@@ -12,4 +12,5 @@ mod report;
 pub use cycle_statistics::{CycleStatistics, Distribution};
 pub use cycle_timer::{CycleStart, CycleTimer, CycleTiming, MAX_SPIN_NS, OverrunPolicy};
 pub use real_time_config::{MAX_STACK_PREFAULT_BYTES, Need, RealTimeConfig, RealTimeFault};
+pub(crate) use report::join;
 pub use report::{Privilege, PrivilegeError, PrivilegeOutcome, RealTimeError, RealTimeReport};

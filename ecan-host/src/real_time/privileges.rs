@@ -13,13 +13,12 @@ use nix::unistd::Pid;
 
 use super::real_time_config::{Need, RealTimeConfig};
 use super::report::{
-    List, Privilege, PrivilegeError, PrivilegeOutcome, RealTimeError, RealTimeReport,
+    Privilege, PrivilegeError, PrivilegeOutcome, RealTimeError, RealTimeReport, join,
 };
 use crate::master::set_fifo_priority;
 
 /// The calling thread, in calls that take a thread id.
 const THIS_THREAD: Pid = Pid::from_raw(0);
-/// Stack that each call of [`touch_stack`] takes, in bytes.
 const PAGE_BYTES: usize = 4096;
 
 impl RealTimeConfig {
@@ -88,21 +87,20 @@ fn touch_stack(bytes: usize) {
     }
 }
 
-/// Lets the thread run on these CPUs only.
 fn bind_to_cpus(cpus: &[usize], need: Need) -> PrivilegeOutcome {
     let privilege = Privilege::Affinity { cpus: cpus.to_vec() };
     PrivilegeOutcome { privilege, need, refusal: try_bind_to_cpus(cpus).err() }
 }
 
 fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), PrivilegeError> {
-    let mut wanted = CpuSet::new();
+    let mut set = CpuSet::new();
     // The system's set cannot hold CPUs above its size.
-    let beyond: Vec<usize> = cpus.iter().copied().filter(|cpu| wanted.set(*cpu).is_err()).collect();
+    let beyond: Vec<usize> = cpus.iter().copied().filter(|cpu| set.set(*cpu).is_err()).collect();
     let before = sched_getaffinity(THIS_THREAD).map_err(|errno| affinity_refusal(errno, cpus))?;
     if !beyond.is_empty() {
         return Err(absent_cpus(&beyond, &before));
     }
-    match sched_setaffinity(THIS_THREAD, &wanted) {
+    match sched_setaffinity(THIS_THREAD, &set) {
         Ok(()) => {}
         Err(nix::errno::Errno::EINVAL) => return Err(absent_cpus(cpus, &before)),
         Err(errno) => return Err(affinity_refusal(errno, cpus)),
@@ -124,18 +122,21 @@ fn absent_cpus(cpus: &[usize], usable: &CpuSet) -> PrivilegeError {
         (0..CpuSet::count()).filter(|cpu| usable.is_set(*cpu).unwrap_or(false)).collect();
     let (name, are) = if cpus.len() == 1 { ("CPU", "is") } else { ("CPUs", "are") };
     PrivilegeError {
-        cause: format!("{name} {} {are} not there, off line or kept from this process", List(cpus)),
+        cause: format!(
+            "{name} {} {are} not there, off line or kept from this process",
+            join(cpus, ", ")
+        ),
         remedy: format!(
             "this thread could use {}; /sys/devices/system/cpu/online lists those of the machine, \
              and the process's cpuset (its container or systemd's AllowedCPUs=) must include them",
-            List(&there)
+            join(&there, ", ")
         ),
     }
 }
 
 fn affinity_refusal(errno: nix::errno::Errno, cpus: &[usize]) -> PrivilegeError {
     PrivilegeError {
-        cause: format!("{} for CPU {}", Errno::new(errno as i32), List(cpus)),
+        cause: format!("{} for CPU {}", Errno::new(errno as i32), join(cpus, ", ")),
         remedy: "the sandbox or container that the process runs in must permit \
                  sched_setaffinity"
             .into(),
@@ -163,7 +164,6 @@ fn limit_wake_up(latency_us: u32, need: Need) -> PrivilegeOutcome {
     PrivilegeOutcome { privilege: Privilege::WakeUpLatency { latency_us }, need, refusal }
 }
 
-/// Puts the thread under SCHED_FIFO.
 fn raise_priority(priority: u8, need: Need) -> PrivilegeOutcome {
     let refusal = set_fifo_priority(priority)
         .err()
@@ -196,17 +196,17 @@ mod tests {
 
     #[test]
     fn denied_priority_names_limit_and_remedies() {
-        let words = priority_refusal(Errno::EPERM, 80, Some(0)).to_string();
+        let text = priority_refusal(Errno::EPERM, 80, Some(0)).to_string();
         for part in ["not permitted", "RLIMIT_RTPRIO is 0", "CAP_SYS_NICE", "RLIMIT_RTPRIO to 80"] {
-            assert!(words.contains(part), "{part} is not in: {words}");
+            assert!(text.contains(part), "{part} is not in: {text}");
         }
     }
 
     #[test]
     fn denied_memory_lock_names_limit_and_remedies() {
-        let words = memory_refusal(nix::errno::Errno::ENOMEM, Some(65_536)).to_string();
+        let text = memory_refusal(nix::errno::Errno::ENOMEM, Some(65_536)).to_string();
         for part in ["RLIMIT_MEMLOCK is 64 KiB", "CAP_IPC_LOCK", "LimitMEMLOCK="] {
-            assert!(words.contains(part), "{part} is not in: {words}");
+            assert!(text.contains(part), "{part} is not in: {text}");
         }
     }
 

@@ -76,7 +76,7 @@ pub struct RealTimeConfig {
     /// Keeps all memory of the process in RAM, present and future, and touches so many bytes of
     /// the thread's stack in advance, 0 to [`MAX_STACK_PREFAULT_BYTES`]; none locks nothing.
     ///
-    /// Where RLIMIT_MEMLOCK bounds what may be locked, it bounds what the process can allocate
+    /// If RLIMIT_MEMLOCK bounds what may be locked, it bounds what the process can allocate
     /// from then on.
     pub lock_memory: Option<usize>,
     /// Whether locked memory is needed.

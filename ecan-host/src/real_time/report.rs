@@ -39,8 +39,8 @@ impl fmt::Display for Privilege {
                 write!(f, "locked memory with {stack_bytes} bytes of stack")
             }
             Self::Affinity { cpus } => {
-                f.write_str(if cpus.len() == 1 { "CPU " } else { "CPUs " })?;
-                write!(f, "{}", List(cpus))
+                let noun = if cpus.len() == 1 { "CPU" } else { "CPUs" };
+                write!(f, "{noun} {}", join(cpus, ", "))
             }
             Self::WakeUpLatency { latency_us } => {
                 write!(f, "processors that wake up within {latency_us} us")
@@ -50,31 +50,20 @@ impl fmt::Display for Privilege {
     }
 }
 
-/// Numbers with commas between them.
-pub(super) struct List<'a>(pub(super) &'a [usize]);
-
-impl fmt::Display for List<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (nth, number) in self.0.iter().enumerate() {
-            write!(f, "{}{number}", if nth == 0 { "" } else { ", " })?;
-        }
-        Ok(())
-    }
+/// The texts of the items, with a separator between them.
+pub(crate) fn join<T: fmt::Display>(items: impl IntoIterator<Item = T>, separator: &str) -> String {
+    let texts: Vec<String> = items.into_iter().map(|item| item.to_string()).collect();
+    texts.join(separator)
 }
 
-/// Why a privilege was not granted.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// Error of a privilege that was not granted.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("{cause}; {remedy}")]
 pub struct PrivilegeError {
     /// Cause.
     pub cause: String,
     /// Remedy.
     pub remedy: String,
-}
-
-impl fmt::Display for PrivilegeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}; {}", self.cause, self.remedy)
-    }
 }
 
 /// Result of one requested privilege.
@@ -84,7 +73,7 @@ pub struct PrivilegeOutcome {
     pub privilege: Privilege,
     /// Whether it is needed.
     pub need: Need,
-    /// Why it was not granted; `None` if it was.
+    /// Error; `None` if it was granted.
     pub refusal: Option<PrivilegeError>,
 }
 
@@ -119,16 +108,17 @@ impl RealTimeReport {
 
     /// Whether everything required was granted.
     pub fn is_sufficient(&self) -> bool {
-        self.outcomes.iter().all(|o| o.is_granted() || o.need == Need::Optional)
+        self.missing().next().is_none()
+    }
+
+    fn missing(&self) -> impl Iterator<Item = &PrivilegeOutcome> {
+        self.outcomes.iter().filter(|o| !o.is_granted() && o.need == Need::Required)
     }
 }
 
 impl fmt::Display for RealTimeReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (nth, outcome) in self.outcomes.iter().enumerate() {
-            write!(f, "{}{outcome}", if nth == 0 { "" } else { "\n" })?;
-        }
-        Ok(())
+        f.write_str(&join(&self.outcomes, "\n"))
     }
 }
 
@@ -140,19 +130,6 @@ pub enum RealTimeError {
     #[error("real-time settings: {0}")]
     Settings(#[from] Faults<RealTimeFault>),
     /// A required privilege was not granted. The report contains all results.
-    #[error("no real-time thread: {}", Missing(.0))]
+    #[error("no real-time thread: {}", join(.0.missing(), "\n"))]
     Missing(RealTimeReport),
-}
-
-/// Required privileges that a report lacks.
-struct Missing<'a>(&'a RealTimeReport);
-
-impl fmt::Display for Missing<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let is_missing = |o: &&PrivilegeOutcome| !o.is_granted() && o.need == Need::Required;
-        for (nth, outcome) in self.0.outcomes.iter().filter(is_missing).enumerate() {
-            write!(f, "{}{outcome}", if nth == 0 { "" } else { "\n" })?;
-        }
-        Ok(())
-    }
 }

@@ -11,10 +11,8 @@ use super::startup_step::StartupStep;
 use crate::bus::Diagnostics;
 use crate::error::Error;
 
-/// Interval of a step that waits.
 const POLL_NS: u64 = 10_000_000;
 
-/// The objects of one slave.
 struct SlaveObjects<'a> {
     diagnostics: &'a Diagnostics,
     slave: usize,

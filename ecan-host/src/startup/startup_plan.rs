@@ -53,7 +53,6 @@ impl StartupPlan {
         steps
     }
 
-    /// Number of downloads that the master sends to a slave at startup.
     pub(crate) fn download_count(&self, config: &AdapterConfig, slave: usize) -> usize {
         self.steps(config, slave).iter().filter(|step| step.is_download()).count()
     }

@@ -1,4 +1,4 @@
-//! How much of a CAN bus frames take.
+//! Load of a CAN bus.
 
 use ecan_protocol::can::FrameBits;
 use ecan_protocol::config::McanChannelConfig;

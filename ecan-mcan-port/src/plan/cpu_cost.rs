@@ -1,4 +1,4 @@
-//! What the host's side of the images costs its processor: an estimate.
+//! Estimate of the processor time that the images take on the host.
 
 use super::image::ImageFill;
 

@@ -1,4 +1,4 @@
-//! What the plan of a Port finds: what would not work, and what barely would.
+//! Errors and warnings of the plan of a Port.
 
 use ecan_host::{PlanError, PlanWarning};
 use ecan_protocol::config::DATA_PATH_BUDGET_MAX;
@@ -120,7 +120,7 @@ pub enum PortPlanError {
         slave: usize,
         /// Offset in nanoseconds.
         offset_ns: u32,
-        /// Why.
+        /// Reason.
         reason: NotSchedulable,
     },
 }
@@ -216,7 +216,7 @@ pub enum PortWarning {
         slave: usize,
         /// Offset in nanoseconds.
         offset_ns: u32,
-        /// What the margin lacks, in nanoseconds.
+        /// Missing margin, in nanoseconds.
         lacking_ns: u64,
     },
     /// A phase that is reached with little to spare.
@@ -252,7 +252,7 @@ pub enum PortWarning {
         slave: usize,
         /// Frames of all cycles in a Sync0 period, on all channels.
         frames: u32,
-        /// What a gateway is assumed to hold.
+        /// Assumed capacity of a gateway.
         depth: u32,
     },
     /// Scheduled frames are still on the bus when the next period begins.

@@ -2,7 +2,7 @@
 
 use ecan_protocol::can::CanFrame;
 
-/// Where frames go.
+/// Destination of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FrameRoute {
     /// From the host through the gateway to the bus.
@@ -13,7 +13,7 @@ pub enum FrameRoute {
     OnBusOnly,
 }
 
-/// How often a frame comes.
+/// Rate of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FrameRate {
     /// So many in every cycle.
@@ -53,9 +53,9 @@ pub struct FrameStream {
     pub channel: u8,
     /// One of the frames: its format, kind of identifier and length count, nothing else.
     pub frame: CanFrame,
-    /// How often it comes.
+    /// Its rate.
     pub rate: FrameRate,
-    /// Where it goes.
+    /// Its destination.
     pub way: FrameRoute,
     /// Sent at a phase behind Sync0, in nanoseconds, instead of at once (manual 8.4). Only for
     /// frames to the bus.

@@ -1,4 +1,4 @@
-//! How the frames of a cycle fit the process images (manual 5.2, 8, 10, 12).
+//! Frames of a cycle in the PDO images (manual 5.2, 8, 10, 12).
 
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::{
@@ -44,9 +44,9 @@ pub struct ImagePlan {
     pub direction: Direction,
     /// Its profile.
     pub profile: PdoProfile,
-    /// What the frames of a cycle take on the average.
+    /// Mean share of the frames of a cycle.
     pub mean: ImageFill,
-    /// What those of the fullest cycle take.
+    /// Share of the frames of the fullest cycle.
     pub peak: ImageFill,
     /// Parts of the mean by channel, and of the peak.
     channels: [(ImageFill, ImageFill); CHANNELS],
@@ -104,7 +104,6 @@ impl ImagePlan {
         writer.packet_bytes(frame, timestamp)
     }
 
-    /// Bytes of a TX_RESULT packet.
     fn result_bytes(&self) -> usize {
         let options = self.profile.options.with(OptionFlags::TX_RESULT);
         let profile = PdoProfile { multiplier: 1, options, ..self.profile };
@@ -115,12 +114,12 @@ impl ImagePlan {
         writer.used()
     }
 
-    /// How many of such frames one image holds when nothing else is in it; 255 at most.
+    /// Number of such frames that an otherwise empty image holds; 255 at most.
     pub fn frames_per_image(&self, frame: FrameRef<'_>, is_scheduled: bool) -> usize {
         (self.area_bytes() / self.packet_bytes(frame, is_scheduled).max(1)).min(MAX_PACKETS)
     }
 
-    pub(super) fn judge(
+    pub(super) fn check(
         &self,
         slave: usize,
         refusals: &mut Vec<PortPlanError>,

@@ -31,7 +31,7 @@ pub struct ChannelPlan {
     pub slave: usize,
     /// The channel.
     pub channel: u8,
-    /// What its frames take of the bus.
+    /// Bus time of its frames.
     pub load: ChannelLoad,
     /// Most frames that a service of the gateway takes from the bus (0x8021:05).
     pub drain: u8,
@@ -49,7 +49,7 @@ pub struct GatewayPlan {
     schedule_times: ScheduleTimes,
 }
 
-/// What a configuration costs for a given traffic, before it touches a bus (manual 5.2, 8.4, 12,
+/// Load of a configuration for a given traffic, before it touches a bus (manual 5.2, 8.4, 12,
 /// 13.2.2).
 ///
 /// Only arithmetic, as [`Plan`]: any configuration has a plan, sound or not.
@@ -79,9 +79,9 @@ pub struct PortPlan {
     pub channels: Vec<ChannelPlan>,
     /// One entry per gateway.
     pub gateways: Vec<GatewayPlan>,
-    /// What would not work.
+    /// Errors: what would not work.
     pub refusals: Vec<PortPlanError>,
-    /// What works with little to spare.
+    /// Warnings: what works with little margin.
     pub warnings: Vec<PortWarning>,
 }
 
@@ -99,7 +99,7 @@ impl PortPlan {
         plan.add_streams(port, traffic);
         plan.add_channels(adapter, port, traffic);
         plan.add_images(adapter, port, traffic);
-        plan.judge_schedules(adapter, port, traffic);
+        plan.check_schedules(adapter, port, traffic);
         plan
     }
 
@@ -142,16 +142,16 @@ impl PortPlan {
         for (slave, gateway) in port.gateways.iter().enumerate() {
             for (channel, settings) in (0u8..).zip(&gateway.channels) {
                 let Some(settings) = settings else { continue };
-                let place = (slave, channel);
-                let here = traffic.iter().filter(|s| (s.slave, s.channel) == place);
+                let address = (slave, channel);
+                let here = traffic.iter().filter(|s| (s.slave, s.channel) == address);
                 let load = ChannelLoad::of(here, &settings.can, adapter.cycle_ns());
                 let data_path = &settings.data_path;
-                self.judge_load(place, &load);
+                self.check_load(address, &load);
                 let (received, sent) = (up(load.mean_received), up(load.mean_sent));
-                if let Some(refusal) = budget::refusal(place, received, sent) {
+                if let Some(refusal) = budget::refusal(address, received, sent) {
                     self.refusals.push(refusal);
                 } else {
-                    self.warnings.extend(budget::warning(place, received, sent, data_path));
+                    self.warnings.extend(budget::warning(address, received, sent, data_path));
                 }
                 let (drain, serve) = (data_path.rx_drain_max, data_path.tx_budget_max);
                 self.channels.push(ChannelPlan { slave, channel, load, drain, serve });
@@ -159,7 +159,7 @@ impl PortPlan {
         }
     }
 
-    fn judge_load(&mut self, (slave, channel): (usize, u8), load: &ChannelLoad) {
+    fn check_load(&mut self, (slave, channel): (usize, u8), load: &ChannelLoad) {
         let percent = |share: f64| (share * 100.0).round() as u32;
         // Rounded up to the next where it would read as 100 although it is more.
         let (least_percent, most_percent) = (percent(load.least), up(load.most * 100.0));
@@ -194,8 +194,8 @@ impl PortPlan {
                 tx: image(Direction::TxPdo, size.tx_multiplier),
                 schedule_times: ScheduleTimes::new(&gateway.schedule, adapter, wire),
             };
-            images.rx.judge(slave, &mut self.refusals, &mut self.warnings);
-            images.tx.judge(slave, &mut self.refusals, &mut self.warnings);
+            images.rx.check(slave, &mut self.refusals, &mut self.warnings);
+            images.tx.check(slave, &mut self.refusals, &mut self.warnings);
             self.gateways.push(images);
         }
     }
@@ -213,7 +213,7 @@ impl PortPlan {
     }
 }
 
-/// A count that is never told smaller than it is; what only rounding added does not count.
+/// Rounds a count up, except for a rounding error of the calculation.
 fn up(value: f64) -> u32 {
     (value - 1e-9).ceil() as u32
 }

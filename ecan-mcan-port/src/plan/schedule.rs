@@ -20,7 +20,7 @@ impl PortPlan {
     /// capability, which a plan cannot know.
     ///
     /// # Errors
-    /// Why a frame cannot be scheduled at this phase at all: without Sync0, beyond the Sync0
+    /// [`NotSchedulable`] if no frame can be scheduled at this phase: without Sync0, beyond the Sync0
     /// period. A slave index out of range is not supported.
     pub fn schedule_margin(
         &self,
@@ -31,7 +31,7 @@ impl PortPlan {
         gateway.schedule_times.margin(offset_ns)
     }
 
-    pub(super) fn judge_schedules(
+    pub(super) fn check_schedules(
         &mut self,
         adapter: &AdapterConfig,
         port: &PortConfig,
@@ -42,15 +42,15 @@ impl PortPlan {
             let (slave, Some(offset_ns)) = (stream.slave, stream.offset_ns()) else { continue };
             let Some(gateway) = port.gateways.get(slave) else { continue };
             if slave < self.gateways.len() {
-                self.judge_phase(slave, offset_ns, gateway.schedule.margin_check);
+                self.check_phase(slave, offset_ns, gateway.schedule.margin_check);
             }
         }
-        self.judge_meeting_frames(adapter, port, traffic);
+        self.check_simultaneous_frames(adapter, port, traffic);
     }
 
-    /// What the Port would refuse is refused, what it would send and count is warned of.
-    fn judge_phase(&mut self, slave: usize, offset_ns: u32, check: MarginCheck) {
-        let judged = self.schedule_margin(slave, offset_ns).and_then(|margin| {
+    /// An error for a phase that the Port would reject, a warning for one that it would count.
+    fn check_phase(&mut self, slave: usize, offset_ns: u32, check: MarginCheck) {
+        let checked = self.schedule_margin(slave, offset_ns).and_then(|margin| {
             let lacking_ns = margin.lacking_ns();
             match check {
                 MarginCheck::Reject if lacking_ns > 0 => {
@@ -59,7 +59,7 @@ impl PortPlan {
                 _ => Ok(margin),
             }
         });
-        let margin = match judged {
+        let margin = match checked {
             Ok(margin) => margin,
             Err(reason) => {
                 let refusal = PortPlanError::NotSchedulable { slave, offset_ns, reason };
@@ -84,7 +84,7 @@ impl PortPlan {
 
     /// Warns of more frames for one Sync0 pulse than a gateway holds, and of frames that are still
     /// on the bus when the next period begins.
-    fn judge_meeting_frames(
+    fn check_simultaneous_frames(
         &mut self,
         adapter: &AdapterConfig,
         port: &PortConfig,

@@ -8,43 +8,19 @@ use ecan_protocol::image::{FramePacket, ResultCode, Timestamp, TxResult};
 use crate::transmit::history::OpenFrame;
 use crate::transmit::options::SendTicket;
 
-/// Location in the CAN controller from which a frame was received (ID_AUX, manual 8.1).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum ReceiveSource {
+ecan_protocol::open_enum! {
+    /// Location in the CAN controller from which a frame was received (ID_AUX, manual 8.1).
+    #[derive(Default)]
+    pub enum ReceiveSource: u8 else Other;
     /// RX FIFO 0.
     #[default]
-    Fifo0,
+    Fifo0 = 0;
     /// RX FIFO 1.
-    Fifo1,
+    Fifo1 = 1;
     /// A dedicated RX buffer.
-    RxBuffer,
+    RxBuffer = 2;
     /// Marked as a high priority message.
-    HighPriority,
-    /// A value that the manual does not define.
-    Other(u8),
-}
-
-impl ReceiveSource {
-    fn from_id_aux(id_aux: u8) -> Self {
-        match id_aux {
-            0 => Self::Fifo0,
-            1 => Self::Fifo1,
-            2 => Self::RxBuffer,
-            3 => Self::HighPriority,
-            other => Self::Other(other),
-        }
-    }
-
-    /// The value in the packet.
-    pub fn raw(self) -> u8 {
-        match self {
-            Self::Fifo0 => 0,
-            Self::Fifo1 => 1,
-            Self::RxBuffer => 2,
-            Self::HighPriority => 3,
-            Self::Other(other) => other,
-        }
-    }
+    HighPriority = 3;
 }
 
 /// A CAN frame from the bus.
@@ -72,19 +48,13 @@ pub struct TransmitReport {
     pub slave: usize,
     /// Channel of the frame, 0 to 3.
     pub channel: u8,
-    /// The result.
+    /// The result; "bus busy" of a scheduled frame: its phase had passed (docs/ASSUMPTIONS.md, H23).
     pub code: ResultCode,
     /// Tag of a scheduled frame; `None` for one that was sent at once, or that is not known.
     pub schedule_tag: Option<u16>,
 }
 
 impl TransmitReport {
-    /// Whether the gateway dropped a scheduled frame because its phase had passed: the result "bus
-    /// busy" of a scheduled frame (docs/ASSUMPTIONS.md, H23).
-    pub fn is_late_drop(&self) -> bool {
-        self.schedule_tag.is_some() && self.code == ResultCode::BusBusy
-    }
-
     pub(crate) fn new(slave: usize, result: &TxResult, send: Option<OpenFrame>) -> Self {
         let sequence = result.sequence;
         Self {
@@ -189,7 +159,7 @@ impl ReceivedView<'_> {
                 channel: packet.channel,
                 frame: packet.frame.to_owned(),
                 timestamp: packet.timestamp,
-                source: ReceiveSource::from_id_aux(packet.id_aux),
+                source: ReceiveSource::from_raw(packet.id_aux),
             }),
             Self::TransmitReport(report) => Received::TransmitReport(*report),
         }

@@ -53,7 +53,6 @@ impl Receiver {
         self.last_diagnosis
     }
 
-    /// A new session of the gateway: its next image is the first.
     pub(crate) fn reset(&mut self) {
         self.tracker.reset();
         self.report = ImageReport::None;

@@ -48,15 +48,6 @@ pub struct ScheduleAccount {
     pub accepted: u64,
 }
 
-impl ScheduleAccount {
-    /// The sum of all results and of `open`, which equals `scheduled`.
-    pub fn accounted(&self) -> u64 {
-        let reported = self.sent + self.late_dropped + self.queue_full + self.not_sent;
-        reported + self.withdrawn + self.unknown + self.open
-    }
-}
-
-/// New state of a scheduled frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ScheduledFrameState {
     /// Accepted by the gateway; the flags decide.
@@ -184,7 +175,6 @@ impl ScheduleAccounts {
         }
     }
 
-    /// A new session.
     pub(crate) fn reset(&mut self) {
         self.flags_lost();
         self.is_used = false;
@@ -211,7 +201,7 @@ mod tests {
         assert_eq!(accounts.account(1).open, 3, "its phase may still have been to come");
         accounts.looked(&clean, Some(&clean), 0x3C0);
         let account = accounts.account(1);
-        assert_eq!((account.sent, account.open, account.accounted()), (3, 0, 3));
+        assert_eq!((account.scheduled, account.sent, account.open), (3, 3, 0));
     }
 
     #[test]
@@ -220,10 +210,10 @@ mod tests {
         let flagged = ScheduleDiagnostics { flags: 1 << 8, ..clean };
         let mut bus_off = clean;
         bus_off.channels[1].bus_offs = 1;
-        for trouble in [flagged, bus_off] {
+        for reading in [flagged, bus_off] {
             let mut accounts = taken(2);
             accounts.looked(&clean, None, 0x3C0);
-            accounts.looked(&trouble, Some(&clean), 0x3C0);
+            accounts.looked(&reading, Some(&clean), 0x3C0);
             let account = accounts.account(1);
             assert_eq!((account.unknown, account.open), (2, 0));
         }

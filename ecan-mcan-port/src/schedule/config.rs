@@ -1,6 +1,6 @@
 //! Configuration of scheduled transmission: plain data.
 
-/// What happens to a frame whose margin does not suffice for its phase.
+/// Treatment of a frame whose margin does not suffice for its phase.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MarginCheck {
     /// It is sent all the same and counted in
@@ -26,7 +26,7 @@ pub struct ScheduleConfig {
     /// Time of the firmware from the arrival of an image until its frames wait for their phase, in
     /// nanoseconds.
     pub processing_ns: u32,
-    /// What happens to a frame without margin.
+    /// Treatment of a frame without margin.
     pub margin_check: MarginCheck,
     /// Interval in milliseconds at which the gateway's diagnostics are read after the first
     /// scheduled frame; 0 never reads them. A reading takes up to 17 SDO transfers in parallel with

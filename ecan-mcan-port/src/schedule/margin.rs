@@ -46,7 +46,7 @@ pub struct ScheduleMargin {
     pub before_release_ns: i64,
 }
 
-/// Why a frame cannot be scheduled.
+/// Reason for which a frame cannot be scheduled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum NotSchedulable {
@@ -95,7 +95,7 @@ impl ScheduleMargin {
         (0..i64::from(THIN_MARGIN_NS)).contains(&self.least_ns())
     }
 
-    /// What the margin lacks, in nanoseconds; 0 where it suffices.
+    /// Missing margin, in nanoseconds; 0 if it suffices.
     pub fn lacking_ns(&self) -> u64 {
         self.least_ns().min(0).unsigned_abs()
     }
@@ -116,7 +116,7 @@ impl fmt::Display for ScheduleMargin {
     }
 }
 
-/// What the margins of a gateway are reckoned from: times in nanoseconds from the point of the
+/// Basis of the margins of a gateway: times in nanoseconds from the point of the
 /// cycle grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct ScheduleTimes {
@@ -139,7 +139,7 @@ struct Sync0 {
 }
 
 impl ScheduleTimes {
-    /// Of a gateway with these settings and this place on the line. At the latest an image comes
+    /// Of a gateway with these settings and this position on the line. At the latest an image comes
     /// with the last of its Ethernet frames in the order of the plan; however the master packs
     /// them, never before its own bytes have passed.
     pub(crate) fn new(
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pulse_behind_the_arrivals_leaves_three_distances() {
+    fn pulse_behind_the_arrivals_leaves_three_distances() {
         let margin = margin(500_000, 100_000);
         assert_eq!((margin.earliest_arrival_ns, margin.latest_arrival_ns), (30_000, 200_000));
         assert_eq!((margin.pulse_ns, margin.release_ns), (500_000, 600_000));
@@ -247,14 +247,14 @@ mod tests {
     }
 
     #[test]
-    fn a_pulse_among_the_arrivals_has_no_margin() {
+    fn pulse_among_the_arrivals_has_no_margin() {
         let margin = margin(110_000, 400_000);
         assert_eq!((margin.before_pulse_ns, margin.lacking_ns()), (-90_000, 90_000));
         assert!(!margin.is_sufficient() && !margin.is_thin());
     }
 
     #[test]
-    fn a_pulse_before_the_arrivals_means_the_next_one() {
+    fn pulse_before_the_arrivals_means_the_next_one() {
         let margin = margin(10_000, 0);
         assert_eq!(margin.pulse_ns, 1_010_000);
         assert_eq!((margin.after_pulse_ns, margin.before_pulse_ns), (20_000, 810_000));
@@ -264,7 +264,7 @@ mod tests {
     /// Frames leave behind the pulse that follows their arrival, also where that is the shift 0 or
     /// one of a later cycle.
     #[test]
-    fn the_pulse_is_the_first_behind_the_arrival() {
+    fn pulse_is_the_first_behind_the_arrival() {
         let pulse = |shift_ns| margin(shift_ns, 100_000).pulse_ns;
         assert_eq!(
             [700_000, 100_001, 100_000, 29_999, 0].map(pulse),
@@ -278,7 +278,7 @@ mod tests {
     /// The image is there 30 us behind the point of the grid at the earliest, but 100 us are reckoned
     /// with: a pulse between is met by none that keeps to the times, so offsets count from the next.
     #[test]
-    fn a_pulse_within_the_way_means_the_next_one_without_margin() {
+    fn pulse_during_the_transfer_means_the_next_one() {
         for shift_ns in [30_001, 65_000, 100_000] {
             let times = times(ScheduleConfig::default(), Some(DcSync::new(1_000_000, shift_ns)));
             let margin = times.margin(100_000).unwrap();
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn the_firmware_needs_time_before_the_phase() {
+    fn firmware_needs_time_before_the_phase() {
         let short = margin(210_000, 20_000);
         assert_eq!((short.before_pulse_ns, short.before_release_ns), (10_000, -20_000));
         assert!(!short.is_sufficient());
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_longer_sync0_period_has_its_pulse_in_one_of_its_cycles() {
+    fn longer_sync0_period_has_its_pulse_in_one_of_its_cycles() {
         let dc = DcSync::new(4_000_000, 2_500_000);
         let margin = times(ScheduleConfig::default(), Some(dc)).margin(3_000_000).unwrap();
         assert_eq!((margin.pulse_ns, margin.release_ns), (500_000, 3_500_000));
@@ -346,7 +346,7 @@ mod tests {
         /// Every configuration has its margins or a reason: the pulse is the first behind the
         /// earliest arrival, on the grid of Sync0, and the distances are those between the times.
         #[test]
-        fn the_times_of_a_margin_belong_together(
+        fn times_of_a_margin_belong_together(
             sizes in prop::collection::vec(any::<u8>(), 1..8),
             (cycle_ns, offset_ns) in any::<(u32, u32)>(),
             dc: Option<(u32, u32)>,
@@ -387,7 +387,7 @@ mod tests {
                 prop_assert!(margin.pulse_ns > way && margin.pulse_ns <= way + cycle);
                 prop_assert!(!times.misses_pulse(0, 0));
                 // The same in the cycle of the period that has a pulse there.
-                let place = u64::from(dc.shift_ns) / cycle * cycle;
+                let start = u64::from(dc.shift_ns) / cycle * cycle;
 
                 prop_assert_eq!(margin.pulse_ns % cycle, u64::from(dc.shift_ns) % cycle);
                 prop_assert_eq!(margin.release_ns - margin.pulse_ns, u64::from(offset_ns));
@@ -402,7 +402,7 @@ mod tests {
                 prop_assert_eq!(margin.is_sufficient(), margin.least_ns() >= 0);
                 // An image that is sent in time meets the pulse where there is a margin to it.
                 if margin.before_pulse_ns > 0 && is_valid && cycle_ns > 0 {
-                    prop_assert!(!times.misses_pulse(place, u64::from(latest_send_ns)));
+                    prop_assert!(!times.misses_pulse(start, u64::from(latest_send_ns)));
                 }
                 let _ = times.misses_pulse(sent_ns, sent_ns);
             }

@@ -44,8 +44,8 @@ mod tests {
         adapter.dc = Some(DcSync::new(4_000_000, 0));
         for source in [ClockSource::Host, ClockSource::Reference] {
             adapter.dc = adapter.dc.map(|dc| DcSync { source, ..dc });
-            let mut place = Sync0Phase::default();
-            let mut begin = |time_ns| place.begin(time_ns, &adapter);
+            let mut phase = Sync0Phase::default();
+            let mut begin = |time_ns| phase.begin(time_ns, &adapter);
             assert_eq!([700, 1_000_700, 4_000_700].map(&mut begin), [0, 1_000_000, 4_000_000]);
             let shifted = [5_000_500, 6_000_300].map(&mut begin);
             assert_eq!(

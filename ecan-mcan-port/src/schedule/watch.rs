@@ -1,16 +1,10 @@
 //! Reads the diagnostics of scheduled transmission in parallel with the cycle (manual 13.2.4, 13.2.5,
 //! 13.7).
 
-use ecan_host::{Adapter, DcSync, Error, RequestId, RequestState};
+use ecan_host::{Adapter, DcSync, Error, RequestState, SdoRequestId};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::schedule::config::ScheduleConfig;
-
-/// Flags of 0xB000:06.
-pub(crate) const LATE_DROP: u16 = 1 << 6;
-pub(crate) const QUEUE_FULL: u16 = 1 << 7;
-pub(crate) const TX_FAIL: u16 = 1 << 8;
-pub(crate) const TIMER_MISS: u16 = 1 << 9;
 
 const MAINTENANCE: u16 = 0xB000;
 const FLAGS: u8 = 6;
@@ -54,25 +48,14 @@ pub struct ScheduleDiagnostics {
 }
 
 impl ScheduleDiagnostics {
-    /// A scheduled frame was dropped because its phase had passed (SCHED_LATE_DROP).
-    pub fn has_late_drop(&self) -> bool {
-        self.flags & LATE_DROP != 0
-    }
-
-    /// A scheduled frame found the queue full (SCHED_QUEUE_FULL).
-    pub fn has_queue_full(&self) -> bool {
-        self.flags & QUEUE_FULL != 0
-    }
-
-    /// The CAN controller rejected a scheduled frame at its phase (SCHED_TX_FAIL).
-    pub fn has_tx_fail(&self) -> bool {
-        self.flags & TX_FAIL != 0
-    }
-
-    /// The timer of scheduled transmission missed a phase (SCHED_TIMER_MISS).
-    pub fn has_timer_miss(&self) -> bool {
-        self.flags & TIMER_MISS != 0
-    }
+    /// Flag: a scheduled frame was dropped because its phase had passed (SCHED_LATE_DROP).
+    pub const LATE_DROP: u16 = 1 << 6;
+    /// Flag: a scheduled frame found the queue full (SCHED_QUEUE_FULL).
+    pub const QUEUE_FULL: u16 = 1 << 7;
+    /// Flag: the CAN controller rejected a scheduled frame at its phase (SCHED_TX_FAIL).
+    pub const TX_FAIL: u16 = 1 << 8;
+    /// Flag: the timer of scheduled transmission missed a phase (SCHED_TIMER_MISS).
+    pub const TIMER_MISS: u16 = 1 << 9;
 }
 
 /// Objects of a reading: the flags, then three for each channel, then four of 0x9011.
@@ -80,7 +63,6 @@ const PER_CHANNEL: [u8; 3] = [11, 12, 13];
 const PER_GATEWAY: [u8; 4] = [2, 4, 5, 13];
 const STEPS: usize = 1 + CHANNELS * PER_CHANNEL.len() + PER_GATEWAY.len();
 
-/// The object of a step.
 fn object(step: usize) -> (u16, u8) {
     let Some(step) = step.checked_sub(1) else { return (MAINTENANCE, FLAGS) };
     let (channel, field) = (step / PER_CHANNEL.len(), step % PER_CHANNEL.len());
@@ -110,11 +92,9 @@ fn store(diagnostics: &mut ScheduleDiagnostics, step: usize, value: u32) {
     }
 }
 
-/// Result of a step of the watch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum WatchResult {
     Nothing,
-    /// A complete reading.
     Looked(ScheduleDiagnostics),
     /// The flags were cleared, or may have been.
     Cleared,
@@ -129,8 +109,8 @@ enum Activity {
 
 #[derive(Debug)]
 pub(crate) struct ScheduleWatch {
-    read: RequestId,
-    command: RequestId,
+    read: SdoRequestId,
+    command: SdoRequestId,
     channel_mask: u8,
     interval_ns: u64,
     /// Time until an accepted frame has met its phase.
@@ -173,7 +153,6 @@ impl ScheduleWatch {
         })
     }
 
-    /// The last complete reading of this session.
     pub(crate) fn last(&self) -> Option<&ScheduleDiagnostics> {
         self.last.as_ref()
     }

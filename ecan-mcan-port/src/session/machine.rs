@@ -6,7 +6,7 @@
 
 use std::fmt;
 
-use ecan_host::{Adapter, Delivery, Error, RequestId, RequestState};
+use ecan_host::{Adapter, Delivery, Error, RequestState, SdoRequestId};
 use ecan_protocol::mapping::Direction;
 
 use crate::port_config::GatewayConfig;
@@ -79,15 +79,13 @@ impl fmt::Display for PendingStep {
     }
 }
 
-/// An SDO request of the session, for one transfer at a time.
 #[derive(Debug, Clone, Copy)]
 struct Request {
-    id: RequestId,
+    id: SdoRequestId,
     /// The last transfer, and its start.
     begun: Option<(SdoTransfer, u64)>,
 }
 
-/// Change of the session in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Event {
     None,
@@ -162,7 +160,6 @@ impl SessionMachine {
         self.last_fault
     }
 
-    /// Step that the session waits for, unless it is ready.
     pub(crate) fn awaited(&self, adapter: &Adapter) -> Option<PendingStep> {
         match self.state {
             Session::Ready => None,
@@ -186,43 +183,27 @@ impl SessionMachine {
     /// One step, once a cycle; `is_lost`: too many images in a row did not arrive.
     pub(crate) fn step(&mut self, adapter: &mut Adapter, is_lost: bool) -> Event {
         self.cycles += 1;
+        let is_due = self.cycles.is_multiple_of(WATCH_CYCLES);
         match self.state {
-            Session::Ready => {
-                let is_due = self.cycles.is_multiple_of(WATCH_CYCLES);
-                if is_lost || (is_due && self.has_left_op(adapter)) {
-                    return self.lose();
+            Session::Ready if is_lost || (is_due && self.has_left_op(adapter)) => self.lose(),
+            Session::Ready => Event::None,
+            Session::Verifying | Session::Failed(_) if is_lost => self.lose(),
+            Session::Verifying => match self.verify(adapter) {
+                Ok(true) => {
+                    self.state = Session::Ready;
+                    self.last_fault = None;
+                    Event::Ready
                 }
-                Event::None
-            }
-            Session::Verifying => {
-                if is_lost {
-                    return self.lose();
+                Ok(false) => Event::None,
+                Err(fault) => {
+                    self.state = Session::Failed(fault);
+                    self.last_fault = Some(fault);
+                    self.retry_at_ns = adapter.clock().now_ns() + RETRY_NS;
+                    Event::Failed
                 }
-                match self.verify(adapter) {
-                    Ok(true) => {
-                        self.state = Session::Ready;
-                        self.last_fault = None;
-                        Event::Ready
-                    }
-                    Ok(false) => Event::None,
-                    Err(fault) => {
-                        self.state = Session::Failed(fault);
-                        self.last_fault = Some(fault);
-                        self.retry_at_ns = adapter.clock().now_ns() + RETRY_NS;
-                        Event::Failed
-                    }
-                }
-            }
-            Session::Waiting => self.start_if_operational(adapter),
-            Session::Failed(_) => {
-                if is_lost {
-                    self.lose()
-                } else if adapter.clock().now_ns() >= self.retry_at_ns {
-                    self.start_if_operational(adapter)
-                } else {
-                    Event::None
-                }
-            }
+            },
+            Session::Failed(_) if adapter.clock().now_ns() < self.retry_at_ns => Event::None,
+            Session::Waiting | Session::Failed(_) => self.start_if_operational(adapter),
         }
     }
 

@@ -46,7 +46,7 @@ impl PortConfig {
     }
 }
 
-/// What the gateway must be able to do, from 0xF000 (manual 13.8), and the diagnostic tests of
+/// Capabilities that the gateway must have, from 0xF000 (manual 13.8), and the diagnostic tests of
 /// 0x8030 that must not cut the CAN side off.
 fn push_capabilities(
     steps: &mut Vec<StartupStep>,

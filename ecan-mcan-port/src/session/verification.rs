@@ -32,7 +32,7 @@ impl fmt::Display for SdoTransfer {
     }
 }
 
-/// Why the verification of a gateway failed.
+/// Fault that a verification of a gateway found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum VerificationFault {
@@ -88,7 +88,6 @@ pub enum VerificationFault {
     Library(CycleError),
 }
 
-/// One step of the verification.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Check {
     Command(SdoWrite),

@@ -6,11 +6,9 @@ use ecan_protocol::mapping::MAX_PACKETS;
 /// Number of images stored. Results arrive one or two images later, later under back pressure.
 const DEPTH: usize = 16;
 
-/// A frame without a result.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct OpenFrame {
     pub(crate) channel: u8,
-    /// Tag of a scheduled frame.
     pub(crate) tag: Option<u16>,
     /// Index in the image, as in its ticket.
     pub(crate) index: u8,
@@ -28,7 +26,6 @@ struct SentImage {
     frames: [Option<OpenFrame>; MAX_PACKETS],
 }
 
-/// A ring of the last images by sequence.
 #[derive(Debug, Clone)]
 pub(crate) struct TransmitHistory {
     images: Box<[SentImage; DEPTH]>,
@@ -56,8 +53,8 @@ impl TransmitHistory {
         }
         image.count = index.saturating_add(1);
         image.has_scheduled |= tag.is_some();
-        if let Some(place) = image.frames.get_mut(usize::from(index)) {
-            *place = Some(OpenFrame { channel, tag, index });
+        if let Some(slot) = image.frames.get_mut(usize::from(index)) {
+            *slot = Some(OpenFrame { channel, tag, index });
         }
     }
 
@@ -67,8 +64,8 @@ impl TransmitHistory {
         if image.sequence != result.sequence || result.frame_index >= image.count {
             return None;
         }
-        let place = image.frames.get_mut(usize::from(result.frame_index))?;
-        place.take_if(|frame| frame.channel == result.channel)
+        let slot = image.frames.get_mut(usize::from(result.frame_index))?;
+        slot.take_if(|frame| frame.channel == result.channel)
     }
 
     /// Removes the scheduled frames of an image; `close` gets each of them.
@@ -88,8 +85,8 @@ impl TransmitHistory {
         let mut kept = 0;
         for index in 0..image.count {
             let frame = image.frames.get_mut(usize::from(index)).and_then(Option::take);
-            if let (Some(_), Some(place)) = (frame, image.frames.get_mut(usize::from(kept))) {
-                *place = frame;
+            if let (Some(_), Some(slot)) = (frame, image.frames.get_mut(usize::from(kept))) {
+                *slot = frame;
                 kept += 1;
             }
         }
@@ -102,7 +99,6 @@ impl TransmitHistory {
         image.is_repeated |= image.sequence == sequence;
     }
 
-    /// Whether an image was sent more than once.
     pub(crate) fn is_repeated(&self, sequence: u16) -> bool {
         let image = &self.images[usize::from(sequence) % DEPTH];
         image.sequence == sequence && image.is_repeated
@@ -130,8 +126,8 @@ impl SentImage {
         if !std::mem::take(&mut self.has_scheduled) {
             return;
         }
-        for place in self.frames.iter_mut().take(usize::from(self.count)) {
-            if let Some(frame) = place.take_if(|frame| frame.tag.is_some()) {
+        for slot in self.frames.iter_mut().take(usize::from(self.count)) {
+            if let Some(frame) = slot.take_if(|frame| frame.tag.is_some()) {
                 close(frame.channel);
             }
         }
@@ -211,7 +207,7 @@ mod tests {
         history.close_scheduled(5, |channel| closed.push(channel));
         history.make_room(21, |channel| closed.push(channel));
         assert_eq!(closed, [3]);
-        assert!(history.take(&result(5, 1, 2)).is_none(), "its place is free");
+        assert!(history.take(&result(5, 1, 2)).is_none(), "its slot is free");
         history.frame_added(21, 0, 1, Some(1));
         history.reset(|channel| closed.push(channel));
         assert_eq!(closed, [3, 1]);

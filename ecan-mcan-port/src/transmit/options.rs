@@ -17,29 +17,18 @@ pub struct SendTicket {
     pub index: u8,
 }
 
-/// Hint for the gateway's transmit path (ID_AUX, manual 8.1).
+/// Hint for the gateway's transmit path, with the values of ID_AUX (manual 8.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TransmitHint {
     /// No preference.
     #[default]
-    Normal,
+    Normal = 0,
     /// High priority.
-    HighPriority,
+    HighPriority = 1,
     /// A dedicated TX buffer.
-    DedicatedBuffer,
+    DedicatedBuffer = 2,
     /// The TX queue, sorted by CAN ID.
-    Queue,
-}
-
-impl TransmitHint {
-    pub(crate) fn id_aux(self) -> u8 {
-        match self {
-            Self::Normal => 0,
-            Self::HighPriority => 1,
-            Self::DedicatedBuffer => 2,
-            Self::Queue => 3,
-        }
-    }
+    Queue = 3,
 }
 
 /// Options of a frame; the default sends at once.

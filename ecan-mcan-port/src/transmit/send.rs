@@ -109,7 +109,7 @@ impl Port {
             return Err(gateway.reject_paced(to));
         }
         let image = self.adapter.rx_pdo_mut(slave);
-        let id_aux = options.hint.id_aux();
+        let id_aux = options.hint as u8;
         match gateway.transmitter.push(image, channel, id_aux, frame, options.schedule) {
             Ok((sequence, index)) => {
                 if options.schedule.is_some() {
@@ -121,7 +121,6 @@ impl Port {
         }
     }
 
-    /// Checks that the gateway is ready and the channel suits the frame.
     fn check_channel(&self, to: ChannelHandle, frame: FrameRef<'_>) -> Result<(), SendError> {
         let (slave, channel) = (to.slave(), to.channel());
         let gateway = match self.gateways.get(slave) {
@@ -194,7 +193,6 @@ impl Gateway {
         SendError::Backpressure { slave, channel, what }
     }
 
-    /// Counts a frame that does not fit the image, and returns the reason.
     #[cold]
     #[inline(never)]
     fn reject_push(&mut self, to: ChannelHandle, error: PushError) -> SendError {

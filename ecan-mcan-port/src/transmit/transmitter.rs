@@ -111,7 +111,6 @@ impl Transmitter {
         Some(frame)
     }
 
-    /// Whether the image to be published holds scheduled frames.
     pub(crate) fn has_scheduled(&self) -> bool {
         let scheduled =
             if self.is_unconfirmed { self.published_scheduled } else { self.filling_scheduled };
@@ -123,7 +122,6 @@ impl Transmitter {
         self.windows.each_ref().map(|window| window.filling() as u8)
     }
 
-    /// Bytes left in the image being filled.
     pub(crate) fn room(&self) -> usize {
         self.writer.room()
     }
@@ -188,7 +186,6 @@ impl Transmitter {
         self.writer.assume_dirty();
     }
 
-    /// Discards the published image, whose delivery is unknown.
     fn discard_published(&mut self, statistics: &mut SlaveStatistics) -> usize {
         let Some(counts) = self.published.take() else { return 0 };
         let frames = count_discarded(&counts, statistics);
@@ -204,7 +201,6 @@ impl Transmitter {
         history.close_scheduled(*published_sequence, |channel| accounts.ended(channel, state));
     }
 
-    /// The delivery of the published image is confirmed.
     fn release(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !self.has_results && self.published_scheduled > 0 {
             let is_repeated = self.history.is_repeated(self.published_sequence);
@@ -295,7 +291,6 @@ impl Transmitter {
         discarded
     }
 
-    /// Withdraws the frames of the image being filled and returns their number.
     fn withdraw(&mut self, statistics: &mut SlaveStatistics) -> usize {
         let sequence = self.writer.next_sequence();
         let Self { history, accounts, .. } = self;
@@ -360,7 +355,6 @@ impl Transmitter {
         }
     }
 
-    /// A new session of the gateway.
     pub(crate) fn reset(&mut self, statistics: &mut SlaveStatistics) {
         self.discard(statistics);
         self.misses = 0;
@@ -373,7 +367,6 @@ impl Transmitter {
     }
 }
 
-/// Counts the frames of a discarded image and returns their number.
 fn count_discarded(counts: &Counts, statistics: &mut SlaveStatistics) -> usize {
     let frames: usize = counts.iter().map(|n| usize::from(*n)).sum();
     statistics.rxpdo_discarded += u64::from(frames > 0);

@@ -13,7 +13,7 @@ pub(crate) const DEFAULT_DEPTH: u16 = 64;
 /// Value at which the pending count of the status word saturates.
 const SATURATED: u8 = 7;
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct TransmitWindow {
     depth: u16,
     /// Frames of the image being filled, of the last one, of the one before, and of older ones that no
@@ -29,15 +29,7 @@ pub(crate) struct TransmitWindow {
 
 impl TransmitWindow {
     pub(crate) fn new(depth: u16) -> Self {
-        Self {
-            depth,
-            filling: 0,
-            last: 0,
-            before: 0,
-            older: 0,
-            pending: 0,
-            status: ChannelStatus::default(),
-        }
+        Self { depth, ..Self::default() }
     }
 
     pub(crate) fn filling(&self) -> u16 {
@@ -58,7 +50,6 @@ impl TransmitWindow {
         !self.status.tx_pressure() && at_most < self.depth
     }
 
-    /// Whether the channel is bus-off, so that the gateway drops frames.
     pub(crate) fn is_bus_off(&self) -> bool {
         self.status.bus_off()
     }
@@ -68,14 +59,12 @@ impl TransmitWindow {
         self.filling = self.filling.saturating_add(1);
     }
 
-    /// The image being filled was published.
     pub(crate) fn published(&mut self) {
         self.older = self.older.saturating_add(self.before);
         self.before = self.last;
         self.last = std::mem::take(&mut self.filling);
     }
 
-    /// The image being filled was discarded.
     pub(crate) fn abandoned(&mut self) {
         self.filling = 0;
     }

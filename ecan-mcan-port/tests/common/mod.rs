@@ -34,9 +34,9 @@ impl Fixture {
 
     /// Opened and ready.
     pub fn ready(scenario: Scenario, adapter: AdapterConfig, config: PortConfig) -> Self {
-        let mut bench = Self::open(scenario, adapter, config).unwrap_or_else(|e| panic!("{e}"));
-        bench.port.wait_ready().unwrap_or_else(|e| panic!("{e}"));
-        bench
+        let mut fixture = Self::open(scenario, adapter, config).unwrap_or_else(|e| panic!("{e}"));
+        fixture.port.wait_ready().unwrap_or_else(|e| panic!("{e}"));
+        fixture
     }
 
     /// One gateway with echo nodes, N = 3, 1 ms, `gateway` as configured.

@@ -15,18 +15,18 @@ pub fn results(gateway: &mut GatewayConfig) {
     gateway.tx_options = OptionFlags::TX_RESULT;
 }
 
-pub fn counters(bench: &Fixture) -> GatewayCounters {
-    bench.simulation.with_world(|world| world.counters(0).unwrap())
+pub fn counters(fixture: &Fixture) -> GatewayCounters {
+    fixture.simulation.with_world(|world| world.counters(0).unwrap())
 }
 
-pub fn account(bench: &Fixture) -> ScheduleAccount {
-    bench.port.schedule_account(bench.port.ch(0, 0))
+pub fn account(fixture: &Fixture) -> ScheduleAccount {
+    fixture.port.schedule_account(fixture.port.ch(0, 0))
 }
 
 /// One cycle that schedules so many frames; gives how many were taken.
-pub fn schedule(bench: &mut Fixture, frames: u16, offset_ns: u32) -> u16 {
+pub fn schedule(fixture: &mut Fixture, frames: u16, offset_ns: u32) -> u16 {
     let mut taken = 0;
-    bench.cycle(|cycle| {
+    fixture.cycle(|cycle| {
         for tag in 0..frames {
             let at = Schedule { tag, offset_ns };
             taken += u16::from(cycle.schedule_can(0, 0, id(0x100 + tag), &[], at).is_ok());
@@ -37,21 +37,23 @@ pub fn schedule(bench: &mut Fixture, frames: u16, offset_ns: u32) -> u16 {
 
 /// Compares the account with the truth once nothing is open any more: each kind of outcome may
 /// hide among the unknown ones, none may be claimed that did not happen.
-pub fn check(bench: &mut Fixture) -> (ScheduleAccount, GatewayCounters) {
-    bench.idle(500);
-    let (told, counters) = (account(bench), counters(bench));
-    assert_eq!(told.accounted(), told.scheduled, "{told:?}");
-    assert_eq!(told.open, 0, "{told:?}");
+pub fn check(fixture: &mut Fixture) -> (ScheduleAccount, GatewayCounters) {
+    fixture.idle(500);
+    let (frames, counters) = (account(fixture), counters(fixture));
+    let results = frames.sent + frames.late_dropped + frames.queue_full + frames.not_sent;
+    let accounted = results + frames.withdrawn + frames.unknown + frames.open;
+    assert_eq!(accounted, frames.scheduled, "{frames:?}");
+    assert_eq!(frames.open, 0, "{frames:?}");
     let losses = counters.transmit_losses;
     let refused = losses.bus_off + losses.invalid_channel;
-    for (told_of, happened) in [
-        (told.sent, counters.frames_released),
-        (told.late_dropped, losses.late),
-        (told.queue_full, losses.schedule_full),
-        (told.not_sent, refused),
+    for (results, happened) in [
+        (frames.sent, counters.frames_released),
+        (frames.late_dropped, losses.late),
+        (frames.queue_full, losses.schedule_full),
+        (frames.not_sent, refused),
     ] {
-        assert!(told_of <= happened, "{told:?} {counters:?}");
-        assert!(happened <= told_of + told.unknown, "{told:?} {counters:?}");
+        assert!(results <= happened, "{frames:?} {counters:?}");
+        assert!(happened <= results + frames.unknown, "{frames:?} {counters:?}");
     }
     // Stale are frames that still waited, and those that the controller had got already.
     let ended = counters.frames_released + losses.late + losses.schedule_full + refused;
@@ -61,8 +63,11 @@ pub fn check(bench: &mut Fixture) -> (ScheduleAccount, GatewayCounters) {
         counters.frames_parsed <= ended + losses.stale,
         "every frame ended somehow: {counters:?}"
     );
-    assert!(told.scheduled - told.withdrawn >= counters.frames_parsed, "{told:?} {counters:?}");
-    (told, counters)
+    assert!(
+        frames.scheduled - frames.withdrawn >= counters.frames_parsed,
+        "{frames:?} {counters:?}"
+    );
+    (frames, counters)
 }
 
 /// A machine that now and then wakes up behind the pulse.
@@ -76,11 +81,11 @@ pub fn sluggish() -> Scenario {
 
 /// Sync0 of 4 ms with cycles of 1 ms: one cycle in four has a pulse.
 pub fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Fixture {
-    let mut bench = with_sync0(echo(1), SHIFT_NS, change);
-    let mut adapter = *bench.port.adapter().config();
+    let mut fixture = with_sync0(echo(1), SHIFT_NS, change);
+    let mut adapter = *fixture.port.adapter().config();
     adapter.dc = Some(ecan_host::DcSync::new(4_000_000, shift_ns));
-    let config = *bench.port.config();
-    bench.port.reconfigure((adapter, config)).unwrap();
-    bench.port.wait_ready().unwrap();
-    bench
+    let config = *fixture.port.config();
+    fixture.port.reconfigure((adapter, config)).unwrap();
+    fixture.port.wait_ready().unwrap();
+    fixture
 }

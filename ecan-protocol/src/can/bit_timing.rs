@@ -24,22 +24,13 @@ pub const TDC_MAX_PRESCALER: u16 = 2;
 /// differ by several thousand; 500 leaves a reserve for crystals.
 pub const BITRATE_TOLERANCE_PPM: u32 = 500;
 
-/// One of the two bit timings of CAN FD.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Phase {
+crate::text_enum! {
+    /// One of the two bit timings of CAN FD.
+    pub enum Phase;
     /// Arbitration phase, and all of a classic frame.
-    Nominal,
+    Nominal = "nominal";
     /// Data phase of a CAN FD frame with bit rate switch.
-    Data,
-}
-
-impl fmt::Display for Phase {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Nominal => "nominal",
-            Self::Data => "data",
-        })
-    }
+    Data = "data";
 }
 
 /// Limits of the MCAN registers; every minimum is 1, except 2 of the nominal segments.
@@ -104,11 +95,6 @@ impl BitTiming {
         SamplePoint::of(1 + self.tseg1 as u32, self.quanta())
     }
 
-    /// Sample point in 0.1 %, the unit of 0x8001:21..24, rounded to the nearest.
-    pub const fn sample_point_permille(&self) -> u16 {
-        ((2000 * (1 + self.tseg1 as u32) + self.quanta()) / (2 * self.quanta())) as u16
-    }
-
     /// True if the registers of a phase can hold the timing and the jump width is at most phase
     /// segment 2.
     pub const fn fits(&self, phase: Phase) -> bool {
@@ -165,11 +151,16 @@ impl fmt::Display for SamplePoint {
 }
 
 /// Error: there is no bit timing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BitTimingError {
     /// Clock or bit rate is 0.
+    #[error("clock and bit rate must not be 0")]
     Zero,
     /// The window's bounds (0.1 %) are reversed or beyond 100 %.
+    #[error(
+        "sample point window {}..{} is not a range inside 0..100 %",
+        Permille(*.min_permille), Permille(*.max_permille)
+    )]
     Window {
         /// Lower bound in 0.1 %.
         min_permille: u16,
@@ -177,6 +168,10 @@ pub enum BitTimingError {
         max_permille: u16,
     },
     /// No divisor of the clock comes close enough to the bit rate.
+    #[error(
+        "{bitrate} bit/s cannot be divided from a clock of {clock_hz} Hz{}",
+        Nearest(*.below, *.above, " bit/s")
+    )]
     Bitrate {
         /// Source clock in Hz.
         clock_hz: u32,
@@ -188,6 +183,10 @@ pub enum BitTimingError {
         above: Option<u32>,
     },
     /// The bit rate is possible, but with no sample point inside the window.
+    #[error(
+        "no sample point between {} and {} at {bitrate} bit/s{}",
+        Permille(*.min_permille), Permille(*.max_permille), Nearest(*.below, *.above, "")
+    )]
     SamplePoint {
         /// The bit rate in bit/s.
         bitrate: u32,
@@ -202,45 +201,19 @@ pub enum BitTimingError {
     },
 }
 
-impl core::error::Error for BitTimingError {}
+/// The nearest possible values and their unit, printed after a comma.
+struct Nearest<T>(Option<T>, Option<T>, &'static str);
 
-impl fmt::Display for BitTimingError {
+impl<T: fmt::Display> fmt::Display for Nearest<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Zero => f.write_str("clock and bit rate must not be 0"),
-            Self::Window { min_permille, max_permille } => write!(
-                f,
-                "sample point window {}..{} is not a range inside 0..100 %",
-                Permille(min_permille),
-                Permille(max_permille)
-            ),
-            Self::Bitrate { clock_hz, bitrate, below, above } => {
-                write!(f, "{bitrate} bit/s cannot be divided from a clock of {clock_hz} Hz")?;
-                write_nearest(f, below, above, " bit/s")
+        let unit = self.2;
+        match (&self.0, &self.1) {
+            (Some(below), Some(above)) => {
+                write!(f, ", nearest are {below}{unit} and {above}{unit}")
             }
-            Self::SamplePoint { bitrate, min_permille, max_permille, below, above } => {
-                write!(
-                    f,
-                    "no sample point between {} and {} at {bitrate} bit/s",
-                    Permille(min_permille),
-                    Permille(max_permille)
-                )?;
-                write_nearest(f, below, above, "")
-            }
+            (Some(one), None) | (None, Some(one)) => write!(f, ", nearest is {one}{unit}"),
+            (None, None) => Ok(()),
         }
-    }
-}
-
-fn write_nearest<T: fmt::Display>(
-    f: &mut fmt::Formatter<'_>,
-    below: Option<T>,
-    above: Option<T>,
-    unit: &str,
-) -> fmt::Result {
-    match (below, above) {
-        (Some(below), Some(above)) => write!(f, ", nearest are {below}{unit} and {above}{unit}"),
-        (Some(one), None) | (None, Some(one)) => write!(f, ", nearest is {one}{unit}"),
-        (None, None) => Ok(()),
     }
 }
 
@@ -256,34 +229,12 @@ impl fmt::Display for Permille {
     }
 }
 
-/// Solves the nominal timing for a clock (Hz), a bit rate (bit/s) and a sample point window
+/// Solves the timing of a phase for a clock (Hz), a bit rate (bit/s) and a sample point window
 /// (0.1 %, bounds included); equal bounds request exactly that sample point.
 ///
 /// # Errors
 /// [`BitTimingError`], with the nearest possible values.
-pub fn solve_nominal(
-    clock_hz: u32,
-    bitrate: u32,
-    sample_point_min: u16,
-    sample_point_max: u16,
-) -> Result<BitTiming, BitTimingError> {
-    solve(Phase::Nominal, clock_hz, bitrate, sample_point_min, sample_point_max)
-}
-
-/// Solves the CAN FD data timing; arguments and errors as for [`solve_nominal`].
-///
-/// # Errors
-/// [`BitTimingError`], with the nearest possible values.
-pub fn solve_data(
-    clock_hz: u32,
-    bitrate: u32,
-    sample_point_min: u16,
-    sample_point_max: u16,
-) -> Result<BitTiming, BitTimingError> {
-    solve(Phase::Data, clock_hz, bitrate, sample_point_min, sample_point_max)
-}
-
-fn solve(
+pub fn solve_bit_timing(
     phase: Phase,
     clock_hz: u32,
     bitrate: u32,

@@ -48,13 +48,11 @@ impl CanId {
         Ok(Self(raw | mark))
     }
 
-    /// The low 11 bits as a standard CAN ID.
     #[inline]
     pub(crate) const fn standard_bits(bits: u16) -> Self {
         Self(bits as u32 & Self::MAX_STANDARD)
     }
 
-    /// The low 29 bits as an extended CAN ID.
     #[inline]
     pub(crate) const fn extended_bits(bits: u32) -> Self {
         Self(bits & Self::MAX_EXTENDED | EXTENDED)
@@ -62,14 +60,12 @@ impl CanId {
 
     /// The value without its format: 0 to 0x7FF or 0 to 0x1FFF_FFFF.
     #[inline]
-    #[must_use]
     pub const fn raw(self) -> u32 {
         self.0 & Self::MAX_EXTENDED
     }
 
     /// True for a 29-bit CAN ID.
     #[inline]
-    #[must_use]
     pub const fn is_extended(self) -> bool {
         self.0 & EXTENDED != 0
     }

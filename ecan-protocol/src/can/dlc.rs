@@ -11,7 +11,6 @@ pub struct Dlc(u8);
 
 impl Dlc {
     /// Returns the code with this value; `None` above 15.
-    #[must_use]
     pub const fn new(value: u8) -> Option<Self> {
         if value <= 15 { Some(Self(value)) } else { None }
     }
@@ -24,14 +23,12 @@ impl Dlc {
 
     /// The code itself, 0 to 15.
     #[inline]
-    #[must_use]
     pub const fn value(self) -> u8 {
         self.0
     }
 
     /// Data bytes of a CAN FD frame with this code: 0 to 8, 12, 16, 20, 24, 32, 48 or 64.
     #[inline]
-    #[must_use]
     pub const fn fd_len(self) -> usize {
         // infallible: the value never exceeds 15
         FD_LENGTHS[(self.0 & 0x0F) as usize] as usize
@@ -39,14 +36,12 @@ impl Dlc {
 
     /// Data bytes of a classic CAN data frame with this code: the code, at most 8.
     #[inline]
-    #[must_use]
     pub const fn classic_len(self) -> usize {
         if self.0 > 8 { 8 } else { self.0 as usize }
     }
 
     /// Returns the code whose CAN FD length is exactly `length` bytes; `None` if CAN FD has none.
     #[inline]
-    #[must_use]
     pub const fn from_fd_len(length: usize) -> Option<Self> {
         let value = match length {
             0..=8 => length as u8,
@@ -64,7 +59,6 @@ impl Dlc {
 
     /// Returns the code for `length` bytes in a classic CAN frame; `None` above 8.
     #[inline]
-    #[must_use]
     pub const fn from_classic_len(length: usize) -> Option<Self> {
         if length <= 8 { Some(Self(length as u8)) } else { None }
     }

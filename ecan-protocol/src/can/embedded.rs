@@ -66,12 +66,10 @@ impl From<CanId> for Id {
 
 /// Classic CAN frames are created through the trait, CAN FD frames with [`CanFrame::fd`] only.
 impl Frame for CanFrame {
-    /// Creates a classic CAN data frame; `None` for more than 8 bytes.
     fn new(id: impl Into<Id>, data: &[u8]) -> Option<Self> {
         Self::classic(id.into().into(), data).ok()
     }
 
-    /// Creates a classic CAN remote frame; `None` for a DLC above 8.
     fn new_remote(id: impl Into<Id>, dlc: usize) -> Option<Self> {
         Self::remote(id.into().into(), Dlc::from_classic_len(dlc)?).ok()
     }
@@ -88,7 +86,6 @@ impl Frame for CanFrame {
         CanFrame::id(self).into()
     }
 
-    /// Number of bytes that the DLC stands for, 0 to 64.
     fn dlc(&self) -> usize {
         self.len()
     }

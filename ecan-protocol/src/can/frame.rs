@@ -24,7 +24,6 @@ pub enum FrameKind {
     },
 }
 
-/// The frame bits of the control word for a kind and a DLC.
 const fn frame_bits(id: CanId, kind: FrameKind, dlc: Dlc) -> u16 {
     let ide = if id.is_extended() { ControlWord::IDE } else { 0 };
     let format = match kind {
@@ -39,16 +38,52 @@ const fn frame_bits(id: CanId, kind: FrameKind, dlc: Dlc) -> u16 {
     ide | format | (dlc.value() as u16) << 3
 }
 
-#[inline]
-const fn kind_of(bits: u16) -> FrameKind {
-    let word = ControlWord(bits);
-    if word.has(ControlWord::FDF) {
-        FrameKind::Fd { brs: word.has(ControlWord::BRS), esi: word.has(ControlWord::X) }
-    } else if word.has(ControlWord::X) {
-        FrameKind::Remote
-    } else {
-        FrameKind::Data
-    }
+/// The methods that read `id` and `bits`, which both frames have.
+macro_rules! frame_getters {
+    () => {
+        /// The CAN ID.
+        #[inline]
+        pub const fn id(&self) -> CanId {
+            self.id
+        }
+
+        /// The kind: classic data, remote or CAN FD.
+        #[inline]
+        pub const fn kind(&self) -> FrameKind {
+            let word = ControlWord(self.bits);
+            if word.has(ControlWord::FDF) {
+                FrameKind::Fd { brs: word.has(ControlWord::BRS), esi: word.has(ControlWord::X) }
+            } else if word.has(ControlWord::X) {
+                FrameKind::Remote
+            } else {
+                FrameKind::Data
+            }
+        }
+
+        /// The data length code.
+        #[inline]
+        pub const fn dlc(&self) -> Dlc {
+            ControlWord(self.bits).dlc()
+        }
+
+        /// True for a CAN FD frame.
+        #[inline]
+        pub const fn is_fd(&self) -> bool {
+            ControlWord(self.bits).has(ControlWord::FDF)
+        }
+
+        /// True for a remote frame.
+        #[inline]
+        pub const fn is_remote(&self) -> bool {
+            ControlWord(self.bits).is_remote()
+        }
+
+        /// True if the DLC is 0.
+        #[inline]
+        pub const fn is_empty(&self) -> bool {
+            self.len() == 0
+        }
+    };
 }
 
 /// A CAN frame whose data is borrowed.
@@ -64,6 +99,8 @@ pub struct FrameRef<'a> {
 }
 
 impl<'a> FrameRef<'a> {
+    frame_getters!();
+
     /// Creates a classic CAN data frame.
     ///
     /// # Errors
@@ -108,72 +145,26 @@ impl<'a> FrameRef<'a> {
         Self { id, bits: control.0 & ControlWord::FRAME_BITS, data }
     }
 
-    /// The bits of the control word that belong to the frame.
     #[inline]
     pub(crate) const fn control_bits(&self) -> u16 {
         self.bits
     }
 
-    /// The CAN ID.
-    #[inline]
-    #[must_use]
-    pub const fn id(&self) -> CanId {
-        self.id
-    }
-
-    /// The kind: classic data, remote or CAN FD.
-    #[inline]
-    #[must_use]
-    pub const fn kind(&self) -> FrameKind {
-        kind_of(self.bits)
-    }
-
-    /// The data length code.
-    #[inline]
-    #[must_use]
-    pub const fn dlc(&self) -> Dlc {
-        ControlWord(self.bits).dlc()
-    }
-
     /// The data bytes; empty in a remote frame.
     #[inline]
-    #[must_use]
     pub const fn data(&self) -> &'a [u8] {
         self.data
-    }
-
-    /// True for a CAN FD frame.
-    #[inline]
-    #[must_use]
-    pub const fn is_fd(&self) -> bool {
-        ControlWord(self.bits).has(ControlWord::FDF)
-    }
-
-    /// True for a remote frame.
-    #[inline]
-    #[must_use]
-    pub const fn is_remote(&self) -> bool {
-        ControlWord(self.bits).is_remote()
     }
 
     /// Bytes that the DLC stands for: the length of the data, or the length that a remote frame
     /// requests.
     #[inline]
-    #[must_use]
     pub const fn len(&self) -> usize {
         if self.is_remote() { self.dlc().value() as usize } else { self.data.len() }
     }
 
-    /// True if the DLC is 0.
-    #[inline]
-    #[must_use]
-    pub const fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Copies the data, followed by zeros.
     #[inline]
-    #[must_use]
     pub fn padded_data(&self) -> [u8; 64] {
         let mut data = [0; 64];
         copy_data(&mut data, self.data);
@@ -182,7 +173,6 @@ impl<'a> FrameRef<'a> {
 
     /// Copies the frame into one that owns its data.
     #[inline]
-    #[must_use]
     pub fn to_owned(&self) -> CanFrame {
         CanFrame { id: self.id, bits: self.bits, data: self.padded_data() }
     }
@@ -197,94 +187,42 @@ pub struct CanFrame {
 }
 
 impl CanFrame {
-    /// Creates a classic CAN data frame.
-    ///
-    /// # Errors
-    /// [`FrameError::Length`] for more than 8 bytes.
+    frame_getters!();
+
+    /// As [`FrameRef::classic`].
     pub fn classic(id: CanId, data: &[u8]) -> Result<Self, FrameError> {
         FrameRef::classic(id, data).map(|frame| frame.to_owned())
     }
 
-    /// Creates a classic CAN remote frame that requests `dlc` bytes.
-    ///
-    /// # Errors
-    /// [`FrameError::RemoteDlc`] above 8.
+    /// As [`FrameRef::remote`].
     pub fn remote(id: CanId, dlc: Dlc) -> Result<Self, FrameError> {
         FrameRef::remote(id, dlc).map(|frame| frame.to_owned())
     }
 
-    /// Creates a CAN FD frame. `brs` switches to the data bit rate, `esi` is the error state indicator.
-    ///
-    /// # Errors
-    /// [`FrameError::Length`] if no DLC stands for this number of bytes.
+    /// As [`FrameRef::fd`].
     pub fn fd(id: CanId, data: &[u8], brs: bool, esi: bool) -> Result<Self, FrameError> {
         FrameRef::fd(id, data, brs, esi).map(|frame| frame.to_owned())
     }
 
     /// Returns the frame as a borrowed view.
     #[inline]
-    #[must_use]
     pub fn as_ref(&self) -> FrameRef<'_> {
         FrameRef { id: self.id, bits: self.bits, data: self.data() }
     }
 
-    /// The CAN ID.
-    #[inline]
-    #[must_use]
-    pub const fn id(&self) -> CanId {
-        self.id
-    }
-
-    /// The kind: classic data, remote or CAN FD.
-    #[inline]
-    #[must_use]
-    pub const fn kind(&self) -> FrameKind {
-        kind_of(self.bits)
-    }
-
-    /// The data length code.
-    #[inline]
-    #[must_use]
-    pub const fn dlc(&self) -> Dlc {
-        ControlWord(self.bits).dlc()
-    }
-
     /// The data bytes; empty in a remote frame.
     #[inline]
-    #[must_use]
     pub fn data(&self) -> &[u8] {
         let length = if self.is_remote() { 0 } else { self.dlc().fd_len() };
         // infallible: no DLC stands for more than 64 bytes
         self.data.get(..length).unwrap_or_default()
     }
 
-    /// True for a CAN FD frame.
-    #[inline]
-    #[must_use]
-    pub const fn is_fd(&self) -> bool {
-        ControlWord(self.bits).has(ControlWord::FDF)
-    }
-
-    /// True for a remote frame.
-    #[inline]
-    #[must_use]
-    pub const fn is_remote(&self) -> bool {
-        ControlWord(self.bits).is_remote()
-    }
-
     /// Bytes that the DLC stands for: the length of the data, or the length that a remote frame
     /// requests.
     #[inline]
-    #[must_use]
     pub const fn len(&self) -> usize {
         if self.is_fd() { self.dlc().fd_len() } else { self.dlc().classic_len() }
-    }
-
-    /// True if the DLC is 0.
-    #[inline]
-    #[must_use]
-    pub const fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 }
 

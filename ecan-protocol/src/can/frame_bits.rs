@@ -3,9 +3,7 @@
 
 use super::frame::{FrameKind, FrameRef};
 
-/// CRC sequence of a classic frame.
 const CRC15_BITS: u32 = 15;
-/// CRC delimiter.
 const CRC_DELIMITER_BITS: u32 = 1;
 /// Acknowledge slot and delimiter, end of frame, intermission.
 const TRAILER_BITS: u32 = 2 + 7 + 3;
@@ -27,7 +25,6 @@ pub struct FrameBits {
 impl FrameBits {
     /// Returns the bits of the frame with only the fixed stuff bits of CAN FD. Only the sizes of CAN ID
     /// and data count. Real-time safe.
-    #[must_use]
     pub fn least(frame: FrameRef<'_>) -> Self {
         let data_bits = 8 * frame.data().len() as u32;
         match frame.kind() {
@@ -45,7 +42,6 @@ impl FrameBits {
 
     /// Returns the bits of the frame with the largest number of stuff bits for its sizes: one after the
     /// first five bits, then one after every four. Real-time safe.
-    #[must_use]
     pub fn most(frame: FrameRef<'_>) -> Self {
         let least = Self::least(frame);
         match frame.kind() {
@@ -72,13 +68,11 @@ impl FrameBits {
     }
 
     /// Bits of both phases.
-    #[must_use]
     pub const fn total(self) -> u32 {
         self.nominal + self.data
     }
 
     /// Time on the bus in seconds, at bit rates in bit/s; a rate of 0 counts as 1.
-    #[must_use]
     pub fn seconds(self, nominal_bitrate: u32, data_bitrate: u32) -> f64 {
         f64::from(self.nominal) / f64::from(nominal_bitrate.max(1))
             + f64::from(self.data) / f64::from(data_bitrate.max(1))

@@ -11,7 +11,7 @@ mod frame_error;
 
 pub use bit_timing::{
     BITRATE_TOLERANCE_PPM, BitTiming, BitTimingError, MCAN_CLOCK_HZ, Phase, SamplePoint,
-    TDC_FORCED_FROM, TDC_MAX_PRESCALER, TimingLimits, solve_data, solve_nominal, tdc_active,
+    TDC_FORCED_FROM, TDC_MAX_PRESCALER, TimingLimits, solve_bit_timing, tdc_active,
 };
 pub use can_id::CanId;
 pub use dlc::Dlc;

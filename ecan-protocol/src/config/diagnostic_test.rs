@@ -5,7 +5,6 @@ use crate::object::diagnostic_test::{
 };
 use crate::object::{ConfigObject, ObjectType, SdoWrite};
 
-/// Subindex of the key.
 const KEY: u8 = 1;
 
 /// A fault of a test configuration.
@@ -32,11 +31,6 @@ impl DiagnosticTest {
     /// True if no test is selected, with or without key.
     pub fn is_idle(&self) -> bool {
         Self { key: 0, ..*self } == Self::OFF
-    }
-
-    /// True if a selected test stops CAN frames.
-    pub fn cuts_can(&self) -> bool {
-        self.tx_bypass.0 != 0 || self.rx_bypass.0 != 0 || self.app_link_bypass != Sides::Off
     }
 
     /// Returns the downloads. There is no apply command.

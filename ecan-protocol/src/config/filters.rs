@@ -10,111 +10,63 @@ use crate::object::mcan_channel::{MCAN_CHANNEL, McanChannelConfig};
 use crate::object::message_ram::{EXTENDED_FILTERS_MAX, STANDARD_FILTERS_MAX};
 use crate::object::{ObjectType, SdoWrite};
 
-const STANDARD_ID_MAX: u32 = 0x7FF;
-const EXTENDED_ID_MAX: u32 = 0x1FFF_FFFF;
+/// An acceptance filter: a [`StandardFilter`] or an [`ExtendedFilter`]. Disabled by default.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Filter<M, I> {
+    /// CAN IDs that match.
+    pub matching: M,
+    /// Action on the frame.
+    pub action: FilterAction,
+    /// Mark the frame as a sync message for the timestamp unit.
+    pub sync: bool,
+    /// First CAN ID, 0..0x7FF or 0..0x1FFFFFFF.
+    pub id1: I,
+    /// Second CAN ID or mask, of the same range.
+    pub id2: I,
+}
 
 /// A filter for standard CAN IDs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StandardFilter {
-    /// CAN IDs that match.
-    pub matching: StandardMatch,
-    /// Action on the frame.
-    pub action: FilterAction,
-    /// Mark the frame as a sync message for the timestamp unit.
-    pub sync: bool,
-    /// First CAN ID, 0..0x7FF.
-    pub id1: u16,
-    /// Second CAN ID or mask, 0..0x7FF.
-    pub id2: u16,
-}
-
-/// A disabled filter.
-impl Default for StandardFilter {
-    fn default() -> Self {
-        Self {
-            matching: StandardMatch::Disabled,
-            action: FilterAction::Disabled,
-            sync: false,
-            id1: 0,
-            id2: 0,
-        }
-    }
-}
-
+pub type StandardFilter = Filter<StandardMatch, u16>;
 /// A filter for extended CAN IDs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ExtendedFilter {
-    /// CAN IDs that match.
-    pub matching: ExtendedMatch,
-    /// Action on the frame.
-    pub action: FilterAction,
-    /// Mark the frame as a sync message for the timestamp unit.
-    pub sync: bool,
-    /// First CAN ID, 0..0x1FFFFFFF.
-    pub id1: u32,
-    /// Second CAN ID or mask, 0..0x1FFFFFFF.
-    pub id2: u32,
+pub type ExtendedFilter = Filter<ExtendedMatch, u32>;
+
+/// One of the two kinds of CAN IDs that match.
+pub(crate) trait Matching: Copy {
+    const WINDOW: FilterWindow;
+    const MAX_FILTERS: u8;
+    const MAX_ID: u32;
+    const IS_EXTENDED: bool;
+    fn number(self) -> u8;
+    fn is_range(self) -> bool;
 }
 
-/// A disabled filter.
-impl Default for ExtendedFilter {
-    fn default() -> Self {
-        Self {
-            matching: ExtendedMatch::Range,
-            action: FilterAction::Disabled,
-            sync: false,
-            id1: 0,
-            id2: 0,
-        }
+impl Matching for StandardMatch {
+    const WINDOW: FilterWindow = FilterWindow::STANDARD;
+    const MAX_FILTERS: u8 = STANDARD_FILTERS_MAX;
+    const MAX_ID: u32 = 0x7FF;
+    const IS_EXTENDED: bool = false;
+
+    fn number(self) -> u8 {
+        self.raw()
+    }
+
+    fn is_range(self) -> bool {
+        self == Self::Range
     }
 }
 
-/// A filter with the raw values of the editing window.
-#[derive(Clone, Copy)]
-struct RawFilter {
-    matching: u8,
-    action: FilterAction,
-    sync: bool,
-    id1: u32,
-    id2: u32,
-    is_range: bool,
-}
+impl Matching for ExtendedMatch {
+    const WINDOW: FilterWindow = FilterWindow::EXTENDED;
+    const MAX_FILTERS: u8 = EXTENDED_FILTERS_MAX;
+    const MAX_ID: u32 = 0x1FFF_FFFF;
+    const IS_EXTENDED: bool = true;
 
-impl RawFilter {
-    fn id2_sent(&self) -> u32 {
-        match self.action {
-            FilterAction::RxBuffer(buffer) => buffer.into(),
-            _ => self.id2,
-        }
+    fn number(self) -> u8 {
+        self.raw()
     }
-}
 
-impl From<&StandardFilter> for RawFilter {
-    fn from(filter: &StandardFilter) -> Self {
-        Self {
-            matching: filter.matching.raw(),
-            action: filter.action,
-            sync: filter.sync,
-            id1: filter.id1.into(),
-            id2: filter.id2.into(),
-            is_range: filter.matching == StandardMatch::Range,
-        }
-    }
-}
-
-impl From<&ExtendedFilter> for RawFilter {
-    fn from(filter: &ExtendedFilter) -> Self {
-        Self {
-            matching: filter.matching.raw(),
-            action: filter.action,
-            sync: filter.sync,
-            id1: filter.id1,
-            id2: filter.id2,
-            is_range: matches!(
-                filter.matching,
-                ExtendedMatch::Range | ExtendedMatch::RangeUnmasked
-            ),
-        }
+    fn is_range(self) -> bool {
+        matches!(self, Self::Range | Self::RangeUnmasked)
     }
 }
 
@@ -128,43 +80,33 @@ pub fn filter_writes<'a>(
     standard: &'a [StandardFilter],
     extended: &'a [ExtendedFilter],
 ) -> impl Iterator<Item = SdoWrite> + 'a {
-    let standard = standard.get(..usize::from(STANDARD_FILTERS_MAX)).unwrap_or(standard);
-    let extended = extended.get(..usize::from(EXTENDED_FILTERS_MAX)).unwrap_or(extended);
-    window_writes(
-        channel,
-        FilterWindow::STANDARD,
-        standard.iter().map(RawFilter::from),
-        standard.len(),
-    )
-    .chain(window_writes(
-        channel,
-        FilterWindow::EXTENDED,
-        extended.iter().map(RawFilter::from),
-        extended.len(),
-    ))
+    window_writes(channel, standard).chain(window_writes(channel, extended))
 }
 
-fn window_writes<'a>(
+fn window_writes<M: Matching, I: Copy + Into<u32>>(
     channel: u8,
-    window: FilterWindow,
-    filters: impl Iterator<Item = RawFilter> + 'a,
-    count: usize,
-) -> impl Iterator<Item = SdoWrite> + 'a {
+    filters: &[Filter<M, I>],
+) -> impl Iterator<Item = SdoWrite> + '_ {
     let object = MCAN_CHANNEL.first + u16::from(channel);
     let byte =
         move |subindex, value: u8| SdoWrite::new(object, subindex, ObjectType::U8, value.into());
     let word = move |subindex, value| SdoWrite::new(object, subindex, ObjectType::U32, value);
-    let first = window.first_field;
+    let filters = filters.get(..usize::from(M::MAX_FILTERS)).unwrap_or(filters);
+    let (window, first) = (M::WINDOW, M::WINDOW.first_field);
     // infallible: the lists are at most 64 long
-    iter::once(byte(window.count, count as u8)).chain((0u8..).zip(filters).flat_map(
+    iter::once(byte(window.count, filters.len() as u8)).chain((0u8..).zip(filters).flat_map(
         move |(at, filter)| {
+            let id2 = match filter.action {
+                FilterAction::RxBuffer(buffer) => buffer.into(),
+                _ => filter.id2.into(),
+            };
             [
                 byte(window.index, at),
-                byte(first, filter.matching),
+                byte(first, filter.matching.number()),
                 byte(first + 1, filter.action.raw()),
                 byte(first + 2, filter.sync.into()),
-                word(first + 3, filter.id1),
-                word(first + 4, filter.id2_sent()),
+                word(first + 3, filter.id1.into()),
+                word(first + 4, id2),
                 byte(window.command, FilterCommand::Save.raw()),
             ]
         },
@@ -242,46 +184,29 @@ pub fn check_filters(
     extended: &[ExtendedFilter],
     report: &mut dyn FnMut(FilterFault),
 ) {
-    check_count(false, standard.len(), STANDARD_FILTERS_MAX, report);
-    for (at, filter) in standard.iter().enumerate() {
-        let extended = false;
-        filter.check(config, &mut |fault| report(FilterFault::Element { extended, at, fault }));
-    }
-    check_count(true, extended.len(), EXTENDED_FILTERS_MAX, report);
-    for (at, filter) in extended.iter().enumerate() {
-        let extended = true;
-        filter.check(config, &mut |fault| report(FilterFault::Element { extended, at, fault }));
-    }
+    check_list(config, standard, report);
+    check_list(config, extended, report);
 }
 
-fn check_count(extended: bool, count: usize, max: u8, report: &mut dyn FnMut(FilterFault)) {
+fn check_list<M: Matching, I: Copy + Into<u32>>(
+    config: &McanChannelConfig,
+    filters: &[Filter<M, I>],
+    report: &mut dyn FnMut(FilterFault),
+) {
+    let (extended, count, max) = (M::IS_EXTENDED, filters.len(), M::MAX_FILTERS);
     if count > usize::from(max) {
         report(FilterFault::TooMany { extended, count, max });
     }
-}
-
-impl StandardFilter {
-    /// Reports every fault of the filter, given its channel's configuration.
-    pub fn check(&self, config: &McanChannelConfig, report: &mut dyn FnMut(FilterElementFault)) {
-        RawFilter::from(self).check(config, STANDARD_ID_MAX, report);
+    for (at, filter) in filters.iter().enumerate() {
+        filter.check(config, &mut |fault| report(FilterFault::Element { extended, at, fault }));
     }
 }
 
-impl ExtendedFilter {
+#[allow(private_bounds, reason = "there are no other kinds of CAN IDs")]
+impl<M: Matching, I: Copy + Into<u32>> Filter<M, I> {
     /// Reports every fault of the filter, given its channel's configuration.
     pub fn check(&self, config: &McanChannelConfig, report: &mut dyn FnMut(FilterElementFault)) {
-        RawFilter::from(self).check(config, EXTENDED_ID_MAX, report);
-    }
-}
-
-impl RawFilter {
-    fn check(
-        &self,
-        config: &McanChannelConfig,
-        max: u32,
-        report: &mut dyn FnMut(FilterElementFault),
-    ) {
-        let Self { id1, id2, action, .. } = *self;
+        let (id1, id2, action, max) = (self.id1.into(), self.id2.into(), self.action, M::MAX_ID);
         // A single CAN ID is in both fields.
         for id in [Some(id1), Some(id2).filter(|id2| *id2 != id1)].into_iter().flatten() {
             if id > max {
@@ -303,7 +228,7 @@ impl RawFilter {
             report(fault);
         }
         let to_buffer = matches!(action, FilterAction::RxBuffer(_));
-        if self.is_range && !to_buffer && id1 > id2 {
+        if self.matching.is_range() && !to_buffer && id1 > id2 {
             report(FilterElementFault::EmptyRange { id1, id2 });
         }
     }

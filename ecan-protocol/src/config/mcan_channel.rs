@@ -1,6 +1,6 @@
 //! Constructors of a [`McanChannelConfig`] and its SDO downloads (manual 13.4, 5.4.3 E).
 
-use crate::can::{MCAN_CLOCK_HZ, TDC_MAX_PRESCALER, solve_data, tdc_active};
+use crate::can::{MCAN_CLOCK_HZ, Phase, TDC_MAX_PRESCALER, solve_bit_timing, tdc_active};
 use crate::object::mcan_channel::{MCAN_CHANNEL, McanChannelConfig, SamplePointWindow};
 use crate::object::message_ram::MessageRamLayout;
 use crate::object::{ConfigObject, SdoWrite};
@@ -24,7 +24,7 @@ impl McanChannelConfig {
     /// for it (below about 0.8 Mbit/s at 80 MHz).
     pub fn fd(nominal: u32, data: u32) -> Self {
         let window = SamplePointWindow::DEFAULT;
-        let tdc = match solve_data(MCAN_CLOCK_HZ, data, window.min, window.max) {
+        let tdc = match solve_bit_timing(Phase::Data, MCAN_CLOCK_HZ, data, window.min, window.max) {
             Ok(timing) => timing.brp <= TDC_MAX_PRESCALER,
             Err(_) => true,
         };

@@ -1,7 +1,7 @@
 //! Checks of a [`McanChannelConfig`] (manual 13.4).
 
 use crate::can::{
-    BitTiming, BitTimingError, MCAN_CLOCK_HZ, Phase, TDC_MAX_PRESCALER, solve_data, solve_nominal,
+    BitTiming, BitTimingError, MCAN_CLOCK_HZ, Phase, TDC_MAX_PRESCALER, solve_bit_timing,
 };
 use crate::object::mcan_channel::{BitTimingMode, McanChannelConfig, NodeMode, NonMatch};
 use crate::object::message_ram::MESSAGE_RAM_BYTES;
@@ -122,16 +122,16 @@ impl McanChannelConfig {
     }
 
     fn timing(&self, phase: Phase, clock_hz: u32) -> Result<BitTiming, BitTimingError> {
-        match (self.bit_timing_mode, phase) {
-            (BitTimingMode::Manual, Phase::Nominal) => Ok(self.manual_nominal),
-            (BitTimingMode::Manual, Phase::Data) => Ok(self.manual_data),
-            (BitTimingMode::Automatic, Phase::Nominal) => {
-                let window = self.nominal_sample_point;
-                solve_nominal(clock_hz, self.nominal_bitrate, window.min, window.max)
+        let (manual, bitrate, window) = match phase {
+            Phase::Nominal => {
+                (self.manual_nominal, self.nominal_bitrate, self.nominal_sample_point)
             }
-            (BitTimingMode::Automatic, Phase::Data) => {
-                let window = self.data_sample_point;
-                solve_data(clock_hz, self.data_bitrate, window.min, window.max)
+            Phase::Data => (self.manual_data, self.data_bitrate, self.data_sample_point),
+        };
+        match self.bit_timing_mode {
+            BitTimingMode::Manual => Ok(manual),
+            BitTimingMode::Automatic => {
+                solve_bit_timing(phase, clock_hz, bitrate, window.min, window.max)
             }
         }
     }
@@ -156,7 +156,6 @@ impl McanChannelConfig {
         }
     }
 
-    /// Reports the faults of one timing and returns it if it has none.
     fn check_phase(
         &self,
         phase: Phase,

@@ -33,8 +33,9 @@ pub use assignment::{AssignmentWrites, assignment_writes};
 pub use data_path::DataPathFault;
 pub use diagnostic_test::DiagnosticFault;
 pub use filters::{
-    ExtendedFilter, FilterElementFault, FilterFault, StandardFilter, check_filters, filter_writes,
+    ExtendedFilter, Filter, FilterElementFault, FilterFault, StandardFilter, check_filters,
+    filter_writes,
 };
 pub use list::{List, ListFull};
 pub use mcan_channel_check::ChannelFault;
-pub use pdo_profile::{ProfileMismatch, ProfileReadback, SessionCommand, session_command_write};
+pub use pdo_profile::{SessionCommand, session_command_write};

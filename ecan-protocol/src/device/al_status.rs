@@ -42,8 +42,6 @@ impl AlStatusCode {
     pub const INVALID_STATE_CHANGE: Self = Self(0x0011);
     /// The requested state does not exist.
     pub const UNKNOWN_STATE: Self = Self(0x0012);
-    /// BOOT is not supported.
-    pub const NO_BOOTSTRAP: Self = Self(0x0013);
     /// Mailbox sync managers are wrong for BOOT.
     pub const BOOT_MAILBOX_CONFIGURATION: Self = Self(0x0015);
     /// Mailbox sync managers are wrong.
@@ -58,8 +56,6 @@ impl AlStatusCode {
     pub const FATAL_SYNC: Self = Self(0x002C);
     /// Sync signal missing.
     pub const NO_SYNC: Self = Self(0x002D);
-    /// Sync settings are wrong.
-    pub const DC_CONFIGURATION: Self = Self(0x0030);
 
     /// Meaning of the code, `None` for a code that the standard does not list.
     pub const fn meaning(self) -> Option<&'static str> {

@@ -1,6 +1,5 @@
 //! Capabilities of a gateway from 0xF000 (manual 13.8).
 
-use crate::image::{EncapsulationProfile, OptionFlags};
 use crate::mapping::{CHUNK_BYTES, HEADER_BYTES};
 
 const INDEX: u16 = 0xF000;
@@ -201,40 +200,8 @@ impl Capabilities {
         self.recognition().looks_like_ecan_lite()
     }
 
-    /// True if the device accepts this N.
-    pub const fn supports_multiplier(&self, multiplier: u8) -> bool {
-        multiplier >= self.multiplier_min
-            && multiplier <= self.multiplier_max
-            && multiplier as u32 * self.size_unit_bytes as u32 <= self.max_pdo_bytes as u32
-    }
-
-    /// True if the device has all channels of a mask.
-    pub const fn supports_channels(&self, mask: u8) -> bool {
-        self.channel_count >= 8 || mask >> self.channel_count == 0
-    }
-
-    /// True if the device supports an encapsulation profile.
-    pub const fn supports_profile(&self, profile: EncapsulationProfile) -> bool {
-        self.profile_mask & 1 << profile.raw() != 0
-    }
-
-    /// True if the device supports all these option flags.
-    pub const fn supports_options(&self, options: OptionFlags) -> bool {
-        options.bits() & !self.option_mask == 0
-    }
-
-    /// True if the device has all these features.
-    pub const fn supports_features(&self, features: FeatureFlags) -> bool {
-        self.features.contains(features)
-    }
-
     /// True if frames can be scheduled to a Sync0 phase.
     pub const fn has_scheduled_tx(&self) -> bool {
-        self.supports_features(FeatureFlags::SCHEDULED_TX)
-    }
-
-    /// True if the firmware can be updated by FoE.
-    pub const fn has_foe(&self) -> bool {
-        self.service_flags & 1 != 0
+        self.features.contains(FeatureFlags::SCHEDULED_TX)
     }
 }

@@ -20,15 +20,10 @@ raw_enum! {
     pub enum MaintenanceCommand: u8;
     /// Saves the active configuration to the flash.
     Save = 0x01, "save configuration";
-    /// Loads the saved configuration.
     Load = 0x02, "load configuration";
-    /// Restores the factory configuration.
     Factory = 0x04, "restore factory defaults";
-    /// Validates a firmware image received by FoE.
     Validate = 0x08, "validate FoE image";
-    /// Activates a firmware image received by FoE.
     Activate = 0x10, "activate FoE image";
-    /// Clears runtime diagnostics and diagnostic flags.
     ClearDiagnostics = 0x20, "clear diagnostics";
     /// Erases the emulated EEPROM and restarts.
     RebuildEeprom = 0x40, "rebuild EEPROM and reboot";
@@ -43,14 +38,9 @@ status_enum! {
     /// Done.
     #[default]
     Ok = 0, "OK";
-    /// Another command is in progress.
     Busy = 1, "busy: another command is in progress";
-    /// Not allowed in this state or access mode.
     Denied = 2, "denied: the state (OP) or the access mode does not permit it";
-    /// The stored data is damaged.
     CrcError = 3, "CRC error: the stored data is damaged";
-    /// No usable image is stored.
     ImageInvalid = 4, "image invalid: nothing is stored, or the firmware cannot use it";
-    /// The flash failed.
     FlashError = 5, "Flash error: the Flash could not be written";
 }

@@ -46,7 +46,6 @@ fn entry(zeros: usize, byte: u8) -> u16 {
 ///
 /// Uses the fastest kernel of the processor; never allocates or blocks, real-time safe.
 #[inline]
-#[must_use]
 pub fn crc16(data: &[u8]) -> u16 {
     #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
     if data.len() >= folding::MIN_BYTES && folding::is_available() {
@@ -58,7 +57,6 @@ pub fn crc16(data: &[u8]) -> u16 {
 
 /// The same CRC by table look-up only, 16 bytes per step. For processors without carry-less
 /// multiplication and for comparison.
-#[must_use]
 pub fn crc16_portable(data: &[u8]) -> u16 {
     let (blocks, tail) = data.as_chunks::<16>();
     let mut crc = INITIAL;
@@ -88,7 +86,6 @@ fn step(crc: u16, bytes: &[u8]) -> u16 {
 }
 
 /// True if [`crc16`] uses carry-less multiplication on this processor.
-#[must_use]
 pub fn crc16_is_accelerated() -> bool {
     #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
     {

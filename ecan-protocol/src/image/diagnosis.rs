@@ -4,97 +4,34 @@ use core::fmt;
 
 use super::header::Header;
 
-/// Errors of the encapsulation layer, with the values of 0x8010:14 and 0x8011:14 (manual 13.2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u16)]
-pub enum PdoError {
-    /// No error.
-    Ok = 0,
-    /// A frame exceeds what the active profile can carry.
-    FrameOverrun = 2,
-    /// A packet exceeds the frame area.
-    PacketOverrun = 3,
+crate::text_enum! {
+    /// Errors of the encapsulation layer, with the values of 0x8010:14 and 0x8011:14 (manual 13.2).
+    #[repr(u16)]
+    pub enum PdoError: u16;
+    Ok = 0, "no error";
+    FrameOverrun = 2, "frame exceeds the encapsulation profile";
+    PacketOverrun = 3, "packet exceeds the frame area";
     /// A packet of unknown or unsupported kind.
-    UnknownKind = 4,
+    UnknownKind = 4, "unknown packet kind";
     /// The DLC violates the rules of classic CAN or CAN FD.
-    InvalidDlc = 5,
+    InvalidDlc = 5, "invalid DLC";
     /// The channel does not exist or is not in the channel mask.
-    InvalidChannel = 6,
+    InvalidChannel = 6, "invalid channel";
     /// The timestamp format does not belong to the profile or direction.
-    InvalidTsf = 7,
-    /// The payload ends inside a packet.
-    Truncated = 8,
-    /// The encapsulation profile is not supported.
-    UnsupportedProfile = 9,
+    InvalidTsf = 7, "timestamp format not allowed by profile or direction";
+    Truncated = 8, "packet truncated by the end of the payload";
+    UnsupportedProfile = 9, "unsupported encapsulation profile";
     /// The same RxPDO image again.
-    DuplicateSequence = 10,
-    /// An option flag is not supported.
-    UnsupportedOption = 11,
+    DuplicateSequence = 10, "duplicate sequence";
+    UnsupportedOption = 11, "unsupported option flag";
     /// The frame area and the mapping of the master differ.
-    ActiveArea = 12,
-    /// A reserved bit is set.
-    ReservedBit = 13,
+    ActiveArea = 12, "frame area and mapping disagree";
+    ReservedBit = 13, "reserved bit set";
     /// Version, length or another field of the header is invalid.
-    BadHeader = 14,
-    /// The CRC does not match the payload.
-    BadCrc = 15,
+    BadHeader = 14, "bad header";
+    BadCrc = 15, "bad CRC";
     /// The schedule record is invalid or not supported.
-    BadSchedule = 16,
-}
-
-impl PdoError {
-    /// Returns the error with this value; `None` if the manual has none.
-    #[must_use]
-    pub const fn from_raw(raw: u16) -> Option<Self> {
-        Some(match raw {
-            0 => Self::Ok,
-            2 => Self::FrameOverrun,
-            3 => Self::PacketOverrun,
-            4 => Self::UnknownKind,
-            5 => Self::InvalidDlc,
-            6 => Self::InvalidChannel,
-            7 => Self::InvalidTsf,
-            8 => Self::Truncated,
-            9 => Self::UnsupportedProfile,
-            10 => Self::DuplicateSequence,
-            11 => Self::UnsupportedOption,
-            12 => Self::ActiveArea,
-            13 => Self::ReservedBit,
-            14 => Self::BadHeader,
-            15 => Self::BadCrc,
-            16 => Self::BadSchedule,
-            _ => return None,
-        })
-    }
-
-    /// The value that the gateway reports.
-    #[must_use]
-    pub const fn raw(self) -> u16 {
-        self as u16
-    }
-}
-
-impl fmt::Display for PdoError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Ok => "no error",
-            Self::FrameOverrun => "frame exceeds the encapsulation profile",
-            Self::PacketOverrun => "packet exceeds the frame area",
-            Self::UnknownKind => "unknown packet kind",
-            Self::InvalidDlc => "invalid DLC",
-            Self::InvalidChannel => "invalid channel",
-            Self::InvalidTsf => "timestamp format not allowed by profile or direction",
-            Self::Truncated => "packet truncated by the end of the payload",
-            Self::UnsupportedProfile => "unsupported encapsulation profile",
-            Self::DuplicateSequence => "duplicate sequence",
-            Self::UnsupportedOption => "unsupported option flag",
-            Self::ActiveArea => "frame area and mapping disagree",
-            Self::ReservedBit => "reserved bit set",
-            Self::BadHeader => "bad header",
-            Self::BadCrc => "bad CRC",
-            Self::BadSchedule => "bad schedule record",
-        })
-    }
+    BadSchedule = 16, "bad schedule record";
 }
 
 impl core::error::Error for PdoError {}
@@ -207,7 +144,6 @@ impl ParseDiagnosis {
     }
 
     /// The error of the encapsulation layer; `None` if the image was only being updated.
-    #[must_use]
     pub const fn pdo_error(&self) -> Option<PdoError> {
         match self.fault {
             ImageFault::Pdo(error) => Some(error),

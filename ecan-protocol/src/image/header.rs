@@ -37,21 +37,18 @@ impl HeaderFlags {
 
     /// From the byte as transmitted, reserved bits included.
     #[inline]
-    #[must_use]
     pub const fn from_bits(bits: u8) -> Self {
         Self(bits)
     }
 
     /// The byte.
     #[inline]
-    #[must_use]
     pub const fn bits(self) -> u8 {
         self.0
     }
 
     /// True if all flags of `other` are set.
     #[inline]
-    #[must_use]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
@@ -72,7 +69,6 @@ impl HeaderFlags {
 
     /// True if no flag is set.
     #[inline]
-    #[must_use]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
@@ -118,7 +114,6 @@ pub struct Header {
 impl Header {
     /// Decodes the bytes without checks.
     #[inline]
-    #[must_use]
     pub const fn parse(bytes: &[u8; HEADER_BYTES]) -> Self {
         Self::from_words(words_of(bytes))
     }
@@ -147,7 +142,6 @@ impl Header {
         }
     }
 
-    /// The bytes as little-endian words.
     #[inline]
     const fn words(&self) -> [u64; 3] {
         let [status0, status1, status2, status3] = self.channel_status;
@@ -198,14 +192,12 @@ impl Header {
 
     /// True if both sequence numbers are equal.
     #[inline]
-    #[must_use]
     pub const fn is_settled(&self) -> bool {
         self.seq_begin == self.seq_end
     }
 
     /// True if the sender omitted packets.
     #[inline]
-    #[must_use]
     pub const fn is_incomplete(&self) -> bool {
         self.overflow_sat != 0 || self.flags.contains(HeaderFlags::STREAM_TRUNCATED)
     }

@@ -11,7 +11,6 @@ use crate::mapping::Direction;
 pub(crate) const CONTROL_BYTES: usize = 2;
 /// Bytes of a TX_RESULT packet before padding.
 pub(crate) const TX_RESULT_BYTES: usize = 6;
-/// Bytes of the fixed data window (D64).
 pub(crate) const WINDOW_BYTES: usize = 64;
 /// First bit of ID_AUX in the CAN ID field.
 pub(crate) const STANDARD_AUX_SHIFT: u32 = 11;
@@ -44,7 +43,6 @@ impl FramePacket<'_> {
     ///
     /// A record with an invalid format gives [`PdoError::BadSchedule`]; the packets after it are still
     /// readable.
-    #[must_use]
     pub const fn schedule(&self) -> Option<Result<Schedule, PdoError>> {
         match (self.direction, self.timestamp) {
             (Direction::RxPdo, Timestamp::Full64(bits)) => {

@@ -86,7 +86,6 @@ impl<'a> Packets<'a> {
 
     /// Position of the next packet, for [`ImageReader::resume`](crate::image::ImageReader::resume).
     #[inline]
-    #[must_use]
     pub const fn cursor(&self) -> PacketCursor {
         PacketCursor {
             consumed: self.position.offset.saturating_sub(HEADER_BYTES as u16),
@@ -125,7 +124,6 @@ impl<'a> Iterator for Packets<'a> {
 impl FusedIterator for Packets<'_> {}
 
 impl<'a> Position<'a> {
-    /// The position after a packet of `size` bytes, followed by `rest`.
     #[inline(always)]
     const fn after(self, size: usize, rest: &'a [u8]) -> Self {
         Self {
@@ -136,7 +134,6 @@ impl<'a> Position<'a> {
         }
     }
 
-    /// The position after a frame.
     #[inline(always)]
     const fn after_frame(self, size: usize, rest: &'a [u8]) -> Self {
         Self { next_index: self.next_index.wrapping_add(1), ..self.after(size, rest) }
@@ -148,7 +145,6 @@ impl<'a> Position<'a> {
         self.left == 0 && self.rest.is_empty()
     }
 
-    /// The control word, if there is one.
     #[inline(always)]
     fn control(self) -> Option<ControlWord> {
         self.rest.first_chunk().map(|bytes| ControlWord(u16::from_le_bytes(*bytes)))
@@ -290,7 +286,6 @@ impl Rules {
         Some((packet, position.after_frame(size, rest)))
     }
 
-    /// Reads a packet whose control word is valid.
     fn take_frame<'a>(
         &self,
         position: Position<'a>,
@@ -331,7 +326,6 @@ impl Rules {
         Ok((packet, position.after_frame(size, after)))
     }
 
-    /// Reads the TX_RESULT packet at this position.
     fn tx_result<'a>(
         &self,
         position: Position<'a>,

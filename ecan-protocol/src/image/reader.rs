@@ -27,7 +27,6 @@ pub struct ImageReader {
 impl ImageReader {
     /// Creates a reader for this direction and profile. The options of the profile decide if an image
     /// without CRC is accepted.
-    #[must_use]
     pub const fn new(direction: Direction, profile: PdoProfile) -> Self {
         Self {
             profile,
@@ -51,19 +50,12 @@ impl ImageReader {
         self
     }
 
-    /// Sets another profile; a choice made by [`with_crc`](Self::with_crc) is reset.
-    pub const fn set_profile(&mut self, profile: PdoProfile) {
-        *self = Self::new(self.rules.direction, profile);
-    }
-
     /// The direction.
-    #[must_use]
     pub const fn direction(&self) -> Direction {
         self.rules.direction
     }
 
     /// The profile.
-    #[must_use]
     pub const fn profile(&self) -> &PdoProfile {
         &self.profile
     }
@@ -104,7 +96,6 @@ impl ImageReader {
     /// The image must be the one that was checked. Another one gives wrong packets or errors, nothing
     /// worse.
     #[inline]
-    #[must_use]
     pub fn resume<'a>(
         &self,
         image: &'a [u8],
@@ -173,21 +164,18 @@ pub struct Image<'a> {
 impl<'a> Image<'a> {
     /// The header.
     #[inline]
-    #[must_use]
     pub const fn header(&self) -> &Header {
         &self.header
     }
 
     /// The sequence number.
     #[inline]
-    #[must_use]
     pub const fn sequence(&self) -> u16 {
         self.header.seq_begin
     }
 
     /// True if the sender left something out: truncation flag or overflow count.
     #[inline]
-    #[must_use]
     pub const fn is_incomplete(&self) -> bool {
         self.header.is_incomplete()
     }
@@ -195,21 +183,18 @@ impl<'a> Image<'a> {
     /// True if the image has another profile than the reader. Its packets may be misinterpreted;
     /// compare with 0x8010:12 or 0x8011:12.
     #[inline]
-    #[must_use]
     pub const fn layout_changed(&self) -> bool {
         self.layout_changed
     }
 
     /// The valid bytes of the frame area.
     #[inline]
-    #[must_use]
     pub const fn payload(&self) -> &'a [u8] {
         self.payload
     }
 
     /// The packets, from the first.
     #[inline]
-    #[must_use]
     pub const fn packets(&self) -> Packets<'a> {
         Packets::from_start(self.rules, &self.header, self.payload)
     }
@@ -222,7 +207,7 @@ mod tests {
     use crate::mapping::*;
 
     #[test]
-    fn a_header_that_changes_meanwhile_is_torn() {
+    fn header_that_changes_meanwhile_is_torn() {
         let before = [0x1616_1616_1616_1616; 3];
         let mut now = before;
         let header = Header::from_words(before);
@@ -234,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_image_is_no_image() {
+    fn short_image_is_no_image() {
         let reader = ImageReader::new(Direction::TxPdo, PdoProfile::default());
         for length in [0, 1, 23, 24, 1023] {
             let image = [0; 1023];

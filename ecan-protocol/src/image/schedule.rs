@@ -19,7 +19,6 @@ pub struct Schedule {
 
 impl Schedule {
     /// The record as in the packet.
-    #[must_use]
     pub const fn to_bytes(self) -> [u8; 8] {
         let tag = self.tag.to_le_bytes();
         let offset = self.offset_ns.to_le_bytes();
@@ -41,7 +40,6 @@ impl Schedule {
     }
 
     /// The record as the timestamp field that carries it.
-    #[must_use]
     pub const fn to_timestamp(self) -> Timestamp {
         Timestamp::Full64(u64::from_le_bytes(self.to_bytes()))
     }

@@ -20,7 +20,6 @@ pub enum Arrival {
 impl Arrival {
     /// True if the image has new packets.
     #[inline]
-    #[must_use]
     pub const fn is_new(self) -> bool {
         !matches!(self, Self::Repeated)
     }
@@ -35,7 +34,6 @@ pub struct SequenceTracker {
 
 impl SequenceTracker {
     /// Creates a tracker without an image.
-    #[must_use]
     pub const fn new() -> Self {
         Self { last: None }
     }
@@ -57,7 +55,6 @@ impl SequenceTracker {
     }
 
     /// The last number.
-    #[must_use]
     pub const fn last(&self) -> Option<u16> {
         self.last
     }
@@ -90,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_back_is_a_new_start() {
+    fn step_back_is_a_new_start() {
         let mut tracker = SequenceTracker::new();
         tracker.observe(500);
         assert_eq!(tracker.observe(1), Arrival::First);

@@ -2,68 +2,21 @@
 
 use core::fmt;
 
-/// State of a CAN channel (manual 7).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum ChannelState {
+crate::open_enum! {
+    /// State of a CAN channel, three bits of the status word (manual 7).
+    #[derive(Default)]
+    pub enum ChannelState: u8 else Unknown, "state";
     /// Not enabled.
     #[default]
-    Disabled,
-    /// Initialising.
-    Init,
+    Disabled = 0, "disabled";
+    Init = 1, "init";
     /// Active on the bus.
-    Run,
+    Run = 2, "run";
     /// Off the bus after too many errors.
-    BusOff,
-    /// In error.
-    Error,
+    BusOff = 3, "bus-off";
+    Error = 4, "error";
     /// Listens without sending or acknowledging.
-    Listen,
-    /// A state that the manual does not define: 6 or 7.
-    Unknown(u8),
-}
-
-impl ChannelState {
-    /// Returns the state in the low three bits of `raw`.
-    #[must_use]
-    pub const fn from_raw(raw: u8) -> Self {
-        match raw & 7 {
-            0 => Self::Disabled,
-            1 => Self::Init,
-            2 => Self::Run,
-            3 => Self::BusOff,
-            4 => Self::Error,
-            5 => Self::Listen,
-            other => Self::Unknown(other),
-        }
-    }
-
-    /// The state's number, 0 to 7.
-    #[must_use]
-    pub const fn raw(self) -> u8 {
-        match self {
-            Self::Disabled => 0,
-            Self::Init => 1,
-            Self::Run => 2,
-            Self::BusOff => 3,
-            Self::Error => 4,
-            Self::Listen => 5,
-            Self::Unknown(other) => other & 7,
-        }
-    }
-}
-
-impl fmt::Display for ChannelState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Disabled => "disabled",
-            Self::Init => "init",
-            Self::Run => "run",
-            Self::BusOff => "bus-off",
-            Self::Error => "error",
-            Self::Listen => "listen",
-            Self::Unknown(raw) => return write!(f, "state {raw}"),
-        })
-    }
+    Listen = 5, "listen";
 }
 
 const STATE: u16 = 7;
@@ -78,7 +31,6 @@ macro_rules! flags {
 
             $(
                 $(#[$meta])*
-                #[must_use]
                 pub const fn $get(self) -> bool {
                     self.0 & 1 << $bit != 0
                 }
@@ -118,44 +70,29 @@ pub struct ChannelStatus(u16);
 impl ChannelStatus {
     /// From the word as transmitted.
     #[inline]
-    #[must_use]
     pub const fn from_raw(raw: u16) -> Self {
         Self(raw)
     }
 
     /// The word as transmitted.
     #[inline]
-    #[must_use]
     pub const fn raw(self) -> u16 {
         self.0
     }
 
     /// State of the channel.
-    #[must_use]
     pub const fn state(self) -> ChannelState {
         ChannelState::from_raw((self.0 & STATE) as u8)
     }
 
     /// Number of pending received frames, 0 to 7, saturated.
-    #[must_use]
     pub const fn rx_pending(self) -> u8 {
         (self.0 >> RX_PENDING_SHIFT) as u8 & 7
     }
 
     /// Number of frames pending to be sent, 0 to 7, saturated.
-    #[must_use]
     pub const fn tx_pending(self) -> u8 {
         (self.0 >> TX_PENDING_SHIFT) as u8 & 7
-    }
-
-    /// True if details should be read by SDO: warning, bus-off, pressure or a pending snapshot.
-    #[must_use]
-    pub const fn needs_attention(self) -> bool {
-        self.warn()
-            || self.bus_off()
-            || self.rx_pressure()
-            || self.tx_pressure()
-            || self.detail_pending()
     }
 
     const fn with_count(self, shift: u32, count: u8) -> Self {
@@ -166,7 +103,7 @@ impl ChannelStatus {
     /// Returns the status with this state.
     #[must_use]
     pub const fn with_state(self, state: ChannelState) -> Self {
-        Self(self.0 & !STATE | state.raw() as u16)
+        Self(self.0 & !STATE | state.raw() as u16 & STATE)
     }
 
     /// Returns the status with this number of pending received frames; at most 7.
@@ -247,6 +184,5 @@ mod tests {
             .with_warn(true)
             .with_tx_pending(3);
         assert_eq!(status.to_string(), "run, warning, 0 received and 3 to send pending");
-        assert!(status.needs_attention());
     }
 }

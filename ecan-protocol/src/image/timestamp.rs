@@ -24,7 +24,6 @@ pub enum Timestamp {
 impl Timestamp {
     /// The format code TSF of the control word, 0 to 3.
     #[inline]
-    #[must_use]
     pub const fn format(&self) -> u8 {
         match self {
             Self::None => 0,
@@ -36,7 +35,6 @@ impl Timestamp {
 
     /// Bytes of the field in the packet: 0, 2, 4 or 8.
     #[inline]
-    #[must_use]
     pub const fn size(&self) -> usize {
         format_size(self.format())
     }

@@ -99,7 +99,6 @@ pub struct ImageWriter {
 impl ImageWriter {
     /// Creates a writer for this direction and profile. CRC and clearing follow the options of the
     /// profile. The first image gets sequence number 1 and clears the whole buffer.
-    #[must_use]
     pub const fn new(direction: Direction, profile: PdoProfile) -> Self {
         let area_end = profile.pdo_bytes();
         Self {
@@ -143,13 +142,11 @@ impl ImageWriter {
     }
 
     /// The direction.
-    #[must_use]
     pub const fn direction(&self) -> Direction {
         self.direction
     }
 
     /// The profile.
-    #[must_use]
     pub const fn profile(&self) -> &PdoProfile {
         &self.profile
     }
@@ -166,7 +163,6 @@ impl ImageWriter {
     }
 
     /// The sequence number that the next commit publishes.
-    #[must_use]
     pub const fn next_sequence(&self) -> u16 {
         self.next_sequence
     }
@@ -179,35 +175,30 @@ impl ImageWriter {
 
     /// Payload bytes of the image so far, padding included.
     #[inline]
-    #[must_use]
     pub const fn used(&self) -> usize {
         self.position - HEADER_BYTES
     }
 
     /// Bytes left in the frame area.
     #[inline]
-    #[must_use]
     pub const fn room(&self) -> usize {
         self.area_end - self.position
     }
 
     /// Packets in the image so far, TX_RESULT included.
     #[inline]
-    #[must_use]
     pub const fn frames(&self) -> u8 {
         self.frame_count
     }
 
     /// True if the image has no packet.
     #[inline]
-    #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.frame_count == 0
     }
 
     /// Bytes of a frame in the image, padding included.
     #[inline]
-    #[must_use]
     pub fn packet_bytes(&self, frame: FrameRef<'_>, timestamp: Timestamp) -> usize {
         let id = if frame.id().is_extended() { 4 } else { 2 };
         let data = if self.d64 && frame.is_fd() { WINDOW_BYTES } else { frame.data().len() };

@@ -56,13 +56,10 @@ raw_enum! {
     /// Depth of the receive cache of a channel (0x8021:07). The device also accepts the number of
     /// frames.
     pub enum CacheDepth: u8, KeyForm::Size(&[32, 8, 16, 24]);
-    /// 32 frames.
     D32 = 0 | 32, "32 frames";
-    /// 8 frames.
     D8 = 1 | 8, "8 frames";
     /// 16 frames, the default.
     D16 = 2 | 16, "16 frames";
-    /// 24 frames.
     D24 = 3 | 24, "24 frames";
 }
 
@@ -97,31 +94,26 @@ impl CacheDepth {
 raw_enum! {
     /// Reaction to a full receive cache (0x8021:08).
     pub enum RxOverflow: u8;
-    /// Drops the oldest frame.
     DropOldest = 0, "drop oldest";
     /// Drops the new frame, the default.
     DropNewest = 1, "drop newest";
     /// Keeps critical frames while possible.
     PreserveCritical = 2, "preserve critical";
-    /// The channel enters the degraded state.
     Degraded = 3, "degraded";
 }
 
 raw_enum! {
     /// Frames that are critical (0x8021:09).
     pub enum CriticalFrames: u16;
-    /// None.
     None = 0, "none";
     /// CANopen safety and status frames, the default.
     CanopenSafety = 1, "CANopen safety";
-    /// All CANopen control and status frames.
     CanopenAll = 2, "CANopen all";
 }
 
 raw_enum! {
     /// Reaction to a full transmit cache (0x8021:13).
     pub enum TxOverflow: u8;
-    /// Drops the new frame.
     DropNewest = 0, "drop newest";
     /// Drops the oldest frame, the default.
     DropOldest = 1, "drop oldest";

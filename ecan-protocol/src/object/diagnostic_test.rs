@@ -12,7 +12,6 @@ pub const DIAGNOSTIC_TEST_KEY: u32 = 0x4543_414E;
 raw_enum! {
     /// CRC of the images during a test (0x8030:04).
     pub enum CrcTest: u8;
-    /// According to the PDO option.
     Follow = 0, "follow PDO option";
     /// With CRC, regardless of the option.
     Force = 1, "force CRC16";
@@ -23,13 +22,9 @@ raw_enum! {
 raw_enum! {
     /// Directions that a test applies to (0x8030:05, :06).
     pub enum Sides: u8;
-    /// None.
     Off = 0, "off";
-    /// TxPDO.
     Tx = 1, "Tx";
-    /// RxPDO.
     Rx = 2, "Rx";
-    /// Both.
     Both = 3, "Tx and Rx";
 }
 

@@ -6,9 +6,10 @@
 use super::value::raw_enum;
 
 /// Action on a frame that matches a filter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum FilterAction {
     /// The filter is not used.
+    #[default]
     Disabled,
     /// Store in RX FIFO0.
     Fifo0,
@@ -71,6 +72,7 @@ impl FilterAction {
 
 raw_enum! {
     /// Standard CAN IDs that match (0x8001:50).
+    #[derive(Default)]
     pub enum StandardMatch: u8;
     /// From `id1` to `id2`, both included.
     Range = 0, "range";
@@ -79,13 +81,16 @@ raw_enum! {
     /// Those that equal `id1` in the bits set in `id2`.
     Masked = 2, "masked";
     /// None.
+    #[default]
     Disabled = 3, "disabled";
 }
 
 raw_enum! {
     /// Extended CAN IDs that match (0x8001:56).
+    #[derive(Default)]
     pub enum ExtendedMatch: u8;
     /// From `id1` to `id2`, both included, after the global mask 0x8001:40.
+    #[default]
     Range = 0, "range";
     /// `id1` and `id2`.
     Two = 1, "two";
@@ -113,11 +118,8 @@ raw_enum! {
 raw_enum! {
     /// Result of a filter command (0x8001:47, :48).
     pub enum FilterCommandStatus: u8;
-    /// Done.
     Ok = 0, "OK";
-    /// No such index.
     InvalidIndex = 1, "invalid index";
-    /// No such command.
     InvalidCommand = 2, "invalid command";
 }
 

@@ -40,11 +40,8 @@ raw_enum! {
     ///
     /// The manual defines only 0; the others are those of the MCAN core.
     pub enum NonMatch: u8;
-    /// Store in RX FIFO0.
     Fifo0 = 0, "FIFO0";
-    /// Store in RX FIFO1.
     Fifo1 = 1, "FIFO1";
-    /// Reject.
     Reject = 2, "reject";
     /// Reject (the core has two numbers for it).
     RejectToo = 3, "reject";
@@ -53,13 +50,9 @@ raw_enum! {
 status_enum! {
     /// Apply status (0x8001:02) and flash status (:04).
     pub enum ApplyStatus;
-    /// Done.
     Ok = 0, "OK";
-    /// Failed.
     Fail = 1, "failed";
-    /// The configuration could not be converted.
     BuildFail = 3, "build failed: the configuration could not be converted";
-    /// The CAN controller could not be restarted with the configuration.
     RuntimeFail = 4, "apply failed: the CAN controller could not be restarted with it";
 }
 

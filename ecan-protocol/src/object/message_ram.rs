@@ -19,17 +19,11 @@ raw_enum! {
     pub enum DataSize: u8, KeyForm::Size(&[8, 12, 16, 20, 24, 32, 48, 64]);
     /// 8 bytes: classic CAN.
     B8 = 0, "8 bytes";
-    /// 12 bytes.
     B12 = 1, "12 bytes";
-    /// 16 bytes.
     B16 = 2, "16 bytes";
-    /// 20 bytes.
     B20 = 3, "20 bytes";
-    /// 24 bytes.
     B24 = 4, "24 bytes";
-    /// 32 bytes.
     B32 = 5, "32 bytes";
-    /// 48 bytes.
     B48 = 6, "48 bytes";
     /// 64 bytes: any CAN FD frame.
     B64 = 7, "64 bytes";

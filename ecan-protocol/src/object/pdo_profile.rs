@@ -23,18 +23,12 @@ raw_enum! {
 }
 
 impl EncapsulationProfile {
-    /// All profiles of the manual.
-    pub const ALL: [Self; 4] =
-        [Self::Compact, Self::CompactTimestamped, Self::Window64, Self::Window64Timestamped];
-
     /// True if CAN FD data may use a fixed window of 64 bytes.
-    #[must_use]
     pub const fn allows_d64(self) -> bool {
         matches!(self, Self::Window64 | Self::Window64Timestamped)
     }
 
     /// True if received frames may carry timestamps.
-    #[must_use]
     pub const fn allows_delta16(self) -> bool {
         matches!(self, Self::CompactTimestamped | Self::Window64Timestamped)
     }
@@ -76,19 +70,16 @@ impl OptionFlags {
     pub const NONE: Self = Self(0);
 
     /// Returns the flags with these bits; `None` if a reserved bit (5 to 7) is set.
-    #[must_use]
     pub const fn from_bits(bits: u8) -> Option<Self> {
         if bits & !Self::ALL.0 == 0 { Some(Self(bits)) } else { None }
     }
 
     /// The bits.
-    #[must_use]
     pub const fn bits(self) -> u8 {
         self.0
     }
 
     /// True if all flags of `other` are set.
-    #[must_use]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
@@ -106,7 +97,6 @@ impl OptionFlags {
     }
 
     /// True if no flag is set.
-    #[must_use]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
@@ -140,24 +130,19 @@ status_enum! {
     pub enum ProfileStatus;
     /// The requested profile is active, or nothing was requested yet.
     Ok = 0, "OK";
-    /// The layout cannot change in this state, usually OP.
     InvalidState = 1, "invalid state, the layout cannot change in OP";
     /// N is not 1 to 24.
     InvalidMultiplier = 2, "invalid PDO size multiplier";
-    /// The mask names no channel or one that does not exist.
     InvalidChannelMask = 3, "invalid channel mask";
-    /// The encapsulation profile is not supported.
     InvalidProfile = 4, "invalid encapsulation profile";
     /// N and the assigned chunks differ; the old profile stays active.
     MappingReloadRequired = 5,
         "master mapping reload required: PDO assignment and size multiplier differ";
-    /// The last image had an encapsulation error.
     EncapsulationError = 7, "PDO encapsulation error";
     /// Frames did not fit or were delayed.
     Overflow = 8, "PDO overflow or backpressure";
     /// A profile was written but not applied.
     PendingApply = 9, "requested profile pending apply";
-    /// An option flag is not supported.
     UnsupportedOption = 10, "unsupported option flag";
 }
 

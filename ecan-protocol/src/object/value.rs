@@ -23,7 +23,6 @@ pub enum KeyForm {
 
 /// A type of a configuration field: how its values are written to an object.
 pub(crate) trait ObjectValue: Copy + 'static {
-    /// CoE data type.
     const TYPE: ObjectType;
     /// Largest raw value.
     const MAX: u32 = Self::TYPE.max_value();
@@ -34,10 +33,8 @@ pub(crate) trait ObjectValue: Copy + 'static {
     /// Form of the value in a configuration file.
     const FORM: KeyForm = KeyForm::Number;
 
-    /// The raw value.
     fn to_raw(self) -> u32;
 
-    /// The value with this raw value, `None` if the type has none.
     fn try_from_raw(raw: u32) -> Option<Self>;
 }
 
@@ -118,35 +115,11 @@ macro_rules! raw_enum {
         $vis:vis enum $name:ident: $raw:ident $(, $form:expr)? ;
         $( $(#[$variant_meta:meta])* $variant:ident = $value:literal $(| $also:literal)?, $text:literal; )+
     ) => {
-        $(#[$meta])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-        $vis enum $name {
-            $( $(#[$variant_meta])* $variant = $value, )+
+        $crate::text_enum! {
+            $(#[$meta])*
+            $vis enum $name: $raw;
+            $( $(#[$variant_meta])* $variant = $value, $text; )+
         }
-
-        impl $name {
-            /// Returns the variant with this number, `None` if the manual has no such number.
-            pub const fn from_raw(raw: $raw) -> Option<Self> {
-                match raw {
-                    $( $value => Some(Self::$variant), )+
-                    _ => None,
-                }
-            }
-
-            /// The number of the manual.
-            pub const fn raw(self) -> $raw {
-                self as $raw
-            }
-        }
-
-        impl core::fmt::Display for $name {
-            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-                f.write_str(match self {
-                    $( Self::$variant => $text, )+
-                })
-            }
-        }
-
         impl $crate::object::ObjectValue for $name {
             const TYPE: $crate::object::ObjectType =
                 <$raw as $crate::object::ObjectValue>::TYPE;
@@ -178,33 +151,15 @@ macro_rules! status_enum {
         $vis:vis enum $name:ident;
         $( $(#[$variant_meta:meta])* $variant:ident = $value:literal, $text:literal; )+
     ) => {
-        $(#[$meta])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-        $vis enum $name {
-            $( $(#[$variant_meta])* $variant, )+
-            /// A number that the manual does not list.
-            Unknown(u8),
+        $crate::open_enum! {
+            $(#[$meta])*
+            $vis enum $name: u8 else Unknown;
+            $( $(#[$variant_meta])* #[doc = concat!("\n`", $text, "`")] $variant = $value; )+
         }
 
         impl $name {
             #[allow(dead_code, reason = "not every status has a row of the dictionary")]
             pub(crate) const VALUES: &'static [(u32, &'static str)] = &[$( ($value, $text), )+];
-
-            /// Returns the status with this number.
-            pub const fn from_raw(raw: u8) -> Self {
-                match raw {
-                    $( $value => Self::$variant, )+
-                    other => Self::Unknown(other),
-                }
-            }
-
-            /// The number that the gateway reports.
-            pub const fn raw(self) -> u8 {
-                match self {
-                    $( Self::$variant => $value, )+
-                    Self::Unknown(raw) => raw,
-                }
-            }
         }
 
         impl core::fmt::Display for $name {

@@ -24,7 +24,7 @@ pub enum Transfer {
 pub trait ObjectAccess {
     /// Device-specific action of a step; [`NoAction`] if there are none.
     type Action: Copy;
-    /// Why a transfer or an action failed.
+    /// Cause of the failure of a transfer or an action.
     type Error;
 
     /// Starts a download. Returns `false` if the client is busy; the sequence then retries.

@@ -20,13 +20,11 @@ pub enum SequenceState<E> {
     Failed(StepError<E>),
 }
 
-/// Result of one turn of a step.
 enum Turn {
     Busy,
     Done,
 }
 
-/// Position within the current step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Stage {
     #[default]
@@ -272,8 +270,8 @@ mod tests {
 
     impl Device {
         fn value(&mut self, index: u16) -> Result<&mut u64, AbortCode> {
-            let place = usize::from(index.wrapping_sub(0x2000));
-            self.values.get_mut(place).ok_or(AbortCode::NO_OBJECT)
+            let slot = usize::from(index.wrapping_sub(0x2000));
+            self.values.get_mut(slot).ok_or(AbortCode::NO_OBJECT)
         }
     }
 

@@ -152,7 +152,8 @@ fn pdos(node: NodeId, number: u8, (received, sent, bits): (u16, u16, u8)) -> Vec
 
 fn profile(motor: &MotorConfig) -> Vec<Object> {
     let modes = OperatingMode::ALL
-        .into_iter()
+        .iter()
+        .copied()
         .filter(|mode| super::motion::is_supported(*mode))
         .fold(SupportedModes(0), SupportedModes::with);
     let rpm =

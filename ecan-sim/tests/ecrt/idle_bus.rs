@@ -4,7 +4,9 @@ use crate::ecrt_support::{Program, stepped, stepped_echo};
 use ecan_host::{Errno, Master, OpenFailure, RequestState, SyncDirection, WatchdogMode};
 use ecan_protocol::mapping::{Direction, data_object_index, pdo_map_index};
 use ecan_protocol::object::MAPPED_SUBINDEX;
+use ecan_sim::libethercat as c;
 use ecan_sim::{Fault, GatewayFault, GatewaySpec, Scenario, Topology, echo};
+use ecrt_sys::{EC_DIR_OUTPUT, ec_pdo_entry_info_t, ec_pdo_info_t, ec_sync_info_t};
 
 #[test]
 fn slaves_are_scanned_and_in_preop() {
@@ -32,17 +34,25 @@ fn slaves_are_scanned_and_in_preop() {
 fn only_the_default_assignment_is_known() {
     let backend = stepped_echo(1);
     let master = Master::open(&backend.ecrt, 0).unwrap();
-    let outputs = master.sync_manager(0, 2).unwrap();
-    assert_eq!(outputs.direction, Some(SyncDirection::Output));
-    let chunks = outputs.pdo_count as u16;
-    let last = master.pdo(0, 2, chunks - 1).unwrap();
-    assert_eq!(last.index, pdo_map_index(Direction::RxPdo, chunks as u8 - 1));
-    let entry = master.pdo_entry(0, 2, 0, 7).unwrap();
-    assert_eq!(entry.index, data_object_index(Direction::RxPdo, 0, 7));
-    assert_eq!((entry.subindex, entry.bit_length), (MAPPED_SUBINDEX, 128));
-    assert_eq!(master.pdo(0, 2, chunks).unwrap_err(), Errno::EINVAL);
-    assert_eq!(master.sync_manager(0, 4).unwrap_err(), Errno::EINVAL);
-    assert_eq!(master.sync_manager(0, 0).unwrap().pdo_count, 0);
+    let (raw, einval) = (master.as_raw(), -libc::EINVAL);
+    // SAFETY: zero is valid for these plain structures.
+    let (mut sync, mut pdo, mut entry): (ec_sync_info_t, ec_pdo_info_t, ec_pdo_entry_info_t) =
+        unsafe { std::mem::zeroed() };
+    // SAFETY: the master is the library's, and the targets are writable.
+    unsafe {
+        assert_eq!(c::master_get_sync_manager(raw, 0, 2, &mut sync), 0);
+        assert_eq!(sync.dir, EC_DIR_OUTPUT);
+        let chunks = sync.n_pdos as u16;
+        assert_eq!(c::master_get_pdo(raw, 0, 2, chunks - 1, &mut pdo), 0);
+        assert_eq!(pdo.index, pdo_map_index(Direction::RxPdo, chunks as u8 - 1));
+        assert_eq!(c::master_get_pdo_entry(raw, 0, 2, 0, 7, &mut entry), 0);
+        assert_eq!(entry.index, data_object_index(Direction::RxPdo, 0, 7));
+        assert_eq!((entry.subindex, entry.bit_length), (MAPPED_SUBINDEX, 128));
+        assert_eq!(c::master_get_pdo(raw, 0, 2, chunks, &mut pdo), einval);
+        assert_eq!(c::master_get_sync_manager(raw, 0, 4, &mut sync), einval);
+        assert_eq!(c::master_get_sync_manager(raw, 0, 0, &mut sync), 0);
+    }
+    assert_eq!(sync.n_pdos, 0);
 }
 
 #[test]

@@ -164,7 +164,7 @@ proptest! {
 
     #[test]
     fn every_image_published_is_one_that_the_reader_accepts(
-        profile in prop::sample::select(&ecan_protocol::image::EncapsulationProfile::ALL[..]),
+        profile in prop::sample::select(ecan_protocol::image::EncapsulationProfile::ALL),
         budget in 0u8..3,
         multiplier in 1u8..25,
         options in 0u8..0x08,

@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn modes_have_the_numbers_of_0x6060() {
         let modes = igh_cia402_mode_t::PAIRS;
-        assert!(modes.iter().map(|(.., mode)| *mode).eq(OperatingMode::ALL));
+        assert!(modes.iter().map(|(.., mode)| *mode).eq(OperatingMode::ALL.iter().copied()));
         assert!(modes.iter().all(|(number, _, mode)| *number as i8 == mode.raw()));
     }
 

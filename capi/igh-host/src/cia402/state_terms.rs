@@ -137,8 +137,6 @@ mirror! {
         IGH_CIA402_HOLD_NOT_FOLLOWING = 13 => Some(HoldReason::NotFollowing),
         /// The drive reports a following error.
         IGH_CIA402_HOLD_FOLLOWING_ERROR = 14 => Some(HoldReason::FollowingError),
-        /// The axis moved during activation.
-        IGH_CIA402_HOLD_MOVING = 15 => Some(HoldReason::Moving),
         /// The application commanded it.
         IGH_CIA402_HOLD_COMMANDED = 16 => Some(HoldReason::Commanded),
         /// Another reason.

@@ -14,7 +14,7 @@ use crate::network::sdo_error::{SdoFault, SdoStartError};
 /// Bytes behind the longest value that the last segment of a block may fill up.
 const PADDING: usize = 7;
 
-/// How a node's SDO client stands.
+/// State of a node's SDO client.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Sdo {
     /// Nothing was transferred yet.
@@ -65,9 +65,9 @@ pub struct SdoClient {
     pub(super) transfer: Option<Transfer>,
     settings: SdoConfig,
     outcome: Sdo,
-    /// What the outcome is about.
+    /// Object of the outcome.
     subject: (SdoDirection, u16, u8),
-    /// An abort that the server has to be told before anything else.
+    /// An abort to send before anything else.
     pub(super) abort: Option<[u8; 8]>,
     /// The server has refused block transfer, of uploads and of downloads.
     refuses_block: (bool, bool),
@@ -99,7 +99,7 @@ impl SdoClient {
         self.buffer.len() - PADDING
     }
 
-    /// How it stands.
+    /// Its state.
     pub fn state(&self) -> Sdo {
         if self.transfer.is_some() { Sdo::Busy } else { self.outcome }
     }
@@ -112,7 +112,7 @@ impl SdoClient {
         }
     }
 
-    /// What the transfer under way or the last one is about: direction, index, subindex.
+    /// Direction, index and subindex of the present or the last transfer.
     pub fn subject(&self) -> (SdoDirection, u16, u8) {
         self.subject
     }
@@ -222,16 +222,16 @@ impl SdoClient {
             transfer.block_arrived(last, false);
             return;
         }
-        self.trouble(TransferFailure::Silence);
+        self.handle_failure(TransferFailure::Silence);
     }
 
     /// The transfer cannot go on as it is: starts over or ends.
-    pub(super) fn trouble(&mut self, trouble: TransferFailure) {
+    pub(super) fn handle_failure(&mut self, failure: TransferFailure) {
         let Some(transfer) = &mut self.transfer else { return };
         let opening_block = transfer.is_opening_block();
         let attempts = transfer.attempts;
         let has_attempts = attempts <= self.settings.retries && attempts < u8::MAX;
-        let (code, fault, again) = match trouble {
+        let (code, fault, again) = match failure {
             TransferFailure::Abort(code) if opening_block && is_block_refusal(code) => {
                 let for_good = matches!(code, AbortCode::COMMAND | AbortCode::UNSUPPORTED_ACCESS);
                 match transfer.direction {
@@ -290,7 +290,6 @@ impl SdoClient {
         self.strays += 1;
     }
 
-    /// Segments per block of an upload.
     pub(super) fn block_size(&self) -> u8 {
         self.settings.block.segments.clamp(1, MAX_BLOCK_SIZE)
     }

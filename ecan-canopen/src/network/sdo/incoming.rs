@@ -1,4 +1,4 @@
-//! What the SDO client makes of the server's frames.
+//! Processing of the server's frames by the SDO client.
 
 use crate::{BlockSegment, Initiate, MAX_BLOCK_SIZE, Segment, ServerFrame, block_crc};
 use ecan_protocol::object::AbortCode;
@@ -38,7 +38,7 @@ impl SdoClient {
             Ok(ServerFrame::Abort { index, subindex, code }) => {
                 // Some servers do not name the object of a transfer that is under way.
                 if transfer.is_about(index, subindex) || (index, subindex) == (0, 0) {
-                    self.trouble(TransferFailure::Abort(code));
+                    self.handle_failure(TransferFailure::Abort(code));
                 } else {
                     self.stray();
                 }
@@ -75,7 +75,7 @@ impl SdoClient {
                 ServerFrame::DownloadSegment { toggle: answered },
             ) => {
                 if answered != toggle {
-                    return self.trouble(TransferFailure::Violation(AbortCode::TOGGLE));
+                    return self.handle_failure(TransferFailure::Violation(AbortCode::TOGGLE));
                 }
                 let size = transfer.size.unwrap_or_default();
                 transfer.position = size.min(transfer.position + SEGMENT);
@@ -113,7 +113,7 @@ impl SdoClient {
                 | ServerFrame::Download { .. }
                 | ServerFrame::BlockUpload { .. }
                 | ServerFrame::BlockDownload { .. },
-            ) => self.trouble(TransferFailure::Violation(AbortCode::COMMAND)),
+            ) => self.handle_failure(TransferFailure::Violation(AbortCode::COMMAND)),
             // An answer to an earlier attempt that was late.
             _ => self.stray(),
         }
@@ -131,7 +131,7 @@ impl SdoClient {
         let Some(transfer) = &mut self.transfer else { return false };
         transfer.size = size.map(|size| usize::try_from(size).unwrap_or(usize::MAX));
         if transfer.size.is_some_and(|size| size > capacity) {
-            self.trouble(TransferFailure::TooLong);
+            self.handle_failure(TransferFailure::TooLong);
             return false;
         }
         true
@@ -142,7 +142,7 @@ impl SdoClient {
             Initiate::Expedited { data, length } => {
                 let length = usize::from(length.unwrap_or(4)).min(data.len());
                 if length > self.capacity() {
-                    return self.trouble(TransferFailure::TooLong);
+                    return self.handle_failure(TransferFailure::TooLong);
                 }
                 self.store(0, data.get(..length).unwrap_or_default());
                 self.succeed(length);
@@ -157,7 +157,7 @@ impl SdoClient {
 
     fn upload_segment(&mut self, segment: &Segment, toggle: bool) {
         if segment.toggle != toggle {
-            return self.trouble(TransferFailure::Violation(AbortCode::TOGGLE));
+            return self.handle_failure(TransferFailure::Violation(AbortCode::TOGGLE));
         }
         let capacity = self.capacity();
         let Some(transfer) = &mut self.transfer else { return };
@@ -166,13 +166,13 @@ impl SdoClient {
         transfer.position = end;
         transfer.go(Phase::UploadSegment { toggle: !toggle });
         if end > capacity {
-            return self.trouble(TransferFailure::TooLong);
+            return self.handle_failure(TransferFailure::TooLong);
         }
         self.store(at, segment.bytes());
         let is_whole = size.is_none_or(|size| size == end);
         let is_too_much = size.is_some_and(|size| end > size);
         if is_too_much || segment.last && !is_whole {
-            self.trouble(TransferFailure::Violation(AbortCode::LENGTH));
+            self.handle_failure(TransferFailure::Violation(AbortCode::LENGTH));
         } else if segment.last {
             self.succeed(end);
         }
@@ -195,7 +195,7 @@ impl SdoClient {
         }
         if in_order {
             if at + SEGMENT > limit {
-                return self.trouble(TransferFailure::TooLong);
+                return self.handle_failure(TransferFailure::TooLong);
             }
             self.store(at, &segment.data);
         }
@@ -209,21 +209,21 @@ impl SdoClient {
         transfer.position = length;
         let (size, checks) = (transfer.size, transfer.crc);
         if length > capacity {
-            return self.trouble(TransferFailure::TooLong);
+            return self.handle_failure(TransferFailure::TooLong);
         }
         if size.is_some_and(|size| size != length) {
-            return self.trouble(TransferFailure::Violation(AbortCode::LENGTH));
+            return self.handle_failure(TransferFailure::Violation(AbortCode::LENGTH));
         }
         let value = self.buffer.get(..length).unwrap_or_default();
         if checks && block_crc(0, value) != crc {
-            return self.trouble(TransferFailure::Violation(CRC_ERROR));
+            return self.handle_failure(TransferFailure::Violation(CRC_ERROR));
         }
         self.go(Phase::BlockUploadEndAck);
     }
 
     fn next_block(&mut self, block_size: u8) {
         if !(1..=MAX_BLOCK_SIZE).contains(&block_size) {
-            return self.trouble(TransferFailure::Violation(INVALID_BLOCK_SIZE));
+            return self.handle_failure(TransferFailure::Violation(INVALID_BLOCK_SIZE));
         }
         if let Some(transfer) = &mut self.transfer {
             transfer.block_size = block_size;
@@ -235,7 +235,7 @@ impl SdoClient {
     fn block_acknowledged(&mut self, sent: u8, received: u8, block_size: u8) {
         let Some(transfer) = &mut self.transfer else { return };
         if received > sent {
-            return self.trouble(TransferFailure::Violation(INVALID_SEQUENCE));
+            return self.handle_failure(TransferFailure::Violation(INVALID_SEQUENCE));
         }
         let size = transfer.size.unwrap_or_default();
         transfer.position = size.min(transfer.position + usize::from(received) * SEGMENT);
@@ -252,7 +252,7 @@ impl SdoClient {
     fn check_stalls(&mut self) {
         let limit = self.retries();
         if self.transfer.is_some_and(|transfer| transfer.stalls > limit) {
-            self.trouble(TransferFailure::Violation(INVALID_SEQUENCE));
+            self.handle_failure(TransferFailure::Violation(INVALID_SEQUENCE));
         }
     }
 

@@ -1,4 +1,4 @@
-//! What the SDO client sends: the next frame, and what follows from having sent it.
+//! Frames that the SDO client sends.
 
 use crate::{BlockSegment, ClientFrame, Initiate, Segment, block_crc};
 use ecan_protocol::object::AbortCode;
@@ -111,7 +111,6 @@ impl SdoClient {
         }
     }
 
-    /// The server has to be told that the transfer is over, before anything else.
     pub(super) fn tell_abort(&mut self, code: AbortCode) {
         if let Some(Transfer { is_known_to_node: true, index, subindex, .. }) = self.transfer {
             self.abort = Some(ClientFrame::Abort { index, subindex, code }.to_bytes());

@@ -3,10 +3,8 @@
 use ecan_host::SdoDirection;
 use ecan_protocol::object::AbortCode;
 
-/// Bytes of a segment.
 pub(super) const SEGMENT: usize = 7;
 
-/// What comes next in a transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Phase {
     /// Request for an upload.
@@ -37,20 +35,16 @@ pub(super) enum Phase {
     BlockDownloadEnd,
 }
 
-/// Why a transfer starts over or ends.
+/// Cause for which a transfer starts over or ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum TransferFailure {
-    /// No answer.
     Silence,
     /// An answer that the protocol does not allow here.
     Violation(AbortCode),
-    /// The node aborted.
     Abort(AbortCode),
-    /// The value is longer than the buffer.
     TooLong,
 }
 
-/// One transfer.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Transfer {
     pub(super) direction: SdoDirection,
@@ -65,11 +59,9 @@ pub(super) struct Transfer {
     pub(super) position: usize,
     /// Bytes in all, as far as known.
     pub(super) size: Option<usize>,
-    /// How often it was begun.
     pub(super) attempts: u8,
     /// A frame of it has been sent.
     pub(super) is_known_to_node: bool,
-    /// Segments per block that the server takes.
     pub(super) block_size: u8,
     /// Whether both sides check the CRC.
     pub(super) crc: bool,
@@ -103,7 +95,6 @@ impl Transfer {
         transfer
     }
 
-    /// From the beginning.
     pub(super) fn begin(&mut self) {
         self.phase = match (self.direction, self.block) {
             (SdoDirection::Upload, false) => Phase::Upload,
@@ -122,7 +113,6 @@ impl Transfer {
         self.stalls = 0;
     }
 
-    /// The next frame.
     pub(super) fn go(&mut self, phase: Phase) {
         self.phase = phase;
         self.deadline_ns = None;

@@ -79,7 +79,6 @@ const PRESENT: u8 = 2;
 const WIDE: u8 = 3;
 static AVAILABLE: AtomicU8 = AtomicU8::new(UNKNOWN);
 
-/// True if the processor has PCLMULQDQ and SSSE3. Asks it once.
 #[inline]
 pub(super) fn is_available() -> bool {
     if cfg!(all(target_feature = "pclmulqdq", target_feature = "ssse3")) {
@@ -91,7 +90,6 @@ pub(super) fn is_available() -> bool {
     }
 }
 
-/// True if the processor also has AVX2 and VPCLMULQDQ.
 #[inline]
 fn is_wide() -> bool {
     match AVAILABLE.load(Ordering::Relaxed) {
@@ -198,7 +196,7 @@ fn over<const BLOCKS: usize>() -> __m128i {
     _mm_set_epi64x(powers[1], powers[0])
 }
 
-/// What `first` and the blocks after it add up to, at most [`DIRECT_BLOCKS`] of them.
+/// The sum of `first` and the blocks after it, at most [`DIRECT_BLOCKS`] of them.
 #[inline]
 #[target_feature(enable = "pclmulqdq,ssse3")]
 fn sum_of(first: __m128i, blocks: &[[u8; 16]]) -> __m128i {

@@ -12,7 +12,6 @@ use super::{DIRECT_BLOCKS, POWERS, bring_down, fold, over, polynomial_of, reduce
 /// Pairs of remainders that run side by side.
 const LANES: usize = 4;
 
-/// Two blocks as polynomials, the first in the lower half.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn load(pair: &[[u8; 16]; 2]) -> __m256i {
