@@ -1,7 +1,7 @@
 /*
  * An application that runs the master itself and hands it to the SDK for its ECAN-Lite slaves: the
  * cycle of the Port lies between the owner's ecrt_master_receive() and ecrt_master_send(), and a
- * frame comes back from the echo node.
+ * frame returns from the echo node.
  *
  *     LD_LIBRARY_PATH=build/sim ./attached_master
  */
@@ -87,7 +87,7 @@ static int run(ec_master_t *master, ecan_igh_context_t *igh, igh_mcan_port_t *po
     for (int n = 0; n < ECHO_CYCLES && echoes == 0; n++) {
         echoes += cycle(master, port, n == 0);
     }
-    printf("in service after %d cycles, %d echo(es)\n", cycles, echoes);
+    printf("ready after %d cycles, %d echo(es)\n", cycles, echoes);
     return echoes == 1 ? 0 : failed("the frame did not come back");
 }
 

@@ -1,6 +1,6 @@
 /*
  * The manual's fragments of chapters 15.5.2 (steps 3 to 6), 15.4 and 15.5.3, unchanged, each in a
- * scope of its own: they compile, link and run, and the frames that they send come back from the
+ * scope of its own: they compile, link and run, and the frames that they send return from the
  * echo node of the simulator.
  *
  *     ECAN_ECRT=sim ./manual_fragments
@@ -58,7 +58,7 @@ int main(void)
     ecan_igh_wait_op_timeout(&igh, 10000);
 
     if (igh_mcan_port_is_ready(&mcan) != 1) {
-        return failed("the gateway is not in service");
+        return failed("the gateway is not ready");
     }
 
     /* 15.5.2, step 6 */

@@ -55,7 +55,7 @@ impl fmt::Display for Difference {
             Some(text) => format!(" ({text})"),
             None => String::new(),
         };
-        let wanted = match self.expected {
+        let text = match self.expected {
             Expected::Value(value) => meaning(value),
             Expected::Readback(_) => String::new(),
             Expected::Loaded => {
@@ -64,7 +64,7 @@ impl fmt::Display for Difference {
             }
         };
         let (expected, found) = (self.expected, self.found);
-        write!(f, ": the file has {expected}{wanted}, the device {found}{}", meaning(found))
+        write!(f, ": the file has {expected}{text}, the device {found}{}", meaning(found))
     }
 }
 

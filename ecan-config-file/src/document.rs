@@ -184,8 +184,8 @@ impl<'t, 'i> Table<'t, 'i> {
         self.document.fault(&self.path(key), at, reason);
     }
 
-    fn wrong(&self, key: &str, wanted: &str, found: &DeValue<'_>) {
-        self.fault(key, format!("`{key}` must be {wanted}, not {}", kind(found)));
+    fn wrong(&self, key: &str, expected: &str, found: &DeValue<'_>) {
+        self.fault(key, format!("`{key}` must be {expected}, not {}", kind(found)));
     }
 
     fn out_of_range(
@@ -365,9 +365,9 @@ impl Drop for Table<'_, '_> {
 }
 
 /// Replaces a default by a value of the file.
-pub(crate) fn store<T>(place: &mut T, value: Option<T>) {
+pub(crate) fn store<T>(target: &mut T, value: Option<T>) {
     if let Some(value) = value {
-        *place = value;
+        *target = value;
     }
 }
 

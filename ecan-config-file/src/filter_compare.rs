@@ -88,10 +88,10 @@ impl FilterList {
                 push(Some(*at), self.window.status, Expected::Loaded, status);
                 continue;
             }
-            for (subindex, wanted) in fields {
+            for (subindex, expected) in fields {
                 let found = read(*subindex)?;
-                if found != *wanted {
-                    push(Some(*at), *subindex, Expected::Value(*wanted), found);
+                if found != *expected {
+                    push(Some(*at), *subindex, Expected::Value(*expected), found);
                 }
             }
         }

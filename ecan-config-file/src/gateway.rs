@@ -59,10 +59,10 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     }
     let mut filters = Vec::new();
     let channels = CHANNEL_TABLES.into_iter().zip(&mut gateway.channels);
-    for (channel, (key, place)) in (0..).zip(channels) {
+    for (channel, (key, entry)) in (0..).zip(channels) {
         let Some(table) = table.table(key) else { continue };
         let (config, own) = channel::read(table);
-        *place = Some(config);
+        *entry = Some(config);
         filters.extend(own.into_iter().map(|filter| (channel, filter)));
     }
     ReadGateway { slave, gateway, startup, filters }

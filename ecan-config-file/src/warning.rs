@@ -149,9 +149,9 @@ fn short_elements(
     let standard = config.standard_filters(slave, channel).into_iter().map(|it| it.action);
     let extended = config.extended_filters(slave, channel).into_iter().map(|it| it.action);
     let actions: Vec<FilterAction> = standard.chain(extended).collect();
-    let takes = |non_match, wanted: fn(FilterAction) -> bool| {
+    let takes = |non_match, is_used: fn(FilterAction) -> bool| {
         [can.non_match_standard, can.non_match_extended].map(Some).contains(&non_match)
-            || actions.iter().any(|action| wanted(*action))
+            || actions.iter().any(|action| is_used(*action))
     };
     let fifo0 = |action| matches!(action, FilterAction::Fifo0 | FilterAction::PriorityFifo0);
     let fifo1 = |action| matches!(action, FilterAction::Fifo1 | FilterAction::PriorityFifo1);

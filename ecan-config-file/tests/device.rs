@@ -5,7 +5,7 @@ mod common;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use common::{MS, bench, two, with};
+use common::{MS, fixture, two, with};
 use ecan_config_file::{
     Difference, Expected, FlashCommand, ResolveError, ResolvedGateway, apply, differences, find,
     startup,
@@ -21,12 +21,12 @@ fn entries(differences: &[Difference]) -> Vec<(u16, u8, Option<u8>)> {
 
 #[test]
 fn saved_configuration_survives_power_cycle() {
-    let (bench, file) = (bench(2), two());
-    let bus = &bench.bus;
-    let clock = bench.ecrt.clock().as_ref();
-    let places = find(bus, &file.adapter.slaves).unwrap();
-    assert_eq!(places, [0, 1].map(|at| ResolvedGateway { gateway: at, slave: at }));
-    for ResolvedGateway { gateway, slave } in places {
+    let (fixture, file) = (fixture(2), two());
+    let bus = &fixture.bus;
+    let clock = fixture.ecrt.clock().as_ref();
+    let gateways = find(bus, &file.adapter.slaves).unwrap();
+    assert_eq!(gateways, [0, 1].map(|at| ResolvedGateway { gateway: at, slave: at }));
+    for ResolvedGateway { gateway, slave } in gateways {
         let steps = startup(&file, gateway);
         assert!(!differences(bus, slave, &steps).unwrap().is_empty());
         let mut done = 0;
@@ -37,15 +37,15 @@ fn saved_configuration_survives_power_cycle() {
         assert_eq!(saved.active_crc, saved.stored_crc);
         assert_eq!(bus.sdo_upload_u32(slave, 0xB000, 2).unwrap(), 0, "the mode is given back");
 
-        bench.simulation.inject(Fault::PowerCycle { gateway: slave, off_ms: 300 });
-        bench.simulation.pass_ns(3_000 * MS);
+        fixture.simulation.inject(Fault::PowerCycle { gateway: slave, off_ms: 300 });
+        fixture.simulation.pass_ns(3_000 * MS);
         let left = differences(bus, slave, &steps).unwrap();
-        assert!(!left.is_empty(), "nobody has set up the assignment yet");
+        assert!(!left.is_empty(), "the assignment is not set yet");
         let kept: Vec<_> = left.iter().filter(|it| !it.is_set_at_start).collect();
         assert!(kept.is_empty(), "{kept:?}");
     }
     // The entries that the master writes at each start differ too.
-    let mut port = Port::open(&bench.ecrt, (file.adapter, file.port)).unwrap();
+    let mut port = Port::open(&fixture.ecrt, (file.adapter, file.port)).unwrap();
     let adapter: &mut Adapter = port.adapter_mut();
     let bus = adapter.diagnostics();
     for slave in 0..2 {
@@ -55,8 +55,8 @@ fn saved_configuration_survives_power_cycle() {
 
 #[test]
 fn unsaved_configuration_is_lost_by_power_cycle() {
-    let (bench, file) = (bench(2), two());
-    let (bus, clock) = (&bench.bus, bench.ecrt.clock().as_ref());
+    let (fixture, file) = (fixture(2), two());
+    let (bus, clock) = (&fixture.bus, fixture.ecrt.clock().as_ref());
     let steps = startup(&file, 1);
     let unsaved = FlashCommand::Load.run(bus, 1, clock).unwrap_err();
     assert!(
@@ -80,8 +80,8 @@ fn unsaved_configuration_is_lost_by_power_cycle() {
 
 #[test]
 fn difference_names_entry_and_filter() {
-    let (bench, file) = (bench(2), two());
-    let bus = &bench.bus;
+    let (fixture, file) = (fixture(2), two());
+    let bus = &fixture.bus;
     let steps = startup(&file, 1);
     apply(bus, 1, &steps, &mut |_| {}).unwrap();
     // The second standard filter has another end, in the editing window.
@@ -96,14 +96,14 @@ fn difference_names_entry_and_filter() {
     let found = differences(bus, 1, &steps).unwrap();
     assert_eq!(entries(&found), [(0x8022, 16, None), (0x8002, 54, Some(1))]);
     assert_eq!((found[1].expected, found[1].found), (Expected::Value(0x301), 0x310));
-    let words = found[1].to_string();
-    assert!(words.contains("of filter 1: the file has 769, the device 784"), "{words}");
+    let text = found[1].to_string();
+    assert!(text.contains("of filter 1: the file has 769, the device 784"), "{text}");
 }
 
 #[test]
 fn failed_step_is_reported_and_ends_the_sequence() {
-    let (bench, mut file) = (bench(2), two());
-    let bus = &bench.bus;
+    let (fixture, mut file) = (fixture(2), two());
+    let bus = &fixture.bus;
     file.adapter.add_startup(0, StartupStep::expect(0xF000, 2, 5)).unwrap();
     let steps = startup(&file, 0);
     let mut done = 0;
@@ -115,7 +115,7 @@ fn failed_step_is_reported_and_ends_the_sequence() {
         gateway: 0,
         fault: GatewayFault::SdoAbort { index: 0x8001, subindex: 19, code: 0x0609_0030, times: 1 },
     };
-    bench.simulation.inject(abort);
+    fixture.simulation.inject(abort);
     let mut last = None;
     let error = apply(bus, 0, &steps, &mut |step| last = Some(step.object())).unwrap_err();
     assert!(error.to_string().contains("0x8001:19"), "{error}");
@@ -124,9 +124,9 @@ fn failed_step_is_reported_and_ends_the_sequence() {
 
 #[test]
 fn flash_failure_returns_status_text() {
-    let bench = bench(1);
-    let (bus, clock) = (&bench.bus, bench.ecrt.clock().as_ref());
-    bench
+    let fixture = fixture(1);
+    let (bus, clock) = (&fixture.bus, fixture.ecrt.clock().as_ref());
+    fixture
         .simulation
         .inject(Fault::Gateway { gateway: 0, fault: GatewayFault::FlashFailure { times: 1 } });
     let error = FlashCommand::Save.run(bus, 0, clock).unwrap_err();
@@ -139,19 +139,19 @@ fn flash_failure_returns_status_text() {
 fn gateways_are_found_by_alias_and_position() {
     let mut scenario = ecan_sim::echo(3);
     scenario.gateways[1].alias = 7;
-    let bench = with(scenario);
+    let fixture = with(scenario);
     let mut file = two();
     let [first, second] = &mut file.adapter.slaves[..] else { panic!("two") };
     (first.alias, first.position) = (7, 1);
     (second.alias, second.position) = (7, 0);
     let slaves: Vec<_> =
-        find(&bench.bus, &file.adapter.slaves).unwrap().iter().map(|it| it.slave).collect();
+        find(&fixture.bus, &file.adapter.slaves).unwrap().iter().map(|it| it.slave).collect();
     assert_eq!(slaves, [2, 1]);
     file.adapter.slaves[0].position = 2;
-    let error = find(&bench.bus, &file.adapter.slaves).unwrap_err().to_string();
+    let error = find(&fixture.bus, &file.adapter.slaves).unwrap_err().to_string();
     assert!(error.contains("no slave at alias 7, position 2; the bus has 3 slaves"), "{error}");
     file.adapter.slaves[0].alias = 8;
-    let error = find(&bench.bus, &file.adapter.slaves).unwrap_err().to_string();
+    let error = find(&fixture.bus, &file.adapter.slaves).unwrap_err().to_string();
     assert!(error.contains("no slave has the alias 8"), "{error}");
 }
 
@@ -159,22 +159,22 @@ fn gateways_are_found_by_alias_and_position() {
 fn two_gateways_on_one_slave_return_error() {
     let mut scenario = ecan_sim::echo(2);
     scenario.gateways[1].alias = 7;
-    let bench = with(scenario);
+    let fixture = with(scenario);
     let mut file = two();
     let [first, second] = &mut file.adapter.slaves[..] else { panic!("two") };
     (first.alias, first.position) = (0, 1);
     (second.alias, second.position) = (7, 0);
-    let error = find(&bench.bus, &file.adapter.slaves).unwrap_err();
+    let error = find(&fixture.bus, &file.adapter.slaves).unwrap_err();
     assert!(matches!(error, ResolveError::Same { first: 0, second: 1, slave: 1 }), "{error}");
     assert!(error.to_string().contains("gateways 0 and 1 of the file are the same slave 1"));
     file.adapter.slaves[0].position = 0;
-    assert!(find(&bench.bus, &file.adapter.slaves).is_ok());
+    assert!(find(&fixture.bus, &file.adapter.slaves).is_ok());
 }
 
 #[test]
 fn gateway_in_op_is_not_changed() {
-    let (bench, file) = (bench(2), two());
-    let mut port = Port::open(&bench.ecrt, (file.adapter, file.port)).unwrap();
+    let (fixture, file) = (fixture(2), two());
+    let mut port = Port::open(&fixture.ecrt, (file.adapter, file.port)).unwrap();
     let adapter = port.adapter_mut();
     adapter.activate().unwrap();
     for _ in 0..3_000 {
@@ -182,7 +182,7 @@ fn gateway_in_op_is_not_changed() {
         adapter.receive().unwrap();
         adapter.send().unwrap();
     }
-    let error = apply(&bench.bus, 1, &startup(&file, 1), &mut |_| panic!("a step")).unwrap_err();
+    let error = apply(&fixture.bus, 1, &startup(&file, 1), &mut |_| panic!("a step")).unwrap_err();
     assert!(matches!(error, ResolveError::State { slave: 1, state: AlState::Op }), "{error}");
     assert!(error.to_string().contains("slave 1 is in OP"), "{error}");
 }
@@ -200,23 +200,23 @@ impl Clock for Impatient {
 
 #[test]
 fn command_timeout_restores_the_mode() {
-    let bench = bench(1);
-    let bus = &bench.bus;
+    let fixture = fixture(1);
+    let bus = &fixture.bus;
     let error = FlashCommand::Save.run(bus, 0, &Impatient(AtomicU64::new(0))).unwrap_err();
     assert!(matches!(error, MaintenanceError::Unended), "{error}");
     assert_eq!(bus.sdo_upload_u32(0, 0xB000, 2).unwrap(), 0);
     // A rejected mode.
     let fault = GatewayFault::SdoAbort { index: 0xB000, subindex: 1, code: 0x0800_0022, times: 1 };
-    bench.simulation.inject(Fault::Gateway { gateway: 0, fault });
-    let error = FlashCommand::Factory.run(bus, 0, bench.ecrt.clock().as_ref()).unwrap_err();
+    fixture.simulation.inject(Fault::Gateway { gateway: 0, fault });
+    let error = FlashCommand::Factory.run(bus, 0, fixture.ecrt.clock().as_ref()).unwrap_err();
     assert!(error.to_string().contains("0xB000:01"), "{error}");
 }
 
 #[test]
 fn requested_engineering_mode_is_kept() {
-    let bench = bench(1);
-    let bus = &bench.bus;
-    let clock = bench.ecrt.clock().as_ref();
+    let fixture = fixture(1);
+    let bus = &fixture.bus;
+    let clock = fixture.ecrt.clock().as_ref();
     bus.sdo_download(0, 0xB000, 1, &[1]).unwrap();
     for command in [FlashCommand::Save, FlashCommand::Load, FlashCommand::Factory] {
         command.run(bus, 0, clock).unwrap();

@@ -53,8 +53,8 @@ fn received(file: &Config, gateway: usize, image: &[u8]) -> u32 {
 /// Runs a list on each of two gateways in PREOP, sets them to OP and sends a frame through each.
 fn brings_gateways_to_op(lists: [Vec<Line>; 2]) {
     on_a_deep_stack(|| {
-        let mut bench = Fixture::new(&ecan_sim::echo(2));
-        let group = bench.run(async |master| {
+        let mut fixture = Fixture::new(&ecan_sim::echo(2));
+        let group = fixture.run(async |master| {
             let group: Group<PreOp> =
                 master.init_single_group::<MAX_GATEWAYS, MAX_PDI>(|| 0).await?;
             for (gateway, lines) in group.iter(master).zip(lists) {
@@ -67,8 +67,8 @@ fn brings_gateways_to_op(lists: [Vec<Line>; 2]) {
         let file = two();
         let mut echoes = [0, 0];
         for cycle in 0..20 {
-            bench.pass(MS);
-            bench.run(async |master| {
+            fixture.pass(MS);
+            fixture.run(async |master| {
                 for (nth, gateway) in group.iter(master).enumerate() {
                     let mut io = gateway.io_raw_mut();
                     if cycle == 3 {
@@ -88,8 +88,9 @@ fn brings_gateways_to_op(lists: [Vec<Line>; 2]) {
             });
         }
         assert_eq!(echoes, [1, 1]);
-        let station =
-            |gateway, channel| bench.wire.world().gateway(gateway).unwrap().station_config(channel);
+        let station = |gateway, channel| {
+            fixture.wire.world().gateway(gateway).unwrap().station_config(channel)
+        };
         for (gateway, enabled) in
             [(0, [true, false, false, false]), (1, [false, true, false, true])]
         {

@@ -72,7 +72,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Whether the cause may disappear without intervention, so that the same call can succeed later:
+    /// Returns true if the same call can succeed later without a change by the application:
     /// link lost, slave restarting, queue full (`ecan_result_is_temporary` in C).
     pub fn is_temporary(&self) -> bool {
         match self {

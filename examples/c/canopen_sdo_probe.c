@@ -1,4 +1,4 @@
-/* Reads or writes an object of a CANopen node behind a gateway (manual 15.4).
+/* Reads or writes an object of a CANopen node through a gateway (manual 15.4).
  *
  *     igh_canopen_sdo_probe --ecrt sim --node 1 --index 0x1000 --sub 0
  *     igh_canopen_sdo_probe --ecrt sim --node 1 --index 0x6081 --sub 0 --type u32 --write 5000

@@ -1,4 +1,4 @@
-/* Ten CiA 402 axes behind one or more gateways (manual 15.6): bring-up and load test.
+/* Ten CiA 402 axes on one or more gateways (manual 15.6): startup and load test.
  *
  *     igh_cia402_10axis_demo --ecrt sim --slaves 1
  *     igh_cia402_10axis_demo --ecrt sim --cycle-us 1000 --dc-sync0 --dc-shift-us 700 --step 20

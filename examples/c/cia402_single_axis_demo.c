@@ -1,5 +1,5 @@
-/* One CiA 402 axis behind a gateway (manual 15.6): configures it, enables it where it stands, and
- * moves it step by step.
+/* One CiA 402 axis on a gateway (manual 15.6): configures it, enables it at its actual position,
+ * and moves it step by step.
  *
  *     igh_cia402_single_axis_demo --ecrt sim --step 0
  *     igh_cia402_single_axis_demo --ecrt sim --step 100 --cycles 2000

@@ -98,19 +98,19 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
 static bool enter_real_time(bus_t *bus, const arguments_t *arguments)
 {
     ecan_igh_real_time_t settings;
-    char told[1024] = "";
+    char text[1024] = "";
     ecan_igh_default_real_time(&settings);
     settings.priority = (int32_t)arguments->rt_priority;
     settings.lock_memory = arguments->rt_priority != 0;
     settings.stack_bytes = STACK_BYTES;
     settings.is_required = arguments->rt_required;
-    if (ecan_igh_apply_real_time(&settings, told, sizeof(told)) != ECAN_OK ||
+    if (ecan_igh_apply_real_time(&settings, text, sizeof(text)) != ECAN_OK ||
         ecan_igh_set_cycle_timing(&bus->igh, (uint32_t)arguments->spin_us, 0) != ECAN_OK ||
         ecan_igh_measure_cycles(&bus->igh) != ECAN_OK) {
         report_sdk_error();
         return false;
     }
-    printf("%s%s", told, told[0] == '\0' ? "" : "\n");
+    printf("%s%s", text, text[0] == '\0' ? "" : "\n");
     return true;
 }
 

@@ -1,5 +1,5 @@
 /* The manual's minimal CAN loop (15.4): sends frames through ECAN-Lite gateways every cycle and
- * receives what comes back; or replays a recording and checks that it comes back unchanged.
+ * receives frames; or replays a recording and checks that every frame returns unchanged.
  *
  *     igh_simple_loop --ecrt sim
  *     igh_simple_loop --ecrt sim --replay drive.log --dump back.log

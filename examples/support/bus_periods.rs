@@ -8,10 +8,8 @@ use ecan_sim::BusFrame;
 
 use crate::log_file;
 
-/// A numbered frame on the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NumberedFrame {
-    /// Number in the frame.
     pub number: u64,
     /// Start on the bus, ns.
     pub time_ns: u64,
@@ -23,7 +21,6 @@ pub fn number_of(frame: &CanFrame, id: CanId) -> Option<u64> {
     (frame.id() == id).then(|| u64::from_le_bytes(*bytes))
 }
 
-/// Recorded frames in bus order.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BusRecord {
     frames: Vec<NumberedFrame>,
@@ -43,9 +40,6 @@ impl BusRecord {
 
     /// Reads an analyser's candump log, without frames of other CAN IDs. The first frame of a number
     /// counts as sent, the others as its echo.
-    ///
-    /// # Errors
-    /// The file cannot be read or contains no numbered frame.
     pub fn from_log(path: &Path, id: CanId) -> Result<Self, Box<dyn Error>> {
         let log = log_file::read(path)?.frames;
         let is_coarse = log.iter().all(|it| it.time_ns.is_multiple_of(1_000));
@@ -64,7 +58,6 @@ impl BusRecord {
         Ok(Self { frames, resolution_ns: if is_coarse { 1_000 } else { 1 } })
     }
 
-    /// Frames with these numbers and their periods.
     pub fn periods(&self, numbers: std::ops::Range<u64>) -> BusPeriods {
         let frames: Vec<_> =
             self.frames.iter().filter(|it| numbers.contains(&it.number)).copied().collect();
@@ -79,21 +72,17 @@ impl BusRecord {
     }
 }
 
-/// The frames of one run on the bus.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct BusPeriods {
-    /// Frames that were sent.
     pub sent: u64,
     /// Frames that precede a frame with a smaller number.
     pub order_errors: u64,
     /// Periods from frame to frame, ns.
     pub periods_ns: Vec<u64>,
-    /// The frames.
     pub frames: Vec<NumberedFrame>,
 }
 
 impl BusPeriods {
-    /// Frames that were on the bus.
     pub fn received(&self) -> u64 {
         self.frames.len() as u64
     }

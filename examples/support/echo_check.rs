@@ -15,12 +15,10 @@ pub struct EchoCheck {
 }
 
 impl EchoCheck {
-    /// Creates a check for this number of channels.
     pub fn new(channels: usize) -> Self {
         Self { pending: vec![VecDeque::new(); channels], ..Self::default() }
     }
 
-    /// Adds a sent frame.
     pub fn sent(&mut self, channel: usize, frame: CanFrame) {
         self.sent += 1;
         if let Some(queue) = self.pending.get_mut(channel) {
@@ -41,17 +39,14 @@ impl EchoCheck {
         }
     }
 
-    /// Number of frames that have not returned.
     pub fn pending(&self) -> usize {
         self.pending.iter().map(VecDeque::len).sum()
     }
 
-    /// Numbers of sent and returned frames.
     pub fn counts(&self) -> (u64, u64) {
         (self.sent, self.returned)
     }
 
-    /// Description of the first difference.
     pub fn first_difference(&self) -> Option<&str> {
         self.first_difference.as_deref()
     }

@@ -16,7 +16,7 @@ pub enum Channels {
 }
 
 impl Channels {
-    /// Whether the selection contains the channel.
+    /// Returns true if the selection contains the channel.
     pub fn contains(self, channel: u8) -> bool {
         match self {
             Self::One(one) => one == channel,
@@ -58,7 +58,7 @@ pub struct Target {
     pub slave: usize,
     /// Channel, 0 to 3.
     pub channel: u8,
-    /// Whether the channel uses CAN FD.
+    /// CAN FD instead of classic CAN.
     pub is_fd: bool,
 }
 
@@ -118,7 +118,7 @@ impl Source {
         }
     }
 
-    /// Whether all frames were sent.
+    /// Returns true if all frames were sent.
     pub fn is_done(&self) -> bool {
         self.done() >= self.total()
     }

@@ -7,12 +7,9 @@ use crate::svg::{self, Diagram};
 /// Number of bars; odd, so that symmetric distributions have a middle bar.
 const BARS: usize = 61;
 
-/// A range of times, in microseconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// Left end.
     pub low_us: f64,
-    /// Right end.
     pub high_us: f64,
 }
 
@@ -30,24 +27,16 @@ impl Range {
     }
 }
 
-/// One histogram.
 #[derive(Debug, Clone, Copy)]
 pub struct Panel<'a> {
-    /// Title.
     pub title: &'a str,
-    /// Subtitle, grey.
     pub subtitle: &'a str,
-    /// Label of the horizontal axis.
     pub axis: &'a str,
-    /// Times, ns.
     pub times_ns: &'a [u64],
-    /// Range of the horizontal axis.
     pub range: Range,
     /// Mark on the horizontal axis: the nominal period, us.
     pub mark_us: f64,
-    /// Minimum of the vertical axis, for panels that are compared.
     pub at_least: u64,
-    /// Colour of the bars.
     pub colour: &'a str,
 }
 
@@ -93,7 +82,6 @@ impl Panel<'_> {
         svg::text(svg, (middle, diagram.rows.0 + 33.0), "middle", "", self.axis);
     }
 
-    /// The number of times in the largest bar.
     pub fn largest_bar(&self) -> u64 {
         self.counts().into_iter().max().unwrap_or(0)
     }

@@ -15,7 +15,6 @@ use crate::plot::Plot;
 use crate::progress;
 use crate::real_time;
 
-/// Observations of a motion demo.
 pub struct MotionRecord {
     printer: ProgressPrinter,
     plot: Plot,
@@ -38,7 +37,6 @@ impl MotionRecord {
         }
     }
 
-    /// Prints the progress of an axis if it changed.
     pub fn print_progress(&mut self, axis: &AxisProgress) {
         self.printer.print(axis);
     }
@@ -62,10 +60,6 @@ impl MotionRecord {
         self.progress.set_position(cycle);
     }
 
-    /// Prints the cycle statistics and writes the plot.
-    ///
-    /// # Errors
-    /// The picture cannot be written.
     pub fn finish(
         &self,
         port: &Port,
@@ -78,14 +72,12 @@ impl MotionRecord {
         plot.map_or(Ok(()), |path| self.plot.write(path, cia402))
     }
 
-    /// Table of the axes.
     pub fn table(&self, cia402: &Cia402) -> String {
         self.progress.finish_and_clear();
         motion_table::table(cia402)
     }
 }
 
-/// Prints the progress of an axis when it changes.
 #[derive(Default)]
 struct ProgressPrinter {
     printed: HashMap<usize, String>,

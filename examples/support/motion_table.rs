@@ -37,8 +37,8 @@ pub fn table(cia402: &Cia402) -> String {
         if let Some(reason) = statistics.last_hold {
             let _ = writeln!(text, "   held {} time(s), last: {reason}", statistics.holds);
         }
-        if let Some(trouble) = cia402.error(axis) {
-            let _ = writeln!(text, "   {trouble}");
+        if let Some(error) = cia402.error(axis) {
+            let _ = writeln!(text, "   {error}");
         }
     }
     text

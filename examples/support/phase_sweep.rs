@@ -1,7 +1,7 @@
 //! Finding a Sync0 shift and an offset by trying them (manual 15.6.1, 16.1).
 
 use ecan_host::{Diagnostics, Error};
-use ecan_mcan_port::{Port, PortError, THIN_MARGIN_NS};
+use ecan_mcan_port::{Port, PortError};
 use thiserror::Error;
 
 use crate::phase_table::{PhasePoint, PhaseTable};
@@ -9,25 +9,21 @@ use crate::phase_table::{PhasePoint, PhaseTable};
 /// Flags of 0xB000:06 about scheduled transmission: late drop, queue full, transmit failure, missed
 /// timer.
 const SCHEDULE_FLAGS: u16 = 0x3C0;
-/// Cycles without frames that let those under way come back, beside those of two Sync0 periods.
-const QUIET_CYCLES: u64 = 4;
+/// Cycles without frames after those of two Sync0 periods, until pending frames have returned.
+const IDLE_CYCLES: u64 = 4;
+/// Cycles of each candidate that are not measured.
+const SETTLE_CYCLES: u32 = 20;
 
-/// The candidates of a sweep, and how long each is tried.
+/// Candidates of a sweep, and their duration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PhaseSweep {
     /// Sync0 shifts in nanoseconds, each below the Sync0 period.
     pub shifts_ns: Vec<u32>,
-    /// Offsets behind Sync0 in nanoseconds, each below the Sync0 period.
+    /// Offsets after Sync0 in nanoseconds, each below the Sync0 period.
     pub offsets_ns: Vec<u32>,
-    /// Cycles of each candidate that are not measured.
-    pub settle_cycles: u32,
-    /// Cycles of each candidate that are measured. The rare delays of a machine show in long runs
-    /// only: let the recommended point run for minutes before it is relied on (manual 15.6.1).
+    /// Measured cycles of each candidate. Rare delays of a machine show only in long runs: confirm
+    /// the recommended point in a run of minutes (manual 15.6.1).
     pub cycles: u32,
-    /// What the arrival of images has to keep from a Sync0 pulse, in nanoseconds.
-    pub arrival_margin_ns: u32,
-    /// The offset margin that the recommended point shall have, in nanoseconds.
-    pub offset_margin_ns: u32,
 }
 
 impl PhaseSweep {
@@ -36,15 +32,12 @@ impl PhaseSweep {
         Self {
             shifts_ns: (0..10).map(|nth| period_ns / 10 * nth).collect(),
             offsets_ns: (0..6).map(|nth| period_ns / 10 * nth).collect(),
-            settle_cycles: 20,
             cycles: 1_000,
-            arrival_margin_ns: THIN_MARGIN_NS,
-            offset_margin_ns: 50_000,
         }
     }
 }
 
-/// Why a sweep failed.
+/// Error of a sweep.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum PhaseSweepError {
@@ -54,50 +47,38 @@ pub enum PhaseSweepError {
     /// The Port failed.
     #[error(transparent)]
     Port(#[from] PortError),
-    /// A shift is not below the Sync0 period.
-    #[error("the shift of {shift_ns} ns is not below the Sync0 period of {sync0_ns} ns")]
-    Shift {
-        /// The shift, in nanoseconds.
-        shift_ns: u32,
-        /// The Sync0 period, in nanoseconds.
-        sync0_ns: u32,
-    },
-    /// An offset is not below the Sync0 period.
-    #[error("the offset of {offset_ns} ns is not below the Sync0 period of {sync0_ns} ns")]
-    Offset {
-        /// The offset, in nanoseconds.
-        offset_ns: u32,
+    /// A shift or an offset is not below the Sync0 period.
+    #[error("the {value} of {ns} ns is not below the Sync0 period of {sync0_ns} ns")]
+    Beyond {
+        /// The kind of the value.
+        value: &'static str,
+        /// The value, in nanoseconds.
+        ns: u32,
         /// The Sync0 period, in nanoseconds.
         sync0_ns: u32,
     },
     /// The number of measured cycles is 0.
-    #[error("no cycle is to be measured: nothing would tell a good phase from a bad one")]
+    #[error("0 cycles cannot be measured; set at least 1")]
     NoCycles,
 }
 
 impl PhaseSweep {
     fn check(&self, sync0_ns: u32) -> Result<(), PhaseSweepError> {
-        let beyond = |ns: &&u32| **ns >= sync0_ns;
-        if let Some(&shift_ns) = self.shifts_ns.iter().find(beyond) {
-            return Err(PhaseSweepError::Shift { shift_ns, sync0_ns });
-        }
-        if let Some(&offset_ns) = self.offsets_ns.iter().find(beyond) {
-            return Err(PhaseSweepError::Offset { offset_ns, sync0_ns });
+        for (value, all) in [("shift", &self.shifts_ns), ("offset", &self.offsets_ns)] {
+            if let Some(&ns) = all.iter().find(|ns| **ns >= sync0_ns) {
+                return Err(PhaseSweepError::Beyond { value, ns, sync0_ns });
+            }
         }
         if self.cycles == 0 { Err(PhaseSweepError::NoCycles) } else { Ok(()) }
     }
 }
 
-/// What happened in all gateways so far.
+/// Counters of all gateways.
 #[derive(Debug, Clone, Default)]
 struct Counts {
-    incomplete_cycles: u64,
-    sessions_lost: u64,
-    late_drops: u64,
-    other_drops: u64,
-    host_drops: u64,
-    taken: u64,
-    /// Per gateway: frames that were to be scheduled, and those that the Port took.
+    /// Incomplete cycles, lost sessions, late drops, other drops, host drops and accepted frames.
+    sums: [u64; 6],
+    /// Per gateway: frames that were to be scheduled, and those that the Port scheduled.
     scheduled: Vec<(u64, u64)>,
 }
 
@@ -106,19 +87,19 @@ impl Counts {
         let mut counts = Self::default();
         for gateway in port.gateways() {
             let statistics = port.statistics(gateway);
-            counts.incomplete_cycles += statistics.incomplete_cycles;
-            counts.sessions_lost += statistics.sessions_lost;
-            let (mut scheduled, mut asked, mut taken) = (0, 0, 0);
+            let [incomplete, lost, late, other, host, accepted] = &mut counts.sums;
+            *incomplete += statistics.incomplete_cycles;
+            *lost += statistics.sessions_lost;
+            let (mut asked, mut scheduled) = (0, 0);
             for channel in port.channels().filter(|channel| channel.gateway() == gateway) {
                 let account = port.schedule_account(channel);
-                scheduled += account.scheduled;
                 asked += account.asked;
-                taken += account.accepted;
-                counts.late_drops += account.late_dropped;
-                counts.other_drops += account.queue_full + account.not_sent;
-                counts.host_drops += account.refused_late + account.withdrawn;
+                scheduled += account.scheduled;
+                *late += account.late_dropped;
+                *other += account.queue_full + account.not_sent;
+                *host += account.refused_late + account.withdrawn;
+                *accepted += account.accepted;
             }
-            counts.taken += taken;
             counts.scheduled.push((asked, scheduled));
         }
         counts
@@ -127,15 +108,15 @@ impl Counts {
 
 /// Tries every shift with every offset and reports the losses at each.
 ///
-/// Reconfigures the Port for every shift, and afterwards as it was before. `cycle` runs one cycle of
-/// the application, from `begin_cycle` to its end, with its frames scheduled at the offset that it
-/// gets, at least one for each gateway and Sync0 period: a point is good only if all were accepted.
-/// Its errors end the sweep. For each candidate the gateways' runtime diagnostics are cleared
-/// (0xB000:04 and 0x9011:14) and read afterwards. With
+/// Reconfigures the Port for every shift, and restores it afterwards. `cycle` runs one cycle of the
+/// application, from `begin_cycle` to its end, with its frames scheduled at the given offset, at
+/// least one for each gateway and Sync0 period: a point is good only if all were accepted. Its errors
+/// end the sweep. For each candidate the gateways' runtime diagnostics are cleared (0xB000:04 and
+/// 0x9011:14) and read afterwards. With
 /// [`OptionFlags::TX_RESULT`](ecan_protocol::image::OptionFlags::TX_RESULT) late frames are counted,
 /// otherwise only a flag reports them. `progress` gets each finished point.
 ///
-/// Blocks for the whole sweep; not for a machine at work.
+/// Blocks for the whole sweep; not for a machine in production.
 ///
 /// # Errors
 /// [`PhaseSweepError`]; errors of the application. A shift with which the gateways do not become
@@ -151,8 +132,6 @@ pub fn sweep_phase<E: From<PhaseSweepError>>(
     sweep.check(dc.cycle_ns)?;
     let mut table = PhaseTable {
         period_ns: dc.cycle_ns,
-        arrival_margin_ns: sweep.arrival_margin_ns,
-        offset_margin_ns: sweep.offset_margin_ns,
         points: Vec::with_capacity(sweep.shifts_ns.len() * sweep.offsets_ns.len()),
     };
     let mut end = Ok(());
@@ -189,7 +168,7 @@ fn try_phase<E: From<PhaseSweepError>>(
 ) -> Result<(), E> {
     let failed = |error| PhaseSweepError::Port(PortError::Adapter(error));
     let offset_ns = point.offset_ns;
-    for _ in 0..sweep.settle_cycles {
+    for _ in 0..SETTLE_CYCLES {
         port.wait_next_cycle();
         cycle(port, offset_ns)?;
     }
@@ -205,12 +184,14 @@ fn try_phase<E: From<PhaseSweepError>>(
     run_idle_cycles(port);
     let after = Counts::of(port);
     point.cycles = sweep.cycles.into();
-    point.incomplete_cycles = after.incomplete_cycles - before.incomplete_cycles;
-    point.sessions_lost = after.sessions_lost - before.sessions_lost;
-    point.late_drops = after.late_drops - before.late_drops;
-    point.other_drops = after.other_drops - before.other_drops;
-    point.host_drops = after.host_drops - before.host_drops;
-    point.taken = after.taken - before.taken;
+    [
+        point.incomplete_cycles,
+        point.sessions_lost,
+        point.late_drops,
+        point.other_drops,
+        point.host_drops,
+        point.accepted,
+    ] = std::array::from_fn(|sum| after.sums[sum] - before.sums[sum]);
     let config = port.adapter().config();
     let (cycle_ns, period_ns) = (config.cycle_ns(), config.dc.map_or(0, |dc| dc.cycle_ns));
     let periods = u64::from(sweep.cycles) * u64::from(cycle_ns) / u64::from(period_ns.max(1));
@@ -229,23 +210,23 @@ fn try_phase<E: From<PhaseSweepError>>(
     Ok(())
 }
 
-/// Runs cycles without frames until those sent before have left. Discards what is received, but
-/// transmit results count.
+/// Runs cycles without frames until all frames have been sent. Drops received frames; transmit
+/// results count.
 fn run_idle_cycles(port: &mut Port) {
     // A pulse comes within one period, the phase after it within another.
     let config = port.adapter().config();
     let phases_ns = config.dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns));
-    for _ in 0..phases_ns.div_ceil(config.cycle_ns().max(1).into()) + QUIET_CYCLES {
+    for _ in 0..phases_ns.div_ceil(config.cycle_ns().max(1).into()) + IDLE_CYCLES {
         // A cycle that fails shows in the working counters.
         port.next_cycle().received().for_each(drop);
     }
 }
 
-/// What the gateways told after a candidate.
+/// Diagnostics of the gateways after a candidate.
 #[derive(Debug, Clone, Copy, Default)]
 struct CandidateCounts {
     flags: u16,
-    /// Shortest distances of arrivals from the pulse before and to the pulse behind.
+    /// Shortest distances of arrivals from the previous pulse and to the next one.
     arrival_ns: Option<(u32, u32)>,
 }
 
@@ -262,22 +243,22 @@ fn read(
     slaves: usize,
     period_ns: u32,
 ) -> Result<CandidateCounts, Error> {
-    let mut told = CandidateCounts::default();
+    let mut counts = CandidateCounts::default();
     for slave in 0..slaves {
         let upload = |index, subindex| diagnostics.sdo_upload_u32(slave, index, subindex);
-        told.flags |= upload(0xB000, 6)? as u16 & SCHEDULE_FLAGS;
+        counts.flags |= upload(0xB000, 6)? as u16 & SCHEDULE_FLAGS;
         let clock_hz = u64::from(upload(0x8000, 4)?);
         let (least, most) = (upload(0x9011, 4)? as i32, upload(0x9011, 5)? as i32);
         let Some((after, before)) = distances(least, most, clock_hz, period_ns) else { continue };
-        let (a, b) = told.arrival_ns.unwrap_or((after, before));
-        told.arrival_ns = Some((a.min(after), b.min(before)));
+        let (a, b) = counts.arrival_ns.unwrap_or((after, before));
+        counts.arrival_ns = Some((a.min(after), b.min(before)));
     }
-    Ok(told)
+    Ok(counts)
 }
 
-/// Shortest distances in nanoseconds from the pulse before and to the pulse behind, of arrivals
-/// between `least` and `most` CPU cycles behind a pulse. None where a gateway does not measure
-/// them, or means something else by them.
+/// Shortest distances in nanoseconds from the previous pulse and to the next one, of arrivals
+/// between `least` and `most` CPU cycles after a pulse. `None` if a gateway does not measure them,
+/// or the values are implausible.
 fn distances(least: i32, most: i32, clock_hz: u64, period_ns: u32) -> Option<(u32, u32)> {
     let ns = |cycles: i32| (i64::from(cycles) * 1_000_000_000).checked_div(clock_hz as i64);
     let (least_ns, most_ns, period_ns) = (ns(least)?, ns(most)?, i64::from(period_ns));
@@ -299,7 +280,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn arrivals_before_and_behind_the_pulse_have_their_distances() {
+    fn arrivals_around_a_pulse_have_their_distances() {
         let of = |least, most| distances(least, most, 500_000_000, 1_000_000);
         assert_eq!(of(100_000, 150_000), Some((200_000, 700_000)));
         assert_eq!(of(-150_000, -100_000), Some((700_000, 200_000)), "before the pulse");

@@ -1,78 +1,72 @@
-//! What a sweep over Sync0 shifts and offsets found, and which point it recommends
-//! (manual 15.6.1).
+//! Results of a sweep over Sync0 shifts and offsets, and the recommended point (manual 15.6.1).
 
 use std::fmt;
 
-/// What one candidate brought.
+use ecan_mcan_port::THIN_MARGIN_NS;
+
+/// Results of a candidate.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PhasePoint {
-    /// Sync0 shift, in nanoseconds.
     pub shift_ns: u32,
-    /// Offset of scheduled frames behind Sync0, in nanoseconds.
+    /// Offset of scheduled frames after Sync0, in nanoseconds.
     pub offset_ns: u32,
-    /// Cycles that were measured.
     pub cycles: u64,
-    /// Frames that the Port took to be scheduled, for all gateways.
+    /// Scheduled frames, for all gateways.
     pub scheduled: u64,
-    /// Frames among them that the gateways took.
-    pub taken: u64,
-    /// Gateways for which the Port took less than one frame in a Sync0 period, although it was
-    /// asked to.
+    /// Frames among them that the gateways accepted.
+    pub accepted: u64,
+    /// Gateways with less than one scheduled frame per Sync0 period, although more were requested.
     pub short_gateways: u32,
-    /// Cycles whose working counter was not complete, over all gateways.
+    /// Cycles with an incomplete working counter, over all gateways.
     pub incomplete_cycles: u64,
-    /// Times that a gateway was lost.
     pub sessions_lost: u64,
     /// Frames that the gateways dropped as late, by their results.
     pub late_drops: u64,
     /// Frames that were lost for another reason, by their results.
     pub other_drops: u64,
-    /// Frames that the Port refused or took back since the cycle came too late.
+    /// Frames that the Port rejected or withdrew because the cycle was late.
     pub host_drops: u64,
-    /// Flags of 0xB000:06 that came up, of scheduled transmission only.
+    /// Flags of 0xB000:06 that were set, of scheduled transmission only.
     pub flags: u16,
-    /// Shortest distance from a Sync0 pulse to the next image that arrived, in nanoseconds
-    /// (0x9011:04); none where the gateway does not tell.
+    /// Shortest distance from a Sync0 pulse to the next arrival of an image, in nanoseconds
+    /// (0x9011:04); `None` if the gateway does not report it.
     pub arrival_after_pulse_ns: Option<u32>,
-    /// Shortest distance from an image that arrived to the next Sync0 pulse, in nanoseconds
+    /// Shortest distance from the arrival of an image to the next Sync0 pulse, in nanoseconds
     /// (0x9011:05).
     pub arrival_before_pulse_ns: Option<u32>,
     /// Reason that the gateways did not become ready with this shift.
     pub failure: Option<String>,
 }
 
-/// Distances of a good point to the next candidates that are not good, in nanoseconds; where there
-/// is none, to the end of what was tried, and for shifts the whole period.
+/// Distances of a good point to the next candidates that are not good, in nanoseconds; without such
+/// a candidate, to the last tested offset, and for shifts the whole period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PhaseMargins {
-    /// Towards smaller shifts.
     pub shift_below_ns: u32,
-    /// Towards larger shifts.
     pub shift_above_ns: u32,
-    /// Towards smaller offsets: what may be lost before frames come late.
+    /// Towards smaller offsets: before frames are late.
     pub offset_below_ns: u32,
-    /// Towards larger offsets.
     pub offset_above_ns: u32,
 }
 
-/// Everything that a sweep found.
+/// Distance of arrivals from a pulse in a good point, at least, in nanoseconds.
+const ARRIVAL_MARGIN_NS: u32 = THIN_MARGIN_NS;
+/// Offset margin of the recommended point if possible, in nanoseconds.
+const OFFSET_MARGIN_NS: u32 = 50_000;
+
+/// Results of all candidates.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PhaseTable {
-    /// The Sync0 period, in nanoseconds.
     pub period_ns: u32,
-    /// What the arrival of images keeps from a pulse in a good point at least, in nanoseconds.
-    pub arrival_margin_ns: u32,
-    /// The offset margin that the recommended point has, if one does, in nanoseconds.
-    pub offset_margin_ns: u32,
     /// The candidates, by shift and then by offset.
     pub points: Vec<PhasePoint>,
 }
 
 impl PhaseTable {
-    /// Whether frames were sent at a point, none was lost or refused there, and no image came near
-    /// a pulse.
+    /// Returns true if frames were sent at a point, none was lost or rejected there, and no image
+    /// arrived near a pulse.
     pub fn is_good(&self, point: &PhasePoint) -> bool {
-        let keeps = |distance: Option<u32>| distance.is_none_or(|ns| ns >= self.arrival_margin_ns);
+        let keeps = |distance: Option<u32>| distance.is_none_or(|ns| ns >= ARRIVAL_MARGIN_NS);
         let lost = point.incomplete_cycles
             + point.sessions_lost
             + point.late_drops
@@ -80,7 +74,7 @@ impl PhaseTable {
             + point.host_drops;
         lost == 0
             && point.scheduled > 0
-            && point.taken == point.scheduled
+            && point.accepted == point.scheduled
             && point.short_gateways == 0
             && point.failure.is_none()
             && point.flags == 0
@@ -88,7 +82,7 @@ impl PhaseTable {
             && keeps(point.arrival_before_pulse_ns)
     }
 
-    /// The margins of a good point; none of one that is not.
+    /// Margins of a good point.
     pub fn margins(&self, point: &PhasePoint) -> Option<PhaseMargins> {
         if !self.is_good(point) {
             return None;
@@ -102,7 +96,7 @@ impl PhaseTable {
         };
         let bad = |other: &&PhasePoint| !self.is_good(other);
         for other in self.points.iter().filter(|o| o.offset_ns == offset_ns).filter(bad) {
-            // The shift goes round.
+            // Shifts are cyclic.
             let below = around(shift_ns, other.shift_ns, self.period_ns);
             let above = around(other.shift_ns, shift_ns, self.period_ns);
             margins.shift_below_ns = margins.shift_below_ns.min(below);
@@ -121,24 +115,23 @@ impl PhaseTable {
         Some(margins)
     }
 
-    /// The point to run with: the smallest offset at which frames keep the offset margin, or else
-    /// the largest margin, and there the shift that is farthest from every bad one. Of two that are
-    /// exactly as far the one with more room below: cycles come late, not early, and some later than
-    /// any that was measured. None where no point is good.
+    /// The recommended point: the smallest offset with the offset margin, or else the largest
+    /// margin, and there the shift that is farthest from every bad one. Of two equally distant ones
+    /// the one with more distance below: cycles are late, not early, and some later than measured.
     pub fn recommended(&self) -> Option<&PhasePoint> {
         let rank = |point: &&PhasePoint| {
             let margins = self.margins(point).unwrap_or_default();
-            let wanted = margins.offset_below_ns.min(self.offset_margin_ns);
+            let offset_margin = margins.offset_below_ns.min(OFFSET_MARGIN_NS);
             let shift = margins.shift_below_ns.min(margins.shift_above_ns);
             use std::cmp::Reverse;
             let below = margins.shift_below_ns;
-            (wanted, Reverse(point.offset_ns), shift, below, Reverse(point.shift_ns))
+            (offset_margin, Reverse(point.offset_ns), shift, below, Reverse(point.shift_ns))
         };
         self.points.iter().filter(|point| self.is_good(point)).max_by_key(rank)
     }
 }
 
-/// From `to` upwards to `from` on a ring of `period`; a whole period where they are the same.
+/// Cyclic distance from `to` upwards to `from`; a whole period if they are equal.
 fn around(from: u32, to: u32, period: u32) -> u32 {
     if from > to { from - to } else { (period - to).saturating_add(from) }
 }
@@ -153,7 +146,7 @@ impl fmt::Display for PhaseTable {
             "{:>9} {:>9} {:>13} {:>7} {:>6} {:>6} {:>6} {:>6} {:>17} {:>17} {:>15}",
             "shift us",
             "offset us",
-            "taken",
+            "accepted",
             "WC miss",
             "late",
             "other",
@@ -172,7 +165,7 @@ impl fmt::Display for PhaseTable {
             let pair = |below: f64, above: f64| format!("-{below:.0}/+{above:.0}");
             let arrival = match (point.arrival_after_pulse_ns, point.arrival_before_pulse_ns) {
                 (Some(after), Some(before)) => pair(us(after), us(before)),
-                _ => "not told".to_owned(),
+                _ => "unknown".to_owned(),
             };
             let margins = self.margins(point);
             let shift = margins.map(|m| pair(us(m.shift_below_ns), us(m.shift_above_ns)));
@@ -180,7 +173,7 @@ impl fmt::Display for PhaseTable {
             write!(
                 f,
                 "{:>13} {:>7} {:>6} {:>6} {:>6} {:>6} {arrival:>17} {:>17} {:>15}",
-                format!("{}/{}", point.taken, point.scheduled),
+                format!("{}/{}", point.accepted, point.scheduled),
                 point.incomplete_cycles,
                 point.late_drops,
                 point.other_drops,
@@ -228,22 +221,17 @@ mod tests {
                     offset_ns: offset * 1_000,
                     cycles: 10,
                     scheduled: 10,
-                    taken: 10,
+                    accepted: 10,
                     late_drops: u64::from(!is_good(shift, offset)),
                     ..PhasePoint::default()
                 });
             }
         }
-        PhaseTable {
-            period_ns: 1_000_000,
-            arrival_margin_ns: 10_000,
-            offset_margin_ns: 50_000,
-            points,
-        }
+        PhaseTable { period_ns: 1_000_000, points }
     }
 
     #[test]
-    fn the_middle_of_the_good_shifts_is_recommended() {
+    fn middle_of_the_good_shifts_is_recommended() {
         // Bad are 800, 900, 0 and 100 us, and an offset of 0.
         let table = table(|shift, offset| (200..800).contains(&shift) && offset > 0);
         let best = table.recommended().unwrap();
@@ -262,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn good_shifts_go_round_the_period() {
+    fn good_shifts_are_cyclic() {
         let table = table(|shift, _| !(300..=600).contains(&shift));
         let best = table.recommended().unwrap();
         assert_eq!((best.shift_ns, best.offset_ns), (0, 50_000));
@@ -271,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_good_recommends_nothing_and_everything_good_has_the_whole_period() {
+    fn no_or_all_good_points_have_no_limits() {
         let none = table(|_, _| false);
         assert!(none.recommended().is_none() && none.to_string().contains("no point is good"));
         let all = table(|_, _| true);
@@ -280,12 +268,12 @@ mod tests {
     }
 
     #[test]
-    fn each_trouble_makes_a_point_bad() {
+    fn each_fault_makes_a_point_bad() {
         let table = table(|_, _| true);
-        let troubles: [fn(&mut PhasePoint); 11] = [
+        let faults: [fn(&mut PhasePoint); 11] = [
             |point| point.incomplete_cycles = 1,
-            |point| (point.scheduled, point.taken) = (0, 0),
-            |point| point.taken = 9,
+            |point| (point.scheduled, point.accepted) = (0, 0),
+            |point| point.accepted = 9,
             |point| point.short_gateways = 1,
             |point| point.sessions_lost = 1,
             |point| point.other_drops = 1,
@@ -295,10 +283,10 @@ mod tests {
             |point| point.arrival_before_pulse_ns = Some(9_999),
             |point| point.failure = Some("no OP".into()),
         ];
-        for trouble in troubles {
+        for fault in faults {
             let mut point = table.points[0].clone();
             assert!(table.is_good(&point));
-            trouble(&mut point);
+            fault(&mut point);
             assert!(!table.is_good(&point) && table.margins(&point).is_none(), "{point:?}");
         }
     }

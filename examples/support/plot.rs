@@ -23,7 +23,6 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// Creates a plot for this number of axes and cycles.
     pub fn new(axes: usize, cycles: u64) -> Self {
         let every = cycles.div_ceil(SAMPLES).max(1);
         let samples = usize::try_from(cycles / every + 1).unwrap_or(0);
@@ -39,10 +38,6 @@ impl Plot {
         }
     }
 
-    /// Writes the picture.
-    ///
-    /// # Errors
-    /// The file cannot be written.
     pub fn write(&self, path: &Path, cia402: &Cia402) -> Result<(), Box<dyn Error>> {
         let picture = svg::picture(WIDTH, PANEL * self.axes.len() as f64 + 10.0, |svg| {
             for (axis, samples) in self.axes.iter().enumerate() {

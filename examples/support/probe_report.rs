@@ -18,24 +18,17 @@ const COLOURS: [&str; 2] = ["#d9542b", "#0b62a4"];
 /// One row of the table: a measurement, and its frames on the bus if recorded.
 #[derive(Debug)]
 pub struct Row {
-    /// Measurement of the host.
     pub result: ModeResult,
-    /// Recording of the bus.
     pub bus: Option<BusPeriods>,
 }
 
-/// Report of all measurements.
 #[derive(Debug)]
 pub struct Report {
-    /// Nominal cycle.
     pub cycle: std::time::Duration,
-    /// Description of the setup.
     pub setting: String,
-    /// Banner of a simulated run.
     pub banner: Option<String>,
     /// Source of the times on the bus, or the reason for their absence.
     pub bus_source: String,
-    /// The measurements.
     pub rows: Vec<Row>,
 }
 
@@ -105,9 +98,6 @@ impl Report {
     }
 
     /// Writes one line per frame: mode, number, start of its cycle, time and period on the bus, ns.
-    ///
-    /// # Errors
-    /// The file cannot be written.
     pub fn write_csv(&self, path: &Path) -> Result<(), Box<dyn Error>> {
         let mut csv = String::from("mode,number,cycle_start_ns,bus_ns,bus_period_ns\n");
         for row in &self.rows {
@@ -120,9 +110,9 @@ impl Report {
             for (nth, frame) in row.bus.iter().flat_map(|bus| &bus.frames).enumerate() {
                 let period =
                     row.bus.as_ref().and_then(|bus| bus.periods_ns.get(nth.checked_sub(1)?));
-                let place = usize::try_from(frame.number - start)?;
-                if let Some(place) = on_bus.get_mut(place) {
-                    *place = Some((frame.time_ns, period.copied()));
+                let index = usize::try_from(frame.number - start)?;
+                if let Some(entry) = on_bus.get_mut(index) {
+                    *entry = Some((frame.time_ns, period.copied()));
                 }
             }
             for (number, (sent_ns, bus)) in (start..).zip(row.result.sent_ns.iter().zip(on_bus)) {
@@ -135,9 +125,6 @@ impl Report {
     }
 
     /// Writes the picture, as a page with the table (`.html`) or alone (`.svg`).
-    ///
-    /// # Errors
-    /// The file cannot be written.
     pub fn write_picture(&self, path: &Path) -> Result<(), Box<dyn Error>> {
         if path.extension().is_some_and(|extension| extension == "svg") {
             return svg::write(path, &self.svg());
@@ -174,21 +161,20 @@ impl Report {
         )
     }
 
-    /// Notes below the table.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = vec![self.bus_source.clone()];
         for Row { result, .. } in &self.rows {
-            if result.refused > 0 {
+            if result.rejected > 0 {
                 notes.push(format!(
-                    "{}: {} times a frame had to wait for the next cycle",
-                    result.mode, result.refused
+                    "{}: {} temporary rejections; the frame was sent in a later cycle",
+                    result.mode, result.rejected
                 ));
             }
             let account = &result.account;
             if account.scheduled > 0 {
                 notes.push(format!(
-                    "{}: of {} frames the gateway says: {} sent, {} late, {} without room, {} not \
-                     sent for another reason, {} not told; {} taken back by the host",
+                    "{}: results of {} frames: {} sent, {} late, {} rejected by a full queue, {} \
+                     not sent for another reason, {} unknown; {} withdrawn by the host",
                     result.mode,
                     account.scheduled,
                     account.sent,

@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 /// Steps below which a bar would only flicker.
 const LONG: u64 = 500;
 
-/// A bar on standard error, hidden for short runs and where no person looks.
+/// A bar on standard error, hidden for short runs and if standard error is not a terminal.
 pub fn bar(total: u64) -> ProgressBar {
     if total < LONG || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();

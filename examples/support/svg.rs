@@ -15,10 +15,6 @@ pub fn picture(width: f64, height: f64, draw: impl FnOnce(&mut String)) -> Strin
     svg + "</svg>\n"
 }
 
-/// Writes a file.
-///
-/// # Errors
-/// The file cannot be written.
 pub fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
     std::fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()).into())
 }
@@ -33,7 +29,6 @@ pub fn text(svg: &mut String, (x, y): (f64, f64), anchor: &str, style: &str, con
     );
 }
 
-/// Adds a line between two positions in pixels.
 pub fn line(svg: &mut String, [(x1, y1), (x2, y2)]: [(f64, f64); 2], style: &str) {
     let _ = writeln!(
         svg,
@@ -41,7 +36,6 @@ pub fn line(svg: &mut String, [(x1, y1), (x2, y2)]: [(f64, f64); 2], style: &str
     );
 }
 
-/// Escapes a text for XML and HTML.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -90,7 +84,6 @@ impl Diagram {
         }
     }
 
-    /// Adds a horizontal line with its label.
     pub fn label_row(&self, svg: &mut String, value: f64, label: &str) {
         let (left, right) = self.columns;
         let y = self.at((self.x.0, value)).1;
@@ -98,7 +91,6 @@ impl Diagram {
         text(svg, (left - 6.0, y + 4.0), "end", "fill=\"#555\"", label);
     }
 
-    /// Adds a curve through values.
     pub fn curve(&self, svg: &mut String, values: impl Iterator<Item = (f64, f64)>, colour: &str) {
         let points: Vec<_> =
             values.map(|value| self.at(value)).map(|(x, y)| format!("{x:.1},{y:.1}")).collect();

@@ -15,24 +15,24 @@ use ecan_protocol::image::Schedule;
 use crate::interrupt::Interrupt;
 use crate::timeouts::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS};
 
-/// Identifier of the frames.
+/// CAN ID of the frames.
 pub const PROBE_ID: u16 = 0x123;
 /// Bytes of a classic frame and of a CAN FD frame.
 const CLASSIC_BYTES: usize = 8;
 const FD_BYTES: usize = 16;
 /// Cycles without a frame before each measurement.
 const SETTLE_CYCLES: u32 = 50;
-/// The end waits so long for the gateway's last word, in nanoseconds.
+/// Time to wait for the results of the gateway at the end, ns.
 const ACCOUNT_NS: u64 = 2_000_000_000;
 
-/// How the frames are sent.
+/// Transmission mode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// Sent by the gateway when it has taken the image.
+    /// Sent by the gateway on arrival of the image.
     Direct,
     /// Sent by the gateway at a phase of Sync0.
     Scheduled {
-        /// The phase behind Sync0, in nanoseconds.
+        /// The phase after Sync0, in nanoseconds.
         offset_ns: u32,
     },
 }
@@ -48,21 +48,21 @@ impl fmt::Display for Mode {
     }
 }
 
-/// Where the frames go.
+/// Target of the frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Target {
     /// Slave index.
     pub slave: usize,
     /// CAN channel.
     pub channel: u8,
-    /// Whether they are CAN FD frames with bit rate switch.
+    /// CAN FD frames with bit rate switch.
     pub is_fd: bool,
 }
 
-/// What one measurement brought, as far as the host sees it.
+/// Results of a measurement on the host.
 #[derive(Debug, Clone)]
 pub struct ModeResult {
-    /// How the frames were sent.
+    /// Transmission mode.
     pub mode: Mode,
     /// Their numbers.
     pub numbers: Range<u64>,
@@ -70,13 +70,13 @@ pub struct ModeResult {
     pub statistics: CycleStatistics,
     /// The periods of these cycles, in nanoseconds.
     pub master_periods_ns: Vec<u64>,
-    /// When the cycle of each frame began, in nanoseconds of the library's clock.
+    /// Start of the cycle of each frame, in nanoseconds of the library's clock.
     pub sent_ns: Vec<u64>,
-    /// Times that a frame had to wait for the next cycle.
-    pub refused: u64,
-    /// What became of scheduled frames; all 0 for others.
+    /// Temporary rejections; the frame was sent in a later cycle.
+    pub rejected: u64,
+    /// Results of scheduled frames; all 0 for others.
     pub account: ScheduleAccount,
-    /// Cycles whose working counter was not complete.
+    /// Cycles with an incomplete working counter.
     pub incomplete_cycles: u64,
 }
 
@@ -84,7 +84,7 @@ impl Target {
     /// Sends the frame of a number.
     ///
     /// # Errors
-    /// Why it was not taken.
+    /// The frame was rejected.
     pub fn send(
         &self,
         cycle: &mut Cycle<'_>,
@@ -115,17 +115,17 @@ impl Target {
     /// The frames of a measurement, sent directly, for a [`PortPlan`](ecan_mcan_port::PortPlan).
     ///
     /// # Errors
-    /// A frame that cannot be, which none of this program's is.
+    /// An invalid frame.
     pub fn traffic(&self) -> Result<FrameStream, FrameError> {
         let Self { slave, channel, .. } = *self;
         Ok(FrameStream::to_bus(slave, channel, self.frame(0)?, FrameRate::PerCycle(1)))
     }
 
-    /// One cycle for a sweep: a frame scheduled at this offset. One that is refused for now shows
-    /// in the account.
+    /// Runs one cycle of a sweep, with a frame scheduled at this offset. The account contains a
+    /// temporarily rejected one.
     ///
     /// # Errors
-    /// The library's.
+    /// The library failed.
     pub fn sweep_cycle(&self, port: &mut Port, offset_ns: u32) -> Result<(), PortError> {
         let mut cycle = port.begin_cycle();
         cycle.received().for_each(drop);
@@ -134,10 +134,10 @@ impl Target {
         Ok(())
     }
 
-    /// Sends the frames of these numbers, one per cycle, and waits for what is under way.
+    /// Sends the frames of these numbers, one per cycle, and waits for pending ones.
     ///
     /// # Errors
-    /// Frames that are not taken, or a library that fails for many cycles.
+    /// Frames are rejected, or the library fails, for many cycles.
     pub fn measure(
         &self,
         port: &mut Port,
@@ -157,7 +157,7 @@ impl Target {
             statistics: CycleStatistics::new(cycle_ns),
             master_periods_ns: Vec::with_capacity(capacity),
             sent_ns: Vec::with_capacity(capacity),
-            refused: 0,
+            rejected: 0,
             account: ScheduleAccount::default(),
             incomplete_cycles: 0,
         };
@@ -165,7 +165,7 @@ impl Target {
             port.next_cycle().finish();
         }
         let mut number = numbers.start;
-        let (mut last_taken_ns, mut begun_before) = (clock.now_ns(), None);
+        let (mut last_sent_ns, mut begun_before) = (clock.now_ns(), None);
         while number < numbers.end && !interrupt.is_set() {
             port.wait_next_cycle();
             let start = port.adapter().cycle_start();
@@ -184,15 +184,15 @@ impl Target {
                 Ok(_) => {
                     result.sent_ns.push(begun_ns);
                     number += 1;
-                    last_taken_ns = begun_ns;
+                    last_sent_ns = begun_ns;
                 }
                 Err(error)
                     if error.is_temporary()
-                        && begun_ns.saturating_sub(last_taken_ns) < STALL_TIMEOUT_NS =>
+                        && begun_ns.saturating_sub(last_sent_ns) < STALL_TIMEOUT_NS =>
                 {
-                    result.refused += 1;
+                    result.rejected += 1;
                 }
-                Err(error) => return Err(format!("no frame is taken any more: {error}").into()),
+                Err(error) => return Err(format!("no frame is accepted any more: {error}").into()),
             }
             ended?;
             result.statistics.end(clock.now_ns());
@@ -207,12 +207,12 @@ impl Target {
     }
 }
 
-/// Runs the cycle until frames are through and the gateway has told what it will tell.
+/// Runs the cycle until no frame is pending and the gateway has reported the results.
 fn wait_for_account(port: &mut Port, channel: ChannelHandle, interrupt: &Interrupt) {
     let clock = port.adapter().ecrt().clock().clone();
     let start = clock.now_ns();
     loop {
-        // Single cycles may fail; the time ends it all.
+        // Single cycles may fail; the timeout ends the wait.
         port.next_cycle().received().for_each(drop);
         let waited_ns = clock.now_ns().saturating_sub(start);
         let is_open = port.schedule_account(channel).open > 0;
@@ -223,7 +223,7 @@ fn wait_for_account(port: &mut Port, channel: ChannelHandle, interrupt: &Interru
     }
 }
 
-/// The identifier of the frames.
+/// CAN ID of the frames.
 pub fn probe_id() -> CanId {
     CanId::standard(PROBE_ID).expect("it has 11 bits")
 }

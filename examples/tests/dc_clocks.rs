@@ -37,5 +37,5 @@ fn invalid_options_return_errors() {
     assert!(message.contains("shift of 1000 us is not below its period"), "{message}");
     let message = fails(PROGRAM, &["--ecrt", "sim", "--cycles", "10", "--plot", "/no/where.svg"]);
     assert!(message.contains("cannot write /no/where.svg"), "{message}");
-    fails(PROGRAM, &["--source", "nobody"]);
+    fails(PROGRAM, &["--source", "other"]);
 }

@@ -159,13 +159,13 @@ fn late_frames_are_dropped_and_reported() {
     let arguments = ["--ecrt", &ecrt, "--mode", "scheduled", "--dc-shift-us", "150"];
     let printed = succeeds(&[&arguments[..], &["--offset-ns", "20000"]].concat());
     assert!(printed.contains("margin -"), "it was said before: {printed}");
-    let told = printed.lines().last().unwrap();
+    let line = printed.lines().last().unwrap();
     let number = |expected: &str| -> u64 {
-        let (before, _) = told.split_once(expected).unwrap_or_else(|| panic!("{told}"));
+        let (before, _) = line.split_once(expected).unwrap_or_else(|| panic!("{line}"));
         before.rsplit([' ', ':']).next().unwrap().parse().unwrap()
     };
     let (sent, late) = (number(" sent,"), number(" late,"));
-    assert!(late > 100 && sent > 100 && sent + late == 1_000, "{told}");
+    assert!(late > 100 && sent > 100 && sent + late == 1_000, "{line}");
     let (on_bus, _) = row(&printed, "scheduled");
     assert_eq!(on_bus, format!("{sent}/1000"), "the gateway's word is the bus's: {printed}");
 }

@@ -12,7 +12,7 @@ const SINGLE: &str = "cia402_single_axis_demo";
 const TEN: &str = "cia402_10axis_demo";
 const PROBE: &str = "canopen_sdo_probe";
 
-/// The line of an axis in the table, as columns from behind: target, actual, following error, its
+/// The line of an axis in the table, as columns from the right: target, actual, following error, its
 /// maximum, TPDOs, lost, EMCY.
 fn axis_line(printed: &str, axis: usize) -> (String, Vec<i64>) {
     let start = format!("{axis}: node");
@@ -108,7 +108,7 @@ fn ctrl_c_stops_the_axes() {
     let mut line = String::new();
     while !line.contains("all axes enabled") {
         line.clear();
-        assert!(output.read_line(&mut line).unwrap() > 0, "it ended by itself");
+        assert!(output.read_line(&mut line).unwrap() > 0, "it ended without a signal");
     }
     let id = child.id().to_string();
     assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());

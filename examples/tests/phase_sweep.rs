@@ -17,7 +17,7 @@ fn cycle(port: &mut Port, offset_ns: u32) -> Result<(), PhaseSweepError> {
     let mut cycle = port.begin_cycle();
     cycle.received().for_each(drop);
     let at = Schedule { tag: 0, offset_ns };
-    // A frame that is refused shows in the account.
+    // The account contains rejected frames.
     let _ = cycle.schedule_can(0, 0, id(1), &[], at);
     cycle.end().map_err(PortError::from)?;
     Ok(())
@@ -29,7 +29,7 @@ fn results(gateway: &mut GatewayConfig) {
 
 #[test]
 fn recommended_point_holds_in_a_longer_run() {
-    let mut bench = with_sync0(ecan_sim::jitter(1), 250_000, results);
+    let mut fixture = with_sync0(ecan_sim::jitter(1), 250_000, results);
     let sweep = PhaseSweep {
         shifts_ns: (0..10).map(|nth| nth * 100_000).collect(),
         offsets_ns: vec![0, 50_000, 100_000, 150_000],
@@ -37,10 +37,10 @@ fn recommended_point_holds_in_a_longer_run() {
         ..PhaseSweep::over(1_000_000)
     };
     let mut seen = 0;
-    let table = sweep_phase(&mut bench.port, &sweep, cycle, |_| seen += 1).unwrap();
+    let table = sweep_phase(&mut fixture.port, &sweep, cycle, |_| seen += 1).unwrap();
     assert_eq!((seen, table.points.len()), (40, 40));
-    assert!(bench.port.is_ready());
-    assert_eq!(bench.port.adapter().config().dc.unwrap().shift_ns, 250_000, "as it was");
+    assert!(fixture.port.is_ready());
+    assert_eq!(fixture.port.adapter().config().dc.unwrap().shift_ns, 250_000, "as it was");
     for point in &table.points {
         assert!(point.failure.is_none(), "{table}");
         // Half of the images come within 15 us, so a pulse there always meets some.
@@ -52,19 +52,19 @@ fn recommended_point_holds_in_a_longer_run() {
     let margins = table.margins(&best).unwrap();
     assert!(margins.shift_below_ns >= 100_000 && margins.shift_above_ns >= 100_000, "{table}");
 
-    let mut adapter = *bench.port.adapter().config();
+    let mut adapter = *fixture.port.adapter().config();
     adapter.dc = Some(ecan_host::DcSync::new(1_000_000, best.shift_ns));
-    let config = *bench.port.config();
-    bench.port.reconfigure((adapter, config)).unwrap();
-    bench.port.wait_ready().unwrap();
-    let before = bench.simulation.with_world(|world| world.counters(0).unwrap());
+    let config = *fixture.port.config();
+    fixture.port.reconfigure((adapter, config)).unwrap();
+    fixture.port.wait_ready().unwrap();
+    let before = fixture.simulation.with_world(|world| world.counters(0).unwrap());
     for _ in 0..5_000 {
-        bench.port.wait_next_cycle();
-        cycle(&mut bench.port, best.offset_ns).unwrap();
+        fixture.port.wait_next_cycle();
+        cycle(&mut fixture.port, best.offset_ns).unwrap();
     }
-    bench.idle(500);
-    let counters = bench.simulation.with_world(|world| world.counters(0).unwrap());
-    let account = bench.port.schedule_account(bench.port.ch(0, 0));
+    fixture.idle(500);
+    let counters = fixture.simulation.with_world(|world| world.counters(0).unwrap());
+    let account = fixture.port.schedule_account(fixture.port.ch(0, 0));
     assert_eq!((account.scheduled, account.refused_late), (5_000, 0), "{table}");
     assert_eq!((account.sent, counters.frames_released - before.frames_released), (5_000, 5_000));
 }
@@ -73,14 +73,14 @@ fn recommended_point_holds_in_a_longer_run() {
 fn slow_firmware_needs_an_offset() {
     let mut scenario = ecan_sim::echo(1);
     scenario.gateways[0].config.service_delay_ns = 250_000;
-    let mut bench = with_sync0(scenario, 100_000, results);
+    let mut fixture = with_sync0(scenario, 100_000, results);
     let sweep = PhaseSweep {
         shifts_ns: vec![200_000],
         offsets_ns: vec![0, 30_000, 100_000, 200_000],
         cycles: 50,
         ..PhaseSweep::over(1_000_000)
     };
-    let table = sweep_phase(&mut bench.port, &sweep, cycle, |_| ()).unwrap();
+    let table = sweep_phase(&mut fixture.port, &sweep, cycle, |_| ()).unwrap();
     let good: Vec<_> = table.points.iter().map(|point| table.is_good(point)).collect();
     assert_eq!(good, [false, false, true, true], "{table}");
     assert_eq!(table.points[0].late_drops, 50, "{table}");
@@ -93,33 +93,33 @@ fn slow_firmware_needs_an_offset() {
 fn sweep_without_sync0_returns_error() {
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
-    let refused = sweep_phase(&mut bench.port, &PhaseSweep::over(1_000_000), cycle, |_| ());
-    assert!(matches!(refused, Err(PhaseSweepError::NoSync0)));
-    assert!(bench.port.is_ready(), "nothing was touched");
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
+    let rejected = sweep_phase(&mut fixture.port, &PhaseSweep::over(1_000_000), cycle, |_| ());
+    assert!(matches!(rejected, Err(PhaseSweepError::NoSync0)));
+    assert!(fixture.port.is_ready(), "nothing was touched");
 }
 
 #[test]
 fn candidates_beyond_the_period_return_error() {
-    let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
+    let mut fixture = with_sync0(ecan_sim::echo(1), 250_000, results);
     let over = PhaseSweep::over(1_000_000);
     let sync0_ns = 1_000_000;
     for (sweep, fault) in [
         (
             PhaseSweep { offsets_ns: vec![0, 2_000_000], ..over.clone() },
-            PhaseSweepError::Offset { offset_ns: 2_000_000, sync0_ns },
+            PhaseSweepError::Beyond { value: "offset", ns: 2_000_000, sync0_ns },
         ),
         (
             PhaseSweep { shifts_ns: vec![1_000_000], ..over.clone() },
-            PhaseSweepError::Shift { shift_ns: 1_000_000, sync0_ns },
+            PhaseSweepError::Beyond { value: "shift", ns: 1_000_000, sync0_ns },
         ),
         (PhaseSweep { cycles: 0, ..over }, PhaseSweepError::NoCycles),
     ] {
-        match sweep_phase(&mut bench.port, &sweep, cycle, |_| ()) {
+        match sweep_phase(&mut fixture.port, &sweep, cycle, |_| ()) {
             Err(error) => assert_eq!(error.to_string(), fault.to_string()),
             other => panic!("{other:?}"),
         }
-        assert!(bench.port.is_ready(), "nothing was touched");
+        assert!(fixture.port.is_ready(), "nothing was touched");
     }
 }
 
@@ -133,10 +133,10 @@ fn point_without_frames_is_not_good() {
         ..PhaseSweep::over(1_000_000)
     };
     for is_silent in [true, false] {
-        let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
-        let simulation = bench.simulation.clone();
+        let mut fixture = with_sync0(ecan_sim::echo(1), 250_000, results);
+        let simulation = fixture.simulation.clone();
         let table = sweep_phase(
-            &mut bench.port,
+            &mut fixture.port,
             &sweep,
             |port, offset_ns| {
                 let fault = ecan_sim::Fault::BusOff { gateway: 0, channel: 0 };
@@ -152,18 +152,18 @@ fn point_without_frames_is_not_good() {
         let table = table.unwrap();
         assert!(table.recommended().is_none(), "{table}");
     }
-    let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
-    let table = sweep_phase(&mut bench.port, &sweep, cycle, |_| ()).unwrap();
+    let mut fixture = with_sync0(ecan_sim::echo(1), 250_000, results);
+    let table = sweep_phase(&mut fixture.port, &sweep, cycle, |_| ()).unwrap();
     let point = table.recommended().expect("good");
-    assert_eq!((point.scheduled, point.taken, point.short_gateways), (50, 50, 0), "{table}");
+    assert_eq!((point.scheduled, point.accepted, point.short_gateways), (50, 50, 0), "{table}");
 }
 
 #[test]
 fn error_of_the_application_restores_the_port() {
-    let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
+    let mut fixture = with_sync0(ecan_sim::echo(1), 250_000, results);
     let mut cycles = 0;
     let ended = sweep_phase(
-        &mut bench.port,
+        &mut fixture.port,
         &PhaseSweep::over(1_000_000),
         |port, offset_ns| {
             cycles += 1;
@@ -173,6 +173,6 @@ fn error_of_the_application_restores_the_port() {
         |_| (),
     );
     assert!(ended.is_err());
-    assert!(bench.port.is_ready());
-    assert_eq!(bench.port.adapter().config().dc.unwrap().shift_ns, 250_000);
+    assert!(fixture.port.is_ready());
+    assert_eq!(fixture.port.adapter().config().dc.unwrap().shift_ns, 250_000);
 }

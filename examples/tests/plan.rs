@@ -10,7 +10,7 @@ const SINGLE: &str = "cia402_single_axis_demo";
 const TEN: &str = "cia402_10axis_demo";
 const PROBE: &str = "mcan_gateway_tx_probe";
 
-/// The expected of the line that begins with these.
+/// Words of the line that begins with this text.
 fn line<'a>(printed: &'a str, start: &str) -> Vec<&'a str> {
     let line = printed.lines().find(|line| line.starts_with(start));
     line.unwrap_or_else(|| panic!("{start} is not in {printed}")).split_whitespace().collect()
@@ -177,7 +177,7 @@ fn plan_of_the_tx_probe_contains_the_offset() {
     assert_eq!(line(&printed, "slave 0 can3")[3], "0");
 }
 
-/// Images until 198.5 us: a pulse at 150 us falls among them, one at 210 us is 11.5 us behind.
+/// Images until 198.5 us: a pulse at 150 us is among them, one at 210 us is 11.5 us later.
 #[test]
 fn plan_of_the_tx_probe_warns_of_missed_phases() {
     let shift = |us| ["--plan", "--dc-shift-us", us];

@@ -281,7 +281,7 @@ fn configuration_file_sets_channels_and_bit_rates() {
         assert_eq!(of_interface().count(), 200, "{interface}");
     }
     assert_eq!(returned.len(), 600);
-    // Each bus at its own rates: the load of one tells those of the others.
+    // Each bus has its own rates: the load of one gives those of the others.
     let percent = |interface: &str, nominal, data| {
         let mut load = BusLoad::default();
         load.add(&returned.iter().find(|it| it.0 == interface).unwrap().1);
@@ -323,7 +323,7 @@ fn recording_uses_channels_of_the_configuration_file() {
     assert_eq!(lines_of_log(&back), lines_of_log(&log));
     let printed = succeeds(&[&base[..], &["--plan"]].concat());
     assert!(printed.contains("plan for 2 gateway(s), cycle 2000.0 us"), "{printed}");
-    // With --channel all frames go to the first gateway that has it, whatever their interface.
+    // With --channel all frames go to the first gateway that has it, for any interface.
     write(&["can0 124#11", "can7 125#22"]);
     succeeds(&[&base[..], &["--channel", "1"]].concat());
     let returned = lines_of_log(&back);
@@ -410,7 +410,7 @@ fn missing_gateway_is_named() {
 #[test]
 fn cycle_period_and_denied_settings_are_printed() {
     let base = ["--ecrt", "sim", "--cycles", "100", "--cycle-us", "1000"];
-    assert!(!succeeds(&base).contains("master_period"), "nobody asked");
+    assert!(!succeeds(&base).contains("master_period"), "not requested");
     let asked = ["--spin-us", "100", "--cpu", "4095"];
     let printed = succeeds(&[&base[..], &asked].concat());
     let refused = "CPU 4095: not granted, CPU 4095 is not there";
@@ -448,7 +448,7 @@ fn ctrl_c_stops_the_loop_with_a_summary() {
     let mut line = String::new();
     while !line.contains("ready") {
         line.clear();
-        assert!(output.read_line(&mut line).unwrap() > 0, "it ended by itself");
+        assert!(output.read_line(&mut line).unwrap() > 0, "it ended without a signal");
     }
     let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(kill.success());

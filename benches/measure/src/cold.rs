@@ -11,7 +11,7 @@ const LINE: usize = 64;
 const SECOND_LEVEL: usize = 1024 * 1024;
 const LAST_LEVEL: usize = 32 * 1024 * 1024;
 
-/// Drives what was used before out of the caches, up to a level.
+/// Evicts previously used data from the caches, up to a level.
 #[derive(Debug)]
 pub struct Evictor {
     buffer: Vec<u8>,
@@ -24,7 +24,7 @@ impl Evictor {
         Self::of(cache_bytes().max().unwrap_or(LAST_LEVEL))
     }
 
-    /// Out of the processor's own caches into the last-level one, as far as that has room: with a
+    /// Out of the processor's own caches, if possible into the last-level one: with a
     /// buffer twice as large as the second-level cache.
     #[must_use]
     pub fn of_second_level() -> Self {

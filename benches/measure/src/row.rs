@@ -9,7 +9,7 @@ pub struct Row {
     pub goals: Option<[f64; 2]>,
     /// With the accelerated kernel, then with the portable one where that was measured.
     pub values: Vec<f64>,
-    /// Whether values are shares, shown as percentages.
+    /// Values are shares, shown as percentages.
     pub is_share: bool,
     /// Compared sides.
     pub what: &'static str,
@@ -63,8 +63,7 @@ impl Row {
     }
 }
 
-/// Prints rows; each starts with `= `, by which the script that makes one table of all benchmarks
-/// knows them.
+/// Prints rows; each starts with `= `, for the script that makes one table of all benchmarks.
 pub fn print_rows<'a>(rows: impl IntoIterator<Item = &'a Row>) {
     println!("= | measure | goal | accelerated | portable | what |");
     for row in rows {

@@ -1,10 +1,10 @@
 //! A master that exchanges nothing, for benchmarks of the host alone.
 //!
 //! A bus is configured and brought into operation on a simulated master. Then it is frozen: time
-//! is paused, and the functions of the cycle only succeed. The TxPDO image of each
-//! domain stays as it is, or as [`replace`] made it; only its sequence number goes on, so that each
-//! cycle sees a new image. What is then timed is the host's own work, without the system calls of a
-//! real master and without the simulator.
+//! is paused, and the functions of the cycle only succeed. The TxPDO image of each domain stays as
+//! it is, or as [`replace`] made it; only its sequence number increases, so that each cycle sees a
+//! new image. The measured time is the work of the host, without the system calls of a real master
+//! and without the simulator.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicU64, AtomicUsize, Ordering};
@@ -21,7 +21,7 @@ use libc::c_int;
 
 const MOST_DOMAINS: usize = 32;
 const VERSION_MAGIC: u32 = 0x106;
-/// Places in the header of an image (manual 6).
+/// Offsets in the header of an image (manual 6).
 const FLAGS: usize = 1;
 const SEQ_BEGIN: usize = 2;
 const SEQ_END: usize = 4;
@@ -111,14 +111,14 @@ pub fn open(scenario: Scenario) -> Result<Ecrt, BackendError> {
     let scenario = simulation.scenario_name().to_owned();
     let masters = Arc::new(Masters(simulation));
     // SAFETY: the functions and handles are those of the simulated library; the replaced functions
-    // hand on what they are given, or write only a result and the image of a domain.
+    // pass on their arguments, or write only a result and the image of a domain.
     Ok(unsafe { Ecrt::simulated(table, masters, VERSION_MAGIC, scenario, clock) })
 }
 
 /// Replaces the TxPDO image `image` of a Port or Adapter by `bytes`.
 ///
 /// # Panics
-/// Where `image` is of no domain of this process, or shorter than `bytes`.
+/// `image` is not in a domain of this process, or shorter than `bytes`.
 pub fn replace(image: &[u8], bytes: &[u8]) {
     assert!(bytes.len() <= image.len());
     let (domain, offset) = Domain::around(image);
@@ -128,11 +128,11 @@ pub fn replace(image: &[u8], bytes: &[u8]) {
     unsafe { memory.add(offset).copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) }
 }
 
-/// Lets the sequence number of the TxPDO image `image` go on with each cycle once the masters are
+/// Increases the sequence number of the TxPDO image `image` in each cycle after the masters are
 /// frozen.
 ///
 /// # Panics
-/// Where `image` is of no domain of this process, or no image.
+/// `image` is not in a domain of this process, or not an image.
 pub fn keep_new(image: &[u8]) {
     assert!(image.len() >= 24, "an image has a header");
     let (domain, offset) = Domain::around(image);
@@ -148,7 +148,7 @@ fn is_frozen() -> bool {
     IS_FROZEN.load(Ordering::Relaxed)
 }
 
-/// The clock of the simulation, which stops where it is.
+/// The clock of the simulation, stopped.
 struct FreezingClock {
     clock: SimClock,
     frozen_ns: AtomicU64,

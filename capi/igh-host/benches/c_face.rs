@@ -1,4 +1,4 @@
-//! What the C face costs over the Rust call: frames sent and received within a cycle, through
+//! Cost of the C interface over the Rust call: frames sent and received within a cycle, through
 //! `igh_mcan_port_send_can` and `igh_mcan_port_receive` against `Port::send_can` and
 //! `Port::receive`.
 //!

@@ -1,4 +1,4 @@
-//! The object behind the contexts of one master: the Adapter, a Port on it, axes on the Port.
+//! The object that the contexts of one master name: the Adapter, a Port on it, axes on the Port.
 
 use ecan_cia402::{Cia402, SendSummary};
 use ecan_host::{Adapter, SdoRequestId};

@@ -60,7 +60,7 @@ pub(crate) struct Slot<T> {
     object: UnsafeCell<Option<T>>,
 }
 
-// SAFETY: the object is reached only by whoever set `is_busy`.
+// SAFETY: the object is reached only by the thread that set `is_busy`.
 unsafe impl<T: Send> Sync for Slot<T> {}
 
 /// The slots of a type: free ones, and used ones with the address of the context that was
@@ -202,7 +202,7 @@ pub(crate) unsafe fn init<T: Pooled>(
         slot
     });
     slots.living.push((address, slot));
-    // SAFETY: a slot of the pool is nobody's: no generation that a context has is its own.
+    // SAFETY: a free slot has no user: no context has its generation.
     unsafe { *slot.object.get() = Some(object) };
     let generation = slot.generation.load(Ordering::Relaxed);
     // SAFETY: the caller's promise.
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn an_object_in_use_is_busy() {
+    fn object_in_use_is_busy() {
         let mut context = Words { slot: 0, generation: 0, serial: 0, seal: 0 };
         assert_eq!(make(&mut context, 7), 0);
         let outer = call("outer", |call| {

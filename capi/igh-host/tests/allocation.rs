@@ -32,10 +32,10 @@ const CAPACITY: usize = 64;
 struct Counts {
     allocations: u64,
     received: usize,
-    refused: usize,
+    rejected: usize,
 }
 
-/// One cycle: everything in, frames until the image is full, and calls that are refused.
+/// One cycle: receives everything, sends until the image is full, and makes rejected calls.
 fn cycle(c: &mut CPort, rx: &mut [igh_mcan_rx_frame_t], counts: &mut Counts) {
     let port = c.port();
     let (data, mut received) = ([1; 8], 0);
@@ -73,7 +73,7 @@ fn cycle(c: &mut CPort, rx: &mut [igh_mcan_rx_frame_t], counts: &mut Counts) {
         counts.allocations += allocations() - before;
     }
     counts.received += received;
-    counts.refused += 5;
+    counts.rejected += 5;
 }
 
 #[test]

@@ -87,7 +87,7 @@ static void results(igh_mcan_port_t *port)
 {
     igh_mcan_ticket_t tickets[40];
     igh_mcan_rx_frame_t rx[64];
-    int told[40] = {0};
+    int reported[40] = {0};
     int echoes = 0;
     int results = 0;
     size_t sent = 0;
@@ -119,7 +119,7 @@ static void results(igh_mcan_port_t *port)
                 if (tickets[ticket].sequence == rx[i].sequence &&
                     tickets[ticket].frame_index == rx[i].frame_index) {
                     SAME(ticket % 2, rx[i].channel);
-                    told[ticket]++;
+                    reported[ticket]++;
                     results++;
                 }
             }
@@ -139,8 +139,8 @@ static void results(igh_mcan_port_t *port)
     }
     SAME(40, echoes);
     SAME(40, results);
-    for (size_t i = 0; i < ITEMS(told); i++) {
-        SAME(1, told[i]);
+    for (size_t i = 0; i < ITEMS(reported); i++) {
+        SAME(1, reported[i]);
     }
 }
 

@@ -53,7 +53,7 @@ pub struct Fixture {
     pub bus: Diagnostics,
 }
 
-pub fn bench(gateways: usize) -> Fixture {
+pub fn fixture(gateways: usize) -> Fixture {
     with(echo(gateways))
 }
 

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-/// Cargo builds a package's examples beside its tests.
+/// Cargo builds the examples of a package next to its tests.
 fn path(program: &str) -> PathBuf {
     let test = std::env::current_exe().unwrap();
     let profile = test.parent().and_then(Path::parent).unwrap();
@@ -25,7 +25,7 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Runs it, expects success, gives what it printed.
+/// Runs it, expects success, and returns its output.
 pub fn succeeds(program: &str, arguments: &[&str]) -> String {
     let output = run(program, arguments);
     assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
@@ -33,13 +33,13 @@ pub fn succeeds(program: &str, arguments: &[&str]) -> String {
     text(&output.stdout)
 }
 
-/// Runs it, expects a readable message and failure, gives the message.
+/// Runs it, expects a readable message and failure, and returns the message.
 pub fn fails(program: &str, arguments: &[&str]) -> String {
     let output = run(program, arguments);
     let message = text(&output.stderr);
     assert!(!output.status.success(), "{arguments:?} succeeded");
     assert!(output.status.code().is_some(), "{arguments:?} was killed");
     assert!(!message.contains("panicked"), "{message}");
-    assert!(!message.trim().is_empty(), "{arguments:?} says nothing");
+    assert!(!message.trim().is_empty(), "{arguments:?} printed no message");
     message
 }

@@ -98,22 +98,22 @@ mirror! {
     }
 }
 
-fn config(call: Call, wanted: &ecan_igh_real_time_t) -> Result<RealTimeConfig, ecan_result_t> {
-    let need = if wanted.is_required != 0 { Need::Required } else { Need::Optional };
-    let priority = u8::try_from(wanted.priority).map_err(|_| {
-        let text = format_args!("{} is out of range; allowed: 0 to 99", wanted.priority);
+fn config(call: Call, requests: &ecan_igh_real_time_t) -> Result<RealTimeConfig, ecan_result_t> {
+    let need = if requests.is_required != 0 { Need::Required } else { Need::Optional };
+    let priority = u8::try_from(requests.priority).map_err(|_| {
+        let text = format_args!("{} is out of range; allowed: 0 to 99", requests.priority);
         call.argument("priority", text)
     })?;
-    let cpus: Vec<usize> = (0..64).filter(|cpu| wanted.cpu_mask >> cpu & 1 == 1).collect();
-    let stack_bytes = usize::try_from(wanted.stack_bytes).unwrap_or(usize::MAX);
+    let cpus: Vec<usize> = (0..64).filter(|cpu| requests.cpu_mask >> cpu & 1 == 1).collect();
+    let stack_bytes = usize::try_from(requests.stack_bytes).unwrap_or(usize::MAX);
     Ok(RealTimeConfig {
         priority: Some(priority).filter(|priority| *priority > 0),
         priority_need: need,
         cpus: Some(cpus).filter(|cpus| !cpus.is_empty()),
         cpus_need: need,
-        lock_memory: (wanted.lock_memory != 0).then_some(stack_bytes),
+        lock_memory: (requests.lock_memory != 0).then_some(stack_bytes),
         lock_memory_need: need,
-        wake_up_latency_us: u32::try_from(wanted.wake_up_latency_us).ok(),
+        wake_up_latency_us: u32::try_from(requests.wake_up_latency_us).ok(),
         wake_up_latency_need: need,
         timing: CycleTiming::default(),
     })

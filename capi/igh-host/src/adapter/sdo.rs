@@ -14,7 +14,7 @@ use crate::bus::Bus;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
-/// Longest value that a transfer allocates memory for, whatever buffer C offers.
+/// Longest value that a transfer allocates memory for, even for a larger buffer of C.
 pub(super) const MAX_VALUE_BYTES: usize = 1 << 20;
 
 /// Runs a transfer; on an active bus in parallel with the cycle.

@@ -385,14 +385,14 @@ mod tests {
     }
 
     #[test]
-    fn the_defaults_of_c_are_those_of_rust() {
+    fn defaults_of_c_are_those_of_rust() {
         for target_step in [0, 10, -1000, 5000, i32::MIN] {
             assert_eq!(to_rust(&axis(target_step)), Ok(defaults(target_step)));
         }
     }
 
     #[test]
-    fn limits_follow_the_step_limit_unless_they_are_given() {
+    fn limits_follow_the_step_limit_by_default() {
         let mut small = axis(0);
         small.step_limit = 3;
         assert_eq!(to_rust(&small), Ok(defaults(0).with_step_limit(3)));
@@ -452,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn what_rust_cannot_hold_is_refused() {
+    fn invalid_values_return_errors() {
         let config = Err(ecan_result_t::ECAN_ERR_CONFIG.code());
         let faulty = |change: fn(&mut igh_cia402_axis_t)| {
             let mut axis = axis(0);

@@ -266,7 +266,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_homing_comes_back() {
+    fn homing_round_trips() {
         let plain = HomingConfig::new(-3);
         assert_eq!(HomingConfig::from(&plain.into()), plain);
         let full = HomingConfig {

@@ -162,12 +162,12 @@ mod tests {
     }
 
     #[test]
-    fn the_defaults_of_c_are_those_of_rust() {
+    fn defaults_of_c_are_those_of_rust() {
         assert_eq!(to_rust(&Cia402Config::default().into()), Ok(Cia402Config::default()));
     }
 
     #[test]
-    fn other_values_come_back() {
+    fn other_values_round_trip() {
         let mut settings = Cia402Config { motion_div: 3, ..Cia402Config::default() };
         settings.network.host_heartbeat = None;
         settings.sync.counter_overflow = Some(10);
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused() {
+    fn invalid_settings_return_errors() {
         let config = Err(ecan_result_t::ECAN_ERR_CONFIG.code());
         let mut settings: igh_cia402_settings_t = Cia402Config::default().into();
         settings.host_node_id = 0;

@@ -47,11 +47,11 @@ fn ok(code: c_int) {
 
 /// Bytes as a C program finds them on its stack.
 fn garbage<T>() -> Box<T> {
-    let mut place = Box::<T>::new_uninit();
-    // SAFETY: valid for so many bytes; used for structs of integers only.
+    let mut buffer = Box::<T>::new_uninit();
+    // SAFETY: valid for this number of bytes; used for structs of integers only.
     unsafe {
-        place.as_mut_ptr().cast::<u8>().write_bytes(0xA5, size_of::<T>());
-        place.assume_init()
+        buffer.as_mut_ptr().cast::<u8>().write_bytes(0xA5, size_of::<T>());
+        buffer.assume_init()
     }
 }
 
@@ -144,7 +144,7 @@ impl Drop for Fixture {
 }
 
 #[test]
-fn the_manuals_way_leads_to_axes_that_move() {
+fn calls_of_the_manual_move_the_axes() {
     let mut rig = Fixture::with_axes();
     rig.start_up();
     let before = rig.state(1);
@@ -189,7 +189,7 @@ fn the_manuals_way_leads_to_axes_that_move() {
 }
 
 #[test]
-fn a_target_beyond_the_limit_is_refused_with_its_reason() {
+fn target_beyond_the_limit_is_rejected_with_its_reason() {
     let mut rig = Fixture::with_axes();
     rig.start_up();
     let far = rig.state(0).target + 1_001;
@@ -215,7 +215,7 @@ fn a_target_beyond_the_limit_is_refused_with_its_reason() {
     }
 }
 
-/// What the callback of the next test sees.
+/// Reports to the callback of the next test.
 struct Seen {
     motors: *mut igh_cia402_context_t,
     texts: Vec<String>,
@@ -233,7 +233,7 @@ unsafe extern "C" fn note(user: *mut c_void, axis: usize, text: *const c_char) {
 }
 
 #[test]
-fn progress_is_told_once_per_change() {
+fn progress_is_reported_once_per_change() {
     let mut rig = Fixture::with_axes();
     let mut seen = Box::new(Seen { motors: rig.motors(), texts: Vec::new(), inner: 0 });
     // SAFETY: the pointers are valid as long as the rig.
@@ -258,25 +258,25 @@ fn progress_is_told_once_per_change() {
 }
 
 #[test]
-fn objects_are_read_and_written_with_the_axes_at_work() {
+fn objects_are_transferred_while_axes_run() {
     let mut rig = Fixture::with_axes();
     rig.start_up();
     let motors = rig.motors();
     let mut data = [0_u8; 8];
-    let (place, mut length) = (data.as_mut_ptr().cast::<c_void>(), 0);
+    let (buffer, mut length) = (data.as_mut_ptr().cast::<c_void>(), 0);
     // SAFETY: the pointers are valid.
     unsafe {
-        ok(igh_cia402_sdo_upload(motors, 0, 0x1000, 0, place, 8, &mut length, 1_000));
+        ok(igh_cia402_sdo_upload(motors, 0, 0x1000, 0, buffer, 8, &mut length, 1_000));
         assert_eq!((length, u16::from_le_bytes([data[0], data[1]])), (4, 402));
-        let short = igh_cia402_sdo_upload(motors, 0, 0x1000, 0, place, 2, &mut length, 1_000);
+        let short = igh_cia402_sdo_upload(motors, 0, 0x1000, 0, buffer, 2, &mut length, 1_000);
         assert_eq!((short, length), (code(ECAN_ERR_BUFFER), 4));
         let time = 123_u16.to_le_bytes();
         ok(igh_cia402_sdo_download(motors, 0, 0x1017, 0, time.as_ptr().cast(), 2, 1_000));
-        ok(igh_cia402_sdo_upload(motors, 0, 0x1017, 0, place, 8, &mut length, 1_000));
+        ok(igh_cia402_sdo_upload(motors, 0, 0x1017, 0, buffer, 8, &mut length, 1_000));
         assert_eq!((length, &data[..2]), (2, &time[..]));
-        let none = igh_cia402_sdo_upload(motors, 0, 0x5FFF, 0, place, 8, &mut length, 1_000);
+        let none = igh_cia402_sdo_upload(motors, 0, 0x5FFF, 0, buffer, 8, &mut length, 1_000);
         assert_eq!((none, ecan_last_abort_code()), (code(ECAN_ERR_SDO), 0x0602_0000));
-        let wrong = igh_cia402_sdo_upload(motors, 9, 0x1000, 0, place, 8, &mut length, 1_000);
+        let wrong = igh_cia402_sdo_upload(motors, 9, 0x1000, 0, buffer, 8, &mut length, 1_000);
         assert_eq!(wrong, code(ECAN_ERR_AXIS));
         assert_eq!(igh_cia402_all_running(motors), 1, "the axes went on meanwhile");
         ok(igh_cia402_sdo_start_upload(motors, 1, 0x6061, 0));
@@ -287,7 +287,7 @@ fn objects_are_read_and_written_with_the_axes_at_work() {
             // SAFETY: the pointers are valid.
             unsafe {
                 ok(igh_cia402_process_rx(motors));
-                ok(igh_cia402_sdo_poll(motors, 1, &mut state, place, 8, &mut length));
+                ok(igh_cia402_sdo_poll(motors, 1, &mut state, buffer, 8, &mut length));
                 ok(igh_cia402_send_targets_all(motors));
             }
         });
@@ -300,11 +300,11 @@ fn objects_are_read_and_written_with_the_axes_at_work() {
 }
 
 #[test]
-fn a_node_is_reached_without_axes_only() {
+fn node_is_reached_only_without_axes() {
     let mut rig = Fixture::new();
     let port: *mut igh_mcan_port_t = &mut *rig.port;
     let mut data = [0_u8; 8];
-    let (place, mut length) = (data.as_mut_ptr().cast::<c_void>(), 0);
+    let (buffer, mut length) = (data.as_mut_ptr().cast::<c_void>(), 0);
     // SAFETY: the pointers are valid.
     unsafe {
         let mut upload = |slave, channel, node| {
@@ -316,7 +316,7 @@ fn a_node_is_reached_without_axes_only() {
                 node,
                 object.0,
                 object.1,
-                place,
+                buffer,
                 8,
                 &mut length,
                 2_000,
@@ -331,14 +331,14 @@ fn a_node_is_reached_without_axes_only() {
         ok(igh_canopen_sdo_download(port, 0, 0, 3, 0x1017, 0, time.as_ptr().cast(), 2, 2_000));
         ok(rig.init());
         let with_axes =
-            igh_canopen_sdo_upload(port, 0, 0, 3, 0x1000, 0, place, 8, &mut length, 2_000);
+            igh_canopen_sdo_upload(port, 0, 0, 3, 0x1000, 0, buffer, 8, &mut length, 2_000);
         assert_eq!(with_axes, code(ECAN_ERR_ORDER), "{}", error());
     }
     assert_eq!(u16::from_le_bytes([data[0], data[1]]), 402);
 }
 
 #[test]
-fn frames_of_others_are_handed_out() {
+fn frames_of_other_nodes_are_returned() {
     let mut rig = Fixture::new();
     let port: *mut igh_mcan_port_t = &mut *rig.port;
     let time = 10_u16.to_le_bytes();
@@ -356,9 +356,9 @@ fn frames_of_others_are_handed_out() {
             let mut count = 9;
             // SAFETY: the pointers are valid.
             unsafe {
-                let taken =
+                let result =
                     igh_cia402_process_rx_ex(motors, frames.as_mut_ptr(), capacity, &mut count);
-                lost |= taken == code(ECAN_ERR_BUFFER);
+                lost |= result == code(ECAN_ERR_BUFFER);
                 ok(igh_cia402_send_targets_all(motors));
             }
             let is_heartbeat = |frame: &&igh_mcan_rx_frame_t| frame.can_id == 0x703;
@@ -366,14 +366,14 @@ fn frames_of_others_are_handed_out() {
         });
     }
     assert!(heartbeats >= 10, "{heartbeats}");
-    assert!(lost, "no room was told");
+    assert!(lost, "missing capacity was not reported");
 }
 
 #[test]
-fn a_context_lives_and_ends_as_it_is_told() {
+fn context_lives_from_init_to_deinit() {
     let mut rig = Fixture::new();
     let motors = rig.motors();
-    // SAFETY: the pointers are valid, or NULL where that is refused.
+    // SAFETY: the pointers are valid, or NULL if that is rejected.
     unsafe {
         assert_eq!(igh_cia402_process_rx(motors), code(ECAN_ERR_NOT_INITIALISED));
         assert_eq!(igh_cia402_axis_count(motors), 0);
@@ -415,7 +415,7 @@ fn commands_check_their_arguments_and_their_time() {
     let mut rig = Fixture::with_axes();
     let motors = rig.motors();
     let mut homing: Box<igh_cia402_homing_t> = garbage();
-    // SAFETY: the pointers are valid, or NULL where that is refused.
+    // SAFETY: the pointers are valid, or NULL if that is rejected.
     unsafe {
         assert_eq!(igh_cia402_send_nmt_all(motors, 3), code(ECAN_ERR_ARGUMENT));
         assert_eq!(igh_cia402_send_nmt(motors, AXES, 1), code(ECAN_ERR_AXIS));

@@ -180,7 +180,7 @@ mod tests {
     use crate::adapter::config_master::{ecan_igh_config_set_ecrt, ecan_igh_config_set_seed};
     use crate::port_config::configured;
 
-    /// What the example leaves at a default.
+    /// Values that the example leaves at a default.
     const OTHER_VALUES: &str = r#"
         master = 1
         cycle_us = 250.5
@@ -279,7 +279,7 @@ mod tests {
         }
     }
 
-    /// What a Rust application hands to the Adapter and the Port.
+    /// Configurations that a Rust application passes to the Adapter and the Port.
     fn in_rust(text: &str) -> (AdapterConfig, PortConfig) {
         let file =
             ecan_config_file::parse(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
@@ -287,21 +287,21 @@ mod tests {
     }
 
     #[test]
-    fn a_file_means_in_c_what_it_means_in_rust() {
+    fn file_has_the_same_content_in_c_and_rust() {
         let mut c = Configurations::new();
         // One after the other into the same configurations: nothing of the one before is left.
         for text in [OTHER_VALUES, EXAMPLE, OTHER_VALUES] {
             assert_eq!(c.parse(text), 0);
             assert_eq!(c.to_rust(), in_rust(text));
         }
-        // The values tell something.
+        // The values are not the defaults.
         let (adapter, port) = c.to_rust();
         assert!((0..adapter.slaves.len()).all(|slave| adapter.startup_of(slave).count() == 6));
         assert!(port.extended_filters(0, 3)[0].sync);
     }
 
     #[test]
-    fn library_and_simulation_stay_as_they_were_chosen() {
+    fn file_does_not_change_library_and_simulation() {
         let mut c = Configurations::new();
         let adapter = c.adapter.as_mut_ptr();
         // SAFETY: the configuration is initialised, the text ends with NUL.
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn words_that_are_too_long_are_cut_between_characters() {
+    fn long_text_is_cut_between_characters() {
         let reason = "ä".repeat(IGH_MCAN_FILE_FAULT_BYTES);
         let fault = igh_mcan_file_fault_t::from(&FileFault { line: 1, column: 2, reason });
         let bytes: Vec<u8> = fault.reason.iter().map(|byte| *byte as u8).collect();

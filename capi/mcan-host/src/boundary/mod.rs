@@ -1,5 +1,5 @@
 //! The boundary between C and Rust: no panic crosses it, every pointer is checked for NULL, and
-//! every error leaves its text behind.
+//! every error stores its text.
 
 mod call;
 mod mirror;

@@ -14,7 +14,7 @@ pub const SONAME: &str = "libethercat.so.1";
 /// This crate's directory.
 pub const CRATE: &str = env!("CARGO_MANIFEST_DIR");
 
-/// Whether a C compiler and the binary tools are present; prints a message if not.
+/// Returns true if a C compiler and the binary tools are present; else prints a message.
 pub fn is_there() -> bool {
     let found = |tool: &str| Command::new(tool).arg("--version").output().is_ok();
     let missing: Vec<_> = ["cc", "nm", "readelf"].into_iter().filter(|tool| !found(tool)).collect();
