@@ -124,11 +124,7 @@ fn candidates_beyond_the_period_return_error() {
 /// A channel that is bus-off, or an application that schedules nothing, proves no phase good.
 #[test]
 fn point_without_frames_is_not_good() {
-    let sweep = PhaseSweep {
-        shifts_ns: vec![500_000],
-        offsets_ns: vec![100_000],
-        cycles: 50,
-    };
+    let sweep = PhaseSweep { shifts_ns: vec![500_000], offsets_ns: vec![100_000], cycles: 50 };
     for is_silent in [true, false] {
         let mut fixture = with_sync0(ecan_sim::echo(1), 250_000, results);
         let simulation = fixture.simulation.clone();
