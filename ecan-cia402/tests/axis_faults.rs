@@ -14,6 +14,7 @@ use ecan_cia402::{
 use ecan_mcan_port::Session;
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{DriveFault, Fault, LossDirection, SdoDirection, SdoEffect, SdoRule};
+use tracing_test::traced_test;
 
 fn moving(count: usize) -> Vec<AxisConfig> {
     axes(count).into_iter().map(|axis| axis.with_target_step(100)).collect()
@@ -52,6 +53,7 @@ fn start_fails(fixture: &mut Fixture) -> AxisTimeout {
 }
 
 #[test]
+#[traced_test]
 fn fault_holds_its_axis_until_a_reset_edge() {
     let mut fixture = in_motion(2);
     fixture.strike(0, DriveFault::Error { code: 0x2310 });
@@ -71,6 +73,12 @@ fn fault_holds_its_axis_until_a_reset_edge() {
     assert_eq!(fixture.cia402.drive_state(0), Some(DriveState::SwitchOnDisabled), "by itself");
     recover(&mut fixture);
     assert_eq!(fixture.cia402.statistics(0).faults, 1);
+    logs_assert(|lines: &[&str]| {
+        let texts = ["axis 0: active", "axis 1: active", "axis 0: fault (0x2310)"];
+        let has = |text: &&&str| lines.iter().any(|line| line.contains(**text));
+        let missing: Vec<_> = texts.iter().filter(|text| !has(text)).collect();
+        if missing.is_empty() { Ok(()) } else { Err(format!("{missing:?}")) }
+    });
 }
 
 #[test]
