@@ -108,7 +108,7 @@ fn our_client_probes_a_node_of_the_canopen_package() {
     let mut client = Client::new(scenario, NodeId::new(5).unwrap());
     let bridge =
         ecan_sim_bridge::attach(&client.simulation, "0.0", &BridgeSpec::default()).unwrap();
-    let arguments = [("port", bridge.address().port()), ("node", 5)];
+    let arguments = [("port", bridge.info.address().port()), ("node", 5)];
     let mut peer = Peer::start(&python, "local_node.py", &arguments);
 
     let node = client.node;

@@ -22,8 +22,6 @@ pub enum ScenarioChoice {
     Named(String),
     /// A scenario file.
     File(PathBuf),
-    /// A scenario made in memory.
-    Given(Box<Scenario>),
 }
 
 impl ScenarioChoice {
@@ -89,14 +87,14 @@ pub fn open(setting: &EcrtSetting, options: &SimOptions) -> Result<Backend, Back
             Ok(Backend { ecrt: Ecrt::load(path.as_deref())?, simulation: None })
         }
         EcrtSetting::Simulated(name) => {
-            open_simulated(&ScenarioChoice::from_setting(name.as_deref())?, options)
+            let choice = ScenarioChoice::from_setting(name.as_deref())?;
+            simulate(&choice, options).map(backend)
         }
     }
 }
 
-fn open_simulated(choice: &ScenarioChoice, options: &SimOptions) -> Result<Backend, BackendError> {
-    let simulation = simulate(choice, options)?;
-    Ok(Backend { ecrt: simulated_library(&simulation), simulation: Some(simulation) })
+fn backend(simulation: Simulation) -> Backend {
+    Backend { ecrt: simulated_library(&simulation), simulation: Some(simulation) }
 }
 
 /// Opens a simulation without a function table, for [`libethercat`].
@@ -106,9 +104,12 @@ fn open_simulated(choice: &ScenarioChoice, options: &SimOptions) -> Result<Backe
 /// # Errors
 /// The scenario is invalid.
 pub fn simulate(choice: &ScenarioChoice, options: &SimOptions) -> Result<Simulation, BackendError> {
-    let scenario = load_scenario(choice, options)?;
+    start(&load_scenario(choice, options)?, options)
+}
+
+fn start(scenario: &Scenario, options: &SimOptions) -> Result<Simulation, BackendError> {
     let clock = scenario.clock.or(options.clock).unwrap_or(ClockKind::Real);
-    Simulation::new(&scenario, clock, options.bridges)
+    Simulation::new(scenario, clock, options.bridges)
 }
 
 /// Loads a scenario and applies the options, except their clock.
@@ -119,14 +120,14 @@ pub fn load_scenario(
     choice: &ScenarioChoice,
     options: &SimOptions,
 ) -> Result<Scenario, BackendError> {
-    let mut scenario = choose(choice, options)?;
-    if let Some(seed) = options.seed {
-        scenario.seed = seed;
-    }
-    if let Some(carries) = options.carries_large_pdos {
-        scenario.carries_large_pdos = carries;
-    }
-    Ok(scenario)
+    choose(choice, options).map(|scenario| applied(scenario, options))
+}
+
+fn applied(mut scenario: Scenario, options: &SimOptions) -> Scenario {
+    scenario.seed = options.seed.unwrap_or(scenario.seed);
+    let carries_large_pdos = options.carries_large_pdos;
+    scenario.carries_large_pdos = carries_large_pdos.unwrap_or(scenario.carries_large_pdos);
+    scenario
 }
 
 /// Opens a simulated library for a scenario made in memory.
@@ -134,7 +135,7 @@ pub fn load_scenario(
 /// # Errors
 /// A file of the scenario cannot be read or is invalid.
 pub fn open_scenario(scenario: Scenario, options: &SimOptions) -> Result<Backend, BackendError> {
-    open_simulated(&ScenarioChoice::Given(Box::new(scenario)), options)
+    start(&applied(scenario, options), options).map(backend)
 }
 
 fn choose(choice: &ScenarioChoice, options: &SimOptions) -> Result<Scenario, BackendError> {
@@ -145,7 +146,6 @@ fn choose(choice: &ScenarioChoice, options: &SimOptions) -> Result<Scenario, Bac
     match choice {
         ScenarioChoice::Suggested => named(options.suggested.as_deref().unwrap_or("echo")),
         ScenarioChoice::Named(name) => named(name),
-        ScenarioChoice::Given(scenario) => Ok(Scenario::clone(scenario)),
         ScenarioChoice::File(path) => {
             let text = std::fs::read_to_string(path)
                 .map_err(|error| BackendError::Read(path.clone(), error))?;

@@ -20,16 +20,6 @@ use registers::{address, event};
 /// Longest data of a datagram: its length has 11 bits.
 const DATAGRAM_BYTES: usize = 0x7FF;
 
-mod dl {
-    pub(super) const LOADED: u16 = 1 << 0;
-    pub(super) const DEVICE_WATCHDOG: u16 = 1 << 1;
-    pub(super) const LINK_0: u16 = 1 << 4;
-    pub(super) const LINK_1: u16 = 1 << 5;
-    pub(super) const COMMUNICATION_0: u16 = 1 << 9;
-    pub(super) const CLOSED_1: u16 = 1 << 10;
-    pub(super) const COMMUNICATION_1: u16 = 1 << 11;
-    pub(super) const CLOSED_2_AND_3: u16 = 1 << 12 | 1 << 14;
-}
 /// Kind of access at an addressed slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Access {
@@ -165,16 +155,10 @@ impl Controller {
     }
 
     pub(super) fn dl_status(&self, context: &Context<'_>) -> u16 {
-        let port_1 = match context.return_ns {
-            Some(_) => dl::LINK_1 | dl::COMMUNICATION_1,
-            None => dl::CLOSED_1,
-        };
-        dl::LOADED
-            | dl::DEVICE_WATCHDOG
-            | dl::LINK_0
-            | dl::COMMUNICATION_0
-            | port_1
-            | dl::CLOSED_2_AND_3
+        // loaded, device watchdog, link and communication at port 0, ports 2 and 3 closed
+        const FIXED: u16 = 1 << 0 | 1 << 1 | 1 << 4 | 1 << 9 | 1 << 12 | 1 << 14;
+        // port 1: link and communication, or closed
+        FIXED | if context.return_ns.is_some() { 1 << 5 | 1 << 11 } else { 1 << 10 }
     }
 
     fn is_addressed(&self, station: u16) -> bool {

@@ -1,6 +1,4 @@
-use std::net::SocketAddr;
-
-use ecan_bridge::{BridgeInfo, BridgeStatistics, ServerError};
+use ecan_bridge::{BridgeInfo, ServerError};
 use ecan_sim::{AttachedNode, BridgeSpec, Simulation, UnknownBus};
 
 use crate::bridge_node::BridgeNode;
@@ -20,25 +18,9 @@ pub enum BridgeError {
 /// connections and ends its threads.
 #[derive(Debug)]
 pub struct Bridge {
-    info: BridgeInfo,
+    /// Address, with the actual port, and counters; a clone may outlive the bridge.
+    pub info: BridgeInfo,
     _node: AttachedNode,
-}
-
-impl Bridge {
-    /// Address on which the bridge listens, with the actual port.
-    pub fn address(&self) -> SocketAddr {
-        self.info.address()
-    }
-
-    /// Counters of the bridge.
-    pub fn statistics(&self) -> BridgeStatistics {
-        self.info.statistics()
-    }
-
-    /// Address and counters in a form that may outlive the bridge.
-    pub fn info(&self) -> &BridgeInfo {
-        &self.info
-    }
 }
 
 /// Puts a bridge on a bus, with the bit rates of the gateway channel there.

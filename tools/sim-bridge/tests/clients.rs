@@ -251,11 +251,11 @@ fn dropped_bridge_handle_ends_threads() {
     let simulation = simulation(vec![NodeKind::Silent]);
     let _runner = simulation.keep_running().unwrap();
     let handle = attach(&simulation, "0.0", &BridgeSpec::default()).unwrap();
-    let address = handle.address();
+    let address = handle.info.address();
     let clients: Vec<_> = (0..3).map(|_| Client::slcan(address)).collect();
-    assert_eq!((bridges(&simulation).len(), handle.statistics().clients), (1, 3));
+    assert_eq!((bridges(&simulation).len(), handle.info.statistics().clients), (1, 3));
     assert_eq!(bridge_threads(address.port()), 1);
-    let info = handle.info().clone();
+    let info = handle.info.clone();
     drop(handle);
     assert_eq!((bridges(&simulation).len(), info.statistics().clients), (0, 0));
     wait_for("its threads end", || bridge_threads(address.port()) == 0);
@@ -296,10 +296,10 @@ fn impossible_bridges_are_rejected_with_reason() {
     let error = attach(&simulation, "0.7", &BridgeSpec::default()).unwrap_err();
     assert_eq!(error.to_string(), "bus \"0.7\" does not exist; there are: 0.0, 0.1, 0.2, 0.3");
     let first = attach(&simulation, "0.0", &BridgeSpec::default()).unwrap();
-    let taken = BridgeSpec { port: first.address().port(), ..BridgeSpec::default() };
+    let taken = BridgeSpec { port: first.info.address().port(), ..BridgeSpec::default() };
     let error = attach(&simulation, "0.1", &taken).unwrap_err();
     let BridgeError::Server(ServerError::Listen(address, _)) = error else { panic!("{error}") };
-    assert_eq!(address, first.address());
+    assert_eq!(address, first.info.address());
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! Accesses to the address space of a slave controller: registers, sync manager buffers, and plain
 //! memory. An access counts if any byte of it was accepted.
 
+use std::ops::Range;
+
 use super::super::Context;
 use super::super::sync_manager::Progress;
 use super::Controller;
@@ -39,48 +41,51 @@ impl Controller {
         (Area::Memory, next.min().unwrap_or(MEMORY_END).min(MEMORY_END))
     }
 
+    /// Passes each area of an access to `part`, with its address and its range in the data.
+    fn visit(
+        &mut self,
+        at: u16,
+        bytes: usize,
+        mut part: impl FnMut(&mut Self, Area, usize, Range<usize>) -> bool,
+    ) -> bool {
+        let (mut done, mut is_accepted) = (0, false);
+        while done < bytes {
+            let at = usize::from(at) + done;
+            let (area, end) = self.area(at);
+            let length = (end - at).min(bytes - done);
+            is_accepted |= part(self, area, at, done..done + length);
+            done += length;
+        }
+        is_accepted
+    }
+
     /// Reads for the master. A rejected part leaves `out` unchanged.
     pub(super) fn read(&mut self, at: u16, out: &mut [u8], context: &mut Context<'_>) -> bool {
-        let (mut at, mut rest, mut is_done) = (usize::from(at), out, false);
-        while !rest.is_empty() {
-            let (area, end) = self.area(at);
-            let (part, remaining) = rest.split_at_mut((end - at).min(rest.len()));
-            is_done |= match area {
-                Area::Registers => {
-                    self.read_registers(at, part, context);
-                    true
-                }
-                Area::Buffer(number) => self.read_buffer(number, at, part, context),
-                Area::Memory => {
-                    part.copy_from_slice(self.memory_at(at, part.len()));
-                    true
-                }
-                Area::Nothing => false,
-            };
-            at += part.len();
-            rest = remaining;
-        }
-        is_done
+        self.visit(at, out.len(), |this, area, at, range| {
+            let part = &mut out[range];
+            match area {
+                Area::Registers => this.read_registers(at, part, context),
+                Area::Buffer(number) => return this.read_buffer(number, at, part, context),
+                Area::Memory => part.copy_from_slice(this.memory_at(at, part.len())),
+                Area::Nothing => return false,
+            }
+            true
+        })
     }
 
     pub(super) fn write(&mut self, at: u16, data: &[u8], context: &mut Context<'_>) -> bool {
-        let (mut at, mut rest, mut is_done) = (usize::from(at), data, false);
-        while !rest.is_empty() {
-            let (area, end) = self.area(at);
-            let (part, remaining) = rest.split_at((end - at).min(rest.len()));
-            is_done |= match area {
-                Area::Registers => self.write_registers(at, part, context),
-                Area::Buffer(number) => self.write_buffer(number, at, part, context),
+        self.visit(at, data.len(), |this, area, at, range| {
+            let part = &data[range];
+            match area {
+                Area::Registers => this.write_registers(at, part, context),
+                Area::Buffer(number) => this.write_buffer(number, at, part, context),
                 Area::Memory => {
-                    self.memory_mut(at, part.len()).copy_from_slice(part);
+                    this.memory_mut(at, part.len()).copy_from_slice(part);
                     true
                 }
                 Area::Nothing => false,
-            };
-            at += part.len();
-            rest = remaining;
-        }
-        is_done
+            }
+        })
     }
 
     /// Memory at an address after the registers; shorter at its end.

@@ -20,9 +20,10 @@ pub enum InterfaceError {
 /// A network interface that is up.
 #[derive(Debug, Clone)]
 pub struct Interface {
-    name: String,
-    address: LinkAddr,
-    has_link: bool,
+    pub name: String,
+    /// Address for a packet socket, without a protocol.
+    pub address: LinkAddr,
+    pub has_link: bool,
 }
 
 impl Interface {
@@ -50,18 +51,5 @@ impl Interface {
         }
         known.sort();
         Err(InterfaceError::Unknown { name: name.to_owned(), known: known.join(", ") })
-    }
-
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Address for a packet socket, without a protocol.
-    pub fn address(&self) -> LinkAddr {
-        self.address
-    }
-
-    pub fn has_link(&self) -> bool {
-        self.has_link
     }
 }

@@ -81,18 +81,17 @@ fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Box<d
 
 fn announce(scenario: &Scenario, wire: &Wire, socket: &PacketSocket, screen: Screen) {
     let bridges = wire.world().node_descriptions();
-    let interface = socket.interface();
+    let interface = &socket.interface;
     screen.line(format_args!(
         "SIMULATED: no gateway, no CAN bus is real. Scenario {}: {}, {}, on interface {}, seed {}{bridges}",
         scenario.name,
         counted(scenario.gateways.len(), "gateway"),
         counted(scenario.nodes.len(), "node"),
-        interface.name(),
+        interface.name,
         scenario.seed,
     ));
-    if !interface.has_link() {
-        screen
-            .line(format_args!("{} has no link; check that the other end is up", interface.name()));
+    if !interface.has_link {
+        screen.line(format_args!("{} has no link; check that the other end is up", interface.name));
     }
 }
 

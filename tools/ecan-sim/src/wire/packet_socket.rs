@@ -68,7 +68,7 @@ pub enum Received {
 /// The socket. Frames that this machine sends on the interface are skipped.
 pub struct PacketSocket {
     descriptor: OwnedFd,
-    interface: Interface,
+    pub interface: Interface,
     control: [u8; CONTROL_BYTES],
 }
 
@@ -76,9 +76,9 @@ impl PacketSocket {
     pub fn open(interface: Interface) -> Result<Self, SocketError> {
         let fault = |errno: Errno| match errno {
             Errno::EPERM | Errno::EACCES => {
-                SocketError::NotPermitted { interface: interface.name().to_owned() }
+                SocketError::NotPermitted { interface: interface.name.clone() }
             }
-            errno => SocketError::Open { interface: interface.name().to_owned(), errno },
+            errno => SocketError::Open { interface: interface.name.clone(), errno },
         };
         let descriptor = socket_with(
             AddressFamily::PACKET,
@@ -87,7 +87,7 @@ impl PacketSocket {
             NonZeroU32::new(ETHERCAT_ETHERTYPE.to_be().into()).map(Protocol::from_raw),
         )
         .map_err(|error| fault(Errno::from_raw(error.raw_os_error())))?;
-        let address = interface.address();
+        let address = interface.address;
         // The address has no protocol: the socket keeps its own.
         bind(descriptor.as_raw_fd(), &address).map_err(fault)?;
         let membership = libc::packet_mreq {
@@ -99,10 +99,6 @@ impl PacketSocket {
         setsockopt(&descriptor, Membership, &membership).map_err(fault)?;
         setsockopt(&descriptor, sockopt::ReceiveTimestampns, &true).map_err(fault)?;
         Ok(Self { descriptor, interface, control: [0; CONTROL_BYTES] })
-    }
-
-    pub fn interface(&self) -> &Interface {
-        &self.interface
     }
 
     /// Receives a frame, if there is one, without waiting.
@@ -123,14 +119,14 @@ impl PacketSocket {
                     return Ok(Received::Down);
                 }
                 Err(errno) => {
-                    let interface = self.interface.name().to_owned();
+                    let interface = self.interface.name.clone();
                     return Err(SocketError::Receive { interface, errno });
                 }
             };
             // Until it was bound the socket received frames of every interface.
             let is_for_us = message.address.is_none_or(|from| {
                 from.pkttype() != libc::PACKET_OUTGOING
-                    && from.ifindex() == self.interface.address().ifindex()
+                    && from.ifindex() == self.interface.address.ifindex()
             });
             if !is_for_us {
                 continue;
@@ -149,12 +145,12 @@ impl PacketSocket {
     /// Fails if the interface was removed. The system reports only that it is down, which happens
     /// before the removal: call again while it is down.
     pub fn check_interface(&self) -> Result<(), SocketError> {
-        let is_there = nix::net::if_::if_nametoindex(self.interface.name())
-            .is_ok_and(|index| index as usize == self.interface.address().ifindex());
+        let is_there = nix::net::if_::if_nametoindex(self.interface.name.as_str())
+            .is_ok_and(|index| index as usize == self.interface.address.ifindex());
         if is_there {
             Ok(())
         } else {
-            Err(SocketError::Gone { interface: self.interface.name().to_owned() })
+            Err(SocketError::Gone { interface: self.interface.name.clone() })
         }
     }
 
@@ -165,9 +161,7 @@ impl PacketSocket {
             // Down or removed: receiving reports it.
             Err(Errno::ENETDOWN | Errno::ENXIO | Errno::ENODEV) => Ok(false),
             Err(Errno::EAGAIN | Errno::ENOBUFS | Errno::EMSGSIZE | Errno::EINTR) => Ok(false),
-            Err(errno) => {
-                Err(SocketError::Send { interface: self.interface.name().to_owned(), errno })
-            }
+            Err(errno) => Err(SocketError::Send { interface: self.interface.name.clone(), errno }),
         }
     }
 

@@ -78,7 +78,7 @@ impl Server {
                 Received::Nothing => self.wire.advance(now),
                 Received::Down => {
                     self.is_down = true;
-                    let name = self.socket.interface().name();
+                    let name = &self.socket.interface.name;
                     self.screen.line(format_args!("{name} is down: no frames until it is up"));
                 }
             }
@@ -126,7 +126,7 @@ impl Server {
             self.log(now, "first EtherCAT frame");
         }
         if is_sent && std::mem::take(&mut self.is_down) {
-            self.log(now, format_args!("{} is up again", self.socket.interface().name()));
+            self.log(now, format_args!("{} is up again", self.socket.interface.name));
         }
         Ok(())
     }
