@@ -26,7 +26,7 @@ const INTEGRATION_BITS: u32 = 11;
 /// one.
 ///
 /// Once the vectors have grown, only [`new`](Self::new) and [`attach`](Self::attach) allocate.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct CanBus {
     name: String,
     now: u64,
@@ -45,17 +45,7 @@ impl CanBus {
     /// An idle bus without stations at time 0.
     #[must_use]
     pub fn new(name: &str) -> Self {
-        Self {
-            name: name.to_owned(),
-            now: 0,
-            free_at: 0,
-            stations: Vec::new(),
-            current: None,
-            statistics: BusStatistics::default(),
-            report_due: false,
-            next_end: None,
-            has_local_activity: false,
-        }
+        Self { name: name.to_owned(), ..Self::default() }
     }
 
     /// Name of the bus.

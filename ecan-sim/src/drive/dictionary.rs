@@ -74,6 +74,9 @@ impl Object {
     }
 }
 
+/// Index and subindex of an object.
+pub(super) type Key = (u16, u8);
+
 /// Position of an object in one dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Slot(u16);
@@ -97,10 +100,10 @@ impl Dictionary {
         Self { objects }
     }
 
-    pub(super) fn find(&self, index: u16, subindex: u8) -> Result<Slot, AbortCode> {
-        match self.objects.binary_search_by_key(&(index, subindex), Object::key) {
+    pub(super) fn find(&self, key: Key) -> Result<Slot, AbortCode> {
+        match self.objects.binary_search_by_key(&key, Object::key) {
             Ok(position) => Ok(Slot(position as u16)),
-            Err(_) if self.has(index) => Err(AbortCode::NO_SUBINDEX),
+            Err(_) if self.has(key.0) => Err(AbortCode::NO_SUBINDEX),
             Err(_) => Err(AbortCode::NO_OBJECT),
         }
     }
@@ -128,7 +131,7 @@ impl Dictionary {
 
     /// Sign-extended number by index and subindex.
     pub(super) fn number(&self, index: u16, subindex: u8) -> Option<i64> {
-        let object = self.object(self.find(index, subindex).ok()?)?;
+        let object = self.object(self.find((index, subindex)).ok()?)?;
         match object.value {
             Value::Number(raw) => Some(object.data_type.number(raw)),
             Value::Bytes(_) => None,
@@ -146,7 +149,7 @@ impl Dictionary {
 
     /// As [`put`](Self::put) by index and subindex; no effect if the object does not exist.
     pub(super) fn set(&mut self, index: u16, subindex: u8, value: i64) {
-        if let Ok(slot) = self.find(index, subindex) {
+        if let Ok(slot) = self.find((index, subindex)) {
             self.put(slot, value as u64);
         }
     }

@@ -6,7 +6,7 @@ use ecan_protocol::object::AbortCode;
 use super::axis_commands::ReceivedCommands;
 use super::config::{SdoDirection, SdoEffect, SdoRule};
 use super::device::Device;
-use super::dictionary::{Access, Object, Slot, Value};
+use super::dictionary::{Access, Key, Object, Slot, Value};
 use super::emergency::clear_history;
 use super::homing;
 use super::motion;
@@ -20,54 +20,42 @@ const SAVE: i64 = 0x6576_6173;
 const LOAD: i64 = 0x6461_6F6C;
 
 impl Device {
-    pub(super) fn upload(
-        &mut self,
-        index: u16,
-        subindex: u8,
-        out: &mut Vec<u8>,
-    ) -> Result<(), TransferError> {
-        self.apply_rule(index, subindex, SdoDirection::Read)?;
+    pub(super) fn upload(&mut self, key: Key, out: &mut Vec<u8>) -> Result<(), TransferError> {
+        self.apply_rule(key, SdoDirection::Read)?;
         self.publish();
-        let slot = self.objects.find(index, subindex)?;
+        let slot = self.objects.find(key)?;
         Ok(self.objects.read(slot, out)?)
     }
 
     /// Checks whether a download of `length` bytes may start.
     pub(super) fn begin_download(
         &mut self,
-        index: u16,
-        subindex: u8,
+        key: Key,
         length: Option<usize>,
     ) -> Result<(), TransferError> {
-        self.apply_rule(index, subindex, SdoDirection::Write)?;
-        let slot = self.objects.find(index, subindex)?;
+        self.apply_rule(key, SdoDirection::Write)?;
+        let slot = self.objects.find(key)?;
         Ok(self.objects.check_write(slot, length)?)
     }
 
-    pub(super) fn download(
-        &mut self,
-        index: u16,
-        subindex: u8,
-        value: &[u8],
-    ) -> Result<(), TransferError> {
-        let slot = self.objects.find(index, subindex)?;
+    pub(super) fn download(&mut self, key: Key, value: &[u8]) -> Result<(), TransferError> {
+        let slot = self.objects.find(key)?;
         match self.objects.decode(slot, value)? {
-            Some(number) => self.write(slot, (index, subindex), number)?,
+            Some(number) => self.write(slot, key, number)?,
             None => self.objects.put_bytes(slot, value),
         }
         Ok(())
     }
 
     /// Size of an object's type, for expedited downloads without size.
-    pub(super) fn size(&self, index: u16, subindex: u8) -> Option<usize> {
-        let slot = self.objects.find(index, subindex).ok()?;
+    pub(super) fn size(&self, key: Key) -> Option<usize> {
+        let slot = self.objects.find(key).ok()?;
         self.objects.object(slot)?.data_type.size()
     }
 
     fn apply_rule(
         &mut self,
-        index: u16,
-        subindex: u8,
+        (index, subindex): Key,
         direction: SdoDirection,
     ) -> Result<(), TransferError> {
         let applies = |rule: &SdoRule| {
@@ -95,7 +83,7 @@ impl Device {
         }
     }
 
-    fn write(&mut self, slot: Slot, key: (u16, u8), number: i64) -> Result<(), AbortCode> {
+    fn write(&mut self, slot: Slot, key: Key, number: i64) -> Result<(), AbortCode> {
         self.check(key, number)?;
         match key {
             (object::STORE_PARAMETERS, _) if number == SAVE => {
@@ -120,7 +108,7 @@ impl Device {
     }
 
     /// Checks beyond the type and limits of an object.
-    fn check(&self, (index, subindex): (u16, u8), number: i64) -> Result<(), AbortCode> {
+    fn check(&self, (index, subindex): Key, number: i64) -> Result<(), AbortCode> {
         if let Some(pdo) = PdoObject::of(index) {
             return pdo.check(
                 &self.objects,
@@ -147,7 +135,7 @@ impl Device {
         }
     }
 
-    fn follow_up(&mut self, (index, subindex): (u16, u8), number: i64) {
+    fn follow_up(&mut self, (index, subindex): Key, number: i64) {
         if let Some(pdo) = PdoObject::of(index) {
             return self.load_pdo(pdo);
         }

@@ -36,7 +36,7 @@ impl Mapping {
             if mapping.length + usize::from(bytes) > PDO_BYTES {
                 break;
             }
-            let slot = objects.find(mapped.index, mapped.subindex).ok();
+            let slot = objects.find((mapped.index, mapped.subindex)).ok();
             *entry = Some(Mapped { slot, bytes });
             mapping.length += usize::from(bytes);
         }

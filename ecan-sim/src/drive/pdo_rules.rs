@@ -110,7 +110,7 @@ impl PdoObject {
         if !self.is_sent && is_dummy(entry) {
             return Ok(bytes);
         }
-        let slot = objects.find(entry.index, entry.subindex)?;
+        let slot = objects.find((entry.index, entry.subindex))?;
         let object = objects.object(slot).ok_or(AbortCode::NO_OBJECT)?;
         let carries = if self.is_sent { object.can_be_sent() } else { object.can_be_received() };
         if carries && object.data_type.bits() == Some(entry.bits) {

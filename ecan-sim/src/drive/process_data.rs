@@ -145,7 +145,7 @@ impl Device {
     }
 
     pub(super) fn find_updated(objects: &Dictionary) -> Slots {
-        UPDATED.map(|(index, _)| objects.find(index, 0).ok())
+        UPDATED.map(|(index, _)| objects.find((index, 0)).ok())
     }
 }
 

@@ -40,7 +40,7 @@ impl SdoServer {
                 if !self.has_block_transfer {
                     return Err(AbortCode::COMMAND.into());
                 }
-                device.begin_download(index, subindex, size.map(|size| size as usize))?;
+                device.begin_download(self.key, size.map(|size| size as usize))?;
                 self.announced = size;
                 self.with_crc = crc;
                 self.block_size = MAX_BLOCK_SIZE;
@@ -70,7 +70,7 @@ impl SdoServer {
         if !(1..=MAX_BLOCK_SIZE).contains(&block_size) {
             return Err(INVALID_BLOCK_SIZE.into());
         }
-        device.upload(self.index, self.subindex, &mut self.buffer)?;
+        device.upload(self.key, &mut self.buffer)?;
         let threshold = usize::from(switch_threshold);
         let is_short = threshold > 0 && self.buffer.len() <= threshold;
         if is_short || self.block_upload_falls_back {
@@ -79,12 +79,8 @@ impl SdoServer {
         self.with_crc = crc;
         self.block_size = block_size;
         self.phase = Phase::BlockUploadReady;
-        Ok(ServerFrame::BlockUpload {
-            index: self.index,
-            subindex: self.subindex,
-            size: Some(self.buffer.len() as u32),
-            crc: true,
-        })
+        let ((index, subindex), size) = (self.key, Some(self.buffer.len() as u32));
+        Ok(ServerFrame::BlockUpload { index, subindex, size, crc: true })
     }
 
     /// The next segment of a block upload, if one is due. Each waits until the bus has sent the
@@ -175,7 +171,7 @@ impl SdoServer {
             return Err(CRC.into());
         }
         self.phase = Phase::Idle;
-        device.download(self.index, self.subindex, &self.buffer)?;
+        device.download(self.key, &self.buffer)?;
         Ok(ServerFrame::BlockDownloadEnd)
     }
 }

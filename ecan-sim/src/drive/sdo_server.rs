@@ -6,7 +6,7 @@ use ecan_protocol::object::AbortCode;
 
 use super::config::DriveQuirks;
 use super::device::Device;
-use super::dictionary::LONGEST;
+use super::dictionary::{Key, LONGEST};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TransferError {
@@ -39,8 +39,7 @@ pub(super) struct SdoServer {
     pub(super) has_block_transfer: bool,
     /// Block uploads are answered as segmented ones.
     pub(super) block_upload_falls_back: bool,
-    pub(super) index: u16,
-    pub(super) subindex: u8,
+    pub(super) key: Key,
     pub(super) phase: Phase,
     pub(super) buffer: Vec<u8>,
     /// Number of sent bytes (acknowledged ones in a block upload).
@@ -59,8 +58,7 @@ impl SdoServer {
         Self {
             has_block_transfer: !quirks.no_block_transfer,
             block_upload_falls_back: quirks.block_upload_falls_back,
-            index: 0,
-            subindex: 0,
+            key: (0, 0),
             phase: Phase::Idle,
             buffer: Vec::with_capacity(BUFFER),
             position: 0,
@@ -103,7 +101,7 @@ impl SdoServer {
         Ok(match frame {
             ClientFrame::Upload { index, subindex } => {
                 self.begin(index, subindex);
-                device.upload(index, subindex, &mut self.buffer)?;
+                device.upload(self.key, &mut self.buffer)?;
                 Some(self.upload_response())
             }
             ClientFrame::UploadSegment { toggle } => Some(self.upload_segment(toggle)?),
@@ -123,8 +121,7 @@ impl SdoServer {
 
     /// Starts a transfer; one in progress is discarded.
     pub(super) fn begin(&mut self, index: u16, subindex: u8) {
-        self.index = index;
-        self.subindex = subindex;
+        self.key = (index, subindex);
         self.phase = Phase::Idle;
         self.position = 0;
         self.buffer.clear();
@@ -132,7 +129,8 @@ impl SdoServer {
 
     pub(super) fn abort(&mut self, code: AbortCode) -> [u8; 8] {
         self.phase = Phase::Idle;
-        ServerFrame::Abort { index: self.index, subindex: self.subindex, code }.to_bytes()
+        let (index, subindex) = self.key;
+        ServerFrame::Abort { index, subindex, code }.to_bytes()
     }
 
     /// Returns the value if it is short, otherwise its size.
@@ -141,7 +139,8 @@ impl SdoServer {
             self.phase = Phase::Upload { toggle: false };
             Initiate::Segmented { size: Some(self.buffer.len() as u32) }
         });
-        ServerFrame::Upload { index: self.index, subindex: self.subindex, initiate }
+        let (index, subindex) = self.key;
+        ServerFrame::Upload { index, subindex, initiate }
     }
 
     fn upload_segment(&mut self, toggle: bool) -> Result<ServerFrame, TransferError> {
@@ -165,19 +164,19 @@ impl SdoServer {
         initiate: Initiate,
         device: &mut Device,
     ) -> Result<(), TransferError> {
-        let (index, subindex) = (self.index, self.subindex);
+        let key = self.key;
         match initiate {
             Initiate::Expedited { data, length } => {
                 // Without a size that of the object's type counts.
-                let length = length
-                    .map_or_else(|| device.size(index, subindex).unwrap_or(4).min(4), usize::from);
+                let length =
+                    length.map_or_else(|| device.size(key).unwrap_or(4).min(4), usize::from);
                 let value = data.get(..length).unwrap_or(&data);
-                device.begin_download(index, subindex, Some(value.len()))?;
-                device.download(index, subindex, value)
+                device.begin_download(key, Some(value.len()))?;
+                device.download(key, value)
             }
             Initiate::Segmented { size } => {
                 let length = size.map(|size| size as usize);
-                device.begin_download(index, subindex, length)?;
+                device.begin_download(key, length)?;
                 self.phase = Phase::Download { toggle: false, announced: size };
                 Ok(())
             }
@@ -199,7 +198,7 @@ impl SdoServer {
         self.check_length(announced, segment.last)?;
         if segment.last {
             self.phase = Phase::Idle;
-            device.download(self.index, self.subindex, &self.buffer)?;
+            device.download(self.key, &self.buffer)?;
         } else {
             self.phase = Phase::Download { toggle: !toggle, announced };
         }

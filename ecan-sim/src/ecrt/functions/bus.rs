@@ -66,6 +66,13 @@ unsafe fn store_pdo_info<T>(
     unsafe { store(target, value) }
 }
 
+/// Number of responding slaves, their AL states, and whether the link is up.
+fn link_state(master: *const ec_master_t) -> CallResult<(c_uint, c_uint, c_uint)> {
+    on_master(master)?.with(|State { world, master, .. }| {
+        Ok((master.responding, master.al_states.into(), world.link_is_up().into()))
+    })
+}
+
 functions! {
     one_form master(master: *mut ec_master_t, info: *mut ec_master_info_t) {
         let value = on_master(master)?.with(|State { world, master, .. }| {
@@ -152,13 +159,10 @@ functions! {
     }
 
     two_forms master_state(master: *const ec_master_t, state: *mut ec_master_state_t) {
-        let mut value = ec_master_state_t::default();
-        on_master(master)?.with(|State { world, master, .. }| {
-            value.slaves_responding = master.responding;
-            value.set_al_states(c_uint::from(master.al_states));
-            value.set_link_up(c_uint::from(world.link_is_up()));
-            Ok(())
-        })?;
+        let (slaves_responding, al_states, link_up) = link_state(master)?;
+        let mut value = ec_master_state_t { slaves_responding, ..Default::default() };
+        value.set_al_states(al_states);
+        value.set_link_up(link_up);
         // SAFETY: the caller passes a pointer for the state, or null.
         unsafe { store(state, value) }
     }
@@ -170,13 +174,10 @@ functions! {
         if device != 0 {
             return Err(libc::EINVAL);
         }
-        let mut value = ec_master_link_state_t::default();
-        on_master(master)?.with(|State { world, master, .. }| {
-            value.slaves_responding = master.responding;
-            value.set_al_states(c_uint::from(master.al_states));
-            value.set_link_up(c_uint::from(world.link_is_up()));
-            Ok(())
-        })?;
+        let (slaves_responding, al_states, link_up) = link_state(master)?;
+        let mut value = ec_master_link_state_t { slaves_responding, ..Default::default() };
+        value.set_al_states(al_states);
+        value.set_link_up(link_up);
         // SAFETY: the caller passes a pointer for the state, or null.
         unsafe { store(state, value) }
     }

@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use super::{guarded, null_with, on_master, pointer};
+use super::{guarded, handle_or_null, on_master};
 use crate::ecrt::registry::{self, Handle, Target};
 use crate::ecrt::shared::Shared;
 use crate::simulation::Simulation;
@@ -11,12 +11,12 @@ use libc::c_uint;
 ///
 /// Null with the thread's error number set: `ENOENT` no such master, `EBUSY` reserved by another.
 pub fn request_master(simulation: &Simulation, index: c_uint) -> *mut ec_master_t {
-    SimulatedMasters::of(simulation).request(index)
+    obtain(simulation.shared(), index, true)
 }
 
 /// `ecrt_open_master`: a read-only handle, or null as from [`request_master`].
 pub fn open_master(simulation: &Simulation, index: c_uint) -> *mut ec_master_t {
-    SimulatedMasters::of(simulation).open(index)
+    obtain(simulation.shared(), index, false)
 }
 
 pub unsafe extern "C" fn release_master(master: *mut ec_master_t) {
@@ -49,36 +49,26 @@ pub(super) struct SimulatedMasters {
     pub(super) shared: Arc<Shared>,
 }
 
-impl SimulatedMasters {
-    fn of(simulation: &Simulation) -> Self {
-        Self { shared: simulation.shared().clone() }
-    }
-
-    /// A handle of the master with this index, reserved or not.
-    fn obtain(&self, index: u32, reserved: bool) -> *mut ec_master_t {
-        let client = guarded(|| {
-            if index != 0 {
-                return Err(libc::ENOENT);
-            }
-            let client = self.shared.open_client();
-            if reserved {
-                self.shared.reserve(client)?;
-            }
-            Ok(client)
-        });
-        client.map_or_else(null_with, |client| {
-            let shared = self.shared.clone();
-            pointer(registry::insert(Handle { shared, client, target: Target::Master }))
-        })
-    }
+/// A handle of the master with this index, reserved or not.
+fn obtain(shared: &Arc<Shared>, index: u32, reserved: bool) -> *mut ec_master_t {
+    handle_or_null(|| {
+        if index != 0 {
+            return Err(libc::ENOENT);
+        }
+        let client = shared.open_client();
+        if reserved {
+            shared.reserve(client)?;
+        }
+        Ok(registry::insert(Handle { shared: shared.clone(), client, target: Target::Master }))
+    })
 }
 
 impl OpenMaster for SimulatedMasters {
     fn request(&self, index: u32) -> *mut ec_master_t {
-        self.obtain(index, true)
+        obtain(&self.shared, index, true)
     }
 
     fn open(&self, index: u32) -> *mut ec_master_t {
-        self.obtain(index, false)
+        obtain(&self.shared, index, false)
     }
 }
