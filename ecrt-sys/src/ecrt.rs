@@ -68,8 +68,7 @@ impl Ecrt {
     ///
     /// # Errors
     ///
-    /// The file is missing, is no library, is not libethercat, has an unknown release, or lacks
-    /// functions.
+    /// The file is missing or not a libethercat, or its release is unknown or lacks functions.
     pub fn load(path: Option<&Path>) -> Result<Self, LoadError> {
         let (library, functions) = library::load(path)?;
         let origin =

@@ -25,12 +25,12 @@ fn missing_path_is_reported() {
 
 #[test]
 fn unknown_name_is_reported() {
-    let name = Path::new("libethercat-that-nobody-has.so.1");
+    let name = Path::new("libethercat-absent.so.1");
     let error = Ecrt::load(Some(name)).unwrap_err();
     assert!(matches!(error, LoadError::NotFound { .. }), "{error:?}");
     assert_contains(
         &error.to_string(),
-        &["libethercat-that-nobody-has.so.1", "install the IgH EtherCAT master"],
+        &["libethercat-absent.so.1", "install the IgH EtherCAT master"],
     );
 }
 

@@ -16,7 +16,7 @@ pub(crate) struct AssignmentWrite {
 
 const FIRST_PROCESS_SYNC: u8 = 2;
 
-/// The writes of a configuration, as far as the slave's SII allows them.
+/// The writes of a configuration, that the SII of the slave allows.
 ///
 /// A count that cannot be cleared skips its object, a PDO that cannot be assigned ends the list.
 pub(crate) fn assignment_writes(config: &SlaveConfig, spec: &GatewaySpec) -> Vec<AssignmentWrite> {

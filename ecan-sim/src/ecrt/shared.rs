@@ -147,7 +147,7 @@ impl Shared {
         }
     }
 
-    /// A worker lets the cycle's thread move the clock; false if there is none.
+    /// A worker lets the cycle's thread move the clock; false without such a thread.
     fn sleep_as_worker(&self, deadline: u64) -> bool {
         self.wait(|state, is_alone| {
             let is_over = state.world.now_ns() >= deadline;

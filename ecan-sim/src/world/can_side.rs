@@ -142,8 +142,8 @@ impl World {
         }
     }
 
-    /// Takes the frames that a node wants to send, puts the first into arbitration, and connects or
-    /// disconnects its controller.
+    /// Takes the frames of a node, puts the first into arbitration, and connects or disconnects its
+    /// controller.
     pub(super) fn collect_output(&mut self, index: usize) {
         let changed = self.collect_unplanned(index);
         let bus = self.nodes.get(index).map(|slot| slot.bus);

@@ -40,7 +40,7 @@ static int __attribute__((noinline)) garbage(void) { return -EIO; }
 #define STATUS int
 #define DONE(master) return (master) && (master)->index == 7 ? -EINTR : 0
 #endif
-#define NOBODY ((struct ec_master *) NULL)
+#define NO_MASTER ((struct ec_master *) NULL)
 
 unsigned int ecrt_version_magic(void) { return MAGIC; }
 
@@ -342,19 +342,19 @@ STATUS ecrt_domain_state(const ec_domain_t *domain, ec_domain_state_t *state)
 STATUS ecrt_sdo_request_index(ec_sdo_request_t *request, uint16_t index, uint8_t subindex)
 {
     (void) request; (void) index; (void) subindex;
-    DONE(NOBODY);
+    DONE(NO_MASTER);
 }
 
 STATUS ecrt_sdo_request_timeout(ec_sdo_request_t *request, uint32_t timeout)
 {
     (void) request; (void) timeout;
-    DONE(NOBODY);
+    DONE(NO_MASTER);
 }
 
 uint8_t *ecrt_sdo_request_data(ec_sdo_request_t *request) { return request->data; }
 size_t ecrt_sdo_request_data_size(const ec_sdo_request_t *request) { return request->size; }
 
-/* Busy when polled first; a read gives two bytes, whatever was asked for. */
+/* Busy when polled first; a read returns two bytes for any requested size. */
 ec_request_state_t ecrt_sdo_request_state(ec_sdo_request_t *request)
 {
     if (request->state == EC_REQUEST_BUSY && request->polls++) {
@@ -373,7 +373,7 @@ STATUS ecrt_sdo_request_write(ec_sdo_request_t *request)
     counts[WRITTEN] = request->data[0];
     request->state = EC_REQUEST_BUSY;
     request->polls = 0;
-    DONE(NOBODY);
+    DONE(NO_MASTER);
 }
 
 #ifndef LACKING
@@ -382,7 +382,7 @@ STATUS ecrt_sdo_request_read(ec_sdo_request_t *request)
     request->state = EC_REQUEST_BUSY;
     request->polls = 0;
     request->data[0] = 0;
-    DONE(NOBODY);
+    DONE(NO_MASTER);
 }
 #endif
 
@@ -411,7 +411,7 @@ STATUS ecrt_reg_request_read(ec_reg_request_t *request, uint16_t address, size_t
     (void) size;
     request->address = address;
     request->polls = 0;
-    DONE(NOBODY);
+    DONE(NO_MASTER);
 }
 
 #ifndef OLD

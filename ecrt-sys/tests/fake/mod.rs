@@ -16,7 +16,7 @@ pub struct Fake {
 }
 
 impl Fake {
-    /// The fake with these macros; `None`, saying so, where there is no C compiler.
+    /// The fake with these macros; `None` with a message without a C compiler.
     pub fn build(macros: &[&str]) -> Option<Self> {
         let source = Path::new(SOURCES).join("tests/fake/libethercat.c");
         Self::compile(&source, macros)
