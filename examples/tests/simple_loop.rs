@@ -59,6 +59,14 @@ fn option_ecrt_takes_precedence_over_the_environment() {
 }
 
 #[test]
+fn option_log_prints_events_on_standard_error() {
+    let arguments = ["--ecrt", "sim", "--cycles", "10", "--log", "ecan_mcan_port=info"];
+    let output = program::run("simple_loop", &arguments);
+    assert!(output.status.success() && text(&output.stderr).contains("ecan_mcan_port"));
+    assert!(!text(&output.stdout).contains("ecan_mcan_port"));
+}
+
+#[test]
 fn same_seed_gives_same_output() {
     let arguments = ["--ecrt", "sim", "--seed", "7", "--cycles", "300", "--channel", "all"];
     assert_eq!(succeeds(&arguments), succeeds(&arguments));

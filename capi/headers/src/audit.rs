@@ -6,18 +6,13 @@ use std::path::Path;
 use crate::manifest::{HEADERS, LIBRARIES};
 use crate::{read, sources};
 
-/// Tags that the comment of every function must have.
-const TAGS: [&str; 1] = ["@usage"];
-
 /// Adds the missing tags and names to `faults`.
 pub fn audit(root: &Path, faults: &mut Vec<String>) -> Result<(), String> {
     for header in HEADERS {
         for function in sources::functions(root, header)? {
-            for tag in TAGS {
-                if function.tag(tag).is_none() {
-                    let (name, location) = (&function.name, &function.location);
-                    faults.push(format!("{location}: the comment of {name} has no {tag}"));
-                }
+            if function.tag("@usage").is_none() {
+                let (name, location) = (&function.name, &function.location);
+                faults.push(format!("{location}: the comment of {name} has no @usage"));
             }
         }
     }

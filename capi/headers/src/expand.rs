@@ -9,7 +9,6 @@ use syn::{
     token,
 };
 
-/// Expands a source.
 pub fn expand(source: &str) -> syn::Result<File> {
     let mut file = syn::parse_file(source)?;
     for item in &mut file.items {
@@ -42,7 +41,6 @@ pub fn types(file: &File) -> Vec<String> {
     names.filter(|name| name.ends_with("_t")).collect()
 }
 
-/// Text of an expanded source.
 pub fn text(file: &File) -> String {
     file.to_token_stream().to_string()
 }

@@ -1,6 +1,5 @@
 //! The sources of each header, and the headers of each library.
 
-/// A header.
 pub struct Header {
     /// Name in `include/`.
     pub name: &'static str,
@@ -16,7 +15,6 @@ pub struct Header {
     pub sections: &'static [&'static str],
 }
 
-/// A library.
 pub struct Library {
     /// Its version script in `capi/`.
     pub map: &'static str,
@@ -24,7 +22,6 @@ pub struct Library {
     pub headers: &'static [&'static str],
 }
 
-/// All headers.
 pub const HEADERS: &[Header] = &[
     Header {
         name: "igh_ecan_common.h",
@@ -132,7 +129,6 @@ pub const HEADERS: &[Header] = &[
     },
 ];
 
-/// All libraries.
 pub const LIBRARIES: &[Library] = &[
     Library { map: "libecan_mcan_host.map", headers: &["igh_ecan_common.h", "igh_mcan_pdo.h"] },
     Library {

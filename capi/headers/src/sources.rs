@@ -5,29 +5,23 @@ use std::path::Path;
 use crate::manifest::Header;
 use crate::read;
 
-/// An exported function.
 #[derive(Debug)]
 pub struct Function {
-    /// Its name.
     pub name: String,
     /// Its doc comment, line by line.
     pub comment: Vec<String>,
-    /// File and line.
     pub location: String,
 }
 
-/// The text of a section.
 pub fn section(root: &Path, section: &str) -> Result<String, String> {
     read(&root.join("capi").join(section))
 }
 
-/// The exported functions of a header.
 pub fn functions(root: &Path, header: &Header) -> Result<Vec<Function>, String> {
     let sections = header.sections.iter().map(|name| functions_of(root, name));
     Ok(sections.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
 }
 
-/// The exported functions of a section.
 pub fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
     let mut found = Vec::new();
     let text = section(root, name)?;
@@ -65,7 +59,6 @@ impl Function {
         }
     }
 
-    /// Text after a tag.
     pub fn tag(&self, tag: &str) -> Option<&str> {
         self.comment.iter().find_map(|line| line.strip_prefix(tag)).map(str::trim)
     }

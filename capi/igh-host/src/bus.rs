@@ -10,7 +10,6 @@ use crate::callback::ProgressCallback;
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled};
 
-/// The topmost layer.
 #[derive(Debug)]
 pub(crate) enum Layer {
     Adapter(Box<Adapter>),
@@ -19,7 +18,6 @@ pub(crate) enum Layer {
     Between,
 }
 
-/// One master with its layers.
 #[derive(Debug)]
 pub(crate) struct Bus {
     layer: Layer,
@@ -67,7 +65,6 @@ impl From<SendTicket> for LastTicket {
     }
 }
 
-/// An SDO request of the application.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Request {
     pub(crate) id: SdoRequestId,
@@ -144,7 +141,6 @@ impl Bus {
         }
     }
 
-    /// Rejects a second Port.
     pub(crate) fn need_no_port(&self, call: Call) -> Result<(), ecan_result_t> {
         if !matches!(self.layer, Layer::Port(_)) {
             return Ok(());
@@ -153,7 +149,6 @@ impl Bus {
         Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text))
     }
 
-    /// Rejects a second set of axes.
     pub(crate) fn need_no_axes(&self, call: Call) -> Result<(), ecan_result_t> {
         if self.axes.is_none() {
             return Ok(());
@@ -162,7 +157,6 @@ impl Bus {
         Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text))
     }
 
-    /// Closes the Port.
     pub(crate) fn remove_port(&mut self) {
         self.axes = None;
         self.last_ticket = None;
@@ -173,7 +167,6 @@ impl Bus {
         };
     }
 
-    /// Opens axes on the Port.
     pub(crate) fn add_cia402(
         &mut self,
         call: Call,
@@ -231,13 +224,11 @@ impl Entered<Bus> {
         self.port_mut().ok_or_else(|| handle::not_initialised(call, Kind::Port))
     }
 
-    /// The open cycle of the Port.
     #[inline]
     pub(crate) fn need_cycle(&mut self, call: Call) -> Result<Cycle<'_>, ecan_result_t> {
         open_cycle(call, self.need_port(call)?)
     }
 
-    /// The axes and their Port.
     pub(crate) fn need_axes(
         &mut self,
         call: Call,
@@ -258,7 +249,6 @@ impl Entered<Bus> {
     }
 }
 
-/// The open cycle of a Port.
 #[inline]
 pub(crate) fn open_cycle(call: Call, port: &mut Port) -> Result<Cycle<'_>, ecan_result_t> {
     port.open_cycle().ok_or_else(|| {

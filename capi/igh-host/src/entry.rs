@@ -5,7 +5,6 @@ use ecan_mcan_host::common::result::ecan_result_t;
 
 use crate::handle::{self, Entered, Kind, Pooled, Words};
 
-/// A context struct of C.
 pub(crate) trait Context: Sized {
     /// The object that it names.
     type Object: Pooled;

@@ -30,7 +30,6 @@ impl<T, E: Coded> OrCode<T> for Result<T, E> {
     }
 }
 
-/// Notes an error and returns its code.
 #[cold]
 pub(crate) fn note(call: Call, error: &dyn Coded) -> ecan_result_t {
     let (code, abort_code) = error.coded();

@@ -82,7 +82,6 @@ impl<T> Pool<T> {
     }
 }
 
-/// An object with contexts.
 pub(crate) trait Pooled: Sized + Send + 'static {
     fn pool() -> &'static Pool<Self>;
 }
@@ -210,8 +209,6 @@ pub(crate) unsafe fn init<T: Pooled>(
     Ok(())
 }
 
-/// Clears a context.
-///
 /// # Safety
 /// `context` is valid for writing.
 pub(crate) unsafe fn clear(context: *mut Words) {
@@ -227,9 +224,6 @@ fn living(call: Call) -> ecan_result_t {
 }
 
 /// Enters the object that a context names. Takes no lock and allocates nothing.
-///
-/// # Errors
-/// NULL, a context that names none, or one that is in use.
 ///
 /// # Safety
 /// `context` is NULL or valid for reading, with any content.
@@ -256,9 +250,6 @@ pub(crate) unsafe fn enter<T: Pooled>(
 }
 
 /// As [`enter`]; `None` for a context that names no object.
-///
-/// # Errors
-/// NULL, or a context in use.
 ///
 /// # Safety
 /// As for [`enter`].

@@ -63,7 +63,6 @@ pub(crate) fn channel(
     entry.as_mut().ok_or_else(|| not_enabled(call, slave, channel))
 }
 
-/// An enabled channel.
 pub(crate) fn channel_of(
     call: Call,
     config: &PortConfig,

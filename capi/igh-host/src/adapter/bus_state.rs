@@ -79,7 +79,6 @@ pub struct ecan_igh_slave_info_t {
     pub name: [c_char; 64],
 }
 
-/// Rejects a slave that is not configured.
 pub(crate) fn need_slave(
     call: Call,
     adapter: &ecan_host::Adapter,

@@ -109,13 +109,11 @@ impl IghConfig {
         self.adapter.slaves[..count].get_mut(slave).ok_or_else(|| no_slave(call, slave, count))
     }
 
-    /// A configured slave.
     pub(crate) fn slave_of(&self, call: Call, slave: usize) -> Result<&SlaveConfig, ecan_result_t> {
         let count = self.slave_count;
         self.adapter.slaves[..count].get(slave).ok_or_else(|| no_slave(call, slave, count))
     }
 
-    /// Adds a startup step to a configured slave.
     pub(crate) fn add_startup(
         &mut self,
         call: Call,
@@ -153,7 +151,6 @@ impl IghConfig {
         AdapterConfig { slaves: List::collect(slaves).unwrap_or_default(), ..self.adapter }
     }
 
-    /// The startup steps of the gateways.
     pub(crate) fn startup_plan(&self) -> StartupPlan {
         self.applied().map(|port| port.startup_plan(&self.configured())).unwrap_or_default()
     }

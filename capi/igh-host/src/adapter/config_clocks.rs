@@ -20,7 +20,7 @@ mirror! {
     }
 }
 
-/// Changes the settings of distributed clocks that are on.
+/// Settings of the distributed clocks; an error if they are off.
 fn dc(call: Call, config: &mut IghConfig) -> Result<&mut DcSync, ecan_result_t> {
     let dc = config.adapter.dc.as_mut();
     dc.ok_or_else(|| call.fail(ECAN_ERR_ORDER, format_args!("distributed clocks are off")))

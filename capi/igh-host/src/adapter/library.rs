@@ -9,7 +9,6 @@ use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_ECRT};
 
 use super::config::IghConfig;
 
-/// A loaded library.
 pub(crate) struct Library {
     pub(crate) ecrt: Ecrt,
     /// The library is simulated, and its time passes only while the program waits.

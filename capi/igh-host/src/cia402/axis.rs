@@ -165,7 +165,6 @@ pub struct igh_cia402_axis_t {
 }
 
 impl igh_cia402_axis_t {
-    /// Converts the defaults of Rust.
     fn new(slave: u16, channel: u8, node_id: u8, settings: &AxisConfig) -> Self {
         let code = |code: Option<i16>| code.map_or(IGH_CIA402_UNCHANGED, i32::from);
         let AxisConfig { drive, .. } = settings;

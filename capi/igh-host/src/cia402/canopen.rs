@@ -26,18 +26,10 @@ use crate::milliseconds::duration;
 const LEAST_BUFFER: usize = 1024;
 const MOST_BUFFER: usize = 1 << 24;
 
-/// Address of a node.
-struct Place {
-    slave: usize,
-    channel: u8,
-    node_id: u8,
-}
-
-/// Makes a network of one node.
 fn network<'a>(
     call: Call,
     bus: &'a mut Entered<Bus>,
-    place: &Place,
+    (slave, channel, node_id): (usize, u8, u8),
     size: usize,
 ) -> Result<(&'a mut Port, Network, NodeHandle), ecan_result_t> {
     bus.need_owned(call)?;
@@ -48,7 +40,6 @@ fn network<'a>(
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
     }
     let port = bus.need_port(call)?;
-    let Place { slave, channel, node_id } = *place;
     find_channel(call, port, slave, channel)?;
     let node = NodeId::new(node_id).ok_or_else(|| {
         call.argument("node_id", format_args!("{node_id} is out of range; allowed: 1 to 127"))
@@ -96,8 +87,7 @@ pub fn igh_canopen_sdo_upload(
     timeout_ms: u32,
 ) {
     pointers!(call, byte_room(data, size), out(length));
-    let place = Place { slave, channel, node_id };
-    let (port, mut network, node) = network(call, bus, &place, size)?;
+    let (port, mut network, node) = network(call, bus, (slave, channel, node_id), size)?;
     let value = network
         .upload_blocking(port, node, (index, subindex), duration(timeout_ms))
         .or_code(call)?;
@@ -125,8 +115,7 @@ pub fn igh_canopen_sdo_download(
     timeout_ms: u32,
 ) {
     pointers!(call, bytes(data, size));
-    let place = Place { slave, channel, node_id };
-    let (port, mut network, node) = network(call, bus, &place, size)?;
+    let (port, mut network, node) = network(call, bus, (slave, channel, node_id), size)?;
     network
         .download_blocking(port, node, (index, subindex), data, duration(timeout_ms))
         .or_code(call)

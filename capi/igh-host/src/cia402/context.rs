@@ -49,7 +49,6 @@ impl Context for igh_cia402_context_t {
     }
 }
 
-/// Rejects an axis that does not exist.
 pub(crate) fn need_axis(call: Call, cia402: &Cia402, axis: usize) -> Result<(), ecan_result_t> {
     let count = cia402.axis_count();
     if axis < count {

@@ -152,14 +152,12 @@ mirror! {
     }
 }
 
-/// Mode of a number that C passes.
 pub(crate) fn mode(call: Call, number: c_int) -> Result<OperatingMode, ecan_result_t> {
     igh_cia402_mode_t::to_rust(number).ok_or_else(|| {
         call.argument("mode", format_args!("{number} is invalid; allowed: igh_cia402_mode_t"))
     })
 }
 
-/// NMT command of a number that C passes.
 pub(crate) fn nmt_command(call: Call, number: c_int) -> Result<NmtCommand, ecan_result_t> {
     igh_canopen_nmt_t::to_rust(number).ok_or_else(|| {
         call.argument("command", format_args!("{number} is invalid; allowed: igh_canopen_nmt_t"))

@@ -72,7 +72,6 @@ fn short(count: usize) -> u32 {
 }
 
 impl igh_cia402_settings_t {
-    /// Converts to Rust.
     pub(crate) fn checked(&self, call: Call) -> Result<Cia402Config, ecan_result_t> {
         if self.seal != SEAL {
             let text = format_args!(

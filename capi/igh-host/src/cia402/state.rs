@@ -81,7 +81,6 @@ pub struct igh_cia402_axis_state_t {
     pub reserved: [u8; 6],
 }
 
-/// State of an existing axis.
 fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
     use igh_cia402_phase_t::*;
     let (progress, node) = (cia402.progress(axis)?, cia402.node(axis)?);

@@ -78,7 +78,6 @@ impl igh_mcan_frame_stream_t {
     }
 }
 
-/// Makes the plan and stores its text.
 pub(crate) fn plan(
     call: Call,
     adapter: &IghConfig,

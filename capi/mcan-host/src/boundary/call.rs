@@ -115,9 +115,6 @@ impl Call {
 
     /// Borrows a value of C.
     ///
-    /// # Errors
-    /// NULL.
-    ///
     /// # Safety
     /// `pointer` is NULL or valid for reading, and not written to during the call.
     #[inline]
@@ -127,9 +124,6 @@ impl Call {
     }
 
     /// Borrows an initialised value of C to change it.
-    ///
-    /// # Errors
-    /// NULL.
     ///
     /// # Safety
     /// `pointer` is NULL or valid for reading and writing, and not used otherwise during the call.
@@ -145,9 +139,6 @@ impl Call {
 
     /// Takes a pointer for a result; its content is ignored.
     ///
-    /// # Errors
-    /// NULL.
-    ///
     /// # Safety
     /// `pointer` is NULL or valid for writing as long as the result lives.
     #[inline]
@@ -161,9 +152,6 @@ impl Call {
 
     /// Takes a pointer for a result that may be NULL.
     ///
-    /// # Errors
-    /// None.
-    ///
     /// # Safety
     /// As for [`out`](Self::out).
     #[inline]
@@ -176,9 +164,6 @@ impl Call {
     }
 
     /// Borrows items of C; NULL is allowed for none.
-    ///
-    /// # Errors
-    /// NULL with a count.
     ///
     /// # Safety
     /// `items` is NULL or valid for reading `count` items, and not written to during the call.
@@ -202,9 +187,6 @@ impl Call {
 
     /// Takes an array for items.
     ///
-    /// # Errors
-    /// NULL with a capacity.
-    ///
     /// # Safety
     /// `items` is NULL or valid for writing `capacity` items as long as the result lives.
     #[inline]
@@ -223,9 +205,6 @@ impl Call {
 
     /// As [`items`](Self::items), of bytes.
     ///
-    /// # Errors
-    /// As there.
-    ///
     /// # Safety
     /// As there.
     #[inline]
@@ -240,9 +219,6 @@ impl Call {
     }
 
     /// As [`room`](Self::room), for bytes.
-    ///
-    /// # Errors
-    /// As there.
     ///
     /// # Safety
     /// As there.
@@ -271,9 +247,6 @@ impl Call {
 
     /// Borrows bytes of C that end with NUL: a text of any encoding, or a path.
     ///
-    /// # Errors
-    /// NULL.
-    ///
     /// # Safety
     /// `bytes` is NULL or ends with NUL, and is not written to during the call.
     pub unsafe fn c_str<'a>(
@@ -289,9 +262,6 @@ impl Call {
     }
 
     /// Borrows a text of C.
-    ///
-    /// # Errors
-    /// NULL, or not UTF-8.
     ///
     /// # Safety
     /// `text` is NULL or ends with NUL, and is not written to during the call.

@@ -1,5 +1,6 @@
 //! The boundary between C and Rust: no panic crosses it, every pointer is checked for NULL, and
-//! every error stores its text.
+//! every error stores its text. Methods that take pointers return `ECAN_ERR_NULL` for NULL if the
+//! length is not 0.
 
 mod call;
 mod mirror;

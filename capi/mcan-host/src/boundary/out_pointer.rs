@@ -22,9 +22,6 @@ impl<T> OutPointer<T> {
     }
 
     /// Stores a result, if it is not an error.
-    ///
-    /// # Errors
-    /// The error.
     pub fn store(&self, result: Result<T, ecan_result_t>) -> Result<(), ecan_result_t> {
         result.map(|value| self.set(value))
     }

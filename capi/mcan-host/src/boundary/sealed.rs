@@ -44,9 +44,6 @@ impl<S: Opaque> OutPointer<S> {
 impl Call {
     /// Borrows the value that [`OutPointer::seal`] stored, to change it.
     ///
-    /// # Errors
-    /// NULL, or not initialised.
-    ///
     /// # Safety
     /// `storage` is NULL or valid for reading and writing, and not used otherwise during the call.
     /// A value follows the seal.
@@ -65,9 +62,6 @@ impl Call {
     }
 
     /// Borrows the value that [`OutPointer::seal`] stored.
-    ///
-    /// # Errors
-    /// As for [`sealed_mut`](Self::sealed_mut).
     ///
     /// # Safety
     /// `storage` is NULL or valid for reading, and not written to during the call. A value follows

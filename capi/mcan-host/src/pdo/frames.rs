@@ -164,10 +164,7 @@ impl ToResult for FrameError {
     }
 }
 
-/// Makes a classic CAN frame of the arguments of C.
-///
-/// # Errors
-/// [`ecan_result_t::ECAN_ERR_FRAME`].
+/// Makes a classic CAN frame of the arguments of C, or returns `ECAN_ERR_FRAME`.
 #[inline(always)]
 pub fn classic_frame(
     call: Call,
@@ -188,9 +185,6 @@ pub fn classic_frame(
 
 /// As [`classic_frame`]; the data of a remote frame may be NULL.
 ///
-/// # Errors
-/// As there, and NULL.
-///
 /// # Safety
 /// As for [`Call::items`], but for a remote frame.
 #[inline(always)]
@@ -210,10 +204,7 @@ pub unsafe fn classic_frame_at<'a>(
     classic_frame(call, can_id, flags, data)
 }
 
-/// Makes a CAN FD frame of the arguments of C.
-///
-/// # Errors
-/// [`ecan_result_t::ECAN_ERR_FRAME`].
+/// Makes a CAN FD frame of the arguments of C, or returns `ECAN_ERR_FRAME`.
 #[inline]
 pub fn fd_frame(
     call: Call,
@@ -239,10 +230,7 @@ fn known_flags(call: Call, flags: u8, known: u8, what: &str) -> Result<(), ecan_
 }
 
 impl igh_mcan_tx_frame_t {
-    /// Frame that C describes.
-    ///
-    /// # Errors
-    /// [`ecan_result_t::ECAN_ERR_FRAME`].
+    /// Frame that C describes, or `ECAN_ERR_FRAME`.
     #[inline]
     pub fn frame(&self, call: Call) -> Result<FrameRef<'_>, ecan_result_t> {
         let fd = self.flags & IGH_MCAN_FLAG_FD != 0;
@@ -253,10 +241,7 @@ impl igh_mcan_tx_frame_t {
         make(call, self.can_id, self.flags, data)
     }
 
-    /// The hint, an [`igh_mcan_hint_t`].
-    ///
-    /// # Errors
-    /// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
+    /// The hint, an [`igh_mcan_hint_t`], or `ECAN_ERR_ARGUMENT`.
     #[inline]
     pub fn checked_hint(&self, call: Call) -> Result<u8, ecan_result_t> {
         check_hint(call, self.hint.into())

@@ -85,10 +85,7 @@ impl ToResult for ProfileError {
     }
 }
 
-/// Encapsulation profile of a number.
-///
-/// # Errors
-/// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
+/// Encapsulation profile of a number, or `ECAN_ERR_ARGUMENT`.
 pub fn encapsulation(call: Call, raw: c_int) -> Result<EncapsulationProfile, ecan_result_t> {
     let profile = u8::try_from(raw).ok().and_then(EncapsulationProfile::from_raw);
     profile.ok_or_else(|| {
@@ -96,10 +93,7 @@ pub fn encapsulation(call: Call, raw: c_int) -> Result<EncapsulationProfile, eca
     })
 }
 
-/// Budget policy of a number.
-///
-/// # Errors
-/// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
+/// Budget policy of a number, or `ECAN_ERR_ARGUMENT`.
 pub fn budget(call: Call, raw: c_int) -> Result<BudgetPolicy, ecan_result_t> {
     let policy = u8::try_from(raw).ok().and_then(BudgetPolicy::from_raw);
     policy.ok_or_else(|| {
@@ -107,20 +101,14 @@ pub fn budget(call: Call, raw: c_int) -> Result<BudgetPolicy, ecan_result_t> {
     })
 }
 
-/// Options of their bits.
-///
-/// # Errors
-/// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
+/// Options of their bits, or `ECAN_ERR_ARGUMENT`.
 pub fn options(call: Call, bits: u8) -> Result<OptionFlags, ecan_result_t> {
     OptionFlags::from_bits(bits)
         .ok_or_else(|| call.argument("options", format_args!("0x{bits:02X} has reserved bits")))
 }
 
 impl igh_mcan_pdo_profile_t {
-    /// Profile that C describes.
-    ///
-    /// # Errors
-    /// The first fault.
+    /// Profile that C describes, or the first fault.
     pub fn checked(&self, call: Call) -> Result<(Direction, PdoProfile), ecan_result_t> {
         let direction = match self.direction {
             0 => Direction::RxPdo,
