@@ -26,12 +26,12 @@ use crate::milliseconds::duration;
 const LEAST_BUFFER: usize = 1024;
 const MOST_BUFFER: usize = 1 << 24;
 
-fn network<'a>(
+fn network(
     call: Call,
-    bus: &'a mut Entered<Bus>,
+    bus: &mut Entered<Bus>,
     (slave, channel, node_id): (usize, u8, u8),
     size: usize,
-) -> Result<(&'a mut Port, Network, NodeHandle), ecan_result_t> {
+) -> Result<(&mut Port, Network, NodeHandle), ecan_result_t> {
     bus.need_owned(call)?;
     if bus.axes_mut().is_some() {
         let text = format_args!(
