@@ -38,12 +38,14 @@
  *          igh_mcan_frame_way_t to igh_mcan_frame_route_t, igh_cia402_refusal_t to
  *          igh_cia402_rejection_t, with their values; IGH_CIA402_DECISION_REFUSED to _REJECTED,
  *          IGH_CIA402_WAIT_IMAGE_HELD to _IMAGE_UNCONFIRMED, _WAIT_FRAME_REFUSED to
- *          _FRAME_REJECTED, IGH_CANOPEN_HEARTBEAT_UNWATCHED to _UNCONFIGURED. Fields: refused* to
- *          rejected*, targets_refused to targets_rejected, trouble to axis_error, auto_take_up to
- *          auto_resume, take_ups to activations, is_holding to is_unconfirmed, way to route,
- *          refuse_without_margin to reject_without_margin, give_up_missed to discard_missed. Cycle, receive and
- *          send functions return ECAN_ERR_ORDER if no cycle is open. A configuration file with too
- *          many gateways or filters is ECAN_ERR_CONFIG.
+ *          _FRAME_REJECTED, IGH_CIA402_TROUBLE_RESET_REFUSED to IGH_CIA402_AXIS_ERROR_RESET_FAILED,
+ *          IGH_CANOPEN_HEARTBEAT_UNWATCHED to _UNCONFIGURED. Fields: refused* to rejected*,
+ *          targets_refused to targets_rejected, trouble to axis_error, auto_take_up to auto_resume,
+ *          take_ups to activations, is_holding to is_unconfirmed, way to route,
+ *          refuse_without_margin to reject_without_margin, give_up_missed to discard_missed.
+ *          Removed: IGH_CIA402_HOLD_MOVING. Cycle, receive and send functions return ECAN_ERR_ORDER
+ *          if no cycle is open. A configuration file with too many gateways or filters is
+ *          ECAN_ERR_CONFIG.
  *   0.1.0  First version.
  */
 #ifndef @GUARD@
