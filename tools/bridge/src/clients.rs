@@ -72,8 +72,6 @@ impl Clients {
         self.counters.read(self.lock().clients.len())
     }
 
-    // Clients
-
     /// Admits a client; `connection` is closed when it leaves.
     pub(crate) fn join(
         &self,
@@ -156,8 +154,6 @@ impl Clients {
             self.changed.notify_all();
         }
     }
-
-    // Bus
 
     /// Sets the bit rates of the bus.
     pub fn set_bus(&self, rates: BusRates) {

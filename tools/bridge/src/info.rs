@@ -11,20 +11,12 @@ use crate::statistics::BridgeStatistics;
 /// Address and counters of a bridge. Does not keep it alive.
 #[derive(Clone, Debug)]
 pub struct BridgeInfo {
-    protocol: BridgeProtocol,
-    address: SocketAddr,
-    clients: Arc<Clients>,
+    pub(crate) protocol: BridgeProtocol,
+    pub(crate) address: SocketAddr,
+    pub(crate) clients: Arc<Clients>,
 }
 
 impl BridgeInfo {
-    pub(crate) fn new(
-        protocol: BridgeProtocol,
-        address: SocketAddr,
-        clients: Arc<Clients>,
-    ) -> Self {
-        Self { protocol, address, clients }
-    }
-
     /// Protocol of the bridge.
     pub fn protocol(&self) -> BridgeProtocol {
         self.protocol

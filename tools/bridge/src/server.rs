@@ -69,7 +69,8 @@ impl BridgeServer {
             .name(format!("bridge {}", bound.port()))
             .spawn(move || acceptor.run())
             .map_err(|error| ServerError::Thread(bound, error))?;
-        let info = BridgeInfo::new(config.protocol, bound, clients.clone());
+        let info =
+            BridgeInfo { protocol: config.protocol, address: bound, clients: clients.clone() };
         Ok(Self { info, clients, stop, acceptor: Some(acceptor) })
     }
 

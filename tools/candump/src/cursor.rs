@@ -58,22 +58,17 @@ impl<'a> Cursor<'a> {
     }
 
     pub(crate) fn take_decimal(&mut self) -> Option<u8> {
-        let digit = self.peek()?;
-        digit.is_ascii_digit().then(|| {
-            self.skip();
-            digit - b'0'
-        })
+        self.take_digit(10)
     }
 
     pub(crate) fn take_hex(&mut self) -> Option<u8> {
-        let value = match self.peek()? {
-            digit @ b'0'..=b'9' => digit - b'0',
-            letter @ b'A'..=b'F' => letter - b'A' + 10,
-            letter @ b'a'..=b'f' => letter - b'a' + 10,
-            _ => return None,
-        };
+        self.take_digit(16)
+    }
+
+    fn take_digit(&mut self, radix: u32) -> Option<u8> {
+        let value = char::from(self.peek()?).to_digit(radix)?;
         self.skip();
-        Some(value)
+        Some(value as u8)
     }
 
     pub(crate) fn error(&self, kind: ParseErrorKind) -> ParseError {

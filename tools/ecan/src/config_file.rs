@@ -23,19 +23,19 @@ pub fn open_bus(file: &Config, context: &Context, clock: ClockKind) -> Result<Bu
 }
 
 /// Gateways of a file on its bus: all, or the selected one.
-pub fn places(file: &Config, bus: &Bus) -> Result<Vec<ResolvedGateway>> {
-    let mut places = find(bus.diagnostics(), &file.adapter.slaves).map_err(of_place)?;
+pub fn resolve(file: &Config, bus: &Bus) -> Result<Vec<ResolvedGateway>> {
+    let mut resolved = find(bus.diagnostics(), &file.adapter.slaves).map_err(resolve_failure)?;
     if bus.is_chosen() {
         let chosen = bus.slave()?;
-        places.retain(|place| place.slave == chosen);
-        if places.is_empty() {
+        resolved.retain(|it| it.slave == chosen);
+        if resolved.is_empty() {
             return Err(Failure::Slave(format!("slave {chosen} is not a gateway of the file")));
         }
     }
-    Ok(places)
+    Ok(resolved)
 }
 
-pub fn of_place(fault: ResolveError) -> Failure {
+pub fn resolve_failure(fault: ResolveError) -> Failure {
     match fault {
         ResolveError::Device(error) => Failure::Device(error),
         ResolveError::State { .. } => Failure::Rejected(fault.to_string()),

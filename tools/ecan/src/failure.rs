@@ -38,11 +38,9 @@ pub enum Failure {
     Rejected(String),
     #[error("slave {position}: {reason}")]
     NotReady { position: usize, reason: String },
-    /// Fewer frames than required were received or confirmed as sent.
+    /// Fewer frames than required were received or confirmed as sent, or the user stopped before.
     #[error("{0}")]
     Incomplete(String),
-    #[error("{0}")]
-    Interrupted(String),
     #[error("{0}")]
     Log(#[from] LogFileError),
     /// An address or terminal for clients is not available.
@@ -76,7 +74,7 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::ReaderGone => 0,
-            Self::ProblemsFound | Self::Incomplete(_) | Self::Interrupted(_) => 1,
+            Self::ProblemsFound | Self::Incomplete(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,

@@ -1,3 +1,5 @@
+//! Output of the program: text for people, JSON for programs.
+
 use std::io::{self, IsTerminal, Write};
 
 use serde::Serialize;

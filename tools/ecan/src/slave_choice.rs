@@ -1,3 +1,5 @@
+//! Selection of a slave on a bus.
+
 use std::fmt::{self, Display};
 use std::str::FromStr;
 
@@ -108,13 +110,13 @@ pub fn choose(candidates: &impl Candidates, choice: Option<SlaveChoice>) -> Resu
     };
     match choice {
         None => only_gateway(&candidates.recognised()?, count),
-        Some(SlaveChoice::Position(wanted)) => {
-            one_of(&positions(&|(position, _)| *position == wanted), choice, count)
+        Some(SlaveChoice::Position(expected)) => {
+            one_of(&positions(&|(position, _)| *position == expected), choice, count)
         }
-        Some(SlaveChoice::Alias(wanted)) => {
-            one_of(&positions(&|(_, alias)| *alias == wanted), choice, count)
+        Some(SlaveChoice::Alias(expected)) => {
+            one_of(&positions(&|(_, alias)| *alias == expected), choice, count)
         }
-        Some(SlaveChoice::Serial(wanted)) => of_serial(candidates, wanted, count),
+        Some(SlaveChoice::Serial(expected)) => of_serial(candidates, expected, count),
     }
 }
 
@@ -129,9 +131,9 @@ fn one_of(found: &[usize], choice: Option<SlaveChoice>, slaves: usize) -> Result
                 Some(SlaveChoice::Position(_)) | None => "position".to_owned(),
             };
             let several = list(several);
-            let words =
+            let message =
                 format!("slaves {several} have the same {what}; select one by its position");
-            Err(Failure::Slave(words))
+            Err(Failure::Slave(message))
         }
     }
 }
@@ -146,11 +148,11 @@ pub fn only_gateway(recognised: &Recognised, slaves: usize) -> Result<usize> {
             let unknown = recognised.unknown.iter().map(|slave| slave.position);
             let mut all: Vec<_> = gateways.iter().copied().chain(unknown).collect();
             all.sort_unstable();
-            let words = match all[..] {
+            let message = match all[..] {
                 [only] => format!("{first}; if it is an ECAN-Lite, select it with --slave {only}"),
                 _ => format!("{first}; select one with --slave: {}", list(&all)),
             };
-            Err(Failure::Slave(words))
+            Err(Failure::Slave(message))
         }
     }
 }
@@ -178,8 +180,8 @@ pub fn one_or_all(
         1.. if all => Ok(recognised),
         count => match only_gateway(&recognised, candidates.positions()?.len()) {
             // Suggests --all if there are several candidates.
-            Err(Failure::Slave(words)) if count > 1 => {
-                Err(Failure::Slave(format!("{words}, or all with --all")))
+            Err(Failure::Slave(message)) if count > 1 => {
+                Err(Failure::Slave(format!("{message}, or all with --all")))
             }
             other => other.map(only),
         },
@@ -196,27 +198,27 @@ pub fn every_gateway(candidates: &impl Candidates) -> Result<Vec<usize>> {
     Ok(recognised.gateways)
 }
 
-fn of_serial(candidates: &impl Candidates, wanted: u64, slaves: usize) -> Result<usize> {
+fn of_serial(candidates: &impl Candidates, expected: u64, slaves: usize) -> Result<usize> {
     let recognised = candidates.recognised()?;
     let mut unread = recognised.unknown.first().map(ToString::to_string);
     let mut found = Vec::new();
     for slave in recognised.gateways {
         match candidates.serial(slave) {
-            Ok(serial) if serial == wanted => found.push(slave),
+            Ok(serial) if serial == expected => found.push(slave),
             Ok(_) => {}
             Err(error) => unread = unread.or(Some(error.to_string())),
         }
     }
-    match (one_of(&found, Some(SlaveChoice::Serial(wanted)), slaves), unread) {
-        (Err(Failure::Slave(words)), Some(reason)) if found.is_empty() => {
-            Err(Failure::Slave(format!("{words}; but {reason}")))
+    match (one_of(&found, Some(SlaveChoice::Serial(expected)), slaves), unread) {
+        (Err(Failure::Slave(message)), Some(reason)) if found.is_empty() => {
+            Err(Failure::Slave(format!("{message}; but {reason}")))
         }
         (found, _) => found,
     }
 }
 
 fn none_found(choice: Option<SlaveChoice>, slaves: usize) -> Failure {
-    let words = match (choice, slaves) {
+    let message = match (choice, slaves) {
         (_, 0) => "no slave responds on the bus".to_owned(),
         (None, _) => format!(
             "none of the {slaves} slaves is identified as an ECAN-Lite; select one with --slave"
@@ -234,7 +236,7 @@ fn none_found(choice: Option<SlaveChoice>, slaves: usize) -> Failure {
             format!("no gateway has the serial number {serial}; see `ecan scan`")
         }
     };
-    Failure::Slave(words)
+    Failure::Slave(message)
 }
 
 fn several_found(positions: &[usize]) -> String {

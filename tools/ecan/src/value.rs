@@ -1,3 +1,5 @@
+//! Conversion of object values between text and bytes, with units and meanings.
+
 use ecan_protocol::object::{Entry, ObjectType};
 use serde::{Serialize, Serializer};
 

@@ -80,20 +80,16 @@ impl SocketCanBridge {
         // The first client is always admitted.
         let id = clients.join(Closing(state.clone()), queue.clone());
         let id = id.ok_or(io::ErrorKind::ConnectionRefused)?;
-        let threads = Vec::with_capacity(2);
-        let mut bridge =
-            Self { interface: interface.to_owned(), clients: clients.clone(), state, threads };
-        let socket = Arc::new(socket);
-        let reader = Reader {
-            socket: socket.clone(),
-            clients: clients.clone(),
-            state: bridge.state.clone(),
-            id,
-        };
-        let writer = Writer { socket, clients, state: bridge.state.clone(), is_stuck: false };
-        let thread = |way: &str| thread::Builder::new().name(format!("{interface} {way}"));
-        bridge.threads.push(thread("reader").spawn(move || reader.run())?);
-        bridge.threads.push(thread("writer").spawn(move || writer.run(&queue))?);
+        let connection =
+            Arc::new(Connection { socket, clients: clients.clone(), state: state.clone(), id });
+        let interface = interface.to_owned();
+        let mut bridge = Self { interface, clients, state, threads: Vec::with_capacity(2) };
+        let thread =
+            |task: &str| thread::Builder::new().name(format!("{} {task}", bridge.interface));
+        let (reader, writer) = (thread("reader"), thread("writer"));
+        let shared = connection.clone();
+        bridge.threads.push(reader.spawn(move || shared.read_all())?);
+        bridge.threads.push(writer.spawn(move || connection.write_all(&queue))?);
         Ok(bridge)
     }
 
@@ -128,16 +124,17 @@ fn is(error: &io::Error, errno: Errno) -> bool {
     error.raw_os_error() == Some(errno.raw_os_error())
 }
 
-/// From the interface to the bus.
-struct Reader {
-    socket: Arc<CanFdSocket>,
+/// Shared by the threads: the reader from the interface to the bus, the writer in the other
+/// direction.
+struct Connection {
+    socket: CanFdSocket,
     clients: Arc<Clients>,
     state: Arc<State>,
     id: ClientId,
 }
 
-impl Reader {
-    fn run(self) {
+impl Connection {
+    fn read_all(&self) {
         while !self.state.is_closed() {
             match self.socket.read_frame_timeout(LOOK) {
                 Ok(frame) => match from_kernel(&frame) {
@@ -171,36 +168,28 @@ impl Reader {
             count(&self.clients.counters.rejected);
         }
     }
-}
 
-/// From the bus to the interface.
-struct Writer {
-    socket: Arc<CanFdSocket>,
-    clients: Arc<Clients>,
-    state: Arc<State>,
-    /// The previous frame was dropped: the following ones do not wait.
-    is_stuck: bool,
-}
-
-impl Writer {
-    fn run(mut self, queue: &ClientQueue) {
+    fn write_all(&self, queue: &ClientQueue) {
+        // The previous frame was dropped: the following ones do not wait.
+        let mut is_stuck = false;
         while let Some(outgoing) = queue.take() {
             // An interface gets no answers.
-            let Outgoing::Frame(frame, _) = outgoing else { continue };
-            self.write(&frame);
+            if let Outgoing::Frame(frame, _) = outgoing {
+                self.write(&frame, &mut is_stuck);
+            }
         }
     }
 
-    fn write(&mut self, frame: &CanFrame) {
+    fn write(&self, frame: &CanFrame, is_stuck: &mut bool) {
         let Some(kernel) = to_kernel(frame) else {
             return count(&self.clients.counters.unsupported);
         };
-        let timeout = if self.is_stuck { Duration::ZERO } else { TIMEOUT };
+        let timeout = if *is_stuck { Duration::ZERO } else { TIMEOUT };
         let start = Instant::now();
         loop {
             match self.socket.write_frame(&kernel) {
                 Ok(()) => {
-                    self.is_stuck = false;
+                    *is_stuck = false;
                     return;
                 }
                 // The interface supports only classic CAN.
@@ -212,7 +201,7 @@ impl Writer {
                     let is_full =
                         error.kind() == io::ErrorKind::WouldBlock || is(&error, Errno::NOBUFS);
                     if !is_full || self.state.is_closed() || start.elapsed() >= timeout {
-                        self.is_stuck = is_full;
+                        *is_stuck = is_full;
                         return count(&self.clients.counters.dropped_to_clients);
                     }
                     thread::sleep(RETRY);

@@ -95,8 +95,8 @@ pub fn run(arguments: &DumpArguments, context: &Context) -> Result {
     let is_filed = log.is_some() || capture.path().is_some();
     let is_on_output = capture.is_on_output() || log.is_some_and(is_standard_stream);
     if arguments.screen && is_on_output {
-        let words = "--screen and a file on standard output exclude each other";
-        return Err(Failure::Usage(words.to_owned()));
+        let message = "--screen and a file on standard output exclude each other";
+        return Err(Failure::Usage(message.to_owned()));
     }
     let screen = Screen {
         style: arguments.time,

@@ -1,3 +1,5 @@
+//! `ecan man`: the help as manual pages.
+
 use std::path::Path;
 
 use crate::context::{Failure, Result, note};

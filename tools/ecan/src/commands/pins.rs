@@ -66,8 +66,9 @@ fn set(bus: &Bus, slave: usize, rotation: u32) -> Result {
     let supported = read(bus, slave)?.supported;
     if !supported.contains(&rotation) {
         let known: Vec<_> = supported.iter().map(ToString::to_string).collect();
-        let words = format!("rotation {rotation} is not supported; allowed: {}", known.join(", "));
-        return Err(Failure::Usage(words));
+        let message =
+            format!("rotation {rotation} is not supported; allowed: {}", known.join(", "));
+        return Err(Failure::Usage(message));
     }
     bus.write(slave, SYSTEM, REQUESTED, rotation)?;
     let pins = read(bus, slave)?;

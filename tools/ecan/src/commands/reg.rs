@@ -9,6 +9,7 @@ use ecan_protocol::device::AccessMode;
 use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Output, Result, Tone, note};
+use crate::frames::ChannelArgument;
 use crate::table;
 use crate::value::parse_unsigned;
 
@@ -39,9 +40,8 @@ enum Action {
         /// Name or offset of the register
         #[arg(value_parser = parse_offset)]
         register: u16,
-        /// CAN channel, 0 to 3
-        #[arg(long, value_name = "N", value_parser = crate::frames::parse_channel)]
-        channel: u8,
+        #[command(flatten)]
+        channel: ChannelArgument,
     },
     /// Write a register of the whitelist
     Write {
@@ -51,9 +51,8 @@ enum Action {
         /// Value, 0 to 0xFFFFFFFF
         #[arg(value_parser = parse_value)]
         value: u32,
-        /// CAN channel, 0 to 3
-        #[arg(long, value_name = "N", value_parser = crate::frames::parse_channel)]
-        channel: u8,
+        #[command(flatten)]
+        channel: ChannelArgument,
     },
     /// List the named registers and their access
     List,
@@ -101,14 +100,14 @@ pub fn run(arguments: &RegArguments, context: &Context) -> Result {
         Action::List => list(&context.output),
         Action::Read { register, channel } => {
             let bus = context.bus()?;
-            let service = Service { bus: &bus, slave: bus.slave()?, channel };
+            let service = Service { bus: &bus, slave: bus.slave()?, channel: channel.channel };
             let reading = service.read(register)?;
             context.output.data(&reading, |out| print(&reading, out))
         }
         Action::Write { register, value, channel } => {
             check_whitelist(register)?;
             let bus = context.bus()?;
-            let service = Service { bus: &bus, slave: bus.slave()?, channel };
+            let service = Service { bus: &bus, slave: bus.slave()?, channel: channel.channel };
             let reading = service.write(register, value)?;
             context.output.data(&reading, |out| print(&reading, out))?;
             check_readback(&reading, value, &context.output)

@@ -89,8 +89,8 @@ impl Recording {
         let (log, capture) = (arguments.record.as_deref(), arguments.options.capture.path());
         for (option, out) in [("--record", log), ("--capture", capture)] {
             if out.is_some_and(same) {
-                let words = format!("{option} would overwrite the recording {name}");
-                return Err(Failure::Usage(words));
+                let message = format!("{option} would overwrite the recording {name}");
+                return Err(Failure::Usage(message));
             }
         }
         arguments.options.capture.check_apart_from(log)?;
@@ -127,8 +127,8 @@ impl Iterator for Recording {
             return None;
         }
         let length = self.frames.len() as u64;
-        let (round, place) = (self.given / length, self.given % length);
-        let Recorded { channel, logged, .. } = self.frames.get(usize::try_from(place).ok()?)?;
+        let (round, index) = (self.given / length, self.given % length);
+        let Recorded { channel, logged, .. } = self.frames.get(usize::try_from(index).ok()?)?;
         self.given += 1;
         let time_ns = |it: Option<&Recorded>| it.map_or(0, |it| it.logged.time_ns);
         let (first_ns, last_ns) = (time_ns(self.frames.first()), time_ns(self.frames.last()));

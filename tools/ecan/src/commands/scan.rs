@@ -86,13 +86,13 @@ fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Resu
     })?;
     for slave in found {
         if let Some(reason) = slave.unknown.clone() {
-            let words = Unknown { position: slave.position.into(), reason };
-            writeln!(out, "{}", output.toned(Tone::Warning, words))?;
+            let message = Unknown { position: slave.position.into(), reason };
+            writeln!(out, "{}", output.toned(Tone::Warning, message))?;
         }
     }
     if found.iter().any(|slave| slave.has_error_flag) {
-        let words = "E: error flag set, the master keeps the slave in this state";
-        writeln!(out, "{}", output.toned(Tone::Bad, words))?;
+        let message = "E: error flag set, the master keeps the slave in this state";
+        writeln!(out, "{}", output.toned(Tone::Bad, message))?;
     }
     Ok(())
 }

@@ -2,7 +2,8 @@
 
 use std::io::Write;
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Subcommand};
 use ecan_protocol::object::{Access, Entry, Object, ObjectType, describe, object, objects};
 use serde::Serialize;
 
@@ -40,8 +41,8 @@ enum Action {
         /// Value
         value: String,
         /// Type of an object that is not in the table
-        #[arg(long = "type", value_enum)]
-        ty: Option<Type>,
+        #[arg(long = "type", value_parser = type_parser())]
+        ty: Option<ObjectType>,
     },
     /// List all objects, or the entries of one object with their values
     List {
@@ -53,25 +54,11 @@ enum Action {
     },
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Type {
-    U8,
-    U16,
-    U32,
-    I32,
-    String,
-}
-
-impl From<Type> for ObjectType {
-    fn from(ty: Type) -> Self {
-        match ty {
-            Type::U8 => Self::U8,
-            Type::U16 => Self::U16,
-            Type::U32 => Self::U32,
-            Type::I32 => Self::I32,
-            Type::String => Self::VisibleString,
-        }
-    }
+fn type_parser() -> impl TypedValueParser<Value = ObjectType> {
+    use ObjectType::{I32, U8, U16, U32, VisibleString};
+    let types = [("u8", U8), ("u16", U16), ("u32", U32), ("i32", I32), ("string", VisibleString)];
+    PossibleValuesParser::new(types.map(|(name, _)| name))
+        .map(move |name| types.iter().find(|it| it.0 == name).map_or(U8, |it| it.1))
 }
 
 #[derive(Debug, Default, Serialize)]
@@ -142,8 +129,8 @@ fn print_read(read: &Read, out: &mut dyn Write) -> std::io::Result<()> {
     }
 }
 
-fn write(path: ObjectPath, text: &str, ty: Option<Type>, context: &Context) -> Result {
-    let data = encode(text, entry_of(path), ty.map(Into::into)).map_err(Failure::Usage)?;
+fn write(path: ObjectPath, text: &str, ty: Option<ObjectType>, context: &Context) -> Result {
+    let data = encode(text, entry_of(path), ty).map_err(Failure::Usage)?;
     let bus = context.bus()?;
     let slave = bus.slave()?;
     let ObjectPath { index, subindex } = path;
@@ -174,8 +161,8 @@ fn list(name: &str, names: bool, context: &Context) -> Result {
     let path: ObjectPath = match name.parse() {
         Ok(path) => path,
         Err(reason) => {
-            let wanted = name.to_lowercase();
-            let is_like = |it: &&&Object| it.name.to_lowercase().contains(&wanted);
+            let part = name.to_lowercase();
+            let is_like = |it: &&&Object| it.name.to_lowercase().contains(&part);
             let found: Vec<_> = objects().iter().filter(is_like).copied().collect();
             return match found.is_empty() {
                 true => Err(Failure::Usage(reason)),

@@ -67,7 +67,7 @@ pub fn run(arguments: &SendArguments, context: &Context) -> Result {
     let due = |frame: &CanFrame| Ok(Due { after_ns: 0, channel: *channel, frame: *frame });
     let (tracker, outcome) = sender.send(&mut service, frames.iter().map(due));
     outcome.and(service.finish())?;
-    judge(arguments, &tracker, &service)?;
+    check_sent(arguments, &tracker, &service)?;
     let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
     let sent = Sent { channel: *channel, frames: texts };
     context.output.data(&sent, |out| {
@@ -75,15 +75,15 @@ pub fn run(arguments: &SendArguments, context: &Context) -> Result {
     })
 }
 
-fn judge(arguments: &SendArguments, tracker: &TransmitTracker, service: &Service) -> Result {
+fn check_sent(arguments: &SendArguments, tracker: &TransmitTracker, service: &Service) -> Result {
     let SendArguments { frames, channel, timeout, .. } = arguments;
     let outcome = tracker.outcome();
     let count = frames.len() as u64;
     if let Some((number, code)) = tracker.first_failure() {
         let frame = usize::try_from(number).ok().and_then(|number| frames.get(number));
         let text = frame.map_or_else(String::new, |frame| FrameText(frame).to_string());
-        let words = format!("channel {channel} of the gateway rejected {text}: {code}");
-        return Err(Failure::Incomplete(words));
+        let message = format!("channel {channel} of the gateway rejected {text}: {code}");
+        return Err(Failure::Incomplete(message));
     }
     if outcome.sent >= count && outcome.bus_off.is_none() {
         return Ok(());
@@ -92,9 +92,9 @@ fn judge(arguments: &SendArguments, tracker: &TransmitTracker, service: &Service
         0 => "stopped, or not accepted by the gateway in time",
         _ => "transmit result unknown",
     };
-    let words = match count.saturating_sub(outcome.sent) {
+    let message = match count.saturating_sub(outcome.sent) {
         0 => "transmission of the frames is not confirmed".to_owned(),
         behind => format!("{behind} of {count} frames not sent within {timeout} ms"),
     };
-    Err(tracker.failure(service, words, Some(otherwise)))
+    Err(tracker.failure(service, message, Some(otherwise)))
 }

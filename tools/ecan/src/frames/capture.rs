@@ -1,3 +1,5 @@
+//! Capture of frames and images for Wireshark.
+
 use std::collections::HashMap;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -17,7 +19,7 @@ use crate::frames::arrival::Arrival;
 use crate::frames::channels::Channels;
 use crate::frames::single_gateway::{channel_status, session};
 
-const UNDER_WAY: usize = 4096;
+const PENDING_FRAMES: usize = 4096;
 
 #[derive(Debug, Args)]
 pub struct CaptureOptions {
@@ -68,7 +70,7 @@ pub struct FrameCapture {
     /// Headers of the last images, RxPDO and TxPDO.
     headers: (ImageHeader, ImageHeader),
     /// Frames without transmit result, with their channels.
-    under_way: HashMap<SendTicket, (u8, CanFrame)>,
+    pending: HashMap<SendTicket, (u8, CanFrame)>,
 }
 
 impl FrameCapture {
@@ -99,7 +101,7 @@ impl FrameCapture {
                     since_1970_ns: 0,
                     status: [None; CHANNELS],
                     headers: Default::default(),
-                    under_way: HashMap::with_capacity(UNDER_WAY),
+                    pending: HashMap::with_capacity(PENDING_FRAMES),
                 }))
             }
             Err(error) => Err(write_failure(path, error)),
@@ -127,17 +129,17 @@ impl FrameCapture {
         self.image(port, now_ns, Direction::TxPdo);
         if session(port) != Session::Ready {
             // Results of frames before the loss never arrive.
-            self.under_way.clear();
+            self.pending.clear();
         }
         for arrival in arrivals {
             let time_ns = self.absolute_ns(arrival.time_ns);
             match &arrival.received {
                 Received::Frame(received) => {
-                    let (place, frame) = (received.channel.into(), &received.frame);
-                    self.recorder.frame(time_ns, place, Traffic::Received, frame);
+                    let (port_number, frame) = (received.channel.into(), &received.frame);
+                    self.recorder.frame(time_ns, port_number, Traffic::Received, frame);
                 }
                 Received::TransmitReport(report) => {
-                    let sent = report.ticket.and_then(|ticket| self.under_way.remove(&ticket));
+                    let sent = report.ticket.and_then(|ticket| self.pending.remove(&ticket));
                     if let Some((channel, frame)) = sent.filter(|_| report.code.is_success()) {
                         self.recorder.frame(time_ns, channel.into(), Traffic::Sent, &frame);
                     }
@@ -146,8 +148,8 @@ impl FrameCapture {
         }
     }
 
-    pub fn under_way(&mut self, ticket: SendTicket, channel: u8, frame: &CanFrame) {
-        self.under_way.insert(ticket, (channel, *frame));
+    pub fn add_pending(&mut self, ticket: SendTicket, channel: u8, frame: &CanFrame) {
+        self.pending.insert(ticket, (channel, *frame));
     }
 
     pub fn after_end(&mut self, port: &Port, now_ns: u64) {
@@ -198,8 +200,8 @@ impl FrameCapture {
     pub fn finish(self) -> Result {
         let recording = self.recorder.finish().map_err(|error| write_failure(self.path, error))?;
         if recording.dropped > 0 {
-            let words = "packets dropped from the capture: the file is too slow";
-            note(format_args!("# {} {words}", recording.dropped));
+            let message = "packets dropped from the capture: the file is too slow";
+            note(format_args!("# {} {message}", recording.dropped));
         }
         Ok(())
     }

@@ -1,6 +1,9 @@
+//! Channels of a command.
+
 use std::fmt;
 use std::str::FromStr;
 
+use clap::Args;
 use ecan_mcan_port::Port;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::CHANNELS;
@@ -37,7 +40,7 @@ impl Channels {
     /// Gateway and channel for the frames of a recorded interface. With one channel, all frames go
     /// to it on the first gateway; with several, `canN` goes to channel N, counted over all
     /// gateways. `None` for other interfaces.
-    pub fn place_of(self, interface: &str, gateways: usize) -> Option<(usize, u8)> {
+    pub fn destination_of(self, interface: &str, gateways: usize) -> Option<(usize, u8)> {
         let mut chosen = self.iter();
         if let (Some(only), None) = (chosen.next(), chosen.next()) {
             return Some((0, only));
@@ -76,6 +79,13 @@ impl fmt::Display for Channels {
             several => write!(f, "channels {}", several.join(", ")),
         }
     }
+}
+
+#[derive(Clone, Copy, Debug, Args)]
+pub struct ChannelArgument {
+    /// CAN channel, 0 to 3
+    #[arg(long, value_name = "N", value_parser = parse_channel)]
+    pub channel: u8,
 }
 
 /// Parses a channel 0 to 3, also written as `can0`.
@@ -120,12 +130,12 @@ mod tests {
     fn recorded_interfaces_map_to_channels() {
         let two: Channels = "0,2".parse().unwrap();
         let one = Channels::only(3);
-        assert_eq!(one.place_of("vcan7", 1), Some((0, 3)));
-        assert_eq!(two.place_of("can2", 1), Some((0, 2)));
-        assert_eq!(two.place_of("can1", 1), None);
-        assert_eq!(Channels::ALL.place_of("vcan7", 1), None);
-        assert_eq!(Channels::ALL.place_of("vcan7", 2), Some((1, 3)));
-        assert_eq!(two.place_of("can6", 2), Some((1, 2)));
-        assert_eq!(Channels::ALL.place_of("eth", 1), None);
+        assert_eq!(one.destination_of("vcan7", 1), Some((0, 3)));
+        assert_eq!(two.destination_of("can2", 1), Some((0, 2)));
+        assert_eq!(two.destination_of("can1", 1), None);
+        assert_eq!(Channels::ALL.destination_of("vcan7", 1), None);
+        assert_eq!(Channels::ALL.destination_of("vcan7", 2), Some((1, 3)));
+        assert_eq!(two.destination_of("can6", 2), Some((1, 2)));
+        assert_eq!(Channels::ALL.destination_of("eth", 1), None);
     }
 }

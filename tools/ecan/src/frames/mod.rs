@@ -18,7 +18,7 @@ mod summary;
 mod timestamp;
 mod transmit_tracker;
 
-pub use channels::{Channels, names_channel, parse_channel};
+pub use channels::{ChannelArgument, Channels, names_channel, parse_channel};
 pub use format::{Screen, TimedFrame};
 pub use options::{FrameOptions, GatewayOptions, SetupOptions, WATCHDOG};
 pub use prepared::Prepared;

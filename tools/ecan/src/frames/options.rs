@@ -1,3 +1,5 @@
+//! Gateway and channel options of the frame commands.
+
 use std::time::Duration;
 
 use std::path::PathBuf;

@@ -100,7 +100,7 @@ impl Printer {
             if self.interrupt.is_set() {
                 let deadline = *deadline.get_or_insert_with(|| Instant::now() + PATIENCE);
                 if Instant::now() >= deadline {
-                    return Err(stands_still(self.log));
+                    return Err(stalled(self.log));
                 }
             }
         }
@@ -109,14 +109,14 @@ impl Printer {
             Err(panic) => std::panic::resume_unwind(panic),
         }
         if self.dropped > 0 {
-            let words = "frames dropped: the output is too slow";
-            note(format_args!("# {} {words}", self.dropped));
+            let message = "frames dropped: the output is too slow";
+            note(format_args!("# {} {message}", self.dropped));
         }
         Ok(())
     }
 }
 
-fn stands_still(log: Option<PathBuf>) -> Failure {
+fn stalled(log: Option<PathBuf>) -> Failure {
     let error = std::io::Error::new(ErrorKind::TimedOut, "output is stalled; frames were dropped");
     match log.filter(|path| !is_standard_stream(path)) {
         Some(path) => LogFileError::Write(path, error).into(),
@@ -186,8 +186,8 @@ mod tests {
         printer.put(timed_frame(), false);
         assert_eq!(printer.dropped, 1);
         let failure = printer.finish().unwrap_err();
-        let words = "cannot write the output: output is stalled; frames were dropped";
-        assert_eq!((failure.to_string().as_str(), failure.status()), (words, 6));
+        let message = "cannot write the output: output is stalled; frames were dropped";
+        assert_eq!((failure.to_string().as_str(), failure.status()), (message, 6));
         drop(release);
     }
 }

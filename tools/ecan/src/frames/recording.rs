@@ -19,19 +19,19 @@ pub struct RecordedLog {
     pub error_messages: usize,
 }
 
-/// Reads the frames for the selected channels of a number of gateways; see [`Channels::place_of`].
+/// Reads the frames for the selected channels of a number of gateways; see [`Channels::destination_of`].
 pub fn read(path: &Path, channels: Channels, gateways: usize) -> Result<RecordedLog> {
-    let place = |logged: LoggedFrame| {
-        let (gateway, channel) = channels.place_of(&logged.interface, gateways)?;
+    let assign = |logged: LoggedFrame| {
+        let (gateway, channel) = channels.destination_of(&logged.interface, gateways)?;
         Some(Recorded { gateway, channel, logged })
     };
     let Log { frames, error_messages } = log_file::read(path)?;
-    let frames: Vec<_> = frames.into_iter().filter_map(place).collect();
+    let frames: Vec<_> = frames.into_iter().filter_map(assign).collect();
     match frames.is_empty() {
         false => Ok(RecordedLog { frames, error_messages }),
         true => {
-            let words = format!("{} has no frames for the selected channels", path.display());
-            Err(Failure::Usage(words))
+            let message = format!("{} has no frames for the selected channels", path.display());
+            Err(Failure::Usage(message))
         }
     }
 }

@@ -90,14 +90,14 @@ impl Sender {
         let (tracker, outcome) = self.send(&mut service, frames);
         let recorded = self.record.finish();
         let captured = service.finish();
-        let wanted = total.filter(|_| !service.is_interrupted()).unwrap_or(tracker.count());
-        let summary = Summary::of(&tracker, service.port(), wanted);
-        let told = match recorded {
+        let expected = total.filter(|_| !service.is_interrupted()).unwrap_or(tracker.count());
+        let summary = Summary::of(&tracker, service.port(), expected);
+        let printed = match recorded {
             Err(Failure::Output(_) | Failure::ReaderGone) => Ok(()),
             _ => summary.print(output),
         };
-        outcome.and(recorded).and(captured).and(told)?;
-        summary.judge(|words| tracker.failure(&service, words, None))
+        outcome.and(recorded).and(captured).and(printed)?;
+        summary.check(|message| tracker.failure(&service, message, None))
     }
 
     /// Sends all frames and waits for their transmission; returns the tracker also on errors.

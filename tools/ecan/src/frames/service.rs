@@ -1,3 +1,5 @@
+//! A running gateway with its cycle, for the frame commands.
+
 use std::fmt::Display;
 use std::path::Path;
 use std::time::SystemTime;
@@ -47,7 +49,7 @@ pub struct Service {
     /// Items received during startup, until the first cycle; later an empty buffer.
     store: Vec<Arrival>,
     watch: StatusWatch,
-    heard: Channels,
+    channels: Channels,
     /// Offset from the cycle clock to the time since 1970; 0 for stepped time.
     since_1970_ns: u64,
     capture: Option<FrameCapture>,
@@ -61,11 +63,11 @@ impl Service {
     /// Starts a gateway; `None` if the user stops.
     pub fn start(
         ecrt: &Ecrt,
-        place: GatewaySetup,
+        setup: GatewaySetup,
         real_time: &RealTimeArguments,
         interrupt: &Interrupt,
     ) -> Result<Option<Self>> {
-        let GatewaySetup { position, adapter, config, channels } = place;
+        let GatewaySetup { position, adapter, config, channels } = setup;
         let failed = |error| failure(position, error);
         let mut port = Port::open(ecrt, (adapter, config)).map_err(failed)?;
         let clock = port.adapter().ecrt().clock().clone();
@@ -94,7 +96,7 @@ impl Service {
             port,
             store,
             watch,
-            heard: Channels::ALL,
+            channels: Channels::ALL,
             since_1970_ns,
             capture: None,
             position,
@@ -103,9 +105,9 @@ impl Service {
         }))
     }
 
-    pub fn equip(&mut self, heard: Channels, cache_depth: u32, capture: Option<FrameCapture>) {
+    pub fn equip(&mut self, channels: Channels, cache_depth: u32, capture: Option<FrameCapture>) {
         let (is_real_time, since_1970_ns) = (self.is_real_time(), self.since_1970_ns);
-        (self.heard, self.cache_depth) = (heard, cache_depth);
+        (self.channels, self.cache_depth) = (channels, cache_depth);
         self.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
     }
 
@@ -113,9 +115,9 @@ impl Service {
         self.begin_with(|_| true)
     }
 
-    /// As [`begin`](Self::begin); frames for which `wants` is false are dropped, also from the
+    /// As [`begin`](Self::begin); frames for which `accepts` is false are dropped, also from the
     /// capture.
-    pub fn begin_with(&mut self, mut wants: impl FnMut(&ReceivedFrame) -> bool) -> Cycle {
+    pub fn begin_with(&mut self, mut accepts: impl FnMut(&ReceivedFrame) -> bool) -> Cycle {
         let mut arrivals = std::mem::take(&mut self.store);
         let mut cycle = self.port.next_cycle();
         let now_ns = cycle.adapter().clock().now_ns();
@@ -123,7 +125,7 @@ impl Service {
         arrivals.extend(items.map(|received| Arrival { time_ns: now_ns, received }));
         cycle.keep_open();
         arrivals.retain(|arrival| match &arrival.received {
-            Received::Frame(frame) => self.heard.contains(frame.channel) && wants(frame),
+            Received::Frame(frame) => self.channels.contains(frame.channel) && accepts(frame),
             Received::TransmitReport(_) => true,
         });
         if let Some(capture) = &mut self.capture {
@@ -139,7 +141,7 @@ impl Service {
         match cycle.send(to, frame) {
             Ok(ticket) => {
                 if let Some(capture) = &mut self.capture {
-                    capture.under_way(ticket, channel, frame);
+                    capture.add_pending(ticket, channel, frame);
                 }
                 Ok(Some(ticket))
             }
@@ -200,23 +202,23 @@ impl Service {
     pub fn silence(&self) -> String {
         let counts = statistics(&self.port).channels;
         if self
-            .heard
+            .channels
             .iter()
             .any(|at| counts.get(usize::from(at)).is_some_and(|it| it.frames_received > 0))
         {
             return "no received frame passes the filters".to_owned();
         }
-        let channels = self.heard.iter();
+        let channels = self.channels.iter();
         let mut rates: Vec<_> = channels
             .filter_map(|channel| Some((channel, BitRates::of(self.can(channel)?))))
             .collect();
         let is_alike = rates.windows(2).all(|pair| matches!(pair, [a, b] if a.1 == b.1));
         rates.truncate(if is_alike { 1 } else { CHANNELS });
-        let words: Vec<_> = match is_alike {
+        let message: Vec<_> = match is_alike {
             true => rates.iter().map(|(_, rates)| rates.to_string()).collect(),
             false => rates.iter().map(|(at, rates)| format!("{rates} on can{at}")).collect(),
         };
-        format!("no frame received; check that the other nodes use {}", words.join(", "))
+        format!("no frame received; check that the other nodes use {}", message.join(", "))
     }
 
     pub fn port(&self) -> &Port {

@@ -1,3 +1,5 @@
+//! Gateway configuration from options or from a configuration file.
+
 use std::path::{Path, PathBuf};
 
 use ecan_config_file::ResolvedGateway;
@@ -101,12 +103,12 @@ impl<'a> Settings<'a> {
         let Some((path, file)) = &self.file else {
             return self.of_options(bus, vec![bus.slave()?], requirements, global.master());
         };
-        let places = config_file::places(file, bus)?;
-        match places[..] {
-            [place] => of_file(path, file, &[place], requirements, global),
+        let resolved = config_file::resolve(file, bus)?;
+        match resolved[..] {
+            [only] => of_file(path, file, &[only], requirements, global),
             [] => Err(no_gateway(path)),
             [..] => {
-                let slaves: Vec<_> = places.iter().map(|place| place.slave.to_string()).collect();
+                let slaves: Vec<_> = resolved.iter().map(|it| it.slave.to_string()).collect();
                 Err(Failure::Slave(format!(
                     "{} describes several gateways; select one with --slave: {}",
                     path.display(),
@@ -124,8 +126,8 @@ impl<'a> Settings<'a> {
         global: &GlobalOptions,
     ) -> Result<Planned> {
         if let Some((path, file)) = &self.file {
-            let places = config_file::places(file, bus)?;
-            return of_file(path, file, &places, requirements, global);
+            let resolved = config_file::resolve(file, bus)?;
+            return of_file(path, file, &resolved, requirements, global);
         }
         let positions = bus.chosen_or_every_gateway()?;
         self.of_options(bus, positions, requirements, global.master())
@@ -148,10 +150,10 @@ impl<'a> Settings<'a> {
             slave.position = u16::try_from(*position)
                 .map_err(|_| Failure::Slave(format!("slave {position} does not exist")))?;
             let mut gateway = GatewayConfig::default();
-            for (channel, place) in (0..).zip(&mut gateway.channels) {
+            for (channel, slot) in (0..).zip(&mut gateway.channels) {
                 if requirements.channels.contains(channel) {
                     let own = || bit_rates::of_gateway(bus, *position, channel);
-                    *place = Some(setup.channel(own)?);
+                    *slot = Some(setup.channel(own)?);
                 }
             }
             requirements.apply(&mut gateway);
@@ -165,7 +167,7 @@ impl<'a> Settings<'a> {
 fn of_file(
     path: &Path,
     file: &Config,
-    places: &[ResolvedGateway],
+    resolved: &[ResolvedGateway],
     requirements: GatewayRequirements,
     global: &GlobalOptions,
 ) -> Result<Planned> {
@@ -173,40 +175,40 @@ fn of_file(
     adapter.master_index = config_file::master(file, global);
     if let Some(dc) = &mut adapter.dc {
         // If the reference clock is not among these gateways, the master selects one.
-        let place = |gateway| places.iter().position(|place| place.gateway == gateway);
-        dc.reference = dc.reference.and_then(place);
+        let index = |gateway| resolved.iter().position(|it| it.gateway == gateway);
+        dc.reference = dc.reference.and_then(index);
     }
     let mut config = PortConfig::default();
     let mut channels = requirements.channels;
-    for place in places {
-        let slave = file.adapter.slaves.get(place.gateway);
-        let gateway = file.port.gateways.get(place.gateway);
+    for found in resolved {
+        let slave = file.adapter.slaves.get(found.gateway);
+        let gateway = file.port.gateways.get(found.gateway);
         let (Some(slave), Some(gateway)) = (slave, gateway) else { return Err(no_gateway(path)) };
         let enabled = Channels::of_mask(gateway.channel_mask());
         if let Some(missing) = requirements.required.iter().find(|it| !enabled.contains(*it)) {
             return Err(Failure::Usage(format!(
                 "channel {missing} is not in {}; gateway {} has {enabled}",
                 path.display(),
-                place.gateway
+                found.gateway
             )));
         }
-        if requirements.channels.is_all() && places.len() == 1 {
+        if requirements.channels.is_all() && resolved.len() == 1 {
             channels = enabled;
         }
-        config.add_gateway_of(&file.port, place.gateway).map_err(|_| too_many(places.len()))?;
+        config.add_gateway_of(&file.port, found.gateway).map_err(|_| too_many(resolved.len()))?;
         if let Some(gateway) = config.gateways.last_mut() {
             requirements.apply(gateway);
         }
         let full = |_| Failure::Usage(format!("{} has too many gateways", path.display()));
-        for step in file.adapter.startup_of(place.gateway) {
+        for step in file.adapter.startup_of(found.gateway) {
             adapter.add_startup(adapter.slaves.len(), step).map_err(full)?;
         }
         adapter.slaves.push(*slave).map_err(full)?;
     }
-    if places.is_empty() {
+    if resolved.is_empty() {
         return Err(no_gateway(path));
     }
-    let positions = places.iter().map(|place| place.slave).collect();
+    let positions = resolved.iter().map(|it| it.slave).collect();
     Ok(Planned { positions, adapter, config, channels })
 }
 

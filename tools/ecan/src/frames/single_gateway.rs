@@ -1,3 +1,5 @@
+//! State of the only gateway of a Port.
+
 use ecan_mcan_port::{Port, Session, SlaveStatistics};
 use ecan_protocol::image::ChannelStatus;
 

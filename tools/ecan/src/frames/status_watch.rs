@@ -69,11 +69,11 @@ impl LastReported {
 
     /// Returns a line for unreported changes.
     fn rest(&mut self) -> Option<String> {
-        let words = self.seen?.text();
+        let message = self.seen?.text();
         match std::mem::take(&mut self.changes) {
             0 => None,
-            1 => Some(words),
-            several => Some(format!("{words} ({several} changes)")),
+            1 => Some(message),
+            several => Some(format!("{message} ({several} changes)")),
         }
     }
 }
@@ -81,18 +81,18 @@ impl LastReported {
 /// Reported number of lost images.
 #[derive(Debug, Default)]
 struct Losses {
-    told: u64,
+    reported: u64,
     next_ns: u64,
 }
 
 impl Losses {
     /// Updates the number; returns the number to report, at most once per interval.
     fn next(&mut self, lost: u64, now_ns: u64) -> Option<u64> {
-        let new = lost.saturating_sub(self.told);
+        let new = lost.saturating_sub(self.reported);
         if new == 0 || now_ns < self.next_ns {
             return None;
         }
-        *self = Self { told: lost, next_ns: now_ns.saturating_add(PAUSE_NS) };
+        *self = Self { reported: lost, next_ns: now_ns.saturating_add(PAUSE_NS) };
         Some(new)
     }
 }
@@ -100,7 +100,7 @@ impl Losses {
 #[derive(Debug)]
 pub struct StatusWatch {
     channels: Channels,
-    told: [LastReported; CHANNELS],
+    reported: [LastReported; CHANNELS],
     session: Session,
     losses: Losses,
 }
@@ -108,44 +108,46 @@ pub struct StatusWatch {
 impl StatusWatch {
     /// Starts with a ready gateway and running channels.
     pub fn new(channels: Channels, port: &Port) -> Self {
-        let losses = Losses { told: lost_images(port), ..Losses::default() };
-        Self { channels, told: Default::default(), session: Session::Ready, losses }
+        let losses = Losses { reported: lost_images(port), ..Losses::default() };
+        Self { channels, reported: Default::default(), session: Session::Ready, losses }
     }
 
-    /// Passes a line for each change to `say`: lost images, and up to one per second and channel in
+    /// Passes a line for each change to `report`: lost images, and up to one per second and channel in
     /// the long run.
-    pub fn look(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
+    pub fn look(&mut self, port: &Port, now_ns: u64, mut report: impl FnMut(String)) {
         let session = session(port);
         if session != self.session {
             self.session = session;
-            say(format!("gateway: {session}"));
+            report(format!("gateway: {session}"));
         }
-        self.tell_losses(port, now_ns, &mut say);
+        self.report_losses(port, now_ns, &mut report);
         if session != Session::Ready {
             return;
         }
         for channel in self.channels.iter() {
             let now = Condition::of(channel_status(port, channel));
-            let told = self.told.get_mut(usize::from(channel));
-            let Some(words) = told.and_then(|told| told.next(now, now_ns)) else { continue };
+            let reported = self.reported.get_mut(usize::from(channel));
+            let Some(message) = reported.and_then(|reported| reported.next(now, now_ns)) else {
+                continue;
+            };
             let rates = can_config(port, channel).filter(|_| now.has_warning || now.is_bus_off);
             let rates = rates.map_or_else(String::new, |can| format!(", at {}", BitRates::of(can)));
-            say(format!("can{channel}: {words}{rates}"));
+            report(format!("can{channel}: {message}{rates}"));
         }
     }
 
-    pub fn finish(&mut self, port: &Port, mut say: impl FnMut(String)) {
-        self.tell_losses(port, u64::MAX, &mut say);
-        for (channel, told) in self.told.iter_mut().enumerate() {
-            if let Some(words) = told.rest() {
-                say(format!("can{channel}: {words}"));
+    pub fn finish(&mut self, port: &Port, mut report: impl FnMut(String)) {
+        self.report_losses(port, u64::MAX, &mut report);
+        for (channel, reported) in self.reported.iter_mut().enumerate() {
+            if let Some(message) = reported.rest() {
+                report(format!("can{channel}: {message}"));
             }
         }
     }
 
-    fn tell_losses(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
+    fn report_losses(&mut self, port: &Port, now_ns: u64, mut report: impl FnMut(String)) {
         if let Some(lost) = self.losses.next(lost_images(port), now_ns) {
-            say(format!("gateway: {lost} images lost, received frames may be missing"));
+            report(format!("gateway: {lost} images lost, received frames may be missing"));
         }
     }
 }
@@ -163,21 +165,21 @@ mod tests {
     fn frequent_changes_are_reported_once_a_second() {
         let condition =
             |is_bus_off| Condition { state: ChannelState::Run, has_warning: false, is_bus_off };
-        let mut told = LastReported::default();
-        assert_eq!(told.next(condition(false), 0), None);
+        let mut reported = LastReported::default();
+        assert_eq!(reported.next(condition(false), 0), None);
         let lines: Vec<_> = (1..=3000_u64)
-            .filter_map(|ms| told.next(condition(ms % 2 == 1), ms * 1_000_000))
+            .filter_map(|ms| reported.next(condition(ms % 2 == 1), ms * 1_000_000))
             .collect();
         let later = ["bus-off (998 changes)", "bus-off (1000 changes)"];
         assert_eq!(lines, [&["bus-off", "run", "bus-off"][..], &later].concat());
         // Withheld changes are reported later, even without new changes.
-        let last = told.next(condition(false), 3_500_000_000);
+        let last = reported.next(condition(false), 3_500_000_000);
         assert_eq!(last.as_deref(), Some("run (999 changes)"));
-        assert_eq!(told.next(condition(false), 9_000_000_000), None);
-        assert_eq!(told.rest(), None);
-        let at_once =
-            [true, false, true, false].map(|is_off| told.next(condition(is_off), 9_000_000_000));
+        assert_eq!(reported.next(condition(false), 9_000_000_000), None);
+        assert_eq!(reported.rest(), None);
+        let at_once = [true, false, true, false]
+            .map(|is_off| reported.next(condition(is_off), 9_000_000_000));
         assert_eq!(at_once.iter().flatten().count(), 3);
-        assert_eq!(told.rest().as_deref(), Some("run"));
+        assert_eq!(reported.rest().as_deref(), Some("run"));
     }
 }

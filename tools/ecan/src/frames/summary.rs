@@ -23,7 +23,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    pub fn of(tracker: &TransmitTracker, port: &Port, wanted: u64) -> Self {
+    pub fn of(tracker: &TransmitTracker, port: &Port, expected: u64) -> Self {
         let outcome = tracker.outcome();
         let counters = statistics(port);
         let of = |channel: u8| counters.channels.get(usize::from(channel));
@@ -35,7 +35,7 @@ impl Summary {
             sent: outcome.sent,
             lost: outcome.lost(),
             under_way: outcome.under_way,
-            not_tried: wanted.saturating_sub(tracker.count()),
+            not_tried: expected.saturating_sub(tracker.count()),
             received,
             seconds,
             frames_per_second: if seconds > 0.0 { outcome.sent as f64 / seconds } else { 0.0 },
@@ -54,7 +54,7 @@ impl Summary {
         })
     }
 
-    pub fn judge(&self, failure: impl FnOnce(String) -> Failure) -> Result {
+    pub fn check(&self, failure: impl FnOnce(String) -> Failure) -> Result {
         let behind = self.lost + self.not_tried;
         if behind == 0 {
             return Ok(());

@@ -192,13 +192,13 @@ impl TransmitTracker {
         }
     }
 
-    pub fn failure(&self, service: &Service, words: String, otherwise: Option<&str>) -> Failure {
+    pub fn failure(&self, service: &Service, message: String, otherwise: Option<&str>) -> Failure {
         if self.was_lost {
-            return service.not_ready(&words);
+            return service.not_ready(&message);
         }
         match self.cause(service.port()).or(otherwise.map(str::to_owned)) {
-            Some(cause) => Failure::Incomplete(format!("{words}: {cause}")),
-            None => Failure::Incomplete(words),
+            Some(cause) => Failure::Incomplete(format!("{message}: {cause}")),
+            None => Failure::Incomplete(message),
         }
     }
 

@@ -1,3 +1,5 @@
+//! Addresses and servers for clients.
+
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;

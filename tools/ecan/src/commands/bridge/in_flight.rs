@@ -51,16 +51,16 @@ mod tests {
     #[test]
     fn entry_without_result_expires() {
         let ticket = |sequence| SendTicket { slave: 0, sequence, index: 0 };
-        let mut under_way = InFlight::default();
+        let mut frames = InFlight::default();
         let start = 5 * LIMIT_NS;
-        under_way.insert(ticket(1), "lost", start);
-        under_way.insert(ticket(2), "told", start);
-        under_way.insert(ticket(3), "late", start + LOOK_NS);
-        assert_eq!(under_way.remove(ticket(2)), Some("told"));
-        assert_eq!(under_way.forget_old(start + LIMIT_NS - 1), 0);
-        assert_eq!(under_way.forget_old(start + LIMIT_NS - 1 + LOOK_NS), 1);
-        assert_eq!(under_way.remove(ticket(1)), None);
-        assert_eq!(under_way.remove(ticket(3)), Some("late"));
-        assert_eq!(under_way.forget_old(u64::MAX - LOOK_NS), 0);
+        frames.insert(ticket(1), "lost", start);
+        frames.insert(ticket(2), "sent", start);
+        frames.insert(ticket(3), "late", start + LOOK_NS);
+        assert_eq!(frames.remove(ticket(2)), Some("sent"));
+        assert_eq!(frames.forget_old(start + LIMIT_NS - 1), 0);
+        assert_eq!(frames.forget_old(start + LIMIT_NS - 1 + LOOK_NS), 1);
+        assert_eq!(frames.remove(ticket(1)), None);
+        assert_eq!(frames.remove(ticket(3)), Some("late"));
+        assert_eq!(frames.forget_old(u64::MAX - LOOK_NS), 0);
     }
 }

@@ -137,9 +137,9 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Endpoint>> {
         arguments.socketcand.is_some() || arguments.pty.is_some() || arguments.socketcan.is_some();
     let slcan = arguments.slcan.or((!has_another).then_some(Listening::ANY));
     let mut endpoints = Vec::new();
-    let wanted =
+    let protocols =
         [(BridgeProtocol::Slcan, slcan), (BridgeProtocol::Socketcand, arguments.socketcand)];
-    for (protocol, at) in wanted {
+    for (protocol, at) in protocols {
         if let Some(at) = at {
             endpoints.push(Endpoint::listen(protocol, at, arguments.max_clients)?);
         }

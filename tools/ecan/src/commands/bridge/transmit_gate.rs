@@ -7,7 +7,7 @@ use crate::context::note;
 pub struct TransmitGate {
     is_open: bool,
     /// Frames rejected before the gate was closed.
-    kept_before: u64,
+    rejected_before: u64,
 }
 
 impl TransmitGate {
@@ -15,7 +15,7 @@ impl TransmitGate {
         for endpoint in endpoints {
             endpoint.clients().set_accepting(false);
         }
-        Self { is_open: false, kept_before: kept(endpoints) }
+        Self { is_open: false, rejected_before: rejected(endpoints) }
     }
 
     /// Opens or closes the gate and reports lost frames. `held` pending frames are dropped with
@@ -26,23 +26,23 @@ impl TransmitGate {
         }
         self.is_open = is_open;
         // Before the first endpoint is closed: from then on its frames are rejected.
-        let kept_before = kept(endpoints);
+        let rejected_before = rejected(endpoints);
         let waiting: usize = endpoints.iter().map(|it| it.clients().set_accepting(is_open)).sum();
         let dropped = held + waiting;
         if !is_open {
-            self.kept_before = kept_before + waiting as u64;
+            self.rejected_before = rejected_before + waiting as u64;
             if dropped > 0 {
                 note(format_args!("# {dropped} client frames dropped: channel not available"));
             }
             return;
         }
-        let refused = kept(endpoints) - self.kept_before;
-        if refused > 0 {
-            note(format_args!("# {refused} client frames rejected: channel not available"));
+        let rejected = rejected(endpoints) - self.rejected_before;
+        if rejected > 0 {
+            note(format_args!("# {rejected} client frames rejected: channel not available"));
         }
     }
 }
 
-fn kept(endpoints: &[Endpoint]) -> u64 {
+fn rejected(endpoints: &[Endpoint]) -> u64 {
     endpoints.iter().map(|endpoint| endpoint.clients().statistics().discarded).sum()
 }

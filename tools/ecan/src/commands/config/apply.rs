@@ -32,16 +32,16 @@ struct Part {
 
 pub fn run(path: &Path, with_steps: bool, context: &Context) -> Result {
     let file = config_file::read(path)?;
-    let (bus, places) = super::places(&file, context)?;
+    let (bus, resolved) = super::open_gateways(&file, context)?;
     let mut applied = Vec::new();
     let mut failed = None;
-    for place in places {
-        let mut done = Applied::nothing(place);
+    for gateway in resolved {
+        let mut done = Applied::nothing(gateway);
         if failed.is_none() {
-            let steps = ecan_config_file::startup(&file, place.gateway);
+            let steps = ecan_config_file::startup(&file, gateway.gateway);
             let written =
-                apply(bus.diagnostics(), place.slave, &steps, &mut |step| done.note(step));
-            failed = written.map_err(config_file::of_place).err();
+                apply(bus.diagnostics(), gateway.slave, &steps, &mut |step| done.note(step));
+            failed = written.map_err(config_file::resolve_failure).err();
             done.is_complete = failed.is_none();
             done.error = failed.as_ref().map(ToString::to_string);
         }

@@ -115,8 +115,8 @@ pub fn run(path: &Path, output: &Output) -> Result {
             let checked = Checked { faults, ..Checked::default() };
             output.data(&checked, |out| {
                 for Faulty { line, column, reason } in &checked.faults {
-                    let place = format!("{}:{line}:{column}:", path.display());
-                    writeln!(out, "{} {reason}", output.toned(Tone::Bad, place))?;
+                    let location = format!("{}:{line}:{column}:", path.display());
+                    writeln!(out, "{} {reason}", output.toned(Tone::Bad, location))?;
                 }
                 Ok(())
             })?;

@@ -40,10 +40,10 @@ impl From<Difference> for Differing {
 
 pub fn run(path: &Path, counts_active: bool, context: &Context) -> Result {
     let file = config_file::read(path)?;
-    let (bus, places) = super::places(&file, context)?;
+    let (bus, resolved) = super::open_gateways(&file, context)?;
     let mut compared = Vec::new();
     let mut failed = None;
-    for ResolvedGateway { gateway, slave: position } in places {
+    for ResolvedGateway { gateway, slave: position } in resolved {
         let mut it = Compared { position, gateway, differences: None, error: None };
         if failed.is_none() {
             match differences(

@@ -79,21 +79,21 @@ pub fn run(arguments: &ExportArguments, context: &Context) -> Result {
         (Some(gateway), _) => gateway,
         (None, 1) => 0,
         (None, count) => {
-            let words = format!("the file has {count} gateways; select one with --gateway");
-            return Err(Failure::Usage(words));
+            let message = format!("the file has {count} gateways; select one with --gateway");
+            return Err(Failure::Usage(message));
         }
     };
     let Some(slave) = slaves.get(gateway) else {
-        let words = format!("gateway {gateway} does not exist; the file has {}", slaves.len());
-        return Err(Failure::Usage(words));
+        let message = format!("gateway {gateway} does not exist; the file has {}", slaves.len());
+        return Err(Failure::Usage(message));
     };
     let steps = ecan_config_file::startup(&file, gateway);
     let data: Vec<_> = steps.iter().map(Step::from).collect();
     let (alias, position) = (slave.alias, slave.position);
-    let place =
+    let address =
         SlaveAddress { master: config_file::master(&file, context.global), alias, position };
     context.output.data(&data, |out| {
-        let list = export(arguments.format.unwrap_or(ListFormat::Csv).into(), &steps, place);
+        let list = export(arguments.format.unwrap_or(ListFormat::Csv).into(), &steps, address);
         out.write_all(list.as_bytes())
     })
 }

@@ -75,8 +75,8 @@ pub fn run(
 
 fn gateways(arguments: &FlashArguments, context: &Context) -> Result<(Bus, Vec<usize>)> {
     if let Some(path) = &arguments.file {
-        let (bus, places) = super::places(&config_file::read(path)?, context)?;
-        return Ok((bus, places.into_iter().map(|place| place.slave).collect()));
+        let (bus, resolved) = super::open_gateways(&config_file::read(path)?, context)?;
+        return Ok((bus, resolved.into_iter().map(|it| it.slave).collect()));
     }
     let bus = context.bus()?;
     let Recognised { gateways, unknown } = bus.one_or_all(arguments.all.all)?;
@@ -102,11 +102,11 @@ impl Done {
     ) -> std::io::Result<()> {
         let position = self.position;
         let Some((active, stored)) = self.active_crc.zip(self.stored_crc) else {
-            let (tone, words) = match &self.error {
+            let (tone, message) = match &self.error {
                 Some(error) => (Tone::Bad, error.as_str()),
                 None => (Tone::Warning, "skipped"),
             };
-            return writeln!(out, "slave {position}: {}", output.toned(tone, words));
+            return writeln!(out, "slave {position}: {}", output.toned(tone, message));
         };
         let what = match command {
             FlashCommand::Save => "configuration saved in the Flash",

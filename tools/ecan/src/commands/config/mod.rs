@@ -91,8 +91,8 @@ pub fn run(arguments: &ConfigArguments, context: &Context) -> Result {
 }
 
 /// Opens the bus of a file and finds its gateways: all, or the selected one.
-fn places(file: &Config, context: &Context) -> Result<(Bus, Vec<ResolvedGateway>)> {
+fn open_gateways(file: &Config, context: &Context) -> Result<(Bus, Vec<ResolvedGateway>)> {
     let bus = config_file::open_bus(file, context, ClockKind::Stepped)?;
-    let places = config_file::places(file, &bus)?;
-    Ok((bus, places))
+    let resolved = config_file::resolve(file, &bus)?;
+    Ok((bus, resolved))
 }

@@ -72,9 +72,9 @@ pub fn run(arguments: &DiagArguments, context: &Context) -> Result {
 fn clear_all(bus: &Bus, slaves: &[usize], names_slave: bool) -> Result {
     let mut failed = None;
     for slave in slaves {
-        let place = if names_slave { format!("slave {slave}: ") } else { String::new() };
+        let prefix = if names_slave { format!("slave {slave}: ") } else { String::new() };
         match clear::clear(bus, *slave) {
-            Ok(()) => note(format_args!("{place}counters and flags cleared")),
+            Ok(()) => note(format_args!("{prefix}counters and flags cleared")),
             Err(failure) => failed = failed.or(Some(failure)),
         }
     }

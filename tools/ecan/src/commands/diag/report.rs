@@ -132,15 +132,15 @@ fn meaning(index: u16, subindex: u8, value: u32) -> &'static str {
 
 fn direction(snapshot: &Snapshot, name: &'static str, object: u16, assignment: u16) -> Direction {
     let value = |subindex| snapshot.get(object, subindex);
-    let words = |subindex| value(subindex).map(|raw| meaning(object, subindex, raw));
+    let name_of = |subindex| value(subindex).map(|raw| meaning(object, subindex, raw));
     Direction {
         name,
         active_bytes: value(9),
         assigned_chunks: snapshot.get(assignment, 0),
         status: value(2),
-        status_words: words(2),
+        status_words: name_of(2),
         last_error: value(14),
-        last_error_words: words(14),
+        last_error_words: name_of(14),
         errors: value(15),
         overflows: value(16),
     }

@@ -67,11 +67,11 @@ fn or_not_read(value: Option<impl Display>) -> String {
     value.map_or_else(|| NOT_READ.to_owned(), |value| value.to_string())
 }
 
-fn listed(words: Option<&[&str]>) -> String {
-    match words {
+fn listed(names: Option<&[&str]>) -> String {
+    match names {
         None => NOT_READ.to_owned(),
         Some([]) => "none".to_owned(),
-        Some(words) => words.join(", "),
+        Some(names) => names.join(", "),
     }
 }
 
@@ -80,8 +80,8 @@ fn directions(report: &Report, out: &mut dyn Write) -> Written {
         return writeln!(out, "\nprocess data: {NOT_READ}");
     }
     let titles = ["", "BYTES", "ASSIGNED", "STATUS", "LAST ERROR", "ERRORS", "OVERFLOWS"];
-    let status = |raw: Option<u32>, words: Option<&str>| {
-        or_not_read(raw.zip(words).map(|(raw, words)| format!("{raw} {words}")))
+    let status = |raw: Option<u32>, name: Option<&str>| {
+        or_not_read(raw.zip(name).map(|(raw, name)| format!("{raw} {name}")))
     };
     writeln!(out)?;
     table::print_with_titles(out, titles, &report.directions, |it| {
@@ -104,14 +104,14 @@ fn directions(report: &Report, out: &mut dyn Write) -> Written {
 type Count<'a> = (Option<u32>, &'a dyn Fn(u32) -> String, &'a str);
 
 fn counts<const N: usize>(counts: [Count<'_>; N]) -> String {
-    let told = counts
-        .map(|(count, words, name)| count.map_or_else(|| format!("{name} {NOT_READ}"), words));
-    told.join(", ")
+    let texts =
+        counts.map(|(count, text, name)| count.map_or_else(|| format!("{name} {NOT_READ}"), text));
+    texts.join(", ")
 }
 
 fn print_channel(channel: &Channel, out: &mut dyn Write) -> Written {
     let status = match &channel.status_words {
-        Some(words) => words.clone(),
+        Some(text) => text.clone(),
         None => format!("status {NOT_READ}"),
     };
     writeln!(out, "CAN{}  {status}", channel.channel)?;

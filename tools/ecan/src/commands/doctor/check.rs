@@ -32,20 +32,24 @@ pub struct Check {
 }
 
 impl Check {
-    pub fn good(name: &'static str, found: impl Into<String>) -> Self {
-        Self { name, verdict: Verdict::Good, found: found.into(), remedy: String::new() }
+    pub fn good(found: impl Into<String>) -> Self {
+        Self { name: "", verdict: Verdict::Good, found: found.into(), remedy: String::new() }
     }
 
-    pub fn skipped(name: &'static str, found: impl Into<String>) -> Self {
-        Self { verdict: Verdict::Skipped, ..Self::good(name, found) }
+    pub fn skipped(found: impl Into<String>) -> Self {
+        Self { verdict: Verdict::Skipped, ..Self::good(found) }
     }
 
-    pub fn warning(name: &'static str, found: impl Into<String>, remedy: &str) -> Self {
-        Self { verdict: Verdict::Warning, remedy: remedy.to_owned(), ..Self::good(name, found) }
+    pub fn warning(found: impl Into<String>, remedy: &str) -> Self {
+        Self { verdict: Verdict::Warning, remedy: remedy.to_owned(), ..Self::good(found) }
     }
 
-    pub fn bad(name: &'static str, found: impl Into<String>, remedy: &str) -> Self {
-        Self { verdict: Verdict::Bad, ..Self::warning(name, found, remedy) }
+    pub fn bad(found: impl Into<String>, remedy: &str) -> Self {
+        Self { verdict: Verdict::Bad, ..Self::warning(found, remedy) }
+    }
+
+    pub fn named(self, name: &'static str) -> Self {
+        Self { name, ..self }
     }
 
     pub fn has_problem(&self) -> bool {

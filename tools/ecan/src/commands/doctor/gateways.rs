@@ -10,7 +10,7 @@ use crate::slave_choice::{Recognised, Unknown};
 
 use super::{Check, sii};
 
-const SII: &str = "SII layout";
+const BUS: &str = "bus";
 
 /// The checks that need the library; `tool` is the path of IgH's tool, if given.
 pub(super) fn checks(
@@ -18,48 +18,47 @@ pub(super) fn checks(
     tool: Option<&Path>,
     global: &GlobalOptions,
 ) -> Vec<Check> {
-    const NAME: &str = "bus";
     let Some(ecrt) = library else {
-        return vec![Check::skipped(NAME, "no library")];
+        return vec![Check::skipped("no library").named(BUS)];
     };
     let diagnostics = match Diagnostics::of_bus(&ecrt, global.master()) {
         Ok(diagnostics) => diagnostics,
-        Err(error) => return vec![cannot_look(NAME, &error)],
+        Err(error) => return vec![unreadable(&error).named(BUS)],
     };
     let Recognised { gateways, unknown } =
         Recognised::new(diagnostics.slave_kinds().into_iter().enumerate());
-    let mut checks = vec![judge_slaves(NAME, diagnostics.slave_count(), gateways.len(), &unknown)];
-    checks.extend(gateways.iter().map(|slave| process_data(&diagnostics, *slave)));
-    checks.extend(gateways.iter().map(|slave| {
+    let slaves = check_slaves(diagnostics.slave_count(), gateways.len(), &unknown).named(BUS);
+    let process_data = |slave: &usize| process_data(&diagnostics, *slave).named("process data");
+    let layout = |slave: &usize| {
         if ecrt.is_simulated() {
-            return Check::skipped(SII, "the simulated master has no SII");
+            return Check::skipped("the simulated master has no SII");
         }
         let tool = EthercatTool::find(tool, global.master());
-        judge_layout(*slave, tool.and_then(|tool| tool.sii(*slave)))
-    }));
-    checks
+        check_layout(*slave, tool.and_then(|tool| tool.sii(*slave)))
+    };
+    let layouts = gateways.iter().map(|slave| layout(slave).named("SII layout"));
+    [slaves].into_iter().chain(gateways.iter().map(process_data)).chain(layouts).collect()
 }
 
-fn cannot_look(name: &'static str, error: &Error) -> Check {
-    Check::bad(name, error.to_string(), "fix the problems above, then run `ecan scan`")
+fn unreadable(error: &Error) -> Check {
+    Check::bad(error.to_string(), "fix the problems above, then run `ecan scan`")
 }
 
-fn judge_slaves(name: &'static str, count: usize, gateways: usize, unknown: &[Unknown]) -> Check {
+fn check_slaves(count: usize, gateways: usize, unknown: &[Unknown]) -> Check {
     let slaves = if count == 1 { "slave" } else { "slaves" };
     let found = format!("{count} {slaves}, {gateways} ECAN-Lite");
     if !unknown.is_empty() {
-        let words: Vec<_> = unknown.iter().map(ToString::to_string).collect();
+        let unknown: Vec<_> = unknown.iter().map(ToString::to_string).collect();
         return Check::bad(
-            name,
-            format!("{found}; {}", words.join("; ")),
+            format!("{found}; {}", unknown.join("; ")),
             "bring it to PREOP, check its supply and cable, then run `ecan diag --slave POSITION`; \
              a gateway without a mailbox takes no configuration",
         );
     }
     if gateways == 0 {
-        return Check::bad(name, found, "check cable and supply, then run `ecan scan`");
+        return Check::bad(found, "check cable and supply, then run `ecan scan`");
     }
-    Check::good(name, found)
+    Check::good(found)
 }
 
 /// Larger N of both directions, from the active or else the requested profile.
@@ -73,26 +72,24 @@ fn chunks(diagnostics: &Diagnostics, slave: usize) -> Result<(u32, bool), Error>
 }
 
 fn process_data(diagnostics: &Diagnostics, slave: usize) -> Check {
-    const NAME: &str = "process data";
     match chunks(diagnostics, slave) {
-        Ok((n, is_active)) => judge_chunks(NAME, slave, n, is_active),
-        Err(error) => cannot_look(NAME, &error),
+        Ok((n, is_active)) => check_chunks(slave, n, is_active),
+        Err(error) => unreadable(&error),
     }
 }
 
 /// Check of the SII with IgH's tool: the library does not read it.
-fn judge_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
+fn check_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
     let script = format!("scripts/ecan_sii_sm_layout.sh check --position {slave}");
     let sii = match sii {
         Ok(sii) => sii,
-        Err(error) => return Check::skipped(SII, format!("slave {slave}: {error}; see {script}")),
+        Err(error) => return Check::skipped(format!("slave {slave}: {error}; see {script}")),
     };
     let faults = sii::faults(&sii);
     if faults.is_empty() {
-        return Check::good(SII, format!("slave {slave}: SM2 and SM3 match manual 15.7"));
+        return Check::good(format!("slave {slave}: SM2 and SM3 match manual 15.7"));
     }
     Check::bad(
-        SII,
         format!("slave {slave}: {}", faults.join(", ")),
         &format!(
             "{script}, then fix; SM2 is 0x1100 with control byte 0x66, SM3 0x1D00 with 0x22, 3072 \
@@ -101,15 +98,14 @@ fn judge_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
     )
 }
 
-fn judge_chunks(name: &'static str, slave: usize, n: u32, is_active: bool) -> Check {
+fn check_chunks(slave: usize, n: u32, is_active: bool) -> Check {
     let word = if is_active { "active" } else { "requested" };
     let max = u32::from(MAX_PLAIN_MULTIPLIER);
     let found = format!("slave {slave}: N = {n} {word}, a standard master supports {max}");
     if n <= max {
-        return Check::good(name, found);
+        return Check::good(found);
     }
     Check::warning(
-        name,
         found,
         "use a smaller N, or a master that splits process data over datagrams; an older one \
          stops sending altogether",
@@ -122,18 +118,18 @@ mod tests {
 
     #[test]
     fn unreadable_sii_refers_to_the_script() {
-        let check = judge_layout(3, Err(ToolError::NotFound));
+        let check = check_layout(3, Err(ToolError::NotFound));
         assert!(!check.has_problem());
         assert!(check.found.ends_with("see scripts/ecan_sii_sm_layout.sh check --position 3"));
-        let check = judge_layout(1, Ok(Vec::new()));
+        let check = check_layout(1, Ok(Vec::new()));
         assert_eq!(check.found, "slave 1: the SII has no category 41 (sync managers)");
         assert!(check.has_problem());
     }
 
     #[test]
     fn multiplier_is_compared_with_master_limit() {
-        assert!(!judge_chunks("process data", 0, 11, true).has_problem());
-        let large = judge_chunks("process data", 2, 12, false);
+        assert!(!check_chunks(0, 11, true).has_problem());
+        let large = check_chunks(2, 12, false);
         assert_eq!(large.found, "slave 2: N = 12 requested, a standard master supports 11");
         assert!(large.has_problem());
     }

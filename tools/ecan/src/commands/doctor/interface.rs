@@ -36,19 +36,17 @@ fn setting(root: &Root, name: &str) -> Option<String> {
     Some(line.trim().trim_matches(['"', '\'']).to_owned()).filter(|value| !value.is_empty())
 }
 
-fn find(name: &'static str, root: &Root, master: u32) -> Interface {
+fn find(root: &Root, master: u32) -> Interface {
     let Some(address) = setting(root, &format!("MASTER{master}_DEVICE")) else {
         return Interface::Unknown(Check::warning(
-            name,
             format!("the master's configuration sets no interface (MASTER{master}_DEVICE)"),
             "set MASTER0_DEVICE to the address of the interface in /etc/ethercat.conf and restart the master",
         ));
     };
     if address.eq_ignore_ascii_case(ANY) {
-        return Interface::Unknown(Check::skipped(
-            name,
-            format!("MASTER{master}_DEVICE selects the first interface found"),
-        ));
+        return Interface::Unknown(Check::skipped(format!(
+            "MASTER{master}_DEVICE selects the first interface found"
+        )));
     }
     let is_it = |interface: &String| {
         interface.eq_ignore_ascii_case(&address)
@@ -60,7 +58,6 @@ fn find(name: &'static str, root: &Root, master: u32) -> Interface {
         Some(interface) => Interface::Shown(interface),
         None if master::has_native_driver(root) => Interface::Native(address),
         None => Interface::Unknown(Check::bad(
-            name,
             format!("no interface has the address {address} of MASTER{master}_DEVICE"),
             "compare it with `ip link`; a replaced card has another address",
         )),
@@ -68,11 +65,10 @@ fn find(name: &'static str, root: &Root, master: u32) -> Interface {
 }
 
 pub(super) fn link(root: &Root, master: u32) -> Check {
-    const NAME: &str = "interface";
-    let interface = match find(NAME, root, master) {
+    let interface = match find(root, master) {
         Interface::Shown(interface) => interface,
         Interface::Native(address) => {
-            return Check::good(NAME, format!("{address}, native driver of the master"));
+            return Check::good(format!("{address}, native driver of the master"));
         }
         Interface::Unknown(check) => return check,
     };
@@ -82,42 +78,39 @@ pub(super) fn link(root: &Root, master: u32) -> Check {
     let speed = of("speed").unwrap_or_default();
     if of("carrier").as_deref() != Some("1") {
         return Check::bad(
-            NAME,
             format!("{interface}{driver}: no link"),
             "ip link set IFACE up; check the cable and the supply of the first slave",
         );
     }
     if !matches!(speed.as_str(), "100" | "" | "-1") {
         return Check::warning(
-            NAME,
             format!("{interface}{driver}: link at {speed} Mbit/s; EtherCAT needs 100"),
             "connect the first slave directly, without a switch",
         );
     }
-    Check::good(NAME, format!("{interface}{driver}, link up"))
+    Check::good(format!("{interface}{driver}, link up"))
 }
 
 pub(super) fn coalescing(root: &Root, master: u32) -> Check {
-    const NAME: &str = "coalescing";
-    let interface = match find(NAME, root, master) {
+    let interface = match find(root, master) {
         Interface::Shown(interface) => interface,
-        Interface::Native(_) => return Check::skipped(NAME, "the native driver polls"),
-        Interface::Unknown(_) => return Check::skipped(NAME, "interface unknown"),
+        Interface::Native(_) => return Check::skipped("the native driver polls"),
+        Interface::Unknown(_) => return Check::skipped("interface unknown"),
     };
     let Some(ethtool) = root.ethtool() else {
-        return Check::skipped(NAME, "ethtool not found");
+        return Check::skipped("ethtool not found");
     };
     match program::run(Command::new(ethtool).args(["-c", &interface]), LIMIT) {
         Ok(ran) if ran.status.success() => {
-            judge_coalescing(NAME, &interface, &String::from_utf8_lossy(&ran.stdout))
+            check_coalescing(&interface, &String::from_utf8_lossy(&ran.stdout))
         }
-        Err(error @ RunError::TimedOut(_)) => Check::skipped(NAME, format!("ethtool: {error}")),
-        _ => Check::skipped(NAME, format!("not reported by the driver of {interface}")),
+        Err(error @ RunError::TimedOut(_)) => Check::skipped(format!("ethtool: {error}")),
+        _ => Check::skipped(format!("not reported by the driver of {interface}")),
     }
 }
 
 /// Evaluates the output of `ethtool -c`.
-fn judge_coalescing(name: &'static str, interface: &str, text: &str) -> Check {
+fn check_coalescing(interface: &str, text: &str) -> Check {
     let value = |key: &str| {
         let line =
             text.lines().find_map(|line| line.trim().strip_prefix(key)?.strip_prefix(':'))?;
@@ -130,11 +123,11 @@ fn judge_coalescing(name: &'static str, interface: &str, text: &str) -> Check {
     let (rx, tx) = (value("rx-usecs").unwrap_or(0), value("tx-usecs").unwrap_or(0));
     let found = format!("{interface}: rx-usecs {rx}, tx-usecs {tx}");
     if !is_adaptive && rx <= 1 && tx <= 1 {
-        return Check::good(name, found);
+        return Check::good(found);
     }
     let adaptive = if is_adaptive { ", adaptive" } else { "" };
     let remedy = format!("ethtool -C {interface} adaptive-rx off rx-usecs 0 tx-usecs 0");
-    Check::warning(name, format!("{found}{adaptive}: frames are delayed"), &remedy)
+    Check::warning(format!("{found}{adaptive}: frames are delayed"), &remedy)
 }
 
 #[cfg(test)]
@@ -143,12 +136,12 @@ mod tests {
 
     #[test]
     fn ethtool_output_is_parsed() {
-        let judge = |text| judge_coalescing("coalescing", "enp4s0", text);
+        let check = |text| check_coalescing("enp4s0", text);
         let off = "Coalesce parameters for enp4s0:\nAdaptive RX: off  TX: off\nrx-usecs: 0\n\
                    rx-frames: n/a\ntx-usecs:\t0\n";
-        assert_eq!(judge(off).found, "enp4s0: rx-usecs 0, tx-usecs 0");
-        assert!(!judge(off).has_problem());
-        let on = judge("Adaptive RX: on  TX: off\nrx-usecs: 3\n");
+        assert_eq!(check(off).found, "enp4s0: rx-usecs 0, tx-usecs 0");
+        assert!(!check(off).has_problem());
+        let on = check("Adaptive RX: on  TX: off\nrx-usecs: 3\n");
         assert_eq!(on.found, "enp4s0: rx-usecs 3, tx-usecs 0, adaptive: frames are delayed");
         assert!(on.remedy.contains("-C enp4s0 adaptive-rx off"));
     }

@@ -15,14 +15,12 @@ pub(super) fn load(context: &Context) -> Result<Result<Ecrt, String>> {
 }
 
 pub(super) fn check(library: &Result<Ecrt, String>) -> Check {
-    const NAME: &str = "library";
     match library {
         Ok(ecrt) => {
             let (major, minor) = ecrt.version();
-            Check::good(NAME, format!("{}, version {major}.{minor}", ecrt.origin()))
+            Check::good(format!("{}, version {major}.{minor}", ecrt.origin()))
         }
         Err(error) => Check::bad(
-            NAME,
             error,
             "install the IgH EtherCAT master's library (make install, then ldconfig), or name it \
              with --ecrt",
@@ -32,17 +30,16 @@ pub(super) fn check(library: &Result<Ecrt, String>) -> Check {
 
 /// Library and kernel module must have the same version.
 pub(super) fn same_version(root: &Root, library: (u8, u8)) -> Check {
-    const NAME: &str = "versions";
     let (major, minor) = library;
     let Some(module) = root.first_line("sys/module/ec_master/version") else {
-        return Check::skipped(NAME, "module version unknown");
+        return Check::skipped("module version unknown");
     };
     let found = format!("library {major}.{minor}, module {module}");
     let mut parts = module.split(['.', ' ', '-']).map(|part| part.parse::<u8>().ok());
     if [parts.next(), parts.next()] == [Some(Some(major)), Some(Some(minor))] {
-        return Check::good(NAME, found);
+        return Check::good(found);
     }
-    Check::bad(NAME, found, "install both from one version, and reload the module")
+    Check::bad(found, "install both from one version, and reload the module")
 }
 
 #[cfg(test)]

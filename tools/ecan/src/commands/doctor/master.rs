@@ -11,18 +11,16 @@ const ACPI: &str = "ec_sys";
 const GENERIC: &str = "ec_generic";
 
 pub(super) fn kernel_module(root: &Root) -> Check {
-    const NAME: &str = "kernel module";
     if !root.exists("sys/module/ec_master") {
         return Check::bad(
-            NAME,
             "ec_master is not loaded",
             "systemctl enable --now ethercat (or ethercatctl start); after a kernel update rebuild \
              the modules anew",
         );
     }
     match root.first_line("sys/module/ec_master/version") {
-        Some(version) => Check::good(NAME, format!("ec_master {version}")),
-        None => Check::good(NAME, "ec_master, version unknown"),
+        Some(version) => Check::good(format!("ec_master {version}")),
+        None => Check::good("ec_master, version unknown"),
     }
 }
 
@@ -39,11 +37,9 @@ pub(super) fn has_native_driver(root: &Root) -> bool {
 }
 
 pub(super) fn network_driver(root: &Root) -> Check {
-    const NAME: &str = "network driver";
     let drivers = drivers(root);
     if drivers.is_empty() {
         return Check::bad(
-            NAME,
             "no network driver of the master is loaded",
             "set DEVICE_MODULES in /etc/ethercat.conf, to generic or to the native driver of the \
              interface, and restart the master",
@@ -53,35 +49,31 @@ pub(super) fn network_driver(root: &Root) -> Check {
         true => "native",
         false => "generic: frames pass the network stack; a native driver has less jitter",
     };
-    Check::good(NAME, format!("{} ({kind})", drivers.join(", ")))
+    Check::good(format!("{} ({kind})", drivers.join(", ")))
 }
 
 pub(super) fn device_node(root: &Root, master: u32) -> Check {
-    const NAME: &str = "device node";
     let node = format!("/dev/EtherCAT{master}");
     let path = root.path(node.trim_start_matches('/'));
     match OpenOptions::new().read(true).write(true).open(path) {
-        Ok(_) => Check::good(NAME, format!("{node} can be opened")),
-        Err(error) => judge_opening(NAME, &node, error.kind(), &error.to_string()),
+        Ok(_) => Check::good(format!("{node} can be opened")),
+        Err(error) => check_opening(&node, error.kind(), &error.to_string()),
     }
 }
 
-fn judge_opening(name: &'static str, node: &str, kind: ErrorKind, reason: &str) -> Check {
+fn check_opening(node: &str, kind: ErrorKind, reason: &str) -> Check {
     match kind {
         ErrorKind::NotFound => Check::bad(
-            name,
             format!("{node} does not exist"),
             "load the module; select an existing master (--master); in a container, pass the \
              device in",
         ),
         ErrorKind::PermissionDenied => Check::bad(
-            name,
             format!("no permission for {node}"),
             "run scripts/setup_host.sh apply for a group by a udev rule; then join the group and \
              log in again",
         ),
         _ => Check::bad(
-            name,
             format!("{node} cannot be opened: {reason}"),
             "read the kernel log (dmesg | grep EtherCAT)",
         ),
@@ -94,11 +86,11 @@ mod tests {
 
     #[test]
     fn forbidden_and_missing_node_differ() {
-        let judge = |kind| judge_opening("device node", "/dev/EtherCAT0", kind, "reason");
-        let forbidden = judge(ErrorKind::PermissionDenied);
+        let check = |kind| check_opening("/dev/EtherCAT0", kind, "reason");
+        let forbidden = check(ErrorKind::PermissionDenied);
         assert_eq!(forbidden.found, "no permission for /dev/EtherCAT0");
         assert!(forbidden.remedy.contains("udev rule"));
-        assert!(judge(ErrorKind::NotFound).remedy.contains("load the module"));
-        assert!(judge(ErrorKind::Other).found.ends_with("reason"));
+        assert!(check(ErrorKind::NotFound).remedy.contains("load the module"));
+        assert!(check(ErrorKind::Other).found.ends_with("reason"));
     }
 }

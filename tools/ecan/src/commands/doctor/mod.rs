@@ -67,41 +67,47 @@ pub fn host_checks(root: &Root, master: u32) -> Vec<Check> {
     [master_checks(root, master), real_time_checks(root)].concat()
 }
 
+type MasterCheck = fn(&Root, u32) -> Check;
+
+const MASTER_CHECKS: [(&str, MasterCheck); 5] = [
+    ("kernel module", |root, _| master::kernel_module(root)),
+    ("network driver", |root, _| master::network_driver(root)),
+    ("device node", master::device_node),
+    ("interface", interface::link),
+    ("coalescing", interface::coalescing),
+];
+
+type HostCheck = fn(&Root) -> Check;
+
+const REAL_TIME_CHECKS: [(&str, HostCheck); 7] = [
+    ("real-time kernel", real_time::kernel),
+    ("real-time priority", real_time::priority_limit),
+    ("locked memory", real_time::memory_limit),
+    ("isolated CPUs", real_time::isolated_cpus),
+    ("clock source", real_time::clock_source),
+    ("power governor", real_time::power_governor),
+    ("sleep states", real_time::sleep_states),
+];
+
 fn master_checks(root: &Root, master: u32) -> Vec<Check> {
-    vec![
-        master::kernel_module(root),
-        master::network_driver(root),
-        master::device_node(root, master),
-        interface::link(root, master),
-        interface::coalescing(root, master),
-    ]
+    MASTER_CHECKS.map(|(name, check)| check(root, master).named(name)).to_vec()
 }
 
 fn real_time_checks(root: &Root) -> Vec<Check> {
-    vec![
-        real_time::kernel(root),
-        real_time::priority_limit(root),
-        real_time::memory_limit(root),
-        real_time::isolated_cpus(root),
-        real_time::clock_source(root),
-        real_time::power_governor(root),
-        real_time::sleep_states(root),
-    ]
+    REAL_TIME_CHECKS.map(|(name, check)| check(root).named(name)).to_vec()
 }
 
 /// Checks of files, library and bus.
 fn all_checks(root: &Root, tool: Option<&Path>, context: &Context) -> Result<Vec<Check>> {
     let library = library::load(context)?;
-    let mut checks = vec![library::check(&library)];
+    let mut checks = vec![library::check(&library).named("library")];
     match &library {
         Ok(ecrt) if ecrt.is_simulated() => {
-            let names =
-                ["kernel module", "network driver", "device node", "interface", "coalescing"];
-            let skipped = |name| Check::skipped(name, "not needed with a simulated master");
-            checks.extend(names.map(skipped));
+            let skipped = Check::skipped("not needed with a simulated master");
+            checks.extend(MASTER_CHECKS.map(|(name, _)| skipped.clone().named(name)));
         }
         Ok(ecrt) => {
-            checks.push(library::same_version(root, ecrt.version()));
+            checks.push(library::same_version(root, ecrt.version()).named("versions"));
             checks.extend(master_checks(root, context.global.master()));
         }
         Err(_) => checks.extend(master_checks(root, context.global.master())),

@@ -14,16 +14,14 @@ const CAP_SYS_NICE: u32 = 23;
 const CPUS: &str = "sys/devices/system/cpu";
 
 pub(super) fn kernel(root: &Root) -> Check {
-    const NAME: &str = "real-time kernel";
     let version = root.first_line("proc/version").unwrap_or_default();
     let release = version.split_whitespace().nth(2).unwrap_or("unknown release").to_owned();
     let is_real_time = root.first_line("sys/kernel/realtime").as_deref() == Some("1")
         || version.contains("PREEMPT_RT");
     if is_real_time {
-        return Check::good(NAME, format!("{release}, PREEMPT_RT"));
+        return Check::good(format!("{release}, PREEMPT_RT"));
     }
     Check::warning(
-        NAME,
         format!("{release} is not a PREEMPT_RT kernel: cycles may be late by milliseconds"),
         "install a kernel with PREEMPT_RT (linux-image-rt-amd64, or Ubuntu's real-time kernel)",
     )
@@ -44,18 +42,14 @@ fn has_capability(root: &Root, bit: u32) -> bool {
 }
 
 pub(super) fn priority_limit(root: &Root) -> Check {
-    const NAME: &str = "real-time priority";
     if has_capability(root, CAP_SYS_NICE) {
-        return Check::good(NAME, "permitted (CAP_SYS_NICE)");
+        return Check::good("permitted (CAP_SYS_NICE)");
     }
     match limit(root, "Max realtime priority") {
-        None => Check::skipped(NAME, "limits not readable"),
-        Some(None) => Check::good(NAME, "RLIMIT_RTPRIO is unlimited"),
-        Some(Some(limit)) if limit >= PRIORITY => {
-            Check::good(NAME, format!("RLIMIT_RTPRIO is {limit}"))
-        }
+        None => Check::skipped("limits not readable"),
+        Some(None) => Check::good("RLIMIT_RTPRIO is unlimited"),
+        Some(Some(limit)) if limit >= PRIORITY => Check::good(format!("RLIMIT_RTPRIO is {limit}")),
         Some(Some(limit)) => Check::warning(
-            NAME,
             format!("RLIMIT_RTPRIO is {limit}; a cycle thread needs {PRIORITY}"),
             "run scripts/setup_host.sh apply for a group; or LimitRTPRIO=90 of a systemd service, \
              or setcap cap_sys_nice+ep PROGRAM",
@@ -64,18 +58,16 @@ pub(super) fn priority_limit(root: &Root) -> Check {
 }
 
 pub(super) fn memory_limit(root: &Root) -> Check {
-    const NAME: &str = "locked memory";
     if has_capability(root, CAP_IPC_LOCK) {
-        return Check::good(NAME, "permitted (CAP_IPC_LOCK)");
+        return Check::good("permitted (CAP_IPC_LOCK)");
     }
     match limit(root, "Max locked memory") {
-        None => Check::skipped(NAME, "limits not readable"),
-        Some(None) => Check::good(NAME, "RLIMIT_MEMLOCK is unlimited"),
+        None => Check::skipped("limits not readable"),
+        Some(None) => Check::good("RLIMIT_MEMLOCK is unlimited"),
         Some(Some(bytes)) if bytes >= LOCKED_BYTES => {
-            Check::good(NAME, format!("RLIMIT_MEMLOCK is {} MiB", bytes >> 20))
+            Check::good(format!("RLIMIT_MEMLOCK is {} MiB", bytes >> 20))
         }
         Some(Some(bytes)) => Check::warning(
-            NAME,
             format!("RLIMIT_MEMLOCK is {} KiB: memory may be paged out in a cycle", bytes >> 10),
             "run scripts/setup_host.sh apply for a group; or LimitMEMLOCK=infinity of a systemd \
              service, or setcap cap_ipc_lock+ep PROGRAM",
@@ -84,7 +76,6 @@ pub(super) fn memory_limit(root: &Root) -> Check {
 }
 
 pub(super) fn isolated_cpus(root: &Root) -> Check {
-    const NAME: &str = "isolated CPUs";
     let list = |file: &str| {
         root.first_line(format!("{CPUS}/{file}"))
             .filter(|list| !list.is_empty() && list != "(null)")
@@ -94,11 +85,10 @@ pub(super) fn isolated_cpus(root: &Root) -> Check {
         Some(cpus) => {
             let ticks =
                 list("nohz_full").map_or_else(String::new, |it| format!(", nohz_full {it}"));
-            Check::good(NAME, format!("{cpus} of {online}{ticks}"))
+            Check::good(format!("{cpus} of {online}{ticks}"))
         }
-        None if online == "0" => Check::skipped(NAME, "only one CPU"),
+        None if online == "0" => Check::skipped("only one CPU"),
         None => Check::warning(
-            NAME,
             format!("none of {online}: other programs run on the CPU of the cycle"),
             "isolcpus=N nohz_full=N rcu_nocbs=N on the kernel's command line, and bind the cycle \
              thread to N",
@@ -107,13 +97,12 @@ pub(super) fn isolated_cpus(root: &Root) -> Check {
 }
 
 pub(super) fn clock_source(root: &Root) -> Check {
-    const NAME: &str = "clock source";
     let directory = "sys/devices/system/clocksource/clocksource0";
     let Some(source) = root.first_line(format!("{directory}/current_clocksource")) else {
-        return Check::skipped(NAME, "not reported by the kernel");
+        return Check::skipped("not reported by the kernel");
     };
     if !matches!(source.as_str(), "hpet" | "acpi_pm" | "jiffies" | "refined-jiffies" | "pit") {
-        return Check::good(NAME, source);
+        return Check::good(source);
     }
     let available = root.first_line(format!("{directory}/available_clocksource"));
     let remedy = match available {
@@ -122,11 +111,10 @@ pub(super) fn clock_source(root: &Root) -> Check {
         }
         _ => "the kernel marked the TSC unstable; check the power settings of the BIOS",
     };
-    Check::warning(NAME, format!("{source} is slow to read"), remedy)
+    Check::warning(format!("{source} is slow to read"), remedy)
 }
 
 pub(super) fn power_governor(root: &Root) -> Check {
-    const NAME: &str = "power governor";
     let governor = |cpu: &String| {
         let is_cpu = cpu.strip_prefix("cpu")?.bytes().all(|byte| byte.is_ascii_digit());
         let governor = root.first_line(format!("{CPUS}/{cpu}/cpufreq/scaling_governor"))?;
@@ -134,12 +122,11 @@ pub(super) fn power_governor(root: &Root) -> Check {
     };
     let governors: Vec<_> = root.names(CPUS).iter().filter_map(governor).collect();
     if governors.is_empty() {
-        return Check::skipped(NAME, "no frequency scaling");
+        return Check::skipped("no frequency scaling");
     }
     match governors.iter().find(|(_, governor)| governor != "performance") {
-        None => Check::good(NAME, format!("performance on {} CPUs", governors.len())),
+        None => Check::good(format!("performance on {} CPUs", governors.len())),
         Some((cpu, governor)) => Check::warning(
-            NAME,
             format!("{governor} on {cpu}: the CPU frequency changes during the cycle"),
             "cpupower frequency-set -g performance",
         ),
@@ -147,7 +134,6 @@ pub(super) fn power_governor(root: &Root) -> Check {
 }
 
 pub(super) fn sleep_states(root: &Root) -> Check {
-    const NAME: &str = "sleep states";
     let directory = format!("{CPUS}/cpu0/cpuidle");
     let number = |state: &str, file: &str| {
         root.first_line(format!("{directory}/{state}/{file}"))?.parse::<u64>().ok()
@@ -160,13 +146,12 @@ pub(super) fn sleep_states(root: &Root) -> Check {
         .filter_map(|state| number(state, "latency"))
         .max();
     match longest {
-        None => Check::skipped(NAME, "not reported by the kernel"),
-        Some(us) if us <= WAKE_UP_US => Check::good(NAME, format!("exit latency {us} us")),
+        None => Check::skipped("not reported by the kernel"),
+        Some(us) if us <= WAKE_UP_US => Check::good(format!("exit latency {us} us")),
         Some(us) if root.exists("dev/cpu_dma_latency") => {
-            Check::good(NAME, format!("exit latency {us} us; programs can limit it"))
+            Check::good(format!("exit latency {us} us; programs can limit it"))
         }
         Some(us) => Check::warning(
-            NAME,
             format!("exit latency {us} us, and /dev/cpu_dma_latency is missing"),
             "intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line",
         ),

@@ -4,7 +4,7 @@ use ecan_protocol::mapping::{
     Direction, MAX_PDO_BYTES, sync_manager_address, sync_manager_control,
 };
 
-const WANTED: [(&str, Direction); 2] = [("SM2", Direction::RxPdo), ("SM3", Direction::TxPdo)];
+const EXPECTED: [(&str, Direction); 2] = [("SM2", Direction::RxPdo), ("SM3", Direction::TxPdo)];
 
 const CATEGORY: u16 = 41;
 
@@ -16,11 +16,11 @@ pub(super) fn faults(sii: &[u8]) -> Vec<String> {
     };
     // Four words each: start, size, control and status byte, enable byte and type.
     let managers: Vec<_> = managers.chunks_exact(4).skip(2).collect();
-    let missing = managers.len()..WANTED.len();
+    let missing = managers.len()..EXPECTED.len();
     let mut faults = Vec::new();
-    for (found, (name, direction)) in managers.into_iter().zip(WANTED) {
-        let wanted = (sync_manager_address(direction), MAX_PDO_BYTES as u16);
-        if (found[0], found[1]) != wanted {
+    for (found, (name, direction)) in managers.into_iter().zip(EXPECTED) {
+        let expected = (sync_manager_address(direction), MAX_PDO_BYTES as u16);
+        if (found[0], found[1]) != expected {
             let (start, size) = (found[0], found[1]);
             faults.push(format!("{name} starts at 0x{start:04X} and has {size} bytes"));
         }
@@ -29,7 +29,8 @@ pub(super) fn faults(sii: &[u8]) -> Vec<String> {
             faults.push(format!("the control byte of {name} is 0x{byte:02X}"));
         }
     }
-    faults.extend(missing.filter_map(|it| WANTED.get(it)).map(|it| format!("{} is missing", it.0)));
+    faults
+        .extend(missing.filter_map(|it| EXPECTED.get(it)).map(|it| format!("{} is missing", it.0)));
     faults
 }
 

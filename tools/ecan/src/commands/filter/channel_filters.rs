@@ -92,8 +92,8 @@ impl ChannelFilters<'_> {
         if status == ApplyStatus::Ok {
             return Ok(());
         }
-        let words = format!("CAN{}: configuration not applied, status {status}", self.channel);
-        Err(Failure::Rejected(format!("{words}; the previous one stays active")))
+        let message = format!("CAN{}: configuration not applied, status {status}", self.channel);
+        Err(Failure::Rejected(format!("{message}; the previous one stays active")))
     }
 
     pub fn read(&self, kind: Kind) -> Result<Vec<RawFilter>> {
@@ -152,7 +152,7 @@ impl ChannelFilters<'_> {
         let mut filters = self.read(kind)?;
         if usize::from(number) >= filters.len() {
             let name = kind.name();
-            let words = match filters.len() {
+            let message = match filters.len() {
                 0 => format!("CAN{}: no {name} filters", self.channel),
                 1 => format!(
                     "CAN{}: invalid filter number; allowed for {name} filters: 0",
@@ -164,7 +164,7 @@ impl ChannelFilters<'_> {
                     more - 1
                 ),
             };
-            return Err(Failure::Usage(words));
+            return Err(Failure::Usage(message));
         }
         filters.remove(number.into());
         self.replace(kind, &filters)

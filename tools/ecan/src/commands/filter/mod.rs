@@ -12,6 +12,7 @@ use clap::{Args, Subcommand};
 use serde::Serialize;
 
 use crate::context::{Context, Failure, Result, note};
+use crate::frames::ChannelArgument;
 use crate::table;
 
 pub use channel_filters::{ChannelFilters, Kind as FilterKind, RawFilter};
@@ -80,13 +81,6 @@ enum Action {
 }
 
 #[derive(Debug, Args)]
-struct ChannelArgument {
-    /// CAN channel, 0 to 3
-    #[arg(long, value_name = "N", value_parser = crate::frames::parse_channel)]
-    channel: u8,
-}
-
-#[derive(Debug, Args)]
 struct ApplyArgument {
     /// Do not apply; the filters take effect at the next apply
     #[arg(long)]
@@ -121,7 +115,7 @@ pub fn run(arguments: &FilterArguments, context: &Context) -> Result {
         | Action::Remove { channel, apply, .. }
         | Action::Clear { channel, apply, .. } => (channel, apply.no_apply),
     };
-    let wanted = match &arguments.action {
+    let new = match &arguments.action {
         Action::Add { filter, .. } => Some(filter.build().map_err(Failure::Usage)?),
         _ => None,
     };
@@ -130,7 +124,7 @@ pub fn run(arguments: &FilterArguments, context: &Context) -> Result {
     match &arguments.action {
         Action::List { .. } => {}
         Action::Add { .. } => {
-            if let Some(filter) = &wanted {
+            if let Some(filter) = &new {
                 filter.check(filters.element_counts()?).map_err(Failure::Usage)?;
                 filters.append(filter.kind(), filter.raw())?;
             }
@@ -149,8 +143,8 @@ pub fn run(arguments: &FilterArguments, context: &Context) -> Result {
         if filters.is_running()? {
             filters.apply()?;
         } else {
-            let words = "is off: filters take effect at the next apply";
-            note(format_args!("CAN{} {words}", channel.channel));
+            let message = "is off: filters take effect at the next apply";
+            note(format_args!("CAN{} {message}", channel.channel));
         }
     }
     let listed = list(&filters)?;

@@ -1,4 +1,5 @@
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{ArgGroup, Args};
 use ecan_protocol::config::{
     ExtendedFilter, ExtendedMatch, FilterAction, FilterElementFault, McanChannelConfig,
     StandardFilter, StandardMatch,
@@ -27,8 +28,8 @@ pub(super) struct NewFilter {
     #[arg(long, requires = "range", requires = "extended")]
     unmasked: bool,
     /// Action for matching frames
-    #[arg(long, value_enum, default_value_t = To::Fifo0, value_name = "WHERE")]
-    to: To,
+    #[arg(long, value_parser = action_parser(), default_value = "fifo0", value_name = "WHERE")]
+    to: FilterAction,
     /// Store matching frames in this receive buffer; only with one --id
     #[arg(long, value_name = "N", conflicts_with_all = ["to", "range", "mask"])]
     buffer: Option<u8>,
@@ -37,14 +38,17 @@ pub(super) struct NewFilter {
     sync: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum To {
-    Fifo0,
-    Fifo1,
-    Reject,
-    Priority,
-    PriorityFifo0,
-    PriorityFifo1,
+fn action_parser() -> impl TypedValueParser<Value = FilterAction> {
+    let actions = [
+        ("fifo0", FilterAction::Fifo0),
+        ("fifo1", FilterAction::Fifo1),
+        ("reject", FilterAction::Reject),
+        ("priority", FilterAction::Priority),
+        ("priority-fifo0", FilterAction::PriorityFifo0),
+        ("priority-fifo1", FilterAction::PriorityFifo1),
+    ];
+    PossibleValuesParser::new(actions.map(|(name, _)| name))
+        .map(move |name| actions.iter().find(|it| it.0 == name).map_or(actions[0].1, |it| it.1))
 }
 
 fn parse_identifier(text: &str) -> Result<u32, String> {
@@ -59,18 +63,6 @@ pub(super) enum Filter {
 }
 
 impl NewFilter {
-    fn action(&self) -> FilterAction {
-        match (self.buffer, self.to) {
-            (Some(buffer), _) => FilterAction::RxBuffer(buffer),
-            (None, To::Fifo0) => FilterAction::Fifo0,
-            (None, To::Fifo1) => FilterAction::Fifo1,
-            (None, To::Reject) => FilterAction::Reject,
-            (None, To::Priority) => FilterAction::Priority,
-            (None, To::PriorityFifo0) => FilterAction::PriorityFifo0,
-            (None, To::PriorityFifo1) => FilterAction::PriorityFifo1,
-        }
-    }
-
     /// Builds the filter. [`Filter::check`] reports CAN IDs that do not fit; only those that the
     /// type cannot hold are rejected here.
     pub(super) fn build(&self) -> Result<Filter, String> {
@@ -84,7 +76,7 @@ impl NewFilter {
             (_, _, [id, mask]) => (ExtendedMatch::Masked, [*id, *mask]),
             _ => return Err("one of --id, --range or --mask is required".to_owned()),
         };
-        let (action, sync) = (self.action(), self.sync);
+        let (action, sync) = (self.buffer.map_or(self.to, FilterAction::RxBuffer), self.sync);
         if self.buffer.is_some() && self.id.len() > 1 {
             return Err("a receive buffer needs exactly one --id".to_owned());
         }

@@ -1,3 +1,5 @@
+//! Text of filters.
+
 use ecan_protocol::config::{ExtendedMatch, FilterAction, NonMatch, StandardMatch};
 
 use super::channel_filters::{Kind, RawFilter};

@@ -1,3 +1,5 @@
+//! Gateways of a bus, for firmware updates.
+
 use std::time::Duration;
 
 use ecan_host::{Identity, SlaveKind, SlaveQuery, slave_kinds};

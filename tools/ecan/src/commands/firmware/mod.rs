@@ -110,23 +110,23 @@ pub fn run(arguments: &FirmwareArguments, context: &Context) -> Result {
             let chosen = gateways::chosen(&*gateways, context.global.slave, arguments.all)?;
             version(&*gateways, chosen, &context.output)
         }
-        Action::Update(wanted) => {
+        Action::Update(options) => {
             // Check the file first: this needs no bus.
-            let file = FirmwareFile::read(&wanted.file)?;
+            let file = FirmwareFile::read(&options.file)?;
             let (gateways, is_simulated) = open(arguments, context)?;
             let chosen = gateways::chosen(&*gateways, context.global.slave, arguments.all)?;
-            if let Some(doubts) = file.doubts(is_simulated) {
-                let words = format!("{}: {doubts}", file.path.display());
+            if let Some(warning) = file.warning(is_simulated) {
+                let words = format!("{}: {warning}", file.path.display());
                 note(format_args!("ecan: warning: {words}"));
             }
-            ask(wanted, &file, &chosen)?;
+            ask(options, &file, &chosen)?;
             let said = "interrupted: stopping after the current gateway";
             let interrupt = Interrupt::install_with_message(said)?;
             let update = Update {
                 gateways: &*gateways,
                 file: &file,
-                expected: wanted.expect_version.as_deref(),
-                patience: Duration::from_secs(wanted.timeout.into()),
+                expected: options.expect_version.as_deref(),
+                time_limit: Duration::from_secs(options.timeout.into()),
             };
             update_all(&update, &chosen, &interrupt, &context.output)
         }
@@ -197,7 +197,7 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
     }
 }
 
-fn ask(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Selection) -> Result {
+fn ask(options: &UpdateArguments, file: &FirmwareFile, chosen: &Selection) -> Result {
     let words = |slave: &SlaveEntry| format!("{} ({})", slave.position, slave.state);
     let slaves: Vec<_> = chosen.gateways.iter().map(words).collect();
     let question = format_args!(
@@ -206,7 +206,7 @@ fn ask(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Selection) -> Res
         file.bytes.len(),
         slaves.join(", ")
     );
-    let is_granted = wanted.yes || chosen.gateways.is_empty();
+    let is_granted = options.yes || chosen.gateways.is_empty();
     confirm(is_granted, "the update", question, "nothing written")
 }
 
@@ -220,10 +220,10 @@ fn update_all(
     let mut is_interrupted = false;
     for slave in &chosen.gateways {
         let report = match reports.iter().find_map(Report::halts) {
-            Some(reason) => Report::left(slave.position, reason),
+            Some(reason) => Report::not_tried(slave.position, reason, true),
             None if interrupt.is_set() => {
                 is_interrupted = true;
-                Report::left_out(slave.position, "interrupted before the update".to_owned())
+                Report::not_tried(slave.position, "interrupted before the update".to_owned(), false)
             }
             None => update.run(slave, reports.is_empty()),
         };
@@ -232,13 +232,14 @@ fn update_all(
         }
         reports.push(report);
     }
-    reports.extend(chosen.unknown.iter().map(|(_, unknown)| Report::unknown(unknown)));
+    let unknown = chosen.unknown.iter().map(|(_, slave)| slave);
+    reports.extend(unknown.map(|slave| Report::not_tried(slave.position, slave.text(), false)));
     reports.sort_by_key(|report| report.position);
-    let told: Vec<_> = reports
+    let results: Vec<_> = reports
         .iter()
         .map(|report| UpdateReport { report, is_good: report.is_good(), words: report.text() })
         .collect();
-    output.data(&told, |out| print(&reports, output, out))?;
+    output.data(&results, |out| print(&reports, output, out))?;
     if let Some(Report { outcome: Outcome::Refused { refusal }, .. }) =
         reports.iter().find(|report| report.is_about_host())
     {
@@ -254,7 +255,7 @@ fn update_all(
     if reports.iter().any(Report::is_refused) {
         Err(Failure::Rejected(words))
     } else if is_interrupted {
-        Err(Failure::Interrupted(format!("interrupted: {words}")))
+        Err(Failure::Incomplete(format!("interrupted: {words}")))
     } else {
         Err(Failure::ProblemsFound)
     }

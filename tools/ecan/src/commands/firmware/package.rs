@@ -40,7 +40,7 @@ impl FirmwareFile {
     }
 
     /// Returns a warning if the file does not look like a firmware package.
-    pub fn doubts(&self, is_simulated: bool) -> Option<String> {
+    pub fn warning(&self, is_simulated: bool) -> Option<String> {
         let bytes = &self.bytes[..];
         match FirmwarePackage::parse(bytes) {
             Ok(_) if is_simulated => return None,
@@ -80,28 +80,28 @@ impl FirmwareFile {
 mod tests {
     use super::*;
 
-    fn doubts(bytes: &[u8], is_simulated: bool) -> Option<String> {
-        FirmwareFile { path: PathBuf::new(), bytes: bytes.to_vec() }.doubts(is_simulated)
+    fn warning(bytes: &[u8], is_simulated: bool) -> Option<String> {
+        FirmwareFile { path: PathBuf::new(), bytes: bytes.to_vec() }.warning(is_simulated)
     }
 
     #[test]
     fn suspicious_file_gets_a_warning() {
         let package = FirmwarePackage::new(0, 1, vec![7; 1000]).to_bytes();
-        assert_eq!(doubts(&package, true), None);
-        assert!(doubts(&package, false).unwrap().contains("simulated"));
+        assert_eq!(warning(&package, true), None);
+        assert!(warning(&package, false).unwrap().contains("simulated"));
         let mut damaged = package;
         damaged[100] ^= 1;
-        assert!(doubts(&damaged, true).unwrap().contains("payload CRC32"));
-        for (bytes, words) in [
+        assert!(warning(&damaged, true).unwrap().contains("payload CRC32"));
+        for (bytes, message) in [
             (&b"\x7fELF...."[..], "ELF"),
             (b":10000000AB", "HEX"),
             (b"\x97\x01\x00\x00....", "bare application"),
             (b"\x6f\x00\x80\x00....", "bare application"),
             (b"\xff\xff\xff\xff", "repeated byte"),
         ] {
-            assert!(doubts(bytes, false).unwrap().contains(words), "{words}");
+            assert!(warning(bytes, false).unwrap().contains(message), "{message}");
         }
-        assert_eq!(doubts(b"\x00\x01 an unknown package header", false), None);
-        assert!(doubts(b"\x00\x01 an unknown package header", true).is_some());
+        assert_eq!(warning(b"\x00\x01 an unknown package header", false), None);
+        assert!(warning(b"\x00\x01 an unknown package header", true).is_some());
     }
 }

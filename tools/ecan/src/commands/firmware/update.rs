@@ -10,7 +10,6 @@ use super::package::FirmwareFile;
 use super::rejection::{Cause, Rejection};
 use crate::context::{Failure, Result};
 use crate::ethercat_tool::SlaveEntry;
-use crate::slave_choice::Unknown;
 
 /// Time for which a gateway with an unchanged version is observed: it may have missed a response
 /// and restart later.
@@ -82,20 +81,10 @@ impl Report {
         }
     }
 
-    /// Gateway without update because of its own error or that of the one before.
-    pub fn left(position: usize, reason: String) -> Self {
-        let outcome = Outcome::NotTried { reason, is_refusal: true };
+    /// Gateway without update; `is_refusal`: because of its own error or that of the one before.
+    pub fn not_tried(position: usize, reason: String, is_refusal: bool) -> Self {
+        let outcome = Outcome::NotTried { reason, is_refusal };
         Self { position, before: None, after: None, outcome }
-    }
-
-    /// Gateway without update for another reason.
-    pub fn left_out(position: usize, reason: String) -> Self {
-        let outcome = Outcome::NotTried { reason, is_refusal: false };
-        Self { position, before: None, after: None, outcome }
-    }
-
-    pub fn unknown(slave: &Unknown) -> Self {
-        Self::left_out(slave.position, slave.text())
     }
 
     pub fn line(&self) -> String {
@@ -131,19 +120,12 @@ impl Report {
     }
 }
 
-#[derive(Debug)]
 pub struct Update<'a> {
     pub gateways: &'a dyn Gateways,
     pub file: &'a FirmwareFile,
     pub expected: Option<&'a str>,
     /// Time limit for the restart.
-    pub patience: Duration,
-}
-
-impl std::fmt::Debug for dyn Gateways + '_ {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.write_str("Gateways")
-    }
+    pub time_limit: Duration,
 }
 
 impl Update<'_> {
@@ -155,7 +137,7 @@ impl Update<'_> {
         let before = match self.read_before(position, is_first) {
             Ok(before) => before,
             Err(error) => {
-                return Report::left(position, error.to_string());
+                return Report::not_tried(position, error.to_string(), true);
             }
         };
         if let Some(reason) = reason_against(self.gateways, slave) {
@@ -183,11 +165,11 @@ impl Update<'_> {
             }
         };
         bar.finish_and_clear();
-        let outcome = self.judge(&before, &after, has_restarted);
+        let outcome = self.outcome(&before, &after, has_restarted);
         report(Some(before), Some(after), outcome)
     }
 
-    fn judge(&self, before: &Running, after: &Running, has_restarted: bool) -> Outcome {
+    fn outcome(&self, before: &Running, after: &Running, has_restarted: bool) -> Outcome {
         let is_expected = self.expected.is_none_or(|expected| after.version.is_version(expected));
         match (after != before, is_expected) {
             (true, true) => Outcome::Updated,
@@ -201,7 +183,7 @@ impl Update<'_> {
 
     /// Slaves after a restarting one are unreachable for a while.
     fn read_before(&self, position: usize, is_first: bool) -> Result<Running> {
-        let deadline = self.gateways.now() + self.patience;
+        let deadline = self.gateways.now() + self.time_limit;
         loop {
             let read = Running::read(self.gateways, position);
             if read.is_ok() || is_first || self.gateways.now() >= deadline {
@@ -214,7 +196,7 @@ impl Update<'_> {
     /// Reads the version after the update, and whether the gateway was unreachable in between.
     /// Another gateway at its position counts as unreachable.
     fn wait(&self, position: usize, before: &Running) -> Result<(Running, bool)> {
-        let deadline = self.gateways.now() + self.patience;
+        let deadline = self.gateways.now() + self.time_limit;
         let (mut was_away, mut back_since) = (false, None);
         let last = loop {
             let last = Running::read(self.gateways, position);
@@ -241,8 +223,8 @@ impl Update<'_> {
         if running.serial == before.serial {
             return Ok((running, was_away));
         }
-        let words = "another gateway, with serial number";
-        Err(Failure::Rejected(format!("{words} {}, is at its position", running.serial)))
+        let message = "another gateway, with serial number";
+        Err(Failure::Rejected(format!("{message} {}, is at its position", running.serial)))
     }
 
     /// Progress bar, on a terminal only. The tool reports nothing before the end, so its bar shows

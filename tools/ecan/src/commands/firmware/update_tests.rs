@@ -96,9 +96,9 @@ fn slave() -> SlaveEntry {
 }
 
 /// Result of the update and the waiting time.
-fn update(gateway: &Slow, patience: Duration) -> (Outcome, Duration) {
+fn update(gateway: &Slow, time_limit: Duration) -> (Outcome, Duration) {
     let file = FirmwareFile { path: PathBuf::new(), bytes: vec![0; 256] };
-    let update = Update { gateways: gateway, file: &file, expected: None, patience };
+    let update = Update { gateways: gateway, file: &file, expected: None, time_limit };
     let outcome = update.run(&slave(), true).outcome;
     (outcome, gateway.now.get() - gateway.written.get().unwrap())
 }

@@ -100,8 +100,8 @@ pub fn run(arguments: &GenArguments, context: &Context) -> Result {
     let GenArguments { channel, count, gap, options, .. } = arguments;
     let is_output_taken = options.capture.is_on_output();
     if arguments.verbose && is_output_taken {
-        let words = "--verbose and a capture on standard output exclude each other";
-        return Err(Failure::Usage(words.to_owned()));
+        let message = "--verbose and a capture on standard output exclude each other";
+        return Err(Failure::Usage(message.to_owned()));
     }
     let context = &context.on_stderr(is_output_taken);
     let mut generator = arguments.generator()?;

@@ -81,7 +81,7 @@ impl Collector {
         self.start_ns.get_or_insert(observation.now_ns);
         self.measure(observation);
         for (at, seen) in observation.gateways.iter().enumerate() {
-            self.tell_changes(at, seen, observation.now_ns);
+            self.report_changes(at, seen, observation.now_ns);
             if let Some(gateway) = self.gateways.get_mut(at) {
                 gateway.now = *seen;
             }
@@ -136,7 +136,7 @@ impl Collector {
         }
     }
 
-    fn say(&mut self, now_ns: u64, words: String) {
+    fn add_event(&mut self, now_ns: u64, words: String) {
         let seconds = self.seconds(now_ns);
         if self.events.len() == EVENTS {
             self.events.pop_front();
@@ -148,18 +148,18 @@ impl Collector {
         now_ns.saturating_sub(self.start_ns.unwrap_or(now_ns)) as f64 / 1e9
     }
 
-    fn tell_changes(&mut self, at: usize, seen: &GatewayObservation, now_ns: u64) {
+    fn report_changes(&mut self, at: usize, seen: &GatewayObservation, now_ns: u64) {
         let Some(memory) = self.gateways.get(at) else { return };
         let (before, position, lost_ns) = (memory.now, memory.position, memory.lost_ns);
         let (was, is) = (before.session == Session::Ready, seen.session == Session::Ready);
         let mut lines = Vec::new();
         // Check the counter too: a gateway may be lost and ready again between two observations.
-        let is_lost_anew = seen.statistics.sessions_lost > before.statistics.sessions_lost;
-        let mut lost_ns = if is_lost_anew { Some(now_ns) } else { lost_ns };
-        if is_lost_anew {
+        let is_lost_again = seen.statistics.sessions_lost > before.statistics.sessions_lost;
+        let mut lost_ns = if is_lost_again { Some(now_ns) } else { lost_ns };
+        if is_lost_again {
             lines.push(format!("gateway {position}: lost"));
         }
-        if is && (!was || is_lost_anew) {
+        if is && (!was || is_lost_again) {
             lines.push(match lost_ns.take() {
                 Some(since_ns) => {
                     let away_s = now_ns.saturating_sub(since_ns) as f64 / 1e9;
@@ -187,7 +187,7 @@ impl Collector {
             memory.lost_ns = lost_ns;
         }
         for line in lines {
-            self.say(now_ns, line);
+            self.add_event(now_ns, line);
         }
     }
 

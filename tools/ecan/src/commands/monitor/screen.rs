@@ -42,9 +42,9 @@ pub fn draw(frame: &mut Frame, snapshot: &Snapshot, choice: Choice, has_color: b
     if choice.has_help {
         let width = 36.min(area.width);
         let height = 8.min(area.height);
-        let place = Rect::new((area.width - width) / 2, (area.height - height) / 2, width, height);
-        frame.render_widget(Clear, place);
-        frame.render_widget(Paragraph::new(HELP).block(Block::bordered().title("Keys")), place);
+        let popup = Rect::new((area.width - width) / 2, (area.height - height) / 2, width, height);
+        frame.render_widget(Clear, popup);
+        frame.render_widget(Paragraph::new(HELP).block(Block::bordered().title("Keys")), popup);
     }
 }
 
@@ -116,9 +116,9 @@ fn draw_tiny(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice,
 fn draw_whole(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
     // Without title and keys. One gateway and its channels are always shown.
     let room = area.height - 2;
-    let wanted = u16::try_from(snapshot.gateways.len()).unwrap_or(u16::MAX).saturating_add(3);
+    let needed = u16::try_from(snapshot.gateways.len()).unwrap_or(u16::MAX).saturating_add(3);
     let others = CHANNELS_HEIGHT + CYCLE_HEIGHT;
-    let gateways = wanted.min(room.saturating_sub(others).max(LEAST_GATEWAYS));
+    let gateways = needed.min(room.saturating_sub(others).max(LEAST_GATEWAYS));
     let mut left = room.saturating_sub(gateways);
     let mut take = |height: u16| {
         let taken = if left >= height { height } else { 0 };

@@ -63,7 +63,7 @@ pub fn run(
     let is_over = drawing.is_over.clone();
     let thread = std::thread::Builder::new().name("drawing".to_owned());
     let thread = thread.spawn(move || drawing.run()).map_err(Failure::of_thread)?;
-    let guard = Joined { full: Some(full), thread: Some(thread) };
+    let mut guard = Joined { full: Some(full), thread: Some(thread) };
     arguments.options.real_time.apply(|line| note(line))?;
     watcher.activate(&arguments.options)?;
     let mut observation = Observation::new(gateways);
@@ -84,7 +84,7 @@ pub fn run(
         }
     }
     // The terminal is restored before anything else is printed.
-    let drawn = guard.finish();
+    let drawn = guard.end();
     // The terminal is closed: errors of drawing are expected.
     if hang_up.is_set() { outcome } else { drawn.and(outcome) }
 }
@@ -101,10 +101,6 @@ impl Joined {
             // All observations fit; without receiver the loop ends.
             let _ = full.try_send(observation);
         }
-    }
-
-    fn finish(mut self) -> Result {
-        self.end()
     }
 
     fn end(&mut self) -> Result {

@@ -66,12 +66,12 @@ fn program_whose_drawing_panics() {
     if !is_on_its_terminal() {
         return;
     }
-    let (joined, is_over) = start(draw);
+    let (mut joined, is_over) = start(draw);
     while !is_over.load(Ordering::Relaxed) {
         std::thread::yield_now();
     }
     // The panic continues here.
-    let _ = joined.finish();
+    let _ = joined.end();
 }
 
 #[test]

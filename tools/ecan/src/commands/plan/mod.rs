@@ -91,8 +91,8 @@ fn of_options(arguments: &PlanArguments) -> Planned {
     let Ok(settings) = setup.channel(otherwise);
     let channels = arguments.channel.unwrap_or(Channels::only(0));
     let mut gateway = GatewayConfig::default();
-    for (channel, place) in (0..).zip(&mut gateway.channels) {
-        *place = channels.contains(channel).then_some(settings);
+    for (channel, slot) in (0..).zip(&mut gateway.channels) {
+        *slot = channels.contains(channel).then_some(settings);
     }
     let port = PortConfig::uniform(slaves.into(), gateway);
     Planned { adapter: setup.adapter(slaves), port, channels }

@@ -66,7 +66,7 @@ impl ActiveConfig {
             }
         }
         for channel in (0..).take(CHANNELS) {
-            let words = match (before.is_on_bus(channel), self.is_on_bus(channel)) {
+            let message = match (before.is_on_bus(channel), self.is_on_bus(channel)) {
                 (false, true) => "is active and was not before",
                 (true, false) => "is not active any more",
                 _ if !self.has_data_path_of(before, channel) => {
@@ -74,7 +74,7 @@ impl ActiveConfig {
                 }
                 _ => continue,
             };
-            return Some(format!("channel {channel} {words}"));
+            return Some(format!("channel {channel} {message}"));
         }
         None
     }

@@ -79,11 +79,11 @@ impl ChannelState {
         }
         let ErrorCounters { transmit, receive, logged, .. } = *counters;
         if transmit > 0 || receive > 0 || logged > 0 {
-            let mut words = format!("channel {channel}: error counters {counters}");
+            let mut message = format!("channel {channel}: error counters {counters}");
             if status.last_error.is_error() {
-                words.push_str(&format!(", last error {}", status.last_error));
+                message.push_str(&format!(", last error {}", status.last_error));
             }
-            faults.push(words);
+            faults.push(message);
         }
         let dropped = self.dropped.wrapping_sub(before.dropped);
         if dropped > 0 {
@@ -138,9 +138,9 @@ impl Traffic {
         }
         let is_repeated = std::mem::replace(has_come, true);
         match difference(sent, came) {
-            Some(words) => {
+            Some(message) => {
                 self.counts.wrong += 1;
-                self.counts.first_wrong.get_or_insert(words);
+                self.counts.first_wrong.get_or_insert(message);
             }
             None if is_repeated => self.counts.repeated += 1,
             None => self.counts.received += 1,

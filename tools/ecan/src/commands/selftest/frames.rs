@@ -103,11 +103,14 @@ mod tests {
         let one = CanFrame::classic(id, &[1, 2]).unwrap();
         let says = |other: CanFrame| difference(&one, &other);
         assert_eq!(says(one), None);
-        let words = "byte 1: sent 0x02, received 0x06";
-        assert_eq!(says(CanFrame::classic(id, &[1, 6]).unwrap()).as_deref(), Some(words));
-        let words = "sent 2 bytes, received 1";
-        assert_eq!(says(CanFrame::classic(id, &[1]).unwrap()).as_deref(), Some(words));
-        let words = "sent a classic frame, received a CAN FD frame without bit rate switch";
-        assert_eq!(says(CanFrame::fd(id, &[1, 2], false, false).unwrap()).as_deref(), Some(words));
+        let message = "byte 1: sent 0x02, received 0x06";
+        assert_eq!(says(CanFrame::classic(id, &[1, 6]).unwrap()).as_deref(), Some(message));
+        let message = "sent 2 bytes, received 1";
+        assert_eq!(says(CanFrame::classic(id, &[1]).unwrap()).as_deref(), Some(message));
+        let message = "sent a classic frame, received a CAN FD frame without bit rate switch";
+        assert_eq!(
+            says(CanFrame::fd(id, &[1, 2], false, false).unwrap()).as_deref(),
+            Some(message)
+        );
     }
 }

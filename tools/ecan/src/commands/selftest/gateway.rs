@@ -27,6 +27,12 @@ pub(super) struct Test<'a> {
     pub(super) is_watched: bool,
 }
 
+struct TestedSlave<'a> {
+    bus: &'a Bus,
+    slave: usize,
+    interrupt: &'a Interrupt,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TestPath {
     Loopback,
@@ -65,19 +71,14 @@ impl Test<'_> {
         let mut report = Report { position: slave, time, ..Report::default() };
         let expected = self.arguments.expect_version.as_deref();
         if identity::check(bus, slave, expected, &mut report) {
-            self.run_channels(bus, slave, interrupt, &mut report)?;
+            self.run_channels(&TestedSlave { bus, slave, interrupt }, &mut report)?;
         }
         report.is_good = report.is_good_so_far();
         Ok(report)
     }
 
-    fn run_channels(
-        &self,
-        bus: &Bus,
-        slave: usize,
-        interrupt: &Interrupt,
-        report: &mut Report,
-    ) -> Result {
+    fn run_channels(&self, at: &TestedSlave<'_>, report: &mut Report) -> Result {
+        let TestedSlave { bus, slave, .. } = *at;
         let runs = self.runs(slave)?;
         let mut is_tested = [false; CHANNELS];
         for route in runs.iter().flat_map(|run| &run.routes) {
@@ -92,7 +93,7 @@ impl Test<'_> {
                 return Ok(());
             }
         };
-        let tested = self.run_all(bus, slave, runs, interrupt, report);
+        let tested = self.run_all(at, runs, report);
         // Without a master, nothing was changed.
         if let Err(failure @ Failure::Master(_)) = tested {
             return Err(failure);
@@ -112,12 +113,11 @@ impl Test<'_> {
     /// Returns whether the test ended without stop by the user.
     fn run_all(
         &self,
-        bus: &Bus,
-        slave: usize,
+        at: &TestedSlave<'_>,
         runs: Vec<Run<'_>>,
-        interrupt: &Interrupt,
         report: &mut Report,
     ) -> Result<bool> {
+        let TestedSlave { bus, slave, .. } = *at;
         let mut is_first = true;
         for run in runs {
             let name = match run.path {
@@ -131,7 +131,7 @@ impl Test<'_> {
                 let words = "the gateway restarted since the previous test";
                 report.add(format!("ready, {}", run.rate.name()), Err(words.to_owned()));
             }
-            match self.run_one(bus, slave, run, interrupt, report) {
+            match self.run_one(at, run, report) {
                 Ok(true) => {}
                 Ok(false) => return Ok(false),
                 // Another program has reserved the master, or there is none.
@@ -147,14 +147,8 @@ impl Test<'_> {
         Ok(true)
     }
 
-    fn run_one(
-        &self,
-        bus: &Bus,
-        slave: usize,
-        run: Run<'_>,
-        interrupt: &Interrupt,
-        report: &mut Report,
-    ) -> Result<bool> {
+    fn run_one(&self, at: &TestedSlave<'_>, run: Run<'_>, report: &mut Report) -> Result<bool> {
+        let TestedSlave { bus, slave, interrupt } = *at;
         let Run { adapter, config, .. } = run;
         let setup = GatewaySetup { position: slave, adapter, config, channels: Channels::NONE };
         wait_present(bus, slave)?;
@@ -429,7 +423,8 @@ mod tests {
         // For example from an earlier test.
         with_test(&["selftest"], |test| {
             let run = test.runs(0).unwrap().into_iter().next().unwrap();
-            test.run_one(&bus, 0, run, &Interrupt::default(), &mut Report::default()).unwrap();
+            let at = TestedSlave { bus: &bus, slave: 0, interrupt: &Interrupt::default() };
+            test.run_one(&at, run, &mut Report::default()).unwrap();
         });
         wait_present(&bus, 0).unwrap();
         let before = everything(&bus);

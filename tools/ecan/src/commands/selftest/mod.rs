@@ -172,8 +172,8 @@ fn slaves(bus: &Bus, arguments: &SelftestArguments) -> Result<Vec<usize>> {
     let (all, kinds) = (0..bus.diagnostics().slave_count(), bus.kinds());
     let (gateways, others): (Vec<_>, Vec<_>) = all.partition(|at| kinds[*at].may_be_gateway());
     if let Some(expected) = arguments.gateways.filter(|expected| *expected != gateways.len()) {
-        let words = format!("expected {expected} gateways, found {}", gateways.len());
-        return Err(Failure::Slave(format!("{words}; see `ecan scan`")));
+        let message = format!("expected {expected} gateways, found {}", gateways.len());
+        return Err(Failure::Slave(format!("{message}; see `ecan scan`")));
     }
     if gateways.is_empty() {
         // Returns the reason.

@@ -112,7 +112,7 @@ impl Report {
         let (path, mut file) = create(directory, &name)?;
         let text = serde_json::to_string_pretty(self).map_err(std::io::Error::from);
         let written = text.and_then(|text| writeln!(file, "{text}"));
-        written.map_err(|error| failed(&path, &error))?;
+        written.map_err(|error| Failure::file("write", &path, error))?;
         self.file = Some(path.display().to_string());
         Ok(())
     }
@@ -131,7 +131,7 @@ fn create(directory: &Path, name: &str) -> Result<(PathBuf, File)> {
             Err(error) if error.kind() == ErrorKind::AlreadyExists && number < u32::MAX => {
                 number += 1;
             }
-            Err(error) => return Err(failed(&path, &error)),
+            Err(error) => return Err(Failure::file("write", &path, error)),
         }
     }
 }
@@ -140,9 +140,5 @@ pub(super) fn prepare(directory: &Path) -> Result {
     if directory.exists() && !directory.is_dir() {
         return Err(Failure::file("write to", directory, "not a directory"));
     }
-    std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))
-}
-
-fn failed(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::file("write", path, error)
+    std::fs::create_dir_all(directory).map_err(|error| Failure::file("write", directory, error))
 }
