@@ -172,7 +172,7 @@ fn our_client_probes_a_node_of_the_canopen_package() {
     // The peer dies
     peer.kill();
     client.until("the silence", |network| network.heartbeat(node) == Heartbeat::TimedOut);
-    let statistics = bridge.statistics();
+    let statistics = bridge.info.statistics();
     assert_eq!((statistics.dropped_to_bus, statistics.dropped_to_clients), (0, 0));
 }
 
