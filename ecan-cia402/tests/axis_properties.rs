@@ -103,7 +103,7 @@ fn strike(fixture: &mut Fixture, event: &Event) {
     };
 }
 
-/// What a patient operator does: whatever is not well is taken up again. A command that is refused
+/// A patient operator: every axis that holds is activated again. A command that is refused
 /// is given again later.
 fn operate(fixture: &mut Fixture) {
     for n in 0..AXES {

@@ -295,7 +295,7 @@ fn schedules_are_judged() {
     };
     let (reason, text) = refused(&adapter(3), 100_000);
     assert_eq!(reason, NotSchedulable::NoSync0);
-    assert!(text.contains("100.0 us behind Sync0") && text.contains("send frames at once"));
+    assert!(text.contains("100.0 us after Sync0") && text.contains("send frames at once"));
     let (reason, text) = refused(&with_sync0(700_000), 1_000_000);
     assert_eq!(reason, NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 });
     assert!(text.contains("not below the Sync0 period of 1000.0 us"), "{text}");

@@ -19,7 +19,7 @@ pub fn table(cia402: &Cia402) -> String {
         // The statistics measure the error before the target of the cycle, the column after it.
         let max_error = statistics.max_following_error.max(error.map_or(0, i64::unsigned_abs));
         let number = |value: Option<i64>| value.map_or_else(|| "-".into(), |v| v.to_string());
-        let name = cia402.settings(axis).map(|s| s.address.to_string()).unwrap_or_default();
+        let name = cia402.config(axis).map(|s| s.address.to_string()).unwrap_or_default();
         let state = cia402.drive_state(axis).map_or_else(|| "unknown".into(), |s| s.to_string());
         let _ = writeln!(
             text,

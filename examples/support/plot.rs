@@ -41,7 +41,7 @@ impl Plot {
     pub fn write(&self, path: &Path, cia402: &Cia402) -> Result<(), Box<dyn Error>> {
         let picture = svg::picture(WIDTH, PANEL * self.axes.len() as f64 + 10.0, |svg| {
             for (axis, samples) in self.axes.iter().enumerate() {
-                let address = cia402.settings(axis).map(|axis| axis.address.to_string());
+                let address = cia402.config(axis).map(|axis| axis.address.to_string());
                 let title = format!("axis {axis}: {}", address.unwrap_or_default());
                 draw(svg, PANEL * axis as f64, &title, samples);
             }

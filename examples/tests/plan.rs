@@ -184,18 +184,18 @@ fn plan_of_the_tx_probe_warns_of_missed_phases() {
     let printed = succeeds(PROBE, &shift("150"));
     contains_all(
         &printed,
-        &["warning: slave 0: the margin of frames 100.0 us behind Sync0 is short by 48.5 us"],
+        &["warning: slave 0: the margin of frames 100.0 us after Sync0 is short by 48.5 us"],
     );
     assert_eq!(schedule(&printed)[10], "-48.5");
     let printed = succeeds(PROBE, &shift("210"));
     contains_all(
         &printed,
-        &["warning: slave 0: frames 100.0 us behind Sync0 have little to spare, margin 11.5 us"],
+        &["warning: slave 0: frames 100.0 us after Sync0 have little to spare, margin 11.5 us"],
     );
     let printed = succeeds(PROBE, &["--plan", "--offset-ns", "90000"]);
     contains_all(&printed, &["warning: an offset of 90.0 us", "begin with 100 us"]);
     let message = fails(PROBE, &["--plan", "--offset-ns", "1000000"]);
-    contains_all(&message, &["frames cannot leave 1000.0 us behind Sync0", "period of 1000.0 us"]);
+    contains_all(&message, &["frames cannot leave 1000.0 us after Sync0", "period of 1000.0 us"]);
     let message = fails(PROBE, &["--plan", "--slave", "1"]);
     contains_all(&message, &["--slave 1 is out of range; allowed: 0 to 0"]);
     contains_all(&fails(PROBE, &["--plan", "--sweep"]), &["cannot be used with"]);

@@ -24,7 +24,7 @@ pub enum SdoDecodeError {
 pub enum Initiate {
     /// The value itself, up to 4 bytes.
     Expedited {
-        /// The value; bytes behind its length are 0 or without meaning.
+        /// The value; bytes after its length are 0 or without meaning.
         data: [u8; 4],
         /// Its length, 1 to 4; `None` if not given.
         length: Option<u8>,

@@ -91,8 +91,8 @@ impl HeartbeatTimer {
     }
 
     /// Keeps the period; after a gap it restarts instead of catching up.
-    pub(super) fn sent(&mut self, now_ns: u64, settings: &HostHeartbeat) {
-        let period = nanoseconds(settings.period.max(Duration::from_millis(1)));
+    pub(super) fn sent(&mut self, now_ns: u64, config: &HostHeartbeat) {
+        let period = nanoseconds(config.period.max(Duration::from_millis(1)));
         let next = self.due_ns.map_or(now_ns, |due| due.saturating_add(period));
         self.due_ns = Some(if next > now_ns { next } else { now_ns.saturating_add(period) });
     }
@@ -147,16 +147,16 @@ mod tests {
 
     #[test]
     fn producer_keeps_its_period_without_catching_up() {
-        let settings =
+        let config =
             HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(10) };
         let mut producer = HeartbeatTimer::default();
         assert!(producer.is_due(0));
-        producer.sent(3 * MS, &settings);
+        producer.sent(3 * MS, &config);
         assert!(!producer.is_due(12 * MS));
         assert!(producer.is_due(13 * MS));
-        producer.sent(14 * MS, &settings);
+        producer.sent(14 * MS, &config);
         assert!(producer.is_due(23 * MS), "a late cycle does not shift the plan");
-        producer.sent(100 * MS, &settings);
+        producer.sent(100 * MS, &config);
         assert!(!producer.is_due(109 * MS));
         assert!(producer.is_due(110 * MS));
     }

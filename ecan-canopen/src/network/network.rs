@@ -67,7 +67,7 @@ impl Network {
     pub fn add_node(
         &mut self,
         address: NodeAddress,
-        settings: NodeConfig,
+        config: NodeConfig,
     ) -> Result<NodeHandle, NetworkError> {
         if usize::from(address.channel) >= CHANNELS {
             return Err(NetworkError::Channel { address });
@@ -80,7 +80,7 @@ impl Network {
         }
         let nth = self.nodes.len();
         let short = u16::try_from(nth).map_err(|_| NetworkError::TooMany)?;
-        self.nodes.push(Node::new(address, settings));
+        self.nodes.push(Node::new(address, config));
         let (slave, channel) = (address.slave, address.channel);
         let at = self.channel_index(slave, channel).unwrap_or_else(|| {
             let mut channel = Channel::new(slave, channel, self.config.nmt_queue);

@@ -14,15 +14,15 @@ impl Network {
     ///
     /// # Errors
     /// [`NetworkError::CounterOverflow`]; nothing is changed.
-    pub fn set_sync(&mut self, settings: Option<SyncConfig>) -> Result<(), NetworkError> {
-        if let Some(value) = settings.and_then(|settings| settings.counter_overflow)
+    pub fn set_sync(&mut self, config: Option<SyncConfig>) -> Result<(), NetworkError> {
+        if let Some(value) = config.and_then(|config| config.counter_overflow)
             && !(2..=240).contains(&value)
         {
             return Err(NetworkError::CounterOverflow { value });
         }
-        self.sync = settings;
+        self.sync = config;
         for channel in &mut self.channels {
-            channel.sync.enable(settings.is_some());
+            channel.sync.enable(config.is_some());
         }
         Ok(())
     }

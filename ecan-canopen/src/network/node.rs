@@ -19,13 +19,13 @@ pub(super) struct Node {
 }
 
 impl Node {
-    pub(super) fn new(address: NodeAddress, settings: NodeConfig) -> Self {
+    pub(super) fn new(address: NodeAddress, config: NodeConfig) -> Self {
         Self {
             address,
             nmt: NmtTracker::default(),
-            heartbeat: HeartbeatWatch::new(settings.heartbeat_timeout),
+            heartbeat: HeartbeatWatch::new(config.heartbeat_timeout),
             emcy: EmcyLog::default(),
-            sdo: SdoClient::new(settings.sdo),
+            sdo: SdoClient::new(config.sdo),
         }
     }
 

@@ -134,7 +134,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
 
     /// Sends the SYNC that is due, if any. After an unconfirmed image it would be sent back to back
     /// with the SYNC of the next image; so it waits.
-    pub(super) fn send_sync(&mut self, settings: &SyncConfig) {
+    pub(super) fn send_sync(&mut self, sync: &SyncConfig) {
         if !self.channel.sync.is_due() {
             return;
         }
@@ -142,13 +142,13 @@ impl<O: FrameSink> ServiceSender<'_, O> {
             self.statistics.syncs_late += 1;
             return;
         }
-        let counter = self.channel.sync.counter(settings);
+        let counter = self.channel.sync.counter(sync);
         let data = counter.as_slice();
-        let options = SendOptions { schedule: settings.schedule, ..SendOptions::default() };
+        let options = SendOptions { schedule: sync.schedule, ..SendOptions::default() };
         match self.send(CobId::SYNC, data, options) {
             Ok(()) => {
                 self.statistics.syncs_sent += 1;
-                self.channel.sync.sent(settings);
+                self.channel.sync.sent(sync);
             }
             Err(_) => self.statistics.syncs_late += 1,
         }

@@ -20,14 +20,14 @@ impl SyncProducer {
     }
 
     /// One cycle. A SYNC that found no space stays due; missed ones are not repeated.
-    pub(super) fn tick(&mut self, settings: &SyncConfig) {
+    pub(super) fn tick(&mut self, config: &SyncConfig) {
         self.is_sent = false;
         if !self.is_enabled {
             return;
         }
         if self.cycles_left == 0 {
             self.is_due = true;
-            self.cycles_left = settings.every_cycles.max(1);
+            self.cycles_left = config.every_cycles.max(1);
         }
         self.cycles_left -= 1;
     }
@@ -41,18 +41,18 @@ impl SyncProducer {
     }
 
     /// The counter that the next SYNC carries.
-    pub(super) fn counter(&self, settings: &SyncConfig) -> Option<u8> {
-        settings.counter_overflow.map(
+    pub(super) fn counter(&self, config: &SyncConfig) -> Option<u8> {
+        config.counter_overflow.map(
             |overflow| {
                 if self.counter >= overflow { 1 } else { self.counter + 1 }
             },
         )
     }
 
-    pub(super) fn sent(&mut self, settings: &SyncConfig) {
+    pub(super) fn sent(&mut self, config: &SyncConfig) {
         self.is_due = false;
         self.is_sent = true;
-        if let Some(counter) = self.counter(settings) {
+        if let Some(counter) = self.counter(config) {
             self.counter = counter;
         }
     }
@@ -70,13 +70,13 @@ mod tests {
 
     #[test]
     fn counter_runs_from_1_to_its_overflow() {
-        let settings = SyncConfig { counter_overflow: Some(3), ..SyncConfig::default() };
+        let config = SyncConfig { counter_overflow: Some(3), ..SyncConfig::default() };
         let mut producer = enabled();
         let counters: Vec<_> = (0..7)
             .map(|_| {
-                producer.tick(&settings);
-                let counter = producer.counter(&settings).unwrap();
-                producer.sent(&settings);
+                producer.tick(&config);
+                let counter = producer.counter(&config).unwrap();
+                producer.sent(&config);
                 counter
             })
             .collect();
@@ -85,13 +85,13 @@ mod tests {
 
     #[test]
     fn sync_is_due_every_third_cycle() {
-        let settings = SyncConfig { every_cycles: 3, ..SyncConfig::default() };
+        let config = SyncConfig { every_cycles: 3, ..SyncConfig::default() };
         let mut producer = enabled();
         let due: Vec<_> = (0..7)
             .map(|_| {
-                producer.tick(&settings);
+                producer.tick(&config);
                 let due = producer.is_due();
-                producer.sent(&settings);
+                producer.sent(&config);
                 due
             })
             .collect();
@@ -100,19 +100,19 @@ mod tests {
 
     #[test]
     fn rejected_sync_is_sent_once_and_late() {
-        let settings = SyncConfig { every_cycles: 2, counter_overflow: Some(5), schedule: None };
+        let config = SyncConfig { every_cycles: 2, counter_overflow: Some(5), schedule: None };
         let mut producer = enabled();
         for _ in 0..3 {
-            producer.tick(&settings);
+            producer.tick(&config);
             assert!(producer.is_due());
         }
-        assert_eq!(producer.counter(&settings), Some(1));
-        producer.sent(&settings);
-        producer.tick(&settings);
+        assert_eq!(producer.counter(&config), Some(1));
+        producer.sent(&config);
+        producer.tick(&config);
         assert!(!producer.is_due(), "the plan of even cycles holds");
-        producer.tick(&settings);
+        producer.tick(&config);
         assert!(producer.is_due());
-        assert_eq!(producer.counter(&settings), Some(2));
+        assert_eq!(producer.counter(&config), Some(2));
     }
 
     #[test]

@@ -38,7 +38,7 @@ const DISABLE_NS: u64 = 30_000_000_000;
 #[derive(Debug)]
 pub(crate) struct Axis {
     pub(crate) index: usize,
-    pub(crate) settings: AxisConfig,
+    pub(crate) config: AxisConfig,
     pub(crate) node: NodeHandle,
     pub(crate) rpdo: CanId,
     pub(crate) layout: PdoLayout,
@@ -76,24 +76,24 @@ pub(crate) struct Axis {
 impl Axis {
     pub(crate) fn new(
         index: usize,
-        settings: AxisConfig,
+        config: AxisConfig,
         node: NodeHandle,
         cycles_per_sync: u32,
     ) -> Self {
-        let id = settings.address.node;
-        let mode = settings.mode;
+        let id = config.address.node;
+        let mode = config.mode;
         Self {
             index,
             node,
-            rpdo: CobId::rpdo(id, settings.pdo_number).can_id(),
-            layout: settings.layout(),
+            rpdo: CobId::rpdo(id, config.pdo_number).can_id(),
+            layout: config.layout(),
             cycles_per_sync,
             schedule_images: 0,
             state: AxisState::default(),
-            guard: MotionGuard::new(settings.guard_limits(mode, cycles_per_sync)),
+            guard: MotionGuard::new(config.guard_limits(mode, cycles_per_sync)),
             mode,
             drive: DriveStatus::default(),
-            targets: TargetSource::new(settings.ramp),
+            targets: TargetSource::new(config.ramp),
             set_point: SetPoint::default(),
             tickets: TargetTickets::default(),
             target_lost: false,
@@ -109,7 +109,7 @@ impl Axis {
             error: None,
             phase: AxisPhase::NotConfigured,
             phase_since_ns: 0,
-            settings,
+            config,
         }
     }
 
@@ -146,13 +146,13 @@ impl Axis {
         network: &mut Network,
         bus: &BusConfig,
     ) -> Result<(), CommandError> {
-        let steps = setup_steps::steps(&self.settings, bus)
+        let steps = setup_steps::steps(&self.config, bus)
             .map_err(|error| CommandError::Mapping { axis: self.index, error })?;
         self.stop_targets();
         self.cancel_procedure(network);
         self.configurator.clear(network);
         self.configurator.add(network, self.node, steps);
-        self.set_mode(self.settings.mode);
+        self.set_mode(self.config.mode);
         self.silences = network.sdo_silences(self.node);
         self.verification = Verification::Complete;
         self.error = None;
@@ -233,7 +233,7 @@ impl Axis {
         now_ns: u64,
     ) -> Result<(), CommandError> {
         self.ready_for_commands()?;
-        if mode == OperatingMode::Homing || !setup_steps::can_switch_to(&self.settings, mode) {
+        if mode == OperatingMode::Homing || !setup_steps::can_switch_to(&self.config, mode) {
             return Err(CommandError::ModeNotMapped { axis: self.index, mode });
         }
         self.begin_procedure(mode, None, now_ns);
@@ -264,14 +264,14 @@ impl Axis {
     /// Applies the rules of a mode, which the drive has confirmed or is about to.
     pub(crate) fn set_mode(&mut self, mode: OperatingMode) {
         self.mode = mode;
-        let mut limits = self.settings.guard_limits(mode, self.cycles_per_sync);
+        let mut limits = self.config.guard_limits(mode, self.cycles_per_sync);
         limits.drain_images = limits.drain_images.saturating_add(self.schedule_images);
         self.guard.set_limits(limits);
     }
 
     /// Shutdown: stops the drive's watch over the host's heartbeat, if it has one.
     pub(crate) fn begin_release(&mut self, has_host_heartbeat: bool) {
-        let watches = has_host_heartbeat && self.settings.drive.host_heartbeat_ms > 0;
+        let watches = has_host_heartbeat && self.config.drive.host_heartbeat_ms > 0;
         if watches && self.state.is_configured() {
             let step = ecan_canopen::Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32);
             self.state = AxisState::Releasing(script([step.if_present()]));
@@ -297,7 +297,7 @@ impl Axis {
         self.stop_after_hold();
         let stands = target_kind(self.mode) == TargetKind::Position;
         if self.state == AxisState::Standby
-            && self.settings.auto_resume
+            && self.config.auto_resume
             && stands
             && self.drive.is_enabled()
             && reason.is_on_path()
@@ -401,7 +401,7 @@ impl Axis {
                     self.error = Some(AxisError::Fault { error_code });
                     self.stop_targets();
                     self.state = AxisState::Standby;
-                } else if waited > self.settings.enable_timeout {
+                } else if waited > self.config.enable_timeout {
                     let (state, guard) = (self.drive.state, self.guard.state());
                     self.error = Some(AxisError::EnableTimedOut { state, guard, waited });
                     self.disable();

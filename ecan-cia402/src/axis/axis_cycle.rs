@@ -54,7 +54,7 @@ impl Axis {
     }
 
     pub(crate) fn observe(&mut self, watch: &GatewayWatch, network: &Network) {
-        let channel = self.settings.address.channel;
+        let channel = self.config.address.channel;
         let actual = watch.actual(channel, self.drive.arrived.map(|feedback| feedback.position));
         self.statistics.observed(actual, self.drive.arrived.is_some());
         let was_in_fault = self.drive.is_in_fault();
@@ -124,7 +124,7 @@ impl Axis {
         if let (Some(target), Some(position)) = (self.target(), self.guard.actual())
             && target_kind(self.mode) == TargetKind::Position
         {
-            let error = self.settings.range.distance(target, position).unsigned_abs();
+            let error = self.config.range.distance(target, position).unsigned_abs();
             self.statistics.max_following_error = self.statistics.max_following_error.max(error);
         }
     }
@@ -179,9 +179,9 @@ impl Axis {
 
     fn wanted_target(&self, stepping: bool) -> (Option<i32>, Option<i64>) {
         let Some(last) = self.target() else { return (None, None) };
-        let own_step = stepping.then_some(self.settings.target_step);
+        let own_step = stepping.then_some(self.config.target_step);
         let (kind, limit) = (target_kind(self.mode), self.guard.limits().step);
-        self.targets.next(kind, self.settings.range, last, own_step, limit)
+        self.targets.next(kind, self.config.range, last, own_step, limit)
     }
 
     /// Bits of the controlword that belong to the mode, and the target to send with them.
@@ -218,7 +218,7 @@ impl Axis {
             Decision::Target(target) => {
                 self.statistics.targets_sent += 1;
                 // The host's ramp continues from any motion.
-                let made = before.map_or(0, |before| self.settings.range.distance(before, target));
+                let made = before.map_or(0, |before| self.config.range.distance(before, target));
                 self.targets.ramp.accept(outgoing.ramp_step.unwrap_or(made));
             }
             _ => {}

@@ -52,7 +52,7 @@ impl Axis {
 
     /// Reads what a restart would have changed: the mapping of both PDOs, heartbeat and mode.
     fn verification_script(&self) -> Script {
-        let nth = u16::from(self.settings.pdo_number.saturating_sub(1));
+        let nth = u16::from(self.config.pdo_number.saturating_sub(1));
         let pdos = [
             (object::RPDO_MAPPING, self.layout.rpdo_entries()),
             (object::TPDO_MAPPING, self.layout.tpdo_entries()),

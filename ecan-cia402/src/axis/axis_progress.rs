@@ -69,7 +69,7 @@ impl Axis {
     pub(crate) fn progress(&self, now_ns: u64) -> AxisProgress {
         AxisProgress {
             axis: self.index,
-            address: self.settings.address,
+            address: self.config.address,
             phase: self.phase,
             elapsed: Duration::from_nanos(now_ns.saturating_sub(self.phase_since_ns)),
             setup: match self.state {

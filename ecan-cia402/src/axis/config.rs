@@ -11,8 +11,8 @@ use super::units::Scale;
 use crate::guard::position_range::PositionRange;
 use crate::guard::terms::{GuardLimits, TargetKind};
 
-/// Least following-error window, in step limits: what an axis lags behind by the way out and back
-/// while it moves at its limit.
+/// Least following-error window, in step limits: the lag of an axis that moves at its limit, by the
+/// delay out and back.
 const WINDOW_STEPS: u32 = 8;
 
 /// Reset of a node at the start of its configuration.
@@ -334,31 +334,31 @@ mod tests {
     use super::*;
     use ecan_canopen::NodeId;
 
-    fn settings() -> AxisConfig {
+    fn config() -> AxisConfig {
         let node = NodeId::new(1).unwrap();
         AxisConfig::new(NodeAddress { slave: 0, channel: 0, node })
     }
 
-    fn faults(settings: &AxisConfig) -> Vec<AxisFault> {
+    fn faults(config: &AxisConfig) -> Vec<AxisFault> {
         let mut faults = Vec::new();
-        settings.check(&mut |fault| faults.push(fault));
+        config.check(&mut |fault| faults.push(fault));
         faults
     }
 
     #[test]
     fn default_configuration_has_no_faults() {
-        assert_eq!(faults(&settings()), []);
-        assert_eq!(faults(&settings().with_target_step(-5_000)), []);
-        assert_eq!(faults(&settings().with_step_limit(3)), []);
+        assert_eq!(faults(&config()), []);
+        assert_eq!(faults(&config().with_target_step(-5_000)), []);
+        assert_eq!(faults(&config().with_step_limit(3)), []);
         for &mode in OperatingMode::ALL {
             let expected = usize::from(mode == OperatingMode::InterpolatedPosition);
-            assert_eq!(faults(&settings().with_mode(mode)).len(), expected, "{mode}");
+            assert_eq!(faults(&config().with_mode(mode)).len(), expected, "{mode}");
         }
     }
 
     #[test]
     fn check_reports_every_fault() {
-        let mut bad = settings();
+        let mut bad = config();
         bad.address.channel = 4;
         bad.mode = OperatingMode::InterpolatedPosition;
         bad.pdo_number = 0;
@@ -376,14 +376,14 @@ mod tests {
 
     #[test]
     fn guard_limits_depend_on_the_mode() {
-        let limits = settings().guard_limits(OperatingMode::CyclicPosition, 2);
+        let limits = config().guard_limits(OperatingMode::CyclicPosition, 2);
         assert_eq!(
             (limits.kind, limits.step, limits.tpdo_timeout),
             (TargetKind::Position, 1000, 10)
         );
-        let limits = settings().guard_limits(OperatingMode::CyclicTorque, 1);
+        let limits = config().guard_limits(OperatingMode::CyclicTorque, 1);
         assert_eq!((limits.kind, limits.step), (TargetKind::Rate, 1000));
-        let limits = settings().guard_limits(OperatingMode::ProfileVelocity, 1);
+        let limits = config().guard_limits(OperatingMode::ProfileVelocity, 1);
         assert_eq!((limits.kind, limits.step), (TargetKind::Rate, u32::MAX));
         assert_eq!(target_kind(OperatingMode::ProfilePosition), TargetKind::Profile);
         assert_eq!(target_kind(OperatingMode::Homing), TargetKind::None);

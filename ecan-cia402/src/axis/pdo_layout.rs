@@ -5,7 +5,7 @@ use ecan_canopen::{Controlword, MappingEntry, OperatingMode, Statusword, object}
 /// Most bytes of a PDO on classic CAN.
 const MAX_BYTES: usize = 8;
 
-/// The object that the RPDO carries behind the controlword.
+/// The object that the RPDO carries after the controlword.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum TargetObject {
     /// Target position, 0x607A, I32: CSP, PP and, unused, homing.
@@ -58,7 +58,7 @@ impl TargetObject {
 /// relies on that when it begins at the actual position of an enabled drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct PdoLayout {
-    /// Behind the controlword.
+    /// After the controlword.
     pub target: TargetObject,
 }
 

@@ -32,36 +32,36 @@ pub(crate) struct BusConfig {
 /// 7. NMT: start.
 ///
 /// The mode follows after that, with its confirmation.
-pub(crate) fn steps(settings: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
+pub(crate) fn steps(config: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
     let mut steps = Vec::new();
-    push_nmt(&mut steps, settings);
-    push_identity(&mut steps, settings);
+    push_nmt(&mut steps, config);
+    push_identity(&mut steps, config);
     steps.push(Step::write(object::CONTROLWORD, 0, 0_u16).named("power off").if_accepted());
-    push_heartbeats(&mut steps, settings, bus);
-    push_mapping(&mut steps, settings)?;
-    push_times(&mut steps, settings, bus);
-    push_limits(&mut steps, settings);
-    steps.extend(settings.drive.further.iter().copied());
+    push_heartbeats(&mut steps, config, bus);
+    push_mapping(&mut steps, config)?;
+    push_times(&mut steps, config, bus);
+    push_limits(&mut steps, config);
+    steps.extend(config.drive.further.iter().copied());
     steps.push(Step::device(NodeAction::Nmt(NmtCommand::Start)));
     Ok(steps)
 }
 
-fn push_nmt(steps: &mut Vec<Step>, settings: &AxisConfig) {
-    let reset = match settings.drive.reset {
+fn push_nmt(steps: &mut Vec<Step>, config: &AxisConfig) {
+    let reset = match config.drive.reset {
         NodeReset::None => None,
         NodeReset::Communication => Some(NmtCommand::ResetCommunication),
         NodeReset::Node => Some(NmtCommand::ResetNode),
     };
     if let Some(command) = reset {
         steps.push(Step::device(NodeAction::Nmt(command)));
-        let timeout = settings.drive.boot_timeout;
+        let timeout = config.drive.boot_timeout;
         steps.push(Step::device(NodeAction::AwaitBootUp { timeout }));
     }
     steps.push(Step::device(NodeAction::Nmt(NmtCommand::EnterPreOperational)));
 }
 
-fn push_identity(steps: &mut Vec<Step>, settings: &AxisConfig) {
-    let drive = &settings.drive;
+fn push_identity(steps: &mut Vec<Step>, config: &AxisConfig) {
+    let drive = &config.drive;
     if drive.expect_profile_402 {
         let step = Step::expect_that(object::DEVICE_TYPE, 0, PROFILE_402);
         steps.push(step.named("drive profile"));
@@ -70,13 +70,13 @@ fn push_identity(steps: &mut Vec<Step>, settings: &AxisConfig) {
         steps.push(Step::expect(object::IDENTITY, 1, vendor).named("vendor id"));
         steps.push(Step::expect(object::IDENTITY, 2, product).named("product code"));
     }
-    let mode = Expectation::HasBits(SupportedModes::bit(settings.mode).into());
+    let mode = Expectation::HasBits(SupportedModes::bit(config.mode).into());
     let modes = Step::expect_that(object::SUPPORTED_MODES, 0, mode);
     steps.push(modes.named("supported modes").if_present());
 }
 
-fn push_heartbeats(steps: &mut Vec<Step>, settings: &AxisConfig, bus: &BusConfig) {
-    let drive = &settings.drive;
+fn push_heartbeats(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) {
+    let drive = &config.drive;
     let producer = object::PRODUCER_HEARTBEAT;
     steps.push(Step::write(producer, 0, drive.heartbeat_ms).named("heartbeat").if_present());
     steps.push(Step::read(producer, 0).named("heartbeat").if_present());
@@ -93,9 +93,9 @@ fn push_heartbeats(steps: &mut Vec<Step>, settings: &AxisConfig, bus: &BusConfig
     }
 }
 
-fn push_mapping(steps: &mut Vec<Step>, settings: &AxisConfig) -> Result<(), PdoMappingError> {
-    let (node, number) = (settings.address.node, settings.pdo_number);
-    let layout = settings.layout();
+fn push_mapping(steps: &mut Vec<Step>, config: &AxisConfig) -> Result<(), PdoMappingError> {
+    let (node, number) = (config.address.node, config.pdo_number);
+    let layout = config.layout();
     let pdo = |direction, cob_id, entries: &[_]| PdoMapping {
         direction,
         number: number.into(),
@@ -111,7 +111,7 @@ fn push_mapping(steps: &mut Vec<Step>, settings: &AxisConfig) -> Result<(), PdoM
         pdo(PdoDirection::Transmit, CobId::tpdo(node, number).can_id(), &layout.tpdo_entries());
     steps.extend(rpdo.steps()?);
     steps.extend(tpdo.steps()?);
-    if settings.drive.silence_other_tpdos {
+    if config.drive.silence_other_tpdos {
         for other in (1..=LAST_PDO).filter(|other| *other != u16::from(number)) {
             let off = PdoMapping::disabling_steps(PdoDirection::Transmit, other)?;
             steps.extend(off.into_iter().map(Step::if_present));
@@ -120,8 +120,8 @@ fn push_mapping(steps: &mut Vec<Step>, settings: &AxisConfig) -> Result<(), PdoM
     Ok(())
 }
 
-fn push_times(steps: &mut Vec<Step>, settings: &AxisConfig, bus: &BusConfig) {
-    if !settings.mode.is_cyclic() {
+fn push_times(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) {
+    if !config.mode.is_cyclic() {
         return;
     }
     if let Ok(period_us) = u32::try_from(bus.sync_period_ns / NS_PER_US) {
@@ -146,8 +146,8 @@ pub(crate) fn interpolation_time(period_ns: u64) -> Option<(u8, i8)> {
     )
 }
 
-fn push_limits(steps: &mut Vec<Step>, settings: &AxisConfig) {
-    let drive = &settings.drive;
+fn push_limits(steps: &mut Vec<Step>, config: &AxisConfig) {
+    let drive = &config.drive;
     if let Some(option) = drive.quick_stop {
         let step = Step::write(object::QUICK_STOP_OPTION, 0, option.raw());
         steps.push(step.named("quick stop option").if_present());
@@ -158,8 +158,8 @@ fn push_limits(steps: &mut Vec<Step>, settings: &AxisConfig) {
         let step = Step::write(object::FOLLOWING_ERROR_TIME, 0, time_ms);
         steps.push(step.named("following error time").if_present());
     }
-    let is_position = TargetObject::of_mode(settings.mode) == Some(TargetObject::Position);
-    if let Some((min, max)) = settings.bounds
+    let is_position = TargetObject::of_mode(config.mode) == Some(TargetObject::Position);
+    if let Some((min, max)) = config.bounds
         && drive.write_position_limits
         && is_position
     {
@@ -169,9 +169,9 @@ fn push_limits(steps: &mut Vec<Step>, settings: &AxisConfig) {
     }
 }
 
-/// Whether a mode can be chosen while the PDOs of `settings` are mapped.
-pub(crate) fn can_switch_to(settings: &AxisConfig, mode: OperatingMode) -> bool {
-    settings.layout().target.serves(mode)
+/// Whether a mode can be chosen while the PDOs of `config` are mapped.
+pub(crate) fn can_switch_to(config: &AxisConfig, mode: OperatingMode) -> bool {
+    config.layout().target.serves(mode)
 }
 
 #[cfg(test)]
@@ -201,13 +201,13 @@ mod tests {
     #[test]
     fn setup_steps_keep_the_order_of_the_standard() {
         let node = NodeId::new(5).unwrap();
-        let mut settings = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
-        settings.drive.silence_other_tpdos = false;
+        let mut config = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
+        config.drive.silence_other_tpdos = false;
         let host =
             HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(50) };
         let bus = BusConfig { sync_period_ns: 1_000_000, host: Some(host) };
         let texts: Vec<String> =
-            steps(&settings, &bus).unwrap().iter().map(|step| step.action.to_string()).collect();
+            steps(&config, &bus).unwrap().iter().map(|step| step.action.to_string()).collect();
         let position_of = |part: &str| {
             let at = texts.iter().position(|text| text.contains(part));
             at.unwrap_or_else(|| panic!("no {part} in {texts:#?}"))
@@ -239,9 +239,9 @@ mod tests {
     #[test]
     fn no_host_heartbeat_configures_no_consumer() {
         let node = NodeId::new(5).unwrap();
-        let settings = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
+        let config = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
         let bus = BusConfig { sync_period_ns: 1_000_000, host: None };
-        let steps = steps(&settings, &bus).unwrap();
+        let steps = steps(&config, &bus).unwrap();
         let text: String = steps.iter().map(|step| step.action.to_string()).collect();
         assert!(!text.contains("0x1016") && !text.contains("0x6007"), "{text}");
         assert!(text.contains("change 0x1802:01"), "the other TPDOs are off");

@@ -12,7 +12,7 @@ const IN_FLIGHT: u32 = 8;
 pub struct AxisStatistics {
     /// Targets handed to the gateway, the first ones included.
     pub targets_sent: u64,
-    /// Times that the axis was taken up while enabled: first targets.
+    /// Times that the axis was activated while enabled: first targets.
     pub activations: u64,
     /// Targets of the application that were refused, for any reason.
     pub targets_rejected: u64,
@@ -35,8 +35,7 @@ pub struct AxisStatistics {
     pub lost_tpdos: u64,
     /// Most cycles in a row without a usable TPDO while the axis was enabled.
     pub longest_gap: u16,
-    /// Cycles with an actual position that is not worth the name: in an incomplete image, behind a
-    /// backlog.
+    /// Cycles with an unusable actual position: in an incomplete image, after a backlog.
     pub unusable_positions: u64,
     /// Largest distance between target and actual position while targets went out, in steps.
     pub max_following_error: u64,

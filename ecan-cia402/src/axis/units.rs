@@ -43,7 +43,7 @@ impl Default for Scale {
 }
 
 impl Scale {
-    /// A scale of so many steps per turn of the axis, not zero and finite (checked by
+    /// A scale of `steps` per turn of the axis, not zero and finite (checked by
     /// [`AxisConfig::check`](super::AxisConfig::check)), with step 0 at angle 0.
     pub fn steps_per_turn(steps: f64) -> Self {
         Self { steps_per_turn: steps, origin: 0 }

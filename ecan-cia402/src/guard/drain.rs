@@ -1,7 +1,7 @@
 //! When the frames that were under way to a drive are known to be gone.
 //!
 //! The gateway sends what it got in order and tells how many frames wait (manual 7). So once no
-//! more frames wait than were delivered *behind* the last target, the target is not among them.
+//! more frames wait than were delivered *after* the last target, the target is not among them.
 //! That needs no pause of the channel: SYNC, SDO and heartbeats may go on.
 
 use super::input::{ChannelView, PathStatus};
@@ -12,7 +12,7 @@ const SATURATED: u8 = 7;
 /// Follows the channel after the last target was sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Drain {
-    /// Frames delivered when the last target was certainly delivered or given up.
+    /// Frames delivered when the last target was certainly delivered or discarded.
     base: Option<u64>,
     /// New channel statuses since then.
     statuses: u16,
@@ -41,7 +41,7 @@ impl Drain {
         if self.statuses <= minimum || pressure || pending >= SATURATED {
             return false;
         }
-        path.covered.checked_sub(base).is_some_and(|behind| u64::from(pending) <= behind)
+        path.covered.checked_sub(base).is_some_and(|later| u64::from(pending) <= later)
     }
 }
 
@@ -88,7 +88,7 @@ mod tests {
         assert!(!drain.step(&path(1, 10, 8), 2));
         assert!(!drain.step(&path(1, 11, 9), 2));
         assert!(!drain.step(&path(1, 12, 10), 2), "the one that waits may be the target");
-        assert!(drain.step(&path(1, 13, 11), 2), "the one that waits came behind it");
+        assert!(drain.step(&path(1, 13, 11), 2), "the one that waits came after it");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! The manual does not say whether the count of received frames that wait (manual 7, bits 10 to 12)
 //! includes those that the same image brings. It shows by itself: an image with more frames of a
 //! channel than its status counts proves that it does not, and answers to SDO requests bring such
-//! images long before an axis is taken up. Until then it is taken to include them.
+//! images long before an axis is activated. Until then it is assumed to include them.
 
 use ecan_mcan_port::{ImageReport, Port};
 use ecan_protocol::image::{ChannelState, ChannelStatus, ImageFault};
@@ -54,7 +54,7 @@ impl GatewayWatch {
         Self { slave, ..Self::default() }
     }
 
-    /// Once per cycle, when everything received has been taken out: only then is a fault behind
+    /// Once per cycle, when everything received has been taken out: only then is a fault after
     /// the first packets known.
     pub(crate) fn observe(&mut self, port: &Port) {
         let Ok(gateway) = port.gateway(self.slave) else {

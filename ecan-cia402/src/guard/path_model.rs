@@ -50,7 +50,7 @@ struct CycleConditions {
     lost_out: bool,
     /// The reply does not reach the host.
     lost_back: bool,
-    /// For so many cycles from now on the bus carries nothing.
+    /// Number of cycles from now on in which the bus carries nothing.
     blocked: u8,
     /// The channel is bus-off while blocked, and says so.
     bus_off: bool,
@@ -173,7 +173,7 @@ impl Model {
         }
         self.guard.activate();
         if self.guard.wants_discard() {
-            // Given up by the host; the gateway may have it all the same.
+            // Discarded by the host; the gateway may have it all the same.
             self.held = None;
         }
         let requested = match self.guard.state() {

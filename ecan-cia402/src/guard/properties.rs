@@ -144,7 +144,7 @@ fn run(limits: GuardLimits, happenings: Vec<CycleEvents>) -> (MotionGuard, Vec<R
     let mut guard = MotionGuard::new(limits);
     let mut records = Vec::new();
     for (n, mut what) in happenings.into_iter().enumerate() {
-        // One SYNC per cycle behind whatever was sent.
+        // One SYNC per cycle, after all frames.
         what.input.path.delivered = n as u64 + 100;
         what.input.path.covered = n as u64 + 98;
         guard.observe(&what.input);

@@ -63,7 +63,7 @@ fn cycle(guard: &mut MotionGuard, input: &GuardInput, requested: Option<i32>) ->
     decision
 }
 
-/// Taken up and running at `position`.
+/// Active and running at `position`.
 fn running_with(limits: GuardLimits, position: i32) -> MotionGuard {
     let mut guard = MotionGuard::new(limits);
     guard.activate();
@@ -74,7 +74,7 @@ fn running_with(limits: GuardLimits, position: i32) -> MotionGuard {
             return guard;
         }
     }
-    panic!("not taken up: {:?}", guard.state());
+    panic!("not active: {:?}", guard.state());
 }
 
 fn running(position: i32) -> MotionGuard {
@@ -389,7 +389,7 @@ fn rate_starts_at_zero_and_never_wraps() {
     let limits = GuardLimits { kind: TargetKind::Rate, range: PositionRange::Wrapping, ..LIMITS };
     let mut guard = running_with(limits, 5000);
     assert_eq!(cycle(&mut guard, &good(5000), Some(100)), Decision::Target(100));
-    // In motion, far from where it was taken up: no window for a rate.
+    // In motion, far from the position at its activation: no window for a rate.
     assert_eq!(cycle(&mut guard, &good(50_000), Some(200)), Decision::Target(200));
     assert!(matches!(
         cycle(&mut guard, &good(50_000), Some(301)),

@@ -98,14 +98,14 @@ impl Cia402 {
     pub fn new(
         port: &Port,
         axes: Vec<AxisConfig>,
-        settings: Cia402Config,
+        config: Cia402Config,
     ) -> Result<Self, Cia402Error> {
         check(&axes)?;
         let slaves = port.slave_count();
-        let mut network = Network::new(settings.network);
-        network.set_sync(Some(settings.sync))?;
+        let mut network = Network::new(config.network);
+        network.set_sync(Some(config.sync))?;
         let mut lookup = AxisLookup::new(slaves);
-        let cycles_per_sync = settings.sync.every_cycles.max(1);
+        let cycles_per_sync = config.sync.every_cycles.max(1);
         let mut table = Vec::with_capacity(axes.len());
         for (index, axis) in axes.into_iter().enumerate() {
             let address = axis.address;
@@ -126,7 +126,7 @@ impl Cia402 {
                 Some(TxMode::Fifo) => {}
             }
             // The heartbeat is watched once the drive has been told to produce one.
-            let node = NodeConfig { heartbeat_timeout: Duration::ZERO, ..settings.node };
+            let node = NodeConfig { heartbeat_timeout: Duration::ZERO, ..config.node };
             let handle = network.add_node(address, node)?;
             // infallible: the network takes no more nodes than that
             lookup.insert(address, axis.pdo_number, u16::try_from(index).unwrap_or(u16::MAX));
@@ -139,10 +139,10 @@ impl Cia402 {
             axes: table,
             gateways: (0..slaves).map(GatewayWatch::new).collect(),
             lookup,
-            bus: BusConfig { sync_period_ns, host: settings.network.host_heartbeat },
-            sync: settings.sync,
+            bus: BusConfig { sync_period_ns, host: config.network.host_heartbeat },
+            sync: config.sync,
             target_options: SendOptions::default(),
-            motion_div: settings.motion_div.max(1),
+            motion_div: config.motion_div.max(1),
             cycles_to_target: 0,
             now_ns: port.adapter().clock().now_ns(),
             shutdown: Shutdown::None,
@@ -222,7 +222,7 @@ impl Cia402 {
 
     fn check_offset(&self, port: &Port, offset_ns: u32) -> Result<(), ScheduleError> {
         for axis in &self.axes {
-            let slave = axis.settings.address.slave;
+            let slave = axis.config.address.slave;
             port.gateway(slave)
                 .map_err(|_| NotSchedulable::NotSupported)
                 .and_then(|gateway| port.schedule_margin(gateway, offset_ns))
@@ -246,14 +246,11 @@ impl Cia402 {
 
     /// Load of each channel that has axes by the process data, at the bit rates of the Port. Allocates.
     pub fn bus_load(&self, port: &Port) -> Vec<BusLoad> {
-        let mut channels: Vec<(usize, u8)> = self
-            .axes
-            .iter()
-            .map(|a| (a.settings.address.slave, a.settings.address.channel))
-            .collect();
+        let mut channels: Vec<(usize, u8)> =
+            self.axes.iter().map(|a| (a.config.address.slave, a.config.address.channel)).collect();
         channels.sort_unstable();
         channels.dedup();
-        let axes = self.axes.iter().map(|a| (a.settings.address, a.settings.pdo_number, a.layout));
+        let axes = self.axes.iter().map(|a| (a.config.address, a.config.pdo_number, a.layout));
         let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
         let streams = process_data(axes, &self.sync, self.motion_div, offset_ns);
         let cycle_ns = port.adapter().config().cycle_ns();

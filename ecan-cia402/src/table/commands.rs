@@ -215,7 +215,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::Unit`] for an angle that is not a valid position.
     pub fn set_target_degrees(&mut self, axis: usize, degrees: f64) -> Result<(), CommandError> {
-        self.set_angle(axis, |settings| settings.scale.from_degrees(degrees, settings.range))
+        self.set_angle(axis, |config| config.scale.from_degrees(degrees, config.range))
     }
 
     /// As [`set_target`](Self::set_target), with an angle in radians by the axis's scale.
@@ -223,7 +223,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::Unit`] for an angle that is not a valid position.
     pub fn set_target_radians(&mut self, axis: usize, radians: f64) -> Result<(), CommandError> {
-        self.set_angle(axis, |settings| settings.scale.from_radians(radians, settings.range))
+        self.set_angle(axis, |config| config.scale.from_radians(radians, config.range))
     }
 
     fn set_angle(
@@ -233,7 +233,7 @@ impl Cia402 {
     ) -> Result<(), CommandError> {
         let axis = self.axis_mut(index)?;
         let target =
-            angle(&axis.settings).map_err(|error| CommandError::Unit { axis: index, error })?;
+            angle(&axis.config).map_err(|error| CommandError::Unit { axis: index, error })?;
         axis.targets.requested = Some(target);
         Ok(())
     }
@@ -244,7 +244,7 @@ impl Cia402 {
     /// [`CommandError::NoSuchAxis`]. The motion guard rejects a step beyond the limit when the
     /// ramp reaches it.
     pub fn set_target_step(&mut self, axis: usize, step: i32) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.settings.target_step = step;
+        self.axis_mut(axis)?.config.target_step = step;
         Ok(())
     }
 
@@ -281,8 +281,8 @@ impl Cia402 {
     // Status
 
     /// Configuration of an axis.
-    pub fn settings(&self, axis: usize) -> Option<&AxisConfig> {
-        self.axis(axis).map(|axis| &axis.settings)
+    pub fn config(&self, axis: usize) -> Option<&AxisConfig> {
+        self.axis(axis).map(|axis| &axis.config)
     }
 
     /// Progress of an axis: phase, time in it, and error.
@@ -353,7 +353,7 @@ impl Cia402 {
 
     fn scaled(&self, axis: usize, scale: impl Fn(Scale, i32) -> f64) -> Option<f64> {
         let axis = self.axis(axis)?;
-        Some(scale(axis.settings.scale, axis.guard.actual()?))
+        Some(scale(axis.config.scale, axis.guard.actual()?))
     }
 
     /// Following error of a running axis in steps: target minus actual position, the shorter
@@ -361,7 +361,7 @@ impl Cia402 {
     /// the drive's own value is 0x60F4.
     pub fn following_error(&self, axis: usize) -> Option<i64> {
         let axis = self.axis(axis)?;
-        Some(axis.settings.range.distance(axis.guard.actual()?, axis.target()?))
+        Some(axis.config.range.distance(axis.guard.actual()?, axis.target()?))
     }
 
     /// Whether a drive has reached its target: in PP it has accepted the target in force and reports

@@ -69,7 +69,7 @@ impl Cia402 {
                 }
                 Received::TransmitReport(report) => {
                     for axis in axes.iter_mut() {
-                        let address = axis.settings.address;
+                        let address = axis.config.address;
                         if (address.slave, address.channel) == (report.slave, report.channel) {
                             axis.take_report(report);
                         }
@@ -98,14 +98,14 @@ impl Cia402 {
             gateway.observe(cycle);
         }
         for axis in axes.iter_mut() {
-            if let Some(gateway) = gateways.get(axis.settings.address.slave) {
+            if let Some(gateway) = gateways.get(axis.config.address.slave) {
                 axis.observe(gateway, network);
             }
         }
         for gateway in gateways.iter() {
             let slave = gateway.slave;
             let is_stale =
-                |axis: &Axis| axis.settings.address.slave == slave && axis.guard.wants_discard();
+                |axis: &Axis| axis.config.address.slave == slave && axis.guard.wants_discard();
             if axes.iter().any(is_stale) {
                 // The counter of discarded images tells every axis of the gateway next cycle.
                 if let Ok(gateway) = cycle.gateway(slave) {
@@ -135,7 +135,7 @@ impl Cia402 {
         self.cycles_to_target = self.cycles_to_target.checked_sub(1).unwrap_or(self.motion_div - 1);
         let mut full = FullChannels::default();
         for axis in &mut self.axes {
-            let (slave, channel) = (axis.settings.address.slave, axis.settings.address.channel);
+            let (slave, channel) = (axis.config.address.slave, axis.config.address.channel);
             let outgoing = axis.prepare(stepping, with_target);
             if let Some(outgoing) = outgoing {
                 let gateway = self.gateways.get(slave);
@@ -176,11 +176,11 @@ impl Cia402 {
     /// A TPDO is due of every axis that is Operational and whose channel had a SYNC.
     fn note_sync(&mut self) {
         for axis in &mut self.axes {
-            let gateway = self.gateways.get(axis.settings.address.slave);
+            let gateway = self.gateways.get(axis.config.address.slave);
             let counts = axis.state.is_configured()
                 && axis.reachability.operational
                 && gateway.is_some_and(|g| g.is_ready());
-            let address = axis.settings.address;
+            let address = axis.config.address;
             if !counts {
                 axis.statistics.restart_tpdo_count();
             } else if self.network.has_sent_sync(address.slave, address.channel) {

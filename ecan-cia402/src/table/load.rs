@@ -95,12 +95,12 @@ impl BusLoad {
 /// The process data of a table of axes as frames, for a
 /// [`PortPlan`](ecan_mcan_port::PortPlan): target and TPDO of each axis, SYNC of each channel that
 /// has one. SDO, heartbeats and NMT come on top. Needs no Port; allocates.
-pub fn axis_traffic(axes: &[AxisConfig], settings: &Cia402Config) -> Vec<FrameStream> {
+pub fn axis_traffic(axes: &[AxisConfig], config: &Cia402Config) -> Vec<FrameStream> {
     let axes = axes.iter().map(|axis| (axis.address, axis.pdo_number, axis.layout()));
-    process_data(axes, &settings.sync, settings.motion_div, None)
+    process_data(axes, &config.sync, config.motion_div, None)
 }
 
-/// The same for axes with these layouts, and targets that go out at an offset behind Sync0.
+/// The same for axes with these layouts, and targets that go out at an offset after Sync0.
 pub(super) fn process_data(
     axes: impl Iterator<Item = (NodeAddress, u8, PdoLayout)>,
     sync: &SyncConfig,
@@ -140,7 +140,7 @@ fn bytes(entries: &[MappingEntry]) -> usize {
     entries.iter().map(|entry| usize::from(entry.bits)).sum::<usize>() / 8
 }
 
-/// A frame of so many zeros; none beyond eight, which no layout has.
+/// A frame of `length` zeros; none beyond eight, which no layout has.
 fn frame(id: CanId, length: usize) -> Option<CanFrame> {
     CanFrame::classic(id, [0; 8].get(..length)?).ok()
 }
@@ -181,8 +181,8 @@ mod tests {
         let torque = axes(1).into_iter().map(|a| a.with_mode(OperatingMode::CyclicTorque));
         let sync =
             SyncConfig { every_cycles: 2, counter_overflow: Some(10), ..SyncConfig::default() };
-        let settings = Cia402Config { sync, motion_div: 4, ..Cia402Config::default() };
-        let streams = axis_traffic(&torque.collect::<Vec<_>>(), &settings);
+        let config = Cia402Config { sync, motion_div: 4, ..Cia402Config::default() };
+        let streams = axis_traffic(&torque.collect::<Vec<_>>(), &config);
         let can = McanChannelConfig::classic(1_000_000);
         let load = BusLoad::of(PLACE, &streams, &can, 1_000_000);
         let most = (95.0 / 4.0 + 115.0 / 2.0 + 65.0 / 2.0) / 1000.0;

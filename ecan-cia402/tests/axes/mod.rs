@@ -152,7 +152,7 @@ impl Fixture {
     }
 
     pub fn drive<T>(&self, axis: usize, look: impl FnOnce(&Drive) -> T) -> T {
-        let address = self.cia402.settings(axis).unwrap().address;
+        let address = self.cia402.config(axis).unwrap().address;
         self.simulation.with_world(|world| {
             let drive = world.drive_at(address.slave, usize::from(address.channel), address.node);
             look(drive.expect("a drive at every axis"))
@@ -169,7 +169,7 @@ impl Fixture {
 
     /// A fault in the drive of an axis.
     pub fn strike(&self, axis: usize, fault: DriveFault) {
-        let address = self.cia402.settings(axis).unwrap().address;
+        let address = self.cia402.config(axis).unwrap().address;
         let node = self.simulation.with_world(|world| {
             let (slave, channel) = (address.slave, usize::from(address.channel));
             world.drive_name(slave, channel, address.node).unwrap().to_owned()
@@ -180,13 +180,13 @@ impl Fixture {
     /// By the drives' own testimony: nothing jumped.
     pub fn check(&self) {
         for axis in 0..self.cia402.axis_count() {
-            let settings = self.cia402.settings(axis).unwrap();
+            let config = self.cia402.config(axis).unwrap();
             let sums = self.drive(axis, |drive| *drive.targets().sums());
-            let said = format!("axis {axis}: {sums:?}");
-            assert!(sums.largest_first_offset <= 2 * settings.standstill, "first target, {said}");
-            assert!(sums.largest_step <= settings.step_limit, "step, {said}");
-            assert!(sums.largest_offset <= settings.following_window, "window, {said}");
-            assert_eq!(sums.outside_window, 0, "the drive's window, {said}");
+            let text = format!("axis {axis}: {sums:?}");
+            assert!(sums.largest_first_offset <= 2 * config.standstill, "first target, {text}");
+            assert!(sums.largest_step <= config.step_limit, "step, {text}");
+            assert!(sums.largest_offset <= config.following_window, "window, {text}");
+            assert_eq!(sums.outside_window, 0, "the drive's window, {text}");
         }
     }
 }

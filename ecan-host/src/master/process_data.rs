@@ -100,7 +100,7 @@ impl Master {
     }
 
     /// Fetches where the domains' memory is. [`Master::activate`] does this itself; for a
-    /// foreign master it is called after the owner has activated. May block.
+    /// attached master it is called after the owner has activated. May block.
     ///
     /// # Errors
     /// `EAGAIN` if there are no process data yet, `EIO` if their size is unknown. All

@@ -34,7 +34,7 @@ pub struct Distribution {
 
 impl Distribution {
     /// The distribution of a list of times, in any order, with exact percentiles: the smallest time
-    /// that so many of them do not exceed. Allocates and sorts; not for the cycle.
+    /// that this share of them does not exceed. Allocates and sorts; not for the cycle.
     ///
     /// ```
     /// let times = ecan_host::Distribution::of(&[30, 10, 20]);

@@ -73,7 +73,7 @@ pub struct RealTimeConfig {
     pub cpus: Option<Vec<usize>>,
     /// Whether the affinity is needed.
     pub cpus_need: Need,
-    /// Keeps all memory of the process in RAM, present and future, and touches so many bytes of
+    /// Keeps all memory of the process in RAM, present and future, and touches this number of bytes of
     /// the thread's stack in advance, 0 to [`MAX_STACK_PREFAULT_BYTES`]; none locks nothing.
     ///
     /// If RLIMIT_MEMLOCK bounds what may be locked, it bounds what the process can allocate
@@ -81,8 +81,8 @@ pub struct RealTimeConfig {
     pub lock_memory: Option<usize>,
     /// Whether locked memory is needed.
     pub lock_memory_need: Need,
-    /// Keeps the processors of the machine out of sleep states that take longer than so many
-    /// microseconds to leave, for as long as the process lives; 0 is none at all. It costs power.
+    /// Keeps the processors of the machine out of sleep states that take longer than this time
+    /// to leave, in microseconds, for as long as the process lives; 0 allows none. It costs power.
     pub wake_up_latency_us: Option<u32>,
     /// Whether the latency is needed.
     pub wake_up_latency_need: Need,

@@ -112,7 +112,7 @@ pub enum PortPlanError {
     /// An offset that the Port would refuse: no Sync0, beyond its period, or without margin where
     /// [`MarginCheck::Reject`](crate::MarginCheck::Reject) is chosen.
     #[error(
-        "slave {slave}: frames cannot leave {:.1} us behind Sync0: {reason}",
+        "slave {slave}: frames cannot leave {:.1} us after Sync0: {reason}",
         us((*offset_ns).into())
     )]
     NotSchedulable {
@@ -206,7 +206,7 @@ pub enum PortWarning {
     /// A phase that is not surely reached, by the times of
     /// [`ScheduleConfig`](crate::ScheduleConfig).
     #[error(
-        "slave {slave}: the margin of frames {:.1} us behind Sync0 is short by {:.1} us: some may \
+        "slave {slave}: the margin of frames {:.1} us after Sync0 is short by {:.1} us: some may \
          be dropped, or leave a period late. Move the Sync0 shift away from the arrival of the \
          images, or enlarge the offset",
         us((*offset_ns).into()), us(*lacking_ns)
@@ -221,7 +221,7 @@ pub enum PortWarning {
     },
     /// A phase that is reached with little to spare.
     #[error(
-        "slave {slave}: frames {:.1} us behind Sync0 have little to spare, {margin}. Move the \
+        "slave {slave}: frames {:.1} us after Sync0 have little to spare, {margin}. Move the \
          Sync0 shift away from the arrival of the images, or enlarge the offset",
         us((*offset_ns).into())
     )]
@@ -235,7 +235,7 @@ pub enum PortWarning {
     },
     /// An offset below what the manual recommends (13.8).
     #[error(
-        "an offset of {:.1} us behind Sync0 leaves the gateway little time; begin with {:.0} us \
+        "an offset of {:.1} us after Sync0 leaves the gateway little time; begin with {:.0} us \
          (manual 13.8)", us((*offset_ns).into()), us(RECOMMENDED_OFFSET_NS.into())
     )]
     SmallOffset {
@@ -257,7 +257,7 @@ pub enum PortWarning {
     },
     /// Scheduled frames are still on the bus when the next period begins.
     #[error(
-        "slave {slave}, channel {channel}: the frames from {} us behind Sync0 on take {} us of \
+        "slave {slave}, channel {channel}: the frames from {} us after Sync0 on take {} us of \
          the bus and run into the next period of {} us: use a smaller offset or fewer frames",
         offset_ns / 1000, frames_ns / 1000, sync0_ns / 1000
     )]

@@ -16,11 +16,11 @@ pub enum FrameRoute {
 /// Rate of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FrameRate {
-    /// So many in every cycle.
+    /// Frames in every cycle.
     PerCycle(u32),
     /// One in every n-th cycle; 0 counts as 1.
     EveryCycles(u32),
-    /// So many a second on the average, evenly spread. Negative counts as none.
+    /// Frames per second on the average, evenly spread. Negative counts as none.
     PerSecond(f64),
 }
 
@@ -57,7 +57,7 @@ pub struct FrameStream {
     pub rate: FrameRate,
     /// Its destination.
     pub way: FrameRoute,
-    /// Sent at a phase behind Sync0, in nanoseconds, instead of at once (manual 8.4). Only for
+    /// Sent at a phase after Sync0, in nanoseconds, instead of at once (manual 8.4). Only for
     /// frames to the bus.
     pub schedule_offset_ns: Option<u32>,
 }
@@ -73,7 +73,7 @@ impl FrameStream {
         Self { way: FrameRoute::FromBus, ..Self::to_bus(slave, channel, frame, rate) }
     }
 
-    /// The same, sent `offset_ns` behind Sync0.
+    /// The same, sent `offset_ns` after Sync0.
     #[must_use]
     pub fn scheduled(mut self, offset_ns: u32) -> Self {
         self.schedule_offset_ns = Some(offset_ns);

@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use crate::schedule::config::ScheduleConfig;
 
-/// Smallest offset behind Sync0 that the manual recommends to begin with (13.8), in nanoseconds.
+/// Smallest offset after Sync0 that the manual recommends to begin with (13.8), in nanoseconds.
 pub const RECOMMENDED_OFFSET_NS: u32 = 100_000;
 /// A margin below this is [thin](ScheduleMargin::is_thin), in nanoseconds.
 pub const THIN_MARGIN_NS: u32 = 20_000;
@@ -172,7 +172,7 @@ impl ScheduleTimes {
         }
     }
 
-    /// The margin of an offset behind Sync0. Real-time safe.
+    /// The margin of an offset after Sync0. Real-time safe.
     pub(crate) fn margin(&self, offset_ns: u32) -> Result<ScheduleMargin, NotSchedulable> {
         let Sync0 { pulse_ns, period_ns, .. } = self.sync0.ok_or(NotSchedulable::NoSync0)?;
         if offset_ns >= period_ns {
@@ -199,13 +199,13 @@ impl ScheduleTimes {
         let Sync0 { shift_ns, period_ns, .. } = self.sync0?;
         let (shift_ns, period_ns) = (u64::from(shift_ns), u64::from(period_ns.max(1)));
         let arrival_ns = since_first_ns.saturating_add(self.way_ns);
-        // Strictly behind the arrival.
+        // Strictly after the arrival.
         let periods = (arrival_ns.saturating_add(1)).saturating_sub(shift_ns).div_ceil(period_ns);
         Some(shift_ns.saturating_add(periods.saturating_mul(period_ns)))
     }
 
-    /// Whether an image of this cycle, sent so long behind the point of the cycle grid, arrives
-    /// behind the pulse that its scheduled frames count from.
+    /// Whether an image of this cycle, sent this time after the point of the cycle grid, arrives
+    /// after the pulse that its scheduled frames count from.
     pub(crate) fn misses_pulse(&self, since_first_ns: u64, sent_ns: u64) -> bool {
         let arrival_ns = since_first_ns.saturating_add(sent_ns).saturating_add(self.way_ns);
         self.pulse_of(since_first_ns).is_some_and(|pulse_ns| arrival_ns >= pulse_ns)
@@ -261,7 +261,7 @@ mod tests {
         assert!(margin.is_sufficient() && !margin.is_thin());
     }
 
-    /// Frames leave behind the pulse that follows their arrival, also where that is the shift 0 or
+    /// Frames leave after the pulse that follows their arrival, also where that is the shift 0 or
     /// one of a later cycle.
     #[test]
     fn pulse_is_the_first_behind_the_arrival() {
@@ -275,7 +275,7 @@ mod tests {
         assert_eq!(pulse(1_300_000), 300_000);
     }
 
-    /// The image is there 30 us behind the point of the grid at the earliest, but 100 us are reckoned
+    /// The image is there 30 us after the point of the grid at the earliest, but 100 us are assumed
     /// with: a pulse between is met by none that keeps to the times, so offsets count from the next.
     #[test]
     fn pulse_during_the_transfer_means_the_next_one() {
@@ -343,7 +343,7 @@ mod tests {
     }
 
     proptest! {
-        /// Every configuration has its margins or a reason: the pulse is the first behind the
+        /// Every configuration has its margins or a reason: the pulse is the first after the
         /// earliest arrival, on the grid of Sync0, and the distances are those between the times.
         #[test]
         fn times_of_a_margin_belong_together(

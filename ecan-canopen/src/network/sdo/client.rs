@@ -11,7 +11,7 @@ use crate::network::config::SdoConfig;
 use crate::network::heartbeat::nanoseconds;
 use crate::network::sdo_error::{SdoFault, SdoStartError};
 
-/// Bytes behind the longest value that the last segment of a block may fill up.
+/// Bytes after the longest value that the last segment of a block may fill up.
 const PADDING: usize = 7;
 
 /// State of a node's SDO client.
@@ -63,7 +63,7 @@ impl fmt::Display for Sdo {
 pub struct SdoClient {
     pub(super) buffer: Box<[u8]>,
     pub(super) transfer: Option<Transfer>,
-    settings: SdoConfig,
+    config: SdoConfig,
     outcome: Sdo,
     /// Object of the outcome.
     subject: (SdoDirection, u16, u8),
@@ -78,12 +78,12 @@ pub struct SdoClient {
 
 impl SdoClient {
     /// A client for one server.
-    pub fn new(settings: SdoConfig) -> Self {
-        let length = settings.buffer_bytes.saturating_add(PADDING);
+    pub fn new(config: SdoConfig) -> Self {
+        let length = config.buffer_bytes.saturating_add(PADDING);
         Self {
             buffer: vec![0; length].into_boxed_slice(),
             transfer: None,
-            settings,
+            config,
             outcome: Sdo::Idle,
             subject: (SdoDirection::Upload, 0, 0),
             abort: None,
@@ -137,7 +137,7 @@ impl SdoClient {
     /// # Errors
     /// [`SdoStartError::Busy`].
     pub fn start_upload(&mut self, index: u16, subindex: u8) -> Result<(), SdoStartError> {
-        let block = self.settings.block.upload && !self.refuses_block.0;
+        let block = self.config.block.upload && !self.refuses_block.0;
         self.start(Transfer::new(SdoDirection::Upload, (index, subindex), None, block))
     }
 
@@ -170,7 +170,7 @@ impl SdoClient {
         for (to, from) in self.buffer.iter_mut().zip(data) {
             *to = *from;
         }
-        let from = self.settings.block.download_from;
+        let from = self.config.block.download_from;
         let block =
             length > 4 && !self.refuses_block.1 && from.is_some_and(|least| length >= least);
         let subject = (index, subindex);
@@ -213,7 +213,7 @@ impl SdoClient {
         }
         self.silences += 1;
         if let Phase::BlockUploadSegments { last, seen: true } = transfer.phase
-            && transfer.stalls < self.settings.retries
+            && transfer.stalls < self.config.retries
             && (transfer.crc || transfer.size.is_some())
         {
             // The end of a block got lost: the server sends again what is not acknowledged. If it
@@ -230,7 +230,7 @@ impl SdoClient {
         let Some(transfer) = &mut self.transfer else { return };
         let opening_block = transfer.is_opening_block();
         let attempts = transfer.attempts;
-        let has_attempts = attempts <= self.settings.retries && attempts < u8::MAX;
+        let has_attempts = attempts <= self.config.retries && attempts < u8::MAX;
         let (code, fault, again) = match failure {
             TransferFailure::Abort(code) if opening_block && is_block_refusal(code) => {
                 let for_good = matches!(code, AbortCode::COMMAND | AbortCode::UNSUPPORTED_ACCESS);
@@ -291,15 +291,15 @@ impl SdoClient {
     }
 
     pub(super) fn block_size(&self) -> u8 {
-        self.settings.block.segments.clamp(1, MAX_BLOCK_SIZE)
+        self.config.block.segments.clamp(1, MAX_BLOCK_SIZE)
     }
 
     pub(super) fn retries(&self) -> u8 {
-        self.settings.retries
+        self.config.retries
     }
 
     pub(super) fn deadline(&self, now_ns: u64) -> u64 {
-        now_ns.saturating_add(nanoseconds(self.settings.timeout))
+        now_ns.saturating_add(nanoseconds(self.config.timeout))
     }
 }
 

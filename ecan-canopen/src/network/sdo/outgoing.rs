@@ -6,7 +6,7 @@ use ecan_protocol::object::AbortCode;
 use super::client::SdoClient;
 use super::transfer::{Phase, SEGMENT, Transfer};
 
-/// Below so many bytes a server may answer a block upload with a segmented transfer: two segments.
+/// Below this number of bytes a server may answer a block upload with a segmented transfer: two segments.
 const SWITCH_THRESHOLD: u8 = 14;
 
 impl SdoClient {

@@ -118,7 +118,7 @@ impl Transfer {
         self.deadline_ns = None;
     }
 
-    /// Of the block of an upload under way, so many segments are here in order.
+    /// `received` segments of the block of the present upload are here in order.
     pub(super) fn block_arrived(&mut self, received: u8, is_last: bool) {
         self.position += usize::from(received) * SEGMENT;
         self.go(Phase::BlockUploadAck { received, is_last });
