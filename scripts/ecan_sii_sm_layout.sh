@@ -260,7 +260,7 @@ warn_of_checksum() {
     fi
 }
 
-refuse_in_operation() {
+reject_in_operation() {
     local state
     state=$(tool slaves --position "$position")
     if [[ $state =~ (^|[[:space:]])OP([[:space:]]|$) ]]; then
@@ -327,7 +327,7 @@ do_fix() {
         return
     fi
     recognize
-    refuse_in_operation
+    reject_in_operation
     warn_of_checksum
     store "$work/fixed"
     keep_backup "$work/found"
@@ -379,7 +379,7 @@ do_restore() {
     fi
     judge_backup
     recognize
-    refuse_in_operation
+    reject_in_operation
     keep_backup "$work/found"
     checksum
     # The tool rejects images with a wrong checksum.

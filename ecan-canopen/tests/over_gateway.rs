@@ -136,8 +136,8 @@ fn scheduled_sync_meets_its_phase_or_is_rejected() {
     let (mut port, _) = open(ecan_sim::echo(1), adapter, 1);
     let (network, back) = with_sync(&mut port);
     assert_eq!(back.len(), 0);
-    let refusal = network.statistics().last_rejection;
-    assert!(matches!(refusal, Some(SendError::NotSchedulable { slave: 0, .. })), "{refusal:?}");
+    let rejection = network.statistics().last_rejection;
+    assert!(matches!(rejection, Some(SendError::NotSchedulable { slave: 0, .. })), "{rejection:?}");
 }
 
 #[test]

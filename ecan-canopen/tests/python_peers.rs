@@ -133,13 +133,13 @@ fn our_client_probes_a_node_of_the_canopen_package() {
         assert_eq!(client.read(0x2002, 0).unwrap(), value);
     }
 
-    // The package has no block transfer: a download it refuses, an upload it answers in segments.
+    // The package has no block transfer: a download it rejects, an upload it answers in segments.
     let long: Vec<u8> = (0..1000_u32).map(|byte| (byte * 7) as u8).collect();
     client.write(0x2002, 0, &long).unwrap();
     assert_eq!(client.read(0x2002, 0).unwrap(), long);
     assert_eq!(client.read_block(0x2002, 0).unwrap(), long);
 
-    // Refused
+    // Rejected
     assert_eq!(client.read(0x2FFF, 0), aborted(0x0602_0000));
     assert_eq!(client.read(0x1018, 9), aborted(0x0609_0011));
     assert_eq!(client.read(0x2003, 0), aborted(0x0601_0001));

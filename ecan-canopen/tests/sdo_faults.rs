@@ -1,4 +1,4 @@
-//! SDO transfers on a wire that loses, delays and damages frames, with servers that refuse.
+//! SDO transfers on a wire that loses, delays and damages frames, with servers that reject.
 #![allow(missing_docs)]
 
 mod link;
@@ -13,7 +13,7 @@ use reference::{Block, Server, abort};
 #[test]
 fn abort_by_the_server_is_final_and_explained() {
     let mut server = Server::new(Block::Checked).with(0x6060, 0, &[1]);
-    server.refused.insert((0x6060, 0), 0x0609_0030);
+    server.rejected.insert((0x6060, 0), 0x0609_0030);
     let mut link = Link::new(server, settings());
     let fault = SdoFault::Aborted(AbortCode(0x0609_0030));
     assert_eq!(link.download(0x6060, 0, &[200]), Sdo::Failed(fault));
@@ -343,8 +343,8 @@ fn server_kind() -> impl Strategy<Value = Block> {
         Just(Block::Checked),
         Just(Block::Unchecked),
         Just(Block::Segmented),
-        Just(Block::Refused(0x0504_0001)),
-        Just(Block::Refused(0x0800_0000)),
+        Just(Block::Rejected(0x0504_0001)),
+        Just(Block::Rejected(0x0800_0000)),
     ]
 }
 

@@ -147,7 +147,7 @@ fn every_length_goes_both_ways_in_every_manner() {
 #[test]
 fn server_without_block_transfer_gets_one_block_request() {
     let data = value(100);
-    let server = Server::new(Block::Refused(0x0504_0001)).with(0x2000, 0, &data);
+    let server = Server::new(Block::Rejected(0x0504_0001)).with(0x2000, 0, &data);
     let mut link = Link::new(server, block_settings());
     assert_eq!(link.upload(0x2000, 0), Sdo::Done { len: 100 });
     assert_eq!(link.server.commands[..2], [0xA4, 0x40]);
@@ -170,7 +170,7 @@ fn ignored_block_request_falls_back_to_segments() {
     assert_eq!(link.client.data(), data);
     assert_eq!(link.download(0x2001, 0, &data), Sdo::Done { len: 50 });
     assert_eq!(link.server.value(0x2001, 0), data);
-    assert_eq!(link.server.aborts, [0x0504_0000; 2], "each refused attempt was aborted");
+    assert_eq!(link.server.aborts, [0x0504_0000; 2], "each rejected attempt was aborted");
 }
 
 #[test]

@@ -151,8 +151,8 @@ fn mode_changes_at_rest_and_the_axis_continues() {
     finish(&mut fixture).unwrap();
     fixture.steps(50);
     assert!(fixture.cia402.is_running(0));
-    let refused = fixture.cia402.change_mode(0, OperatingMode::CyclicVelocity);
-    assert!(matches!(refused, Err(CommandError::ModeNotMapped { axis: 0, .. })), "{refused:?}");
+    let rejected = fixture.cia402.change_mode(0, OperatingMode::CyclicVelocity);
+    assert!(matches!(rejected, Err(CommandError::ModeNotMapped { axis: 0, .. })), "{rejected:?}");
     // A set-point of PP is far by its nature; those of CSP before and behind it are not.
     let firsts: Vec<_> =
         fixture.history(0).iter().filter(|r| r.first).map(|r| r.offset()).collect();
@@ -288,9 +288,9 @@ fn targets_and_sync_go_out_at_their_phases() {
 #[test]
 fn impossible_schedule_is_rejected() {
     let mut fixture = Fixture::single(moving(1));
-    let refused = fixture.cia402.set_scheduled_tx(&fixture.port, Some(1), None);
+    let rejected = fixture.cia402.set_scheduled_tx(&fixture.port, Some(1), None);
     let reason = NotSchedulable::NoSync0;
-    assert_eq!(refused, Err(ScheduleError::NotSchedulable { slave: 0, offset_ns: 1, reason }));
+    assert_eq!(rejected, Err(ScheduleError::NotSchedulable { slave: 0, offset_ns: 1, reason }));
     let mut fixture = Fixture::open(ecan_sim::drives(1, 4), with_dc(2_000), moving(1));
     let late = fixture.cia402.set_scheduled_tx(&fixture.port, Some(2_000_000), None);
     assert!(matches!(late, Err(ScheduleError::NotSchedulable { .. })), "{late:?}");

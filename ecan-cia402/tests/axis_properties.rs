@@ -89,7 +89,7 @@ fn strike(fixture: &mut Fixture, event: &Event) {
         _ => {}
     }
     let cia402 = &mut fixture.cia402;
-    // A command that is refused is one more thing that can happen.
+    // A command that is rejected is one more thing that can happen.
     let _ = match *event {
         Event::Enable(n) => cia402.enable(n),
         Event::Disable(n) => cia402.disable(n),
@@ -103,7 +103,7 @@ fn strike(fixture: &mut Fixture, event: &Event) {
     };
 }
 
-/// A patient operator: every axis that holds is activated again. A command that is refused
+/// A patient operator: every axis that holds is activated again. A command that is rejected
 /// is given again later.
 fn operate(fixture: &mut Fixture) {
     for n in 0..AXES {

@@ -88,17 +88,17 @@ fn drives_without_optional_objects_start() {
 #[test]
 fn invalid_table_is_rejected_with_every_fault() {
     let port = Fixture::single(axes(1)).port;
-    let refused = |table: Vec<AxisConfig>| {
+    let rejected = |table: Vec<AxisConfig>| {
         Cia402::new(&port, table, Cia402Config::default()).unwrap_err().to_string()
     };
     let mut bad = axes(3);
     bad[0].step_limit = 0;
     bad[2].following_window = 1;
-    let text = refused(bad);
+    let text = rejected(bad);
     assert!(text.contains("axis 0") && text.contains("axis 2"), "{text}");
-    assert!(refused(vec![axis(1, 0, 1)]).contains("slave 1"));
-    assert!(refused(vec![axis(0, 0, 1), axis(0, 0, 1)]).contains("node 1"));
-    assert!(refused(vec![axis(0, 0, 127)]).contains("heartbeat"));
+    assert!(rejected(vec![axis(1, 0, 1)]).contains("slave 1"));
+    assert!(rejected(vec![axis(0, 0, 1), axis(0, 0, 1)]).contains("node 1"));
+    assert!(rejected(vec![axis(0, 0, 127)]).contains("heartbeat"));
     let mut queue = ChannelConfig::classic(1_000_000);
     queue.can.ram.tx_mode = TxMode::Queue;
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };

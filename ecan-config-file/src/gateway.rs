@@ -124,10 +124,10 @@ fn read_schedule(mut table: Table<'_, '_>) -> ScheduleConfig {
     store(&mut schedule.latest_send_ns, table.microseconds("latest_send_us"));
     store(&mut schedule.transport_ns, table.microseconds("transport_us"));
     store(&mut schedule.processing_ns, table.microseconds("processing_us"));
-    let checks = [("count", MarginCheck::Count), ("refuse", MarginCheck::Reject)];
+    let checks = [("count", MarginCheck::Count), ("reject", MarginCheck::Reject)];
     store(&mut schedule.margin_check, table.word("margin_check", &checks));
     store(&mut schedule.watch_ms, table.unsigned("watch_ms", (0, 3_600_000)));
-    store(&mut schedule.give_up_missed, table.flag("give_up_missed"));
+    store(&mut schedule.discard_missed, table.flag("discard_missed"));
     schedule
 }
 

@@ -112,7 +112,7 @@ fn values_reach_their_fields() {
         paced = false
         hold_limit = 3
         input_limit = 0
-        schedule = { latest_send_us = 20, margin_check = "refuse" }
+        schedule = { latest_send_us = 20, margin_check = "reject" }
         [gateway.can3]
         bitrate = 250_000
         sample_point = [80, 87.5]

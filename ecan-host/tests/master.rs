@@ -338,14 +338,14 @@ fn master_is_released_once_and_an_attached_one_never() {
         let mut foreign = unsafe { Master::from_raw(ecrt.clone(), raw) }.unwrap();
         assert!(foreign.is_attached() && foreign.is_reserved());
         let domain = foreign.create_domain().unwrap();
-        for refused in [
+        for rejected in [
             foreign.activate(),
             foreign.deactivate(),
             foreign.send(),
             foreign.receive(),
             foreign.set_send_interval(1000),
         ] {
-            assert_eq!(refused, Err(Errno::EPERM));
+            assert_eq!(rejected, Err(Errno::EPERM));
         }
         // Too early: what the library answers then is no address.
         assert_eq!(foreign.refresh_domain_data(), Err(Errno::EAGAIN));
@@ -359,7 +359,7 @@ fn master_is_released_once_and_an_attached_one_never() {
         release(raw);
         assert_eq!(count(&watcher, Count::Released), 3);
 
-        // SAFETY: null is refused, nothing is used.
+        // SAFETY: null is rejected, nothing is used.
         let null = unsafe { Master::from_raw(ecrt, std::ptr::null_mut()) };
         assert_eq!(null.map(drop).unwrap_err(), Errno::EINVAL);
         assert!(watcher.create_domain().is_ok());

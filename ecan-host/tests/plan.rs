@@ -47,7 +47,7 @@ fn one_slave_of_three_chunks_at_a_millisecond() {
     assert_eq!((mailbox.available_bytes, mailbox.headroom_bytes()), (11_250, 10_430));
     assert_eq!(mailbox.transfers(), 33);
     assert_eq!(plan.slaves[0].outputs_arrive_ns, 64_640);
-    assert_eq!((plan.refusals, plan.warnings), (vec![], vec![]));
+    assert_eq!((plan.rejections, plan.warnings), (vec![], vec![]));
 }
 
 /// An LRW of 1280 bytes each, 1292 in a frame of its own: 1332 bytes, three of them 3996 bytes and
@@ -61,7 +61,7 @@ fn three_slaves_of_five_chunks_have_a_frame_each() {
     assert_eq!(plan.expected_working_counter((1, 5)), 9);
     assert_eq!(plan.slaves[1].outputs_arrive_ns, 212_160);
     assert_eq!(plan.mailbox.headroom_bytes(), 11_250 - 3_996);
-    assert_eq!((plan.refusals, plan.warnings), (vec![], vec![]));
+    assert_eq!((plan.rejections, plan.warnings), (vec![], vec![]));
 }
 
 /// LWR and LRD of 768 bytes, 780 each: two of them are 1560 and do not fit the 1498 bytes that a
@@ -89,7 +89,7 @@ fn three_slaves_of_eleven_chunks_fill_two_thirds_of_a_millisecond() {
     assert_eq!(plan.expected_working_counter((1, 6)), 6);
     assert_eq!(plan.expected_working_counter((1, 5)), 9);
     assert_eq!((plan.mailbox.headroom_bytes(), plan.mailbox.transfers()), (2_490, 8));
-    assert_eq!((plan.refusals, plan.warnings), (vec![], vec![]));
+    assert_eq!((plan.rejections, plan.warnings), (vec![], vec![]));
 }
 
 /// LRWs of 256 bytes, 268 each: five fit a frame (1340 + 2 of 1500), the sixth does not. The two
@@ -127,20 +127,20 @@ fn directions_of_different_size() {
 
 #[test]
 fn plan_errors_have_figures_and_remedy() {
-    let refused = |config: AdapterConfig| {
-        let refusals = Plan::of(&config).refusals;
-        let all: Vec<_> = refusals.iter().map(ToString::to_string).collect();
+    let rejected = |config: AdapterConfig| {
+        let rejections = Plan::of(&config).rejections;
+        let all: Vec<_> = rejections.iter().map(ToString::to_string).collect();
         assert!(config.check().is_err(), "{all:?}");
         all
     };
     // 12 * 128 = 1536 bytes each way.
-    let [rx, tx] = &refused(config(1, 12, 1_000))[..] else { panic!() };
+    let [rx, tx] = &rejected(config(1, 12, 1_000))[..] else { panic!() };
     assert!(rx.starts_with("slave 0: RxPDO size N = 12 needs 1536 bytes"), "{rx}");
     assert!(tx.contains("TxPDO") && tx.contains("N is at most 11"), "{tx}");
-    let [time] = &refused(config(3, 11, 500))[..] else { panic!() };
+    let [time] = &rejected(config(3, 11, 500))[..] else { panic!() };
     assert!(time.contains("700.8 us on the wire") && time.contains("500.0 us"), "{time}");
     assert!(time.contains("smaller N or a longer cycle"), "{time}");
-    let [mailbox] = &refused(config(3, 11, 800))[..] else { panic!() };
+    let [mailbox] = &rejected(config(3, 11, 800))[..] else { panic!() };
     assert!(mailbox.contains("9068 bytes") && mailbox.contains("9000 bytes"), "{mailbox}");
 }
 
@@ -149,7 +149,7 @@ fn allowed_large_pdos_are_planned() {
     let mut config = config(1, 12, 1_000);
     config.allow_large_pdos = true;
     let plan = Plan::of(&config);
-    assert_eq!(plan.refusals, []);
+    assert_eq!(plan.rejections, []);
     // 1486 + 12 + 40, then 50 + 12 and 1486 + 12 do not share a frame, nor do they and the rest.
     assert_eq!(frame_bytes(&plan), [1_538, 102, 1_538, 102]);
 }
@@ -160,7 +160,7 @@ fn allowed_large_pdos_are_planned() {
 fn small_margin_is_a_warning() {
     let of = |cycle_us| {
         let plan = plan(3, 11, cycle_us);
-        assert_eq!((plan.refusals.len(), config(3, 11, cycle_us).check()), (0, Ok(())));
+        assert_eq!((plan.rejections.len(), config(3, 11, cycle_us).check()), (0, Ok(())));
         plan.warnings
     };
     assert_eq!(
@@ -180,10 +180,10 @@ fn watchdog_shorter_than_two_cycles_is_a_warning() {
         Plan::of(&config(1, 3, 1_000).with_watchdog(Duration::from_micros(watchdog_us)))
     };
     let tight = PlanWarning::WatchdogTight { watchdog_us: 2_000, cycle_ns: 1_000_000 };
-    assert_eq!((of(2_000).warnings, of(2_000).refusals), (vec![tight], vec![]));
+    assert_eq!((of(2_000).warnings, of(2_000).rejections), (vec![tight], vec![]));
     assert_eq!(of(2_100).warnings, []);
-    let refused = PlanError::Watchdog { watchdog_us: 1_000, cycle_ns: 1_000_000 };
-    assert_eq!((of(1_000).warnings, of(1_000).refusals), (vec![], vec![refused]));
+    let rejected = PlanError::Watchdog { watchdog_us: 1_000, cycle_ns: 1_000_000 };
+    assert_eq!((of(1_000).warnings, of(1_000).rejections), (vec![], vec![rejected]));
 }
 
 /// The image of one slave of N = 3 is there 64.64 us after the send. Two clock datagrams make the
@@ -232,8 +232,8 @@ proptest! {
         prop_assert!(slaves.is_sorted());
         let arrivals = plan.slaves.iter().map(|slave| slave.outputs_arrive_ns);
         prop_assert!(arrivals.clone().all(|ns| ns < plan.wire_ns().max(1)));
-        // What the plan refuses the check refuses, unless a plainer fault is the cause.
-        prop_assert!(plan.refusals.is_empty() || config.check().is_err());
+        // What the plan rejects the check rejects, unless a plainer fault is the cause.
+        prop_assert!(plan.rejections.is_empty() || config.check().is_err());
     }
 }
 

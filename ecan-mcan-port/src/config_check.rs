@@ -67,7 +67,7 @@ pub enum PortConfigFault {
         /// The fault.
         fault: ChannelFault,
     },
-    /// A data path that the gateway refuses.
+    /// A data path that the gateway rejects.
     #[error("slave {slave}, channel {channel}: {fault}")]
     DataPath {
         /// Slave index.
@@ -166,7 +166,7 @@ fn check_channels(
             .data_path
             .check(&mut |fault| faults.push(PortConfigFault::DataPath { slave, channel, fault }));
         let Traffic { received, sent } = settings.traffic;
-        let unserved = budget::refusal((slave, channel), received.into(), sent.into());
+        let unserved = budget::rejection((slave, channel), received.into(), sent.into());
         faults.extend(unserved.map(PortConfigFault::Plan));
         check_filters(
             &settings.can,

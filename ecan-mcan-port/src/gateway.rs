@@ -77,7 +77,7 @@ impl Gateway {
         Ok(Self {
             session: SessionMachine::new(adapter, slave, config)?,
             watch: ScheduleWatch::new(adapter, slave, channel_mask, &schedule, dc)?,
-            transmitter: Transmitter::new(writer, &rx, depth, has_results, schedule.give_up_missed),
+            transmitter: Transmitter::new(writer, &rx, depth, has_results, schedule.discard_missed),
             receiver: Receiver::new(reader),
             statistics: SlaveStatistics::default(),
             can_schedule: capabilities.has_scheduled_tx(),

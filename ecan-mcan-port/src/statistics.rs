@@ -15,11 +15,11 @@ pub struct ChannelStatistics {
     /// Frames taken out of TxPDO images.
     pub frames_received: u64,
     /// Frames rejected because the image was full.
-    pub refused_image_full: u64,
+    pub rejected_image_full: u64,
     /// Frames rejected because the gateway's transmit queue might not hold them.
-    pub refused_queue_full: u64,
+    pub rejected_queue_full: u64,
     /// Frames rejected because the channel is bus-off.
-    pub refused_bus_off: u64,
+    pub rejected_bus_off: u64,
     /// Transmit results that reported success: code 0 or 1 (manual 10).
     pub results_ok: u64,
     /// Transmit results that reported a failure.

@@ -59,7 +59,7 @@ fn lateness_is_not_judged_by_a_grid_that_sync0_does_not_follow() {
         cycle(&mut port, &mut |_| ());
     }
     let account = port.schedule_account(port.ch(0, 0));
-    assert_eq!((account.scheduled, account.withdrawn, account.refused_late), (50, 0, 0));
+    assert_eq!((account.scheduled, account.withdrawn, account.rejected_late), (50, 0, 0));
     let counters = simulation.with_world(|world| world.counters(0).unwrap());
     assert_eq!(counters.frames_released, 50);
 }

@@ -71,8 +71,8 @@ fn twelve_chunks_and_more_need_a_master_that_carries_them() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     for n in [12, 16, 24] {
         let mut adapter = AdapterConfig::new(1).with_multiplier(n);
-        let refused = Fixture::open(ecan_sim::echo(1), adapter, config);
-        let Err(PortError::Config(faults)) = refused.map(|_| ()) else { panic!("N = {n} taken") };
+        let rejected = Fixture::open(ecan_sim::echo(1), adapter, config);
+        let Err(PortError::Config(faults)) = rejected.map(|_| ()) else { panic!("N = {n} taken") };
         assert!(
             matches!(
                 faults.0[0],
@@ -215,18 +215,18 @@ fn full_image_rejects_the_frame_and_counts_it() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
     // 104 bytes of frame area hold 8 packets of 12 bytes (manual 5.2, 8.3).
-    let mut refused = None;
+    let mut rejected = None;
     fixture.cycle(|cycle| {
         for n in 0..8 {
             cycle.send_can(0, 0, id(n), &[0; 8]).unwrap();
         }
         assert_eq!(cycle.image_room(cycle.gw(0)), 8);
-        refused = cycle.send_can(0, 0, id(8), &[0; 8]).err();
+        rejected = cycle.send_can(0, 0, id(8), &[0; 8]).err();
         cycle.send_can(0, 0, id(9), &[0; 4]).unwrap();
     });
     let what = Backpressure::Image;
-    assert_eq!(refused, Some(SendError::Backpressure { slave: 0, channel: 0, what }));
-    assert_eq!(fixture.port.statistics(fixture.port.gw(0)).channels[0].refused_image_full, 1);
+    assert_eq!(rejected, Some(SendError::Backpressure { slave: 0, channel: 0, what }));
+    assert_eq!(fixture.port.statistics(fixture.port.gw(0)).channels[0].rejected_image_full, 1);
     let back = frames_of(&fixture.idle(10));
     assert_eq!(back.len(), 9);
     assert_eq!(back[8].frame, frame(9, &[0; 4]));
@@ -242,7 +242,7 @@ fn burst_is_paced_by_the_gateways_queue_and_nothing_is_dropped() {
     let back: Vec<_> = fixture.carry(0, &frames, 5000).iter().map(|f| f.frame).collect();
     assert_eq!(back, frames);
     let statistics = fixture.port.statistics(fixture.port.gw(0));
-    assert!(statistics.channels[0].refused_queue_full > 0, "the burst was never held back");
+    assert!(statistics.channels[0].rejected_queue_full > 0, "the burst was never held back");
     assert_eq!(statistics.txpdo_incomplete, 0);
 }
 

@@ -144,8 +144,8 @@ fn f07_a_long_outage_ends_the_session_and_the_gateway_is_verified_anew() {
     let lost = fixture.until(30, |port| port.session(port.gw(0)) == Session::Waiting);
     assert_eq!(lost, Some(11), "hold limit 10");
     fixture.cycle(|cycle| {
-        let refused = cycle.send_can(0, 0, id(2), &[]);
-        assert_eq!(refused, Err(SendError::NotReady { slave: 0 }));
+        let rejected = cycle.send_can(0, 0, id(2), &[]);
+        assert_eq!(rejected, Err(SendError::NotReady { slave: 0 }));
     });
     assert!(fixture.until(1000, Port::is_ready).is_some());
     let statistics = fixture.port.statistics(fixture.port.gw(0));
@@ -214,7 +214,7 @@ fn f10_an_open_cable_is_survived_like_a_power_cycle() {
 }
 
 #[test]
-fn f11_a_refused_startup_sdo_is_named_with_its_abort_code() {
+fn f11_a_rejected_startup_sdo_is_named_with_its_abort_code() {
     let mut scenario = ecan_sim::echo(1);
     let abort = GatewayFault::SdoAbort { index: 0x8001, subindex: 19, code: 0x0609_0030, times: 1 };
     scenario.faults.push(ecan_sim::ScriptedFault {
@@ -222,7 +222,7 @@ fn f11_a_refused_startup_sdo_is_named_with_its_abort_code() {
         fault: Fault::Gateway { gateway: 0, fault: abort },
     });
     let config = PortConfig::uniform(1, on_channel_0());
-    let error = Fixture::open(scenario, AdapterConfig::new(1), config).err().expect("refused");
+    let error = Fixture::open(scenario, AdapterConfig::new(1), config).err().expect("rejected");
     let text = error.to_string();
     for part in ["SDO download", "0x8001:19", "slave 0", "0x06090030"] {
         assert!(text.contains(part), "{text}");
@@ -230,7 +230,7 @@ fn f11_a_refused_startup_sdo_is_named_with_its_abort_code() {
 }
 
 #[test]
-fn f12_a_startup_sdo_refused_after_a_power_cycle_is_named_in_the_report() {
+fn f12_a_startup_sdo_rejected_after_a_power_cycle_is_named_in_the_report() {
     let mut fixture = bench_with(3, on_channel_0());
     fixture.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
     assert!(fixture.until(100, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
@@ -259,7 +259,7 @@ fn f13_a_torn_image_is_skipped_and_counted() {
 }
 
 #[test]
-fn f14_a_damaged_image_is_refused_and_diagnosed() {
+fn f14_a_damaged_image_is_rejected_and_diagnosed() {
     let mut fixture = bench_with(3, on_channel_0());
     let damaged = GatewayFault::CrcErrorTxPdo { images: 1 };
     let back = numbers_around(&mut fixture, Fault::Gateway { gateway: 0, fault: damaged });
@@ -278,8 +278,8 @@ fn f15_bus_off_shows_in_the_status_and_recovers_by_itself() {
     assert!(seen.is_some(), "bus-off is reported");
     fixture.cycle(|cycle| {
         let what = Backpressure::BusOff;
-        let refused = cycle.send_can(0, 0, id(7), &[]);
-        assert_eq!(refused, Err(SendError::Backpressure { slave: 0, channel: 0, what }));
+        let rejected = cycle.send_can(0, 0, id(7), &[]);
+        assert_eq!(rejected, Err(SendError::Backpressure { slave: 0, channel: 0, what }));
     });
     let losses = fixture.simulation.with_world(|world| world.counters(0).unwrap().transmit_losses);
     assert_eq!(losses.bus_off, 0, "nothing was thrown away");
@@ -294,15 +294,15 @@ fn f16_without_a_partner_on_the_bus_the_queue_fills_and_the_host_is_held_back() 
     scenario.nodes.clear();
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let mut fixture = Fixture::ready(scenario, adapter, PortConfig::uniform(1, on_channel_0()));
-    let (mut taken, mut refused) = (0, None);
+    let (mut taken, mut rejected) = (0, None);
     for _ in 0..300 {
         fixture.cycle(|cycle| match cycle.send_can(0, 0, id(1), &[]) {
             Ok(_) => taken += 1,
-            Err(error) => refused = Some(error),
+            Err(error) => rejected = Some(error),
         });
     }
     let what = Backpressure::Queue;
-    assert_eq!(refused, Some(SendError::Backpressure { slave: 0, channel: 0, what }));
+    assert_eq!(rejected, Some(SendError::Backpressure { slave: 0, channel: 0, what }));
     let status = fixture.port.channel_status(fixture.port.ch(0, 0));
     assert!(status.warn() && status.tx_pressure(), "{status:?}");
     let losses = fixture.simulation.with_world(|world| world.counters(0).unwrap().transmit_losses);
@@ -366,7 +366,7 @@ fn f19_a_silent_mailbox_delays_verification_and_is_named() {
 }
 
 #[test]
-fn f20_a_standing_firmware_refuses_images_and_catches_up() {
+fn f20_a_standing_firmware_rejects_images_and_catches_up() {
     let mut fixture = bench_with(3, on_channel_0());
     let stall = Fault::Gateway { gateway: 0, fault: GatewayFault::ServiceStall { ms: 5 } };
     assert_eq!(numbers_around(&mut fixture, stall), all_numbers());
@@ -389,7 +389,7 @@ fn f22_a_master_held_by_another_program_is_said_to_be() {
     let mut scenario = ecan_sim::echo(1);
     scenario.reserved = true;
     let config = PortConfig::uniform(1, on_channel_0());
-    let error = Fixture::open(scenario, AdapterConfig::new(1), config).err().expect("refused");
+    let error = Fixture::open(scenario, AdapterConfig::new(1), config).err().expect("rejected");
     assert!(error.to_string().contains("another"), "{error}");
 }
 
@@ -398,7 +398,7 @@ fn f23_a_missing_gateway_is_named_with_its_place() {
     let mut adapter = AdapterConfig::new(2);
     adapter.preop_timeout = Duration::from_millis(500);
     let config = PortConfig::uniform(2, on_channel_0());
-    let error = Fixture::open(ecan_sim::echo(1), adapter, config).err().expect("refused");
+    let error = Fixture::open(ecan_sim::echo(1), adapter, config).err().expect("rejected");
     let text = error.to_string();
     assert!(text.contains("position 1") && text.contains("1 slave(s) found"), "{text}");
 }
@@ -452,8 +452,8 @@ fn f25_another_gateway_in_the_place_of_a_lost_one_is_not_taken_for_it() {
         panic!("{session}")
     };
     fixture.cycle(|cycle| {
-        let refused = cycle.send_can(0, 0, id(0x77), &[]);
-        assert_eq!(refused, Err(SendError::NotReady { slave: 0 }));
+        let rejected = cycle.send_can(0, 0, id(0x77), &[]);
+        assert_eq!(rejected, Err(SendError::NotReady { slave: 0 }));
     });
 }
 

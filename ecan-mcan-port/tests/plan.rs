@@ -54,7 +54,7 @@ fn classic_frames_on_one_channel() {
     assert_eq!(gateway.rx.frames_per_image(eight().as_ref(), false), 30);
     assert_eq!(gateway.rx.peak, fill(4, 48));
     assert_eq!(gateway.tx.peak, fill(3, 36));
-    assert_eq!(plan.refusals, []);
+    assert_eq!(plan.rejections, []);
     let high = PortWarning::BusLoad { slave: 0, channel: 0, least_percent: 78, most_percent: 95 };
     assert_eq!(plan.warnings, [high]);
     // Two images, seven packets, 84 bytes: 2 * 50 + 7 * 9 + 84 * 0.08 = 169.72 ns.
@@ -85,7 +85,7 @@ fn packets_have_the_sizes_of_the_manual() {
     assert_eq!(images.tx.packet_bytes(fd_frame(1).as_ref(), false), 72);
     assert_eq!(images.rx.packet_bytes(fd_frame(1).as_ref(), false), 5);
     assert_eq!(images.rx.frames_per_image(fd_frame(64).as_ref(), false), 14, "1000 / 68");
-    assert_eq!((plan.refusals, plan.warnings), (vec![], vec![]));
+    assert_eq!((plan.rejections, plan.warnings), (vec![], vec![]));
 }
 
 /// An image of N = 24 holds 255 packets of 4 bytes though 762 would fit.
@@ -99,15 +99,15 @@ fn image_holds_255_packets_at_most() {
     let plan = PortPlan::of(&adapter, &config, &traffic(255));
     assert_eq!(plan.gateways[0].rx.frames_per_image(empty.as_ref(), false), 255);
     let is_image =
-        |refusal: &&PortPlanError| matches!(refusal, PortPlanError::ImageTooSmall { .. });
-    assert_eq!(plan.refusals.iter().find(is_image), None);
+        |rejection: &&PortPlanError| matches!(rejection, PortPlanError::ImageTooSmall { .. });
+    assert_eq!(plan.rejections.iter().find(is_image), None);
     let plan = PortPlan::of(&adapter, &config, &traffic(256));
-    let text = plan.refusals.iter().find(is_image).unwrap().to_string();
+    let text = plan.rejections.iter().find(is_image).unwrap().to_string();
     assert!(text.contains("256 packets of together 1024 bytes") && text.contains("3048"), "{text}");
 }
 
 #[test]
-fn frames_that_do_not_fit_an_image_are_refused_or_wait() {
+fn frames_that_do_not_fit_an_image_are_rejected_or_wait() {
     let config = PortConfig::uniform(1, GatewayConfig::on_all_channels(classic()));
     // Eight frames of 12 bytes on each channel are 384 bytes, and 360 fit.
     let all = |rate| [0u8, 1, 2, 3].map(|channel| FrameStream::to_bus(0, channel, eight(), rate));
@@ -119,7 +119,7 @@ fn frames_that_do_not_fit_an_image_are_refused_or_wait() {
         bytes: 384,
         area: 360,
     };
-    assert!(plan.refusals.contains(&expected), "{:?}", plan.refusals);
+    assert!(plan.rejections.contains(&expected), "{:?}", plan.rejections);
     // 31 kinds of frame in every fourth cycle: 7.75 on the average, 372 bytes when they meet.
     let meeting = vec![FrameStream::to_bus(0, 1, eight(), FrameRate::EveryCycles(4)); 31];
     let plan = PortPlan::of(&adapter(3), &config, &meeting);
@@ -139,13 +139,13 @@ fn fixed_shares_are_judged_by_themselves() {
     let mut gateway = GatewayConfig::on_all_channels(classic());
     gateway.tx_budget = BudgetPolicy::Deterministic;
     let config = PortConfig::uniform(1, gateway);
-    let refusals = |frames| {
+    let rejections = |frames| {
         let traffic = [FrameStream::from_bus(0, 2, eight(), FrameRate::PerCycle(frames))];
-        PortPlan::of(&adapter(3), &config, &traffic).refusals
+        PortPlan::of(&adapter(3), &config, &traffic).rejections
     };
-    assert_eq!(refusals(7), []);
+    assert_eq!(rejections(7), []);
     let expected = PortPlanError::ShareTooSmall { slave: 0, channel: 2, bytes: 96, share: 90 };
-    assert!(refusals(8).contains(&expected), "{:?}", refusals(8));
+    assert!(rejections(8).contains(&expected), "{:?}", rejections(8));
 }
 
 /// Eight frames of 111 to 135 bits in 1000: 89 to 108 %.
@@ -153,17 +153,17 @@ fn fixed_shares_are_judged_by_themselves() {
 fn bus_that_stuff_bits_can_fill_is_rejected() {
     let traffic = [FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(8))];
     let plan = PortPlan::of(&adapter(3), &one_channel(classic()), &traffic);
-    let [PortPlanError::BusLoad { least_percent: 89, most_percent: 108, .. }] = plan.refusals[..]
+    let [PortPlanError::BusLoad { least_percent: 89, most_percent: 108, .. }] = plan.rejections[..]
     else {
-        panic!("{:?}", plan.refusals)
+        panic!("{:?}", plan.rejections)
     };
-    let text = plan.refusals[0].to_string();
+    let text = plan.rejections[0].to_string();
     assert!(text.contains("89 to 108 % of the bus") && text.contains("bit rate"), "{text}");
     // What other nodes tell each other counts, too, and only there.
     let way = FrameRoute::OnBusOnly;
     let plan =
         PortPlan::of(&adapter(3), &one_channel(classic()), &[FrameStream { way, ..traffic[0] }]);
-    assert_eq!(plan.refusals.len(), 1);
+    assert_eq!(plan.rejections.len(), 1);
     assert_eq!(plan.gateways[0].rx.peak, fill(0, 0));
 }
 
@@ -174,14 +174,14 @@ fn budgets_of_the_service_are_compared_with_the_traffic() {
     let sent = |frames| [FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(frames))];
     let plan = PortPlan::of(&adapter, &one_channel(classic()), &sent(10));
     assert_eq!(
-        plan.refusals,
+        plan.rejections,
         [PortPlanError::Budget { slave: 0, channel: 0, received: 0, sent: 10 }]
     );
     // The device's own budgets hand four on.
     let mut settings = classic();
     settings.data_path = Default::default();
     let plan = PortPlan::of(&adapter, &one_channel(settings), &sent(5));
-    assert_eq!(plan.refusals, []);
+    assert_eq!(plan.rejections, []);
     let [warning] = &plan.warnings[..] else { panic!("{:?}", plan.warnings) };
     let text = warning.to_string();
     assert!(text.contains("5 sent") && text.contains("2 and 4 per service"), "{text}");
@@ -189,15 +189,15 @@ fn budgets_of_the_service_are_compared_with_the_traffic() {
     // What the SDK sets for that traffic does.
     let settings = classic().with_traffic(Traffic { received: 0, sent: 5 });
     let plan = PortPlan::of(&adapter, &one_channel(settings), &sent(5));
-    assert_eq!((plan.refusals, plan.warnings), (vec![], vec![]));
+    assert_eq!((plan.rejections, plan.warnings), (vec![], vec![]));
 }
 
 #[test]
 fn check_rejects_a_budget_with_the_text_of_the_plan() {
     let settings = classic().with_traffic(Traffic { received: 9, sent: 1 });
     let faults = one_channel(settings).check(&adapter(3)).unwrap_err().0;
-    let refusal = PortPlanError::Budget { slave: 0, channel: 0, received: 9, sent: 1 };
-    assert_eq!(faults, [PortConfigFault::Plan(refusal)]);
+    let rejection = PortPlanError::Budget { slave: 0, channel: 0, received: 9, sent: 1 };
+    assert_eq!(faults, [PortConfigFault::Plan(rejection)]);
     let plan = PortPlan::of(
         &adapter(3),
         &one_channel(classic()),
@@ -206,11 +206,11 @@ fn check_rejects_a_budget_with_the_text_of_the_plan() {
             FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(1)),
         ],
     );
-    assert!(plan.refusals.contains(&refusal));
+    assert!(plan.rejections.contains(&rejection));
 }
 
 #[test]
-fn frames_without_a_place_are_refused_once() {
+fn frames_without_a_place_are_rejected_once() {
     let traffic = [
         FrameStream::to_bus(0, 3, eight(), EVERY_CYCLE),
         FrameStream::to_bus(0, 3, eight(), EVERY_CYCLE),
@@ -220,7 +220,7 @@ fn frames_without_a_place_are_refused_once() {
     ];
     let plan = PortPlan::of(&adapter(3), &one_channel(classic()), &traffic);
     assert_eq!(
-        plan.refusals,
+        plan.rejections,
         [
             PortPlanError::NoChannel { slave: 0, channel: 3 },
             PortPlanError::NoChannel { slave: 2, channel: 0 },
@@ -234,7 +234,7 @@ fn frames_without_a_place_are_refused_once() {
 fn findings_of_the_ethercat_side_are_among_those_of_the_whole() {
     let plan = PortPlan::of(&adapter(12), &one_channel(classic()), &[]);
     assert!(matches!(
-        plan.refusals[..],
+        plan.rejections[..],
         [
             PortPlanError::EtherCat(PlanError::LargePdo { pdo: "RxPDO", .. }),
             PortPlanError::EtherCat(PlanError::LargePdo { pdo: "TxPDO", .. })
@@ -260,7 +260,7 @@ fn scheduled(adapter: &AdapterConfig, config: &PortConfig, offset_ns: u32) -> Po
 fn scheduled_frames_have_a_margin() {
     let mut config = one_channel(classic());
     let plan = scheduled(&with_sync0(700_000), &config, 100_000);
-    assert_eq!((&plan.refusals[..], &plan.warnings[..]), (&[][..], &[][..]));
+    assert_eq!((&plan.rejections[..], &plan.warnings[..]), (&[][..], &[][..]));
     let margin = plan.schedule_margin(0, 100_000).unwrap();
     assert_eq!((margin.earliest_arrival_ns, margin.latest_arrival_ns), (30_720, 197_200));
     assert_eq!((margin.pulse_ns, margin.release_ns), (700_000, 800_000));
@@ -277,26 +277,26 @@ fn scheduled_frames_have_a_margin() {
     assert!(thin.to_string().contains("margin 2.8 us: image in the gateway"), "{thin}");
     let small = PortWarning::SmallOffset { offset_ns: 50_000 };
     assert!(small.to_string().contains("50.0 us") && small.to_string().contains("with 100 us"));
-    assert_eq!((plan.refusals, plan.warnings), (vec![], vec![thin, small]));
+    assert_eq!((plan.rejections, plan.warnings), (vec![], vec![thin, small]));
 }
 
 #[test]
 fn schedules_are_judged() {
     let config = one_channel(classic());
-    let refused = |adapter: &AdapterConfig, offset_ns| {
-        let refusals = scheduled(adapter, &config, offset_ns).refusals;
+    let rejected = |adapter: &AdapterConfig, offset_ns| {
+        let rejections = scheduled(adapter, &config, offset_ns).rejections;
         let [PortPlanError::NotSchedulable { slave: 0, offset_ns: reported, reason }] =
-            refusals[..]
+            rejections[..]
         else {
-            panic!("{refusals:?}")
+            panic!("{rejections:?}")
         };
         assert_eq!(reported, offset_ns);
-        (reason, refusals[0].to_string())
+        (reason, rejections[0].to_string())
     };
-    let (reason, text) = refused(&adapter(3), 100_000);
+    let (reason, text) = rejected(&adapter(3), 100_000);
     assert_eq!(reason, NotSchedulable::NoSync0);
     assert!(text.contains("100.0 us after Sync0") && text.contains("send frames at once"));
-    let (reason, text) = refused(&with_sync0(700_000), 1_000_000);
+    let (reason, text) = rejected(&with_sync0(700_000), 1_000_000);
     assert_eq!(reason, NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 });
     assert!(text.contains("not below the Sync0 period of 1000.0 us"), "{text}");
     // Four frames of at most 135 us from 600 us on end at 1140 us.
@@ -348,7 +348,7 @@ fn frames_of_all_cycles_of_a_sync0_period_meet_at_its_pulse() {
     );
 }
 
-/// A pulse at 100 us, images until 197.2 us: what is counted by default is refused on wish.
+/// A pulse at 100 us, images until 197.2 us: what is counted by default is rejected on wish.
 #[test]
 fn short_margin_is_warned_of_or_rejected_as_in_the_port() {
     let mut config = one_channel(classic());
@@ -357,13 +357,13 @@ fn short_margin_is_warned_of_or_rejected_as_in_the_port() {
     let counted = scheduled(&adapter, &config, offset_ns);
     let short = PortWarning::NoMargin { slave: 0, offset_ns, lacking_ns };
     assert!(short.to_string().contains("short by 97.2 us"), "{short}");
-    assert_eq!((counted.refusals, counted.warnings), (vec![], vec![short]));
+    assert_eq!((counted.rejections, counted.warnings), (vec![], vec![short]));
     config.gateways[0].schedule.margin_check = MarginCheck::Reject;
-    let refused = scheduled(&adapter, &config, offset_ns);
+    let rejected = scheduled(&adapter, &config, offset_ns);
     let reason = NotSchedulable::NoMargin { lacking_ns };
     let expected = PortPlanError::NotSchedulable { slave: 0, offset_ns, reason };
     assert!(expected.to_string().contains("short by 97.2 us; move the Sync0 shift"), "{expected}");
-    assert_eq!((refused.refusals, refused.warnings), (vec![expected], vec![]));
+    assert_eq!((rejected.rejections, rejected.warnings), (vec![expected], vec![]));
 }
 
 #[test]
@@ -373,7 +373,7 @@ fn configurations_that_do_not_match_have_a_plan_all_the_same() {
     adapter.slaves[1].tx_multiplier = 255;
     let stream = FrameStream::to_bus(1, 0, eight(), FrameRate::PerCycle(u32::MAX));
     let plan = PortPlan::of(&adapter, &PortConfig::default(), &[stream, stream]);
-    assert!(plan.gateways.is_empty() && !plan.refusals.is_empty());
+    assert!(plan.gateways.is_empty() && !plan.rejections.is_empty());
     let plan = PortPlan::of(&adapter, &one_channel(classic()), &[]);
     assert_eq!(plan.gateways.len(), 1);
 }
@@ -470,15 +470,15 @@ fn port_has_the_margins_of_the_plan() {
                 let at = Schedule { tag: 0, offset_ns };
                 sent = Some(cycle.schedule_can(slave, 0, common::id(1), &[], at).map(drop));
             });
-            let expected = match plan.refusals[..] {
+            let expected = match plan.rejections[..] {
                 [] => Ok(()),
                 [PortPlanError::NotSchedulable { slave, offset_ns, reason }] => {
                     Err(SendError::NotSchedulable { slave, offset_ns, reason })
                 }
-                _ => panic!("{:?}", plan.refusals),
+                _ => panic!("{:?}", plan.rejections),
             };
             assert_eq!(sent, Some(expected), "shift {shift_us} us, offset {offset_ns} ns");
-            assert_eq!(plan.refusals.is_empty(), planned.is_ok_and(|it| it.is_sufficient()));
+            assert_eq!(plan.rejections.is_empty(), planned.is_ok_and(|it| it.is_sufficient()));
         }
     }
 }

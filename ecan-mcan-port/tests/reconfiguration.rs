@@ -49,8 +49,8 @@ fn other_channels_and_bit_rates_can_be_chosen() {
 fn faulty_configuration_leaves_everything_running() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
-    let refused = fixture.port.reconfigure((adapter(12), config));
-    assert!(matches!(refused, Err(PortError::Config(_))), "{refused:?}");
+    let rejected = fixture.port.reconfigure((adapter(12), config));
+    assert!(matches!(rejected, Err(PortError::Config(_))), "{rejected:?}");
     let frames = [frame(1, &[])];
     assert_eq!(fixture.carry(0, &frames, 50).len(), 1);
 }
@@ -81,12 +81,12 @@ fn configuration_in_force_can_be_changed_and_given_back() {
 }
 
 #[test]
-fn another_master_is_refused_and_nothing_changes() {
+fn another_master_is_rejected_and_nothing_changes() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     let mut elsewhere = adapter(3);
     elsewhere.master_index = 3;
-    let refused = fixture.port.reconfigure((elsewhere, config)).unwrap_err();
-    assert!(refused.to_string().contains("master 3"), "{refused}");
+    let rejected = fixture.port.reconfigure((elsewhere, config)).unwrap_err();
+    assert!(rejected.to_string().contains("master 3"), "{rejected}");
     assert_eq!(fixture.carry(0, &[frame(1, &[])], 50).len(), 1);
 }

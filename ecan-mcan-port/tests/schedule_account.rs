@@ -256,7 +256,7 @@ fn account_never_claims_frames_that_were_not_sent() {
         }
         assert!(fixture.until(20_000, |port| port.is_ready()).is_some(), "seed {seed}");
         let (frames, _) = check(&mut fixture);
-        let of_seed = [frames.sent, frames.late_dropped, frames.unknown, frames.refused_late];
+        let of_seed = [frames.sent, frames.late_dropped, frames.unknown, frames.rejected_late];
         for (sum, more) in kinds.iter_mut().zip(of_seed) {
             *sum += more;
         }

@@ -31,8 +31,8 @@ fn frame_of_a_cycle_after_the_pulse_is_rejected() {
         });
     }
     let (frames, counters) = check(&mut fixture);
-    assert!(frames.refused_late > 10, "{frames:?}");
-    assert_eq!((frames.scheduled, frames.refused_late), (sent, 2_000 - sent));
+    assert!(frames.rejected_late > 10, "{frames:?}");
+    assert_eq!((frames.scheduled, frames.rejected_late), (sent, 2_000 - sent));
     assert_eq!((counters.frames_released, frames.sent), (sent, sent), "{counters:?}");
     let frames = fixture.simulation.with_world(|world| world.take_recorded());
     let sent: Vec<_> = frames.iter().filter(|f| f.is_from_channel).collect();
@@ -73,14 +73,14 @@ fn margin_is_reported_counted_or_required() {
     });
     fixture.cycle(|cycle| {
         let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
-        let refused = cycle.schedule_can(0, 0, id(1), &[], at).unwrap_err();
+        let rejected = cycle.schedule_can(0, 0, id(1), &[], at).unwrap_err();
         let SendError::NotSchedulable { reason: NotSchedulable::NoMargin { lacking_ns }, .. } =
-            refused
+            rejected
         else {
-            panic!("{refused}");
+            panic!("{rejected}");
         };
         assert_eq!(i64::try_from(lacking_ns).unwrap(), -margin.least_ns());
-        assert!(refused.to_string().contains("move the Sync0 shift"), "{refused}");
+        assert!(rejected.to_string().contains("move the Sync0 shift"), "{rejected}");
     });
     let fixture = with_sync0(echo(1), SHIFT_NS, |_| ());
     assert!(fixture.port.schedule_margin(fixture.port.gw(0), OFFSET_NS).unwrap().is_sufficient());
@@ -101,7 +101,7 @@ fn pulse_during_the_transfer_rejects_no_frame() {
             assert_eq!(schedule(&mut fixture, 1, OFFSET_NS), 1, "shift {shift_ns}");
         }
         let (frames, _) = check(&mut fixture);
-        assert_eq!((frames.without_margin, frames.sent, frames.refused_late), (100, 100, 0));
+        assert_eq!((frames.without_margin, frames.sent, frames.rejected_late), (100, 100, 0));
     }
 }
 
@@ -114,8 +114,8 @@ fn unconfirmed_image_takes_no_scheduled_frame() {
         let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
         cycle.schedule_can(0, 0, id(2), &[], at).unwrap();
     });
-    let mut refused = 0;
-    while refused < 2 {
+    let mut rejected = 0;
+    while rejected < 2 {
         fixture.cycle(|cycle| {
             assert!(cycle.cycle_report(cycle.gw(0)).is_unconfirmed);
             let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
@@ -125,13 +125,13 @@ fn unconfirmed_image_takes_no_scheduled_frame() {
                 "{error}"
             );
         });
-        refused += 1;
+        rejected += 1;
     }
     assert_eq!(schedule(&mut fixture, 1, OFFSET_NS), 1, "it arrived");
     fixture.idle(500);
     let (frames, counters) = (account(&fixture), counters(&fixture));
     // The first one left two periods late.
-    assert_eq!((frames.refused_late, frames.scheduled), (2, 2));
+    assert_eq!((frames.rejected_late, frames.scheduled), (2, 2));
     assert_eq!((frames.sent, frames.unknown), (1, 1));
     assert_eq!(
         (counters.frames_released, counters.frames_on_bus),

@@ -34,18 +34,18 @@ fn scheduled_frame_leaves_at_its_phase_and_in_pdo_order() {
 }
 
 #[test]
-fn what_cannot_be_scheduled_is_refused_with_the_reason() {
+fn what_cannot_be_scheduled_is_rejected_with_the_reason() {
     let mut fixture = with_sync0();
     let beyond = Schedule { tag: 0, offset_ns: 1_000_000 };
     fixture.cycle(|cycle| {
-        let refused = cycle.schedule_can(0, 0, id(1), &[], beyond).unwrap_err();
+        let rejected = cycle.schedule_can(0, 0, id(1), &[], beyond).unwrap_err();
         let reason = NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 };
-        assert_eq!(refused, SendError::NotSchedulable { slave: 0, offset_ns: 1_000_000, reason });
+        assert_eq!(rejected, SendError::NotSchedulable { slave: 0, offset_ns: 1_000_000, reason });
     });
     let mut fixture = Fixture::single(GatewayConfig::on_channel(0, classic()));
     fixture.cycle(|cycle| {
         let schedule = Schedule { tag: 0, offset_ns: 1 };
-        let refused = cycle.schedule_can(0, 0, id(1), &[], schedule).unwrap_err();
-        assert!(refused.to_string().contains("not configured"), "{refused}");
+        let rejected = cycle.schedule_can(0, 0, id(1), &[], schedule).unwrap_err();
+        assert!(rejected.to_string().contains("not configured"), "{rejected}");
     });
 }

@@ -113,10 +113,10 @@ fn gateway_with_a_bypass_test_is_rejected_unless_allowed() {
     let mut fixture = Fixture::single(gateway);
     fixture.port.diagnose(cut_off).unwrap();
     let config = PortConfig::uniform(1, gateway);
-    let refused = fixture.port.reconfigure((adapter, config)).unwrap_err();
-    let PortError::Adapter(Error::Readback { index: 0x8030, subindex: 6, found: 3, .. }) = refused
+    let rejected = fixture.port.reconfigure((adapter, config)).unwrap_err();
+    let PortError::Adapter(Error::Readback { index: 0x8030, subindex: 6, found: 3, .. }) = rejected
     else {
-        panic!("{refused}")
+        panic!("{rejected}")
     };
     gateway.allow_diagnostic_tests = true;
     fixture.port.reconfigure((adapter, PortConfig::uniform(1, gateway))).unwrap();

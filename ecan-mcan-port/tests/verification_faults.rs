@@ -72,8 +72,8 @@ fn f32_a_request_that_the_master_does_not_end_is_named_until_it_is_free() {
         );
         said.push(fixture.port.session(fixture.port.gw(0)).to_string());
         fixture.cycle(|cycle| {
-            let refused = cycle.send_can(0, 0, id(2), &[]);
-            assert_eq!(refused, Err(SendError::NotReady { slave: 0 }));
+            let rejected = cycle.send_can(0, 0, id(2), &[]);
+            assert_eq!(rejected, Err(SendError::NotReady { slave: 0 }));
         });
     }
     for text in &said {

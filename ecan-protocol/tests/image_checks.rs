@@ -46,7 +46,7 @@ fn image(profile: PdoProfile, frame_count: u8, payload: &[u8]) -> [u8; BYTES] {
 /// One valid frame: channel 0, standard 0x001, two bytes.
 const GOOD: [u8; 6] = [0x10, 0x00, 0x01, 0x00, 0xAA, 0xBB];
 
-fn refused(profile: PdoProfile, image: &[u8; BYTES]) -> ParseDiagnosis {
+fn rejected(profile: PdoProfile, image: &[u8; BYTES]) -> ParseDiagnosis {
     let reader = ImageReader::new(Direction::TxPdo, profile);
     reader.read(image).expect_err("the image was accepted")
 }
@@ -77,7 +77,7 @@ fn pdo_error(profile: PdoProfile, faulty: &[u8]) -> PdoError {
 fn image_being_updated_is_skipped() {
     let mut image = image(compact(), 1, &GOOD);
     image[4] ^= 1;
-    let diagnosis = refused(compact(), &image);
+    let diagnosis = rejected(compact(), &image);
     assert_eq!(diagnosis.fault, ImageFault::Updating);
     assert_eq!(diagnosis.pdo_error(), None);
 }
@@ -88,7 +88,7 @@ fn sequence_numbers_are_checked_first() {
     image[0] = 0;
     image[4] ^= 1;
     image[15] = 9;
-    assert_eq!(refused(compact(), &image).fault, ImageFault::Updating);
+    assert_eq!(rejected(compact(), &image).fault, ImageFault::Updating);
 }
 
 #[test]
@@ -96,7 +96,7 @@ fn headers_that_are_not_version_1() {
     for (at, value) in [(0, 0x26), (0, 0x15), (0, 0x00), (15, 0), (15, 2)] {
         let mut image = image(compact(), 1, &GOOD);
         image[at] = value;
-        let diagnosis = refused(compact(), &image);
+        let diagnosis = rejected(compact(), &image);
         assert_eq!(diagnosis.pdo_error(), Some(PdoError::BadHeader));
     }
 }
@@ -105,7 +105,7 @@ fn headers_that_are_not_version_1() {
 fn all_zero_image_returns_bad_header() {
     for options in [OptionFlags::NONE, OptionFlags::NO_CRC16] {
         let profile = profile(EncapsulationProfile::Compact, options);
-        let diagnosis = refused(profile, &[0; BYTES]);
+        let diagnosis = rejected(profile, &[0; BYTES]);
         assert_eq!(diagnosis.pdo_error(), Some(PdoError::BadHeader));
     }
 }
@@ -114,7 +114,7 @@ fn all_zero_image_returns_bad_header() {
 fn payload_longer_than_frame_area() {
     let mut image = image(compact(), 1, &GOOD);
     image[6] = 233;
-    let diagnosis = refused(compact(), &image);
+    let diagnosis = rejected(compact(), &image);
     assert_eq!(diagnosis.pdo_error(), Some(PdoError::BadHeader));
     assert_eq!(diagnosis.payload_len, 233);
 }
@@ -123,7 +123,7 @@ fn payload_longer_than_frame_area() {
 fn crc_error_has_both_values() {
     let mut image = image(compact(), 1, &GOOD);
     image[28] ^= 0x40;
-    let diagnosis = refused(compact(), &image);
+    let diagnosis = rejected(compact(), &image);
     assert_eq!(diagnosis.pdo_error(), Some(PdoError::BadCrc));
     assert_eq!(diagnosis.payload_crc16, crc16_portable(&GOOD));
     assert_eq!(diagnosis.computed_crc16, crc16_portable(&image[24..30]));

@@ -97,7 +97,7 @@ impl Counts {
                 scheduled += account.scheduled;
                 *late += account.late_dropped;
                 *other += account.queue_full + account.not_sent;
-                *host += account.refused_late + account.withdrawn;
+                *host += account.rejected_late + account.withdrawn;
                 *accepted += account.accepted;
             }
             counts.scheduled.push((asked, scheduled));

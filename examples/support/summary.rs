@@ -31,7 +31,7 @@ pub fn table(port: &Port, elapsed_ns: u64, loads: &[BusLoad]) -> String {
                 elapsed_ns,
             );
             let rejected =
-                count.refused_image_full + count.refused_queue_full + count.refused_bus_off;
+                count.rejected_image_full + count.rejected_queue_full + count.rejected_bus_off;
             let _ = writeln!(
                 text,
                 "{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>8.1} %",

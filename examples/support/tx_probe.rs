@@ -238,7 +238,7 @@ fn difference(now: &ScheduleAccount, before: &ScheduleAccount) -> ScheduleAccoun
         withdrawn: now.withdrawn - before.withdrawn,
         unknown: now.unknown - before.unknown,
         open: now.open,
-        refused_late: now.refused_late - before.refused_late,
+        rejected_late: now.rejected_late - before.rejected_late,
         without_margin: now.without_margin - before.without_margin,
         asked: now.asked - before.asked,
         accepted: now.accepted - before.accepted,

@@ -64,7 +64,7 @@ fn recommended_point_holds_in_a_longer_run() {
     fixture.idle(500);
     let counters = fixture.simulation.with_world(|world| world.counters(0).unwrap());
     let account = fixture.port.schedule_account(fixture.port.ch(0, 0));
-    assert_eq!((account.scheduled, account.refused_late), (5_000, 0), "{table}");
+    assert_eq!((account.scheduled, account.rejected_late), (5_000, 0), "{table}");
     assert_eq!((account.sent, counters.frames_released - before.frames_released), (5_000, 5_000));
 }
 

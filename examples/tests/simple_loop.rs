@@ -421,9 +421,9 @@ fn cycle_period_and_denied_settings_are_printed() {
     assert!(!succeeds(&base).contains("master_period"), "not requested");
     let asked = ["--spin-us", "100", "--cpu", "4095"];
     let printed = succeeds(&[&base[..], &asked].concat());
-    let refused = "CPU 4095: not granted, CPU 4095 is not there";
+    let rejected = "CPU 4095: not granted, CPU 4095 is not there";
     assert!(
-        printed.contains(refused) && printed.contains("continuing without the denied settings"),
+        printed.contains(rejected) && printed.contains("continuing without the denied settings"),
         "{printed}"
     );
     let exact = "master_period: min/max 1000.000/1000.000 us, mean 1000.000 us";

@@ -19,14 +19,14 @@ fn read(data: &[u8]) -> Snapshot {
     }
     let [al_state, flags, code, rest @ ..] = data else { return Snapshot::default() };
     let depth = if flags & 1 == 1 { Depth::Everything } else { Depth::Findings };
-    // A length, then so many bytes of the value; 5 and more refuse.
+    // A length, then so many bytes of the value; 5 and more reject.
     let mut rest = rest;
     let mut snapshot = Snapshot::read(depth, |_| {
         let Some((length, behind)) = rest.split_first() else { return Ok(0) };
         let length = usize::from(length % 6);
         if length > 4 {
             rest = behind;
-            return Err(ReadError::Refused("no such entry".to_owned()));
+            return Err(ReadError::Rejected("no such entry".to_owned()));
         }
         let (own, behind) = behind.split_at(length.min(behind.len()));
         rest = behind;

@@ -85,6 +85,8 @@ impl Arguments {
             (None, Some(FnArg::Typed(first))) => first.pat.to_token_stream(),
             _ => quote!(),
         };
+        // SAFETY of the generated calls: C passes NULL or a pointer that is valid for the access of
+        // the function, as the introduction of igh_ecan_common.h demands.
         let entered = quote!(unsafe { crate::entry::enter(call_of_c, #context)? });
         let enter = match kind.as_deref() {
             Some("layer") => quote! {
@@ -113,12 +115,17 @@ impl Arguments {
             ReturnType::Default => quote!(-> ::std::ffi::c_int),
             output => output.to_token_stream(),
         };
-        let is_pointer = |parameter: &FnArg| matches!(parameter, FnArg::Typed(typed) if matches!(*typed.ty, Type::Ptr(_)));
+        let is_pointer = |parameter: &FnArg| match parameter {
+            FnArg::Typed(typed) => matches!(*typed.ty, Type::Ptr(_)),
+            FnArg::Receiver(_) => false,
+        };
         let unsafety = parameters.iter().any(is_pointer).then(|| quote!(unsafe));
         Ok(quote! {
             #(#attrs)*
             #[unsafe(no_mangle)]
-            #vis #unsafety extern "C" fn #name(#parameters) #output { ::ecan_mcan_host::boundary::#body }
+            #vis #unsafety extern "C" fn #name(#parameters) #output {
+                ::ecan_mcan_host::boundary::#body
+            }
         })
     }
 }

@@ -69,7 +69,7 @@ pub enum ServerFrame {
     },
     /// Acknowledges the end of a block download.
     BlockDownloadEnd,
-    /// Refuses, or gives a transfer up.
+    /// Rejects, or gives a transfer up.
     Abort {
         /// Index.
         index: u16,

@@ -44,7 +44,7 @@ impl Fixture {
             .map(|node| network.add_node(address(0, node % 2, node), settings).unwrap())
             .collect();
         let server = |node: u8| {
-            Server::new(Block::Refused(0x0504_0001))
+            Server::new(Block::Rejected(0x0504_0001))
                 .with(0x1018, 1, &0x1234_u32.to_le_bytes())
                 .with(0x1400, 1, &(0x4000_0200 + u32::from(node)).to_le_bytes())
                 .with(0x1400, 2, &[255])
@@ -77,7 +77,7 @@ impl Fixture {
             }
             let frame: [u8; 8] = data.try_into().unwrap();
             let server = &mut self.servers[usize::from(node - 1)];
-            let answers = match refusal(server, frame) {
+            let answers = match rejection(server, frame) {
                 Some(answer) => vec![answer],
                 None => server.request(frame),
             };
@@ -111,7 +111,7 @@ impl Fixture {
 
 /// The rules of CiA 301 for RPDO 1: its mapping changes only while the PDO does not exist and the
 /// count is 0; the COB-ID changes only while the PDO does not exist.
-fn refusal(server: &Server, frame: [u8; 8]) -> Option<[u8; 8]> {
+fn rejection(server: &Server, frame: [u8; 8]) -> Option<[u8; 8]> {
     if frame[0] & 0xE0 != 0x20 {
         return None;
     }
@@ -208,13 +208,13 @@ fn many_nodes_are_configured_in_parallel() {
 #[test]
 fn rejected_step_stops_its_node_and_is_located() {
     let mut fixture = Fixture::new();
-    fixture.servers[1].refused.insert((0x1600, 2), 0x0604_0041);
+    fixture.servers[1].rejected.insert((0x1600, 2), 0x0604_0041);
     let mut configurator = Configurator::new();
     for (node, handle) in (1..=2).zip(&fixture.handles) {
         configurator.add(&fixture.network, *handle, targets(node).steps().unwrap());
     }
     let Configuring::Failed(failure) = fixture.run(&mut configurator) else {
-        panic!("not refused")
+        panic!("not rejected")
     };
     assert_eq!(
         failure.fault,
@@ -228,14 +228,14 @@ fn rejected_step_stops_its_node_and_is_located() {
     assert_eq!(configurator.failures().count(), 1);
     let first = configurator.progress_of(fixture.handles[0], fixture.now_ns).unwrap();
     assert_eq!(first.to_string(), "node 1 (slave 0, channel 1): all 12 steps done");
-    assert!(fixture.trace_of(2).last().unwrap().contains("1600:02"), "nothing after the refusal");
+    assert!(fixture.trace_of(2).last().unwrap().contains("1600:02"), "nothing after the rejection");
 }
 
 #[test]
 fn tolerated_step_ignores_a_missing_object() {
     let mut fixture = Fixture::new();
-    fixture.servers[0].refused.insert((0x60C2, 1), 0x0601_0002);
-    fixture.servers[0].refused.insert((0x1016, 1), 0x0602_0000);
+    fixture.servers[0].rejected.insert((0x60C2, 1), 0x0601_0002);
+    fixture.servers[0].rejected.insert((0x1016, 1), 0x0602_0000);
     let steps = [
         Step::write(0x1016, 1, 0x007F_0064u32).if_present(),
         Step::write(0x60C2, 1, 1u8).if_accepted(),
@@ -400,7 +400,7 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// Lost answers and refused frames delay a configuration; they never change its result, and
+    /// Lost answers and rejected frames delay a configuration; they never change its result, and
     /// no node gets its steps in another order.
     #[test]
     fn lossy_bus_only_delays_configurations(

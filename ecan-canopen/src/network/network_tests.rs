@@ -1,4 +1,4 @@
-//! The network on a Port of sink: every frame that it hands over, with refusals at will.
+//! The network on a Port of sink: every frame that it hands over, with rejections at will.
 
 use std::time::Duration;
 
@@ -23,8 +23,8 @@ pub(super) type Sent = (usize, u8, u32, Vec<u8>);
 pub(super) struct RecordingSink {
     pub(super) sent: Vec<Sent>,
     pub(super) schedules: Vec<Option<Schedule>>,
-    /// Frames refused before one is taken again.
-    refusals: usize,
+    /// Frames rejected before one is taken again.
+    rejections: usize,
     /// Frames that still fit.
     pub(super) room_frames: usize,
     pub(super) pending: u8,
@@ -32,7 +32,7 @@ pub(super) struct RecordingSink {
     pub(super) ready: [bool; 3],
     /// Slaves whose last image is repeated.
     holding: [bool; 3],
-    /// The refusal in place of "no room".
+    /// The rejection in place of "no room".
     pub(super) error: Option<SendError>,
 }
 
@@ -41,7 +41,7 @@ impl RecordingSink {
         Self {
             sent: Vec::new(),
             schedules: Vec::new(),
-            refusals: 0,
+            rejections: 0,
             room_frames: usize::MAX,
             pending: 0,
             room: 1000,
@@ -70,8 +70,8 @@ impl FrameSink for RecordingSink {
         if let Some(error) = self.error {
             return Err(error);
         }
-        if self.refusals > 0 {
-            self.refusals -= 1;
+        if self.rejections > 0 {
+            self.rejections -= 1;
             return Err(SendError::Backpressure { slave, channel, what: Backpressure::Queue });
         }
         if self.room_frames == 0 {
@@ -237,7 +237,7 @@ fn sdo_frame_does_not_overtake_a_waiting_nmt_command() {
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
     network.take(&received(0, 0, 0x581, &[0x4F, 0, 0x10, 0, 1, 0, 0, 0]), 2 * MS);
     network.start_upload(nodes[0], 0x1001, 0).unwrap();
-    sink.refusals = 1;
+    sink.rejections = 1;
     cycle(&mut network, &mut sink, 2 * MS);
     assert_eq!(sink.ids(), [] as [u32; 0], "there is room again, and still the order holds");
     cycle(&mut network, &mut sink, 3 * MS);

@@ -13,9 +13,9 @@ pub enum Block {
     Checked,
     /// Without CRC.
     Unchecked,
-    /// Refused with this abort code.
-    Refused(u32),
-    /// Uploads answered by a segmented transfer, downloads refused as unknown.
+    /// Rejected with this abort code.
+    Rejected(u32),
+    /// Uploads answered by a segmented transfer, downloads rejected as unknown.
     Segmented,
     /// Not answered at all.
     Ignored,
@@ -33,8 +33,8 @@ enum State {
 #[derive(Debug)]
 pub struct Server {
     pub objects: BTreeMap<(u16, u8), Vec<u8>>,
-    /// Refusals by object: the abort code.
-    pub refused: BTreeMap<(u16, u8), u32>,
+    /// Rejections by object: the abort code.
+    pub rejected: BTreeMap<(u16, u8), u32>,
     pub block: Block,
     /// Segments per block of a download.
     pub block_size: u8,
@@ -51,7 +51,7 @@ impl Server {
     pub fn new(block: Block) -> Self {
         Self {
             objects: BTreeMap::new(),
-            refused: BTreeMap::new(),
+            rejected: BTreeMap::new(),
             block,
             block_size: 127,
             tells_size: true,
@@ -115,7 +115,7 @@ impl Server {
     }
 
     fn upload(&mut self, key: (u16, u8)) -> Vec<Frame> {
-        if let Some(code) = self.refused.get(&key) {
+        if let Some(code) = self.rejected.get(&key) {
             return vec![abort(key, *code)];
         }
         let Some(data) = self.objects.get(&key).cloned() else {
@@ -161,7 +161,7 @@ impl Server {
     }
 
     fn download(&mut self, key: (u16, u8), frame: Frame) -> Vec<Frame> {
-        if let Some(code) = self.refused.get(&key) {
+        if let Some(code) = self.rejected.get(&key) {
             return vec![abort(key, *code)];
         }
         if frame[0] & 2 != 0 {
@@ -200,11 +200,11 @@ impl Server {
         vec![answer]
     }
 
-    fn refuses_block(&mut self, key: (u16, u8)) -> Option<Vec<Frame>> {
+    fn rejects_block(&mut self, key: (u16, u8)) -> Option<Vec<Frame>> {
         match self.block {
-            Block::Refused(code) => Some(vec![abort(key, code)]),
+            Block::Rejected(code) => Some(vec![abort(key, code)]),
             Block::Ignored => Some(Vec::new()),
-            _ => self.refused.get(&key).map(|code| vec![abort(key, *code)]),
+            _ => self.rejected.get(&key).map(|code| vec![abort(key, *code)]),
         }
     }
 
@@ -213,7 +213,7 @@ impl Server {
     }
 
     fn block_upload(&mut self, key: (u16, u8), frame: Frame) -> Vec<Frame> {
-        if let Some(answer) = self.refuses_block(key) {
+        if let Some(answer) = self.rejects_block(key) {
             return answer;
         }
         let (size, threshold) = (frame[4], usize::from(frame[5]));
@@ -292,7 +292,7 @@ impl Server {
         if self.block == Block::Segmented {
             return vec![abort(key, 0x0504_0001)];
         }
-        if let Some(answer) = self.refuses_block(key) {
+        if let Some(answer) = self.rejects_block(key) {
             return answer;
         }
         if frame[0] & 2 == 0 {

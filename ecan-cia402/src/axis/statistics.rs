@@ -14,11 +14,11 @@ pub struct AxisStatistics {
     pub targets_sent: u64,
     /// Times that the axis was activated while enabled: first targets.
     pub activations: u64,
-    /// Targets of the application that were refused, for any reason.
+    /// Targets of the application that were rejected, for any reason.
     pub targets_rejected: u64,
-    /// Those refused because of the step limit.
+    /// Those rejected because of the step limit.
     pub rejected_step: u64,
-    /// Those refused because of the following-error window.
+    /// Those rejected because of the following-error window.
     pub rejected_window: u64,
     /// Cycles in which a running axis got no target: a missed working counter, a held image, no
     /// room.
@@ -78,9 +78,9 @@ impl AxisStatistics {
 
     pub(crate) fn decided(&mut self, decision: Decision, is_running: bool) {
         match decision {
-            Decision::Reject(refusal) => {
+            Decision::Reject(rejection) => {
                 self.targets_rejected += 1;
-                match refusal {
+                match rejection {
                     TargetRejection::Step { .. } => self.rejected_step += 1,
                     TargetRejection::Window { .. } => self.rejected_window += 1,
                     _ => {}

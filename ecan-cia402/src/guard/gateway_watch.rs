@@ -76,10 +76,10 @@ impl GatewayWatch {
         for (number, (channel, counters)) in
             (0_u8..).zip(self.channels.iter_mut().zip(statistics.channels))
         {
-            channel.queue_rejected = counters.refused_queue_full != channel.rejections;
-            channel.rejections = counters.refused_queue_full;
-            channel.image_full = counters.refused_image_full != channel.image_rejections;
-            channel.image_rejections = counters.refused_image_full;
+            channel.queue_rejected = counters.rejected_queue_full != channel.rejections;
+            channel.rejections = counters.rejected_queue_full;
+            channel.image_full = counters.rejected_image_full != channel.image_rejections;
+            channel.image_rejections = counters.rejected_image_full;
             channel.in_image = counters.frames_received.saturating_sub(channel.received);
             channel.received = counters.frames_received;
             let [now, before, _] = channel.delivered;

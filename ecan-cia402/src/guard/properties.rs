@@ -386,7 +386,7 @@ fn random_sequences_reach_the_relevant_states() {
     use proptest::strategy::ValueTree;
     use proptest::test_runner::TestRunner;
     let mut runner = TestRunner::deterministic();
-    let (mut firsts, mut targets, mut refusals, mut waits) = (0, 0, 0, 0);
+    let (mut firsts, mut targets, mut rejections, mut waits) = (0, 0, 0, 0);
     for _ in 0..100 {
         let limits = limits().new_tree(&mut runner).unwrap().current();
         let happenings =
@@ -395,14 +395,14 @@ fn random_sequences_reach_the_relevant_states() {
             match record.decision {
                 Decision::First(_) => firsts += 1,
                 Decision::Target(_) => targets += 1,
-                Decision::Reject(_) => refusals += 1,
+                Decision::Reject(_) => rejections += 1,
                 Decision::Wait(_) => waits += 1,
                 _ => {}
             }
         }
     }
     assert!(
-        firsts > 100 && targets > 100 && refusals > 100 && waits > 50,
-        "{firsts} {targets} {refusals} {waits}"
+        firsts > 100 && targets > 100 && rejections > 100 && waits > 50,
+        "{firsts} {targets} {rejections} {waits}"
     );
 }

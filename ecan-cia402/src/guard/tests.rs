@@ -166,8 +166,8 @@ fn first_target_needs_the_position_of_its_cycle() {
 fn step_beyond_the_limit_keeps_the_previous_target() {
     let mut guard = running(0);
     assert_eq!(cycle(&mut guard, &good(0), Some(100)), Decision::Target(100));
-    let refusal = TargetRejection::Step { step: 101, limit: 100 };
-    assert_eq!(cycle(&mut guard, &good(100), Some(201)), Decision::Reject(refusal));
+    let rejection = TargetRejection::Step { step: 101, limit: 100 };
+    assert_eq!(cycle(&mut guard, &good(100), Some(201)), Decision::Reject(rejection));
     assert_eq!(cycle(&mut guard, &good(100), Some(200)), Decision::Target(200));
     assert_eq!(cycle(&mut guard, &good(200), None), Decision::Target(200));
     assert_eq!(
@@ -183,8 +183,8 @@ fn rejected_frame_does_not_count_as_sent() {
     assert_eq!(guard.decide(Some(80)), Decision::Target(80));
     guard.rejected();
     assert_eq!(guard.state(), GuardState::Running { target: 0 });
-    let refusal = TargetRejection::Step { step: 160, limit: 100 };
-    assert_eq!(cycle(&mut guard, &good(0), Some(160)), Decision::Reject(refusal));
+    let rejection = TargetRejection::Step { step: 160, limit: 100 };
+    assert_eq!(cycle(&mut guard, &good(0), Some(160)), Decision::Reject(rejection));
 }
 
 #[test]
@@ -194,11 +194,11 @@ fn target_outside_the_following_window_is_rejected() {
         let target = n * 100;
         assert_eq!(cycle(&mut guard, &good(0), Some(target)), Decision::Target(target));
     }
-    let refusal = TargetRejection::Window { distance: 1001, window: 1000 };
-    assert_eq!(cycle(&mut guard, &good(0), Some(1001)), Decision::Reject(refusal));
+    let rejection = TargetRejection::Window { distance: 1001, window: 1000 };
+    assert_eq!(cycle(&mut guard, &good(0), Some(1001)), Decision::Reject(rejection));
     // The axis is pushed away: even the target that stands is outside now.
-    let refusal = TargetRejection::Window { distance: 1100, window: 1000 };
-    assert_eq!(cycle(&mut guard, &good(-100), None), Decision::Reject(refusal));
+    let rejection = TargetRejection::Window { distance: 1100, window: 1000 };
+    assert_eq!(cycle(&mut guard, &good(-100), None), Decision::Reject(rejection));
 }
 
 #[test]
@@ -206,8 +206,8 @@ fn bounds_hold_and_let_back_in() {
     let limits = GuardLimits { bounds: Some((-50, 50)), ..LIMITS };
     let mut guard = running_with(limits, 0);
     assert_eq!(cycle(&mut guard, &good(0), Some(50)), Decision::Target(50));
-    let refusal = TargetRejection::Bounds { target: 51, min: -50, max: 50 };
-    assert_eq!(cycle(&mut guard, &good(0), Some(51)), Decision::Reject(refusal));
+    let rejection = TargetRejection::Bounds { target: 51, min: -50, max: 50 };
+    assert_eq!(cycle(&mut guard, &good(0), Some(51)), Decision::Reject(rejection));
     let mut outside = running_with(limits, 80);
     assert!(matches!(cycle(&mut outside, &good(80), Some(81)), Decision::Reject(_)));
     assert_eq!(cycle(&mut outside, &good(80), None), Decision::Target(80));
@@ -429,6 +429,6 @@ fn words_say_what_is_the_matter() {
         GuardState::Holding { reason }.to_string(),
         "holding: TPDO missing: received frames pile up in the gateway"
     );
-    let refusal = TargetRejection::Step { step: -300, limit: 100 };
-    assert_eq!(refusal.to_string(), "the step of -300 exceeds the limit of 100 per cycle");
+    let rejection = TargetRejection::Step { step: -300, limit: 100 };
+    assert_eq!(rejection.to_string(), "the step of -300 exceeds the limit of 100 per cycle");
 }

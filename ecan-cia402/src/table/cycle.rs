@@ -201,7 +201,7 @@ fn axis_of<'a>(
     axes.get_mut(lookup.tpdo(frame.slave, frame.channel, frame.frame.id())?)
 }
 
-/// Channels whose queue refused a frame in this cycle; a bit each for the first 32 slaves, and
+/// Channels whose queue rejected a frame in this cycle; a bit each for the first 32 slaves, and
 /// all of the others together.
 #[derive(Debug, Clone, Copy, Default)]
 struct FullChannels(u128);

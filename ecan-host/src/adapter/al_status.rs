@@ -40,7 +40,7 @@ impl AlStatusWatch {
             let code = u16::from_le_bytes([*low, *high]);
             self.last = (code != 0).then_some(AlStatusCode(code)).or(self.last);
         }
-        // A slave that is gone refuses; the next step tries again.
+        // A slave that is gone rejects; the next step tries again.
         let _ = master.reg_request_read(self.request, AL_STATUS_CODE_REGISTER, 2);
     }
 }

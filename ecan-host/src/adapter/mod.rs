@@ -82,7 +82,7 @@ pub struct Adapter {
 
 impl Adapter {
     /// Checks the configuration, reserves the master, finds and identifies the gateways, writes
-    /// their startup SDOs once in PREOP (so that a refusal is reported with its abort code),
+    /// their startup SDOs once in PREOP (so that a rejection is reported with its abort code),
     /// registers them for every later reconfiguration, and sets up one domain per slave.
     ///
     /// Blocks, for seconds where slaves are still being scanned. The bus is not cyclic yet:

@@ -83,7 +83,7 @@ impl Diagnostics {
     /// Uploads an object into `data` and returns its length in bytes.
     ///
     /// # Errors
-    /// The abort code where the slave refused.
+    /// The abort code where the slave rejected.
     pub fn sdo_upload(
         &self,
         slave: usize,

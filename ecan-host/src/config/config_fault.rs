@@ -220,7 +220,7 @@ impl AdapterConfig {
             PlanError::Watchdog { .. } => has_cycle && has_watchdog,
             _ => has_cycle,
         };
-        faults.extend(Plan::of(self).refusals.into_iter().filter(counts).map(ConfigFault::Plan));
+        faults.extend(Plan::of(self).rejections.into_iter().filter(counts).map(ConfigFault::Plan));
     }
 }
 
@@ -257,18 +257,18 @@ mod tests {
 
     #[test]
     fn process_data_must_leave_space_for_the_mailbox() {
-        let refused = |slaves, multiplier, cycle_us| {
+        let rejected = |slaves, multiplier, cycle_us| {
             let config = AdapterConfig::new(slaves)
                 .with_multiplier(multiplier)
                 .with_cycle(Duration::from_micros(cycle_us));
             config.check().unwrap_err().0
         };
         assert!(matches!(
-            refused(3, 11, 500).as_slice(),
+            rejected(3, 11, 500).as_slice(),
             [ConfigFault::Plan(PlanError::WireTime { wire_ns: 700_800, cycle_ns: 500_000 })]
         ));
         assert!(matches!(
-            refused(3, 11, 800).as_slice(),
+            rejected(3, 11, 800).as_slice(),
             [ConfigFault::Plan(PlanError::MailboxStarved { needed: 9_068, available: 9_000, .. })]
         ));
     }
@@ -288,11 +288,11 @@ mod tests {
             assert_eq!(faults(1_000, watchdog_us), expected);
             assert_eq!(faults(0, watchdog_us).len(), 2);
         }
-        let refused = |watchdog_us, cycle_ns| {
+        let rejected = |watchdog_us, cycle_ns| {
             vec![ConfigFault::Plan(PlanError::Watchdog { watchdog_us, cycle_ns })]
         };
-        assert_eq!(faults(1_000, 1_000), refused(1_000, 1_000_000));
-        assert_eq!(faults(100_000, 100_000), refused(100_000, 100_000_000));
+        assert_eq!(faults(1_000, 1_000), rejected(1_000, 1_000_000));
+        assert_eq!(faults(100_000, 100_000), rejected(100_000, 100_000_000));
         assert_eq!(faults(100_000, 200_000), []);
     }
 

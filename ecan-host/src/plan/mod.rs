@@ -71,7 +71,7 @@ impl MailboxBandwidth {
 /// let plan = Plan::of(&config);
 /// assert_eq!(plan.frames.len(), 3);
 /// assert_eq!(plan.expected_working_counter((1, 6)), 9);
-/// assert!(plan.refusals.is_empty() && plan.warnings.is_empty());
+/// assert!(plan.rejections.is_empty() && plan.warnings.is_empty());
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
@@ -84,7 +84,7 @@ pub struct Plan {
     /// Room for mailbox traffic.
     pub mailbox: MailboxBandwidth,
     /// Errors: the configuration does not work.
-    pub refusals: Vec<PlanError>,
+    pub rejections: Vec<PlanError>,
     /// Warnings: it works with little margin.
     pub warnings: Vec<PlanWarning>,
 }
@@ -123,7 +123,7 @@ impl Plan {
             slaves,
             frames,
             mailbox,
-            refusals: Vec::new(),
+            rejections: Vec::new(),
             warnings: Vec::new(),
         };
         plan.check_sizes(config);
@@ -140,7 +140,7 @@ impl Plan {
             let sizes = [("RxPDO", settings.rx_multiplier), ("TxPDO", settings.tx_multiplier)];
             for (pdo, multiplier) in sizes {
                 if multiplier > MAX_PLAIN_MULTIPLIER {
-                    self.refusals.push(PlanError::LargePdo { slave, pdo, multiplier });
+                    self.rejections.push(PlanError::LargePdo { slave, pdo, multiplier });
                 }
             }
         }
@@ -152,11 +152,11 @@ impl Plan {
         let (transfers, slaves) = (self.mailbox.transfers(), self.slaves.len());
         if wire_ns > cycle {
             // That mailbox traffic starves, too, goes without saying.
-            self.refusals.push(PlanError::WireTime { wire_ns, cycle_ns });
+            self.rejections.push(PlanError::WireTime { wire_ns, cycle_ns });
             return;
         }
         if transfers == 0 {
-            self.refusals.push(PlanError::MailboxStarved {
+            self.rejections.push(PlanError::MailboxStarved {
                 needed: self.mailbox.process_bytes + MAILBOX_BYTES,
                 available: self.mailbox.available_bytes,
                 cycle_ns,
@@ -174,7 +174,7 @@ impl Plan {
         let cycle_ns = self.cycle_ns;
         let (watchdog_ns, cycle) = (u64::from(watchdog_us) * 1_000, u64::from(cycle_ns));
         if watchdog_ns <= cycle {
-            self.refusals.push(PlanError::Watchdog { watchdog_us, cycle_ns });
+            self.rejections.push(PlanError::Watchdog { watchdog_us, cycle_ns });
         } else if watchdog_ns <= 2 * cycle {
             self.warnings.push(PlanWarning::WatchdogTight { watchdog_us, cycle_ns });
         }

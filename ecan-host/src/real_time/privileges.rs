@@ -58,12 +58,12 @@ fn lock_memory(stack_bytes: usize, need: Need) -> PrivilegeOutcome {
     let locked = mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE);
     // Not locked, the stack is at least there before the cycle needs it.
     touch_stack(stack_bytes);
-    let refusal =
-        locked.err().map(|errno| memory_refusal(errno, soft_limit(Resource::RLIMIT_MEMLOCK)));
-    PrivilegeOutcome { privilege: Privilege::LockedMemory { stack_bytes }, need, refusal }
+    let denial =
+        locked.err().map(|errno| memory_denial(errno, soft_limit(Resource::RLIMIT_MEMLOCK)));
+    PrivilegeOutcome { privilege: Privilege::LockedMemory { stack_bytes }, need, denial }
 }
 
-fn memory_refusal(errno: nix::errno::Errno, limit_bytes: Option<u64>) -> PrivilegeError {
+fn memory_denial(errno: nix::errno::Errno, limit_bytes: Option<u64>) -> PrivilegeError {
     let errno = Errno::new(errno as i32);
     let limit = match limit_bytes {
         Some(bytes) => format!("RLIMIT_MEMLOCK is {} KiB", bytes / 1024),
@@ -89,24 +89,24 @@ fn touch_stack(bytes: usize) {
 
 fn bind_to_cpus(cpus: &[usize], need: Need) -> PrivilegeOutcome {
     let privilege = Privilege::Affinity { cpus: cpus.to_vec() };
-    PrivilegeOutcome { privilege, need, refusal: try_bind_to_cpus(cpus).err() }
+    PrivilegeOutcome { privilege, need, denial: try_bind_to_cpus(cpus).err() }
 }
 
 fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), PrivilegeError> {
     let mut set = CpuSet::new();
     // The system's set cannot hold CPUs above its size.
     let beyond: Vec<usize> = cpus.iter().copied().filter(|cpu| set.set(*cpu).is_err()).collect();
-    let before = sched_getaffinity(THIS_THREAD).map_err(|errno| affinity_refusal(errno, cpus))?;
+    let before = sched_getaffinity(THIS_THREAD).map_err(|errno| affinity_denial(errno, cpus))?;
     if !beyond.is_empty() {
         return Err(absent_cpus(&beyond, &before));
     }
     match sched_setaffinity(THIS_THREAD, &set) {
         Ok(()) => {}
         Err(nix::errno::Errno::EINVAL) => return Err(absent_cpus(cpus, &before)),
-        Err(errno) => return Err(affinity_refusal(errno, cpus)),
+        Err(errno) => return Err(affinity_denial(errno, cpus)),
     }
     // The system leaves out without a word what is not there, as long as one CPU is.
-    let now = sched_getaffinity(THIS_THREAD).map_err(|errno| affinity_refusal(errno, cpus))?;
+    let now = sched_getaffinity(THIS_THREAD).map_err(|errno| affinity_denial(errno, cpus))?;
     let absent: Vec<usize> =
         cpus.iter().copied().filter(|cpu| !now.is_set(*cpu).unwrap_or(false)).collect();
     if absent.is_empty() {
@@ -134,7 +134,7 @@ fn absent_cpus(cpus: &[usize], usable: &CpuSet) -> PrivilegeError {
     }
 }
 
-fn affinity_refusal(errno: nix::errno::Errno, cpus: &[usize]) -> PrivilegeError {
+fn affinity_denial(errno: nix::errno::Errno, cpus: &[usize]) -> PrivilegeError {
     PrivilegeError {
         cause: format!("{} for CPU {}", Errno::new(errno as i32), join(cpus, ", ")),
         remedy: "the sandbox or container that the process runs in must permit \
@@ -155,23 +155,23 @@ fn limit_wake_up(latency_us: u32, need: Need) -> PrivilegeOutcome {
         *WAKE_UP_LIMIT.lock().unwrap_or_else(PoisonError::into_inner) = Some(device);
         Ok(())
     });
-    let refusal = taken.err().map(|error| PrivilegeError {
+    let denial = taken.err().map(|error| PrivilegeError {
         cause: format!("{WAKE_UP_DEVICE}: {error}"),
         remedy: "run as root or let a udev rule give the program's group write access to it; a \
                  container needs it from its host"
             .into(),
     });
-    PrivilegeOutcome { privilege: Privilege::WakeUpLatency { latency_us }, need, refusal }
+    PrivilegeOutcome { privilege: Privilege::WakeUpLatency { latency_us }, need, denial }
 }
 
 fn raise_priority(priority: u8, need: Need) -> PrivilegeOutcome {
-    let refusal = set_fifo_priority(priority)
+    let denial = set_fifo_priority(priority)
         .err()
-        .map(|errno| priority_refusal(errno, priority, soft_limit(Resource::RLIMIT_RTPRIO)));
-    PrivilegeOutcome { privilege: Privilege::Priority { priority }, need, refusal }
+        .map(|errno| priority_denial(errno, priority, soft_limit(Resource::RLIMIT_RTPRIO)));
+    PrivilegeOutcome { privilege: Privilege::Priority { priority }, need, denial }
 }
 
-fn priority_refusal(errno: Errno, priority: u8, limit: Option<u64>) -> PrivilegeError {
+fn priority_denial(errno: Errno, priority: u8, limit: Option<u64>) -> PrivilegeError {
     let limit = match limit {
         Some(limit) => format!("RLIMIT_RTPRIO is {limit}"),
         None => "RLIMIT_RTPRIO is not what bounds it".into(),
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn denied_priority_names_limit_and_remedies() {
-        let text = priority_refusal(Errno::EPERM, 80, Some(0)).to_string();
+        let text = priority_denial(Errno::EPERM, 80, Some(0)).to_string();
         for part in ["not permitted", "RLIMIT_RTPRIO is 0", "CAP_SYS_NICE", "RLIMIT_RTPRIO to 80"] {
             assert!(text.contains(part), "{part} is not in: {text}");
         }
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn denied_memory_lock_names_limit_and_remedies() {
-        let text = memory_refusal(nix::errno::Errno::ENOMEM, Some(65_536)).to_string();
+        let text = memory_denial(nix::errno::Errno::ENOMEM, Some(65_536)).to_string();
         for part in ["RLIMIT_MEMLOCK is 64 KiB", "CAP_IPC_LOCK", "LimitMEMLOCK="] {
             assert!(text.contains(part), "{part} is not in: {text}");
         }

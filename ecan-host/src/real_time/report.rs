@@ -74,21 +74,21 @@ pub struct PrivilegeOutcome {
     /// Whether it is needed.
     pub need: Need,
     /// Error; `None` if it was granted.
-    pub refusal: Option<PrivilegeError>,
+    pub denial: Option<PrivilegeError>,
 }
 
 impl PrivilegeOutcome {
     /// Whether it was granted.
     pub fn is_granted(&self) -> bool {
-        self.refusal.is_none()
+        self.denial.is_none()
     }
 }
 
 impl fmt::Display for PrivilegeOutcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.refusal {
+        match &self.denial {
             None => write!(f, "{}: done", self.privilege),
-            Some(refusal) => write!(f, "{}: not granted, {refusal}", self.privilege),
+            Some(denial) => write!(f, "{}: not granted, {denial}", self.privilege),
         }
     }
 }

@@ -4,8 +4,8 @@ use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, DataPathConfig};
 
 use super::finding::{PortPlanError, PortWarning};
 
-/// Refuses what no budget could serve: more frames per cycle in the long run than 8 each way.
-pub(crate) fn refusal(
+/// Rejects what no budget could serve: more frames per cycle in the long run than 8 each way.
+pub(crate) fn rejection(
     (slave, channel): (usize, u8),
     received: u32,
     sent: u32,

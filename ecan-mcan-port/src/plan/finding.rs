@@ -109,7 +109,7 @@ pub enum PortPlanError {
         /// Bytes of the share.
         share: u64,
     },
-    /// An offset that the Port would refuse: no Sync0, beyond its period, or without margin where
+    /// An offset that the Port would reject: no Sync0, beyond its period, or without margin where
     /// [`MarginCheck::Reject`](crate::MarginCheck::Reject) is chosen.
     #[error(
         "slave {slave}: frames cannot leave {:.1} us after Sync0: {reason}",

@@ -122,13 +122,19 @@ impl ImagePlan {
     pub(super) fn check(
         &self,
         slave: usize,
-        refusals: &mut Vec<PortPlanError>,
+        rejections: &mut Vec<PortPlanError>,
         warnings: &mut Vec<PortWarning>,
     ) {
         let (direction, area) = (self.direction, self.area_bytes() as u64);
         if self.mean.exceeds(self.area_bytes()) {
             let (packets, bytes) = (self.mean.packets_up(), self.mean.bytes_up());
-            refusals.push(PortPlanError::ImageTooSmall { slave, direction, packets, bytes, area });
+            rejections.push(PortPlanError::ImageTooSmall {
+                slave,
+                direction,
+                packets,
+                bytes,
+                area,
+            });
         } else if self.peak.exceeds(self.area_bytes()) {
             let (packets, bytes) = (self.peak.packets_up(), self.peak.bytes_up());
             warnings.push(PortWarning::ImagePeak { slave, direction, packets, bytes, area });
@@ -143,7 +149,7 @@ impl ImagePlan {
             let share = share as u64;
             if mean.bytes > share as f64 {
                 let bytes = mean.bytes_up();
-                refusals.push(PortPlanError::ShareTooSmall { slave, channel, bytes, share });
+                rejections.push(PortPlanError::ShareTooSmall { slave, channel, bytes, share });
             } else if peak.bytes > share as f64 {
                 let bytes = peak.bytes_up();
                 warnings.push(PortWarning::SharePeak { slave, channel, bytes, share });

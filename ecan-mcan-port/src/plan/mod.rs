@@ -67,7 +67,7 @@ pub struct GatewayPlan {
 ///     &PortConfig::uniform(1, gateway),
 ///     &[FrameStream::to_bus(0, 0, frame, FrameRate::PerCycle(4))],
 /// );
-/// assert!(plan.refusals.is_empty());
+/// assert!(plan.rejections.is_empty());
 /// assert!((plan.channels[0].load.most - 0.54).abs() < 1e-9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -80,7 +80,7 @@ pub struct PortPlan {
     /// One entry per gateway.
     pub gateways: Vec<GatewayPlan>,
     /// Errors: what would not work.
-    pub refusals: Vec<PortPlanError>,
+    pub rejections: Vec<PortPlanError>,
     /// Warnings: what works with little margin.
     pub warnings: Vec<PortWarning>,
 }
@@ -90,7 +90,7 @@ impl PortPlan {
     pub fn of(adapter: &AdapterConfig, port: &PortConfig, traffic: &[FrameStream]) -> Self {
         let ethercat = Plan::of(adapter);
         let mut plan = Self {
-            refusals: ethercat.refusals.iter().copied().map(PortPlanError::EtherCat).collect(),
+            rejections: ethercat.rejections.iter().copied().map(PortPlanError::EtherCat).collect(),
             warnings: ethercat.warnings.iter().copied().map(PortWarning::EtherCat).collect(),
             ethercat,
             channels: Vec::new(),
@@ -103,10 +103,10 @@ impl PortPlan {
         plan
     }
 
-    /// Everything that would not work, in words: the refusals, and what the check of the
+    /// Everything that would not work, in words: the rejections, and what the check of the
     /// configurations says besides.
     pub fn faults(&self, adapter: &AdapterConfig, port: &PortConfig) -> Vec<String> {
-        let mut faults: Vec<String> = self.refusals.iter().map(ToString::to_string).collect();
+        let mut faults: Vec<String> = self.rejections.iter().map(ToString::to_string).collect();
         if let Err(checked) = port.check(adapter) {
             for fault in checked.0.iter().map(ToString::to_string) {
                 if !faults.contains(&fault) {
@@ -120,15 +120,15 @@ impl PortPlan {
     fn add_streams(&mut self, port: &PortConfig, traffic: &[FrameStream]) {
         for stream in traffic {
             let FrameStream { slave, channel, .. } = *stream;
-            let refusal = match settings(port, slave, channel) {
+            let rejection = match settings(port, slave, channel) {
                 None => PortPlanError::NoChannel { slave, channel },
                 Some(settings) if stream.frame.is_fd() && !settings.can.fd => {
                     PortPlanError::NotFd { slave, channel }
                 }
                 Some(_) => continue,
             };
-            if !self.refusals.contains(&refusal) {
-                self.refusals.push(refusal);
+            if !self.rejections.contains(&rejection) {
+                self.rejections.push(rejection);
             }
         }
     }
@@ -148,8 +148,8 @@ impl PortPlan {
                 let data_path = &settings.data_path;
                 self.check_load(address, &load);
                 let (received, sent) = (up(load.mean_received), up(load.mean_sent));
-                if let Some(refusal) = budget::refusal(address, received, sent) {
-                    self.refusals.push(refusal);
+                if let Some(rejection) = budget::rejection(address, received, sent) {
+                    self.rejections.push(rejection);
                 } else {
                     self.warnings.extend(budget::warning(address, received, sent, data_path));
                 }
@@ -164,7 +164,7 @@ impl PortPlan {
         // Rounded up to the next where it would read as 100 although it is more.
         let (least_percent, most_percent) = (percent(load.least), up(load.most * 100.0));
         if load.most > 1.0 {
-            self.refusals.push(PortPlanError::BusLoad {
+            self.rejections.push(PortPlanError::BusLoad {
                 slave,
                 channel,
                 least_percent,
@@ -194,8 +194,8 @@ impl PortPlan {
                 tx: image(Direction::TxPdo, size.tx_multiplier),
                 schedule_times: ScheduleTimes::new(&gateway.schedule, adapter, wire),
             };
-            images.rx.check(slave, &mut self.refusals, &mut self.warnings);
-            images.tx.check(slave, &mut self.refusals, &mut self.warnings);
+            images.rx.check(slave, &mut self.rejections, &mut self.warnings);
+            images.tx.check(slave, &mut self.rejections, &mut self.warnings);
             self.gateways.push(images);
         }
     }

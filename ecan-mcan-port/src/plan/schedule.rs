@@ -38,7 +38,7 @@ impl PortPlan {
         traffic: &[FrameStream],
     ) {
         for stream in traffic {
-            // What has no place is refused for that.
+            // What has no place is rejected for that.
             let (slave, Some(offset_ns)) = (stream.slave, stream.offset_ns()) else { continue };
             let Some(gateway) = port.gateways.get(slave) else { continue };
             if slave < self.gateways.len() {
@@ -62,9 +62,9 @@ impl PortPlan {
         let margin = match checked {
             Ok(margin) => margin,
             Err(reason) => {
-                let refusal = PortPlanError::NotSchedulable { slave, offset_ns, reason };
-                if !self.refusals.contains(&refusal) {
-                    self.refusals.push(refusal);
+                let rejection = PortPlanError::NotSchedulable { slave, offset_ns, reason };
+                if !self.rejections.contains(&rejection) {
+                    self.rejections.push(rejection);
                 }
                 return;
             }

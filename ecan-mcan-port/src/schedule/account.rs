@@ -38,7 +38,7 @@ pub struct ScheduleAccount {
     pub open: u64,
     /// Frames rejected because their cycle had begun too late for the phase; not part of
     /// `scheduled`.
-    pub refused_late: u64,
+    pub rejected_late: u64,
     /// Frames among `scheduled` whose margin does not suffice, see
     /// [`ScheduleMargin`](crate::ScheduleMargin).
     pub without_margin: u64,
@@ -112,8 +112,8 @@ impl ScheduleAccounts {
         account.without_margin += u64::from(!has_margin);
     }
 
-    pub(crate) fn refused_late(&mut self, channel: u8) {
-        self.channel(channel).account.refused_late += 1;
+    pub(crate) fn rejected_late(&mut self, channel: u8) {
+        self.channel(channel).account.rejected_late += 1;
     }
 
     pub(crate) fn ended(&mut self, channel: u8, state: ScheduledFrameState) {

@@ -38,7 +38,7 @@ pub struct ScheduleConfig {
     /// An image with frames to be sent at once is repeated in any case, because they must not be
     /// lost. Its scheduled frames may then leave a period late, and count as unknown unless a result
     /// reports that they were dropped.
-    pub give_up_missed: bool,
+    pub discard_missed: bool,
 }
 
 impl Default for ScheduleConfig {
@@ -51,7 +51,7 @@ impl Default for ScheduleConfig {
             processing_ns: 50_000,
             margin_check: MarginCheck::Count,
             watch_ms: 100,
-            give_up_missed: true,
+            discard_missed: true,
         }
     }
 }

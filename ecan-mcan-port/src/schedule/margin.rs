@@ -270,7 +270,7 @@ mod tests {
             [700_000, 100_001, 100_000, 29_999, 0].map(pulse),
             [700_000, 100_001, 1_100_000, 1_029_999, 1_000_000]
         );
-        // A shift beyond the period, which the check refuses, is no reason to panic: the pulse is
+        // A shift beyond the period, which the check rejects, is no reason to panic: the pulse is
         // at 300 us, too.
         assert_eq!(pulse(1_300_000), 300_000);
     }

@@ -169,7 +169,7 @@ impl Port {
         let is_late =
             begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(self.since_first_ns, ns));
         if is_late || gateway.transmitter.is_unconfirmed() {
-            gateway.transmitter.accounts_mut().refused_late(channel);
+            gateway.transmitter.accounts_mut().rejected_late(channel);
             return Err(SendError::Backpressure { slave, channel, what: Backpressure::Phase });
         }
         Ok(has_margin)
@@ -184,10 +184,10 @@ impl Gateway {
         let (slave, channel) = (to.slave(), to.channel());
         let statistics = self.statistics.channel(channel);
         let what = if self.transmitter.window(channel).is_bus_off() {
-            statistics.refused_bus_off += 1;
+            statistics.rejected_bus_off += 1;
             Backpressure::BusOff
         } else {
-            statistics.refused_queue_full += 1;
+            statistics.rejected_queue_full += 1;
             Backpressure::Queue
         };
         SendError::Backpressure { slave, channel, what }
@@ -199,7 +199,7 @@ impl Gateway {
         let (slave, channel) = (to.slave(), to.channel());
         match error {
             PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. } => {
-                self.statistics.channel(channel).refused_image_full += 1;
+                self.statistics.channel(channel).rejected_image_full += 1;
                 SendError::Backpressure { slave, channel, what: Backpressure::Image }
             }
             _ => AddressError::Disabled { slave, channel }.into(),

@@ -45,18 +45,18 @@ pub fn check(fixture: &mut Fixture) -> (ScheduleAccount, GatewayCounters) {
     assert_eq!(accounted, frames.scheduled, "{frames:?}");
     assert_eq!(frames.open, 0, "{frames:?}");
     let losses = counters.transmit_losses;
-    let refused = losses.bus_off + losses.invalid_channel;
+    let rejected = losses.bus_off + losses.invalid_channel;
     for (results, happened) in [
         (frames.sent, counters.frames_released),
         (frames.late_dropped, losses.late),
         (frames.queue_full, losses.schedule_full),
-        (frames.not_sent, refused),
+        (frames.not_sent, rejected),
     ] {
         assert!(results <= happened, "{frames:?} {counters:?}");
         assert!(happened <= results + frames.unknown, "{frames:?} {counters:?}");
     }
     // Stale are frames that still waited, and those that the controller had got already.
-    let ended = counters.frames_released + losses.late + losses.schedule_full + refused;
+    let ended = counters.frames_released + losses.late + losses.schedule_full + rejected;
     let ended = ended + losses.schedule_failed;
     assert!(ended <= counters.frames_parsed, "{counters:?}");
     assert!(

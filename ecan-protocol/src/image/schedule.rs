@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn other_formats_and_flags_are_refused() {
+    fn other_formats_and_flags_are_rejected() {
         assert_eq!(Schedule::from_bytes([2, 0, 0, 0, 0, 0, 0, 0]), Err(PdoError::BadSchedule));
         assert_eq!(Schedule::from_bytes([1, 1, 0, 0, 0, 0, 0, 0]), Err(PdoError::BadSchedule));
     }

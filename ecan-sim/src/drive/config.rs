@@ -190,7 +190,7 @@ impl TryFrom<RawSdoRule> for SdoRule {
 pub struct DriveQuirks {
     /// Mapping objects are locked while the PDO is valid, as CiA 301 specifies. Some drives allow a
     /// change when the number of entries is 0. Default `true`.
-    pub refuses_mapping_while_valid: bool,
+    pub rejects_mapping_while_valid: bool,
     /// The mapping is fixed: every write to a mapping object is aborted.
     pub fixed_mapping: bool,
     /// Operation enabled is not entered while no mode is selected.
@@ -221,7 +221,7 @@ pub struct DriveQuirks {
 impl Default for DriveQuirks {
     fn default() -> Self {
         Self {
-            refuses_mapping_while_valid: true,
+            rejects_mapping_while_valid: true,
             fixed_mapping: false,
             needs_mode: false,
             ignored_modes: Vec::new(),

@@ -51,7 +51,7 @@ impl PdoObject {
         if state == NmtState::Operational {
             return Err(AbortCode::DEVICE_STATE);
         }
-        if quirks.refuses_mapping_while_valid && self.valid_id(objects).is_some() {
+        if quirks.rejects_mapping_while_valid && self.valid_id(objects).is_some() {
             return Err(AbortCode::UNSUPPORTED_ACCESS);
         }
         if subindex == 0 {

@@ -34,7 +34,7 @@ fn unmappable_object_is_aborted() {
     fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
     fixture.write(0x1600, 0, 0, 1).unwrap();
     fixture.write(0x1A00, 0, 0, 1).unwrap();
-    let refused = [
+    let rejected = [
         // no such object, object not mappable
         (0x1600, 0x1234_0010, NO_OBJECT),
         (0x1600, 0x6081_0020, NOT_MAPPABLE),
@@ -45,7 +45,7 @@ fn unmappable_object_is_aborted() {
         // the target position has 32 bits
         (0x1600, 0x607A_0010, NOT_MAPPABLE),
     ];
-    for (index, entry, code) in refused {
+    for (index, entry, code) in rejected {
         assert_eq!(fixture.write(index, 1, entry, 4), Err(code), "{entry:08X}");
     }
     // 4 + 4 + 2 bytes are more than 8
@@ -86,7 +86,7 @@ fn mapping_quirks_apply() {
     let mut fixture = Fixture::with(&DriveConfig { quirks, ..config() });
     fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
     assert_eq!(fixture.write(0x1600, 0, 0, 1), Err(0x0601_0002));
-    let quirks = DriveQuirks { refuses_mapping_while_valid: false, ..DriveQuirks::default() };
+    let quirks = DriveQuirks { rejects_mapping_while_valid: false, ..DriveQuirks::default() };
     let mut fixture = Fixture::with(&DriveConfig { quirks, ..config() });
     fixture.write(0x1600, 0, 0, 1).unwrap();
 }

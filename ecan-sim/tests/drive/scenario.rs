@@ -336,7 +336,7 @@ absolute_encoder = false
 limit_switches = [-10, 10]
 
 [node.quirks]
-refuses_mapping_while_valid = false
+rejects_mapping_while_valid = false
 needs_mode = true
 ignored_modes = [9]
 missing = [0x1016]
@@ -393,7 +393,7 @@ fn every_drive_key_is_read() {
             ..MotorConfig::default()
         },
         quirks: DriveQuirks {
-            refuses_mapping_while_valid: false,
+            rejects_mapping_while_valid: false,
             needs_mode: true,
             ignored_modes: vec![9],
             missing: vec![0x1016],

@@ -10,7 +10,7 @@ struct Access {
     command: u8,
     offset: u16,
     length: usize,
-    may_be_refused: bool,
+    may_be_rejected: bool,
 }
 
 fn parse(line: &str) -> Option<Access> {
@@ -29,7 +29,7 @@ fn parse(line: &str) -> Option<Access> {
     let offset = u16::from_str_radix(fields.next()?.strip_prefix("0x")?, 16).ok()?;
     assert_eq!(fields.next(), Some("len"));
     let length = fields.next()?.parse().ok()?;
-    Some(Access { state, command, offset, length, may_be_refused: line.contains("wkc0") })
+    Some(Access { state, command, offset, length, may_be_rejected: line.contains("wkc0") })
 }
 
 /// A gateway in an AL state, mapped for N = 3 if possible.
@@ -102,7 +102,7 @@ fn recorded_master_accesses_are_answered() {
             _ => Datagram::new(access.command, slave, access.offset, &data),
         };
         let counter = line.one(datagram).counter;
-        assert!(counter >= 1 || access.may_be_refused, "{text}");
+        assert!(counter >= 1 || access.may_be_rejected, "{text}");
         assert_eq!(line.state(0x1001), (state, 0), "{text}");
     }
 }

@@ -50,7 +50,7 @@ pub struct Finding {
     /// Severity.
     pub severity: Severity,
     /// Location.
-    pub place: Location,
+    pub location: Location,
     /// Description of the problem.
     pub what: String,
     /// Possible causes, the most likely first.
@@ -62,13 +62,21 @@ pub struct Finding {
 }
 
 impl Finding {
-    pub(crate) fn fault(id: &'static str, place: Location, what: impl Into<String>) -> Self {
+    pub(crate) fn fault(id: &'static str, location: Location, what: impl Into<String>) -> Self {
         let (severity, what) = (Severity::Fault, what.into());
-        Self { id, severity, place, what, causes: Vec::new(), next: String::new(), chapter: "16" }
+        Self {
+            id,
+            severity,
+            location,
+            what,
+            causes: Vec::new(),
+            next: String::new(),
+            chapter: "16",
+        }
     }
 
-    pub(crate) fn warning(id: &'static str, place: Location, what: impl Into<String>) -> Self {
-        Self { severity: Severity::Warning, ..Self::fault(id, place, what) }
+    pub(crate) fn warning(id: &'static str, location: Location, what: impl Into<String>) -> Self {
+        Self { severity: Severity::Warning, ..Self::fault(id, location, what) }
     }
 
     pub(crate) fn causes(mut self, causes: &[&str]) -> Self {

@@ -53,7 +53,7 @@ impl<'de> Deserialize<'de> for ObjectKey {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ReadError {
     /// The gateway rejected this entry; other entries may be readable.
-    Refused(String),
+    Rejected(String),
     /// The gateway does not respond; further reads are pointless.
     Silent(String),
 }
@@ -83,7 +83,7 @@ pub struct Snapshot {
     /// Values by object.
     pub values: BTreeMap<ObjectKey, u32>,
     /// Rejected entries with reasons.
-    pub refused: BTreeMap<ObjectKey, String>,
+    pub rejected: BTreeMap<ObjectKey, String>,
     /// Reason for an early end of reading.
     pub silence: Option<String>,
 }
@@ -128,8 +128,8 @@ impl Snapshot {
                     Ok(value) => {
                         snapshot.values.insert(key, value);
                     }
-                    Err(ReadError::Refused(why)) => {
-                        snapshot.refused.insert(key, why);
+                    Err(ReadError::Rejected(why)) => {
+                        snapshot.rejected.insert(key, why);
                     }
                     Err(ReadError::Silent(why)) => {
                         snapshot.silence = Some(why);

@@ -28,7 +28,7 @@ prop_compose! {
     ) -> Snapshot {
         let mut values = values.into_iter().cycle();
         let read = Snapshot::read(depth, |_| {
-            values.next().flatten().ok_or_else(|| ReadError::Refused("no such entry".to_owned()))
+            values.next().flatten().ok_or_else(|| ReadError::Rejected("no such entry".to_owned()))
         });
         Snapshot { al_state, has_error_flag, al_status_code, silence, ..read }
     }
@@ -42,7 +42,7 @@ proptest! {
         for finding in findings(&snapshot) {
             prop_assert!(!finding.what.is_empty(), "{finding:#?}");
             prop_assert!(!finding.causes.is_empty() && !finding.next.is_empty(), "{finding:#?}");
-            prop_assert!(!matches!(finding.place, Location::Channel(4..)), "{finding:#?}");
+            prop_assert!(!matches!(finding.location, Location::Channel(4..)), "{finding:#?}");
         }
     }
 }

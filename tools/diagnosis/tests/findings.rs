@@ -111,9 +111,9 @@ fn silent_mailbox_is_a_finding() {
 #[test]
 fn mismatched_assignment_names_both_values() {
     let found = with(0x1C12, 0, 3);
-    assert_eq!((found.id, found.place), ("assignment-differs", Location::RxPdo));
+    assert_eq!((found.id, found.location), ("assignment-differs", Location::RxPdo));
     assert!(found.what.contains("assigns 3 chunks") && found.what.contains("N = 8"), "{found:#?}");
-    assert_eq!(with(0x1C13, 0, 9).place, Location::TxPdo);
+    assert_eq!(with(0x1C13, 0, 9).location, Location::TxPdo);
 }
 
 #[test]
@@ -152,7 +152,7 @@ fn each_profile_status_has_its_cause() {
         (77, "profile-unknown", "newer"),
     ] {
         let found = with(0x8011, 2, status);
-        assert_eq!((found.id, found.place), (id, Location::RxPdo));
+        assert_eq!((found.id, found.location), (id, Location::RxPdo));
         assert!(found.causes[0].contains(cause), "{found:#?}");
     }
 }
@@ -182,7 +182,7 @@ fn each_pdo_error_has_its_cause() {
             snapshot.set(0x8011, 14, error);
             snapshot.set(0x8011, 15, 42);
         });
-        assert_eq!((found.id, found.place), (id, Location::RxPdo));
+        assert_eq!((found.id, found.location), (id, Location::RxPdo));
         assert!(found.causes[0].contains(cause), "{found:#?}");
         assert!(found.what.starts_with("42 PDO errors"), "{found:#?}");
     }
@@ -194,7 +194,7 @@ fn each_pdo_error_has_its_cause() {
 fn overflow_causes_depend_on_direction() {
     let (tx, rx) = (with(0x8010, 16, 5), with(0x8011, 16, 5));
     assert_eq!(
-        (tx.id, tx.place, rx.id, rx.place),
+        (tx.id, tx.location, rx.id, rx.location),
         ("pdo-overflow", Location::TxPdo, "pdo-overflow", Location::RxPdo)
     );
     assert!(tx.causes[0].contains("N is too small"));
@@ -225,7 +225,7 @@ fn bus_off_names_rates_and_recovery() {
         snapshot.set(0x9001, 9, 0x003B);
         snapshot.set(0x9001, 15, 1);
     });
-    assert_eq!((found.id, found.place), ("bus-off", Location::Channel(1)));
+    assert_eq!((found.id, found.location), ("bus-off", Location::Channel(1)));
     assert!(found.causes[2].contains("500 kbit/s, sample point 80.0 to 80.0 %"), "{found:#?}");
     assert!(found.next.contains("recovery is automatic"), "{found:#?}");
     let manual = only(|snapshot| {
@@ -304,7 +304,7 @@ fn masks_and_disabled_channels_explain_missing_frames() {
     // Without CAN2: mask 0x0B.
     let without = 0x0000_0007 | 0x0B << 5;
     let found = with(0x8011, 12, without);
-    assert_eq!((found.id, found.place), ("cannot-send", Location::Channel(2)));
+    assert_eq!((found.id, found.location), ("cannot-send", Location::Channel(2)));
     assert!(found.causes[0].contains("bit 2 is not set in 0x8011:04"), "{found:#?}");
     assert_eq!(with(0x8010, 12, without).id, "cannot-receive");
     let found = with(0x9003, 9, 0);
@@ -351,7 +351,7 @@ fn data_path_losses_are_findings() {
     assert_eq!(found.id, "rx-cache-drop");
     assert!(found.what.contains("dropped 30 frames (28 old, 2 new, 0 critical), 16 waited"));
     let found = with(0x9023, 12, 4);
-    assert_eq!((found.id, found.place), ("tx-fifo-full", Location::Channel(3)));
+    assert_eq!((found.id, found.location), ("tx-fifo-full", Location::Channel(3)));
 }
 
 #[test]

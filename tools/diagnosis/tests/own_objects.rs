@@ -70,7 +70,7 @@ fn of_channel(channel: u8, change: impl FnOnce(&mut Snapshot)) -> Vec<Finding> {
     let mut snapshot = well();
     change(&mut snapshot);
     let mut found = findings(&snapshot);
-    found.retain(|finding| finding.place == Location::Channel(channel));
+    found.retain(|finding| finding.location == Location::Channel(channel));
     found
 }
 

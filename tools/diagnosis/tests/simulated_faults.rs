@@ -50,7 +50,7 @@ impl Fixture {
                 let mut snapshot = Snapshot::read(Depth::Findings, |key| {
                     gateway
                         .sdo_upload(now, key.index, key.subindex, &mut bytes)
-                        .map_err(|code| ReadError::Refused(code.to_string()))?;
+                        .map_err(|code| ReadError::Rejected(code.to_string()))?;
                     let mut value = [0; 4];
                     value[..bytes.len()].copy_from_slice(&bytes);
                     Ok(u32::from_le_bytes(value))
@@ -90,7 +90,7 @@ fn gateway_in_op_has_no_finding() {
     });
     assert_eq!(bench.found(), []);
     let snapshot = bench.snapshot();
-    assert_eq!(snapshot.refused.len(), 0, "{:?}", snapshot.refused);
+    assert_eq!(snapshot.rejected.len(), 0, "{:?}", snapshot.rejected);
     assert_eq!((snapshot.get(0x8011, 9), snapshot.get(0x1C12, 0)), (Some(384), Some(3)));
 }
 
@@ -114,7 +114,7 @@ fn bus_without_partner_misses_acknowledge() {
     });
     let found = bench.found();
     let first = &found[0];
-    assert_eq!((first.id, first.place.to_string()), ("no-acknowledge", "CAN0".to_owned()));
+    assert_eq!((first.id, first.location.to_string()), ("no-acknowledge", "CAN0".to_owned()));
 }
 
 #[test]

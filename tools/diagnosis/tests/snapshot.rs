@@ -42,12 +42,12 @@ fn failed_apply_reads_more_entries() {
 #[test]
 fn rejections_are_kept_and_silence_ends_reading() {
     let snapshot = Snapshot::read(Depth::Findings, |key| match (key.index, key.subindex) {
-        (0x8000, 3) => Err(ReadError::Refused("no such entry".into())),
+        (0x8000, 3) => Err(ReadError::Rejected("no such entry".into())),
         (0x8010, 2) => Err(ReadError::Silent("timed out".into())),
         _ => Ok(0),
     });
     let key = ObjectKey { index: 0x8000, subindex: 3 };
-    assert_eq!(snapshot.refused[&key], "no such entry");
+    assert_eq!(snapshot.rejected[&key], "no such entry");
     assert_eq!(snapshot.silence.as_deref(), Some("timed out"));
     assert!(snapshot.get(0x8004, 2).is_some() && snapshot.get(0x8011, 2).is_none());
 }

@@ -10,7 +10,7 @@ use ecan_mcan_port::{
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::mapping::MAX_PACKETS;
 
-/// Formats a plan with its warnings; `adapter` and `traffic` are those of the plan. The refusals
+/// Formats a plan with its warnings; `adapter` and `traffic` are those of the plan. The rejections
 /// are not part of it: they are errors.
 pub fn plan_table(plan: &PortPlan, adapter: &AdapterConfig, traffic: &[FrameStream]) -> String {
     let mut text = String::new();
@@ -24,7 +24,7 @@ pub fn plan_table(plan: &PortPlan, adapter: &AdapterConfig, traffic: &[FrameStre
     for warning in &plan.warnings {
         let _ = writeln!(text, "warning: {warning}");
     }
-    if plan.warnings.is_empty() && plan.refusals.is_empty() {
+    if plan.warnings.is_empty() && plan.rejections.is_empty() {
         let _ = writeln!(text, "no problems found");
     }
     text

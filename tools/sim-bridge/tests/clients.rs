@@ -361,20 +361,20 @@ fn scenario_file_configures_bridge() {
 
 #[test]
 fn bridge_keys_are_rejected_for_other_nodes() {
-    let refused = |keys: &str| {
+    let rejected = |keys: &str| {
         let text = format!("[[gateway]]\n[[node]]\nbus = \"0.0\"\n{keys}");
         Scenario::from_toml(&text, "wrong", std::path::Path::new(".")).unwrap_err().to_string()
     };
     assert_eq!(
-        refused("kind = \"echo\"\nport = 1"),
+        rejected("kind = \"echo\"\nport = 1"),
         "line 2: `port` belongs to nodes of kind \"bridge\""
     );
     assert_eq!(
-        refused("kind = \"bridge\"\nqueue = 0"),
+        rejected("kind = \"bridge\"\nqueue = 0"),
         "line 2: a bridge needs `max_clients` and `queue` above 0"
     );
-    assert!(refused("kind = \"bridge\"\nport = 70000").starts_with("line 5: "));
-    assert!(refused("kind = \"bridge\"\nprotocol = \"gvret\"").starts_with("line 5: "));
+    assert!(rejected("kind = \"bridge\"\nport = 70000").starts_with("line 5: "));
+    assert!(rejected("kind = \"bridge\"\nprotocol = \"gvret\"").starts_with("line 5: "));
 }
 
 /// The bridge does not change frames.

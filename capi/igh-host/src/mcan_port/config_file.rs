@@ -202,7 +202,7 @@ mod tests {
         hold_limit = 3
         input_limit = 0
         allow_diagnostic_tests = true
-        schedule = { latest_send_us = 20, margin_check = "refuse", give_up_missed = false }
+        schedule = { latest_send_us = 20, margin_check = "reject", discard_missed = false }
         data_path = { max_service_budget_us = 700 }
         [gateway.can3]
         bitrate = 250_000

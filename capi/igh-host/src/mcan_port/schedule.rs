@@ -35,7 +35,7 @@ mirror! {
         reject_without_margin: u8 = (rust.margin_check == MarginCheck::Reject).into(),
         /// 1 discards an unconfirmed image that contains only scheduled frames: repeated, they
         /// could be sent a period late.
-        discard_missed: u8 = rust.give_up_missed.into(),
+        discard_missed: u8 = rust.discard_missed.into(),
         /// Not used.
         reserved: [u8; 2] = [0; 2],
     }
@@ -52,7 +52,7 @@ impl From<igh_mcan_schedule_settings_t> for ScheduleConfig {
                 _ => MarginCheck::Reject,
             },
             watch_ms: from.watch_ms,
-            give_up_missed: from.discard_missed != 0,
+            discard_missed: from.discard_missed != 0,
         }
     }
 }
@@ -105,7 +105,7 @@ mirror! {
         /// Frames without a result so far.
         open: u64,
         /// Frames that were rejected because their cycle began too late for the phase.
-        rejected_late: u64 = rust.refused_late,
+        rejected_late: u64 = rust.rejected_late,
         /// Frames among `scheduled` that were accepted without margin.
         without_margin: u64,
     }

@@ -62,11 +62,11 @@ mirror! {
         /// Frames received in TxPDO images.
         frames_received: u64,
         /// Frames rejected because the image was full.
-        rejected_image_full: u64 = rust.refused_image_full,
+        rejected_image_full: u64 = rust.rejected_image_full,
         /// Frames rejected because the gateway's transmit queue might overflow.
-        rejected_queue_full: u64 = rust.refused_queue_full,
+        rejected_queue_full: u64 = rust.rejected_queue_full,
         /// Frames rejected because the channel was bus-off.
-        rejected_bus_off: u64 = rust.refused_bus_off,
+        rejected_bus_off: u64 = rust.rejected_bus_off,
         /// Transmit results that reported success: code 0 or 1 (manual 10).
         results_ok: u64,
         /// Transmit results that reported a failure.

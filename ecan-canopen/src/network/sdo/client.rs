@@ -69,8 +69,8 @@ pub struct SdoClient {
     subject: (SdoDirection, u16, u8),
     /// An abort to send before anything else.
     pub(super) abort: Option<[u8; 8]>,
-    /// The server has refused block transfer, of uploads and of downloads.
-    refuses_block: (bool, bool),
+    /// The server has rejected block transfer, of uploads and of downloads.
+    rejects_block: (bool, bool),
     generation: u64,
     strays: u64,
     silences: u64,
@@ -87,7 +87,7 @@ impl SdoClient {
             outcome: Sdo::Idle,
             subject: (SdoDirection::Upload, 0, 0),
             abort: None,
-            refuses_block: (false, false),
+            rejects_block: (false, false),
             generation: 0,
             strays: 0,
             silences: 0,
@@ -137,12 +137,12 @@ impl SdoClient {
     /// # Errors
     /// [`SdoStartError::Busy`].
     pub fn start_upload(&mut self, index: u16, subindex: u8) -> Result<(), SdoStartError> {
-        let block = self.config.block.upload && !self.refuses_block.0;
+        let block = self.config.block.upload && !self.rejects_block.0;
         self.start(Transfer::new(SdoDirection::Upload, (index, subindex), None, block))
     }
 
     /// Begins to read an object by block transfer, whatever the settings say. A server that
-    /// refuses that is asked again for a segmented transfer.
+    /// rejects that is asked again for a segmented transfer.
     ///
     /// # Errors
     /// [`SdoStartError::Busy`].
@@ -172,7 +172,7 @@ impl SdoClient {
         }
         let from = self.config.block.download_from;
         let block =
-            length > 4 && !self.refuses_block.1 && from.is_some_and(|least| length >= least);
+            length > 4 && !self.rejects_block.1 && from.is_some_and(|least| length >= least);
         let subject = (index, subindex);
         self.start(Transfer::new(SdoDirection::Download, subject, Some(length), block))
     }
@@ -232,11 +232,11 @@ impl SdoClient {
         let attempts = transfer.attempts;
         let has_attempts = attempts <= self.config.retries && attempts < u8::MAX;
         let (code, fault, again) = match failure {
-            TransferFailure::Abort(code) if opening_block && is_block_refusal(code) => {
+            TransferFailure::Abort(code) if opening_block && is_block_rejection(code) => {
                 let for_good = matches!(code, AbortCode::COMMAND | AbortCode::UNSUPPORTED_ACCESS);
                 match transfer.direction {
-                    SdoDirection::Upload => self.refuses_block.0 |= for_good,
-                    SdoDirection::Download => self.refuses_block.1 |= for_good,
+                    SdoDirection::Upload => self.rejects_block.0 |= for_good,
+                    SdoDirection::Download => self.rejects_block.1 |= for_good,
                 }
                 transfer.block = false;
                 transfer.begin();
@@ -303,8 +303,8 @@ impl SdoClient {
     }
 }
 
-/// Codes with which servers refuse block transfer, but perhaps not segmented transfer.
-fn is_block_refusal(code: AbortCode) -> bool {
+/// Codes with which servers reject block transfer, but perhaps not segmented transfer.
+fn is_block_rejection(code: AbortCode) -> bool {
     const INVALID_BLOCK_SIZE: AbortCode = AbortCode(0x0504_0002);
     matches!(
         code,

@@ -100,7 +100,7 @@ int plain_next(struct plain_reader *reader, struct plain_packet *packet);
 size_t plain_encode(struct plain_writer *writer, uint8_t *image, const struct plain_frame *frames,
                     size_t count);
 /* Looks at channel, identifier, length and first data byte of each frame; 0 where the image is
- * refused. */
+ * rejected. */
 uint64_t plain_decode(struct plain_reader *reader, const uint8_t *image);
 
 #endif

@@ -306,7 +306,7 @@ impl Reader {
         image.as_ptr()
     }
 
-    /// The packets of an image and whether they ended well; `None` where the image is refused.
+    /// The packets of an image and whether they ended well; `None` where the image is rejected.
     pub fn read<'a>(&mut self, image: &'a [u8]) -> Option<(Vec<Packet<'a>>, bool)> {
         let image = self.image(image);
         // SAFETY: the image has the bytes of the profile.
@@ -338,7 +338,7 @@ impl Reader {
     }
 
     /// Reads a whole image: the sum over its frames of channel, identifier, length and first data
-    /// byte. 0 where the image is refused.
+    /// byte. 0 where the image is rejected.
     pub fn decode(&mut self, image: &[u8]) -> u64 {
         let image = self.image(image);
         // SAFETY: the image has the bytes of the profile.

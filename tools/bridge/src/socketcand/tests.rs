@@ -123,13 +123,13 @@ fn frames_match_savvycan_format() {
 fn invalid_commands_are_rejected_with_reason() {
     let mut bus = Bus::default();
     let mut session = SocketcandSession::new();
-    let mut refused = |text: &str| say(&mut session, &mut bus, text);
-    assert_eq!(refused("< send 123 0 >"), "< error not possible in this mode >");
-    assert_eq!(refused("< rawmode >"), "< error not possible in this mode >");
-    assert_eq!(refused("< open >"), "< error bus name is missing >");
-    assert_eq!(refused("< isotpmode >"), "< error unknown command >");
-    assert_eq!(refused("<>"), "< error syntax error >");
-    assert_eq!(refused(&format!("< {} >", "x".repeat(100_000))), "< error syntax error >");
+    let mut rejected = |text: &str| say(&mut session, &mut bus, text);
+    assert_eq!(rejected("< send 123 0 >"), "< error not possible in this mode >");
+    assert_eq!(rejected("< rawmode >"), "< error not possible in this mode >");
+    assert_eq!(rejected("< open >"), "< error bus name is missing >");
+    assert_eq!(rejected("< isotpmode >"), "< error unknown command >");
+    assert_eq!(rejected("<>"), "< error syntax error >");
+    assert_eq!(rejected(&format!("< {} >", "x".repeat(100_000))), "< error syntax error >");
     assert_eq!(bus.rejected, 6);
 }
 

@@ -14,11 +14,11 @@ use crate::snapshot::{ObjectKey, Snapshot};
 pub(super) struct Channel<'a> {
     pub(super) snapshot: &'a Snapshot,
     pub(super) number: u8,
-    place: Location,
+    location: Location,
 }
 
 pub(super) fn findings(snapshot: &Snapshot, number: u8) -> Vec<Finding> {
-    let channel = Channel { snapshot, number, place: Location::Channel(number) };
+    let channel = Channel { snapshot, number, location: Location::Channel(number) };
     let checks = [
         Channel::error_state,
         Channel::bus_error,
@@ -58,11 +58,11 @@ impl Channel<'_> {
     }
 
     pub(super) fn fault(&self, id: &'static str, what: impl Into<String>) -> Finding {
-        Finding::fault(id, self.place, what)
+        Finding::fault(id, self.location, what)
     }
 
     fn warning(&self, id: &'static str, what: impl Into<String>) -> Finding {
-        Finding::warning(id, self.place, what)
+        Finding::warning(id, self.location, what)
     }
 
     fn status(&self) -> Option<ChannelStatus> {

@@ -178,7 +178,7 @@ fn assignment(
     snapshot: &Snapshot,
     profile: u16,
     assignment: u16,
-    place: Location,
+    location: Location,
 ) -> Option<Finding> {
     let bytes = snapshot.active_bytes(profile)?;
     let chunks = snapshot.get(assignment, 0)?;
@@ -191,7 +191,7 @@ fn assignment(
         bytes / CHUNK_BYTES as u32
     );
     let next = "write the assignment, then the profile, then its apply command, all in PREOP";
-    Finding::fault("assignment-differs", place, what)
+    Finding::fault("assignment-differs", location, what)
         .causes(&[
             "the master project selects another number of chunks than it writes as PDO size \
              multiplier",

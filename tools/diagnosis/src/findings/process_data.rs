@@ -11,24 +11,24 @@ const HEADER_BYTES: u32 = 24;
 
 pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     let mut found = Vec::new();
-    for (index, place) in [(0x8010, Location::TxPdo), (0x8011, Location::RxPdo)] {
-        found.extend(status(snapshot, index, place));
-        found.extend(frame_area(snapshot, index, place));
-        found.extend(last_error(snapshot, index, place));
-        found.extend(overflow(snapshot, index, place));
-        found.extend(bypass(snapshot, index, place));
+    for (index, location) in [(0x8010, Location::TxPdo), (0x8011, Location::RxPdo)] {
+        found.extend(status(snapshot, index, location));
+        found.extend(frame_area(snapshot, index, location));
+        found.extend(last_error(snapshot, index, location));
+        found.extend(overflow(snapshot, index, location));
+        found.extend(bypass(snapshot, index, location));
     }
     found.extend(diagnostic_test(snapshot));
     found
 }
 
-fn status(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
+fn status(snapshot: &Snapshot, index: u16, location: Location) -> Option<Finding> {
     let raw = snapshot.get(index, 2)?;
     let status = ProfileStatus::from_raw(u8::try_from(raw).unwrap_or(u8::MAX));
     let n = snapshot.number(index, 3);
     let mask = snapshot.text_of(index, 4, |mask| format!("0x{mask:02X}"));
     let what = format!("profile not applied: 0x{index:04X}:02 is {status}");
-    let fault = |id| Finding::fault(id, place, what.clone());
+    let fault = |id| Finding::fault(id, location, what.clone());
     let apply_again = format!("write 0x{index:04X}:01 = 1 in PREOP, then read :02 again");
     match status {
         // Parser and budget errors have counters of their own.
@@ -55,7 +55,7 @@ fn status(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
                 "select the first N chunks in the master, load its mapping, then apply",
                 "5.4.6",
             ),
-        ProfileStatus::PendingApply => Finding::warning("profile-pending", place, what)
+        ProfileStatus::PendingApply => Finding::warning("profile-pending", location, what)
             .cause("the profile was written without apply command")
             .next_step(apply_again, "13.2"),
         ProfileStatus::UnsupportedOption => fault("profile-option")
@@ -70,7 +70,7 @@ fn status(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
     }
 }
 
-fn frame_area(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
+fn frame_area(snapshot: &Snapshot, index: u16, location: Location) -> Option<Finding> {
     let bytes = snapshot.active_bytes(index)?;
     let area = snapshot.get(index, 10)?;
     let expected = bytes.checked_sub(HEADER_BYTES);
@@ -83,12 +83,12 @@ fn frame_area(snapshot: &Snapshot, index: u16, place: Location) -> Option<Findin
         }
         None => format!("{bytes} active bytes are smaller than the header of {HEADER_BYTES}"),
     };
-    Finding::fault("frame-area", place, what)
+    Finding::fault("frame-area", location, what)
         .causes(&["the profile changed during reading", "the firmware uses another header"])
         .next_step("read 0xF000:18 and the profile again", "5.4.2")
 }
 
-fn last_error(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
+fn last_error(snapshot: &Snapshot, index: u16, location: Location) -> Option<Finding> {
     let (raw, count) = (snapshot.get(index, 14)?, snapshot.get(index, 15));
     let error = u16::try_from(raw).ok().and_then(PdoError::from_raw);
     if raw == 0 && count.unwrap_or(0) == 0 {
@@ -105,8 +105,8 @@ fn last_error(snapshot: &Snapshot, index: u16, place: Location) -> Option<Findin
         None => format!("PDO errors, number unknown, {last}"),
     };
     let finding = match error {
-        Some(PdoError::Ok | PdoError::DuplicateSequence) => Finding::warning(id, place, what),
-        _ => Finding::fault(id, place, what),
+        Some(PdoError::Ok | PdoError::DuplicateSequence) => Finding::warning(id, location, what),
+        _ => Finding::fault(id, location, what),
     };
     finding.causes(causes).next_step(next, "5.4.6, 16.2")
 }
@@ -228,10 +228,10 @@ fn explain(error: Option<PdoError>) -> (&'static str, &'static [&'static str], &
     }
 }
 
-fn overflow(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
+fn overflow(snapshot: &Snapshot, index: u16, location: Location) -> Option<Finding> {
     let count = snapshot.get(index, 16).filter(|count| *count != 0)?;
     let what = format!("frames did not fit into the process data or were delayed, {count} times");
-    let finding = Finding::warning("pdo-overflow", place, what);
+    let finding = Finding::warning("pdo-overflow", location, what);
     if index == 0x8010 {
         finding
             .causes(&[
@@ -252,14 +252,14 @@ fn overflow(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding>
     }
 }
 
-fn bypass(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
+fn bypass(snapshot: &Snapshot, index: u16, location: Location) -> Option<Finding> {
     snapshot.active_bytes(index)?;
     let options = snapshot.get(index, 12)? >> 21 & 0xFF;
     if options & u32::from(OptionFlags::APP_BYPASS.bits()) == 0 {
         return None;
     }
     let what = "APP_BYPASS is active: CAN is disconnected in this direction";
-    Finding::fault("app-bypass", place, what)
+    Finding::fault("app-bypass", location, what)
         .cause("not reset after a measurement")
         .next_step(format!("clear bit 3 of 0x{index:04X}:07 and apply"), "9.1")
 }

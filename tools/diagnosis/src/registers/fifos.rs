@@ -86,11 +86,11 @@ decoded_register! {
 impl fmt::Display for HighPriorityStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = if self.is_extended { "extended" } else { "standard" };
-        let place = match self.storage {
+        let location = match self.storage {
             0 => return f.write_str("none in a FIFO"),
             1 => "lost".to_owned(),
             fifo => format!("in RX FIFO{}, element {}", fifo - 2, self.buffer),
         };
-        write!(f, "{place}, by {kind} filter {}", self.filter)
+        write!(f, "{location}, by {kind} filter {}", self.filter)
     }
 }

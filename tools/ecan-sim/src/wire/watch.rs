@@ -93,7 +93,7 @@ mod tests {
         let init = View { state: AlState::Init, ..op };
         let watchdog = Some(AlStatusCode::SM_WATCHDOG);
         let fallen = View { state: AlState::SafeOp, error: watchdog, ..op };
-        let refused = View { error: Some(AlStatusCode::MAILBOX_CONFIGURATION), ..init };
+        let rejected = View { error: Some(AlStatusCode::MAILBOX_CONFIGURATION), ..init };
         let cases = [
             (off, init, Some("booted, INIT")),
             (op, off, Some("off or restarting")),
@@ -108,7 +108,7 @@ mod tests {
                 ),
             ),
             (fallen, View { error: None, ..fallen }, Some("SAFEOP, AL error acknowledged")),
-            (init, refused, Some("INIT, AL error 0x0016 invalid mailbox configuration for PREOP")),
+            (init, rejected, Some("INIT, AL error 0x0016 invalid mailbox configuration for PREOP")),
             (op, View { is_reachable: false, ..op }, Some("link lost")),
         ];
         for (before, now, text) in cases {

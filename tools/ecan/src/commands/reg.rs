@@ -289,12 +289,12 @@ mod tests {
             assert_eq!(service.write(0x54, 5).unwrap().value, 5);
             assert_eq!(mode(bus), 0, "restored after the write");
             // A rejected write restores it too.
-            let refused = service.write(0x44, 5).unwrap_err();
+            let rejected = service.write(0x44, 5).unwrap_err();
             assert!(
-                refused.to_string().contains("not in the whitelist of the gateway"),
-                "{refused}"
+                rejected.to_string().contains("not in the whitelist of the gateway"),
+                "{rejected}"
             );
-            assert_eq!(refused.status(), 5);
+            assert_eq!(rejected.status(), 5);
             assert_eq!(mode(bus), 0);
             // A mode set by another program is kept.
             bus.write(0, 0xB000, 1, 2).unwrap();

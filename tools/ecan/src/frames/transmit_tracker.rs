@@ -184,7 +184,7 @@ impl TransmitTracker {
         let is_under_way = self.is_stopped && !self.was_lost;
         Outcome {
             sent: self.handed_over - waiting - doubtful,
-            refused: self.failed,
+            rejected: self.failed,
             waiting: if is_under_way { 0 } else { held },
             unknown: doubtful + if is_under_way { 0 } else { open },
             under_way: if is_under_way { held + open } else { 0 },
@@ -235,7 +235,7 @@ fn pending(channels: Channels, port: &Port) -> u32 {
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
     pub sent: u64,
-    pub refused: u64,
+    pub rejected: u64,
     /// Frames pending in a channel.
     pub waiting: u64,
     /// Frames without result, or in a gateway that was lost.
@@ -249,6 +249,6 @@ pub struct Outcome {
 impl Outcome {
     /// Frames not confirmed as sent.
     pub fn lost(&self) -> u64 {
-        self.refused + self.waiting + self.unknown
+        self.rejected + self.waiting + self.unknown
     }
 }

@@ -119,14 +119,14 @@ fn pseudo_terminal_acts_as_serial_adapter() {
 #[test]
 fn frames_during_outage_are_rejected_and_never_sent() {
     let fault = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 500";
-    let late = refuses_during("kind = \"silent\"", fault, "gateway: ready");
+    let late = rejects_during("kind = \"silent\"", fault, "gateway: ready");
     assert_eq!(late, [0; 0]);
 }
 
 #[test]
 fn frames_during_bus_off_are_rejected() {
     let fault = "kind = \"bus_off\"\ngateway = 0\nchannel = 0";
-    let late = refuses_during("kind = \"silent\"", fault, "can0: run");
+    let late = rejects_during("kind = \"silent\"", fault, "can0: run");
     assert_eq!(late, [0; 0]);
 }
 
@@ -135,14 +135,14 @@ fn frames_during_bus_off_are_rejected() {
 fn frames_without_acknowledgement_are_rejected() {
     let node = "kind = \"drive\"\nname = \"partner\"\nnode_id = 1";
     let fault = "kind = \"drive_power_cycle\"\nnode = \"partner\"\noff_ms = 3000";
-    let late = refuses_during(node, fault, "can0: run");
+    let late = rejects_during(node, fault, "can0: run");
     let queue_and_controller = 64 + 32;
     assert!(late.len() <= queue_and_controller, "{} frames came late", late.len());
 }
 
 /// A client sends during a fault, whose end is reported in a line that ends with `end`. Returns the
 /// outdated frames received afterwards.
-fn refuses_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
+fn rejects_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
     let bus = Scenario::new(&format!(
         "[[node]]\nbus = \"0.0\"\n{node}\n[[fault]]\nat_ms = 9000\n{fault}\n"
     ));
@@ -181,12 +181,12 @@ fn refuses_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
     bridge.terminate();
     let (status, errors) = bridge.wait();
     assert_eq!(status, Some(0), "{errors}");
-    let refused = answers.iter().filter(|is_taken| !**is_taken).count();
-    let note = format!("# {refused} client frames rejected: channel not available");
+    let rejected = answers.iter().filter(|is_taken| !**is_taken).count();
+    let note = format!("# {rejected} client frames rejected: channel not available");
     assert!(errors.contains(&note), "{errors}");
     let back = errors.lines().rfind(|line| line.ends_with(end)).unwrap();
     let back: f64 = back["# (".len()..].split(')').next().unwrap().parse().unwrap();
-    assert!(heard.iter().all(|(_, number)| answers[*number]), "a refused frame was sent");
+    assert!(heard.iter().all(|(_, number)| answers[*number]), "a rejected frame was sent");
     let is_late = |(time, number): &(f64, usize)| *time >= back && *number < first_after;
     heard.into_iter().filter(is_late).map(|(_, number)| number).collect()
 }

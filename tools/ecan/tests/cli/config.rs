@@ -159,8 +159,8 @@ n = 2
 can1 = { bitrate = 125_000 }
 ";
 
-/// Three gateways, of which the second refuses the nominal bit rate of channel 1 with this code.
-fn second_of_three_refuses(code: u32) -> tempfile::NamedTempFile {
+/// Three gateways, of which the second rejects the nominal bit rate of channel 1 with this code.
+fn second_of_three_rejects(code: u32) -> tempfile::NamedTempFile {
     scenario(&format!(
         "[[gateway]]\n[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\n\
          gateway = 1\nindex = 0x8002\nsubindex = 19\ncode = {code}\ntimes = 9\n"
@@ -171,7 +171,7 @@ fn second_of_three_refuses(code: u32) -> tempfile::NamedTempFile {
 fn apply_reports_written_parts_on_failure() {
     let (_directory, path) = file(THREE);
     let path = text(&path);
-    let bus = second_of_three_refuses(0x06090030);
+    let bus = second_of_three_rejects(0x06090030);
     let bus = setting(&bus);
     let told = ends(5, &["--ecrt", &bus, "config", "apply", path, "--steps"]);
     let places: Vec<_> = told.lines().filter(|line| line.starts_with("slave ")).collect();
@@ -200,7 +200,7 @@ fn apply_reports_written_parts_on_failure() {
 fn diff_reports_compared_gateways_on_failure() {
     let (_directory, path) = file(THREE);
     let path = text(&path);
-    let bus = second_of_three_refuses(0x06090011);
+    let bus = second_of_three_rejects(0x06090011);
     let bus = setting(&bus);
     let told = ends(5, &["--ecrt", &bus, "config", "diff", path]);
     assert!(told.contains("Nominal bitrate): the file has 250000, the device 500000\n"), "{told}");
@@ -445,7 +445,7 @@ fn invalid_use_has_message_and_status() {
         let message = fails(status, arguments);
         assert!(message.contains(words), "{arguments:?}: {message}");
     }
-    // The device refuses a write in the middle.
+    // The device rejects a write in the middle.
     let (_directory, scenario) = file(
         "[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8001\n\
          subindex = 20\ncode = 0x06090030\n",

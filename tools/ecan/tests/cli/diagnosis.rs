@@ -110,7 +110,7 @@ fn json_has_registers_findings_and_bundle() {
     assert_eq!(report["channels"][0]["error_counters"]["receive"], 0x20);
     assert_eq!(report["channels"][0]["protocol"]["last_error"], "no_change");
     assert_eq!(report["findings"][0]["id"], "pdo-overflow");
-    assert_eq!(report["findings"][0]["place"], "rx_pdo");
+    assert_eq!(report["findings"][0]["location"], "rx_pdo");
     let bundle = &report["bundle"];
     assert_eq!(bundle["format"], "ecan-diagnosis");
     assert_eq!(bundle["host"]["is_simulated"], true);
@@ -178,16 +178,18 @@ fault [mailbox-silent]";
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert!(json["flags"].is_null() && json["bundle"]["gateway"]["firmware"].is_null(), "{json}");
 
-    let refused = [(0x100A, 0), (0x8011, 2), (0x8011, 15), (0x9000, 1), (0x9000, 13), (0x9022, 12)]
-        .map(|(index, subindex)| {
-            format!(
-                "[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = {index}\n\
+    let rejected =
+        [(0x100A, 0), (0x8011, 2), (0x8011, 15), (0x9000, 1), (0x9000, 13), (0x9022, 12)].map(
+            |(index, subindex)| {
+                format!(
+                    "[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = {index}\n\
                  subindex = {subindex}\ncode = 0x06090011\ntimes = 9\n"
-            )
-        });
-    let refused = scenario(&format!("[[gateway]]\n{}", refused.concat()));
-    let refused = setting(&refused);
-    let report = good(&["--ecrt", &refused, "diag"]);
+                )
+            },
+        );
+    let rejected = scenario(&format!("[[gateway]]\n{}", rejected.concat()));
+    let rejected = setting(&rejected);
+    let report = good(&["--ecrt", &rejected, "diag"]);
     for words in [
         "slave 0, PREOP, ECAN-Lite, firmware not read, serial 4294967297\n",
         "RxPDO  not active  24 chunks  not read  0 OK        not read  0\n",
@@ -198,7 +200,7 @@ fault [mailbox-silent]";
     ] {
         assert!(report.contains(words), "{words}: {report}");
     }
-    let json = good(&["--ecrt", &refused, "diag", "--json"]);
+    let json = good(&["--ecrt", &rejected, "diag", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     let channel = &json["channels"][0];
     assert!(channel["rx_dropped"].is_null() && channel["error_counters"].is_null(), "{channel}");
@@ -248,15 +250,16 @@ fn clear_runs_after_reading() {
 fn report_is_printed_if_record_or_clear_fails() {
     let nowhere = tempfile::tempdir().unwrap();
     let nowhere = nowhere.path().join("none/bundle.json").display().to_string();
-    let refusing = scenario(
+    let rejecting = scenario(
         "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0x8010\n\
          subindex = 8\ncode = 0x08000022\ntimes = 9\n",
     );
-    let refusing = setting(&refusing);
-    let report = ends(5, &["--ecrt", &refusing, "diag", "--clear", "--brief"]);
+    let rejecting = setting(&rejecting);
+    let report = ends(5, &["--ecrt", &rejecting, "diag", "--clear", "--brief"]);
     assert!(report.starts_with("slave 0, PREOP,"), "{report}");
-    // What is not kept is not cleared either: this gateway would refuse that by status 5.
-    let report = ends(6, &["--ecrt", &refusing, "diag", "--clear", "--record", &nowhere, "--json"]);
+    // What is not kept is not cleared either: this gateway would reject that by status 5.
+    let report =
+        ends(6, &["--ecrt", &rejecting, "diag", "--clear", "--record", &nowhere, "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["position"], 0);
 }

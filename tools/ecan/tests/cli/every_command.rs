@@ -154,7 +154,7 @@ fn log_option_and_variable_write_events_to_stderr() {
 
 #[test]
 fn denied_signal_handlers_return_status_7() {
-    // The system refuses the thread that waits for them.
+    // The system rejects the thread that waits for them.
     let traced = |command: &[&str]| {
         Command::new("strace")
             .args(["-o", "/dev/null", "-e", "trace=clone,clone3"])

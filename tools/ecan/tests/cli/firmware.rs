@@ -83,7 +83,7 @@ upload: Failed to upload SDO: Input/output error
 ";
     assert_eq!(out, expected);
     assert!(errors.contains("1 of 3 gateways were not read; see above"), "{errors}");
-    // One that refuses an object.
+    // One that rejects an object.
     let bus = crate::support::scenario(
         "[[gateway]]\n[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
          index = 0xF000\nsubindex = 7\ncode = 0x08000022\ntimes = 9\n",
@@ -149,9 +149,9 @@ fn rejection_reason_comes_from_gateway() {
     let (tool, file) = (FakeEthercat::new(1, Behaviour::Of15), file(&[0x55; 5000]));
     let (status, out, _) = update(&tool, file.path(), &["--json"]);
     let json: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!((status, &json[0]["refusal"]["cause"]), (5, &Value::from("verify")));
-    let words = json[0]["words"].as_str().unwrap();
-    assert!(words.contains("FOE_ACK_ERROR; status 0xB000:11 = 0x8010"), "{words}");
+    assert_eq!((status, &json[0]["rejection"]["cause"]), (5, &Value::from("verify")));
+    let text = json[0]["text"].as_str().unwrap();
+    assert!(text.contains("FOE_ACK_ERROR; status 0xB000:11 = 0x8010"), "{text}");
 }
 
 #[test]
@@ -171,8 +171,8 @@ fn interrupted_update_keeps_old_version() {
     let (status, out, _) = update(&tool, package.path(), &["--json"]);
     assert_eq!(status, 5, "{out}");
     let json: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!(json[0]["result"], "refused");
-    assert_eq!(json[0]["refusal"]["cause"], "interrupted");
+    assert_eq!(json[0]["result"], "rejected");
+    assert_eq!(json[0]["rejection"]["cause"], "interrupted");
     assert_eq!(json[0]["is_good"], false);
     tool.master().line.pass(5_000 * crate::fake_ethercat::wire_support::MS);
     let (status, out, errors) = firmware(&tool.program, &["version"]);
@@ -291,8 +291,8 @@ fn unidentified_slave_is_always_reported() {
     let tool = FakeEthercat::new(2, Behaviour::Silent { position: 0, product_code });
     let (status, out, errors) = update(&tool, package.path(), &[]);
     assert_eq!((status, tool.writes().len()), (4, 0), "{out}");
-    let words = "slave 0 cannot be identified: ethercat upload: Failed to";
-    assert!(errors.contains(words), "{errors}");
+    let text = "slave 0 cannot be identified: ethercat upload: Failed to";
+    assert!(errors.contains(text), "{errors}");
     assert!(errors.contains("select one with --slave: 0, 1, or all with --all"), "{errors}");
     let (status, out, errors) = update(&tool, package.path(), &["--all"]);
     assert_eq!((status, tool.writes().len()), (1, 1), "{out}{errors}");
@@ -410,11 +410,11 @@ fn messages_of_the_real_tool_are_explained() {
         (Behaviour::WriteFails("something that nobody has seen"), 5, "nobody has seen"),
         (Behaviour::Babbles, 5, "\"Good morning!\", which is not output of IgH's tool"),
     ];
-    for (behaviour, expected, words) in cases {
+    for (behaviour, expected, text) in cases {
         let tool = FakeEthercat::new(1, behaviour.clone());
         let (status, out, errors) = update(&tool, package.path(), &["--timeout", "1"]);
         assert_eq!(status, expected, "{behaviour:?}: {errors}");
-        assert!((out + &errors).contains(words), "{behaviour:?}: {errors}");
+        assert!((out + &errors).contains(text), "{behaviour:?}: {errors}");
     }
 }
 
@@ -436,10 +436,10 @@ fn invalid_use_is_reported_before_writing() {
         (6, &["update", directory.path().to_str().unwrap(), "--yes"], "directory"),
         (2, &["update"], "required arguments"),
     ];
-    for (status, arguments, words) in cases {
+    for (status, arguments, text) in cases {
         let (found, _, errors) = firmware(&tool.program, arguments);
         assert_eq!(found, status, "{arguments:?}: {errors}");
-        assert!(errors.contains(words), "{arguments:?}: {errors}");
+        assert!(errors.contains(text), "{arguments:?}: {errors}");
     }
     assert_eq!(tool.writes(), [[""; 0]; 0]);
     let missing = ["firmware", "version", "--ethercat", "/nonexistent/ethercat"];

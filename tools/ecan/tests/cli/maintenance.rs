@@ -43,7 +43,7 @@ CAN0 extended: no filters; other frames: RX FIFO0
     for (wanted, line) in [
         (&["--range", "0x180", "0x1FF"][..], "  0  0x180 to 0x1FF  RX FIFO0\n"),
         (&["--id", "0x80", "--to", "priority-fifo0"], "  0  0x080  RX FIFO0, priority mark\n"),
-        (&["--id", "1", "2", "--to", "reject"], "  0  0x001 and 0x002  refused\n"),
+        (&["--id", "1", "2", "--to", "reject"], "  0  0x001 and 0x002  rejected\n"),
         (&["--id", "5", "--buffer", "3"], "  0  0x005  RX buffer 3\n"),
         (
             &["--extended", "--mask", "0x18FF0000", "0x1FFF0000", "--to", "fifo1", "--sync"],

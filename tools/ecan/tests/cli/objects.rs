@@ -112,8 +112,8 @@ fn unreadable_values_do_not_hide_others() {
              subindex = {subindex}\ncode = 0x06090011\ntimes = 9\n"
         )
     };
-    let refused = [(0x8010, 15), (0x9002, 9), (0xB000, 5), (0xF000, 30), (0x100A, 0)];
-    let bus = scenario(&format!("[[gateway]]\n{}", refused.map(fault).concat()));
+    let rejected = [(0x8010, 15), (0x9002, 9), (0xB000, 5), (0xF000, 30), (0x100A, 0)];
+    let bus = scenario(&format!("[[gateway]]\n{}", rejected.map(fault).concat()));
     let setting = setting(&bus);
     let run = |command: &[&str]| good(&[&["--ecrt", &setting][..], command].concat());
     let reason = "not read: 0x06090011 subindex does not exist";

@@ -86,11 +86,11 @@ fn channel_without_partner_fails() {
     assert!(printed.starts_with("gateway 4294967297 at position 0: FAILED\n"), "{printed}");
     let failed = lines(&printed, "FAILED  wire");
     assert_eq!(failed.len(), 4, "{printed}");
-    let words = "FAILED  wire from channel 2 to 3, 250 kbit/s          0 of 96 frames received (no \
+    let text = "FAILED  wire from channel 2 to 3, 250 kbit/s          0 of 96 frames received (no \
                  acknowledgement; check the wiring from channel 2 to channel 3 and its termination); \
                  channel 2: error counters 128 transmit errors, 0 receive errors; channel 3: error \
                  counters 128 transmit errors, 0 receive errors";
-    assert_eq!(lines(&printed, "wire from channel 2 to 3, 250"), [words]);
+    assert_eq!(lines(&printed, "wire from channel 2 to 3, 250"), [text]);
     assert_eq!(lines(&printed, "good    wire from channel 0 to 1").len(), 2, "{printed}");
     assert_eq!(lines(&printed, "good    loopback").len(), 8, "{printed}");
     assert_eq!(lines(&printed, "good    configuration").len(), 1, "{printed}");
@@ -227,8 +227,8 @@ fn stopped_test_has_report_and_restores() {
     let output = child.wait_with_output().unwrap();
     let printed = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(1), "{message}");
-    let words = "stopping after restoring the configuration\n";
-    assert_eq!(message, format!("{words}ecan: stopped before the end of the test\n"));
+    let text = "stopping after restoring the configuration\n";
+    assert_eq!(message, format!("{text}ecan: stopped before the end of the test\n"));
     let expected = "\
 gateway 4294967297 at position 0: FAILED
   good    recognition    ECAN-Lite (0xF000)

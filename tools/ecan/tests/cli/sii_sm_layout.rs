@@ -286,7 +286,7 @@ fn unfixable_images_are_not_changed() {
 #[test]
 fn writing_needs_confirmation_and_right_slave() {
     let image = broken(&[(20, 0x64)]);
-    let refused = |prepare: fn(&Fixture), arguments: &[&str], status: i32, words: &str| {
+    let rejected = |prepare: fn(&Fixture), arguments: &[&str], status: i32, words: &str| {
         let bench = Fixture::new(&image);
         prepare(&bench);
         let (found, said) = bench.run(arguments);
@@ -295,13 +295,13 @@ fn writing_needs_confirmation_and_right_slave() {
         assert!(!bench.has_written());
         assert_eq!(bench.get("eeprom"), image);
     };
-    refused(|_| (), &["fix"], 2, "nothing was written; use --yes");
-    refused(|bench| bench.put("state", b"OP"), &["fix", "--yes"], 1, "is in OP; stop the app");
-    refused(|bench| bench.put("unit", b"0x0001 1"), &["fix", "--yes"], 1, "as an ECAN-Lite");
+    rejected(|_| (), &["fix"], 2, "nothing was written; use --yes");
+    rejected(|bench| bench.put("state", b"OP"), &["fix", "--yes"], 1, "is in OP; stop the app");
+    rejected(|bench| bench.put("unit", b"0x0001 1"), &["fix", "--yes"], 1, "as an ECAN-Lite");
     let taken = ["fix", "--yes", "--backup", "state"];
-    refused(|_| (), &taken, 2, "exists and is not overwritten");
+    rejected(|_| (), &taken, 2, "exists and is not overwritten");
     let nowhere = ["fix", "--yes", "--backup", "/nonexistent/backup.bin"];
-    refused(|_| (), &nowhere, 2, "cannot write the backup");
+    rejected(|_| (), &nowhere, 2, "cannot write the backup");
     let failing = |bench: &Fixture| {
         bench.put(
             "sii_read.fails",
@@ -309,12 +309,12 @@ fn writing_needs_confirmation_and_right_slave() {
         );
     };
     let words = "ethercat sii_read: Failed to open master device /dev/EtherCAT0: Permission denied";
-    refused(failing, &["fix", "--yes"], 3, words);
-    refused(failing, &["check"], 3, words);
-    refused(|_| (), &["restore", "state", "--yes"], 2, "state has 5 bytes and is not an SII");
-    refused(|_| (), &["restore", "none.bin", "--yes"], 2, "cannot read none.bin");
+    rejected(failing, &["fix", "--yes"], 3, words);
+    rejected(failing, &["check"], 3, words);
+    rejected(|_| (), &["restore", "state", "--yes"], 2, "state has 5 bytes and is not an SII");
+    rejected(|_| (), &["restore", "none.bin", "--yes"], 2, "cannot read none.bin");
     let other_size = |bench: &Fixture| bench.put("other.bin", &[0; 500]);
-    refused(other_size, &["restore", "other.bin", "--yes"], 1, "or not from slave 0");
+    rejected(other_size, &["restore", "other.bin", "--yes"], 1, "or not from slave 0");
     // Chosen by hand, the slave need not show itself.
     let bench = Fixture::new(&image);
     bench.put("unit", b"0x0001 1");

@@ -66,7 +66,7 @@ pub(super) fn bundle(
 
 fn read_error(error: Error) -> ReadError {
     match error {
-        Error::Sdo { abort_code: Some(code), .. } => ReadError::Refused(code.to_string()),
+        Error::Sdo { abort_code: Some(code), .. } => ReadError::Rejected(code.to_string()),
         other => ReadError::Silent(other.to_string()),
     }
 }

@@ -18,7 +18,7 @@ pub(super) fn print(
     out: &mut dyn Write,
 ) -> Written {
     heading(report, out)?;
-    let refused = &report.bundle.snapshot.refused;
+    let rejected = &report.bundle.snapshot.rejected;
     if !is_brief {
         directions(report, out)?;
         if report.channels.is_empty() {
@@ -34,12 +34,12 @@ pub(super) fn print(
             print_channel(channel, out)?;
         }
         performance(report, out)?;
-        print_refused(refused, out)?;
+        print_rejected(rejected, out)?;
         writeln!(out)?;
     }
     if report.findings.is_empty() {
         write!(out, "{}", output.toned(Tone::Good, "no findings"))?;
-        return match refused.len() {
+        return match rejected.len() {
             0 => writeln!(out),
             1 => writeln!(out, "; 1 entry was not read"),
             more => writeln!(out, "; {more} entries were not read"),
@@ -165,12 +165,12 @@ fn performance(report: &Report, out: &mut dyn Write) -> Written {
 }
 
 /// Entries that this firmware does not have.
-fn print_refused(refused: &BTreeMap<ObjectKey, String>, out: &mut dyn Write) -> Written {
-    if refused.is_empty() {
+fn print_rejected(rejected: &BTreeMap<ObjectKey, String>, out: &mut dyn Write) -> Written {
+    if rejected.is_empty() {
         return Ok(());
     }
     writeln!(out, "\n{NOT_READ}")?;
-    refused.iter().try_for_each(|(key, why)| writeln!(out, "  {key}  {why}"))
+    rejected.iter().try_for_each(|(key, why)| writeln!(out, "  {key}  {why}"))
 }
 
 fn print_finding(finding: &Finding, output: &Output, out: &mut dyn Write) -> Written {
@@ -179,7 +179,7 @@ fn print_finding(finding: &Finding, output: &Output, out: &mut dyn Write) -> Wri
         Severity::Warning => (Tone::Warning, "warning"),
     };
     let word = output.toned(tone, word);
-    writeln!(out, "{word} [{}] {}: {}", finding.id, finding.place, finding.what)?;
+    writeln!(out, "{word} [{}] {}: {}", finding.id, finding.location, finding.what)?;
     for (number, cause) in (1..).zip(&finding.causes) {
         let label = if number == 1 { "causes" } else { "      " };
         writeln!(out, "  {label} {number}. {cause}")?;

@@ -46,7 +46,7 @@ pub(super) fn action(filter: &RawFilter) -> String {
         Some(FilterAction::Disabled) => "disabled".to_owned(),
         Some(FilterAction::Fifo0) => "RX FIFO0".to_owned(),
         Some(FilterAction::Fifo1) => "RX FIFO1".to_owned(),
-        Some(FilterAction::Reject) => "refused".to_owned(),
+        Some(FilterAction::Reject) => "rejected".to_owned(),
         Some(FilterAction::Priority) => "priority mark".to_owned(),
         Some(FilterAction::PriorityFifo0) => "RX FIFO0, priority mark".to_owned(),
         Some(FilterAction::PriorityFifo1) => "RX FIFO1, priority mark".to_owned(),
@@ -59,7 +59,7 @@ pub(super) fn non_match(raw: u32) -> &'static str {
     match u8::try_from(raw).ok().and_then(NonMatch::from_raw) {
         Some(NonMatch::Fifo0) => "RX FIFO0",
         Some(NonMatch::Fifo1) => "RX FIFO1",
-        Some(NonMatch::Reject | NonMatch::RejectToo) => "refused",
+        Some(NonMatch::Reject | NonMatch::RejectToo) => "rejected",
         None => "unknown",
     }
 }

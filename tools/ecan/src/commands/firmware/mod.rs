@@ -100,7 +100,7 @@ struct UpdateReport<'a> {
     #[serde(flatten)]
     report: &'a Report,
     is_good: bool,
-    words: String,
+    text: String,
 }
 
 pub fn run(arguments: &FirmwareArguments, context: &Context) -> Result {
@@ -116,8 +116,8 @@ pub fn run(arguments: &FirmwareArguments, context: &Context) -> Result {
             let (gateways, is_simulated) = open(arguments, context)?;
             let chosen = gateways::chosen(&*gateways, context.global.slave, arguments.all)?;
             if let Some(warning) = file.warning(is_simulated) {
-                let words = format!("{}: {warning}", file.path.display());
-                note(format_args!("ecan: warning: {words}"));
+                let text = format!("{}: {warning}", file.path.display());
+                note(format_args!("ecan: warning: {text}"));
             }
             ask(options, &file, &chosen)?;
             let said = "interrupted: stopping after the current gateway";
@@ -191,15 +191,15 @@ fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Resul
     match unread {
         0 => Ok(()),
         unread => {
-            let words = format!("{unread} of {} gateways were not read; see above", versions.len());
-            Err(Failure::Rejected(words))
+            let text = format!("{unread} of {} gateways were not read; see above", versions.len());
+            Err(Failure::Rejected(text))
         }
     }
 }
 
 fn ask(options: &UpdateArguments, file: &FirmwareFile, chosen: &Selection) -> Result {
-    let words = |slave: &SlaveEntry| format!("{} ({})", slave.position, slave.state);
-    let slaves: Vec<_> = chosen.gateways.iter().map(words).collect();
+    let text = |slave: &SlaveEntry| format!("{} ({})", slave.position, slave.state);
+    let slaves: Vec<_> = chosen.gateways.iter().map(text).collect();
     let question = format_args!(
         "Write {} ({} bytes) to slave {}? CAN traffic stops and the gateway restarts.",
         file.path.display(),
@@ -237,25 +237,25 @@ fn update_all(
     reports.sort_by_key(|report| report.position);
     let results: Vec<_> = reports
         .iter()
-        .map(|report| UpdateReport { report, is_good: report.is_good(), words: report.text() })
+        .map(|report| UpdateReport { report, is_good: report.is_good(), text: report.text() })
         .collect();
     output.data(&results, |out| print(&reports, output, out))?;
-    if let Some(Report { outcome: Outcome::Refused { refusal }, .. }) =
+    if let Some(Report { outcome: Outcome::Rejected { rejection }, .. }) =
         reports.iter().find(|report| report.is_about_host())
     {
-        return Err(Failure::Master(refusal.to_string()));
+        return Err(Failure::Master(rejection.to_string()));
     }
     let good = reports.iter().filter(|report| report.is_good()).count();
     let all = reports.len();
-    let words = match (good, all) {
+    let text = match (good, all) {
         (good, all) if good == all => return Ok(()),
         (_, 1) => "the gateway does not run the new firmware; see above".to_owned(),
         _ => format!("{} of {all} gateways do not run the new firmware; see above", all - good),
     };
-    if reports.iter().any(Report::is_refused) {
-        Err(Failure::Rejected(words))
+    if reports.iter().any(Report::is_rejected) {
+        Err(Failure::Rejected(text))
     } else if is_interrupted {
-        Err(Failure::Incomplete(format!("interrupted: {words}")))
+        Err(Failure::Incomplete(format!("interrupted: {text}")))
     } else {
         Err(Failure::ProblemsFound)
     }

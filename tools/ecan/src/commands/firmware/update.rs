@@ -29,8 +29,8 @@ pub enum Outcome {
     WrongVersion {
         expected: String,
     },
-    Refused {
-        refusal: Rejection,
+    Rejected {
+        rejection: Rejection,
     },
     NotBack {
         reason: String,
@@ -39,7 +39,7 @@ pub enum Outcome {
         reason: String,
         /// Whether the cause is a gateway: this one, or the one before.
         #[serde(skip)]
-        is_refusal: bool,
+        is_rejection: bool,
     },
 }
 
@@ -58,14 +58,17 @@ impl Report {
     }
 
     /// Returns whether the gateway failed, as opposed to an unexpected version.
-    pub fn is_refused(&self) -> bool {
-        use Outcome::{NotBack, NotTried, Refused};
-        matches!(self.outcome, Refused { .. } | NotBack { .. } | NotTried { is_refusal: true, .. })
+    pub fn is_rejected(&self) -> bool {
+        use Outcome::{NotBack, NotTried, Rejected};
+        matches!(
+            self.outcome,
+            Rejected { .. } | NotBack { .. } | NotTried { is_rejection: true, .. }
+        )
     }
 
     /// Returns whether the problem affects all gateways.
     pub fn is_about_host(&self) -> bool {
-        matches!(&self.outcome, Outcome::Refused { refusal } if refusal.cause == Cause::Host)
+        matches!(&self.outcome, Outcome::Rejected { rejection } if rejection.cause == Cause::Host)
     }
 
     /// Reason to stop before the next gateway; `None` to continue.
@@ -81,9 +84,9 @@ impl Report {
         }
     }
 
-    /// Gateway without update; `is_refusal`: because of its own error or that of the one before.
-    pub fn not_tried(position: usize, reason: String, is_refusal: bool) -> Self {
-        let outcome = Outcome::NotTried { reason, is_refusal };
+    /// Gateway without update; `is_rejection`: because of its own error or that of the one before.
+    pub fn not_tried(position: usize, reason: String, is_rejection: bool) -> Self {
+        let outcome = Outcome::NotTried { reason, is_rejection };
         Self { position, before: None, after: None, outcome }
     }
 
@@ -111,7 +114,7 @@ impl Report {
                     .to_owned()
             }
             Outcome::WrongVersion { expected } => format!("wrong version, expected {expected}"),
-            Outcome::Refused { refusal } => refusal.to_string(),
+            Outcome::Rejected { rejection } => rejection.to_string(),
             Outcome::NotBack { reason } => {
                 format!("written, but the gateway does not respond ({reason}); version unknown")
             }
@@ -141,19 +144,19 @@ impl Update<'_> {
             }
         };
         if let Some(reason) = reason_against(self.gateways, slave) {
-            return report(Some(before), None, Outcome::NotTried { reason, is_refusal: true });
+            return report(Some(before), None, Outcome::NotTried { reason, is_rejection: true });
         }
         let bar = self.progress_bar(position);
         let written = self.gateways.write(position, self.file, &|taken| bar.set_position(taken));
-        if let Err(mut refusal) = written {
+        if let Err(mut rejection) = written {
             bar.finish_and_clear();
             // Status of the last firmware transfer.
             if let Ok(status) = self.gateways.number(position, 0xB000, 11) {
-                refusal.add_status(status);
+                rejection.add_status(status);
             }
             // It may be restarting; the report then has no version.
             let after = Running::read(self.gateways, position).ok();
-            return report(Some(before), after, Outcome::Refused { refusal });
+            return report(Some(before), after, Outcome::Rejected { rejection });
         }
         bar.set_style(spinner("slave {msg}: written, waiting for the restart  {elapsed}"));
         let (after, has_restarted) = match self.wait(position, &before) {

@@ -128,8 +128,8 @@ impl Test<'_> {
                 note(format_args!("testing slave {slave}: {name}"));
             }
             if !is_first && has_restarted(bus, slave) {
-                let words = "the gateway restarted since the previous test";
-                report.add(format!("ready, {}", run.rate.name()), Err(words.to_owned()));
+                let detail = "the gateway restarted since the previous test";
+                report.add(format!("ready, {}", run.rate.name()), Err(detail.to_owned()));
             }
             match self.run_one(at, run, report) {
                 Ok(true) => {}
@@ -169,8 +169,8 @@ impl Test<'_> {
         let Some(counts) = exchanged else { return Ok(false) };
         let after = states(&mut service, &channels)?;
         let pause = pause(&service);
-        if let Some(words) = losses(&service) {
-            report.add(format!("ready, {}", rate.name()), Err(words + &pause));
+        if let Some(detail) = losses(&service) {
+            report.add(format!("ready, {}", rate.name()), Err(detail + &pause));
         }
         for (route, counts) in routes.into_iter().zip(counts) {
             let is_concerned = |channel| channel == route.from || channel == route.to;
@@ -178,13 +178,13 @@ impl Test<'_> {
                 before.iter().zip(&after).filter(|(_, it)| is_concerned(it.channel)).collect();
             let found = check_counts(path, route, &counts, count, &concerned);
             let is_good = found.is_ok();
-            let words = found.unwrap_or_else(|faults| faults + &pause);
+            let detail = found.unwrap_or_else(|faults| faults + &pause);
             let (bitrate, data_bitrate) = rate.bit_rates();
             let channels = concerned.into_iter().map(|(_, after)| *after).collect();
             let Route { from, to } = route;
             let frames = Figures { from, to, bitrate, data_bitrate, counts, channels };
             let name = path.name(route, rate);
-            report.checks.push(Check { name, is_good, words, frames: Some(frames) });
+            report.checks.push(Check { name, is_good, detail, frames: Some(frames) });
         }
         Ok(true)
     }
@@ -281,8 +281,8 @@ fn check_counts(
     }
     if counts.strange > 0 {
         let (to, strange) = (route.to, counts.strange);
-        let words = "from another sender; check for other nodes on its bus";
-        faults.push(format!("channel {to} received {strange} frames {words}"));
+        let detail = "from another sender; check for other nodes on its bus";
+        faults.push(format!("channel {to} received {strange} frames {detail}"));
     }
     faults.extend(states.iter().flat_map(|(before, after)| after.faults(before)));
     match faults.is_empty() {
@@ -378,7 +378,7 @@ mod tests {
         let good: Vec<_> = report.checks.iter().filter(|it| it.name.starts_with("loop")).collect();
         assert!(good.len() == 24 && good.iter().all(|it| it.is_good), "{good:?}");
         assert!(!report.is_good);
-        assert_eq!(configuration_check(&report).words, "as before the test, by a restart");
+        assert_eq!(configuration_check(&report).detail, "as before the test, by a restart");
         assert_eq!(everything(&bus), before);
     }
 
@@ -429,7 +429,7 @@ mod tests {
         wait_present(&bus, 0).unwrap();
         let before = everything(&bus);
         let report = tested(&bus);
-        assert_eq!(configuration_check(&report).words, "as before the test");
+        assert_eq!(configuration_check(&report).detail, "as before the test");
         assert_eq!(everything(&bus), before);
     }
 }

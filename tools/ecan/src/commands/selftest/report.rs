@@ -12,7 +12,7 @@ use super::exchange::{ChannelState, Counts};
 pub(super) struct Check {
     pub(super) name: String,
     pub(super) is_good: bool,
-    pub(super) words: String,
+    pub(super) detail: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) frames: Option<Figures>,
 }
@@ -50,8 +50,8 @@ pub(super) struct Report {
 impl Report {
     pub(super) fn add(&mut self, name: impl Into<String>, found: Result<String, String>) {
         let is_good = found.is_ok();
-        let (Ok(words) | Err(words)) = found;
-        self.checks.push(Check { name: name.into(), is_good, words, frames: None });
+        let (Ok(detail) | Err(detail)) = found;
+        self.checks.push(Check { name: name.into(), is_good, detail, frames: None });
     }
 
     pub(super) fn stop(&mut self) {
@@ -80,14 +80,14 @@ impl Report {
         };
         writeln!(out, "{}: {verdict}", self.title())?;
         let width = self.checks.iter().map(|check| check.name.len()).max().unwrap_or(0);
-        for Check { name, is_good, words, .. } in &self.checks {
+        for Check { name, is_good, detail, .. } in &self.checks {
             let mark = match is_good {
                 true => output.toned(Tone::Good, "good  "),
                 false => output.toned(Tone::Bad, "FAILED"),
             };
             // The result follows the name, possibly on several lines.
-            let words = words.replace('\n', "\n          ");
-            writeln!(out, "  {mark}  {name:<width$}  {words}")?;
+            let detail = detail.replace('\n', "\n          ");
+            writeln!(out, "  {mark}  {name:<width$}  {detail}")?;
         }
         match &self.file {
             Some(file) => writeln!(out, "  report: {file}"),
