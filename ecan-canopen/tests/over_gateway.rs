@@ -128,7 +128,7 @@ fn scheduled_sync_meets_its_phase_or_is_rejected() {
     };
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
     let mut dc = adapter;
-    dc.dc = Some(DcSync::new(2_000_000, 500_000));
+    dc.dc = Some(DcSync::new(Duration::from_millis(2), Duration::from_micros(500)));
     let (mut port, _) = open(ecan_sim::echo(1), dc, 1);
     let (network, back) = with_sync(&mut port);
     assert_eq!(network.statistics().syncs_sent, 20);

@@ -259,7 +259,8 @@ fn drive_with_an_old_target_does_not_jump() {
 
 fn with_dc(cycle_us: u32) -> AdapterConfig {
     let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_micros(cycle_us.into()));
-    adapter.dc = Some(DcSync::new(cycle_us * 1_000, 700_000));
+    adapter.dc =
+        Some(DcSync::new(Duration::from_micros(cycle_us.into()), Duration::from_micros(700)));
     adapter
 }
 

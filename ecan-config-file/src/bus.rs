@@ -24,7 +24,7 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Config {
     let watchdog_us = table.unsigned("watchdog_us", (100, 6_553_500));
     store(&mut adapter.watchdog, watchdog_us.map(Duration::from_micros));
     if let Some(dc) = table.table("dc") {
-        adapter.dc = Some(read_dc(dc, adapter.cycle_ns()));
+        adapter.dc = Some(read_dc(dc, adapter.cycle));
     }
     for (at, gateway) in table.tables("gateway").into_iter().enumerate() {
         let read = gateway::read(gateway, at);
@@ -45,14 +45,14 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Config {
     (adapter, port).into()
 }
 
-fn read_dc(mut table: Table<'_, '_>, cycle_ns: u32) -> DcSync {
+fn read_dc(mut table: Table<'_, '_>, cycle: Duration) -> DcSync {
+    let mut duration = |key| Some(Duration::from_nanos(table.microseconds(key)?.into()));
+    let (sync0, shift) = (duration("cycle_us"), duration("shift_us"));
     // The shift has no default.
-    let sync0_ns = table.microseconds("cycle_us").unwrap_or(cycle_ns);
-    let shift_ns = table.microseconds("shift_us");
-    if shift_ns.is_none() && !table.has("shift_us") {
+    if shift.is_none() && !table.has("shift_us") {
         table.fault("shift_us", "`shift_us` is missing: the phase of Sync0 in the cycle");
     }
-    let mut dc = DcSync::new(sync0_ns, shift_ns.unwrap_or(0));
+    let mut dc = DcSync::new(sync0.unwrap_or(cycle), shift.unwrap_or_default());
     store(&mut dc.assign_activate, table.unsigned("assign_activate", (0, 0xFFFF)));
     let sources = [("host", ClockSource::Host), ("reference", ClockSource::Reference)];
     store(&mut dc.source, table.word("source", &sources));

@@ -48,7 +48,10 @@ fn example_is_valid_and_shows_the_defaults() {
     assert_eq!(read(short).unwrap(), example);
     assert_eq!(
         example.adapter.dc,
-        Some(DcSync { reference: Some(0), ..DcSync::new(1_000_000, 500_000) })
+        Some(DcSync {
+            reference: Some(0),
+            ..DcSync::new(Duration::from_millis(1), Duration::from_micros(500))
+        })
     );
     assert_eq!(example.port.gateways[0].channel_mask(), 0b11);
 }
@@ -141,7 +144,10 @@ fn values_reach_their_fields() {
     );
     assert_eq!(adapter.watchdog, Duration::from_millis(20));
     let dc = adapter.dc.unwrap();
-    assert_eq!((dc.cycle_ns, dc.shift_ns, dc.source), (501_000, 100_000, ClockSource::Reference));
+    assert_eq!(
+        (dc.cycle_ns(), dc.shift_ns(), dc.source),
+        (501_000, 100_000, ClockSource::Reference)
+    );
     assert_eq!((dc.reference, dc.monitor_every), (Some(1), 0));
     let [first, second] = &adapter.slaves[..] else { panic!("two") };
     assert_eq!(

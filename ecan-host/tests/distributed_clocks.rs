@@ -33,7 +33,10 @@ fn in_op(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulation
 }
 
 fn following() -> DcSync {
-    DcSync { source: ClockSource::Reference, ..DcSync::new(CYCLE_NS, 0) }
+    DcSync {
+        source: ClockSource::Reference,
+        ..DcSync::new(Duration::from_nanos(CYCLE_NS.into()), Duration::ZERO)
+    }
 }
 
 fn status(adapter: &Adapter) -> ClockStatus {
@@ -96,7 +99,7 @@ fn host_follows_from_any_phase_and_with_any_drift() {
 
 #[test]
 fn cycle_is_in_phase_with_sync0() {
-    let dc = DcSync { shift_ns: 300_000, ..following() };
+    let dc = DcSync { shift: Duration::from_micros(300), ..following() };
     let (mut adapter, simulation) = in_op(&[50], Scenario::default(), dc);
     phase_errors(&mut adapter, 500);
     let now = adapter.clock().now_ns();
@@ -127,7 +130,11 @@ fn lost_frames_are_counted_and_do_not_shift_the_phase() {
 fn slaves_follow_the_host() {
     for version in [EcrtVersion::V1_5, EcrtVersion::V1_6] {
         let scenario = Scenario { version, ..Scenario::default() };
-        let (mut adapter, _simulation) = in_op(&[50, -80, 20], scenario, DcSync::new(CYCLE_NS, 0));
+        let (mut adapter, _simulation) = in_op(
+            &[50, -80, 20],
+            scenario,
+            DcSync::new(Duration::from_nanos(CYCLE_NS.into()), Duration::ZERO),
+        );
         phase_errors(&mut adapter, 1_000);
         let errors = phase_errors(&mut adapter, 200);
         assert!(worst(&errors) < 1_000, "{version:?}: {} ns", worst(&errors));
@@ -210,7 +217,8 @@ fn without_clocks_there_is_no_status() {
 
 /// Phase errors from the first reading on, of a bus whose reference clock jumps before it.
 fn first_errors(sync0_cycles: u32, jump_ns: i64, count: usize) -> Vec<i32> {
-    let dc = DcSync { cycle_ns: sync0_cycles * CYCLE_NS, ..following() };
+    let dc =
+        DcSync { cycle: Duration::from_nanos((sync0_cycles * CYCLE_NS).into()), ..following() };
     let (mut adapter, simulation) = opened(&[50], Scenario::default(), dc);
     adapter.activate().unwrap();
     let mut errors: Vec<i32> = Vec::new();
@@ -252,7 +260,8 @@ fn first_phase_error_is_corrected_at_once() {
 fn late_cycles_of_the_host_do_not_reach_the_clocks() {
     let wake_up = WakeUpDelay { typical_ns: 40_000, p99_ns: 80_000, longest_ns: 200_000 };
     for version in [EcrtVersion::V1_5, EcrtVersion::V1_6] {
-        for dc in [DcSync::new(CYCLE_NS, 0), following()] {
+        for dc in [DcSync::new(Duration::from_nanos(CYCLE_NS.into()), Duration::ZERO), following()]
+        {
             let scenario = Scenario { version, wake_up: Some(wake_up), ..Scenario::default() };
             let (mut adapter, _simulation) = in_op(&[50, -30], scenario, dc);
             phase_errors(&mut adapter, 1_000);

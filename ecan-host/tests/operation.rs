@@ -232,7 +232,7 @@ fn second_handle_works_from_another_thread() {
 #[test]
 fn op_is_reached_with_sync0() {
     let (mut config, _) = raw_config();
-    config.dc = Some(DcSync::new(1_000_000, 300_000));
+    config.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(300)));
     let mut adapter = open(ecan_sim::echo(1), config).unwrap();
     adapter.wait_op(Duration::from_secs(20)).unwrap();
     run(&mut adapter, 100);

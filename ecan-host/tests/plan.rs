@@ -97,7 +97,7 @@ fn three_slaves_of_eleven_chunks_fill_two_thirds_of_a_millisecond() {
 #[test]
 fn small_images_and_clocks_share_frames() {
     let mut config = config(6, 1, 1_000);
-    let dc = DcSync { monitor_every: 0, ..DcSync::new(1_000_000, 0) };
+    let dc = DcSync { monitor_every: 0, ..DcSync::new(Duration::from_millis(1), Duration::ZERO) };
     config.dc = Some(dc);
     let plan = Plan::of(&config);
     assert_eq!(frame_bytes(&plan), [1_380, 340]);
@@ -193,9 +193,12 @@ fn clocks_in_the_frame_delay_its_image() {
     let mut config = config(1, 3, 1_000);
     let arrives_ns = |config: &AdapterConfig| Plan::of(config).slaves[0].outputs_arrive_ns;
     assert_eq!(arrives_ns(&config), 64_640);
-    config.dc = Some(DcSync { monitor_every: 0, ..DcSync::new(1_000_000, 700_000) });
+    config.dc = Some(DcSync {
+        monitor_every: 0,
+        ..DcSync::new(Duration::from_millis(1), Duration::from_micros(700))
+    });
     assert_eq!(arrives_ns(&config), 67_200);
-    config.dc = Some(DcSync::new(1_000_000, 700_000));
+    config.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(700)));
     assert_eq!(arrives_ns(&config), 68_480);
 }
 
@@ -215,7 +218,7 @@ proptest! {
         }
         config.cycle = Duration::from_nanos(cycle_ns.into());
         config.allow_large_pdos = allow_large_pdos;
-        config.dc = dc.map(|(cycle, shift)| DcSync::new(cycle, shift));
+        config.dc = dc.map(|(cycle, shift)| DcSync::new(Duration::from_nanos(cycle.into()), Duration::from_nanos(shift.into())));
         let plan = Plan::of(&config);
         let bytes: usize = sizes.iter().map(|(rx, tx)| 128 * (*rx as usize + *tx as usize)).sum();
         let is_clock = |purpose| purpose == DatagramUse::Clock;

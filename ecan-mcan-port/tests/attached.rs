@@ -24,7 +24,7 @@ fn lateness_is_not_judged_by_a_grid_that_sync0_does_not_follow() {
     // SAFETY: the owner outlives the Port below and is used from this thread only.
     let shared = unsafe { Master::from_raw(ecrt.clone(), owner.as_raw()) }.unwrap();
     let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-    adapter.dc = Some(DcSync::new(1_000_000, 100_000));
+    adapter.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(100)));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let startup = config.startup_plan(&adapter);
     let adapter = Adapter::attach(&ecrt, shared, adapter, startup).unwrap();

@@ -562,7 +562,7 @@ fn f29_an_interrupted_call_of_the_library_loses_and_repeats_nothing() {
 fn f30_with_distributed_clocks_a_power_cycle_is_survived_too() {
     // While the bus is scanned there is no reference clock, and the calls that need one fail.
     let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-    adapter.dc = Some(DcSync::new(1_000_000, 300_000));
+    adapter.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(300)));
     let config = PortConfig::uniform(1, on_channel_0());
     let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
     fixture.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });

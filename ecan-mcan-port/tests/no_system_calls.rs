@@ -24,7 +24,11 @@ fn port() -> Port {
     let ecrt = ecan_null_master::open(ecan_sim::echo(2)).unwrap();
     let mut adapter = AdapterConfig::new(2).with_multiplier(3).with_cycle(Duration::from_millis(1));
     let source = ClockSource::Reference;
-    adapter.dc = Some(DcSync { source, monitor_every: 10, ..DcSync::new(1_000_000, 500_000) });
+    adapter.dc = Some(DcSync {
+        source,
+        monitor_every: 10,
+        ..DcSync::new(Duration::from_millis(1), Duration::from_micros(500))
+    });
     let mut gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
     gateway.tx_options = OptionFlags::TX_RESULT;
     gateway.schedule.watch_ms = 1;

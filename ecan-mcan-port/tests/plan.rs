@@ -70,7 +70,7 @@ fn packets_have_the_sizes_of_the_manual() {
     gateway.tx_encapsulation = EncapsulationProfile::Window64Timestamped;
     gateway.tx_options = OptionFlags::TX_RESULT.with(OptionFlags::ALIGN4);
     let mut adapter = adapter(8);
-    adapter.dc = Some(DcSync::new(1_000_000, 700_000));
+    adapter.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(700)));
     let extended = CanFrame::fd(CanId::extended(1).unwrap(), &[0; 64], true, false).unwrap();
     let traffic = [
         FrameStream::to_bus(0, 0, fd_frame(64), EVERY_CYCLE).scheduled(100_000),
@@ -247,7 +247,10 @@ fn findings_of_the_ethercat_side_are_among_those_of_the_whole() {
 /// on top, then 50 us in the firmware.
 fn with_sync0(shift_ns: u32) -> AdapterConfig {
     let mut adapter = adapter(3);
-    adapter.dc = Some(DcSync { monitor_every: 0, ..DcSync::new(1_000_000, shift_ns) });
+    adapter.dc = Some(DcSync {
+        monitor_every: 0,
+        ..DcSync::new(Duration::from_millis(1), Duration::from_nanos(shift_ns.into()))
+    });
     adapter
 }
 
@@ -320,7 +323,7 @@ fn schedules_are_judged() {
 fn frames_of_all_cycles_of_a_sync0_period_meet_at_its_pulse() {
     let config = one_channel(classic());
     let mut adapter = adapter(3);
-    adapter.dc = Some(DcSync::new(4_000_000, 700_000));
+    adapter.dc = Some(DcSync::new(Duration::from_millis(4), Duration::from_micros(700)));
     let plan = |rate, offset_ns| {
         let stream = FrameStream::to_bus(0, 0, eight(), rate).scheduled(offset_ns);
         PortPlan::of(&adapter, &config, &[stream]).warnings
@@ -452,7 +455,7 @@ fn port_has_the_margins_of_the_plan() {
     for shift_us in [0, 30, 150, 210, 230, 700] {
         let mut adapter =
             AdapterConfig::new(2).with_multiplier(3).with_cycle(Duration::from_millis(1));
-        adapter.dc = Some(DcSync::new(1_000_000, shift_us * 1_000));
+        adapter.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(shift_us)));
         let mut gateway = GatewayConfig::on_channel(0, classic());
         gateway.schedule.margin_check = MarginCheck::Reject;
         let config = PortConfig::uniform(2, gateway);
@@ -488,7 +491,7 @@ fn port_has_the_margins_of_the_plan() {
 fn scheduled_frames_leave_when_the_plan_says() {
     for (shift_us, offset_us) in [(500, 100), (700, 100), (700, 350), (900, 0)] {
         let mut adapter = adapter(3);
-        adapter.dc = Some(DcSync::new(1_000_000, shift_us * 1_000));
+        adapter.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(shift_us)));
         let config = one_channel(classic());
         let offset_ns = offset_us * 1_000;
         let plan = PortPlan::of(&adapter, &config, &[]);

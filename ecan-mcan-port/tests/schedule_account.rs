@@ -198,7 +198,8 @@ fn reading_before_the_phase_decides_nothing() {
         let mut adapter = ecan_host::AdapterConfig::new(1)
             .with_cycle(Duration::from_millis(10))
             .with_multiplier(8);
-        adapter.dc = Some(ecan_host::DcSync::new(100_000_000, 5_000_000));
+        adapter.dc =
+            Some(ecan_host::DcSync::new(Duration::from_millis(100), Duration::from_millis(5)));
         let mut gateway = GatewayConfig::on_channel(0, common::classic());
         results(&mut gateway);
         gateway.paced = false;

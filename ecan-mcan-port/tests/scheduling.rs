@@ -12,7 +12,7 @@ use ecan_protocol::image::Schedule;
 
 fn with_sync0() -> Fixture {
     let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-    adapter.dc = Some(DcSync::new(1_000_000, 500_000));
+    adapter.dc = Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(500)));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     Fixture::ready(ecan_sim::echo(1), adapter, config)
 }

@@ -8,6 +8,7 @@
 use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
 use ecan_example_support::backend::MasterArguments;
@@ -77,7 +78,7 @@ fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
             Source::Reference => ClockSource::Reference,
         },
         reference: arguments.reference,
-        ..DcSync::new(adapter.cycle_ns(), arguments.shift_us.saturating_mul(1_000))
+        ..DcSync::new(adapter.cycle, Duration::from_micros(arguments.shift_us.into()))
     });
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
     let config = PortConfig::uniform(slaves.into(), gateway);

@@ -10,6 +10,7 @@
 use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::Parser;
 use ecan_example_support::gateway_arguments::GatewayArguments;
@@ -100,11 +101,11 @@ impl Arguments {
         }
         let mut adapter = self.gateways.adapter(self.cycle_us);
         if self.dc_sync0 || self.sweep || self.mode != Modes::Direct {
-            let shift_ns = match self.dc_shift_us {
-                Some(us) => us.saturating_mul(1_000),
-                None => adapter.cycle_ns() / 100 * DEFAULT_SHIFT_PERCENT,
+            let shift = match self.dc_shift_us {
+                Some(us) => Duration::from_micros(us.into()),
+                None => adapter.cycle * DEFAULT_SHIFT_PERCENT / 100,
             };
-            adapter.dc = Some(DcSync::new(adapter.cycle_ns(), shift_ns));
+            adapter.dc = Some(DcSync::new(adapter.cycle, shift));
         }
         let mut gateway = GatewayConfig::on_channel(self.channel, self.gateways.channel());
         gateway.tx_options = OptionFlags::TX_RESULT;

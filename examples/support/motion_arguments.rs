@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 use ecan_cia402::{AxisConfig, Cia402Config};
@@ -92,9 +93,12 @@ impl MotionArguments {
         let mut adapter = self.master.adapter(slaves, self.pdo_n, self.cycle_us);
         if self.dc_sync0 {
             let sync0_us = self.dc_cycle_us.unwrap_or(self.cycle_us);
-            let ns = |us: u32| us.saturating_mul(1_000);
+            let duration = |us: u32| Duration::from_micros(us.into());
             let source = if self.dc_follow { ClockSource::Reference } else { ClockSource::Host };
-            adapter.dc = Some(DcSync { source, ..DcSync::new(ns(sync0_us), ns(self.dc_shift_us)) });
+            adapter.dc = Some(DcSync {
+                source,
+                ..DcSync::new(duration(sync0_us), duration(self.dc_shift_us))
+            });
         }
         let profile = EncapsulationProfile::from_raw(self.profile)
             .ok_or_else(|| format!("--profile {} is invalid; allowed: 0, 1, 4, 5", self.profile))?;

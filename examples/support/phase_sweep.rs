@@ -129,15 +129,18 @@ pub fn sweep_phase<E: From<PhaseSweepError>>(
 ) -> Result<PhaseTable, E> {
     let (before, config) = (*port.adapter().config(), *port.config());
     let dc = before.dc.ok_or(PhaseSweepError::NoSync0)?;
-    sweep.check(dc.cycle_ns)?;
+    sweep.check(dc.cycle_ns())?;
     let mut table = PhaseTable {
-        period_ns: dc.cycle_ns,
+        period_ns: dc.cycle_ns(),
         points: Vec::with_capacity(sweep.shifts_ns.len() * sweep.offsets_ns.len()),
     };
     let mut end = Ok(());
     'sweep: for &shift_ns in &sweep.shifts_ns {
         let mut adapter = before;
-        adapter.dc = Some(ecan_host::DcSync { shift_ns, ..dc });
+        adapter.dc = Some(ecan_host::DcSync {
+            shift: std::time::Duration::from_nanos(shift_ns.into()),
+            ..dc
+        });
         let ready = port.reconfigure((adapter, config)).and_then(|()| port.wait_ready());
         for &offset_ns in &sweep.offsets_ns {
             let mut point = PhasePoint { shift_ns, offset_ns, ..PhasePoint::default() };
@@ -193,7 +196,7 @@ fn try_phase<E: From<PhaseSweepError>>(
         point.accepted,
     ] = std::array::from_fn(|sum| after.sums[sum] - before.sums[sum]);
     let config = port.adapter().config();
-    let (cycle_ns, period_ns) = (config.cycle_ns(), config.dc.map_or(0, |dc| dc.cycle_ns));
+    let (cycle_ns, period_ns) = (config.cycle_ns(), config.dc.map_or(0, |dc| dc.cycle_ns()));
     let periods = u64::from(sweep.cycles) * u64::from(cycle_ns) / u64::from(period_ns.max(1));
     for (after, before) in after.scheduled.iter().zip(&before.scheduled) {
         let (asked, scheduled) = (after.0 - before.0, after.1 - before.1);
@@ -215,7 +218,7 @@ fn try_phase<E: From<PhaseSweepError>>(
 fn run_idle_cycles(port: &mut Port) {
     // A pulse comes within one period, the phase after it within another.
     let config = port.adapter().config();
-    let phases_ns = config.dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns));
+    let phases_ns = config.dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns()));
     for _ in 0..phases_ns.div_ceil(config.cycle_ns().max(1).into()) + IDLE_CYCLES {
         // A cycle that fails shows in the working counters.
         port.next_cycle().received().for_each(drop);

@@ -39,7 +39,7 @@ fn recommended_point_holds_in_a_longer_run() {
     let table = sweep_phase(&mut fixture.port, &sweep, cycle, |_| seen += 1).unwrap();
     assert_eq!((seen, table.points.len()), (40, 40));
     assert!(fixture.port.is_ready());
-    assert_eq!(fixture.port.adapter().config().dc.unwrap().shift_ns, 250_000, "as it was");
+    assert_eq!(fixture.port.adapter().config().dc.unwrap().shift_ns(), 250_000, "as it was");
     for point in &table.points {
         assert!(point.failure.is_none(), "{table}");
         // Half of the images come within 15 us, so a pulse there always meets some.
@@ -52,7 +52,10 @@ fn recommended_point_holds_in_a_longer_run() {
     assert!(margins.shift_below_ns >= 100_000 && margins.shift_above_ns >= 100_000, "{table}");
 
     let mut adapter = *fixture.port.adapter().config();
-    adapter.dc = Some(ecan_host::DcSync::new(1_000_000, best.shift_ns));
+    adapter.dc = Some(ecan_host::DcSync::new(
+        Duration::from_millis(1),
+        Duration::from_nanos(best.shift_ns.into()),
+    ));
     let config = *fixture.port.config();
     fixture.port.reconfigure((adapter, config)).unwrap();
     fixture.port.wait_ready().unwrap();
@@ -167,5 +170,5 @@ fn error_of_the_application_restores_the_port() {
     );
     assert!(ended.is_err());
     assert!(fixture.port.is_ready());
-    assert_eq!(fixture.port.adapter().config().dc.unwrap().shift_ns, 250_000);
+    assert_eq!(fixture.port.adapter().config().dc.unwrap().shift_ns(), 250_000);
 }

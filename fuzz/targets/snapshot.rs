@@ -19,7 +19,7 @@ fn read(data: &[u8]) -> Snapshot {
     }
     let [al_state, flags, code, rest @ ..] = data else { return Snapshot::default() };
     let depth = if flags & 1 == 1 { Depth::Everything } else { Depth::Findings };
-    // A length, then so many bytes of the value; 5 and more reject.
+    // A length, then that number of bytes; 5 and more reject.
     let mut rest = rest;
     let mut snapshot = Snapshot::read(depth, |_| {
         let Some((length, behind)) = rest.split_first() else { return Ok(0) };

@@ -169,7 +169,7 @@ fn push_limits(steps: &mut Vec<Step>, config: &AxisConfig) {
     }
 }
 
-/// Whether a mode can be chosen while the PDOs of `config` are mapped.
+/// Returns true if a mode can be chosen while the PDOs of `config` are mapped.
 pub(crate) fn can_switch_to(config: &AxisConfig, mode: OperatingMode) -> bool {
     config.layout().target.serves(mode)
 }

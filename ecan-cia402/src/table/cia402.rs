@@ -237,7 +237,7 @@ impl Cia402 {
         match (offset_ns, config.dc) {
             (Some(_), Some(dc)) => {
                 let cycles =
-                    (2 * u64::from(dc.cycle_ns)).div_ceil(u64::from(config.cycle_ns()).max(1));
+                    (2 * u64::from(dc.cycle_ns())).div_ceil(u64::from(config.cycle_ns()).max(1));
                 u16::try_from(cycles).unwrap_or(u16::MAX)
             }
             _ => 0,

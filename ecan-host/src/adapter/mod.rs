@@ -231,9 +231,9 @@ impl Adapter {
             .config_watchdog(config, 0, u16::try_from(intervals).unwrap_or(u16::MAX))
             .map_err(fail("ecrt_slave_config_watchdog"))?;
         if let Some(dc) = self.config.dc {
-            let shift = i32::try_from(dc.shift_ns).unwrap_or(i32::MAX);
+            let shift = i32::try_from(dc.shift_ns()).unwrap_or(i32::MAX);
             master
-                .config_dc(config, dc.assign_activate, dc.cycle_ns, shift, 0, 0)
+                .config_dc(config, dc.assign_activate, dc.cycle_ns(), shift, 0, 0)
                 .map_err(fail("ecrt_slave_config_dc"))?;
         }
         let domain = master.create_domain().map_err(fail("ecrt_master_create_domain"))?;

@@ -107,7 +107,7 @@ fn ask<I: SlaveQuery>(inquiry: &I, slave: usize) -> SlaveKind<I::Error> {
     }
 }
 
-/// Whether a device that rejects an upload with this code does not have the object in the form that
+/// Returns true if a device that rejects an upload with this code does not have the object in the form that
 /// was asked for; other codes tell of its state, or of a fault.
 pub const fn denies_object(code: AbortCode) -> bool {
     matches!(

@@ -146,7 +146,7 @@ impl DistributedClocks {
             return Ok(self.miss());
         }
         let expected = sent.time_ns.wrapping_add(sent.late_ns) as u32;
-        let error = centred(i64::from(time.wrapping_sub(expected) as i32), self.dc.cycle_ns);
+        let error = centred(i64::from(time.wrapping_sub(expected) as i32), self.dc.cycle_ns());
         self.status.phase_error_ns = i32::try_from(error).ok();
         if self.dc.source == ClockSource::Host {
             self.pll.update(error);

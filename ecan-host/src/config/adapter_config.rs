@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use ecan_protocol::config::{List, ListFull};
 
-use super::dc_sync::DcSync;
+use super::dc_sync::{DcSync, nanoseconds};
 use crate::startup::StartupStep;
 
 /// Largest number of slaves of a configuration.
@@ -156,7 +156,7 @@ impl AdapterConfig {
     /// The cycle in nanoseconds; a longer one than any that [`check`](Self::check) accepts is cut
     /// to `u32::MAX`.
     pub fn cycle_ns(&self) -> u32 {
-        u32::try_from(self.cycle.as_nanos()).unwrap_or(u32::MAX)
+        nanoseconds(self.cycle)
     }
 
     /// The startup steps that the application adds to a slave, in their order.

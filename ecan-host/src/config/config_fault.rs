@@ -195,12 +195,14 @@ impl AdapterConfig {
             return;
         }
         if let Some(dc) = self.dc {
-            if dc.cycle_ns == 0 || dc.cycle_ns % cycle_ns != 0 {
-                faults.push(ConfigFault::Sync0Cycle { sync0_ns: dc.cycle_ns, cycle_ns });
+            if dc.cycle_ns() == 0 || dc.cycle_ns() % cycle_ns != 0 {
+                faults.push(ConfigFault::Sync0Cycle { sync0_ns: dc.cycle_ns(), cycle_ns });
             }
-            if dc.shift_ns >= dc.cycle_ns {
-                faults
-                    .push(ConfigFault::Sync0Shift { shift_ns: dc.shift_ns, sync0_ns: dc.cycle_ns });
+            if dc.shift_ns() >= dc.cycle_ns() {
+                faults.push(ConfigFault::Sync0Shift {
+                    shift_ns: dc.shift_ns(),
+                    sync0_ns: dc.cycle_ns(),
+                });
             }
             let slaves = self.slaves.len();
             if let Some(reference) = dc.reference.filter(|reference| *reference >= slaves) {
@@ -241,7 +243,10 @@ mod tests {
         config.slaves[0].rx_multiplier = 0;
         config.slaves[1].tx_multiplier = 12;
         config.slaves[2].position = 1;
-        config.dc = Some(DcSync { reference: Some(3), ..DcSync::new(1_500_000, 1_500_000) });
+        config.dc = Some(DcSync {
+            reference: Some(3),
+            ..DcSync::new(Duration::from_micros(1500), Duration::from_micros(1500))
+        });
         let faults = config.check().unwrap_err().0;
         assert_eq!(faults.len(), 6, "{faults:?}");
     }

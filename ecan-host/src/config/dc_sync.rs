@@ -1,5 +1,7 @@
 //! Configuration of the distributed clocks.
 
+use std::time::Duration;
+
 /// The clock that the other clocks follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ClockSource {
@@ -20,13 +22,13 @@ pub enum ClockSource {
 /// Distributed clocks with Sync0 (manual 8.4, 15.6).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DcSync {
-    /// Sync0 period in nanoseconds; a whole multiple of the cycle, normally the cycle itself.
-    pub cycle_ns: u32,
-    /// Phase of Sync0 relative to the start of the period, in nanoseconds, below `cycle_ns`.
+    /// Sync0 period; a whole multiple of the cycle, normally the cycle itself.
+    pub cycle: Duration,
+    /// Phase of Sync0 relative to the start of the period, below `cycle`.
     ///
     /// Outputs must arrive before it (manual 15.6.1 lists proven values; 16.1 describes the effect
     /// of a value that is too small).
-    pub shift_ns: u32,
+    pub shift: Duration,
     /// AssignActivate word of the slave. The manual does not state it; see docs/ASSUMPTIONS.md.
     pub assign_activate: u16,
     /// The clock that the other clocks follow.
@@ -39,17 +41,32 @@ pub struct DcSync {
     pub monitor_every: u32,
 }
 
+/// At most `u32::MAX`, more than any check of a configuration accepts.
+pub(super) fn nanoseconds(duration: Duration) -> u32 {
+    u32::try_from(duration.as_nanos()).unwrap_or(u32::MAX)
+}
+
 impl DcSync {
-    /// Sync0 once per `cycle_ns`, `shift_ns` after its start. The slaves follow the host's clock,
+    /// Sync0 once per `cycle`, `shift` after its start. The slaves follow the host's clock,
     /// the first slave is the reference, and the differences are measured every 100 cycles.
-    pub fn new(cycle_ns: u32, shift_ns: u32) -> Self {
+    pub fn new(cycle: Duration, shift: Duration) -> Self {
         Self {
-            cycle_ns,
-            shift_ns,
+            cycle,
+            shift,
             assign_activate: 0x0300,
             source: ClockSource::Host,
             reference: None,
             monitor_every: 100,
         }
+    }
+
+    /// `cycle` in nanoseconds, at most `u32::MAX`.
+    pub fn cycle_ns(&self) -> u32 {
+        nanoseconds(self.cycle)
+    }
+
+    /// `shift` in nanoseconds, at most `u32::MAX`.
+    pub fn shift_ns(&self) -> u32 {
+        nanoseconds(self.shift)
     }
 }

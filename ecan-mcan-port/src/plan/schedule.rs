@@ -90,7 +90,7 @@ impl PortPlan {
         port: &PortConfig,
         traffic: &[FrameStream],
     ) {
-        let Some(sync0_ns) = adapter.dc.map(|dc| dc.cycle_ns) else { return };
+        let Some(sync0_ns) = adapter.dc.map(|dc| dc.cycle_ns()) else { return };
         let mut meeting: BTreeMap<usize, u32> = BTreeMap::new();
         // Per channel: the first offset, and the bus time of all that meets at a pulse.
         let mut scheduled: BTreeMap<(usize, u8), (u32, f64)> = BTreeMap::new();

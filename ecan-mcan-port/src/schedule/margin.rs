@@ -153,13 +153,13 @@ impl ScheduleTimes {
         let latest_arrival_ns = u64::from(settings.latest_send_ns) + way_ns;
         let sync0 = adapter.dc.map(|dc| {
             // Whatever the number of cycles in a Sync0 period: in one of them a pulse stands here.
-            let shift = u64::from(dc.shift_ns) % cycle_ns;
+            let shift = u64::from(dc.shift_ns()) % cycle_ns;
             // The first pulse that an image sent at once is there for by the times of the settings.
             let periods = (way_ns + 1).saturating_sub(shift).div_ceil(cycle_ns);
             Sync0 {
                 pulse_ns: shift + periods * cycle_ns,
-                shift_ns: dc.shift_ns,
-                period_ns: dc.cycle_ns,
+                shift_ns: dc.shift_ns(),
+                period_ns: dc.cycle_ns(),
             }
         });
         Self {
@@ -204,7 +204,7 @@ impl ScheduleTimes {
         Some(shift_ns.saturating_add(periods.saturating_mul(period_ns)))
     }
 
-    /// Whether an image of this cycle, sent this time after the point of the cycle grid, arrives
+    /// Returns true if an image of this cycle, sent this time after the point of the cycle grid, arrives
     /// after the pulse that its scheduled frames count from.
     pub(crate) fn misses_pulse(&self, since_first_ns: u64, sent_ns: u64) -> bool {
         let arrival_ns = since_first_ns.saturating_add(sent_ns).saturating_add(self.way_ns);
@@ -231,7 +231,7 @@ mod tests {
     }
 
     fn margin(shift_ns: u32, offset_ns: u32) -> ScheduleMargin {
-        let dc = DcSync::new(1_000_000, shift_ns);
+        let dc = DcSync::new(Duration::from_millis(1), Duration::from_nanos(shift_ns.into()));
         times(ScheduleConfig::default(), Some(dc)).margin(offset_ns).unwrap()
     }
 
@@ -280,11 +280,14 @@ mod tests {
     #[test]
     fn pulse_during_the_transfer_means_the_next_one() {
         for shift_ns in [30_001, 65_000, 100_000] {
-            let times = times(ScheduleConfig::default(), Some(DcSync::new(1_000_000, shift_ns)));
+            let times = times(
+                ScheduleConfig::default(),
+                Some(DcSync::new(Duration::from_millis(1), Duration::from_nanos(shift_ns))),
+            );
             let margin = times.margin(100_000).unwrap();
-            assert_eq!(margin.pulse_ns, u64::from(shift_ns) + 1_000_000);
+            assert_eq!(margin.pulse_ns, shift_ns + 1_000_000);
             assert!(!times.misses_pulse(0, 0) && !times.misses_pulse(0, 100_000));
-            assert_eq!(margin.lacking_ns(), u64::from(shift_ns) - 30_000);
+            assert_eq!(margin.lacking_ns(), shift_ns - 30_000);
         }
     }
 
@@ -301,7 +304,7 @@ mod tests {
 
     #[test]
     fn longer_sync0_period_has_its_pulse_in_one_of_its_cycles() {
-        let dc = DcSync::new(4_000_000, 2_500_000);
+        let dc = DcSync::new(Duration::from_millis(4), Duration::from_micros(2500));
         let margin = times(ScheduleConfig::default(), Some(dc)).margin(3_000_000).unwrap();
         assert_eq!((margin.pulse_ns, margin.release_ns), (500_000, 3_500_000));
         // It is missed in that cycle only, and images of the others meet the same one.
@@ -318,7 +321,7 @@ mod tests {
         let times = |dc| times(ScheduleConfig::default(), dc);
         assert_eq!(times(None).margin(100_000), Err(NotSchedulable::NoSync0));
         assert!(!times(None).misses_pulse(0, u64::MAX));
-        let times = times(Some(DcSync::new(1_000_000, 700_000)));
+        let times = times(Some(DcSync::new(Duration::from_millis(1), Duration::from_micros(700))));
         let beyond = NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 };
         assert_eq!(times.margin(1_000_000), Err(beyond));
         assert!(times.margin(999_999).is_ok());
@@ -329,7 +332,7 @@ mod tests {
     #[test]
     fn wire_time_counts_the_slaves_before() {
         let mut adapter = AdapterConfig::new(2);
-        adapter.dc = Some(DcSync::new(adapter.cycle_ns(), 5_000_000));
+        adapter.dc = Some(DcSync::new(adapter.cycle, Duration::from_millis(5)));
         let slaves = Plan::of(&adapter).slaves;
         let of = |slave: usize| {
             let settings = ScheduleConfig::default();
@@ -363,9 +366,9 @@ mod tests {
                 1.. if is_valid => {
                     let period = period % (u32::MAX / cycle_ns) * cycle_ns;
                     let period = period.max(cycle_ns);
-                    DcSync::new(period, shift % period)
+                    DcSync::new(Duration::from_nanos(period.into()), Duration::from_nanos(u64::from(shift % period)))
                 }
-                _ => DcSync::new(period, shift),
+                _ => DcSync::new(Duration::from_nanos(period.into()), Duration::from_nanos(shift.into())),
             });
             let settings = ScheduleConfig {
                 latest_send_ns,
@@ -376,20 +379,20 @@ mod tests {
             for slave in Plan::of(&adapter).slaves {
                 let times = ScheduleTimes::new(&settings, &adapter, &slave);
                 let Ok(margin) = times.margin(offset_ns) else {
-                    prop_assert!(adapter.dc.is_none_or(|dc| offset_ns >= dc.cycle_ns));
+                    prop_assert!(adapter.dc.is_none_or(|dc| offset_ns >= dc.cycle_ns()));
                     continue;
                 };
                 let dc = adapter.dc.unwrap();
-                prop_assert!(offset_ns < dc.cycle_ns);
+                prop_assert!(offset_ns < dc.cycle_ns());
                 let cycle = u64::from(cycle_ns.max(1));
                 prop_assert!(margin.earliest_arrival_ns <= margin.latest_arrival_ns);
                 let way = u64::from(transport_ns) + slave.outputs_arrive_ns;
                 prop_assert!(margin.pulse_ns > way && margin.pulse_ns <= way + cycle);
                 prop_assert!(!times.misses_pulse(0, 0));
                 // The same in the cycle of the period that has a pulse there.
-                let start = u64::from(dc.shift_ns) / cycle * cycle;
+                let start = u64::from(dc.shift_ns()) / cycle * cycle;
 
-                prop_assert_eq!(margin.pulse_ns % cycle, u64::from(dc.shift_ns) % cycle);
+                prop_assert_eq!(margin.pulse_ns % cycle, u64::from(dc.shift_ns()) % cycle);
                 prop_assert_eq!(margin.release_ns - margin.pulse_ns, u64::from(offset_ns));
                 // From pulse to pulse is a cycle: arrivals and both distances fill it.
                 let arrivals = margin.latest_arrival_ns - margin.earliest_arrival_ns;

@@ -41,7 +41,7 @@ mod tests {
     #[test]
     fn cycles_are_counted_from_the_first_one_also_on_a_shifted_grid() {
         let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-        adapter.dc = Some(DcSync::new(4_000_000, 0));
+        adapter.dc = Some(DcSync::new(Duration::from_millis(4), Duration::ZERO));
         for source in [ClockSource::Host, ClockSource::Reference] {
             adapter.dc = adapter.dc.map(|dc| DcSync { source, ..dc });
             let mut phase = Sync0Phase::default();

@@ -132,8 +132,8 @@ impl ScheduleWatch {
         dc: Option<DcSync>,
     ) -> Result<Self, Error> {
         // The pulse comes within one Sync0 period, the phase after it within another.
-        let settling_ns =
-            dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns)) + u64::from(adapter.config().cycle_ns());
+        let settling_ns = dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns()))
+            + u64::from(adapter.config().cycle_ns());
         let read = adapter.create_sdo_request(slave, 4)?;
         let command = adapter.create_sdo_request(slave, 1)?;
         for request in [read, command] {

@@ -174,7 +174,10 @@ pub fn with_sync0(
     change: impl FnOnce(&mut GatewayConfig),
 ) -> Fixture {
     let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-    adapter.dc = Some(ecan_host::DcSync::new(1_000_000, shift_ns));
+    adapter.dc = Some(ecan_host::DcSync::new(
+        Duration::from_millis(1),
+        Duration::from_nanos(shift_ns.into()),
+    ));
     let mut gateway = GatewayConfig::on_channel(0, classic());
     change(&mut gateway);
     Fixture::ready(scenario, adapter, PortConfig::uniform(1, gateway))

@@ -1,6 +1,8 @@
 //! What tests of scheduled transmission share: frames at a phase, and the account against the truth.
 #![allow(dead_code, missing_docs)]
 
+use std::time::Duration;
+
 use ecan_mcan_port::{GatewayConfig, ScheduleAccount};
 use ecan_protocol::image::{OptionFlags, Schedule};
 use ecan_sim::{GatewayCounters, Scenario, echo};
@@ -83,7 +85,10 @@ pub fn sluggish() -> Scenario {
 pub fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Fixture {
     let mut fixture = with_sync0(echo(1), SHIFT_NS, change);
     let mut adapter = *fixture.port.adapter().config();
-    adapter.dc = Some(ecan_host::DcSync::new(4_000_000, shift_ns));
+    adapter.dc = Some(ecan_host::DcSync::new(
+        Duration::from_millis(4),
+        Duration::from_nanos(shift_ns.into()),
+    ));
     let config = *fixture.port.config();
     fixture.port.reconfigure((adapter, config)).unwrap();
     fixture.port.wait_ready().unwrap();

@@ -97,7 +97,7 @@ fn filters_match_candump() {
 }
 
 proptest! {
-    /// Whatever is given as a frame or a filter is read or rejected, and what is read as a frame is
+    /// Any text given as a frame or a filter is read or rejected, and what is read as a frame is
     /// written back so that it reads the same.
     #[test]
     fn any_filter_text_parses_or_fails(text in "[0-9A-Fa-f#R:~x é]{0,24}|\\PC{0,24}") {

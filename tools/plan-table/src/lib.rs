@@ -94,7 +94,7 @@ fn ethercat(text: &mut String, plan: &PortPlan, adapter: &AdapterConfig) -> std:
     let last = wire.slaves.iter().map(|slave| slave.outputs_arrive_ns).max().unwrap_or(0);
     writeln!(text, "images arrive     {} after they are sent, the last one", us(last))?;
     if let Some(dc) = adapter.dc {
-        let (period, shift) = (us(dc.cycle_ns.into()), us(dc.shift_ns.into()));
+        let (period, shift) = (us(dc.cycle_ns().into()), us(dc.shift_ns().into()));
         writeln!(text, "Sync0             every {period}, shifted by {shift}")?;
     }
     Ok(())

@@ -1,6 +1,7 @@
 //! Configuration of the distributed clocks
 
 use std::ffi::c_int;
+use std::time::Duration;
 
 use ecan_c_export::export;
 use ecan_host::{ClockSource, DcSync};
@@ -37,15 +38,17 @@ fn dc(call: Call, config: &mut IghConfig) -> Result<&mut DcSync, ecan_result_t> 
 ///          cycle.
 #[export(call, config config)]
 pub fn ecan_igh_config_set_dc_sync0(config: *mut ecan_igh_config_t, cycle_us: u32, shift_us: u32) {
-    let ns = |name, us: u32| {
+    let duration = |name, us: u32| {
         let most = u32::MAX / 1000;
-        us.checked_mul(1000).ok_or_else(|| {
-            call.argument(name, format_args!("{us} is out of range; allowed: 0 to {most}"))
-        })
+        if us > most {
+            let text = format_args!("{us} is out of range; allowed: 0 to {most}");
+            return Err(call.argument(name, text));
+        }
+        Ok(Duration::from_micros(us.into()))
     };
-    let (cycle_ns, shift_ns) = (ns("cycle_us", cycle_us)?, ns("shift_us", shift_us)?);
-    let before = config.adapter.dc.unwrap_or(DcSync::new(cycle_ns, shift_ns));
-    config.adapter.dc = (cycle_ns > 0).then_some(DcSync { cycle_ns, shift_ns, ..before });
+    let (cycle, shift) = (duration("cycle_us", cycle_us)?, duration("shift_us", shift_us)?);
+    let before = config.adapter.dc.unwrap_or(DcSync::new(cycle, shift));
+    config.adapter.dc = (!cycle.is_zero()).then_some(DcSync { cycle, shift, ..before });
 }
 
 /// Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.

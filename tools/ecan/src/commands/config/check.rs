@@ -154,7 +154,7 @@ fn of_file(file: &Config) -> Checked {
             .collect(),
         ethercat: Some(EtherCat {
             cycle_ns: file.adapter.cycle_ns(),
-            sync0_shift_ns: file.adapter.dc.map(|dc| dc.shift_ns),
+            sync0_shift_ns: file.adapter.dc.map(|dc| dc.shift_ns()),
             process_data_bytes: plan.ethercat.process_data_bytes(),
             frames: plan.ethercat.frames.len(),
             wire_ns: plan.ethercat.wire_ns(),
