@@ -17,22 +17,9 @@ use ecan_protocol::config::NonMatch;
 
 use crate::bus::StationMode;
 
-use super::registers::written_timing;
+use super::registers::{TEST_LOOPBACK, cccr, written_timing};
 use super::{Controller, offset};
 
-pub(super) mod cccr {
-    pub(in super::super) const INIT: u32 = 1 << 0;
-    pub(in super::super) const CCE: u32 = 1 << 1;
-    pub(in super::super) const MON: u32 = 1 << 5;
-    pub(in super::super) const DAR: u32 = 1 << 6;
-    pub(in super::super) const TEST: u32 = 1 << 7;
-    pub(in super::super) const FDOE: u32 = 1 << 8;
-    pub(in super::super) const BRSE: u32 = 1 << 9;
-    /// ASM, and the bits above the bit rate switch.
-    pub(in super::super) const KEPT: u32 = 1 << 2 | 0xFC00;
-}
-
-pub(super) const TEST_LOOPBACK: u32 = 1 << 4;
 const DBTP_DELAY_COMPENSATION: u32 = 1 << 23;
 
 /// Registers that keep a written value: offset, writable bits, and whether the register is protected.

@@ -5,7 +5,6 @@ use ecan_protocol::can::{BitTiming, Phase};
 
 use crate::bus::{ErrorState, StationMode};
 
-use super::register_writes::{TEST_LOOPBACK, cccr};
 use super::{Controller, offset};
 
 /// Registers at 0x9000:1 to :8.
@@ -19,6 +18,20 @@ pub(in crate::gateway) const STATUS_REGISTERS: [u16; 8] = [
     offset::TXEFS,
     offset::HPMS,
 ];
+
+pub(super) mod cccr {
+    pub(in super::super) const INIT: u32 = 1 << 0;
+    pub(in super::super) const CCE: u32 = 1 << 1;
+    pub(in super::super) const MON: u32 = 1 << 5;
+    pub(in super::super) const DAR: u32 = 1 << 6;
+    pub(in super::super) const TEST: u32 = 1 << 7;
+    pub(in super::super) const FDOE: u32 = 1 << 8;
+    pub(in super::super) const BRSE: u32 = 1 << 9;
+    /// ASM, and the bits above the bit rate switch.
+    pub(in super::super) const KEPT: u32 = 1 << 2 | 0xFC00;
+}
+
+pub(super) const TEST_LOOPBACK: u32 = 1 << 4;
 
 impl Controller {
     /// Value of a register; 0 for one that the model does not have.
