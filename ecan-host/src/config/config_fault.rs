@@ -195,7 +195,7 @@ impl AdapterConfig {
             return;
         }
         if let Some(dc) = self.dc {
-            if dc.cycle_ns() == 0 || dc.cycle_ns() % cycle_ns != 0 {
+            if [0, u32::MAX].contains(&dc.cycle_ns()) || dc.cycle_ns() % cycle_ns != 0 {
                 faults.push(ConfigFault::Sync0Cycle { sync0_ns: dc.cycle_ns(), cycle_ns });
             }
             if dc.shift_ns() >= dc.cycle_ns() {
@@ -276,6 +276,16 @@ mod tests {
             rejected(3, 11, 800).as_slice(),
             [ConfigFault::Plan(PlanError::MailboxStarved { needed: 9_068, available: 9_000, .. })]
         ));
+    }
+
+    #[test]
+    fn sync0_period_beyond_its_range_is_rejected() {
+        // A divisor of the period's upper limit.
+        let cycle_ns = 983_055;
+        let mut config = AdapterConfig::new(1).with_cycle(Duration::from_nanos(cycle_ns.into()));
+        config.dc = Some(DcSync::new(Duration::from_secs(5), Duration::ZERO));
+        let faults = config.check().unwrap_err().0;
+        assert_eq!(faults, [ConfigFault::Sync0Cycle { sync0_ns: u32::MAX, cycle_ns }]);
     }
 
     #[test]

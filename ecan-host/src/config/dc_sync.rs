@@ -41,7 +41,7 @@ pub struct DcSync {
     pub monitor_every: u32,
 }
 
-/// At most `u32::MAX`, more than any check of a configuration accepts.
+/// At most `u32::MAX`, which the check of a configuration rejects as too long.
 pub(super) fn nanoseconds(duration: Duration) -> u32 {
     u32::try_from(duration.as_nanos()).unwrap_or(u32::MAX)
 }
