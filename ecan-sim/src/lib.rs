@@ -24,8 +24,9 @@ pub use bus::{
     arbitration_key, bits_ns,
 };
 pub use drive::{
-    Drive, DriveConfig, DriveQuirks, EdsError, MotorConfig, SdoDirection, SdoEffect, SdoRule,
-    TargetHistory, TargetKind, TargetRecord, TargetSums,
+    CommandSource, Drive, DriveConfig, DriveQuirks, DriveTrace, EdsError, MotionSample,
+    MotorConfig, SdoDirection, SdoEffect, SdoRule, TargetHistory, TargetKind, TargetRecord,
+    TargetSums, TraceCause, TraceEvent, TraceRecord,
 };
 pub use node::{
     BridgeFactory, BridgeProtocol, BridgeSpec, EchoNode, FaultyConfig, FaultyNode, Node,

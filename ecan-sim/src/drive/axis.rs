@@ -9,6 +9,7 @@ use super::motion::{HomingResult, Motion};
 use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::power::{Action, PowerStage, StopMode};
+use super::trace::{DriveTrace, MotionSample, TraceCause, TraceEvent};
 use crate::earliest::earliest;
 
 /// EMCY error code: following error exceeds its window for too long.
@@ -54,6 +55,7 @@ pub(super) struct Axis {
     pub(super) at_limit: bool,
     blocked_until: Option<u64>,
     pub(super) history: TargetHistory,
+    pub(super) trace: DriveTrace,
     pub(super) report: Option<Report>,
 }
 
@@ -77,6 +79,7 @@ impl Axis {
             at_limit: false,
             blocked_until: None,
             history: TargetHistory::new(config.history),
+            trace: DriveTrace::new(config.trace),
             report: None,
         }
     }
@@ -112,15 +115,22 @@ impl Axis {
     pub(super) fn preset_mode(&mut self, raw: i8) {
         if !self.power.is_energised() {
             self.mode = OperatingMode::from_raw(raw);
+            self.trace.add(self.now, TraceEvent::Mode(self.mode));
         }
     }
 
     /// Restarts after loss of supply or a reset of the device, with the power stage off.
     pub(super) fn restart(&mut self, supply_lost: bool) {
+        let was_energised = self.power.is_energised();
         self.power = PowerStage::new();
+        self.trace.add_state(self.now, self.power.state, TraceCause::Restart);
+        if was_energised {
+            self.trace_release(TraceCause::Restart);
+        }
         self.motion.follow_motor(&self.motor);
         self.motion.homing = HomingResult::None;
         self.mode = None;
+        self.trace.add(self.now, TraceEvent::Mode(None));
         self.next_mode = None;
         self.targets = Targets::default();
         self.following_error_since = None;
@@ -195,7 +205,7 @@ impl Axis {
             self.motor.is_blocked = false;
         }
         let action = self.power.finish_enabling(self.now);
-        self.execute(action, parameters);
+        self.execute(action, TraceCause::Drive, parameters);
         if let Some((mode, at)) = self.next_mode
             && at <= self.now
         {
@@ -207,7 +217,17 @@ impl Axis {
     fn step(&mut self, end: u64, parameters: &Parameters) {
         let ns = end - self.now;
         let seconds = if ns == self.period { self.period_seconds } else { seconds(ns) };
+        let is_tick = end == self.next_tick;
         self.set_now(end);
+        self.step_motion(ns, seconds, parameters);
+        if is_tick && self.trace.is_on() {
+            let Motor { position, velocity, torque, .. } = self.motor;
+            let sample = MotionSample { position, velocity, torque };
+            self.trace.add(end, TraceEvent::Motion(sample));
+        }
+    }
+
+    fn step_motion(&mut self, ns: u64, seconds: f64, parameters: &Parameters) {
         if !self.power.is_energised() {
             self.motor.advance(seconds, Actuation::Free);
             self.motion.follow_motor(&self.motor);
@@ -223,7 +243,7 @@ impl Axis {
         self.motion.update_window(ns, &self.motor, parameters);
         if self.power.has_next_state() && self.motion.has_stopped(&self.motor) {
             let action = self.power.finish_stop();
-            self.execute(action, parameters);
+            self.execute(action, TraceCause::Drive, parameters);
         }
         self.update_following_error(parameters);
     }
@@ -255,7 +275,7 @@ impl Axis {
         self.report = Some(Report::Fault(code));
         self.following_error_since = None;
         let action = self.power.fault(parameters);
-        self.execute(action, parameters);
+        self.execute(action, TraceCause::Fault(code), parameters);
     }
 
     /// Applies the reaction to loss of the host (0x6007).
@@ -264,22 +284,32 @@ impl Axis {
             NodeLossReaction::Fault => self.fault(code, parameters),
             NodeLossReaction::DisableVoltage if self.power.is_energised() => {
                 let action = self.power.release(DriveState::SwitchOnDisabled);
-                self.execute(action, parameters);
+                self.execute(action, TraceCause::HostLost(code), parameters);
             }
             NodeLossReaction::QuickStop if self.power.state == DriveState::OperationEnabled => {
                 let action = self.power.quick_stop(parameters);
-                self.execute(action, parameters);
+                self.execute(action, TraceCause::HostLost(code), parameters);
             }
             _ => {}
         }
     }
 
-    pub(super) fn execute(&mut self, action: Action, parameters: &Parameters) {
+    pub(super) fn execute(&mut self, action: Action, cause: TraceCause, parameters: &Parameters) {
+        self.trace.add_state(self.now, self.power.state, cause);
         match action {
             Action::None => {}
-            Action::Enable => self.enable(parameters),
-            Action::Release => self.motion.follow_motor(&self.motor),
-            Action::Stop(mode) => self.stop(mode, parameters),
+            Action::Enable => {
+                self.trace.add(self.now, TraceEvent::Enable { cause });
+                self.enable(parameters);
+            }
+            Action::Release => {
+                self.trace_release(cause);
+                self.motion.follow_motor(&self.motor);
+            }
+            Action::Stop(mode) => {
+                let deceleration = self.stop(mode, parameters);
+                self.trace.add(self.now, TraceEvent::Stop { deceleration, cause });
+            }
             Action::Reset => self.report = Some(Report::FaultReset),
         }
     }
@@ -297,13 +327,25 @@ impl Axis {
         }
     }
 
-    pub(super) fn stop(&mut self, mode: StopMode, parameters: &Parameters) {
+    fn trace_release(&mut self, cause: TraceCause) {
+        let velocity = self.motor.velocity;
+        self.trace.add(self.now, TraceEvent::Release { velocity, cause });
+    }
+
+    /// Begins to decelerate; returns the deceleration.
+    pub(super) fn stop(&mut self, mode: StopMode, parameters: &Parameters) -> f64 {
         let deceleration = match mode {
             StopMode::Profile => parameters.profile.deceleration,
             StopMode::Quick => parameters.quick_deceleration,
             StopMode::Limit => self.motor.max_acceleration(),
         };
         self.motion.stop(&self.motor, deceleration);
+        deceleration
+    }
+
+    pub(super) fn finish_self_test(&mut self) {
+        self.power.finish_self_test();
+        self.trace.add_state(self.now, self.power.state, TraceCause::Drive);
     }
 
     /// The statusword without the bits that belong to the device.

@@ -7,6 +7,7 @@ use super::history::{TargetKind, TargetRecord};
 use super::motion::MotionDemand;
 use super::parameters::Parameters;
 use super::power::{Conditions, halt_stop_mode};
+use super::trace::{CommandSource, TraceCause, TraceEvent};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct ReceivedCommands {
@@ -15,6 +16,7 @@ pub(super) struct ReceivedCommands {
     pub(super) position: bool,
     pub(super) velocity: bool,
     pub(super) torque: bool,
+    pub(super) by_sdo: bool,
 }
 
 impl Axis {
@@ -54,7 +56,8 @@ impl Axis {
             self.request_mode(raw, parameters);
         }
         if let Some(word) = received.controlword {
-            self.command(Controlword(word), parameters);
+            let source = if received.by_sdo { CommandSource::Sdo } else { CommandSource::Pdo };
+            self.command(Controlword(word), source, parameters);
         }
         if received.position && self.mode != Some(OperatingMode::ProfilePosition) {
             let followed = self.follows(OperatingMode::CyclicPosition);
@@ -90,7 +93,7 @@ impl Axis {
     }
 
     fn record(&mut self, kind: TargetKind, target: i32, followed: bool, parameters: &Parameters) {
-        self.history.add(TargetRecord {
+        let record = self.history.add(TargetRecord {
             time_ns: self.now,
             kind,
             target,
@@ -101,6 +104,7 @@ impl Axis {
             first: false,
             window: parameters.following_window,
         });
+        self.trace.add(self.now, TraceEvent::Target(record));
     }
 
     /// Mechanical position of a target, clamped to the software limits.
@@ -149,20 +153,23 @@ impl Axis {
             return;
         }
         self.mode = mode;
+        self.trace.add(self.now, TraceEvent::Mode(mode));
         if self.power.state == DriveState::OperationEnabled && !self.power.has_next_state() {
             self.enable(parameters);
         }
     }
 
-    fn command(&mut self, word: Controlword, parameters: &Parameters) {
+    fn command(&mut self, word: Controlword, source: CommandSource, parameters: &Parameters) {
         let previous = self.power.controlword;
+        self.trace.add_controlword(self.now, word, source);
+        let cause = TraceCause::Command(source);
         let conditions = Conditions {
             may_enable: self.mode.is_some() || !self.config.quirks.needs_mode,
             may_reset: !self.config.quirks.stuck_in_fault,
             enable_ns: u64::from(self.config.enable_ms) * 1_000_000,
         };
         let action = self.power.command(self.now, word, parameters, &conditions);
-        self.execute(action, parameters);
+        self.execute(action, cause, parameters);
         if self.power.state != DriveState::OperationEnabled || self.power.has_next_state() {
             return;
         }

@@ -12,6 +12,7 @@ use super::eds;
 use super::eds_error::EdsError;
 use super::history::TargetHistory;
 use super::sdo_server::SdoServer;
+use super::trace::DriveTrace;
 use crate::earliest::earliest;
 use crate::node::{Node, NodeOutput};
 
@@ -138,6 +139,12 @@ impl Drive {
     #[must_use]
     pub const fn targets(&self) -> &TargetHistory {
         &self.device.axis.history
+    }
+
+    /// The last events.
+    #[must_use]
+    pub const fn trace(&self) -> &DriveTrace {
+        &self.device.axis.trace
     }
 
     /// Error code of the present fault or warning (0x603F); 0 if none.

@@ -18,6 +18,8 @@ pub struct DriveConfig {
     pub enable_ms: u32,
     /// Number of targets in the history.
     pub history: usize,
+    /// Number of events in the trace; 0 records nothing.
+    pub trace: usize,
     /// The motor and its load.
     pub motor: MotorConfig,
     /// Deviations from a well-behaved drive.
@@ -35,6 +37,7 @@ impl DriveConfig {
             sdo_delay_us: 200,
             enable_ms: 0,
             history: 1024,
+            trace: 0,
             motor: MotorConfig::default(),
             quirks: DriveQuirks::default(),
         }

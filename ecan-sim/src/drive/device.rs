@@ -206,7 +206,7 @@ impl Device {
         self.send(out, CobId::heartbeat(self.config.node), &heartbeat_data(NmtState::Initialising));
         self.network.state = NmtState::PreOperational;
         self.network.load(self.now, &self.objects);
-        self.axis.power.finish_self_test();
+        self.axis.finish_self_test();
     }
 
     pub(super) fn send(&self, out: &mut NodeOutput, id: CobId, data: &[u8]) {

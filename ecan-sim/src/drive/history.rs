@@ -109,8 +109,8 @@ impl TargetHistory {
         self.last = [None; 3];
     }
 
-    /// Adds a target; sets `first` and `previous`.
-    pub(super) fn add(&mut self, mut record: TargetRecord) {
+    /// Adds a target and returns it; sets `first` and `previous`.
+    pub(super) fn add(&mut self, mut record: TargetRecord) -> TargetRecord {
         if record.followed {
             record.first = std::mem::take(&mut self.awaits_first);
             if let Some(last) = self.last.get_mut(record.kind as usize) {
@@ -124,6 +124,7 @@ impl TargetHistory {
             }
             self.records.push_back(record);
         }
+        record
     }
 
     fn sum(&mut self, record: &TargetRecord) {

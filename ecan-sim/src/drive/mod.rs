@@ -2,7 +2,7 @@
 //!
 //! `dictionary` (filled by `default_objects` or `eds`), `sdo_server` with `sdo_block`, `pdo` with
 //! `pdo_rules`, `network` (NMT and heartbeats) and `emergency` are its CANopen side; `motor`, `ramp`,
-//! `homing`, `motion` and the state machine `power` form an `axis`. `device` (with `process_data` and
+//! `homing`, `motion` and the state machine `power` form an `axis`, whose events `trace` records. `device` (with `process_data` and
 //! `object_access`) contains both sides, and `bus_node` connects it to the bus.
 
 mod axis;
@@ -32,8 +32,10 @@ mod process_data;
 mod ramp;
 mod sdo_block;
 mod sdo_server;
+mod trace;
 
 pub use bus_node::Drive;
 pub use config::{DriveConfig, DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};
 pub use eds_error::EdsError;
 pub use history::{TargetHistory, TargetKind, TargetRecord, TargetSums};
+pub use trace::{CommandSource, DriveTrace, MotionSample, TraceCause, TraceEvent, TraceRecord};

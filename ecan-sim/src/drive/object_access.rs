@@ -146,7 +146,7 @@ impl Device {
             }
             object::SYNC_COB_ID => self.load_sync(),
             _ => {
-                let mut received = ReceivedCommands::default();
+                let mut received = ReceivedCommands { by_sdo: true, ..ReceivedCommands::default() };
                 if self.axis.store_command(index, number, &mut received) {
                     self.axis.apply(&received, &self.parameters);
                 } else if index >= 0x6000 {

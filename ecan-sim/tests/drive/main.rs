@@ -11,3 +11,4 @@ mod properties;
 mod scenario;
 mod sdo_server;
 mod state_machine;
+mod trace;
