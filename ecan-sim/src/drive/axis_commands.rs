@@ -166,6 +166,7 @@ impl Axis {
         let conditions = Conditions {
             may_enable: self.mode.is_some() || !self.config.quirks.needs_mode,
             may_reset: !self.config.quirks.stuck_in_fault,
+            may_quick_stop: !self.config.quirks.ignores_quick_stop,
             enable_ns: u64::from(self.config.enable_ms) * 1_000_000,
         };
         let action = self.power.command(self.now, word, parameters, &conditions);

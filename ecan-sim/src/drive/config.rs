@@ -206,6 +206,8 @@ pub struct DriveQuirks {
     pub never_boots: bool,
     /// Faults cannot be reset.
     pub stuck_in_fault: bool,
+    /// The quick stop command has no effect.
+    pub ignores_quick_stop: bool,
     /// Acknowledges frames, but sends none.
     pub silent: bool,
     /// Block transfers are aborted.
@@ -231,6 +233,7 @@ impl Default for DriveQuirks {
             mode_delay_ms: 0,
             never_boots: false,
             stuck_in_fault: false,
+            ignores_quick_stop: false,
             silent: false,
             no_block_transfer: false,
             block_upload_falls_back: false,

@@ -32,6 +32,7 @@ pub(super) struct Conditions {
     /// A mode is selected, or none is needed.
     pub(super) may_enable: bool,
     pub(super) may_reset: bool,
+    pub(super) may_quick_stop: bool,
     /// Duration of enabling, ns.
     pub(super) enable_ns: u64,
 }
@@ -106,6 +107,9 @@ impl PowerStage {
             }
             // In other states bit 7 has no meaning and the other bits count.
             command = word.command(word);
+        }
+        if command == Command::QuickStop && !conditions.may_quick_stop {
+            return Action::None;
         }
         match (self.state, command) {
             (DriveState::SwitchOnDisabled | DriveState::SwitchedOn, Command::Shutdown) => {

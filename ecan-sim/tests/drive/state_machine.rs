@@ -308,6 +308,16 @@ fn state_machine_quirks_apply() {
     fixture.pass_ms(50);
     assert_eq!(fixture.drive.state(), SwitchOnDisabled);
 
+    let mut fixture = with(DriveQuirks { ignores_quick_stop: true, ..DriveQuirks::default() });
+    fixture.mode(OperatingMode::CyclicPosition);
+    for word in [SHUTDOWN, SWITCH_ON, ENABLE, QUICK_STOP] {
+        fixture.controlword(word);
+    }
+    assert_eq!(fixture.drive.state(), OperationEnabled);
+    fixture.controlword(SWITCH_ON);
+    fixture.pass_ms(5);
+    assert_eq!(fixture.drive.state(), SwitchedOn);
+
     let quirks = DriveQuirks { ignored_modes: vec![8], mode_delay_ms: 5, ..Default::default() };
     let mut fixture = with(quirks);
     fixture.mode(OperatingMode::CyclicPosition);
