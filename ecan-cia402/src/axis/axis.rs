@@ -17,6 +17,7 @@ use super::pdo_layout::PdoLayout;
 use super::phase::{AxisError, AxisPhase};
 use super::power::{FaultReset, PowerGoal};
 use super::procedure::{Procedure, Stage};
+use super::ramp::RampLimits;
 use super::script::{mode_steps, script};
 use super::set_point::SetPoint;
 use super::setup_steps::{self, BusConfig};
@@ -93,7 +94,7 @@ impl Axis {
             guard: MotionGuard::new(config.guard_limits(mode, cycles_per_sync)),
             mode,
             drive: DriveStatus::default(),
-            targets: TargetSource::new(config.ramp),
+            targets: TargetSource::new(RampLimits::increments(config.ramp)),
             set_point: SetPoint::default(),
             tickets: TargetTickets::default(),
             target_lost: false,
@@ -131,7 +132,7 @@ impl Axis {
 
     pub(crate) fn is_at_rest(&self) -> bool {
         self.target().is_none_or(|target| match target_kind(self.mode) {
-            TargetKind::Position => self.targets.ramp.step() == 0,
+            TargetKind::Position => self.targets.is_at_rest(),
             TargetKind::Rate => target == 0,
             // The drive generates its own motion, and reports its end.
             TargetKind::Profile => self.drive.has(Statusword::TARGET_REACHED),
@@ -309,7 +310,7 @@ impl Axis {
 
     fn stop_after_hold(&mut self) {
         self.targets.requested = None;
-        self.targets.ramp.stop();
+        self.targets.stop();
         let continues = target_kind(self.mode) != TargetKind::Position;
         self.state = self.state.after_hold(continues && self.drive.is_enabled());
     }
@@ -351,7 +352,7 @@ impl Axis {
         tracing::info!(axis = self.index, "axis {}: active", self.index);
         self.statistics.activations += 1;
         self.statistics.targets_sent += 1;
-        self.targets.ramp.stop();
+        self.targets.stop();
         if let AxisState::Enabling { .. } | AxisState::Resuming = self.state {
             self.state = AxisState::Active;
         }

@@ -12,6 +12,7 @@ use super::config::target_kind;
 use super::pdo_layout::RpdoBytes;
 use super::power::PowerGoal;
 use super::procedure::Stage;
+use super::ramp::Ramp;
 use super::verification::Reachability;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::input::{DriveView, GuardInput};
@@ -22,8 +23,8 @@ pub(crate) struct Outgoing {
     pub(crate) rpdo: RpdoBytes,
     /// It carries the target of the guard's decision, not only a command.
     has_target: bool,
-    /// Step of the host's own ramp that makes the target.
-    ramp_step: Option<i64>,
+    /// The host's own ramp, if it makes the target.
+    ramp: Option<Ramp>,
 }
 
 impl Axis {
@@ -148,21 +149,21 @@ impl Axis {
             // A command that stops or resets: the guard never delays it, and it moves nothing.
             let target = self.guard.resting_target()?;
             let rpdo = self.layout.encode(word, target);
-            return Some(Outgoing { rpdo, has_target: false, ramp_step: None });
+            return Some(Outgoing { rpdo, has_target: false, ramp: None });
         }
         let is_due = with_target || matches!(self.guard.state(), GuardState::Armed { .. });
         if !is_due || !(is_driven || self.state == AxisState::Resuming) {
             return None;
         }
-        let (requested, ramp_step) = self.wanted_target(stepping);
+        let (requested, ramp) = self.wanted_target(stepping);
         self.decision = self.guard.decide(requested);
         self.statistics.decided(self.decision, self.is_running());
         if self.decision == Decision::Wait(WaitReason::HoldsOldTarget) {
             self.old_target_found();
         }
-        if matches!(self.decision, Decision::Reject(_)) && ramp_step.is_some() {
+        if matches!(self.decision, Decision::Reject(_)) && ramp.is_some() {
             // The host's own motion ends at a bound, or at a motor that does not follow.
-            self.targets.ramp.stop();
+            self.targets.stop();
         }
         let target = self.decision.target()?;
         let word = match self.decision {
@@ -174,10 +175,10 @@ impl Axis {
         }
         let (bits, target) = self.mode_bits(target);
         let rpdo = self.layout.encode(word.with(bits), target);
-        Some(Outgoing { rpdo, has_target: true, ramp_step })
+        Some(Outgoing { rpdo, has_target: true, ramp })
     }
 
-    fn wanted_target(&self, stepping: bool) -> (Option<i32>, Option<i64>) {
+    fn wanted_target(&self, stepping: bool) -> (Option<i32>, Option<Ramp>) {
         let Some(last) = self.target() else { return (None, None) };
         let own_step = stepping.then_some(self.config.target_step);
         let (kind, limit) = (target_kind(self.mode), self.guard.limits().step);
@@ -218,8 +219,11 @@ impl Axis {
             Decision::Target(target) => {
                 self.statistics.targets_sent += 1;
                 // The host's ramp continues from any motion.
-                let made = before.map_or(0, |before| self.config.range.distance(before, target));
-                self.targets.ramp.accept(outgoing.ramp_step.unwrap_or(made));
+                let step = match target_kind(self.mode) {
+                    TargetKind::Rate => target.into(),
+                    _ => before.map_or(0, |before| self.config.range.distance(before, target)),
+                };
+                self.targets.sent(outgoing.ramp, step);
             }
             _ => {}
         }

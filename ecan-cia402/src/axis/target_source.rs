@@ -1,26 +1,85 @@
 //! Source of the targets of an axis: the application, or the host's own ramp.
 
-use super::ramp::Ramp;
+use super::ramp::{FRACTION_BITS, Ramp, RampLimits};
 use crate::guard::position_range::PositionRange;
 use crate::guard::terms::TargetKind;
+
+/// Most steps in half of a [`StepHistory`].
+const MOST_STEPS: usize = 16;
+
+/// The last steps of an axis, newest first, to estimate the motion of an application: its targets are
+/// rounded to increments, so that two steps alone hide a change of less than an increment per
+/// target.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct StepHistory {
+    steps: [i64; 2 * MOST_STEPS],
+}
+
+impl StepHistory {
+    const REST: Self = Self { steps: [0; 2 * MOST_STEPS] };
+
+    fn push(&mut self, step: i64) {
+        self.steps.rotate_right(1);
+        if let Some(newest) = self.steps.first_mut() {
+            *newest = step;
+        }
+    }
+
+    fn last(&self) -> i64 {
+        self.steps.first().copied().unwrap_or_default()
+    }
+
+    /// The ramp that continues this motion.
+    ///
+    /// Without a jerk limit it continues the last step. With one, it continues the change between two
+    /// means, each over so many steps that the error by the rounding of targets, at most 2
+    /// increments by the square of their number, is an eighth of the largest change or less, if
+    /// 16 steps suffice for that. The rate is less than an increment below the last step, and
+    /// never above it: an axis that rests stays there.
+    fn ramp(&self, limits: &RampLimits) -> Ramp {
+        let last = i128::from(self.last()) << FRACTION_BITS;
+        if limits.jerk() == 0 {
+            return Ramp::following(last, 0);
+        }
+        let squared = (16 << FRACTION_BITS) / limits.change();
+        let half = usize::try_from(squared.isqrt() + 1).unwrap_or(MOST_STEPS).min(MOST_STEPS);
+        let sum = |steps: &[i64]| steps.iter().map(|step| i128::from(*step)).sum::<i128>();
+        let newer = sum(self.steps.get(..half).unwrap_or_default());
+        let older = sum(self.steps.get(half..2 * half).unwrap_or_default());
+        let half = half as i128;
+        let change = ((newer - older) << FRACTION_BITS) / (half * half);
+        let rate = (newer << FRACTION_BITS) / half + change * (half - 1) / 2;
+        let below = last - last.signum() * ((1 << FRACTION_BITS) - 1);
+        Ramp::following(rate.clamp(last.min(below), last.max(below)), change)
+    }
+}
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct TargetSource {
     pub(crate) requested: Option<i32>,
     /// Whether the axis is brought to rest, or rests, instead of following the application.
     pub(crate) is_halted: bool,
-    pub(crate) ramp: Ramp,
+    pub(crate) limits: RampLimits,
+    /// The ramp that made the last target; `None` if the application made it.
+    ramp: Option<Ramp>,
+    history: StepHistory,
 }
 
 impl TargetSource {
-    pub(crate) fn new(ramp: u32) -> Self {
-        Self { requested: None, is_halted: false, ramp: Ramp::new(ramp) }
+    pub(crate) fn new(limits: RampLimits) -> Self {
+        Self { requested: None, is_halted: false, limits, ramp: None, history: StepHistory::REST }
     }
 
     pub(crate) fn clear(&mut self) {
         self.requested = None;
         self.is_halted = false;
-        self.ramp.stop();
+        self.stop();
+    }
+
+    /// Nothing moves any more.
+    pub(crate) fn stop(&mut self) {
+        self.ramp = None;
+        self.history = StepHistory::REST;
     }
 
     pub(crate) fn halt(&mut self) {
@@ -28,30 +87,51 @@ impl TargetSource {
         self.requested = None;
     }
 
-    /// Returns the next target after `last`, and the step of the host's own ramp that makes it.
-    /// `own_step` is the step that the host is to make by itself; a rate returns to 0 by at most
-    /// `rate_limit`.
+    /// The motion of the last target, as a ramp that continues it.
+    pub(crate) fn motion(&self) -> Ramp {
+        self.ramp.unwrap_or_else(|| self.history.ramp(&self.limits))
+    }
+
+    pub(crate) fn is_at_rest(&self) -> bool {
+        match self.ramp {
+            Some(ramp) => ramp.is_at_rest(),
+            None => self.history.last() == 0,
+        }
+    }
+
+    /// A target was sent: `ramp` is the host's own one that made it, `step` its distance from the last
+    /// one; a rate is a step of itself.
+    pub(crate) fn sent(&mut self, ramp: Option<Ramp>, step: i64) {
+        self.ramp = ramp;
+        self.history.push(step);
+    }
+
+    /// Returns the next target after `last`, and the host's own ramp if that makes it. `own_step` is
+    /// the step that the host is to make by itself, `most` the step limit.
+    ///
+    /// A halted rate returns to 0 by its ramp, in which the rate is what the step is for a position.
     pub(crate) fn next(
         &self,
         kind: TargetKind,
         range: PositionRange,
         last: i32,
         own_step: Option<i32>,
-        rate_limit: u32,
-    ) -> (Option<i32>, Option<i64>) {
+        most: u32,
+    ) -> (Option<i32>, Option<Ramp>) {
         let own_step = if self.is_halted { Some(0) } else { own_step };
         match (kind, own_step) {
             (TargetKind::Position, Some(goal)) => {
-                let step = self.ramp.next(goal.into());
-                match range.add(last, step) {
-                    Some(next) => (Some(next), Some(step)),
+                let ramp = self.motion().next(goal.into(), most, &self.limits);
+                match range.add(last, ramp.step()) {
+                    Some(next) => (Some(next), Some(ramp)),
                     // The counter ends here.
-                    None => (Some(last), Some(0)),
+                    None => (Some(last), Some(Ramp::default())),
                 }
             }
             (TargetKind::Rate, _) if self.is_halted => {
-                let limit = i32::try_from(rate_limit).unwrap_or(i32::MAX);
-                (Some(last - last.clamp(-limit, limit)), None)
+                let change = RampLimits::increments(most).with_jerk(self.limits.jerk());
+                let ramp = self.motion().next(0, u32::MAX, &change);
+                (i32::try_from(ramp.rounded_rate()).ok(), Some(ramp))
             }
             _ => (self.requested, None),
         }
@@ -61,24 +141,95 @@ impl TargetSource {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::axis::ramp::Profile;
 
     const LINEAR: PositionRange = PositionRange::Linear;
+    const ONE: i128 = 1 << FRACTION_BITS;
+
+    fn rate(source: &TargetSource) -> (Option<i32>, Option<Ramp>) {
+        source.next(TargetKind::Rate, LINEAR, 0, None, 50)
+    }
 
     #[test]
     fn halted_rate_returns_to_zero_by_its_limit() {
-        let mut source = TargetSource::new(10);
+        let mut source = TargetSource::new(RampLimits::increments(10));
         source.requested = Some(500);
-        assert_eq!(source.next(TargetKind::Rate, LINEAR, 120, None, 50), (Some(500), None));
+        assert_eq!(rate(&source), (Some(500), None));
+        for (last, next) in [(120, 70), (-20, 0)] {
+            source.halt();
+            source.sent(None, last);
+            assert_eq!(rate(&source).0, Some(next));
+        }
+    }
+
+    #[test]
+    fn halted_rate_returns_to_zero_by_its_jerk() {
+        let mut source = TargetSource::new(RampLimits::new(ONE, 20 * ONE));
+        for _ in 0..20 {
+            source.sent(None, 120);
+        }
         source.halt();
-        assert_eq!(source.next(TargetKind::Rate, LINEAR, 120, None, 50), (Some(70), None));
-        assert_eq!(source.next(TargetKind::Rate, LINEAR, -20, None, 50), (Some(0), None));
+        let mut rates = Vec::new();
+        while let (Some(next), ramp) = rate(&source)
+            && rates.last() != Some(&0)
+        {
+            source.sent(ramp, next.into());
+            rates.push(next);
+        }
+        assert_eq!(rates, [100, 60, 20, 0]);
     }
 
     #[test]
     fn own_step_uses_the_ramp_and_ends_with_the_counter() {
-        let source = TargetSource::new(10);
-        let next = |last| source.next(TargetKind::Position, LINEAR, last, Some(100), 0);
-        assert_eq!(next(5), (Some(15), Some(10)));
-        assert_eq!(next(i32::MAX), (Some(i32::MAX), Some(0)));
+        let source = TargetSource::new(RampLimits::increments(10));
+        let next = |last| source.next(TargetKind::Position, LINEAR, last, Some(100), 1_000);
+        assert_eq!(next(5).0, Some(15));
+        assert_eq!(next(i32::MAX), (Some(i32::MAX), Some(Ramp::default())));
+    }
+
+    #[test]
+    fn unsent_step_does_not_advance_the_ramp() {
+        let mut source = TargetSource::new(RampLimits::increments(10));
+        let next =
+            |source: &TargetSource| source.next(TargetKind::Position, LINEAR, 0, Some(100), 1_000);
+        assert_eq!([next(&source).0, next(&source).0], [Some(10), Some(10)]);
+        let (_, ramp) = next(&source);
+        source.sent(ramp, 10);
+        assert_eq!(next(&source).0, Some(20));
+        source.stop();
+        assert!(source.is_at_rest());
+        assert_eq!(next(&source).0, Some(10));
+    }
+
+    /// Motion of an application at a rate and a change that are no whole increments.
+    fn source_after(limits: RampLimits, rate: f64, change: f64) -> TargetSource {
+        let position = |n: f64| (rate * n + change * n * n / 2.0).round() as i64;
+        let mut source = TargetSource::new(limits);
+        for n in -40..0 {
+            source.sent(None, position(f64::from(n + 1)) - position(f64::from(n)));
+        }
+        source
+    }
+
+    #[test]
+    fn motion_of_the_application_is_estimated_from_rounded_targets() {
+        let limits = RampLimits::new(ONE / 4, ONE / 1_000);
+        for (rate, change) in [(32.4, -0.17), (32.4, 0.2), (-7.7, 0.1), (0.3, 0.0), (900.0, 0.25)] {
+            let profile = source_after(limits, rate, change).motion().profile();
+            let (found, slope) = (profile.rate as f64, profile.change as f64);
+            assert!((found / ONE as f64 - rate).abs() < 1.0, "{rate}: {profile:?}");
+            assert!((slope / ONE as f64 - change).abs() <= 0.25 / 8.0, "{change}: {profile:?}");
+        }
+    }
+
+    #[test]
+    fn axis_that_the_application_stopped_stays_at_rest() {
+        let limits = RampLimits::new(ONE / 4, ONE / 1_000);
+        let mut source = source_after(limits, 100.0, 0.0);
+        source.sent(None, 0);
+        assert!(source.is_at_rest());
+        source.halt();
+        let (next, ramp) = source.next(TargetKind::Position, LINEAR, 7, None, 1_000);
+        assert_eq!((next, ramp.map(|ramp| ramp.profile())), (Some(7), Some(Profile::default())));
     }
 }
