@@ -35,6 +35,8 @@ enum Event {
     Reset(usize),
     Turn(usize),
     FarTarget(usize, i32),
+    /// Cycles without `process_rx`, with or without targets.
+    Skip(usize, bool),
 }
 
 fn event() -> impl Strategy<Value = Event> {
@@ -62,6 +64,7 @@ fn event() -> impl Strategy<Value = Event> {
         2 => n.clone().prop_map(Event::Reset),
         2 => n.clone().prop_map(Event::Turn),
         1 => (n, any::<i32>()).prop_map(|(n, to)| Event::FarTarget(n, to)),
+        3 => (1..12_usize, any::<bool>()).prop_map(|(cycles, sends)| Event::Skip(cycles, sends)),
     ]
 }
 
@@ -86,6 +89,7 @@ fn strike(fixture: &mut Fixture, event: &Event) {
         Event::Torn => fixture.inject(gateway(GatewayFault::TornTxPdo { images: 2 })),
         Event::Stall(ms) => fixture.inject(gateway(GatewayFault::ServiceStall { ms })),
         Event::HostPause(ms) => fixture.simulation.pass_ns(ms * 1_000_000),
+        Event::Skip(cycles, sends) => fixture.skip(cycles, sends),
         _ => {}
     }
     let cia402 = &mut fixture.cia402;

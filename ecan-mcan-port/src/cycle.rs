@@ -66,7 +66,8 @@ impl Port {
     /// Waits for the next cycle and begins it: receives the images of all gateways, checks them,
     /// and continues the verification of gateways that are not ready.
     ///
-    /// Items of the previous cycle that were not received are lost.
+    /// Frames of the previous cycle that were not received are lost. Its transmit results are
+    /// counted in any case ([`ChannelStatistics`](crate::ChannelStatistics)).
     pub fn next_cycle(&mut self) -> Cycle<'_> {
         self.wait_next_cycle();
         self.begin_cycle()
@@ -116,15 +117,19 @@ impl Port {
             let time_ns = self.adapter.cycle_time_ns();
             self.since_first_ns = self.sync0_phase.begin(time_ns, self.adapter.config());
         }
+        self.cycle_number += 1;
         let since_first_ns = self.deadline_ns.map(|_| self.since_first_ns);
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
-            gateway.begin(&mut self.adapter, slave, since_first_ns);
+            gateway.begin(&mut self.adapter, slave, self.cycle_number, since_first_ns);
         }
         self.is_cycle_open = true;
     }
 
     fn end(&mut self) -> CycleSummary {
         self.is_cycle_open = false;
+        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
+            gateway.close_image(&self.adapter, slave);
+        }
         if let Some(deadline_ns) = self.deadline_ns.take() {
             let since_first_ns = self.since_first_ns;
             for (slave, gateway) in self.gateways.iter_mut().enumerate() {

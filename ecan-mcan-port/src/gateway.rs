@@ -35,6 +35,8 @@ pub(crate) struct Gateway {
     /// first cycle; `None` if unknown.
     pulse_ns: Option<u64>,
     pub(crate) watch: ScheduleWatch,
+    /// Cycle in which it became ready the last time; 0 if it never was.
+    pub(crate) ready_since: u64,
 }
 
 impl Gateway {
@@ -86,6 +88,7 @@ impl Gateway {
             schedule,
             schedule_times,
             pulse_ns: None,
+            ready_since: 0,
             fd_mask,
             is_paced: config.paced,
             hold_limit: config.hold_limit,
@@ -109,11 +112,12 @@ impl Gateway {
         usize::from(channel) < CHANNELS && mask >> channel & 1 == 1 && self.session.is_ready()
     }
 
-    /// Start of a cycle. `since_first_ns` is the application time since the first cycle, if known.
+    /// Start of the cycle `number`. `since_first_ns` is the application time since the first cycle, if known.
     pub(crate) fn begin(
         &mut self,
         adapter: &mut Adapter,
         slave: usize,
+        number: u64,
         since_first_ns: Option<u64>,
     ) {
         let report = adapter.domain_report(slave);
@@ -126,14 +130,17 @@ impl Gateway {
         let is_same_pulse = pulse_ns.is_some() && last_ns == pulse_ns;
         let image = adapter.rx_pdo_mut(slave);
         self.transmitter.begin(image, report.outputs, is_same_pulse, &mut self.statistics);
-        self.step_session(adapter, slave);
+        self.step_session(adapter, slave, number);
         if !self.session.is_ready() {
             return;
         }
         self.step_watch(adapter);
-        let Self { transmitter, receiver, statistics, .. } = self;
+        let Self { transmitter, receiver, statistics, channel_mask, .. } = self;
         if receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics) {
             for (channel, status) in receiver.status().iter().enumerate() {
+                if *channel_mask >> channel & 1 == 1 {
+                    statistics.channel(channel as u8).count_status(*status);
+                }
                 let window = transmitter.window(channel as u8);
                 if status.bus_off() != window.is_bus_off() {
                     log_bus_off(slave, channel, status.bus_off());
@@ -143,8 +150,8 @@ impl Gateway {
         }
     }
 
-    fn step_session(&mut self, adapter: &mut Adapter, slave: usize) {
-        let Self { session, transmitter, receiver, statistics, watch, .. } = self;
+    fn step_session(&mut self, adapter: &mut Adapter, slave: usize, number: u64) {
+        let Self { session, transmitter, receiver, statistics, watch, ready_since, .. } = self;
         let no_input = self.input_limit > 0 && receiver.misses() > self.input_limit;
         let is_lost = transmitter.misses() > self.hold_limit || no_input;
         match session.step(adapter, is_lost) {
@@ -155,6 +162,7 @@ impl Gateway {
                 transmitter.reset(statistics);
                 watch.reset();
                 statistics.sessions += 1;
+                *ready_since = number;
                 tracing::info!(slave, "slave {slave}: ready");
             }
             Event::Failed => {

@@ -28,6 +28,8 @@ pub struct Port {
     pub(crate) adapter: Adapter,
     pub(crate) gateways: Vec<Gateway>,
     pub(crate) is_cycle_open: bool,
+    /// Of the last cycle that has begun.
+    pub(crate) cycle_number: u64,
     /// Deadline of the running cycle; `None` without a wait for the cycle.
     pub(crate) deadline_ns: Option<u64>,
     pub(crate) sync0_phase: Sync0Phase,
@@ -80,6 +82,7 @@ impl Port {
                 adapter,
                 gateways,
                 is_cycle_open: false,
+                cycle_number: 0,
                 deadline_ns: None,
                 sync0_phase: Sync0Phase::default(),
                 since_first_ns: 0,
@@ -247,6 +250,9 @@ impl Port {
             domain: self.adapter.domain_report(slave),
             image: gateway.receiver.report(),
             is_unconfirmed: gateway.transmitter.is_unconfirmed(),
+            cycle: self.cycle_number,
+            ready_since: gateway.ready_since,
+            frames: gateway.receiver.frames(&gateway.statistics),
         }
     }
 

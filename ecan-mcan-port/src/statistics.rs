@@ -1,5 +1,6 @@
 //! Counters of a Port, per slave and channel. They only grow, and wrap at 2^64.
 
+use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
 
 /// Counters of one channel.
@@ -22,8 +23,13 @@ pub struct ChannelStatistics {
     pub rejected_bus_off: u64,
     /// Transmit results that reported success: code 0 or 1 (manual 10).
     pub results_ok: u64,
-    /// Transmit results that reported a failure.
+    /// Transmit results that reported a failure. Results that no part of the application took are
+    /// counted, too.
     pub results_failed: u64,
+    /// TxPDO images that reported the channel as bus-off.
+    pub bus_off_images: u64,
+    /// TxPDO images that reported the channel as not running, without bus-off.
+    pub not_running_images: u64,
 }
 
 /// Counters of one gateway.
@@ -63,6 +69,16 @@ pub struct SlaveStatistics {
     pub verification_failures: u64,
     /// Per channel.
     pub channels: [ChannelStatistics; CHANNELS],
+}
+
+impl ChannelStatistics {
+    /// Status of the channel in a new image.
+    pub(crate) fn count_status(&mut self, status: ChannelStatus) {
+        let is_bus_off = status.bus_off() || status.state() == ChannelState::BusOff;
+        self.bus_off_images += u64::from(is_bus_off);
+        let is_running = is_bus_off || status.state() == ChannelState::Run;
+        self.not_running_images += u64::from(!is_running);
+    }
 }
 
 impl SlaveStatistics {

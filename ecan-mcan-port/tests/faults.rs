@@ -431,6 +431,11 @@ fn cycle_report_names_what_the_image_was() {
     let new = ImageReport::New { lost: 0, is_incomplete: false, layout_changed: false };
     assert_eq!(report.image, new);
     assert!(report.domain.is_complete());
+    assert_eq!(report.frames, [0; 4]);
+    assert!(report.ready_since > 0 && report.ready_since < report.cycle);
+    fixture.idle(1);
+    let next = fixture.port.cycle_report(fixture.port.gw(0));
+    assert_eq!((next.cycle, next.ready_since), (report.cycle + 1, report.ready_since));
     assert!(fixture.port.wait_ready().is_ok(), "already ready");
 }
 

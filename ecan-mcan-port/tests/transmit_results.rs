@@ -70,3 +70,18 @@ fn bus_off_channel_answers_with_the_reason() {
     assert_eq!((reports[0].ticket, reports[0].code), (ticket, ResultCode::BusOff));
     assert_eq!(fixture.port.statistics(fixture.port.gw(0)).channels[1].results_failed, 1);
 }
+
+#[test]
+fn results_that_nobody_takes_are_counted() {
+    let mut fixture = Fixture::single(with_results());
+    for _ in 0..10 {
+        let mut cycle = fixture.port.next_cycle();
+        cycle.send_can(0, 2, id(1), &[1]).unwrap();
+    }
+    for _ in 0..5 {
+        fixture.port.next_cycle().end().unwrap();
+    }
+    let statistics = fixture.port.statistics(fixture.port.gw(0));
+    assert_eq!(statistics.channels[2].results_ok, 10);
+    assert_eq!(statistics.channels[2].frames_received, 0);
+}

@@ -4,8 +4,11 @@
 //! includes those that the same image brings. It shows by itself: an image with more frames of a
 //! channel than its status counts proves that it does not, and answers to SDO requests bring such
 //! images long before an axis is activated. Until then it is assumed to include them.
+//!
+//! An application may skip cycles, or another part of it may take items first. Then the Port's
+//! counters show what was missed: a channel that left the bus, and failed transmit results.
 
-use ecan_mcan_port::{ImageReport, Port};
+use ecan_mcan_port::{ChannelStatistics, CycleReport, ImageReport, Port, TransmitReport};
 use ecan_protocol::image::{ChannelState, ChannelStatus, ImageFault};
 use ecan_protocol::mapping::CHANNELS;
 
@@ -21,12 +24,10 @@ const STEADY: u8 = 3;
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct GatewayWatch {
     pub(crate) slave: usize,
-    image: ImageReport,
+    /// Of the last cycle that was observed.
+    report: CycleReport,
     is_ready: bool,
-    is_complete: bool,
-    is_unconfirmed: bool,
     discarded: bool,
-    sessions_lost: u64,
     images_discarded: u64,
     /// The count of waiting frames is known not to include those of its own image.
     counts_left_only: bool,
@@ -36,12 +37,18 @@ pub(crate) struct GatewayWatch {
 #[derive(Debug, Clone, Copy, Default)]
 struct ChannelWatch {
     status: ChannelStatus,
-    rejections: u64,
+    /// Counters of the last cycle that was observed.
+    counters: ChannelStatistics,
     queue_rejected: bool,
-    image_rejections: u64,
     image_full: bool,
-    received: u64,
-    /// Frames that this image brought.
+    /// An image since then, observed or not, reported that the channel was off the bus.
+    was_bus_off: bool,
+    was_stopped: bool,
+    /// Failed transmit results that the axes took, in this cycle.
+    failures_taken: u64,
+    /// Failed transmit results since then that the axes did not take.
+    failures_missed: bool,
+    /// Frames that the image of this cycle brought.
     in_image: u64,
     /// Cycles in a row in which everything came that there was.
     steady: u8,
@@ -54,51 +61,66 @@ impl GatewayWatch {
         Self { slave, ..Self::default() }
     }
 
+    /// A transmit report that the axes took.
+    pub(crate) fn take_report(&mut self, report: &TransmitReport) {
+        if report.ticket.is_some()
+            && !report.code.is_success()
+            && let Some(channel) = self.channels.get_mut(usize::from(report.channel))
+        {
+            channel.failures_taken += 1;
+        }
+    }
+
     /// Once per cycle, when everything received has been taken out: only then is a fault after
-    /// the first packets known.
+    /// the first packets known. Cycles may be left out; a second call in a cycle does nothing.
     pub(crate) fn observe(&mut self, port: &Port) {
         let Ok(gateway) = port.gateway(self.slave) else {
             // A reconfiguration removed the gateway.
             *self = Self::new(self.slave);
             return;
         };
-        let report = port.cycle_report(gateway);
         let statistics = port.statistics(gateway);
-        let is_new = matches!(report.image, ImageReport::New { .. });
-        let without_break = statistics.sessions_lost == self.sessions_lost;
-        self.is_ready = port.gateway_is_ready(gateway) && without_break;
-        self.sessions_lost = statistics.sessions_lost;
-        self.image = report.image;
-        self.is_complete = report.domain.is_complete();
-        self.is_unconfirmed = report.is_unconfirmed;
+        let report = port.cycle_report(gateway);
+        if report.cycle == self.report.cycle {
+            return;
+        }
+        let before = std::mem::replace(&mut self.report, report);
+        let is_first = before.cycle == 0;
+        let is_same_session = report.ready_since == before.ready_since;
+        let was_interrupted = self.is_ready && !is_same_session;
+        self.is_ready = port.gateway_is_ready(gateway) && !was_interrupted;
+        if is_first || !is_same_session {
+            // What happened earlier concerns others, and a reconfiguration resets the counters.
+            self.images_discarded = statistics.rxpdo_discarded;
+            for (channel, counters) in self.channels.iter_mut().zip(statistics.channels) {
+                *channel = ChannelWatch { counters, ..ChannelWatch::default() };
+            }
+        }
         self.discarded = statistics.rxpdo_discarded != self.images_discarded;
         self.images_discarded = statistics.rxpdo_discarded;
-        for (number, (channel, counters)) in
-            (0_u8..).zip(self.channels.iter_mut().zip(statistics.channels))
+        let has_skipped = report.cycle > before.cycle + 1;
+        let is_new = matches!(report.image, ImageReport::New { .. });
+        for ((number, channel), (counters, frames)) in
+            (0_u8..).zip(&mut self.channels).zip(statistics.channels.iter().zip(report.frames))
         {
-            channel.queue_rejected = counters.rejected_queue_full != channel.rejections;
-            channel.rejections = counters.rejected_queue_full;
-            channel.image_full = counters.rejected_image_full != channel.image_rejections;
-            channel.image_rejections = counters.rejected_image_full;
-            channel.in_image = counters.frames_received.saturating_sub(channel.received);
-            channel.received = counters.frames_received;
-            let [now, before, _] = channel.delivered;
+            if has_skipped {
+                channel.steady = 0;
+            }
+            channel.in_image = frames.into();
             if is_new {
                 let handle = port.channel(self.slave, number);
                 channel.status =
                     handle.map_or_else(|_| ChannelStatus::default(), |it| port.channel_status(it));
-                channel.delivered = [counters.frames_delivered, now, before];
                 let counted = channel.status.rx_pending();
                 self.counts_left_only |=
                     counted < SATURATED && u64::from(counted) < channel.in_image;
-            } else if let Some(latest) = channel.delivered.first_mut() {
-                *latest = counters.frames_delivered;
             }
+            channel.note(counters, is_new);
         }
-        let flows = self.is_complete && !self.is_unconfirmed;
+        let flows = report.domain.is_complete() && !report.is_unconfirmed;
         for channel in &mut self.channels {
             let in_image = if self.counts_left_only { 0 } else { channel.in_image };
-            let actual = classify(self.image, channel.status, in_image, Some(0));
+            let actual = classify(report.image, channel.status, in_image, Some(0));
             let is_clear = flows && matches!(actual, Actual::Fresh(_));
             channel.steady = if is_clear { channel.steady.saturating_add(1) } else { 0 };
         }
@@ -106,7 +128,7 @@ impl GatewayWatch {
 
     /// Whether the last image is repeated, so that nothing should be added.
     pub(crate) fn is_unconfirmed(&self) -> bool {
-        self.is_unconfirmed
+        self.report.is_unconfirmed
     }
 
     pub(crate) fn is_ready(&self) -> bool {
@@ -118,13 +140,13 @@ impl GatewayWatch {
         let [delivered, _, covered] = watch.delivered;
         PathStatus {
             is_ready: self.is_ready,
-            is_complete: self.is_complete,
-            is_unconfirmed: self.is_unconfirmed,
+            is_complete: self.report.domain.is_complete(),
+            is_unconfirmed: self.report.is_unconfirmed,
             discarded: self.discarded,
             queue_rejected: watch.queue_rejected,
             image_full: watch.image_full,
-            target_lost,
-            channel: view(self.image, watch.status),
+            target_lost: target_lost || watch.failures_missed,
+            channel: watch.view(self.report.image),
             delivered,
             covered,
         }
@@ -133,7 +155,7 @@ impl GatewayWatch {
     pub(crate) fn actual(&self, channel: u8, position: Option<i32>) -> Actual {
         let watch = self.channel(channel);
         let in_image = if self.counts_left_only { 0 } else { watch.in_image };
-        match classify(self.image, watch.status, in_image, position) {
+        match classify(self.report.image, watch.status, in_image, position) {
             Actual::Fresh(position) if watch.steady < STEADY => Actual::Late(position),
             actual => actual,
         }
@@ -141,6 +163,38 @@ impl GatewayWatch {
 
     fn channel(&self, channel: u8) -> ChannelWatch {
         self.channels.get(usize::from(channel)).copied().unwrap_or_default()
+    }
+}
+
+impl ChannelWatch {
+    /// Changes of the counters since the last cycle that was observed.
+    fn note(&mut self, counters: &ChannelStatistics, is_new: bool) {
+        let before = std::mem::replace(&mut self.counters, *counters);
+        self.queue_rejected = counters.rejected_queue_full != before.rejected_queue_full;
+        self.image_full = counters.rejected_image_full != before.rejected_image_full;
+        self.was_bus_off = counters.bus_off_images != before.bus_off_images;
+        self.was_stopped = counters.not_running_images != before.not_running_images;
+        let failures = counters.results_failed.saturating_sub(before.results_failed);
+        self.failures_missed = failures > std::mem::take(&mut self.failures_taken);
+        let [now, last, _] = self.delivered;
+        if is_new {
+            self.delivered = [counters.frames_delivered, now, last];
+        } else if let Some(latest) = self.delivered.first_mut() {
+            *latest = counters.frames_delivered;
+        }
+    }
+
+    fn view(&self, image: ImageReport) -> ChannelView {
+        match view(image, self.status) {
+            // It is on the bus again; what waited in the gateway is lost.
+            ChannelView::NotSeen | ChannelView::Running { .. } if self.was_bus_off => {
+                ChannelView::BusOff
+            }
+            ChannelView::NotSeen | ChannelView::Running { .. } if self.was_stopped => {
+                ChannelView::NotRunning
+            }
+            view => view,
+        }
     }
 }
 

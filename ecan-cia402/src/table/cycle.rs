@@ -57,7 +57,7 @@ impl Cia402 {
     /// if `other` is.
     pub fn process_rx_with(&mut self, cycle: &mut Cycle<'_>, mut other: impl FnMut(Received)) {
         self.now_ns = cycle.adapter().clock().now_ns();
-        let Self { network, axes, lookup, now_ns, .. } = self;
+        let Self { network, axes, gateways, lookup, now_ns, .. } = self;
         axes.iter_mut().for_each(Axis::begin_cycle);
         network.receive(cycle, *now_ns, |item| {
             match &item {
@@ -68,6 +68,9 @@ impl Cia402 {
                     }
                 }
                 Received::TransmitReport(report) => {
+                    if let Some(gateway) = gateways.get_mut(report.slave) {
+                        gateway.take_report(report);
+                    }
                     for axis in axes.iter_mut() {
                         let address = axis.config.address;
                         if (address.slave, address.channel) == (report.slave, report.channel) {

@@ -78,8 +78,18 @@ impl Fixture {
         axes: Vec<AxisConfig>,
         settings: Cia402Config,
     ) -> Self {
-        let slaves = adapter.slaves.len();
         let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
+        Self::open_on(scenario, adapter, gateway, axes, settings)
+    }
+
+    pub fn open_on(
+        scenario: Scenario,
+        adapter: AdapterConfig,
+        gateway: GatewayConfig,
+        axes: Vec<AxisConfig>,
+        settings: Cia402Config,
+    ) -> Self {
+        let slaves = adapter.slaves.len();
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
         let config = PortConfig::uniform(slaves, gateway);
@@ -136,6 +146,16 @@ impl Fixture {
     pub fn idle(&mut self, cycles: usize) {
         for _ in 0..cycles {
             self.cycle_with(|cia402, cycle| cia402.send_targets_all(cycle));
+        }
+    }
+
+    /// Cycles in which nobody receives; `sends` steps all the same.
+    pub fn skip(&mut self, cycles: usize, sends: bool) {
+        for _ in 0..cycles {
+            let mut cycle = self.port.next_cycle();
+            if sends {
+                self.cia402.send_target_step(&mut cycle);
+            }
         }
     }
 

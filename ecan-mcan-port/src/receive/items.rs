@@ -61,6 +61,32 @@ impl<'c> OpenImage<'c> {
 }
 
 impl Gateway {
+    /// Counts the transmit results that nobody took out of the image of this cycle: whoever sent
+    /// the frames can find by the counters that results are missing.
+    #[inline]
+    pub(crate) fn close_image(&mut self, adapter: &Adapter, slave: usize) {
+        if self.receiver.pending.is_some() {
+            self.count_results(adapter, slave);
+        }
+    }
+
+    #[cold]
+    fn count_results(&mut self, adapter: &Adapter, slave: usize) {
+        let Some(packets) = self.receiver.resume(adapter.tx_pdo(slave)) else { return };
+        for packet in packets {
+            match packet {
+                Ok(Packet::TxResult(result)) => {
+                    self.take_result(slave, &result);
+                }
+                Ok(Packet::Frame(_)) => {}
+                Err(diagnosis) => {
+                    self.receiver.fault(diagnosis, &mut self.statistics);
+                    break;
+                }
+            }
+        }
+    }
+
     /// Assigns a transmit result to its frame, and counts it.
     fn take_result(&mut self, slave: usize, result: &TxResult) -> TransmitReport {
         let Self { transmitter, statistics, .. } = self;

@@ -20,6 +20,8 @@ pub(crate) struct Receiver {
     header: Header,
     /// The first of its packets that were not handed out, if any.
     pub(crate) pending: Option<PacketCursor>,
+    /// Frames of each channel that were taken out of earlier images.
+    taken_before: [u64; CHANNELS],
     /// Cycles in a row without a new image.
     misses: u16,
 }
@@ -33,8 +35,23 @@ impl Receiver {
             last_diagnosis: None,
             header: Header::parse(&[0; HEADER_BYTES]),
             pending: None,
+            taken_before: [0; CHANNELS],
             misses: 0,
         }
+    }
+
+    /// Frames of each channel that were taken out of the image of this cycle.
+    pub(crate) fn frames(&self, statistics: &SlaveStatistics) -> [u8; CHANNELS] {
+        let mut frames = [0; CHANNELS];
+        if self.report == ImageReport::None {
+            return frames;
+        }
+        let counters = statistics.channels.iter().zip(self.taken_before);
+        for (frames, (channel, before)) in frames.iter_mut().zip(counters) {
+            // infallible: an image holds 255 frames at most
+            *frames = channel.frames_received.saturating_sub(before) as u8;
+        }
+        frames
     }
 
     pub(crate) fn misses(&self) -> u16 {
@@ -68,6 +85,7 @@ impl Receiver {
         statistics: &mut SlaveStatistics,
     ) -> bool {
         self.pending = None;
+        self.taken_before = statistics.channels.each_ref().map(|channel| channel.frames_received);
         self.misses = self.misses.saturating_add(1);
         match self.reader.read(image) {
             Ok(image) => {

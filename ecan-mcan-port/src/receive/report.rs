@@ -2,6 +2,7 @@
 
 use ecan_host::DomainReport;
 use ecan_protocol::image::ParseDiagnosis;
+use ecan_protocol::mapping::CHANNELS;
 
 /// Result of checking the TxPDO image of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -34,4 +35,13 @@ pub struct CycleReport {
     /// The delivery of the last RxPDO image is not confirmed, and it is sent again unchanged. Frames
     /// sent now wait for the next image.
     pub is_unconfirmed: bool,
+    /// Number of the cycle, from 1, over all reconfigurations of the Port. An observer that finds
+    /// a gap has not seen every cycle.
+    pub cycle: u64,
+    /// Cycle in which the gateway became ready the last time; 0 if it never was. A change means
+    /// that it was not ready in between.
+    pub ready_since: u64,
+    /// Frames of each channel that were taken out of the TxPDO image of this cycle, by any part of
+    /// the application.
+    pub frames: [u8; CHANNELS],
 }
