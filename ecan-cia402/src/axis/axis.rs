@@ -77,7 +77,7 @@ pub(crate) struct Axis {
 impl Axis {
     pub(crate) fn new(
         index: usize,
-        config: AxisConfig,
+        (config, ramp): (AxisConfig, RampLimits),
         node: NodeHandle,
         cycles_per_sync: u32,
     ) -> Self {
@@ -94,7 +94,7 @@ impl Axis {
             guard: MotionGuard::new(config.guard_limits(mode, cycles_per_sync)),
             mode,
             drive: DriveStatus::default(),
-            targets: TargetSource::new(RampLimits::increments(config.ramp)),
+            targets: TargetSource::new(ramp),
             set_point: SetPoint::default(),
             tickets: TargetTickets::default(),
             target_lost: false,

@@ -6,6 +6,7 @@ use ecan_canopen::{NodeAddress, NodeLossReaction, OperatingMode, QuickStopOption
 use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
+use super::motion_limits::{MotionLimit, MotionLimits};
 use super::pdo_layout::{PdoLayout, TargetObject};
 use super::units::Scale;
 use crate::guard::position_range::PositionRange;
@@ -108,6 +109,9 @@ pub struct AxisConfig {
     /// Largest change per cycle of a step that the host generates: for
     /// [`send_target_step`](crate::Cia402::send_target_step), halt and shutdown.
     pub ramp: u32,
+    /// Limits in units of the machine. One that is set replaces `step_limit`, `ramp` or `bounds`, as
+    /// its documentation says; none by default.
+    pub limits: MotionLimits,
     /// Tolerated SYNC periods in a row without a usable TPDO.
     pub tpdo_timeout: u16,
     /// Tolerated cycles in a row with an incomplete working counter; in these the Port repeats the
@@ -141,6 +145,7 @@ impl AxisConfig {
             standstill: 20,
             target_step: 0,
             ramp: 20,
+            limits: MotionLimits::default(),
             tpdo_timeout: 5,
             wc_misses: 3,
             drain_images: 3,
@@ -212,18 +217,15 @@ impl AxisConfig {
         if !self.scale.is_valid() {
             report(AxisFault::Scale { steps_per_turn: self.scale.steps() });
         }
-        if self.step_limit == 0 {
-            report(AxisFault::NoStep);
+        if let Some(units) = self.scale.velocity_units()
+            && !units.is_normal()
+        {
+            report(AxisFault::VelocityUnits { units });
         }
-        if self.target_step.unsigned_abs() > self.step_limit {
-            report(AxisFault::TargetStep { step: self.target_step, limit: self.step_limit });
-        }
-        if self.standstill > self.step_limit {
-            report(AxisFault::Standstill { standstill: self.standstill, limit: self.step_limit });
-        }
-        let least = self.step_limit.saturating_mul(WINDOW_STEPS);
-        if target_kind(self.mode) == TargetKind::Position && self.following_window < least {
-            report(AxisFault::Window { window: self.following_window, least });
+        self.limits.check(self.mode, self.scale, report);
+        // With a velocity limit these follow from it.
+        if target_kind(self.mode) != TargetKind::Position || self.limits.velocity.is_none() {
+            self.check_steps(report);
         }
         if let Some((min, max)) = self.bounds
             && min > max
@@ -237,6 +239,22 @@ impl AxisConfig {
         }
         if self.tpdo_timeout == 0 {
             report(AxisFault::TpdoTimeout);
+        }
+    }
+
+    fn check_steps(&self, report: &mut dyn FnMut(AxisFault)) {
+        if self.step_limit == 0 {
+            report(AxisFault::NoStep);
+        }
+        if self.target_step.unsigned_abs() > self.step_limit {
+            report(AxisFault::TargetStep { step: self.target_step, limit: self.step_limit });
+        }
+        if self.standstill > self.step_limit {
+            report(AxisFault::Standstill { standstill: self.standstill, limit: self.step_limit });
+        }
+        let least = self.step_limit.saturating_mul(WINDOW_STEPS);
+        if target_kind(self.mode) == TargetKind::Position && self.following_window < least {
+            report(AxisFault::Window { window: self.following_window, least });
         }
     }
 }
@@ -327,6 +345,86 @@ pub enum AxisFault {
     /// No missing TPDO would be tolerated, although one is missing whenever a reply is lost.
     #[error("the TPDO timeout is 0; must be at least 1")]
     TpdoTimeout,
+    /// The unit of velocity is invalid.
+    #[error("{units} units of velocity per turn per second are invalid; must be finite and not 0")]
+    VelocityUnits {
+        /// Units of velocity for one turn per second.
+        units: f64,
+    },
+    /// A limit is no number above 0.
+    #[error("the {limit} {value} {} is invalid; must be finite and above 0", limit.unit())]
+    Limit {
+        /// The limit.
+        limit: MotionLimit,
+        /// Its value.
+        value: f64,
+    },
+    /// The host cannot keep the limit: in this mode the drive generates the motion, or the unit of
+    /// its targets is none of motion.
+    #[error("the {limit} cannot be kept in mode {mode}; set it by the objects of the drive")]
+    LimitMode {
+        /// The limit.
+        limit: MotionLimit,
+        /// The mode.
+        mode: OperatingMode,
+    },
+    /// The unit of the drive's velocity is unknown.
+    #[error(
+        "the {limit} cannot be kept in mode {mode}: the velocity unit of the drive is unknown; set \
+         it with Scale::with_velocity_units"
+    )]
+    LimitUnits {
+        /// The limit.
+        limit: MotionLimit,
+        /// The mode.
+        mode: OperatingMode,
+    },
+    /// The limit is less than the smallest value that can be commanded.
+    #[error(
+        "the {limit} {value} {symbol} is below {unit} {symbol}, the smallest with a target period \
+         of {target_period:?}",
+        symbol = limit.unit()
+    )]
+    LimitResolution {
+        /// The limit.
+        limit: MotionLimit,
+        /// Its value.
+        value: f64,
+        /// Smallest value.
+        unit: f64,
+        /// Time between two targets.
+        target_period: Duration,
+    },
+    /// The target step exceeds the velocity limit.
+    #[error(
+        "the target step {step} exceeds {limit}, the velocity limit {velocity} rad/s with a target \
+         period of {target_period:?}"
+    )]
+    TargetStepVelocity {
+        /// The step.
+        step: i32,
+        /// Largest step.
+        limit: u32,
+        /// Velocity limit in rad/s.
+        velocity: f64,
+        /// Time between two targets.
+        target_period: Duration,
+    },
+    /// No velocity is inside the bounds and the velocity limit.
+    #[error(
+        "the bounds {min}..{max} are outside {}..{limit}, the velocity limit {velocity} rad/s",
+        -limit
+    )]
+    BoundsVelocity {
+        /// Smallest target.
+        min: i32,
+        /// Largest target.
+        max: i32,
+        /// Velocity limit in units of the drive.
+        limit: i32,
+        /// Velocity limit in rad/s.
+        velocity: f64,
+    },
 }
 
 #[cfg(test)]

@@ -33,12 +33,13 @@ pub enum UnitError {
 pub struct Scale {
     steps_per_turn: f64,
     origin: i32,
+    velocity_units: Option<f64>,
 }
 
 impl Default for Scale {
     /// One step per degree at the drive: 360 steps per turn, origin at 0.
     fn default() -> Self {
-        Self { steps_per_turn: 360.0, origin: 0 }
+        Self::steps_per_turn(360.0)
     }
 }
 
@@ -46,12 +47,23 @@ impl Scale {
     /// A scale of `steps` per turn of the axis, not zero and finite (checked by
     /// [`AxisConfig::check`](super::AxisConfig::check)), with step 0 at angle 0.
     pub fn steps_per_turn(steps: f64) -> Self {
-        Self { steps_per_turn: steps, origin: 0 }
+        Self { steps_per_turn: steps, origin: 0, velocity_units: None }
     }
 
     /// The same scale with angle 0 at `step`.
     pub fn with_origin(self, step: i32) -> Self {
         Self { origin: step, ..self }
+    }
+
+    /// The same scale with the unit of the drive's target velocity: the value of 0x60FF for one turn of
+    /// the axis per second. Needed for [`MotionLimits`](super::MotionLimits) in velocity modes only.
+    pub fn with_velocity_units(self, per_turn_per_second: f64) -> Self {
+        Self { velocity_units: Some(per_turn_per_second), ..self }
+    }
+
+    /// Units of velocity for one turn of the axis per second, if they are known.
+    pub fn velocity_units(self) -> Option<f64> {
+        self.velocity_units
     }
 
     /// Steps per turn of the axis.

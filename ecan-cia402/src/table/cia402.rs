@@ -14,6 +14,7 @@ use super::shutdown::Shutdown;
 use super::table_config::Cia402Config;
 use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
+use crate::axis::ramp::RampLimits;
 use crate::axis::setup_steps::BusConfig;
 use crate::guard::gateway_watch::GatewayWatch;
 
@@ -101,13 +102,18 @@ impl Cia402 {
         config: Cia402Config,
     ) -> Result<Self, Cia402Error> {
         check(&axes)?;
+        let cycle_ns = u64::from(port.adapter().config().cycle_ns());
+        let every_cycles = config.sync.every_cycles.max(1);
+        let target_cycles = config.motion_div.max(1).next_multiple_of(every_cycles);
+        let target_period = Duration::from_nanos(cycle_ns * u64::from(target_cycles));
+        let axes = at_period(&axes, target_period)?;
         let slaves = port.slave_count();
         let mut network = Network::new(config.network);
         network.set_sync(Some(config.sync))?;
         let mut lookup = AxisLookup::new(slaves);
         let cycles_per_sync = config.sync.every_cycles.max(1);
         let mut table = Vec::with_capacity(axes.len());
-        for (index, axis) in axes.into_iter().enumerate() {
+        for (index, (axis, ramp)) in axes.into_iter().enumerate() {
             let address = axis.address;
             let gateway = port
                 .config()
@@ -130,9 +136,8 @@ impl Cia402 {
             let handle = network.add_node(address, node)?;
             // infallible: the network takes no more nodes than that
             lookup.insert(address, axis.pdo_number, u16::try_from(index).unwrap_or(u16::MAX));
-            table.push(Axis::new(index, axis, handle, cycles_per_sync));
+            table.push(Axis::new(index, (axis, ramp), handle, cycles_per_sync));
         }
-        let cycle_ns = u64::from(port.adapter().config().cycle_ns());
         let sync_period_ns = cycle_ns * u64::from(cycles_per_sync);
         Ok(Self {
             network,
@@ -269,4 +274,17 @@ fn check(axes: &[AxisConfig]) -> Result<(), AxisFaults> {
         axis.check(&mut |fault| faults.push((index, fault)));
     }
     if faults.is_empty() { Ok(()) } else { Err(AxisFaults { faults }) }
+}
+
+/// The axes with their limits in increments.
+fn at_period(
+    axes: &[AxisConfig],
+    target_period: Duration,
+) -> Result<Vec<(AxisConfig, RampLimits)>, AxisFaults> {
+    let mut faults = Vec::new();
+    let convert = |(index, axis): (usize, &AxisConfig)| {
+        axis.at_period(target_period, &mut |fault| faults.push((index, fault)))
+    };
+    let axes = axes.iter().enumerate().map(convert).collect();
+    if faults.is_empty() { Ok(axes) } else { Err(AxisFaults { faults }) }
 }
