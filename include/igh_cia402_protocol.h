@@ -59,7 +59,7 @@ typedef enum {
     IGH_CIA402_MODE_HM = 6,
     /** Interpolated position; not driven by this library. */
     IGH_CIA402_MODE_IP = 7,
-    /** Cyclic synchronous position. Targets are steps, one per cycle. */
+    /** Cyclic synchronous position. Targets are steps, one per target period. */
     IGH_CIA402_MODE_CSP = 8,
     /** Cyclic synchronous velocity. */
     IGH_CIA402_MODE_CSV = 9,
@@ -157,7 +157,7 @@ typedef enum {
  * checks the table as a whole.
  *
  * igh_cia402_axis_t axes[2];
- * igh_cia402_axis_init(&axes[0], 0, 0, 1, 10);     slave 0, CAN0, node 1, 10 steps per cycle
+ * igh_cia402_axis_init(&axes[0], 0, 0, 1, 10);     slave 0, CAN0, node 1, 10 steps per target
  * igh_cia402_axis_init(&axes[1], 0, 0, 2, 10);
  * axes[1].steps_per_turn = 131072.0;
  * --------------------------------------------------------------------------- */
@@ -220,10 +220,10 @@ typedef struct {
      * Default 360, one step per degree.
      */
     double steps_per_turn;
-    /** Step per cycle that igh_cia402_send_target_step() makes. */
+    /** Step per target that igh_cia402_send_target_step() makes. */
     int32_t target_step;
     /**
-     * Largest distance between consecutive targets: steps, or units of velocity or torque. Not
+     * Largest distance between consecutive targets, which take effect with a SYNC each: steps, or units of velocity or torque. Not
      * used in PP, PV and PT. Default 1000, or the target step if it is larger.
      */
     uint32_t step_limit;
@@ -239,7 +239,7 @@ typedef struct {
      */
     uint32_t standstill;
     /**
-     * Largest change of the step per cycle for motion that the host generates: target step, halt,
+     * Largest change of the step per target for motion that the host generates: target step, halt,
      * shutdown. Default 20.
      */
     uint32_t ramp;
@@ -323,7 +323,7 @@ typedef struct {
  * @param slave        Slave index of the gateway.
  * @param channel      Channel of the gateway, 0 to 3.
  * @param node_id      Node-ID of the drive, 1 to 127.
- * @param target_step  Steps per cycle that igh_cia402_send_target_step() makes; 0 for none.
+ * @param target_step  Steps per target that igh_cia402_send_target_step() makes; 0 for none.
  *
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK; ECAN_ERR_ARGUMENT, with nothing filled, for a node-ID, channel or slave out
@@ -346,7 +346,10 @@ int igh_cia402_axis_init(igh_cia402_axis_t *axis,
 typedef struct {
     /** Not for the application: marks filled settings. */
     uint64_t seal;
-    /** Cycles from target to target (--motion-div); 0 counts as 1. Default 1. */
+    /**
+     * Fewest cycles from target to target (--motion-div); 0 counts as 1. The target period is the
+     * least multiple of sync_every_cycles that is not below it. Default 1.
+     */
     uint32_t motion_div;
     /** Cycles from SYNC to SYNC; 0 counts as 1. Default 1. */
     uint32_t sync_every_cycles;
@@ -629,7 +632,7 @@ typedef struct {
     uint32_t waiting;
     /** Axes whose target was rejected. */
     uint32_t rejected;
-    /** Axes that are not active, or hold. */
+    /** Axes that are not active, hold, or have no target due in this cycle. */
     uint32_t closed;
     /** SYNC messages. */
     uint32_t syncs;
@@ -693,11 +696,15 @@ int igh_cia402_send_target_step(igh_cia402_context_t *context);
 int igh_cia402_get_send_summary(igh_cia402_context_t *context, igh_cia402_send_summary_t *summary);
 
 /**
- * Sends targets only in every n-th cycle (--motion-div). The step limit applies per target.
+ * Sends targets only in every n-th cycle (--motion-div); more if SYNC is sent less often, since a
+ * target takes effect with a SYNC. Step limit, ramp and target step apply per target. Only while no
+ * axis is configured: the configuration writes the target period to the drives (0x60C2).
  *
- * @param motion_div  Cycles from target to target; 0 counts as 1.
+ * @param motion_div  Fewest cycles from target to target; 0 counts as 1.
  *
  * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_AXIS_STATE if an axis is configured or being configured;
+ *          ECAN_ERR_CONFIG for a period that 0x60C2 cannot have (CSP).
  */
 int igh_cia402_set_motion_div(igh_cia402_context_t *context, uint32_t motion_div);
 
@@ -762,7 +769,7 @@ int igh_cia402_set_target_radians(igh_cia402_context_t *context, size_t axis, do
 /**
  * Sets the step of igh_cia402_send_target_step(); the axis reaches it by its ramp.
  *
- * @param step  Steps per cycle. A step beyond the step limit is rejected when the ramp reaches it.
+ * @param step  Steps per target. A step beyond the step limit is rejected when the ramp reaches it.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  As igh_cia402_set_target().
@@ -1058,6 +1065,13 @@ typedef enum {
     IGH_CIA402_WAIT_SPENT = 6,
     /** A frame was rejected in this cycle; the axis will hold. */
     IGH_CIA402_WAIT_FRAME_REJECTED = 7,
+    /**
+     * No target is due: the target period has not ended, or the cycle has no SYNC. Not a
+     * disturbance: the motion continues.
+     */
+    IGH_CIA402_WAIT_NOT_DUE = 8,
+    /** igh_cia402_process_rx() was not called in this cycle. */
+    IGH_CIA402_WAIT_NOT_RECEIVED = 9,
 } igh_cia402_wait_t;
 
 /** Reason why a target was rejected. The previous target stays. */

@@ -43,6 +43,8 @@
  *          targets_refused to targets_rejected, trouble to axis_error, auto_take_up to auto_resume,
  *          take_ups to activations, is_holding to is_unconfirmed, way to route,
  *          refuse_without_margin to reject_without_margin, give_up_missed to discard_missed.
+ *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED. igh_cia402_set_motion_div() is
+ *          rejected while an axis is configured.
  *          Removed: IGH_CIA402_HOLD_MOVING. Cycle, receive and send functions return ECAN_ERR_ORDER
  *          if no cycle is open. A configuration file with too many gateways or filters is
  *          ECAN_ERR_CONFIG.

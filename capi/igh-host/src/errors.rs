@@ -139,6 +139,7 @@ impl Coded for CommandError {
         match self {
             Self::NoSuchAxis { .. } => (ECAN_ERR_AXIS, 0),
             Self::Unit { .. } => (ECAN_ERR_ARGUMENT, 0),
+            Self::TargetPeriod { .. } => (ECAN_ERR_CONFIG, 0),
             _ => (ECAN_ERR_AXIS_STATE, 0),
         }
     }

@@ -76,6 +76,8 @@ static void too_early(void)
     SAME(0, state.has_actual);
     SAME(0, state.has_statusword);
     SAME(1, state.node_id);
+    GOOD(igh_cia402_set_motion_div(&motors, 2));
+    GOOD(igh_cia402_set_motion_div(&motors, 0));
     SAME(0, igh_cia402_all_running(&motors));
     SAME(0, igh_cia402_shutdown_is_done(&motors));
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_enable(&motors, 0));
@@ -214,11 +216,7 @@ static void motion(void)
     SAME(1, statistics.activations);
     SAME(0, statistics.holds);
     TRUE(statistics.targets_sent > 500 && statistics.tpdos > 500);
-    GOOD(igh_cia402_set_motion_div(&motors, 2));
-    begin();
-    GOOD(igh_cia402_send_targets_all(&motors));
-    GOOD(igh_mcan_port_cycle_end(&port));
-    GOOD(igh_cia402_set_motion_div(&motors, 0));
+    BAD(ECAN_ERR_AXIS_STATE, igh_cia402_set_motion_div(&motors, 2));
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_set_scheduled_tx(&motors, 0, 0, 0));
 }
 

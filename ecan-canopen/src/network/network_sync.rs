@@ -43,10 +43,29 @@ impl Network {
         self.send_sync_to(cycle)
     }
 
+    /// Whether [`send_sync`](Self::send_sync) sends a SYNC to a channel in this cycle, if it finds space: one
+    /// is due, and the gateway is ready and has confirmed its last image. Real-time safe.
+    pub fn sync_is_due(&self, cycle: &Cycle<'_>, slave: usize, channel: u8) -> bool {
+        self.sync_is_due_on(cycle, slave, channel)
+    }
+
+    /// Whether a SYNC period begins in this cycle, on all channels alike. A late SYNC is due in other cycles,
+    /// too. Real-time safe.
+    pub fn sync_period_begins(&self) -> bool {
+        self.channels.first().is_some_and(|channel| channel.sync.is_planned())
+    }
+
     /// Whether a SYNC was sent to a channel in this cycle. Real-time safe.
     pub fn has_sent_sync(&self, slave: usize, channel: u8) -> bool {
         let nth = self.channel_index(slave, channel);
         nth.and_then(|nth| self.channels.get(nth)).is_some_and(|c| c.sync.is_sent())
+    }
+
+    pub(super) fn sync_is_due_on(&self, sink: &impl FrameSink, slave: usize, channel: u8) -> bool {
+        let nth = self.channel_index(slave, channel);
+        nth.and_then(|nth| self.channels.get(nth)).is_some_and(|c| c.sync.is_due())
+            && sink.is_ready(slave)
+            && !sink.is_unconfirmed(slave)
     }
 
     pub(super) fn send_sync_to(&mut self, sink: &mut impl FrameSink) -> usize {

@@ -6,6 +6,8 @@ use super::config::SyncConfig;
 pub(super) struct SyncProducer {
     is_enabled: bool,
     cycles_left: u32,
+    /// A SYNC period begins in this cycle.
+    is_planned: bool,
     is_due: bool,
     /// One was sent in this cycle.
     is_sent: bool,
@@ -22,14 +24,20 @@ impl SyncProducer {
     /// One cycle. A SYNC that found no space stays due; missed ones are not repeated.
     pub(super) fn tick(&mut self, config: &SyncConfig) {
         self.is_sent = false;
+        self.is_planned = false;
         if !self.is_enabled {
             return;
         }
         if self.cycles_left == 0 {
+            self.is_planned = true;
             self.is_due = true;
             self.cycles_left = config.every_cycles.max(1);
         }
         self.cycles_left -= 1;
+    }
+
+    pub(super) fn is_planned(&self) -> bool {
+        self.is_planned
     }
 
     pub(super) fn is_due(&self) -> bool {
@@ -102,10 +110,14 @@ mod tests {
     fn rejected_sync_is_sent_once_and_late() {
         let config = SyncConfig { every_cycles: 2, counter_overflow: Some(5), schedule: None };
         let mut producer = enabled();
-        for _ in 0..3 {
-            producer.tick(&config);
-            assert!(producer.is_due());
-        }
+        let planned: Vec<_> = (0..3)
+            .map(|_| {
+                producer.tick(&config);
+                assert!(producer.is_due());
+                producer.is_planned()
+            })
+            .collect();
+        assert_eq!(planned, [true, false, true]);
         assert_eq!(producer.counter(&config), Some(1));
         producer.sent(&config);
         producer.tick(&config);

@@ -22,6 +22,7 @@ use super::script::{mode_steps, script};
 use super::set_point::SetPoint;
 use super::setup_steps::{self, BusConfig};
 use super::statistics::AxisStatistics;
+use super::target_period::TargetPeriod;
 use super::target_source::TargetSource;
 use super::target_tickets::TargetTickets;
 use super::verification::{Reachability, Verification};
@@ -58,6 +59,7 @@ pub(crate) struct Axis {
     /// The gateway reported a target as not sent since the last cycle.
     pub(crate) target_lost: bool,
     pub(crate) decision: Decision,
+    pub(crate) target_period: TargetPeriod,
     pub(crate) procedure: Option<Procedure>,
     pub(crate) verification: Verification,
     pub(crate) reachability: Reachability,
@@ -80,6 +82,7 @@ impl Axis {
         (config, ramp): (AxisConfig, RampLimits),
         node: NodeHandle,
         cycles_per_sync: u32,
+        target_cycles: u32,
     ) -> Self {
         let id = config.address.node;
         let mode = config.mode;
@@ -99,6 +102,7 @@ impl Axis {
             tickets: TargetTickets::default(),
             target_lost: false,
             decision: Decision::Closed,
+            target_period: TargetPeriod::new(target_cycles),
             procedure: None,
             verification: Verification::default(),
             reachability: Reachability::default(),

@@ -27,11 +27,24 @@ pub(crate) struct Outgoing {
     ramp: Option<Ramp>,
 }
 
+/// Whether a cycle carries targets of running axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum TargetTurn {
+    /// A target period begins in this cycle, and a SYNC follows.
+    Due,
+    NotDue,
+    /// A target period begins, but the gateway's last image is unconfirmed, so that no SYNC is sent.
+    NoSync,
+    /// The status of the axes is not of this cycle.
+    NotReceived,
+}
+
 impl Axis {
     // In
 
     pub(crate) fn begin_cycle(&mut self) {
         self.drive.arrived = None;
+        self.target_period.begin_cycle();
     }
 
     pub(crate) fn take_tpdo(&mut self, data: &[u8]) {
@@ -132,10 +145,10 @@ impl Axis {
 
     // Out
 
-    /// Returns the frame to send in this cycle. `stepping` makes the host's own steps,
-    /// `with_target` states that this cycle carries targets. The actual position of an axis that is
-    /// being enabled is sent back to it in the cycle that received it, whichever that is.
-    pub(crate) fn prepare(&mut self, stepping: bool, with_target: bool) -> Option<Outgoing> {
+    /// Returns the frame to send in this cycle. `stepping` makes the host's own steps, `turn` states
+    /// whether this cycle carries targets. The actual position of an axis that is being enabled is
+    /// sent back to it in the cycle that received it, whichever that is.
+    pub(crate) fn prepare(&mut self, stepping: bool, turn: TargetTurn) -> Option<Outgoing> {
         self.decision = Decision::Closed;
         if !self.state.is_configured() {
             return None;
@@ -151,8 +164,12 @@ impl Axis {
             let rpdo = self.layout.encode(word, target);
             return Some(Outgoing { rpdo, has_target: false, ramp: None });
         }
-        let is_due = with_target || matches!(self.guard.state(), GuardState::Armed { .. });
-        if !is_due || !(is_driven || self.state == AxisState::Resuming) {
+        if !(is_driven || self.state == AxisState::Resuming) {
+            return None;
+        }
+        if let Some(reason) = self.delay(turn) {
+            self.decision = Decision::Wait(reason);
+            self.statistics.decided(self.decision, self.is_running());
             return None;
         }
         let (requested, ramp) = self.wanted_target(stepping);
@@ -176,6 +193,21 @@ impl Axis {
         let (bits, target) = self.mode_bits(target);
         let rpdo = self.layout.encode(word.with(bits), target);
         Some(Outgoing { rpdo, has_target: true, ramp })
+    }
+
+    /// Reason for which this cycle carries no target of an active axis.
+    fn delay(&self, turn: TargetTurn) -> Option<WaitReason> {
+        match (self.guard.state(), turn) {
+            (GuardState::Armed { .. } | GuardState::Running { .. }, TargetTurn::NotReceived) => {
+                Some(WaitReason::NotReceived)
+            }
+            (GuardState::Running { .. }, TargetTurn::NoSync) => Some(WaitReason::ImageUnconfirmed),
+            (GuardState::Running { .. }, TargetTurn::NotDue) => Some(WaitReason::NotDue),
+            (GuardState::Running { .. }, TargetTurn::Due) if !self.target_period.is_over() => {
+                Some(WaitReason::NotDue)
+            }
+            _ => None,
+        }
     }
 
     fn wanted_target(&self, stepping: bool) -> (Option<i32>, Option<Ramp>) {
@@ -213,6 +245,7 @@ impl Axis {
         }
         let before = self.target();
         self.guard.sent();
+        self.target_period.target_sent();
         self.tickets.insert(ticket);
         match self.decision {
             Decision::First(_) => self.activated(),

@@ -82,6 +82,11 @@ impl AxisState {
         )
     }
 
+    /// Whether the next command to the drive can only be its configuration.
+    pub(crate) fn awaits_configuration(&self) -> bool {
+        matches!(self, Self::Unconfigured | Self::SetupFailed)
+    }
+
     /// Start of the command to enable, while it is not complete.
     pub(crate) fn enabling_since_ns(&self) -> Option<u64> {
         match *self {

@@ -3,6 +3,7 @@
 use ecan_canopen::{OperatingMode, PdoMappingError};
 use thiserror::Error;
 
+use super::setup_steps::InvalidPeriod;
 use super::units::UnitError;
 
 /// Rejection of a command to an axis; nothing was changed.
@@ -20,6 +21,20 @@ pub enum CommandError {
     NotConfigured {
         /// Index of the axis.
         axis: usize,
+    },
+    /// The axis is configured or being configured, with a value that the call would change.
+    #[error("axis {axis} is configured with the present target period; set it before configure")]
+    Configured {
+        /// Index of the axis.
+        axis: usize,
+    },
+    /// The target period has no value of the interpolation time 0x60C2.
+    #[error("axis {axis}: {}", InvalidPeriod(*period_ns))]
+    TargetPeriod {
+        /// Index of the axis.
+        axis: usize,
+        /// Target period in nanoseconds.
+        period_ns: u64,
     },
     /// A mode change or homing is running.
     #[error("axis {axis}: a mode change or homing is running; wait for its end")]

@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use super::motion_limits::{MotionLimit, MotionLimits};
 use super::pdo_layout::{PdoLayout, TargetObject};
+use super::setup_steps::InvalidPeriod;
 use super::units::Scale;
 use crate::guard::position_range::PositionRange;
 use crate::guard::terms::{GuardLimits, TargetKind};
@@ -95,7 +96,8 @@ pub struct AxisConfig {
     pub range: PositionRange,
     /// Smallest and largest target, in steps or in units of velocity or torque.
     pub bounds: Option<(i32, i32)>,
-    /// Longest distance of a target from the previous one, per cycle in which targets are sent.
+    /// Longest distance of a target from the previous one, per
+    /// [target period](crate::Cia402Config::target_cycles).
     /// Ignored in PP, PV and PT, in which the drive generates the motion.
     pub step_limit: u32,
     /// Longest distance of a position target from the actual position; at least eight step limits,
@@ -104,9 +106,9 @@ pub struct AxisConfig {
     /// Longest distance between two actual positions of an axis at rest, by noise. An axis that
     /// moves faster is not activated. At most the step limit.
     pub standstill: u32,
-    /// Step per cycle of [`send_target_step`](crate::Cia402::send_target_step).
+    /// Step per target period of [`send_target_step`](crate::Cia402::send_target_step).
     pub target_step: i32,
-    /// Largest change per cycle of a step that the host generates: for
+    /// Largest change per target period of a step that the host generates: for
     /// [`send_target_step`](crate::Cia402::send_target_step), halt and shutdown.
     pub ramp: u32,
     /// Limits in units of the machine. One that is set replaces `step_limit`, `ramp` or `bounds`, as
@@ -132,7 +134,7 @@ pub struct AxisConfig {
 }
 
 impl AxisConfig {
-    /// Creates a CSP axis at an address, with a limit of 1000 steps per cycle.
+    /// Creates a CSP axis at an address, with a limit of 1000 steps per target.
     pub fn new(address: NodeAddress) -> Self {
         Self {
             address,
@@ -156,7 +158,7 @@ impl AxisConfig {
         }
     }
 
-    /// Sets the step per cycle, and limits that allow it.
+    /// Sets the step per target, and limits that allow it.
     #[must_use]
     pub fn with_target_step(mut self, step: i32) -> Self {
         self.target_step = step;
@@ -201,6 +203,11 @@ impl AxisConfig {
             wc_misses: self.wc_misses,
             drain_images: self.drain_images,
         }
+    }
+
+    /// Whether the drive follows its targets only with the right interpolation time 0x60C2.
+    pub(crate) fn needs_interpolation_time(&self) -> bool {
+        self.mode == OperatingMode::CyclicPosition
     }
 
     /// Checks the configuration as a whole and reports every fault.
@@ -341,6 +348,13 @@ pub enum AxisFault {
         min: i32,
         /// Largest.
         max: i32,
+    },
+    /// The target period has no value of the interpolation time 0x60C2, so that the drive would not
+    /// move evenly.
+    #[error("{}", InvalidPeriod(*period_ns))]
+    TargetPeriod {
+        /// Target period in nanoseconds.
+        period_ns: u64,
     },
     /// No missing TPDO would be tolerated, although one is missing whenever a reply is lost.
     #[error("the TPDO timeout is 0; must be at least 1")]

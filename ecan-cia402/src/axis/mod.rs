@@ -2,7 +2,7 @@
 
 #[expect(clippy::module_inception, reason = "a file has the name of its main type")]
 pub(crate) mod axis;
-mod axis_cycle;
+pub(crate) mod axis_cycle;
 mod axis_procedure;
 mod axis_progress;
 pub(crate) mod axis_state;
@@ -20,6 +20,7 @@ mod script;
 mod set_point;
 pub(crate) mod setup_steps;
 pub(crate) mod statistics;
+pub(crate) mod target_period;
 mod target_source;
 mod target_tickets;
 pub(crate) mod units;

@@ -17,6 +17,7 @@ const NS_PER_US: u64 = 1_000;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct BusConfig {
     pub(crate) sync_period_ns: u64,
+    pub(crate) target_period_ns: u64,
     pub(crate) host: Option<HostHeartbeat>,
 }
 
@@ -28,7 +29,7 @@ pub(crate) struct BusConfig {
 ///    moves.
 /// 4. Heartbeats both ways and what happens when the host's stays away.
 /// 5. Mapping of the RPDO and the TPDO, other TPDOs off.
-/// 6. SYNC period, interpolation time, limits, further steps of the application.
+/// 6. SYNC period, interpolation time (the target period), limits, further steps of the application.
 /// 7. NMT: start.
 ///
 /// The mode follows after that, with its confirmation.
@@ -120,30 +121,64 @@ fn push_mapping(steps: &mut Vec<Step>, config: &AxisConfig) -> Result<(), PdoMap
     Ok(())
 }
 
+/// In every mode, since [`can_switch_to`] allows a cyclic one later.
 fn push_times(steps: &mut Vec<Step>, config: &AxisConfig, bus: &BusConfig) {
-    if !config.mode.is_cyclic() {
-        return;
-    }
     if let Ok(period_us) = u32::try_from(bus.sync_period_ns / NS_PER_US) {
         let step = Step::write(object::COMMUNICATION_CYCLE, 0, period_us);
         steps.push(step.named("SYNC period").if_accepted());
     }
-    if let Some((value, power)) = interpolation_time(bus.sync_period_ns) {
+    if let Some((value, power)) = interpolation_time(bus.target_period_ns) {
+        let is_needed =
+            config.mode.is_cyclic() || can_switch_to(config, OperatingMode::CyclicPosition);
+        let push = |step: Step| {
+            let step = step.named("interpolation time");
+            steps.push(if is_needed { step.if_present() } else { step.if_accepted() });
+        };
         let time = object::INTERPOLATION_TIME;
-        steps.push(Step::write(time, 2, power).named("interpolation time").if_present());
-        steps.push(Step::write(time, 1, value).named("interpolation time").if_present());
+        [Step::write(time, 2, power), Step::write(time, 1, value)].into_iter().for_each(push);
     }
 }
 
-/// A period as 0x60C2 has it: a value of 1 to 255 and a power of ten of seconds. Milliseconds
-/// where they are whole, since every drive has those.
+/// Powers of ten of 0x60C2, with their nanoseconds. Milliseconds first, since every drive has those.
+const TIME_UNITS: [(i8, u64); 6] = [
+    (-3, 1_000_000),
+    (-4, 100_000),
+    (-5, 10_000),
+    (-6, 1_000),
+    (-2, 10_000_000),
+    (-1, 100_000_000),
+];
+
+/// A period as 0x60C2 has it: a value of 1 to 255 and a power of ten of seconds; `None` if it has no
+/// such value. It is not rounded: the motion would stop or overlap a little in each period.
 pub(crate) fn interpolation_time(period_ns: u64) -> Option<(u8, i8)> {
-    [(-3, 1_000_000), (-4, 100_000), (-5, 10_000), (-6, 1_000)].into_iter().find_map(
-        |(power, unit_ns)| {
-            let value = u8::try_from(period_ns / unit_ns).ok()?;
-            (value > 0 && period_ns.is_multiple_of(unit_ns)).then_some((value, power))
-        },
-    )
+    TIME_UNITS.into_iter().find_map(|(power, unit_ns)| {
+        let value = u8::try_from(period_ns / unit_ns).ok()?;
+        (value > 0 && period_ns.is_multiple_of(unit_ns)).then_some((value, power))
+    })
+}
+
+/// Text about a target period that 0x60C2 cannot have, with the nearest ones that it can.
+pub(crate) struct InvalidPeriod(pub(crate) u64);
+
+impl std::fmt::Display for InvalidPeriod {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let period_ns = self.0;
+        let units = || TIME_UNITS.into_iter().map(|(_, unit_ns)| unit_ns);
+        let below = units().map(|unit| (period_ns / unit).min(255) * unit).max().unwrap_or(0);
+        let above = units().map(|unit| (period_ns.div_ceil(unit).max(1), unit));
+        let above =
+            above.filter(|(value, _)| *value <= 255).map(|(value, unit)| value * unit).min();
+        write!(
+            f,
+            "target period {period_ns} ns cannot be set as interpolation time 0x60C2; allowed: 1 to \
+             255 times a power of ten from 1 us to 100 ms, nearest: {below} ns"
+        )?;
+        if let Some(above) = above {
+            write!(f, " or {above} ns")?;
+        }
+        f.write_str("; change the cycle, the SYNC period or motion_div")
+    }
 }
 
 fn push_limits(steps: &mut Vec<Step>, config: &AxisConfig) {
@@ -189,12 +224,41 @@ mod tests {
             (250_000, Some((25, -5))),
             (125_000, Some((125, -6))),
             (2_500_000, Some((25, -4))),
+            (300_000_000, Some((30, -2))),
+            (25_500_000_000, Some((255, -1))),
             (0, None),
             (333_333, None),
-            (300_000_000, None),
+            (25_600_000_000, None),
         ];
         for (period, expected) in times {
             assert_eq!(interpolation_time(period), expected, "{period} ns");
+        }
+    }
+
+    #[test]
+    fn invalid_period_names_the_nearest_ones() {
+        let text = InvalidPeriod(333_333).to_string();
+        assert!(text.contains("nearest: 330000 ns or 340000 ns;"), "{text}");
+        let text = InvalidPeriod(30_000_000_000).to_string();
+        assert!(text.contains("nearest: 25500000000 ns;"), "{text}");
+    }
+
+    #[test]
+    fn interpolation_time_is_the_target_period() {
+        let node = NodeId::new(5).unwrap();
+        let mut config = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
+        let bus = BusConfig { sync_period_ns: 2_000_000, target_period_ns: 6_000_000, host: None };
+        for mode in [
+            OperatingMode::CyclicPosition,
+            OperatingMode::CyclicTorque,
+            OperatingMode::ProfilePosition,
+        ] {
+            config.mode = mode;
+            let steps = steps(&config, &bus).unwrap();
+            let texts: Vec<_> = steps.iter().map(|step| step.action.to_string()).collect();
+            for write in ["write 0x1006:00 = 0x000007D0", "write 0x60C2:01 = 0x06"] {
+                assert!(texts.iter().any(|text| text.contains(write)), "{mode}: {texts:#?}");
+            }
         }
     }
 
@@ -205,7 +269,8 @@ mod tests {
         config.drive.silence_other_tpdos = false;
         let host =
             HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(50) };
-        let bus = BusConfig { sync_period_ns: 1_000_000, host: Some(host) };
+        let bus =
+            BusConfig { sync_period_ns: 1_000_000, target_period_ns: 1_000_000, host: Some(host) };
         let texts: Vec<String> =
             steps(&config, &bus).unwrap().iter().map(|step| step.action.to_string()).collect();
         let position_of = |part: &str| {
@@ -240,7 +305,7 @@ mod tests {
     fn no_host_heartbeat_configures_no_consumer() {
         let node = NodeId::new(5).unwrap();
         let config = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
-        let bus = BusConfig { sync_period_ns: 1_000_000, host: None };
+        let bus = BusConfig { sync_period_ns: 1_000_000, target_period_ns: 1_000_000, host: None };
         let steps = steps(&config, &bus).unwrap();
         let text: String = steps.iter().map(|step| step.action.to_string()).collect();
         assert!(!text.contains("0x1016") && !text.contains("0x6007"), "{text}");

@@ -1,7 +1,7 @@
 //! Counters of an axis. They only grow.
 
 use crate::guard::input::{Actual, HoldReason};
-use crate::guard::terms::{Decision, TargetRejection};
+use crate::guard::terms::{Decision, TargetRejection, WaitReason};
 
 /// SYNC periods that a TPDO may be under way before it counts as lost: out through the gateway,
 /// over the bus and back, with the reply of one cycle lost.
@@ -20,8 +20,8 @@ pub struct AxisStatistics {
     pub rejected_step: u64,
     /// Those rejected because of the following-error window.
     pub rejected_window: u64,
-    /// Cycles in which a running axis got no target: a missed working counter, a held image, no
-    /// room.
+    /// Cycles in which a running axis got no target although one was due: an incomplete working
+    /// counter, an unconfirmed image, no space, or earlier frames that wait in the gateway.
     pub waits: u64,
     /// Times that the axis held.
     pub holds: u64,
@@ -86,6 +86,7 @@ impl AxisStatistics {
                     _ => {}
                 }
             }
+            Decision::Wait(WaitReason::NotDue) => {}
             Decision::Wait(_) if is_running => self.waits += 1,
             _ => {}
         }

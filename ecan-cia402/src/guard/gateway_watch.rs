@@ -26,6 +26,7 @@ pub(crate) struct GatewayWatch {
     pub(crate) slave: usize,
     /// Of the last cycle that was observed.
     report: CycleReport,
+    is_current: bool,
     is_ready: bool,
     discarded: bool,
     images_discarded: u64,
@@ -124,6 +125,18 @@ impl GatewayWatch {
             let is_clear = flows && matches!(actual, Actual::Fresh(_));
             channel.steady = if is_clear { channel.steady.saturating_add(1) } else { 0 };
         }
+    }
+
+    /// Before sending: notes whether this cycle is the last one observed.
+    pub(crate) fn begin_send(&mut self, port: &Port) {
+        let gateway = port.gateway(self.slave);
+        self.is_current =
+            gateway.is_ok_and(|gateway| port.cycle_report(gateway).cycle == self.report.cycle);
+    }
+
+    /// Whether the present cycle was observed.
+    pub(crate) fn is_current(&self) -> bool {
+        self.is_current
     }
 
     /// Whether the last image is repeated, so that nothing should be added.

@@ -92,7 +92,7 @@ impl fmt::Display for GuardState {
 #[non_exhaustive]
 pub enum TargetRejection {
     /// Too far from the previous target.
-    #[error("the step of {step} exceeds the limit of {limit} per cycle")]
+    #[error("the step of {step} exceeds the limit of {limit} per target")]
     Step {
         /// Distance from the previous target.
         step: i64,
@@ -146,6 +146,11 @@ ecan_protocol::text_enum! {
     /// The image of the last cycle had no space for a frame of the channel. If that was SYNC, the
     /// targets of that cycle are not effective yet, and another one would be a double step.
     ImageFull = "the image was full";
+    /// No target is due: the target period, counted from the SYNC that made the last target effective,
+    /// has not ended, or this cycle has no SYNC.
+    NotDue = "no target is due in this cycle";
+    /// `process_rx` was not called in this cycle, so that the status of drive and gateway is old.
+    NotReceived = "process_rx was not called in this cycle";
     Spent = "the target of this cycle was sent";
     Rejected = "a frame was rejected";
 }

@@ -430,5 +430,5 @@ fn words_say_what_is_the_matter() {
         "holding: TPDO missing: received frames pile up in the gateway"
     );
     let rejection = TargetRejection::Step { step: -300, limit: 100 };
-    assert_eq!(rejection.to_string(), "the step of -300 exceeds the limit of 100 per cycle");
+    assert_eq!(rejection.to_string(), "the step of -300 exceeds the limit of 100 per target");
 }

@@ -11,11 +11,13 @@ use super::error::{AxisFaults, Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
 use super::shutdown::Shutdown;
-use super::table_config::Cia402Config;
+use super::table_config::{Cia402Config, target_cycles};
 use crate::axis::axis::Axis;
-use crate::axis::config::AxisConfig;
+use crate::axis::command_error::CommandError;
+use crate::axis::config::{AxisConfig, AxisFault};
 use crate::axis::ramp::RampLimits;
-use crate::axis::setup_steps::BusConfig;
+use crate::axis::setup_steps::{BusConfig, interpolation_time};
+use crate::axis::target_period::TargetPeriod;
 use crate::guard::gateway_watch::GatewayWatch;
 
 /// CiA 402 axes on the gateways of a Port (manual 15.4, 15.5.4).
@@ -58,6 +60,10 @@ use crate::guard::gateway_watch::GatewayWatch;
 /// [`MotionGuard`](crate::MotionGuard) documents when an axis gets a target, waits or holds. In
 /// addition:
 ///
+/// - A target takes effect with a SYNC. A running axis gets one only once per
+///   [target period](Cia402Config::target_cycles), in a cycle whose SYNC can be sent, and not before
+///   the SYNC of its last target was sent. So step limit, ramp and target step apply to what the
+///   drive executes, and its interpolation time 0x60C2 is the target period.
 /// - If a gateway's transmit queue rejects a frame of a channel, the later axes of the channel send
 ///   nothing in this cycle, and all axes of the channel hold from the next one on.
 /// - If the working counter makes an axis hold while an image is unconfirmed, the frames of its
@@ -84,8 +90,12 @@ pub struct Cia402 {
     pub(super) bus: BusConfig,
     pub(super) sync: SyncConfig,
     pub(super) target_options: SendOptions,
-    pub(super) motion_div: u32,
-    pub(super) cycles_to_target: u32,
+    pub(super) cycle_ns: u32,
+    /// Cycles from target to target: a multiple of the SYNC period.
+    pub(super) target_cycles: u32,
+    pub(super) syncs_to_target: u32,
+    /// A target period begins in this cycle.
+    pub(super) is_target_cycle: bool,
     pub(super) now_ns: u64,
     pub(super) shutdown: Shutdown,
 }
@@ -101,12 +111,11 @@ impl Cia402 {
         axes: Vec<AxisConfig>,
         config: Cia402Config,
     ) -> Result<Self, Cia402Error> {
-        check(&axes)?;
-        let cycle_ns = u64::from(port.adapter().config().cycle_ns());
-        let every_cycles = config.sync.every_cycles.max(1);
-        let target_cycles = config.motion_div.max(1).next_multiple_of(every_cycles);
-        let target_period = Duration::from_nanos(cycle_ns * u64::from(target_cycles));
-        let axes = at_period(&axes, target_period)?;
+        let cycle_ns = port.adapter().config().cycle_ns();
+        let target_cycles = config.target_cycles();
+        let target_period_ns = u64::from(cycle_ns) * u64::from(target_cycles);
+        check(&axes, target_period_ns)?;
+        let axes = at_period(&axes, Duration::from_nanos(target_period_ns))?;
         let slaves = port.slave_count();
         let mut network = Network::new(config.network);
         network.set_sync(Some(config.sync))?;
@@ -136,19 +145,25 @@ impl Cia402 {
             let handle = network.add_node(address, node)?;
             // infallible: the network takes no more nodes than that
             lookup.insert(address, axis.pdo_number, u16::try_from(index).unwrap_or(u16::MAX));
-            table.push(Axis::new(index, (axis, ramp), handle, cycles_per_sync));
+            table.push(Axis::new(index, (axis, ramp), handle, cycles_per_sync, target_cycles));
         }
-        let sync_period_ns = cycle_ns * u64::from(cycles_per_sync);
+        let sync_period_ns = u64::from(cycle_ns) * u64::from(cycles_per_sync);
         Ok(Self {
             network,
             axes: table,
             gateways: (0..slaves).map(GatewayWatch::new).collect(),
             lookup,
-            bus: BusConfig { sync_period_ns, host: config.network.host_heartbeat },
+            bus: BusConfig {
+                sync_period_ns,
+                target_period_ns,
+                host: config.network.host_heartbeat,
+            },
             sync: config.sync,
             target_options: SendOptions::default(),
-            motion_div: config.motion_div.max(1),
-            cycles_to_target: 0,
+            cycle_ns,
+            target_cycles,
+            syncs_to_target: 0,
+            is_target_cycle: false,
             now_ns: port.adapter().clock().now_ns(),
             shutdown: Shutdown::None,
         })
@@ -179,10 +194,35 @@ impl Cia402 {
         self.network.nmt_all(command)
     }
 
-    /// Sends targets only in every n-th cycle; 0 counts as 1. The step limit is one per target.
-    pub fn set_motion_div(&mut self, motion_div: u32) {
-        self.motion_div = motion_div.max(1);
-        self.cycles_to_target = 0;
+    /// Changes [`Cia402Config::motion_div`], and with it the
+    /// [target period](Cia402Config::target_cycles). Only while no axis is configured: the
+    /// configuration writes the target period to the drives as interpolation time 0x60C2.
+    ///
+    /// # Errors
+    /// [`CommandError::Configured`] or [`CommandError::TargetPeriod`]; nothing is changed.
+    pub fn set_motion_div(&mut self, motion_div: u32) -> Result<(), CommandError> {
+        if let Some(axis) = self.axes.iter().find(|axis| !axis.state.awaits_configuration()) {
+            return Err(CommandError::Configured { axis: axis.index });
+        }
+        let target_cycles = target_cycles(motion_div, self.sync.every_cycles);
+        let period_ns = u64::from(self.cycle_ns) * u64::from(target_cycles);
+        if interpolation_time(period_ns).is_none()
+            && let Some(axis) = self.axes.iter().find(|axis| axis.config.needs_interpolation_time())
+        {
+            return Err(CommandError::TargetPeriod { axis: axis.index, period_ns });
+        }
+        self.bus.target_period_ns = period_ns;
+        self.target_cycles = target_cycles;
+        self.syncs_to_target = 0;
+        for axis in &mut self.axes {
+            axis.target_period = TargetPeriod::new(target_cycles);
+        }
+        Ok(())
+    }
+
+    /// Time from target to target: the one for which step limit, ramp and target step apply.
+    pub fn target_period(&self) -> Duration {
+        Duration::from_nanos(self.bus.target_period_ns)
     }
 
     /// Sends targets and SYNC at phases of the Sync0 period instead of at once, independently of each
@@ -257,8 +297,8 @@ impl Cia402 {
         channels.dedup();
         let axes = self.axes.iter().map(|a| (a.config.address, a.config.pdo_number, a.layout));
         let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
-        let streams = process_data(axes, &self.sync, self.motion_div, offset_ns);
-        let cycle_ns = port.adapter().config().cycle_ns();
+        let streams = process_data(axes, &self.sync, self.target_cycles, offset_ns);
+        let cycle_ns = self.cycle_ns;
         let load = |address: (usize, u8)| {
             let gateway = port.config().gateways.get(address.0)?;
             let channel = gateway.channels.get(usize::from(address.1))?.as_ref()?;
@@ -268,10 +308,13 @@ impl Cia402 {
     }
 }
 
-fn check(axes: &[AxisConfig]) -> Result<(), AxisFaults> {
+fn check(axes: &[AxisConfig], period_ns: u64) -> Result<(), AxisFaults> {
     let mut faults = Vec::new();
     for (index, axis) in axes.iter().enumerate() {
         axis.check(&mut |fault| faults.push((index, fault)));
+        if axis.needs_interpolation_time() && interpolation_time(period_ns).is_none() {
+            faults.push((index, AxisFault::TargetPeriod { period_ns }));
+        }
     }
     if faults.is_empty() { Ok(()) } else { Err(AxisFaults { faults }) }
 }

@@ -9,6 +9,7 @@ use crate::axis::command_error::CommandError;
 use crate::axis::config::AxisConfig;
 use crate::axis::homing::HomingConfig;
 use crate::axis::phase::{AxisError, AxisPhase, AxisProgress};
+use crate::axis::setup_steps::interpolation_time;
 use crate::axis::statistics::AxisStatistics;
 use crate::axis::units::{Scale, UnitError};
 use crate::guard::motion_guard::MotionGuard;
@@ -258,8 +259,12 @@ impl Cia402 {
     /// [`CommandError::ModeNotMapped`] for a mode whose target is not in the process data, and for
     /// homing; or another [`CommandError`].
     pub fn change_mode(&mut self, axis: usize, mode: OperatingMode) -> Result<(), CommandError> {
-        let now_ns = self.now_ns;
-        self.axis_mut(axis)?.change_mode(mode, now_ns)
+        let (now_ns, period_ns) = (self.now_ns, self.bus.target_period_ns);
+        let found = self.axis_mut(axis)?;
+        if mode == OperatingMode::CyclicPosition && interpolation_time(period_ns).is_none() {
+            return Err(CommandError::TargetPeriod { axis, period_ns });
+        }
+        found.change_mode(mode, now_ns)
     }
 
     /// Starts homing: rest, power off, parameters and mode, power on, homing, power off, previous

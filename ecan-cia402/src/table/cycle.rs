@@ -7,7 +7,9 @@ use ecan_protocol::mapping::CHANNELS;
 use super::cia402::Cia402;
 use super::lookup::AxisLookup;
 use crate::axis::axis::Axis;
-use crate::guard::terms::Decision;
+use crate::axis::axis_cycle::TargetTurn;
+use crate::guard::gateway_watch::GatewayWatch;
+use crate::guard::terms::{Decision, WaitReason};
 
 /// Summary of the targets of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -20,7 +22,7 @@ pub struct SendSummary {
     pub waiting: usize,
     /// Axes whose target was rejected; [`decision`](Cia402::decision) has the reason.
     pub rejected: usize,
-    /// Axes that are not active, or hold.
+    /// Axes that are not active, hold, or have no target due in this cycle.
     pub closed: usize,
     /// SYNC messages.
     pub syncs: usize,
@@ -31,6 +33,7 @@ impl SendSummary {
         match decision {
             Decision::Target(_) => self.targets += 1,
             Decision::Track(_) | Decision::First(_) => self.positions += 1,
+            Decision::Wait(WaitReason::NotDue) => self.closed += 1,
             Decision::Wait(_) => self.waiting += 1,
             Decision::Reject(_) => self.rejected += 1,
             Decision::Closed => self.closed += 1,
@@ -81,6 +84,7 @@ impl Cia402 {
             }
             other(item);
         });
+        self.begin_target_period();
         self.observe(cycle);
         for axis in &mut self.axes {
             axis.step_state(&mut self.network, self.now_ns);
@@ -92,6 +96,16 @@ impl Cia402 {
         *shutdown = shutdown.step(axes, network, bus.host.is_some(), *now_ns);
         for axis in &mut self.axes {
             axis.update_phase(self.now_ns);
+        }
+    }
+
+    /// Target periods are counted in SYNC periods, for all axes together.
+    fn begin_target_period(&mut self) {
+        self.is_target_cycle = false;
+        if self.network.sync_period_begins() {
+            self.is_target_cycle = self.syncs_to_target == 0;
+            let syncs = self.target_cycles / self.sync.every_cycles.max(1);
+            self.syncs_to_target = self.syncs_to_target.checked_sub(1).unwrap_or(syncs - 1);
         }
     }
 
@@ -119,14 +133,15 @@ impl Cia402 {
     }
 
     /// Sends targets and commands of all axes, then SYNC, then the network's frames. Call it last in
-    /// the cycle, once. Real-time safe.
+    /// the cycle, once. In a cycle without [`process_rx`](Self::process_rx) it sends no targets, since
+    /// their path is not known. Real-time safe.
     pub fn send_targets_all(&mut self, cycle: &mut Cycle<'_>) -> SendSummary {
         self.send(cycle, false)
     }
 
     /// As [`send_targets_all`](Self::send_targets_all), but moves every CSP axis by its own
-    /// [`target_step`](crate::AxisConfig::target_step): it accelerates to that step by its ramp, and
-    /// does not move in a cycle in which its target is not sent. Axes of other modes get their
+    /// [`target_step`](crate::AxisConfig::target_step) per target: it accelerates to that step by its
+    /// ramp, and does not move in a cycle in which its target is not sent. Axes of other modes get their
     /// targets as there. Real-time safe.
     pub fn send_target_step(&mut self, cycle: &mut Cycle<'_>) -> SendSummary {
         self.send(cycle, true)
@@ -134,14 +149,22 @@ impl Cia402 {
 
     fn send(&mut self, cycle: &mut Cycle<'_>, stepping: bool) -> SendSummary {
         let mut summary = SendSummary::default();
-        let with_target = self.cycles_to_target == 0;
-        self.cycles_to_target = self.cycles_to_target.checked_sub(1).unwrap_or(self.motion_div - 1);
+        self.gateways.iter_mut().for_each(|gateway| gateway.begin_send(cycle));
         let mut full = FullChannels::default();
         for axis in &mut self.axes {
             let (slave, channel) = (axis.config.address.slave, axis.config.address.channel);
-            let outgoing = axis.prepare(stepping, with_target);
+            let gateway = self.gateways.get(slave);
+            let turn = if !gateway.is_some_and(GatewayWatch::is_current) {
+                TargetTurn::NotReceived
+            } else if !self.is_target_cycle {
+                TargetTurn::NotDue
+            } else if self.network.sync_is_due(cycle, slave, channel) {
+                TargetTurn::Due
+            } else {
+                TargetTurn::NoSync
+            };
+            let outgoing = axis.prepare(stepping, turn);
             if let Some(outgoing) = outgoing {
-                let gateway = self.gateways.get(slave);
                 let is_open = gateway.is_some_and(|g| g.is_ready() && !g.is_unconfirmed());
                 if !is_open || full.contains((slave, channel)) {
                     axis.skipped();
@@ -184,9 +207,13 @@ impl Cia402 {
                 && axis.reachability.operational
                 && gateway.is_some_and(|g| g.is_ready());
             let address = axis.config.address;
+            let is_sent = self.network.has_sent_sync(address.slave, address.channel);
+            if is_sent {
+                axis.target_period.sync_sent();
+            }
             if !counts {
                 axis.statistics.restart_tpdo_count();
-            } else if self.network.has_sent_sync(address.slave, address.channel) {
+            } else if is_sent {
                 axis.statistics.sync_sent();
             }
         }

@@ -97,18 +97,18 @@ impl BusLoad {
 /// has one. SDO, heartbeats and NMT come on top. Needs no Port; allocates.
 pub fn axis_traffic(axes: &[AxisConfig], config: &Cia402Config) -> Vec<FrameStream> {
     let axes = axes.iter().map(|axis| (axis.address, axis.pdo_number, axis.layout()));
-    process_data(axes, &config.sync, config.motion_div, None)
+    process_data(axes, &config.sync, config.target_cycles(), None)
 }
 
 /// The same for axes with these layouts, and targets that go out at an offset after Sync0.
 pub(super) fn process_data(
     axes: impl Iterator<Item = (NodeAddress, u8, PdoLayout)>,
     sync: &SyncConfig,
-    motion_div: u32,
+    target_cycles: u32,
     target_offset_ns: Option<u32>,
 ) -> Vec<FrameStream> {
     let (per_target, per_sync) =
-        (FrameRate::EveryCycles(motion_div), FrameRate::EveryCycles(sync.every_cycles));
+        (FrameRate::EveryCycles(target_cycles), FrameRate::EveryCycles(sync.every_cycles.max(1)));
     let mut streams = Vec::new();
     let mut channels = Vec::new();
     for (NodeAddress { slave, channel, node }, pdo_number, layout) in axes {

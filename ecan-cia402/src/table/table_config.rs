@@ -14,8 +14,22 @@ pub struct Cia402Config {
     pub node: NodeConfig,
     /// Production of SYNC, with which the drives apply targets and send TPDOs.
     pub sync: SyncConfig,
-    /// Cycles from target to target; 0 counts as 1.
+    /// Fewest cycles from target to target; 0 counts as 1. See [`target_cycles`](Self::target_cycles).
     pub motion_div: u32,
+}
+
+impl Cia402Config {
+    /// Cycles from target to target, the target period: the least multiple of
+    /// [`SyncConfig::every_cycles`] that is at least [`motion_div`](Self::motion_div), since a target
+    /// takes effect with a SYNC. Drives get it as interpolation time 0x60C2.
+    pub fn target_cycles(&self) -> u32 {
+        target_cycles(self.motion_div, self.sync.every_cycles)
+    }
+}
+
+pub(super) fn target_cycles(motion_div: u32, cycles_per_sync: u32) -> u32 {
+    let cycles_per_sync = cycles_per_sync.max(1);
+    motion_div.max(1).checked_next_multiple_of(cycles_per_sync).unwrap_or(cycles_per_sync)
 }
 
 impl Default for Cia402Config {

@@ -6,7 +6,7 @@
 //!
 //! ```c
 //! igh_cia402_axis_t axes[2];
-//! igh_cia402_axis_init(&axes[0], 0, 0, 1, 10);     slave 0, CAN0, node 1, 10 steps per cycle
+//! igh_cia402_axis_init(&axes[0], 0, 0, 1, 10);     slave 0, CAN0, node 1, 10 steps per target
 //! igh_cia402_axis_init(&axes[1], 0, 0, 2, 10);
 //! axes[1].steps_per_turn = 131072.0;
 //! ```
@@ -86,9 +86,9 @@ pub struct igh_cia402_axis_t {
     /// Default 360, one step per degree.
     pub steps_per_turn: f64,
 
-    /// Step per cycle that igh_cia402_send_target_step() makes.
+    /// Step per target that igh_cia402_send_target_step() makes.
     pub target_step: i32,
-    /// Largest distance between consecutive targets: steps, or units of velocity or torque. Not
+    /// Largest distance between consecutive targets, which take effect with a SYNC each: steps, or units of velocity or torque. Not
     /// used in PP, PV and PT. Default 1000, or the target step if it is larger.
     pub step_limit: u32,
     /// Largest distance between a position target and the actual position, in steps; at least eight
@@ -98,7 +98,7 @@ pub struct igh_cia402_axis_t {
     /// Largest distance between two actual positions of an axis at rest, in steps: noise. A faster
     /// axis does not become active. The step limit if it is smaller. Default 20.
     pub standstill: u32,
-    /// Largest change of the step per cycle for motion that the host generates: target step, halt,
+    /// Largest change of the step per target for motion that the host generates: target step, halt,
     /// shutdown. Default 20.
     pub ramp: u32,
     /// Smallest target, if has_bounds is 1; steps, or units of velocity or torque.
@@ -323,7 +323,7 @@ impl igh_cia402_object_t {
 /// @param slave        Slave index of the gateway.
 /// @param channel      Channel of the gateway, 0 to 3.
 /// @param node_id      Node-ID of the drive, 1 to 127.
-/// @param target_step  Steps per cycle that igh_cia402_send_target_step() makes; 0 for none.
+/// @param target_step  Steps per target that igh_cia402_send_target_step() makes; 0 for none.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_ARGUMENT, with nothing filled, for a node-ID, channel or slave out

@@ -44,7 +44,7 @@ mirror! {
         waiting: u32 = rust.waiting as u32,
         /// Axes whose target was rejected.
         rejected: u32 = rust.rejected as u32,
-        /// Axes that are not active, or hold.
+        /// Axes that are not active, hold, or have no target due in this cycle.
         closed: u32 = rust.closed as u32,
         /// SYNC messages.
         syncs: u32 = rust.syncs as u32,
@@ -143,14 +143,18 @@ pub fn igh_cia402_get_send_summary(
     summary.set(bus.axes_mut().map(|axes| axes.summary).unwrap_or_default().into());
 }
 
-/// Sends targets only in every n-th cycle (--motion-div). The step limit applies per target.
+/// Sends targets only in every n-th cycle (--motion-div); more if SYNC is sent less often, since a
+/// target takes effect with a SYNC. Step limit, ramp and target step apply per target. Only while no
+/// axis is configured: the configuration writes the target period to the drives (0x60C2).
 ///
-/// @param motion_div  Cycles from target to target; 0 counts as 1.
+/// @param motion_div  Fewest cycles from target to target; 0 counts as 1.
 ///
 /// @usage   rt, the cycle's thread, after init
-#[export(_, layer(cia402, _))]
+/// @return  ECAN_OK; ECAN_ERR_AXIS_STATE if an axis is configured or being configured;
+///          ECAN_ERR_CONFIG for a period that 0x60C2 cannot have (CSP).
+#[export(call, layer(cia402, _))]
 pub fn igh_cia402_set_motion_div(context: *mut igh_cia402_context_t, motion_div: u32) {
-    cia402.set_motion_div(motion_div);
+    cia402.set_motion_div(motion_div).or_code(call)
 }
 
 /// Sends targets and SYNC at phases of the Sync0 period instead of at once (manual 8.4, 13.8),

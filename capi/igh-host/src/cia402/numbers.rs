@@ -55,7 +55,7 @@ mirror! {
         IGH_CIA402_MODE_HM = 6 => OperatingMode::Homing,
         /// Interpolated position; not driven by this library.
         IGH_CIA402_MODE_IP = 7 => OperatingMode::InterpolatedPosition,
-        /// Cyclic synchronous position. Targets are steps, one per cycle.
+        /// Cyclic synchronous position. Targets are steps, one per target period.
         IGH_CIA402_MODE_CSP = 8 => OperatingMode::CyclicPosition,
         /// Cyclic synchronous velocity.
         IGH_CIA402_MODE_CSV = 9 => OperatingMode::CyclicVelocity,

@@ -23,7 +23,8 @@ mirror! {
     pub struct igh_cia402_settings_t from rust: Cia402Config {
         /// Not for the application: marks filled settings.
         seal: u64 = SEAL,
-        /// Cycles from target to target (--motion-div); 0 counts as 1. Default 1.
+        /// Fewest cycles from target to target (--motion-div); 0 counts as 1. The target period is the
+        /// least multiple of sync_every_cycles that is not below it. Default 1.
         motion_div: u32,
         /// Cycles from SYNC to SYNC; 0 counts as 1. Default 1.
         sync_every_cycles: u32 = rust.sync.every_cycles,

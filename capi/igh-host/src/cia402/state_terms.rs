@@ -83,6 +83,11 @@ mirror! {
         IGH_CIA402_WAIT_SPENT = 6 => WaitReason::Spent,
         /// A frame was rejected in this cycle; the axis will hold.
         IGH_CIA402_WAIT_FRAME_REJECTED = 7 => WaitReason::Rejected,
+        /// No target is due: the target period has not ended, or the cycle has no SYNC. Not a
+        /// disturbance: the motion continues.
+        IGH_CIA402_WAIT_NOT_DUE = 8 => WaitReason::NotDue,
+        /// igh_cia402_process_rx() was not called in this cycle.
+        IGH_CIA402_WAIT_NOT_RECEIVED = 9 => WaitReason::NotReceived,
     }
 }
 

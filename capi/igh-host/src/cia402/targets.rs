@@ -50,7 +50,7 @@ pub fn igh_cia402_set_target_radians(
 
 /// Sets the step of igh_cia402_send_target_step(); the axis reaches it by its ramp.
 ///
-/// @param step  Steps per cycle. A step beyond the step limit is rejected when the ramp reaches it.
+/// @param step  Steps per target. A step beyond the step limit is rejected when the ramp reaches it.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_set_target().
