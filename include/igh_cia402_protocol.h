@@ -149,6 +149,50 @@ typedef enum {
     IGH_CIA402_QUICK_STOP_VOLTAGE_LIMIT_AND_STAY = 8,
 } igh_cia402_quick_stop_t;
 
+/**
+ * Stop of a drive by shutdown (0x605B) and disable operation (0x605C), in
+ * igh_cia402_axis_t.shutdown and disable_operation. A manufacturer may define further, negative
+ * ones.
+ */
+typedef enum {
+    /** Disables voltage at once; the motor coasts. */
+    IGH_CIA402_STOP_DISABLE = 0,
+    /** Slows down by its ramp, then switches off. */
+    IGH_CIA402_STOP_SLOW_DOWN = 1,
+} igh_cia402_stop_option_t;
+
+/**
+ * Kind of a drive's halt (0x605D), in igh_cia402_axis_t.halt. It stays enabled. A manufacturer
+ * may define further, negative ones.
+ */
+typedef enum {
+    /** Slows down by its ramp. */
+    IGH_CIA402_HALT_SLOW_DOWN = 1,
+    /** Slows down by its quick stop ramp. */
+    IGH_CIA402_HALT_QUICK_STOP_RAMP = 2,
+    /** Slows down at the current limit. */
+    IGH_CIA402_HALT_CURRENT_LIMIT = 3,
+    /** Slows down at the voltage limit. */
+    IGH_CIA402_HALT_VOLTAGE_LIMIT = 4,
+} igh_cia402_halt_option_t;
+
+/**
+ * Reaction of a drive to a fault (0x605E), in igh_cia402_axis_t.fault_reaction; then it
+ * switches off. A manufacturer may define further, negative ones.
+ */
+typedef enum {
+    /** Disables voltage at once; the motor coasts. */
+    IGH_CIA402_FAULT_REACTION_DISABLE = 0,
+    /** Slows down by its ramp. */
+    IGH_CIA402_FAULT_REACTION_SLOW_DOWN = 1,
+    /** Slows down by its quick stop ramp. */
+    IGH_CIA402_FAULT_REACTION_QUICK_STOP_RAMP = 2,
+    /** Slows down at the current limit. */
+    IGH_CIA402_FAULT_REACTION_CURRENT_LIMIT = 3,
+    /** Slows down at the voltage limit. */
+    IGH_CIA402_FAULT_REACTION_VOLTAGE_LIMIT = 4,
+} igh_cia402_fault_reaction_t;
+
 /* ---------------------------------------------------------------------------
  * The axis table
  *
@@ -312,8 +356,28 @@ typedef struct {
     uint8_t further_count;
     /** Additional objects that are written after the mapping, in Pre-operational. */
     igh_cia402_object_t further[IGH_CIA402_MAX_FURTHER];
+    /**
+     * Kind of the shutdown, 0x605B: an igh_cia402_stop_option_t, or IGH_CIA402_UNCHANGED. Default
+     * IGH_CIA402_UNCHANGED.
+     */
+    int32_t shutdown;
+    /**
+     * Stop of a disabled axis, 0x605C: an igh_cia402_stop_option_t, or IGH_CIA402_UNCHANGED.
+     * Default IGH_CIA402_UNCHANGED.
+     */
+    int32_t disable_operation;
+    /**
+     * Kind of a halt in PP, PV and PT, 0x605D: an igh_cia402_halt_option_t, or
+     * IGH_CIA402_UNCHANGED. Default IGH_CIA402_UNCHANGED.
+     */
+    int32_t halt;
+    /**
+     * Fault reaction, 0x605E: an igh_cia402_fault_reaction_t, or IGH_CIA402_UNCHANGED. Default
+     * IGH_CIA402_UNCHANGED.
+     */
+    int32_t fault_reaction;
     /** Not used. */
-    uint64_t reserved[4];
+    uint64_t reserved[2];
 } igh_cia402_axis_t;
 
 /**
@@ -1275,6 +1339,111 @@ int igh_cia402_all_running(igh_cia402_context_t *context);
  * @return  1 or 0, or a negative ecan_result_t. Compare with 1.
  */
 int igh_cia402_shutdown_is_done(igh_cia402_context_t *context);
+
+/* ---------------------------------------------------------------------------
+ * Reaction of the drives to the loss of the host
+ * --------------------------------------------------------------------------- */
+
+/** Detection of the loss of the host by a drive. */
+typedef enum {
+    /** None: the stop options of the drive were not read yet. */
+    IGH_CIA402_HOST_WATCH_UNREAD = 0,
+    /** None: the host sends no heartbeat. */
+    IGH_CIA402_HOST_WATCH_NO_HEARTBEAT = 1,
+    /** None: 0x1016 has no entry for the node-ID of the host. */
+    IGH_CIA402_HOST_WATCH_NO_ENTRY = 2,
+    /** By 0x1016, after watch_ms without a heartbeat. */
+    IGH_CIA402_HOST_WATCH_ACTIVE = 3,
+    /** Another one. */
+    IGH_CIA402_HOST_WATCH_OTHER = 255,
+} igh_cia402_host_watch_t;
+
+/** Reaction of an enabled drive to the loss of the host. */
+typedef enum {
+    /** Unknown: not read yet, or an object is missing or manufacturer-specific. */
+    IGH_CIA402_HOST_LOSS_REACTION_UNKNOWN = 0,
+    /** Quick stop, with `ramp`. */
+    IGH_CIA402_HOST_LOSS_REACTION_QUICK_STOP = 1,
+    /** Stops with `ramp`, then Fault. */
+    IGH_CIA402_HOST_LOSS_REACTION_FAULT = 2,
+    /** Switches power off; the motor coasts. */
+    IGH_CIA402_HOST_LOSS_REACTION_COASTS = 3,
+    /** Keeps its last target position. */
+    IGH_CIA402_HOST_LOSS_REACTION_HOLDS_POSITION = 4,
+    /** Continues with the last velocity or torque; in PP it moves to the end of its set-points. */
+    IGH_CIA402_HOST_LOSS_REACTION_RUNS_ON = 5,
+    /** Another one. */
+    IGH_CIA402_HOST_LOSS_REACTION_OTHER = 255,
+} igh_cia402_host_loss_reaction_t;
+
+/** Deceleration of a drive. */
+typedef enum {
+    /** Nothing: it does not stop by a ramp. */
+    IGH_CIA402_STOP_RAMP_NONE = 0,
+    /** Profile deceleration, 0x6084. */
+    IGH_CIA402_STOP_RAMP_PROFILE = 1,
+    /** Quick stop deceleration, 0x6085. */
+    IGH_CIA402_STOP_RAMP_QUICK_STOP = 2,
+    /** Current limit of the drive. */
+    IGH_CIA402_STOP_RAMP_CURRENT_LIMIT = 3,
+    /** Voltage limit of the drive. */
+    IGH_CIA402_STOP_RAMP_VOLTAGE_LIMIT = 4,
+    /** Another one. */
+    IGH_CIA402_STOP_RAMP_OTHER = 255,
+} igh_cia402_stop_ramp_t;
+
+/**
+ * Reaction of a drive to the loss of the host, by the options that it reported at the end of its
+ * configuration, in the present mode.
+ */
+typedef struct {
+    /**
+     * Time without a heartbeat of the host after which the drive reacts, in milliseconds, if
+     * `watch` is IGH_CIA402_HOST_WATCH_ACTIVE; else 0.
+     */
+    uint32_t watch_ms;
+    /** Deceleration in units of the drive, if has_deceleration is 1. */
+    uint32_t deceleration;
+    /** An igh_cia402_host_watch_t. */
+    uint8_t watch;
+    /** An igh_cia402_host_loss_reaction_t. */
+    uint8_t reaction;
+    /** An igh_cia402_stop_ramp_t. */
+    uint8_t ramp;
+    /** 1 if 0x6084 or 0x6085 determines the deceleration, and the drive has the object. */
+    uint8_t has_deceleration;
+    /**
+     * 1 if the drive brings the motor to rest and controls it until then; 0 if it runs on or coasts,
+     * and if the reaction is unknown.
+     */
+    uint8_t is_controlled_stop;
+    /** Not used. */
+    uint8_t reserved[3];
+} igh_cia402_host_loss_info_t;
+
+/**
+ * Gets the reaction of a drive to the loss of the host: its end, its crash, or the loss of the
+ * link.
+ *
+ * @usage   rt, the cycle's thread, after init
+ */
+int igh_cia402_get_host_loss(igh_cia402_context_t *context,
+                             size_t axis,
+                             igh_cia402_host_loss_info_t *host_loss);
+
+/**
+ * Gets the reaction of a drive to the loss of the host as text: "axis 2, node 5 (slave 0, channel
+ * 1), CSV: runs on if the host is lost (the host sends no heartbeat)" for example.
+ *
+ * @param text  Gets the text, with NUL at the end; cut if it does not fit.
+ * @param size  Bytes of the buffer.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ */
+int igh_cia402_get_host_loss_text(igh_cia402_context_t *context,
+                                  size_t axis,
+                                  char *text,
+                                  size_t size);
 
 /* ---------------------------------------------------------------------------
  * Counters and bus load

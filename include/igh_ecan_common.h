@@ -45,6 +45,8 @@
  *          refuse_without_margin to reject_without_margin, give_up_missed to discard_missed.
  *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED. igh_cia402_set_motion_div() is
  *          rejected while an axis is configured.
+ *          Added: igh_cia402_get_host_loss(), igh_cia402_get_host_loss_text(), the fields shutdown,
+ *          disable_operation, halt and fault_reaction of igh_cia402_axis_t.
  *          Removed: IGH_CIA402_HOLD_MOVING. Cycle, receive and send functions return ECAN_ERR_ORDER
  *          if no cycle is open. A configuration file with too many gateways or filters is
  *          ECAN_ERR_CONFIG.

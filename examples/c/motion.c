@@ -148,6 +148,29 @@ static void print_progress(void *user, size_t axis, const char *text)
     printf("  %s\n", text);
 }
 
+/* Prints the drives that would not stop if the host were lost. */
+static bool print_host_loss_risks(igh_cia402_context_t *cia402, size_t axis_count)
+{
+    igh_cia402_host_loss_info_t loss;
+    char text[256];
+    bool all_stop = true;
+    for (size_t axis = 0; axis < axis_count; axis++) {
+        if (igh_cia402_get_host_loss(cia402, axis, &loss) != ECAN_OK ||
+            igh_cia402_get_host_loss_text(cia402, axis, text, sizeof(text)) != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+        if (!loss.is_controlled_stop) {
+            printf("warning: %s\n", text);
+            all_stop = false;
+        }
+    }
+    if (all_stop) {
+        printf("all drives stop if the host is lost\n");
+    }
+    return true;
+}
+
 /* Configures and enables all axes (manual 15.5.4, step 4). */
 static bool start_up(igh_cia402_context_t *cia402, bus_t *bus, uint64_t cycles)
 {
@@ -230,6 +253,7 @@ static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *m
         return false;
     }
     bool is_good = print_loads(cia402) && start_up(cia402, bus, motion->cycles) &&
+                   print_host_loss_risks(cia402, motion->drive_count) &&
                    move(cia402, bus, motion);
     is_good &= igh_cia402_all_running(cia402) == 1;
     is_good &= motion_table_read(&table, cia402);

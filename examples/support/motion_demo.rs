@@ -68,7 +68,7 @@ fn move_axes(
     interrupt: &Interrupt,
 ) -> Result<(), Box<dyn Error>> {
     cia402.start_up_timeout(port, STARTUP, |axis| record.print_progress(axis))?;
-    record.start_motion(cycles);
+    record.start_motion(cia402, cycles);
     for number in 0..cycles {
         let mut cycle = port.next_cycle();
         cia402.process_rx(&mut cycle);

@@ -41,8 +41,13 @@ impl MotionRecord {
         self.printer.print(axis);
     }
 
-    /// Reports that all axes are active, and starts the time of the plot.
-    pub fn start_motion(&mut self, cycles: u64) {
+    /// Reports that all axes are active, which drives would not stop if the host were lost, and
+    /// starts the time of the plot.
+    pub fn start_motion(&mut self, cia402: &Cia402, cycles: u64) {
+        cia402.host_loss_risks().for_each(|risk| println!("warning: {risk}"));
+        if cia402.host_loss_risks().next().is_none() {
+            println!("all drives stop if the host is lost");
+        }
         let now_ns = self.clock.now_ns();
         let seconds = (now_ns - self.start_ns) as f64 / 1e9;
         println!("all axes enabled after {seconds:.2} s, {cycles} cycles of motion");

@@ -122,6 +122,7 @@ pub const HEADERS: &[Header] = &[
             "igh-host/src/cia402/commands.rs",
             "igh-host/src/cia402/state_terms.rs",
             "igh-host/src/cia402/state.rs",
+            "igh-host/src/cia402/host_loss.rs",
             "igh-host/src/cia402/statistics.rs",
             "igh-host/src/cia402/sdo.rs",
             "igh-host/src/cia402/canopen.rs",

@@ -11,6 +11,7 @@ static void no_context(int code, igh_cia402_context_t *context)
     igh_cia402_homing_t homing;
     igh_cia402_axis_state_t state;
     igh_cia402_axis_statistics_t statistics;
+    igh_cia402_host_loss_info_t loss;
     igh_cia402_bus_load_t load;
     char text[64];
     uint8_t data[8];
@@ -59,6 +60,8 @@ static void no_context(int code, igh_cia402_context_t *context)
     BAD(code, igh_cia402_get_axis_text(context, 0, text, sizeof(text)));
     BAD(code, igh_cia402_all_running(context));
     BAD(code, igh_cia402_shutdown_is_done(context));
+    BAD(code, igh_cia402_get_host_loss(context, 0, &loss));
+    BAD(code, igh_cia402_get_host_loss_text(context, 0, text, sizeof(text)));
     BAD(code, igh_cia402_get_axis_statistics(context, 0, &statistics));
     BAD(code, igh_cia402_get_bus_load(context, &load, 1, &count));
     BAD(code, igh_cia402_sdo_upload(context, 0, 0x1000, 0, data, 8, &count, 100));
@@ -102,6 +105,8 @@ static void null_pointers(igh_mcan_port_t *port, igh_cia402_context_t *context)
     BAD(ECAN_ERR_NULL, igh_cia402_home(context, 0, NULL));
     BAD(ECAN_ERR_NULL, igh_cia402_get_axis_state(context, 0, NULL));
     BAD(ECAN_ERR_NULL, igh_cia402_get_axis_text(context, 0, NULL, 10));
+    BAD(ECAN_ERR_NULL, igh_cia402_get_host_loss(context, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_cia402_get_host_loss_text(context, 0, NULL, 10));
     BAD(ECAN_ERR_NULL, igh_cia402_get_axis_statistics(context, 0, NULL));
     BAD(ECAN_ERR_NULL, igh_cia402_get_bus_load(context, NULL, 1, &count));
     BAD(ECAN_ERR_NULL, igh_cia402_get_bus_load(context, &load, 1, NULL));
@@ -120,6 +125,7 @@ static void wrong_axis(igh_cia402_context_t *context, size_t axis)
     igh_cia402_homing_t homing;
     igh_cia402_axis_state_t state;
     igh_cia402_axis_statistics_t statistics;
+    igh_cia402_host_loss_info_t loss;
     char text[64];
     uint8_t data[8];
     uint8_t sdo_state;
@@ -143,6 +149,8 @@ static void wrong_axis(igh_cia402_context_t *context, size_t axis)
     BAD(code, igh_cia402_home(context, axis, &homing));
     BAD(code, igh_cia402_get_axis_state(context, axis, &state));
     BAD(code, igh_cia402_get_axis_text(context, axis, text, sizeof(text)));
+    BAD(code, igh_cia402_get_host_loss(context, axis, &loss));
+    BAD(code, igh_cia402_get_host_loss_text(context, axis, text, sizeof(text)));
     BAD(code, igh_cia402_get_axis_statistics(context, axis, &statistics));
     BAD(code, igh_cia402_sdo_start_upload(context, axis, 0x1000, 0));
     BAD(code, igh_cia402_sdo_start_download(context, axis, 0x1017, 0, VALUE, 2));
@@ -209,6 +217,10 @@ static void tables(igh_mcan_port_t *port)
     FAULTY(reset, 3);
     FAULTY(host_loss, 40000);
     FAULTY(quick_stop, -40000);
+    FAULTY(shutdown, 40000);
+    FAULTY(disable_operation, 40000);
+    FAULTY(halt, 40000);
+    FAULTY(fault_reaction, 40000);
     FAULTY(further_count, IGH_CIA402_MAX_FURTHER + 1);
     FAULTY(further_count, 1);
     FAULTY(target_step, 5000);

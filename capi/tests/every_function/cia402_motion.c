@@ -310,6 +310,7 @@ static void commands(void)
 static void text_and_load(void)
 {
     igh_cia402_bus_load_t loads[3];
+    igh_cia402_host_loss_info_t loss;
     char text[256];
     char cut[8];
     size_t count = 99;
@@ -320,6 +321,19 @@ static void text_and_load(void)
     SAME(0, strncmp(cut, text, sizeof(cut) - 1));
     SAME(0, cut[sizeof(cut) - 1]);
     igh_cia402_get_axis_text(&motors, 2, cut, 1);
+    SAME(0, cut[0]);
+    GOOD(igh_cia402_get_host_loss(&motors, 0, &loss));
+    SAME(IGH_CIA402_HOST_LOSS_REACTION_QUICK_STOP, loss.reaction);
+    SAME(IGH_CIA402_STOP_RAMP_QUICK_STOP, loss.ramp);
+    SAME(IGH_CIA402_HOST_WATCH_ACTIVE, loss.watch);
+    SAME(250, loss.watch_ms);
+    SAME(1, loss.is_controlled_stop);
+    SAME(1, loss.has_deceleration);
+    TRUE(loss.deceleration > 0);
+    GOOD(igh_cia402_get_host_loss_text(&motors, 2, text, sizeof(text)));
+    TEXT_HAS("axis 2, node 2", text);
+    TEXT_HAS("quick stop", text);
+    igh_cia402_get_host_loss_text(&motors, 2, cut, 1);
     SAME(0, cut[0]);
     GOOD(igh_cia402_get_bus_load(&motors, loads, 3, &count));
     SAME(2, count);

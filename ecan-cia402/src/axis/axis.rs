@@ -13,6 +13,7 @@ use super::command_error::CommandError;
 use super::config::{AxisConfig, target_kind};
 use super::drive_status::DriveStatus;
 use super::homing::HomingConfig;
+use super::host_loss::{HostLoss, StopOptions};
 use super::pdo_layout::PdoLayout;
 use super::phase::{AxisError, AxisPhase};
 use super::power::{FaultReset, PowerGoal};
@@ -64,6 +65,8 @@ pub(crate) struct Axis {
     pub(crate) verification: Verification,
     pub(crate) reachability: Reachability,
     pub(crate) configurator: Configurator,
+    /// Read back at the end of the configuration.
+    pub(crate) stop_options: Option<StopOptions>,
     /// SDO requests without an answer when the configuration began.
     silences: u64,
     /// Boot-up messages when the configuration was complete.
@@ -107,6 +110,7 @@ impl Axis {
             verification: Verification::default(),
             reachability: Reachability::default(),
             configurator: Configurator::new(),
+            stop_options: None,
             silences: 0,
             boot_ups: 0,
             next_start_ns: 0,
@@ -156,6 +160,7 @@ impl Axis {
         self.stop_targets();
         self.cancel_procedure(network);
         self.configurator.clear(network);
+        self.stop_options = None;
         self.configurator.add(network, self.node, steps);
         self.set_mode(self.config.mode);
         self.silences = network.sdo_silences(self.node);
@@ -279,6 +284,9 @@ impl Axis {
         let watches = has_host_heartbeat && self.config.drive.host_heartbeat_ms > 0;
         if watches && self.state.is_configured() {
             let step = ecan_canopen::Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32);
+            if let Some([released, _]) = self.stop_options.as_mut().map(|it| &mut it.watches) {
+                *released = None;
+            }
             self.state = AxisState::Releasing(script([step.if_present()]));
         }
     }
@@ -343,6 +351,7 @@ impl Axis {
         self.verification = Verification::Complete;
         self.error = Some(AxisError::Restarted);
         self.procedure = None;
+        self.stop_options = None;
         self.drive.forget();
     }
 
@@ -467,11 +476,27 @@ impl Axis {
         let timeout = Duration::from_millis(period_ms.saturating_mul(7) / 2);
         network.set_heartbeat_timeout(self.node, timeout);
         self.boot_ups = network.status(self.node).map_or(0, |status| status.boot_ups);
+        self.read_back_stop_options(network);
         self.statistics.restart_tpdo_count();
         if network.sdo_silences(self.node) != self.silences {
             // The drive may have restarted in between, and lost the first steps.
             self.require_verification();
         }
+    }
+
+    fn read_back_stop_options(&mut self, network: &Network) {
+        let value = |index, subindex| self.configurator.uploaded(self.node, index, subindex);
+        self.stop_options = Some(StopOptions::from_values(value));
+        let loss = self.host_loss(network);
+        if !loss.reaction.is_controlled_stop() {
+            tracing::warn!(axis = self.index, "{loss}");
+        }
+    }
+
+    pub(crate) fn host_loss(&self, network: &Network) -> HostLoss {
+        let host = network.host_heartbeat().map(|heartbeat| heartbeat.node);
+        let address = (self.index, self.config.address);
+        HostLoss::new(address, self.mode, self.stop_options.as_ref(), host)
     }
 
     /// Starts a node that lost the host's heartbeat: it is in Pre-operational (CiA 301, 0x1029)

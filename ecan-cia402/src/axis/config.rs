@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{NodeAddress, NodeLossReaction, OperatingMode, QuickStopOption, Step};
+use ecan_canopen::{
+    FaultReaction, HaltOption, NodeAddress, NodeLossReaction, OperatingMode, QuickStopOption, Step,
+    StopOption,
+};
 use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
@@ -51,6 +54,16 @@ pub struct DriveConfig {
     pub host_loss: Option<NodeLossReaction>,
     /// Quick stop option 0x605A (optional); `None` does not write it.
     pub quick_stop: Option<QuickStopOption>,
+    /// Shutdown option 0x605B (optional); `None` does not write it.
+    pub shutdown: Option<StopOption>,
+    /// Disable operation option 0x605C (optional), by which a disabled axis stops; `None` does not
+    /// write it.
+    pub disable_operation: Option<StopOption>,
+    /// Halt option 0x605D (optional), by which an axis halts in PP, PV and PT; `None` does not
+    /// write it.
+    pub halt: Option<HaltOption>,
+    /// Fault reaction option 0x605E (optional); `None` does not write it.
+    pub fault_reaction: Option<FaultReaction>,
     /// Following error window 0x6065 in steps and time 0x6066 in milliseconds (optional); `None`
     /// does not write them. Should not be below [`AxisConfig::following_window`].
     pub following_error: Option<(u32, u16)>,
@@ -75,6 +88,10 @@ impl Default for DriveConfig {
             host_heartbeat_ms: 250,
             host_loss: Some(NodeLossReaction::QuickStop),
             quick_stop: None,
+            shutdown: None,
+            disable_operation: None,
+            halt: None,
+            fault_reaction: None,
             following_error: None,
             write_position_limits: false,
             silence_other_tpdos: true,

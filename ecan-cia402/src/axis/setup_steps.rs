@@ -5,7 +5,8 @@ use ecan_canopen::{
     PdoDirection, PdoMapping, PdoMappingError, Step, SupportedModes, TransmissionType, object,
 };
 
-use super::config::{AxisConfig, NodeReset};
+use super::config::{AxisConfig, DriveConfig, NodeReset};
+use super::host_loss::StopOptions;
 use super::pdo_layout::TargetObject;
 
 /// Highest PDO number of the predefined connection set.
@@ -29,8 +30,10 @@ pub(crate) struct BusConfig {
 ///    moves.
 /// 4. Heartbeats both ways and what happens when the host's stays away.
 /// 5. Mapping of the RPDO and the TPDO, other TPDOs off.
-/// 6. SYNC period, interpolation time (the target period), limits, further steps of the application.
-/// 7. NMT: start.
+/// 6. SYNC period, interpolation time (the target period), stop options, limits, further steps of
+///    the application.
+/// 7. Stop options as the drive has them now.
+/// 8. NMT: start.
 ///
 /// The mode follows after that, with its confirmation.
 pub(crate) fn steps(config: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
@@ -41,8 +44,10 @@ pub(crate) fn steps(config: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, P
     push_heartbeats(&mut steps, config, bus);
     push_mapping(&mut steps, config)?;
     push_times(&mut steps, config, bus);
+    push_stop_options(&mut steps, config);
     push_limits(&mut steps, config);
     steps.extend(config.drive.further.iter().copied());
+    steps.extend(StopOptions::steps());
     steps.push(Step::device(NodeAction::Nmt(NmtCommand::Start)));
     Ok(steps)
 }
@@ -181,12 +186,28 @@ impl std::fmt::Display for InvalidPeriod {
     }
 }
 
+fn push_stop_options(steps: &mut Vec<Step>, config: &AxisConfig) {
+    let DriveConfig { quick_stop, shutdown, disable_operation, halt, fault_reaction, .. } =
+        &config.drive;
+    let options = [
+        (object::QUICK_STOP_OPTION, "quick stop option", quick_stop.map(|it| it.raw())),
+        (object::SHUTDOWN_OPTION, "shutdown option", shutdown.map(|it| it.raw())),
+        (
+            object::DISABLE_OPERATION_OPTION,
+            "disable operation option",
+            disable_operation.map(|it| it.raw()),
+        ),
+        (object::HALT_OPTION, "halt option", halt.map(|it| it.raw())),
+        (object::FAULT_REACTION_OPTION, "fault reaction", fault_reaction.map(|it| it.raw())),
+    ];
+    for (index, name, option) in options {
+        let step = option.map(|raw| Step::write(index, 0, raw).named(name).if_present());
+        steps.extend(step);
+    }
+}
+
 fn push_limits(steps: &mut Vec<Step>, config: &AxisConfig) {
     let drive = &config.drive;
-    if let Some(option) = drive.quick_stop {
-        let step = Step::write(object::QUICK_STOP_OPTION, 0, option.raw());
-        steps.push(step.named("quick stop option").if_present());
-    }
     if let Some((window, time_ms)) = drive.following_error {
         let step = Step::write(object::FOLLOWING_ERROR_WINDOW, 0, window);
         steps.push(step.named("following error window").if_present());
@@ -295,6 +316,10 @@ mod tests {
             "write 0x1A00:02 = 0x60640020",
             "write 0x60C2:02 = 0xFD",
             "write 0x60C2:01 = 0x01",
+            "read 0x1016:01",
+            "read 0x6007:00",
+            "read 0x605A:00",
+            "read 0x605E:00",
             "NMT start",
         ];
         let positions: Vec<usize> = order.iter().map(|part| position_of(part)).collect();
@@ -308,7 +333,7 @@ mod tests {
         let bus = BusConfig { sync_period_ns: 1_000_000, target_period_ns: 1_000_000, host: None };
         let steps = steps(&config, &bus).unwrap();
         let text: String = steps.iter().map(|step| step.action.to_string()).collect();
-        assert!(!text.contains("0x1016") && !text.contains("0x6007"), "{text}");
+        assert!(!text.contains("write 0x1016") && !text.contains("write 0x6007"), "{text}");
         assert!(text.contains("change 0x1802:01"), "the other TPDOs are off");
     }
 }

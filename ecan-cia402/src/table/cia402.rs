@@ -52,8 +52,10 @@ use crate::guard::gateway_watch::GatewayWatch;
 /// # If the host stops
 ///
 /// Its heartbeat stops. A drive with 0x1016 detects this after
-/// [`host_heartbeat_ms`](crate::DriveConfig::host_heartbeat_ms) and reacts by its 0x6007; one
-/// without keeps its last target: SYNC without a new target moves nothing.
+/// [`host_heartbeat_ms`](crate::DriveConfig::host_heartbeat_ms) and reacts by its 0x6007. One
+/// without keeps its last target: it stops in CSP and runs on in other modes.
+/// [`host_loss`](Self::host_loss) reports the reaction of each drive as read back,
+/// [`host_loss_risks`](Self::host_loss_risks) the drives that would run on or coast.
 ///
 /// # Targets
 ///

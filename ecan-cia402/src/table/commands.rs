@@ -8,6 +8,7 @@ use crate::axis::axis::Axis;
 use crate::axis::command_error::CommandError;
 use crate::axis::config::AxisConfig;
 use crate::axis::homing::HomingConfig;
+use crate::axis::host_loss::{HostLoss, StopOptions};
 use crate::axis::phase::{AxisError, AxisPhase, AxisProgress};
 use crate::axis::setup_steps::interpolation_time;
 use crate::axis::statistics::AxisStatistics;
@@ -303,6 +304,26 @@ impl Cia402 {
     /// Phase of an axis.
     pub fn phase(&self, axis: usize) -> Option<AxisPhase> {
         self.axis(axis).map(|axis| axis.phase)
+    }
+
+    /// Stop behaviour of a drive, read back at the end of its configuration; `None` before that, and
+    /// after the drive restarted.
+    pub fn stop_options(&self, axis: usize) -> Option<StopOptions> {
+        self.axis(axis).and_then(|axis| axis.stop_options)
+    }
+
+    /// Reaction of a drive to the loss of the host (its end, `kill`, or the link), in the present
+    /// mode, by the options that it reported.
+    pub fn host_loss(&self, axis: usize) -> Option<HostLoss> {
+        self.axis(axis).map(|axis| axis.host_loss(&self.network))
+    }
+
+    /// The axes whose drives would run on or coast if the host were lost, or whose reaction is
+    /// unknown; for the startup report of an application. Each is also logged once, as a warning, at
+    /// the end of its configuration.
+    pub fn host_loss_risks(&self) -> impl Iterator<Item = HostLoss> + '_ {
+        let all = self.axes.iter().map(|axis| axis.host_loss(&self.network));
+        all.filter(|loss| !loss.reaction.is_controlled_stop())
     }
 
     /// Failure of the last command to an axis.

@@ -15,7 +15,8 @@ use crate::milliseconds::{duration, milliseconds};
 use ecan_c_export::export;
 
 use ecan_canopen::{
-    NodeAddress, NodeId, NodeLossReaction, OperatingMode, QuickStopOption, SdoValue, Step,
+    FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
+    QuickStopOption, SdoValue, Step, StopOption,
 };
 use ecan_cia402::{AxisConfig, DriveConfig, PositionRange, Scale};
 use ecan_mcan_host::boundary::Call;
@@ -160,8 +161,20 @@ pub struct igh_cia402_axis_t {
     pub further_count: u8,
     /// Additional objects that are written after the mapping, in Pre-operational.
     pub further: [igh_cia402_object_t; IGH_CIA402_MAX_FURTHER],
+    /// Kind of the shutdown, 0x605B: an igh_cia402_stop_option_t, or IGH_CIA402_UNCHANGED. Default
+    /// IGH_CIA402_UNCHANGED.
+    pub shutdown: i32,
+    /// Stop of a disabled axis, 0x605C: an igh_cia402_stop_option_t, or IGH_CIA402_UNCHANGED.
+    /// Default IGH_CIA402_UNCHANGED.
+    pub disable_operation: i32,
+    /// Kind of a halt in PP, PV and PT, 0x605D: an igh_cia402_halt_option_t, or
+    /// IGH_CIA402_UNCHANGED. Default IGH_CIA402_UNCHANGED.
+    pub halt: i32,
+    /// Fault reaction, 0x605E: an igh_cia402_fault_reaction_t, or IGH_CIA402_UNCHANGED. Default
+    /// IGH_CIA402_UNCHANGED.
+    pub fault_reaction: i32,
     /// Not used.
-    pub reserved: [u64; 4],
+    pub reserved: [u64; 2],
 }
 
 impl igh_cia402_axis_t {
@@ -212,7 +225,11 @@ impl igh_cia402_axis_t {
             write_following_error: following_error.is_some().into(),
             further_count: 0,
             further: [igh_cia402_object_t::default(); IGH_CIA402_MAX_FURTHER],
-            reserved: [0; 4],
+            shutdown: code(drive.shutdown.map(StopOption::raw)),
+            disable_operation: code(drive.disable_operation.map(StopOption::raw)),
+            halt: code(drive.halt.map(HaltOption::raw)),
+            fault_reaction: code(drive.fault_reaction.map(FaultReaction::raw)),
+            reserved: [0; 2],
         }
     }
 
@@ -251,6 +268,12 @@ impl igh_cia402_axis_t {
             host_heartbeat_ms: self.host_heartbeat_ms,
             host_loss: code("host_loss", self.host_loss)?.map(NodeLossReaction::from_raw),
             quick_stop: code("quick_stop", self.quick_stop)?.map(QuickStopOption::from_raw),
+            shutdown: code("shutdown", self.shutdown)?.map(StopOption::from_raw),
+            disable_operation: code("disable_operation", self.disable_operation)?
+                .map(StopOption::from_raw),
+            halt: code("halt", self.halt)?.map(HaltOption::from_raw),
+            fault_reaction: code("fault_reaction", self.fault_reaction)?
+                .map(FaultReaction::from_raw),
             following_error: (self.write_following_error != 0)
                 .then_some((self.following_error_window, self.following_error_ms)),
             write_position_limits: self.write_position_limits != 0,
@@ -411,6 +434,7 @@ mod tests {
         (axis.steps_per_turn, axis.origin) = (4096.0, 11);
         (axis.check_identity, axis.vendor_id, axis.product_code) = (1, 0x99, 0x402);
         (axis.host_loss, axis.quick_stop) = (IGH_CIA402_UNCHANGED, -2);
+        (axis.shutdown, axis.disable_operation, axis.halt, axis.fault_reaction) = (1, 0, 2, 3);
         axis.write_following_error = 1;
         (axis.following_error_window, axis.following_error_ms) = (12_000, 20);
         (axis.reset, axis.auto_resume, axis.write_position_limits) = (1, 1, 1);
@@ -430,6 +454,10 @@ mod tests {
             identity: Some((0x99, 0x402)),
             host_loss: None,
             quick_stop: Some(QuickStopOption::Other(-2)),
+            shutdown: Some(StopOption::SlowDown),
+            disable_operation: Some(StopOption::Disable),
+            halt: Some(HaltOption::QuickStop),
+            fault_reaction: Some(FaultReaction::CurrentLimit),
             following_error: Some((12_000, 20)),
             write_position_limits: true,
             further: vec![

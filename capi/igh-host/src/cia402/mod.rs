@@ -5,6 +5,7 @@ pub mod canopen;
 pub mod commands;
 pub mod context;
 pub mod cycle;
+pub mod host_loss;
 pub mod numbers;
 pub mod plan;
 pub mod progress;

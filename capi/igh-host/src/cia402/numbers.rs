@@ -3,7 +3,8 @@
 use std::ffi::c_int;
 
 use ecan_canopen::{
-    DriveState, NmtCommand, NmtState, NodeLossReaction, OperatingMode, QuickStopOption,
+    DriveState, FaultReaction, HaltOption, NmtCommand, NmtState, NodeLossReaction, OperatingMode,
+    QuickStopOption, StopOption,
 };
 use ecan_cia402::NodeReset;
 use ecan_mcan_host::boundary::Call;
@@ -152,6 +153,50 @@ mirror! {
     }
 }
 
+mirror! {
+    /// Stop of a drive by shutdown (0x605B) and disable operation (0x605C), in
+    /// igh_cia402_axis_t.shutdown and disable_operation. A manufacturer may define further, negative
+    /// ones.
+    pub enum igh_cia402_stop_option_t as StopOption {
+        /// Disables voltage at once; the motor coasts.
+        IGH_CIA402_STOP_DISABLE = 0 => StopOption::Disable,
+        /// Slows down by its ramp, then switches off.
+        IGH_CIA402_STOP_SLOW_DOWN = 1 => StopOption::SlowDown,
+    }
+}
+
+mirror! {
+    /// Kind of a drive's halt (0x605D), in igh_cia402_axis_t.halt. It stays enabled. A manufacturer
+    /// may define further, negative ones.
+    pub enum igh_cia402_halt_option_t as HaltOption {
+        /// Slows down by its ramp.
+        IGH_CIA402_HALT_SLOW_DOWN = 1 => HaltOption::SlowDown,
+        /// Slows down by its quick stop ramp.
+        IGH_CIA402_HALT_QUICK_STOP_RAMP = 2 => HaltOption::QuickStop,
+        /// Slows down at the current limit.
+        IGH_CIA402_HALT_CURRENT_LIMIT = 3 => HaltOption::CurrentLimit,
+        /// Slows down at the voltage limit.
+        IGH_CIA402_HALT_VOLTAGE_LIMIT = 4 => HaltOption::VoltageLimit,
+    }
+}
+
+mirror! {
+    /// Reaction of a drive to a fault (0x605E), in igh_cia402_axis_t.fault_reaction; then it
+    /// switches off. A manufacturer may define further, negative ones.
+    pub enum igh_cia402_fault_reaction_t as FaultReaction {
+        /// Disables voltage at once; the motor coasts.
+        IGH_CIA402_FAULT_REACTION_DISABLE = 0 => FaultReaction::Disable,
+        /// Slows down by its ramp.
+        IGH_CIA402_FAULT_REACTION_SLOW_DOWN = 1 => FaultReaction::SlowDown,
+        /// Slows down by its quick stop ramp.
+        IGH_CIA402_FAULT_REACTION_QUICK_STOP_RAMP = 2 => FaultReaction::QuickStop,
+        /// Slows down at the current limit.
+        IGH_CIA402_FAULT_REACTION_CURRENT_LIMIT = 3 => FaultReaction::CurrentLimit,
+        /// Slows down at the voltage limit.
+        IGH_CIA402_FAULT_REACTION_VOLTAGE_LIMIT = 4 => FaultReaction::VoltageLimit,
+    }
+}
+
 pub(crate) fn mode(call: Call, number: c_int) -> Result<OperatingMode, ecan_result_t> {
     igh_cia402_mode_t::to_rust(number).ok_or_else(|| {
         call.argument("mode", format_args!("{number} is invalid; allowed: igh_cia402_mode_t"))
@@ -191,6 +236,12 @@ mod tests {
         assert!(losses.iter().all(|(number, _, reaction)| *number as i16 == reaction.raw()));
         let stops = igh_cia402_quick_stop_t::PAIRS;
         assert!(stops.iter().all(|(number, _, option)| *number as i16 == option.raw()));
+        let others = igh_cia402_stop_option_t::PAIRS;
+        assert!(others.iter().all(|(number, _, option)| *number as i16 == option.raw()));
+        let halts = igh_cia402_halt_option_t::PAIRS;
+        assert!(halts.iter().all(|(number, _, option)| *number as i16 == option.raw()));
+        let reactions = igh_cia402_fault_reaction_t::PAIRS;
+        assert!(reactions.iter().all(|(number, _, option)| *number as i16 == option.raw()));
     }
 
     #[test]
