@@ -15,7 +15,7 @@ use ecan_cia402::{
     AxisConfig, AxisPhase, Cia402, Cia402Config, DriveConfig, HostLossReaction, HostWatch, StopRamp,
 };
 use ecan_host::AdapterConfig;
-use ecan_sim::{Fault, Scenario, TraceCause, TraceEvent, TraceRecord};
+use ecan_sim::{DriveFault, Fault, Scenario, TraceCause, TraceEvent, TraceRecord};
 use tracing_test::traced_test;
 
 /// Velocity before the loss, increments per second.
@@ -322,6 +322,22 @@ fn unwatched_drives_run_on_and_are_reported() {
     }
 }
 
+/// The gateway sends what it has received; nothing in it feeds the drives.
+#[test]
+fn gateway_sends_nothing_after_the_loss() {
+    for loss in [Loss::Host, Loss::Link] {
+        let mut fixture = moving(|_| {}, Cia402Config::default());
+        fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
+        let lost_ns = fixture.now_ns();
+        loss.strike(&mut fixture);
+        let frames = fixture.simulation.with_world(ecan_sim::World::take_recorded);
+        let last_ns = frames.iter().filter(|it| it.is_from_channel).map(|it| it.end_ns).max();
+        let after_ns = last_ns.map_or(0, |at| at.saturating_sub(lost_ns));
+        println!("{loss:?}: last frame of the gateway after {after_ns} ns");
+        assert!(after_ns < 2_000_000, "{loss:?}: {after_ns} ns");
+    }
+}
+
 #[test]
 fn axes_stay_at_rest_after_the_link_returns() {
     let mut fixture = moving(|_| {}, Cia402Config::default());
@@ -420,4 +436,26 @@ fn risks_are_logged_once_at_the_end_of_the_configuration() {
         });
         if (count, has_first) == (1, true) { Ok(()) } else { Err(format!("{count} lines")) }
     });
+}
+
+#[test]
+fn drive_in_bus_off_stops_and_can_be_enabled_again() {
+    let mut fixture = moving(|_| {}, Cia402Config::default());
+    let since = recorded(&fixture);
+    for n in 0..MODES.len() {
+        fixture.strike(n, DriveFault::BusOff { for_ms: 200 });
+    }
+    fixture.steps(200);
+    for (n, mode) in MODES.iter().enumerate() {
+        let stop =
+            records(&fixture, n, since[n]).into_iter().find_map(|record| match record.event {
+                TraceEvent::Stop { deceleration, cause } => Some((deceleration, cause)),
+                _ => None,
+            });
+        assert_eq!(stop, Some((QUICK, TraceCause::HostLost(0x8140))), "{mode}");
+        assert!(fixture.drive(n, |drive| drive.velocity()).abs() < 656.0, "{mode}");
+        assert!(!fixture.cia402.is_running(n), "{mode}");
+    }
+    fixture.cia402.enable_all().unwrap();
+    fixture.until(3_000, Cia402::all_running);
 }

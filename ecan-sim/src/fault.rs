@@ -154,6 +154,12 @@ pub enum DriveFault {
         /// Time without supply, ms.
         off_ms: u32,
     },
+    /// The drive's CAN controller is bus-off for `for_ms` milliseconds, then recovers. The drive
+    /// reacts as to a loss of the host (0x6007, 0x1029).
+    BusOff {
+        /// Duration, ms.
+        for_ms: u32,
+    },
     /// The motor is blocked for `for_ms` milliseconds.
     Blocked {
         /// Duration, ms.

@@ -203,6 +203,12 @@ impl Drive {
         self.act(now, out, |drive, _| drive.device.axis.block(until));
     }
 
+    /// The drive's CAN controller is bus-off until `until`: the drive reacts as to a loss of the
+    /// host, and neither receives nor sends. Has no effect without supply.
+    pub fn bus_off(&mut self, now: u64, until: u64, out: &mut NodeOutput) {
+        self.act(now, out, |drive, _| drive.device.bus_off(until));
+    }
+
     /// Switches the supply off at `now` and on at `on_at`. The motor coasts in between.
     pub fn power_cycle(&mut self, now: u64, on_at: u64) {
         self.sdo.restart();

@@ -26,6 +26,8 @@ const HEARTBEAT_LOST: u16 = 0x8130;
 const COMMUNICATION_ENDED: u16 = 0x8100;
 /// EMCY error code: PDO not received before its event timer expired.
 const PDO_LATE: u16 = 0x8250;
+/// EMCY error code: recovered from bus-off.
+const BUS_OFF: u16 = 0x8140;
 
 const COMMUNICATION_RESET_NS: u64 = 2_000_000;
 /// Maximum number of delayed SDO responses.
@@ -41,8 +43,10 @@ pub(super) struct Device {
     pub(super) now: u64,
     pub(super) powered: bool,
     /// True if the CAN controller takes part in the bus: from the end of booting until the supply
-    /// is switched off, also during NMT resets.
+    /// is switched off, also during NMT resets; not in bus-off.
     pub(super) on_bus: bool,
+    /// End of bus-off.
+    bus_off_until: Option<u64>,
     power_on_at: Option<u64>,
     pub(super) objects: Dictionary,
     pub(super) slots: Slots,
@@ -87,6 +91,7 @@ impl Device {
             now: 0,
             powered: false,
             on_bus: false,
+            bus_off_until: None,
             power_on_at: None,
             slots: Self::find_updated(&objects),
             pdo_slots: Slots::default(),
@@ -125,6 +130,7 @@ impl Device {
         self.run_to(now);
         self.powered = false;
         self.on_bus = false;
+        self.bus_off_until = None;
         self.power_on_at = Some(on_at);
         self.axis.restart(false);
         self.network.boot(None);
@@ -202,7 +208,7 @@ impl Device {
     }
 
     fn finish_boot(&mut self, out: &mut NodeOutput) {
-        self.on_bus = true;
+        self.on_bus = self.bus_off_until.is_none();
         self.send(out, CobId::heartbeat(self.config.node), &heartbeat_data(NmtState::Initialising));
         self.network.state = NmtState::PreOperational;
         self.network.load(self.now, &self.objects);
@@ -255,6 +261,23 @@ impl Device {
             // Otherwise the fault raises the emergency.
             self.emergency.raise(code, &mut self.objects);
         }
+        self.react_to_host_loss(code);
+    }
+
+    /// The controller is bus-off until then: the drive neither receives nor sends.
+    pub(super) fn bus_off(&mut self, until: u64) {
+        self.on_bus = false;
+        self.bus_off_until = Some(until);
+        self.react_to_host_loss(BUS_OFF);
+    }
+
+    fn recover_from_bus_off(&mut self) {
+        self.bus_off_until = None;
+        self.on_bus = self.network.state != NmtState::Initialising;
+        self.emergency.report(BUS_OFF, ErrorRegister::COMMUNICATION, &mut self.objects);
+    }
+
+    fn react_to_host_loss(&mut self, code: u16) {
         self.axis.host_lost(code, &self.parameters);
         match self.objects.number(object::ERROR_BEHAVIOUR, 1).unwrap_or(0) {
             0 if self.network.state == NmtState::Operational => {
@@ -285,6 +308,9 @@ impl Device {
             return;
         }
         self.run_to(now);
+        if self.bus_off_until.is_some_and(|at| at <= now) {
+            self.recover_from_bus_off();
+        }
         if self.network.boot_ends(now) {
             self.finish_boot(out);
         }
@@ -385,6 +411,7 @@ impl Device {
         let mut next = earliest([
             self.network.next_event(),
             self.axis.next_event(&self.parameters),
+            self.bus_off_until,
             response,
             emergency,
         ]);

@@ -47,6 +47,7 @@ impl World {
                 drive.warn(now, Emcy { code, register, manufacturer: [0; 5] }, output);
             }
             DriveFault::PowerCycle { off_ms } => drive.power_cycle(now, now + ms(off_ms)),
+            DriveFault::BusOff { for_ms } => drive.bus_off(now, now + ms(for_ms), output),
             DriveFault::Blocked { for_ms } => drive.block(now, now + ms(for_ms), output),
         }
         self.collect_output(index);

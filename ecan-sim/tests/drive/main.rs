@@ -4,6 +4,7 @@
 mod ecrt_support;
 mod eds;
 mod fixture;
+mod host_loss;
 mod motion;
 mod network;
 mod pdo;

@@ -51,6 +51,7 @@ enum RawFaultKind {
     DriveError,
     DriveEmcy,
     DrivePowerCycle,
+    DriveBusOff,
     DriveBlocked,
     LibraryError,
     RequestsHeld,
@@ -156,6 +157,7 @@ impl RawFault {
                 register: self.register.take().unwrap_or(1),
             }),
             Kind::DrivePowerCycle => Drive(DriveFault::PowerCycle { off_ms: self.off_ms() }),
+            Kind::DriveBusOff => Drive(DriveFault::BusOff { for_ms: self.for_ms()? }),
             Kind::DriveBlocked => Drive(DriveFault::Blocked { for_ms: self.for_ms()? }),
             Kind::LibraryError => Other(Fault::LibraryError {
                 call: need("call", self.call.take())?,
