@@ -287,6 +287,24 @@ typedef struct {
      * shutdown. Default 20.
      */
     uint32_t ramp;
+    /**
+     * Largest velocity of the axis in rad/s, by steps_per_turn and the time from target to target: it
+     * replaces step_limit, in CSV and PV it bounds the targets. Limits that cannot be kept in the mode
+     * of the axis are rejected. Default 0: none.
+     */
+    double max_velocity_rad_s;
+    /**
+     * Largest acceleration in rad/s^2 of motion that the host generates: it replaces ramp. In CSV it
+     * replaces step_limit. Default 0: none.
+     */
+    double max_acceleration_rad_s2;
+    /** Largest jerk in rad/s^3 of motion that the host generates. Default 0: none. */
+    double max_jerk_rad_s3;
+    /**
+     * Value of 0x60FF for one turn of the axis per second; the limits in CSV and PV need it.
+     * Default 0: unknown.
+     */
+    double velocity_units;
     /** Smallest target, if has_bounds is 1; steps, or units of velocity or torque. */
     int32_t bound_min;
     /** Largest target, if has_bounds is 1. */
@@ -970,6 +988,19 @@ int igh_cia402_disable_all(igh_cia402_context_t *context);
 int igh_cia402_disable(igh_cia402_context_t *context, size_t axis);
 
 /**
+ * Brings all axes to rest and keeps them enabled, the CSP axes together on their path; targets are
+ * ignored until igh_cia402_resume().
+ *
+ * The active CSP axes continue straight in the direction of their last targets and decelerate by
+ * one profile that keeps the acceleration and jerk limits of every axis. If one of them holds, leaves
+ * Operation enabled, is resumed or cannot move on, the others stop by their own ramps. All other
+ * axes stop as by igh_cia402_halt().
+ *
+ * @usage   rt, the cycle's thread, after init
+ */
+int igh_cia402_stop_together(igh_cia402_context_t *context);
+
+/**
  * Commands a quick stop of all drives, as igh_cia402_quick_stop().
  *
  * @usage   rt, the cycle's thread, after init
@@ -1136,6 +1167,8 @@ typedef enum {
     IGH_CIA402_WAIT_NOT_DUE = 8,
     /** igh_cia402_process_rx() was not called in this cycle. */
     IGH_CIA402_WAIT_NOT_RECEIVED = 9,
+    /** Another axis of igh_cia402_stop_together() cannot get a target in this cycle. */
+    IGH_CIA402_WAIT_TOGETHER = 10,
 } igh_cia402_wait_t;
 
 /** Reason why a target was rejected. The previous target stays. */

@@ -50,6 +50,8 @@
  *          Removed: IGH_CIA402_HOLD_MOVING. Cycle, receive and send functions return ECAN_ERR_ORDER
  *          if no cycle is open. A configuration file with too many gateways or filters is
  *          ECAN_ERR_CONFIG.
+ *          Added: igh_cia402_stop_together, IGH_CIA402_WAIT_TOGETHER, limits in rad/s in
+ *          igh_cia402_axis_t.
  *   0.1.0  First version.
  */
 #ifndef @GUARD@

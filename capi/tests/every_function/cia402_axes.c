@@ -49,6 +49,7 @@ static void no_context(int code, igh_cia402_context_t *context)
     BAD(code, igh_cia402_disable_all(context));
     BAD(code, igh_cia402_disable(context, 0));
     BAD(code, igh_cia402_quick_stop_all(context));
+    BAD(code, igh_cia402_stop_together(context));
     BAD(code, igh_cia402_quick_stop(context, 0));
     BAD(code, igh_cia402_reset_fault(context, 0));
     BAD(code, igh_cia402_halt(context, 0));

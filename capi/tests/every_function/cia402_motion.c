@@ -229,6 +229,12 @@ static void commands(void)
     cycle();
     GOOD(igh_cia402_resume(&motors, 0));
     TRUE(reaches(0, IGH_CIA402_PHASE_RUNNING));
+    GOOD(igh_cia402_stop_together(&motors));
+    TRUE(reaches(0, IGH_CIA402_PHASE_HALTED));
+    for (size_t axis = 0; axis < igh_cia402_axis_count(&motors); axis++) {
+        GOOD(igh_cia402_resume(&motors, axis));
+    }
+    TRUE(reaches(0, IGH_CIA402_PHASE_RUNNING));
 
     GOOD(igh_cia402_quick_stop(&motors, 0));
     TRUE(state_of(0).is_running == 0);

@@ -271,6 +271,13 @@ impl Axis {
         }
     }
 
+    /// Converts the limits in units of the machine again.
+    pub(crate) fn convert_limits(&mut self, target_period: Duration) {
+        let (config, ramp) = self.config.at_period(target_period, &mut |_| {});
+        (self.config, self.targets.limits) = (config, ramp);
+        self.set_mode(self.mode);
+    }
+
     /// Applies the rules of a mode, which the drive has confirmed or is about to.
     pub(crate) fn set_mode(&mut self, mode: OperatingMode) {
         self.mode = mode;

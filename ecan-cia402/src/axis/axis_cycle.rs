@@ -172,6 +172,11 @@ impl Axis {
             self.statistics.decided(self.decision, self.is_running());
             return None;
         }
+        if self.is_running() && self.targets.waits_for_path() {
+            self.decision = Decision::Wait(WaitReason::Together);
+            self.statistics.decided(self.decision, true);
+            return None;
+        }
         let (requested, ramp) = self.wanted_target(stepping);
         self.decision = self.guard.decide(requested);
         self.statistics.decided(self.decision, self.is_running());
@@ -195,6 +200,11 @@ impl Axis {
         Some(Outgoing { rpdo, has_target: true, ramp })
     }
 
+    /// Whether a target of the axis is due.
+    pub(crate) fn is_due(&self, turn: TargetTurn) -> bool {
+        self.delay(turn).is_none()
+    }
+
     /// Reason for which this cycle carries no target of an active axis.
     fn delay(&self, turn: TargetTurn) -> Option<WaitReason> {
         match (self.guard.state(), turn) {
@@ -213,8 +223,7 @@ impl Axis {
     fn wanted_target(&self, stepping: bool) -> (Option<i32>, Option<Ramp>) {
         let Some(last) = self.target() else { return (None, None) };
         let own_step = stepping.then_some(self.config.target_step);
-        let (kind, limit) = (target_kind(self.mode), self.guard.limits().step);
-        self.targets.next(kind, self.config.range, last, own_step, limit)
+        self.targets.next(self.guard.limits(), last, own_step)
     }
 
     /// Bits of the controlword that belong to the mode, and the target to send with them.

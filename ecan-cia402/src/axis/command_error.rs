@@ -3,6 +3,7 @@
 use ecan_canopen::{OperatingMode, PdoMappingError};
 use thiserror::Error;
 
+use super::config::AxisFault;
 use super::setup_steps::InvalidPeriod;
 use super::units::UnitError;
 
@@ -35,6 +36,14 @@ pub enum CommandError {
         axis: usize,
         /// Target period in nanoseconds.
         period_ns: u64,
+    },
+    /// A limit in units of the machine cannot be kept with the target period.
+    #[error("axis {axis}: {fault}")]
+    Limit {
+        /// Index of the axis.
+        axis: usize,
+        /// Cause.
+        fault: AxisFault,
     },
     /// A mode change or homing is running.
     #[error("axis {axis}: a mode change or homing is running; wait for its end")]

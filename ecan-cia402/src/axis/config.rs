@@ -255,6 +255,11 @@ impl AxisConfig {
             && min > max
         {
             report(AxisFault::Bounds { min, max });
+        } else if let Some((min, max)) = self.bounds
+            && target_kind(self.mode) == TargetKind::Rate
+            && !(min..=max).contains(&0)
+        {
+            report(AxisFault::RateBounds { min, max });
         }
         if let PositionRange::Modulo { min, max } = self.range
             && min >= max
@@ -358,6 +363,14 @@ pub enum AxisFault {
         /// Largest.
         max: i32,
     },
+    /// An axis of velocity or torque could not stop.
+    #[error("the bounds {min}..{max} exclude 0, so that the axis could not stop; must include 0")]
+    RateBounds {
+        /// Smallest.
+        min: i32,
+        /// Largest.
+        max: i32,
+    },
     /// The range of the counter is empty.
     #[error("the position range {min}..{max} is empty")]
     Range {
@@ -441,21 +454,6 @@ pub enum AxisFault {
         /// Time between two targets.
         target_period: Duration,
     },
-    /// No velocity is inside the bounds and the velocity limit.
-    #[error(
-        "the bounds {min}..{max} are outside {}..{limit}, the velocity limit {velocity} rad/s",
-        -limit
-    )]
-    BoundsVelocity {
-        /// Smallest target.
-        min: i32,
-        /// Largest target.
-        max: i32,
-        /// Velocity limit in units of the drive.
-        limit: i32,
-        /// Velocity limit in rad/s.
-        velocity: f64,
-    },
 }
 
 #[cfg(test)]
@@ -499,6 +497,10 @@ mod tests {
         bad.range = PositionRange::Modulo { min: 0, max: 0 };
         bad.tpdo_timeout = 0;
         assert_eq!(faults(&bad).len(), 10, "{:?}", faults(&bad));
+        bad.bounds = Some((1, 2));
+        bad.mode = OperatingMode::CyclicVelocity;
+        assert!(faults(&bad).contains(&AxisFault::RateBounds { min: 1, max: 2 }));
+        bad.mode = OperatingMode::CyclicPosition;
         bad.step_limit = 100;
         assert!(faults(&bad).contains(&AxisFault::Window { window: 0, least: 800 }));
     }

@@ -12,6 +12,7 @@ mod drive_status;
 pub(crate) mod homing;
 pub(crate) mod host_loss;
 pub(crate) mod motion_limits;
+pub(crate) mod path_share;
 pub(crate) mod pdo_layout;
 pub(crate) mod phase;
 mod power;

@@ -151,7 +151,6 @@ impl Ramp {
         self.step
     }
 
-    #[cfg(test)]
     pub(crate) fn profile(&self) -> Profile {
         self.profile
     }

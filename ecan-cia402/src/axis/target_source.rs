@@ -1,8 +1,8 @@
 //! Source of the targets of an axis: the application, or the host's own ramp.
 
-use super::ramp::{FRACTION_BITS, Ramp, RampLimits};
-use crate::guard::position_range::PositionRange;
-use crate::guard::terms::TargetKind;
+use super::path_share::PathShare;
+use super::ramp::{FRACTION_BITS, Profile, Ramp, RampLimits};
+use crate::guard::terms::{GuardLimits, TargetKind};
 
 /// Most steps in half of a [`StepHistory`].
 const MOST_STEPS: usize = 16;
@@ -62,12 +62,21 @@ pub(crate) struct TargetSource {
     pub(crate) limits: RampLimits,
     /// The ramp that made the last target; `None` if the application made it.
     ramp: Option<Ramp>,
+    /// Part in a stop of all axes on their path.
+    path: Option<PathShare>,
     history: StepHistory,
 }
 
 impl TargetSource {
     pub(crate) fn new(limits: RampLimits) -> Self {
-        Self { requested: None, is_halted: false, limits, ramp: None, history: StepHistory::REST }
+        Self {
+            requested: None,
+            is_halted: false,
+            limits,
+            ramp: None,
+            path: None,
+            history: StepHistory::REST,
+        }
     }
 
     pub(crate) fn clear(&mut self) {
@@ -85,6 +94,36 @@ impl TargetSource {
     pub(crate) fn halt(&mut self) {
         self.is_halted = true;
         self.requested = None;
+    }
+
+    pub(crate) fn join_path(&mut self) {
+        self.path = Some(PathShare { rate: self.motion().profile().rate, step: None });
+    }
+
+    pub(crate) fn leave_path(&mut self) {
+        self.path = None;
+    }
+
+    pub(crate) fn is_in_path(&self) -> bool {
+        self.path.is_some()
+    }
+
+    /// Sets the rate of the common profile in this cycle; `None` if no axis moves in it.
+    pub(crate) fn set_path_step(&mut self, step: Option<Profile>) {
+        if let Some(path) = &mut self.path {
+            path.step = step;
+        }
+    }
+
+    /// Whether the axis waits for others of a stop on the path.
+    pub(crate) fn waits_for_path(&self) -> bool {
+        self.is_halted && self.path.is_some_and(|path| path.step.is_none())
+    }
+
+    /// The ramp one target further on the path; `None` if the axis is not on it.
+    pub(crate) fn on_path(&self, common: Profile) -> Option<Ramp> {
+        let path = self.path.filter(|_| self.is_halted)?;
+        Some(self.motion().moved(path.of(common)))
     }
 
     /// The motion of the last target, as a ramp that continues it.
@@ -107,58 +146,88 @@ impl TargetSource {
     }
 
     /// Returns the next target after `last`, and the host's own ramp if that makes it. `own_step` is
-    /// the step that the host is to make by itself, `most` the step limit.
-    ///
-    /// A halted rate returns to 0 by its ramp, in which the rate is what the step is for a position.
+    /// the step that the host is to make by itself.
     pub(crate) fn next(
         &self,
-        kind: TargetKind,
-        range: PositionRange,
+        limits: &GuardLimits,
         last: i32,
         own_step: Option<i32>,
-        most: u32,
     ) -> (Option<i32>, Option<Ramp>) {
         let own_step = if self.is_halted { Some(0) } else { own_step };
-        match (kind, own_step) {
+        match (limits.kind, own_step) {
             (TargetKind::Position, Some(goal)) => {
-                let ramp = self.motion().next(goal.into(), most, &self.limits);
-                match range.add(last, ramp.step()) {
+                let on_path = self.path.and_then(|path| self.on_path(path.step?));
+                let ramp = on_path
+                    .unwrap_or_else(|| self.motion().next(goal.into(), limits.step, &self.limits));
+                match limits.range.add(last, ramp.step()) {
                     Some(next) => (Some(next), Some(ramp)),
                     // The counter ends here.
                     None => (Some(last), Some(Ramp::default())),
                 }
             }
             (TargetKind::Rate, _) if self.is_halted => {
-                let change = RampLimits::increments(most).with_jerk(self.limits.jerk());
-                let ramp = self.motion().next(0, u32::MAX, &change);
+                let ramp = self.rate_to_zero(limits, last);
                 (i32::try_from(ramp.rounded_rate()).ok(), Some(ramp))
             }
             _ => (self.requested, None),
         }
+    }
+
+    /// A rate returns to 0 by a ramp in which the rate is what the step is for a position.
+    fn rate_to_zero(&self, limits: &GuardLimits, last: i32) -> Ramp {
+        let ramp = self.motion();
+        let is_continued = ramp.rounded_rate().abs_diff(last.into()) <= 1;
+        // After a rejection the motion is unknown, but not the rate.
+        let ramp =
+            if is_continued { ramp } else { Ramp::following(i128::from(last) << FRACTION_BITS, 0) };
+        let most = limits.bounds.map_or(i32::MAX as u32, |(min, max)| {
+            if last < 0 { min.unsigned_abs() } else { max.unsigned_abs() }
+        });
+        let change = RampLimits::increments(limits.step).with_jerk(self.limits.jerk());
+        ramp.next(0, most, &change)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::axis::ramp::Profile;
+    use crate::guard::position_range::PositionRange;
 
-    const LINEAR: PositionRange = PositionRange::Linear;
     const ONE: i128 = 1 << FRACTION_BITS;
 
-    fn rate(source: &TargetSource) -> (Option<i32>, Option<Ramp>) {
-        source.next(TargetKind::Rate, LINEAR, 0, None, 50)
+    fn limits(kind: TargetKind, step: u32) -> GuardLimits {
+        GuardLimits {
+            kind,
+            range: PositionRange::Linear,
+            step,
+            window: 10_000,
+            bounds: None,
+            standstill: 20,
+            tpdo_timeout: 5,
+            wc_misses: 3,
+            drain_images: 3,
+        }
+    }
+
+    fn rate(source: &TargetSource, last: i32) -> (Option<i32>, Option<Ramp>) {
+        source.next(&limits(TargetKind::Rate, 50), last, None)
+    }
+
+    fn position(source: &TargetSource, last: i32, step: i32) -> (Option<i32>, Option<Ramp>) {
+        source.next(&limits(TargetKind::Position, 1_000), last, Some(step))
     }
 
     #[test]
     fn halted_rate_returns_to_zero_by_its_limit() {
         let mut source = TargetSource::new(RampLimits::increments(10));
         source.requested = Some(500);
-        assert_eq!(rate(&source), (Some(500), None));
+        assert_eq!(rate(&source, 120), (Some(500), None));
         for (last, next) in [(120, 70), (-20, 0)] {
             source.halt();
-            source.sent(None, last);
-            assert_eq!(rate(&source).0, Some(next));
+            source.sent(None, last.into());
+            assert_eq!(rate(&source, last).0, Some(next));
+            source.stop();
+            assert_eq!(rate(&source, last).0, Some(next), "after a rejection");
         }
     }
 
@@ -169,29 +238,47 @@ mod tests {
             source.sent(None, 120);
         }
         source.halt();
-        let mut rates = Vec::new();
-        while let (Some(next), ramp) = rate(&source)
-            && rates.last() != Some(&0)
+        let mut rates = vec![120];
+        while let Some(last) = rates.last().copied()
+            && let (Some(next), ramp) = rate(&source, last)
+            && last != 0
         {
             source.sent(ramp, next.into());
             rates.push(next);
         }
-        assert_eq!(rates, [100, 60, 20, 0]);
+        assert_eq!(rates, [120, 100, 60, 20, 0]);
+    }
+
+    #[test]
+    fn accelerating_rate_stays_inside_its_bounds() {
+        let mut source = TargetSource::new(RampLimits::new(ONE, ONE));
+        for n in 0..20 {
+            source.sent(None, 40 * n);
+        }
+        source.halt();
+        let limits = GuardLimits { bounds: Some((-9, 770)), ..limits(TargetKind::Rate, 50) };
+        let mut last = 760;
+        for _ in 0..200 {
+            let (next, ramp) = source.next(&limits, last, None);
+            assert!((0..=770).contains(&next.unwrap()), "{next:?}");
+            last = next.unwrap();
+            source.sent(ramp, last.into());
+        }
+        assert_eq!(last, 0);
     }
 
     #[test]
     fn own_step_uses_the_ramp_and_ends_with_the_counter() {
         let source = TargetSource::new(RampLimits::increments(10));
-        let next = |last| source.next(TargetKind::Position, LINEAR, last, Some(100), 1_000);
-        assert_eq!(next(5).0, Some(15));
-        assert_eq!(next(i32::MAX), (Some(i32::MAX), Some(Ramp::default())));
+        assert_eq!(position(&source, 5, 100).0, Some(15));
+        let at_the_end = position(&source, i32::MAX, 100);
+        assert_eq!(at_the_end, (Some(i32::MAX), Some(Ramp::default())));
     }
 
     #[test]
     fn unsent_step_does_not_advance_the_ramp() {
         let mut source = TargetSource::new(RampLimits::increments(10));
-        let next =
-            |source: &TargetSource| source.next(TargetKind::Position, LINEAR, 0, Some(100), 1_000);
+        let next = |source: &TargetSource| position(source, 0, 100);
         assert_eq!([next(&source).0, next(&source).0], [Some(10), Some(10)]);
         let (_, ramp) = next(&source);
         source.sent(ramp, 10);
@@ -229,7 +316,7 @@ mod tests {
         source.sent(None, 0);
         assert!(source.is_at_rest());
         source.halt();
-        let (next, ramp) = source.next(TargetKind::Position, LINEAR, 7, None, 1_000);
+        let (next, ramp) = position(&source, 7, 0);
         assert_eq!((next, ramp.map(|ramp| ramp.profile())), (Some(7), Some(Profile::default())));
     }
 }

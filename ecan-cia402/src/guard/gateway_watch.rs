@@ -144,6 +144,11 @@ impl GatewayWatch {
         self.report.is_unconfirmed
     }
 
+    /// Whether frames can be sent now.
+    pub(crate) fn is_open(&self) -> bool {
+        self.is_ready && !self.is_unconfirmed()
+    }
+
     pub(crate) fn is_ready(&self) -> bool {
         self.is_ready
     }

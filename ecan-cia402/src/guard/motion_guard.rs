@@ -376,7 +376,8 @@ impl MotionGuard {
         decision
     }
 
-    fn evaluate(&self, requested: Option<i32>) -> Decision {
+    /// The decision about a target, without taking it.
+    pub(crate) fn evaluate(&self, requested: Option<i32>) -> Decision {
         match self.state {
             GuardState::Armed { target } => {
                 if let Some(reason) = self.waits {

@@ -151,6 +151,8 @@ ecan_protocol::text_enum! {
     NotDue = "no target is due in this cycle";
     /// `process_rx` was not called in this cycle, so that the status of drive and gateway is old.
     NotReceived = "process_rx was not called in this cycle";
+    /// Another axis of a stop on the path cannot get a target in this cycle.
+    Together = "another axis of the stop waits";
     Spent = "the target of this cycle was sent";
     Rejected = "a frame was rejected";
 }

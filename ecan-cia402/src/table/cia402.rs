@@ -10,6 +10,7 @@ use ecan_protocol::image::Schedule;
 use super::error::{AxisFaults, Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
+use super::path_stop::{PathProfile, PathStop};
 use super::shutdown::Shutdown;
 use super::table_config::{Cia402Config, target_cycles};
 use crate::axis::axis::Axis;
@@ -100,6 +101,8 @@ pub struct Cia402 {
     pub(super) is_target_cycle: bool,
     pub(super) now_ns: u64,
     pub(super) shutdown: Shutdown,
+    pub(super) path_stop: PathStop,
+    pub(super) path_profile: Option<PathProfile>,
 }
 
 impl Cia402 {
@@ -168,6 +171,8 @@ impl Cia402 {
             is_target_cycle: false,
             now_ns: port.adapter().clock().now_ns(),
             shutdown: Shutdown::None,
+            path_stop: PathStop::None,
+            path_profile: None,
         })
     }
 
@@ -201,7 +206,8 @@ impl Cia402 {
     /// configuration writes the target period to the drives as interpolation time 0x60C2.
     ///
     /// # Errors
-    /// [`CommandError::Configured`] or [`CommandError::TargetPeriod`]; nothing is changed.
+    /// [`CommandError::Configured`], [`CommandError::TargetPeriod`], or [`CommandError::Limit`] of
+    /// [`MotionLimits`](crate::MotionLimits); nothing is changed.
     pub fn set_motion_div(&mut self, motion_div: u32) -> Result<(), CommandError> {
         if let Some(axis) = self.axes.iter().find(|axis| !axis.state.awaits_configuration()) {
             return Err(CommandError::Configured { axis: axis.index });
@@ -213,11 +219,20 @@ impl Cia402 {
         {
             return Err(CommandError::TargetPeriod { axis: axis.index, period_ns });
         }
+        let target_period = Duration::from_nanos(period_ns);
+        for axis in &self.axes {
+            let mut fault = None;
+            axis.config.at_period(target_period, &mut |found| fault = fault.or(Some(found)));
+            if let Some(fault) = fault {
+                return Err(CommandError::Limit { axis: axis.index, fault });
+            }
+        }
         self.bus.target_period_ns = period_ns;
         self.target_cycles = target_cycles;
         self.syncs_to_target = 0;
         for axis in &mut self.axes {
             axis.target_period = TargetPeriod::new(target_cycles);
+            axis.convert_limits(target_period);
         }
         Ok(())
     }

@@ -180,6 +180,12 @@ impl Cia402 {
     /// by the halt bit, with the drive's 0x605D. Targets of the application are ignored until
     /// [`resume`](Self::resume).
     ///
+    /// With a [jerk limit](crate::MotionLimits), the stop in CSP and CSV continues the velocity and the
+    /// acceleration of the present motion: an axis that accelerates becomes faster by at most
+    /// acceleration^2 / (2 jerk), and not faster than its step limit. It never reverses. An
+    /// acceleration beyond the limit, and a deceleration that the jerk cannot end before standstill,
+    /// are cut in the first cycle; only that exceeds the jerk limit.
+    ///
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn halt(&mut self, axis: usize) -> Result<(), CommandError> {

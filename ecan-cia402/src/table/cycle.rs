@@ -150,23 +150,23 @@ impl Cia402 {
     fn send(&mut self, cycle: &mut Cycle<'_>, stepping: bool) -> SendSummary {
         let mut summary = SendSummary::default();
         self.gateways.iter_mut().for_each(|gateway| gateway.begin_send(cycle));
+        let path_turn = self.begin_path_turn(|table, axis| {
+            let gateway = table.gateways.get(axis.config.address.slave);
+            let begins = table.is_target_cycle;
+            match target_turn(gateway, begins, || table.sync_is_due(cycle, axis)) {
+                TargetTurn::NotDue => None,
+                turn => Some(axis.is_due(turn) && gateway.is_some_and(GatewayWatch::is_open)),
+            }
+        });
         let mut full = FullChannels::default();
         for axis in &mut self.axes {
             let (slave, channel) = (axis.config.address.slave, axis.config.address.channel);
             let gateway = self.gateways.get(slave);
-            let turn = if !gateway.is_some_and(GatewayWatch::is_current) {
-                TargetTurn::NotReceived
-            } else if !self.is_target_cycle {
-                TargetTurn::NotDue
-            } else if self.network.sync_is_due(cycle, slave, channel) {
-                TargetTurn::Due
-            } else {
-                TargetTurn::NoSync
-            };
+            let has_sync = || self.network.sync_is_due(cycle, slave, channel);
+            let turn = target_turn(gateway, self.is_target_cycle, has_sync);
             let outgoing = axis.prepare(stepping, turn);
             if let Some(outgoing) = outgoing {
-                let is_open = gateway.is_some_and(|g| g.is_ready() && !g.is_unconfirmed());
-                if !is_open || full.contains((slave, channel)) {
+                if !gateway.is_some_and(GatewayWatch::is_open) || full.contains((slave, channel)) {
                     axis.skipped();
                 } else {
                     let sent = FrameRef::classic(axis.rpdo, outgoing.rpdo.as_slice())
@@ -187,6 +187,7 @@ impl Cia402 {
             }
             summary.count(axis.decision);
         }
+        self.end_path_turn(path_turn);
         summary.syncs = self.network.send_sync(cycle);
         if summary.syncs > 0 {
             self.note_sync();
@@ -197,6 +198,11 @@ impl Cia402 {
             axis.update_phase(self.now_ns);
         }
         summary
+    }
+
+    fn sync_is_due(&self, cycle: &Cycle<'_>, axis: &Axis) -> bool {
+        let address = axis.config.address;
+        self.network.sync_is_due(cycle, address.slave, address.channel)
     }
 
     /// A TPDO is due of every axis that is Operational and whose channel had a SYNC.
@@ -217,6 +223,24 @@ impl Cia402 {
                 axis.statistics.sync_sent();
             }
         }
+    }
+}
+
+/// Whether this cycle carries targets of running axes of a gateway; `begins` states whether a target
+/// period begins in it.
+fn target_turn(
+    gateway: Option<&GatewayWatch>,
+    begins: bool,
+    has_sync: impl FnOnce() -> bool,
+) -> TargetTurn {
+    if !gateway.is_some_and(GatewayWatch::is_current) {
+        TargetTurn::NotReceived
+    } else if !begins {
+        TargetTurn::NotDue
+    } else if has_sync() {
+        TargetTurn::Due
+    } else {
+        TargetTurn::NoSync
     }
 }
 

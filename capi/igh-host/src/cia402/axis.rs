@@ -18,7 +18,7 @@ use ecan_canopen::{
     FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
     QuickStopOption, SdoValue, Step, StopOption,
 };
-use ecan_cia402::{AxisConfig, DriveConfig, PositionRange, Scale};
+use ecan_cia402::{AxisConfig, DriveConfig, MotionLimits, PositionRange, Scale};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pointers;
@@ -102,6 +102,18 @@ pub struct igh_cia402_axis_t {
     /// Largest change of the step per target for motion that the host generates: target step, halt,
     /// shutdown. Default 20.
     pub ramp: u32,
+    /// Largest velocity of the axis in rad/s, by steps_per_turn and the time from target to target: it
+    /// replaces step_limit, in CSV and PV it bounds the targets. Limits that cannot be kept in the mode
+    /// of the axis are rejected. Default 0: none.
+    pub max_velocity_rad_s: f64,
+    /// Largest acceleration in rad/s^2 of motion that the host generates: it replaces ramp. In CSV it
+    /// replaces step_limit. Default 0: none.
+    pub max_acceleration_rad_s2: f64,
+    /// Largest jerk in rad/s^3 of motion that the host generates. Default 0: none.
+    pub max_jerk_rad_s3: f64,
+    /// Value of 0x60FF for one turn of the axis per second; the limits in CSV and PV need it.
+    /// Default 0: unknown.
+    pub velocity_units: f64,
     /// Smallest target, if has_bounds is 1; steps, or units of velocity or torque.
     pub bound_min: i32,
     /// Largest target, if has_bounds is 1.
@@ -201,6 +213,10 @@ impl igh_cia402_axis_t {
             following_window: 0,
             standstill: settings.standstill,
             ramp: settings.ramp,
+            max_velocity_rad_s: 0.0,
+            max_acceleration_rad_s2: 0.0,
+            max_jerk_rad_s3: 0.0,
+            velocity_units: 0.0,
             bound_min: bounds.map_or(0, |(min, _)| min),
             bound_max: bounds.map_or(0, |(_, max)| max),
             has_bounds: bounds.is_some().into(),
@@ -286,12 +302,13 @@ impl igh_cia402_axis_t {
         let mut settings = AxisConfig {
             mode: OperatingMode::from_raw(self.mode)
                 .ok_or_else(|| fault("mode", self.mode.into()))?,
-            scale: Scale::steps_per_turn(self.steps_per_turn).with_origin(self.origin),
+            scale: self.scale(),
             range: self.range().ok_or_else(|| fault("range", self.range.into()))?,
             bounds: (self.has_bounds != 0).then_some((self.bound_min, self.bound_max)),
             standstill: self.standstill,
             target_step: self.target_step,
             ramp: self.ramp,
+            limits: self.limits(),
             tpdo_timeout: self.tpdo_timeout,
             wc_misses: self.wc_misses,
             drain_images: self.drain_images,
@@ -308,6 +325,19 @@ impl igh_cia402_axis_t {
         Ok(settings)
     }
 
+    fn scale(&self) -> Scale {
+        let scale = Scale::steps_per_turn(self.steps_per_turn).with_origin(self.origin);
+        given(self.velocity_units).map_or(scale, |units| scale.with_velocity_units(units))
+    }
+
+    fn limits(&self) -> MotionLimits {
+        MotionLimits {
+            velocity: given(self.max_velocity_rad_s),
+            acceleration: given(self.max_acceleration_rad_s2),
+            jerk: given(self.max_jerk_rad_s3),
+        }
+    }
+
     fn range(&self) -> Option<PositionRange> {
         use igh_cia402_range_t::*;
         const LINEAR: u8 = IGH_CIA402_RANGE_LINEAR as u8;
@@ -320,6 +350,11 @@ impl igh_cia402_axis_t {
             _ => return None,
         })
     }
+}
+
+/// A value, of which 0 is none.
+fn given(value: f64) -> Option<f64> {
+    (value != 0.0).then_some(value)
 }
 
 impl igh_cia402_object_t {

@@ -124,6 +124,20 @@ pub fn igh_cia402_disable(context: *mut igh_cia402_context_t, axis: usize) {
     cia402.disable(axis).or_code(call)
 }
 
+/// Brings all axes to rest and keeps them enabled, the CSP axes together on their path; targets are
+/// ignored until igh_cia402_resume().
+///
+/// The active CSP axes continue straight in the direction of their last targets and decelerate by
+/// one profile that keeps the acceleration and jerk limits of every axis. If one of them holds, leaves
+/// Operation enabled, is resumed or cannot move on, the others stop by their own ramps. All other
+/// axes stop as by igh_cia402_halt().
+///
+/// @usage   rt, the cycle's thread, after init
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_stop_together(context: *mut igh_cia402_context_t) {
+    cia402.stop_together();
+}
+
 /// Commands a quick stop of all drives, as igh_cia402_quick_stop().
 ///
 /// @usage   rt, the cycle's thread, after init

@@ -88,6 +88,8 @@ mirror! {
         IGH_CIA402_WAIT_NOT_DUE = 8 => WaitReason::NotDue,
         /// igh_cia402_process_rx() was not called in this cycle.
         IGH_CIA402_WAIT_NOT_RECEIVED = 9 => WaitReason::NotReceived,
+        /// Another axis of igh_cia402_stop_together() cannot get a target in this cycle.
+        IGH_CIA402_WAIT_TOGETHER = 10 => WaitReason::Together,
     }
 }
 

@@ -390,6 +390,15 @@ fn context_lives_from_init_to_deinit() {
         assert!(error().contains("axis 0: ") && error().contains("axis 1: "), "{}", error());
         rig.axes[1].step_limit = 1_000;
         rig.axes[0].tpdo_timeout = 5;
+        rig.axes[0].max_velocity_rad_s = -1.0;
+        rig.axes[1].max_jerk_rad_s3 = 1e-9;
+        assert_eq!(rig.init(), code(ECAN_ERR_CONFIG));
+        assert!(error().contains("velocity limit -1 rad/s"), "{}", error());
+        rig.axes[0].max_velocity_rad_s = 100.0;
+        assert_eq!(rig.init(), code(ECAN_ERR_CONFIG));
+        assert!(error().contains("jerk limit 0.000000001 rad/s^3"), "{}", error());
+        rig.axes[0].max_velocity_rad_s = 0.0;
+        rig.axes[1].max_jerk_rad_s3 = 0.0;
         rig.axes[1].channel = 1;
         assert_eq!(rig.init(), code(ECAN_ERR_CHANNEL));
         rig.axes[1].channel = 0;
