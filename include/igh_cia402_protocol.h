@@ -421,6 +421,17 @@ int igh_cia402_axis_init(igh_cia402_axis_t *axis,
  * Settings of all axes together
  * --------------------------------------------------------------------------- */
 
+/** Treatment of a drive that is enabled at the first contact. */
+typedef enum {
+    /** It is quick-stopped, and disabled at rest. */
+    IGH_CIA402_TAKEOVER_STOP = 0,
+    /**
+     * It remains enabled if it is at rest and has mode and process data of the configuration;
+     * otherwise it is stopped.
+     */
+    IGH_CIA402_TAKEOVER_ADOPT = 1,
+} igh_cia402_takeover_t;
+
 /**
  * Common settings of the axes of a context. igh_cia402_default_settings() fills it; change
  * fields after it. Plain data: it may be copied and needs no deinit.
@@ -476,8 +487,13 @@ typedef struct {
     uint8_t sdo_block_upload;
     /** Segments per block of a block upload, 1 to 127. Default 16. */
     uint8_t sdo_block_segments;
+    /**
+     * An igh_cia402_takeover_t: treatment of a drive that is enabled at the first contact.
+     * Default IGH_CIA402_TAKEOVER_STOP.
+     */
+    uint8_t takeover;
     /** Not used. */
-    uint8_t reserved_bytes[5];
+    uint8_t reserved_bytes[4];
     /** Not used. */
     uint64_t reserved[4];
 } igh_cia402_settings_t;
@@ -674,6 +690,17 @@ int igh_cia402_start_up_timeout(igh_cia402_context_t *context, uint32_t timeout_
  *          command failed, and the reason.
  */
 int igh_cia402_finish_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+
+/**
+ * Stops all axes, as igh_cia402_stop_all(), and waits until every one has stopped.
+ *
+ * @param timeout_ms  Milliseconds.
+ *
+ * @usage   not rt, the cycle's thread, active bus
+ * @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that did not
+ *          report that they have stopped. Their stop continues in later cycles.
+ */
+int igh_cia402_stop_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
 
 /**
  * Shuts down in order, as igh_cia402_begin_shutdown(), and waits.
@@ -1016,6 +1043,14 @@ int igh_cia402_quick_stop_all(igh_cia402_context_t *context);
 int igh_cia402_quick_stop(igh_cia402_context_t *context, size_t axis);
 
 /**
+ * Stops all axes as fast as their drives can, by quick stop, and disables the drives when they are
+ * at rest. Acts on axes in every state. igh_cia402_all_stopped() reports the result.
+ *
+ * @usage   rt, the cycle's thread, after init
+ */
+int igh_cia402_stop_all(igh_cia402_context_t *context);
+
+/**
  * Resets the fault of a drive. Does not enable it.
  *
  * @usage   rt, the cycle's thread, after init
@@ -1110,10 +1145,10 @@ typedef enum {
     IGH_CIA402_PHASE_HALTED = 9,
     /** Holds: gets no targets until it is activated again; see hold_reason. */
     IGH_CIA402_PHASE_HOLDING = 10,
-    /** A quick stop was commanded. */
-    IGH_CIA402_PHASE_QUICK_STOP = 11,
-    /** The drive is being disabled. */
-    IGH_CIA402_PHASE_DISABLING = 12,
+    /** The drive is being stopped; see stop_cause. */
+    IGH_CIA402_PHASE_STOPPING = 11,
+    /** The drive has stopped: it is off, or at rest after a quick stop; see stop_cause. */
+    IGH_CIA402_PHASE_STOPPED = 12,
     /** A fault is being reset. */
     IGH_CIA402_PHASE_RESETTING_FAULT = 13,
     /** The drive has a fault. */
@@ -1124,6 +1159,10 @@ typedef enum {
     IGH_CIA402_PHASE_PREPARING_HOMING = 16,
     /** Homing. */
     IGH_CIA402_PHASE_HOMING = 17,
+    /** The drive is to be stopped, may be moving, and reports nothing; the stop is repeated. */
+    IGH_CIA402_PHASE_UNCONTROLLED = 18,
+    /** First contact: the state of the drive is read before anything else is sent. */
+    IGH_CIA402_PHASE_INSPECTING = 19,
     /** Another one. */
     IGH_CIA402_PHASE_OTHER = 255,
 } igh_cia402_phase_t;
@@ -1225,6 +1264,32 @@ typedef enum {
     IGH_CIA402_HOLD_OTHER = 255,
 } igh_cia402_hold_t;
 
+/** Cause of a stop. */
+typedef enum {
+    /** No stop is pending or complete. */
+    IGH_CIA402_STOP_NONE = 0,
+    /** igh_cia402_quick_stop(). */
+    IGH_CIA402_STOP_QUICK_STOP = 1,
+    /** igh_cia402_disable(). */
+    IGH_CIA402_STOP_DISABLE = 2,
+    /** igh_cia402_stop_all(). */
+    IGH_CIA402_STOP_ALL = 3,
+    /** igh_cia402_begin_shutdown(). */
+    IGH_CIA402_STOP_SHUTDOWN = 4,
+    /** The axis held in a mode in which its drive would continue to move; see hold_reason. */
+    IGH_CIA402_STOP_HELD = 5,
+    /** A change of mode, or homing. */
+    IGH_CIA402_STOP_PROCEDURE = 6,
+    /** The drive was not enabled in time. */
+    IGH_CIA402_STOP_ENABLE_TIMED_OUT = 7,
+    /** igh_cia402_configure() of an enabled drive. */
+    IGH_CIA402_STOP_CONFIGURE = 8,
+    /** The drive was enabled at the first contact, or has another configuration. */
+    IGH_CIA402_STOP_TAKEOVER = 9,
+    /** Another cause. */
+    IGH_CIA402_STOP_OTHER = 255,
+} igh_cia402_stop_cause_t;
+
 /** Error of the last command to an axis; igh_cia402_get_axis_text() gives details. */
 typedef enum {
     /** No error. */
@@ -1249,6 +1314,8 @@ typedef enum {
     IGH_CIA402_AXIS_ERROR_MODE = 9,
     /** The drive was not disabled in time. */
     IGH_CIA402_AXIS_ERROR_NOT_DISABLED = 10,
+    /** The drive was enabled when it reported last, and does not answer. */
+    IGH_CIA402_AXIS_ERROR_NOT_STOPPED = 11,
     /** Another one. */
     IGH_CIA402_AXIS_ERROR_OTHER = 255,
 } igh_cia402_axis_error_t;
@@ -1321,7 +1388,7 @@ typedef struct {
     uint8_t axis_error;
     /** 1 if the drive is configured. */
     uint8_t is_configured;
-    /** 1 if the axis follows targets. */
+    /** 1 if the axis follows the application's targets; 0 while it is halted. */
     uint8_t is_running;
     /** 1 if a halted axis is at rest, and if it is not active. */
     uint8_t is_at_rest;
@@ -1333,8 +1400,12 @@ typedef struct {
     uint8_t has_target;
     /** 1 if a statusword was received. */
     uint8_t has_statusword;
+    /** An igh_cia402_stop_cause_t: cause of the stop that is pending or complete. */
+    uint8_t stop_cause;
+    /** 1 if the drive has stopped; see igh_cia402_all_stopped(). */
+    uint8_t is_stopped;
     /** Not used. */
-    uint8_t reserved[6];
+    uint8_t reserved[4];
 } igh_cia402_axis_state_t;
 
 /**
@@ -1358,12 +1429,21 @@ int igh_cia402_get_axis_state(igh_cia402_context_t *context,
 int igh_cia402_get_axis_text(igh_cia402_context_t *context, size_t axis, char *text, size_t size);
 
 /**
- * Returns 1 if all axes follow targets.
+ * Returns 1 if all axes follow the application's targets; 0 while one is halted.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  1 or 0, also 0 without any axis, or a negative ecan_result_t. Compare with 1.
  */
 int igh_cia402_all_running(igh_cia402_context_t *context);
+
+/**
+ * Returns 1 if all axes have stopped: every drive reported that it is off or at rest after a quick
+ * stop, or never reported anything.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  1 or 0, or a negative ecan_result_t. Compare with 1.
+ */
+int igh_cia402_all_stopped(igh_cia402_context_t *context);
 
 /**
  * Returns 1 if the shutdown of igh_cia402_begin_shutdown() is complete, and the host may exit.

@@ -113,8 +113,9 @@ fn operate(fixture: &mut Fixture) {
     for n in 0..AXES {
         let _ = match fixture.cia402.phase(n) {
             Some(AxisPhase::NotConfigured | AxisPhase::SetupFailed) => fixture.cia402.configure(n),
+            Some(AxisPhase::Halted) => fixture.cia402.resume(n),
             Some(AxisPhase::Fault) => fixture.cia402.reset_fault(n),
-            Some(AxisPhase::Standby | AxisPhase::Holding(_) | AxisPhase::QuickStop) => {
+            Some(AxisPhase::Standby | AxisPhase::Holding(_) | AxisPhase::Stopped(_)) => {
                 fixture.cia402.enable(n)
             }
             _ => Ok(()),

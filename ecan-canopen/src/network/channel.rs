@@ -15,6 +15,8 @@ pub(super) struct Channel {
     pub(super) slave: usize,
     pub(super) channel: u8,
     pub(super) is_ready: bool,
+    /// Neither SYNC nor the host's heartbeat is sent.
+    pub(super) is_paused: bool,
     pub(super) nodes: Vec<usize>,
     lookup: [Option<u16>; NODE_IDS],
     /// The node that sends first in the next cycle.
@@ -31,6 +33,7 @@ impl Channel {
             slave,
             channel,
             is_ready: false,
+            is_paused: false,
             nodes: Vec::new(),
             lookup: [None; NODE_IDS],
             turn: 0,

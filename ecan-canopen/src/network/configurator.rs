@@ -99,6 +99,15 @@ impl Configurator {
         self.tasks.clear();
     }
 
+    /// Cancels running transfers and starts all lists over, without their results. Real-time safe.
+    pub fn restart(&mut self, network: &mut Network) {
+        for task in &mut self.tasks {
+            task.sequence.cancel(network, task.handle);
+            task.sequence.restart();
+            task.uploaded.clear();
+        }
+    }
+
     /// Executes steps of all nodes, once per cycle. Real-time safe.
     pub fn step(&mut self, network: &mut Network, now_ns: u64) -> Configuring {
         let mut outcome = Configuring::Done;

@@ -200,6 +200,16 @@ impl Network {
         self.channels.iter().any(|channel| channel.next_nmt().is_some())
     }
 
+    /// Withholds SYNC and the host's heartbeat on a channel, or sends them again: nodes that watch the
+    /// host are not kept alive while their state is unknown. Ignores a channel without nodes.
+    /// Real-time safe.
+    pub fn set_paused(&mut self, slave: usize, channel: u8, is_paused: bool) {
+        let nth = self.channel_index(slave, channel);
+        if let Some(channel) = nth.and_then(|nth| self.channels.get_mut(nth)) {
+            channel.is_paused = is_paused;
+        }
+    }
+
     /// Heartbeat of the host.
     pub fn host_heartbeat(&self) -> Option<HostHeartbeat> {
         self.config.host_heartbeat

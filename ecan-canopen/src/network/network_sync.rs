@@ -63,7 +63,7 @@ impl Network {
 
     pub(super) fn sync_is_due_on(&self, sink: &impl FrameSink, slave: usize, channel: u8) -> bool {
         let nth = self.channel_index(slave, channel);
-        nth.and_then(|nth| self.channels.get(nth)).is_some_and(|c| c.sync.is_due())
+        nth.and_then(|nth| self.channels.get(nth)).is_some_and(|c| c.sync.is_due() && !c.is_paused)
             && sink.is_ready(slave)
             && !sink.is_unconfirmed(slave)
     }

@@ -67,6 +67,14 @@ impl<S> NodeSequence<S> {
         self.failure
     }
 
+    /// Starts over at the first step; [`cancel`](Self::cancel) a running transfer before. Real-time
+    /// safe.
+    pub fn restart(&mut self) {
+        self.sequence.restart();
+        self.client = ClientState::default();
+        self.failure = None;
+    }
+
     /// Cancels the running transfer. Real-time safe.
     pub fn cancel(&self, network: &mut Network, handle: NodeHandle) {
         if self.sequence.is_transferring() {

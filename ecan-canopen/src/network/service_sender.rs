@@ -70,7 +70,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
 
     fn send_heartbeat(&mut self, now_ns: u64) {
         let Some(host) = self.config.host_heartbeat else { return };
-        if !self.channel.heartbeat.is_due(now_ns) {
+        if self.channel.is_paused || !self.channel.heartbeat.is_due(now_ns) {
             return;
         }
         let data = heartbeat_data(NmtState::Operational);
@@ -135,7 +135,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
     /// Sends the SYNC that is due, if any. After an unconfirmed image it would be sent back to back
     /// with the SYNC of the next image; so it waits.
     pub(super) fn send_sync(&mut self, sync: &SyncConfig) {
-        if !self.channel.sync.is_due() {
+        if self.channel.is_paused || !self.channel.sync.is_due() {
             return;
         }
         if self.sink.is_unconfirmed(self.channel.slave) {

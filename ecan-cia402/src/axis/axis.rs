@@ -1,28 +1,33 @@
-//! One axis: its parts, the commands of the application, and its state in each cycle.
+//! One axis: its parts, and the commands of the application.
 
 use std::time::Duration;
 
 use ecan_canopen::{
-    CobId, Configurator, Configuring, DriveState, Network, NmtCommand, NodeHandle, OperatingMode,
-    Statusword, StepFailure, object,
+    CobId, Configurator, DriveState, Network, NmtCommand, NodeHandle, OperatingMode, Statusword,
+    Step, object,
 };
 use ecan_protocol::can::CanId;
 
 use super::axis_state::AxisState;
 use super::command_error::CommandError;
 use super::config::{AxisConfig, target_kind};
+use super::drive_poll::DrivePoll;
 use super::drive_status::DriveStatus;
 use super::homing::HomingConfig;
 use super::host_loss::{HostLoss, StopOptions};
 use super::pdo_layout::PdoLayout;
 use super::phase::{AxisError, AxisPhase};
-use super::power::{FaultReset, PowerGoal};
+use super::power::FaultReset;
 use super::procedure::{Procedure, Stage};
 use super::ramp::RampLimits;
-use super::script::{mode_steps, script};
+use super::recovery::Recovery;
+use super::script::script;
 use super::set_point::SetPoint;
-use super::setup_steps::{self, BusConfig};
+use super::setup::SetupState;
+use super::setup_steps;
 use super::statistics::AxisStatistics;
+use super::stop::StopCause;
+use super::takeover::{Takeover, TakeoverState};
 use super::target_period::TargetPeriod;
 use super::target_source::TargetSource;
 use super::target_tickets::TargetTickets;
@@ -35,8 +40,11 @@ use crate::guard::terms::{Decision, GuardState, TargetKind};
 /// its heartbeat takes to show the effect of the first one.
 const START_PAUSE_NS: u64 = 500_000_000;
 
-/// Longest time for which a drive is commanded to switch off.
-const DISABLE_NS: u64 = 30_000_000_000;
+/// Least time for which a reported status counts as present: a round of SDO transfers.
+const FRESH_NS: u64 = 100_000_000;
+
+/// The same in SYNC periods.
+const FRESH_PERIODS: u64 = 15;
 
 #[derive(Debug)]
 pub(crate) struct Axis {
@@ -49,11 +57,22 @@ pub(crate) struct Axis {
     /// New images, beyond those of the configuration, that a scheduled target may wait in the
     /// gateway.
     pub(crate) schedule_images: u16,
+    pub(crate) setup: SetupState,
     pub(crate) state: AxisState,
+    pub(crate) takeover: TakeoverState,
+    /// Treatment of an enabled drive at the first contact.
+    pub(crate) takeover_policy: Takeover,
+    /// The first contact with the drive is not complete: its channel gets neither SYNC nor heartbeats.
+    pub(crate) is_uninspected: bool,
+    pub(crate) poll: DrivePoll,
+    /// Mode and target that the drive reported at the first contact.
+    pub(crate) inspected: (Option<i8>, Option<i32>),
     pub(crate) guard: MotionGuard,
     /// Mode that the drive has confirmed, or that is being written.
     pub(crate) mode: OperatingMode,
     pub(crate) drive: DriveStatus,
+    /// Longest age of a present status.
+    pub(crate) fresh_ns: u64,
     pub(crate) targets: TargetSource,
     pub(crate) set_point: SetPoint,
     pub(crate) tickets: TargetTickets,
@@ -62,13 +81,15 @@ pub(crate) struct Axis {
     pub(crate) decision: Decision,
     pub(crate) target_period: TargetPeriod,
     pub(crate) procedure: Option<Procedure>,
+    pub(crate) recovery: Option<Recovery>,
     pub(crate) verification: Verification,
     pub(crate) reachability: Reachability,
+    /// Holds the steps of the configuration.
     pub(crate) configurator: Configurator,
     /// Read back at the end of the configuration.
     pub(crate) stop_options: Option<StopOptions>,
     /// SDO requests without an answer when the configuration began.
-    silences: u64,
+    pub(crate) silences: u64,
     /// Boot-up messages when the configuration was complete.
     pub(crate) boot_ups: u32,
     /// Earliest time of the next NMT start command.
@@ -84,8 +105,9 @@ impl Axis {
         index: usize,
         (config, ramp): (AxisConfig, RampLimits),
         node: NodeHandle,
-        cycles_per_sync: u32,
+        (cycles_per_sync, sync_period_ns): (u32, u64),
         target_cycles: u32,
+        takeover_policy: Takeover,
     ) -> Self {
         let id = config.address.node;
         let mode = config.mode;
@@ -96,10 +118,17 @@ impl Axis {
             layout: config.layout(),
             cycles_per_sync,
             schedule_images: 0,
+            setup: SetupState::default(),
             state: AxisState::default(),
+            takeover: TakeoverState::default(),
+            takeover_policy,
+            is_uninspected: true,
+            poll: DrivePoll::default(),
+            inspected: (None, None),
             guard: MotionGuard::new(config.guard_limits(mode, cycles_per_sync)),
             mode,
             drive: DriveStatus::default(),
+            fresh_ns: FRESH_NS.max(sync_period_ns.saturating_mul(FRESH_PERIODS)),
             targets: TargetSource::new(ramp),
             set_point: SetPoint::default(),
             tickets: TargetTickets::default(),
@@ -107,6 +136,7 @@ impl Axis {
             decision: Decision::Closed,
             target_period: TargetPeriod::new(target_cycles),
             procedure: None,
+            recovery: None,
             verification: Verification::default(),
             reachability: Reachability::default(),
             configurator: Configurator::new(),
@@ -133,6 +163,11 @@ impl Axis {
         self.target().is_some()
     }
 
+    /// Whether the axis follows the application's targets.
+    pub(crate) fn follows_application(&self) -> bool {
+        self.is_running() && !self.targets.is_halted
+    }
+
     /// Whether the application's targets can or do reach the drive.
     pub(crate) fn is_active(&self) -> bool {
         matches!(self.guard.state(), GuardState::Armed { .. } | GuardState::Running { .. })
@@ -150,35 +185,16 @@ impl Axis {
 
     // Commands of the application and of procedures
 
-    pub(crate) fn configure(
-        &mut self,
-        network: &mut Network,
-        bus: &BusConfig,
-    ) -> Result<(), CommandError> {
-        let steps = setup_steps::steps(&self.config, bus)
-            .map_err(|error| CommandError::Mapping { axis: self.index, error })?;
-        self.stop_targets();
-        self.cancel_procedure(network);
-        self.configurator.clear(network);
-        self.stop_options = None;
-        self.configurator.add(network, self.node, steps);
-        self.set_mode(self.config.mode);
-        self.silences = network.sdo_silences(self.node);
-        self.verification = Verification::Complete;
-        self.error = None;
-        self.drive.forget();
-        self.state = AxisState::Configuring;
-        Ok(())
-    }
-
     /// Forgets all targets; the axis does not become active again by itself.
-    fn stop_targets(&mut self) {
+    pub(crate) fn stop_targets(&mut self) {
         self.guard.release();
         self.targets.clear();
     }
 
-    fn ready_for_commands(&self) -> Result<(), CommandError> {
-        if !self.state.is_configured() {
+    /// Every command of the application but a stop begins here; it ends a recovery.
+    fn ready_for_commands(&mut self) -> Result<(), CommandError> {
+        self.recovery = None;
+        if !self.setup.is_complete() {
             return Err(CommandError::NotConfigured { axis: self.index });
         }
         if self.procedure.is_some() {
@@ -194,18 +210,30 @@ impl Axis {
         Ok(())
     }
 
+    /// Starts a recovery, unless one runs.
+    pub(crate) fn recover(&mut self) -> Result<(), CommandError> {
+        if self.procedure.is_some() {
+            return Err(CommandError::Busy { axis: self.index });
+        }
+        self.recovery.get_or_insert_default();
+        Ok(())
+    }
+
     pub(crate) fn enable(&mut self, now_ns: u64) -> Result<(), CommandError> {
         self.ready_for_commands()?;
         self.begin_enable(now_ns);
         Ok(())
     }
 
+    /// Enables the drive, after a stop that is pending.
     pub(crate) fn begin_enable(&mut self, now_ns: u64) {
         if self.state.enabling_since_ns().is_some() {
             return;
         }
         self.error = None;
-        if self.is_running() {
+        if let AxisState::Stopping(stop) = &mut self.state {
+            stop.enable_since_ns = Some(now_ns);
+        } else if self.is_running() {
             self.state = AxisState::Active;
         } else {
             self.targets.clear();
@@ -214,23 +242,11 @@ impl Axis {
         }
     }
 
-    pub(crate) fn disable(&mut self) {
-        self.stop_targets();
-        if self.state.is_configured() {
-            self.state = AxisState::Off;
-        }
-    }
-
-    pub(crate) fn quick_stop(&mut self) {
-        self.stop_targets();
-        self.guard.hold();
-        if self.state.is_configured() {
-            self.state = AxisState::QuickStop;
-        }
-    }
-
     pub(crate) fn reset_fault(&mut self) -> Result<(), CommandError> {
         self.ready_for_commands()?;
+        if self.state.is_stopping() && !self.drive.is_in_fault() {
+            return Err(CommandError::Stopping { axis: self.index });
+        }
         self.stop_targets();
         self.error = None;
         self.state = AxisState::ResettingFault(FaultReset::new(self.cycles_per_sync));
@@ -259,7 +275,8 @@ impl Axis {
     fn begin_procedure(&mut self, mode: OperatingMode, homing: Option<HomingConfig>, now_ns: u64) {
         self.error = None;
         self.targets.halt();
-        let then_enable = self.is_running();
+        let is_queued = self.state.stop().is_some_and(|stop| stop.enable_since_ns.is_some());
+        let then_enable = self.is_running() || is_queued;
         self.procedure = Some(Procedure::new((self.mode, mode), homing, then_enable, now_ns));
     }
 
@@ -286,14 +303,14 @@ impl Axis {
         self.guard.set_limits(limits);
     }
 
-    /// Shutdown: stops the drive's watch over the host's heartbeat, if it has one.
+    /// Shutdown: stops the drive's watch over the host's heartbeat, if it has one and has stopped.
     pub(crate) fn begin_release(&mut self, has_host_heartbeat: bool) {
         let watches = has_host_heartbeat && self.config.drive.host_heartbeat_ms > 0;
-        if watches && self.state.is_configured() {
-            let step = ecan_canopen::Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32);
+        if watches && self.setup.is_complete() && matches!(self.state, AxisState::Stopped(_)) {
             if let Some([released, _]) = self.stop_options.as_mut().map(|it| &mut it.watches) {
                 *released = None;
             }
+            let step = Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32);
             self.state = AxisState::Releasing(script([step.if_present()]));
         }
     }
@@ -301,24 +318,23 @@ impl Axis {
     pub(crate) fn cancel_release(&mut self, network: &mut Network) {
         if let AxisState::Releasing(script) = self.state {
             script.cancel(network, self.node);
-            self.state = AxisState::Off;
+            self.state = AxisState::Standby;
         }
     }
 
     // Events
 
-    pub(crate) fn held(&mut self, reason: HoldReason) {
+    pub(crate) fn held(&mut self, reason: HoldReason, now_ns: u64) {
         tracing::warn!(axis = self.index, "axis {}: holding ({reason})", self.index);
         self.statistics.held(reason);
         if matches!(reason, HoldReason::TpdoLost(_)) {
             self.require_verification();
         }
         self.error = Some(AxisError::Held(reason));
-        self.stop_after_hold();
-        let stands = target_kind(self.mode) == TargetKind::Position;
+        self.stop_after_hold(reason, now_ns);
         if self.state == AxisState::Standby
             && self.config.auto_resume
-            && stands
+            && target_kind(self.mode) == TargetKind::Position
             && self.drive.is_enabled()
             && reason.is_on_path()
         {
@@ -327,45 +343,29 @@ impl Axis {
         }
     }
 
-    fn stop_after_hold(&mut self) {
+    /// In a position mode the drive rests at its last target; in every other mode it is stopped,
+    /// since it may be enabled later than its last status shows.
+    fn stop_after_hold(&mut self, reason: HoldReason, now_ns: u64) {
         self.targets.requested = None;
         self.targets.stop();
-        let continues = target_kind(self.mode) != TargetKind::Position;
-        self.state = self.state.after_hold(continues && self.drive.is_enabled());
+        let must_stop = target_kind(self.mode) != TargetKind::Position;
+        self.state = self.state.after_hold(StopCause::Held(reason), must_stop, now_ns);
     }
 
-    pub(crate) fn faulted(&mut self, network: &Network) {
+    pub(crate) fn faulted(&mut self, network: &Network, now_ns: u64) {
         self.statistics.faults += 1;
         let error_code = self.error_code(network);
         tracing::warn!(axis = self.index, "axis {}: fault (0x{error_code:04X})", self.index);
         self.error = Some(AxisError::Fault { error_code });
-        if self.state.power_goal() == PowerGoal::Enabled {
-            self.stop_after_hold();
+        if self.state.enabling_since_ns().is_some() || self.state == AxisState::Active {
+            self.stop_after_hold(HoldReason::LeftOperationEnabled(DriveState::Fault), now_ns);
         }
     }
 
     pub(crate) fn require_verification(&mut self) {
-        if self.state.is_configured() && self.verification == Verification::Complete {
+        if self.setup.is_complete() && self.verification == Verification::Complete {
             self.verification = Verification::Due { from_ns: 0 };
         }
-    }
-
-    /// The drive has lost its configuration: its process data have another meaning.
-    pub(crate) fn restarted(&mut self) {
-        tracing::warn!(axis = self.index, "axis {}: configuration lost", self.index);
-        self.stop_targets();
-        self.state = AxisState::Unconfigured;
-        self.verification = Verification::Complete;
-        self.error = Some(AxisError::Restarted);
-        self.procedure = None;
-        self.stop_options = None;
-        self.drive.forget();
-    }
-
-    pub(crate) fn setup_failed(&mut self, failure: StepFailure) {
-        tracing::error!(axis = self.index, "axis {}: configuration failed ({failure})", self.index);
-        self.state = AxisState::SetupFailed;
-        self.error = Some(AxisError::Setup(failure));
     }
 
     pub(crate) fn activated(&mut self) {
@@ -394,112 +394,6 @@ impl Axis {
         }
     }
 
-    // Each cycle
-
-    pub(crate) fn step_state(&mut self, network: &mut Network, now_ns: u64) {
-        let elapsed_ns = |since_ns: u64| now_ns.saturating_sub(since_ns);
-        match &mut self.state {
-            AxisState::Configuring => match self.configurator.step(network, now_ns) {
-                Configuring::Running => {}
-                Configuring::Done => {
-                    self.state = AxisState::SettingMode(script(mode_steps(self.mode)));
-                }
-                Configuring::Failed(failure) => self.setup_failed(failure),
-            },
-            AxisState::SettingMode(script) => {
-                match script.advance(network, self.node, now_ns, |_, _, _| {}) {
-                    Configuring::Running => {}
-                    Configuring::Done => self.finish_setup(network),
-                    Configuring::Failed(failure) => self.setup_failed(failure),
-                }
-            }
-            AxisState::Enabling { since_ns } | AxisState::ReEnabling { since_ns } => {
-                let since_ns = *since_ns;
-                let is_off = self.drive.state == Some(DriveState::SwitchOnDisabled);
-                let waited = Duration::from_nanos(elapsed_ns(since_ns));
-                if self.drive.is_in_fault() {
-                    let error_code = self.error_code(network);
-                    self.error = Some(AxisError::Fault { error_code });
-                    self.stop_targets();
-                    self.state = AxisState::Standby;
-                } else if waited > self.config.enable_timeout {
-                    let (state, guard) = (self.drive.state, self.guard.state());
-                    self.error = Some(AxisError::EnableTimedOut { state, guard, waited });
-                    self.disable();
-                } else if is_off {
-                    self.state = AxisState::Enabling { since_ns };
-                }
-            }
-            AxisState::Resuming => {
-                // Enabling a drive that left Operation Enabled is the application's command.
-                if !self.drive.is_enabled() {
-                    self.guard.release();
-                    self.state = AxisState::Standby;
-                }
-            }
-            AxisState::Off => {
-                if !self.drive.is_off() {
-                    self.state = AxisState::SwitchingOff { since_ns: now_ns };
-                }
-            }
-            AxisState::SwitchingOff { since_ns } => {
-                if self.drive.is_off() {
-                    self.state = AxisState::Off;
-                } else if elapsed_ns(*since_ns) > DISABLE_NS {
-                    let not_disabled = AxisError::NotDisabled { state: self.drive.state };
-                    self.error = self.error.or(Some(not_disabled));
-                    self.state = AxisState::Standby;
-                }
-            }
-            AxisState::ResettingFault(reset) => {
-                if reset.has_failed() {
-                    let error_code = self.error_code(network);
-                    self.error = Some(AxisError::ResetFailed { error_code });
-                    self.state = AxisState::Standby;
-                } else if self.drive.state.is_some_and(|state| reset.is_complete(state)) {
-                    self.state = AxisState::Standby;
-                }
-            }
-            AxisState::Releasing(script) => {
-                match script.advance(network, self.node, now_ns, |_, _, _| {}) {
-                    Configuring::Running => {}
-                    // A drive that does not answer needs no release.
-                    Configuring::Done | Configuring::Failed(_) => self.state = AxisState::Off,
-                }
-            }
-            AxisState::Unconfigured
-            | AxisState::SetupFailed
-            | AxisState::Standby
-            | AxisState::Active
-            | AxisState::QuickStop => {}
-        }
-    }
-
-    fn finish_setup(&mut self, network: &mut Network) {
-        self.state = AxisState::Standby;
-        let producer = object::PRODUCER_HEARTBEAT;
-        // The value that was written and read back; none if the drive has no heartbeat.
-        let period_ms = self.configurator.uploaded(self.node, producer, 0).unwrap_or_default();
-        let timeout = Duration::from_millis(period_ms.saturating_mul(7) / 2);
-        network.set_heartbeat_timeout(self.node, timeout);
-        self.boot_ups = network.status(self.node).map_or(0, |status| status.boot_ups);
-        self.read_back_stop_options(network);
-        self.statistics.restart_tpdo_count();
-        if network.sdo_silences(self.node) != self.silences {
-            // The drive may have restarted in between, and lost the first steps.
-            self.require_verification();
-        }
-    }
-
-    fn read_back_stop_options(&mut self, network: &Network) {
-        let value = |index, subindex| self.configurator.uploaded(self.node, index, subindex);
-        self.stop_options = Some(StopOptions::from_values(value));
-        let loss = self.host_loss(network);
-        if !loss.reaction.is_controlled_stop() {
-            tracing::warn!(axis = self.index, "{loss}");
-        }
-    }
-
     pub(crate) fn host_loss(&self, network: &Network) -> HostLoss {
         let host = network.host_heartbeat().map(|heartbeat| heartbeat.node);
         let address = (self.index, self.config.address);
@@ -510,11 +404,11 @@ impl Axis {
     /// and remains there until it receives the NMT command. Only if the axis is in use and its
     /// configuration is verified.
     pub(crate) fn start_node(&mut self, network: &mut Network, now_ns: u64) {
-        let is_used = self.state.is_commanding()
+        let is_used = self.state.needs_operational()
             || matches!(self.guard.state(), GuardState::Draining | GuardState::Reading);
         let is_stopped =
             !self.reachability.operational && self.verification == Verification::Complete;
-        if is_used && is_stopped && self.state.is_configured() && now_ns >= self.next_start_ns {
+        if is_used && is_stopped && self.setup.is_complete() && now_ns >= self.next_start_ns {
             self.next_start_ns = now_ns.saturating_add(START_PAUSE_NS);
             // If the queue is full, the next attempt follows after the pause.
             let _ = network.nmt(self.node, NmtCommand::Start);

@@ -13,6 +13,7 @@ use super::pdo_layout::RpdoBytes;
 use super::power::PowerGoal;
 use super::procedure::Stage;
 use super::ramp::Ramp;
+use super::setup::SetupState;
 use super::verification::Reachability;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::input::{DriveView, GuardInput};
@@ -67,12 +68,14 @@ impl Axis {
         }
     }
 
-    pub(crate) fn observe(&mut self, watch: &GatewayWatch, network: &Network) {
+    pub(crate) fn observe(&mut self, watch: &GatewayWatch, network: &Network, now_ns: u64) {
         let channel = self.config.address.channel;
         let actual = watch.actual(channel, self.drive.arrived.map(|feedback| feedback.position));
         self.statistics.observed(actual, self.drive.arrived.is_some());
         let was_in_fault = self.drive.is_in_fault();
-        self.drive.update();
+        if self.setup.is_complete() || matches!(self.setup, SetupState::SettingMode(_)) {
+            self.drive.update(self.config.range, self.config.standstill, now_ns);
+        }
         let target_lost = std::mem::take(&mut self.target_lost);
         let status = network.status(self.node);
         let input = GuardInput {
@@ -85,15 +88,18 @@ impl Axis {
             self.require_verification();
         }
         if let Some(reason) = self.guard.observe(&input) {
-            self.held(reason);
+            self.held(reason, now_ns);
         }
         if let Some(status) = status {
+            if self.drive.arrived.is_some() || status.nmt_state.is_some() {
+                self.appeared();
+            }
             self.statistics.emergencies = status.emcy_count;
             self.check_restart(&status);
         }
         self.update_statistics();
         if self.drive.is_in_fault() && !was_in_fault {
-            self.faulted(network);
+            self.faulted(network, now_ns);
         }
     }
 
@@ -121,10 +127,10 @@ impl Axis {
     }
 
     fn check_restart(&mut self, status: &NodeStatus) {
-        if self.state.is_configured() && status.boot_ups != self.boot_ups {
+        if self.setup.is_complete() && status.boot_ups != self.boot_ups {
             self.restarted();
         }
-        if self.state == AxisState::Unconfigured {
+        if self.setup == SetupState::Unconfigured {
             self.boot_ups = status.boot_ups;
             self.statistics.restart_tpdo_count();
         }
@@ -148,16 +154,21 @@ impl Axis {
     /// Returns the frame to send in this cycle. `stepping` makes the host's own steps, `turn` states
     /// whether this cycle carries targets. The actual position of an axis that is being enabled is
     /// sent back to it in the cycle that received it, whichever that is.
-    pub(crate) fn prepare(&mut self, stepping: bool, turn: TargetTurn) -> Option<Outgoing> {
+    pub(crate) fn prepare(
+        &mut self,
+        stepping: bool,
+        turn: TargetTurn,
+        now_ns: u64,
+    ) -> Option<Outgoing> {
         self.decision = Decision::Closed;
-        if !self.state.is_configured() {
+        if !self.setup.is_complete() {
             return None;
         }
-        let drive = self.drive.state?;
-        let command = self.state.controlword(drive);
+        let drive = self.drive.state;
+        let command = self.state.controlword(drive, self.drive_is_at_rest(now_ns), now_ns);
         let is_driven = self.state.power_goal() == PowerGoal::Enabled;
         if let Some(word) = command
-            && (!is_driven || drive == DriveState::QuickStopActive)
+            && (!is_driven || drive == Some(DriveState::QuickStopActive))
         {
             // A command that stops or resets: the guard never delays it, and it moves nothing.
             let target = self.guard.resting_target()?;

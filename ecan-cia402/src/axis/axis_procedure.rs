@@ -8,11 +8,13 @@ use ecan_canopen::{
 };
 
 use super::axis::Axis;
+use super::axis_state::AxisState;
 use super::homing::{HomingState, HomingWatch};
 use super::phase::AxisError;
 use super::power::PowerGoal;
 use super::procedure::{Procedure, Stage};
 use super::script::{Script, mode_steps, script};
+use super::stop::StopCause;
 use super::verification::{RETRY_NS, Verification};
 
 const REST_TIMEOUT: Duration = Duration::from_secs(30);
@@ -24,7 +26,7 @@ impl Axis {
 
     /// Continues a verification. A drive that does not answer is asked again.
     pub(crate) fn step_verification(&mut self, network: &mut Network, now_ns: u64) {
-        if !self.state.is_configured() || self.procedure.is_some() {
+        if !self.setup.is_complete() || self.procedure.is_some() || self.state.is_stopping() {
             return;
         }
         match &mut self.verification {
@@ -40,7 +42,7 @@ impl Axis {
                     Configuring::Done => self.verification = Verification::Complete,
                     Configuring::Failed(StepFailure {
                         fault: StepFault::Mismatch { .. }, ..
-                    }) => self.restarted(),
+                    }) => self.configuration_differs(),
                     Configuring::Failed(_) => {
                         let from_ns = now_ns.saturating_add(RETRY_NS);
                         self.verification = Verification::Due { from_ns };
@@ -51,7 +53,7 @@ impl Axis {
     }
 
     /// Reads what a restart would have changed: the mapping of both PDOs, heartbeat and mode.
-    fn verification_script(&self) -> Script {
+    pub(crate) fn verification_script(&self) -> Script {
         let nth = u16::from(self.config.pdo_number.saturating_sub(1));
         let pdos = [
             (object::RPDO_MAPPING, self.layout.rpdo_entries()),
@@ -94,7 +96,7 @@ impl Axis {
             if !matches!(self.error, Some(AxisError::Fault { .. })) {
                 self.error = procedure.error;
             }
-        } else if procedure.then_enable && self.state.is_configured() {
+        } else if procedure.then_enable && self.setup.is_complete() {
             self.begin_enable(now_ns);
         }
     }
@@ -106,23 +108,32 @@ impl Axis {
         if is_moving && !is_late {
             return true;
         }
-        if self.state.power_goal() != PowerGoal::Disabled {
-            self.disable();
-        }
-        match self.drive.state {
-            Some(DriveState::SwitchOnDisabled) => {
-                procedure.enter(Stage::Writing(procedure.script()), now_ns);
-                true
-            }
-            Some(DriveState::Fault) => {
+        match (self.state, self.drive.state) {
+            (_, Some(DriveState::Fault)) => {
                 procedure.error = Some(AxisError::Fault { error_code: 0 });
                 false
             }
-            state if is_late => {
+            (AxisState::Stopped(_), Some(DriveState::SwitchOnDisabled)) => {
+                procedure.enter(Stage::Writing(procedure.script()), now_ns);
+                true
+            }
+            (_, state) if is_late => {
                 procedure.error = Some(AxisError::NotDisabled { state });
                 false
             }
-            _ => true,
+            _ => {
+                self.stop_for_procedure(now_ns);
+                true
+            }
+        }
+    }
+
+    /// Switches the drive off; it stays so.
+    fn stop_for_procedure(&mut self, now_ns: u64) {
+        let is_stopping_off = self.state.is_stopping()
+            && self.state.stop().is_some_and(|stop| stop.goal() != PowerGoal::QuickStopped);
+        if !is_stopping_off {
+            self.stop(StopCause::Procedure, now_ns);
         }
     }
 
@@ -191,10 +202,10 @@ impl Axis {
     /// Switches power off after homing, with any result; a drive that is still homing stops with
     /// it.
     fn step_ending(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
-        if self.state.power_goal() != PowerGoal::Disabled {
-            self.disable();
+        let is_off = matches!(self.state, AxisState::Stopped(_)) && self.drive.is_off();
+        if !is_off {
+            self.stop_for_procedure(now_ns);
         }
-        let is_off = self.drive.is_off();
         if is_off || procedure.waited(now_ns) > REST_TIMEOUT {
             if !is_off {
                 let not_disabled = AxisError::NotDisabled { state: self.drive.state };

@@ -10,23 +10,29 @@ use super::homing::HomingState;
 use super::phase::{AxisPhase, AxisProgress};
 use super::power::PowerGoal;
 use super::procedure::Stage;
+use super::setup::SetupState;
+use super::stop::StopCause;
 
 impl Axis {
     pub(crate) fn update_phase(&mut self, now_ns: u64) {
-        let phase = self.present_phase();
+        let phase = self.present_phase(now_ns);
         if phase != self.phase {
+            let is_uncontrolled = |phase| matches!(phase, AxisPhase::Uncontrolled(_));
+            if is_uncontrolled(phase) && !is_uncontrolled(self.phase) {
+                self.statistics.uncontrolled += 1;
+                tracing::warn!(axis = self.index, "axis {}: {phase}", self.index);
+            }
             self.phase = phase;
             self.phase_since_ns = now_ns;
         }
     }
 
-    fn present_phase(&self) -> AxisPhase {
-        match self.state {
-            AxisState::Unconfigured => return AxisPhase::NotConfigured,
-            AxisState::Configuring => return AxisPhase::Configuring,
-            AxisState::SettingMode(_) => return AxisPhase::SettingMode(self.mode),
-            AxisState::SetupFailed => return AxisPhase::SetupFailed,
-            _ => {}
+    fn present_phase(&self, now_ns: u64) -> AxisPhase {
+        let stop = self.state.stop().map(|stop| stop.cause);
+        if let Some(cause) = stop
+            && self.is_uncontrolled(now_ns)
+        {
+            return AxisPhase::Uncontrolled(cause);
         }
         if let Some(procedure) = &self.procedure {
             return match (procedure.homing, procedure.stage) {
@@ -35,16 +41,27 @@ impl Axis {
                 (Some(_), _) => AxisPhase::PreparingHoming,
             };
         }
-        match self.state {
-            AxisState::ResettingFault(_) => return AxisPhase::ResettingFault,
+        if let Some(cause) = stop
+            && self.state.is_stopping()
+            && !self.drive.is_in_fault()
+        {
+            return AxisPhase::Stopping(cause);
+        }
+        match self.setup {
+            _ if self.is_uninspected => return AxisPhase::Inspecting,
+            SetupState::Unconfigured => return AxisPhase::NotConfigured,
+            SetupState::Requested | SetupState::Configuring => return AxisPhase::Configuring,
+            SetupState::SettingMode(_) => return AxisPhase::SettingMode(self.mode),
+            SetupState::Failed => return AxisPhase::SetupFailed,
+            SetupState::Complete => {}
+        }
+        match (self.state, stop) {
+            (AxisState::ResettingFault(_), _) => return AxisPhase::ResettingFault,
             _ if self.drive.is_in_fault() => return AxisPhase::Fault,
-            AxisState::QuickStop => return AxisPhase::QuickStop,
-            AxisState::ReEnabling { .. } => return AxisPhase::Enabling(self.drive.state),
-            AxisState::Off | AxisState::SwitchingOff { .. } | AxisState::Releasing(_)
-                if !self.drive.is_off() =>
-            {
-                return AxisPhase::Disabling;
-            }
+            (AxisState::ReEnabling { .. }, _) => return AxisPhase::Enabling(self.drive.state),
+            // A drive that was switched off is ready for the next command.
+            (_, Some(StopCause::Disable | StopCause::Procedure)) if self.drive.is_off() => {}
+            (_, Some(cause)) => return AxisPhase::Stopped(cause),
             _ => {}
         }
         match self.guard.state() {
@@ -72,8 +89,8 @@ impl Axis {
             address: self.config.address,
             phase: self.phase,
             elapsed: Duration::from_nanos(now_ns.saturating_sub(self.phase_since_ns)),
-            setup: match self.state {
-                AxisState::Configuring => self.configurator.progress_of(self.node, now_ns),
+            setup: match self.setup {
+                SetupState::Configuring => self.configurator.progress_of(self.node, now_ns),
                 _ => None,
             },
             error: self.error,

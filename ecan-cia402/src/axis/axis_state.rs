@@ -4,50 +4,48 @@ use ecan_canopen::{Controlword, DriveState};
 
 use super::power::{FaultReset, PowerGoal};
 use super::script::Script;
+use super::stop::{Stop, StopCause};
 
 /// State of an axis: the command that its drive executes.
 ///
-/// In parallel with it, the [`MotionGuard`](super::MotionGuard) decides about targets, the
+/// In parallel with it, the [`SetupState`](super::setup::SetupState) states how much of the drive's
+/// configuration is known, the [`TakeoverState`](super::takeover::TakeoverState) what is known about
+/// a drive at the first contact, the [`MotionGuard`](super::MotionGuard) decides about targets, the
 /// [`Verification`](super::verification::Verification) checks the configuration after a connection
 /// loss, and a [`Procedure`](super::procedure::Procedure) (mode change or homing) issues commands
 /// as the application does.
 ///
+/// "Any" includes every setup: a drive that process data do not reach is stopped by SDO.
+///
 /// | from | event | to |
 /// | --- | --- | --- |
-/// | any | configure | `Configuring` |
-/// | any configured | the drive restarted, or its configuration is not verified | `Unconfigured` |
-/// | `Configuring` | all steps done | `SettingMode` |
-/// | `SettingMode` | the drive displays the mode | `Standby` |
-/// | `Configuring`, `SettingMode` | a step failed | `SetupFailed` |
-/// | any configured | the mode cannot be restored after homing | `SetupFailed` |
-/// | any configured | enable | `Active` if the guard follows targets, else `Enabling` |
+/// | any | quick stop, disable, stop all, shutdown | `Stopping` |
+/// | any | the drive is enabled at the first contact, or has another configuration | `Stopping` |
+/// | `Stopping` | another stop | `Stopping` by the stronger of both |
+/// | `Stopping` | enable | `Stopping`; `Enabling` follows when it is complete |
+/// | `Stopping` | fresh status: off, or in Quick Stop Active after a quick stop, and at rest | `Stopped` |
+/// | `Stopping` | the drive never reported anything, and does not answer | `Stopped` |
+/// | `Stopped` | fresh status: the drive is enabled nevertheless | `Stopping` |
+/// | any but `Stopping` | enable | `Active` if the guard follows targets, else `Enabling` |
 /// | `Enabling` | the first target is sent | `Active` |
 /// | `Enabling` | the drive holds an old target far from its position | `ReEnabling` |
 /// | `ReEnabling` | drive in Switch On Disabled | `Enabling` |
 /// | `Enabling`, `ReEnabling` | drive in Fault | `Standby` |
-/// | `Enabling`, `ReEnabling` | timeout | `Off` |
-/// | `Active`, `Enabling`, `ReEnabling` | the guard holds | `Standby`; in a mode in which the drive would continue to move, `QuickStop` |
-/// | `Standby` | the same, and the axis may become active again by itself | `Resuming` |
+/// | `Enabling`, `ReEnabling` | timeout | `Stopping` |
+/// | `Active`, `Enabling`, `ReEnabling` | the guard holds, in a position mode | `Standby` |
+/// | `Active`, `Enabling`, `ReEnabling` | the guard holds, in another mode | `Stopping` |
+/// | `Standby` | the guard held, and the axis may become active again by itself | `Resuming` |
 /// | `Resuming` | the first target is sent | `Active` |
 /// | `Resuming` | the drive left Operation Enabled, or holds an old target | `Standby` |
-/// | any configured | disable | `Off` |
-/// | `Off` | the drive is not off | `SwitchingOff` |
-/// | `SwitchingOff` | drive in Switch On Disabled or Fault | `Off` |
-/// | `SwitchingOff` | timeout | `Standby` |
-/// | any configured | quick stop | `QuickStop` |
-/// | any configured | reset fault | `ResettingFault` |
+/// | any but `Stopping`; `Stopping` with the drive in Fault | reset fault | `ResettingFault` |
 /// | `ResettingFault` | the drive left Fault, or stays in it | `Standby` |
-/// | any configured | shutdown, after `Off` | `Releasing`, then `Off` |
+/// | `Stopped` | shutdown | `Releasing`, then `Standby` |
+/// | `Stopped`, `Standby`, `Active`, ... | the drive restarted | `Standby` |
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[expect(clippy::large_enum_variant, reason = "a box would allocate in the cycle")]
 pub(crate) enum AxisState {
-    /// Not configured, or no longer: the drive restarted.
+    /// The drive receives no command.
     #[default]
-    Unconfigured,
-    Configuring,
-    /// The mode is written, and the drive must display it.
-    SettingMode(Script),
-    SetupFailed,
-    /// Configured; the drive receives no command.
     Standby,
     /// The guard establishes the position, and the drive is brought to Operation Enabled.
     Enabling {
@@ -61,77 +59,82 @@ pub(crate) enum AxisState {
     Active,
     /// The axis held while its drive stayed enabled, and becomes active again by itself.
     Resuming,
-    /// The drive is off. Nothing is sent unless it leaves this state.
-    Off,
-    /// The drive is switched off, step by step.
-    SwitchingOff {
-        since_ns: u64,
-    },
-    /// The drive stops by its own rules and remains stopped.
-    QuickStop,
+    /// The drive is being stopped. Only completion ends it.
+    Stopping(Stop),
+    /// The drive reported that it has stopped.
+    Stopped(Stop),
     ResettingFault(FaultReset),
     /// Shutdown: the drive stops watching the host's heartbeat.
     Releasing(Script),
 }
 
 impl AxisState {
-    pub(crate) fn is_configured(&self) -> bool {
-        !matches!(
-            self,
-            Self::Unconfigured | Self::Configuring | Self::SettingMode(_) | Self::SetupFailed
-        )
-    }
-
-    /// Whether the next command to the drive can only be its configuration.
-    pub(crate) fn awaits_configuration(&self) -> bool {
-        matches!(self, Self::Unconfigured | Self::SetupFailed)
-    }
-
     /// Start of the command to enable, while it is not complete.
     pub(crate) fn enabling_since_ns(&self) -> Option<u64> {
         match *self {
             Self::Enabling { since_ns } | Self::ReEnabling { since_ns } => Some(since_ns),
+            Self::Stopping(stop) => stop.enable_since_ns,
             _ => None,
         }
     }
 
-    /// Whether the host commands the drive, so that its node must be Operational.
-    pub(crate) fn is_commanding(&self) -> bool {
-        self.power_goal() != PowerGoal::None || matches!(self, Self::ResettingFault(_))
+    /// The stop that is pending or complete.
+    pub(crate) fn stop(&self) -> Option<&Stop> {
+        match self {
+            Self::Stopping(stop) | Self::Stopped(stop) => Some(stop),
+            _ => None,
+        }
+    }
+
+    pub(crate) fn is_stopping(&self) -> bool {
+        matches!(self, Self::Stopping(_))
+    }
+
+    /// The state after a command to stop.
+    pub(crate) fn stopped_by(&self, cause: StopCause, now_ns: u64) -> Self {
+        let later = Stop::new(cause, now_ns);
+        Self::Stopping(self.stop().map_or(later, |before| before.and(later)))
+    }
+
+    /// Whether the host commands the drive to do more than to stop, so that its node must be
+    /// Operational.
+    pub(crate) fn needs_operational(&self) -> bool {
+        self.stop().is_none()
+            && (self.power_goal() != PowerGoal::None || matches!(self, Self::ResettingFault(_)))
     }
 
     pub(crate) fn power_goal(&self) -> PowerGoal {
         match self {
             Self::Enabling { .. } | Self::Active => PowerGoal::Enabled,
-            Self::ReEnabling { .. }
-            | Self::Off
-            | Self::SwitchingOff { .. }
-            | Self::Releasing(_) => PowerGoal::Disabled,
-            Self::QuickStop => PowerGoal::QuickStopped,
-            Self::Unconfigured
-            | Self::Configuring
-            | Self::SettingMode(_)
-            | Self::SetupFailed
-            | Self::Standby
-            | Self::Resuming
-            | Self::ResettingFault(_) => PowerGoal::None,
+            Self::ReEnabling { .. } | Self::Releasing(_) => PowerGoal::Disabled,
+            Self::Stopping(stop) | Self::Stopped(stop) => stop.goal(),
+            Self::Standby | Self::Resuming | Self::ResettingFault(_) => PowerGoal::None,
         }
     }
 
     /// Controlword to send to a drive in this state; `None` if none is to be sent.
-    pub(crate) fn controlword(&self, drive: DriveState) -> Option<Controlword> {
+    pub(crate) fn controlword(
+        &self,
+        drive: Option<DriveState>,
+        is_at_rest: bool,
+        now_ns: u64,
+    ) -> Option<Controlword> {
+        if let Some(stop) = self.stop() {
+            return stop.command(drive, is_at_rest, now_ns).map(Controlword::of);
+        }
+        let drive = drive?;
         match self {
             Self::ResettingFault(reset) => reset.controlword(drive),
-            _ => self.power_goal().command(drive).map(Controlword::of),
+            _ => self.power_goal().command(drive, is_at_rest).map(Controlword::of),
         }
     }
 
     /// Next state when the guard begins to hold, or the drive reports a fault: nothing is
     /// commanded that could move the axis, and a drive that would continue to move is stopped.
-    pub(crate) fn after_hold(self, must_stop: bool) -> Self {
+    pub(crate) fn after_hold(self, cause: StopCause, must_stop: bool, now_ns: u64) -> Self {
         match self {
-            Self::Off | Self::SwitchingOff { .. } | Self::Releasing(_) | Self::QuickStop => self,
-            _ if must_stop => Self::QuickStop,
+            Self::Stopping(_) | Self::Stopped(_) | Self::Releasing(_) => self,
+            _ if must_stop => self.stopped_by(cause, now_ns),
             _ => Self::Standby,
         }
     }
@@ -140,35 +143,48 @@ impl AxisState {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::guard::input::HoldReason;
+    use ecan_canopen::Command;
 
-    const HOLDING: [(AxisState, AxisState, AxisState); 5] = [
-        (AxisState::Active, AxisState::Standby, AxisState::QuickStop),
-        (AxisState::Enabling { since_ns: 1 }, AxisState::Standby, AxisState::QuickStop),
-        (AxisState::ReEnabling { since_ns: 1 }, AxisState::Standby, AxisState::QuickStop),
-        (AxisState::Off, AxisState::Off, AxisState::Off),
-        (AxisState::QuickStop, AxisState::QuickStop, AxisState::QuickStop),
+    const HELD: StopCause = StopCause::Held(HoldReason::BusOff);
+    const COMMANDING: [AxisState; 4] = [
+        AxisState::Active,
+        AxisState::Enabling { since_ns: 1 },
+        AxisState::ReEnabling { since_ns: 1 },
+        AxisState::Resuming,
     ];
 
     #[test]
     fn hold_never_enables_and_stops_a_moving_drive() {
-        for (state, at_rest, moving) in HOLDING {
-            assert_eq!(state.after_hold(false), at_rest, "{state:?}");
-            assert_eq!(state.after_hold(true), moving, "{state:?}");
+        for state in COMMANDING {
+            assert_eq!(state.after_hold(HELD, false, 5), AxisState::Standby, "{state:?}");
+            let stopped = state.after_hold(HELD, true, 5);
+            assert_eq!(stopped.power_goal(), PowerGoal::QuickStopped, "{state:?}");
         }
+        let off = AxisState::Stopped(Stop::new(StopCause::Disable, 1));
+        assert_eq!(off.after_hold(HELD, true, 5), off);
     }
 
     #[test]
-    fn only_configured_states_command_the_drive() {
-        let unconfigured = [
-            AxisState::Unconfigured,
-            AxisState::Configuring,
-            AxisState::SettingMode(Script::default()),
-            AxisState::SetupFailed,
-        ];
-        for state in unconfigured {
-            assert!(!state.is_configured() && !state.is_commanding(), "{state:?}");
-            assert_eq!(state.controlword(DriveState::OperationEnabled), None);
+    fn stop_begins_in_every_state_and_is_never_weakened() {
+        let quick = AxisState::default().stopped_by(StopCause::QuickStop, 1);
+        let states = COMMANDING.into_iter().chain([AxisState::Standby, quick]);
+        for state in states {
+            let stopping = state.stopped_by(StopCause::StopAll, 2);
+            assert!(stopping.is_stopping(), "{state:?}");
+            let word = stopping.controlword(Some(DriveState::OperationEnabled), false, 2);
+            assert_eq!(word, Some(Controlword::of(Command::QuickStop)), "{state:?}");
         }
-        assert!(!AxisState::Standby.is_commanding() && AxisState::Standby.is_configured());
+        let off = quick.stopped_by(StopCause::Disable, 2);
+        let braking = off.controlword(Some(DriveState::QuickStopActive), false, 3);
+        assert_eq!(braking, Some(Controlword::of(Command::QuickStop)));
+    }
+
+    #[test]
+    fn standby_sends_no_command() {
+        for drive in [None, Some(DriveState::OperationEnabled), Some(DriveState::Fault)] {
+            assert_eq!(AxisState::Standby.controlword(drive, true, 0), None);
+        }
+        assert!(!AxisState::Standby.needs_operational());
     }
 }

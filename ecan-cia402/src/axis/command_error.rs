@@ -1,6 +1,6 @@
 //! Rejection of a command to an axis.
 
-use ecan_canopen::{OperatingMode, PdoMappingError};
+use ecan_canopen::OperatingMode;
 use thiserror::Error;
 
 use super::config::AxisFault;
@@ -59,13 +59,17 @@ pub enum CommandError {
         /// The mode.
         mode: OperatingMode,
     },
-    /// The PDOs cannot be mapped.
-    #[error("axis {axis}: {error}")]
-    Mapping {
+    /// The orderly end has begun.
+    #[error("axis {axis}: the shutdown has begun; create the axes again to use them")]
+    ShuttingDown {
         /// Index of the axis.
         axis: usize,
-        /// Cause.
-        error: PdoMappingError,
+    },
+    /// A stop is pending; nothing cancels it.
+    #[error("axis {axis} is being stopped; wait for the end of the stop")]
+    Stopping {
+        /// Index of the axis.
+        axis: usize,
     },
     /// The value is not a valid target.
     #[error("axis {axis}: {error}")]

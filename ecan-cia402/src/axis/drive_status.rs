@@ -1,8 +1,10 @@
-//! Latest status that a drive reported by TPDO.
+//! Latest status that a drive reported, by TPDO or SDO.
 
 use ecan_canopen::{DriveState, Statusword};
 
 use super::pdo_layout::Feedback;
+use super::rest::RestDetector;
+use crate::guard::position_range::PositionRange;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct DriveStatus {
@@ -12,20 +14,40 @@ pub(crate) struct DriveStatus {
     pub(crate) statusword: Option<Statusword>,
     /// Last valid state, however old.
     pub(crate) state: Option<DriveState>,
+    /// Time of the last statusword, from any source; `None` if the drive never reported one.
+    pub(crate) heard_ns: Option<u64>,
+    pub(crate) rest: RestDetector,
 }
 
 impl DriveStatus {
-    pub(crate) fn update(&mut self) {
+    /// Takes the TPDO of this cycle. `standstill` is the noise of an axis at rest.
+    pub(crate) fn update(&mut self, range: PositionRange, standstill: u32, now_ns: u64) {
         if let Some(feedback) = self.arrived {
-            self.statusword = Some(feedback.statusword);
-            self.state = feedback.statusword.state();
+            self.statusword_received(feedback.statusword, now_ns);
+            self.rest.observe(feedback.position, range, standstill, now_ns);
         }
     }
 
-    /// Forgets what the drive reported under another configuration.
+    pub(crate) fn statusword_received(&mut self, statusword: Statusword, now_ns: u64) {
+        self.statusword = Some(statusword);
+        self.state = statusword.state();
+        self.heard_ns = Some(now_ns);
+    }
+
+    /// Forgets what the drive reported under another configuration; it remains known that it
+    /// reported.
     pub(crate) fn forget(&mut self) {
         self.statusword = None;
         self.state = None;
+    }
+
+    pub(crate) fn is_fresh(&self, now_ns: u64, longest_ns: u64) -> bool {
+        self.heard_ns.is_some_and(|heard| now_ns.saturating_sub(heard) <= longest_ns)
+    }
+
+    /// Whether positions not older than that show the axis at rest.
+    pub(crate) fn is_at_rest(&self, now_ns: u64, longest_ns: u64) -> bool {
+        self.rest.is_at_rest(now_ns, longest_ns)
     }
 
     pub(crate) fn has(&self, bits: u16) -> bool {
@@ -36,6 +58,11 @@ impl DriveStatus {
         self.state == Some(DriveState::OperationEnabled)
     }
 
+    /// Whether the motor has current, by the last report.
+    pub(crate) fn is_energised(&self) -> bool {
+        self.state.is_some_and(is_energised)
+    }
+
     pub(crate) fn is_in_fault(&self) -> bool {
         self.state == Some(DriveState::Fault)
     }
@@ -43,4 +70,14 @@ impl DriveStatus {
     pub(crate) fn is_off(&self) -> bool {
         matches!(self.state, Some(DriveState::SwitchOnDisabled | DriveState::Fault))
     }
+}
+
+/// Whether the motor of a drive in this state has current.
+pub(crate) fn is_energised(state: DriveState) -> bool {
+    matches!(
+        state,
+        DriveState::OperationEnabled
+            | DriveState::QuickStopActive
+            | DriveState::FaultReactionActive
+    )
 }

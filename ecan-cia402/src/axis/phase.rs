@@ -7,6 +7,7 @@ use ecan_canopen::{DriveState, NodeAddress, OperatingMode, Progress, StepFailure
 use thiserror::Error;
 
 use super::homing::HomingState;
+use super::stop::StopCause;
 use crate::guard::input::HoldReason;
 use crate::guard::terms::GuardState;
 
@@ -59,6 +60,13 @@ pub enum AxisError {
     /// The mode could not be changed.
     #[error(transparent)]
     Mode(StepFailure),
+    /// The drive was enabled when it reported last, does not answer, and cannot be configured. The
+    /// stop is repeated until it answers.
+    #[error("the drive does not answer and may be moving: {}; the stop is repeated", StateText(*state))]
+    NotStopped {
+        /// State that it reported last.
+        state: Option<DriveState>,
+    },
     /// The drive did not switch its power off in time.
     #[error("the drive does not switch off: {}", StateText(*state))]
     NotDisabled {
@@ -121,10 +129,15 @@ pub enum AxisPhase {
     Halted,
     /// Gets no targets until it is activated again.
     Holding(HoldReason),
-    /// A quick stop was commanded.
-    QuickStop,
-    /// The drive is being switched off.
-    Disabling,
+    /// The drive is being stopped.
+    Stopping(StopCause),
+    /// The drive has stopped: it is off, or at rest in Quick Stop Active.
+    Stopped(StopCause),
+    /// The drive is to be stopped, was enabled or unknown when it reported last, and reports nothing:
+    /// it may be moving. The stop is repeated until it reports that it obeyed.
+    Uncontrolled(StopCause),
+    /// First contact: the state of the drive is read before anything else is sent.
+    Inspecting,
     /// A fault is being reset.
     ResettingFault,
     /// The drive has a fault.
@@ -152,8 +165,12 @@ impl fmt::Display for AxisPhase {
             Self::Running => f.write_str("following targets"),
             Self::Halted => f.write_str("halted"),
             Self::Holding(reason) => write!(f, "holding: {reason}"),
-            Self::QuickStop => f.write_str("quick stop"),
-            Self::Disabling => f.write_str("being disabled"),
+            Self::Stopping(cause) => write!(f, "being stopped: {cause}"),
+            Self::Stopped(cause) => write!(f, "stopped: {cause}"),
+            Self::Uncontrolled(cause) => {
+                write!(f, "uncontrolled, may be moving; being stopped: {cause}")
+            }
+            Self::Inspecting => f.write_str("state of the drive being read"),
             Self::ResettingFault => f.write_str("fault being reset"),
             Self::Fault => f.write_str("fault"),
             Self::ChangingMode(mode) => write!(f, "changing to mode {mode}"),

@@ -10,42 +10,52 @@ pub(crate) enum PowerGoal {
     /// Switch On Disabled, step by step: the drive first leaves operation by its own rules (0x605C),
     /// then switches power off.
     Disabled,
-    /// Quick stop by the drive's own rules (0x605A); the drive remains there.
+    /// Quick stop by the drive's own rules (0x605A); the drive remains there. A drive that is not
+    /// enabled is switched off.
     QuickStopped,
+    /// Quick stop, then power off at rest.
+    QuickStoppedThenDisabled,
 }
 
 impl PowerGoal {
-    /// Command for a drive in this state; `None` if no command is to be sent. Real-time safe.
+    /// Command for a drive in this state; `None` if no command is to be sent. Voltage is never disabled
+    /// while a quick stop brakes: the motor would coast. Real-time safe.
     ///
-    /// | state | Enabled | Disabled | QuickStopped |
-    /// | --- | --- | --- | --- |
-    /// | Not Ready To Switch On | wait | wait | wait |
-    /// | Switch On Disabled | shutdown 0x06 | reached | reached |
-    /// | Ready To Switch On | switch on 0x07 | disable voltage 0x00 | reached |
-    /// | Switched On | enable operation 0x0F | shutdown 0x06 | reached |
-    /// | Operation Enabled | 0x0F | disable operation 0x07 | quick stop 0x02 |
-    /// | Quick Stop Active | disable voltage 0x00 | disable voltage 0x00 | quick stop 0x02 |
-    /// | Fault Reaction Active | wait | wait | wait |
-    /// | Fault | nothing: a reset is a separate command | reached | reached |
-    pub(crate) fn command(self, state: DriveState) -> Option<Command> {
+    /// | state | Enabled | Disabled | QuickStopped | QuickStoppedThenDisabled |
+    /// | --- | --- | --- | --- | --- |
+    /// | Not Ready To Switch On | wait | wait | wait | wait |
+    /// | Switch On Disabled | shutdown 0x06 | reached | reached | reached |
+    /// | Ready To Switch On | switch on 0x07 | disable voltage 0x00 | quick stop 0x02 | quick stop 0x02 |
+    /// | Switched On | enable operation 0x0F | shutdown 0x06 | quick stop 0x02 | quick stop 0x02 |
+    /// | Operation Enabled | 0x0F | disable operation 0x07 | quick stop 0x02 | quick stop 0x02 |
+    /// | Quick Stop Active, moving | quick stop 0x02 | quick stop 0x02 | quick stop 0x02 | quick stop 0x02 |
+    /// | Quick Stop Active, at rest | disable voltage 0x00 | disable voltage 0x00 | quick stop 0x02 | disable voltage 0x00 |
+    /// | Fault Reaction Active | wait | wait | wait | wait |
+    /// | Fault | nothing: a reset is a separate command | reached | reached | reached |
+    pub(crate) fn command(self, state: DriveState, is_at_rest: bool) -> Option<Command> {
         use DriveState as S;
         match (self, state) {
             (Self::None, _)
             | (_, S::NotReadyToSwitchOn | S::FaultReactionActive | S::Fault)
-            | (Self::Disabled, S::SwitchOnDisabled)
-            | (Self::QuickStopped, S::SwitchOnDisabled | S::ReadyToSwitchOn | S::SwitchedOn) => {
-                None
-            }
+            | (
+                Self::Disabled | Self::QuickStopped | Self::QuickStoppedThenDisabled,
+                S::SwitchOnDisabled,
+            ) => None,
             (Self::Enabled, S::SwitchOnDisabled) => Some(Command::Shutdown),
             (Self::Enabled, S::ReadyToSwitchOn) => Some(Command::SwitchOn),
             (Self::Enabled, S::SwitchedOn | S::OperationEnabled) => Some(Command::EnableOperation),
-            (Self::Enabled | Self::Disabled, S::QuickStopActive) => Some(Command::DisableVoltage),
             (Self::Disabled, S::OperationEnabled) => Some(Command::DisableOperation),
             (Self::Disabled, S::SwitchedOn) => Some(Command::Shutdown),
             (Self::Disabled, S::ReadyToSwitchOn) => Some(Command::DisableVoltage),
-            (Self::QuickStopped, S::OperationEnabled | S::QuickStopActive) => {
-                Some(Command::QuickStop)
-            }
+            (
+                Self::Enabled | Self::Disabled | Self::QuickStoppedThenDisabled,
+                S::QuickStopActive,
+            ) if is_at_rest => Some(Command::DisableVoltage),
+            (_, S::QuickStopActive)
+            | (
+                Self::QuickStopped | Self::QuickStoppedThenDisabled,
+                S::ReadyToSwitchOn | S::SwitchedOn | S::OperationEnabled,
+            ) => Some(Command::QuickStop),
         }
     }
 }
@@ -159,22 +169,19 @@ mod tests {
         match goal {
             PowerGoal::None => true,
             PowerGoal::Enabled => state == S::OperationEnabled,
-            PowerGoal::Disabled => matches!(state, S::SwitchOnDisabled | S::Fault),
-            PowerGoal::QuickStopped => matches!(
-                state,
-                S::QuickStopActive
-                    | S::SwitchOnDisabled
-                    | S::ReadyToSwitchOn
-                    | S::SwitchedOn
-                    | S::Fault
-            ),
+            PowerGoal::Disabled | PowerGoal::QuickStoppedThenDisabled => {
+                matches!(state, S::SwitchOnDisabled | S::Fault)
+            }
+            PowerGoal::QuickStopped => {
+                matches!(state, S::QuickStopActive | S::SwitchOnDisabled | S::Fault)
+            }
         }
     }
 
     fn drive_to(goal: PowerGoal, from: DriveState) -> (DriveState, Vec<u16>) {
         let (mut state, mut before, mut words) = (from, Controlword(0), Vec::new());
         for _ in 0..20 {
-            if let Some(word) = goal.command(state).map(Controlword::of) {
+            if let Some(word) = goal.command(state, true).map(Controlword::of) {
                 state = next_state(state, word, before);
                 before = word;
                 words.push(word.0);
@@ -215,6 +222,21 @@ mod tests {
         }
         let words = drive_to(PowerGoal::Disabled, DriveState::OperationEnabled).1;
         assert_eq!(words, [0x07, 0x06, 0x00]);
+        let words = drive_to(PowerGoal::QuickStoppedThenDisabled, DriveState::OperationEnabled).1;
+        assert_eq!(words, [0x02, 0x00]);
+    }
+
+    #[test]
+    fn braking_drive_keeps_its_voltage() {
+        for goal in [
+            PowerGoal::Enabled,
+            PowerGoal::Disabled,
+            PowerGoal::QuickStopped,
+            PowerGoal::QuickStoppedThenDisabled,
+        ] {
+            let command = goal.command(DriveState::QuickStopActive, false);
+            assert_eq!(command, Some(Command::QuickStop), "{goal:?}");
+        }
     }
 
     #[test]
@@ -222,8 +244,8 @@ mod tests {
         let (state, words) = drive_to(PowerGoal::QuickStopped, DriveState::OperationEnabled);
         assert_eq!((state, words.as_slice()), (DriveState::QuickStopActive, &[0x02_u16][..]));
         let goal = PowerGoal::QuickStopped;
-        assert_eq!(goal.command(DriveState::QuickStopActive), Some(Command::QuickStop));
-        assert_eq!(goal.command(DriveState::SwitchOnDisabled), None);
+        assert_eq!(goal.command(DriveState::QuickStopActive, true), Some(Command::QuickStop));
+        assert_eq!(goal.command(DriveState::SwitchOnDisabled, true), None);
     }
 
     #[test]

@@ -27,6 +27,8 @@ pub struct AxisStatistics {
     pub holds: u64,
     /// Reason of its last hold.
     pub last_hold: Option<HoldReason>,
+    /// Times that the axis became uncontrolled: to be stopped, possibly moving, and silent.
+    pub uncontrolled: u64,
     /// TPDOs received.
     pub tpdos: u64,
     /// TPDOs too short for the mapping.

@@ -11,6 +11,7 @@ use super::shutdown::Shutdown;
 use crate::axis::axis::Axis;
 use crate::axis::axis_state::AxisState;
 use crate::axis::phase::AxisProgress;
+use crate::axis::setup::SetupState;
 use crate::guard::terms::GuardState;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,10 +43,12 @@ impl Cia402 {
         progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.configure_all()?;
-        self.wait(port, timeout, "configured", progress, |axis| match axis.state {
-            AxisState::Configuring | AxisState::SettingMode(_) => WaitStatus::Waiting,
-            AxisState::Unconfigured | AxisState::SetupFailed => WaitStatus::Stuck,
-            _ => WaitStatus::Reached,
+        self.wait(port, timeout, "configured", progress, |axis| match axis.setup {
+            SetupState::Requested | SetupState::Configuring | SetupState::SettingMode(_) => {
+                WaitStatus::Waiting
+            }
+            SetupState::Unconfigured | SetupState::Failed => WaitStatus::Stuck,
+            SetupState::Complete => WaitStatus::Reached,
         })
     }
 
@@ -107,6 +110,28 @@ impl Cia402 {
         self.enable_all_timeout(port, timeout, progress)
     }
 
+    /// Brings all axes back to their targets, see [`recover`](Self::recover), and waits. Blocks.
+    ///
+    /// # Errors
+    /// [`Cia402Error::AxisTimeout`] names the axes that do not follow targets, and the cause.
+    pub fn recover_all_timeout(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        progress: impl FnMut(&AxisProgress),
+    ) -> Result<(), Cia402Error> {
+        self.recover_all()?;
+        self.wait(port, timeout, "recovered", progress, |axis| {
+            if axis.recovery.is_some() {
+                WaitStatus::Waiting
+            } else if axis.follows_application() {
+                WaitStatus::Reached
+            } else {
+                WaitStatus::Stuck
+            }
+        })
+    }
+
     /// Waits until mode changes and homings of all axes are complete. Blocks.
     ///
     /// # Errors
@@ -148,12 +173,40 @@ impl Cia402 {
             let is_done = self.shutdown == Shutdown::Done && !self.network.nmt_is_pending();
             is_done.then_some(())
         });
-        let axes = self.progress_of(|axis| axis.drive.is_enabled());
+        let axes = self.progress_of(|axis| !axis.is_stopped());
         match ended {
             Ok(()) | Err(WaitError::TimedOut { .. }) if !axes.is_empty() => {
                 Err(AxisTimeout { what: "switched off", waited: timeout, axes }.into())
             }
             Ok(()) | Err(WaitError::TimedOut { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Stops all axes, see [`stop_all`](Self::stop_all), and waits until every one has stopped. Ignores
+    /// the application's request to stop waiting. Blocks.
+    ///
+    /// # Errors
+    /// [`Cia402Error::AxisTimeout`] names the axes that did not report that they have stopped. Their
+    /// stop continues in later cycles.
+    pub fn stop_all_timeout(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        mut progress: impl FnMut(&AxisProgress),
+    ) -> Result<(), Cia402Error> {
+        self.stop_all();
+        let ended = run_cycle_uninterrupted(port, timeout, |cycle, _| {
+            self.serve(cycle);
+            self.progress_all().for_each(|axis| progress(&axis));
+            self.all_stopped().then_some(())
+        });
+        match ended {
+            Ok(()) => Ok(()),
+            Err(WaitError::TimedOut { .. }) => {
+                let axes = self.progress_of(|axis| !axis.is_stopped());
+                Err(AxisTimeout { what: "stopped", waited: timeout, axes }.into())
+            }
             Err(error) => Err(error.into()),
         }
     }

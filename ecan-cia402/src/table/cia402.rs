@@ -83,6 +83,15 @@ use crate::guard::gateway_watch::GatewayWatch;
 /// - While an image is unconfirmed no command is sent, either: it would only follow the repeated
 ///   image later, together with all others. Commands are repeated in every cycle until the drive
 ///   reports that it has executed them.
+///
+/// # Stops
+///
+/// A stop acts on an axis in every state, configured or not. Its command goes out in process data, and
+/// by SDO where process data do not reach the drive: not configured, not verified, not Operational, or
+/// silent. It is repeated until the drive reports that it is off, or at rest in Quick Stop Active. Only
+/// that ends it; [`enable`](Self::enable) and [`configure`](Self::configure) wait for it. Voltage is
+/// not disabled while a quick stop brakes. [`AxisPhase`](crate::AxisPhase) distinguishes `Stopping`,
+/// `Stopped`, and `Uncontrolled`: a drive that may be moving and does not report.
 #[derive(Debug)]
 pub struct Cia402 {
     pub(super) network: Network,
@@ -103,11 +112,18 @@ pub struct Cia402 {
     pub(super) shutdown: Shutdown,
     pub(super) path_stop: PathStop,
     pub(super) path_profile: Option<PathProfile>,
+    /// A channel gets neither SYNC nor the host's heartbeat, because of an axis without a first
+    /// contact.
+    pub(super) is_paused: bool,
 }
 
 impl Cia402 {
-    /// Checks the axis table as a whole and creates the axes. Sends nothing; SYNC and the host's
-    /// heartbeat start with the first cycle. Allocates.
+    /// Checks the axis table as a whole and creates the axes. Sends nothing. Allocates.
+    ///
+    /// In the first cycles the state of every drive is read by SDO. A drive that is enabled, because
+    /// another object or program left it so, is stopped or adopted
+    /// ([`Cia402Config::takeover`]). SYNC and the host's heartbeat start on a channel when this is done
+    /// for all its axes, so that no drive is kept running unseen.
     ///
     /// # Errors
     /// A [`Cia402Error`] that names every fault of the table, or a missing gateway or channel.
@@ -126,6 +142,9 @@ impl Cia402 {
         network.set_sync(Some(config.sync))?;
         let mut lookup = AxisLookup::new(slaves);
         let cycles_per_sync = config.sync.every_cycles.max(1);
+        let sync_period_ns = u64::from(cycle_ns) * u64::from(cycles_per_sync);
+        let host = config.network.host_heartbeat;
+        let bus = BusConfig { sync_period_ns, target_period_ns, host };
         let mut table = Vec::with_capacity(axes.len());
         for (index, (axis, ramp)) in axes.into_iter().enumerate() {
             let address = axis.address;
@@ -150,19 +169,22 @@ impl Cia402 {
             let handle = network.add_node(address, node)?;
             // infallible: the network takes no more nodes than that
             lookup.insert(address, axis.pdo_number, u16::try_from(index).unwrap_or(u16::MAX));
-            table.push(Axis::new(index, (axis, ramp), handle, cycles_per_sync, target_cycles));
+            // Until the state of the drive is known, nothing keeps it running.
+            network.set_paused(slave, channel, true);
+            let periods = (cycles_per_sync, sync_period_ns);
+            let mut axis =
+                Axis::new(index, (axis, ramp), handle, periods, target_cycles, config.takeover);
+            axis.load_steps(&mut network, &bus)
+                .map_err(|error| Cia402Error::Mapping { axis: index, error })?;
+            table.push(axis);
         }
-        let sync_period_ns = u64::from(cycle_ns) * u64::from(cycles_per_sync);
         Ok(Self {
             network,
             axes: table,
             gateways: (0..slaves).map(GatewayWatch::new).collect(),
             lookup,
-            bus: BusConfig {
-                sync_period_ns,
-                target_period_ns,
-                host: config.network.host_heartbeat,
-            },
+            bus,
+            is_paused: true,
             sync: config.sync,
             target_options: SendOptions::default(),
             cycle_ns,
@@ -203,13 +225,14 @@ impl Cia402 {
 
     /// Changes [`Cia402Config::motion_div`], and with it the
     /// [target period](Cia402Config::target_cycles). Only while no axis is configured: the
-    /// configuration writes the target period to the drives as interpolation time 0x60C2.
+    /// configuration writes the target period to the drives as interpolation time 0x60C2. Allocates.
     ///
     /// # Errors
     /// [`CommandError::Configured`], [`CommandError::TargetPeriod`], or [`CommandError::Limit`] of
     /// [`MotionLimits`](crate::MotionLimits); nothing is changed.
     pub fn set_motion_div(&mut self, motion_div: u32) -> Result<(), CommandError> {
-        if let Some(axis) = self.axes.iter().find(|axis| !axis.state.awaits_configuration()) {
+        let is_in_use = |axis: &&Axis| axis.setup.is_complete() || axis.setup.is_pending();
+        if let Some(axis) = self.axes.iter().find(is_in_use) {
             return Err(CommandError::Configured { axis: axis.index });
         }
         let target_cycles = target_cycles(motion_div, self.sync.every_cycles);
@@ -233,6 +256,8 @@ impl Cia402 {
         for axis in &mut self.axes {
             axis.target_period = TargetPeriod::new(target_cycles);
             axis.convert_limits(target_period);
+            // infallible: the same objects were mapped when the axis was created
+            let _ = axis.load_steps(&mut self.network, &self.bus);
         }
         Ok(())
     }

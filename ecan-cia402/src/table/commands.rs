@@ -12,6 +12,7 @@ use crate::axis::host_loss::{HostLoss, StopOptions};
 use crate::axis::phase::{AxisError, AxisPhase, AxisProgress};
 use crate::axis::setup_steps::interpolation_time;
 use crate::axis::statistics::AxisStatistics;
+use crate::axis::stop::StopCause;
 use crate::axis::units::{Scale, UnitError};
 use crate::guard::motion_guard::MotionGuard;
 use crate::guard::terms::Decision;
@@ -46,8 +47,10 @@ impl Cia402 {
     // Start-up
 
     /// Starts the configuration of a drive: NMT, identity, heartbeats in both directions, PDO
-    /// mapping, times, limits, Operational, mode with confirmation. An enabled drive is switched off
-    /// first. [`progress`](Self::progress) reports its steps. Allocates; not for the cycle.
+    /// mapping, times, limits, Operational, mode with confirmation. An enabled drive is stopped and
+    /// switched off first; if it does not answer, the configuration ends with
+    /// [`AxisError::NotStopped`]. [`progress`](Self::progress) reports the steps. Real-time safe, as are
+    /// all commands below.
     ///
     /// Optional objects are skipped if the drive does not have them. A drive that restarts loses its
     /// configuration and must be configured again.
@@ -55,25 +58,25 @@ impl Cia402 {
     /// # Errors
     /// A [`CommandError`].
     pub fn configure(&mut self, axis: usize) -> Result<(), CommandError> {
-        let Self { axes, network, bus, .. } = self;
+        let Self { axes, network, now_ns, .. } = self;
         let axis = axes.get_mut(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        axis.configure(network, bus)
+        axis.configure(network, *now_ns);
+        Ok(())
     }
 
-    /// Starts the configuration of every drive that is not configured. Allocates.
+    /// Starts the configuration of every drive that is not configured.
     ///
     /// # Errors
     /// The first [`CommandError`]; the other axes are configured nevertheless.
     pub fn configure_all(&mut self) -> Result<(), CommandError> {
         self.command_all(|table, axis| match table.axes.get(axis) {
-            Some(it) if !it.state.is_configured() => table.configure(axis),
+            Some(it) if !it.setup.is_complete() && !it.setup.is_pending() => table.configure(axis),
             _ => Ok(()),
         })
     }
 
     /// Starts to establish the position of an axis: old targets drain, then two fresh TPDOs must
-    /// show it at rest. A node that is not Operational gets the NMT command to start. Real-time safe,
-    /// as are all commands below.
+    /// show it at rest. A node that is not Operational gets the NMT command to start.
     ///
     /// # Errors
     /// A [`CommandError`].
@@ -95,7 +98,7 @@ impl Cia402 {
     /// established, the drive is brought to Operation Enabled if necessary, and the first target is
     /// the actual position of that cycle. Then the axis follows the application's targets.
     ///
-    /// A drive in fault is not enabled; call [`reset_fault`](Self::reset_fault) first. After
+    /// During a stop, the command waits for its end. A drive in fault is not enabled; call [`reset_fault`](Self::reset_fault) first. After
     /// [`AxisConfig::enable_timeout`] it ends with [`AxisError::EnableTimedOut`], and the drive is
     /// switched off.
     ///
@@ -115,35 +118,75 @@ impl Cia402 {
     }
 
     /// Ends targets at once and switches a drive off, through Switched On; it stops by its 0x605C.
-    /// Call [`halt`](Self::halt) first to bring it to rest by the ramp.
+    /// Call [`halt`](Self::halt) first to bring it to rest by the ramp. A drive that process data do not
+    /// reach, or that does not stop within 30 s, is quick-stopped first. Acts on an axis in every state.
     ///
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn disable(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.cancel_procedure(axis)?.disable();
-        Ok(())
+        self.stop(axis, StopCause::Disable)
     }
 
     /// Switches all drives off.
     pub fn disable_all(&mut self) {
-        // infallible: the indices are those of axes
-        let _ = self.command_all(Self::disable);
+        self.stop_every_axis(StopCause::Disable);
     }
 
-    /// Ends targets at once and commands a quick stop; the drive stops by its 0x605A.
-    /// [`enable`](Self::enable) activates the axis again.
+    /// Ends targets at once and commands a quick stop; the drive stops by its 0x605A. A drive that
+    /// remains in Operation Enabled for 250 ms gets the command to stop by its 0x605C; one that remains
+    /// there for two seconds loses its voltage.
+    /// Acts on an axis in every state. [`enable`](Self::enable) activates the axis again, after the
+    /// stop.
     ///
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn quick_stop(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.cancel_procedure(axis)?.quick_stop();
-        Ok(())
+        self.stop(axis, StopCause::QuickStop)
     }
 
     /// Commands a quick stop to all drives.
     pub fn quick_stop_all(&mut self) {
+        self.stop_every_axis(StopCause::QuickStop);
+    }
+
+    /// Stops all axes as fast as their drives can, by quick stop, and switches the drives off when
+    /// they are at rest. Acts on axes in every state. [`all_stopped`](Self::all_stopped) reports the
+    /// result.
+    pub fn stop_all(&mut self) {
+        self.stop_every_axis(StopCause::StopAll);
+    }
+
+    fn stop(&mut self, axis: usize, cause: StopCause) -> Result<(), CommandError> {
+        let now_ns = self.now_ns;
+        self.cancel_procedure(axis)?.stop(cause, now_ns);
+        Ok(())
+    }
+
+    fn stop_every_axis(&mut self, cause: StopCause) {
         // infallible: the indices are those of axes
-        let _ = self.command_all(Self::quick_stop);
+        let _ = self.command_all(|table, axis| table.stop(axis, cause));
+    }
+
+    /// Whether the drive of an axis is configured.
+    pub fn is_configured(&self, axis: usize) -> bool {
+        self.axis(axis).is_some_and(|axis| axis.setup.is_complete())
+    }
+
+    /// Cause of the stop that is pending or complete.
+    pub fn stop_cause(&self, axis: usize) -> Option<StopCause> {
+        self.axis(axis)?.state.stop().map(|stop| stop.cause)
+    }
+
+    /// Whether an axis has stopped: its drive reported that it is off or at rest in Quick Stop Active,
+    /// or has never reported anything. False while the axis is active, is being stopped, or is
+    /// uncontrolled.
+    pub fn is_stopped(&self, axis: usize) -> bool {
+        self.axis(axis).is_none_or(Axis::is_stopped)
+    }
+
+    /// Whether all axes have stopped, see [`is_stopped`](Self::is_stopped).
+    pub fn all_stopped(&self) -> bool {
+        self.axes.iter().all(Axis::is_stopped)
     }
 
     /// Resets the fault of a drive with a real edge: the bit is sent low, then high, each in several
@@ -156,9 +199,45 @@ impl Cia402 {
         self.axis_mut(axis)?.reset_fault()
     }
 
+    /// Starts to bring an axis back to its targets, from a hold, a stop, a fault or a lost
+    /// configuration, and from the very beginning: it waits for a pending stop, configures a drive
+    /// that is not configured, resets a fault, enables, and resumes a halted axis.
+    /// [`progress`](Self::progress) reports the steps, [`is_recovering`](Self::is_recovering) whether it
+    /// continues. Any other command to the axis ends it.
+    ///
+    /// It ends without success, with the cause in [`error`](Self::error), if
+    /// - a fault persists after one reset, or another one follows,
+    /// - the configuration fails, or the drive restarts again after two configurations,
+    /// - the drive does not answer and may be moving ([`AxisError::NotStopped`]),
+    /// - enabling times out, or the axis holds again after three attempts.
+    ///
+    /// # Errors
+    /// [`CommandError::Busy`] during a mode change or homing, [`CommandError::ShuttingDown`] after
+    /// [`begin_shutdown`](Self::begin_shutdown), [`CommandError::NoSuchAxis`].
+    pub fn recover(&mut self, axis: usize) -> Result<(), CommandError> {
+        if self.shutdown != Shutdown::None {
+            return Err(CommandError::ShuttingDown { axis });
+        }
+        self.axis_mut(axis)?.recover()
+    }
+
+    /// Starts to bring all axes back to their targets; axes that follow them continue.
+    ///
+    /// # Errors
+    /// The first [`CommandError`]; the other axes are recovered nevertheless.
+    pub fn recover_all(&mut self) -> Result<(), CommandError> {
+        self.command_all(Self::recover)
+    }
+
+    /// Whether the recovery of an axis continues.
+    pub fn is_recovering(&self, axis: usize) -> bool {
+        self.axis(axis).is_some_and(|axis| axis.recovery.is_some())
+    }
+
     /// Starts an orderly end: every axis comes to rest by its ramp, is switched off and released:
     /// it stops watching the host's heartbeat and goes to Pre-operational, so that no drive
-    /// reports a fault when the host ends. [`shutdown_state`](Self::shutdown_state) reports when
+    /// reports a fault when the host ends. Axes in every state are switched off; a drive that does not
+    /// report this is not released, so that its own watch stops it. [`shutdown_state`](Self::shutdown_state) reports when
     /// it is complete. A stage that an axis cannot finish ends after five seconds.
     ///
     /// Mode changes and homings are cancelled. The cycle continues as before.
@@ -347,12 +426,12 @@ impl Cia402 {
         self.axis(axis).and_then(|axis| axis.drive.state)
     }
 
-    /// Whether an axis follows targets.
+    /// Whether an axis follows the application's targets; false while it is halted.
     pub fn is_running(&self, axis: usize) -> bool {
-        self.axis(axis).is_some_and(Axis::is_running)
+        self.axis(axis).is_some_and(Axis::follows_application)
     }
 
-    /// Whether all axes follow targets; false without axes.
+    /// Whether all axes follow the application's targets; false without axes.
     pub fn all_running(&self) -> bool {
         !self.axes.is_empty() && (0..self.axes.len()).all(|axis| self.is_running(axis))
     }

@@ -1,5 +1,6 @@
 //! The axes in the cycle: receive, then send.
 
+use ecan_canopen::NodeAddress;
 use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
 use ecan_protocol::can::{FrameKind, FrameRef};
 use ecan_protocol::mapping::CHANNELS;
@@ -87,10 +88,10 @@ impl Cia402 {
         self.begin_target_period();
         self.observe(cycle);
         for axis in &mut self.axes {
-            axis.step_state(&mut self.network, self.now_ns);
-            axis.step_verification(&mut self.network, self.now_ns);
-            axis.step_procedure(&mut self.network, self.now_ns);
-            axis.start_node(&mut self.network, self.now_ns);
+            axis.step(&mut self.network, self.now_ns);
+        }
+        if self.is_paused {
+            self.resume_channels();
         }
         let Self { axes, network, bus, shutdown, now_ns, .. } = self;
         *shutdown = shutdown.step(axes, network, bus.host.is_some(), *now_ns);
@@ -110,13 +111,13 @@ impl Cia402 {
     }
 
     fn observe(&mut self, cycle: &mut Cycle<'_>) {
-        let Self { network, axes, gateways, .. } = self;
+        let Self { network, axes, gateways, now_ns, .. } = self;
         for gateway in gateways.iter_mut() {
             gateway.observe(cycle);
         }
         for axis in axes.iter_mut() {
             if let Some(gateway) = gateways.get(axis.config.address.slave) {
-                axis.observe(gateway, network);
+                axis.observe(gateway, network, *now_ns);
             }
         }
         for gateway in gateways.iter() {
@@ -129,6 +130,21 @@ impl Cia402 {
                     cycle.discard_pending(gateway);
                 }
             }
+        }
+    }
+
+    /// Sends SYNC and heartbeats on the channels of which every axis had its first contact.
+    fn resume_channels(&mut self) {
+        self.is_paused = false;
+        for axis in &self.axes {
+            let NodeAddress { slave, channel, .. } = axis.config.address;
+            let is_waiting = |other: &Axis| {
+                let address = other.config.address;
+                (address.slave, address.channel) == (slave, channel) && other.is_uninspected
+            };
+            let is_paused = self.axes.iter().any(is_waiting);
+            self.network.set_paused(slave, channel, is_paused);
+            self.is_paused |= is_paused;
         }
     }
 
@@ -164,7 +180,7 @@ impl Cia402 {
             let gateway = self.gateways.get(slave);
             let has_sync = || self.network.sync_is_due(cycle, slave, channel);
             let turn = target_turn(gateway, self.is_target_cycle, has_sync);
-            let outgoing = axis.prepare(stepping, turn);
+            let outgoing = axis.prepare(stepping, turn, self.now_ns);
             if let Some(outgoing) = outgoing {
                 if !gateway.is_some_and(GatewayWatch::is_open) || full.contains((slave, channel)) {
                     axis.skipped();
@@ -209,7 +225,7 @@ impl Cia402 {
     fn note_sync(&mut self) {
         for axis in &mut self.axes {
             let gateway = self.gateways.get(axis.config.address.slave);
-            let counts = axis.state.is_configured()
+            let counts = axis.setup.is_complete()
                 && axis.reachability.operational
                 && gateway.is_some_and(|g| g.is_ready());
             let address = axis.config.address;

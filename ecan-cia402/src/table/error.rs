@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use ecan_canopen::{NetworkError, NmtError, WaitError};
+use ecan_canopen::{NetworkError, NmtError, PdoMappingError, WaitError};
 use ecan_mcan_port::NotSchedulable;
 use thiserror::Error;
 
@@ -112,6 +112,14 @@ pub enum Cia402Error {
         slave: usize,
         /// Gateways of the Port.
         slaves: usize,
+    },
+    /// The PDOs cannot be mapped.
+    #[error("axis {axis}: {error}")]
+    Mapping {
+        /// Index of the axis.
+        axis: usize,
+        /// Cause.
+        error: PdoMappingError,
     },
     /// The channel sends by CAN ID, not in order: SYNC would overtake its targets, and the end of a
     /// stale target could not be detected.

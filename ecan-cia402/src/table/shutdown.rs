@@ -6,6 +6,7 @@ use ecan_canopen::{Network, NmtCommand};
 
 use crate::axis::axis::Axis;
 use crate::axis::axis_state::AxisState;
+use crate::axis::stop::StopCause;
 
 /// Longest time of a stage; then the next one begins.
 const REST_NS: u64 = 5_000_000_000;
@@ -73,11 +74,11 @@ impl Shutdown {
             Self::Decelerating { since_ns }
                 if axes.iter().all(Axis::is_at_rest) || is_over(since_ns, REST_NS) =>
             {
-                axes.iter_mut().for_each(Axis::disable);
+                axes.iter_mut().for_each(|axis| axis.stop(StopCause::Shutdown, now_ns));
                 Self::Disabling { since_ns: now_ns }
             }
             Self::Disabling { since_ns }
-                if axes.iter().all(is_off_or_unknown) || is_over(since_ns, DISABLE_NS) =>
+                if axes.iter().all(is_stopped_or_gone) || is_over(since_ns, DISABLE_NS) =>
             {
                 axes.iter_mut().for_each(|axis| axis.begin_release(has_host_heartbeat));
                 Self::Releasing { since_ns: now_ns }
@@ -85,9 +86,14 @@ impl Shutdown {
             Self::Releasing { since_ns }
                 if axes.iter().all(is_released) || is_over(since_ns, RELEASE_NS) =>
             {
-                axes.iter_mut().for_each(|axis| axis.cancel_release(network));
-                // A full queue is not sent any more, either.
-                let _ = network.nmt_all(NmtCommand::EnterPreOperational);
+                for axis in axes.iter_mut() {
+                    axis.cancel_release(network);
+                    // A drive that has not stopped keeps the state in which it watches the host.
+                    if axis.is_stopped() {
+                        // A full queue is not sent any more, either.
+                        let _ = network.nmt(axis.node, NmtCommand::EnterPreOperational);
+                    }
+                }
                 Self::Done
             }
             waiting => waiting,
@@ -95,9 +101,9 @@ impl Shutdown {
     }
 }
 
-/// The shutdown does not wait for a drive that is not configured or never reported its state.
-fn is_off_or_unknown(axis: &Axis) -> bool {
-    !axis.state.is_configured() || axis.drive.state.is_none() || axis.drive.is_off()
+/// The shutdown does not wait for a drive that does not answer.
+fn is_stopped_or_gone(axis: &Axis) -> bool {
+    axis.is_stopped() || axis.is_gone()
 }
 
 fn is_released(axis: &Axis) -> bool {

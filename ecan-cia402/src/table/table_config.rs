@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use ecan_canopen::{HostHeartbeat, NetworkConfig, NodeConfig, SyncConfig};
 
+use crate::axis::takeover::Takeover;
+
 /// Configuration that all axes of a bus share.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cia402Config {
@@ -16,6 +18,8 @@ pub struct Cia402Config {
     pub sync: SyncConfig,
     /// Fewest cycles from target to target; 0 counts as 1. See [`target_cycles`](Self::target_cycles).
     pub motion_div: u32,
+    /// Treatment of a drive that is enabled at the first contact.
+    pub takeover: Takeover,
 }
 
 impl Cia402Config {
@@ -44,6 +48,7 @@ impl Default for Cia402Config {
             node: NodeConfig::default(),
             sync: SyncConfig::default(),
             motion_div: 1,
+            takeover: Takeover::default(),
         }
     }
 }

@@ -93,6 +93,13 @@ impl<S> Sequence<S> {
         &mut self.steps
     }
 
+    /// Starts over at the first step. A running transfer is not ended.
+    pub fn restart(&mut self) {
+        self.next = 0;
+        self.stage = Stage::Start;
+        self.since_ns = None;
+    }
+
     /// Index of the current step; the number of steps if all are complete.
     pub fn position(&self) -> usize {
         self.next

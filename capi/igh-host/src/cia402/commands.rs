@@ -155,6 +155,15 @@ pub fn igh_cia402_quick_stop(context: *mut igh_cia402_context_t, axis: usize) {
     cia402.quick_stop(axis).or_code(call)
 }
 
+/// Stops all axes as fast as their drives can, by quick stop, and disables the drives when they are
+/// at rest. Acts on axes in every state. igh_cia402_all_stopped() reports the result.
+///
+/// @usage   rt, the cycle's thread, after init
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_stop_all(context: *mut igh_cia402_context_t) {
+    cia402.stop_all();
+}
+
 /// Resets the fault of a drive. Does not enable it.
 ///
 /// @usage   rt, the cycle's thread, after init

@@ -6,7 +6,7 @@ use ecan_c_export::export;
 use ecan_canopen::{
     BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeConfig, NodeId, SdoConfig, SyncConfig,
 };
-use ecan_cia402::Cia402Config;
+use ecan_cia402::{Cia402Config, Takeover};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::mirror;
@@ -61,10 +61,30 @@ mirror! {
         sdo_block_upload: u8 = rust.node.sdo.block.upload.into(),
         /// Segments per block of a block upload, 1 to 127. Default 16.
         sdo_block_segments: u8 = rust.node.sdo.block.segments,
+        /// An igh_cia402_takeover_t: treatment of a drive that is enabled at the first contact.
+        /// Default IGH_CIA402_TAKEOVER_STOP.
+        takeover: u8 = igh_cia402_takeover_t::from(rust.takeover) as u8,
         /// Not used.
-        reserved_bytes: [u8; 5] = [0; 5],
+        reserved_bytes: [u8; 4] = [0; 4],
         /// Not used.
         reserved: [u64; 4] = [0; 4],
+    }
+}
+
+mirror! {
+    /// Treatment of a drive that is enabled at the first contact.
+    pub enum igh_cia402_takeover_t from Takeover {
+        /// It is quick-stopped, and disabled at rest.
+        IGH_CIA402_TAKEOVER_STOP = 0 => Takeover::Stop,
+        /// It remains enabled if it is at rest and has mode and process data of the configuration;
+        /// otherwise it is stopped.
+        IGH_CIA402_TAKEOVER_ADOPT = 1 => Takeover::Adopt,
+    }
+}
+
+impl igh_cia402_takeover_t {
+    fn parse(number: u8) -> Option<Takeover> {
+        [Takeover::Stop, Takeover::Adopt].into_iter().find(|it| Self::from(*it) as u8 == number)
     }
 }
 
@@ -130,6 +150,8 @@ impl igh_cia402_settings_t {
                 schedule: None,
             },
             motion_div: self.motion_div,
+            takeover: igh_cia402_takeover_t::parse(self.takeover)
+                .ok_or_else(|| fault("takeover", self.takeover.into()))?,
         })
     }
 }

@@ -107,6 +107,20 @@ pub fn igh_cia402_finish_all_timeout(context: *mut igh_cia402_context_t, timeout
     })
 }
 
+/// Stops all axes, as igh_cia402_stop_all(), and waits until every one has stopped.
+///
+/// @param timeout_ms  Milliseconds.
+///
+/// @usage   not rt, the cycle's thread, active bus
+/// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that did not
+///          report that they have stopped. Their stop continues in later cycles.
+#[export(call, bus bus)]
+pub fn igh_cia402_stop_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
+    wait(call, bus, |cia402, port, progress| {
+        cia402.stop_all_timeout(port, duration(timeout_ms), progress)
+    })
+}
+
 /// Shuts down in order, as igh_cia402_begin_shutdown(), and waits.
 ///
 /// @param timeout_ms  Milliseconds.

@@ -12,7 +12,7 @@ use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers::{igh_canopen_nmt_state_t, igh_cia402_drive_state_t};
 use super::state_terms::{
     decision_reason, igh_canopen_heartbeat_t, igh_cia402_axis_error_t, igh_cia402_decision_t,
-    igh_cia402_hold_t, igh_cia402_phase_t,
+    igh_cia402_hold_t, igh_cia402_phase_t, igh_cia402_stop_cause_t,
 };
 
 /// State of an axis.
@@ -65,7 +65,7 @@ pub struct igh_cia402_axis_state_t {
     pub axis_error: u8,
     /// 1 if the drive is configured.
     pub is_configured: u8,
-    /// 1 if the axis follows targets.
+    /// 1 if the axis follows the application's targets; 0 while it is halted.
     pub is_running: u8,
     /// 1 if a halted axis is at rest, and if it is not active.
     pub is_at_rest: u8,
@@ -77,15 +77,17 @@ pub struct igh_cia402_axis_state_t {
     pub has_target: u8,
     /// 1 if a statusword was received.
     pub has_statusword: u8,
+    /// An igh_cia402_stop_cause_t: cause of the stop that is pending or complete.
+    pub stop_cause: u8,
+    /// 1 if the drive has stopped; see igh_cia402_all_stopped().
+    pub is_stopped: u8,
     /// Not used.
-    pub reserved: [u8; 6],
+    pub reserved: [u8; 4],
 }
 
 fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
-    use igh_cia402_phase_t::*;
     let (progress, node) = (cia402.progress(axis)?, cia402.node(axis)?);
     let network = cia402.network();
-    let phase = igh_cia402_phase_t::from(progress.phase);
     let (actual, target) = (cia402.actual(axis), cia402.target(axis));
     let decision = cia402.decision(axis);
     let hold_reason = match cia402.guard(axis)?.state() {
@@ -109,7 +111,7 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
         channel: progress.address.channel,
         node_id: progress.address.node.get(),
         mode: cia402.mode(axis)?.raw(),
-        phase: phase as u8,
+        phase: igh_cia402_phase_t::from(progress.phase) as u8,
         drive_state: igh_cia402_drive_state_t::from(cia402.drive_state(axis)) as u8,
         nmt_state: igh_canopen_nmt_state_t::from(network.nmt_state(node)) as u8,
         heartbeat: igh_canopen_heartbeat_t::from(network.heartbeat(node)) as u8,
@@ -117,21 +119,16 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
         decision_reason: decision_reason(decision),
         hold_reason: igh_cia402_hold_t::from(hold_reason) as u8,
         axis_error: igh_cia402_axis_error_t::from(progress.error) as u8,
-        is_configured: (!matches!(
-            phase,
-            IGH_CIA402_PHASE_NOT_CONFIGURED
-                | IGH_CIA402_PHASE_CONFIGURING
-                | IGH_CIA402_PHASE_SETTING_MODE
-                | IGH_CIA402_PHASE_SETUP_FAILED
-        ))
-        .into(),
+        is_configured: cia402.is_configured(axis).into(),
         is_running: cia402.is_running(axis).into(),
         is_at_rest: cia402.is_at_rest(axis).into(),
         is_target_reached: cia402.is_target_reached(axis).into(),
         has_actual: actual.is_some().into(),
         has_target: target.is_some().into(),
         has_statusword: cia402.statusword(axis).is_some().into(),
-        reserved: [0; 6],
+        stop_cause: igh_cia402_stop_cause_t::from(cia402.stop_cause(axis)) as u8,
+        is_stopped: cia402.is_stopped(axis).into(),
+        reserved: [0; 4],
     })
 }
 
@@ -169,13 +166,23 @@ pub fn igh_cia402_get_axis_text(
     }
 }
 
-/// Returns 1 if all axes follow targets.
+/// Returns 1 if all axes follow the application's targets; 0 while one is halted.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0, also 0 without any axis, or a negative ecan_result_t. Compare with 1.
 #[export(_, layer(cia402, _))]
 pub fn igh_cia402_all_running(context: *mut igh_cia402_context_t) -> c_int {
     Ok(cia402.all_running().into())
+}
+
+/// Returns 1 if all axes have stopped: every drive reported that it is off or at rest after a quick
+/// stop, or never reported anything.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
+#[export(_, layer(cia402, _))]
+pub fn igh_cia402_all_stopped(context: *mut igh_cia402_context_t) -> c_int {
+    Ok(cia402.all_stopped().into())
 }
 
 /// Returns 1 if the shutdown of igh_cia402_begin_shutdown() is complete, and the host may exit.

@@ -1,7 +1,9 @@
 //! Values of an axis' state
 
 use ecan_canopen::Heartbeat;
-use ecan_cia402::{AxisError, AxisPhase, Decision, HoldReason, TargetRejection, WaitReason};
+use ecan_cia402::{
+    AxisError, AxisPhase, Decision, HoldReason, StopCause, TargetRejection, WaitReason,
+};
 use ecan_mcan_host::mirror;
 
 mirror! {
@@ -29,10 +31,10 @@ mirror! {
         IGH_CIA402_PHASE_HALTED = 9 => AxisPhase::Halted,
         /// Holds: gets no targets until it is activated again; see hold_reason.
         IGH_CIA402_PHASE_HOLDING = 10 => AxisPhase::Holding(_),
-        /// A quick stop was commanded.
-        IGH_CIA402_PHASE_QUICK_STOP = 11 => AxisPhase::QuickStop,
-        /// The drive is being disabled.
-        IGH_CIA402_PHASE_DISABLING = 12 => AxisPhase::Disabling,
+        /// The drive is being stopped; see stop_cause.
+        IGH_CIA402_PHASE_STOPPING = 11 => AxisPhase::Stopping(_),
+        /// The drive has stopped: it is off, or at rest after a quick stop; see stop_cause.
+        IGH_CIA402_PHASE_STOPPED = 12 => AxisPhase::Stopped(_),
         /// A fault is being reset.
         IGH_CIA402_PHASE_RESETTING_FAULT = 13 => AxisPhase::ResettingFault,
         /// The drive has a fault.
@@ -43,6 +45,10 @@ mirror! {
         IGH_CIA402_PHASE_PREPARING_HOMING = 16 => AxisPhase::PreparingHoming,
         /// Homing.
         IGH_CIA402_PHASE_HOMING = 17 => AxisPhase::Homing(_),
+        /// The drive is to be stopped, may be moving, and reports nothing; the stop is repeated.
+        IGH_CIA402_PHASE_UNCONTROLLED = 18 => AxisPhase::Uncontrolled(_),
+        /// First contact: the state of the drive is read before anything else is sent.
+        IGH_CIA402_PHASE_INSPECTING = 19 => AxisPhase::Inspecting,
         /// Another one.
         IGH_CIA402_PHASE_OTHER = 255 => _,
     }
@@ -152,6 +158,34 @@ mirror! {
 }
 
 mirror! {
+    /// Cause of a stop.
+    pub enum igh_cia402_stop_cause_t from Option<StopCause> {
+        /// No stop is pending or complete.
+        IGH_CIA402_STOP_NONE = 0 => None,
+        /// igh_cia402_quick_stop().
+        IGH_CIA402_STOP_QUICK_STOP = 1 => Some(StopCause::QuickStop),
+        /// igh_cia402_disable().
+        IGH_CIA402_STOP_DISABLE = 2 => Some(StopCause::Disable),
+        /// igh_cia402_stop_all().
+        IGH_CIA402_STOP_ALL = 3 => Some(StopCause::StopAll),
+        /// igh_cia402_begin_shutdown().
+        IGH_CIA402_STOP_SHUTDOWN = 4 => Some(StopCause::Shutdown),
+        /// The axis held in a mode in which its drive would continue to move; see hold_reason.
+        IGH_CIA402_STOP_HELD = 5 => Some(StopCause::Held(_)),
+        /// A change of mode, or homing.
+        IGH_CIA402_STOP_PROCEDURE = 6 => Some(StopCause::Procedure),
+        /// The drive was not enabled in time.
+        IGH_CIA402_STOP_ENABLE_TIMED_OUT = 7 => Some(StopCause::EnableTimedOut),
+        /// igh_cia402_configure() of an enabled drive.
+        IGH_CIA402_STOP_CONFIGURE = 8 => Some(StopCause::Configure),
+        /// The drive was enabled at the first contact, or has another configuration.
+        IGH_CIA402_STOP_TAKEOVER = 9 => Some(StopCause::Takeover),
+        /// Another cause.
+        IGH_CIA402_STOP_OTHER = 255 => Some(_),
+    }
+}
+
+mirror! {
     /// Error of the last command to an axis; igh_cia402_get_axis_text() gives details.
     pub enum igh_cia402_axis_error_t from Option<AxisError> {
         /// No error.
@@ -176,6 +210,8 @@ mirror! {
         IGH_CIA402_AXIS_ERROR_MODE = 9 => Some(AxisError::Mode(_)),
         /// The drive was not disabled in time.
         IGH_CIA402_AXIS_ERROR_NOT_DISABLED = 10 => Some(AxisError::NotDisabled { .. }),
+        /// The drive was enabled when it reported last, and does not answer.
+        IGH_CIA402_AXIS_ERROR_NOT_STOPPED = 11 => Some(AxisError::NotStopped { .. }),
         /// Another one.
         IGH_CIA402_AXIS_ERROR_OTHER = 255 => Some(_),
     }

@@ -1,0 +1,271 @@
+//! Stop of one axis in any state, and the first contact with its drive.
+
+use std::time::Duration;
+
+use ecan_canopen::{Configuring, Controlword, DriveState, Network, Statusword, object};
+
+use super::axis::Axis;
+use super::axis_state::AxisState;
+use super::config::target_kind;
+use super::drive_poll::{PollState, Round};
+use super::drive_status::is_energised;
+use super::phase::AxisError;
+use super::power::PowerGoal;
+use super::rest::REST_NS;
+use super::stop::{DISABLE_NS, StopCause};
+use super::takeover::{ADOPT_NS, Takeover, TakeoverState};
+use super::verification::Verification;
+use crate::guard::terms::TargetKind;
+
+/// Attempts without an answer after which a drive counts as absent or gone: 800 ms.
+const GONE_ATTEMPTS: u32 = 4;
+
+/// The same for a drive that was enabled at the first contact: until then its channel gets no
+/// heartbeat, so that its own watch stops it.
+const TAKEOVER_ATTEMPTS: u32 = 24;
+
+/// Time for which a drive without an actual position must report that it is off.
+const BLIND_REST_NS: u64 = 1_000_000_000;
+
+impl Axis {
+    /// Stops the drive, whatever the setup and the state of the axis. A command to enable that waits
+    /// is cancelled.
+    pub(crate) fn stop(&mut self, cause: StopCause, now_ns: u64) {
+        self.stop_targets();
+        if cause.is_commanded() {
+            self.recovery = None;
+        }
+        if matches!(cause, StopCause::QuickStop | StopCause::StopAll) {
+            self.guard.hold();
+        }
+        self.state = self.state.stopped_by(cause, now_ns);
+    }
+
+    /// Whether the drive is known to be off, or at rest in Quick Stop Active, or never answered.
+    pub(crate) fn is_stopped(&self) -> bool {
+        match self.state {
+            AxisState::Stopped(_) => true,
+            AxisState::Stopping(_) => false,
+            _ => {
+                self.takeover == TakeoverState::Done
+                    && !self.drive.is_energised()
+                    && (self.drive.rest.is_empty() || self.drive.rest.was_at_rest())
+            }
+        }
+    }
+
+    /// Whether the drive cannot be reached at present.
+    pub(crate) fn is_gone(&self) -> bool {
+        !self.reachability.gateway || self.poll.unanswered() >= GONE_ATTEMPTS
+    }
+
+    /// Whether the drive may be moving although it does not report that it obeys a stop.
+    pub(crate) fn is_uncontrolled(&self, now_ns: u64) -> bool {
+        let may_move = self.drive.state.is_none_or(is_energised);
+        self.state.is_stopping()
+            && may_move
+            && self.drive.heard_ns.is_some()
+            && !self.is_fresh(now_ns)
+    }
+
+    fn is_fresh(&self, now_ns: u64) -> bool {
+        self.drive.is_fresh(now_ns, self.fresh_ns)
+    }
+
+    pub(crate) fn drive_is_at_rest(&self, now_ns: u64) -> bool {
+        self.drive.is_at_rest(now_ns, self.fresh_ns)
+    }
+
+    /// Continues the SDO transfers that a stop or the first contact needs.
+    pub(crate) fn step_poll(&mut self, network: &mut Network, now_ns: u64) {
+        let is_inspecting = matches!(self.takeover, TakeoverState::Inspecting { .. });
+        let is_needed = is_inspecting || self.needs_stop_by_sdo(now_ns);
+        if !is_needed || !self.reachability.gateway {
+            self.poll.cancel(network, self.node);
+            return self.step_takeover(network, PollState::Running, now_ns);
+        }
+        if let Verification::Running(script) = self.verification {
+            script.cancel(network, self.node);
+            self.verification = Verification::Due { from_ns: now_ns };
+        }
+        let round = match self.state {
+            AxisState::Stopping(stop) => {
+                let state = self.drive.state.filter(|_| self.is_fresh(now_ns));
+                let command = stop.command(state, self.drive_is_at_rest(now_ns), now_ns);
+                Round::Stop(command.map(Controlword::of))
+            }
+            _ if self.takeover_policy == Takeover::Adopt => Round::InspectMode,
+            _ => Round::Inspect,
+        };
+        let Self { poll, drive, config, inspected, node, .. } = self;
+        let answer = poll.step(network, *node, now_ns, round, |index, value| match index {
+            object::STATUSWORD => drive.statusword_received(Statusword(value as u16), now_ns),
+            object::POSITION_ACTUAL => {
+                drive.rest.observe(value as i32, config.range, config.standstill, now_ns);
+            }
+            object::MODE_DISPLAY => inspected.0 = Some(value as i8),
+            object::TARGET_POSITION => inspected.1 = Some(value as i32),
+            _ => {}
+        });
+        self.step_takeover(network, answer, now_ns);
+    }
+
+    /// Process data do not reach the drive, or their effect is not visible.
+    fn needs_stop_by_sdo(&self, now_ns: u64) -> bool {
+        self.state.is_stopping()
+            && !self.setup.is_running()
+            && (!self.setup.is_complete()
+                || self.verification != Verification::Complete
+                || !self.reachability.operational
+                || !self.is_fresh(now_ns)
+                || self.guard.resting_target().is_none())
+    }
+
+    fn step_takeover(&mut self, network: &mut Network, answer: PollState, now_ns: u64) {
+        match &mut self.takeover {
+            TakeoverState::Waiting => {
+                if self.reachability.gateway {
+                    self.inspected = (None, None);
+                    self.drive.rest.restart();
+                    self.takeover = TakeoverState::Inspecting { since_ns: now_ns };
+                }
+            }
+            TakeoverState::Inspecting { since_ns } => {
+                let since_ns = *since_ns;
+                let is_absent = self.poll.unanswered() >= GONE_ATTEMPTS;
+                if answer == PollState::Answered {
+                    self.inspected(since_ns, now_ns);
+                } else if is_absent {
+                    self.takeover = TakeoverState::Done;
+                }
+            }
+            TakeoverState::Adopting(script) => {
+                if self.state.is_stopping() {
+                    script.cancel(network, self.node);
+                    self.takeover = TakeoverState::Stopping;
+                    return;
+                }
+                match script.advance(network, self.node, now_ns, |_, _, _| {}) {
+                    Configuring::Running => {}
+                    Configuring::Done => {
+                        self.adopt(network);
+                        self.takeover = TakeoverState::Done;
+                    }
+                    Configuring::Failed(_) => self.stop_enabled_drive(now_ns),
+                }
+            }
+            TakeoverState::Stopping => {
+                if !self.state.is_stopping() || self.poll.unanswered() >= TAKEOVER_ATTEMPTS {
+                    self.takeover = TakeoverState::Done;
+                }
+            }
+            TakeoverState::Done => self.is_uninspected = false,
+        }
+    }
+
+    /// The drive has answered: it is off, is adopted, or is stopped.
+    fn inspected(&mut self, since_ns: u64, now_ns: u64) {
+        if self.state.is_stopping() {
+            self.takeover = TakeoverState::Stopping;
+        } else if !self.drive.is_energised() {
+            self.takeover = TakeoverState::Done;
+        } else if self.takeover_policy == Takeover::Stop || self.setup.is_pending() {
+            self.stop_enabled_drive(now_ns);
+        } else if self.drive_is_at_rest(now_ns) && self.can_be_adopted() {
+            self.mode = self.config.mode;
+            self.takeover = TakeoverState::Adopting(self.verification_script());
+        } else if self.drive_is_at_rest(now_ns) || now_ns.saturating_sub(since_ns) > ADOPT_NS {
+            self.stop_enabled_drive(now_ns);
+        }
+    }
+
+    fn can_be_adopted(&self) -> bool {
+        let (mode, target) = self.inspected;
+        let holds_position = target_kind(self.config.mode) != TargetKind::Position
+            || match (target, self.drive.rest.position()) {
+                (Some(target), Some(position)) => {
+                    let distance = self.config.range.distance(target, position).unsigned_abs();
+                    distance <= u64::from(self.config.step_limit)
+                }
+                _ => false,
+            };
+        self.drive.is_enabled() && mode == Some(self.config.mode.raw()) && holds_position
+    }
+
+    fn stop_enabled_drive(&mut self, now_ns: u64) {
+        tracing::warn!(axis = self.index, "axis {}: enabled drive found, stopping", self.index);
+        self.stop(StopCause::Takeover, now_ns);
+        self.takeover = TakeoverState::Stopping;
+    }
+
+    /// A drive that never answered has sent something: its state is to be read.
+    pub(crate) fn appeared(&mut self) {
+        let is_unknown = self.drive.heard_ns.is_none() && !self.poll.is_answered();
+        if is_unknown && self.takeover == TakeoverState::Done && !self.setup.is_pending() {
+            self.takeover = TakeoverState::Waiting;
+        }
+    }
+
+    pub(crate) fn step_stop(&mut self, now_ns: u64) {
+        let is_fresh = self.is_fresh(now_ns);
+        let state = self.drive.state;
+        match &mut self.state {
+            AxisState::Stopping(stop) => {
+                stop.note_status(is_fresh, now_ns);
+                let stop = *stop;
+                if self.has_stopped(now_ns) {
+                    tracing::info!(axis = self.index, "axis {}: stopped", self.index);
+                    self.state = AxisState::Stopped(stop);
+                    if stop.enable_since_ns.is_some() && self.setup.is_complete() {
+                        self.begin_enable(now_ns);
+                    }
+                    return;
+                }
+                let waited = Duration::from_nanos(now_ns.saturating_sub(stop.since_ns));
+                if waited.as_nanos() > DISABLE_NS.into() {
+                    let not_disabled = AxisError::NotDisabled { state };
+                    self.error = self.error.or(Some(not_disabled));
+                }
+                self.expire_enable(now_ns);
+            }
+            AxisState::Stopped(stop) => {
+                let stop = *stop;
+                // A command to enable may still have been on the path to the drive.
+                let stays = state == Some(DriveState::QuickStopActive)
+                    && stop.goal() == PowerGoal::QuickStopped;
+                if is_fresh && self.drive.is_energised() && !stays && self.setup.is_complete() {
+                    self.state = self.state.stopped_by(stop.cause, now_ns);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn expire_enable(&mut self, now_ns: u64) {
+        let AxisState::Stopping(stop) = &mut self.state else { return };
+        let Some(since_ns) = stop.enable_since_ns else { return };
+        let waited = Duration::from_nanos(now_ns.saturating_sub(since_ns));
+        if waited > self.config.enable_timeout {
+            stop.enable_since_ns = None;
+            let (state, guard) = (self.drive.state, self.guard.state());
+            self.error = Some(AxisError::EnableTimedOut { state, guard, waited });
+        }
+    }
+
+    /// Whether a pending stop is complete.
+    fn has_stopped(&self, now_ns: u64) -> bool {
+        let AxisState::Stopping(stop) = &self.state else { return false };
+        if self.setup.is_running() {
+            // The configuration began when the drive was off.
+            return true;
+        }
+        let waited_ns = now_ns.saturating_sub(stop.since_ns);
+        let Some(state) = self.drive.state.filter(|_| self.is_fresh(now_ns)) else {
+            let is_absent = self.poll.is_answered() || self.poll.unanswered() >= GONE_ATTEMPTS;
+            return self.drive.heard_ns.is_none() && is_absent;
+        };
+        let is_at_rest = self.drive_is_at_rest(now_ns)
+            || self.drive.rest.is_empty() && !is_energised(state) && waited_ns > BLIND_REST_NS;
+        stop.is_reached(state) && is_at_rest && waited_ns >= REST_NS
+    }
+}

@@ -1,0 +1,149 @@
+//! Commands and reads a drive by SDO, which needs neither mapped PDOs nor NMT Operational.
+
+use ecan_canopen::{
+    Configuring, Controlword, Heartbeat, Network, NmtCommand, NmtState, NodeAccessError,
+    NodeHandle, Sdo, SdoFault, Step, StepFault, object,
+};
+
+use super::script::{Script, script};
+
+/// Time for an answer before the request is repeated. A drive that was unreachable receives its stop
+/// that soon after its return.
+const RETRY_NS: u64 = 100_000_000;
+
+/// Every n-th attempt waits for the SDO timeout of the node, for a drive that is slow to answer.
+const PATIENT_ATTEMPT: u32 = 4;
+
+/// Pause between two NMT commands to a node that is in Stopped, where it has no SDO server.
+const NMT_PAUSE_NS: u64 = 500_000_000;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum PollState {
+    Running,
+    /// The drive answered. Values were reported; it may lack some of the objects.
+    Answered,
+    /// An attempt had no answer.
+    Unanswered,
+}
+
+/// What a round does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Round {
+    /// Writes the controlword, if there is one, then reads statusword and position.
+    Stop(Option<Controlword>),
+    /// Reads statusword and position.
+    Inspect,
+    /// Reads mode and target, too.
+    InspectMode,
+}
+
+/// Repeats rounds of SDO transfers with a drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct DrivePoll {
+    round: Option<Script>,
+    since_ns: u64,
+    /// Attempts without an answer in a row.
+    unanswered: u32,
+    /// The last attempt had an answer.
+    is_answered: bool,
+    was_alive: bool,
+    next_nmt_ns: u64,
+}
+
+impl DrivePoll {
+    pub(crate) fn unanswered(&self) -> u32 {
+        self.unanswered
+    }
+
+    /// Whether the node answered the last round, be it by aborts.
+    pub(crate) fn is_answered(&self) -> bool {
+        self.is_answered
+    }
+
+    pub(crate) fn cancel(&mut self, network: &mut Network, node: NodeHandle) {
+        if let Some(round) = self.round.take() {
+            round.cancel(network, node);
+        }
+        self.unanswered = 0;
+    }
+
+    /// Continues the round, or begins the next one. `on_read` receives index and value.
+    pub(crate) fn step(
+        &mut self,
+        network: &mut Network,
+        node: NodeHandle,
+        now_ns: u64,
+        next: Round,
+        mut on_read: impl FnMut(u16, u64),
+    ) -> PollState {
+        let is_alive = network.heartbeat(node) == Heartbeat::Active;
+        let returned = is_alive && !std::mem::replace(&mut self.was_alive, is_alive);
+        let Some(round) = &mut self.round else {
+            self.begin(network, node, now_ns, next);
+            return PollState::Running;
+        };
+        match round.advance(network, node, now_ns, |index, _, value| on_read(index, value)) {
+            Configuring::Done => self.answered(),
+            Configuring::Running => {
+                let waited_ns = now_ns.saturating_sub(self.since_ns);
+                let is_patient = (self.unanswered + 1).is_multiple_of(PATIENT_ATTEMPT);
+                if waited_ns > RETRY_NS && (!is_patient || returned) {
+                    round.cancel(network, node);
+                    self.failed(network, node, now_ns)
+                } else {
+                    PollState::Running
+                }
+            }
+            Configuring::Failed(failure) if is_abort(&failure.fault) => {
+                // It has no statusword: the node is there, but it is not a drive.
+                self.answered()
+            }
+            Configuring::Failed(_) => self.failed(network, node, now_ns),
+        }
+    }
+
+    fn begin(&mut self, network: &mut Network, node: NodeHandle, now_ns: u64, round: Round) {
+        if network.sdo_state(node) == Sdo::Busy {
+            // A stop does not wait for a transfer of the application.
+            network.cancel_sdo(node);
+        }
+        let read = |index| Step::read(index, 0);
+        let status = [read(object::STATUSWORD), read(object::POSITION_ACTUAL).if_present()];
+        self.round = Some(match round {
+            Round::Stop(word) => {
+                let write = |word: Controlword| Step::write(object::CONTROLWORD, 0, word.0);
+                let word = word.map(|word| write(word).named("stop").if_accepted());
+                script(word.into_iter().chain(status))
+            }
+            Round::Inspect => script(status),
+            Round::InspectMode => {
+                let more = [read(object::MODE_DISPLAY), read(object::TARGET_POSITION)];
+                script(status.into_iter().chain(more.map(Step::if_present)))
+            }
+        });
+        self.since_ns = now_ns;
+    }
+
+    fn answered(&mut self) -> PollState {
+        self.round = None;
+        self.unanswered = 0;
+        self.is_answered = true;
+        PollState::Answered
+    }
+
+    fn failed(&mut self, network: &mut Network, node: NodeHandle, now_ns: u64) -> PollState {
+        self.round = None;
+        self.is_answered = false;
+        self.unanswered = self.unanswered.saturating_add(1);
+        if network.nmt_state(node) == Some(NmtState::Stopped) && now_ns >= self.next_nmt_ns {
+            self.next_nmt_ns = now_ns.saturating_add(NMT_PAUSE_NS);
+            // If the queue is full, the next attempt follows after the pause.
+            let _ = network.nmt(node, NmtCommand::EnterPreOperational);
+        }
+        PollState::Unanswered
+    }
+}
+
+fn is_abort(fault: &StepFault) -> bool {
+    matches!(fault, StepFault::Access(NodeAccessError::Sdo(SdoFault::Aborted(_))))
+}

@@ -1,0 +1,47 @@
+//! Setup of a drive: how much of its configuration is known.
+
+use super::script::Script;
+
+/// Setup of a drive, in parallel with the command that it executes.
+///
+/// | from | event | to |
+/// | --- | --- | --- |
+/// | any | configure | `Requested` |
+/// | `Requested` | the drive is off, or never answered | `Configuring` |
+/// | `Requested` | the drive was enabled when it answered last, and answers no more | `Failed` |
+/// | `Configuring` | all steps done | `SettingMode` |
+/// | `SettingMode` | the drive displays the mode | `Complete` |
+/// | `Configuring`, `SettingMode` | a step failed | `Failed` |
+/// | `Unconfigured` | the new owner adopts the enabled drive | `Complete` |
+/// | any but `Requested` | the drive restarted, or its configuration differs | `Unconfigured` |
+/// | `Complete` | the mode cannot be restored after homing | `Failed` |
+#[expect(clippy::large_enum_variant, reason = "a box would allocate in the cycle")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum SetupState {
+    /// Not configured, or no longer: the drive restarted.
+    #[default]
+    Unconfigured,
+    /// The configuration begins when the drive has stopped.
+    Requested,
+    Configuring,
+    /// The mode is written, and the drive must display it.
+    SettingMode(Script),
+    Failed,
+    Complete,
+}
+
+impl SetupState {
+    pub(crate) fn is_complete(&self) -> bool {
+        matches!(self, Self::Complete)
+    }
+
+    /// Whether the configuration is requested or runs.
+    pub(crate) fn is_pending(&self) -> bool {
+        matches!(self, Self::Requested) || self.is_running()
+    }
+
+    /// Whether configuration steps are being executed.
+    pub(crate) fn is_running(&self) -> bool {
+        matches!(self, Self::Configuring | Self::SettingMode(_))
+    }
+}
