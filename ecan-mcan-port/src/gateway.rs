@@ -154,9 +154,11 @@ impl Gateway {
         let Self { session, transmitter, receiver, statistics, watch, ready_since, .. } = self;
         let no_input = self.input_limit > 0 && receiver.misses() > self.input_limit;
         let is_lost = transmitter.misses() > self.hold_limit || no_input;
-        match session.step(adapter, is_lost) {
+        match session.step(adapter, is_lost, transmitter.published_sequence()) {
             Event::None => {}
-            Event::Started => transmitter.reset(statistics),
+            Event::Started => {
+                transmitter.restart(session.first_sequence(number), statistics);
+            }
             Event::Ready => {
                 receiver.reset();
                 transmitter.reset(statistics);

@@ -202,9 +202,22 @@ impl Port {
     }
 
     /// Step that a gateway waits for until it is ready; real-time safe. `None` for one that is
-    /// ready.
+    /// ready. A gateway that the Port does not have, since a reconfiguration failed or left it out,
+    /// waits for [`PendingStep::Configuration`].
     pub fn waiting_for(&self, gateway: GatewayHandle) -> Option<PendingStep> {
-        self.find(gateway)?.session.awaited(&self.adapter)
+        match self.find(gateway) {
+            Some(gateway) => gateway.session.awaited(&self.adapter),
+            None => Some(PendingStep::Configuration),
+        }
+    }
+
+    /// Requests the startup of every gateway again that the master keeps in PREOP
+    /// ([`PendingStep::StartupRetry`]): [`Adapter::retry_startup`]. May block; not for the cycle.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn retry_startup(&mut self) -> Result<(), PortError> {
+        Ok(self.adapter.retry_startup()?)
     }
 
     /// Fault of the last verification that failed, until one succeeds; real-time safe.

@@ -83,6 +83,9 @@ impl Port {
                     });
                     let causes = causes.map_err(failed)?;
                     report.explain(causes);
+                    if self.adapter.retry_wait(&wait, &report).map_err(failed)? {
+                        continue;
+                    }
                     return Err(failed(ecan_host::Error::NotOperational(Box::new(report))));
                 }
             }

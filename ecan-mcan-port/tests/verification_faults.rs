@@ -113,7 +113,7 @@ fn what_a_gateway_waits_for_is_told_at_every_step() {
     // A gateway that is off.
     fixture.simulation.inject(Fault::PowerOff { gateway: 0 });
     fixture.idle(1_000);
-    assert_eq!(fixture.port.waiting_for(fixture.port.gw(0)), Some(PendingStep::Operational));
+    assert_eq!(fixture.port.waiting_for(fixture.port.gw(0)), Some(PendingStep::Answer));
 }
 
 fn not_ready(fixture: &mut Fixture, timeout_ms: u64) -> (PortError, String) {

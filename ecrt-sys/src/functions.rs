@@ -196,6 +196,9 @@ macro_rules! for_each_function {
             required master_activate(master: *mut ec_master_t) -> c_int;
             /// Ends the operation phase, frees every handle made from the master. Not real-time safe.
             status master_deactivate(master: *mut ec_master_t);
+            /// Requests OP of every configured slave, also of those with the error flag. Takes the
+            /// master's semaphore: may block.
+            status master_reset(master: *mut ec_master_t);
             /// Direction and watchdog of a sync manager. Not real-time safe.
             required slave_config_sync_manager(
                 config: *mut ec_slave_config_t, sync_index: u8, direction: ec_direction_t,
@@ -306,6 +309,8 @@ macro_rules! for_each_function {
             required reg_request_state(request: *mut ec_reg_request_t) -> ec_request_state_t;
             /// Starts a read. Real-time safe.
             status reg_request_read(request: *mut ec_reg_request_t, address: u16, size: size_t);
+            /// Starts a write of the request's memory. Real-time safe.
+            status reg_request_write(request: *mut ec_reg_request_t, address: u16, size: size_t);
         }
     };
 }

@@ -60,6 +60,10 @@ fn delivery_of(slave: &Slave, working_counter: u32, wc_state: WcState) -> (Deliv
     match wc_state {
         WcState::Complete => (Delivery::Confirmed, Delivery::Confirmed),
         WcState::Zero => (Delivery::Missed, Delivery::Missed),
+        // Another slave has the same process data: the images are a mixture.
+        WcState::Incomplete if working_counter > slave.report.expected_working_counter => {
+            (Delivery::Unknown, Delivery::Unknown)
+        }
         // In a single LRW a read counts 1 and a write 2, each on its own.
         WcState::Incomplete if slave.layout.is_single_datagram() => {
             (seen(working_counter & 2 != 0), seen(working_counter & 1 != 0))
@@ -175,6 +179,14 @@ impl Adapter {
     /// out of range reads as nothing exchanged.
     pub fn domain_report(&self, slave: usize) -> DomainReport {
         self.slaves.get(slave).map_or_else(DomainReport::default, |s| s.report)
+    }
+
+    /// Whether more than one slave took part in the last exchange: another one has the same process
+    /// data. Real-time safe.
+    pub fn shares_process_data(&self, slave: usize) -> bool {
+        let report = self.domain_report(slave);
+        report.wc_state == WcState::Incomplete
+            && report.working_counter > report.expected_working_counter
     }
 
     /// Whether every slave exchanged both directions in the last cycle; real-time safe.

@@ -23,7 +23,7 @@ use crate::bus::{Diagnostics, Identified, identification, mapping};
 use crate::clocks::DistributedClocks;
 use crate::config::{AdapterConfig, Identity, WATCHDOG_UNIT};
 use crate::error::Error;
-use crate::master::{DomainId, Master, SlaveConfigId};
+use crate::master::{DomainId, Master, RegRequestId, SlaveConfigId};
 use crate::phase::Phase;
 use crate::plan::{DomainLayout, Plan};
 use crate::real_time::{CycleStart, CycleStatistics, CycleTimer, CycleTiming};
@@ -46,6 +46,7 @@ struct Slave {
     /// Its last process data were not sent, so the working counter is an old one.
     is_unsent: bool,
     al_status: AlStatusWatch,
+    al_control: RegRequestId,
     outage: Outage,
 }
 
@@ -242,6 +243,9 @@ impl Adapter {
         let al_status = master
             .create_reg_request(config, 2)
             .map_err(fail("ecrt_slave_config_create_reg_request"))?;
+        let al_control = master
+            .create_reg_request(config, 2)
+            .map_err(fail("ecrt_slave_config_create_reg_request"))?;
         let layout = DomainLayout::new(rx_n, tx_n);
         Ok(Slave {
             config,
@@ -257,6 +261,7 @@ impl Adapter {
             },
             is_unsent: false,
             al_status: AlStatusWatch::new(al_status),
+            al_control,
             outage: Outage::default(),
         })
     }

@@ -8,7 +8,7 @@ use tracing::{info, warn};
 
 use super::{Adapter, run_in_parallel};
 use crate::deadline::deadline_ns;
-use crate::error::{CycleError, Error, is_preop};
+use crate::error::{CycleError, Error, NotOperational, is_preop};
 use crate::master::SlaveConfigState;
 use crate::phase::Phase;
 
@@ -111,6 +111,9 @@ impl Adapter {
                         let _ = cycle(self);
                     })?;
                     report.explain(causes);
+                    if self.retry_wait(&wait, &report)? {
+                        continue;
+                    }
                     return Err(Error::NotOperational(Box::new(report)));
                 }
             }
@@ -152,6 +155,22 @@ impl Adapter {
             return Ok(OpProgress::Failed { waited_ms });
         }
         Ok(OpProgress::Pending)
+    }
+
+    /// Whether to go on with a wait that has failed: there is time left, and every slave that the
+    /// master keeps in PREOP can succeed in another attempt, which is requested here. Blocks; on an
+    /// attached Adapter it does nothing.
+    ///
+    /// # Errors
+    /// The library's error.
+    pub fn retry_wait(&mut self, wait: &OpWait, report: &NotOperational) -> Result<bool, Error> {
+        if self.attached || self.ecrt.clock().now_ns() >= wait.deadline_ns || !report.is_temporary()
+        {
+            return Ok(false);
+        }
+        info!("startup of the slaves in PREOP: repeated");
+        self.retry_startup()?;
+        Ok(true)
     }
 
     /// Time in which the slaves reach OP: the master configures one slave after the other, and every

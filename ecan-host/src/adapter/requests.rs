@@ -1,11 +1,52 @@
 //! SDO requests in parallel with the cycle.
 
+use ecrt_sys::Errno;
+
 use super::Adapter;
+use ecan_protocol::device::AlState;
+
 use crate::error::{CycleError, Error};
 use crate::master::{RequestState, SdoRequestId};
 use crate::phase::Phase;
 
+/// ESC register AL control.
+const AL_CONTROL: u16 = 0x0120;
+
 impl Adapter {
+    /// Takes a slave out of OP by its register AL control, so that the master configures it again:
+    /// for a slave in OP with another slave's process data. Its process data stop at once. Takes
+    /// effect in later cycles; a slave that does not answer keeps its state. Real-time safe.
+    ///
+    /// # Errors
+    /// The library's error; `EBUSY` while an earlier call has not taken effect.
+    pub fn request_reconfiguration(&mut self, slave: usize) -> Result<(), CycleError> {
+        let call = "ecrt_reg_request_write";
+        let request = self.slaves.get(slave).map(|slave| slave.al_control);
+        let request = request.ok_or(CycleError::of_slave(call, slave)(Errno::EINVAL))?;
+        // Ends the request of an earlier call.
+        let _ = self.master.reg_request_state(request);
+        let state = u16::from(AlState::PreOp.raw()).to_le_bytes();
+        self.master
+            .reg_request_write(request, AL_CONTROL, &state)
+            .map_err(CycleError::of_slave(call, slave))
+    }
+
+    /// Requests OP of every slave again. The master keeps a slave in PREOP, with its error flag, when
+    /// one of its startup SDOs failed, also because its mailbox did not answer in time; nothing but
+    /// this call makes it try again.
+    ///
+    /// Takes the master's semaphore, usually for microseconds but without a bound: call it between
+    /// two cycles, not while axes of other gateways move.
+    ///
+    /// # Errors
+    /// The library's error; [`Error::Phase`] if the bus is not active; [`Error::Attached`]: the owner
+    /// of the master calls `ecrt_master_reset`.
+    pub fn retry_startup(&mut self) -> Result<(), Error> {
+        self.need_owned("retry_startup")?;
+        self.need_phase("retry_startup", Phase::Active)?;
+        self.master.reset().map_err(|e| Error::library("ecrt_master_reset", None, e))
+    }
+
     /// Creates a request for objects of up to `size` bytes. Its object is chosen with each
     /// transfer, so one request serves many objects, one after the other.
     ///

@@ -20,7 +20,14 @@ pub enum CycleError {
         errno: Errno,
     },
     /// The Adapter is not active, so that there is no cycle.
-    #[error("the bus is {is}, not active; call activate first")]
+    #[error(
+        "the bus is {is}, not active; {}",
+        if *is == Phase::Down {
+            "the last reconfiguration failed: call reconfigure again"
+        } else {
+            "call activate first"
+        }
+    )]
     NotActive {
         /// Current phase.
         is: Phase,

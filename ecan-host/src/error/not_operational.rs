@@ -75,6 +75,15 @@ pub struct NotOperational {
     pub slaves: Vec<SlaveReport>,
 }
 
+impl NotOperational {
+    /// Whether a startup SDO failed for a cause that may be gone: its slave did not answer in time.
+    pub(crate) fn is_temporary(&self) -> bool {
+        let mut held = self.slaves.iter().filter(|slave| slave.is_held_in_preop()).peekable();
+        held.peek().is_some()
+            && held.all(|slave| slave.cause.as_ref().is_none_or(|cause| cause.is_temporary()))
+    }
+}
+
 pub(crate) fn is_preop(al_state: u8) -> bool {
     AlState::from_status(al_state.into()) == Some(AlState::PreOp)
 }

@@ -81,6 +81,13 @@ impl Master {
         })
     }
 
+    /// Requests OP of every configured slave, also of those that are kept in PREOP after a failed
+    /// startup. Takes the master's semaphore: may block.
+    pub fn reset(&mut self) -> Result<(), Errno> {
+        // SAFETY: the master is valid as long as `self`.
+        Errno::check(unsafe { status!(self.ecrt.functions().master_reset, self.raw.as_ptr()) })
+    }
+
     /// Ends the operation phase. Every domain, slave configuration and request is gone, and
     /// every id stale, also if the library reports an error. Blocks.
     ///

@@ -65,6 +65,40 @@ impl Master {
         Ok(())
     }
 
+    /// Starts writing `data` to the registers from `address` on. Real-time safe.
+    ///
+    /// # Errors
+    /// `EBUSY` while it is running, `EMSGSIZE` for more than the request holds.
+    pub fn reg_request_write(
+        &mut self,
+        id: RegRequestId,
+        address: u16,
+        data: &[u8],
+    ) -> Result<(), Errno> {
+        let request = self.reg_request(id)?;
+        if request.busy {
+            return Err(Errno::EBUSY);
+        }
+        if data.len() > request.size {
+            return Err(Errno::EMSGSIZE);
+        }
+        let raw = request.raw.as_ptr();
+        let functions = self.ecrt.functions();
+        // SAFETY: the request belongs to this master and is current, so it is valid; it is not
+        // running, so that nobody else uses its memory.
+        unsafe {
+            let memory = (functions.reg_request_data)(raw);
+            if memory.is_null() {
+                return Err(Errno::EINVAL);
+            }
+            // It has room for the data, which cannot overlap it: it is borrowed from elsewhere.
+            std::ptr::copy(data.as_ptr(), memory, data.len());
+            Errno::check(status!(functions.reg_request_write, raw, address, data.len()))?;
+        }
+        self.reg_request_mut(id)?.busy = true;
+        Ok(())
+    }
+
     /// State of the request; fetches the data of a finished read. Real-time safe.
     pub fn reg_request_state(&mut self, id: RegRequestId) -> Result<RequestState, Errno> {
         let raw = self.reg_request(id)?.raw.as_ptr();

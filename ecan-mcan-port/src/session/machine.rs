@@ -7,10 +7,11 @@
 use std::fmt;
 
 use ecan_host::{Adapter, Delivery, Error, RequestState, SdoRequestId};
+use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::Direction;
 
 use crate::port_config::GatewayConfig;
-use crate::session::verification::{Check, SdoTransfer, VerificationFault, checks};
+use crate::session::verification::{Check, SERIAL_CHECKS, SdoTransfer, VerificationFault, checks};
 
 /// Cycles between checks of the slave's state while the gateway is ready.
 const WATCH_CYCLES: u64 = 64;
@@ -22,6 +23,11 @@ const REQUEST_TIMEOUT_MS: u32 = 2_000;
 const REQUEST_LIMIT_NS: u64 = (REQUEST_TIMEOUT_MS as u64 + 2_000) * NS_PER_MS;
 /// Pause before a failed verification is repeated, in nanoseconds.
 const RETRY_NS: u64 = 1_000_000_000;
+/// Time in OP without any process data after which a gateway is asked for its identity, in
+/// nanoseconds. The master's slave state lags by seconds.
+const UNMAPPED_NS: u64 = 3_000_000_000;
+/// Images by which the sequence that a gateway reports may be behind: those under way or lost.
+const SEQUENCE_MARGIN: u16 = 16;
 const NS_PER_MS: u64 = 1_000_000;
 
 /// State of a gateway's session.
@@ -53,10 +59,20 @@ impl fmt::Display for Session {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PendingStep {
+    /// A configuration of the Port that has the gateway.
+    Configuration,
+    /// The slave does not answer at its address.
+    Answer,
     /// The master does not see the slave in OP.
     Operational,
+    /// The slave is in PREOP longer than its startup lasts. The master keeps it there when a startup
+    /// SDO failed, and tries again only on [`Port::retry_startup`](crate::Port::retry_startup).
+    StartupRetry,
     /// The slave is in OP, but the delivery of its outputs is not confirmed.
     ProcessData,
+    /// Another slave exchanges the same process data: it had this position while a branch of the bus
+    /// was away, until the master configures it again.
+    ExclusiveProcessData,
     /// A transfer of the verification.
     Transfer(SdoTransfer),
     /// A transfer of an earlier attempt that the master has not ended.
@@ -68,8 +84,19 @@ pub enum PendingStep {
 impl fmt::Display for PendingStep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Configuration => f.write_str("a reconfiguration of the Port that includes it"),
+            Self::Answer => {
+                f.write_str("the slave to answer at its address; check its power and the cables")
+            }
             Self::Operational => f.write_str("OP"),
+            Self::StartupRetry => f.write_str(
+                "another attempt of its startup, since a startup SDO failed and the master keeps \
+                 it in PREOP; call retry_startup",
+            ),
             Self::ProcessData => f.write_str("its process data to arrive"),
+            Self::ExclusiveProcessData => {
+                f.write_str("another slave to leave its process data (working counter too high)")
+            }
             Self::Transfer(transfer) => write!(f, "the {transfer}"),
             Self::EarlierTransfer(transfer) => {
                 write!(f, "the master to end the {transfer} of an earlier attempt")
@@ -112,6 +139,22 @@ pub(crate) struct SessionMachine {
     last_fault: Option<VerificationFault>,
     retry_at_ns: u64,
     cycles: u64,
+    /// Sequence numbers between those of two gateways.
+    sequence_distance: u16,
+    /// Sequence of the last image when the check of the sequence began.
+    sequence_at_start: u16,
+    /// Whether the gateway reports the sequence of its last image; `None` before the first
+    /// verification, when positions are those of the configuration.
+    reports_sequence: Option<bool>,
+    /// Its serial number is programmed.
+    has_serial: bool,
+    /// In OP without any process data since then.
+    unmapped_since_ns: Option<u64>,
+    /// This attempt only identifies a gateway without process data.
+    is_identifying: bool,
+    /// In PREOP since then, and the longest time that a startup lasts.
+    preop_since_ns: Option<u64>,
+    startup_ns: u64,
 }
 
 impl SessionMachine {
@@ -131,7 +174,9 @@ impl SessionMachine {
             config.profile(Direction::TxPdo, settings.tx_multiplier),
             config.profile(Direction::RxPdo, settings.rx_multiplier),
         ];
-        let checks = checks(config, profiles, adapter.serial_number(slave)?);
+        let serial = adapter.serial_number(slave)?;
+        let slaves = adapter.slave_count().max(1);
+        let checks = checks(config, profiles, serial, slaves == 1);
         Ok(Self {
             slave,
             state: Session::Waiting,
@@ -145,6 +190,15 @@ impl SessionMachine {
             last_fault: None,
             retry_at_ns: 0,
             cycles: 0,
+            // infallible: at most 65536
+            sequence_distance: u16::try_from(0x1_0000 / slaves).unwrap_or(u16::MAX),
+            sequence_at_start: 0,
+            reports_sequence: None,
+            has_serial: serial != 0,
+            unmapped_since_ns: None,
+            is_identifying: false,
+            preop_since_ns: None,
+            startup_ns: u64::try_from(adapter.startup_timeout().as_nanos()).unwrap_or(u64::MAX),
         })
     }
 
@@ -173,22 +227,36 @@ impl SessionMachine {
                 }
             }),
             Session::Waiting | Session::Failed(_) => Some(match () {
+                () if !self.is_online(adapter) => PendingStep::Answer,
+                () if self.is_held(adapter) => PendingStep::StartupRetry,
                 () if !self.is_operational(adapter) => PendingStep::Operational,
+                () if adapter.shares_process_data(self.slave) => PendingStep::ExclusiveProcessData,
                 () if !self.outputs_arrive(adapter) => PendingStep::ProcessData,
                 () => PendingStep::NextAttempt,
             }),
         }
     }
 
-    /// One step, once a cycle; `is_lost`: too many images in a row did not arrive.
-    pub(crate) fn step(&mut self, adapter: &mut Adapter, is_lost: bool) -> Event {
+    /// Sequence number with which the images of a verification begin that starts in this cycle. No
+    /// other gateway has images of this number at the same time.
+    pub(crate) fn first_sequence(&self, cycle: u64) -> u16 {
+        let slave = u16::try_from(self.slave).unwrap_or_default();
+        // Wraps on purpose.
+        self.sequence_distance.wrapping_mul(slave).wrapping_add(cycle as u16)
+    }
+
+    /// One step, once a cycle; `is_lost`: too many images in a row did not arrive; `published`:
+    /// sequence of the last image.
+    pub(crate) fn step(&mut self, adapter: &mut Adapter, is_lost: bool, published: u16) -> Event {
         self.cycles += 1;
         let is_due = self.cycles.is_multiple_of(WATCH_CYCLES);
         match self.state {
             Session::Ready if is_lost || (is_due && self.has_left_op(adapter)) => self.lose(),
             Session::Ready => Event::None,
-            Session::Verifying | Session::Failed(_) if is_lost => self.lose(),
-            Session::Verifying => match self.verify(adapter) {
+            Session::Verifying | Session::Failed(_) if is_lost && !self.is_identifying => {
+                self.lose()
+            }
+            Session::Verifying => match self.verify(adapter, published) {
                 Ok(true) => {
                     self.state = Session::Ready;
                     self.last_fault = None;
@@ -199,12 +267,49 @@ impl SessionMachine {
                     self.state = Session::Failed(fault);
                     self.last_fault = Some(fault);
                     self.retry_at_ns = adapter.clock().now_ns() + RETRY_NS;
+                    self.unmapped_since_ns = None;
+                    if fault == VerificationFault::ProcessData {
+                        // Its identity is verified. A rejected request is repeated by the next attempt.
+                        let _ = adapter.request_reconfiguration(self.slave);
+                    }
                     Event::Failed
                 }
             },
             Session::Failed(_) if adapter.clock().now_ns() < self.retry_at_ns => Event::None,
-            Session::Waiting | Session::Failed(_) => self.start_if_operational(adapter),
+            Session::Waiting | Session::Failed(_) => {
+                if is_due {
+                    self.watch_startup(adapter);
+                }
+                self.start_if_operational(adapter)
+            }
         }
+    }
+
+    /// Since when the slave is in PREOP, or in OP without process data.
+    fn watch_startup(&mut self, adapter: &Adapter) {
+        let now_ns = adapter.clock().now_ns();
+        let state = adapter.slave_state(self.slave).ok().filter(|state| state.online);
+        let is_preop = state.is_some_and(|s| s.al_state & 0x0F == AlState::PreOp.raw());
+        self.preop_since_ns = is_preop.then(|| self.preop_since_ns.unwrap_or(now_ns));
+        let is_unmapped = state.is_some_and(|state| state.operational)
+            && adapter.domain_report(self.slave).outputs == Delivery::Missed;
+        self.unmapped_since_ns = is_unmapped.then(|| self.unmapped_since_ns.unwrap_or(now_ns));
+        if self.is_identifying && !is_unmapped {
+            self.is_identifying = false;
+            self.state = Session::Waiting;
+        }
+    }
+
+    fn has_lasted(since_ns: Option<u64>, limit_ns: u64, adapter: &Adapter) -> bool {
+        since_ns.is_some_and(|since| adapter.clock().now_ns().saturating_sub(since) >= limit_ns)
+    }
+
+    fn is_held(&self, adapter: &Adapter) -> bool {
+        Self::has_lasted(self.preop_since_ns, self.startup_ns, adapter)
+    }
+
+    fn is_online(&self, adapter: &Adapter) -> bool {
+        adapter.slave_state(self.slave).is_ok_and(|state| state.online)
     }
 
     fn is_operational(&self, adapter: &Adapter) -> bool {
@@ -222,9 +327,13 @@ impl SessionMachine {
     }
 
     fn start_if_operational(&mut self, adapter: &mut Adapter) -> Event {
-        if !self.outputs_arrive(adapter) || !self.is_operational(adapter) {
+        let outputs_arrive = self.outputs_arrive(adapter);
+        let is_unmapped =
+            self.has_serial && Self::has_lasted(self.unmapped_since_ns, UNMAPPED_NS, adapter);
+        if !(outputs_arrive || is_unmapped) || !self.is_operational(adapter) {
             return Event::None;
         }
+        self.is_identifying = !outputs_arrive;
         self.state = Session::Verifying;
         self.next = 0;
         // The result of an earlier attempt's request does not apply to this one.
@@ -239,7 +348,10 @@ impl SessionMachine {
     }
 
     /// Continues the checks; true when all have passed.
-    fn verify(&mut self, adapter: &mut Adapter) -> Result<bool, VerificationFault> {
+    fn verify(&mut self, adapter: &mut Adapter, published: u16) -> Result<bool, VerificationFault> {
+        if self.is_identifying && self.next == SERIAL_CHECKS {
+            return Err(VerificationFault::ProcessData);
+        }
         let Some(check) = self.checks.get(self.next).copied() else { return Ok(true) };
         let transfer = check.transfer();
         let request = if transfer.is_download { &mut self.command } else { &mut self.read };
@@ -267,6 +379,7 @@ impl SessionMachine {
             .map_err(VerificationFault::Library)?;
             request.begun = Some((transfer, now));
             self.waiting_since_ns = now;
+            self.sequence_at_start = published;
             self.is_running = true;
             return Ok(false);
         }
@@ -279,8 +392,35 @@ impl SessionMachine {
         for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request.id)) {
             *to = *from;
         }
-        check.verify(u32::from_le_bytes(value), &mut self.layout_crc)?;
+        let value = u32::from_le_bytes(value);
+        check.verify(value, &mut self.layout_crc)?;
+        if matches!(check, Check::Sequence) && !self.check_sequence(value, published)? {
+            return Ok(false);
+        }
         self.next += 1;
         Ok(self.next == self.checks.len())
+    }
+
+    /// Whether the gateway receives the images that the Port publishes to it, by the sequence that
+    /// it reports. `false` for a transfer that took so long that nothing follows; it is repeated.
+    fn check_sequence(&mut self, found: u32, published: u16) -> Result<bool, VerificationFault> {
+        let window = published.wrapping_sub(self.sequence_at_start).saturating_add(SEQUENCE_MARGIN);
+        if window > self.sequence_distance / 2 {
+            return Ok(false);
+        }
+        let is_own = u64::from(found) <= u64::from(u16::MAX)
+            && published.wrapping_sub(found as u16) <= window;
+        if self.reports_sequence.is_none() && !is_own {
+            tracing::warn!(
+                slave = self.slave,
+                "slave {}: the gateway does not report the sequence of its last image; that process \
+                 data reach the right gateway is not verified",
+                self.slave
+            );
+        }
+        match *self.reports_sequence.get_or_insert(is_own) {
+            true if !is_own => Err(VerificationFault::ProcessData),
+            _ => Ok(true),
+        }
     }
 }

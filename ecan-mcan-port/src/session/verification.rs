@@ -51,7 +51,8 @@ pub enum VerificationFault {
     /// Another gateway is at the configured address.
     #[error(
         "another gateway is at this address: serial number half {} is 0x{found:08X}, it was \
-         0x{expected:08X}", subindex - 6
+         0x{expected:08X}; positions shift while a branch of the bus is away, aliases do not",
+        subindex - 6
     )]
     OtherGateway {
         /// Subindex of 0xF000, 7 or 8.
@@ -74,6 +75,11 @@ pub enum VerificationFault {
     /// A transfer failed.
     #[error("{0} failed")]
     Transfer(SdoTransfer),
+    /// The slave is in OP, but exchanges other process data than its own: those of a slave whose
+    /// position it had while a branch of the bus was away. It was taken out of OP, so that the master
+    /// configures it again.
+    #[error("its process data go to another gateway; the master configures it again")]
+    ProcessData,
     /// The master keeps a request busy beyond its timeout. Until it ends the request, every attempt
     /// fails with this fault.
     #[error("the master has not ended the {transfer} for {waited_ms} ms")]
@@ -88,12 +94,27 @@ pub enum VerificationFault {
     Library(CycleError),
 }
 
+/// The first checks, which identify the gateway.
+pub(crate) const SERIAL_CHECKS: usize = 2;
+
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Check {
     Command(SdoWrite),
-    Serial { subindex: u8, expected: u32 },
-    Expect { index: u16, subindex: u8, expected: Expectation },
-    LayoutCrc { direction: usize, index: u16 },
+    Serial {
+        subindex: u8,
+        expected: u32,
+    },
+    Expect {
+        index: u16,
+        subindex: u8,
+        expected: Expectation,
+    },
+    LayoutCrc {
+        direction: usize,
+        index: u16,
+    },
+    /// The gateway reports the sequence of the image that the Port publishes to it.
+    Sequence,
 }
 
 impl Check {
@@ -103,6 +124,7 @@ impl Check {
             Self::Serial { subindex, .. } => (Capabilities::INDEX, subindex, false),
             Self::Expect { index, subindex, .. } => (index, subindex, false),
             Self::LayoutCrc { index, .. } => (index, 11, false),
+            Self::Sequence => (Direction::RxPdo.profile_object(), 13, false),
         };
         SdoTransfer { index, subindex, is_download }
     }
@@ -114,7 +136,7 @@ impl Check {
         layout_crc: &mut [Option<u32>; 2],
     ) -> Result<(), VerificationFault> {
         match self {
-            Self::Command(_) => Ok(()),
+            Self::Command(_) | Self::Sequence => Ok(()),
             Self::Serial { subindex, expected } => {
                 if found == expected {
                     Ok(())
@@ -148,8 +170,14 @@ const IN_USE: &[u64] = &[0, 7, 8];
 const STATE_BITS: u32 = 0b111;
 
 /// The same device, session reset, profile readback (manual 5.4.3 phase D), channels and their
-/// data paths (13.2.2, 13.4, 13.5).
-pub(crate) fn checks(config: &GatewayConfig, [tx, rx]: [PdoProfile; 2], serial: u64) -> Vec<Check> {
+/// data paths (13.2.2, 13.4, 13.5), and that process data and SDOs go to the same gateway if there
+/// are several.
+pub(crate) fn checks(
+    config: &GatewayConfig,
+    [tx, rx]: [PdoProfile; 2],
+    serial: u64,
+    is_single: bool,
+) -> Vec<Check> {
     let mut checks = Vec::with_capacity(40);
     checks.push(Check::Serial { subindex: 7, expected: serial as u32 });
     checks.push(Check::Serial { subindex: 8, expected: (serial >> 32) as u32 });
@@ -176,6 +204,9 @@ pub(crate) fn checks(config: &GatewayConfig, [tx, rx]: [PdoProfile; 2], serial: 
         checks.push(Check::Expect { index: 0x9000 + channel, subindex: 9, expected });
         let expected = Expectation::Equals(settings.data_path.active_word().into());
         checks.push(Check::Expect { index: 0x8021 + channel, subindex: 20, expected });
+    }
+    if !is_single {
+        checks.push(Check::Sequence);
     }
     checks
 }

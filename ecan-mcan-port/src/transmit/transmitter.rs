@@ -355,6 +355,16 @@ impl Transmitter {
         }
     }
 
+    pub(crate) fn published_sequence(&self) -> u16 {
+        self.published_sequence
+    }
+
+    /// As [`reset`](Self::reset); the sequence continues at another number.
+    pub(crate) fn restart(&mut self, sequence: u16, statistics: &mut SlaveStatistics) {
+        self.writer.set_next_sequence(sequence);
+        self.reset(statistics);
+    }
+
     pub(crate) fn reset(&mut self, statistics: &mut SlaveStatistics) {
         self.discard(statistics);
         self.misses = 0;

@@ -200,6 +200,11 @@ int ecrt_master_set_send_interval(ec_master_t *master, size_t interval)
 
 int ecrt_master_activate(ec_master_t *master) { master->active = 1; return 0; }
 
+STATUS ecrt_master_reset(ec_master_t *master)
+{
+    DONE(master);
+}
+
 STATUS ecrt_master_deactivate(ec_master_t *master)
 {
     master->active = 0;
@@ -407,6 +412,14 @@ ec_request_state_t ecrt_reg_request_state(ec_reg_request_t *request)
 }
 
 STATUS ecrt_reg_request_read(ec_reg_request_t *request, uint16_t address, size_t size)
+{
+    (void) size;
+    request->address = address;
+    request->polls = 0;
+    DONE(NO_MASTER);
+}
+
+STATUS ecrt_reg_request_write(ec_reg_request_t *request, uint16_t address, size_t size)
 {
     (void) size;
     request->address = address;

@@ -35,7 +35,6 @@ ecrt_sys::for_each_function!(export);
 // Functions that the SDK does not use.
 export! {
     status master_reserve(master: *mut ec_master_t);
-    status master_reset(master: *mut ec_master_t);
     status master_sdo_download_complete(
         master: *mut ec_master_t, position: u16, index: u16, data: *const u8, size: size_t,
         abort_code: *mut u32);
@@ -58,5 +57,4 @@ export! {
     status slave_config_emerg_overruns(config: *const ec_slave_config_t);
     status domain_reg_pdo_entry_list(
         domain: *mut ec_domain_t, entries: *const ec_pdo_entry_reg_t);
-    status reg_request_write(request: *mut ec_reg_request_t, address: u16, size: size_t);
 }

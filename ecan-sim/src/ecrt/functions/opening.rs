@@ -36,7 +36,7 @@ functions! {
     }
 
     /// Retries to bring the configured slaves to OP.
-    one_form master_reset(master: *mut ec_master_t) {
+    two_forms master_reset(master: *mut ec_master_t) {
         on_master(master)?.driving(|state| {
             state.master.reset();
             Ok(())

@@ -95,7 +95,7 @@ functions! {
     }
 
     /// Starts writing a register.
-    one_form reg_request_write(request: *mut ec_reg_request_t, address: u16, size: size_t) {
+    two_forms reg_request_write(request: *mut ec_reg_request_t, address: u16, size: size_t) {
         start_reg_request(request, true, address, size)
     }
 }
