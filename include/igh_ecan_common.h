@@ -56,6 +56,7 @@
  *          ECAN_ERR_CONFIG.
  *          Added: igh_cia402_stop_together, IGH_CIA402_WAIT_TOGETHER, limits in rad/s in
  *          igh_cia402_axis_t.
+ *          Added: ecan_igh_retry_startup().
  *   0.1.0  First version.
  */
 #ifndef IGH_ECAN_COMMON_H

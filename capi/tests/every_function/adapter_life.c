@@ -27,6 +27,7 @@ static void no_context(int code, ecan_igh_context_t *context)
     BAD(code, ecan_igh_activate(context));
     BAD(code, ecan_igh_wait_op_timeout(context, 100));
     BAD(code, ecan_igh_reconfigure(context, &config));
+    BAD(code, ecan_igh_retry_startup(context));
     BAD(code, ecan_igh_is_simulated(context));
     BAD(code, ecan_igh_clock_is_stepped(context));
     NONE(code, 0, ecan_igh_startup_timeout_ms(context));
@@ -311,9 +312,11 @@ void test_adapter_life(void)
     GOOD(ecan_igh_init(&context, &config));
     before_it_is_active(&context);
     GOOD(ecan_igh_create_sdo_request(&context, 0, 4, &request));
+    BAD(ECAN_ERR_ORDER, ecan_igh_retry_startup(&context));
     BAD(ECAN_ERR_NOT_OPERATIONAL, ecan_igh_wait_op_timeout(&context, 0));
     BAD(ECAN_ERR_ORDER, ecan_igh_activate(&context));
     GOOD(ecan_igh_wait_op_timeout(&context, 20000));
+    GOOD(ecan_igh_retry_startup(&context));
     GOOD(ecan_igh_wait_op_timeout(&context, 20000));
     BAD(ECAN_ERR_ORDER, ecan_igh_owner_activated(&context));
     BAD(ECAN_ERR_ORDER, ecan_igh_create_sdo_request(&context, 0, 4, &request));

@@ -202,6 +202,19 @@ pub fn ecan_igh_reconfigure(context: *mut ecan_igh_context_t, config: *const eca
     reconfigured.or_code(call)
 }
 
+/// Repeats the startup of the slaves that the master keeps in PREOP because a startup SDO failed or
+/// got no response; igh_mcan_port_get_session() shows that a gateway waits for it. The waiting calls
+/// do this by themselves. Takes the master's semaphore, usually for microseconds but without a
+/// bound: call it between two cycles, not while axes of other gateways move.
+///
+/// @usage   not rt, the cycle's thread, active bus
+/// @return  ECAN_OK; ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_ATTACHED, since the owner
+///          calls ecrt_master_reset(); ECAN_ERR_MASTER.
+#[export(call, layer adapter)]
+pub fn ecan_igh_retry_startup(context: *mut ecan_igh_context_t) {
+    adapter.retry_startup().or_code(call)
+}
+
 /// Leaves cyclic operation and releases the master, or detaches from the owner's. A Port and axes
 /// on it end, too.
 ///
