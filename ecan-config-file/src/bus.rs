@@ -2,17 +2,25 @@
 
 use std::time::Duration;
 
+use ecan_cia402::AxisConfig;
 use ecan_host::{AdapterConfig, ClockSource, DcSync, MAX_SLAVES, MAX_STARTUP_STEPS};
 use ecan_mcan_port::{MAX_FILTERS, PortConfig};
 
 use crate::document::{Table, store};
-use crate::gateway;
+use crate::{axis, gateway};
 use ecan_mcan_port::Config;
 
 /// Largest index of a master or slave.
 const INDEX_MAX: u32 = 0xFFFF;
 
-pub(crate) fn read(mut table: Table<'_, '_>) -> Config {
+/// The content of a file.
+pub(crate) struct Bus {
+    pub(crate) config: Config,
+    /// `None` for an axis without a valid address.
+    pub(crate) axes: Vec<Option<AxisConfig>>,
+}
+
+pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
     let mut adapter = AdapterConfig::new(0);
     let mut port = PortConfig::default();
     store(&mut adapter.master_index, table.unsigned("master", (0, INDEX_MAX)));
@@ -42,7 +50,8 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Config {
             table.fault("gateway", text);
         }
     }
-    (adapter, port).into()
+    let axes = table.tables("axis").into_iter().map(axis::read).collect();
+    Bus { config: (adapter, port).into(), axes }
 }
 
 fn read_dc(mut table: Table<'_, '_>, cycle: Duration) -> DcSync {

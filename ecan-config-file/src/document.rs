@@ -192,7 +192,7 @@ impl<'t, 'i> Table<'t, 'i> {
         &self,
         key: &str,
         found: Option<impl std::fmt::Display>,
-        min: u32,
+        min: impl std::fmt::Display,
         max: impl std::fmt::Display,
     ) {
         let found = match found {
@@ -249,16 +249,50 @@ impl<'t, 'i> Table<'t, 'i> {
         }
     }
 
-    /// An integer or float times `scale`, rounded.
-    fn scaled(&self, key: &'static str, value: &DeValue<'_>, scale: f64, max: f64) -> Option<u32> {
-        let number = match value {
-            DeValue::Integer(number) => integer(number).map(|number| number as f64),
-            DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
+    /// A signed integer.
+    pub(crate) fn signed(&mut self, key: &'static str) -> Option<i32> {
+        let value = self.value(key)?;
+        match value.get_ref() {
+            DeValue::Integer(number) => {
+                let number = integer(number);
+                let in_range = number.and_then(|number| i32::try_from(number).ok());
+                if in_range.is_none() {
+                    self.out_of_range(key, number, i32::MIN, i32::MAX);
+                }
+                in_range
+            }
+            other => {
+                self.wrong(key, "an integer", other);
+                None
+            }
+        }
+    }
+
+    /// An integer or float. Its range is checked by the configuration.
+    pub(crate) fn float(&mut self, key: &'static str) -> Option<f64> {
+        let value = self.value(key)?;
+        let number = self.number(key, value.get_ref())?;
+        if number.is_none() {
+            self.fault(key, format!("`{key}` is too large"));
+        }
+        number
+    }
+
+    /// A number; `Some(None)` if it does not fit its type, `None` if it is none.
+    fn number(&self, key: &'static str, value: &DeValue<'_>) -> Option<Option<f64>> {
+        match value {
+            DeValue::Integer(number) => Some(integer(number).map(|number| number as f64)),
+            DeValue::Float(number) => Some(number.as_str().replace('_', "").parse().ok()),
             other => {
                 self.wrong(key, "a number", other);
-                return None;
+                None
             }
-        };
+        }
+    }
+
+    /// An integer or float times `scale`, rounded.
+    fn scaled(&self, key: &'static str, value: &DeValue<'_>, scale: f64, max: f64) -> Option<u32> {
+        let number = self.number(key, value)?;
         let in_range = number.filter(|number| (0.0..=max).contains(number));
         if in_range.is_none() {
             self.out_of_range(key, number, 0, max);

@@ -20,13 +20,15 @@
 //! the gateway would reject; all faults are reported together, with line and column.
 //!
 //! The content of a file is a [`Config`]; policies of 0x8020 are in its
-//! [`startup`](ecan_host::AdapterConfig::startup) SDOs. [`apply`] writes it to a gateway,
+//! [`startup`](ecan_host::AdapterConfig::startup) SDOs. CiA 402 axes, with their limits in rad/s, are
+//! read by [`load_axes`]; they are part of no startup list, since the host configures drives over CAN. [`apply`] writes it to a gateway,
 //! [`differences`] compares, [`FlashCommand::run`] saves it in the flash of the gateway, and
 //! [`export`] makes startup lists for other masters. All of these block and allocate: do not call
 //! them in the cycle.
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]
 
+mod axis;
 mod bus;
 mod channel;
 mod check;
@@ -48,6 +50,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
+use ecan_cia402::AxisConfig;
 use ecan_host::{Expectation, StartupStep};
 use ecan_mcan_port::Config;
 
@@ -58,6 +61,7 @@ pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{ConfigChecksums, FlashCommand};
 pub use warning::{Elements, FileWarning, warnings};
 
+use bus::Bus;
 use document::{Document, Table};
 
 /// A commented file with every key. The values are the defaults, unless a comment says otherwise.
@@ -77,17 +81,18 @@ pub fn startup(config: &Config, gateway: usize) -> Vec<StartupStep> {
 }
 
 /// Reads the text; `invalid` are the locations and values of bytes that are not UTF-8.
-fn read(text: &str, invalid: &[(usize, u8)]) -> Result<Config, FileFaults> {
+fn read(text: &str, invalid: &[(usize, u8)]) -> Result<Bus, FileFaults> {
     let (document, root) = Document::parse(text);
     for (at, byte) in invalid {
         document.invalid_byte(*at, *byte);
     }
-    let file = bus::read(Table::root(&document, &root));
+    let bus = bus::read(Table::root(&document, &root));
     if document.is_valid_toml() {
-        check::check(&document, &file);
+        check::check(&document, &bus.config);
+        axis::check(&document, &bus.config, &bus.axes);
     }
     document.finish()?;
-    Ok(file)
+    Ok(bus)
 }
 
 /// Reads a configuration from the bytes of a file, which are UTF-8.
@@ -95,6 +100,18 @@ fn read(text: &str, invalid: &[(usize, u8)]) -> Result<Config, FileFaults> {
 /// # Errors
 /// Every fault, with line and column; bytes that are not UTF-8 do not hide other faults.
 pub fn parse(bytes: &[u8]) -> Result<Config, FileFaults> {
+    Ok(read_bytes(bytes)?.config)
+}
+
+/// Reads the axes of a configuration from the bytes of a file, in their order; empty without axes.
+///
+/// # Errors
+/// Every fault of the file, with line and column.
+pub fn parse_axes(bytes: &[u8]) -> Result<Vec<AxisConfig>, FileFaults> {
+    Ok(read_bytes(bytes)?.axes.into_iter().flatten().collect())
+}
+
+fn read_bytes(bytes: &[u8]) -> Result<Bus, FileFaults> {
     let mut text = String::with_capacity(bytes.len());
     let mut invalid = Vec::new();
     for chunk in bytes.utf8_chunks() {
@@ -125,7 +142,22 @@ fn bytes(path: &Path) -> io::Result<Vec<u8>> {
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load(path: impl AsRef<Path>) -> Result<Config, ConfigFileError> {
-    let path = path.as_ref();
+    load_by(path.as_ref(), parse)
+}
+
+/// Reads the axes of a configuration from a file of at most 16 MiB, in their order: the axis table
+/// for `Cia402::new`, which also checks what depends on the target period. Empty without axes.
+///
+/// # Errors
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
+pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileError> {
+    load_by(path.as_ref(), parse_axes)
+}
+
+fn load_by<T>(
+    path: &Path,
+    parse: impl FnOnce(&[u8]) -> Result<T, FileFaults>,
+) -> Result<T, ConfigFileError> {
     let bytes =
         bytes(path).map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
     parse(&bytes).map_err(|faults| ConfigFileError::Faults { path: path.to_owned(), faults })

@@ -3,7 +3,9 @@
 
 use std::time::Duration;
 
-use ecan_config_file::{ConfigFileError, EXAMPLE, FileFaults, load, parse};
+use ecan_canopen::{NodeAddress, NodeId, OperatingMode};
+use ecan_cia402::{AxisConfig, MotionLimits, Scale};
+use ecan_config_file::{ConfigFileError, EXAMPLE, FileFaults, load, load_axes, parse, parse_axes};
 use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
 use ecan_mcan_port::Config;
 use ecan_protocol::config::{
@@ -73,6 +75,7 @@ fn example_has_every_key() {
         ("[[gateway]]\n", "can0 = { nominal_timing = { nonsense = 1 } }"),
         ("[[gateway]]\n", "can0 = { traffic = { nonsense = 1 } }"),
         ("[[gateway]]\n", "can0 = { standard_filter = [{ nonsense = 1 }] }"),
+        ("[[axis]]\n", "nonsense = 1"),
         (
             "[[gateway]]\n",
             "can0 = { extended_filter = [{ action = \"rx_buffer\", nonsense = 1 }] }",
@@ -87,7 +90,7 @@ fn example_has_every_key() {
                 || EXAMPLE.contains(&format!("[gateway.{key}]"))
                 || EXAMPLE.contains(&format!("[gateway.can0.{key}]"))
                 || EXAMPLE.contains(&format!("[[gateway.can0.{key}]]"))
-                || ["dc", "gateway", "can2", "can3"].contains(&key);
+                || ["dc", "gateway", "axis", "can2", "can3"].contains(&key);
             assert!(is_there, "{key} of {table}");
         }
     }
@@ -231,6 +234,147 @@ can2 = { bitrate = 500_000, data_bitrate = 2_000_000, ram = { rx_fifo0_size = 64
         (23, 61, "slave 1, channel 2: Message RAM layout needs 9344 bytes, the channel has 8192"),
     ];
     assert_eq!(found, expected, "{found:#?}");
+}
+
+const TWO_CHANNELS: &str = "[[gateway]]\nn = 3\ncan0 = { bitrate = 1_000_000 }\n\
+                            can1 = { bitrate = 1_000_000 }\n";
+
+#[test]
+fn axes_have_their_limits_in_units_of_the_machine() {
+    let text = format!(
+        "{TWO_CHANNELS}
+        [[axis]]
+        gateway = 0
+        channel = 1
+        node = 7
+        steps_per_turn = -204_800
+        origin_step = -50
+        max_velocity_rad_s = 2
+        max_acceleration_rad_s2 = 10.5
+        max_jerk_rad_s3 = 1e3
+        target_step = -5
+        min_target = -100
+        max_target = 200
+        [[axis]]
+        gateway = 0
+        channel = 0
+        node = 7
+        mode = \"csv\"
+        velocity_units_per_turn_s = 60
+        step_limit = 5000
+        ramp = 7
+        auto_resume = true
+        enable_timeout_ms = 100"
+    );
+    let axes = parse_axes(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
+    let address = |channel| NodeAddress { slave: 0, channel, node: NodeId::new(7).unwrap() };
+    let first = AxisConfig {
+        scale: Scale::steps_per_turn(-204_800.0).with_origin(-50),
+        limits: MotionLimits { velocity: Some(2.0), acceleration: Some(10.5), jerk: Some(1e3) },
+        target_step: -5,
+        bounds: Some((-100, 200)),
+        ..AxisConfig::new(address(1))
+    };
+    let second = AxisConfig {
+        mode: OperatingMode::CyclicVelocity,
+        scale: Scale::default().with_velocity_units(60.0),
+        ramp: 7,
+        auto_resume: true,
+        enable_timeout: Duration::from_millis(100),
+        ..AxisConfig::new(address(0)).with_step_limit(5_000)
+    };
+    assert_eq!(axes, [first, second]);
+    assert_eq!(read(&text).unwrap(), read(TWO_CHANNELS).unwrap(), "no part of the configuration");
+    assert_eq!(parse_axes(TWO_CHANNELS.as_bytes()).unwrap(), []);
+    assert_eq!(parse_axes(EXAMPLE.as_bytes()).unwrap().len(), 1);
+}
+
+#[test]
+fn faults_of_axes_have_a_location() {
+    let text = format!(
+        "{TWO_CHANNELS}[[axis]]
+gateway = 1
+channel = 0
+node = 128
+[[axis]]
+gateway = 1
+channel = 0
+node = 1
+max_velocity_rad_s = -1
+max_acceleration_rad_s2 = nan
+max_jerk_rad_s3 = \"high\"
+[[axis]]
+gateway = 0
+channel = 3
+node = 1
+mode = \"csv\"
+max_velocity_rad_s = 1.5
+min_target = 5
+max_target = 10
+[[axis]]
+gateway = 0
+channel = 1
+node = 1
+mode = \"pp\"
+max_jerk_rad_s3 = 2.5
+min_target = 5
+[[axis]]
+gateway = 0
+channel = 1
+node = 1
+target_step = 3_000_000_000
+[[axis]]
+channel = 0
+"
+    );
+    let faults = parse_axes(text.as_bytes()).unwrap_err().0;
+    let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
+    let expected = [
+        (8, 8, "`node` = 128 is out of range; allowed: 1 to 127"),
+        (10, 11, "axis 1: gateway 1 is not in the file"),
+        (13, 22, "axis 1: the velocity limit -1 rad/s is invalid; must be finite and above 0"),
+        (
+            14,
+            27,
+            "axis 1: the acceleration limit NaN rad/s^2 is invalid; must be finite and above 0",
+        ),
+        (15, 19, "`max_jerk_rad_s3` must be a number, not a string"),
+        (18, 11, "axis 2: channel 3 of gateway 0 is not enabled; add its table can3"),
+        (
+            21,
+            22,
+            "axis 2: the velocity limit cannot be kept in mode CSV: the unit of the drive's velocity \
+             is unknown; set the velocity units of its scale",
+        ),
+        (
+            22,
+            14,
+            "axis 2: the bounds 5..10 exclude 0, so that the axis could not stop; must include 0",
+        ),
+        (
+            29,
+            19,
+            "axis 3: the jerk limit cannot be kept in mode PP; set it by the objects of the drive",
+        ),
+        (30, 14, "`min_target` needs `max_target`"),
+        (34, 8, "axis 4: node 1 (slave 0, channel 1) is axis 3, too"),
+        (35, 15, "`target_step` = 3000000000 is out of range; allowed: -2147483648 to 2147483647"),
+        (36, 1, "`gateway` is missing: the index of its gateway in the file"),
+        (36, 1, "`node` is missing: the node-ID of the drive, 1 to 127"),
+    ];
+    assert_eq!(found, expected, "{found:#?}");
+}
+
+#[test]
+fn axes_of_a_file_are_loaded() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cell.toml");
+    std::fs::write(&path, EXAMPLE).unwrap();
+    let axes = load_axes(&path).unwrap();
+    assert_eq!(axes.len(), 1);
+    assert_eq!(axes[0].limits.velocity, Some(2.0));
+    let text = load_axes(directory.path().join("none.toml")).unwrap_err().to_string();
+    assert!(text.starts_with("cannot read "), "{text}");
 }
 
 #[test]

@@ -414,8 +414,8 @@ pub enum AxisFault {
     },
     /// The unit of the drive's velocity is unknown.
     #[error(
-        "the {limit} cannot be kept in mode {mode}: the velocity unit of the drive is unknown; set \
-         it with Scale::with_velocity_units"
+        "the {limit} cannot be kept in mode {mode}: the unit of the drive's velocity is unknown; set \
+         the velocity units of its scale"
     )]
     LimitUnits {
         /// The limit.

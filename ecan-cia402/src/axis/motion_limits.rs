@@ -288,7 +288,7 @@ mod tests {
         let mut unknown = config(OperatingMode::CyclicVelocity, all(1.0, 10.0, 100.0));
         unknown.scale = Scale::steps_per_turn(100.0);
         let text = faults(&unknown, PERIOD).join("\n");
-        assert!(text.contains("velocity limit") && text.contains("with_velocity_units"), "{text}");
+        assert!(text.contains("velocity limit") && text.contains("velocity units"), "{text}");
     }
 
     #[test]

@@ -1,0 +1,145 @@
+//! One axis of a file.
+
+use std::time::Duration;
+
+use ecan_canopen::{NodeAddress, NodeId, OperatingMode};
+use ecan_cia402::{AxisConfig, AxisFault, MotionLimit};
+use ecan_mcan_port::Config;
+use ecan_protocol::mapping::CHANNELS;
+
+use crate::document::{Document, Table, store};
+
+const MODES: [(&str, OperatingMode); 6] = [
+    ("csp", OperatingMode::CyclicPosition),
+    ("csv", OperatingMode::CyclicVelocity),
+    ("cst", OperatingMode::CyclicTorque),
+    ("pp", OperatingMode::ProfilePosition),
+    ("pv", OperatingMode::ProfileVelocity),
+    ("pt", OperatingMode::ProfileTorque),
+];
+
+/// Reads an axis; `None` if it has no valid address.
+pub(crate) fn read(mut table: Table<'_, '_>) -> Option<AxisConfig> {
+    let slave =
+        required(&mut table, "gateway", "the index of its gateway in the file", (0, 0xFFFF));
+    let channel = required(&mut table, "channel", "0 to 3", (0, CHANNELS as u32 - 1));
+    let node = required(&mut table, "node", "the node-ID of the drive, 1 to 127", (1, 127));
+    let address = slave.zip(channel).zip(node).and_then(|((slave, channel), node)| {
+        let (slave, channel) = (usize::try_from(slave).ok()?, u8::try_from(channel).ok()?);
+        Some(NodeAddress { slave, channel, node: NodeId::new(u8::try_from(node).ok()?)? })
+    });
+    // All keys are read, so that each wrong one is reported.
+    let mut axis =
+        AxisConfig::new(address.unwrap_or(NodeAddress { slave: 0, channel: 0, node: NodeId::MAX }));
+    store(&mut axis.mode, table.word("mode", &MODES));
+    read_scale(&mut table, &mut axis);
+    axis.limits.velocity = table.float("max_velocity_rad_s");
+    axis.limits.acceleration = table.float("max_acceleration_rad_s2");
+    axis.limits.jerk = table.float("max_jerk_rad_s3");
+    if let Some(limit) = table.unsigned("step_limit", (0, u32::MAX)) {
+        axis = axis.with_step_limit(limit);
+    }
+    store(&mut axis.following_window, table.unsigned("following_window", (0, u32::MAX)));
+    store(&mut axis.standstill, table.unsigned("standstill", (0, u32::MAX)));
+    store(&mut axis.target_step, table.signed("target_step"));
+    store(&mut axis.ramp, table.unsigned("ramp", (0, u32::MAX)));
+    axis.bounds = read_bounds(&mut table);
+    store(&mut axis.auto_resume, table.flag("auto_resume"));
+    let timeout_ms = table.unsigned("enable_timeout_ms", (1, 3_600_000));
+    store(&mut axis.enable_timeout, timeout_ms.map(Duration::from_millis));
+    address.map(|_| axis)
+}
+
+fn required(
+    table: &mut Table<'_, '_>,
+    key: &'static str,
+    what: &str,
+    range: (u32, u32),
+) -> Option<u32> {
+    if !table.has(key) {
+        table.fault(key, format!("`{key}` is missing: {what}"));
+    }
+    table.unsigned(key, range)
+}
+
+fn read_scale(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
+    if let Some(steps) = table.float("steps_per_turn") {
+        axis.scale = ecan_cia402::Scale::steps_per_turn(steps);
+    }
+    if let Some(step) = table.signed("origin_step") {
+        axis.scale = axis.scale.with_origin(step);
+    }
+    if let Some(units) = table.float("velocity_units_per_turn_s") {
+        axis.scale = axis.scale.with_velocity_units(units);
+    }
+}
+
+fn read_bounds(table: &mut Table<'_, '_>) -> Option<(i32, i32)> {
+    let (min, max) = (table.signed("min_target"), table.signed("max_target"));
+    for (key, other) in [("min_target", "max_target"), ("max_target", "min_target")] {
+        if table.has(key) && !table.has(other) {
+            table.fault(key, format!("`{key}` needs `{other}`"));
+        }
+    }
+    min.zip(max)
+}
+
+/// Checks the axes, each by itself and with the gateways, and reports their faults to the document.
+pub(crate) fn check(document: &Document<'_>, config: &Config, axes: &[Option<AxisConfig>]) {
+    let axes = axes.iter().enumerate().filter_map(|(at, axis)| Some((at, axis.as_ref()?)));
+    let mut addresses: Vec<(usize, NodeAddress)> = Vec::new();
+    for (at, axis) in axes {
+        let paths =
+            |keys: &[&str]| keys.iter().map(|key| format!("axis[{at}].{key}")).collect::<Vec<_>>();
+        axis.check(&mut |fault| {
+            document.semantic_fault(&paths(keys(&fault)), format!("axis {at}: {fault}"));
+        });
+        let NodeAddress { slave, channel, .. } = axis.address;
+        match config.port.gateways.get(slave) {
+            None => {
+                let reason = format!("axis {at}: gateway {slave} is not in the file");
+                document.semantic_fault(&paths(&["gateway"]), reason);
+            }
+            Some(gateway) => {
+                let channels = &gateway.channels;
+                if !channels.get(usize::from(channel)).is_some_and(Option::is_some) {
+                    let reason = format!(
+                        "axis {at}: channel {channel} of gateway {slave} is not enabled; add its \
+                         table can{channel}"
+                    );
+                    document.semantic_fault(&paths(&["channel"]), reason);
+                }
+            }
+        }
+        if let Some((other, _)) = addresses.iter().find(|(_, address)| *address == axis.address) {
+            let reason = format!("axis {at}: {} is axis {other}, too", axis.address);
+            document.semantic_fault(&paths(&["node"]), reason);
+        }
+        addresses.push((at, axis.address));
+    }
+}
+
+/// Keys that a fault may come from, the most likely one first.
+fn keys(fault: &AxisFault) -> &'static [&'static str] {
+    let limit_key = |limit: &MotionLimit| -> &'static [&'static str] {
+        match limit {
+            MotionLimit::Velocity => &["max_velocity_rad_s"],
+            MotionLimit::Acceleration => &["max_acceleration_rad_s2"],
+            MotionLimit::Jerk => &["max_jerk_rad_s3"],
+        }
+    };
+    match fault {
+        AxisFault::Mode { .. } => &["mode"],
+        AxisFault::Scale { .. } => &["steps_per_turn"],
+        AxisFault::VelocityUnits { .. } => &["velocity_units_per_turn_s"],
+        AxisFault::NoStep => &["step_limit"],
+        AxisFault::TargetStep { .. } => &["target_step", "step_limit"],
+        AxisFault::Standstill { .. } => &["standstill", "step_limit"],
+        AxisFault::Window { .. } => &["following_window", "step_limit"],
+        AxisFault::Bounds { .. } | AxisFault::RateBounds { .. } => &["min_target"],
+        AxisFault::Limit { limit, .. }
+        | AxisFault::LimitMode { limit, .. }
+        | AxisFault::LimitUnits { limit, .. } => limit_key(limit),
+        _ => &["node"],
+    }
+}
