@@ -11,7 +11,7 @@ use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::OptionFlags;
-use ecan_sim::Fault;
+use ecan_sim::{Fault, LossDirection};
 
 const STEP: i32 = 150;
 
@@ -100,6 +100,20 @@ fn bus_off_in_skipped_cycles_holds_the_axes() {
         fixture.cia402.enable_all().unwrap();
         fixture.until(2_000, Cia402::all_running);
         fixture.check();
+    }
+}
+
+/// Their images are missing, and with them whatever the channel's status showed.
+#[test]
+fn incomplete_working_counters_in_skipped_cycles_hold_the_axes() {
+    for (cycles, holds) in [(2, false), (6, true)] {
+        let mut fixture = in_motion();
+        fixture.inject(Fault::LostFrame { direction: LossDirection::Return, cycles });
+        fixture.skip(cycles as usize + 2, true);
+        fixture.steps(5);
+        fixture.check();
+        let reason = fixture.cia402.statistics(0).last_hold;
+        assert_eq!(reason, holds.then_some(HoldReason::WorkingCounter), "{cycles} cycles");
     }
 }
 

@@ -57,6 +57,7 @@ mod tests {
             discarded: false,
             queue_rejected: false,
             image_full: false,
+            skipped_incomplete: 0,
             target_lost: false,
             channel: ChannelView::Running { pending, pressure: false },
             delivered,

@@ -30,6 +30,8 @@ pub(crate) struct GatewayWatch {
     is_ready: bool,
     discarded: bool,
     images_discarded: u64,
+    incomplete_cycles: u64,
+    skipped_incomplete: u16,
     /// The count of waiting frames is known not to include those of its own image.
     counts_left_only: bool,
     channels: [ChannelWatch; CHANNELS],
@@ -93,12 +95,17 @@ impl GatewayWatch {
         if is_first || !is_same_session {
             // What happened earlier concerns others, and a reconfiguration resets the counters.
             self.images_discarded = statistics.rxpdo_discarded;
+            self.incomplete_cycles = statistics.incomplete_cycles;
             for (channel, counters) in self.channels.iter_mut().zip(statistics.channels) {
                 *channel = ChannelWatch { counters, ..ChannelWatch::default() };
             }
         }
         self.discarded = statistics.rxpdo_discarded != self.images_discarded;
         self.images_discarded = statistics.rxpdo_discarded;
+        let incomplete = statistics.incomplete_cycles.saturating_sub(self.incomplete_cycles);
+        self.incomplete_cycles = statistics.incomplete_cycles;
+        let skipped = incomplete.saturating_sub(u64::from(!report.domain.is_complete()));
+        self.skipped_incomplete = u16::try_from(skipped).unwrap_or(u16::MAX);
         let has_skipped = report.cycle > before.cycle + 1;
         let is_new = matches!(report.image, ImageReport::New { .. });
         for ((number, channel), (counters, frames)) in
@@ -163,6 +170,7 @@ impl GatewayWatch {
             discarded: self.discarded,
             queue_rejected: watch.queue_rejected,
             image_full: watch.image_full,
+            skipped_incomplete: self.skipped_incomplete,
             target_lost: target_lost || watch.failures_missed,
             channel: watch.view(self.report.image),
             delivered,

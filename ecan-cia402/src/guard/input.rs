@@ -69,6 +69,9 @@ pub struct PathStatus {
     /// The RxPDO image had no space for a frame of the channel in the last cycle. It may have been
     /// the SYNC of targets that were sent.
     pub image_full: bool,
+    /// Cycles since the last input, this one not included, whose working counter was incomplete: 0
+    /// unless the application skipped cycles.
+    pub skipped_incomplete: u16,
     /// The gateway reported a target of this axis as not sent (manual 10).
     pub target_lost: bool,
     /// Status of the channel.

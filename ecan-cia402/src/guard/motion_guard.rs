@@ -53,7 +53,7 @@ use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejectio
 /// | --- | --- |
 /// | the gateway is no longer ready (OP lost, hold limit of the Port exceeded) | `GatewayLost` |
 /// | frames for the gateway were discarded, by any part of the application | `FramesDiscarded` |
-/// | the working counter was incomplete in more than `wc_misses` cycles in a row; after fewer the axis only waits, while the Port repeats the last image | `WorkingCounter` |
+/// | the working counter was incomplete in more than `wc_misses` cycles in a row, skipped ones included; after fewer the axis only waits, while the Port repeats the last image | `WorkingCounter` |
 /// | the channel went bus-off, or left the bus otherwise | `BusOff`, `ChannelStopped` |
 /// | the transmit queue rejected a frame of the channel, of any axis or sender | `QueueFull` |
 /// | the gateway reported a target of the axis as not sent | `TargetLost` |
@@ -84,6 +84,8 @@ pub struct MotionGuard {
     actual_age: u16,
     no_actual: PositionUnavailable,
     misses: u16,
+    /// The same before this cycle ended it, with those of skipped cycles.
+    longest_misses: u16,
     waits: Option<WaitReason>,
     hindrance: Option<HoldReason>,
     is_enabled: bool,
@@ -107,6 +109,7 @@ impl MotionGuard {
             actual_age: u16::MAX,
             no_actual: PositionUnavailable::NoTpdo,
             misses: 0,
+            longest_misses: 0,
             waits: None,
             hindrance: None,
             is_enabled: false,
@@ -250,7 +253,11 @@ impl MotionGuard {
             Actual::None(why) => self.no_actual = why,
         }
         let path = &input.path;
-        self.misses = if path.is_complete { 0 } else { self.misses.saturating_add(1) };
+        self.longest_misses = self
+            .misses
+            .saturating_add(path.skipped_incomplete)
+            .saturating_add(u16::from(!path.is_complete));
+        self.misses = if path.is_complete { 0 } else { self.longest_misses };
         self.waits = if path.is_unconfirmed {
             Some(WaitReason::ImageUnconfirmed)
         } else if !path.is_complete {
@@ -291,7 +298,7 @@ impl MotionGuard {
         if path.target_lost {
             return Some(HoldReason::TargetLost);
         }
-        (self.misses > self.limits.wc_misses).then_some(HoldReason::WorkingCounter)
+        (self.longest_misses > self.limits.wc_misses).then_some(HoldReason::WorkingCounter)
     }
 
     fn drive_lost(&self, input: &GuardInput) -> Option<HoldReason> {

@@ -265,6 +265,7 @@ impl Model {
                 discarded: false,
                 queue_rejected: false,
                 image_full: false,
+                skipped_incomplete: 0,
                 target_lost: false,
                 channel,
                 delivered: self.delivered,

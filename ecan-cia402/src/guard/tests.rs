@@ -31,6 +31,7 @@ fn good(position: i32) -> GuardInput {
             discarded: false,
             queue_rejected: false,
             image_full: false,
+            skipped_incomplete: 0,
             target_lost: false,
             channel: ChannelView::Running { pending: 0, pressure: false },
             delivered: 50,
