@@ -1204,6 +1204,8 @@ typedef enum {
      * disturbance: the motion continues.
      */
     IGH_CIA402_WAIT_NOT_DUE = 8,
+    /** Frames that were sent before still wait in the gateway: the bus is occupied. */
+    IGH_CIA402_WAIT_BACKLOG = 11,
     /** igh_cia402_process_rx() was not called in this cycle. */
     IGH_CIA402_WAIT_NOT_RECEIVED = 9,
     /** Another axis of igh_cia402_stop_together() cannot get a target in this cycle. */

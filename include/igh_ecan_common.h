@@ -43,8 +43,8 @@
  *          targets_refused to targets_rejected, trouble to axis_error, auto_take_up to auto_resume,
  *          take_ups to activations, is_holding to is_unconfirmed, way to route,
  *          refuse_without_margin to reject_without_margin, give_up_missed to discard_missed.
- *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED. igh_cia402_set_motion_div() is
- *          rejected while an axis is configured.
+ *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED, _WAIT_BACKLOG.
+ *          igh_cia402_set_motion_div() is rejected while an axis is configured.
  *          Added: igh_cia402_get_host_loss(), igh_cia402_get_host_loss_text(), the fields shutdown,
  *          disable_operation, halt and fault_reaction of igh_cia402_axis_t.
  *          IGH_CIA402_PHASE_QUICK_STOP and _PHASE_DISABLING to _PHASE_STOPPING and _PHASE_STOPPED.

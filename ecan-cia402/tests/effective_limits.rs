@@ -7,14 +7,18 @@ mod axes;
 use std::time::Duration;
 
 use axes::{Fixture, axes, axis, scenario};
-use ecan_canopen::{OperatingMode, SyncConfig, object};
+use ecan_canopen::{DriveState, OperatingMode, SyncConfig, object};
 use ecan_cia402::{
-    AxisConfig, AxisFault, Cia402, Cia402Config, Cia402Error, CommandError, Decision, WaitReason,
+    AxisConfig, AxisFault, AxisPhase, Cia402, Cia402Config, Cia402Error, CommandError, Decision,
+    WaitReason,
 };
-use ecan_host::AdapterConfig;
+use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{ChannelConfig, Cycle, GatewayConfig, Port, PortConfig, SendOptions};
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_sim::{ClockKind, Fault, LossDirection, SimOptions, TraceEvent};
+use ecan_sim::{
+    AttachedNode, ClockKind, Fault, GatewayFault, LossDirection, Node, NodeOutput, SimOptions,
+    TraceEvent,
+};
 
 const STEP: u32 = 1_000;
 const MS: u64 = 1_000_000;
@@ -65,11 +69,35 @@ impl MotorWatch {
         fixture.drive(self.axis, new)
     }
 
+    /// Most targets that took effect within less than a time.
+    fn most_targets(&self, fixture: &Fixture, within_ns: u64) -> usize {
+        let times: Vec<u64> =
+            fixture.history(self.axis).iter().map(|record| record.time_ns).collect();
+        let new = times.iter().enumerate().filter(|(_, time)| **time >= self.since_ns);
+        let count = |(n, from): (usize, &u64)| {
+            times.iter().skip(n).take_while(|time| **time < from + within_ns).count()
+        };
+        new.map(count).max().unwrap_or(0)
+    }
+
     fn range(&self, fixture: &Fixture) -> (f64, f64) {
         let velocities = self.velocities(fixture);
         assert!(!velocities.is_empty());
         let fold = |(low, high): (f64, f64), v: &f64| (low.min(*v), high.max(*v));
         velocities.iter().fold((f64::MAX, f64::MIN), fold)
+    }
+}
+
+/// Pseudo-random numbers (xorshift); the seed is not 0.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, bound: u64) -> u64 {
+        let Self(state) = self;
+        *state ^= *state << 13;
+        *state ^= *state >> 7;
+        *state ^= *state << 17;
+        state.wrapping_mul(0x2545_F491_4F6C_DD1D) % bound
     }
 }
 
@@ -117,16 +145,15 @@ fn first_target_takes_effect_before_the_second() {
         let mut fixture = fixture(1_000, at_limit(1), config(1, every_cycles));
         for _ in 0..3 {
             fixture.cia402.configure_all().unwrap();
-            fixture.until(5_000, |cia402| cia402.phase(0) == Some(ecan_cia402::AxisPhase::Standby));
+            fixture.until(5_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
             fixture.cia402.enable(0).unwrap();
             fixture.until(2_000, Cia402::all_running);
             fixture.steps(40);
             fixture.cia402.halt(0).unwrap();
             fixture.until(1_000, |cia402| cia402.is_at_rest(0));
             fixture.cia402.disable(0).unwrap();
-            fixture.until(2_000, |cia402| {
-                cia402.drive_state(0) == Some(ecan_canopen::DriveState::SwitchOnDisabled)
-            });
+            fixture
+                .until(2_000, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
             fixture.steps(20);
         }
         let sums = fixture.drive(0, |drive| *drive.targets().sums());
@@ -258,16 +285,11 @@ fn send_other_frame(cycle: &mut Cycle<'_>) {
 /// Random cycles without the one or the other call, while frames are lost.
 #[test]
 fn skipped_calls_keep_the_step_limit() {
-    for seed in 1..=8_u64 {
+    for seed in 1..=4_u64 {
         let mut fixture = fixture(2_000, at_limit(2), config(1, 1));
         fixture.start();
-        let mut random = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        let mut draw = |bound: u64| {
-            random ^= random << 13;
-            random ^= random >> 7;
-            random ^= random << 17;
-            random % bound
-        };
+        let mut random = Random(seed);
+        let mut draw = |bound| random.below(bound);
         for _ in 0..1_500 {
             if draw(20) == 0 {
                 let direction =
@@ -295,5 +317,335 @@ fn skipped_calls_keep_the_step_limit() {
             assert!(step <= STEP, "seed {seed} axis {axis}: {step}");
         }
         fixture.check();
+    }
+}
+
+// Frames that wait in the gateway
+
+/// Occupies its bus with frames of highest priority for some time.
+struct BusyNode {
+    from_ns: u64,
+    until_ns: u64,
+}
+
+impl Node for BusyNode {
+    fn next_event(&self) -> Option<u64> {
+        (self.from_ns < self.until_ns).then_some(self.from_ns)
+    }
+
+    fn advance(&mut self, _now: u64, out: &mut NodeOutput) {
+        self.from_ns = u64::MAX;
+        self.occupy(out);
+    }
+
+    fn transmitted(&mut self, now: u64, _frame: &CanFrame, out: &mut NodeOutput) {
+        if now < self.until_ns {
+            self.occupy(out);
+        }
+    }
+}
+
+impl BusyNode {
+    fn occupy(&self, out: &mut NodeOutput) {
+        out.send(CanFrame::classic(CanId::standard(1).unwrap(), &[0; 8]).unwrap());
+    }
+}
+
+/// Occupies the bus of the first channel for a time that begins now.
+fn occupy_bus(fixture: &Fixture, ms: u64) -> AttachedNode {
+    let from_ns = fixture.now_ns();
+    let node = BusyNode { from_ns, until_ns: from_ns + ms * MS };
+    fixture.simulation.attach_node("0.0", "busy", Box::new(node)).unwrap()
+}
+
+/// Most targets that take effect together after the bus was occupied: those of the image that the
+/// status of the channel includes, of the one after it, and of the present cycle.
+const TOGETHER: usize = 3;
+/// The drive follows three steps in one target period; its position controller adds what it needs to
+/// accelerate.
+const FASTEST_TOGETHER: f64 = 4.0;
+/// A stalled gateway: the image in its sync manager, and the repeated one.
+const STALLED_TOGETHER: usize = 2;
+const FASTEST_STALLED: f64 = 2.5;
+
+/// An axis at its limit while a fault occurs.
+struct Disturbed {
+    /// Most targets that took effect in less than a target period.
+    together: usize,
+    /// Highest speed as a multiple of the limit.
+    fastest: f64,
+}
+
+impl Disturbed {
+    fn run(fixture: &mut Fixture, fault: impl FnOnce(&Fixture) -> Option<AttachedNode>) -> Self {
+        fixture.steps(200);
+        let watch = MotorWatch::new(fixture, 0);
+        let node = fault(fixture);
+        fixture.steps(150);
+        drop(node);
+        Self::since(fixture, &watch)
+    }
+
+    fn since(fixture: &Fixture, watch: &MotorWatch) -> Self {
+        let period_ns = fixture.cia402.target_period().as_nanos() as u64;
+        let (backward, forward) = watch.range(fixture);
+        let limit = f64::from(STEP) * 1e9 / period_ns as f64;
+        let together = watch.most_targets(fixture, period_ns);
+        Self { together, fastest: forward.max(-backward) / limit }
+    }
+}
+
+#[test]
+fn occupied_bus_releases_few_targets_together() {
+    for (cycle_us, count) in [(1_000, 4), (2_000, 4), (4_000, 1)] {
+        for ms in [2, 12, 40] {
+            let mut fixture = fixture(cycle_us, at_limit(count), config(1, 1));
+            fixture.start();
+            let disturbed = Disturbed::run(&mut fixture, |fixture| Some(occupy_bus(fixture, ms)));
+            let case = format!("{count} axes, {cycle_us} us, {ms} ms");
+            assert!(disturbed.together <= TOGETHER, "{case}: {}", disturbed.together);
+            assert!(disturbed.fastest < FASTEST_TOGETHER, "{case}: {}", disturbed.fastest);
+            assert!(largest_step(&fixture, 0) <= STEP, "{case}");
+        }
+    }
+}
+
+#[test]
+fn stalled_gateway_releases_two_targets_together() {
+    for cycle_us in [1_000, 2_000, 4_000] {
+        for (ms, phase) in [(3, 300), (5, 600), (8, 0), (10, 300)] {
+            let mut fixture = fixture(cycle_us, at_limit(2), config(1, 1));
+            fixture.start();
+            let disturbed = Disturbed::run(&mut fixture, |fixture| {
+                fixture.simulation.pass_ns(phase * cycle_us);
+                fixture.inject(stall(ms));
+                None
+            });
+            let case = format!("{cycle_us} us, {ms} ms, phase {phase}");
+            assert!(disturbed.together <= STALLED_TOGETHER, "{case}: {}", disturbed.together);
+            assert!(disturbed.fastest < FASTEST_STALLED, "{case}: {}", disturbed.fastest);
+            assert!(largest_step(&fixture, 0) <= STEP, "{case}");
+        }
+    }
+}
+
+fn stall(ms: u32) -> Fault {
+    Fault::Gateway { gateway: 0, fault: GatewayFault::ServiceStall { ms } }
+}
+
+/// Faults in any combination, at any phase of the cycle.
+#[test]
+fn combined_faults_release_few_targets_together() {
+    for seed in 1..=4 {
+        let mut random = Random(seed);
+        let cycle_us = [1_000, 2_000, 4_000][random.below(3) as usize];
+        let count = 1 + random.below(4) as usize;
+        let mut fixture = fixture(cycle_us, at_limit(count), config(1, 1));
+        fixture.start();
+        for _ in 0..20 {
+            let watch = MotorWatch::new(&fixture, 0);
+            let mut nodes = Vec::new();
+            for _ in 0..=random.below(2) {
+                fixture.simulation.pass_ns(random.below(cycle_us) * 500);
+                let cycles = 1 + random.below(3) as u32;
+                match random.below(5) {
+                    0 => nodes.push(occupy_bus(&fixture, 1 + random.below(12))),
+                    1 => fixture.inject(stall(1 + random.below(10) as u32)),
+                    2 => {
+                        let frames = 1 + random.below(25) as u32;
+                        fixture.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames });
+                    }
+                    3 => fixture
+                        .inject(Fault::LostFrame { direction: LossDirection::Outward, cycles }),
+                    _ => fixture
+                        .inject(Fault::LostFrame { direction: LossDirection::Return, cycles }),
+                }
+                fixture.steps(random.below(4) as usize);
+            }
+            fixture.steps(30);
+            let disturbed = Disturbed::since(&fixture, &watch);
+            assert!(disturbed.together <= TOGETHER, "seed {seed}: {}", disturbed.together);
+            assert!(disturbed.fastest < FASTEST_TOGETHER, "seed {seed}: {}", disturbed.fastest);
+            drop(nodes);
+            restart(&mut fixture);
+        }
+        assert!(largest_step(&fixture, 0) <= STEP, "seed {seed}");
+    }
+}
+
+/// Enables what a fault stopped; at the end all axes move at their limit.
+fn restart(fixture: &mut Fixture) {
+    for _ in 0..2_000 {
+        for axis in 0..fixture.cia402.axis_count() {
+            let _ = match fixture.cia402.phase(axis) {
+                Some(AxisPhase::Fault) => fixture.cia402.reset_fault(axis),
+                Some(AxisPhase::Standby | AxisPhase::Holding(_)) => fixture.cia402.enable(axis),
+                _ => Ok(()),
+            };
+        }
+        fixture.step();
+        if fixture.cia402.all_running() {
+            break;
+        }
+    }
+    fixture.until(1, Cia402::all_running);
+    fixture.steps(60);
+}
+
+#[test]
+fn released_velocities_keep_the_step_limit() {
+    for cycle_us in [1_000, 4_000] {
+        let table: Vec<_> = at_limit(2)
+            .into_iter()
+            .map(|axis| axis.with_mode(OperatingMode::CyclicVelocity))
+            .collect();
+        let mut fixture = fixture(cycle_us, table, config(1, 1));
+        fixture.start();
+        accelerate(&mut fixture, 30);
+        let watch = MotorWatch::new(&fixture, 0);
+        let node = occupy_bus(&fixture, 12);
+        accelerate(&mut fixture, 100);
+        drop(node);
+        let period_ns = cycle_us * 1_000;
+        assert!(watch.most_targets(&fixture, period_ns) <= TOGETHER, "{cycle_us} us");
+        let velocities = watch.velocities(&fixture);
+        let change = velocities.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        let limit = f64::from(STEP) * TOGETHER as f64;
+        assert!(change <= limit, "{cycle_us} us: {change} in one controller period");
+    }
+}
+
+/// The stop follows the targets that wait in the gateway at once, with a SYNC of its own.
+#[test]
+fn stop_on_an_occupied_bus_follows_the_waiting_targets() {
+    for (cycle_us, ms) in [(1_000, 6), (2_000, 11), (4_000, 21)] {
+        let mut fixture = fixture(cycle_us, at_limit(2), config(1, 1));
+        fixture.start();
+        fixture.steps(200);
+        let free_ns = fixture.now_ns() + ms * MS;
+        let node = occupy_bus(&fixture, ms);
+        fixture.steps(4);
+        fixture.cia402.quick_stop_all();
+        fixture.idle(60);
+        drop(node);
+        let stopped = |drive: &ecan_sim::Drive| {
+            let mut records = drive.trace().iter().filter(|record| record.time_ns >= free_ns);
+            let stop = records.find(|record| matches!(record.event, TraceEvent::Stop { .. }));
+            stop.map(|record| record.time_ns - free_ns)
+        };
+        let delay_ns = fixture.drive(0, stopped).expect("the drive stops");
+        assert!(delay_ns < 3 * MS, "{cycle_us} us: {delay_ns} ns after the bus is free");
+    }
+}
+
+/// Each target is a step limit above the last one sent.
+fn accelerate(fixture: &mut Fixture, cycles: usize) {
+    for _ in 0..cycles {
+        if let Some(target) = fixture.cia402.target(0) {
+            fixture.cia402.set_target(0, target + STEP as i32).unwrap();
+        }
+        fixture.cycle_with(|cia402, cycle| cia402.send_targets_all(cycle));
+    }
+}
+
+/// Nothing is released late. A late frame is dropped, and the next target makes its step, too: the
+/// image in the sync manager of the stalled gateway is the only one.
+#[test]
+fn scheduled_targets_are_not_released_late() {
+    for (target_ns, sync_ns) in
+        [(Some(200_000), Some(300_000)), (Some(200_000), None), (None, Some(300_000))]
+    {
+        for ms in [2, 6, 20] {
+            let mut adapter = adapter(2_000);
+            adapter.dc = Some(DcSync::new(Duration::from_millis(2), Duration::from_micros(700)));
+            let traced = scenario(1, |drive| drive.trace = 100_000);
+            let mut fixture = Fixture::open_with(traced, adapter, at_limit(2), config(1, 1));
+            fixture.cia402.set_scheduled_tx(&fixture.port, target_ns, sync_ns).unwrap();
+            fixture.start();
+            let disturbed = Disturbed::run(&mut fixture, |fixture| {
+                fixture.inject(stall(ms));
+                None
+            });
+            let case = format!("{target_ns:?} {sync_ns:?} {ms} ms");
+            let step = largest_step(&fixture, 0);
+            assert!(step <= 2 * STEP, "{case}: {step}");
+            assert!(disturbed.fastest < 2.0, "{case}: {}", disturbed.fastest);
+        }
+    }
+}
+
+#[test]
+fn full_bus_delays_no_target() {
+    for with_sdo in [false, true] {
+        let mut fixture = fixture(1_000, at_limit(4), config(1, 1));
+        fixture.start();
+        let nodes: Vec<_> = fixture.cia402.network().handles().collect();
+        for cycle in 0..1_000 {
+            if with_sdo {
+                // A transfer that is busy continues.
+                let node = nodes[cycle % nodes.len()];
+                let _ = fixture.cia402.network_mut().start_upload(node, object::IDENTITY, 1);
+            }
+            fixture.step();
+        }
+        for axis in 0..4 {
+            assert_eq!(fixture.cia402.statistics(axis).waits, 0, "axis {axis}, SDO {with_sdo}");
+        }
+    }
+}
+
+/// The drive's own window ends the motion of released targets that its motor cannot follow.
+#[test]
+fn following_error_window_stops_released_targets() {
+    let fastest = |window| {
+        let mut table = at_limit(1);
+        table[0].drive.following_error = window;
+        let mut fixture = fixture(4_000, table, config(1, 1));
+        fixture.start();
+        let disturbed = Disturbed::run(&mut fixture, |fixture| Some(occupy_bus(fixture, 40)));
+        (disturbed.fastest, fixture.cia402.drive_state(0))
+    };
+    let (without, state) = fastest(None);
+    assert_eq!(state, Some(DriveState::OperationEnabled));
+    let (with, state) = fastest(Some((STEP / 2, 0)));
+    assert_eq!(state, Some(DriveState::Fault));
+    assert!(with < without, "{with} {without}");
+}
+
+// Pauses of the application
+
+#[test]
+fn pause_keeps_the_limits() {
+    for ms in [10, 90, 200] {
+        let mut fixture = fixture(2_000, at_limit(2), config(1, 1));
+        fixture.start();
+        let disturbed = Disturbed::run(&mut fixture, |fixture| {
+            fixture.simulation.pass_ns(ms * MS);
+            None
+        });
+        assert!(disturbed.together <= STALLED_TOGETHER, "{ms} ms: {}", disturbed.together);
+        assert!(disturbed.fastest < 1.5, "{ms} ms: {}", disturbed.fastest);
+        assert!(largest_step(&fixture, 0) <= STEP, "{ms} ms");
+    }
+}
+
+#[test]
+fn pause_keeps_the_last_velocity_until_the_heartbeat_is_lost() {
+    for (ms, is_stopped) in [(50, false), (200, false), (400, true)] {
+        let axis = axis(0, 0, 1).with_mode(OperatingMode::CyclicVelocity);
+        let mut fixture = fixture(2_000, vec![axis], config(1, 1));
+        fixture.start();
+        accelerate(&mut fixture, 100);
+        fixture.idle(20);
+        let before = fixture.drive(0, ecan_sim::Drive::velocity);
+        assert!(before >= 99_000.0, "{before}");
+        fixture.simulation.pass_ns(ms * MS);
+        let after = fixture.drive(0, ecan_sim::Drive::velocity);
+        assert_eq!(after == 0.0, is_stopped, "{ms} ms: {after}");
+        let watch = MotorWatch::new(&fixture, 0);
+        accelerate(&mut fixture, 20);
+        let fastest = watch.velocities(&fixture).into_iter().fold(0.0, f64::max);
+        let most = if is_stopped { 0.0 } else { before + 20.0 * f64::from(STEP) };
+        assert!(fastest <= most, "{ms} ms: {fastest}");
     }
 }

@@ -40,7 +40,17 @@ impl Network {
     ///
     /// Call once per cycle. Real-time safe.
     pub fn send_sync(&mut self, cycle: &mut Cycle<'_>) -> usize {
-        self.send_sync_to(cycle)
+        self.send_sync_to(cycle, |_, _| true)
+    }
+
+    /// As [`send_sync`](Self::send_sync), but only to the channels for which `may_send` returns true, by slave
+    /// and channel. On the others a SYNC that is due waits for a later cycle. Real-time safe if `may_send` is.
+    pub fn send_sync_where(
+        &mut self,
+        cycle: &mut Cycle<'_>,
+        may_send: impl FnMut(usize, u8) -> bool,
+    ) -> usize {
+        self.send_sync_to(cycle, may_send)
     }
 
     /// Whether [`send_sync`](Self::send_sync) sends a SYNC to a channel in this cycle, if it finds space: one
@@ -68,11 +78,19 @@ impl Network {
             && !sink.is_unconfirmed(slave)
     }
 
-    pub(super) fn send_sync_to(&mut self, sink: &mut impl FrameSink) -> usize {
+    pub(super) fn send_sync_to(
+        &mut self,
+        sink: &mut impl FrameSink,
+        mut may_send: impl FnMut(usize, u8) -> bool,
+    ) -> usize {
         let Self { config, nodes, channels, sync, statistics } = self;
         let Some(sync) = sync else { return 0 };
         let before = statistics.syncs_sent;
         for channel in channels {
+            if channel.sync.is_due() && !may_send(channel.slave, channel.channel) {
+                statistics.syncs_late += 1;
+                continue;
+            }
             ServiceSender { sink, channel, nodes, config, statistics }.send_sync(sync);
         }
         usize::try_from(statistics.syncs_sent - before).unwrap_or(usize::MAX)

@@ -118,7 +118,7 @@ fn with_frame(slave: usize, channel: u8, frame: CanFrame) -> ReceivedFrame {
 pub(super) fn cycle(network: &mut Network, sink: &mut RecordingSink, now_ns: u64) {
     network.watch_gateways(sink);
     network.tick(now_ns);
-    network.send_sync_to(sink);
+    network.send_sync_to(sink, |_, _| true);
     network.send_to(sink, now_ns);
 }
 
@@ -428,7 +428,7 @@ fn sync_follows_its_configuration() {
     let mut sent = Vec::new();
     for ms in 0..6 {
         network.tick(ms * MS);
-        sent.push(network.send_sync_to(&mut sink));
+        sent.push(network.send_sync_to(&mut sink, |_, _| true));
     }
     assert_eq!(sent, [1, 0, 1, 0, 1, 0]);
     let frame = |counter| (0, 1, 0x080, vec![counter]);
@@ -437,15 +437,15 @@ fn sync_follows_its_configuration() {
     sink.sent.clear();
     sink.room_frames = 0;
     network.tick(6 * MS);
-    assert_eq!(network.send_sync_to(&mut sink), 0);
+    assert_eq!(network.send_sync_to(&mut sink, |_, _| true), 0);
     sink.room_frames = 1;
     network.tick(7 * MS);
-    assert_eq!(network.send_sync_to(&mut sink), 1, "late, with its own number");
+    assert_eq!(network.send_sync_to(&mut sink, |_, _| true), 1, "late, with its own number");
     assert_eq!(sink.sent, [frame(2)]);
     assert_eq!((network.statistics().syncs_sent, network.statistics().syncs_late), (4, 1));
     network.set_sync(None).unwrap();
     network.tick(8 * MS);
-    assert_eq!(network.send_sync_to(&mut sink), 0);
+    assert_eq!(network.send_sync_to(&mut sink, |_, _| true), 0);
 }
 
 #[test]
@@ -459,7 +459,7 @@ fn unconfirmed_image_delays_sync_of_its_gateway_only() {
     for ms in 0..10 {
         sink.holding[0] = (3..=6).contains(&ms);
         network.tick(ms * MS);
-        network.send_sync_to(&mut sink);
+        network.send_sync_to(&mut sink, |_, _| true);
         let by_channel = [0, 1].map(|slave| network.has_sent_sync(slave, 0));
         assert_eq!(by_channel, [0, 1].map(|slave| sink.sent.iter().any(|s| s.0 == slave)));
         sent.extend(sink.sent.drain(..).map(|(slave, _, _, data)| (ms, slave, data[0])));

@@ -23,7 +23,7 @@ use crate::guard::terms::{Decision, GuardState, TargetKind, WaitReason};
 pub(crate) struct Outgoing {
     pub(crate) rpdo: RpdoBytes,
     /// It carries the target of the guard's decision, not only a command.
-    has_target: bool,
+    pub(crate) has_target: bool,
     /// The host's own ramp, if it makes the target.
     ramp: Option<Ramp>,
 }

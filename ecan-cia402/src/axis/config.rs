@@ -65,7 +65,12 @@ pub struct DriveConfig {
     /// Fault reaction option 0x605E (optional); `None` does not write it.
     pub fault_reaction: Option<FaultReaction>,
     /// Following error window 0x6065 in steps and time 0x6066 in milliseconds (optional); `None`
-    /// does not write them. Should not be below [`AxisConfig::following_window`].
+    /// does not write them, so that a window of the drive's commissioning stays in force; a larger one
+    /// here would widen it. Should not be below [`AxisConfig::following_window`] in normal motion.
+    ///
+    /// It is the protection that the host cannot give: a drive that receives several targets at once
+    /// after a fault of the bus moves faster than the step limit for up to one target period (see
+    /// [`Cia402`](crate::Cia402)), and stops with a fault if its motor does not follow.
     pub following_error: Option<(u32, u16)>,
     /// Writes [`AxisConfig::bounds`] to 0x607D too, in a position mode (optional).
     pub write_position_limits: bool,

@@ -60,6 +60,7 @@ mod tests {
             skipped_incomplete: 0,
             target_lost: false,
             channel: ChannelView::Running { pending, pressure: false },
+            has_backlog: false,
             delivered,
             covered,
         }

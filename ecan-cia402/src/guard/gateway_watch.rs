@@ -21,12 +21,41 @@ const SATURATED: u8 = 7;
 /// fresh.
 const STEADY: u8 = 3;
 
+/// Images whose frames may wait in the gateway while the bus sends: one that the status of the
+/// channel does not include yet, and the last one that it includes.
+const NEWEST_IMAGES: usize = 2;
+
+/// Numbers of delivered frames that are kept: for the newest images, and for those that a scheduled
+/// frame waits.
+const HISTORY: usize = 16;
+
+/// Most cycles without a new image after which the status of a channel is used.
+const MAX_IMAGE_AGE: u32 = 1;
+
+/// Frames of a channel that wait in the gateway although newer ones were sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Backlog {
+    /// At most those of one image.
+    None,
+    /// Those of more than one image, or unknown, since the count is saturated or old: a full bus, or
+    /// one that does not send. Only answers of drives on the channel show the difference.
+    Suspected,
+    /// Those of more than the newest images.
+    Waiting,
+}
+
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct GatewayWatch {
     pub(crate) slave: usize,
     /// Of the last cycle that was observed.
     report: CycleReport,
     is_current: bool,
+    /// Cycles from SYNC to SYNC.
+    sync_cycles: u32,
+    /// Cycles since the last new image.
+    image_age: u32,
+    /// New images that a scheduled frame may wait in the gateway.
+    pub(crate) schedule_images: u16,
     is_ready: bool,
     discarded: bool,
     images_discarded: u64,
@@ -55,13 +84,16 @@ struct ChannelWatch {
     in_image: u64,
     /// Cycles in a row in which everything came that there was.
     steady: u8,
-    /// Frames delivered: now, one and two new images ago.
-    delivered: [u64; 3],
+    /// A drive sent a TPDO: in this cycle, and the cycles since.
+    has_answered: bool,
+    answer_age: u32,
+    /// Frames delivered: now, and one, two, .. new images ago.
+    delivered: [u64; HISTORY],
 }
 
 impl GatewayWatch {
-    pub(crate) fn new(slave: usize) -> Self {
-        Self { slave, ..Self::default() }
+    pub(crate) fn new(slave: usize, sync_cycles: u32) -> Self {
+        Self { slave, sync_cycles, ..Self::default() }
     }
 
     /// A transmit report that the axes took.
@@ -74,12 +106,20 @@ impl GatewayWatch {
         }
     }
 
+    /// A TPDO of a drive on a channel arrived: an answer to a SYNC.
+    pub(crate) fn take_tpdo(&mut self, channel: u8) {
+        if let Some(channel) = self.channels.get_mut(usize::from(channel)) {
+            channel.has_answered = true;
+        }
+    }
+
     /// Once per cycle, when everything received has been taken out: only then is a fault after
     /// the first packets known. Cycles may be left out; a second call in a cycle does nothing.
     pub(crate) fn observe(&mut self, port: &Port) {
         let Ok(gateway) = port.gateway(self.slave) else {
             // A reconfiguration removed the gateway.
-            *self = Self::new(self.slave);
+            let Self { slave, sync_cycles, schedule_images, .. } = *self;
+            *self = Self { schedule_images, ..Self::new(slave, sync_cycles) };
             return;
         };
         let statistics = port.statistics(gateway);
@@ -115,6 +155,10 @@ impl GatewayWatch {
                 channel.steady = 0;
             }
             channel.in_image = frames.into();
+            channel.answer_age = match std::mem::take(&mut channel.has_answered) {
+                true => 0,
+                false => channel.answer_age.saturating_add(1),
+            };
             if is_new {
                 let handle = port.channel(self.slave, number);
                 channel.status =
@@ -125,6 +169,7 @@ impl GatewayWatch {
             }
             channel.note(counters, is_new);
         }
+        self.image_age = if is_new { 0 } else { self.image_age.saturating_add(1) };
         let flows = report.domain.is_complete() && !report.is_unconfirmed;
         for channel in &mut self.channels {
             let in_image = if self.counts_left_only { 0 } else { channel.in_image };
@@ -162,7 +207,7 @@ impl GatewayWatch {
 
     pub(crate) fn path(&self, channel: u8, target_lost: bool) -> PathStatus {
         let watch = self.channel(channel);
-        let [delivered, _, covered] = watch.delivered;
+        let [delivered, _, covered, ..] = watch.delivered;
         PathStatus {
             is_ready: self.is_ready,
             is_complete: self.report.domain.is_complete(),
@@ -173,8 +218,44 @@ impl GatewayWatch {
             skipped_incomplete: self.skipped_incomplete,
             target_lost: target_lost || watch.failures_missed,
             channel: watch.view(self.report.image),
+            has_backlog: match self.backlog(channel) {
+                Backlog::None => false,
+                Backlog::Suspected => !watch.is_answering(self.sync_cycles),
+                Backlog::Waiting => true,
+            },
             delivered,
             covered,
+        }
+    }
+
+    /// Whether a SYNC would only be added to frames that wait in the gateway. While no axis of the
+    /// channel is active, nothing but its SYNC can bring an answer.
+    pub(crate) fn withholds_sync(&self, channel: u8, has_active_axis: bool) -> bool {
+        match self.backlog(channel) {
+            Backlog::None => false,
+            Backlog::Suspected => {
+                has_active_axis && !self.channel(channel).is_answering(self.sync_cycles)
+            }
+            Backlog::Waiting => true,
+        }
+    }
+
+    /// Frames of a channel that wait in the gateway, by the newest status and the images since.
+    fn backlog(&self, channel: u8) -> Backlog {
+        let watch = self.channel(channel);
+        let pending = watch.status.tx_pending();
+        let waiting = u64::from(pending);
+        let scheduled = usize::from(self.schedule_images).min(HISTORY - 1 - NEWEST_IMAGES);
+        if watch.status.tx_pressure() || waiting > watch.delivered_in(0, NEWEST_IMAGES + scheduled)
+        {
+            Backlog::Waiting
+        } else if pending >= SATURATED
+            || waiting > watch.delivered_in(1, 1 + scheduled)
+            || self.image_age > MAX_IMAGE_AGE
+        {
+            Backlog::Suspected
+        } else {
+            Backlog::None
         }
     }
 
@@ -202,12 +283,23 @@ impl ChannelWatch {
         self.was_stopped = counters.not_running_images != before.not_running_images;
         let failures = counters.results_failed.saturating_sub(before.results_failed);
         self.failures_missed = failures > std::mem::take(&mut self.failures_taken);
-        let [now, last, _] = self.delivered;
         if is_new {
-            self.delivered = [counters.frames_delivered, now, last];
-        } else if let Some(latest) = self.delivered.first_mut() {
+            self.delivered.rotate_right(1);
+        }
+        if let Some(latest) = self.delivered.first_mut() {
             *latest = counters.frames_delivered;
         }
+    }
+
+    /// Whether the bus has sent the SYNC of the last period.
+    fn is_answering(&self, sync_cycles: u32) -> bool {
+        self.answer_age < sync_cycles
+    }
+
+    /// Frames delivered with a number of images, without the newest ones.
+    fn delivered_in(&self, newest: usize, images: usize) -> u64 {
+        let at = |nth: usize| self.delivered.get(nth).copied().unwrap_or_default();
+        at(newest).saturating_sub(at(newest + images))
     }
 
     fn view(&self, image: ImageReport) -> ChannelView {
@@ -328,6 +420,53 @@ mod tests {
         for (counted, in_image, expected) in cases {
             let status = running().with_rx_pending(counted);
             assert_eq!(classify(NEW, status, in_image, Some(5)), expected, "{counted} {in_image}");
+        }
+    }
+
+    /// Three frames in each image, and none in the newest one.
+    fn watch(pending: u8, image_age: u32) -> GatewayWatch {
+        let mut watch = GatewayWatch { image_age, ..GatewayWatch::new(0, 1) };
+        let [channel, ..] = &mut watch.channels;
+        channel.status = running().with_tx_pending(pending);
+        channel.delivered = std::array::from_fn(|nth| 100 - 3 * (nth as u64).saturating_sub(1));
+        watch
+    }
+
+    #[test]
+    fn frames_of_one_image_are_no_backlog() {
+        let cases = [
+            (0, 0, Backlog::None),
+            (3, 0, Backlog::None),
+            (3, 1, Backlog::None),
+            (3, 2, Backlog::Suspected),
+            (4, 0, Backlog::Waiting),
+            (7, 0, Backlog::Waiting),
+        ];
+        for (pending, age, expected) in cases {
+            assert_eq!(watch(pending, age).backlog(0), expected, "{pending} {age}");
+        }
+        let mut full = watch(4, 0);
+        full.channels[0].delivered[0] += 3;
+        assert_eq!(full.backlog(0), Backlog::Suspected, "the newest image has frames, too");
+        full.schedule_images = 1;
+        assert_eq!(full.backlog(0), Backlog::None, "they wait for their phase");
+        full.channels[0].delivered[0] += 3;
+        full.channels[0].status = running().with_tx_pending(7);
+        assert_eq!(full.backlog(0), Backlog::Suspected, "the count is saturated");
+        full.channels[0].status = running().with_tx_pressure(true);
+        assert_eq!(full.backlog(0), Backlog::Waiting);
+    }
+
+    #[test]
+    fn answers_show_that_a_full_bus_sends() {
+        let mut full = watch(7, 0);
+        full.channels[0].delivered[0] += 9;
+        assert_eq!(full.backlog(0), Backlog::Suspected);
+        for (age, has_backlog) in [(0, false), (1, true)] {
+            full.channels[0].answer_age = age;
+            assert_eq!(full.path(0, false).has_backlog, has_backlog, "{age}");
+            assert_eq!(full.withholds_sync(0, true), has_backlog, "{age}");
+            assert!(!full.withholds_sync(0, false), "without an axis nobody answers");
         }
     }
 

@@ -76,6 +76,9 @@ pub struct PathStatus {
     pub target_lost: bool,
     /// Status of the channel.
     pub channel: ChannelView,
+    /// Frames of the channel that were sent before the newest images still wait in the gateway, or may
+    /// wait there, since its count is saturated and the drive does not answer.
+    pub has_backlog: bool,
     /// Frames of the channel in images that the gateway has received, counted from any start.
     pub delivered: u64,
     /// Part of `delivered` that the channel's status certainly includes: the frames that were

@@ -40,7 +40,8 @@ use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejectio
 /// - it is at most `window` from the last known actual position ([`TargetRejection::Window`]),
 /// - it is inside `bounds`, or nearer to them than the last one ([`TargetRejection::Bounds`]),
 /// - the working counter of this cycle is complete, no image is unconfirmed, the last one had space
-///   for every frame of the channel, and this cycle had no target yet ([`Decision::Wait`]).
+///   for every frame of the channel, no frames of earlier images wait in the gateway, and this cycle
+///   had no target yet ([`Decision::Wait`]).
 ///
 /// A rejected target changes nothing: the next is compared with the last one *sent*. An
 /// application that continues its motion while nothing is sent gets rejections; the axis does not
@@ -264,6 +265,8 @@ impl MotionGuard {
             Some(WaitReason::WorkingCounter)
         } else if path.image_full {
             Some(WaitReason::ImageFull)
+        } else if path.has_backlog {
+            Some(WaitReason::Backlog)
         } else {
             None
         };

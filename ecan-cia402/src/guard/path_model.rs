@@ -268,6 +268,7 @@ impl Model {
                 skipped_incomplete: 0,
                 target_lost: false,
                 channel,
+                has_backlog: false,
                 delivered: self.delivered,
                 covered: self.covered[2],
             },

@@ -133,6 +133,7 @@ fn happening() -> impl Strategy<Value = CycleEvents> {
             skipped_incomplete: 0,
             target_lost,
             channel,
+            has_backlog: false,
             delivered: 0,
             covered: 0,
         };
@@ -332,6 +333,7 @@ fn well(position: i32) -> CycleEvents {
                 skipped_incomplete: 0,
                 target_lost: false,
                 channel: ChannelView::Running { pending: 1, pressure: false },
+                has_backlog: false,
                 delivered: 0,
                 covered: 0,
             },

@@ -146,6 +146,9 @@ ecan_protocol::text_enum! {
     /// The image of the last cycle had no space for a frame of the channel. If that was SYNC, the
     /// targets of that cycle are not effective yet, and another one would be a double step.
     ImageFull = "the image was full";
+    /// Frames that were sent before the newest images still wait in the gateway: the bus is occupied. A
+    /// target now would be released together with them.
+    Backlog = "earlier frames still wait in the gateway";
     /// No target is due: the target period, counted from the SYNC that made the last target effective,
     /// has not ended, or this cycle has no SYNC.
     NotDue = "no target is due in this cycle";

@@ -34,6 +34,7 @@ fn good(position: i32) -> GuardInput {
             skipped_incomplete: 0,
             target_lost: false,
             channel: ChannelView::Running { pending: 0, pressure: false },
+            has_backlog: false,
             delivered: 50,
             covered: 50,
         },

@@ -67,6 +67,13 @@ use crate::guard::gateway_watch::GatewayWatch;
 ///   [target period](Cia402Config::target_cycles), in a cycle whose SYNC can be sent, and not before
 ///   the SYNC of its last target was sent. So step limit, ramp and target step apply to what the
 ///   drive executes, and its interpolation time 0x60C2 is the target period.
+/// - Frames that wait in a gateway are released together. While frames of a channel that were sent
+///   before the newest image wait there, its axes get no target and no SYNC
+///   ([`WaitReason::Backlog`](crate::WaitReason::Backlog)); commands still go out, with SYNC. So after
+///   an occupied bus at most three targets take effect together (plus the cycles that a scheduled
+///   frame waits in the gateway), after a stall of the gateway two: the drive follows at most as many
+///   step limits in one target period. A scheduled frame that is late is dropped, and the next target
+///   makes its step, too.
 /// - If a gateway's transmit queue rejects a frame of a channel, the later axes of the channel send
 ///   nothing in this cycle, and all axes of the channel hold from the next one on.
 /// - If the working counter makes an axis hold while an image is unconfirmed, the frames of its
@@ -181,7 +188,7 @@ impl Cia402 {
         Ok(Self {
             network,
             axes: table,
-            gateways: (0..slaves).map(GatewayWatch::new).collect(),
+            gateways: (0..slaves).map(|slave| GatewayWatch::new(slave, cycles_per_sync)).collect(),
             lookup,
             bus,
             is_paused: true,
@@ -300,6 +307,8 @@ impl Cia402 {
         // infallible: the counter, the only thing that is checked, is as it was
         let _ = self.network.set_sync(Some(self.sync));
         let waits = self.cycles_in_schedule(port, target_offset_ns);
+        let longest = waits.max(self.cycles_in_schedule(port, sync_offset_ns));
+        self.gateways.iter_mut().for_each(|gateway| gateway.schedule_images = longest);
         for axis in &mut self.axes {
             axis.schedule_images = waits;
             axis.set_mode(axis.mode);

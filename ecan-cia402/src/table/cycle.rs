@@ -67,6 +67,9 @@ impl Cia402 {
             match &item {
                 Received::Frame(frame) => {
                     if let Some(axis) = axis_of(axes, lookup, frame) {
+                        if let Some(gateway) = gateways.get_mut(frame.slave) {
+                            gateway.take_tpdo(frame.channel);
+                        }
                         axis.take_tpdo(frame.frame.data());
                         return;
                     }
@@ -174,7 +177,9 @@ impl Cia402 {
                 turn => Some(axis.is_due(turn) && gateway.is_some_and(GatewayWatch::is_open)),
             }
         });
-        let mut full = FullChannels::default();
+        let mut full = ChannelSet::default();
+        // A command that stops or resets takes effect with a SYNC, too.
+        let mut commanded = ChannelSet::default();
         for axis in &mut self.axes {
             let (slave, channel) = (axis.config.address.slave, axis.config.address.channel);
             let gateway = self.gateways.get(slave);
@@ -192,7 +197,12 @@ impl Cia402 {
                             cycle.send_with(to, frame, self.target_options)
                         });
                     match sent {
-                        Ok(ticket) => axis.sent(&outgoing, ticket),
+                        Ok(ticket) => {
+                            axis.sent(&outgoing, ticket);
+                            if !outgoing.has_target {
+                                commanded.insert((slave, channel));
+                            }
+                        }
                         Err(error) => {
                             if axis.not_sent(&outgoing, &error) {
                                 full.insert((slave, channel));
@@ -204,7 +214,10 @@ impl Cia402 {
             summary.count(axis.decision);
         }
         self.end_path_turn(path_turn);
-        summary.syncs = self.network.send_sync(cycle);
+        let Self { network, gateways, axes, .. } = self;
+        summary.syncs = network.send_sync_where(cycle, |slave, channel| {
+            commanded.contains((slave, channel)) || may_sync(gateways, axes, (slave, channel))
+        });
         if summary.syncs > 0 {
             self.note_sync();
         }
@@ -260,6 +273,16 @@ fn target_turn(
     }
 }
 
+/// Whether a SYNC on a channel adds nothing to frames that wait in the gateway.
+fn may_sync(gateways: &[GatewayWatch], axes: &[Axis], (slave, channel): (usize, u8)) -> bool {
+    let is_active = |axis: &Axis| {
+        let address = axis.config.address;
+        (address.slave, address.channel) == (slave, channel) && axis.is_active()
+    };
+    let gateway = gateways.get(slave);
+    !gateway.is_some_and(|gateway| gateway.withholds_sync(channel, axes.iter().any(is_active)))
+}
+
 fn axis_of<'a>(
     axes: &'a mut [Axis],
     lookup: &AxisLookup,
@@ -271,12 +294,11 @@ fn axis_of<'a>(
     axes.get_mut(lookup.tpdo(frame.slave, frame.channel, frame.frame.id())?)
 }
 
-/// Channels whose queue rejected a frame in this cycle; a bit each for the first 32 slaves, and
-/// all of the others together.
+/// Set of channels; a bit each for the first 32 slaves, and all of the others together.
 #[derive(Debug, Clone, Copy, Default)]
-struct FullChannels(u128);
+struct ChannelSet(u128);
 
-impl FullChannels {
+impl ChannelSet {
     fn bit((slave, channel): (usize, u8)) -> u128 {
         1 << (slave.min(31) * CHANNELS + usize::from(channel) % CHANNELS)
     }

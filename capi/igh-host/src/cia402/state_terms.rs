@@ -92,6 +92,8 @@ mirror! {
         /// No target is due: the target period has not ended, or the cycle has no SYNC. Not a
         /// disturbance: the motion continues.
         IGH_CIA402_WAIT_NOT_DUE = 8 => WaitReason::NotDue,
+        /// Frames that were sent before still wait in the gateway: the bus is occupied.
+        IGH_CIA402_WAIT_BACKLOG = 11 => WaitReason::Backlog,
         /// igh_cia402_process_rx() was not called in this cycle.
         IGH_CIA402_WAIT_NOT_RECEIVED = 9 => WaitReason::NotReceived,
         /// Another axis of igh_cia402_stop_together() cannot get a target in this cycle.
