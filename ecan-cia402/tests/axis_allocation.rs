@@ -11,7 +11,7 @@ mod axes;
 
 use axes::{Fixture, axes};
 use counting::allocations;
-use ecan_cia402::HomingConfig;
+use ecan_cia402::{AxisConfig, HomingConfig, PathStop};
 use ecan_host::AdapterConfig;
 use ecan_sim::{Fault, LossDirection};
 
@@ -32,7 +32,12 @@ fn cycles(fixture: &mut Fixture, count: usize) -> u64 {
 
 #[test]
 fn forty_axes_allocate_nothing() {
-    let table = axes(40).into_iter().map(|axis| axis.with_target_step(50)).collect();
+    let jerk_limited = |axis: AxisConfig| {
+        let mut axis = axis.with_target_step(50);
+        axis.limits.jerk = Some(1e6);
+        axis
+    };
+    let table = axes(40).into_iter().map(jerk_limited).collect();
     let adapter = AdapterConfig::new(3).with_multiplier(6).with_cycle(Duration::from_millis(2));
     let mut fixture = Fixture::open(ecan_sim::drives(3, 4), adapter, table).started();
     // The simulated world grows its queues to their working size first.
@@ -52,5 +57,14 @@ fn forty_axes_allocate_nothing() {
     assert_eq!(allocations() - before, 0, "commands");
     assert_eq!(cycles(&mut fixture, 2_000), 0, "while one is homed");
     assert!(fixture.cia402.is_running(7) && !fixture.cia402.is_running(8));
+    fixture.cia402.enable(8).unwrap();
+    fixture.cia402.resume(9).unwrap();
+    cycles(&mut fixture, 500);
+    let before = allocations();
+    fixture.cia402.stop_together();
+    assert_eq!(allocations() - before, 0, "stop of all axes");
+    assert_eq!(fixture.cia402.path_stop(), PathStop::Decelerating);
+    assert_eq!(cycles(&mut fixture, 100), 0, "while all axes stop");
+    assert_eq!(fixture.cia402.path_stop(), PathStop::Done);
     fixture.check();
 }

@@ -16,6 +16,7 @@ use ecan_cia402::{
 use ecan_host::AdapterConfig;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{DriveFault, Fault, LossDirection};
+use proptest::prelude::*;
 
 const CYCLE_S: f64 = 0.002;
 const STEPS: f64 = 65_536.0;
@@ -382,6 +383,65 @@ fn axis_that_gets_no_target_stops_the_others_on_the_path() {
         });
     });
     assert!(waits > 0);
+}
+
+/// Few, unless the environment asks for many.
+fn cases() -> u32 {
+    let asked = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok());
+    asked.unwrap_or(16)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: cases(),
+        failure_persistence: None,
+        max_shrink_iters: 200,
+        ..ProptestConfig::default()
+    })]
+
+    /// Any rates and limits, with cycles in which images are lost or have no space on a channel.
+    #[test]
+    fn disturbed_stop_stays_straight_within_its_limits(
+        rates in prop::array::uniform4(-350_i32..=350),
+        changes in prop::array::uniform4(1.0_f64..20.0),
+        shares in prop::array::uniform4(2.0_f64..60.0),
+        disturbances in prop::collection::vec((0_usize..80, 0_u8..3), 0..6),
+    ) {
+        prop_assume!(rates.iter().any(|rate| *rate != 0));
+        let limits: Vec<Limits> =
+            changes.iter().zip(shares).map(|(change, share)| Limits(*change, change / share)).collect();
+        let table = (0..4).map(|n| axis(0, n / 2, n % 2 + 1)).collect();
+        let mut fixture = moving(limited(table, &limits), &rates);
+        let start: Vec<i32> = (0..4).map(|axis| fixture.cia402.target(axis).unwrap()).collect();
+        fixture.cia402.stop_together();
+        let frame = CanFrame::classic(CanId::standard(0x7FE).unwrap(), &[0; 8]).unwrap();
+        for cycle in 0..80 {
+            let found = disturbances.iter().find(|(at, _)| *at == cycle);
+            if found.is_some_and(|(_, kind)| *kind == 2) {
+                fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 1 });
+            }
+            fixture.cycle_with(|cia402, bus| {
+                cia402.send_targets_all(bus);
+                if let Some((_, channel @ 0..2)) = found {
+                    let channel = bus.channel(0, *channel).unwrap();
+                    while bus.send(channel, &frame).is_ok() {}
+                }
+            });
+        }
+        let state = stopped(&mut fixture);
+        if state == PathStop::Done {
+            assert_straight(&fixture, &start, &rates);
+        } else {
+            // A channel with too many frames: its axes hold, the others stop by their ramps.
+            let is_held =
+                |axis| matches!(fixture.cia402.phase(axis), Some(AxisPhase::Holding(_)));
+            prop_assert!((0..4).any(is_held), "{}", state);
+        }
+        for (axis, limits) in limits.iter().enumerate() {
+            assert_limits(&fixture, axis, start[axis], *limits);
+        }
+        fixture.check();
+    }
 }
 
 #[test]

@@ -36,6 +36,10 @@ use crate::guard::terms::TargetKind;
 /// target of the application: a drive that gets no target stops at once, which is a larger
 /// deceleration than the one that was rejected.
 ///
+/// A stop of the host takes velocity / acceleration + acceleration / jerk; a shutdown switches the
+/// drive off after five seconds, also if it is not at rest by then. Where nothing can be sent (a hold),
+/// no limit shapes the stop: a drive in CSP stops by its own rules.
+///
 /// # Conversion
 ///
 /// [`Cia402::new`](crate::Cia402::new) converts by the target period ([`Cia402::target_period`](crate::Cia402::target_period)),
