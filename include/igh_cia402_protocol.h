@@ -156,9 +156,9 @@ typedef enum {
  */
 typedef enum {
     /** Disables voltage at once; the motor coasts. */
-    IGH_CIA402_STOP_DISABLE = 0,
+    IGH_CIA402_STOP_OPTION_DISABLE = 0,
     /** Slows down by its ramp, then switches off. */
-    IGH_CIA402_STOP_SLOW_DOWN = 1,
+    IGH_CIA402_STOP_OPTION_SLOW_DOWN = 1,
 } igh_cia402_stop_option_t;
 
 /**

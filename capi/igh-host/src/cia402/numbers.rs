@@ -159,9 +159,9 @@ mirror! {
     /// ones.
     pub enum igh_cia402_stop_option_t as StopOption {
         /// Disables voltage at once; the motor coasts.
-        IGH_CIA402_STOP_DISABLE = 0 => StopOption::Disable,
+        IGH_CIA402_STOP_OPTION_DISABLE = 0 => StopOption::Disable,
         /// Slows down by its ramp, then switches off.
-        IGH_CIA402_STOP_SLOW_DOWN = 1 => StopOption::SlowDown,
+        IGH_CIA402_STOP_OPTION_SLOW_DOWN = 1 => StopOption::SlowDown,
     }
 }
 
