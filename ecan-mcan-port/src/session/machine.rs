@@ -90,8 +90,8 @@ impl fmt::Display for PendingStep {
             }
             Self::Operational => f.write_str("OP"),
             Self::StartupRetry => f.write_str(
-                "another attempt of its startup, since a startup SDO failed and the master keeps \
-                 it in PREOP; call retry_startup",
+                "another attempt of its startup (retry_startup), since a startup SDO failed and \
+                 the master keeps it in PREOP",
             ),
             Self::ProcessData => f.write_str("its process data to arrive"),
             Self::ExclusiveProcessData => {

@@ -21,6 +21,7 @@ mod output;
 mod program;
 mod readings;
 mod slave_choice;
+mod startup_retry;
 mod table;
 mod value;
 
