@@ -391,6 +391,19 @@ fn option_codes_arrive_and_are_read_back() {
     assert!(fixture.cia402.stop_options(0).is_some());
 }
 
+/// A released drive would run on: it no longer watches the host.
+#[test]
+fn released_drives_are_reported_as_unwatched() {
+    let mut fixture = started(|_| {}, Cia402Config::default());
+    assert_eq!(fixture.cia402.host_loss_risks().count(), 0);
+    fixture.cia402.shutdown_timeout(&mut fixture.port, axes::START, |_| {}).unwrap();
+    for (n, mode) in MODES.iter().enumerate() {
+        assert_eq!(fixture.drive(n, |drive| drive.object(0x1016, 1)), Some(0), "{mode}");
+        let reported = fixture.cia402.host_loss(n).unwrap();
+        assert_eq!((reported.watch, reported.reaction), (HostWatch::NoEntry, undetected(*mode)));
+    }
+}
+
 #[test]
 fn unwritten_options_are_read_back() {
     let fixture = Fixture::single(vec![axis(0, 0, 1)]).started();

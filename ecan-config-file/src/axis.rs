@@ -2,8 +2,11 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{NodeAddress, NodeId, OperatingMode};
-use ecan_cia402::{AxisConfig, AxisFault, MotionLimit};
+use ecan_canopen::{
+    FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
+    QuickStopOption, StopOption,
+};
+use ecan_cia402::{AxisConfig, AxisFault, DriveConfig, MotionLimit};
 use ecan_mcan_port::Config;
 use ecan_protocol::mapping::CHANNELS;
 
@@ -16,6 +19,52 @@ const MODES: [(&str, OperatingMode); 6] = [
     ("pp", OperatingMode::ProfilePosition),
     ("pv", OperatingMode::ProfileVelocity),
     ("pt", OperatingMode::ProfileTorque),
+];
+
+// Option codes; `unchanged` does not write the object.
+
+const HOST_LOSS: [(&str, Option<NodeLossReaction>); 5] = [
+    ("unchanged", None),
+    ("none", Some(NodeLossReaction::None)),
+    ("fault", Some(NodeLossReaction::Fault)),
+    ("disable_voltage", Some(NodeLossReaction::DisableVoltage)),
+    ("quick_stop", Some(NodeLossReaction::QuickStop)),
+];
+
+const QUICK_STOP: [(&str, Option<QuickStopOption>); 10] = [
+    ("unchanged", None),
+    ("disable", Some(QuickStopOption::Disable)),
+    ("slow_down", Some(QuickStopOption::SlowDown)),
+    ("quick_stop", Some(QuickStopOption::QuickStop)),
+    ("current_limit", Some(QuickStopOption::CurrentLimit)),
+    ("voltage_limit", Some(QuickStopOption::VoltageLimit)),
+    ("slow_down_and_stay", Some(QuickStopOption::SlowDownAndStay)),
+    ("quick_stop_and_stay", Some(QuickStopOption::QuickStopAndStay)),
+    ("current_limit_and_stay", Some(QuickStopOption::CurrentLimitAndStay)),
+    ("voltage_limit_and_stay", Some(QuickStopOption::VoltageLimitAndStay)),
+];
+
+const STOP: [(&str, Option<StopOption>); 3] = [
+    ("unchanged", None),
+    ("disable", Some(StopOption::Disable)),
+    ("slow_down", Some(StopOption::SlowDown)),
+];
+
+const HALT: [(&str, Option<HaltOption>); 5] = [
+    ("unchanged", None),
+    ("slow_down", Some(HaltOption::SlowDown)),
+    ("quick_stop", Some(HaltOption::QuickStop)),
+    ("current_limit", Some(HaltOption::CurrentLimit)),
+    ("voltage_limit", Some(HaltOption::VoltageLimit)),
+];
+
+const FAULT_REACTION: [(&str, Option<FaultReaction>); 6] = [
+    ("unchanged", None),
+    ("disable", Some(FaultReaction::Disable)),
+    ("slow_down", Some(FaultReaction::SlowDown)),
+    ("quick_stop", Some(FaultReaction::QuickStop)),
+    ("current_limit", Some(FaultReaction::CurrentLimit)),
+    ("voltage_limit", Some(FaultReaction::VoltageLimit)),
 ];
 
 /// Reads an axis; `None` if it has no valid address.
@@ -47,6 +96,7 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Option<AxisConfig> {
     store(&mut axis.auto_resume, table.flag("auto_resume"));
     let timeout_ms = table.unsigned("enable_timeout_ms", (1, 3_600_000));
     store(&mut axis.enable_timeout, timeout_ms.map(Duration::from_millis));
+    read_stop_options(&mut table, &mut axis.drive);
     address.map(|_| axis)
 }
 
@@ -72,6 +122,16 @@ fn read_scale(table: &mut Table<'_, '_>, axis: &mut AxisConfig) {
     if let Some(units) = table.float("velocity_units_per_turn_s") {
         axis.scale = axis.scale.with_velocity_units(units);
     }
+}
+
+fn read_stop_options(table: &mut Table<'_, '_>, drive: &mut DriveConfig) {
+    store(&mut drive.host_heartbeat_ms, table.unsigned("host_heartbeat_ms", (0, 0xFFFF)));
+    store(&mut drive.host_loss, table.word("host_loss", &HOST_LOSS));
+    store(&mut drive.quick_stop, table.word("quick_stop", &QUICK_STOP));
+    store(&mut drive.shutdown, table.word("shutdown", &STOP));
+    store(&mut drive.disable_operation, table.word("disable_operation", &STOP));
+    store(&mut drive.halt, table.word("halt", &HALT));
+    store(&mut drive.fault_reaction, table.word("fault_reaction", &FAULT_REACTION));
 }
 
 fn read_bounds(table: &mut Table<'_, '_>) -> Option<(i32, i32)> {

@@ -3,8 +3,11 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{NodeAddress, NodeId, OperatingMode};
-use ecan_cia402::{AxisConfig, MotionLimits, Scale};
+use ecan_canopen::{
+    FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
+    QuickStopOption, StopOption,
+};
+use ecan_cia402::{AxisConfig, DriveConfig, MotionLimits, Scale};
 use ecan_config_file::{ConfigFileError, EXAMPLE, FileFaults, load, load_axes, parse, parse_axes};
 use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
 use ecan_mcan_port::Config;
@@ -287,6 +290,39 @@ fn axes_have_their_limits_in_units_of_the_machine() {
     assert_eq!(read(&text).unwrap(), read(TWO_CHANNELS).unwrap(), "no part of the configuration");
     assert_eq!(parse_axes(TWO_CHANNELS.as_bytes()).unwrap(), []);
     assert_eq!(parse_axes(EXAMPLE.as_bytes()).unwrap().len(), 1);
+}
+
+#[test]
+fn axes_have_the_stop_options_of_their_drives() {
+    let axis = "[[axis]]\ngateway = 0\nchannel = 0\nnode = 7\n";
+    let text = format!(
+        "{TWO_CHANNELS}{axis}
+        host_heartbeat_ms = 100
+        host_loss = \"fault\"
+        quick_stop = \"slow_down_and_stay\"
+        shutdown = \"slow_down\"
+        disable_operation = \"disable\"
+        halt = \"quick_stop\"
+        fault_reaction = \"current_limit\""
+    );
+    let drive = |text: &str| parse_axes(text.as_bytes()).unwrap().remove(0).drive;
+    let expected = DriveConfig {
+        host_heartbeat_ms: 100,
+        host_loss: Some(NodeLossReaction::Fault),
+        quick_stop: Some(QuickStopOption::SlowDownAndStay),
+        shutdown: Some(StopOption::SlowDown),
+        disable_operation: Some(StopOption::Disable),
+        halt: Some(HaltOption::QuickStop),
+        fault_reaction: Some(FaultReaction::CurrentLimit),
+        ..DriveConfig::default()
+    };
+    assert_eq!(drive(&text), expected);
+    assert_eq!(drive(EXAMPLE), DriveConfig::default(), "the example has the defaults");
+    let unchanged = format!("{TWO_CHANNELS}{axis}host_loss = \"unchanged\"");
+    assert_eq!(drive(&unchanged), DriveConfig { host_loss: None, ..DriveConfig::default() });
+    let wrong = format!("{TWO_CHANNELS}{axis}halt = \"disable\"");
+    let faults = parse_axes(wrong.as_bytes()).unwrap_err().to_string();
+    assert!(faults.contains("`halt` = \"disable\" is invalid; allowed: \"unchanged\""), "{faults}");
 }
 
 #[test]
