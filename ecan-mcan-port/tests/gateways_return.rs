@@ -10,6 +10,7 @@ use std::time::Duration;
 use common::{Fixture, Handles, SendData, classic, id};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PendingStep, Port, PortConfig, PortError, Session};
+use ecan_protocol::device::AlState;
 use ecan_sim::{Fault, GatewayFault, Topology};
 
 fn adapter(slaves: usize) -> AdapterConfig {
@@ -44,6 +45,30 @@ fn startup_without_response_waits_for_a_retry() {
     assert!(log.iter().any(|line| line.contains("no response")), "{log:?}");
     fixture.idle(10_000);
     assert!(is_held(&fixture.port), "not by itself");
+    fixture.port.retry_startup().unwrap();
+    assert!(fixture.until(10_000, Port::is_ready).is_some(), "{:?}", waiting_for(&fixture.port, 0));
+}
+
+/// The master meets an error while it takes the gateway to INIT, and leaves it there.
+#[test]
+fn startup_that_failed_in_init_waits_for_a_retry() {
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(1), config(1));
+    let al_state = |port: &Port| port.adapter().slave_state(0).map_or(0, |state| state.al_state);
+    leave_op(&fixture, 0);
+    // As soon as the master has taken it out of SAFEOP.
+    for _ in 0..10_000 {
+        fixture.idle(1);
+        let in_init = fixture.simulation.with_world(|world| {
+            world.gateway(0).is_some_and(|gateway| gateway.al_state() == AlState::Init)
+        });
+        if in_init {
+            break;
+        }
+    }
+    leave_op(&fixture, 0);
+    let is_held = |port: &Port| waiting_for(port, 0) == Some(PendingStep::StartupRetry);
+    assert!(fixture.until(60_000, is_held).is_some(), "{:?}", waiting_for(&fixture.port, 0));
+    assert_eq!(al_state(&fixture.port) & 0x0F, 1);
     fixture.port.retry_startup().unwrap();
     assert!(fixture.until(10_000, Port::is_ready).is_some(), "{:?}", waiting_for(&fixture.port, 0));
 }

@@ -7,7 +7,6 @@
 use std::fmt;
 
 use ecan_host::{Adapter, Delivery, Error, RequestState, SdoRequestId};
-use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::Direction;
 
 use crate::port_config::GatewayConfig;
@@ -65,8 +64,9 @@ pub enum PendingStep {
     Answer,
     /// The master does not see the slave in OP.
     Operational,
-    /// The slave is in PREOP longer than its startup lasts. The master keeps it there when a startup
-    /// SDO failed, and tries again only on [`Port::retry_startup`](crate::Port::retry_startup).
+    /// The slave is in the same state below OP longer than a startup lasts. The master gives a slave
+    /// up when a startup SDO or a change of state failed, and tries again only on
+    /// [`Port::retry_startup`](crate::Port::retry_startup).
     StartupRetry,
     /// The slave is in OP, but the delivery of its outputs is not confirmed.
     ProcessData,
@@ -90,8 +90,8 @@ impl fmt::Display for PendingStep {
             }
             Self::Operational => f.write_str("OP"),
             Self::StartupRetry => f.write_str(
-                "another attempt of its startup (retry_startup), since a startup SDO failed and \
-                 the master keeps it in PREOP",
+                "another attempt of its startup (retry_startup), since the last one failed and the \
+                 master gave it up",
             ),
             Self::ProcessData => f.write_str("its process data to arrive"),
             Self::ExclusiveProcessData => {
@@ -152,8 +152,8 @@ pub(crate) struct SessionMachine {
     unmapped_since_ns: Option<u64>,
     /// This attempt only identifies a gateway without process data.
     is_identifying: bool,
-    /// In PREOP since then, and the longest time that a startup lasts.
-    preop_since_ns: Option<u64>,
+    /// State below OP and its begin, and the longest time that a startup lasts.
+    below_op: Option<(u8, u64)>,
     startup_ns: u64,
 }
 
@@ -197,7 +197,7 @@ impl SessionMachine {
             has_serial: serial != 0,
             unmapped_since_ns: None,
             is_identifying: false,
-            preop_since_ns: None,
+            below_op: None,
             startup_ns: u64::try_from(adapter.startup_timeout().as_nanos()).unwrap_or(u64::MAX),
         })
     }
@@ -268,8 +268,8 @@ impl SessionMachine {
                     self.last_fault = Some(fault);
                     self.retry_at_ns = adapter.clock().now_ns() + RETRY_NS;
                     self.unmapped_since_ns = None;
-                    if fault == VerificationFault::ProcessData {
-                        // Its identity is verified. A rejected request is repeated by the next attempt.
+                    if fault == VerificationFault::ProcessData && self.has_serial {
+                        // Its identity is verified: no gateway in use leaves OP. A rejected request is repeated by the next attempt.
                         let _ = adapter.request_reconfiguration(self.slave);
                     }
                     Event::Failed
@@ -285,12 +285,16 @@ impl SessionMachine {
         }
     }
 
-    /// Since when the slave is in PREOP, or in OP without process data.
+    /// Since when the slave is in its state below OP, or in OP without process data.
     fn watch_startup(&mut self, adapter: &Adapter) {
         let now_ns = adapter.clock().now_ns();
         let state = adapter.slave_state(self.slave).ok().filter(|state| state.online);
-        let is_preop = state.is_some_and(|s| s.al_state & 0x0F == AlState::PreOp.raw());
-        self.preop_since_ns = is_preop.then(|| self.preop_since_ns.unwrap_or(now_ns));
+        let below_op = state.filter(|state| !state.operational).map(|state| state.al_state);
+        let last = self.below_op;
+        self.below_op = below_op.map(|al_state| match last {
+            Some((before, since_ns)) if before == al_state => (al_state, since_ns),
+            _ => (al_state, now_ns),
+        });
         let is_unmapped = state.is_some_and(|state| state.operational)
             && adapter.domain_report(self.slave).outputs == Delivery::Missed;
         self.unmapped_since_ns = is_unmapped.then(|| self.unmapped_since_ns.unwrap_or(now_ns));
@@ -305,7 +309,8 @@ impl SessionMachine {
     }
 
     fn is_held(&self, adapter: &Adapter) -> bool {
-        Self::has_lasted(self.preop_since_ns, self.startup_ns, adapter)
+        let since_ns = self.below_op.map(|(_, since_ns)| since_ns);
+        Self::has_lasted(since_ns, self.startup_ns, adapter)
     }
 
     fn is_online(&self, adapter: &Adapter) -> bool {
@@ -334,6 +339,7 @@ impl SessionMachine {
             return Event::None;
         }
         self.is_identifying = !outputs_arrive;
+        (self.below_op, self.unmapped_since_ns) = (None, None);
         self.state = Session::Verifying;
         self.next = 0;
         // The result of an earlier attempt's request does not apply to this one.
