@@ -322,6 +322,28 @@ fn unwatched_drives_run_on_and_are_reported() {
     }
 }
 
+/// Without targets, motion in CSP ends at once: the motor overshoots the last target by the distance
+/// that its highest acceleration needs, and returns to it.
+#[test]
+fn csp_motion_ends_at_the_last_target_after_the_loss() {
+    let mut fixture = moving(|_| {}, Cia402Config::default());
+    let since = recorded(&fixture);
+    let offset =
+        fixture.drive(0, |drive| drive.mechanical_position() - f64::from(drive.position()));
+    Loss::Host.strike(&mut fixture);
+    let last = fixture.history(0).last().map(|record| f64::from(record.target) + offset).unwrap();
+    let furthest = records(&fixture, 0, since[0]).into_iter().filter_map(|record| {
+        let TraceEvent::Motion(motion) = record.event else { return None };
+        Some(motion.position - last)
+    });
+    let overshoot = furthest.fold(0.0, f64::max);
+    let distance = fixture.drive(0, |drive| drive.mechanical_position()) - last;
+    println!("overshoot {overshoot:.0}, distance at the end {distance:.1}");
+    // The braking distance, and what the motor travels in a period of the controller.
+    assert!(overshoot < 1.1 * SPEED * SPEED / (2.0 * LIMIT) + SPEED * 1e-3, "{overshoot}");
+    assert!(distance.abs() < 20.0, "{distance}");
+}
+
 /// The gateway sends what it has received; nothing in it feeds the drives.
 #[test]
 fn gateway_sends_nothing_after_the_loss() {
