@@ -282,6 +282,18 @@ impl Axis {
         }
     }
 
+    /// After the decision of a cycle: a position axis for which a target was due, but not sent.
+    pub(crate) fn count_gap(&mut self) {
+        let is_missed = match self.decision {
+            Decision::Wait(reason) => !matches!(reason, WaitReason::NotDue | WaitReason::Spent),
+            Decision::Reject(_) => true,
+            _ => false,
+        };
+        if is_missed && self.is_running() && self.guard.limits().kind == TargetKind::Position {
+            self.targets.missed();
+        }
+    }
+
     /// The Port rejected the frame. Returns whether the channel's queue is full.
     pub(crate) fn not_sent(&mut self, outgoing: &Outgoing, error: &SendError) -> bool {
         if outgoing.has_target {

@@ -32,7 +32,7 @@ pub(crate) mod statistics;
 pub(crate) mod stop;
 pub(crate) mod takeover;
 pub(crate) mod target_period;
-mod target_source;
+pub(crate) mod target_source;
 mod target_tickets;
 pub(crate) mod units;
 mod verification;

@@ -4,6 +4,10 @@ use super::path_share::PathShare;
 use super::ramp::{FRACTION_BITS, Profile, Ramp, RampLimits};
 use crate::guard::terms::{GuardLimits, TargetKind};
 
+/// Target periods in a row without a target after which a drive is certainly at rest, so that a motion
+/// of the host must not continue.
+pub(crate) const MOST_GAP: u8 = 2;
+
 /// Most steps in half of a [`StepHistory`].
 const MOST_STEPS: usize = 16;
 
@@ -64,6 +68,8 @@ pub(crate) struct TargetSource {
     ramp: Option<Ramp>,
     /// Part in a stop of all axes on their path.
     path: Option<PathShare>,
+    /// Target periods without a target since the last one.
+    gap: u8,
     history: StepHistory,
 }
 
@@ -75,6 +81,7 @@ impl TargetSource {
             limits,
             ramp: None,
             path: None,
+            gap: 0,
             history: StepHistory::REST,
         }
     }
@@ -142,7 +149,17 @@ impl TargetSource {
     /// one; a rate is a step of itself.
     pub(crate) fn sent(&mut self, ramp: Option<Ramp>, step: i64) {
         self.ramp = ramp;
+        self.gap = 0;
         self.history.push(step);
+    }
+
+    /// A target period without a target. After some, a position axis is at rest; all axes of a stop on
+    /// the path end it together.
+    pub(crate) fn missed(&mut self) {
+        self.gap = self.gap.saturating_add(1);
+        if self.gap > MOST_GAP && self.path.is_none() {
+            self.stop();
+        }
     }
 
     /// Returns the next target after `last`, and the host's own ramp if that makes it. `own_step` is
@@ -273,6 +290,19 @@ mod tests {
         assert_eq!(position(&source, 5, 100).0, Some(15));
         let at_the_end = position(&source, i32::MAX, 100);
         assert_eq!(at_the_end, (Some(i32::MAX), Some(Ramp::default())));
+    }
+
+    #[test]
+    fn motion_ends_after_a_gap() {
+        let mut source = TargetSource::new(RampLimits::increments(10));
+        source.sent(None, 100);
+        for _ in 0..MOST_GAP {
+            source.missed();
+        }
+        assert_eq!(position(&source, 0, 0).0, Some(90));
+        source.missed();
+        assert_eq!(position(&source, 0, 0).0, Some(0), "it is at rest, and stays there");
+        assert_eq!(position(&source, 0, 100).0, Some(10), "or starts again");
     }
 
     #[test]

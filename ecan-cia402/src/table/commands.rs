@@ -265,6 +265,9 @@ impl Cia402 {
     /// acceleration beyond the limit, and a deceleration that the jerk cannot end before standstill,
     /// are cut in the first cycle; only that exceeds the jerk limit.
     ///
+    /// An axis in CSP that got no target in more than two target periods in a row is at rest, and stays
+    /// there.
+    ///
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn halt(&mut self, axis: usize) -> Result<(), CommandError> {

@@ -211,6 +211,7 @@ impl Cia402 {
                     }
                 }
             }
+            axis.count_gap();
             summary.count(axis.decision);
         }
         self.end_path_turn(path_turn);

@@ -7,14 +7,11 @@ use crate::axis::axis::Axis;
 use crate::axis::config::target_kind;
 use crate::axis::path_share::{ONE_BITS, PathStep};
 use crate::axis::ramp::{Profile, RampLimits};
+use crate::axis::target_source::MOST_GAP;
 use crate::guard::terms::{Decision, TargetKind};
 
 /// Rate of the common profile at the call.
 const ONE: i128 = 1 << ONE_BITS;
-
-/// Target periods in a row in which no target of the stop can be sent, after which the axes stop by
-/// their own ramps.
-const MOST_WAITS: u8 = 10;
 
 /// State of a stop on the path, see [`Cia402::stop_together`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -114,11 +111,12 @@ impl Cia402 {
     /// the direction ends at once. Each target is within an increment of the straight line.
     ///
     /// A target is only sent if every one of these axes can get one in the cycle; otherwise none
-    /// moves. A lost EtherCAT frame can delay targets that were sent: an axis is then one step behind
-    /// until the image arrives. If an axis holds, leaves Operation Enabled, is resumed or cannot move
-    /// on (a bound, the end of its counter, a motor that does not follow), if the frame of one is
-    /// rejected, or after ten target periods without targets, the others stop by their own ramps from
-    /// their motion of that moment.
+    /// moves. After more than two target periods without targets the drives are at rest, and the axes
+    /// stay where they are on the path. A lost EtherCAT frame or an occupied bus can delay targets that
+    /// were sent: an axis is then up to three steps behind, on the same line, until they arrive. If an
+    /// axis holds, leaves Operation Enabled, is resumed or cannot move on (a bound, the end of its
+    /// counter, a motor that does not follow), or if the frame of one is rejected, the others stop by
+    /// their own ramps from their motion of that moment.
     ///
     /// All other axes stop as by [`halt`](Self::halt). [`path_stop`](Self::path_stop) reports the
     /// state, [`is_at_rest`](Self::is_at_rest) when an axis is at rest. A call during the stop changes
@@ -198,8 +196,11 @@ impl Cia402 {
             PathTurn::NotDue => {}
             PathTurn::Wait { axis } => {
                 path.waits = path.waits.saturating_add(1);
-                if path.waits > MOST_WAITS {
-                    self.end_path(PathStop::Split { axis });
+                if path.waits > MOST_GAP {
+                    tracing::warn!(axis, "axis {axis}: got no targets; all axes of the stop rest");
+                    let members = self.axes.iter_mut().filter(|axis| axis.targets.is_in_path());
+                    members.for_each(|axis| axis.targets.stop());
+                    self.end_path(PathStop::Done);
                 }
             }
             PathTurn::Move(profile) => {
