@@ -508,6 +508,18 @@ fn axis_without_targets_does_not_start_to_move_again() {
 }
 
 #[test]
+fn halt_after_rejected_targets_moves_nothing() {
+    let mut fixture = moving(limited(vec![axis(0, 0, 1)], &[Limits(4.0, 0.25)]), &[100]);
+    let at = fixture.cia402.target(0).unwrap();
+    fixture.cia402.set_target(0, at + 10_000).unwrap();
+    fixture.idle(10);
+    assert!(matches!(fixture.cia402.decision(0), Decision::Reject(_)));
+    fixture.cia402.halt(0).unwrap();
+    fixture.idle(50);
+    assert_eq!(fixture.cia402.target(0), Some(at));
+}
+
+#[test]
 fn resumed_axis_splits_the_stop() {
     let limits = [Limits(4.0, 0.25)];
     let mut fixture = moving(limited(axes(2), &limits), &[100, 50]);
