@@ -70,9 +70,9 @@ use crate::guard::gateway_watch::GatewayWatch;
 /// - Frames that wait in a gateway are released together. While frames of a channel that were sent
 ///   before the newest image wait there, its axes get no target and no SYNC
 ///   ([`WaitReason::Backlog`](crate::WaitReason::Backlog)); commands still go out, with SYNC. So after
-///   an occupied bus at most three targets take effect together (plus the cycles that a scheduled
-///   frame waits in the gateway), after a stall of the gateway two: the drive follows at most as many
-///   step limits in one target period. A scheduled frame that is late is dropped, and the next target
+///   an occupied bus at most three targets take effect together, four if it was occupied repeatedly
+///   (and more by the cycles that a scheduled frame waits in the gateway), after a stall of the
+///   gateway two: the drive follows at most as many step limits in one target period. A scheduled frame that is late is dropped, and the next target
 ///   makes its step, too.
 /// - If a gateway's transmit queue rejects a frame of a channel, the later axes of the channel send
 ///   nothing in this cycle, and all axes of the channel hold from the next one on.
