@@ -106,7 +106,7 @@ impl Axis {
         (config, ramp): (AxisConfig, RampLimits),
         node: NodeHandle,
         (cycles_per_sync, sync_period_ns): (u32, u64),
-        target_cycles: u32,
+        target_period: TargetPeriod,
         takeover_policy: Takeover,
     ) -> Self {
         let id = config.address.node;
@@ -134,7 +134,7 @@ impl Axis {
             tickets: TargetTickets::default(),
             target_lost: false,
             decision: Decision::Closed,
-            target_period: TargetPeriod::new(target_cycles),
+            target_period,
             procedure: None,
             recovery: None,
             verification: Verification::default(),

@@ -188,6 +188,7 @@ impl Axis {
             self.statistics.decided(self.decision, true);
             return None;
         }
+        self.rest_after_pause(now_ns);
         let (requested, ramp) = self.wanted_target(stepping);
         self.decision = self.guard.decide(requested);
         self.statistics.decided(self.decision, self.is_running());
@@ -228,6 +229,14 @@ impl Axis {
                 Some(WaitReason::NotDue)
             }
             _ => None,
+        }
+    }
+
+    /// An axis that rests since a pause is not moved at its last speed again.
+    fn rest_after_pause(&mut self, now_ns: u64) {
+        let follows_positions = target_kind(self.mode) == TargetKind::Position;
+        if self.target_period.is_paused(now_ns) && follows_positions && !self.targets.is_in_path() {
+            self.targets.stop();
         }
     }
 

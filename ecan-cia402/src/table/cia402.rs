@@ -142,6 +142,7 @@ impl Cia402 {
         let cycle_ns = port.adapter().config().cycle_ns();
         let target_cycles = config.target_cycles();
         let target_period_ns = u64::from(cycle_ns) * u64::from(target_cycles);
+        let target_period = TargetPeriod::new(target_cycles, target_period_ns);
         check(&axes, target_period_ns)?;
         let axes = at_period(&axes, Duration::from_nanos(target_period_ns))?;
         let slaves = port.slave_count();
@@ -180,7 +181,7 @@ impl Cia402 {
             network.set_paused(slave, channel, true);
             let periods = (cycles_per_sync, sync_period_ns);
             let mut axis =
-                Axis::new(index, (axis, ramp), handle, periods, target_cycles, config.takeover);
+                Axis::new(index, (axis, ramp), handle, periods, target_period, config.takeover);
             axis.load_steps(&mut network, &bus)
                 .map_err(|error| Cia402Error::Mapping { axis: index, error })?;
             table.push(axis);
@@ -261,7 +262,7 @@ impl Cia402 {
         self.target_cycles = target_cycles;
         self.syncs_to_target = 0;
         for axis in &mut self.axes {
-            axis.target_period = TargetPeriod::new(target_cycles);
+            axis.target_period = TargetPeriod::new(target_cycles, period_ns);
             axis.convert_limits(target_period);
             // infallible: the same objects were mapped when the axis was created
             let _ = axis.load_steps(&mut self.network, &self.bus);

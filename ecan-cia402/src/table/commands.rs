@@ -480,9 +480,14 @@ impl Cia402 {
 
     /// Whether a drive has reached its target: in PP it has accepted the target in force and reports
     /// it as reached, in PV and PT it reports its speed or torque as reached (statusword bit 10).
-    /// False in the cyclic modes.
+    /// False in the cyclic modes, and while a new target is not sent yet.
     pub fn is_target_reached(&self, axis: usize) -> bool {
         self.axis(axis).is_some_and(|axis| {
+            let is_rejected = matches!(axis.decision, Decision::Reject(_));
+            if axis.targets.requested.is_some_and(|new| axis.target() != Some(new)) && !is_rejected
+            {
+                return false;
+            }
             let has_taken = match axis.mode {
                 OperatingMode::ProfilePosition => {
                     axis.target().is_some_and(|target| axis.set_point.has_taken(target))

@@ -160,7 +160,8 @@ impl Cia402 {
 
     /// As [`send_targets_all`](Self::send_targets_all), but moves every CSP axis by its own
     /// [`target_step`](crate::AxisConfig::target_step) per target: it accelerates to that step by its
-    /// ramp, and does not move in a cycle in which its target is not sent. Axes of other modes get their
+    /// ramp, and does not move in a cycle in which its target is not sent; after a pause of four target
+    /// periods it starts from rest. Axes of other modes get their
     /// targets as there. Real-time safe.
     pub fn send_target_step(&mut self, cycle: &mut Cycle<'_>) -> SendSummary {
         self.send(cycle, true)
@@ -245,7 +246,7 @@ impl Cia402 {
             let address = axis.config.address;
             let is_sent = self.network.has_sent_sync(address.slave, address.channel);
             if is_sent {
-                axis.target_period.sync_sent();
+                axis.target_period.sync_sent(self.now_ns);
             }
             if !counts {
                 axis.statistics.restart_tpdo_count();
