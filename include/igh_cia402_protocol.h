@@ -692,6 +692,17 @@ int igh_cia402_start_up_timeout(igh_cia402_context_t *context, uint32_t timeout_
 int igh_cia402_finish_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
 
 /**
+ * Brings all axes back to their targets, as igh_cia402_recover_all(), and waits.
+ *
+ * @param timeout_ms  Milliseconds.
+ *
+ * @usage   not rt, the cycle's thread, active bus
+ * @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that do not
+ *          follow targets, and the reason.
+ */
+int igh_cia402_recover_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+
+/**
  * Stops all axes, as igh_cia402_stop_all(), and waits until every one has stopped.
  *
  * @param timeout_ms  Milliseconds.
@@ -1051,7 +1062,29 @@ int igh_cia402_quick_stop(igh_cia402_context_t *context, size_t axis);
 int igh_cia402_stop_all(igh_cia402_context_t *context);
 
 /**
- * Resets the fault of a drive. Does not enable it.
+ * Starts bringing an axis back to its targets, from a hold, a stop, a fault or a lost configuration,
+ * and from the very beginning: waits for a pending stop, configures, resets a fault, enables, and
+ * resumes a halted axis. Any other command to the axis ends it. It ends without success, with
+ * axis_error, if a fault persists after one reset or another one follows, if the configuration
+ * fails twice, if the drive does not answer and may be moving, or if enabling fails three times.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_AXIS_STATE during a change of mode, homing or shutdown; ECAN_ERR_AXIS.
+ */
+int igh_cia402_recover(igh_cia402_context_t *context,
+                       size_t axis);
+
+/**
+ * Starts bringing all axes back to their targets, as igh_cia402_recover(); axes that follow them
+ * continue. igh_cia402_recover_all_timeout() also waits.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  As igh_cia402_recover().
+ */
+int igh_cia402_recover_all(igh_cia402_context_t *context);
+
+/**
+ * Resets the fault of a drive. Does not enable it, and does nothing if the drive has no fault.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
@@ -1269,27 +1302,27 @@ typedef enum {
 /** Cause of a stop. */
 typedef enum {
     /** No stop is pending or complete. */
-    IGH_CIA402_STOP_NONE = 0,
+    IGH_CIA402_STOP_CAUSE_NONE = 0,
     /** igh_cia402_quick_stop(). */
-    IGH_CIA402_STOP_QUICK_STOP = 1,
+    IGH_CIA402_STOP_CAUSE_QUICK_STOP = 1,
     /** igh_cia402_disable(). */
-    IGH_CIA402_STOP_DISABLE = 2,
+    IGH_CIA402_STOP_CAUSE_DISABLE = 2,
     /** igh_cia402_stop_all(). */
-    IGH_CIA402_STOP_ALL = 3,
+    IGH_CIA402_STOP_CAUSE_ALL = 3,
     /** igh_cia402_begin_shutdown(). */
-    IGH_CIA402_STOP_SHUTDOWN = 4,
+    IGH_CIA402_STOP_CAUSE_SHUTDOWN = 4,
     /** The axis held in a mode in which its drive would continue to move; see hold_reason. */
-    IGH_CIA402_STOP_HELD = 5,
+    IGH_CIA402_STOP_CAUSE_HELD = 5,
     /** A change of mode, or homing. */
-    IGH_CIA402_STOP_PROCEDURE = 6,
+    IGH_CIA402_STOP_CAUSE_PROCEDURE = 6,
     /** The drive was not enabled in time. */
-    IGH_CIA402_STOP_ENABLE_TIMED_OUT = 7,
+    IGH_CIA402_STOP_CAUSE_ENABLE_TIMED_OUT = 7,
     /** igh_cia402_configure() of an enabled drive. */
-    IGH_CIA402_STOP_CONFIGURE = 8,
+    IGH_CIA402_STOP_CAUSE_CONFIGURE = 8,
     /** The drive was enabled at the first contact, or has another configuration. */
-    IGH_CIA402_STOP_TAKEOVER = 9,
+    IGH_CIA402_STOP_CAUSE_TAKEOVER = 9,
     /** Another cause. */
-    IGH_CIA402_STOP_OTHER = 255,
+    IGH_CIA402_STOP_CAUSE_OTHER = 255,
 } igh_cia402_stop_cause_t;
 
 /** Error of the last command to an axis; igh_cia402_get_axis_text() gives details. */
@@ -1406,8 +1439,10 @@ typedef struct {
     uint8_t stop_cause;
     /** 1 if the drive has stopped; see igh_cia402_all_stopped(). */
     uint8_t is_stopped;
+    /** 1 while igh_cia402_recover() continues. */
+    uint8_t is_recovering;
     /** Not used. */
-    uint8_t reserved[4];
+    uint8_t reserved[3];
 } igh_cia402_axis_state_t;
 
 /**
@@ -1599,6 +1634,8 @@ typedef struct {
     uint64_t waits;
     /** Times that the axis held. */
     uint64_t holds;
+    /** Times that the axis became uncontrolled: to be stopped, possibly moving, and silent. */
+    uint64_t uncontrolled;
     /** TPDOs received. */
     uint64_t tpdos;
     /** TPDOs too short for the mapping. */

@@ -931,3 +931,33 @@ fn drive_in_another_mode_is_not_adopted() {
     assert!(!fixture.cia402.is_configured(0));
     assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
 }
+
+#[test]
+fn fault_reset_without_a_fault_changes_nothing() {
+    for mode in RATE_AND_PROFILE_MODES {
+        let mut fixture = at_speed(mode, HostHeartbeat::On);
+        fixture.cia402.reset_fault(0).unwrap();
+        fixture.steps(100);
+        assert!(fixture.cia402.is_running(0), "{mode}: {:?}", fixture.cia402.phase(0));
+        fixture.cia402.quick_stop(0).unwrap();
+        fixture.cia402.reset_fault(0).unwrap();
+        Trace::of(&mut fixture).assert_rest(REACTION_MS, QUICK).assert_no_coasting();
+    }
+}
+
+#[test]
+fn quick_stop_while_the_brake_opens_switches_off() {
+    let scenario = drives(|drive| drive.enable_ms = 100);
+    let mut fixture = open(scenario, OperatingMode::CyclicVelocity, HostHeartbeat::On);
+    let port = &mut fixture.port;
+    fixture.cia402.configure_all_timeout(port, START, |_| {}).unwrap();
+    fixture.cia402.enable(0).unwrap();
+    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchedOn));
+    fixture.steps(10);
+    fixture.cia402.quick_stop(0).unwrap();
+    for _ in 0..200 {
+        fixture.step();
+        assert_ne!(state(&fixture), DriveState::OperationEnabled);
+    }
+    assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
+}

@@ -48,8 +48,10 @@
  *          Added: igh_cia402_get_host_loss(), igh_cia402_get_host_loss_text(), the fields shutdown,
  *          disable_operation, halt and fault_reaction of igh_cia402_axis_t.
  *          IGH_CIA402_PHASE_QUICK_STOP and _PHASE_DISABLING to _PHASE_STOPPING and _PHASE_STOPPED.
- *          New: igh_cia402_stop_all(), igh_cia402_stop_all_timeout(), igh_cia402_all_stopped(), the
- *          phases UNCONTROLLED and INSPECTING, igh_cia402_stop_cause_t, `takeover` of the settings.
+ *          New: igh_cia402_stop_all(), igh_cia402_stop_all_timeout(), igh_cia402_all_stopped(),
+ *          igh_cia402_recover(), igh_cia402_recover_all(), igh_cia402_recover_all_timeout(), the
+ *          phases UNCONTROLLED and INSPECTING, igh_cia402_stop_cause_t, `takeover` of the settings,
+ *          the fields stop_cause, is_stopped, is_recovering and uncontrolled.
  *          igh_cia402_all_running() and is_running are 0 for halted axes.
  *          Removed: IGH_CIA402_HOLD_MOVING. Cycle, receive and send functions return ECAN_ERR_ORDER
  *          if no cycle is open. A configuration file with too many gateways or filters is

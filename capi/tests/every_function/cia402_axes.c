@@ -27,6 +27,7 @@ static void no_context(int code, igh_cia402_context_t *context)
     BAD(code, igh_cia402_start_up_timeout(context, 100));
     BAD(code, igh_cia402_finish_all_timeout(context, 100));
     BAD(code, igh_cia402_stop_all_timeout(context, 100));
+    BAD(code, igh_cia402_recover_all_timeout(context, 100));
     BAD(code, igh_cia402_shutdown_timeout(context, 100));
     BAD(code, igh_cia402_process_rx(context));
     BAD(code, igh_cia402_process_rx_ex(context, &rx, 1, &count));
@@ -53,6 +54,8 @@ static void no_context(int code, igh_cia402_context_t *context)
     BAD(code, igh_cia402_stop_together(context));
     BAD(code, igh_cia402_quick_stop(context, 0));
     BAD(code, igh_cia402_stop_all(context));
+    BAD(code, igh_cia402_recover(context, 0));
+    BAD(code, igh_cia402_recover_all(context));
     BAD(code, igh_cia402_all_stopped(context));
     BAD(code, igh_cia402_reset_fault(context, 0));
     BAD(code, igh_cia402_halt(context, 0));

@@ -253,15 +253,19 @@ static void commands(void)
     SAME(1, igh_cia402_all_running(&motors));
 
     GOOD(igh_cia402_stop_all(&motors));
-    SAME(IGH_CIA402_STOP_ALL, state_of(0).stop_cause);
+    SAME(IGH_CIA402_STOP_CAUSE_ALL, state_of(0).stop_cause);
     SAME(0, igh_cia402_all_stopped(&motors));
     GOOD(igh_cia402_stop_all_timeout(&motors, 10000));
     SAME(1, igh_cia402_all_stopped(&motors));
     SAME(1, state_of(0).is_stopped);
     TRUE(state_of(0).drive_state == IGH_CIA402_DRIVE_SWITCH_ON_DISABLED);
-    GOOD(igh_cia402_enable_all_timeout(&motors, 10000));
+    GOOD(igh_cia402_recover(&motors, 0));
+    SAME(1, state_of(0).is_recovering);
+    GOOD(igh_cia402_recover_all(&motors));
+    GOOD(igh_cia402_recover_all_timeout(&motors, 10000));
+    SAME(0, state_of(0).is_recovering);
     SAME(0, igh_cia402_all_stopped(&motors));
-    SAME(IGH_CIA402_STOP_NONE, state_of(0).stop_cause);
+    SAME(IGH_CIA402_STOP_CAUSE_NONE, state_of(0).stop_cause);
 
     GOOD(igh_cia402_disable(&motors, 1));
     for (int i = 0; i < 300; i++) {

@@ -244,11 +244,13 @@ impl Axis {
 
     pub(crate) fn reset_fault(&mut self) -> Result<(), CommandError> {
         self.ready_for_commands()?;
-        if self.state.is_stopping() && !self.drive.is_in_fault() {
-            return Err(CommandError::Stopping { axis: self.index });
+        self.error = None;
+        let has_fault = [DriveState::Fault, DriveState::FaultReactionActive].map(Some);
+        if !has_fault.contains(&self.drive.state) {
+            // An axis that runs or stops continues.
+            return Ok(());
         }
         self.stop_targets();
-        self.error = None;
         self.state = AxisState::ResettingFault(FaultReset::new(self.cycles_per_sync));
         Ok(())
     }

@@ -35,6 +35,7 @@ impl Axis {
         self.cancel_setup(network);
         self.verification = Verification::Complete;
         self.stop_options = None;
+        self.recovery = None;
         self.error = None;
         self.setup = SetupState::Requested;
         let is_known = self.drive.state.is_some() && self.drive.is_fresh(now_ns, self.fresh_ns);

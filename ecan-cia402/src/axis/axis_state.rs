@@ -37,7 +37,7 @@ use super::stop::{Stop, StopCause};
 /// | `Standby` | the guard held, and the axis may become active again by itself | `Resuming` |
 /// | `Resuming` | the first target is sent | `Active` |
 /// | `Resuming` | the drive left Operation Enabled, or holds an old target | `Standby` |
-/// | any but `Stopping`; `Stopping` with the drive in Fault | reset fault | `ResettingFault` |
+/// | any, with the drive in Fault or Fault Reaction Active | reset fault | `ResettingFault` |
 /// | `ResettingFault` | the drive left Fault, or stays in it | `Standby` |
 /// | `Stopped` | shutdown | `Releasing`, then `Standby` |
 /// | `Stopped`, `Standby`, `Active`, ... | the drive restarted | `Standby` |

@@ -42,15 +42,18 @@ impl Axis {
     }
 
     /// Whether the drive is known to be off, or at rest in Quick Stop Active, or never answered.
-    pub(crate) fn is_stopped(&self) -> bool {
+    pub(crate) fn is_stopped(&self, now_ns: u64) -> bool {
         match self.state {
             AxisState::Stopped(_) => true,
-            AxisState::Stopping(_) => false,
-            _ => {
+            AxisState::Standby | AxisState::Releasing(_) | AxisState::ResettingFault(_) => {
+                // A command to enable may have been on the path to a drive that went silent.
+                let is_present = !self.setup.is_complete() || self.is_fresh(now_ns);
                 self.takeover == TakeoverState::Done
+                    && is_present
                     && !self.drive.is_energised()
                     && (self.drive.rest.is_empty() || self.drive.rest.was_at_rest())
             }
+            _ => false,
         }
     }
 

@@ -65,12 +65,6 @@ pub enum CommandError {
         /// Index of the axis.
         axis: usize,
     },
-    /// A stop is pending; nothing cancels it.
-    #[error("axis {axis} is being stopped; wait for the end of the stop")]
-    Stopping {
-        /// Index of the axis.
-        axis: usize,
-    },
     /// The value is not a valid target.
     #[error("axis {axis}: {error}")]
     Unit {

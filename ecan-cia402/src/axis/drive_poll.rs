@@ -104,6 +104,9 @@ impl DrivePoll {
 
     fn begin(&mut self, network: &mut Network, node: NodeHandle, now_ns: u64, round: Round) {
         if network.sdo_state(node) == Sdo::Busy {
+            if !matches!(round, Round::Stop(_)) {
+                return;
+            }
             // A stop does not wait for a transfer of the application.
             network.cancel_sdo(node);
         }

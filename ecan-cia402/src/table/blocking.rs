@@ -173,7 +173,7 @@ impl Cia402 {
             let is_done = self.shutdown == Shutdown::Done && !self.network.nmt_is_pending();
             is_done.then_some(())
         });
-        let axes = self.progress_of(|axis| !axis.is_stopped());
+        let axes = self.progress_of(|axis| !axis.is_stopped(self.now_ns));
         match ended {
             Ok(()) | Err(WaitError::TimedOut { .. }) if !axes.is_empty() => {
                 Err(AxisTimeout { what: "switched off", waited: timeout, axes }.into())
@@ -204,7 +204,7 @@ impl Cia402 {
         match ended {
             Ok(()) => Ok(()),
             Err(WaitError::TimedOut { .. }) => {
-                let axes = self.progress_of(|axis| !axis.is_stopped());
+                let axes = self.progress_of(|axis| !axis.is_stopped(self.now_ns));
                 Err(AxisTimeout { what: "stopped", waited: timeout, axes }.into())
             }
             Err(error) => Err(error.into()),

@@ -181,16 +181,16 @@ impl Cia402 {
     /// or has never reported anything. False while the axis is active, is being stopped, or is
     /// uncontrolled.
     pub fn is_stopped(&self, axis: usize) -> bool {
-        self.axis(axis).is_none_or(Axis::is_stopped)
+        self.axis(axis).is_none_or(|axis| axis.is_stopped(self.now_ns))
     }
 
     /// Whether all axes have stopped, see [`is_stopped`](Self::is_stopped).
     pub fn all_stopped(&self) -> bool {
-        self.axes.iter().all(Axis::is_stopped)
+        self.axes.iter().all(|axis| axis.is_stopped(self.now_ns))
     }
 
     /// Resets the fault of a drive with a real edge: the bit is sent low, then high, each in several
-    /// frames. It does not enable the drive. If the drive stays in fault, it ends with
+    /// frames. It does not enable the drive, and does nothing if the drive has no fault. If the drive stays in fault, it ends with
     /// [`AxisError::ResetFailed`].
     ///
     /// # Errors

@@ -78,7 +78,8 @@ impl Shutdown {
                 Self::Disabling { since_ns: now_ns }
             }
             Self::Disabling { since_ns }
-                if axes.iter().all(is_stopped_or_gone) || is_over(since_ns, DISABLE_NS) =>
+                if axes.iter().all(|axis| is_stopped_or_gone(axis, now_ns))
+                    || is_over(since_ns, DISABLE_NS) =>
             {
                 axes.iter_mut().for_each(|axis| axis.begin_release(has_host_heartbeat));
                 Self::Releasing { since_ns: now_ns }
@@ -89,7 +90,7 @@ impl Shutdown {
                 for axis in axes.iter_mut() {
                     axis.cancel_release(network);
                     // A drive that has not stopped keeps the state in which it watches the host.
-                    if axis.is_stopped() {
+                    if axis.is_stopped(now_ns) {
                         // A full queue is not sent any more, either.
                         let _ = network.nmt(axis.node, NmtCommand::EnterPreOperational);
                     }
@@ -102,8 +103,8 @@ impl Shutdown {
 }
 
 /// The shutdown does not wait for a drive that does not answer.
-fn is_stopped_or_gone(axis: &Axis) -> bool {
-    axis.is_stopped() || axis.is_gone()
+fn is_stopped_or_gone(axis: &Axis, now_ns: u64) -> bool {
+    axis.is_stopped(now_ns) || axis.is_gone()
 }
 
 fn is_released(axis: &Axis) -> bool {

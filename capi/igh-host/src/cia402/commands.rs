@@ -164,7 +164,30 @@ pub fn igh_cia402_stop_all(context: *mut igh_cia402_context_t) {
     cia402.stop_all();
 }
 
-/// Resets the fault of a drive. Does not enable it.
+/// Starts bringing an axis back to its targets, from a hold, a stop, a fault or a lost configuration,
+/// and from the very beginning: waits for a pending stop, configures, resets a fault, enables, and
+/// resumes a halted axis. Any other command to the axis ends it. It ends without success, with
+/// axis_error, if a fault persists after one reset or another one follows, if the configuration
+/// fails twice, if the drive does not answer and may be moving, or if enabling fails three times.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_AXIS_STATE during a change of mode, homing or shutdown; ECAN_ERR_AXIS.
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_recover(context: *mut igh_cia402_context_t, axis: usize) {
+    cia402.recover(axis).or_code(call)
+}
+
+/// Starts bringing all axes back to their targets, as igh_cia402_recover(); axes that follow them
+/// continue. igh_cia402_recover_all_timeout() also waits.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  As igh_cia402_recover().
+#[export(call, layer(cia402, _))]
+pub fn igh_cia402_recover_all(context: *mut igh_cia402_context_t) {
+    cia402.recover_all().or_code(call)
+}
+
+/// Resets the fault of a drive. Does not enable it, and does nothing if the drive has no fault.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.

@@ -107,6 +107,20 @@ pub fn igh_cia402_finish_all_timeout(context: *mut igh_cia402_context_t, timeout
     })
 }
 
+/// Brings all axes back to their targets, as igh_cia402_recover_all(), and waits.
+///
+/// @param timeout_ms  Milliseconds.
+///
+/// @usage   not rt, the cycle's thread, active bus
+/// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that do not
+///          follow targets, and the reason.
+#[export(call, bus bus)]
+pub fn igh_cia402_recover_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
+    wait(call, bus, |cia402, port, progress| {
+        cia402.recover_all_timeout(port, duration(timeout_ms), progress)
+    })
+}
+
 /// Stops all axes, as igh_cia402_stop_all(), and waits until every one has stopped.
 ///
 /// @param timeout_ms  Milliseconds.

@@ -81,8 +81,10 @@ pub struct igh_cia402_axis_state_t {
     pub stop_cause: u8,
     /// 1 if the drive has stopped; see igh_cia402_all_stopped().
     pub is_stopped: u8,
+    /// 1 while igh_cia402_recover() continues.
+    pub is_recovering: u8,
     /// Not used.
-    pub reserved: [u8; 4],
+    pub reserved: [u8; 3],
 }
 
 fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
@@ -128,7 +130,8 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
         has_statusword: cia402.statusword(axis).is_some().into(),
         stop_cause: igh_cia402_stop_cause_t::from(cia402.stop_cause(axis)) as u8,
         is_stopped: cia402.is_stopped(axis).into(),
-        reserved: [0; 4],
+        is_recovering: cia402.is_recovering(axis).into(),
+        reserved: [0; 3],
     })
 }
 

@@ -163,27 +163,27 @@ mirror! {
     /// Cause of a stop.
     pub enum igh_cia402_stop_cause_t from Option<StopCause> {
         /// No stop is pending or complete.
-        IGH_CIA402_STOP_NONE = 0 => None,
+        IGH_CIA402_STOP_CAUSE_NONE = 0 => None,
         /// igh_cia402_quick_stop().
-        IGH_CIA402_STOP_QUICK_STOP = 1 => Some(StopCause::QuickStop),
+        IGH_CIA402_STOP_CAUSE_QUICK_STOP = 1 => Some(StopCause::QuickStop),
         /// igh_cia402_disable().
-        IGH_CIA402_STOP_DISABLE = 2 => Some(StopCause::Disable),
+        IGH_CIA402_STOP_CAUSE_DISABLE = 2 => Some(StopCause::Disable),
         /// igh_cia402_stop_all().
-        IGH_CIA402_STOP_ALL = 3 => Some(StopCause::StopAll),
+        IGH_CIA402_STOP_CAUSE_ALL = 3 => Some(StopCause::StopAll),
         /// igh_cia402_begin_shutdown().
-        IGH_CIA402_STOP_SHUTDOWN = 4 => Some(StopCause::Shutdown),
+        IGH_CIA402_STOP_CAUSE_SHUTDOWN = 4 => Some(StopCause::Shutdown),
         /// The axis held in a mode in which its drive would continue to move; see hold_reason.
-        IGH_CIA402_STOP_HELD = 5 => Some(StopCause::Held(_)),
+        IGH_CIA402_STOP_CAUSE_HELD = 5 => Some(StopCause::Held(_)),
         /// A change of mode, or homing.
-        IGH_CIA402_STOP_PROCEDURE = 6 => Some(StopCause::Procedure),
+        IGH_CIA402_STOP_CAUSE_PROCEDURE = 6 => Some(StopCause::Procedure),
         /// The drive was not enabled in time.
-        IGH_CIA402_STOP_ENABLE_TIMED_OUT = 7 => Some(StopCause::EnableTimedOut),
+        IGH_CIA402_STOP_CAUSE_ENABLE_TIMED_OUT = 7 => Some(StopCause::EnableTimedOut),
         /// igh_cia402_configure() of an enabled drive.
-        IGH_CIA402_STOP_CONFIGURE = 8 => Some(StopCause::Configure),
+        IGH_CIA402_STOP_CAUSE_CONFIGURE = 8 => Some(StopCause::Configure),
         /// The drive was enabled at the first contact, or has another configuration.
-        IGH_CIA402_STOP_TAKEOVER = 9 => Some(StopCause::Takeover),
+        IGH_CIA402_STOP_CAUSE_TAKEOVER = 9 => Some(StopCause::Takeover),
         /// Another cause.
-        IGH_CIA402_STOP_OTHER = 255 => Some(_),
+        IGH_CIA402_STOP_CAUSE_OTHER = 255 => Some(_),
     }
 }
 

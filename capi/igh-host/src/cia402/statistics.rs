@@ -28,6 +28,8 @@ mirror! {
         waits: u64,
         /// Times that the axis held.
         holds: u64,
+        /// Times that the axis became uncontrolled: to be stopped, possibly moving, and silent.
+        uncontrolled: u64,
         /// TPDOs received.
         tpdos: u64,
         /// TPDOs too short for the mapping.
