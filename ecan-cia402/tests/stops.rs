@@ -769,7 +769,7 @@ fn new_owner_continues_without_a_mute_drive() {
         index: object::STATUSWORD,
         subindex: None,
         direction: SdoDirection::Read,
-        effect: SdoEffect::Abort(AbortCode::RANGE),
+        effect: SdoEffect::Abort(AbortCode::NO_OBJECT),
         times: None,
     };
     let scenario = drives(|drive| {
@@ -960,4 +960,20 @@ fn quick_stop_while_the_brake_opens_switches_off() {
         assert_ne!(state(&fixture), DriveState::OperationEnabled);
     }
     assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
+}
+
+#[test]
+fn drive_silent_at_the_first_contact_is_stopped_when_it_answers() {
+    for is_configured in [false, true] {
+        let mode = OperatingMode::CyclicVelocity;
+        let mut fixture = at_speed(mode, HostHeartbeat::Off);
+        fixture.inject(Fault::NodeSilent { node: "drive 0.0/1".to_owned(), for_ms: 1_500 });
+        replace_owner(&mut fixture, mode, HostHeartbeat::Off);
+        if is_configured {
+            fixture.cia402.configure(0).unwrap();
+        }
+        fixture.steps(725);
+        assert!(velocity(&fixture) > 0.9 * SPEED, "it is not reached before");
+        Trace::of(&mut fixture).assert_rest(1_000.0, QUICK).assert_no_coasting();
+    }
 }

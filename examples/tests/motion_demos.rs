@@ -115,7 +115,10 @@ fn ctrl_c_stops_the_axes() {
     let mut rest = String::new();
     output.read_to_string(&mut rest).unwrap();
     assert!(child.wait().unwrap().success(), "{rest}");
-    assert!(rest.contains("stopped by the user") && rest.contains("being disabled"), "{rest}");
+    assert!(
+        rest.contains("stopped by the user") && rest.contains("being stopped: shutdown"),
+        "{rest}"
+    );
     axis_line(&rest, 0);
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{Configuring, Network, PdoMappingError, StepFailure, object};
+use ecan_canopen::{Configuring, Network, PdoMappingError, StepFailure, StepFault, object};
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
@@ -97,6 +97,10 @@ impl Axis {
         tracing::error!(axis = self.index, "axis {}: configuration failed ({failure})", self.index);
         self.setup = SetupState::Failed;
         self.error = Some(AxisError::Setup(failure));
+        if matches!(failure.fault, StepFault::Mismatch { .. }) {
+            // It may be the statusword: a drive that was silent at the first contact is enabled.
+            self.takeover = TakeoverState::Waiting;
+        }
     }
 
     fn finish_setup(&mut self, network: &mut Network) {

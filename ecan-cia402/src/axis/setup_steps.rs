@@ -13,6 +13,8 @@ use super::pdo_layout::TargetObject;
 const LAST_PDO: u16 = 4;
 /// Device profile of a drive in the low half of the device type.
 const PROFILE_402: Expectation = Expectation::Masked { value: 402, mask: 0xFFFF };
+/// Statusword bit 2: set in Operation Enabled, Quick Stop Active and Fault Reaction Active only.
+const NOT_ENERGISED: Expectation = Expectation::Masked { value: 0, mask: 0x0004 };
 const NS_PER_US: u64 = 1_000;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,8 +28,8 @@ pub(crate) struct BusConfig {
 ///
 /// 1. NMT: reset where asked for, then Pre-operational.
 /// 2. Device type, identity, supported modes.
-/// 3. Power off by SDO: a drive that an earlier master left enabled must not be mapped while it
-///    moves.
+/// 3. Power off by SDO, of a drive that is not enabled: it must not be mapped while it moves, nor lose
+///    its voltage.
 /// 4. Heartbeats both ways and what happens when the host's stays away.
 /// 5. Mapping of the RPDO and the TPDO, other TPDOs off.
 /// 6. SYNC period, interpolation time (the target period), stop options, limits, further steps of
@@ -38,8 +40,12 @@ pub(crate) struct BusConfig {
 /// The mode follows after that, with its confirmation.
 pub(crate) fn steps(config: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
     let mut steps = Vec::new();
+    if config.drive.reset == NodeReset::None {
+        push_off_check(&mut steps);
+    }
     push_nmt(&mut steps, config);
     push_identity(&mut steps, config);
+    push_off_check(&mut steps);
     steps.push(Step::write(object::CONTROLWORD, 0, 0_u16).named("power off").if_accepted());
     push_heartbeats(&mut steps, config, bus);
     push_mapping(&mut steps, config)?;
@@ -64,6 +70,13 @@ fn push_nmt(steps: &mut Vec<Step>, config: &AxisConfig) {
         steps.push(Step::device(NodeAction::AwaitBootUp { timeout }));
     }
     steps.push(Step::device(NodeAction::Nmt(NmtCommand::EnterPreOperational)));
+}
+
+/// The drive must not be energised: it would coast without voltage. Its state was read before, but a
+/// drive that did not answer then may answer now.
+fn push_off_check(steps: &mut Vec<Step>) {
+    let step = Step::expect_that(object::STATUSWORD, 0, NOT_ENERGISED);
+    steps.push(step.named("drive not enabled").if_present());
 }
 
 fn push_identity(steps: &mut Vec<Step>, config: &AxisConfig) {
