@@ -103,7 +103,7 @@ fn bus_off_in_skipped_cycles_holds_the_axes() {
     }
 }
 
-/// Their images are missing, and with them whatever the channel's status showed.
+/// Their images are missing, and with them the status of the channel.
 #[test]
 fn incomplete_working_counters_in_skipped_cycles_hold_the_axes() {
     for (cycles, holds) in [(2, false), (6, true)] {

@@ -211,7 +211,7 @@ impl Port {
         }
     }
 
-    /// Requests the startup of every gateway again that the master gave up
+    /// Requests the startup of every gateway again that failed
     /// ([`PendingStep::StartupRetry`]): [`Adapter::retry_startup`]. May block; not for the cycle.
     ///
     /// # Errors

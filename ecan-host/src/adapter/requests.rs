@@ -31,9 +31,9 @@ impl Adapter {
             .map_err(CycleError::of_slave(call, slave))
     }
 
-    /// Requests OP of every slave again. The master gives a slave up, with its error flag, when one of
-    /// its startup SDOs failed, also because its mailbox did not answer in time, or when it rejected a
-    /// change of state; nothing but this call, or the loss of the slave, makes it try again.
+    /// Requests OP of every slave again. The master stops the startup of a slave, with its error flag,
+    /// when a startup SDO failed, also because the mailbox did not answer in time, or when a change of
+    /// state was rejected; only this call, or the loss of the slave, makes it try again.
     ///
     /// Takes the master's semaphore, usually for microseconds but without a bound: call it between
     /// two cycles, not while axes of other gateways move.

@@ -25,7 +25,7 @@ const RETRY_NS: u64 = 1_000_000_000;
 /// Time in OP without any process data after which a gateway is asked for its identity, in
 /// nanoseconds. The master's slave state lags by seconds.
 const UNMAPPED_NS: u64 = 3_000_000_000;
-/// Images by which the sequence that a gateway reports may be behind: those under way or lost.
+/// Images by which the sequence that a gateway reports may be behind: it counts the last one that arrived.
 const SEQUENCE_MARGIN: u16 = 16;
 const NS_PER_MS: u64 = 1_000_000;
 
@@ -64,8 +64,8 @@ pub enum PendingStep {
     Answer,
     /// The master does not see the slave in OP.
     Operational,
-    /// The slave is in the same state below OP longer than a startup lasts. The master gives a slave
-    /// up when a startup SDO or a change of state failed, and tries again only on
+    /// The slave is in the same state below OP longer than a startup lasts. The master stops a
+    /// startup when one of its SDOs or a change of state fails, and tries again only on
     /// [`Port::retry_startup`](crate::Port::retry_startup).
     StartupRetry,
     /// The slave is in OP, but the delivery of its outputs is not confirmed.
@@ -90,8 +90,7 @@ impl fmt::Display for PendingStep {
             }
             Self::Operational => f.write_str("OP"),
             Self::StartupRetry => f.write_str(
-                "another attempt of its startup (retry_startup), since the last one failed and the \
-                 master gave it up",
+                "another attempt of its startup (retry_startup), since the last one failed",
             ),
             Self::ProcessData => f.write_str("its process data to arrive"),
             Self::ExclusiveProcessData => {
