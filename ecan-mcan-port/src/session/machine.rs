@@ -25,7 +25,7 @@ const RETRY_NS: u64 = 1_000_000_000;
 /// Time in OP without any process data after which a gateway is asked for its identity, in
 /// nanoseconds. The master's slave state lags by seconds.
 const UNMAPPED_NS: u64 = 3_000_000_000;
-/// Images by which the sequence that a gateway reports may be behind: it counts the last one that arrived.
+/// Largest age of the sequence that a gateway reports, in images, besides the time of the transfer.
 const SEQUENCE_MARGIN: u16 = 16;
 const NS_PER_MS: u64 = 1_000_000;
 
