@@ -977,3 +977,31 @@ fn drive_silent_at_the_first_contact_is_stopped_when_it_answers() {
         Trace::of(&mut fixture).assert_rest(1_000.0, QUICK).assert_no_coasting();
     }
 }
+
+#[test]
+fn drive_that_opens_its_brake_at_the_takeover_is_switched_off() {
+    let scenario = drives(|drive| drive.enable_ms = 100);
+    let mode = OperatingMode::CyclicVelocity;
+    let mut fixture = open(scenario, mode, HostHeartbeat::Off);
+    fixture.cia402.configure_all_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    fixture.cia402.enable(0).unwrap();
+    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchedOn));
+    fixture.steps(5);
+    replace_owner(&mut fixture, mode, HostHeartbeat::Off);
+    fixture.until(500, Cia402::all_stopped);
+    fixture.steps(200);
+    assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
+}
+
+#[test]
+fn axis_is_configured_again_after_a_shutdown() {
+    let mode = OperatingMode::CyclicPosition;
+    let mut fixture = open(drives(|_| {}), mode, HostHeartbeat::On);
+    fixture.start();
+    fixture.cia402.shutdown_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    assert!(fixture.cia402.enable(0).is_err(), "its drive does not watch the host");
+    fixture.cia402.configure(0).unwrap();
+    fixture.until(500, |cia402| cia402.is_configured(0));
+    fixture.cia402.enable(0).unwrap();
+    fixture.until(1_000, Cia402::all_running);
+}

@@ -320,8 +320,14 @@ impl Axis {
     pub(crate) fn cancel_release(&mut self, network: &mut Network) {
         if let AxisState::Releasing(script) = self.state {
             script.cancel(network, self.node);
-            self.state = AxisState::Standby;
+            self.released();
         }
+    }
+
+    /// The drive does not watch the host any more: it must be configured before it is enabled again.
+    pub(crate) fn released(&mut self) {
+        self.state = AxisState::Standby;
+        self.setup = SetupState::Unconfigured;
     }
 
     // Events

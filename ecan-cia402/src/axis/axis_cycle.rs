@@ -165,7 +165,7 @@ impl Axis {
             return None;
         }
         let drive = self.drive.state;
-        let command = self.state.controlword(drive, self.drive_is_at_rest(now_ns), now_ns);
+        let command = self.state.controlword(drive, self.drive_is_at_rest(now_ns));
         let is_driven = self.state.power_goal() == PowerGoal::Enabled;
         if let Some(word) = command
             && (!is_driven || drive == Some(DriveState::QuickStopActive))

@@ -39,7 +39,8 @@ impl Axis {
         self.error = None;
         self.setup = SetupState::Requested;
         let is_known = self.drive.state.is_some() && self.drive.is_fresh(now_ns, self.fresh_ns);
-        if self.drive.is_energised() {
+        let is_enabling = self.state.enabling_since_ns().is_some();
+        if !self.drive.is_off_or_unknown() || is_enabling {
             self.stop(StopCause::Configure, now_ns);
         } else if !is_known && !self.state.is_stopping() && self.takeover == TakeoverState::Done {
             self.takeover = TakeoverState::Waiting;

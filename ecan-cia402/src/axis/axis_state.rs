@@ -117,10 +117,9 @@ impl AxisState {
         &self,
         drive: Option<DriveState>,
         is_at_rest: bool,
-        now_ns: u64,
     ) -> Option<Controlword> {
         if let Some(stop) = self.stop() {
-            return stop.command(drive, is_at_rest, now_ns).map(Controlword::of);
+            return stop.command(drive, is_at_rest).map(Controlword::of);
         }
         let drive = drive?;
         match self {
@@ -172,18 +171,18 @@ mod tests {
         for state in states {
             let stopping = state.stopped_by(StopCause::StopAll, 2);
             assert!(stopping.is_stopping(), "{state:?}");
-            let word = stopping.controlword(Some(DriveState::OperationEnabled), false, 2);
+            let word = stopping.controlword(Some(DriveState::OperationEnabled), false);
             assert_eq!(word, Some(Controlword::of(Command::QuickStop)), "{state:?}");
         }
         let off = quick.stopped_by(StopCause::Disable, 2);
-        let braking = off.controlword(Some(DriveState::QuickStopActive), false, 3);
+        let braking = off.controlword(Some(DriveState::QuickStopActive), false);
         assert_eq!(braking, Some(Controlword::of(Command::QuickStop)));
     }
 
     #[test]
     fn standby_sends_no_command() {
         for drive in [None, Some(DriveState::OperationEnabled), Some(DriveState::Fault)] {
-            assert_eq!(AxisState::Standby.controlword(drive, true, 0), None);
+            assert_eq!(AxisState::Standby.controlword(drive, true), None);
         }
         assert!(!AxisState::Standby.needs_operational());
     }

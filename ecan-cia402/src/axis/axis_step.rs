@@ -41,6 +41,10 @@ impl Axis {
                 } else if is_off {
                     self.state = AxisState::Enabling { since_ns };
                 }
+                if !self.drive.is_fresh(now_ns, self.fresh_ns) {
+                    // It may have restarted without a notice.
+                    self.require_verification();
+                }
             }
             AxisState::Resuming => {
                 // Enabling a drive that left Operation Enabled is the application's command.
@@ -62,7 +66,7 @@ impl Axis {
                 match script.advance(network, self.node, now_ns, |_, _, _| {}) {
                     Configuring::Running => {}
                     // A drive that does not answer needs no release.
-                    Configuring::Done | Configuring::Failed(_) => self.state = AxisState::Standby,
+                    Configuring::Done | Configuring::Failed(_) => self.released(),
                 }
             }
             AxisState::Standby

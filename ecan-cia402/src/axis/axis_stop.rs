@@ -2,15 +2,15 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{Configuring, Controlword, DriveState, Network, Statusword, object};
+use ecan_canopen::{Configuring, Controlword, Network, Statusword, object};
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
 use super::config::target_kind;
 use super::drive_poll::{PollState, Round};
 use super::drive_status::is_energised;
+use super::pdo_layout::TargetObject;
 use super::phase::AxisError;
-use super::power::PowerGoal;
 use super::rest::REST_NS;
 use super::stop::{DISABLE_NS, StopCause};
 use super::takeover::{ADOPT_NS, Takeover, TakeoverState};
@@ -50,7 +50,7 @@ impl Axis {
                 let is_present = !self.setup.is_complete() || self.is_fresh(now_ns);
                 self.takeover == TakeoverState::Done
                     && is_present
-                    && !self.drive.is_energised()
+                    && self.drive.is_off_or_unknown()
                     && (self.drive.rest.is_empty() || self.drive.rest.was_at_rest())
             }
             _ => false,
@@ -94,7 +94,7 @@ impl Axis {
         let round = match self.state {
             AxisState::Stopping(stop) => {
                 let state = self.drive.state.filter(|_| self.is_fresh(now_ns));
-                let command = stop.command(state, self.drive_is_at_rest(now_ns), now_ns);
+                let command = stop.command(state, self.drive_is_at_rest(now_ns));
                 Round::Stop(command.map(Controlword::of))
             }
             _ if self.takeover_policy == Takeover::Adopt => Round::InspectMode,
@@ -170,7 +170,7 @@ impl Axis {
     fn inspected(&mut self, since_ns: u64, now_ns: u64) {
         if self.state.is_stopping() {
             self.takeover = TakeoverState::Stopping;
-        } else if !self.drive.is_energised() {
+        } else if self.drive.is_off_or_unknown() {
             self.takeover = TakeoverState::Done;
         } else if self.takeover_policy == Takeover::Stop || self.setup.is_pending() {
             self.stop_enabled_drive(now_ns);
@@ -192,7 +192,12 @@ impl Axis {
                 }
                 _ => false,
             };
-        self.drive.is_enabled() && mode == Some(self.config.mode.raw()) && holds_position
+        // An axis at rest may hold a load by its torque, which the first target would take away.
+        let is_torque = self.layout.target == TargetObject::Torque;
+        self.drive.is_enabled()
+            && mode == Some(self.config.mode.raw())
+            && holds_position
+            && !is_torque
     }
 
     fn stop_enabled_drive(&mut self, now_ns: u64) {
@@ -234,9 +239,8 @@ impl Axis {
             AxisState::Stopped(stop) => {
                 let stop = *stop;
                 // A command to enable may still have been on the path to the drive.
-                let stays = state == Some(DriveState::QuickStopActive)
-                    && stop.goal() == PowerGoal::QuickStopped;
-                if is_fresh && self.drive.is_energised() && !stays && self.setup.is_complete() {
+                let stays = state.is_none_or(|state| stop.is_reached(state));
+                if is_fresh && !stays && self.setup.is_complete() {
                     self.state = self.state.stopped_by(stop.cause, now_ns);
                 }
             }

@@ -58,13 +58,14 @@ impl DriveStatus {
         self.state == Some(DriveState::OperationEnabled)
     }
 
-    /// Whether the motor has current, by the last report.
-    pub(crate) fn is_energised(&self) -> bool {
-        self.state.is_some_and(is_energised)
-    }
-
     pub(crate) fn is_in_fault(&self) -> bool {
         self.state == Some(DriveState::Fault)
+    }
+
+    /// Whether the drive needs no command to be off. One that is switched on may have received the
+    /// command to enable, and wait for its brake.
+    pub(crate) fn is_off_or_unknown(&self) -> bool {
+        self.is_off() || matches!(self.state, None | Some(DriveState::NotReadyToSwitchOn))
     }
 
     pub(crate) fn is_off(&self) -> bool {

@@ -75,9 +75,9 @@ pub(crate) struct Stop {
     /// The drive is switched off at the end, in place of remaining in Quick Stop Active.
     off: bool,
     pub(crate) since_ns: u64,
-    /// Since when the drive reports its state without interruption; before that it cannot have
-    /// received a command.
-    heard_since_ns: Option<u64>,
+    /// Time for which the drive reported its state: only then can it have received the command.
+    heard_ns: u64,
+    noted_ns: u64,
     /// Time of the command to enable that waits for the end of the stop.
     pub(crate) enable_since_ns: Option<u64>,
 }
@@ -87,7 +87,15 @@ impl Stop {
         let quick =
             !matches!(cause, StopCause::Disable | StopCause::Shutdown | StopCause::Procedure);
         let off = !matches!(cause, StopCause::QuickStop | StopCause::Held(_));
-        Self { cause, quick, off, since_ns: now_ns, heard_since_ns: None, enable_since_ns: None }
+        Self {
+            cause,
+            quick,
+            off,
+            since_ns: now_ns,
+            heard_ns: 0,
+            noted_ns: now_ns,
+            enable_since_ns: None,
+        }
     }
 
     /// The stop that both commands ask for: the stronger braking, and off if one of them says so. A
@@ -99,14 +107,19 @@ impl Stop {
             quick: self.quick || later.quick,
             off: self.off || later.off,
             since_ns: if is_stronger { later.since_ns } else { self.since_ns },
-            heard_since_ns: if is_stronger { None } else { self.heard_since_ns },
+            heard_ns: if is_stronger { 0 } else { self.heard_ns },
+            noted_ns: later.noted_ns,
             enable_since_ns: None,
         }
     }
 
     /// Call once per cycle, with whether the drive's status is fresh.
     pub(crate) fn note_status(&mut self, is_fresh: bool, now_ns: u64) {
-        self.heard_since_ns = is_fresh.then(|| self.heard_since_ns.unwrap_or(now_ns));
+        let elapsed_ns = now_ns.saturating_sub(self.noted_ns);
+        self.noted_ns = now_ns;
+        if is_fresh {
+            self.heard_ns = self.heard_ns.saturating_add(elapsed_ns);
+        }
     }
 
     pub(crate) fn goal(&self) -> PowerGoal {
@@ -119,14 +132,9 @@ impl Stop {
 
     /// Command for a drive in this state; `None` if it needs none. An unknown state gets the
     /// strongest command that never makes an enabled drive coast.
-    pub(crate) fn command(
-        &self,
-        state: Option<DriveState>,
-        is_at_rest: bool,
-        now_ns: u64,
-    ) -> Option<Command> {
+    pub(crate) fn command(&self, state: Option<DriveState>, is_at_rest: bool) -> Option<Command> {
         let Some(state) = state else { return Some(Command::QuickStop) };
-        let elapsed_ns = self.heard_since_ns.map_or(0, |since| now_ns.saturating_sub(since));
+        let elapsed_ns = self.heard_ns;
         let is_ignored = self.quick && elapsed_ns > QUICK_STOP_NS;
         match state {
             DriveState::OperationEnabled if self.quick && elapsed_ns > RAMP_NS => {
@@ -177,24 +185,39 @@ mod tests {
     #[test]
     fn unknown_state_gets_a_quick_stop() {
         for cause in [StopCause::QuickStop, StopCause::Disable, StopCause::Takeover] {
-            assert_eq!(stop(cause).command(None, false, 0), Some(Command::QuickStop));
+            assert_eq!(stop(cause).command(None, false), Some(Command::QuickStop));
         }
+    }
+
+    /// The command to an enabled drive that has reported its state for so long.
+    fn command_after(cause: StopCause, heard_ns: u64) -> Option<Command> {
+        let mut stop = stop(cause);
+        stop.note_status(true, heard_ns);
+        stop.command(Some(DriveState::OperationEnabled), false)
     }
 
     #[test]
     fn disobedient_drive_gets_a_stronger_command() {
-        let enabled = Some(DriveState::OperationEnabled);
+        let quick = |heard_ns| command_after(StopCause::QuickStop, heard_ns);
+        assert_eq!(quick(QUICK_STOP_NS), Some(Command::QuickStop));
+        assert_eq!(quick(QUICK_STOP_NS + 1), Some(Command::DisableOperation));
+        assert_eq!(quick(RAMP_NS + 1), Some(Command::DisableVoltage));
+        let off = |heard_ns| command_after(StopCause::Disable, heard_ns);
+        assert_eq!(off(DISABLE_NS), Some(Command::DisableOperation));
+        assert_eq!(off(DISABLE_NS + 1), Some(Command::QuickStop));
+    }
+
+    #[test]
+    fn only_time_with_reports_makes_a_drive_disobedient() {
         let mut quick = stop(StopCause::QuickStop);
-        assert_eq!(quick.command(enabled, false, u64::MAX), Some(Command::QuickStop), "not heard");
-        quick.note_status(true, 0);
-        assert_eq!(quick.command(enabled, false, QUICK_STOP_NS), Some(Command::QuickStop));
-        let ramp = quick.command(enabled, false, QUICK_STOP_NS + 1);
-        assert_eq!(ramp, Some(Command::DisableOperation));
-        assert_eq!(quick.command(enabled, false, RAMP_NS + 1), Some(Command::DisableVoltage));
-        let mut off = stop(StopCause::Disable);
-        off.note_status(true, 0);
-        assert_eq!(off.command(enabled, false, DISABLE_NS), Some(Command::DisableOperation));
-        assert_eq!(off.command(enabled, false, DISABLE_NS + 1), Some(Command::QuickStop));
+        quick.note_status(false, u64::MAX / 2);
+        let enabled = Some(DriveState::OperationEnabled);
+        assert_eq!(quick.command(enabled, false), Some(Command::QuickStop));
+        for nth in 1..=6 {
+            // Every second report is lost.
+            quick.note_status(nth % 2 == 0, u64::MAX / 2 + nth * 100_000_000);
+        }
+        assert_eq!(quick.command(enabled, false), Some(Command::DisableOperation));
     }
 
     #[test]

@@ -95,6 +95,8 @@ pub struct MotionGuard {
     /// The last target sent since the drive was seen not enabled: the one that it holds.
     held: Option<i32>,
     last_sent: Option<i32>,
+    /// The axis held for a reason on the path: the drive may not have received its last targets.
+    has_lost_targets: bool,
 }
 
 impl MotionGuard {
@@ -118,6 +120,7 @@ impl MotionGuard {
             decided: None,
             held: None,
             last_sent: None,
+            has_lost_targets: false,
         }
     }
 
@@ -154,11 +157,14 @@ impl MotionGuard {
     }
 
     /// A target that moves nothing, to accompany a command that stops or resets the drive: the
-    /// actual position of a drive that is not enabled, else the last target sent. `None` if neither
+    /// actual position of a drive that is not enabled, or that may not have received its last targets, else
+    /// the last target sent. `None` if neither
     /// is known.
     pub fn resting_target(&self) -> Option<i32> {
         if self.is_enabled && self.held.is_some() {
-            return self.held;
+            let is_position = self.limits.kind == TargetKind::Position;
+            let actual = self.actual.filter(|_| is_position && self.has_lost_targets);
+            return actual.or(self.held);
         }
         match self.state {
             GuardState::Armed { target } | GuardState::Running { target } => Some(target),
@@ -196,6 +202,7 @@ impl MotionGuard {
 
     fn trip(&mut self, reason: HoldReason) {
         self.state = GuardState::Holding { reason };
+        self.has_lost_targets |= reason.is_on_path();
         self.decided = None;
     }
 
@@ -467,6 +474,7 @@ impl MotionGuard {
         self.waits = Some(WaitReason::Spent);
         self.last_sent = Some(target);
         self.held = Some(target);
+        self.has_lost_targets = false;
         match self.state {
             GuardState::Armed { .. } if self.is_enabled => {
                 self.state = GuardState::Running { target };
