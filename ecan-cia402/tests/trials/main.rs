@@ -1,0 +1,110 @@
+//! Random trials: machine, application, faults and an operator from a seed, checked by what physically
+//! happens at the simulated motors.
+//!
+//! ```text
+//! cargo test -p ecan-cia402 --test trials                                   # 200 seeds
+//! TRIALS_FIRST=0 TRIALS_COUNT=20000 cargo test --release -p ecan-cia402 --test trials -- --nocapture
+//! TRIALS_FIRST=1234 TRIALS_COUNT=1 cargo test -p ecan-cia402 --test trials -- --nocapture    # its log
+//! ```
+//!
+//! Unlike `axis_properties`, which compares targets with their limits, these trials include the
+//! application: skipped calls, a second table on the same Port, a restarted process, commands at any
+//! time in any mode. The monitors (`monitor`) read the traces of the drives; `run` documents when a frame
+//! could reach a drive. `TRIALS_THREADS` is the number of threads; `TRIALS_LOG=2` adds every
+//! target and controller period to the log.
+#![allow(missing_docs)]
+
+mod log;
+mod monitor;
+mod plan;
+mod random;
+mod report;
+mod run;
+mod sdk;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use log::Level;
+use plan::Plan;
+use report::{Finding, Kind, Outcome, Summary};
+use run::Trial;
+
+fn variable(name: &str) -> Option<u64> {
+    let value = std::env::var(name).ok()?;
+    Some(value.parse().unwrap_or_else(|_| panic!("{name}={value} is not a number")))
+}
+
+fn trial(seed: u64, level: Level) -> (Outcome, String) {
+    let run = AssertUnwindSafe(|| Trial::run(Plan::draw(seed), level));
+    catch_unwind(run).unwrap_or_else(|cause| {
+        let text = cause
+            .downcast_ref::<String>()
+            .cloned()
+            .or_else(|| cause.downcast_ref::<&str>().map(|text| (*text).to_owned()))
+            .unwrap_or_default();
+        let finding = Finding { kind: Kind::Panic, axis: 0, at_ns: 0, text };
+        (Outcome { seed, findings: vec![finding], ..Outcome::default() }, String::new())
+    })
+}
+
+#[test]
+fn random_trials_violate_no_rule() {
+    let first = variable("TRIALS_FIRST").unwrap_or(0);
+    let count = variable("TRIALS_COUNT").unwrap_or(200);
+    let level = match variable("TRIALS_LOG").unwrap_or(u64::from(count == 1)) {
+        0 => Level::Off,
+        1 => Level::Events,
+        _ => Level::Motion,
+    };
+    let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u64);
+    let threads = variable("TRIALS_THREADS").unwrap_or(cores).max(1);
+    let next = AtomicU64::new(first);
+    let summary = Mutex::new(Summary::default());
+    let begin = Instant::now();
+    let reported = Mutex::new(begin);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                loop {
+                    let seed = next.fetch_add(1, Ordering::Relaxed);
+                    if seed >= first + count {
+                        return;
+                    }
+                    let (outcome, log) = trial(seed, level);
+                    if level > Level::Off {
+                        println!("{log}");
+                    }
+                    for finding in &outcome.findings {
+                        println!(
+                            "TRIALS_FIRST={seed} TRIALS_COUNT=1: {:?}, axis {}, {} ms: {}",
+                            finding.kind,
+                            finding.axis,
+                            finding.at_ns / 1_000_000,
+                            finding.text
+                        );
+                    }
+                    let mut summary = summary.lock().unwrap();
+                    summary.add(outcome);
+                    let mut reported = reported.lock().unwrap();
+                    if reported.elapsed() > Duration::from_secs(20) {
+                        *reported = Instant::now();
+                        println!(
+                            "{} of {count} trials, {} with violations, {:.0} simulated seconds per second",
+                            summary.trials,
+                            summary.failed.len(),
+                            summary.simulated_s() / begin.elapsed().as_secs_f64()
+                        );
+                    }
+                }
+            });
+        }
+    });
+    let mut summary = summary.into_inner().unwrap();
+    let seconds = begin.elapsed().as_secs_f64();
+    println!("{}", summary.text());
+    println!("{:.0} simulated seconds in {seconds:.0} s", summary.simulated_s());
+    assert!(summary.failed.is_empty(), "violations in seeds {:?}", summary.failed);
+}

@@ -1,0 +1,527 @@
+//! Runs one trial: the application, what happens to it, and the operator who brings it back.
+
+use std::fmt::Write as _;
+
+use ecan_canopen::{NmtState, NodeAddress, OperatingMode, object};
+use ecan_cia402::Cia402;
+use ecan_mcan_port::{Port, Session};
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::ChannelState;
+use ecan_sim::{Backend, ClockKind, Drive, SimOptions, Simulation};
+
+use crate::log::{Level, Log};
+use crate::monitor::{AxisMonitor, Path, StopKind, View};
+use crate::plan::{Action, End, MS, Plan, Style};
+use crate::random::Random;
+use crate::report::{Finding, Kind, Outcome};
+use crate::sdk::Class;
+
+mod application;
+mod disturbance;
+mod machine;
+
+/// Longest recovery.
+const RECOVERY_NS: u64 = 60_000 * MS;
+/// All axes must run for this time to count as recovered.
+const STEADY_NS: u64 = 150 * MS;
+pub struct Trial {
+    plan: Plan,
+    random: Random,
+    backend: Backend,
+    simulation: Simulation,
+    port: Option<Port>,
+    cia402: Option<Cia402>,
+    monitors: Vec<AxisMonitor>,
+    /// The SDK reports the drive as configured.
+    configured: Vec<bool>,
+    /// Path faults: the path counts as disturbed until then, ns.
+    slave_blocked: Vec<u64>,
+    channel_blocked: Vec<(usize, u8, u64)>,
+    silent: Vec<u64>,
+    /// End of a blocked motor.
+    motor_blocked: Vec<u64>,
+    /// Start of the own trajectory of an axis, ns, and its centre.
+    own: Vec<Option<(u64, i32)>>,
+    classes: Vec<Class>,
+    paths: Vec<Path>,
+    gateway_texts: Vec<String>,
+    now: u64,
+    outcome: Outcome,
+    log: Log,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Skips {
+    rx: bool,
+    send: bool,
+}
+
+impl Trial {
+    pub fn run(plan: Plan, level: Level) -> (Outcome, String) {
+        let seed = plan.seed;
+        let header = plan.to_string();
+        let mut trial = match Self::start(plan, level) {
+            Ok(trial) => trial,
+            Err(text) => {
+                let finding = Finding { kind: Kind::NoStart, axis: 0, at_ns: 0, text };
+                return (Outcome { seed, findings: vec![finding], ..Outcome::default() }, header);
+            }
+        };
+        trial.note(&header);
+        let begin = trial.now;
+        trial.all_phases();
+        for monitor in &mut trial.monitors {
+            trial.outcome.findings.append(&mut monitor.findings);
+            trial.outcome.stops.append(&mut monitor.samples);
+            trial.outcome.fastest = trial.outcome.fastest.max(monitor.fastest);
+        }
+        trial.outcome.simulated_ns = trial.now - begin;
+        for finding in trial.outcome.findings.clone() {
+            trial.note(&format!(
+                "VIOLATION {:?}, axis {}, at {} ms: {}",
+                finding.kind,
+                finding.axis,
+                finding.at_ns / MS,
+                finding.text
+            ));
+        }
+        (trial.outcome, trial.log.text)
+    }
+
+    fn start(plan: Plan, level: Level) -> Result<Self, String> {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(machine::scenario(&plan), &options)
+            .map_err(|error| error.to_string())?;
+        let simulation = backend.simulation.clone().ok_or("no simulation")?;
+        let axes = plan.axes.len();
+        let mut trial = Self {
+            random: Random::new(plan.seed ^ 0x5EED),
+            port: None,
+            cia402: None,
+            monitors: (0..axes).map(|axis| AxisMonitor::new(axis, &plan)).collect(),
+            configured: vec![false; axes],
+            slave_blocked: vec![0; plan.gateways],
+            channel_blocked: Vec::new(),
+            silent: vec![0; axes],
+            motor_blocked: vec![0; axes],
+            own: vec![None; axes],
+            classes: vec![Class::NotConfigured; axes],
+            paths: vec![Path::Blocked; axes],
+            gateway_texts: vec![String::new(); plan.gateways],
+            now: 0,
+            outcome: Outcome { seed: plan.seed, ..Outcome::default() },
+            log: Log::new(level),
+            plan,
+            backend,
+            simulation,
+        };
+        trial.open()?;
+        trial.now = trial.world_ns();
+        Ok(trial)
+    }
+
+    fn open(&mut self) -> Result<(), String> {
+        let mut port = Port::open(&self.backend.ecrt, machine::config(&self.plan))
+            .map_err(|e| e.to_string())?;
+        port.wait_ready().map_err(|e| e.to_string())?;
+        self.port = Some(port);
+        self.make_table()
+    }
+
+    fn make_table(&mut self) -> Result<(), String> {
+        let Some(port) = &self.port else { return Ok(()) };
+        let axes = self.plan.axes.iter().map(|axis| axis.config.clone()).collect();
+        let table = Cia402::new(port, axes, self.plan.table.clone()).map_err(|e| e.to_string())?;
+        let mut table = table;
+        if let Some((target, sync)) = self.plan.clock {
+            table.set_scheduled_tx(port, target, sync).map_err(|error| error.to_string())?;
+        }
+        self.cia402 = Some(table);
+        self.configured.fill(false);
+        self.own.fill(None);
+        Ok(())
+    }
+
+    fn world_ns(&self) -> u64 {
+        self.simulation.with_world(|world| world.now_ns())
+    }
+
+    fn note(&mut self, text: &str) {
+        self.log.line(self.now, text);
+    }
+
+    fn find(&mut self, kind: Kind, axis: usize, text: String) {
+        self.outcome.findings.push(Finding { kind, axis, at_ns: self.now, text });
+    }
+
+    // Phases
+
+    fn all_phases(&mut self) {
+        // The operator starts the machine; sometimes it is disturbed while it starts.
+        let starts_undisturbed = self.random.chance(75);
+        if starts_undisturbed && !self.operate_until_running(20 * MS, false) {
+            return;
+        }
+        self.disturb();
+        if self.operate_until_running(40 * MS, true) {
+            self.check_alive();
+        }
+        self.end();
+    }
+
+    fn disturb(&mut self) {
+        let begin = self.now;
+        let events = std::mem::take(&mut self.plan.events);
+        let mut due = events.iter().peekable();
+        let mut skip = Skips::default();
+        let mut skip_cycles = 0;
+        let mut operated = self.now;
+        while self.now - begin < self.plan.duration_ns || due.peek().is_some() {
+            let mut now_due = Vec::new();
+            while let Some(event) = due.next_if(|event| begin + event.at_ns <= self.now) {
+                now_due.push(event.action.clone());
+            }
+            let mut commands = Vec::new();
+            for action in now_due {
+                match action {
+                    Action::Command(..) | Action::CommandAll(_) => commands.push(action),
+                    Action::Skip { cycles, rx, send } => {
+                        self.note(&format!("{action:?}"));
+                        skip = Skips { rx, send };
+                        skip_cycles = cycles;
+                    }
+                    action => self.act(action),
+                }
+            }
+            let (rx, send) = (self.plan.app.skips_rx, self.plan.app.skips_send);
+            let mut skips = if skip_cycles > 0 { skip } else { Skips::default() };
+            skip_cycles = skip_cycles.saturating_sub(1);
+            skips.rx |= rx > 0 && self.random.range(0, 999) < i64::from(rx);
+            skips.send |= send > 0 && self.random.range(0, 999) < i64::from(send);
+            if let Some(period) = self.plan.app.operator_ns
+                && self.now - operated > period
+            {
+                operated = self.now;
+                self.operate();
+            }
+            self.cycle(skips, &commands);
+            if self.port.is_none() {
+                return;
+            }
+        }
+    }
+
+    /// A patient operator, until all axes run; false if one does not within the bound.
+    fn operate_until_running(&mut self, period: u64, is_recovery: bool) -> bool {
+        let (begin, mut operated, mut steady_since) = (self.now, 0, None);
+        while self.now - begin < RECOVERY_NS {
+            if self.now - operated >= period {
+                operated = self.now;
+                self.operate();
+            }
+            let before = self.now;
+            self.cycle(Skips::default(), &[]);
+            let ns = self.now - before;
+            let last = (0..self.classes.len()).find(|n| self.classes[*n] != Class::Running);
+            match last {
+                None => {
+                    if self.now - *steady_since.get_or_insert(self.now) >= STEADY_NS {
+                        if is_recovery {
+                            self.outcome.recovery_ns = Some(self.now - begin - STEADY_NS);
+                        }
+                        return true;
+                    }
+                }
+                Some(n) => {
+                    steady_since = None;
+                    if is_recovery {
+                        let share = self.share(n);
+                        *self.outcome.shares.entry(share).or_default() += ns;
+                    }
+                }
+            }
+        }
+        let text = self.status();
+        self.find(Kind::NoRecovery, 0, text);
+        false
+    }
+
+    fn share(&self, axis: usize) -> &'static str {
+        let slave = self.plan.axes[axis].config.address.slave;
+        let ready = self.port.as_ref().is_some_and(|port| {
+            port.gateway(slave).is_ok_and(|gateway| port.gateway_is_ready(gateway))
+        });
+        if !ready { "gateway returning" } else { self.classes[axis].share() }
+    }
+
+    fn status(&self) -> String {
+        let mut text = String::new();
+        if let Some(port) = &self.port {
+            for gateway in port.gateways() {
+                let _ = write!(text, "gateway {}", port.session(gateway));
+                if let Some(step) = port.waiting_for(gateway) {
+                    let _ = write!(text, " (waits for {step})");
+                }
+                text.push_str("; ");
+            }
+        }
+        if let Some(cia402) = &self.cia402 {
+            for (n, axis) in cia402.progress_all().enumerate() {
+                let state = self.monitors[n].state;
+                let _ = write!(text, "{axis} [drive {state}]; ");
+            }
+        }
+        text
+    }
+
+    /// Every drive follows, and CSP axes move on command.
+    fn check_alive(&mut self) {
+        for n in 0..self.monitors.len() {
+            if !self.monitors[n].follows {
+                let text = format!("the drive is in {}", self.monitors[n].state);
+                self.find(Kind::NotFollowing, n, text);
+            }
+        }
+        let positions: Vec<f64> = self.monitors.iter().map(|monitor| monitor.position).collect();
+        let begin = self.now;
+        for axis in &mut self.plan.axes {
+            axis.style = Style::Climb;
+        }
+        self.plan.app.steps = false;
+        self.own.fill(None);
+        while self.now - begin < 150 * MS {
+            self.cycle(Skips::default(), &[]);
+        }
+        for (n, before) in positions.into_iter().enumerate() {
+            let axis = &self.plan.axes[n];
+            let is_free = self.monitors[n].mode == Some(OperatingMode::CyclicPosition)
+                && axis.config.bounds.is_none()
+                && self.classes[n] == Class::Running;
+            let moved = (self.monitors[n].position - before).abs();
+            // 150 ms are nine target periods or more; two of them are the delay to the drive.
+            if is_free && moved < 3.0 * f64::from(axis.config.step_limit) {
+                let text = format!(
+                    "moved {moved:.0}, limit {}: {:?}",
+                    axis.config.step_limit,
+                    self.cia402.as_ref().map(|it| (it.decision(n), it.target(n), it.actual(n))),
+                );
+                self.find(Kind::NotFollowing, n, text);
+            }
+        }
+    }
+
+    fn end(&mut self) {
+        let classes = self.classes.clone();
+        let Some(cia402) = &mut self.cia402 else { return };
+        let kind = match self.plan.app.end {
+            End::QuickStop => {
+                cia402.quick_stop_all();
+                StopKind::QuickStop
+            }
+            End::Disable => {
+                cia402.disable_all();
+                StopKind::Disable
+            }
+            End::StopAll => {
+                cia402.stop_all();
+                StopKind::StopAll
+            }
+            End::Shutdown => {
+                cia402.begin_shutdown();
+                StopKind::Shutdown
+            }
+        };
+        self.note(&format!("end: {kind:?}"));
+        if kind != StopKind::Shutdown {
+            for (monitor, class) in self.monitors.iter_mut().zip(classes) {
+                monitor.stopping(self.now, kind, class);
+            }
+        }
+        let begin = self.now;
+        while self.now - begin < 700 * MS {
+            self.cycle(Skips::default(), &[]);
+        }
+    }
+
+    // One cycle
+
+    fn cycle(&mut self, skips: Skips, commands: &[Action]) {
+        if self.port.is_none() {
+            self.now = self.now.saturating_add(RECOVERY_NS);
+            return;
+        }
+        let before = self.now;
+        let commands_first = self.plan.app.commands_first;
+        if let (Some(port), Some(cia402)) = (&mut self.port, &mut self.cia402) {
+            let mut cycle = port.next_cycle();
+            if !skips.rx && !commands_first {
+                cia402.process_rx(&mut cycle);
+            }
+            // The calls of the application take place here; see `check_commands`.
+            cycle.keep_open();
+        }
+        self.now = self.world_ns();
+        self.observe();
+        for action in commands {
+            match *action {
+                Action::Command(axis, command) => self.command(axis, command),
+                Action::CommandAll(command) => {
+                    (0..self.monitors.len()).for_each(|axis| self.command(axis, command));
+                }
+                _ => {}
+            }
+        }
+        self.set_targets();
+        if let (Some(port), Some(cia402)) = (&mut self.port, &mut self.cia402)
+            && let Some(mut cycle) = port.open_cycle()
+        {
+            if !skips.rx && commands_first {
+                cia402.process_rx(&mut cycle);
+            }
+            if !skips.send {
+                if self.plan.app.steps {
+                    cia402.send_target_step(&mut cycle);
+                } else {
+                    cia402.send_targets_all(&mut cycle);
+                }
+            }
+            // An error of the cycle is what a bus with faults has.
+            let _ = cycle.end();
+        }
+        self.now = self.world_ns();
+        self.check(self.now - before, skips);
+    }
+
+    fn on_drive<T>(&self, axis: usize, look: impl FnOnce(&Drive) -> T) -> T {
+        let NodeAddress { slave, channel, node } = self.plan.axes[axis].config.address;
+        self.simulation.with_world(|world| {
+            look(world.drive_at(slave, usize::from(channel), node).expect("a drive at every axis"))
+        })
+    }
+
+    /// Takes the traces of the drives.
+    fn observe(&mut self) {
+        let Self { plan, simulation, monitors, log, .. } = self;
+        simulation.with_world(|world| {
+            for (n, monitor) in monitors.iter_mut().enumerate() {
+                let NodeAddress { slave, channel, node } = plan.axes[n].config.address;
+                let Some(drive) = world.drive_at(slave, usize::from(channel), node) else {
+                    continue;
+                };
+                let trace = drive.trace();
+                let records = trace.since(monitor.read_so_far());
+                monitor.observe(records, trace.recorded(), &mut log.drive(n));
+            }
+        });
+    }
+
+    fn check(&mut self, ns: u64, skips: Skips) {
+        self.observe();
+        self.note_gateways();
+        for n in 0..self.monitors.len() {
+            let class = match &self.cia402 {
+                Some(cia402) => Class::of(cia402, n),
+                None => Class::NotConfigured,
+            };
+            if class != self.classes[n] {
+                self.classes[n] = class;
+                if self.log.is_on()
+                    && let Some(progress) = self.cia402.as_ref().and_then(|it| it.progress(n))
+                {
+                    self.note(&progress.to_string());
+                }
+            }
+            self.configured[n] = self.cia402.as_ref().is_some_and(|cia402| cia402.is_configured(n));
+            let path = self.path(n, skips);
+            if self.paths[n] != path {
+                self.paths[n] = path;
+                self.note(&format!("path to axis {n}: {path:?}"));
+            }
+            let sdk = self.cia402.as_ref();
+            let view = View {
+                class,
+                is_recovering: sdk.is_some_and(|cia402| cia402.is_recovering(n)),
+                is_stopped: sdk.is_some_and(|cia402| cia402.is_stopped(n)),
+                is_cut: (!skips.rx && !skips.send).then(|| self.is_cut(n)),
+            };
+            self.monitors[n].check(self.now, ns, path, view);
+        }
+    }
+
+    /// No TPDO of the drive can arrive.
+    fn is_cut(&self, n: usize) -> bool {
+        let slave = self.plan.axes[n].config.address.slave;
+        let is_silent = self.now < self.silent[n].saturating_sub(20 * MS);
+        let is_off = self
+            .simulation
+            .with_world(|world| world.gateway(slave).is_none_or(|it| !it.is_responding()));
+        is_silent || is_off
+    }
+
+    fn note_gateways(&mut self) {
+        if !self.log.is_on() {
+            return;
+        }
+        for slave in 0..self.plan.gateways {
+            let al_state = self.simulation.with_world(|world| {
+                let gateway = world.gateway(slave)?;
+                gateway.is_responding().then(|| gateway.al_state())
+            });
+            let port = self.port.as_ref();
+            let session = port.and_then(|port| Some(port.session(port.gateway(slave).ok()?)));
+            let unconfirmed = port
+                .and_then(|port| Some(port.cycle_report(port.gateway(slave).ok()?).is_unconfirmed));
+            let text =
+                format!("gateway {slave}: {al_state:?}, {session:?}, unconfirmed {unconfirmed:?}");
+            if self.gateway_texts[slave] != text {
+                self.note(&text);
+                self.gateway_texts[slave] = text;
+            }
+        }
+    }
+
+    fn path(&self, n: usize, skips: Skips) -> Path {
+        let NodeAddress { slave, channel, .. } = self.plan.axes[n].config.address;
+        let Some(port) = &self.port else { return Path::Blocked };
+        let (Ok(gateway), Ok(to)) = (port.gateway(slave), port.channel(slave, channel)) else {
+            return Path::Blocked;
+        };
+        let channel_blocked = self
+            .channel_blocked
+            .iter()
+            .any(|(s, c, until)| (*s, *c) == (slave, channel) && self.now < *until);
+        let state = port.channel_status(to).state();
+        // The Port detects a lost OP only when the master has polled the slave.
+        let is_in_op = self.simulation.with_world(|world| {
+            world
+                .gateway(slave)
+                .is_some_and(|gateway| gateway.is_responding() && gateway.al_state() == AlState::Op)
+        });
+        if !is_in_op
+            || self.now < self.slave_blocked[slave]
+            || channel_blocked
+            || port.session(gateway) != Session::Ready
+            || state != ChannelState::Run
+        {
+            return Path::Blocked;
+        }
+        let (powered, nmt, valid) = self.on_drive(n, |drive| {
+            let number = u16::from(self.plan.axes[n].config.pdo_number) - 1;
+            let id = drive.object(object::RPDO_COMMUNICATION + number, 1).unwrap_or(0);
+            (drive.is_powered(), drive.nmt_state(), id & 0x8000_0000 == 0)
+        });
+        if !powered || matches!(nmt, NmtState::Initialising | NmtState::Stopped) {
+            return Path::Blocked;
+        }
+        let is_process_data = nmt == NmtState::Operational && valid && self.configured[n];
+        // A stronger command than the quick stop needs a drive that reports that it ignores it.
+        let ignores = self.plan.axes[n].drive.quirks.ignores_quick_stop;
+        if (!is_process_data || ignores) && self.now < self.silent[n] {
+            return Path::Blocked;
+        }
+        if skips.rx || skips.send || port.cycle_report(gateway).is_unconfirmed {
+            return Path::Paused;
+        }
+        if is_process_data { Path::ProcessData } else { Path::Services }
+    }
+}

@@ -1,0 +1,157 @@
+//! The application and its operator.
+
+use ecan_mcan_port::PendingStep;
+
+use super::Trial;
+use crate::monitor::{AxisMonitor, StopKind};
+use crate::plan::{Command, MS, Style};
+use crate::sdk::{self, Class};
+
+impl Trial {
+    pub(super) fn operate(&mut self) {
+        self.retry_startup();
+        let Some(cia402) = &mut self.cia402 else { return };
+        let mut done = Vec::new();
+        for n in 0..self.plan.axes.len() {
+            let step = if self.plan.app.recovers {
+                sdk::recover(cia402, n)
+            } else {
+                sdk::next_step(cia402, n)
+            };
+            if let Some((name, result)) = step {
+                match name {
+                    "enable" if result.is_ok() => self.monitors[n].enabling(),
+                    "recover" if result.is_ok() => {
+                        self.monitors[n].procedure();
+                        self.monitors[n].resuming();
+                    }
+                    "resume" => self.monitors[n].resuming(),
+                    _ => {}
+                }
+                done.push(format!("operator: {name}({n}) {result:?}"));
+            }
+        }
+        done.iter().for_each(|text| self.note(text));
+    }
+
+    /// As an operator does who reads what a gateway waits for.
+    pub(super) fn retry_startup(&mut self) {
+        let Some(port) = &mut self.port else { return };
+        let waits = port
+            .gateways()
+            .any(|gateway| port.waiting_for(gateway) == Some(PendingStep::StartupRetry));
+        if waits {
+            let result = port.retry_startup();
+            self.note(&format!("operator: retry_startup {result:?}"));
+            let before = self.now;
+            self.now = self.world_ns();
+            if self.now > before {
+                self.monitors.iter_mut().for_each(AxisMonitor::disturbed);
+            }
+        }
+    }
+
+    pub(super) fn command(&mut self, n: usize, command: Command) {
+        let now = self.now;
+        let Some(cia402) = &mut self.cia402 else { return };
+        let class = Class::of(cia402, n);
+        let halt_ns = self.plan.halt_ns(n);
+        let monitor = &mut self.monitors[n];
+        monitor.note_class(now, class);
+        let result = match command {
+            Command::Enable => cia402.enable(n),
+            Command::Disable => cia402.disable(n),
+            Command::QuickStop => cia402.quick_stop(n),
+            Command::Halt => cia402.halt(n),
+            Command::Resume => cia402.resume(n),
+            Command::ResetFault => cia402.reset_fault(n),
+            Command::Configure => cia402.configure(n),
+            Command::Recover => cia402.recover(n),
+            Command::ReadPosition => cia402.read_position(n),
+            Command::ChangeMode(mode) => cia402.change_mode(n, mode),
+            Command::Home(homing) => cia402.home(n, homing),
+            Command::Target(target) => cia402.set_target(n, target),
+            Command::StopAll => {
+                cia402.stop_all();
+                Ok(())
+            }
+        };
+        if result.is_ok() {
+            match command {
+                Command::Enable => monitor.enabling(),
+                Command::Halt if class == Class::Running => monitor.halting(halt_ns),
+                Command::Resume => monitor.resuming(),
+                Command::Recover => {
+                    monitor.procedure();
+                    monitor.resuming();
+                }
+                Command::ChangeMode(_) | Command::Home(_) => monitor.procedure(),
+                Command::Configure => monitor.stopping(now, StopKind::Configure, class),
+                Command::Disable => monitor.stopping(now, StopKind::Disable, class),
+                Command::QuickStop => monitor.stopping(now, StopKind::QuickStop, class),
+                Command::StopAll => {
+                    for (monitor, class) in self.monitors.iter_mut().zip(&self.classes) {
+                        monitor.stopping(now, StopKind::StopAll, *class);
+                    }
+                }
+                _ => {}
+            }
+        }
+        self.note(&format!("application: {command:?} axis {n} {result:?}"));
+    }
+
+    pub(super) fn set_targets(&mut self) {
+        let Some(cia402) = &mut self.cia402 else { return };
+        for n in 0..self.plan.axes.len() {
+            let Some(last) = cia402.target(n) else {
+                self.own[n] = None;
+                continue;
+            };
+            let axis = &self.plan.axes[n];
+            let mode = cia402.mode(n).unwrap_or(axis.config.mode);
+            let r = &mut self.random;
+            let (since, centre) = *self.own[n].get_or_insert((self.now, last));
+            let elapsed = self.now - since;
+            let limit = axis.config.step_limit.min(i32::MAX as u32) as i32;
+            let (low, high) = axis.config.bounds.unwrap_or((centre - 50_000, centre + 50_000));
+            if !mode.is_cyclic() {
+                // A profile needs some time for its targets.
+                if r.below(100) == 0 {
+                    let target = match axis.style {
+                        Style::Wild if r.chance(30) => r.pick(&[i32::MIN, i32::MAX]),
+                        Style::Rest => centre,
+                        _ => r.range(low.into(), high.into()) as i32,
+                    };
+                    let _ = cia402.set_target(n, target);
+                }
+                continue;
+            }
+            let target = match axis.style {
+                Style::Rest => last,
+                Style::Climb => last.saturating_add(limit),
+                Style::Reverse(ms) => {
+                    let sign = if (elapsed / MS / ms).is_multiple_of(2) { 1 } else { -1 };
+                    last.saturating_add(sign * limit)
+                }
+                Style::Sine(ms) => {
+                    let phase = elapsed as f64 / 1e6 / ms as f64 * std::f64::consts::TAU;
+                    // At 70 % of the limit where it is fastest.
+                    let period = ms as f64 * 1e6 / self.plan.target_ns() as f64;
+                    let amplitude = 0.7 * f64::from(limit) * period / std::f64::consts::TAU;
+                    centre.saturating_add((amplitude * phase.sin()) as i32)
+                }
+                Style::Wild => match r.below(12) {
+                    0 => r.range(i32::MIN.into(), i32::MAX.into()) as i32,
+                    1 => last.saturating_add(3 * limit),
+                    _ => last.saturating_add(r.range(-i64::from(limit), i64::from(limit)) as i32),
+                },
+            };
+            let target = match axis.style {
+                Style::Wild => target,
+                _ if axis.config.bounds.is_some() => target.clamp(low.min(last), high.max(last)),
+                _ => target,
+            };
+            let _ = cia402.set_target(n, target);
+        }
+    }
+}

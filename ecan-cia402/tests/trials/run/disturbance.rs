@@ -1,0 +1,167 @@
+//! What happens to the machine and to the application.
+
+use ecan_cia402::Takeover;
+use ecan_sim::{DriveFault, Fault, GatewayFault};
+
+use super::{Trial, machine};
+use crate::monitor::{AxisMonitor, RELEASED, RELEASED_BY_BUS};
+use crate::plan::{Action, MS};
+use crate::report::Kind;
+
+impl Trial {
+    pub(super) fn block_all(&mut self, until: u64) {
+        for blocked in &mut self.slave_blocked {
+            *blocked = until.max(*blocked);
+        }
+    }
+
+    pub(super) fn act(&mut self, action: Action) {
+        self.note(&format!("{action:?}"));
+        let now = self.now;
+        let cycle = self.plan.cycle_ns;
+        match action {
+            Action::Fault(fault) => {
+                self.disturbs(&fault);
+                for (monitor, axis) in self.monitors.iter_mut().zip(&self.plan.axes) {
+                    let until = self.slave_blocked[axis.config.address.slave];
+                    if until > now {
+                        monitor.releasing(until, RELEASED);
+                    }
+                }
+                self.simulation.inject(fault);
+            }
+            Action::DriveFault(axis, fault) => {
+                if let DriveFault::Blocked { for_ms } = fault {
+                    let until = now + u64::from(for_ms) * MS;
+                    self.motor_blocked[axis] = until;
+                    self.monitors[axis].blocked(until);
+                }
+                let node = self.plan.axes[axis].node_name();
+                self.simulation.inject(Fault::Drive { node, fault });
+            }
+            Action::Silent(axis, for_ms) => {
+                self.silent[axis] = now + u64::from(for_ms) * MS + 20 * MS;
+                let node = self.plan.axes[axis].node_name();
+                self.simulation.inject(Fault::NodeSilent { node, for_ms });
+            }
+            Action::Pause(ms) => {
+                let ns = u64::from(ms) * MS;
+                self.simulation.pass_ns(ns);
+                self.slave_blocked.iter_mut().for_each(|until| *until += ns);
+                self.block_all(now + ns + 5 * cycle);
+            }
+            Action::Replace { idle_cycles } => {
+                self.cia402 = None;
+                self.takeover();
+                for _ in 0..idle_cycles {
+                    if let Some(port) = &mut self.port {
+                        let _ = port.next_cycle().end();
+                    }
+                }
+                if let Err(text) = self.make_table() {
+                    self.find(Kind::Trial, 0, text);
+                }
+                let until = self.world_ns() + cycle;
+                self.block_all(until);
+            }
+            Action::Restart(ms) => {
+                self.cia402 = None;
+                self.port = None;
+                self.simulation.pass_ns(u64::from(ms) * MS);
+                self.takeover();
+                // As service managers do.
+                let mut result = self.open();
+                for _ in 0..20 {
+                    let Err(text) = &result else { break };
+                    let text = format!("not started: {text}");
+                    self.note(&text);
+                    self.simulation.pass_ns(500 * MS);
+                    result = self.open();
+                }
+                if let Err(text) = result {
+                    self.find(Kind::NoStart, 0, text);
+                    self.port = None;
+                }
+                let until = self.world_ns() + cycle;
+                self.block_all(until);
+            }
+            Action::Reconfigure => {
+                if let Some(port) = &mut self.port {
+                    let result = port.reconfigure(machine::config(&self.plan));
+                    let result = result.and_then(|()| port.wait_ready());
+                    self.note(&format!("reconfigured: {result:?}"));
+                    if result.is_err() {
+                        // As an application does: it tries again, then restarts.
+                        self.act(Action::Restart(1_000));
+                        return;
+                    }
+                }
+                let until = self.world_ns() + cycle;
+                self.block_all(until);
+            }
+            Action::Command(..) | Action::CommandAll(_) | Action::Skip { .. } => {}
+        }
+        let before = self.now;
+        self.now = self.world_ns();
+        if self.now > before {
+            self.monitors.iter_mut().for_each(AxisMonitor::disturbed);
+        }
+        self.observe();
+    }
+
+    /// The owner of the axes is gone: the next one must stop what it left.
+    pub(super) fn takeover(&mut self) {
+        self.now = self.world_ns();
+        self.observe();
+        let adopts = self.plan.table.takeover == Takeover::Adopt;
+        self.monitors.iter_mut().for_each(|monitor| monitor.takeover(self.now, adopts));
+        self.configured.fill(false);
+    }
+
+    /// Notes for how long a fault disturbs the path; when a gateway is verified again, and a channel
+    /// back on the bus, is observed.
+    pub(super) fn disturbs(&mut self, fault: &Fault) {
+        let (now, cycle) = (self.now, self.plan.cycle_ns);
+        let ms = |ms: u32| u64::from(ms) * MS;
+        match *fault {
+            Fault::LostFrame { cycles, .. }
+            | Fault::WorkingCounterOffset { cycles, .. }
+            | Fault::LibraryError { times: cycles, .. } => {
+                self.block_all(now + (u64::from(cycles) + 4) * cycle);
+            }
+            Fault::PowerCycle { gateway, off_ms: for_ms } | Fault::LinkLoss { gateway, for_ms } => {
+                // On a line those downstream are cut off, too.
+                for blocked in self.slave_blocked.iter_mut().skip(gateway) {
+                    *blocked = (*blocked).max(now + ms(for_ms) + 10 * cycle + 20 * MS);
+                }
+            }
+            Fault::Gateway { gateway, fault } => {
+                let ns = match fault {
+                    GatewayFault::TornTxPdo { images } | GatewayFault::CrcErrorTxPdo { images } => {
+                        (u64::from(images) + 4) * cycle
+                    }
+                    GatewayFault::ServiceStall { ms: stall } => ms(stall) + 4 * cycle + 5 * MS,
+                    GatewayFault::AlError { .. } => 10 * cycle + 20 * MS,
+                    _ => return,
+                };
+                if let Some(blocked) = self.slave_blocked.get_mut(gateway) {
+                    *blocked = (*blocked).max(now + ns);
+                }
+            }
+            Fault::BusOff { gateway, channel } => {
+                self.channel_blocked.push((gateway, channel as u8, now + 10 * cycle + 20 * MS));
+            }
+            Fault::ErrorFrames { gateway, channel, frames } => {
+                let until = now + u64::from(frames) * MS / 2 + 4 * cycle;
+                for (monitor, axis) in self.monitors.iter_mut().zip(&self.plan.axes) {
+                    let address = axis.config.address;
+                    if (address.slave, usize::from(address.channel)) == (gateway, channel) {
+                        monitor.releasing(until, RELEASED_BY_BUS);
+                    }
+                }
+                self.channel_blocked.push((gateway, channel as u8, until));
+            }
+            _ => {}
+        }
+    }
+}
