@@ -11,7 +11,9 @@ use std::time::Duration;
 
 use axes::{Fixture, START, axis, scenario};
 use ecan_canopen::{CobId, DriveState, FaultReaction, NodeId, OperatingMode, Step, object};
-use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config, HomingConfig, StopCause, Takeover};
+use ecan_cia402::{
+    AxisConfig, AxisPhase, Cia402, Cia402Config, CommandError, HomingConfig, StopCause, Takeover,
+};
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{
     DriveConfig, DriveFault, Fault, LossDirection, Scenario, SdoDirection, SdoEffect, SdoRule,
@@ -1004,4 +1006,57 @@ fn axis_is_configured_again_after_a_shutdown() {
     fixture.until(500, |cia402| cia402.is_configured(0));
     fixture.cia402.enable(0).unwrap();
     fixture.until(1_000, Cia402::all_running);
+}
+
+#[test]
+fn halt_and_configure_end_a_recovery() {
+    let mode = OperatingMode::CyclicPosition;
+    let mut fixture = open(drives(|_| {}), mode, HostHeartbeat::On);
+    fixture.start();
+    fixture.cia402.recover(0).unwrap();
+    fixture.cia402.halt(0).unwrap();
+    fixture.steps(100);
+    assert_eq!(fixture.cia402.phase(0), Some(AxisPhase::Halted));
+    fixture.cia402.quick_stop(0).unwrap();
+    fixture.cia402.recover(0).unwrap();
+    fixture.cia402.configure(0).unwrap();
+    fixture.steps(500);
+    assert!(fixture.cia402.is_configured(0) && !fixture.cia402.is_recovering(0));
+    assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
+}
+
+#[test]
+fn recovery_returns_from_hold_fault_and_restart() {
+    let mode = OperatingMode::CyclicVelocity;
+    let faults: [(&str, fn(&Fixture)); 4] = [
+        ("hold", |fixture| {
+            fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
+        }),
+        ("fault", |fixture| fixture.strike(0, DriveFault::Error { code: 0x2310 })),
+        ("restart", |fixture| fixture.strike(0, DriveFault::PowerCycle { off_ms: 100 })),
+        ("gateway", |fixture| fixture.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 })),
+    ];
+    for (name, fault) in faults {
+        let mut fixture = at_speed(mode, HostHeartbeat::On);
+        fault(&fixture);
+        fixture.until(1_000, |cia402| !cia402.all_running());
+        let recovered = fixture.cia402.recover_all_timeout(&mut fixture.port, START, |_| {});
+        recovered.unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert!(fixture.cia402.all_running(), "{name}");
+    }
+}
+
+#[test]
+fn recovery_refuses_a_persistent_fault_and_a_shutdown() {
+    let scenario = drives(|drive| drive.quirks.stuck_in_fault = true);
+    let mut fixture = open(scenario, OperatingMode::CyclicPosition, HostHeartbeat::On);
+    fixture.start();
+    fixture.strike(0, DriveFault::Error { code: 0x7305 });
+    fixture.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Fault));
+    let recovered = fixture.cia402.recover_all_timeout(&mut fixture.port, START, |_| {});
+    let text = recovered.unwrap_err().to_string();
+    assert!(text.contains("0x7305"), "{text}");
+    fixture.cia402.begin_shutdown();
+    let rejected = fixture.cia402.recover(0);
+    assert!(matches!(rejected, Err(CommandError::ShuttingDown { axis: 0 })), "{rejected:?}");
 }

@@ -203,6 +203,11 @@ impl Axis {
         Ok(())
     }
 
+    pub(crate) fn halt(&mut self) {
+        self.recovery = None;
+        self.targets.halt();
+    }
+
     pub(crate) fn read_position(&mut self) -> Result<(), CommandError> {
         self.ready_for_commands()?;
         self.error = None;

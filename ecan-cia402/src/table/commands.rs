@@ -271,7 +271,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn halt(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.targets.halt();
+        self.axis_mut(axis)?.halt();
         Ok(())
     }
 

@@ -130,7 +130,7 @@ impl Cia402 {
             } else if is_new {
                 axis.targets.leave_path();
             }
-            axis.targets.halt();
+            axis.halt();
         }
         if is_new {
             self.path_profile =

@@ -55,8 +55,9 @@ impl Shutdown {
     pub(super) fn begin(axes: &mut [Axis], network: &mut Network, since_ns: u64) -> Self {
         for axis in axes {
             axis.cancel_procedure(network);
+            axis.recovery = None;
             if axis.is_running() {
-                axis.targets.halt();
+                axis.halt();
             }
         }
         Self::Decelerating { since_ns }
