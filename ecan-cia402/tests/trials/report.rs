@@ -71,6 +71,8 @@ pub struct StopSample {
     pub class: Class,
     /// Process data reached the drive, or the SDK knew how.
     pub was_configured: bool,
+    /// The drive ignores the quick stop: another command follows after 250 ms.
+    pub ignores_quick_stop: bool,
     pub is_moving: bool,
     /// The path was blocked before the drive obeyed.
     pub was_blocked: bool,
@@ -172,6 +174,12 @@ impl Summary {
                 (false, true) => (stop.clear_ns, "calls skipped, without these"),
                 (true, _) => (stop.clear_ns, "path disturbed, since then"),
             };
+            if stop.ignores_quick_stop {
+                rows.entry(format!("3 drives that ignore quick stop, {path}"))
+                    .or_default()
+                    .push((ns, *seed));
+                continue;
+            }
             let group = match stop.kind {
                 StopKind::Takeover => "takeover",
                 _ if stop.was_configured => "configured",

@@ -40,6 +40,8 @@ pub struct Trial {
     silent: Vec<u64>,
     /// End of a blocked motor.
     motor_blocked: Vec<u64>,
+    /// Time of the next attempt of a gateway's startup.
+    retry_at: u64,
     /// Start of the own trajectory of an axis, ns, and its centre.
     own: Vec<Option<(u64, i32)>>,
     classes: Vec<Class>,
@@ -104,6 +106,7 @@ impl Trial {
             channel_blocked: Vec::new(),
             silent: vec![0; axes],
             motor_blocked: vec![0; axes],
+            retry_at: 0,
             own: vec![None; axes],
             classes: vec![Class::NotConfigured; axes],
             paths: vec![Path::Blocked; axes],

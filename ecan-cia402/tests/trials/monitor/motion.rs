@@ -217,7 +217,8 @@ impl AxisMonitor {
             // A target that was sent when the path broke is lost before the host can detect it:
             // the next one makes its step, too.
             let more = self.released(*then).max(self.released(at));
-            let periods = (periods.max(1.0) + more).min((nth + 1) as f64 + more);
+            let targets = (nth + 1) as f64 * (1.0 + self.scheduled);
+            let periods = (periods.max(1.0) + more).min(targets + more);
             let distance = f64::from(record.target.wrapping_sub(*target)).abs();
             if distance > self.step_limit * periods {
                 let ms = (at - then) as f64 / 1e6;

@@ -200,6 +200,7 @@ impl AxisMonitor {
                     kind: stop.kind,
                     class: stop.class,
                     was_configured: stop.was_configured,
+                    ignores_quick_stop: self.disobedience_ns > 0,
                     is_moving: stop.velocity.abs() > REST,
                     was_blocked: stop.was_blocked,
                     was_paused: stop.was_paused,

@@ -7,6 +7,9 @@ use crate::monitor::{AxisMonitor, StopKind};
 use crate::plan::{Command, MS, Style};
 use crate::sdk::{self, Class};
 
+/// Time between two attempts of a gateway's startup.
+const RETRY_NS: u64 = 2_000 * MS;
+
 impl Trial {
     pub(super) fn operate(&mut self) {
         self.retry_startup();
@@ -40,7 +43,9 @@ impl Trial {
         let waits = port
             .gateways()
             .any(|gateway| port.waiting_for(gateway) == Some(PendingStep::StartupRetry));
-        if waits {
+        if waits && self.now >= self.retry_at {
+            // A startup takes some time; another request would begin it again.
+            self.retry_at = self.now + RETRY_NS;
             let result = port.retry_startup();
             self.note(&format!("operator: retry_startup {result:?}"));
             let before = self.now;
