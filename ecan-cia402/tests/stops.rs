@@ -1028,7 +1028,8 @@ fn halt_and_configure_end_a_recovery() {
 #[test]
 fn recovery_returns_from_hold_fault_and_restart() {
     let mode = OperatingMode::CyclicVelocity;
-    let faults: [(&str, fn(&Fixture)); 4] = [
+    type Strike = fn(&Fixture);
+    let faults: [(&str, Strike); 4] = [
         ("hold", |fixture| {
             fixture.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
         }),

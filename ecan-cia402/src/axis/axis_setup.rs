@@ -47,7 +47,7 @@ impl Axis {
         }
     }
 
-    fn cancel_setup(&mut self, network: &mut Network) {
+    pub(crate) fn cancel_setup(&mut self, network: &mut Network) {
         if self.setup.is_running() {
             self.configurator.restart(network);
             if let SetupState::SettingMode(script) = self.setup {

@@ -12,6 +12,7 @@ use super::drive_status::is_energised;
 use super::pdo_layout::TargetObject;
 use super::phase::AxisError;
 use super::rest::REST_NS;
+use super::setup::SetupState;
 use super::stop::{DISABLE_NS, StopCause};
 use super::takeover::{ADOPT_NS, Takeover, TakeoverState};
 use super::verification::Verification;
@@ -46,8 +47,12 @@ impl Axis {
         match self.state {
             AxisState::Stopped(_) => true,
             AxisState::Standby | AxisState::Releasing(_) | AxisState::ResettingFault(_) => {
-                // A command to enable may have been on the path to a drive that went silent.
-                let is_present = !self.setup.is_complete() || self.is_fresh(now_ns);
+                // A command to enable may have been on the path to a drive that went silent, and a
+                // drive that never answered may be enabled when it does.
+                let is_present = match self.drive.heard_ns {
+                    Some(_) => !self.setup.is_complete() || self.is_fresh(now_ns),
+                    None => !self.setup.is_pending(),
+                };
                 self.takeover == TakeoverState::Done
                     && is_present
                     && self.drive.is_off_or_unknown()
@@ -81,6 +86,11 @@ impl Axis {
 
     /// Continues the SDO transfers that a stop or the first contact needs.
     pub(crate) fn step_poll(&mut self, network: &mut Network, now_ns: u64) {
+        if self.state.is_stopping() && self.setup.is_running() && !self.is_off_for_setup() {
+            // A drive that never answered may be enabled; the stop needs its SDO server.
+            self.cancel_setup(network);
+            self.setup = SetupState::Unconfigured;
+        }
         let is_inspecting = matches!(self.takeover, TakeoverState::Inspecting { .. });
         let is_needed = is_inspecting || self.needs_stop_by_sdo(now_ns);
         if !is_needed || !self.reachability.gateway {
@@ -259,12 +269,16 @@ impl Axis {
         }
     }
 
+    /// Whether the drive reported that it was off before its configuration began.
+    fn is_off_for_setup(&self) -> bool {
+        self.drive.heard_ns.is_some()
+    }
+
     /// Whether a pending stop is complete.
     fn has_stopped(&self, now_ns: u64) -> bool {
         let AxisState::Stopping(stop) = &self.state else { return false };
         if self.setup.is_running() {
-            // The configuration began when the drive was off.
-            return true;
+            return self.is_off_for_setup();
         }
         let waited_ns = now_ns.saturating_sub(stop.since_ns);
         let Some(state) = self.drive.state.filter(|_| self.is_fresh(now_ns)) else {

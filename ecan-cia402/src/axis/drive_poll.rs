@@ -11,8 +11,9 @@ use super::script::{Script, script};
 /// that soon after its return.
 const RETRY_NS: u64 = 100_000_000;
 
-/// Every n-th attempt waits for the SDO timeout of the node, for a drive that is slow to answer.
+/// Every n-th attempt waits longer, for a drive that is slow to answer.
 const PATIENT_ATTEMPT: u32 = 4;
+const PATIENT_NS: u64 = 500_000_000;
 
 /// Pause between two NMT commands to a node that is in Stopped, where it has no SDO server.
 const NMT_PAUSE_NS: u64 = 500_000_000;
@@ -87,7 +88,8 @@ impl DrivePoll {
             Configuring::Running => {
                 let waited_ns = now_ns.saturating_sub(self.since_ns);
                 let is_patient = (self.unanswered + 1).is_multiple_of(PATIENT_ATTEMPT);
-                if waited_ns > RETRY_NS && (!is_patient || returned) {
+                let limit_ns = if is_patient && !returned { PATIENT_NS } else { RETRY_NS };
+                if waited_ns > limit_ns {
                     round.cancel(network, node);
                     self.failed(network, node, now_ns)
                 } else {

@@ -13,8 +13,8 @@ pub enum Takeover {
     Stop,
     /// It remains enabled if it is at rest, displays the configured mode, and has the process data of
     /// the configuration; then the axis counts as configured. Otherwise, and in the torque modes, it is
-    /// stopped. If the drive
-    /// watches the host's heartbeat, this must happen within its consumer time (0x1016).
+    /// stopped. If the drive watches the host's heartbeat, this must happen within its consumer time
+    /// (0x1016).
     Adopt,
 }
 

@@ -98,7 +98,8 @@ impl Cia402 {
     /// established, the drive is brought to Operation Enabled if necessary, and the first target is
     /// the actual position of that cycle. Then the axis follows the application's targets.
     ///
-    /// During a stop, the command waits for its end. A drive in fault is not enabled; call [`reset_fault`](Self::reset_fault) first. After
+    /// During a stop, the command waits for its end. A drive in fault is not enabled; call
+    /// [`reset_fault`](Self::reset_fault) first. After
     /// [`AxisConfig::enable_timeout`] it ends with [`AxisError::EnableTimedOut`], and the drive is
     /// switched off.
     ///
@@ -190,7 +191,8 @@ impl Cia402 {
     }
 
     /// Resets the fault of a drive with a real edge: the bit is sent low, then high, each in several
-    /// frames. It does not enable the drive, and does nothing if the drive has no fault. If the drive stays in fault, it ends with
+    /// frames. It does not enable the drive, and does nothing if the drive has no fault. If the drive
+    /// stays in fault, it ends with
     /// [`AxisError::ResetFailed`].
     ///
     /// # Errors
@@ -237,7 +239,8 @@ impl Cia402 {
     /// Starts an orderly end: every axis comes to rest by its ramp, is switched off and released:
     /// it stops watching the host's heartbeat and goes to Pre-operational, so that no drive
     /// reports a fault when the host ends. Axes in every state are switched off; a drive that does not
-    /// report this is not released, so that its own watch stops it. [`shutdown_state`](Self::shutdown_state) reports when
+    /// report this is not released, so that its own watch stops it.
+    /// [`shutdown_state`](Self::shutdown_state) reports when
     /// it is complete. A stage that an axis cannot finish ends after five seconds.
     ///
     /// Mode changes and homings are cancelled. The cycle continues as before.
