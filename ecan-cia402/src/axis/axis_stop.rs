@@ -33,6 +33,7 @@ impl Axis {
     /// is cancelled.
     pub(crate) fn stop(&mut self, cause: StopCause, now_ns: u64) {
         self.stop_targets();
+        self.guard.begin_stop();
         if cause.is_commanded() {
             self.recovery = None;
         }
@@ -45,7 +46,8 @@ impl Axis {
     /// Whether the drive is known to be off, or at rest in Quick Stop Active, or never answered.
     pub(crate) fn is_stopped(&self, now_ns: u64) -> bool {
         match self.state {
-            AxisState::Stopped(_) => true,
+            // After a configuration that found the drive enabled, its state is read again.
+            AxisState::Stopped(_) => self.takeover == TakeoverState::Done,
             AxisState::Standby | AxisState::Releasing(_) | AxisState::ResettingFault(_) => {
                 // A command to enable may have been on the path to a drive that went silent, and a
                 // drive that never answered may be enabled when it does.

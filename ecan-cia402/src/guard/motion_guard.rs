@@ -97,6 +97,8 @@ pub struct MotionGuard {
     last_sent: Option<i32>,
     /// The axis held for a reason on the path: the drive may not have received its last targets.
     has_lost_targets: bool,
+    /// Actual position of such an axis when its stop began, in a position mode.
+    rest: Option<i32>,
 }
 
 impl MotionGuard {
@@ -121,6 +123,7 @@ impl MotionGuard {
             held: None,
             last_sent: None,
             has_lost_targets: false,
+            rest: None,
         }
     }
 
@@ -162,14 +165,19 @@ impl MotionGuard {
     /// is known.
     pub fn resting_target(&self) -> Option<i32> {
         if self.is_enabled && self.held.is_some() {
-            let is_position = self.limits.kind == TargetKind::Position;
-            let actual = self.actual.filter(|_| is_position && self.has_lost_targets);
-            return actual.or(self.held);
+            return self.rest.or(self.held);
         }
         match self.state {
             GuardState::Armed { target } | GuardState::Running { target } => Some(target),
             _ if self.limits.kind == TargetKind::Rate => Some(0),
             _ => self.last_sent.or(self.actual),
+        }
+    }
+
+    /// The drive is being stopped: fixes the target that accompanies the commands.
+    pub(crate) fn begin_stop(&mut self) {
+        if self.has_lost_targets && self.limits.kind == TargetKind::Position {
+            self.rest = self.rest.or(self.actual);
         }
     }
 
@@ -475,6 +483,7 @@ impl MotionGuard {
         self.last_sent = Some(target);
         self.held = Some(target);
         self.has_lost_targets = false;
+        self.rest = None;
         match self.state {
             GuardState::Armed { .. } if self.is_enabled => {
                 self.state = GuardState::Running { target };

@@ -4,7 +4,7 @@
 
 use std::collections::VecDeque;
 
-use ecan_canopen::{DriveState, OperatingMode, QuickStopOption};
+use ecan_canopen::{Command, DriveState, OperatingMode, QuickStopOption};
 use ecan_sim::{TargetKind, TraceCause, TraceEvent, TraceRecord};
 
 use crate::log::DriveLog;
@@ -101,6 +101,9 @@ pub struct AxisMonitor {
     target_kind: Option<TargetKind>,
     window: VecDeque<(u64, f64, f64)>,
     unlimited_until: u64,
+    /// A drive that ignores the quick stop may follow the positions of the stop frames: these are not
+    /// limited (docs/SAFETY.md).
+    stop_frames_until: u64,
     /// A target was late; the drive overshoots until then.
     late_until: u64,
     /// Until then waiting targets may take effect together, with this number in addition.
@@ -168,6 +171,7 @@ impl AxisMonitor {
             target_kind: None,
             window: VecDeque::new(),
             unlimited_until: 0,
+            stop_frames_until: 0,
             late_until: 0,
             released_until: 0,
             released: 0.0,
@@ -334,6 +338,9 @@ impl AxisMonitor {
             }
             TraceEvent::Controlword { word, source } => {
                 log.line(at, || format!("controlword {:04X} by {source:?}", word.0));
+                if self.disobedience_ns > 0 && word.command(word) == Command::QuickStop {
+                    self.stop_frames_until = at + self.disobedience_ns;
+                }
             }
             TraceEvent::State { state, cause } => {
                 log.line(at, || format!("{state} by {cause:?} at {:.0}/s", self.velocity));

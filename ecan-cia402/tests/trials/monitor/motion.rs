@@ -58,7 +58,7 @@ impl AxisMonitor {
     }
 
     pub(super) fn check_motion(&mut self, at: u64) {
-        if at < self.unlimited_until {
+        if at < self.unlimited_until.max(self.stop_frames_until) {
             self.window.clear();
             return;
         }
@@ -173,6 +173,10 @@ impl AxisMonitor {
             return;
         }
         let at = record.time_ns;
+        if at < self.stop_frames_until {
+            self.targets.clear();
+            return;
+        }
         let is_profile = matches!(
             self.mode,
             Some(OperatingMode::ProfilePosition | OperatingMode::ProfileVelocity)
