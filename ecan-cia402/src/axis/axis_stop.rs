@@ -29,8 +29,7 @@ const TAKEOVER_ATTEMPTS: u32 = 24;
 const BLIND_REST_NS: u64 = 1_000_000_000;
 
 impl Axis {
-    /// Stops the drive, whatever the setup and the state of the axis. A command to enable that waits
-    /// is cancelled.
+    /// Stops the drive in every setup and state of the axis. Cancels a command to enable that waits.
     pub(crate) fn stop(&mut self, cause: StopCause, now_ns: u64) {
         self.stop_targets();
         self.guard.begin_stop();

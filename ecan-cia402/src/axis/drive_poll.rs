@@ -27,7 +27,7 @@ pub(crate) enum PollState {
     Unanswered,
 }
 
-/// What a round does.
+/// Content of a round.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Round {
     /// Writes the controlword, if there is one, then reads statusword and position.

@@ -12,8 +12,8 @@ use super::units::Scale;
 use crate::guard::terms::TargetKind;
 
 /// Limits of an axis in units of its machine: of the axis, after the gear, by
-/// [`AxisConfig::scale`]. A limit that is set replaces the value in increments of which the table
-/// says so; `None` keeps that value.
+/// [`AxisConfig::scale`]. A limit that is set replaces a value in increments, see the table;
+/// `None` keeps that value.
 ///
 /// | limit | CSP | CSV | PV |
 /// | --- | --- | --- | --- |

@@ -98,7 +98,7 @@ impl Stop {
         }
     }
 
-    /// The stop that both commands ask for: the stronger braking, and off if one of them says so. A
+    /// The stop that both commands ask for: the stronger braking, and off if one of them includes it. A
     /// new stop cancels a command to enable that waits.
     pub(crate) fn and(self, later: Self) -> Self {
         let is_stronger = later.quick && !self.quick;

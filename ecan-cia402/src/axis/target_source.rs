@@ -36,7 +36,7 @@ impl StepHistory {
     /// The ramp that continues this motion.
     ///
     /// Without a jerk limit it continues the last step. With one, it continues the change between two
-    /// means, each over so many steps that the error by the rounding of targets, at most 2
+    /// means, each over enough steps that the error by the rounding of targets, at most 2
     /// increments by the square of their number, is an eighth of the largest change or less, if
     /// 16 steps suffice for that. The rate is less than an increment below the last step, and
     /// never above it: an axis that rests stays there.

@@ -1,4 +1,4 @@
-//! What happens to the machine and to the application.
+//! Events of the machine and of the application.
 
 use ecan_cia402::Takeover;
 use ecan_sim::{DriveFault, Fault, GatewayFault};
