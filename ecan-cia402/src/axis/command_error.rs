@@ -4,7 +4,7 @@ use ecan_canopen::OperatingMode;
 use thiserror::Error;
 
 use super::config::AxisFault;
-use super::setup_steps::InvalidPeriod;
+use super::interpolation_time::InvalidPeriod;
 use super::units::UnitError;
 
 /// Rejection of a command to an axis; nothing was changed.

@@ -9,9 +9,9 @@ use ecan_canopen::{
 use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
+use super::interpolation_time::InvalidPeriod;
 use super::motion_limits::{MotionLimit, MotionLimits};
 use super::pdo_layout::{PdoLayout, TargetObject};
-use super::setup_steps::InvalidPeriod;
 use super::units::Scale;
 use crate::guard::position_range::PositionRange;
 use crate::guard::terms::{GuardLimits, TargetKind};
@@ -251,7 +251,7 @@ impl AxisConfig {
         {
             report(AxisFault::VelocityUnits { units });
         }
-        self.limits.check(self.mode, self.scale, report);
+        self.check_limits(report);
         // With a velocity limit these follow from it.
         if target_kind(self.mode) != TargetKind::Position || self.limits.velocity.is_none() {
             self.check_steps(report);

@@ -3,8 +3,11 @@
 #[expect(clippy::module_inception, reason = "a file has the name of its main type")]
 pub(crate) mod axis;
 pub(crate) mod axis_cycle;
+mod axis_limits;
+pub(crate) mod axis_path;
 mod axis_procedure;
 mod axis_progress;
+mod axis_recovery;
 mod axis_setup;
 pub(crate) mod axis_state;
 mod axis_step;
@@ -15,6 +18,7 @@ mod drive_poll;
 mod drive_status;
 pub(crate) mod homing;
 pub(crate) mod host_loss;
+pub(crate) mod interpolation_time;
 pub(crate) mod motion_limits;
 pub(crate) mod path_share;
 pub(crate) mod pdo_layout;

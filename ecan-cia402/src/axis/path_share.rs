@@ -1,8 +1,6 @@
 //! Part of an axis in a stop of all axes on their path.
 
-use super::axis::Axis;
-use super::ramp::{FRACTION_BITS, Profile};
-use crate::guard::terms::Decision;
+use super::ramp::Profile;
 
 /// Binary places of the profile that the axes have in common: its rate at the call is 2^44 units.
 pub(crate) const ONE_BITS: u32 = 44;
@@ -21,36 +19,5 @@ impl PathShare {
     pub(crate) fn of(&self, common: Profile) -> Profile {
         let share = |common: i128| (self.rate * common) >> ONE_BITS;
         Profile { rate: share(common.rate), change: share(common.change) }
-    }
-}
-
-/// Next step of an axis on the path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum PathStep {
-    Ready,
-    /// The axis gets no target in this cycle.
-    Waits,
-    /// The axis is no longer part of the stop, or cannot make the step.
-    Left,
-}
-
-impl Axis {
-    /// Largest rate in units per target.
-    pub(crate) fn most_rate(&self) -> i128 {
-        i128::from(self.guard.limits().step) << FRACTION_BITS
-    }
-
-    /// Whether the axis can make the next step of the common profile.
-    pub(crate) fn path_step(&self, common: Profile) -> PathStep {
-        let next = self
-            .target()
-            .zip(self.targets.on_path(common))
-            .and_then(|(last, ramp)| self.config.range.add(last, ramp.step()));
-        let Some(next) = next else { return PathStep::Left };
-        match self.guard.evaluate(Some(next)) {
-            Decision::Target(_) => PathStep::Ready,
-            Decision::Wait(_) => PathStep::Waits,
-            _ => PathStep::Left,
-        }
     }
 }

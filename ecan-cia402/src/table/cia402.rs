@@ -16,8 +16,9 @@ use super::table_config::{Cia402Config, target_cycles};
 use crate::axis::axis::Axis;
 use crate::axis::command_error::CommandError;
 use crate::axis::config::{AxisConfig, AxisFault};
+use crate::axis::interpolation_time::interpolation_time;
 use crate::axis::ramp::RampLimits;
-use crate::axis::setup_steps::{BusConfig, interpolation_time};
+use crate::axis::setup_steps::BusConfig;
 use crate::axis::target_period::TargetPeriod;
 use crate::guard::gateway_watch::GatewayWatch;
 

@@ -10,6 +10,7 @@ mod lookup;
 mod path_stop;
 mod sdo;
 mod shutdown;
+mod stop_together;
 mod table_config;
 
 pub use cia402::Cia402;
