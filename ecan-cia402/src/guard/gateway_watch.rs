@@ -268,8 +268,10 @@ impl GatewayWatch {
         }
     }
 
-    fn channel(&self, channel: u8) -> ChannelWatch {
-        self.channels.get(usize::from(channel)).copied().unwrap_or_default()
+    /// Channels above 3 do not occur; they share the last one.
+    fn channel(&self, channel: u8) -> &ChannelWatch {
+        let [.., last] = &self.channels;
+        self.channels.get(usize::from(channel)).unwrap_or(last)
     }
 }
 
