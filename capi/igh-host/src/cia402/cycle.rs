@@ -149,7 +149,7 @@ pub fn igh_cia402_get_send_summary(
 ///
 /// @param motion_div  Fewest cycles from target to target; 0 counts as 1.
 ///
-/// @usage   rt, the cycle's thread, after init
+/// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_AXIS_STATE if an axis is configured or being configured;
 ///          ECAN_ERR_CONFIG for a period that 0x60C2 cannot have (CSP).
 #[export(call, layer(cia402, _))]
