@@ -139,15 +139,9 @@ fn fixture() -> Fixture {
     Fixture::single(table).started()
 }
 
-/// Few, unless the environment asks for many: proptest heeds it only where no number is given.
-fn cases() -> u32 {
-    let asked = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok());
-    asked.unwrap_or(64)
-}
-
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: cases(),
+        cases: axes::cases(64),
         failure_persistence: None,
         max_shrink_iters: 200,
         ..ProptestConfig::default()

@@ -119,7 +119,7 @@ fn accelerate(fixture: &mut Fixture) {
     panic!("{:?}", (0..5).map(|n| fixture.drive(n, |drive| drive.velocity())).collect::<Vec<_>>());
 }
 
-/// Starts the trace of every drive anew.
+/// Restarts the trace of every drive.
 fn recorded(fixture: &Fixture) -> Vec<u64> {
     (0..MODES.len()).map(|n| fixture.drive(n, |drive| drive.trace().recorded())).collect()
 }

@@ -385,15 +385,9 @@ fn axis_that_gets_no_target_stops_the_others_on_the_path() {
     assert!(waits > 0);
 }
 
-/// Few, unless the environment asks for many.
-fn cases() -> u32 {
-    let asked = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok());
-    asked.unwrap_or(16)
-}
-
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: cases(),
+        cases: axes::cases(16),
         failure_persistence: None,
         max_shrink_iters: 200,
         ..ProptestConfig::default()

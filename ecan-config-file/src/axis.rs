@@ -144,7 +144,7 @@ fn read_bounds(table: &mut Table<'_, '_>) -> Option<(i32, i32)> {
     min.zip(max)
 }
 
-/// Checks the axes, each by itself and with the gateways, and reports their faults to the document.
+/// Checks the axes, each alone and with the gateways, and reports their faults to the document.
 pub(crate) fn check(document: &Document<'_>, config: &Config, axes: &[Option<AxisConfig>]) {
     let axes = axes.iter().enumerate().filter_map(|(at, axis)| Some((at, axis.as_ref()?)));
     let mut addresses: Vec<(usize, NodeAddress)> = Vec::new();

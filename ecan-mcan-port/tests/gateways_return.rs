@@ -44,7 +44,7 @@ fn startup_without_response_waits_for_a_retry() {
     let log = fixture.simulation.kernel_log();
     assert!(log.iter().any(|line| line.contains("no response")), "{log:?}");
     fixture.idle(10_000);
-    assert!(is_held(&fixture.port), "not by itself");
+    assert!(is_held(&fixture.port), "not without a retry");
     fixture.port.retry_startup().unwrap();
     assert!(fixture.until(10_000, Port::is_ready).is_some(), "{:?}", waiting_for(&fixture.port, 0));
 }

@@ -15,7 +15,7 @@ use crate::guard::terms::TargetKind;
 enum LimitedMode {
     Position,
     Velocity,
-    /// The drive accelerates by itself.
+    /// The drive generates its acceleration.
     ProfileVelocity,
 }
 

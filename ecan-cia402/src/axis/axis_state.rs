@@ -34,7 +34,7 @@ use super::stop::{Stop, StopCause};
 /// | `Enabling`, `ReEnabling` | timeout | `Stopping` |
 /// | `Active`, `Enabling`, `ReEnabling` | the guard holds, in a position mode | `Standby` |
 /// | `Active`, `Enabling`, `ReEnabling` | the guard holds, in another mode | `Stopping` |
-/// | `Standby` | the guard held, and the axis may become active again by itself | `Resuming` |
+/// | `Standby` | the guard held, and the axis may become active again automatically | `Resuming` |
 /// | `Resuming` | the first target is sent | `Active` |
 /// | `Resuming` | the drive left Operation Enabled, or holds an old target | `Standby` |
 /// | any, with the drive in Fault or Fault Reaction Active | reset fault | `ResettingFault` |
@@ -57,7 +57,7 @@ pub(crate) enum AxisState {
     },
     /// The drive is enabled and follows targets.
     Active,
-    /// The axis held while its drive stayed enabled, and becomes active again by itself.
+    /// The axis held while its drive stayed enabled, and becomes active again automatically.
     Resuming,
     /// The drive is being stopped. Only completion ends it.
     Stopping(Stop),

@@ -7,7 +7,7 @@ use ecan_canopen::{Configuring, Controlword, Network, Statusword, object};
 use super::axis::Axis;
 use super::axis_state::AxisState;
 use super::config::target_kind;
-use super::drive_poll::{PollState, Round};
+use super::drive_poll::Round;
 use super::drive_status::is_energised;
 use super::pdo_layout::TargetObject;
 use super::phase::AxisError;
@@ -96,7 +96,7 @@ impl Axis {
         let is_needed = is_inspecting || self.needs_stop_by_sdo(now_ns);
         if !is_needed || !self.reachability.gateway {
             self.poll.cancel(network, self.node);
-            return self.step_takeover(network, PollState::Running, now_ns);
+            return self.step_takeover(network, false, now_ns);
         }
         if let Verification::Running(script) = self.verification {
             script.cancel(network, self.node);
@@ -112,7 +112,7 @@ impl Axis {
             _ => Round::Inspect,
         };
         let Self { poll, drive, config, inspected, node, .. } = self;
-        let answer = poll.step(network, *node, now_ns, round, |index, value| match index {
+        let is_answered = poll.step(network, *node, now_ns, round, |index, value| match index {
             object::STATUSWORD => drive.statusword_received(Statusword(value as u16), now_ns),
             object::POSITION_ACTUAL => {
                 drive.rest.observe(value as i32, config.range, config.standstill, now_ns);
@@ -121,7 +121,7 @@ impl Axis {
             object::TARGET_POSITION => inspected.1 = Some(value as i32),
             _ => {}
         });
-        self.step_takeover(network, answer, now_ns);
+        self.step_takeover(network, is_answered, now_ns);
     }
 
     /// Process data do not reach the drive, or their effect is not visible.
@@ -135,7 +135,7 @@ impl Axis {
                 || self.guard.resting_target().is_none())
     }
 
-    fn step_takeover(&mut self, network: &mut Network, answer: PollState, now_ns: u64) {
+    fn step_takeover(&mut self, network: &mut Network, is_answered: bool, now_ns: u64) {
         match &mut self.takeover {
             TakeoverState::Waiting => {
                 if self.reachability.gateway {
@@ -147,7 +147,7 @@ impl Axis {
             TakeoverState::Inspecting { since_ns } => {
                 let since_ns = *since_ns;
                 let is_absent = self.poll.unanswered() >= GONE_ATTEMPTS;
-                if answer == PollState::Answered {
+                if is_answered {
                     self.inspected(since_ns, now_ns);
                 } else if is_absent {
                     self.takeover = TakeoverState::Done;

@@ -18,15 +18,6 @@ const PATIENT_NS: u64 = 500_000_000;
 /// Pause between two NMT commands to a node that is in Stopped, where it has no SDO server.
 const NMT_PAUSE_NS: u64 = 500_000_000;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum PollState {
-    Running,
-    /// The drive answered. Values were reported; it may lack some of the objects.
-    Answered,
-    /// An attempt had no answer.
-    Unanswered,
-}
-
 /// Content of a round.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Round {
@@ -68,7 +59,8 @@ impl DrivePoll {
         self.unanswered = 0;
     }
 
-    /// Continues the round, or begins the next one. `on_read` receives index and value.
+    /// Continues the round, or begins the next one. Returns whether the drive answered a whole round,
+    /// although it may lack some of the objects. `on_read` receives index and value.
     pub(crate) fn step(
         &mut self,
         network: &mut Network,
@@ -76,12 +68,12 @@ impl DrivePoll {
         now_ns: u64,
         next: Round,
         mut on_read: impl FnMut(u16, u64),
-    ) -> PollState {
+    ) -> bool {
         let is_alive = network.heartbeat(node) == Heartbeat::Active;
         let returned = is_alive && !std::mem::replace(&mut self.was_alive, is_alive);
         let Some(round) = &mut self.round else {
             self.begin(network, node, now_ns, next);
-            return PollState::Running;
+            return false;
         };
         match round.advance(network, node, now_ns, |index, _, value| on_read(index, value)) {
             Configuring::Done => self.answered(),
@@ -93,7 +85,7 @@ impl DrivePoll {
                     round.cancel(network, node);
                     self.failed(network, node, now_ns)
                 } else {
-                    PollState::Running
+                    false
                 }
             }
             Configuring::Failed(failure) if is_abort(&failure.fault) => {
@@ -129,14 +121,14 @@ impl DrivePoll {
         self.since_ns = now_ns;
     }
 
-    fn answered(&mut self) -> PollState {
+    fn answered(&mut self) -> bool {
         self.round = None;
         self.unanswered = 0;
         self.is_answered = true;
-        PollState::Answered
+        true
     }
 
-    fn failed(&mut self, network: &mut Network, node: NodeHandle, now_ns: u64) -> PollState {
+    fn failed(&mut self, network: &mut Network, node: NodeHandle, now_ns: u64) -> bool {
         self.round = None;
         self.is_answered = false;
         self.unanswered = self.unanswered.saturating_add(1);
@@ -145,7 +137,7 @@ impl DrivePoll {
             // If the queue is full, the next attempt follows after the pause.
             let _ = network.nmt(node, NmtCommand::EnterPreOperational);
         }
-        PollState::Unanswered
+        false
     }
 }
 

@@ -15,6 +15,8 @@ use super::script::Script;
 /// | `Unconfigured` | the new owner adopts the enabled drive | `Complete` |
 /// | any but `Requested` | the drive restarted, or its configuration differs | `Unconfigured` |
 /// | `Complete` | the mode cannot be restored after homing | `Failed` |
+/// | `Complete` | the drive no longer watches the host, after a shutdown | `Unconfigured` |
+/// | `Configuring`, `SettingMode` | stop of a drive that never answered | `Unconfigured` |
 #[expect(clippy::large_enum_variant, reason = "a box would allocate in the cycle")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum SetupState {

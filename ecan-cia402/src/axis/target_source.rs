@@ -163,7 +163,7 @@ impl TargetSource {
     }
 
     /// Returns the next target after `last`, and the host's own ramp if that makes it. `own_step` is
-    /// the step that the host is to make by itself.
+    /// the step that the host is to make.
     pub(crate) fn next(
         &self,
         limits: &GuardLimits,

@@ -33,6 +33,13 @@ pub fn axes(count: usize) -> Vec<AxisConfig> {
     (0..count).map(|n| axis(n / 16, (n / 4 % 4) as u8, (n % 4) as u8 + 1)).collect()
 }
 
+/// Number of cases of a property test: few, unless the environment asks for many, which proptest
+/// obeys only where no number is given.
+pub fn cases(few: u32) -> u32 {
+    let many = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok());
+    many.unwrap_or(few)
+}
+
 pub struct Fixture {
     pub port: Port,
     pub cia402: Cia402,
