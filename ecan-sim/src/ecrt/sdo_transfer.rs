@@ -67,8 +67,10 @@ pub(crate) fn attempt(
     }
     let SdoObject { index, subindex, complete } = object;
     let result = world.with_gateway(slot, |gateway, now| match payload {
-        _ if complete => Err(AbortCode::UNSUPPORTED_ACCESS),
+        Payload::Download(data) if complete => gateway.sdo_download_complete(now, index, 0, data),
         Payload::Download(data) => gateway.sdo_download(now, index, subindex, data),
+        // no call of the library uploads a whole object
+        Payload::Upload(_) if complete => Err(AbortCode::UNSUPPORTED_ACCESS),
         Payload::Upload(data) => {
             data.clear();
             gateway.sdo_upload(now, index, subindex, data)

@@ -2,7 +2,7 @@
 
 use ecan_protocol::mapping::MAX_PDO_BYTES;
 
-use crate::gateway::{MAILBOXES, SyncManagerConfig};
+use crate::gateway::{DEVICE_NAME, MAILBOXES, SyncManagerConfig};
 use crate::scenario::GatewaySpec;
 
 use super::eeprom::checksum;
@@ -42,8 +42,9 @@ const PDI: u16 = 0x0E80;
 const SYNC_PULSE: u16 = 1000;
 const PROTOCOL_COE: u16 = 0x0004;
 const PROTOCOL_FOE: u16 = 0x0008;
-/// CoE details: SDO, SDO information, complete access; the scenario determines the others.
-const COE_SDO: u8 = 0x01 | 0x02 | 0x20;
+/// CoE details: SDO, SDO information; the scenario determines the others.
+const COE_SDO: u8 = 0x01 | 0x02;
+const COE_COMPLETE_ACCESS: u8 = 0x20;
 const COE_PDO_ASSIGN: u8 = 0x04;
 const COE_PDO_CONFIGURATION: u8 = 0x08;
 const FOE: u8 = 0x01;
@@ -55,9 +56,9 @@ const PROCESS_DATA: [SyncManagerConfig; 2] = [
 ];
 
 const STRINGS: [&str; 4] =
-    ["ECAN-Lite", "EtherCAT to CAN FD gateway, 4 channels", "FreeRun", "DC Sync0"];
+    [DEVICE_NAME, "EtherCAT to CAN FD gateway, 4 channels", "FreeRun", "DC Sync0"];
 const NAME: u8 = 1;
-const DESCRIPTION: u8 = 2;
+const GROUP: u8 = 2;
 const FREE_RUN: u8 = 3;
 const DC_SYNC0: u8 = 4;
 /// AssignActivate of the operation mode with Sync0.
@@ -121,10 +122,11 @@ fn strings() -> Vec<u8> {
 fn general(spec: &GatewaySpec) -> [u8; 32] {
     let mut bytes = [0; 32];
     // Group, image, order number, name.
-    bytes[..4].copy_from_slice(&[DESCRIPTION, 0, NAME, DESCRIPTION]);
+    bytes[..4].copy_from_slice(&[GROUP, 0, NAME, NAME]);
     bytes[5] = COE_SDO
         | if spec.pdo_assign { COE_PDO_ASSIGN } else { 0 }
-        | if spec.pdo_configuration { COE_PDO_CONFIGURATION } else { 0 };
+        | if spec.pdo_configuration { COE_PDO_CONFIGURATION } else { 0 }
+        | if spec.config.complete_access { COE_COMPLETE_ACCESS } else { 0 };
     bytes[6] = FOE;
     // Ports 0 and 1 are MII.
     bytes[16] = 0x11;
@@ -187,9 +189,14 @@ mod tests {
         spec.alias = 0x1234;
         spec.config.vendor_id = 0xAABB_CCDD;
         (spec.pdo_assign, spec.pdo_configuration) = (false, true);
+        spec.config.complete_access = true;
         let words = image(&spec);
         assert_eq!((words[4], words[8], words[9]), (0x1234, 0xCCDD, 0xAABB));
         assert_eq!(find(&words, category::GENERAL)[2] >> 8, 0x23 | 0x08);
+        let plain = image(&GatewaySpec::at(0));
+        let general = find(&plain, category::GENERAL);
+        assert_eq!(general[2] >> 8, 0x03 | 0x04, "Complete Access is not the default");
+        assert_eq!(general[1].to_le_bytes(), [1, 1], "order number and name are ECAN-Lite");
         let strings = find(&words, category::STRINGS);
         assert_eq!(strings[0].to_le_bytes(), [4, 9], "four strings, the first of nine bytes");
         assert_eq!(find(&words, category::CLOCK)[12 + 7], 0x0300);

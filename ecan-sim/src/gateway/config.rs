@@ -40,6 +40,9 @@ pub struct GatewayModelConfig {
     /// Fill level of its TX ring, in percent, from which a channel reports `tx_pressure`. A full
     /// transmit FIFO of the CAN controller also reports it, except with 100.
     pub tx_pressure_percent: u8,
+    /// True if the gateway supports SDO Complete Access, and its SII offers it. The manual does not
+    /// mention it.
+    pub complete_access: bool,
     /// Nanoseconds from a complete write of the mailbox (SM0) until the firmware's response is
     /// ready in SM1. The manual gives no time. The simulated libethercat, which exchanges no
     /// mailbox bytes, has times of its own.
@@ -64,6 +67,7 @@ impl Default for GatewayModelConfig {
             missed_sync_limit: 0,
             clock_drift_ppb: 0,
             tx_pressure_percent: 50,
+            complete_access: false,
             mailbox_delay_ns: 200_000,
         }
     }

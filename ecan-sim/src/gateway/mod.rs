@@ -23,6 +23,7 @@ mod can_side;
 mod channel;
 mod channel_control;
 mod command;
+mod complete_access;
 mod config;
 mod configuration_image;
 mod configuration_store;
@@ -86,6 +87,7 @@ pub(crate) use emergency::Emergency;
 pub use fault::GatewayFault;
 pub use firmware_package::{FirmwarePackage, FirmwarePackageError};
 pub use firmware_update::{FirmwareProgress, FirmwareUpdateError};
+pub(crate) use sdo_access::DEVICE_NAME;
 
 const NS_PER_MS: u64 = 1_000_000;
 

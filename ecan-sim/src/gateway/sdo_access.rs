@@ -15,8 +15,8 @@ use super::object_server::{ObjectServer, Payload, TEST_REJECT_REASON};
 use super::profile_control::{COMMAND_CLEAR_ERRORS, COMMAND_RESET_SESSION};
 use super::register_service::RegisterService;
 
-/// Name of the device, 0x1008.
-const DEVICE_NAME: &str = "ECAN-Lite";
+/// Name of the device: 0x1008, and in the SII.
+pub(crate) const DEVICE_NAME: &str = "ECAN-Lite";
 
 /// Subindex of the apply command of 0x8020..0x8024.
 const DATA_PATH_COMMAND: u8 = 2;

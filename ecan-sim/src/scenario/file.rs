@@ -89,6 +89,7 @@ struct RawGateway {
     pdo_assign: Option<bool>,
     pdo_configuration: Option<bool>,
     tx_pressure_percent: Option<u8>,
+    complete_access: Option<bool>,
     buses: Option<Vec<String>>,
 }
 
@@ -191,7 +192,7 @@ impl RawGateway {
         set!(spec from self: alias, pdo_assign, pdo_configuration);
         let config = &mut spec.config;
         set!(config from self: serial, hardware_revision, firmware, vendor_id, product_code);
-        set!(config from self: revision, boot_ms, tx_pressure_percent);
+        set!(config from self: revision, boot_ms, tx_pressure_percent, complete_access);
         for (target, us) in [
             (&mut config.service_delay_ns, self.service_delay_us),
             (&mut config.service_jitter_ns, self.service_jitter_us),

@@ -102,6 +102,32 @@ fn complete_access_is_aborted() {
 }
 
 #[test]
+fn gateway_with_complete_access_takes_a_whole_object() {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.gateways[0].config.complete_access = true;
+    let program = CMaster::in_scenario(scenario);
+    let (data, mut abort_code) = ([2u8, 0, 0x05, 0x16, 0x07, 0x16], 0);
+    // SAFETY: the handle is the library's, the data and the pointers are valid.
+    unsafe {
+        let (first, size) = (data.as_ptr(), data.len());
+        let result = c::master_sdo_download_complete(
+            program.master,
+            0,
+            0x1C12,
+            first,
+            size,
+            &mut abort_code,
+        );
+        assert_eq!((result, abort_code), (0, 0));
+        let (mut chunk, mut length) = ([0u8; 2], 0);
+        let target = chunk.as_mut_ptr();
+        let (length, code) = (&mut length, &mut abort_code);
+        let result = c::master_sdo_upload(program.master, 0, 0x1C12, 2, target, 2, length, code);
+        assert_eq!((result, u16::from_le_bytes(chunk)), (0, 0x1607));
+    }
+}
+
+#[test]
 fn startup_complete_access_keeps_the_slave_in_preop() {
     let program = CMaster::configured();
     program.register_by_list();

@@ -6,7 +6,10 @@ use ecan_protocol::config::assignment_writes;
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, data_object_index, pdo_map_index, sync_manager};
 use ecan_protocol::object::{MAPPED_SUBINDEX, SdoWrite};
-use ecan_sim::{ClockKind, ScenarioChoice, SimOptions, Simulation, libethercat as c, simulate};
+use ecan_sim::{
+    ClockKind, Scenario, ScenarioChoice, SimOptions, Simulation, libethercat as c, open_scenario,
+    simulate,
+};
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, ec_domain_t, ec_master_t, ec_pdo_entry_info_t,
     ec_pdo_entry_reg_t, ec_pdo_info_t, ec_slave_config_state_t, ec_slave_config_t, ec_slave_info_t,
@@ -35,7 +38,17 @@ pub fn stepped_echo() -> Simulation {
 impl CMaster {
     /// Requests the master and configures the slave at position 0.
     pub fn configured() -> Self {
-        let simulation = stepped_echo();
+        Self::on(stepped_echo())
+    }
+
+    /// The same in another world with one gateway.
+    pub fn in_scenario(scenario: Scenario) -> Self {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = open_scenario(scenario, &options).expect("the scenario is good");
+        Self::on(backend.simulation.expect("it is simulated"))
+    }
+
+    fn on(simulation: Simulation) -> Self {
         let master = c::request_master(&simulation, 0);
         assert!(!master.is_null());
         let mut info = ec_slave_info_t::default();

@@ -3,6 +3,7 @@ use crate::ecrt::calls::CallResult;
 use crate::ecrt::pdo::{Pdo, SYNC_MANAGERS, direction_of};
 use crate::ecrt::shared::State;
 use crate::ecrt::slave_view::SlaveView;
+use crate::gateway::DEVICE_NAME;
 use crate::world::ProcessDirection;
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_INVALID, EC_DIR_OUTPUT, EC_PORT_MII, EC_PORT_NOT_IMPLEMENTED,
@@ -27,8 +28,8 @@ fn slave_info(slave: &SlaveView, position: u16, count: usize) -> ec_slave_info_t
         sdo_count: ecan_protocol::object::objects().len() as u16,
         ..Default::default()
     };
-    for (to, from) in value.name.iter_mut().zip(b"ECAN-Lite\0") {
-        *to = *from as c_char;
+    for (to, from) in value.name.iter_mut().zip(DEVICE_NAME.bytes().chain([0])) {
+        *to = from as c_char;
     }
     let next = position.saturating_add(1);
     for (number, port) in value.ports.iter_mut().enumerate() {

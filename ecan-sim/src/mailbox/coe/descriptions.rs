@@ -12,6 +12,9 @@ mod code {
     pub(super) const RECORD: u8 = 9;
 }
 
+/// Value information, data type, bit length and access of an entry description.
+const GAP_BYTES: usize = 7;
+
 /// Data types of whole objects.
 mod record {
     pub(super) const PDO_MAPPING: u16 = 0x0021;
@@ -69,7 +72,14 @@ pub(super) fn describe_entry(
     gateway: &Gateway,
 ) -> Result<Vec<u8>, AbortCode> {
     let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
-    let entry = object.entry(subindex).ok_or(AbortCode::NO_SUBINDEX)?;
+    if subindex > object.highest_subindex() {
+        return Err(AbortCode::NO_SUBINDEX);
+    }
+    let Some(entry) = object.entry(subindex) else {
+        // a gap: no type, no length, no access, no name
+        let [i0, i1] = index.to_le_bytes();
+        return Ok([&[i0, i1, subindex][..], &[0; GAP_BYTES]].concat());
+    };
     let bytes = entry.ty.size_bytes().unwrap_or_else(|| gateway.text(index).len());
     let (contained, values) = known_values(entry, requested);
     Ok([

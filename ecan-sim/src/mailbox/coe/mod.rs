@@ -1,6 +1,5 @@
 //! CAN application protocol over EtherCAT (ETG.1000.6): SDO, SDO information, emergencies.
 
-mod complete_access;
 mod descriptions;
 mod entry_rights;
 mod information;

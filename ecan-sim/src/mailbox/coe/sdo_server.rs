@@ -172,7 +172,7 @@ impl SdoServer {
             if rest.len() == announced {
                 target.download(rest, context)?;
             } else {
-                target.check_announced(announced)?;
+                target.check_announced(announced, context)?;
                 let download = SegmentedDownload::new(target, rest, announced);
                 self.transfer = Transfer::Download(download);
             }

@@ -1,6 +1,6 @@
 use ecan_protocol::object::{AbortCode, object};
 
-use super::{Context, complete_access};
+use super::Context;
 
 /// Data bytes of an expedited transfer.
 pub(super) const EXPEDITED: usize = 4;
@@ -19,7 +19,7 @@ impl Target {
     pub(super) fn upload(self, context: &mut Context<'_>) -> Result<Vec<u8>, AbortCode> {
         let Self { index, subindex, is_complete } = self;
         match is_complete {
-            true => complete_access::upload(index, subindex, context),
+            true => context.gateway.sdo_upload_complete(context.now, index, subindex),
             false => context.sdo_upload(index, subindex),
         }
     }
@@ -27,17 +27,21 @@ impl Target {
     pub(super) fn download(self, data: &[u8], context: &mut Context<'_>) -> Result<(), AbortCode> {
         let Self { index, subindex, is_complete } = self;
         match is_complete {
-            true => complete_access::download(index, subindex, data, context),
+            true => context.gateway.sdo_download_complete(context.now, index, subindex, data),
             false => context.sdo_download(index, subindex, data),
         }
     }
 
     /// Checks a segmented download before its data arrive.
-    pub(super) fn check_announced(self, size: usize) -> Result<(), AbortCode> {
+    pub(super) fn check_announced(
+        self,
+        size: usize,
+        context: &Context<'_>,
+    ) -> Result<(), AbortCode> {
         let object = object(self.index).ok_or(AbortCode::NO_OBJECT)?;
         let entry = object.entry(self.subindex).ok_or(AbortCode::NO_SUBINDEX)?;
         if self.is_complete {
-            return Ok(());
+            return context.gateway.check_complete_access();
         }
         if !entry.access.can_write() {
             return Err(AbortCode::READ_ONLY);

@@ -2,7 +2,7 @@
 
 use ecan_protocol::object::AbortCode;
 
-use super::fixture::{Fixture, abort_in, coe, info};
+use super::fixture::{Fixture, MAILBOX, abort_in, coe, info};
 use crate::gateway::GatewayFault;
 
 #[test]
@@ -112,7 +112,7 @@ fn new_transfer_ends_the_one_before() {
 
 #[test]
 fn injected_abort_reaches_the_master() {
-    let mut fixture = Fixture::preop();
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     let fault = GatewayFault::SdoAbort { index: 0xF000, subindex: 2, code: 0x0800_0021, times: 1 };
     fixture.gateway.inject(fixture.now, fault);
     assert_eq!(fixture.upload(0xF000, 2, false), Err(AbortCode::LOCAL_CONTROL));

@@ -2,7 +2,7 @@
 
 use ecan_protocol::object::{AbortCode, objects};
 
-use super::fixture::Fixture;
+use super::fixture::{Fixture, MAILBOX};
 
 /// The block of an object, from single uploads.
 fn block_of_singles(fixture: &mut Fixture, index: u16, first: u8) -> Vec<u8> {
@@ -29,8 +29,20 @@ fn block_of_singles(fixture: &mut Fixture, index: u16, first: u8) -> Vec<u8> {
 }
 
 #[test]
-fn every_object_is_the_sum_of_its_entries() {
+fn gateway_without_complete_access_aborts_it() {
     let mut fixture = Fixture::preop();
+    let rejected = Err(AbortCode::UNSUPPORTED_ACCESS);
+    assert_eq!(fixture.upload(0x1C12, 0, true), rejected);
+    let download = fixture.download(0x1C12, 0, true, &[1, 0, 0x00, 0x16]);
+    assert_eq!(download, Err(AbortCode::UNSUPPORTED_ACCESS));
+    let long = [0; 200];
+    assert_eq!(fixture.download(0x1C12, 0, true, &long), Err(AbortCode::UNSUPPORTED_ACCESS));
+    assert_eq!(fixture.value(0x1C12, 0), [24], "nothing has changed");
+}
+
+#[test]
+fn every_object_is_the_sum_of_its_entries() {
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     let mut compared = 0;
     for object in objects() {
         for index in object.indices() {
@@ -56,7 +68,7 @@ fn every_object_is_the_sum_of_its_entries() {
 
 #[test]
 fn complete_access_skips_gaps_and_reads_commands_as_zero() {
-    let mut fixture = Fixture::preop();
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     let block = fixture.upload(0x8000, 0, true).unwrap();
     // count; :1 write-only; no :2; :3 = 1275 mV; :4 = 400 MHz
     let [c0, c1, c2, c3] = 400_000_000_u32.to_le_bytes();
@@ -65,7 +77,7 @@ fn complete_access_skips_gaps_and_reads_commands_as_zero() {
 
 #[test]
 fn assignment_replaces_any_previous_one() {
-    let mut fixture = Fixture::preop();
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     assert_eq!(fixture.value(0x1C12, 0), [24]);
     for chunks in [3_u16, 1, 8, 24] {
         let mut block = vec![chunks as u8, 0];
@@ -85,7 +97,7 @@ fn assignment_replaces_any_previous_one() {
 
 #[test]
 fn rejected_assignment_leaves_none() {
-    let mut fixture = Fixture::preop();
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     let foreign = fixture.download(0x1C12, 0, true, &[2, 0, 0x00, 0x16, 0x00, 0x1A]);
     assert_eq!(foreign, Err(AbortCode::NOT_MAPPABLE));
     assert_eq!(fixture.value(0x1C12, 0), [0]);
@@ -96,7 +108,7 @@ fn rejected_assignment_leaves_none() {
 
 #[test]
 fn entries_of_an_assignment_in_use_are_locked() {
-    let mut fixture = Fixture::preop();
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     let entries = [0x00, 0x16, 0x01, 0x16];
     assert_eq!(fixture.download(0x1C12, 1, true, &entries), Err(AbortCode::SUBINDEX_LOCKED));
     fixture.download(0x1C12, 0, false, &[0]).unwrap();
@@ -106,7 +118,7 @@ fn entries_of_an_assignment_in_use_are_locked() {
 
 #[test]
 fn read_only_entries_and_lengths() {
-    let mut fixture = Fixture::preop();
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     let unit = |count| {
         let mut block = vec![count, 0];
         block.extend_from_slice(b"0123456789ABCDEF");

@@ -3,7 +3,7 @@
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync_manager_control};
 
-use super::fixture::{Fixture, MS, coe};
+use super::fixture::{Fixture, MAILBOX, MS, coe};
 use crate::bus::ErrorState;
 use crate::gateway::{GatewayFault, SyncManagerConfig};
 
@@ -39,7 +39,7 @@ fn fallen_back_slave_sends_the_reason() {
 
 #[test]
 fn watchdog_expires_after_a_normal_startup() {
-    let mut fixture = Fixture::preop();
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     for (direction, object, first_map) in
         [(Direction::RxPdo, 0x1C12, 0x1600_u16), (Direction::TxPdo, 0x1C13, 0x1A00)]
     {

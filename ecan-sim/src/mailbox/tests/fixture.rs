@@ -24,7 +24,16 @@ impl Fixture {
     }
 
     pub(super) fn with_mailbox(mailbox: usize) -> Self {
-        let mut gateway = Gateway::new(GatewayModelConfig::default(), 1);
+        Self::new(mailbox, GatewayModelConfig::default())
+    }
+
+    pub(super) fn with_complete_access(mailbox: usize) -> Self {
+        let config = GatewayModelConfig { complete_access: true, ..Default::default() };
+        Self::new(mailbox, config)
+    }
+
+    fn new(mailbox: usize, config: GatewayModelConfig) -> Self {
+        let mut gateway = Gateway::new(config, 1);
         let now = 1_000 * MS;
         gateway.power(0, true);
         gateway.advance(now);

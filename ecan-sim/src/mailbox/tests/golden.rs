@@ -1,6 +1,6 @@
 //! Every service byte by byte, written by hand from ETG.1000.4 and ETG.1000.6.
 
-use super::fixture::{Fixture, MS};
+use super::fixture::{Fixture, MAILBOX, MS};
 use crate::bus::ErrorState;
 
 #[test]
@@ -101,7 +101,7 @@ fn abort_of_the_server() {
 
 #[test]
 fn complete_upload() {
-    let mut fixture = Fixture::preop();
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     let answer = fixture.coe(&[0x00, 0x20, 0x50, 0x18, 0x10, 0x00, 0, 0, 0, 0]);
     let expected = [
         0x00, 0x30, 0x51, 0x18, 0x10, 0x00, 0x12, 0x00, 0x00, 0x00, // 18 bytes
@@ -116,7 +116,7 @@ fn complete_upload() {
 
 #[test]
 fn complete_download_of_an_assignment() {
-    let mut fixture = Fixture::preop();
+    let mut fixture = Fixture::with_complete_access(MAILBOX);
     let answer = fixture.coe(&[
         0x00, 0x20, 0x31, 0x12, 0x1C, 0x00, 0x06, 0x00, 0x00, 0x00, // 6 bytes
         0x02, 0x00, 0x00, 0x16, 0x01, 0x16,

@@ -1,6 +1,6 @@
 //! SDO information over the whole dictionary, as a master reads it.
 
-use ecan_protocol::object::{Access, Entry, ObjectType, object, objects};
+use ecan_protocol::object::{AbortCode, Access, Entry, ObjectType, object, objects};
 
 use super::fixture::{Fixture, coe, info};
 
@@ -81,8 +81,9 @@ fn walk_finds_every_object_and_entry() {
                     check_entry(&mut fixture, index, entry, &description);
                     entries_found += 1;
                 } else {
-                    let answer = fixture.coe(&info(5, &[i0, i1, subindex, 0]));
-                    assert_eq!(answer[2], 7, "0x{index:04X}:{subindex} does not exist");
+                    let description = ask(&mut fixture, 5, &[i0, i1, subindex, 0x7F]);
+                    let gap = [i0, i1, subindex, 0, 0, 0, 0, 0, 0, 0];
+                    assert_eq!(description, gap, "0x{index:04X}:{subindex} is a gap");
                 }
             }
         }
@@ -90,6 +91,14 @@ fn walk_finds_every_object_and_entry() {
             objects().iter().map(|object| usize::from(object.count) * object.entries.len()).sum();
         assert_eq!(entries_found, entries);
     }
+}
+
+#[test]
+fn subindex_beyond_the_last_is_aborted() {
+    let mut fixture = Fixture::preop();
+    let answer = fixture.coe(&info(5, &[0x00, 0x80, 16, 0]));
+    assert_eq!(answer[2], 7, "an error");
+    assert_eq!(answer[6..10], AbortCode::NO_SUBINDEX.0.to_le_bytes());
 }
 
 fn check_entry(fixture: &mut Fixture, index: u16, entry: &Entry, description: &[u8]) {

@@ -7,7 +7,7 @@
 
 use ecan_protocol::object::{AbortCode, Entry, Object, object};
 
-use super::Context;
+use super::Gateway;
 
 const COUNT_BYTES: usize = 2;
 
@@ -33,17 +33,68 @@ fn block_bytes(object: &Object, entry: &Entry) -> usize {
     }
 }
 
-/// Uploads the entries from `first` on, 0 or 1. Write-only entries read as zeros.
-pub(super) fn upload(
-    index: u16,
-    first: u8,
-    context: &mut Context<'_>,
-) -> Result<Vec<u8>, AbortCode> {
+impl Gateway {
+    /// Uploads the entries from `first` on, 0 or 1. Write-only entries read as zeros.
+    ///
+    /// # Errors
+    /// As [`sdo_upload`](Self::sdo_upload); without Complete Access 0x06010000.
+    pub(crate) fn sdo_upload_complete(
+        &mut self,
+        now: u64,
+        index: u16,
+        first: u8,
+    ) -> Result<Vec<u8>, AbortCode> {
+        self.check_complete_access()?;
+        upload(&mut Access { gateway: self, now }, index, first)
+    }
+
+    /// Downloads a block that begins with subindex `first`, 0 or 1, and can end after any entry. A
+    /// count in subindex 0 is set to 0 before the entries are written, and to its value after them;
+    /// a read-only one must match. The first rejected entry ends the download; entries written
+    /// before it stay.
+    ///
+    /// # Errors
+    /// As [`sdo_download`](Self::sdo_download); without Complete Access 0x06010000.
+    pub(crate) fn sdo_download_complete(
+        &mut self,
+        now: u64,
+        index: u16,
+        first: u8,
+        data: &[u8],
+    ) -> Result<(), AbortCode> {
+        self.check_complete_access()?;
+        download(&mut Access { gateway: self, now }, index, first, data)
+    }
+
+    pub(crate) fn check_complete_access(&self) -> Result<(), AbortCode> {
+        let has_it = self.config.complete_access;
+        if has_it { Ok(()) } else { Err(AbortCode::UNSUPPORTED_ACCESS) }
+    }
+}
+
+/// Single accesses at one time.
+struct Access<'a> {
+    gateway: &'a mut Gateway,
+    now: u64,
+}
+
+impl Access<'_> {
+    fn upload(&mut self, index: u16, subindex: u8) -> Result<Vec<u8>, AbortCode> {
+        let mut data = Vec::new();
+        self.gateway.sdo_upload(self.now, index, subindex, &mut data).map(|()| data)
+    }
+
+    fn download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<(), AbortCode> {
+        self.gateway.sdo_download(self.now, index, subindex, data)
+    }
+}
+
+fn upload(access: &mut Access<'_>, index: u16, first: u8) -> Result<Vec<u8>, AbortCode> {
     let object = open(index, first)?;
     let has_writable_count = object.highest_subindex() > 0
         && object.entry(0).is_some_and(|entry| entry.access.can_write());
     let last = match has_writable_count {
-        true => context.sdo_upload(index, 0)?.first().copied().unwrap_or(0),
+        true => access.upload(index, 0)?.first().copied().unwrap_or(0),
         false => object.highest_subindex(),
     };
     let mut block = Vec::new();
@@ -53,23 +104,14 @@ pub(super) fn upload(
         }
         let end = block.len() + block_bytes(object, entry);
         if entry.access.can_read() {
-            block.extend(context.sdo_upload(index, entry.subindex)?);
+            block.extend(access.upload(index, entry.subindex)?);
         }
         block.resize(end, 0);
     }
     Ok(block)
 }
 
-/// Downloads a block that begins with subindex `first`, 0 or 1, and can end after any entry. A
-/// count in subindex 0 is set to 0 before the entries are written, and to its value after them; a
-/// read-only one must match. The first rejected entry ends the download; entries written before it
-/// stay.
-pub(super) fn download(
-    index: u16,
-    first: u8,
-    data: &[u8],
-    context: &mut Context<'_>,
-) -> Result<(), AbortCode> {
+fn download(access: &mut Access<'_>, index: u16, first: u8, data: &[u8]) -> Result<(), AbortCode> {
     let object = open(index, first)?;
     let parts = split(object, first, data)?;
     let mut count = None;
@@ -78,17 +120,17 @@ pub(super) fn download(
         if subindex == 0 && object.highest_subindex() > 0 {
             let value = bytes.get(..1).unwrap_or_default();
             if entry.access.can_write() {
-                context.sdo_download(index, 0, &[0])?;
+                access.download(index, 0, &[0])?;
                 count = Some(value);
-            } else if context.sdo_upload(index, 0)? != value {
+            } else if access.upload(index, 0)? != value {
                 return Err(AbortCode::READ_ONLY);
             }
         } else {
-            context.sdo_download(index, subindex, bytes)?;
+            access.download(index, subindex, bytes)?;
         }
     }
     match count {
-        Some(count) => context.sdo_download(index, 0, count),
+        Some(count) => access.download(index, 0, count),
         None => Ok(()),
     }
 }
