@@ -93,6 +93,13 @@ impl Errno {
         }
     }
 
+    /// Status of a call that returns none, after [`Errno::clear_last`]: the negative error number
+    /// that it left, or 0.
+    #[must_use]
+    pub fn last_as_status() -> c_int {
+        Self::last().0.saturating_neg()
+    }
+
     /// Clears the thread's error number, so that only a later failure sets it.
     pub fn clear_last() {
         Self(0).set_last();
@@ -141,7 +148,9 @@ mod tests {
         Errno::ENODEV.set_last();
         assert_eq!(Errno::last(), Errno::ENODEV);
         assert_eq!(Errno::of_null(), Errno::ENODEV);
+        assert_eq!(Errno::check(Errno::last_as_status()), Err(Errno::ENODEV));
         Errno::clear_last();
         assert_eq!(Errno::of_null(), Errno::ENOMEM);
+        assert_eq!(Errno::check(Errno::last_as_status()), Ok(()));
     }
 }

@@ -14,7 +14,7 @@ use crate::symbol_source::SymbolSource;
 /// A function that returns a status since 1.6 and nothing in 1.5.
 ///
 /// The variant decides how it is called, so that the result of a `void` function is never
-/// read. A call without a status counts as successful.
+/// read.
 #[derive(Clone, Copy, Debug)]
 pub enum Status<Reported, Silent> {
     /// Returns 0 or a negative error number.
@@ -23,15 +23,20 @@ pub enum Status<Reported, Silent> {
     Silent(Silent),
 }
 
-/// Calls a [`Status`] function; evaluates to its status, 0 for one that reports none.
+/// Calls a [`Status`] function; evaluates to its status.
+///
+/// A function without a status discards the error of its `ioctl`, which remains in `errno`: cleared
+/// before the call, it is the status. The RTDM variant of the library leaves nothing there, so that
+/// its calls count as successful.
 #[macro_export]
 macro_rules! status {
     ($function:expr, $($argument:expr),+ $(,)?) => {
         match $function {
             $crate::Status::Reported(function) => function($($argument),+),
             $crate::Status::Silent(function) => {
+                $crate::Errno::clear_last();
                 function($($argument),+);
-                0
+                $crate::Errno::last_as_status()
             }
         }
     };

@@ -139,7 +139,8 @@ fn with_reg_request<R>(
 }
 
 /// Functions that return a status. One of two forms also has the form of 1.5, in a module of its
-/// name, which returns nothing.
+/// name, which returns nothing and leaves an error in `errno`, as `ioctl` does; a form without error
+/// leaves none, since the module of 1.5 reports none.
 macro_rules! functions {
     (@one_form $($signature:tt)*) => {};
     (@two_forms $name:ident($($argument:ident: $type:ty),*)) => {
@@ -148,8 +149,23 @@ macro_rules! functions {
             use super::*;
 
             pub(in crate::ecrt) unsafe extern "C" fn silent($($argument: $type),*) {
+                let before = ::ecrt_sys::Errno::last();
+                // SAFETY: the same arguments under the same promises.
+                let status = unsafe { super::$name($($argument),*) };
+                ::ecrt_sys::Errno::check(status).err().unwrap_or(before).set_last();
+            }
+        }
+    };
+    (@without_error $name:ident($($argument:ident: $type:ty),*)) => {
+        pub(in crate::ecrt) mod $name {
+            #[allow(clippy::wildcard_imports)]
+            use super::*;
+
+            pub(in crate::ecrt) unsafe extern "C" fn silent($($argument: $type),*) {
+                let before = ::ecrt_sys::Errno::last();
                 // SAFETY: the same arguments under the same promises.
                 let _ = unsafe { super::$name($($argument),*) };
+                before.set_last();
             }
         }
     };

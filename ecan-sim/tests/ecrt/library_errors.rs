@@ -95,13 +95,13 @@ fn interrupted_process_keeps_the_last_working_counter() {
 }
 
 #[test]
-fn version_1_5_fails_silently() {
+fn version_1_5_leaves_the_error_in_errno() {
     let backend = stepped(Scenario { version: EcrtVersion::V1_5, ..echo(1) });
     let mut program = Program::new(backend, &[3]).into_op();
     program.cycles(5);
     fails(&program, LibraryCall::Receive, 1);
-    program.cycle();
-    assert_eq!(program.domain(0).wc_state, WcState::Zero);
+    assert_eq!(program.master.receive(), Err(Errno::EINTR));
+    assert_eq!(program.master.receive(), Ok(()));
     program.cycles(2);
     assert_eq!(program.domain(0).wc_state, WcState::Complete);
 }

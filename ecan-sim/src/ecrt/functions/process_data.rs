@@ -123,7 +123,7 @@ functions! {
         })
     }
 
-    two_forms master_sync_reference_clock(master: *mut ec_master_t) {
+    without_error master_sync_reference_clock(master: *mut ec_master_t) {
         queue_clock(&on_master(master)?, Queued::ReferenceClock, None)
     }
 
@@ -131,7 +131,7 @@ functions! {
         queue_clock(&on_master(master)?, Queued::ReferenceClock, Some(time_ns))
     }
 
-    two_forms master_sync_slave_clocks(master: *mut ec_master_t) {
+    without_error master_sync_slave_clocks(master: *mut ec_master_t) {
         queue_clock(&on_master(master)?, Queued::SlaveClocks, None)
     }
 
@@ -152,7 +152,7 @@ functions! {
         unsafe { store(time_ns, value) }
     }
 
-    two_forms master_sync_monitor_queue(master: *mut ec_master_t) {
+    without_error master_sync_monitor_queue(master: *mut ec_master_t) {
         queue_clock(&on_master(master)?, Queued::ClockMonitor, None)
     }
 }
