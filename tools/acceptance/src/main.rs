@@ -1,0 +1,46 @@
+//! The program `ecan-acceptance`: runs the programs of the SDK on an EtherCAT master and checks what
+//! they do. `scripts/acceptance.sh` finds or builds the programs and starts it; docs/ACCEPTANCE.md
+//! describes it.
+//!
+//! ```text
+//! ecan-acceptance --bin target/release --bin target/release/examples --library sim
+//! ```
+#![forbid(unsafe_code)]
+
+mod arguments;
+mod bench;
+mod bus;
+mod child;
+mod kernel_log;
+mod report;
+mod runner;
+mod slave;
+mod step;
+mod steps;
+mod table;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use ecan_command_line::interrupt::Interrupt;
+
+use arguments::Arguments;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    if arguments.list {
+        runner::list(&arguments);
+        return ExitCode::SUCCESS;
+    }
+    let outcome = Interrupt::install_with_message("stopping: the running programs are ended")
+        .map_err(|error| error.to_string())
+        .and_then(|interrupt| runner::run(&arguments, interrupt));
+    match outcome {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("ecan-acceptance: {error}");
+            ExitCode::from(2)
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Firmware over FoE.
+
+use crate::bench::{Bench, Kind};
+use crate::bus::BusSpec;
+use crate::step::{Group, Need, Step, Stop, check};
+
+pub const GROUP: Group = Group {
+    name: "firmware",
+    steps: &[
+        Step {
+            name: "version",
+            proves: "`ecan firmware version` reads the running version.",
+            needs: &[],
+            run: version,
+        },
+        Step {
+            name: "update",
+            proves: "`ecan firmware update` writes a package; the new version runs after the restart.",
+            needs: &[Need::Simulated, Need::Program("ecan-sim")],
+            run: update,
+        },
+        Step {
+            name: "damaged_file",
+            proves: "A damaged package is rejected, and the gateway keeps its version.",
+            needs: &[Need::Simulated, Need::Program("ecan-sim")],
+            run: damaged_file,
+        },
+        Step {
+            name: "foe_write",
+            proves: "IgH's tool writes a package by itself (manual 15.3.1).",
+            needs: &[Need::Wire, Need::EthercatTool, Need::Program("ecan-sim")],
+            run: foe_write,
+        },
+    ],
+};
+
+const NEW: &str = "3.0.7";
+
+fn running_version(bench: &mut Bench) -> Result<String, Stop> {
+    let command = bench.ecan_first(["--json", "firmware", "version"]);
+    let report = bench.run(command)?.expect(0)?.json()?;
+    Ok(report[0]["numbers"].as_str().unwrap_or_default().to_owned())
+}
+
+fn version(bench: &mut Bench) -> Result<(), Stop> {
+    bench.bus(BusSpec::any(1))?;
+    let version = running_version(bench)?;
+    check(!version.is_empty(), || "no version".to_owned())
+}
+
+/// A package for simulated gateways.
+fn package(bench: &mut Bench) -> Result<String, Stop> {
+    let path = bench.work.join("new.bin").display().to_string();
+    let command = bench.plain("ecan-sim", ["firmware", "--version", NEW, "--out", &path]);
+    let _ = std::fs::remove_file(&path);
+    bench.run(command)?.expect(0)?;
+    Ok(path)
+}
+
+fn run_update(bench: &mut Bench, file: &str) -> Result<crate::child::Finished, Stop> {
+    let mut command = bench.ecan_first(["firmware", "update", file, "--yes"]);
+    if bench.kind != Kind::Library
+        && let Some(path) = &bench.arguments.ethercat
+    {
+        command.arg("--ethercat").arg(path);
+    }
+    bench.run(command)
+}
+
+fn update(bench: &mut Bench) -> Result<(), Stop> {
+    bench.fresh_bus(BusSpec::any(1))?;
+    let file = package(bench)?;
+    let finished = run_update(bench, &file)?.expect(0)?.expect_text(NEW)?;
+    bench.figure("update_s", finished.seconds);
+    if bench.kind != Kind::Library {
+        let running = running_version(bench)?;
+        check(running == NEW, || format!("version {running} runs, expected {NEW}"))?;
+    }
+    Ok(())
+}
+
+fn damaged_file(bench: &mut Bench) -> Result<(), Stop> {
+    bench.fresh_bus(BusSpec::any(1))?;
+    let before = running_version(bench)?;
+    let file = package(bench)?;
+    let mut bytes = std::fs::read(&file).map_err(|error| Stop::Failed(error.to_string()))?;
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0xFF;
+    std::fs::write(&file, &bytes).map_err(|error| Stop::Failed(error.to_string()))?;
+    run_update(bench, &file)?.expect_one_of(&[1, 5, 6])?;
+    let after = running_version(bench)?;
+    check(before == after, || format!("version {after} runs, expected {before}"))
+}
+
+fn foe_write(bench: &mut Bench) -> Result<(), Stop> {
+    bench.fresh_bus(BusSpec::any(1))?;
+    let file = package(bench)?;
+    let command = bench.ethercat(["foe_write", "-p", "0", "-o", "ecan_lite_app", &file]);
+    bench.run(command)?.expect(0)?;
+    bench.poll("the new version runs", std::time::Duration::from_secs(60), |bench| {
+        let command = bench.ecan_first(["--json", "firmware", "version"]);
+        let finished = bench.run(command)?;
+        let is_new = finished.code() == Some(0) && finished.output().contains(NEW);
+        Ok(is_new.then_some(()))
+    })
+}

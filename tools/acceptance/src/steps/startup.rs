@@ -1,0 +1,108 @@
+//! From the start of a program to OP and the first frames.
+
+use crate::bench::Bench;
+use crate::bus::BusSpec;
+use crate::step::{Group, Need, Step, Stop, check};
+use crate::steps::echo::{EchoRun, run_echo};
+
+pub const GROUP: Group = Group {
+    name: "startup",
+    steps: &[
+        Step {
+            name: "n1",
+            proves: "One gateway with N = 1 reaches OP; every frame is delivered and returns.",
+            needs: &[Need::EchoNodes],
+            run: |bench| run_echo(bench, EchoRun::n(1)).map(drop),
+        },
+        Step {
+            name: "n3",
+            proves: "One gateway with N = 3 reaches OP; every frame is delivered and returns.",
+            needs: &[Need::EchoNodes],
+            run: |bench| run_echo(bench, EchoRun::n(3)).map(drop),
+        },
+        Step {
+            name: "n8",
+            proves: "One gateway with N = 8, LWR and LRD instead of LRW, returns every frame.",
+            needs: &[Need::EchoNodes],
+            run: |bench| run_echo(bench, EchoRun::n(8)).map(drop),
+        },
+        Step {
+            name: "n11",
+            proves: "One gateway with N = 11, the largest that the master carries, returns every frame.",
+            needs: &[Need::EchoNodes],
+            run: |bench| run_echo(bench, EchoRun::n(11)).map(drop),
+        },
+        Step {
+            name: "n12_rejected",
+            proves: "N = 12 is rejected before the bus is touched, with the reason.",
+            needs: &[],
+            run: n12_rejected,
+        },
+        Step {
+            name: "fd",
+            proves: "CAN FD frames with 64 bytes and bit rate switch return complete.",
+            needs: &[Need::EchoNodes],
+            run: |bench| {
+                run_echo(bench, EchoRun { options: &["--fd", "5000000"], ..EchoRun::n(8) })
+                    .map(drop)
+            },
+        },
+        Step {
+            name: "all_channels",
+            proves: "All four channels of a gateway carry frames at the same time.",
+            needs: &[Need::EchoNodes],
+            run: |bench| run_echo(bench, EchoRun { channels: 4, ..EchoRun::n(3) }).map(drop),
+        },
+        Step {
+            name: "three_gateways",
+            proves: "Three gateways with four channels each reach OP and return every frame.",
+            needs: &[Need::EchoNodes, Need::Gateways(3)],
+            run: |bench| {
+                run_echo(bench, EchoRun { gateways: 3, channels: 4, ..EchoRun::n(5) }).map(drop)
+            },
+        },
+        Step {
+            name: "counters_of_the_slave",
+            proves: "The frames that the host counts as delivered are those on the gateway's CAN bus.",
+            needs: &[Need::Wire],
+            run: counters_of_the_slave,
+        },
+        Step {
+            name: "wrong_identity",
+            proves: "A gateway with another identity than the configured one is rejected by name.",
+            needs: &[],
+            run: wrong_identity,
+        },
+    ],
+};
+
+fn n12_rejected(bench: &mut Bench) -> Result<(), Stop> {
+    bench.bus(BusSpec::any(1))?;
+    let program = bench.example("simple_loop", ["--pdo-n", "12", "--cycles", "10"]);
+    bench.run(program)?.expect(1)?.expect_text("1486").map(drop)
+}
+
+fn counters_of_the_slave(bench: &mut Bench) -> Result<(), Stop> {
+    bench.fresh_bus(BusSpec::echo(1))?;
+    let frames = run_echo(bench, EchoRun::n(3))?;
+    let Some(report) = bench.stop_slave()? else {
+        return Err(Stop::failed("the simulated gateways have ended by themselves"));
+    };
+    let counted =
+        (report.sent_to_bus(0, 0), report.received_from_bus(0, 0), report.faulty_frames());
+    let expected = (Some(frames), Some(frames), Some(0));
+    check(counted == expected, || {
+        format!("(sent, received, faulty) of the gateway {counted:?}, of the host {expected:?}")
+    })
+}
+
+fn wrong_identity(bench: &mut Bench) -> Result<(), Stop> {
+    bench.bus(BusSpec::any(1))?;
+    let file = bench.write_file(
+        "identity.toml",
+        "[[gateway]]\nposition = 0\nn = 3\nidentity = { vendor_id = 0x1234, product_code = 0x5678 }\n\
+         [gateway.can0]\nbitrate = 1_000_000\n",
+    )?;
+    let program = bench.example("simple_loop", ["--cycles", "10", "--config", &file]);
+    bench.run(program)?.expect(1)?.expect_text("identity").map(drop)
+}

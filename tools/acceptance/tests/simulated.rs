@@ -1,0 +1,138 @@
+//! The list on the simulated library, and its reports.
+#![allow(missing_docs)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Directory of the other programs of the workspace; `None` if they are not built.
+fn programs() -> Option<PathBuf> {
+    let directory = Path::new(env!("CARGO_BIN_EXE_ecan-acceptance")).parent().unwrap();
+    let is_complete =
+        directory.join("ecan").is_file() && directory.join("examples/simple_loop").is_file();
+    if !is_complete {
+        println!(
+            "skipped: ecan and the examples are not built; cargo test --workspace builds them"
+        );
+    }
+    is_complete.then(|| directory.to_owned())
+}
+
+fn acceptance(directory: &Path, report: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
+        .arg("--bin")
+        .arg(directory)
+        .arg("--bin")
+        .arg(directory.join("examples"))
+        .arg("--report")
+        .arg(report)
+        .args(["--scripts", concat!(env!("CARGO_MANIFEST_DIR"), "/../../scripts")])
+        .args(arguments)
+        .env_remove("ECAN_ECRT")
+        .output()
+        .unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn short_list_passes_and_all_reports_agree() {
+    let Some(programs) = programs() else { return };
+    let directory = tempfile::tempdir().unwrap();
+    let output = acceptance(&programs, directory.path(), &["--library", "sim", "--quick"]);
+    let printed = text(&output.stdout);
+    assert!(output.status.success(), "{printed}{}", text(&output.stderr));
+
+    let read = |name: &str| std::fs::read_to_string(directory.path().join(name)).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&read("report.json")).unwrap();
+    assert_eq!((&json["complete"], &json["quick"]), (&true.into(), &true.into()));
+    let steps = json["steps"].as_array().unwrap();
+    let xml = read("report.xml");
+    let xml = roxmltree::Document::parse(&xml).unwrap();
+    let cases: Vec<_> = xml.descendants().filter(|node| node.has_tag_name("testcase")).collect();
+    assert_eq!(cases.len(), steps.len());
+    for (step, case) in steps.iter().zip(cases) {
+        let (group, name) = (step["group"].as_str().unwrap(), step["name"].as_str().unwrap());
+        assert_eq!(
+            (case.attribute("classname"), case.attribute("name")),
+            (Some(group), Some(name))
+        );
+        let is_skipped = step["status"] == "skipped";
+        let skipped = case.children().find(|node| node.has_tag_name("skipped"));
+        assert_eq!(is_skipped, skipped.is_some(), "{step}");
+        // A skipped step states its reason.
+        assert_eq!(skipped.and_then(|node| node.attribute("message")), step["reason"].as_str());
+        let has_commands = !step["commands"].as_array().unwrap().is_empty();
+        assert!(is_skipped || has_commands, "{step}");
+        assert!(printed.contains(&format!("{group}/{name}")), "{printed}");
+        assert!(directory.path().join(format!("outputs/{group}-{name}.log")).is_file());
+    }
+    assert_eq!(printed.lines().next(), read("report.txt").lines().next());
+}
+
+#[test]
+fn failed_step_names_its_cause_and_fails_the_run() {
+    let Some(programs) = programs() else { return };
+    let directory = tempfile::tempdir().unwrap();
+    // A program that does something else in place of the example.
+    let fake = directory.path().join("fake");
+    std::fs::create_dir(&fake).unwrap();
+    std::os::unix::fs::symlink("/bin/false", fake.join("simple_loop")).unwrap();
+    let report = directory.path().join("report");
+    let arguments = ["--library", "sim", "--only", "startup/n3", "--bin", fake.to_str().unwrap()];
+    let output = Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
+        .args(arguments)
+        .arg("--bin")
+        .arg(&programs)
+        .arg("--report")
+        .arg(&report)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let printed = text(&output.stdout);
+    assert!(printed.contains("FAILED   startup/n3"), "{printed}");
+    assert!(printed.contains("exit status 1; expected 0"), "{printed}");
+    let json = std::fs::read_to_string(report.join("report.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["steps"][0]["status"], "failed");
+    assert_eq!(json["steps"][0]["commands"][0]["exit"], 1);
+    let xml = std::fs::read_to_string(report.join("report.xml")).unwrap();
+    let xml = roxmltree::Document::parse(&xml).unwrap();
+    let failure = xml.descendants().find(|node| node.has_tag_name("failure")).unwrap();
+    assert_eq!(failure.attribute("message"), json["steps"][0]["reason"].as_str());
+}
+
+#[test]
+fn contradicting_options_are_rejected() {
+    let Some(programs) = programs() else { return };
+    let directory = tempfile::tempdir().unwrap();
+    let cases: [(&[&str], &str); 3] = [
+        (&["--library", "sim", "--device"], "no --interface and no --device"),
+        (&["--library", "/nowhere/libethercat.so.1"], "--interface or --device is missing"),
+        (&["--library", "sim", "--only", "nothing"], "no step has this name"),
+    ];
+    for (arguments, expected) in cases {
+        let output = acceptance(&programs, directory.path(), arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        let message = text(&output.stderr);
+        assert!(message.contains(expected), "{arguments:?}: {message}");
+    }
+}
+
+/// Each step of the list is described on the page.
+#[test]
+fn page_describes_every_group() {
+    let page = include_str!("../../../docs/ACCEPTANCE.md");
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_ecan-acceptance")).arg("--list").output().unwrap();
+    let mut groups: Vec<String> = Vec::new();
+    for line in text(&output.stdout).lines() {
+        groups.push(line.split('/').next().unwrap().to_owned());
+    }
+    groups.dedup();
+    assert!(!groups.is_empty());
+    for group in groups {
+        assert!(page.contains(&format!("| `{group}` |")), "{group}");
+    }
+}
