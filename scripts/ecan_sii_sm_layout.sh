@@ -6,13 +6,15 @@ export LC_ALL=C
 
 usage() {
     cat <<'END'
-Usage: ecan_sii_sm_layout.sh check        [OPTIONS]
+Usage: ecan_sii_sm_layout.sh check        [OPTIONS] [--rescan]
        ecan_sii_sm_layout.sh fix          [OPTIONS] [--backup FILE] [--yes]
        ecan_sii_sm_layout.sh restore FILE [OPTIONS] [--backup FILE] [--yes]
 
-check    reads the SII and checks SM2 and SM3 against the manual
+check    checks SM2 and SM3 in the SII against the manual. The master has a copy of the SII from its
+         last scan; a later change is visible with --rescan only
 fix      fixes SM2, SM3 and the checksum: makes a backup, shows the change, asks, writes, reads back
 restore  writes a backup to the SII: makes a backup of the present SII, asks, writes, reads back
+Both let the master scan the bus before and after.
 
 Options:
   --ethercat PATH    IgH's tool (default: ethercat on the PATH, else /opt/etherlab/bin/ethercat)
@@ -20,17 +22,21 @@ Options:
   --position N       position of the slave (default 0)
   --pdo-bytes BYTES  size of SM2 and SM3, a multiple of 128 up to 3072 (default 3072)
   --backup FILE      path of the backup (default: ecan_sii_POSITION_DATE.bin)
-  --attempts N       number of readbacks, one per second, during the rescan (default 10)
+  --rescan           let the master scan the bus first; rejected while an application uses it
+  --attempts N       number of reads, one per second, during a scan (default 10)
   --yes              do not ask for confirmation
   --force            continue if the slave is not identified as an ECAN-Lite, the checksum is wrong,
                      or the backup is invalid or from another device
 
 Exit status: 0 success; 1 wrong layout, or not fixed; 2 invalid arguments, or not confirmed; 3 the
-ethercat tool failed.
+ethercat tool failed; 4 the SII is incomplete or cannot be evaluated.
 END
 }
 
+is_explained=false
+
 fail() { # STATUS MESSAGE
+    is_explained=true
     printf 'ecan_sii_sm_layout: %s\n' "$2" >&2
     exit "$1"
 }
@@ -62,10 +68,12 @@ restore)
 esac
 
 ethercat='' master=0 position=0 pdo_bytes=3072 backup='' attempts=10 is_confirmed=false is_forced=false
+is_rescanned=false
 while [[ $# -gt 0 ]]; do
     case $1 in
     --yes) is_confirmed=true ;;
     --force) is_forced=true ;;
+    --rescan) is_rescanned=true ;;
     --ethercat | --master | --position | --pdo-bytes | --backup | --attempts)
         [[ $# -gt 1 ]] || fail 2 "$1 needs a value"
         case $1 in
@@ -94,8 +102,19 @@ if [[ -z $ethercat ]]; then
 fi
 command -v "$ethercat" >/dev/null || fail 3 "tool $ethercat not found; set --ethercat"
 
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+work=$(mktemp -d) || fail 3 'cannot create a temporary directory; set TMPDIR'
+
+# An error of the script itself must not look like a wrong layout. The function `fail` in a command
+# substitution reports its own status.
+end() {
+    local status=$?
+    rm -rf "$work"
+    if ((status == 1 || status > 4)) && ! $is_explained; then
+        printf 'ecan_sii_sm_layout: unexpected end with status %d; the SII was not evaluated\n' "$status" >&2
+        exit 4
+    fi
+}
+trap end EXIT
 
 # ---- the tool. Only long options: the meaning of -p depends on the version.
 
@@ -110,8 +129,35 @@ tool() { # COMMAND [ARGUMENT...]: its output
 }
 
 read_sii() { # FILE
-    tool sii_read --position "$position" >"$1"
-    [[ -s $1 ]] || fail 3 "ethercat sii_read returned no data; check that the master has scanned slave $position"
+    if $is_rescanned; then
+        scan "$1"
+    else
+        tool sii_read --position "$position" >"$1"
+    fi
+    [[ -s $1 ]] || fail 4 "ethercat sii_read returned no data; check that the master has scanned slave $position"
+}
+
+# Lets the master scan the bus, and reads the SII. During the scan the copy of the master is missing
+# or incomplete, so that two equal reads are required.
+scan() { # FILE
+    local phase
+    phase=$(tool master)
+    if [[ $phase == *'Phase: Operation'* || $phase == *'Active: yes'* ]]; then
+        fail 1 "an application uses the master, so the bus cannot be scanned; stop it and retry"
+    fi
+    tool rescan
+    : >"$1"
+    local -i attempt
+    for ((attempt = 0; attempt <= attempts; attempt++)); do
+        sleep 1
+        "$ethercat" sii_read --master "$master" --position "$position" >"$work/again" 2>"$work/errors" ||
+            : >"$work/again"
+        if [[ -s $1 ]] && cmp -s "$1" "$work/again"; then return; fi
+        cp "$work/again" "$1"
+    done
+    local said
+    said=$(grep -m 1 . "$work/errors" || echo "no complete SII of slave $position after $attempts s")
+    fail 3 "ethercat sii_read: $said"
 }
 
 # ---- the image
@@ -119,10 +165,10 @@ read_sii() { # FILE
 declare -ai bytes=()
 
 load() { # FILE
-    bytes=()
-    local -a read_bytes=()
-    read -r -d '' -a read_bytes < <(od -An -v -tu1 "$1") || true
-    bytes=("${read_bytes[@]}")
+    local numbers
+    numbers=$(od -An -v -tu1 "$1")
+    # shellcheck disable=SC2206 # one word per byte
+    bytes=($numbers)
 }
 
 store() { # FILE
@@ -148,31 +194,38 @@ checksum() {
 }
 
 readonly REBUILD='let the gateway rebuild its EEPROM (0xB000:04, bit 6, manual 13.7)'
+readonly REMEDY="it cannot be fixed here: $REBUILD, or restore a backup"
 
-# Stores the byte offset of the sync manager category in `sync_managers`. Exits with 1 if missing.
-find_sync_managers() {
-    local remedy="it cannot be fixed here; $REBUILD, or restore a backup"
-    local -i count=${#bytes[@]} at=128 kind words
+# Exits with 4 unless the image has categories.
+require_categories() {
+    local -i count=${#bytes[@]}
     if ((count < 130 || count % 2 != 0)); then
-        fail 1 "the SII has $count bytes, too few for categories or an odd number: $remedy"
+        fail 4 "the SII has $count bytes, too few for categories or an odd number; $REMEDY"
     fi
+}
+
+# Stores the byte offset of the sync manager category in `sync_managers`. Exits with 1 if it is
+# missing, with 4 if the image ends before.
+find_sync_managers() {
+    local -i count=${#bytes[@]} at=128 kind words
+    require_categories
     while ((at + 1 < count)); do
         word $at && kind=$value
-        ((kind == 0xFFFF)) && break
+        ((kind == 0xFFFF)) && fail 1 "the SII has no category 41 (sync managers); $REMEDY"
         if ((at + 3 >= count)); then break; fi
         word $((at + 2)) && words=$value
         if ((at + 4 + 2 * words > count)); then
-            fail 1 "category $kind at byte $at exceeds the end of the SII: $remedy"
+            fail 4 "category $kind at byte $at exceeds the end of the SII; $REMEDY"
         fi
         if ((kind == 41)); then
             ((words >= 16)) ||
-                fail 1 "the SII describes only $((words / 4)) of 4 sync managers: $remedy"
+                fail 1 "the SII describes only $((words / 4)) of 4 sync managers; $REMEDY"
             sync_managers=$((at + 4))
             return
         fi
         at=$((at + 4 + 2 * words))
     done
-    fail 1 "the SII has no category 41 (sync managers): $remedy"
+    fail 4 "the SII ends after byte $((at - 1)) without category 41 (sync managers) and without end mark; $REMEDY"
 }
 
 # ---- expected layout
@@ -204,6 +257,7 @@ set_word() { # BYTE_OFFSET VALUE
 # Compares `bytes` with the manual and fixes them.
 judge() {
     local -i number start control kind at
+    require_categories
     checksum
     compare "checksum of words 0-6" "${bytes[14]}" "$value" 0x%02X
     if ! $is_good; then is_checksum_good=false; fi
@@ -312,12 +366,20 @@ do_check() {
     judge
     if ! $is_good; then
         printf 'the layout does not match the manual (15.7); fix it with: %s fix\n' "$0"
+    else
+        printf 'the layout matches the manual (15.7)\n'
+    fi
+    if ! $is_rescanned; then
+        printf 'note: this is the copy of the last scan of the master; --rescan reads the SII again\n'
+    fi
+    if ! $is_good; then
+        is_explained=true
         exit 1
     fi
-    printf 'the layout matches the manual (15.7)\n'
 }
 
 do_fix() {
+    is_rescanned=true
     read_sii "$work/found"
     load "$work/found"
     printf 'slave %d, SII of %d bytes\n' "$position" "${#bytes[@]}"
@@ -352,7 +414,7 @@ judge_backup() {
     if ! said=$(find_sync_managers 2>&1); then
         said=${said#*: }
         # The remedy for a slave does not apply to a file.
-        doubts+=("${said%: it cannot be fixed here*}")
+        doubts+=("${said%; it cannot be fixed here*}")
     fi
     ((${#bytes[@]} == found_bytes)) ||
         doubts+=("it has ${#bytes[@]} bytes, the SII of the slave $found_bytes")
@@ -372,6 +434,7 @@ do_restore() {
     if ((${#bytes[@]} < 130 || ${#bytes[@]} % 2 != 0)); then
         fail 2 "$source_file has ${#bytes[@]} bytes and is not an SII"
     fi
+    is_rescanned=true
     read_sii "$work/found"
     if cmp -s -- "$source_file" "$work/found"; then
         printf 'the SII of slave %d already matches %s\n' "$position" "$source_file"

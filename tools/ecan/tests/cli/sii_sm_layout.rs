@@ -21,6 +21,7 @@ case $1 in
 sii_read) cat scanned ;;
 sii_write) [[ -f write_is_lost ]] || cat "${!#}" >eeprom ;;
 rescan) cp eeprom scanned ;;
+master) printf 'Master0\n  Phase: %s\n  Active: no\n' "$(cat phase)" ;;
 slaves) printf '0  0:0  %s  +  ECAN-Lite\n' "$(cat state)" ;;
 upload) case ${!#} in 17) cat unit ;; 18) echo '0x0018 24' ;; *) exit 1 ;; esac ;;
 *) exit 1 ;;
@@ -54,12 +55,15 @@ impl Fixture {
             ("eeprom", image),
             ("scanned", image),
             ("state", b"PREOP"),
+            ("phase", b"Idle"),
             ("unit", b"0x0080 128"),
             ("calls", b""),
         ] {
             bench.put(name, bytes);
         }
         crate::support::write_program(&bench.path("ethercat"), TOOL);
+        // The fake master scans at once.
+        crate::support::write_program(&bench.path("sleep"), "#!/bin/sh\n");
         bench
     }
 
@@ -75,6 +79,11 @@ impl Fixture {
         std::fs::read(self.path(name)).unwrap()
     }
 
+    fn search_path(&self) -> String {
+        let own = self.0.path().to_str().unwrap();
+        format!("{own}:{}", std::env::var("PATH").unwrap())
+    }
+
     fn has_written(&self) -> bool {
         String::from_utf8(self.get("calls")).unwrap().contains("sii_write")
     }
@@ -84,6 +93,7 @@ impl Fixture {
         let output = Command::new(SCRIPT)
             .args(arguments)
             .args(["--ethercat", self.path("ethercat").to_str().unwrap()])
+            .env("PATH", self.search_path())
             .current_dir(self.0.path())
             .stdin(Stdio::null())
             .output()
@@ -120,6 +130,7 @@ fn simulated_layout_is_correct() {
     ] {
         assert!(said.contains(line), "{said}");
     }
+    let (_, said) = bench.run(&[&arguments[..], &["--rescan"]].concat());
     assert_eq!(
         bench.run(&["fix"]),
         (0, said.replace("the layout matches the manual (15.7)", "nothing to fix"))
@@ -260,27 +271,72 @@ fn unfixable_images_are_not_changed() {
     let mut two_entries = good.clone();
     two_entries[category + 2] = 8;
     let cases = [
-        (no_category, "no category 41"),
-        (runs_over, "category 41 at byte"),
-        (two_entries, "only 2 of 4 sync managers"),
-        (good[..100].to_vec(), "has 100 bytes, too few"),
-        (good[..category].to_vec(), "no category 41"),
-        (good[..category + 1].to_vec(), "odd number"),
-        (good[..category + 20].to_vec(), "exceeds the end"),
+        (1, no_category, "no category 41"),
+        (1, two_entries, "only 2 of 4 sync managers"),
+        (4, runs_over, "category 41 at byte"),
+        (4, good[..100].to_vec(), "has 100 bytes, too few"),
+        (4, good[..category].to_vec(), "without category 41 (sync managers) and without end mark"),
+        (4, good[..category + 1].to_vec(), "odd number"),
+        (4, good[..category + 20].to_vec(), "exceeds the end"),
     ];
-    for (image, words) in cases {
+    for (expected, image, words) in cases {
         let bench = Fixture::new(&image);
         for command in [&["check"][..], &["fix", "--yes"]] {
             let (status, said) = bench.run(command);
-            assert_eq!(status, 1, "{said}");
+            assert_eq!(status, expected, "{said}");
             assert!(said.contains(words), "{words}: {said}");
             assert!(said.contains("rebuild its EEPROM"), "{said}");
         }
         assert!(!bench.has_written());
     }
     let (status, said) = Fixture::new(b"").run(&["check"]);
-    assert_eq!(status, 3);
+    assert_eq!(status, 4);
     assert!(said.contains("returned no data"), "{said}");
+}
+
+#[test]
+fn truncated_image_is_never_judged() {
+    let good = good_image();
+    let end = sync_managers(&good) + 32;
+    let bench = Fixture::new(&good);
+    let lengths = (1..24).chain([127, 128, 129, 130, 131, 132, 133, 134]);
+    for length in lengths.chain(end - 40..end) {
+        bench.put("scanned", &good[..length]);
+        let (status, said) = bench.run(&["check"]);
+        assert_eq!(status, 4, "{length} bytes: {said}");
+        assert!(!said.contains("unbound") && !said.contains("unexpected"), "{length}: {said}");
+    }
+}
+
+#[test]
+fn layout_is_read_without_process_substitution() {
+    let script = std::fs::read_to_string(SCRIPT).unwrap();
+    let uses = |line: &&str| !line.trim_start().starts_with('#') && line.contains("<(");
+    assert_eq!(script.lines().find(uses), None, "this needs /dev/fd");
+}
+
+#[test]
+fn change_since_the_scan_needs_a_rescan() {
+    let bench = Fixture::new(&good_image());
+    bench.put("eeprom", &broken(&[(20, 0x64)]));
+    let (status, said) = bench.run(&["check"]);
+    assert_eq!(status, 0, "{said}");
+    assert!(said.contains("note: this is the copy of the last scan of the master"), "{said}");
+    let (status, said) = bench.run(&["check", "--rescan"]);
+    assert_eq!(status, 1, "{said}");
+    assert!(said.contains("WRONG  SM2 control byte") && !said.contains("note: this is"), "{said}");
+    // What is written back contains the changes since the scan.
+    let changed = broken(&[(20, 0x64), (2, 0x81)]);
+    bench.put("eeprom", &changed);
+    let (status, said) = bench.run(&["fix", "--yes", "--backup", "b.bin"]);
+    assert_eq!((status, bench.get("b.bin")), (0, changed), "{said}");
+    assert_eq!(bench.get("eeprom"), broken(&[(2, 0x81)]));
+    bench.put("phase", b"Operation");
+    for command in [&["check", "--rescan"][..], &["fix", "--yes"]] {
+        let (status, said) = bench.run(command);
+        assert_eq!(status, 1, "{said}");
+        assert!(said.contains("an application uses the master"), "{said}");
+    }
 }
 
 #[test]
@@ -335,6 +391,7 @@ fn fix_asks_on_a_terminal() {
         pty.master.write_all(typed.as_bytes()).unwrap();
         let output = Command::new(SCRIPT)
             .args(["fix", "--ethercat", bench.path("ethercat").to_str().unwrap()])
+            .env("PATH", bench.search_path())
             .current_dir(bench.0.path())
             .stdin(pty.stdio())
             .output()
