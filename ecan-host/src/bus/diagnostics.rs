@@ -118,6 +118,24 @@ impl Diagnostics {
             .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, subindex), e))
     }
 
+    /// Downloads a command that must not be executed twice, for example a restart: never repeated.
+    /// Without an abort code in the error, the slave may have executed it.
+    ///
+    /// # Errors
+    /// The abort code if the slave rejected it.
+    pub fn sdo_download_once(
+        &self,
+        slave: usize,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), Error> {
+        let position = self.ring_position(slave)?;
+        self.master
+            .sdo_download(position, index, subindex, data)
+            .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, subindex), e))
+    }
+
     /// Current position of a configured slave: alias 0 counts from the start, another one from
     /// the slave that has it.
     pub(crate) fn ring_position(&self, slave: usize) -> Result<u16, Error> {

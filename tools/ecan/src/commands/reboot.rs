@@ -1,12 +1,17 @@
 //! `ecan reboot`: restarts a gateway (0x8000:01, manual 13.3).
 
 use clap::Args;
+use ecan_host::Error;
+use ecan_protocol::config::FilterWindow;
 use serde::Serialize;
 
 use crate::context::{Bus, Context, Failure, Result};
 
+/// Interval at which the state in the master is read, in ns.
 const POLL_NS: u64 = 20_000_000;
-/// Time after which a gateway that is still on the bus has not restarted, in ns.
+/// Interval of SDO transfers, in ns. The library prints a line for each that fails.
+const TRANSFER_NS: u64 = 500_000_000;
+/// Time after which a gateway that shows no restart has not restarted, in ns.
 const VANISH_NS: u64 = 5_000_000_000;
 
 #[derive(Debug, Args)]
@@ -15,7 +20,8 @@ Examples:
   ecan reboot
   ecan reboot --wait           wait until it responds, and print its version
 
-A running application loses the gateway during the restart.")]
+A running application loses the gateway during the restart. The gateway may restart before the master
+has fetched its answer to the command: only the restart counts, not the answer.")]
 pub struct RebootArguments {
     /// Wait until the gateway responds again
     #[arg(long)]
@@ -38,13 +44,14 @@ pub fn run(arguments: &RebootArguments, context: &Context) -> Result {
     let slave = bus.slave()?;
     let mut restarted =
         Restarted { position: slave, is_back: false, firmware: None, after_ms: None };
+    let mut is_answered = true;
     if arguments.wait {
         let took_ns = restart(&bus, slave, u64::from(arguments.timeout) * 1_000_000_000)?;
         restarted.is_back = true;
         restarted.after_ms = Some(took_ns / 1_000_000);
         restarted.firmware = bus.text(slave, 0x100A).ok();
     } else {
-        command(&bus, slave)?;
+        is_answered = command(&bus, slave)?;
     }
     context.output.data(&restarted, |out| match (&restarted.firmware, restarted.after_ms) {
         (Some(firmware), Some(ms)) => {
@@ -53,36 +60,95 @@ pub fn run(arguments: &RebootArguments, context: &Context) -> Result {
         (None, Some(ms)) => {
             writeln!(out, "slave {slave}: restarted in {ms} ms, firmware version (0x100A) not read")
         }
-        (_, None) => writeln!(out, "slave {slave}: restarting"),
+        (_, None) if is_answered => writeln!(out, "slave {slave}: restarting"),
+        (_, None) => writeln!(
+            out,
+            "slave {slave}: no answer to the command, which a restart explains; check with `ecan scan`"
+        ),
     })
 }
 
-fn command(bus: &Bus, slave: usize) -> Result {
-    bus.write(slave, 0x8000, 1, 1)
+/// Sends the command; returns whether it was answered. The restart may come first.
+fn command(bus: &Bus, slave: usize) -> Result<bool> {
+    match bus.diagnostics().sdo_download_once(slave, 0x8000, 1, &[1]) {
+        Ok(()) => Ok(true),
+        Err(Error::Sdo { abort_code: None, .. }) => Ok(false),
+        Err(error) => Err(Failure::Device(error)),
+    }
 }
 
-/// Restarts a gateway and waits until it has left the bus and responds again; returns the duration
-/// in ns.
+/// A value that a restart resets: the index of a filter editing window, which has no other effect
+/// (manual 13.4).
+struct RestartMark {
+    before: u32,
+    written: u32,
+}
+
+impl RestartMark {
+    const INDEX: u16 = 0x8001;
+    const SUBINDEX: u8 = FilterWindow::STANDARD.index;
+
+    /// Sets the mark; `None` if the gateway rejects it.
+    fn set(bus: &Bus, slave: usize) -> Option<Self> {
+        let before = bus.read(slave, Self::INDEX, Self::SUBINDEX).ok()?;
+        let written = if before == 1 { 2 } else { 1 };
+        bus.write(slave, Self::INDEX, Self::SUBINDEX, written).ok()?;
+        Some(Self { before, written })
+    }
+
+    fn is_reset(&self, bus: &Bus, slave: usize) -> Result<bool> {
+        Ok(bus.read(slave, Self::INDEX, Self::SUBINDEX)? != self.written)
+    }
+
+    fn undo(&self, bus: &Bus, slave: usize) {
+        let _ = bus.write(slave, Self::INDEX, Self::SUBINDEX, self.before);
+    }
+}
+
+/// Restarts a gateway and waits until it responds again; returns the duration in ns.
+///
+/// The gateway has restarted if it left the bus, or if it has lost what was written before: the
+/// master may see it only when it is back.
 pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64> {
-    command(bus, slave)?;
+    let mark = RestartMark::set(bus, slave);
     let clock = bus.clock();
     let start = clock.now_ns();
     let elapsed = || clock.now_ns().saturating_sub(start);
+    let is_answered = command(bus, slave)?;
     let seconds = timeout_ns / 1_000_000_000;
+    let mut next_transfer_ns = TRANSFER_NS;
     while is_there(bus, slave) {
+        if elapsed() >= next_transfer_ns {
+            next_transfer_ns = elapsed() + TRANSFER_NS;
+            let is_reset = mark.as_ref().map(|mark| mark.is_reset(bus, slave));
+            if matches!(is_reset, Some(Ok(true))) {
+                break;
+            }
+        }
+        let answer = if is_answered { "accepted" } else { "did not answer" };
         if elapsed() >= VANISH_NS {
-            let text = format!("slave {slave} accepted the command but did not restart");
+            if let Some(mark) = mark {
+                mark.undo(bus, slave);
+            }
+            let text = format!("slave {slave} {answer} the command and did not restart");
             return Err(Failure::Rejected(text));
         }
         if elapsed() >= timeout_ns {
             return Err(Failure::Slave(format!(
-                "slave {slave} is still on the bus after {seconds} s; it accepted the command and may \
+                "slave {slave} is still on the bus after {seconds} s; it {answer} the command and may \
                  still restart"
             )));
         }
         bus.sleep_ns(POLL_NS);
     }
-    while !is_there(bus, slave) || bus.read(slave, 0xF000, 5).is_err() {
+    next_transfer_ns = 0;
+    loop {
+        if is_there(bus, slave) && elapsed() >= next_transfer_ns {
+            if bus.read(slave, 0xF000, 5).is_ok() {
+                return Ok(elapsed());
+            }
+            next_transfer_ns = elapsed() + TRANSFER_NS;
+        }
         if elapsed() >= timeout_ns {
             return Err(Failure::Slave(format!(
                 "slave {slave} does not respond {seconds} s after the restart; check its LEDs and its \
@@ -91,7 +157,6 @@ pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64> {
         }
         bus.sleep_ns(POLL_NS);
     }
-    Ok(elapsed())
 }
 
 /// Returns whether the master sees the slave in a state with mailbox.

@@ -89,6 +89,28 @@ fn gateway_restarts_and_responds() {
 }
 
 #[test]
+fn lost_answer_of_the_restart_command_is_no_failure() {
+    let unanswered = "[[fault]]\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8000\nsubindex = 1\ncode = 0\nat_ms = 0\n";
+    let restarts = "[[fault]]\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300\nat_ms = 1000\n";
+    let file = scenario(&format!("[[gateway]]\n{unanswered}{restarts}"));
+    let back = good(&["--ecrt", &setting(&file), "reboot", "--wait"]);
+    assert!(back.starts_with("slave 0: restarted in ") && back.ends_with("firmware 2.2.1\n"));
+    let file = scenario(&format!("[[gateway]]\n{unanswered}"));
+    let arguments = ["--ecrt", &setting(&file), "reboot"];
+    assert!(good(&arguments).contains("no answer to the command, which a restart explains"));
+    let message = fails(5, &[&arguments[..], &["--wait"]].concat());
+    assert!(
+        message.contains("slave 0 did not answer the command and did not restart"),
+        "{message}"
+    );
+    // A rejected command is one.
+    let rejects = unanswered.replace("code = 0", "code = 0x08000022");
+    let file = scenario(&format!("[[gateway]]\n{rejects}"));
+    let message = fails(5, &["--ecrt", &setting(&file), "reboot", "--wait"]);
+    assert!(message.contains("0x08000022"), "{message}");
+}
+
+#[test]
 fn plan_prints_configuration() {
     let plan =
         good(&["plan", "--pdo-n", "5", "--cycle-us", "1000", "--slaves", "3", "--channel", "all"]);
