@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
-use ecan_protocol::config::FilterWindow;
+use ecan_protocol::config::{ConfigObject, FilterWindow, McanChannelConfig};
 use ecan_protocol::device::{AlState, AlStatusCode};
+use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::object::object;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -61,9 +62,10 @@ pub enum ReadError {
 /// Amount of data to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
-    /// Entries for findings: about 420, plus 23 per channel whose configuration was not applied.
+    /// Entries for the report and its findings: about 50 of a gateway without active profile and
+    /// channels, up to 160 in operation, plus those of a configuration that was not applied.
     Findings,
-    /// In addition the whole channel configuration and the capabilities, about 650 entries.
+    /// Everything that is state: about 650 entries.
     Everything,
 }
 
@@ -88,22 +90,14 @@ pub struct Snapshot {
     pub silence: Option<String>,
 }
 
-/// Objects for findings.
-const FINDING_OBJECTS: [u16; 22] = [
-    0x1C12, 0x1C13, 0x8000, 0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022,
-    0x8023, 0x8024, 0x8030, 0x9000, 0x9001, 0x9002, 0x9003, 0x9011, 0xB000, 0xF000,
+/// Objects to read; the first ones decide which entries of the others are needed.
+const OBJECTS: [u16; 26] = [
+    0x8010, 0x8011, 0x9000, 0x9001, 0x9002, 0x9003, 0x8001, 0x8002, 0x8003, 0x8004, 0x9020, 0x9021,
+    0x9022, 0x9023, 0x8000, 0x1C12, 0x1C13, 0x8020, 0x8021, 0x8022, 0x8023, 0x8024, 0x8030, 0x9011,
+    0xB000, 0xF000,
 ];
-/// Data path diagnostics.
-const DATA_PATH_OBJECTS: [u16; 4] = [0x9020, 0x9021, 0x9022, 0x9023];
-/// Entries of the channel configuration for findings.
-const CHANNEL_ENTRIES: [u8; 18] =
-    [2, 4, 7, 8, 9, 15, 16, 18, 19, 20, 21, 22, 23, 24, 33, 34, 49, 55];
-/// Additional entries if the configuration of a channel was not applied: manual bit timing,
-/// non-match policies, Message RAM.
-const APPLY_ENTRIES: [u8; 23] =
-    [25, 26, 27, 28, 29, 30, 31, 32, 36, 37, 61, 62, 63, 64, 65, 66, 67, 68, 69, 70, 71, 72, 73];
-/// Entries of the capabilities.
-const CAPABILITY_ENTRIES: [u8; 9] = [1, 3, 4, 5, 6, 7, 8, 11, 29];
+/// Channel status (0x9000 to 0x9003), read before the other entries of its object.
+const CHANNEL_STATUS: u8 = 9;
 
 impl Snapshot {
     /// Reads the values of a gateway with `read`, which uploads one entry. The caller sets the
@@ -112,18 +106,16 @@ impl Snapshot {
     /// Stops if the gateway does not respond, and sets [`silence`](Self::silence).
     pub fn read(depth: Depth, mut read: impl FnMut(ObjectKey) -> Result<u32, ReadError>) -> Self {
         let mut snapshot = Self::default();
-        for index in FINDING_OBJECTS.into_iter().chain(DATA_PATH_OBJECTS) {
-            for subindex in subindices(index, depth) {
-                let key = ObjectKey { index, subindex };
-                // There are no entries after the count of an assignment.
-                if is_assignment(index)
-                    && snapshot.get(index, 0).is_some_and(|it| it < subindex.into())
-                {
-                    break;
-                }
-                if depth == Depth::Findings && !snapshot.explains_a_finding(key) {
+        for index in OBJECTS {
+            for subindex in subindices(index) {
+                let is_needed = match depth {
+                    Depth::Findings => snapshot.explains_a_finding(index, subindex),
+                    Depth::Everything => snapshot.is_state(index, subindex),
+                };
+                if !is_needed {
                     continue;
                 }
+                let key = ObjectKey { index, subindex };
                 match read(key) {
                     Ok(value) => {
                         snapshot.values.insert(key, value);
@@ -141,11 +133,62 @@ impl Snapshot {
         snapshot
     }
 
-    /// Returns whether an entry is needed for findings, given the values read before.
-    fn explains_a_finding(&self, key: ObjectKey) -> bool {
-        let is_channel = (0x8001..=0x8004).contains(&key.index);
-        let tells_of_apply = is_channel && APPLY_ENTRIES.contains(&key.subindex);
-        !tells_of_apply || self.get(key.index, 2).is_some_and(|status| status != 0)
+    /// Returns whether an entry has a meaning.
+    fn is_state(&self, index: u16, subindex: u8) -> bool {
+        match index {
+            // There are no entries after the count of an assignment.
+            0x1C12 | 0x1C13 => {
+                subindex == 0 || self.get(index, 0).is_none_or(|count| count >= subindex.into())
+            }
+            0x8001..=0x8004 => subindex != 0 && !is_filter_in_window(subindex),
+            _ => subindex != 0,
+        }
+    }
+
+    /// Returns whether an entry is needed for the report and its findings, given the values read
+    /// before.
+    fn explains_a_finding(&self, index: u16, subindex: u8) -> bool {
+        let is_not =
+            |index, subindex, value| self.get(index, subindex).is_some_and(|found| found != value);
+        let is_unapplied = |channel: u16| is_not(0x8001 + channel, 2, 0);
+        match (index, subindex) {
+            (0x1C12 | 0x1C13, 0) => true,
+            (_, 0) | (0x1C12 | 0x1C13, _) => false,
+            (0x8000, 4 | 11 | 13 | 15) => true,
+            (0x8000, 6..=9) => is_unapplied(u16::from(subindex) - 6),
+            (0x8001..=0x8004, 2 | 4) => true,
+            (0x8001..=0x8004, 8 | 15 | 19..=24) => {
+                is_unapplied(index - 0x8001) || !self.is_unused(index - 0x8001)
+            }
+            (0x8001..=0x8004, _) => {
+                is_unapplied(index - 0x8001)
+                    && McanChannelConfig::fields().any(|entry| entry.subindex == subindex)
+            }
+            (0x8010 | 0x8011, 2 | 9 | 14..=16) => true,
+            (0x8010 | 0x8011, 3 | 4) => is_not(index, 2, 0),
+            (0x8010 | 0x8011, 10 | 12) => is_not(index, 9, 0),
+            (0x8020, 3) => true,
+            (0x8021..=0x8024, 1 | 3) => true,
+            (0x8021..=0x8024, 14) => !self.is_unused(index - 0x8021),
+            (0x8030, 2..=6) => true,
+            (0x9000..=0x9003, CHANNEL_STATUS) => true,
+            (0x9000..=0x9003, 1..=8 | 13..=15) => !self.is_unused(index - 0x9000),
+            (0x9011, 1..=13) => [0x8010, 0x8011].into_iter().any(|it| is_not(it, 9, 0)),
+            (0x9020..=0x9023, 2 | 5 | 11 | 12 | 15 | 16) => !self.is_unused(index - 0x9020),
+            (0x9020..=0x9023, 6..=8) => is_not(index, 5, 0),
+            (0xB000, 2 | 5 | 6) => true,
+            (0xF000, 7 | 8) => true,
+            _ => false,
+        }
+    }
+
+    /// Returns whether a channel is disabled, and therefore was since the start of the gateway: no
+    /// command disables a channel (manual 13.4).
+    fn is_unused(&self, channel: u16) -> bool {
+        self.get(0x9000 + channel, CHANNEL_STATUS).is_some_and(|raw| {
+            let status = ChannelStatus::from_raw(raw as u16);
+            status.state() == ChannelState::Disabled && !status.bus_off()
+        })
     }
 
     /// Value that was read.
@@ -189,10 +232,6 @@ impl Snapshot {
     }
 }
 
-fn is_assignment(index: u16) -> bool {
-    matches!(index, 0x1C12 | 0x1C13)
-}
-
 /// The editing windows show one filter at a time and are not state.
 fn is_filter_in_window(subindex: u8) -> bool {
     FilterWindow::BOTH.iter().any(|window| {
@@ -201,23 +240,16 @@ fn is_filter_in_window(subindex: u8) -> bool {
     })
 }
 
-/// Subindices to read of an object, in ascending order.
-fn subindices(index: u16, depth: Depth) -> impl Iterator<Item = u8> {
+/// Readable numbers of an object in ascending order, the channel status first.
+fn subindices(index: u16) -> impl Iterator<Item = u8> {
     let entries = object(index).map_or(&[][..], |object| object.entries);
-    let is_wanted = move |subindex: u8| match (index, depth) {
-        (0x1C12 | 0x1C13, _) => true,
-        (_, _) if subindex == 0 => false,
-        (0x8001..=0x8004, Depth::Findings) => {
-            CHANNEL_ENTRIES.contains(&subindex) || APPLY_ENTRIES.contains(&subindex)
-        }
-        (0x8001..=0x8004, Depth::Everything) => !is_filter_in_window(subindex),
-        (0xF000, Depth::Findings) => CAPABILITY_ENTRIES.contains(&subindex),
-        _ => true,
-    };
-    entries
+    let readable = entries
         .iter()
         .filter(|entry| entry.access.can_read() && entry.ty.is_integer())
         .filter(|entry| !entry.name.starts_with("Reserved"))
-        .map(|entry| entry.subindex)
-        .filter(move |subindex| is_wanted(*subindex))
+        .map(|entry| entry.subindex);
+    let is_channel = (0x9000..=0x9003).contains(&index);
+    let is_first = move |subindex: &u8| is_channel && *subindex == CHANNEL_STATUS;
+    let rest = readable.clone().filter(move |subindex| !is_first(subindex));
+    readable.filter(move |subindex| is_first(subindex)).chain(rest)
 }

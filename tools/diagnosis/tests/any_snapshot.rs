@@ -1,7 +1,9 @@
 //! Whatever a gateway shows or a file says, findings come of it.
 #![allow(missing_docs)]
 
-use ecan_diagnosis::{Depth, Location, ReadError, Snapshot, findings};
+use std::collections::BTreeMap;
+
+use ecan_diagnosis::{Depth, Location, ObjectKey, ReadError, Snapshot, findings};
 use proptest::prelude::*;
 
 /// Values that a gateway would show, and those at the ends of what fits an entry.
@@ -44,6 +46,41 @@ proptest! {
             prop_assert!(!finding.causes.is_empty() && !finding.next.is_empty(), "{finding:#?}");
             prop_assert!(!matches!(finding.location, Location::Channel(4..)), "{finding:#?}");
         }
+    }
+}
+
+/// What a gateway with these values shows: an unused channel and a gateway without profile have
+/// counted nothing.
+fn shown(values: &BTreeMap<ObjectKey, u32>, key: ObjectKey) -> u32 {
+    let value =
+        |index, subindex| values.get(&ObjectKey { index, subindex }).copied().unwrap_or_default();
+    let is_unused = |channel| value(0x9000 + channel, 9) & 7 == 0;
+    match key.index {
+        0x9000..=0x9003 if is_unused(key.index - 0x9000) => 0,
+        0x9020..=0x9023 if is_unused(key.index - 0x9020) => 0,
+        0x9011 if value(0x8010, 9) == 0 && value(0x8011, 9) == 0 => 0,
+        _ => value(key.index, key.subindex),
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+
+    #[test]
+    fn few_entries_yield_all_findings(
+        values in prop::collection::vec(prop_oneof![3 => Just(Some(0)), 1 => value()], 800),
+    ) {
+        let mut values = values.into_iter().cycle();
+        let mut all = BTreeMap::new();
+        Snapshot::read(Depth::Everything, |key| {
+            let value = values.next().flatten().unwrap_or_default();
+            all.insert(key, value);
+            Ok(value)
+        });
+        let read = |depth| Snapshot::read(depth, |key| Ok(shown(&all, key)));
+        let (few, all) = (read(Depth::Findings), read(Depth::Everything));
+        prop_assert!(few.values.len() < all.values.len());
+        prop_assert_eq!(findings(&few), findings(&all));
     }
 }
 

@@ -23,6 +23,23 @@ fn full_depth_reads_more_entries() {
     }
 }
 
+/// Number of entries that are read of a gateway that shows these values, and else 0.
+fn read_count(shown: &[(u16, u8, u32)]) -> usize {
+    let value = |key: ObjectKey| {
+        shown.iter().find(|it| (it.0, it.1) == (key.index, key.subindex)).map_or(0, |it| it.2)
+    };
+    Snapshot::read(Depth::Findings, |key| Ok(value(key))).values.len()
+}
+
+#[test]
+fn idle_gateway_needs_few_entries() {
+    assert_eq!(read_count(&[]), 47);
+    // A running channel, an active profile, dropped frames.
+    assert_eq!(read_count(&[(0x9001, 9, 2)]), 47 + 11 + 6 + 8 + 1);
+    assert_eq!(read_count(&[(0x8010, 9, 1024)]), 47 + 2 + 13);
+    assert_eq!(read_count(&[(0x9001, 9, 2), (0x9021, 5, 7)]), 47 + 26 + 3);
+}
+
 #[test]
 fn failed_apply_reads_more_entries() {
     let read = |status| {
@@ -31,25 +48,37 @@ fn failed_apply_reads_more_entries() {
         })
     };
     let (well, failed) = (read(0), read(3));
-    assert_eq!(failed.values.len(), well.values.len() + 23);
-    for subindex in [25, 36, 62, 73] {
+    for subindex in [7, 19, 25, 36, 62, 73] {
         assert_eq!(well.get(0x8002, subindex), None, "{subindex}");
         assert_eq!(failed.get(0x8002, subindex), Some(0), "{subindex}");
         assert_eq!(failed.get(0x8001, subindex), None, "{subindex}");
+    }
+    assert_eq!((well.get(0x8000, 7), failed.get(0x8000, 7)), (None, Some(0)), "the clock");
+}
+
+#[test]
+fn no_entry_is_read_twice() {
+    for depth in [Depth::Findings, Depth::Everything] {
+        let mut read = std::collections::BTreeSet::new();
+        // Everything is active.
+        Snapshot::read(depth, |key| {
+            assert!(read.insert(key), "{key}");
+            Ok(3)
+        });
     }
 }
 
 #[test]
 fn rejections_are_kept_and_silence_ends_reading() {
     let snapshot = Snapshot::read(Depth::Findings, |key| match (key.index, key.subindex) {
-        (0x8000, 3) => Err(ReadError::Rejected("no such entry".into())),
-        (0x8010, 2) => Err(ReadError::Silent("timed out".into())),
+        (0x8010, 15) => Err(ReadError::Rejected("no such entry".into())),
+        (0x8000, 4) => Err(ReadError::Silent("timed out".into())),
         _ => Ok(0),
     });
-    let key = ObjectKey { index: 0x8000, subindex: 3 };
+    let key = ObjectKey { index: 0x8010, subindex: 15 };
     assert_eq!(snapshot.rejected[&key], "no such entry");
     assert_eq!(snapshot.silence.as_deref(), Some("timed out"));
-    assert!(snapshot.get(0x8004, 2).is_some() && snapshot.get(0x8011, 2).is_none());
+    assert!(snapshot.get(0x8004, 2).is_some() && snapshot.get(0xB000, 2).is_none());
 }
 
 #[test]

@@ -1,15 +1,20 @@
+use std::panic::resume_unwind;
+use std::thread::{self, ScopedJoinHandle};
+
 use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveKind, SlaveQuery as _};
 use ecan_protocol::device::Capabilities;
 use ecan_sim::Backend;
 
 use crate::failure::{Failure, Result};
 use crate::firmware_version::{FirmwareVersion, serial_number};
+use crate::progress;
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose, every_gateway, one_or_all};
 
 /// A bus, opened without reserving the master.
 #[derive(Debug)]
 pub struct Bus {
     ecrt: Ecrt,
+    master: u32,
     diagnostics: Diagnostics,
     choice: Option<SlaveChoice>,
 }
@@ -17,15 +22,47 @@ pub struct Bus {
 impl Bus {
     /// Opens a master of a loaded library, for the slave of `--slave` if given.
     pub fn of(backend: &Backend, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {
-        let failed = |error: Error| Failure::Master(error.to_string());
-        let diagnostics = Diagnostics::of_bus(&backend.ecrt, master).map_err(failed)?;
-        tracing::debug!(master, slaves = diagnostics.slave_count(), "bus opened");
-        if !diagnostics.master_state().map_err(failed)?.link_up {
+        let bus = Self::on(backend.ecrt.clone(), master, choice)?;
+        tracing::debug!(master, slaves = bus.diagnostics.slave_count(), "bus opened");
+        if !bus.diagnostics.master_state().map_err(Failure::master)?.link_up {
             return Err(Failure::Master(format!(
                 "master {master} has no link; check the cable and the supply of the first slave"
             )));
         }
-        Ok(Self { ecrt: backend.ecrt.clone(), diagnostics, choice })
+        Ok(bus)
+    }
+
+    fn on(ecrt: Ecrt, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {
+        let diagnostics = Diagnostics::of_bus(&ecrt, master).map_err(Failure::master)?;
+        Ok(Self { ecrt, master, diagnostics, choice })
+    }
+
+    /// Runs `work` for each slave and returns the results in this order. Each slave has a thread and
+    /// a handle of its own, because the master serves the mailboxes of several slaves at the same
+    /// time; in stepped time they run in turn, so that every run is the same.
+    pub fn in_parallel<T: Send>(
+        &self,
+        slaves: &[usize],
+        work: impl Fn(&Self, usize) -> Result<T> + Sync,
+    ) -> Vec<Result<T>> {
+        if slaves.len() < 2 || !self.clock().is_free_running() {
+            return slaves.iter().map(|slave| work(self, *slave)).collect();
+        }
+        let work = &work;
+        thread::scope(|scope| {
+            let start = |slave: &usize| {
+                let (ecrt, master, choice, slave) =
+                    (self.ecrt.clone(), self.master, self.choice, *slave);
+                let run = move || work(&Self::on(ecrt, master, choice)?, slave);
+                let builder = thread::Builder::new().name(format!("slave {slave}"));
+                builder.spawn_scoped(scope, run).map_err(Failure::of_thread)
+            };
+            let threads: Vec<_> = slaves.iter().map(start).collect();
+            let result = |thread: Result<ScopedJoinHandle<'_, Result<T>>>| {
+                thread?.join().unwrap_or_else(|panic| resume_unwind(panic))
+            };
+            threads.into_iter().map(result).collect()
+        })
     }
 
     pub fn ecrt(&self) -> &Ecrt {
@@ -104,6 +141,7 @@ impl Bus {
 
     /// Uploads an object of at most 4 bytes.
     pub fn read(&self, slave: usize, index: u16, subindex: u8) -> Result<u32> {
+        progress::step();
         self.diagnostics.sdo_upload_u32(slave, index, subindex).map_err(Failure::Device)
     }
 
@@ -111,6 +149,7 @@ impl Bus {
     pub fn write(&self, slave: usize, index: u16, subindex: u8, value: u32) -> Result {
         let entry = ecan_protocol::object::lookup(index, subindex).map(|(_, entry)| entry);
         let size = entry.and_then(|entry| entry.ty.size_bytes()).unwrap_or(4);
+        progress::step();
         let bytes = value.to_le_bytes();
         let data = bytes.get(..size).unwrap_or(&bytes);
         self.diagnostics.sdo_download(slave, index, subindex, data).map_err(Failure::Device)
@@ -142,7 +181,6 @@ impl Candidates for Bus {
 #[cfg(test)]
 impl Bus {
     pub fn over(ecrt: &Ecrt) -> Self {
-        let diagnostics = Diagnostics::of_bus(ecrt, 0).unwrap();
-        Self { ecrt: ecrt.clone(), diagnostics, choice: None }
+        Self::on(ecrt.clone(), 0, None).unwrap()
     }
 }

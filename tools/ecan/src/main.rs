@@ -19,6 +19,7 @@ mod global;
 mod object_path;
 mod output;
 mod program;
+mod progress;
 mod readings;
 mod slave_choice;
 mod startup_retry;

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::failure::{Failure, Result};
 use crate::global::Color;
+use crate::progress;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Output {
@@ -42,6 +43,7 @@ impl Output {
     }
 
     pub fn stream(&self) -> Box<dyn Write> {
+        progress::clear();
         match self.is_on_stderr {
             false => Box::new(io::stdout().lock()),
             true => Box::new(io::stderr().lock()),
@@ -103,6 +105,7 @@ impl Output {
 
 /// Prints a line on standard error.
 pub fn note(text: impl std::fmt::Display) {
+    progress::clear();
     let _ = writeln!(io::stderr(), "{text}");
 }
 

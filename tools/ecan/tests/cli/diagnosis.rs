@@ -34,7 +34,7 @@ CAN0  disabled, 0 received and 0 to send pending
 CAN1  disabled";
     assert!(report.starts_with(expected), "{report}");
     assert!(report.ends_with("\nno findings\n"), "{report}");
-    assert!(report.contains("  APPL OutputMapping max cycles  0  0.0 us\n"), "{report}");
+    assert!(report.contains("\ncycle performance (0x9011): no profile is active\n"), "{report}");
 }
 
 #[test]
@@ -189,7 +189,10 @@ fault [mailbox-silent]";
         );
     let rejected = scenario(&format!("[[gateway]]\n{}", rejected.concat()));
     let rejected = setting(&rejected);
-    let report = good(&["--ecrt", &rejected, "diag"]);
+    // A bundle contains the values of disabled channels too.
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("bundle.json").display().to_string();
+    let report = good(&["--ecrt", &rejected, "diag", "--record", &file]);
     for words in [
         "slave 0, PREOP, ECAN-Lite, firmware not read, serial 4294967297\n",
         "RxPDO  not active  24 chunks  not read  0 OK        not read  0\n",
@@ -200,12 +203,23 @@ fault [mailbox-silent]";
     ] {
         assert!(report.contains(words), "{words}: {report}");
     }
-    let json = good(&["--ecrt", &rejected, "diag", "--json"]);
+    let json = good(&["--ecrt", &rejected, "diag", "--json", "--record", &file]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     let channel = &json["channels"][0];
     assert!(channel["rx_dropped"].is_null() && channel["error_counters"].is_null(), "{channel}");
     assert_eq!(channel["tx_backpressure"], 0);
     assert!(json["directions"][1]["status_words"].is_null());
+}
+
+#[test]
+fn gateways_are_read_in_parallel() {
+    // In real time, each on a thread of its own.
+    let bus = scenario("clock = \"real\"\n[[gateway]]\n[[gateway]]\n[[gateway]]\n");
+    let json = good(&["--ecrt", &setting(&bus), "diag", "--all", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let serials = json.as_array().unwrap().iter().map(|it| &it["bundle"]["gateway"]["serial"]);
+    let serials: Vec<_> = serials.map(|serial| serial.as_u64().unwrap()).collect();
+    assert_eq!(serials, [4_294_967_297, 4_294_967_298, 4_294_967_299]);
 }
 
 #[test]
@@ -217,14 +231,16 @@ fn simulated_faults_are_found() {
              for_ms = 60000\n"
         ));
         let report = ends(1, &["--ecrt", &setting(&file), "diag", "--brief"]);
-        let words = "fault [mailbox-silent] EtherCAT: objects cannot be read: SDO upload 0x1C12:";
+        let words = "fault [mailbox-silent] EtherCAT: objects cannot be read: SDO upload 0x8010:";
         assert!(report.contains(words), "{report}");
     }
     let file = scenario(
         "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0x9011\n\
          subindex = 1\ncode = 0x06010000\n",
     );
-    let report = good(&["--ecrt", &setting(&file), "diag"]);
+    let directory = tempfile::tempdir().unwrap();
+    let bundle = directory.path().join("bundle.json").display().to_string();
+    let report = good(&["--ecrt", &setting(&file), "diag", "--record", &bundle]);
     assert!(report.contains("\nnot read\n  0x9011:01  0x06010000"), "{report}");
 }
 

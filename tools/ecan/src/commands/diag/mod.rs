@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::context::{Bus, Context, Failure, Output, Result, note};
+use crate::progress::Progress;
 use crate::slave_choice::AllArgument;
 
 use bundle::Bundle;
@@ -54,8 +55,11 @@ pub fn run(arguments: &DiagArguments, context: &Context) -> Result {
     }
     let bus = context.bus()?;
     let slaves = read::slaves(&bus, arguments.all.all)?;
-    let look = |slave: &usize| read::bundle(&bus, *slave, arguments, context);
-    let bundles = slaves.iter().map(look).collect::<Result<Vec<_>, _>>()?;
+    let progress = Progress::show("reading the gateways");
+    let bundles =
+        bus.in_parallel(&slaves, |bus, slave| read::bundle(bus, slave, arguments, context));
+    drop(progress);
+    let bundles = bundles.into_iter().collect::<Result<Vec<_>, _>>()?;
     // Print the report even if the rest fails; clear only after recording.
     let explained = explain(&bundles, arguments, &context.output);
     if let (Some(path), [bundle]) = (&arguments.record, &bundles[..]) {

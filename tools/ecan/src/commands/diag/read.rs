@@ -42,9 +42,7 @@ pub(super) fn bundle(
     let has_mailbox = ecan_protocol::device::AlState::from_status(info.al_state.into())
         .is_some_and(|state| state.has_mailbox());
     let mut snapshot = if has_mailbox {
-        Snapshot::read(depth, |key| {
-            bus.diagnostics().sdo_upload_u32(slave, key.index, key.subindex).map_err(read_error)
-        })
+        Snapshot::read(depth, |key| bus.read(slave, key.index, key.subindex).map_err(read_error))
     } else {
         Snapshot::default()
     };
@@ -64,9 +62,11 @@ pub(super) fn bundle(
     Ok(Bundle::new(host(bus, context.global), master(bus, context.global)?, gateway, snapshot))
 }
 
-fn read_error(error: Error) -> ReadError {
-    match error {
-        Error::Sdo { abort_code: Some(code), .. } => ReadError::Rejected(code.to_string()),
+fn read_error(failure: Failure) -> ReadError {
+    match failure {
+        Failure::Device(Error::Sdo { abort_code: Some(code), .. }) => {
+            ReadError::Rejected(code.to_string())
+        }
         other => ReadError::Silent(other.to_string()),
     }
 }

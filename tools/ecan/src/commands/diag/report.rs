@@ -61,6 +61,9 @@ pub(super) struct Channel {
     pub(super) tx_stale: Option<u32>,
     pub(super) degraded: Option<u32>,
     pub(super) last_error: Option<u32>,
+    /// The gateway rejected to show an entry.
+    #[serde(skip)]
+    has_rejected: bool,
 }
 
 /// Entry of 0x9011.
@@ -74,7 +77,7 @@ pub(super) struct Measured {
 }
 
 impl Channel {
-    /// The channel is disabled and was never used.
+    /// The channel is disabled and was never used, by the values that were read.
     pub(super) fn is_quiet(&self) -> bool {
         let counts = [
             self.rx_dropped,
@@ -88,8 +91,9 @@ impl Channel {
         ];
         let state = self.status.map(|status| ChannelStatus::from_raw(status).state());
         state == Some(ChannelState::Disabled)
-            && counts == [Some(0); 8]
-            && self.error_counters == Some(ErrorCounters::from_raw(0))
+            && !self.has_rejected
+            && counts.into_iter().flatten().all(|count| count == 0)
+            && self.error_counters.is_none_or(|it| it == ErrorCounters::from_raw(0))
     }
 }
 
@@ -117,6 +121,14 @@ impl<'a> Report<'a> {
             findings: findings(snapshot),
             bundle,
         }
+    }
+}
+
+impl Report<'_> {
+    /// Returns whether no profile is active in either direction.
+    pub(super) fn has_no_profile(&self) -> bool {
+        let is_inactive = |it: &Direction| it.active_bytes == Some(0);
+        !self.directions.is_empty() && self.directions.iter().all(is_inactive)
     }
 }
 
@@ -172,6 +184,9 @@ fn channel(snapshot: &Snapshot, number: u8) -> Channel {
         tx_stale: path(12),
         degraded: path(15),
         last_error: path(16),
+        has_rejected: snapshot.rejected.keys().any(|key| {
+            [0x9000, 0x9020].map(|object| object + u16::from(number)).contains(&key.index)
+        }),
     }
 }
 

@@ -154,6 +154,9 @@ fn print_channel(channel: &Channel, out: &mut dyn Write) -> Written {
 }
 
 fn performance(report: &Report, out: &mut dyn Write) -> Written {
+    if report.performance.is_empty() && report.has_no_profile() {
+        return writeln!(out, "\ncycle performance (0x9011): no profile is active");
+    }
     if report.performance.is_empty() {
         return writeln!(out, "\ncycle performance (0x9011): {NOT_READ}");
     }
