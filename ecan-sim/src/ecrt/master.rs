@@ -14,9 +14,10 @@ use ecan_protocol::device::AlState;
 use crate::ecrt::clocks::Clocks;
 use crate::ecrt::datagram::Queued;
 use crate::ecrt::domain::Domain;
-use crate::ecrt::mailbox::MailboxTransfer;
+use crate::ecrt::mailbox::{MailboxTransfer, Pace};
 use crate::ecrt::slave_config::SlaveConfig;
 use crate::ecrt::slave_view::SlaveView;
+use crate::ecrt::timing::IDLE_STEP_NS;
 use crate::scenario::{EcrtVersion, Scenario};
 use crate::world::World;
 
@@ -62,7 +63,6 @@ pub(crate) struct MasterModel {
     pub(crate) stderr_lines: u64,
     pub(crate) blocking: Vec<BlockingSdo>,
     pub(crate) next_blocking: u64,
-    pub(crate) scratch: Vec<u8>,
     log: VecDeque<String>,
 }
 
@@ -73,7 +73,6 @@ impl MasterModel {
             carries_large_pdos: scenario.carries_large_pdos,
             is_held_elsewhere: scenario.reserved,
             queue: Vec::with_capacity(16),
-            scratch: Vec::with_capacity(256),
             ..Self::default()
         }
     }
@@ -230,8 +229,11 @@ impl MasterModel {
         MailboxTransfer::begin(now, self.sends)
     }
 
-    fn poll_mailbox(&self, mailbox: &mut MailboxTransfer, now: u64) -> Result<(), u64> {
-        mailbox.poll(now, (self.phase == Phase::Active).then_some(self.sends))
+    fn pace(&self) -> Pace {
+        match self.phase {
+            Phase::Active => Pace::Sends { count: self.sends, per_step: 1 },
+            Phase::Idle | Phase::Reserved => Pace::Timed(IDLE_STEP_NS),
+        }
     }
 
     pub(crate) fn config(&mut self, index: usize) -> Result<&mut SlaveConfig, i32> {

@@ -6,8 +6,10 @@
 
 /// One register access: queue, send, receive.
 pub(super) const REGISTER_NS: u64 = 1_000_000;
-/// One expedited SDO transfer: request, mailbox check, response. In the operation phase each of the
-/// three also waits for a send.
+/// One step of the master's state machines before activation.
+pub(super) const IDLE_STEP_NS: u64 = 500_000;
+/// Response time of the device in the operation phase, where request, mailbox check and fetch also
+/// wait for a send each.
 pub(super) const SDO_NS: u64 = 2_000_000;
 /// Activation: the master's threads are exchanged.
 pub(super) const ACTIVATE_NS: u64 = 3_000_000;

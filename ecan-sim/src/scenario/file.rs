@@ -81,6 +81,7 @@ struct RawGateway {
     product_code: Option<u32>,
     revision: Option<u32>,
     boot_ms: Option<u32>,
+    reboot_delay_ms: Option<u32>,
     service_delay_us: Option<u32>,
     service_jitter_us: Option<u32>,
     clock_drift_ppm: Option<f64>,
@@ -192,7 +193,7 @@ impl RawGateway {
         set!(spec from self: alias, pdo_assign, pdo_configuration);
         let config = &mut spec.config;
         set!(config from self: serial, hardware_revision, firmware, vendor_id, product_code);
-        set!(config from self: revision, boot_ms, tx_pressure_percent, complete_access);
+        set!(config from self: revision, boot_ms, reboot_delay_ms, tx_pressure_percent, complete_access);
         for (target, us) in [
             (&mut config.service_delay_ns, self.service_delay_us),
             (&mut config.service_jitter_ns, self.service_jitter_us),

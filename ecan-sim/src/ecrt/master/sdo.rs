@@ -2,9 +2,8 @@
 
 use super::MasterModel;
 use crate::ecrt::mailbox::{Transfer, TransferOwner};
-use crate::ecrt::sdo_transfer::{Attempt, Payload, SdoFailure, SdoObject, attempt};
+use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, SdoFailure, SdoObject, proceed};
 use crate::ecrt::slave_config::{RequestId, RequestProgress, SdoRequest};
-use crate::ecrt::timing::STATE_POLL_NS;
 use crate::world::World;
 
 /// A transfer that a blocking call waits for.
@@ -15,9 +14,10 @@ pub(crate) struct BlockingSdo {
     pub(crate) object: SdoObject,
     /// Data to write; `None` reads.
     pub(crate) download: Option<Vec<u8>>,
+    /// Data read.
+    pub(crate) upload: Vec<u8>,
     pub(crate) taken: bool,
-    /// Result, with the data of an upload.
-    pub(crate) result: Option<Result<Vec<u8>, SdoFailure>>,
+    pub(crate) result: Option<Result<(), SdoFailure>>,
 }
 
 impl MasterModel {
@@ -38,6 +38,7 @@ impl MasterModel {
             position,
             object,
             download,
+            upload: Vec::new(),
             taken: false,
             result: None,
         });
@@ -49,7 +50,8 @@ impl MasterModel {
         if self.blocking.get(index).is_some_and(|sdo| sdo.result.is_none()) {
             return None;
         }
-        self.blocking.swap_remove(index).result
+        let BlockingSdo { result, upload, .. } = self.blocking.swap_remove(index);
+        result.map(|result| result.map(|()| upload))
     }
 
     pub(crate) fn cancel_blocking(&mut self, id: u64) {
@@ -135,28 +137,20 @@ impl MasterModel {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return };
         let Some(mut transfer) = slave.transfer else { return };
-        let (slot, present, since) = (slave.slot, slave.is_present(world), transfer.mailbox.since);
-        if let TransferOwner::Register(id) = transfer.owner {
-            self.finish_reg_request(id, slot, present, world);
-            return self.end_transfer(index, now);
-        }
-        if let Err(delay) = self.poll_mailbox(&mut transfer.mailbox, now) {
-            if let Some(slave) = self.slaves.get_mut(index) {
-                slave.transfer = Some(transfer);
-                slave.due = now + delay;
+        let receiver = Receiver { slot: slave.slot, is_present: slave.is_present(world) };
+        let (pace, mailbox) = (self.pace(), &mut transfer.mailbox);
+        let progress = match transfer.owner {
+            TransferOwner::Register(id) => {
+                self.finish_reg_request(id, receiver.slot, receiver.is_present, world);
+                return self.end_transfer(index, now);
             }
-            return;
-        }
-        let mut upload = std::mem::take(&mut self.scratch);
-        let attempt = match transfer.owner {
-            TransferOwner::Register(_) => None,
             TransferOwner::Blocking(id) => {
                 self.blocking.iter_mut().find(|sdo| sdo.id == id).map(|sdo| {
                     let payload = match &sdo.download {
                         Some(data) => Payload::Download(data),
-                        None => Payload::Upload(&mut upload),
+                        None => Payload::Upload(&mut sdo.upload),
                     };
-                    attempt(world, slot, present, since, sdo.object, payload)
+                    proceed(world, receiver, mailbox, pace, sdo.object, payload)
                 })
             }
             TransferOwner::Request(id) => self.request(id).map(|entry| {
@@ -166,23 +160,23 @@ impl MasterModel {
                 } else {
                     Payload::Upload(&mut entry.data)
                 };
-                attempt(world, slot, present, since, object, payload)
+                proceed(world, receiver, mailbox, pace, object, payload)
             }),
         };
-        match attempt {
-            Some(Attempt::Waiting) => {
+        match progress {
+            Some(Progress::Waiting(delay)) => {
                 if let Some(slave) = self.slaves.get_mut(index) {
-                    slave.due = now + STATE_POLL_NS;
+                    slave.transfer = Some(transfer);
+                    slave.due = now + delay;
                 }
             }
-            Some(Attempt::Done(result)) => {
-                self.finish_transfer(transfer.owner, result, &upload);
+            Some(Progress::Done(result)) => {
+                self.finish_transfer(transfer.owner, result);
                 self.end_transfer(index, now);
             }
             // the caller no longer waits
             None => self.end_transfer(index, now),
         }
-        self.scratch = upload;
     }
 
     fn end_transfer(&mut self, index: usize, now: u64) {
@@ -192,17 +186,12 @@ impl MasterModel {
         }
     }
 
-    fn finish_transfer(
-        &mut self,
-        owner: TransferOwner,
-        result: Result<(), SdoFailure>,
-        upload: &[u8],
-    ) {
+    fn finish_transfer(&mut self, owner: TransferOwner, result: Result<(), SdoFailure>) {
         match owner {
             TransferOwner::Register(_) => {}
             TransferOwner::Blocking(id) => {
                 if let Some(sdo) = self.blocking.iter_mut().find(|sdo| sdo.id == id) {
-                    sdo.result = Some(result.map(|()| upload.to_vec()));
+                    sdo.result = Some(result);
                 }
             }
             TransferOwner::Request(id) => {
