@@ -12,19 +12,18 @@ const IDLE_STEPS: u64 = 4;
 pub(crate) enum Pace {
     /// Before activation: one step in this time, ns. The master sends on its own.
     Timed(u64),
-    /// In the operation phase the datagrams travel with the application's sends: sends so far, and
-    /// sends for one step.
-    Sends { count: u64, per_step: u64 },
+    /// In the operation phase the datagrams travel with the application's sends: steps so far.
+    Sends(u64),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MailboxTransfer {
     pub(crate) since: u64,
-    /// Sends of the application before it began.
-    sends: u64,
+    /// Steps of the master before it began.
+    steps: u64,
     /// Result of the request, in the mailbox of the slave from its time on until it is fetched.
     response: Option<(u64, Result<(), SdoFailure>)>,
-    /// The send whose mailbox check found the response.
+    /// The step whose mailbox check found the response.
     found: Option<u64>,
 }
 
@@ -40,8 +39,8 @@ pub(crate) enum MailboxStep {
 }
 
 impl MailboxTransfer {
-    pub(crate) fn begin(now: u64, sends: u64) -> Self {
-        Self { since: now, sends, response: None, found: None }
+    pub(crate) fn begin(now: u64, steps: u64) -> Self {
+        Self { since: now, steps, response: None, found: None }
     }
 
     /// The slave has executed the request; its response is in its mailbox at `ready_at`.
@@ -65,21 +64,19 @@ impl MailboxTransfer {
                 };
                 if now >= due { step } else { MailboxStep::Wait(due - now) }
             }
-            Pace::Sends { count, per_step } => self.next_by_sends(now, count, per_step),
+            Pace::Sends(steps) => self.next_by_sends(now, steps),
         }
     }
 
-    fn next_by_sends(&mut self, now: u64, sends: u64, per_step: u64) -> MailboxStep {
+    fn next_by_sends(&mut self, now: u64, steps: u64) -> MailboxStep {
         let Some((ready_at, response)) = self.response else {
-            let is_sent = sends >= self.sends + per_step;
+            let is_sent = steps > self.steps;
             return if is_sent { MailboxStep::Deliver } else { MailboxStep::Wait(0) };
         };
         match self.found {
-            Some(send) if sends >= send + per_step => return MailboxStep::Fetch(response),
-            None if now >= ready_at.max(self.since + SDO_NS)
-                && sends >= self.sends + 2 * per_step =>
-            {
-                self.found = Some(sends);
+            Some(found) if steps > found => return MailboxStep::Fetch(response),
+            None if now >= ready_at.max(self.since + SDO_NS) && steps >= self.steps + 2 => {
+                self.found = Some(steps);
             }
             _ => {}
         }
@@ -115,22 +112,13 @@ mod tests {
     }
 
     #[test]
-    fn active_transfer_takes_three_steps_of_sends() {
-        for per_step in [1, 2] {
-            let mut transfer = MailboxTransfer::begin(0, 5);
-            let mut steps = Vec::new();
-            for count in 5..=5 + 3 * per_step {
-                let step = transfer.next(SDO_NS, Pace::Sends { count, per_step });
-                if step == MailboxStep::Deliver {
-                    transfer.respond(0, Ok(()));
-                }
-                if step != MailboxStep::Wait(0) {
-                    steps.push((count - 5, step));
-                }
-            }
-            let expected =
-                [(per_step, MailboxStep::Deliver), (3 * per_step, MailboxStep::Fetch(Ok(())))];
-            assert_eq!(steps, expected);
-        }
+    fn active_transfer_takes_three_steps() {
+        let mut transfer = MailboxTransfer::begin(0, 5);
+        assert_eq!(transfer.next(SDO_NS, Pace::Sends(5)), MailboxStep::Wait(0));
+        assert_eq!(transfer.next(SDO_NS, Pace::Sends(6)), MailboxStep::Deliver);
+        transfer.respond(0, Ok(()));
+        let steps = [6, 7, 7, 8].map(|steps| transfer.next(SDO_NS, Pace::Sends(steps)));
+        let wait = MailboxStep::Wait(0);
+        assert_eq!(steps, [wait, wait, wait, MailboxStep::Fetch(Ok(()))]);
     }
 }

@@ -14,7 +14,7 @@ use toml::Spanned;
 
 use crate::scenario::file::raw_fault::RawFault;
 use crate::scenario::file::raw_node::RawNode;
-use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, Scenario, Topology};
+use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, MasterBehaviour, Scenario, Topology};
 use crate::wake_up::WakeUpDelay;
 
 /// Error in a scenario file.
@@ -35,6 +35,8 @@ struct RawScenario {
     clock: Option<ClockKind>,
     wake_up_us: Option<Spanned<RawWakeUp>>,
     version: Option<EcrtVersion>,
+    #[serde(default)]
+    master: MasterBehaviour,
     #[serde(default)]
     carries_large_pdos: bool,
     #[serde(default)]
@@ -167,6 +169,7 @@ impl Scenario {
             clock: raw.clock,
             wake_up: wake_up.transpose()?,
             version: raw.version.unwrap_or(EcrtVersion::V1_6),
+            master: raw.master,
             carries_large_pdos: raw.carries_large_pdos,
             reserved: raw.reserved,
             topology: raw.topology.unwrap_or(Topology::Line),

@@ -1,6 +1,6 @@
 //! SDO transfers: blocking ones, and requests in parallel with the cycle.
 
-use super::MasterModel;
+use super::{MasterModel, Phase};
 use crate::ecrt::mailbox::{Transfer, TransferOwner};
 use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, SdoFailure, SdoObject, proceed};
 use crate::ecrt::slave_config::{RequestId, RequestProgress, SdoRequest};
@@ -108,7 +108,11 @@ impl MasterModel {
             slave.due = until;
             return;
         }
+        // internal requests wait for the master's one state machine
+        let is_in_turn = !self.behaviour.serves_in_turn || self.serves_requests(now);
+        let Some(slave) = self.slaves.get_mut(index) else { return };
         if chosen.is_none()
+            && is_in_turn
             && let Some(config) = slave.config
             && let Some(known) = self.configs.get_mut(config)
         {
@@ -130,6 +134,32 @@ impl MasterModel {
             slave.due = now;
         } else {
             self.choose_reg_request(index, now);
+            self.wait_for_turn(index, now);
+        }
+    }
+
+    /// Whether the master comes by the internal requests: a round of polling after it has ended
+    /// another activity, or at the end of another request.
+    fn serves_requests(&self, now: u64) -> bool {
+        let serves_one = self.slaves.iter().any(|slave| {
+            matches!(slave.transfer, Some(Transfer { owner: TransferOwner::Request(_), .. }))
+        });
+        let follows = self.last_request_ended.is_some_and(|ended| self.steps - ended <= 1);
+        !serves_one && !self.is_busy() && self.scan.is_none() && (follows || now >= self.round_ends)
+    }
+
+    /// Tries again later if an internal request of the slave is queued.
+    fn wait_for_turn(&mut self, index: usize, now: u64) {
+        let step_ns = self.idle_step_ns();
+        let Some(slave) = self.slaves.get_mut(index).filter(|slave| slave.is_idle()) else {
+            return;
+        };
+        let config = slave.config.and_then(|config| self.configs.get(config));
+        let is_queued = config.is_some_and(|config| {
+            config.requests.iter().any(|entry| entry.progress == RequestProgress::Queued)
+        });
+        if is_queued {
+            slave.due = now + if self.phase == Phase::Active { 0 } else { step_ns };
         }
     }
 
@@ -171,11 +201,33 @@ impl MasterModel {
                 }
             }
             Some(Progress::Done(result)) => {
+                let is_external = matches!(transfer.owner, TransferOwner::Blocking(_));
+                let result = match is_external && self.collides(index, now) {
+                    true => {
+                        self.log(index, "reception of an SDO response failed: no response");
+                        Err(SdoFailure::UNANSWERED)
+                    }
+                    false => result,
+                };
+                if !is_external {
+                    self.last_request_ended = Some(self.steps);
+                    self.wake_others(now);
+                }
                 self.finish_transfer(transfer.owner, result);
                 self.end_transfer(index, now);
+                if !is_external && self.behaviour.serves_in_turn {
+                    self.choose_transfer(index, world);
+                }
             }
             // the caller no longer waits
             None => self.end_transfer(index, now),
+        }
+    }
+
+    /// Lets the slaves with a queued request choose it.
+    fn wake_others(&mut self, now: u64) {
+        for slave in self.slaves.iter_mut().filter(|slave| slave.is_idle()) {
+            slave.due = slave.due.min(now);
         }
     }
 
@@ -223,6 +275,9 @@ impl MasterModel {
         }
         entry.start(writes, now);
         self.wake(id.config, now);
+        if self.round_ends < now {
+            self.round_ends = now + self.polling_round_ns();
+        }
         Ok(())
     }
 }

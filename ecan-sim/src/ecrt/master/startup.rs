@@ -159,10 +159,13 @@ impl MasterModel {
         since: u64,
     ) -> Next {
         let now = world.now_ns();
-        let Some(slave) = self.slaves.get(index) else { return Next::Failed };
+        let Some(slave) = self.slaves.get_mut(index) else { return Next::Failed };
         let (slot, requested) = (slave.slot, slave.requested);
         let status = al_status(world, slot);
         if status == to.raw() {
+            if to == AlState::PreOp {
+                slave.preop_at = Some(now);
+            }
             if to == requested {
                 return Next::Done;
             }
@@ -252,6 +255,7 @@ impl MasterModel {
         mut mailbox: MailboxTransfer,
     ) -> Next {
         let Some(write) = list.get(at).copied() else {
+            self.note_assignment(index);
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
         let object = SdoObject::entry(write.index, write.subindex);
@@ -269,6 +273,26 @@ impl MasterModel {
         };
         let mailbox = self.begin_transfer(world.now_ns());
         Next::Step(Startup::Assignment { list, at, mailbox }, 0)
+    }
+
+    /// The configured assignment replaces the one that the scan found.
+    fn note_assignment(&mut self, index: usize) {
+        let Some(config) = self.slaves.get(index).and_then(|slave| slave.config) else { return };
+        let (Some(slave), Some(config)) = (self.slaves.get_mut(index), self.configs.get(config))
+        else {
+            return;
+        };
+        if !slave.spec.pdo_assign {
+            return;
+        }
+        for direction in [Direction::RxPdo, Direction::TxPdo] {
+            let number = usize::from(sync_manager(direction));
+            if let (Some(known), Some(sync)) =
+                (slave.assigned.get_mut(number), config.syncs.get(number))
+            {
+                known.clone_from(&sync.pdos);
+            }
+        }
     }
 
     fn set_up_sync_managers(&mut self, index: usize, world: &mut World) {
