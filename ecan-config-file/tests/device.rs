@@ -10,7 +10,7 @@ use ecan_config_file::{
     Difference, Expected, FlashCommand, ResolveError, ResolvedGateway, apply, differences, find,
     startup,
 };
-use ecan_host::{Adapter, Clock, Error, MaintenanceError, StartupStep};
+use ecan_host::{Clock, Error, MaintenanceError, StartupStep};
 use ecan_mcan_port::Port;
 use ecan_protocol::device::{AlState, MaintenanceStatus};
 use ecan_sim::{Fault, GatewayFault};
@@ -45,11 +45,12 @@ fn saved_configuration_survives_power_cycle() {
         assert!(kept.is_empty(), "{kept:?}");
     }
     // The entries that the master writes at each start differ too.
+    let steps = [0, 1].map(|gateway| startup(&file, gateway));
     let mut port = Port::open(&fixture.ecrt, (file.adapter, file.port)).unwrap();
-    let adapter: &mut Adapter = port.adapter_mut();
-    let bus = adapter.diagnostics();
-    for slave in 0..2 {
-        assert_eq!(differences(bus, slave, &startup(&file, slave)).unwrap(), []);
+    port.wait_ready().unwrap();
+    for (slave, steps) in steps.iter().enumerate() {
+        let left = port.diagnose(|bus| differences(bus, slave, steps).unwrap()).unwrap();
+        assert_eq!(left, []);
     }
 }
 

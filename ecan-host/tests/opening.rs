@@ -69,15 +69,17 @@ fn first_chunks_are_assigned_and_the_domain_is_continuous() {
     config.slaves[0].tx_multiplier = 4;
     let mut adapter = open(ecan_sim::echo(1), config).unwrap();
     assert!(adapter.rx_pdo(0).is_empty(), "no image before activation");
-    let diagnostics = adapter.diagnostics();
-    for (object, count, first) in [(0x1C12, 2, 0x1600), (0x1C13, 4, 0x1A00)] {
-        assert_eq!(diagnostics.sdo_upload_u32(0, object, 0).unwrap(), count);
-        for entry in 1..=count {
-            let chunk = diagnostics.sdo_upload_u32(0, object, entry as u8).unwrap();
-            assert_eq!(chunk, first + entry - 1);
-        }
-    }
-    adapter.activate().unwrap();
+    // Its profiles have 8 chunks, so that it stays in PREOP, with the assignment.
+    adapter.wait_op(Duration::from_secs(20)).unwrap_err();
+    let cycle = |adapter: &mut Adapter| adapter.receive().and_then(|()| adapter.send());
+    let assigned = adapter.diagnose(cycle, |diagnostics| {
+        let upload = |index, subindex| diagnostics.sdo_upload_u32(0, index, subindex).unwrap();
+        [0x1C12, 0x1C13].map(|object| {
+            (1..=upload(object, 0)).map(|entry| upload(object, entry as u8)).collect::<Vec<u32>>()
+        })
+    });
+    let expected = [vec![0x1600, 0x1601], vec![0x1A00, 0x1A01, 0x1A02, 0x1A03]];
+    assert_eq!(assigned.unwrap(), expected);
     assert_eq!((adapter.rx_pdo(0).len(), adapter.tx_pdo(0).len()), (256, 512));
     assert_eq!(adapter.rx_pdo_mut(0).len(), 256);
     assert!(adapter.rx_pdo(1).is_empty() && adapter.tx_pdo(1).is_empty());

@@ -101,6 +101,7 @@ impl Port {
     /// Sleeps until the next cycle is due and returns the number of missed deadlines: see
     /// [`Adapter::wait_next_cycle`](ecan_host::Adapter::wait_next_cycle).
     pub fn wait_next_cycle(&mut self) -> u64 {
+        self.adapter.set_starting(!self.is_ready());
         self.skipped = self.adapter.wait_next_cycle();
         // The owner of an attached master sets Sync0 by its own deadlines.
         let is_in_phase = !self.adapter.is_attached();
@@ -122,7 +123,25 @@ impl Port {
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
             gateway.begin(&mut self.adapter, slave, self.cycle_number, since_first_ns);
         }
+        self.retry_startups();
         self.is_cycle_open = true;
+    }
+
+    /// Requests the startup of gateways again that stay below OP; see
+    /// [`PendingStep::StartupRetry`](crate::PendingStep::StartupRetry).
+    fn retry_startups(&mut self) {
+        let is_due = self.gateways.iter().any(|gateway| gateway.session.needs_startup());
+        if !is_due || self.adapter.is_attached() {
+            return;
+        }
+        let in_use = self.gateways.iter().any(|gateway| gateway.session.is_ready());
+        if in_use && self.adapter.retry_startup_blocks() || self.adapter.retry_startup().is_err() {
+            return;
+        }
+        let now_ns = self.adapter.clock().now_ns();
+        for gateway in &mut self.gateways {
+            gateway.session.startup_requested(now_ns);
+        }
     }
 
     fn end(&mut self) -> CycleSummary {

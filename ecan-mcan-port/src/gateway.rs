@@ -46,9 +46,7 @@ impl Gateway {
         slave: usize,
         config: &GatewayConfig,
     ) -> Result<Self, ecan_host::Error> {
-        let read =
-            |subindex| adapter.diagnostics().sdo_upload_u32(slave, Capabilities::INDEX, subindex);
-        let capabilities = Capabilities::read(read)?;
+        let capabilities = Capabilities::read(|subindex| adapter.capability(slave, subindex))?;
         let settings = &adapter.config().slaves[slave];
         let rx = config.profile(Direction::RxPdo, settings.rx_multiplier);
         let tx = config.profile(Direction::TxPdo, settings.tx_multiplier);

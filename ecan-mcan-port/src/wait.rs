@@ -6,6 +6,7 @@ use ecan_host::{Diagnostics, OpProgress, Phase, run_in_parallel};
 
 use crate::address::GatewayHandle;
 use crate::error::PortError;
+use crate::gateway::Gateway;
 use crate::port::Port;
 
 /// A cycle in which nothing is sent and everything received is discarded. Single cycles may fail:
@@ -25,7 +26,7 @@ impl Port {
     /// # Errors
     /// [`PortError::Adapter`] with a report of the slaves that do not reach OP;
     /// [`PortError::NotReady`] for a gateway in OP that is not ready, with the step that it waits
-    /// for.
+    /// for, or as soon as it has answered twice with a value that is not the configured one.
     pub fn wait_ready(&mut self) -> Result<(), PortError> {
         self.wait_ready_timeout(self.startup_timeout())
     }
@@ -65,7 +66,10 @@ impl Port {
             }
             if is_operational {
                 let waited_ms = (clock.now_ns() - start) / 1_000_000;
-                if u128::from(waited_ms) > timeout.as_millis() {
+                let mut sessions = self.gateways.iter().map(|gateway| &gateway.session);
+                if u128::from(waited_ms) > timeout.as_millis()
+                    || sessions.any(|session| session.fails_for_good())
+                {
                     return Err(self.not_ready(waited_ms).into());
                 }
                 continue;
@@ -94,7 +98,10 @@ impl Port {
 
     /// Error for the first gateway that is not ready.
     fn not_ready(&self, waited_ms: u64) -> PortError {
-        let slave = self.gateways.iter().position(|g| !g.session.is_ready()).unwrap_or_default();
+        let position = |is_cause: fn(&Gateway) -> bool| self.gateways.iter().position(is_cause);
+        let slave = position(|gateway| gateway.session.fails_for_good())
+            .or(position(|gateway| !gateway.session.is_ready()))
+            .unwrap_or_default();
         let gateway = GatewayHandle::new(slave);
         PortError::NotReady {
             slave,

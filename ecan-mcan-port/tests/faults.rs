@@ -216,14 +216,14 @@ fn f10_an_open_cable_is_survived_like_a_power_cycle() {
 #[test]
 fn f11_a_rejected_startup_sdo_is_named_with_its_abort_code() {
     let mut scenario = ecan_sim::echo(1);
-    let abort = GatewayFault::SdoAbort { index: 0x8001, subindex: 19, code: 0x0609_0030, times: 1 };
+    let abort = GatewayFault::SdoAbort { index: 0x8001, subindex: 19, code: 0x0609_0030, times: 9 };
     scenario.faults.push(ecan_sim::ScriptedFault {
         when: ecan_sim::When::At(0),
         fault: Fault::Gateway { gateway: 0, fault: abort },
     });
     let config = PortConfig::uniform(1, on_channel_0());
-    let error = Fixture::open(scenario, AdapterConfig::new(1), config).err().expect("rejected");
-    let text = error.to_string();
+    let mut fixture = Fixture::open(scenario, AdapterConfig::new(1), config).unwrap();
+    let text = fixture.port.wait_ready().expect_err("rejected").to_string();
     for part in ["SDO download", "0x8001:19", "slave 0", "0x06090030"] {
         assert!(text.contains(part), "{text}");
     }

@@ -30,7 +30,7 @@ fn waiting_for(port: &Port, slave: usize) -> Option<PendingStep> {
 }
 
 #[test]
-fn startup_without_response_waits_for_a_retry() {
+fn startup_without_response_is_requested_again() {
     let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(1), config(1));
     fixture.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
     let in_preop = |port: &Port| {
@@ -43,15 +43,12 @@ fn startup_without_response_waits_for_a_retry() {
     assert!(fixture.until(30_000, is_held).is_some(), "{:?}", waiting_for(&fixture.port, 0));
     let log = fixture.simulation.kernel_log();
     assert!(log.iter().any(|line| line.contains("no response")), "{log:?}");
-    fixture.idle(10_000);
-    assert!(is_held(&fixture.port), "not without a retry");
-    fixture.port.retry_startup().unwrap();
     assert!(fixture.until(10_000, Port::is_ready).is_some(), "{:?}", waiting_for(&fixture.port, 0));
 }
 
 /// The master meets an error while it takes the gateway to INIT, and leaves it there.
 #[test]
-fn startup_that_failed_in_init_waits_for_a_retry() {
+fn startup_that_failed_in_init_is_requested_again() {
     let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(1), config(1));
     let al_state = |port: &Port| port.adapter().slave_state(0).map_or(0, |state| state.al_state);
     leave_op(&fixture, 0);
@@ -69,7 +66,6 @@ fn startup_that_failed_in_init_waits_for_a_retry() {
     let is_held = |port: &Port| waiting_for(port, 0) == Some(PendingStep::StartupRetry);
     assert!(fixture.until(60_000, is_held).is_some(), "{:?}", waiting_for(&fixture.port, 0));
     assert_eq!(al_state(&fixture.port) & 0x0F, 1);
-    fixture.port.retry_startup().unwrap();
     assert!(fixture.until(10_000, Port::is_ready).is_some(), "{:?}", waiting_for(&fixture.port, 0));
 }
 
@@ -234,4 +230,40 @@ fn retry_needs_an_active_bus() {
     fixture.port.retry_startup().unwrap();
     fixture.idle(5_000);
     assert_eq!(fixture.port.session(fixture.port.gw(0)), Session::Ready, "nothing is disturbed");
+}
+
+#[test]
+fn reconfiguration_succeeds_after_the_bus_was_seen_empty() {
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(1), config(1));
+    fixture.simulation.inject(Fault::LinkLoss { gateway: 0, for_ms: 3_000 });
+    fixture.idle(1_500);
+    let waits = adapter(1).with_cycle(Duration::from_millis(2));
+    fixture.port.reconfigure((waits, config(1))).unwrap();
+    fixture.port.wait_ready().unwrap();
+}
+
+#[test]
+fn port_opens_although_the_gateway_is_powered_later() {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.faults.push(ecan_sim::ScriptedFault {
+        when: ecan_sim::When::At(0),
+        fault: Fault::LinkLoss { gateway: 0, for_ms: 2_000 },
+    });
+    let mut fixture = Fixture::open(scenario, adapter(1), config(1)).unwrap();
+    fixture.port.wait_ready().unwrap();
+}
+
+/// Each step of a startup SDO would take a cycle otherwise.
+#[test]
+fn startup_at_a_slow_cycle_does_not_wait_for_the_cycle() {
+    let slow = adapter(3).with_cycle(Duration::from_millis(10));
+    let mut fixture = Fixture::open(ecan_sim::echo(3), slow, config(3)).unwrap();
+    let mut cycles = 0;
+    let count = |port: &mut Port| {
+        cycles += 1;
+        port.begin_cycle().finish();
+        Ok::<_, PortError>(())
+    };
+    fixture.port.wait_ready_with(Duration::from_secs(100), count).unwrap();
+    assert!(cycles < 400, "{cycles}");
 }

@@ -66,7 +66,7 @@ fn f32_a_request_that_the_master_does_not_end_is_named_until_it_is_free() {
     for attempt in 1..=4 {
         let failed = |port: &Port| port.statistics(port.gw(0)).verification_failures == attempt;
         assert!(
-            fixture.until(2_600, failed).is_some(),
+            fixture.until(3_000, failed).is_some(),
             "{attempt}: {}",
             fixture.port.session(fixture.port.gw(0))
         );

@@ -21,6 +21,7 @@ impl Adapter {
     /// [`set_cycle_timing`](Self::set_cycle_timing) selects a spin before the deadline, and catching
     /// up instead of skipping. Real-time safe: it does not allocate.
     pub fn wait_next_cycle(&mut self) -> u64 {
+        self.exchange_startup_rounds();
         let answered_ns = self.sent_ns.saturating_add(self.response_ns);
         let start = self.cycle_timer.wait_from(self.ecrt.clock().as_ref(), answered_ns);
         self.cycle_start = start;

@@ -45,7 +45,8 @@ impl NotOperational {
 /// that does not fit the process data is answered with AL status 0x001D or 0x001E.
 fn steps_to_try(startup: &[StartupStep], slave: &Slave) -> Vec<StartupStep> {
     let layout = slave.layout;
-    let same = [(7, slave.serial[0]), (8, slave.serial[1])]
+    let [low, high] = slave.capabilities.serial();
+    let same = [(7, low), (8, high)]
         .map(|(subindex, half)| StartupStep::expect(Capabilities::INDEX, subindex, half));
     let sizes = [(Direction::RxPdo, layout.rx_bytes), (Direction::TxPdo, layout.tx_bytes)]
         .map(|(direction, bytes)| StartupStep::expect(direction.profile_object(), 9, bytes as u32));

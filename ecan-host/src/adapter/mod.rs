@@ -7,8 +7,10 @@ mod events;
 mod investigation;
 mod operation;
 mod parallel;
+mod preparation;
 mod process_data;
 mod requests;
+mod startup_round;
 
 pub use cycle::{Delivery, DomainReport};
 pub use operation::{OpProgress, OpWait};
@@ -19,9 +21,10 @@ use std::ops::Range;
 use ecan_protocol::mapping::Direction;
 use ecrt_sys::{Clock, Ecrt};
 
-use crate::bus::{Diagnostics, Identified, identification, mapping};
+use crate::bus::{CapabilityValues, Diagnostics, identification, mapping};
 use crate::clocks::DistributedClocks;
 use crate::config::{AdapterConfig, Identity, WATCHDOG_UNIT};
+use crate::deadline::deadline_ns;
 use crate::error::Error;
 use crate::master::{DomainId, Master, RegRequestId, SlaveConfigId};
 use crate::phase::Phase;
@@ -31,14 +34,17 @@ use crate::startup::{StartupPlan, StartupStep};
 use al_status::AlStatusWatch;
 use events::{Outage, Overruns};
 use operation::StopCheck;
+use preparation::Prepared;
+
+/// Pause between two looks at the slaves that are not found, in nanoseconds.
+const FIND_POLL_NS: u64 = 50_000_000;
 
 #[derive(Debug)]
 struct Slave {
     config: SlaveConfigId,
     domain: DomainId,
     identity: Identity,
-    /// 0xF000:07 and :08, which identify the device.
-    serial: [u32; 2],
+    capabilities: CapabilityValues,
     layout: DomainLayout,
     rx: Range<usize>,
     tx: Range<usize>,
@@ -79,15 +85,17 @@ pub struct Adapter {
     /// Distributed clocks, while the bus is active and theirs are the Adapter's.
     clocks: Option<DistributedClocks>,
     clock_correction_ns: i64,
+    is_starting: bool,
 }
 
 impl Adapter {
-    /// Checks the configuration, reserves the master, finds and identifies the gateways, writes
-    /// their startup SDOs once in PREOP (so that a rejection is reported with its abort code),
-    /// registers them for every later reconfiguration, and sets up one domain per slave.
+    /// Checks the configuration, reserves the master, finds and identifies the gateways, executes
+    /// the leading checks of their startup, registers their startup SDOs with the master, and sets
+    /// up one domain per slave.
     ///
-    /// Blocks, for seconds where slaves are still being scanned. The bus is not cyclic yet:
-    /// [`activate`](Self::activate) or [`wait_op`](Self::wait_op) starts it.
+    /// Writes nothing to the slaves: the master executes the startup SDOs after
+    /// [`activate`](Self::activate) or [`wait_op`](Self::wait_op), and at every return of a slave.
+    /// Blocks, for seconds where slaves are still being scanned.
     ///
     /// # Errors
     /// Any [`Error`]; the master is released.
@@ -150,6 +158,7 @@ impl Adapter {
             response_ns: 0,
             clocks: None,
             clock_correction_ns: 0,
+            is_starting: false,
         };
         adapter.configure()?;
         Ok(adapter)
@@ -159,20 +168,46 @@ impl Adapter {
     fn configure(&mut self) -> Result<(), Error> {
         self.diagnostics.set_addresses(&self.config);
         self.response_ns = Plan::of(&self.config).response_ns();
-        let clock = self.ecrt.clock().as_ref();
-        identification::wait_for_slaves(&self.diagnostics, clock, &self.config)?;
-        // All slaves are identified before the first one is written to.
-        let settings = self.config.slaves.iter().enumerate();
-        let identified = settings
-            .map(|(index, slave)| identification::identify(&self.diagnostics, index, slave))
-            .collect::<Result<Vec<Identified>, Error>>()?;
-        self.slaves = identified
+        self.find_slaves()?;
+        // All slaves are identified before the first one is configured.
+        self.slaves = self
+            .prepare_slaves()?
             .into_iter()
             .enumerate()
-            .map(|(index, identified)| self.configure_slave(index, identified))
+            .map(|(index, prepared)| self.configure_slave(index, prepared))
             .collect::<Result<Vec<Slave>, Error>>()?;
         self.select_reference_clock()?;
         self.phase = Phase::Configured;
+        Ok(())
+    }
+
+    /// Waits until all slaves are on the bus in PREOP, and the master is reserved.
+    ///
+    /// A reserved master that is not active does not scan: a missing slave is waited for without the
+    /// reservation.
+    fn find_slaves(&mut self) -> Result<(), Error> {
+        let clock = self.ecrt.clock().clone();
+        let deadline_ns = deadline_ns(clock.as_ref(), self.config.preop_timeout);
+        loop {
+            match identification::look_for_slaves(&self.diagnostics, &self.config) {
+                Ok(()) if self.master.is_reserved() => return Ok(()),
+                Ok(()) => {
+                    self.master = Master::request(&self.ecrt, self.config.master_index)?;
+                    continue;
+                }
+                Err(error) if clock.now_ns() >= deadline_ns => return Err(error),
+                Err(Error::NoSuchSlave { .. }) if !self.attached => self.release()?,
+                Err(_) => {}
+            }
+            clock.sleep_until_ns(clock.now_ns() + FIND_POLL_NS);
+        }
+    }
+
+    /// Releases the master, and with it a configuration that was never activated.
+    fn release(&mut self) -> Result<(), Error> {
+        if self.master.is_reserved() {
+            self.master = Master::open(&self.ecrt, self.config.master_index)?;
+        }
         Ok(())
     }
 
@@ -188,19 +223,12 @@ impl Adapter {
             .map_err(|e| Error::library("ecrt_master_select_reference_clock", Some(slave), e))
     }
 
-    fn configure_slave(
-        &mut self,
-        slave: usize,
-        Identified { identity, serial }: Identified,
-    ) -> Result<Slave, Error> {
+    fn configure_slave(&mut self, slave: usize, prepared: Prepared) -> Result<Slave, Error> {
         let count = self.config.slaves.len();
         let settings =
             self.config.slaves.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
-        let steps = self.startup.steps(&self.config, slave);
-        self.diagnostics.run_startup(slave, &steps, |_| {})?;
         let (rx_n, tx_n) = (settings.rx_multiplier, settings.tx_multiplier);
-        let rx_units = mapping::read_mapping(&self.diagnostics, slave, Direction::RxPdo, rx_n)?;
-        let tx_units = mapping::read_mapping(&self.diagnostics, slave, Direction::TxPdo, tx_n)?;
+        let Prepared { identity, capabilities, rx_units, tx_units } = prepared;
 
         let fail = |call| move |errno| Error::library(call, Some(slave), errno);
         let master = &mut self.master;
@@ -214,7 +242,7 @@ impl Adapter {
             .map_err(fail("ecrt_master_slave_config"))?;
         mapping::configure(master, slave, config, Direction::RxPdo, &rx_units)?;
         mapping::configure(master, slave, config, Direction::TxPdo, &tx_units)?;
-        for step in &steps {
+        for step in &self.startup.steps(&self.config, slave) {
             if let StartupStep::Download(sdo) = step {
                 let (bytes, length) = sdo.bytes();
                 master
@@ -251,7 +279,7 @@ impl Adapter {
             config,
             domain,
             identity,
-            serial,
+            capabilities,
             layout,
             rx: rx_start..rx_start + layout.rx_bytes,
             tx: tx_start..tx_start + layout.tx_bytes,
@@ -275,6 +303,15 @@ impl Adapter {
         self.master
             .set_send_interval(cycle_us as usize)
             .map_err(|e| Error::library("ecrt_master_set_send_interval", None, e))?;
+        if self.config.dc.is_some() {
+            self.reset_clock_differences();
+        } else {
+            // Without a time the master complains at each scan.
+            let now_ns = self.ecrt.clock().now_ns();
+            self.master
+                .application_time(now_ns)
+                .map_err(|e| Error::library("ecrt_master_application_time", None, e))?;
+        }
         self.master.activate().map_err(|e| Error::library("ecrt_master_activate", None, e))?;
         // The grid starts with the first cycle, and with it the application time, to which the
         // master refers the phase of Sync0.
@@ -327,7 +364,7 @@ impl Adapter {
             let failed = |e| Error::library("ecrt_master_deactivate", None, e);
             self.master.deactivate().map_err(failed)?;
         } else {
-            self.request_anew()?;
+            self.release()?;
         }
         self.cycle_timer.set_cycle_ns(config.cycle_ns());
         (self.config, self.startup) = (config, startup);
@@ -335,14 +372,6 @@ impl Adapter {
             self.measure_cycles();
         }
         self.configure()
-    }
-
-    /// Only releasing the master throws away a configuration that was never activated.
-    fn request_anew(&mut self) -> Result<(), Error> {
-        let index = self.config.master_index;
-        self.master = Master::open(&self.ecrt, index)?;
-        self.master = Master::request(&self.ecrt, index)?;
-        Ok(())
     }
 
     /// Current phase.
@@ -387,8 +416,19 @@ impl Adapter {
 
     /// Serial number of the gateway at a slave's address (0xF000:07 and :08).
     pub fn serial_number(&self, slave: usize) -> Result<u64, Error> {
-        let [low, high] = self.slave(slave)?.serial;
+        let [low, high] = self.slave(slave)?.capabilities.serial();
         Ok(u64::from(high) << 32 | u64::from(low))
+    }
+
+    /// A value of a gateway's 0xF000 (manual 13.8), as read when it was configured. May block for a
+    /// value that could not be read then; not for the cycle.
+    ///
+    /// # Errors
+    /// [`Error::Sdo`].
+    pub fn capability(&mut self, slave: usize, subindex: u8) -> Result<u32, Error> {
+        let count = self.slaves.len();
+        let found = self.slaves.get_mut(slave).ok_or(Error::SlaveIndex { slave, count })?;
+        found.capabilities.read(&self.diagnostics, slave, subindex)
     }
 
     /// Datagram layout of a slave.

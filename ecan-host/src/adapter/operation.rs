@@ -87,6 +87,17 @@ impl Adapter {
     pub fn wait_op_with(
         &mut self,
         timeout: Duration,
+        cycle: impl FnMut(&mut Self) -> Result<(), CycleError>,
+    ) -> Result<(), Error> {
+        self.set_starting(true);
+        let result = self.run_until_op(timeout, cycle);
+        self.set_starting(false);
+        result
+    }
+
+    fn run_until_op(
+        &mut self,
+        timeout: Duration,
         mut cycle: impl FnMut(&mut Self) -> Result<(), CycleError>,
     ) -> Result<(), Error> {
         let mut wait = self.begin_op_wait(timeout)?;

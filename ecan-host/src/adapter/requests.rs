@@ -33,10 +33,12 @@ impl Adapter {
 
     /// Requests OP of every slave again. The master stops the startup of a slave, with its error flag,
     /// when a startup SDO failed, also because the mailbox did not answer in time, or when a change of
-    /// state was rejected; only this call, or the loss of the slave, makes it try again.
+    /// state was rejected; only this call, or the loss of the slave, makes it try again. Slaves in OP
+    /// and slaves that are being configured are not affected.
     ///
-    /// Takes the master's semaphore, usually for microseconds but without a bound: call it between
-    /// two cycles, not while axes of other gateways move.
+    /// Real-time safe if [`retry_startup_blocks`](Self::retry_startup_blocks) is false. Otherwise it
+    /// takes the master's semaphore, usually for microseconds but without a bound: call it between two
+    /// cycles, not while axes of other gateways move.
     ///
     /// # Errors
     /// The library's error; [`Error::Phase`] if the bus is not active; [`Error::Attached`]: the owner
@@ -45,6 +47,12 @@ impl Adapter {
         self.need_owned("retry_startup")?;
         self.need_phase("retry_startup", Phase::Active)?;
         self.master.reset().map_err(|e| Error::library("ecrt_master_reset", None, e))
+    }
+
+    /// Whether [`retry_startup`](Self::retry_startup) takes the master's semaphore: before version 1.6
+    /// of the library. Later ones only schedule the work.
+    pub fn retry_startup_blocks(&self) -> bool {
+        self.ecrt.version() < (1, 6)
     }
 
     /// Creates a request for objects of up to `size` bytes. Its object is chosen with each

@@ -1,11 +1,27 @@
 //! A second, unreserved handle for state and SDO transfers in parallel with the cycle.
 
 use ecan_protocol::device::AlState;
-use ecrt_sys::{Clock, Ecrt};
+use ecrt_sys::{Clock, Ecrt, Errno};
 
 use crate::config::AdapterConfig;
 use crate::error::{Error, SdoDirection};
-use crate::master::{LinkState, Master, MasterState, SlaveInfo};
+use crate::master::{AssignedPdo, LinkState, Master, MasterState, SdoError, SlaveInfo};
+
+/// Time in which a transfer without response is repeated, in nanoseconds: a master collides with
+/// its own mailbox traffic for about a second per slave while it reads the SDO dictionaries after a
+/// scan.
+const REPEAT_NS: u64 = 5_000_000_000;
+/// Pause before it is repeated, in nanoseconds.
+const PAUSE_NS: u64 = 100_000_000;
+
+/// Whether a transfer can succeed soon: it got no response, or the master scans the bus.
+fn may_pass(error: &Error) -> bool {
+    matches!(
+        error,
+        Error::Sdo { errno: Errno::EIO, abort_code: None, .. }
+            | Error::NoSuchSlave { is_scanning: true, .. }
+    )
+}
 
 /// State and blocking SDO transfers of the configured slaves, on a handle of its own.
 ///
@@ -80,7 +96,17 @@ impl Diagnostics {
         Ok(AlState::from_status(self.slave_info(slave)?.al_state.into()))
     }
 
-    /// Uploads an object into `data` and returns its length in bytes.
+    /// PDOs that a sync manager of a slave had assigned when the master scanned the bus, or that a
+    /// program assigned since. Without SDO transfers.
+    pub(crate) fn assigned_pdos(&self, slave: usize, sync: u8) -> Result<Vec<AssignedPdo>, Error> {
+        let position = self.ring_position(slave)?;
+        self.master
+            .assigned_pdos(position, sync)
+            .map_err(|e| Error::library("ecrt_master_get_sync_manager", Some(slave), e))
+    }
+
+    /// Uploads an object into `data` and returns its length in bytes. A transfer that fails without
+    /// an abort code is repeated for five seconds.
     ///
     /// # Errors
     /// The abort code where the slave rejected.
@@ -91,10 +117,9 @@ impl Diagnostics {
         subindex: u8,
         data: &mut [u8],
     ) -> Result<usize, Error> {
-        let position = self.ring_position(slave)?;
-        self.master
-            .sdo_upload(position, index, subindex, data)
-            .map_err(|e| Error::sdo(slave, SdoDirection::Upload, (index, subindex), e))
+        self.repeat(slave, SdoDirection::Upload, (index, subindex), |position| {
+            self.master.sdo_upload(position, index, subindex, data)
+        })
     }
 
     /// Uploads an object of at most 4 bytes as a little-endian number.
@@ -104,7 +129,10 @@ impl Diagnostics {
         Ok(u32::from_le_bytes(data))
     }
 
-    /// Downloads an object.
+    /// Downloads an object; repeated as [`sdo_upload`](Self::sdo_upload).
+    ///
+    /// # Errors
+    /// The abort code where the slave rejected.
     pub fn sdo_download(
         &self,
         slave: usize,
@@ -112,10 +140,33 @@ impl Diagnostics {
         subindex: u8,
         data: &[u8],
     ) -> Result<(), Error> {
-        let position = self.ring_position(slave)?;
-        self.master
-            .sdo_download(position, index, subindex, data)
-            .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, subindex), e))
+        self.repeat(slave, SdoDirection::Download, (index, subindex), |position| {
+            self.master.sdo_download(position, index, subindex, data)
+        })
+    }
+
+    fn repeat<R>(
+        &self,
+        slave: usize,
+        direction: SdoDirection,
+        object: (u16, u8),
+        mut transfer: impl FnMut(u16) -> Result<R, SdoError>,
+    ) -> Result<R, Error> {
+        let clock = self.clock();
+        let end_ns = clock.now_ns().saturating_add(REPEAT_NS);
+        let mut attempts = 0;
+        loop {
+            let result = self.ring_position(slave).and_then(|position| {
+                attempts += 1;
+                transfer(position)
+                    .map_err(|failure| Error::sdo(slave, direction, object, failure, attempts))
+            });
+            let next_ns = clock.now_ns().saturating_add(PAUSE_NS);
+            match result {
+                Err(error) if next_ns < end_ns && may_pass(&error) => clock.sleep_until_ns(next_ns),
+                result => return result,
+            }
+        }
     }
 
     /// Downloads a command that must not be executed twice, for example a restart: never repeated.
@@ -133,7 +184,7 @@ impl Diagnostics {
         let position = self.ring_position(slave)?;
         self.master
             .sdo_download(position, index, subindex, data)
-            .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, subindex), e))
+            .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, subindex), e, 1))
     }
 
     /// Current position of a configured slave: alias 0 counts from the start, another one from

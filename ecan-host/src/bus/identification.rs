@@ -1,30 +1,17 @@
 //! Search of the configured slaves on the bus, and verification that they are ECAN-Lite gateways.
 
-use ecan_protocol::device::{AlState, Capabilities, Recognition};
+use ecan_protocol::device::{AlState, Recognition};
 
+use super::capability_values::CapabilityValues;
 use super::diagnostics::Diagnostics;
 use crate::config::{AdapterConfig, Identity, SlaveConfig};
-use crate::deadline::deadline_ns;
 use crate::error::Error;
 
-const POLL_NS: u64 = 50_000_000;
-
-pub(crate) fn wait_for_slaves(
+/// Whether every configured slave is on the bus, at a position of its own, in PREOP.
+pub(crate) fn look_for_slaves(
     diagnostics: &Diagnostics,
-    clock: &dyn ecrt_sys::Clock,
     config: &AdapterConfig,
 ) -> Result<(), Error> {
-    let deadline = deadline_ns(clock, config.preop_timeout);
-    loop {
-        let found = look_for_slaves(diagnostics, config);
-        if found.is_ok() || clock.now_ns() >= deadline {
-            return found;
-        }
-        clock.sleep_until_ns(clock.now_ns() + POLL_NS);
-    }
-}
-
-fn look_for_slaves(diagnostics: &Diagnostics, config: &AdapterConfig) -> Result<(), Error> {
     let mut positions = Vec::with_capacity(config.slaves.len());
     for slave in 0..config.slaves.len() {
         let position = diagnostics.ring_position(slave)?;
@@ -45,14 +32,14 @@ fn look_for_slaves(diagnostics: &Diagnostics, config: &AdapterConfig) -> Result<
     Ok(())
 }
 
-/// Identity of a gateway for the master, and its serial number.
+/// What is read of a gateway before it is configured.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Identified {
     pub(crate) identity: Identity,
-    /// 0xF000:07 and :08.
-    pub(crate) serial: [u32; 2],
+    pub(crate) capabilities: CapabilityValues,
 }
 
+/// Verifies that a slave is an ECAN-Lite of the configured identity, and reads its 0xF000.
 pub(crate) fn identify(
     diagnostics: &Diagnostics,
     slave: usize,
@@ -63,11 +50,12 @@ pub(crate) fn identify(
     if let Some(expected) = settings.identity.filter(|expected| *expected != found) {
         return Err(Error::IdentityMismatch { slave, expected, found });
     }
-    let read = |subindex| diagnostics.sdo_upload_u32(slave, Capabilities::INDEX, subindex);
-    match Recognition::read(read) {
+    let mut capabilities = CapabilityValues::default();
+    match Recognition::read(|subindex| capabilities.read(diagnostics, slave, subindex)) {
         Ok(found) if found.looks_like_ecan_lite() => {}
         Ok(found) => return Err(Error::NotAnEcanLite { slave, found }),
         Err(cause) => return Err(Error::Unrecognised { slave, cause: Box::new(cause) }),
     }
-    Ok(Identified { identity: found, serial: [read(7)?, read(8)?] })
+    capabilities.read_all(diagnostics, slave)?;
+    Ok(Identified { identity: found, capabilities })
 }

@@ -61,7 +61,7 @@ impl<'a> Maintenance<'a> {
     }
 
     fn write(&self, subindex: u8, value: u8) -> Result<(), Error> {
-        self.bus.sdo_download(self.slave, OBJECT, subindex, &[value])
+        self.bus.sdo_download_once(self.slave, OBJECT, subindex, &[value])
     }
 
     /// Executes `action` in an access mode and restores the previous mode, also after an error. A

@@ -7,7 +7,7 @@ use ecan_protocol::mapping::{
 
 use super::diagnostics::Diagnostics;
 use crate::error::Error;
-use crate::master::{DomainId, Master, SlaveConfigId, SyncDirection, WatchdogMode};
+use crate::master::{DomainId, Master, PdoEntry, SlaveConfigId, SyncDirection, WatchdogMode};
 
 const UNIT_BITS: u8 = (UNIT_BYTES * 8) as u8;
 
@@ -20,40 +20,74 @@ pub(crate) struct Unit {
     subindex: u8,
 }
 
-/// Reads the mapping of the first `multiplier` chunks and checks it against manual 5.1.1.
+/// Mapping of the first `multiplier` chunks, checked against manual 5.1.1: as the master read it
+/// when it scanned the bus, by SDO for chunks that were not assigned then.
 pub(crate) fn read_mapping(
     diagnostics: &Diagnostics,
     slave: usize,
     direction: Direction,
     multiplier: u8,
 ) -> Result<Vec<Unit>, Error> {
+    let assigned = diagnostics.assigned_pdos(slave, sync_manager(direction))?;
     let mut units = Vec::with_capacity(usize::from(multiplier) * UNITS_PER_CHUNK);
     for chunk in 0..multiplier {
         let pdo = pdo_map_index(direction, chunk);
-        let count = diagnostics.sdo_upload_u32(slave, pdo, 0)?;
-        if count != UNITS_PER_CHUNK as u32 {
-            return Err(Error::MappingCount { slave, pdo, found: count });
-        }
-        for unit in 0..UNITS_PER_CHUNK as u8 {
-            let entry = map_subindex(unit);
-            let mapped = diagnostics.sdo_upload_u32(slave, pdo, entry)?.to_be_bytes();
-            let [high, low, subindex, found_bits] = mapped;
-            let found_index = u16::from_be_bytes([high, low]);
-            let expected_index = data_object_index(direction, chunk, unit);
-            if found_index != expected_index || found_bits != UNIT_BITS {
-                return Err(Error::Mapping {
-                    slave,
-                    pdo,
-                    entry,
-                    found_index,
-                    found_bits,
-                    expected_index,
-                });
+        let known = assigned.iter().find(|assigned| assigned.index == pdo);
+        let known = known.and_then(|known| units_of(slave, direction, chunk, &known.entries).ok());
+        let of_chunk = match known {
+            Some(of_chunk) => of_chunk,
+            None => {
+                let entries = upload_entries(diagnostics, slave, pdo)?;
+                units_of(slave, direction, chunk, &entries)?
             }
-            units.push(Unit { pdo, index: found_index, subindex });
-        }
+        };
+        units.extend(of_chunk);
     }
     Ok(units)
+}
+
+fn upload_entries(
+    diagnostics: &Diagnostics,
+    slave: usize,
+    pdo: u16,
+) -> Result<Vec<PdoEntry>, Error> {
+    let found = diagnostics.sdo_upload_u32(slave, pdo, 0)?;
+    if found != UNITS_PER_CHUNK as u32 {
+        return Err(Error::MappingCount { slave, pdo, found });
+    }
+    let entry = |unit| {
+        let mapped = diagnostics.sdo_upload_u32(slave, pdo, map_subindex(unit))?.to_be_bytes();
+        let [high, low, subindex, bits] = mapped;
+        Ok(PdoEntry { index: u16::from_be_bytes([high, low]), subindex, bits })
+    };
+    (0..UNITS_PER_CHUNK as u8).map(entry).collect()
+}
+
+fn units_of(
+    slave: usize,
+    direction: Direction,
+    chunk: u8,
+    entries: &[PdoEntry],
+) -> Result<Vec<Unit>, Error> {
+    let pdo = pdo_map_index(direction, chunk);
+    if entries.len() != UNITS_PER_CHUNK {
+        return Err(Error::MappingCount { slave, pdo, found: entries.len() as u32 });
+    }
+    let unit = |(unit, entry): (u8, &PdoEntry)| {
+        let expected_index = data_object_index(direction, chunk, unit);
+        if (entry.index, entry.bits) == (expected_index, UNIT_BITS) {
+            return Ok(Unit { pdo, index: entry.index, subindex: entry.subindex });
+        }
+        Err(Error::Mapping {
+            slave,
+            pdo,
+            entry: map_subindex(unit),
+            found_index: entry.index,
+            found_bits: entry.bits,
+            expected_index,
+        })
+    };
+    (0..).zip(entries).map(unit).collect()
 }
 
 /// Gives the master a direction's sync manager with its assignment and mapping.

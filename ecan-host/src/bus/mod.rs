@@ -1,12 +1,13 @@
 //! Access to the slaves outside the cycle: state, SDO transfers, identification, PDO mapping.
 
+mod capability_values;
 mod diagnostics;
 pub(crate) mod identification;
 mod maintenance;
 pub(crate) mod mapping;
 mod recognition;
 
+pub(crate) use capability_values::CapabilityValues;
 pub use diagnostics::Diagnostics;
-pub(crate) use identification::Identified;
 pub use maintenance::{Maintenance, MaintenanceError};
 pub use recognition::{IdentificationError, SlaveKind, SlaveQuery, denies_object, slave_kinds};

@@ -183,11 +183,7 @@ impl DistributedClocks {
         sent.map_err(CycleError::library("ecrt_master_application_time"))?;
         if self.dc.source == ClockSource::Host {
             // With the time of leaving, delays of the cycle do not reach the clocks.
-            let leaves_ns = time_ns.wrapping_add(late_ns);
-            let led = match master.sync_reference_clock_to(leaves_ns) {
-                Err(Errno::ENOSYS) => lead_by_application_time(master, time_ns, leaves_ns),
-                led => led,
-            };
+            let led = lead(master, time_ns, time_ns.wrapping_add(late_ns));
             let failed = CycleError::library("ecrt_master_sync_reference_clock");
             has_clock(led).map_err(failed)?;
         }
@@ -204,6 +200,32 @@ impl DistributedClocks {
         }
         self.sent = Some(Sent { time_ns, point_ns: self.point_ns, late_ns, carries_monitor });
         Ok(())
+    }
+
+    /// Between two cycles, while slaves start: the master calculates the offsets of their clocks from
+    /// the last application time, and they follow the faster, the more often they are led. The cycle
+    /// that follows has no reading.
+    pub(crate) fn send_between_cycles(
+        &mut self,
+        master: &mut Master,
+        now_ns: u64,
+    ) -> Result<(), Errno> {
+        let Some(time_ns) = self.time_ns else { return Ok(()) };
+        self.sent = None;
+        let leaves_ns = time_ns.wrapping_add(now_ns.saturating_sub(self.point_ns));
+        master.application_time(leaves_ns)?;
+        if self.dc.source == ClockSource::Host {
+            has_clock(lead(master, leaves_ns, leaves_ns))?;
+        }
+        has_clock(master.sync_slave_clocks()).map(|_| ())
+    }
+}
+
+/// Leads the reference clock to the time at which the frame leaves.
+fn lead(master: &mut Master, time_ns: u64, leaves_ns: u64) -> Result<(), Errno> {
+    match master.sync_reference_clock_to(leaves_ns) {
+        Err(Errno::ENOSYS) => lead_by_application_time(master, time_ns, leaves_ns),
+        led => led,
     }
 }
 

@@ -202,7 +202,7 @@ pub enum Error {
     /// An SDO transfer failed.
     #[error(
         "SDO {} {} {} slave {slave} {}", direction.text().0, describe(*index, *subindex),
-        direction.text().1, sdo_cause(abort_code, errno)
+        direction.text().1, sdo_cause(*abort_code, *errno, *attempts)
     )]
     Sdo {
         /// Slave index.
@@ -217,6 +217,8 @@ pub enum Error {
         errno: Errno,
         /// Abort code of the slave, if it answered.
         abort_code: Option<AbortCode>,
+        /// Number of attempts.
+        attempts: u32,
     },
     /// An object does not have the expected value.
     #[error(
@@ -298,6 +300,7 @@ impl Error {
         direction: SdoDirection,
         (index, subindex): (u16, u8),
         error: SdoError,
+        attempts: u32,
     ) -> Self {
         let error = Self::Sdo {
             slave,
@@ -306,6 +309,7 @@ impl Error {
             subindex,
             errno: error.errno,
             abort_code: error.abort_code.map(AbortCode),
+            attempts,
         };
         debug!(slave, index, subindex, "{error}");
         error
@@ -322,9 +326,10 @@ fn for_slave(slave: Option<usize>) -> String {
     slave.map_or_else(String::new, |s| format!(" for slave {s}"))
 }
 
-fn sdo_cause(abort_code: &Option<AbortCode>, errno: &Errno) -> String {
+fn sdo_cause(abort_code: Option<AbortCode>, errno: Errno, attempts: u32) -> String {
     match abort_code {
         Some(code) => format!("aborted: {code}"),
+        None if attempts > 1 => format!("failed {attempts} times: {errno}"),
         None => format!("failed: {errno}"),
     }
 }

@@ -125,6 +125,11 @@ impl CycleTimer {
         self.passed = 0;
     }
 
+    /// The next point of the grid; `None` before the first wait. Real-time safe.
+    pub(crate) fn next_deadline_ns(&self) -> Option<u64> {
+        self.last_ns.map(|last| last.saturating_add(self.cycle_ns))
+    }
+
     /// Waits for the next point of the grid; the first call starts the grid and returns at once.
     ///
     /// Sleeps, and spins before the end where that is set. Real-time safe: no allocation, no lock,

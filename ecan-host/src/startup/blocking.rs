@@ -2,13 +2,14 @@
 
 use std::time::Duration;
 
+use ecan_protocol::device::Capabilities;
 use ecan_protocol::object::AbortCode;
 use ecan_protocol::sequence::{
     NoAction, ObjectAccess, Sequence, SequenceState, StepError, Transfer,
 };
 
 use super::startup_step::StartupStep;
-use crate::bus::Diagnostics;
+use crate::bus::{CapabilityValues, Diagnostics};
 use crate::error::Error;
 
 const POLL_NS: u64 = 10_000_000;
@@ -16,6 +17,7 @@ const POLL_NS: u64 = 10_000_000;
 struct SlaveObjects<'a> {
     diagnostics: &'a Diagnostics,
     slave: usize,
+    capabilities: &'a mut CapabilityValues,
     result: u64,
 }
 
@@ -29,7 +31,11 @@ impl ObjectAccess for SlaveObjects<'_> {
     }
 
     fn start_read(&mut self, index: u16, subindex: u8) -> Result<bool, Error> {
-        self.result = self.diagnostics.sdo_upload_u32(self.slave, index, subindex)?.into();
+        let value = match index {
+            Capabilities::INDEX => self.capabilities.read(self.diagnostics, self.slave, subindex),
+            _ => self.diagnostics.sdo_upload_u32(self.slave, index, subindex),
+        };
+        self.result = value?.into();
         Ok(true)
     }
 
@@ -59,9 +65,20 @@ impl Diagnostics {
         &self,
         slave: usize,
         steps: &[StartupStep],
+        on_step: impl FnMut(&StartupStep),
+    ) -> Result<(), Error> {
+        self.run_startup_with(slave, steps, &mut CapabilityValues::default(), on_step)
+    }
+
+    /// As [`run_startup`](Self::run_startup), with the values of 0xF000 that are known.
+    pub(crate) fn run_startup_with(
+        &self,
+        slave: usize,
+        steps: &[StartupStep],
+        capabilities: &mut CapabilityValues,
         mut on_step: impl FnMut(&StartupStep),
     ) -> Result<(), Error> {
-        let mut objects = SlaveObjects { diagnostics: self, slave, result: 0 };
+        let mut objects = SlaveObjects { diagnostics: self, slave, capabilities, result: 0 };
         for step in steps {
             let shared = [(*step).into()];
             let mut sequence = Sequence::new(&shared[..]);

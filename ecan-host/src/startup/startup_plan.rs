@@ -53,6 +53,18 @@ impl StartupPlan {
         steps
     }
 
+    /// The steps that the Adapter itself executes before the master is activated: the leading checks,
+    /// or all steps if the application added checks, which depend on the order. The layer above
+    /// verifies its own part later, so that the master alone executes the downloads.
+    pub(crate) fn preparation(&self, config: &AdapterConfig, slave: usize) -> Vec<StartupStep> {
+        let mut steps = self.steps(config, slave);
+        if config.startup_of(slave).all(|step| step.is_download()) {
+            let first_download = steps.iter().position(StartupStep::is_download);
+            steps.truncate(first_download.unwrap_or(steps.len()));
+        }
+        steps
+    }
+
     pub(crate) fn download_count(&self, config: &AdapterConfig, slave: usize) -> usize {
         self.steps(config, slave).iter().filter(|step| step.is_download()).count()
     }

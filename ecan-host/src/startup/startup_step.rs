@@ -3,16 +3,16 @@
 use ecan_protocol::object::SdoWrite;
 use ecan_protocol::sequence::{Expectation, Step};
 
-/// One step of a slave's startup, executed in PREOP: a [`Step`] that every EtherCAT master can
-/// execute or export.
+/// One step of a slave's startup: a [`Step`] that every EtherCAT master can execute or export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StartupStep {
-    /// Writes an object. Also registered with the master, which sends it again at every
-    /// reconfiguration of the slave.
+    /// Writes an object. Registered with the master, which sends it in PREOP whenever it configures
+    /// the slave.
     Download(SdoWrite),
     /// Reads an object and fails if it has another value: a capability, or the readback of an apply
-    /// command. Executed when the Adapter configures the slave, not when the master reconfigures it
-    /// after a loss.
+    /// command. Executed before the bus is active if it leads the startup, or if the application added
+    /// it; in that case the slave's whole startup is executed then, which takes tens of milliseconds
+    /// for each SDO. Not executed when the master configures the slave again.
     Expect {
         /// Object index.
         index: u16,

@@ -6,28 +6,21 @@
 
 use std::fmt;
 
-use ecan_host::{Adapter, Delivery, Error, RequestState, SdoRequestId};
+use ecan_host::{Adapter, Delivery, Error};
 use ecan_protocol::mapping::Direction;
 
 use crate::port_config::GatewayConfig;
-use crate::session::verification::{Check, SERIAL_CHECKS, SdoTransfer, VerificationFault, checks};
+use crate::session::check_runner::CheckRunner;
+use crate::session::startup_retry::StartupRetry;
+use crate::session::verification::{SERIAL_CHECKS, SdoTransfer, VerificationFault, checks};
 
 /// Cycles between checks of the slave's state while the gateway is ready.
 const WATCH_CYCLES: u64 = 64;
-/// Timeout of a request in the master's queue, in milliseconds.
-const REQUEST_TIMEOUT_MS: u32 = 2_000;
-/// Longest wait of an attempt for a request, in nanoseconds: the timeout and the transfer itself with
-/// the master's own response timeout. The master checks its timeout only when it processes the
-/// request, so it may never end one.
-const REQUEST_LIMIT_NS: u64 = (REQUEST_TIMEOUT_MS as u64 + 2_000) * NS_PER_MS;
 /// Pause before a failed verification is repeated, in nanoseconds.
 const RETRY_NS: u64 = 1_000_000_000;
 /// Time in OP without any process data after which a gateway is asked for its identity, in
 /// nanoseconds. The master's slave state lags by seconds.
 const UNMAPPED_NS: u64 = 3_000_000_000;
-/// Largest age of the sequence that a gateway reports, in images, besides the time of the transfer.
-const SEQUENCE_MARGIN: u16 = 16;
-const NS_PER_MS: u64 = 1_000_000;
 
 /// State of a gateway's session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -64,9 +57,11 @@ pub enum PendingStep {
     Answer,
     /// The master does not see the slave in OP.
     Operational,
-    /// The slave is in the same state below OP longer than a startup lasts. The master stops a
-    /// startup when one of its SDOs or a change of state fails, and tries again only on
-    /// [`Port::retry_startup`](crate::Port::retry_startup).
+    /// The slave stays in one state below OP. The master stops a startup when one of its SDOs or a
+    /// change of state fails. The Port requests another one at increasing intervals; on an attached
+    /// Adapter the owner of the master does, and before version 1.6 of the library, where the request
+    /// may block, the application with [`Port::retry_startup`](crate::Port::retry_startup) while
+    /// other gateways are ready.
     StartupRetry,
     /// The slave is in OP, but the delivery of its outputs is not confirmed.
     ProcessData,
@@ -90,7 +85,7 @@ impl fmt::Display for PendingStep {
             }
             Self::Operational => f.write_str("OP"),
             Self::StartupRetry => f.write_str(
-                "another attempt of its startup (retry_startup), since the last one failed",
+                "another attempt of its startup: it stays in one state below OP; see the kernel log",
             ),
             Self::ProcessData => f.write_str("its process data to arrive"),
             Self::ExclusiveProcessData => {
@@ -103,13 +98,6 @@ impl fmt::Display for PendingStep {
             Self::NextAttempt => f.write_str("the next attempt"),
         }
     }
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Request {
-    id: SdoRequestId,
-    /// The last transfer, and its start.
-    begun: Option<(SdoTransfer, u64)>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -125,35 +113,22 @@ pub(crate) enum Event {
 pub(crate) struct SessionMachine {
     slave: usize,
     state: Session,
-    checks: Vec<Check>,
-    next: usize,
-    /// This attempt has begun the transfer of the next check.
-    is_running: bool,
-    read: Request,
-    command: Request,
-    /// Time since which this attempt waits for a request.
-    waiting_since_ns: u64,
-    layout_crc: [Option<u32>; 2],
+    runner: CheckRunner,
     /// Fault of the last attempt, until one succeeds.
     last_fault: Option<VerificationFault>,
+    /// Two attempts in a row read the same wrong value.
+    fault_lasts: bool,
     retry_at_ns: u64,
     cycles: u64,
-    /// Sequence numbers between those of two gateways.
-    sequence_distance: u16,
-    /// Sequence of the last image when the check of the sequence began.
-    sequence_at_start: u16,
-    /// Whether the gateway reports the sequence of its last image; `None` before the first
-    /// verification, when positions are those of the configuration.
-    reports_sequence: Option<bool>,
     /// Its serial number is programmed.
     has_serial: bool,
     /// In OP without any process data since then.
     unmapped_since_ns: Option<u64>,
     /// This attempt only identifies a gateway without process data.
     is_identifying: bool,
-    /// State below OP and its begin, and the longest time that a startup lasts.
+    /// State below OP and its begin.
     below_op: Option<(u8, u64)>,
-    startup_ns: u64,
+    startup_retry: StartupRetry,
 }
 
 impl SessionMachine {
@@ -163,41 +138,26 @@ impl SessionMachine {
         slave: usize,
         config: &GatewayConfig,
     ) -> Result<Self, Error> {
-        let read = adapter.create_sdo_request(slave, 4)?;
-        let command = adapter.create_sdo_request(slave, 1)?;
-        for request in [read, command] {
-            adapter.sdo_request_timeout(request, REQUEST_TIMEOUT_MS)?;
-        }
         let settings = &adapter.config().slaves[slave];
         let profiles = [
             config.profile(Direction::TxPdo, settings.tx_multiplier),
             config.profile(Direction::RxPdo, settings.rx_multiplier),
         ];
         let serial = adapter.serial_number(slave)?;
-        let slaves = adapter.slave_count().max(1);
-        let checks = checks(config, profiles, serial, slaves == 1);
+        let checks = checks(config, profiles, serial, adapter.slave_count() == 1);
         Ok(Self {
             slave,
             state: Session::Waiting,
-            checks,
-            next: 0,
-            is_running: false,
-            read: Request { id: read, begun: None },
-            command: Request { id: command, begun: None },
-            waiting_since_ns: 0,
-            layout_crc: [None; 2],
+            runner: CheckRunner::new(adapter, slave, checks)?,
             last_fault: None,
+            fault_lasts: false,
             retry_at_ns: 0,
             cycles: 0,
-            // infallible: at most 65536
-            sequence_distance: u16::try_from(0x1_0000 / slaves).unwrap_or(u16::MAX),
-            sequence_at_start: 0,
-            reports_sequence: None,
             has_serial: serial != 0,
             unmapped_since_ns: None,
             is_identifying: false,
             below_op: None,
-            startup_ns: u64::try_from(adapter.startup_timeout().as_nanos()).unwrap_or(u64::MAX),
+            startup_retry: StartupRetry::default(),
         })
     }
 
@@ -213,21 +173,20 @@ impl SessionMachine {
         self.last_fault
     }
 
+    /// Whether the verification fails by a value that does not change.
+    pub(crate) fn fails_for_good(&self) -> bool {
+        self.fault_lasts
+    }
+
     pub(crate) fn awaited(&self, adapter: &Adapter) -> Option<PendingStep> {
         match self.state {
             Session::Ready => None,
-            Session::Verifying => self.checks.get(self.next).map(|check| {
-                let request = if check.transfer().is_download { self.command } else { self.read };
-                match request.begun {
-                    Some((transfer, _)) if !self.is_running => {
-                        PendingStep::EarlierTransfer(transfer)
-                    }
-                    _ => PendingStep::Transfer(check.transfer()),
-                }
-            }),
+            Session::Verifying => Some(self.runner.awaited()),
             Session::Waiting | Session::Failed(_) => Some(match () {
                 () if !self.is_online(adapter) => PendingStep::Answer,
-                () if self.is_held(adapter) => PendingStep::StartupRetry,
+                () if self.startup_retry.is_due() || self.startup_retry.requests() > 0 => {
+                    PendingStep::StartupRetry
+                }
                 () if !self.is_operational(adapter) => PendingStep::Operational,
                 () if adapter.shares_process_data(self.slave) => PendingStep::ExclusiveProcessData,
                 () if !self.outputs_arrive(adapter) => PendingStep::ProcessData,
@@ -236,12 +195,9 @@ impl SessionMachine {
         }
     }
 
-    /// Sequence number with which the images of a verification begin that starts in this cycle. No
-    /// other gateway has images of this number at the same time.
+    /// See [`CheckRunner::first_sequence`].
     pub(crate) fn first_sequence(&self, cycle: u64) -> u16 {
-        let slave = u16::try_from(self.slave).unwrap_or_default();
-        // Wraps on purpose.
-        self.sequence_distance.wrapping_mul(slave).wrapping_add(cycle as u16)
+        self.runner.first_sequence(cycle)
     }
 
     /// One step, once a cycle; `is_lost`: too many images in a row did not arrive; `published`:
@@ -259,11 +215,13 @@ impl SessionMachine {
                 Ok(true) => {
                     self.state = Session::Ready;
                     self.last_fault = None;
+                    self.fault_lasts = false;
                     Event::Ready
                 }
                 Ok(false) => Event::None,
                 Err(fault) => {
                     self.state = Session::Failed(fault);
+                    self.fault_lasts = self.last_fault == Some(fault) && fault.is_of_the_device();
                     self.last_fault = Some(fault);
                     self.retry_at_ns = adapter.clock().now_ns() + RETRY_NS;
                     self.unmapped_since_ns = None;
@@ -278,6 +236,9 @@ impl SessionMachine {
             Session::Waiting | Session::Failed(_) => {
                 if is_due {
                     self.watch_startup(adapter);
+                }
+                if is_due || self.cycles == 1 && self.state == Session::Waiting {
+                    self.runner.occupy_queue(adapter);
                 }
                 self.start_if_operational(adapter)
             }
@@ -294,6 +255,10 @@ impl SessionMachine {
             Some((before, since_ns)) if before == al_state => (al_state, since_ns),
             _ => (al_state, now_ns),
         });
+        match self.below_op {
+            Some((_, since_ns)) => self.startup_retry.watch(since_ns, now_ns),
+            None => self.startup_retry.reset(),
+        }
         let is_unmapped = state.is_some_and(|state| state.operational)
             && adapter.domain_report(self.slave).outputs == Delivery::Missed;
         self.unmapped_since_ns = is_unmapped.then(|| self.unmapped_since_ns.unwrap_or(now_ns));
@@ -303,13 +268,21 @@ impl SessionMachine {
         }
     }
 
-    fn has_lasted(since_ns: Option<u64>, limit_ns: u64, adapter: &Adapter) -> bool {
-        since_ns.is_some_and(|since| adapter.clock().now_ns().saturating_sub(since) >= limit_ns)
+    /// Whether the startup of the slave should be requested again.
+    pub(crate) fn needs_startup(&self) -> bool {
+        self.startup_retry.is_due()
     }
 
-    fn is_held(&self, adapter: &Adapter) -> bool {
-        let since_ns = self.below_op.map(|(_, since_ns)| since_ns);
-        Self::has_lasted(since_ns, self.startup_ns, adapter)
+    /// The startup of all slaves was requested again.
+    pub(crate) fn startup_requested(&mut self, now_ns: u64) {
+        if let Some(requests) = self.startup_retry.requested(now_ns) {
+            let slave = self.slave;
+            tracing::info!(slave, "slave {slave}: startup requested again (request {requests})");
+        }
+    }
+
+    fn has_lasted(since_ns: Option<u64>, limit_ns: u64, adapter: &Adapter) -> bool {
+        since_ns.is_some_and(|since| adapter.clock().now_ns().saturating_sub(since) >= limit_ns)
     }
 
     fn is_online(&self, adapter: &Adapter) -> bool {
@@ -339,11 +312,9 @@ impl SessionMachine {
         }
         self.is_identifying = !outputs_arrive;
         (self.below_op, self.unmapped_since_ns) = (None, None);
+        self.startup_retry.reset();
         self.state = Session::Verifying;
-        self.next = 0;
-        // The result of an earlier attempt's request does not apply to this one.
-        self.is_running = false;
-        self.waiting_since_ns = adapter.clock().now_ns();
+        self.runner.restart(adapter.clock().now_ns());
         Event::Started
     }
 
@@ -354,78 +325,11 @@ impl SessionMachine {
 
     /// Continues the checks; true when all have passed.
     fn verify(&mut self, adapter: &mut Adapter, published: u16) -> Result<bool, VerificationFault> {
-        if self.is_identifying && self.next == SERIAL_CHECKS {
+        let count = if self.is_identifying { SERIAL_CHECKS } else { usize::MAX };
+        let passed = self.runner.advance(adapter, count, published)?;
+        if passed && self.is_identifying {
             return Err(VerificationFault::ProcessData);
         }
-        let Some(check) = self.checks.get(self.next).copied() else { return Ok(true) };
-        let transfer = check.transfer();
-        let request = if transfer.is_download { &mut self.command } else { &mut self.read };
-        let state = adapter.sdo_request_state(request.id).map_err(VerificationFault::Library)?;
-        let now = adapter.clock().now_ns();
-        if state == RequestState::Busy {
-            // Also a request of an earlier attempt that the master has not ended.
-            if now.saturating_sub(self.waiting_since_ns) < REQUEST_LIMIT_NS {
-                return Ok(false);
-            }
-            let (transfer, begun_ns) = request.begun.unwrap_or((transfer, self.waiting_since_ns));
-            let waited_ms = now.saturating_sub(begun_ns) / NS_PER_MS;
-            return Err(VerificationFault::Unended { transfer, waited_ms });
-        }
-        if !self.is_running {
-            let SdoTransfer { index, subindex, .. } = transfer;
-            match check {
-                Check::Command(sdo) => {
-                    let (bytes, length) = sdo.bytes();
-                    let data = bytes.get(..length).unwrap_or_default();
-                    adapter.sdo_request_write(request.id, index, subindex, data)
-                }
-                _ => adapter.sdo_request_read(request.id, index, subindex),
-            }
-            .map_err(VerificationFault::Library)?;
-            request.begun = Some((transfer, now));
-            self.waiting_since_ns = now;
-            self.sequence_at_start = published;
-            self.is_running = true;
-            return Ok(false);
-        }
-        self.is_running = false;
-        request.begun = None;
-        if state != RequestState::Success {
-            return Err(VerificationFault::Transfer(transfer));
-        }
-        let mut value = [0; 4];
-        for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request.id)) {
-            *to = *from;
-        }
-        let value = u32::from_le_bytes(value);
-        check.verify(value, &mut self.layout_crc)?;
-        if matches!(check, Check::Sequence) && !self.check_sequence(value, published)? {
-            return Ok(false);
-        }
-        self.next += 1;
-        Ok(self.next == self.checks.len())
-    }
-
-    /// Whether the gateway receives the images that the Port publishes to it, by the sequence that
-    /// it reports. `false` for a transfer that took so long that nothing follows; it is repeated.
-    fn check_sequence(&mut self, found: u32, published: u16) -> Result<bool, VerificationFault> {
-        let window = published.wrapping_sub(self.sequence_at_start).saturating_add(SEQUENCE_MARGIN);
-        if window > self.sequence_distance / 2 {
-            return Ok(false);
-        }
-        let is_own = u64::from(found) <= u64::from(u16::MAX)
-            && published.wrapping_sub(found as u16) <= window;
-        if self.reports_sequence.is_none() && !is_own {
-            tracing::warn!(
-                slave = self.slave,
-                "slave {}: the gateway does not report the sequence of its last image; that process \
-                 data reach the right gateway is not verified",
-                self.slave
-            );
-        }
-        match *self.reports_sequence.get_or_insert(is_own) {
-            true if !is_own => Err(VerificationFault::ProcessData),
-            _ => Ok(true),
-        }
+        Ok(passed)
     }
 }

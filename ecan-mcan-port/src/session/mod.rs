@@ -1,5 +1,7 @@
 //! Session of a gateway: startup steps, verification after each return to OP.
 
+mod check_runner;
 pub(crate) mod machine;
 mod startup;
+mod startup_retry;
 pub(crate) mod verification;

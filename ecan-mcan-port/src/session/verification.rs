@@ -94,6 +94,13 @@ pub enum VerificationFault {
     Library(CycleError),
 }
 
+impl VerificationFault {
+    /// Whether the gateway answered with a value that is not the configured one.
+    pub(crate) fn is_of_the_device(self) -> bool {
+        matches!(self, Self::Readback { .. } | Self::OtherGateway { .. } | Self::LayoutCrc { .. })
+    }
+}
+
 /// The first checks, which identify the gateway.
 pub(crate) const SERIAL_CHECKS: usize = 2;
 
@@ -202,6 +209,8 @@ pub(crate) fn checks(
         checks.push(Check::Expect { index: 0x8001 + channel, subindex: 2, expected });
         let expected = Expectation::HasAny(STATE_BITS.into());
         checks.push(Check::Expect { index: 0x9000 + channel, subindex: 9, expected });
+        let expected = Expectation::Equals(STATUS_OK.into());
+        checks.push(Check::Expect { index: 0x8021 + channel, subindex: 3, expected });
         let expected = Expectation::Equals(settings.data_path.active_word().into());
         checks.push(Check::Expect { index: 0x8021 + channel, subindex: 20, expected });
     }

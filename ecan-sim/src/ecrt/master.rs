@@ -2,7 +2,6 @@
 
 mod bus_scan;
 mod dc;
-mod dictionary;
 mod register_access;
 mod sdo;
 mod startup;
@@ -15,17 +14,13 @@ use ecan_protocol::device::AlState;
 use crate::ecrt::clocks::Clocks;
 use crate::ecrt::datagram::Queued;
 use crate::ecrt::domain::Domain;
-use crate::ecrt::mailbox::{MailboxTransfer, Pace};
+use crate::ecrt::mailbox::MailboxTransfer;
 use crate::ecrt::slave_config::SlaveConfig;
 use crate::ecrt::slave_view::SlaveView;
-use crate::ecrt::timing::THREAD_GAP_NS;
-use crate::random::Random;
-use crate::scenario::{EcrtVersion, MasterBehaviour, Scenario};
+use crate::scenario::{EcrtVersion, Scenario};
 use crate::world::World;
 
 use bus_scan::Scan;
-use dictionary::DictionaryFetch;
-pub(crate) use dictionary::{dictionary_ns, object_count};
 use sdo::BlockingSdo;
 
 const LOG_LINES: usize = 1000;
@@ -62,26 +57,12 @@ pub(crate) struct MasterModel {
     /// The last send stopped at a datagram that fits no frame.
     pub(crate) blocked: bool,
     pub(crate) sends: u64,
-    /// Steps of the state machines in the operation phase.
-    pub(crate) steps: u64,
-    /// Every second send without a gap advances them.
-    has_half_step: bool,
-    /// The last receive.
-    received_at: u64,
-    pub(crate) behaviour: MasterBehaviour,
-    random: Random,
-    dictionary: Option<DictionaryFetch>,
-    /// The master was released: it scans the bus when it is idle.
-    scans_when_idle: bool,
-    /// When the present round of state polling ends, after which internal requests are served.
-    round_ends: u64,
-    /// The step in which the last internal request ended: the next one follows in the same.
-    last_request_ended: Option<u64>,
     pub(crate) clocks: Clocks,
     /// Lines that the calls for the clocks would have written to stderr.
     pub(crate) stderr_lines: u64,
     pub(crate) blocking: Vec<BlockingSdo>,
     pub(crate) next_blocking: u64,
+    pub(crate) scratch: Vec<u8>,
     log: VecDeque<String>,
 }
 
@@ -92,8 +73,7 @@ impl MasterModel {
             carries_large_pdos: scenario.carries_large_pdos,
             is_held_elsewhere: scenario.reserved,
             queue: Vec::with_capacity(16),
-            behaviour: scenario.master,
-            random: Random::new(scenario.seed),
+            scratch: Vec::with_capacity(256),
             ..Self::default()
         }
     }
@@ -137,16 +117,14 @@ impl MasterModel {
     pub(crate) fn reserve(&mut self, client: u64) {
         self.owner = Some(client);
         self.phase = Phase::Reserved;
-        self.scans_when_idle = false;
     }
 
     /// Releases the master; its configuration is lost.
-    pub(crate) fn release(&mut self, client: u64, world: &World) {
+    pub(crate) fn release(&mut self, client: u64, now: u64) {
         if self.owner == Some(client) {
-            self.deactivate(world);
+            self.deactivate(now);
             self.owner = None;
             self.phase = Phase::Idle;
-            self.scans_when_idle = self.behaviour.scans_after_release;
         }
     }
 
@@ -163,9 +141,7 @@ impl MasterModel {
         if self.owner == Some(client) { Ok(()) } else { Err(libc::EPERM) }
     }
 
-    pub(crate) fn activate(&mut self, world: &World) {
-        self.advance_dictionary(world);
-        let now = world.now_ns();
+    pub(crate) fn activate(&mut self, now: u64) {
         let (mut base, mut datagrams) = (0u32, 0);
         for domain in &mut self.domains {
             domain.finish(base, self.version);
@@ -196,9 +172,7 @@ impl MasterModel {
     }
 
     /// Ends the operation phase; the slaves return to PREOP.
-    pub(crate) fn deactivate(&mut self, world: &World) {
-        self.advance_dictionary(world);
-        let now = world.now_ns();
+    pub(crate) fn deactivate(&mut self, now: u64) {
         self.domains.clear();
         self.configs.clear();
         self.queue.clear();
@@ -224,11 +198,7 @@ impl MasterModel {
 
     pub(crate) fn next_due(&self) -> u64 {
         let slaves = self.slaves.iter().map(|slave| slave.due).min().unwrap_or(u64::MAX);
-        match self.dictionary_due() {
-            Some(due) => slaves.min(due),
-            None if self.is_configuring() => slaves,
-            None => slaves.min(self.poll_due),
-        }
+        if self.is_configuring() { slaves } else { slaves.min(self.poll_due) }
     }
 
     /// Whether a slave is being configured. The master polls no other slave until that has ended.
@@ -236,25 +206,9 @@ impl MasterModel {
         self.slaves.iter().any(|slave| slave.startup.is_some())
     }
 
-    /// Whether one activity keeps the master from all others: a configuration, or the fetch of a
-    /// dictionary.
-    fn is_busy(&self) -> bool {
-        self.dictionary.is_some() || self.is_configuring()
-    }
-
-    /// Counts a send in the operation phase; returns whether the state machines advance with it.
-    pub(crate) fn advances_with_send(&mut self, now: u64) -> bool {
-        let has_gap = now.saturating_sub(self.received_at) >= THREAD_GAP_NS;
-        let advances = !self.behaviour.needs_gap || has_gap || self.has_half_step;
-        self.has_half_step = !advances;
-        self.steps = self.steps.wrapping_add(u64::from(advances));
-        advances
-    }
-
     pub(crate) fn step(&mut self, world: &mut World) {
         let now = world.now_ns();
-        self.advance_dictionary(world);
-        if self.poll_due <= now && !self.is_busy() {
+        if self.poll_due <= now && !self.is_configuring() {
             self.run_bus(world);
         }
         for index in 0..self.slaves.len() {
@@ -273,18 +227,11 @@ impl MasterModel {
     }
 
     fn begin_transfer(&self, now: u64) -> MailboxTransfer {
-        MailboxTransfer::begin(now, self.steps)
+        MailboxTransfer::begin(now, self.sends)
     }
 
-    fn idle_step_ns(&self) -> u64 {
-        u64::from(self.behaviour.idle_step_us) * 1_000
-    }
-
-    fn pace(&self) -> Pace {
-        match self.phase {
-            Phase::Active => Pace::Sends(self.steps),
-            Phase::Idle | Phase::Reserved => Pace::Timed(self.idle_step_ns()),
-        }
+    fn poll_mailbox(&self, mailbox: &mut MailboxTransfer, now: u64) -> Result<(), u64> {
+        mailbox.poll(now, (self.phase == Phase::Active).then_some(self.sends))
     }
 
     pub(crate) fn config(&mut self, index: usize) -> Result<&mut SlaveConfig, i32> {

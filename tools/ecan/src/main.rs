@@ -22,7 +22,6 @@ mod program;
 mod progress;
 mod readings;
 mod slave_choice;
-mod startup_retry;
 mod table;
 mod value;
 

@@ -64,8 +64,10 @@ fn open(
 }
 
 /// Opens the master: checks the configuration as a whole, loads the EtherCAT master library,
-/// reserves the master, finds the slaves, writes their startup SDOs in PREOP (also those of
-/// igh_mcan_port_apply_config()) and maps their PDOs. The bus is not cyclic yet.
+/// reserves the master, finds and identifies the slaves, registers their startup SDOs (also those of
+/// igh_mcan_port_apply_config()) and maps their PDOs. Writes nothing to the slaves: the master executes
+/// the startup SDOs when the bus is active. A rejected one is reported by ecan_igh_wait_op_timeout() or
+/// igh_mcan_port_wait_ready().
 ///
 /// Blocks, for seconds if the master is still scanning the bus. A simulated library identifies
 /// itself on standard error.

@@ -21,7 +21,6 @@ use crate::frames::capture::FrameCapture;
 use crate::frames::channels::{Channels, can_config};
 use crate::frames::single_gateway::{session, statistics};
 use crate::frames::status_watch::StatusWatch;
-use crate::startup_retry::StartupRetry;
 
 const ARRIVALS: usize = 512;
 
@@ -50,7 +49,6 @@ pub struct Service {
     /// Items received during startup, until the first cycle; later an empty buffer.
     store: Vec<Arrival>,
     watch: StatusWatch,
-    startup_retry: StartupRetry,
     channels: Channels,
     /// Offset from the cycle clock to the time since 1970; 0 for stepped time.
     since_1970_ns: u64,
@@ -98,7 +96,6 @@ impl Service {
             port,
             store,
             watch,
-            startup_retry: StartupRetry::default(),
             channels: Channels::ALL,
             since_1970_ns,
             capture: None,
@@ -158,7 +155,6 @@ impl Service {
     /// written.
     pub fn end(&mut self, cycle: Cycle) -> Result {
         let ended = self.port.open_cycle().map_or(Ok(()), |open| open.end().map(drop));
-        self.startup_retry.step(&mut self.port);
         self.store = cycle.arrivals;
         self.store.clear();
         let now_ns = self.now_ns();

@@ -7,7 +7,6 @@ use ecan_protocol::mapping::CHANNELS;
 
 use crate::context::{Bus, Failure, GlobalOptions, Result};
 use crate::frames::{GatewayRequirements, Planned, Settings, failure};
-use crate::startup_retry::StartupRetry;
 
 use super::MonitorArguments;
 use super::collector::{Collector, GatewayErrors};
@@ -19,7 +18,6 @@ pub struct Watcher {
     port: Port,
     positions: Vec<usize>,
     busy: BusTime,
-    startup_retry: StartupRetry,
 }
 
 impl Watcher {
@@ -44,7 +42,7 @@ impl Watcher {
         config.check(&adapter).map_err(|faults| failed(faults.into()))?;
         let busy = BusTime::new(&config);
         let port = Port::open(bus.ecrt(), (adapter, config)).map_err(failed)?;
-        Ok(Self { port, positions, busy, startup_retry: StartupRetry::default() })
+        Ok(Self { port, positions, busy })
     }
 
     /// Activates the master; from now on [`cycle`](Self::cycle) must be called.
@@ -62,7 +60,6 @@ impl Watcher {
             self.busy.count(&received.to_owned());
         }
         let ended = cycle.end();
-        self.startup_retry.step(&mut self.port);
         observation.look_for_bus_off(&self.port);
         let adapter = self.port.adapter();
         observation.mark(Mark { start: adapter.cycle_start(), end_ns: adapter.clock().now_ns() });

@@ -1,0 +1,66 @@
+//! What is read of the slaves before they are configured.
+
+use std::thread;
+
+use ecan_protocol::mapping::Direction;
+
+use super::Adapter;
+use crate::bus::mapping::{Unit, read_mapping};
+use crate::bus::{CapabilityValues, Diagnostics, identification};
+use crate::config::{AdapterConfig, Identity};
+use crate::error::Error;
+use crate::startup::StartupPlan;
+
+#[derive(Debug)]
+pub(super) struct Prepared {
+    pub(super) identity: Identity,
+    pub(super) capabilities: CapabilityValues,
+    pub(super) rx_units: Vec<Unit>,
+    pub(super) tx_units: Vec<Unit>,
+}
+
+fn prepare(
+    diagnostics: &Diagnostics,
+    config: &AdapterConfig,
+    startup: &StartupPlan,
+    slave: usize,
+) -> Result<Prepared, Error> {
+    let count = config.slaves.len();
+    let settings = config.slaves.get(slave).ok_or(Error::SlaveIndex { slave, count })?;
+    let identified = identification::identify(diagnostics, slave, settings)?;
+    let mut capabilities = identified.capabilities;
+    let steps = startup.preparation(config, slave);
+    diagnostics.run_startup_with(slave, &steps, &mut capabilities, |_| {})?;
+    let mapping = |direction, n| read_mapping(diagnostics, slave, direction, n);
+    Ok(Prepared {
+        identity: identified.identity,
+        capabilities,
+        rx_units: mapping(Direction::RxPdo, settings.rx_multiplier)?,
+        tx_units: mapping(Direction::TxPdo, settings.tx_multiplier)?,
+    })
+}
+
+impl Adapter {
+    /// Reads every slave; in real time all of them at once, because the master serves the mailboxes
+    /// of its slaves in parallel.
+    pub(super) fn prepare_slaves(&self) -> Result<Vec<Prepared>, Error> {
+        let slaves = 0..self.config.slaves.len();
+        if slaves.len() < 2 || !self.ecrt.clock().is_free_running() {
+            let prepare = |slave| prepare(&self.diagnostics, &self.config, &self.startup, slave);
+            return slaves.map(prepare).collect();
+        }
+        let (config, startup) = (&self.config, &self.startup);
+        thread::scope(|scope| {
+            let workers: Vec<_> = slaves
+                .map(|slave| {
+                    let open = self.diagnostics_opener();
+                    scope.spawn(move || prepare(&open()?, config, startup, slave))
+                })
+                .collect();
+            let join = |worker: thread::ScopedJoinHandle<'_, _>| {
+                worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            };
+            workers.into_iter().map(join).collect()
+        })
+    }
+}

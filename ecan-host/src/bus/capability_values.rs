@@ -1,0 +1,50 @@
+//! The values of 0xF000 of a gateway, read once (manual 13.8).
+
+use ecan_protocol::device::Capabilities;
+
+use super::diagnostics::Diagnostics;
+use crate::error::Error;
+
+/// Subindices of 0xF000, the unused ones included.
+const ENTRIES: usize = 31;
+
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct CapabilityValues([Option<u32>; ENTRIES]);
+
+impl CapabilityValues {
+    /// The value of a subindex, uploaded unless it is known.
+    pub(crate) fn read(
+        &mut self,
+        diagnostics: &Diagnostics,
+        slave: usize,
+        subindex: u8,
+    ) -> Result<u32, Error> {
+        let upload = || diagnostics.sdo_upload_u32(slave, Capabilities::INDEX, subindex);
+        match self.0.get_mut(usize::from(subindex)) {
+            Some(Some(value)) => Ok(*value),
+            Some(unknown) => Ok(*unknown.insert(upload()?)),
+            None => upload(),
+        }
+    }
+
+    /// Reads the fields of [`Capabilities`]. One that the gateway rejects stays unknown: its error
+    /// is for the code that needs it.
+    pub(crate) fn read_all(
+        &mut self,
+        diagnostics: &Diagnostics,
+        slave: usize,
+    ) -> Result<(), Error> {
+        for subindex in Capabilities::fields() {
+            match self.read(diagnostics, slave, *subindex) {
+                Err(error @ Error::Sdo { abort_code: None, .. }) => return Err(error),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// The two halves of the serial number, 0xF000:07 and :08; 0 where one is unknown.
+    pub(crate) fn serial(&self) -> [u32; 2] {
+        [7, 8].map(|subindex: usize| self.0.get(subindex).copied().flatten().unwrap_or(0))
+    }
+}

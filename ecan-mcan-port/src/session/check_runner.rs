@@ -1,0 +1,234 @@
+//! Execution of the checks of a verification with SDO requests that run in parallel with the cycle.
+
+use ecan_host::{Adapter, CycleError, Error, RequestState, SdoRequestId};
+
+use crate::session::machine::PendingStep;
+use crate::session::verification::{Check, SdoTransfer, VerificationFault};
+
+/// Longest wait for a check, in nanoseconds, besides the transfers of all gateways: the master's own
+/// timeout of a mailbox response and a reserve.
+const WAIT_NS: u64 = 4_000_000_000;
+/// Cycles of one transfer: request, fetching the response, and a reserve.
+const CYCLES_PER_TRANSFER: u64 = 6;
+/// Largest age of the sequence that a gateway reports, in images, besides the time of the transfer.
+const SEQUENCE_MARGIN: u16 = 16;
+const NS_PER_MS: u64 = 1_000_000;
+
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    check: Check,
+    request: SdoRequestId,
+    /// Start of the transfer of the last attempt; `None` if its result is not used.
+    begun_ns: Option<u64>,
+}
+
+/// The checks of a gateway, each with a request of its own: the master executes requests that are
+/// queued together one after the other. Between single ones it polls all slaves, which takes longer
+/// than a transfer, and may begin to read the SDO dictionary, which takes seconds.
+#[derive(Debug)]
+pub(crate) struct CheckRunner {
+    slave: usize,
+    steps: Vec<Step>,
+    /// Checks of this attempt that have passed, and those whose transfer was begun.
+    passed: usize,
+    begun: usize,
+    /// A transfer of an earlier attempt that the master has not ended.
+    earlier: Option<SdoTransfer>,
+    /// Since when this attempt waits for the same check, and the longest such time.
+    waiting_since_ns: u64,
+    limit_ns: u64,
+    layout_crc: [Option<u32>; 2],
+    /// Sequence numbers between those of two gateways.
+    sequence_distance: u16,
+    /// Sequence of the last image when the check of the sequence was begun.
+    sequence_at_start: u16,
+    /// Whether the gateway reports the sequence of its last image; `None` before the first
+    /// verification, when positions are those of the configuration.
+    reports_sequence: Option<bool>,
+}
+
+impl CheckRunner {
+    /// Creates the requests; the Adapter must be configured and not yet active.
+    pub(crate) fn new(
+        adapter: &mut Adapter,
+        slave: usize,
+        checks: Vec<Check>,
+    ) -> Result<Self, Error> {
+        let slaves = adapter.slave_count().max(1);
+        let transfers = (slaves * checks.len()) as u64;
+        let request = |check: Check| {
+            let size = if check.transfer().is_download { 1 } else { 4 };
+            let request = adapter.create_sdo_request(slave, size)?;
+            // The runner has its own limit.
+            adapter.sdo_request_timeout(request, 0)?;
+            Ok(Step { check, request, begun_ns: None })
+        };
+        let steps = checks.into_iter().map(request).collect::<Result<Vec<_>, Error>>()?;
+        Ok(Self {
+            slave,
+            steps,
+            passed: 0,
+            begun: 0,
+            earlier: None,
+            waiting_since_ns: 0,
+            limit_ns: WAIT_NS
+                + transfers * CYCLES_PER_TRANSFER * u64::from(adapter.config().cycle_ns()),
+            layout_crc: [None; 2],
+            // infallible: at most 65536
+            sequence_distance: u16::try_from(0x1_0000 / slaves).unwrap_or(u16::MAX),
+            sequence_at_start: 0,
+            reports_sequence: None,
+        })
+    }
+
+    /// Sequence number with which the images of a verification begin that starts in this cycle. No
+    /// other gateway has images of this number at the same time.
+    pub(crate) fn first_sequence(&self, cycle: u64) -> u16 {
+        let slave = u16::try_from(self.slave).unwrap_or_default();
+        // Wraps on purpose.
+        self.sequence_distance.wrapping_mul(slave).wrapping_add(cycle as u16)
+    }
+
+    /// Starts another attempt.
+    pub(crate) fn restart(&mut self, now_ns: u64) {
+        (self.passed, self.begun, self.earlier) = (0, 0, None);
+        self.waiting_since_ns = now_ns;
+    }
+
+    /// Keeps a request in the master's queue while the slave is on its way to OP, so that the master
+    /// does not begin to read the SDO dictionary before the first check. Its result is not used.
+    pub(crate) fn occupy_queue(&mut self, adapter: &mut Adapter) {
+        let Some(first) = self.steps.first_mut() else { return };
+        if !matches!(adapter.sdo_request_state(first.request), Ok(RequestState::Busy)) {
+            // A request that is rejected is made again.
+            let _ = begin(adapter, first);
+            first.begun_ns = None;
+        }
+    }
+
+    /// What the attempt waits for.
+    pub(crate) fn awaited(&self) -> PendingStep {
+        match (self.earlier, self.steps.get(self.passed)) {
+            (Some(transfer), _) => PendingStep::EarlierTransfer(transfer),
+            (None, Some(step)) => PendingStep::Transfer(step.check.transfer()),
+            (None, None) => PendingStep::NextAttempt,
+        }
+    }
+
+    /// Continues the attempt; true when the first `count` checks have passed. `published`: sequence
+    /// of the last image.
+    pub(crate) fn advance(
+        &mut self,
+        adapter: &mut Adapter,
+        count: usize,
+        published: u16,
+    ) -> Result<bool, VerificationFault> {
+        if !self.begin_checks(adapter, count, published)? {
+            return Ok(false);
+        }
+        let now_ns = adapter.clock().now_ns();
+        while let Some(Step { check, request, .. }) = self.steps.get(self.passed).copied() {
+            if self.passed >= count {
+                break;
+            }
+            let state = adapter.sdo_request_state(request).map_err(VerificationFault::Library)?;
+            if state == RequestState::Busy {
+                return self.wait(check.transfer(), self.waiting_since_ns, now_ns);
+            }
+            if state != RequestState::Success {
+                return Err(VerificationFault::Transfer(check.transfer()));
+            }
+            let mut value = [0; 4];
+            for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request)) {
+                *to = *from;
+            }
+            let value = u32::from_le_bytes(value);
+            check.verify(value, &mut self.layout_crc)?;
+            if matches!(check, Check::Sequence) && !self.check_sequence(value, published)? {
+                self.begun = self.passed;
+                return Ok(false);
+            }
+            self.passed += 1;
+            self.waiting_since_ns = now_ns;
+        }
+        Ok(true)
+    }
+
+    /// Begins the transfers of the attempt, once those of earlier ones have ended.
+    fn begin_checks(
+        &mut self,
+        adapter: &mut Adapter,
+        count: usize,
+        published: u16,
+    ) -> Result<bool, VerificationFault> {
+        let now_ns = adapter.clock().now_ns();
+        if self.begun == 0 {
+            self.earlier = None;
+            for step in &self.steps {
+                let state = adapter.sdo_request_state(step.request);
+                if state.map_err(VerificationFault::Library)? == RequestState::Busy {
+                    let transfer = step.check.transfer();
+                    self.earlier = step.begun_ns.map(|_| transfer);
+                    let begun_ns = step.begun_ns.unwrap_or(self.waiting_since_ns);
+                    return self.wait(transfer, begun_ns, now_ns);
+                }
+            }
+        }
+        while let Some(step) = self.steps.get_mut(self.begun).filter(|_| self.begun < count) {
+            begin(adapter, step).map_err(VerificationFault::Library)?;
+            step.begun_ns = Some(now_ns);
+            self.sequence_at_start = published;
+            self.waiting_since_ns = now_ns;
+            self.begun += 1;
+        }
+        Ok(true)
+    }
+
+    fn wait(
+        &self,
+        transfer: SdoTransfer,
+        begun_ns: u64,
+        now_ns: u64,
+    ) -> Result<bool, VerificationFault> {
+        if now_ns.saturating_sub(self.waiting_since_ns) < self.limit_ns {
+            return Ok(false);
+        }
+        let waited_ms = now_ns.saturating_sub(begun_ns) / NS_PER_MS;
+        Err(VerificationFault::Unended { transfer, waited_ms })
+    }
+
+    /// Whether the gateway receives the images that the Port publishes to it, by the sequence that
+    /// it reports. `false` for a transfer that took so long that nothing follows; it is repeated.
+    fn check_sequence(&mut self, found: u32, published: u16) -> Result<bool, VerificationFault> {
+        let window = published.wrapping_sub(self.sequence_at_start).saturating_add(SEQUENCE_MARGIN);
+        if window > self.sequence_distance / 2 {
+            return Ok(false);
+        }
+        let is_own = u64::from(found) <= u64::from(u16::MAX)
+            && published.wrapping_sub(found as u16) <= window;
+        if self.reports_sequence.is_none() && !is_own {
+            tracing::warn!(
+                slave = self.slave,
+                "slave {}: the gateway does not report the sequence of its last image; that process \
+                 data reach the right gateway is not verified",
+                self.slave
+            );
+        }
+        match *self.reports_sequence.get_or_insert(is_own) {
+            true if !is_own => Err(VerificationFault::ProcessData),
+            _ => Ok(true),
+        }
+    }
+}
+
+fn begin(adapter: &mut Adapter, step: &Step) -> Result<(), CycleError> {
+    let SdoTransfer { index, subindex, .. } = step.check.transfer();
+    match step.check {
+        Check::Command(sdo) => {
+            let (bytes, length) = sdo.bytes();
+            let data = bytes.get(..length).unwrap_or_default();
+            adapter.sdo_request_write(step.request, index, subindex, data)
+        }
+        _ => adapter.sdo_request_read(step.request, index, subindex),
+    }
+}
