@@ -77,8 +77,8 @@ pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};
 pub use runner::{RealTimeRunner, RunnerError};
 pub use scenario::{
-    BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, GatewaySpec, NodeKind, NodeSpec,
-    Scenario, ScenarioError, Topology, drives, echo, jitter,
+    BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, GatewaySpec, MasterBehaviour, NodeKind,
+    NodeSpec, Scenario, ScenarioError, Topology, drives, echo, jitter,
 };
 pub use simulation::{AttachedNode, Simulation, UnknownBus};
 pub use wake_up::WakeUpDelay;

@@ -1,5 +1,5 @@
 /// A SplitMix64 generator: the same seed gives the same numbers on every machine.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Random {
     state: u64,
 }

@@ -2,6 +2,7 @@
 
 mod bus_scan;
 mod dc;
+mod dictionary;
 mod register_access;
 mod sdo;
 mod startup;
@@ -14,13 +15,17 @@ use ecan_protocol::device::AlState;
 use crate::ecrt::clocks::Clocks;
 use crate::ecrt::datagram::Queued;
 use crate::ecrt::domain::Domain;
-use crate::ecrt::mailbox::MailboxTransfer;
+use crate::ecrt::mailbox::{MailboxTransfer, Pace};
 use crate::ecrt::slave_config::SlaveConfig;
 use crate::ecrt::slave_view::SlaveView;
-use crate::scenario::{EcrtVersion, Scenario};
+use crate::ecrt::timing::THREAD_GAP_NS;
+use crate::random::Random;
+use crate::scenario::{EcrtVersion, MasterBehaviour, Scenario};
 use crate::world::World;
 
 use bus_scan::Scan;
+use dictionary::DictionaryFetch;
+pub(crate) use dictionary::{dictionary_ns, object_count};
 use sdo::BlockingSdo;
 
 const LOG_LINES: usize = 1000;
@@ -57,12 +62,26 @@ pub(crate) struct MasterModel {
     /// The last send stopped at a datagram that fits no frame.
     pub(crate) blocked: bool,
     pub(crate) sends: u64,
+    /// Steps of the state machines in the operation phase.
+    pub(crate) steps: u64,
+    /// Every second send without a gap advances them.
+    has_half_step: bool,
+    /// The last receive.
+    received_at: u64,
+    pub(crate) behaviour: MasterBehaviour,
+    random: Random,
+    dictionary: Option<DictionaryFetch>,
+    /// The master was released: it scans the bus when it is idle.
+    scans_when_idle: bool,
+    /// When the present round of state polling ends, after which internal requests are served.
+    round_ends: u64,
+    /// The step in which the last internal request ended: the next one follows in the same.
+    last_request_ended: Option<u64>,
     pub(crate) clocks: Clocks,
     /// Lines that the calls for the clocks would have written to stderr.
     pub(crate) stderr_lines: u64,
     pub(crate) blocking: Vec<BlockingSdo>,
     pub(crate) next_blocking: u64,
-    pub(crate) scratch: Vec<u8>,
     log: VecDeque<String>,
 }
 
@@ -73,7 +92,8 @@ impl MasterModel {
             carries_large_pdos: scenario.carries_large_pdos,
             is_held_elsewhere: scenario.reserved,
             queue: Vec::with_capacity(16),
-            scratch: Vec::with_capacity(256),
+            behaviour: scenario.master,
+            random: Random::new(scenario.seed),
             ..Self::default()
         }
     }
@@ -117,14 +137,16 @@ impl MasterModel {
     pub(crate) fn reserve(&mut self, client: u64) {
         self.owner = Some(client);
         self.phase = Phase::Reserved;
+        self.scans_when_idle = false;
     }
 
     /// Releases the master; its configuration is lost.
-    pub(crate) fn release(&mut self, client: u64, now: u64) {
+    pub(crate) fn release(&mut self, client: u64, world: &World) {
         if self.owner == Some(client) {
-            self.deactivate(now);
+            self.deactivate(world);
             self.owner = None;
             self.phase = Phase::Idle;
+            self.scans_when_idle = self.behaviour.scans_after_release;
         }
     }
 
@@ -141,7 +163,9 @@ impl MasterModel {
         if self.owner == Some(client) { Ok(()) } else { Err(libc::EPERM) }
     }
 
-    pub(crate) fn activate(&mut self, now: u64) {
+    pub(crate) fn activate(&mut self, world: &World) {
+        self.advance_dictionary(world);
+        let now = world.now_ns();
         let (mut base, mut datagrams) = (0u32, 0);
         for domain in &mut self.domains {
             domain.finish(base, self.version);
@@ -172,7 +196,9 @@ impl MasterModel {
     }
 
     /// Ends the operation phase; the slaves return to PREOP.
-    pub(crate) fn deactivate(&mut self, now: u64) {
+    pub(crate) fn deactivate(&mut self, world: &World) {
+        self.advance_dictionary(world);
+        let now = world.now_ns();
         self.domains.clear();
         self.configs.clear();
         self.queue.clear();
@@ -198,7 +224,11 @@ impl MasterModel {
 
     pub(crate) fn next_due(&self) -> u64 {
         let slaves = self.slaves.iter().map(|slave| slave.due).min().unwrap_or(u64::MAX);
-        if self.is_configuring() { slaves } else { slaves.min(self.poll_due) }
+        match self.dictionary_due() {
+            Some(due) => slaves.min(due),
+            None if self.is_configuring() => slaves,
+            None => slaves.min(self.poll_due),
+        }
     }
 
     /// Whether a slave is being configured. The master polls no other slave until that has ended.
@@ -206,9 +236,25 @@ impl MasterModel {
         self.slaves.iter().any(|slave| slave.startup.is_some())
     }
 
+    /// Whether one activity keeps the master from all others: a configuration, or the fetch of a
+    /// dictionary.
+    fn is_busy(&self) -> bool {
+        self.dictionary.is_some() || self.is_configuring()
+    }
+
+    /// Counts a send in the operation phase; returns whether the state machines advance with it.
+    pub(crate) fn advances_with_send(&mut self, now: u64) -> bool {
+        let has_gap = now.saturating_sub(self.received_at) >= THREAD_GAP_NS;
+        let advances = !self.behaviour.needs_gap || has_gap || self.has_half_step;
+        self.has_half_step = !advances;
+        self.steps = self.steps.wrapping_add(u64::from(advances));
+        advances
+    }
+
     pub(crate) fn step(&mut self, world: &mut World) {
         let now = world.now_ns();
-        if self.poll_due <= now && !self.is_configuring() {
+        self.advance_dictionary(world);
+        if self.poll_due <= now && !self.is_busy() {
             self.run_bus(world);
         }
         for index in 0..self.slaves.len() {
@@ -227,11 +273,18 @@ impl MasterModel {
     }
 
     fn begin_transfer(&self, now: u64) -> MailboxTransfer {
-        MailboxTransfer::begin(now, self.sends)
+        MailboxTransfer::begin(now, self.steps)
     }
 
-    fn poll_mailbox(&self, mailbox: &mut MailboxTransfer, now: u64) -> Result<(), u64> {
-        mailbox.poll(now, (self.phase == Phase::Active).then_some(self.sends))
+    fn idle_step_ns(&self) -> u64 {
+        u64::from(self.behaviour.idle_step_us) * 1_000
+    }
+
+    fn pace(&self) -> Pace {
+        match self.phase {
+            Phase::Active => Pace::Sends(self.steps),
+            Phase::Idle | Phase::Reserved => Pace::Timed(self.idle_step_ns()),
+        }
     }
 
     pub(crate) fn config(&mut self, index: usize) -> Result<&mut SlaveConfig, i32> {

@@ -1,8 +1,9 @@
-//! One SDO transfer: its object, its data and its result.
+//! One SDO transfer: its object, its data, its steps and its result.
 
 use ecan_protocol::object::AbortCode;
 
-use crate::ecrt::timing::MAILBOX_TIMEOUT_NS;
+use crate::ecrt::mailbox::{MailboxStep, MailboxTransfer, Pace};
+use crate::ecrt::timing::{MAILBOX_TIMEOUT_NS, STATE_POLL_NS};
 use crate::world::World;
 
 /// Failure of a transfer: error number (positive) and abort code, 0 without one.
@@ -41,30 +42,68 @@ pub(crate) enum Payload<'a> {
     Upload(&'a mut Vec<u8>),
 }
 
-pub(crate) enum Attempt {
+pub(crate) enum Progress {
     Done(Result<(), SdoFailure>),
-    Waiting,
+    /// To be continued after this time, ns.
+    Waiting(u64),
 }
 
-pub(crate) fn attempt(
+/// The slave of a transfer.
+#[derive(Clone, Copy)]
+pub(crate) struct Receiver {
+    pub(crate) slot: usize,
+    pub(crate) is_present: bool,
+}
+
+/// Continues a transfer: delivers the request, or fetches the response.
+///
+/// The slave executes a request when it arrives. If the slave is gone by the fetch, as after a
+/// reboot, the response is lost with it.
+pub(crate) fn proceed(
     world: &mut World,
-    slot: usize,
-    present: bool,
-    since: u64,
+    slave: Receiver,
+    mailbox: &mut MailboxTransfer,
+    pace: Pace,
     object: SdoObject,
     payload: Payload<'_>,
-) -> Attempt {
-    if !present {
-        return Attempt::Done(Err(SdoFailure::UNANSWERED));
+) -> Progress {
+    let now = world.now_ns();
+    let step = match mailbox.next(now, pace) {
+        MailboxStep::Wait(ns) => return Progress::Waiting(ns),
+        step => step,
+    };
+    if !slave.is_present {
+        return Progress::Done(Err(SdoFailure::UNANSWERED));
     }
-    let responds =
-        world.with_gateway(slot, |gateway, now| gateway.mailbox_answers(now)).unwrap_or(false);
-    if !responds {
-        if world.now_ns().saturating_sub(since) >= MAILBOX_TIMEOUT_NS {
-            return Attempt::Done(Err(SdoFailure::UNANSWERED));
+    let responds = world.with_gateway(slave.slot, |gateway, now| gateway.mailbox_answers(now));
+    if responds != Some(true) {
+        return match now.saturating_sub(mailbox.since) >= MAILBOX_TIMEOUT_NS {
+            true => Progress::Done(Err(SdoFailure::UNANSWERED)),
+            false => Progress::Waiting(STATE_POLL_NS),
+        };
+    }
+    if let MailboxStep::Fetch(response) = step {
+        return Progress::Done(response);
+    }
+    let response = execute(world, slave.slot, object, payload);
+    match world.with_gateway(slave.slot, |gateway, _| gateway.take_lost_response()) {
+        Some(true) => {
+            mailbox.respond(now + MAILBOX_TIMEOUT_NS, Err(SdoFailure::UNANSWERED));
         }
-        return Attempt::Waiting;
+        _ => mailbox.respond(now, response),
     }
+    match mailbox.next(now, pace) {
+        MailboxStep::Wait(ns) => Progress::Waiting(ns),
+        _ => Progress::Waiting(0),
+    }
+}
+
+fn execute(
+    world: &mut World,
+    slot: usize,
+    object: SdoObject,
+    payload: Payload<'_>,
+) -> Result<(), SdoFailure> {
     let SdoObject { index, subindex, complete } = object;
     let result = world.with_gateway(slot, |gateway, now| match payload {
         Payload::Download(data) if complete => gateway.sdo_download_complete(now, index, 0, data),
@@ -76,10 +115,10 @@ pub(crate) fn attempt(
             gateway.sdo_upload(now, index, subindex, data)
         }
     });
-    Attempt::Done(match result {
+    match result {
         Some(result) => {
             result.map_err(|abort| SdoFailure { errno: libc::EIO, abort_code: abort.0 })
         }
         None => Err(SdoFailure::UNANSWERED),
-    })
+    }
 }

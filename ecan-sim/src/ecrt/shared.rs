@@ -7,10 +7,10 @@ use std::time::Duration;
 use ecrt_sys::{Clock as _, MonotonicClock};
 
 use crate::backend_error::BackendError;
-use crate::ecrt::master::{MasterModel, Phase};
+use crate::ecrt::master::{MasterModel, Phase, dictionary_ns};
 use crate::ecrt::sdo_transfer::{SdoFailure, SdoObject};
 use crate::ecrt::threads::{Threads, Waiter};
-use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
+use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, DICTIONARY_WAIT_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::node::BridgeFactory;
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::wake_up::WakeUps;
@@ -81,7 +81,12 @@ impl Shared {
         let gateways = scenario.gateways.iter();
         let boot_ms = gateways.map(|gateway| gateway.config.boot_ms).max().unwrap_or(0);
         let scans = SCAN_BASE_NS + SCAN_SLAVE_NS * scenario.gateways.len() as u64;
-        let life = u64::from(boot_ms) * 1_000_000 + 2 * scans + SETTLE_NS;
+        // the dictionaries have been fetched as well
+        let fetches = match scenario.master.fetches_dictionary {
+            true => DICTIONARY_WAIT_NS + dictionary_ns(scenario.gateways.len() as u64),
+            false => 0,
+        };
+        let life = u64::from(boot_ms) * 1_000_000 + 2 * scans + fetches + SETTLE_NS;
         let birth = match kind {
             ClockKind::Stepped => EPOCH_NS,
             ClockKind::Real => MonotonicClock.now_ns().saturating_sub(life),
@@ -188,8 +193,7 @@ impl Shared {
 
     pub(crate) fn release_client(&self, client: u64) {
         self.with(|state| {
-            let now = state.world.now_ns();
-            state.master.release(client, now);
+            state.master.release(client, &state.world);
             state.threads.release(client);
         });
         self.settled.notify_all();

@@ -22,6 +22,10 @@ pub(crate) struct SlaveView {
     pub(crate) requested: AlState,
     pub(crate) error_flag: bool,
     pub(crate) force_config: bool,
+    /// When the master brought it to PREOP; `None` if it was there or above at the scan.
+    pub(crate) preop_at: Option<u64>,
+    /// Whether its object dictionary was fetched since the scan, or is being fetched.
+    pub(crate) has_dictionary: bool,
     pub(crate) config: Option<usize>,
     /// Assigned PDOs as the scan found them, by sync manager.
     pub(crate) assigned: [Vec<Pdo>; SYNC_MANAGERS as usize],
@@ -51,6 +55,8 @@ impl SlaveView {
             requested: AlState::PreOp,
             error_flag: false,
             force_config: false,
+            preop_at: None,
+            has_dictionary: false,
             config: None,
             assigned,
             startup: None,
@@ -74,12 +80,16 @@ impl SlaveView {
     }
 }
 
+/// Number of assigned PDOs; 0 if it cannot be read.
+pub(crate) fn assigned_count(world: &mut World, slot: usize, direction: Direction) -> u8 {
+    read(world, slot, assignment_index(direction), 0).unwrap_or(0).min(0xFE) as u8
+}
+
 /// Reads the assigned PDOs and their mapping, up to the first failure.
 fn read_assignment(world: &mut World, slot: usize, direction: Direction) -> Vec<Pdo> {
     let mut pdos = Vec::new();
     let assignment = assignment_index(direction);
-    let count = read(world, slot, assignment, 0).unwrap_or(0);
-    for position in 1..=count.min(0xFE) as u8 {
+    for position in 1..=assigned_count(world, slot, direction) {
         let Some(index) = read(world, slot, assignment, position) else { break };
         let index = index as u16;
         let mut pdo = Pdo { index, entries: Vec::with_capacity(UNITS_PER_CHUNK) };

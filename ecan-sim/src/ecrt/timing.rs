@@ -6,8 +6,18 @@
 
 /// One register access: queue, send, receive.
 pub(super) const REGISTER_NS: u64 = 1_000_000;
-/// One expedited SDO transfer: request, mailbox check, response. In the operation phase each of the
-/// three also waits for a send.
+/// One step of a dictionary fetch before activation: the master's thread does not sleep then.
+pub(super) const DICTIONARY_STEP_NS: u64 = 90_000;
+/// From PREOP to the fetch of the dictionary.
+pub(super) const DICTIONARY_WAIT_NS: u64 = 3_000_000_000;
+/// Longest wait of the fetch for a response.
+pub(super) const DICTIONARY_TIMEOUT_NS: u64 = 1_000_000_000;
+/// Longest sleep of the master's thread while it polls the slaves.
+pub(super) const POLL_STEP_NS: u64 = 8_000_000;
+/// Time between receive and send that the master's thread needs to advance.
+pub(super) const THREAD_GAP_NS: u64 = 100_000;
+/// Response time of the device in the operation phase, where request, mailbox check and fetch also
+/// wait for a send each.
 pub(super) const SDO_NS: u64 = 2_000_000;
 /// Activation: the master's threads are exchanged.
 pub(super) const ACTIVATE_NS: u64 = 3_000_000;

@@ -18,6 +18,9 @@ pub struct GatewayModelConfig {
     pub revision: u32,
     /// Milliseconds from power-on or reboot until the slave answers in INIT.
     pub boot_ms: u32,
+    /// Milliseconds from the reboot command (0x8000:01) to the reboot. 0: the gateway reboots without
+    /// a response to the command.
+    pub reboot_delay_ms: u32,
     /// Nanoseconds from a complete SM2 write to the data-path service that handles it.
     pub service_delay_ns: u64,
     /// Upper bound of a pseudo-random addition to `service_delay_ns`, drawn from the
@@ -59,6 +62,7 @@ impl Default for GatewayModelConfig {
             product_code: 0x4C49_5445,
             revision: 0x0002_0002,
             boot_ms: 200,
+            reboot_delay_ms: 100,
             service_delay_ns: 30_000,
             service_jitter_ns: 0,
             release_jitter_ns: 0,

@@ -19,6 +19,16 @@ pub enum GatewayFault {
         /// Number of transfers.
         times: u32,
     },
+    /// The next `times` transfers of this object are executed, but their response gets lost: the
+    /// master reports no abort code.
+    SdoResponseLost {
+        /// Object index.
+        index: u16,
+        /// Subindex.
+        subindex: u8,
+        /// Number of transfers.
+        times: u32,
+    },
     /// The next `images` TxPDO images are published with `seq_end` one less than
     /// `seq_begin`, as if read during an update.
     TornTxPdo {
@@ -67,7 +77,10 @@ impl Gateway {
         let faults = &mut self.faults;
         match fault {
             GatewayFault::SdoAbort { index, subindex, code, times } => {
-                faults.add_sdo_abort(index, subindex, code, times)
+                faults.sdo_aborts.push(SdoFault { index, subindex, code, times })
+            }
+            GatewayFault::SdoResponseLost { index, subindex, times } => {
+                faults.lost_responses.push(SdoFault { index, subindex, code: 0, times })
             }
             GatewayFault::TornTxPdo { images } => faults.torn_images.add(images),
             GatewayFault::CrcErrorTxPdo { images } => faults.crc_errors.add(images),
@@ -81,11 +94,24 @@ impl Gateway {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct SdoAbort {
+struct SdoFault {
     index: u16,
     subindex: u8,
+    /// Abort code; 0 if none.
     code: u32,
     times: u32,
+}
+
+/// The fault of a transfer, if it has one.
+fn take(faults: &mut Vec<SdoFault>, index: u16, subindex: u8) -> Option<u32> {
+    let at = faults.iter().position(|fault| (fault.index, fault.subindex) == (index, subindex))?;
+    let fault = &mut faults[at];
+    let code = fault.code;
+    fault.times = fault.times.saturating_sub(1);
+    if fault.times == 0 {
+        faults.remove(at);
+    }
+    Some(code)
 }
 
 /// Number of operations that still fail.
@@ -107,7 +133,10 @@ impl Count {
 
 #[derive(Debug, Default)]
 pub(super) struct PendingFaults {
-    sdo_aborts: Vec<SdoAbort>,
+    sdo_aborts: Vec<SdoFault>,
+    lost_responses: Vec<SdoFault>,
+    /// The response of the last transfer gets lost.
+    is_response_lost: bool,
     pub(super) torn_images: Count,
     pub(super) crc_errors: Count,
     /// Operations of the flash.
@@ -120,20 +149,15 @@ impl PendingFaults {
         now < self.mailbox_silent_until
     }
 
-    pub(super) fn add_sdo_abort(&mut self, index: u16, subindex: u8, code: u32, times: u32) {
-        self.sdo_aborts.push(SdoAbort { index, subindex, code, times });
+    /// A transfer begins: the abort code that it ends with.
+    pub(super) fn begin_transfer(&mut self, index: u16, subindex: u8) -> Option<AbortCode> {
+        self.is_response_lost = take(&mut self.lost_responses, index, subindex).is_some();
+        take(&mut self.sdo_aborts, index, subindex).map(AbortCode)
     }
 
-    pub(super) fn take_sdo_abort(&mut self, index: u16, subindex: u8) -> Option<AbortCode> {
-        let matches = |abort: &SdoAbort| (abort.index, abort.subindex) == (index, subindex);
-        let at = self.sdo_aborts.iter().position(matches)?;
-        let abort = &mut self.sdo_aborts[at];
-        let code = AbortCode(abort.code);
-        abort.times = abort.times.saturating_sub(1);
-        if abort.times == 0 {
-            self.sdo_aborts.remove(at);
-        }
-        Some(code)
+    /// Whether the response of the last transfer gets lost.
+    pub(super) fn take_lost_response(&mut self) -> bool {
+        std::mem::take(&mut self.is_response_lost)
     }
 }
 
@@ -144,9 +168,10 @@ mod tests {
     #[test]
     fn sdo_abort_concerns_its_object_and_number_of_transfers() {
         let mut faults = PendingFaults::default();
-        faults.add_sdo_abort(0x8010, 1, 0x0800_0022, 2);
-        assert_eq!(faults.take_sdo_abort(0x8010, 2), None);
-        let aborts = [0; 3].map(|_| faults.take_sdo_abort(0x8010, 1));
+        let fault = SdoFault { index: 0x8010, subindex: 1, code: 0x0800_0022, times: 2 };
+        faults.sdo_aborts.push(fault);
+        assert_eq!(faults.begin_transfer(0x8010, 2), None);
+        let aborts = [0; 3].map(|_| faults.begin_transfer(0x8010, 1));
         assert_eq!(aborts, [Some(AbortCode(0x0800_0022)), Some(AbortCode(0x0800_0022)), None]);
     }
 

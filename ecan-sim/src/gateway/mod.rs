@@ -120,7 +120,7 @@ impl Gateway {
     pub fn new(config: GatewayModelConfig, seed: u64) -> Self {
         let mut gateway = Self {
             now: 0,
-            power: PowerSupply::new(config.boot_ms),
+            power: PowerSupply::new(config.boot_ms, config.reboot_delay_ms),
             al: AlStateMachine::new(),
             sync_managers: SyncManagers::new(),
             watchdog: Watchdog::new(),

@@ -1,8 +1,5 @@
 use super::NS_PER_MS;
 
-/// From the reboot command to the reboot: the master fetches the response in this time.
-const REBOOT_DELAY_NS: u64 = 10 * NS_PER_MS;
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PowerState {
     Off,
@@ -14,15 +11,19 @@ enum PowerState {
 pub(super) struct PowerSupply {
     state: PowerState,
     boot_ns: u64,
+    /// From the reboot command to the reboot: the master fetches the response in this time.
+    reboot_delay_ns: u64,
     pub(super) boots: u32,
     pub(super) booted_at: u64,
     pub(super) reboot_at: Option<u64>,
 }
 
 impl PowerSupply {
-    pub(super) fn new(boot_ms: u32) -> Self {
-        let boot_ns = u64::from(boot_ms) * NS_PER_MS;
-        Self { state: PowerState::Off, boot_ns, boots: 0, booted_at: 0, reboot_at: None }
+    pub(super) fn new(boot_ms: u32, reboot_delay_ms: u32) -> Self {
+        let [boot_ns, reboot_delay_ns] =
+            [boot_ms, reboot_delay_ms].map(|ms| u64::from(ms) * NS_PER_MS);
+        let state = PowerState::Off;
+        Self { state, boot_ns, reboot_delay_ns, boots: 0, booted_at: 0, reboot_at: None }
     }
 
     pub(super) fn is_off(&self) -> bool {
@@ -57,7 +58,7 @@ impl PowerSupply {
     }
 
     pub(super) fn request_reboot(&mut self, now: u64) {
-        self.reboot_at = Some(now + REBOOT_DELAY_NS);
+        self.reboot_at = Some(now + self.reboot_delay_ns);
     }
 }
 
@@ -67,7 +68,7 @@ mod tests {
 
     #[test]
     fn boot_ends_after_the_configured_time() {
-        let mut supply = PowerSupply::new(200);
+        let mut supply = PowerSupply::new(200, 100);
         assert!(supply.is_off());
         supply.boot(1_000);
         assert_eq!((supply.is_off(), supply.is_running()), (false, false));
@@ -79,11 +80,11 @@ mod tests {
 
     #[test]
     fn power_loss_cancels_a_requested_reboot() {
-        let mut supply = PowerSupply::new(1);
+        let mut supply = PowerSupply::new(1, 100);
         supply.boot(0);
         supply.finish_boot();
         supply.request_reboot(5);
-        assert_eq!(supply.reboot_at, Some(5 + REBOOT_DELAY_NS));
+        assert_eq!(supply.reboot_at, Some(100_000_005));
         supply.switch_off();
         assert_eq!(supply.reboot_at, None);
         supply.boot(10);

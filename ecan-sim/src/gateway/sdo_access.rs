@@ -88,6 +88,11 @@ impl Gateway {
         Ok(())
     }
 
+    /// Whether the response of the last transfer gets lost, by a fault.
+    pub(crate) fn take_lost_response(&mut self) -> bool {
+        self.faults.take_lost_response()
+    }
+
     fn open_transfer(
         &mut self,
         index: u16,
@@ -99,7 +104,7 @@ impl Gateway {
         if self.al.state == AlState::Boot {
             return Err(AbortCode::DEVICE_STATE);
         }
-        match self.faults.take_sdo_abort(index, subindex) {
+        match self.faults.begin_transfer(index, subindex) {
             Some(code) => Err(code),
             None => ObjectServer::find(index, subindex),
         }

@@ -91,6 +91,9 @@ impl MailboxServer {
             let room = reply_bytes.saturating_sub(HEADER_BYTES);
             self.answer(header, rest, &mut Context { now, room, gateway })
         };
+        if gateway.take_lost_response() {
+            return;
+        }
         let (protocol, messages) = match answer {
             Ok(messages) => (header.protocol, messages),
             Err(error) => (protocol::ERROR, vec![error.message()]),

@@ -14,7 +14,7 @@ use toml::Spanned;
 
 use crate::scenario::file::raw_fault::RawFault;
 use crate::scenario::file::raw_node::RawNode;
-use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, Scenario, Topology};
+use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, MasterBehaviour, Scenario, Topology};
 use crate::wake_up::WakeUpDelay;
 
 /// Error in a scenario file.
@@ -35,6 +35,8 @@ struct RawScenario {
     clock: Option<ClockKind>,
     wake_up_us: Option<Spanned<RawWakeUp>>,
     version: Option<EcrtVersion>,
+    #[serde(default)]
+    master: MasterBehaviour,
     #[serde(default)]
     carries_large_pdos: bool,
     #[serde(default)]
@@ -81,6 +83,7 @@ struct RawGateway {
     product_code: Option<u32>,
     revision: Option<u32>,
     boot_ms: Option<u32>,
+    reboot_delay_ms: Option<u32>,
     service_delay_us: Option<u32>,
     service_jitter_us: Option<u32>,
     clock_drift_ppm: Option<f64>,
@@ -166,6 +169,7 @@ impl Scenario {
             clock: raw.clock,
             wake_up: wake_up.transpose()?,
             version: raw.version.unwrap_or(EcrtVersion::V1_6),
+            master: raw.master,
             carries_large_pdos: raw.carries_large_pdos,
             reserved: raw.reserved,
             topology: raw.topology.unwrap_or(Topology::Line),
@@ -192,7 +196,7 @@ impl RawGateway {
         set!(spec from self: alias, pdo_assign, pdo_configuration);
         let config = &mut spec.config;
         set!(config from self: serial, hardware_revision, firmware, vendor_id, product_code);
-        set!(config from self: revision, boot_ms, tx_pressure_percent, complete_access);
+        set!(config from self: revision, boot_ms, reboot_delay_ms, tx_pressure_percent, complete_access);
         for (target, us) in [
             (&mut config.service_delay_ns, self.service_delay_us),
             (&mut config.service_jitter_ns, self.service_jitter_us),

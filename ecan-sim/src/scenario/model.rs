@@ -6,6 +6,7 @@ use crate::drive::DriveConfig;
 use crate::fault::ScriptedFault;
 use crate::gateway::GatewayModelConfig;
 use crate::node::{BridgeSpec, FaultyConfig};
+use crate::scenario::MasterBehaviour;
 use crate::wake_up::WakeUpDelay;
 
 /// Clock of a simulation.
@@ -143,6 +144,8 @@ pub struct Scenario {
     pub wake_up: Option<WakeUpDelay>,
     /// Simulated release of the library.
     pub version: EcrtVersion,
+    /// Pace and side activities of the master.
+    pub master: MasterBehaviour,
     /// True if the master sends process data of more than 1486 bytes per direction.
     pub carries_large_pdos: bool,
     /// True if another program has reserved the master, so that requesting it fails with `EBUSY`.
@@ -166,6 +169,7 @@ impl Default for Scenario {
             clock: None,
             wake_up: None,
             version: EcrtVersion::V1_6,
+            master: MasterBehaviour::default(),
             carries_large_pdos: false,
             reserved: false,
             topology: Topology::Line,

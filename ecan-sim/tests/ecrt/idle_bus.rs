@@ -55,6 +55,50 @@ fn only_the_default_assignment_is_known() {
     assert_eq!(sync.n_pdos, 0);
 }
 
+/// Sends the reboot command before activation; returns the result and the time until the gateway
+/// has left the bus, in ms.
+fn reboot(reboot_delay_ms: u32) -> (Result<(), ecan_host::SdoError>, u64) {
+    let mut scenario = echo(1);
+    scenario.gateways[0].config.reboot_delay_ms = reboot_delay_ms;
+    let backend = stepped(scenario);
+    let simulation = backend.simulation.as_ref().unwrap();
+    let master = Master::open(&backend.ecrt, 0).unwrap();
+    let before = backend.ecrt.clock().now_ns();
+    let result = master.sdo_download(0, 0x8000, 1, &[1]);
+    let responds = || simulation.with_world(|world| world.gateway(0).unwrap().is_responding());
+    while responds() {
+        simulation.pass_ns(1_000_000);
+    }
+    (result, (backend.ecrt.clock().now_ns() - before) / 1_000_000)
+}
+
+#[test]
+fn reboot_command_gets_its_response_before_the_reboot() {
+    let (result, ms) = reboot(100);
+    assert_eq!(result, Ok(()));
+    assert!((100..=102).contains(&ms), "{ms} ms");
+}
+
+#[test]
+fn reboot_without_response_is_an_error_without_abort_code() {
+    let (result, _) = reboot(0);
+    let failure = result.unwrap_err();
+    assert_eq!((failure.errno, failure.abort_code), (Errno::EIO, None));
+}
+
+#[test]
+fn lost_response_leaves_the_value_written() {
+    let backend = stepped_echo(1);
+    let fault = GatewayFault::SdoResponseLost { index: 0x8010, subindex: 3, times: 1 };
+    backend.simulation.as_ref().unwrap().inject(Fault::Gateway { gateway: 0, fault });
+    let master = Master::request(&backend.ecrt, 0).unwrap();
+    let failure = master.sdo_download(0, 0x8010, 3, &[5]).unwrap_err();
+    assert_eq!((failure.errno, failure.abort_code), (Errno::EIO, None));
+    let mut data = [0];
+    master.sdo_upload(0, 0x8010, 3, &mut data).unwrap();
+    assert_eq!(data, [5]);
+}
+
 #[test]
 fn reserved_master_is_busy_but_readable() {
     let backend = stepped_echo(1);

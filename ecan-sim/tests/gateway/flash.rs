@@ -144,7 +144,7 @@ fn saved_configuration_survives_power_loss_and_reboot() {
             power_cycle(&mut fixture);
         } else {
             fixture.write_u8(0x8000, 1, 1);
-            fixture.pass(20 * MS);
+            fixture.pass(100 * MS);
             boot(&mut fixture);
         }
         assert_configured(&mut fixture);

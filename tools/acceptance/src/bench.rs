@@ -197,7 +197,10 @@ impl Bench {
         let mut command = self.command(name);
         command.arg("--ecrt").arg(self.ecrt());
         if self.kind != Kind::Library {
-            command.arg("--master").arg(self.arguments.master.to_string());
+            // Configuration files name the master themselves; the default is 0.
+            if self.arguments.master != 0 {
+                command.arg("--master").arg(self.arguments.master.to_string());
+            }
             command.args(self.real_time_options());
         }
         command.args(arguments);
@@ -390,7 +393,8 @@ impl Bench {
         if self.kind != Kind::Device && spec.nodes == Nodes::Any {
             spec.nodes = Nodes::Echo;
         }
-        let is_present = self.slave.as_mut().is_none_or(Slave::is_running);
+        let is_running = self.slave.as_mut().is_some_and(Slave::is_running);
+        let is_present = self.kind != Kind::Wire || is_running;
         if self.spec.as_ref() == Some(&spec) && is_present {
             return Ok(());
         }
@@ -516,7 +520,7 @@ impl Bench {
         let mut last = Vec::new();
         let found = self.poll("the master lists the slaves", SCAN_LIMIT, |bench| {
             last = bench.listed_slaves()?;
-            let is_up = |slave: &ListedSlave| slave.state != "INIT" && !slave.has_error;
+            let is_up = |slave: &ListedSlave| slave.is_up();
             let is_expected = last.len() == usize::from(count)
                 // Other slaves may be connected too.
                 || bench.kind == Kind::Device && last.len() > usize::from(count);
@@ -582,6 +586,11 @@ fn is_on_path(name: &str) -> bool {
 }
 
 impl ListedSlave {
+    /// Returns whether it is in PREOP or above, without an error.
+    fn is_up(&self) -> bool {
+        !self.has_error && ["PREOP", "SAFEOP", "OP"].contains(&self.state.as_str())
+    }
+
     /// A line of `ethercat slaves`: `0  0:0  PREOP  +  ECAN-Lite`.
     fn parse(line: &str) -> Option<Self> {
         let mut words = line.split_whitespace();

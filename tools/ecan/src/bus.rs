@@ -10,6 +10,10 @@ use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::progress;
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose, every_gateway, one_or_all};
 
+/// Time to wait for the end of a scan, in ns: several seconds with many slaves.
+const SCAN_NS: u64 = 30_000_000_000;
+const POLL_NS: u64 = 50_000_000;
+
 /// A bus, opened without reserving the master.
 #[derive(Debug)]
 pub struct Bus {
@@ -20,9 +24,15 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Opens a master of a loaded library, for the slave of `--slave` if given.
+    /// Opens a master of a loaded library, for the slave of `--slave` if given. Waits while the
+    /// master scans the bus.
     pub fn of(backend: &Backend, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {
-        let bus = Self::on(backend.ecrt.clone(), master, choice)?;
+        let mut bus = Self::on(backend.ecrt.clone(), master, choice)?;
+        let end_ns = bus.clock().now_ns().saturating_add(SCAN_NS);
+        while bus.is_scanning() && bus.clock().now_ns() < end_ns {
+            bus.sleep_ns(POLL_NS);
+            bus = Self::on(backend.ecrt.clone(), master, choice)?;
+        }
         tracing::debug!(master, slaves = bus.diagnostics.slave_count(), "bus opened");
         if !bus.diagnostics.master_state().map_err(Failure::master)?.link_up {
             return Err(Failure::Master(format!(
@@ -30,6 +40,12 @@ impl Bus {
             )));
         }
         Ok(bus)
+    }
+
+    /// Returns whether the master is still scanning the bus.
+    fn is_scanning(&self) -> bool {
+        let first = self.diagnostics.slave_info(0);
+        matches!(first, Err(Error::NoSuchSlave { is_scanning: true, .. }))
     }
 
     fn on(ecrt: Ecrt, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {

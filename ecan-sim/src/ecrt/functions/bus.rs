@@ -1,5 +1,6 @@
 use super::{on_master, store};
 use crate::ecrt::calls::CallResult;
+use crate::ecrt::master::object_count;
 use crate::ecrt::pdo::{Pdo, SYNC_MANAGERS, direction_of};
 use crate::ecrt::shared::State;
 use crate::ecrt::slave_view::SlaveView;
@@ -25,7 +26,7 @@ fn slave_info(slave: &SlaveView, position: u16, count: usize) -> ec_slave_info_t
         al_state: slave.current,
         error_flag: u8::from(slave.error_flag),
         sync_count: SYNC_MANAGERS,
-        sdo_count: ecan_protocol::object::objects().len() as u16,
+        sdo_count: if slave.has_dictionary { object_count() } else { 0 },
         ..Default::default()
     };
     for (to, from) in value.name.iter_mut().zip(DEVICE_NAME.bytes().chain([0])) {

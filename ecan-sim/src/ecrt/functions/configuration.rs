@@ -149,7 +149,7 @@ functions! {
             let now = state.world.now_ns();
             let fresh = state.master.phase != Phase::Active;
             if fresh {
-                state.master.activate(now);
+                state.master.activate(&state.world);
             }
             Ok(fresh.then_some(now + ACTIVATE_NS))
         })?;
@@ -163,8 +163,7 @@ functions! {
     two_forms master_deactivate(master: *mut ec_master_t) {
         let call = on_master(master)?;
         call.driving(|state| {
-            let now = state.world.now_ns();
-            state.master.deactivate(now);
+            state.master.deactivate(&state.world);
             Ok(())
         })?;
         registry::forget(&call.shared, call.client, false);

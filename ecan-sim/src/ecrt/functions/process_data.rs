@@ -101,7 +101,10 @@ functions! {
         on_master(master)?.driving(|State { world, master, .. }| {
             world.library_call(LibraryCall::Send)?;
             master.send(world);
-            if master.phase == Phase::Active && !master.blocked {
+            if master.phase == Phase::Active
+                && !master.blocked
+                && master.advances_with_send(world.now_ns())
+            {
                 master.step(world);
             }
             Ok(())

@@ -1,13 +1,21 @@
 //! Bus polling: responding slaves and their states, and the scan after a change.
 
 use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK};
 
 use super::{MasterModel, Phase};
 use crate::ecrt::al_status::al_status;
-use crate::ecrt::slave_view::SlaveView;
+use crate::ecrt::slave_view::{SlaveView, assigned_count};
 use crate::ecrt::startup_state::Startup;
-use crate::ecrt::timing::{ACTIVE_POLL_NS, IDLE_POLL_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
+use crate::ecrt::timing::{
+    ACTIVE_POLL_NS, IDLE_POLL_NS, POLL_STEP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS,
+};
 use crate::world::World;
+
+/// Registers and SII of a slave.
+const SCAN_SII_STEPS: u64 = 220;
+/// Request, mailbox check, fetch.
+const STEPS_PER_UPLOAD: u64 = 3;
 
 #[derive(Debug)]
 pub(crate) struct Scan {
@@ -15,6 +23,10 @@ pub(crate) struct Scan {
     pub(crate) slots: Vec<usize>,
     at: usize,
     prepared: bool,
+    /// The present slave was in INIT.
+    was_in_init: bool,
+    /// The step in which the scan of a slave ends, in the operation phase.
+    until_step: u64,
 }
 
 impl MasterModel {
@@ -28,7 +40,12 @@ impl MasterModel {
     fn poll(&mut self, world: &mut World) {
         let now = world.now_ns();
         let active = self.phase == Phase::Active;
-        self.poll_due = now + if active { ACTIVE_POLL_NS } else { IDLE_POLL_NS };
+        self.poll_due = now
+            + match self.behaviour.serves_in_turn {
+                true => self.polling_round_ns(),
+                false if active => ACTIVE_POLL_NS,
+                false => IDLE_POLL_NS,
+            };
         let (mut responding, mut states) = (0, 0);
         if world.link_is_up() {
             for slot in (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)) {
@@ -37,7 +54,9 @@ impl MasterModel {
             }
         }
         (self.responding, self.al_states) = (responding, states);
+        let scans_now = self.phase == Phase::Idle && std::mem::take(&mut self.scans_when_idle);
         let changed = self.rescan_required
+            || scans_now
             || responding as usize != self.slaves.len()
             || self.slaves.iter().any(|slave| !slave.is_present(world));
         // between reservation and activation the slave list does not change
@@ -49,6 +68,12 @@ impl MasterModel {
             self.set_clocks(world);
         }
         self.poll_from(0, world);
+        self.choose_dictionary(now);
+    }
+
+    /// One round of state polling: a broadcast, and one read per slave.
+    pub(super) fn polling_round_ns(&self) -> u64 {
+        (1 + self.slaves.len() as u64) * POLL_STEP_NS
     }
 
     /// Polls the slaves from this one on until one must be configured; polling continues after that
@@ -102,7 +127,7 @@ impl MasterModel {
         } else {
             Vec::new()
         };
-        self.scan = Some(Scan { slots, at: 0, prepared: false });
+        self.scan = Some(Scan { slots, at: 0, prepared: false, was_in_init: false, until_step: 0 });
         self.poll_due = world.now_ns() + SCAN_BASE_NS;
     }
 
@@ -115,22 +140,36 @@ impl MasterModel {
             }
             return;
         };
+        let by_steps = self.behaviour.scans_in_steps && self.phase == Phase::Active;
+        if scan.prepared && by_steps && self.steps < scan.until_step {
+            self.poll_due = now;
+            self.scan = Some(scan);
+            return;
+        }
         if scan.prepared {
             if world.is_reachable(slot) {
-                self.slaves.extend(SlaveView::scanned(world, slot));
+                let mut scanned = SlaveView::scanned(world, slot);
+                if let Some(slave) = &mut scanned {
+                    let stays = self.phase == Phase::Active && !scan.was_in_init;
+                    slave.preop_at = (!stays).then_some(now);
+                    slave.has_dictionary = !self.behaviour.fetches_dictionary;
+                }
+                self.slaves.extend(scanned);
             }
             scan.at += 1;
             scan.prepared = false;
             self.poll_due = now;
         } else {
-            if al_status(world, slot) & 0x0F == AlState::Init.raw() {
+            scan.was_in_init = al_status(world, slot) & 0x0F == AlState::Init.raw();
+            if scan.was_in_init {
                 world.with_gateway(slot, |gateway, now| {
                     gateway.set_up_mailboxes();
                     gateway.request_al_state(now, AlState::PreOp);
                 });
             }
             scan.prepared = true;
-            self.poll_due = now + SCAN_SLAVE_NS;
+            scan.until_step = self.steps + scan_steps(world, slot);
+            self.poll_due = now + if by_steps { 0 } else { SCAN_SLAVE_NS };
         }
         self.scan = Some(scan);
     }
@@ -159,6 +198,17 @@ impl MasterModel {
             slave.requested = AlState::Op;
         }
     }
+}
+
+/// Steps of the scan of a slave: its SII, and by SDO the assignment and every assigned PDO.
+fn scan_steps(world: &mut World, slot: usize) -> u64 {
+    let chunks: u64 = [Direction::RxPdo, Direction::TxPdo]
+        .into_iter()
+        .map(|direction| u64::from(assigned_count(world, slot, direction)))
+        .sum();
+    // a count per direction; of each PDO its index, its count and its entries
+    let uploads = 2 + chunks * (2 + UNITS_PER_CHUNK as u64);
+    SCAN_SII_STEPS + uploads * STEPS_PER_UPLOAD
 }
 
 /// Position of a slave by alias and distance; alias 0 counts from the master.

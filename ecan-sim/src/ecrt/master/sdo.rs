@@ -1,10 +1,9 @@
 //! SDO transfers: blocking ones, and requests in parallel with the cycle.
 
-use super::MasterModel;
+use super::{MasterModel, Phase};
 use crate::ecrt::mailbox::{Transfer, TransferOwner};
-use crate::ecrt::sdo_transfer::{Attempt, Payload, SdoFailure, SdoObject, attempt};
+use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, SdoFailure, SdoObject, proceed};
 use crate::ecrt::slave_config::{RequestId, RequestProgress, SdoRequest};
-use crate::ecrt::timing::STATE_POLL_NS;
 use crate::world::World;
 
 /// A transfer that a blocking call waits for.
@@ -15,9 +14,10 @@ pub(crate) struct BlockingSdo {
     pub(crate) object: SdoObject,
     /// Data to write; `None` reads.
     pub(crate) download: Option<Vec<u8>>,
+    /// Data read.
+    pub(crate) upload: Vec<u8>,
     pub(crate) taken: bool,
-    /// Result, with the data of an upload.
-    pub(crate) result: Option<Result<Vec<u8>, SdoFailure>>,
+    pub(crate) result: Option<Result<(), SdoFailure>>,
 }
 
 impl MasterModel {
@@ -38,6 +38,7 @@ impl MasterModel {
             position,
             object,
             download,
+            upload: Vec::new(),
             taken: false,
             result: None,
         });
@@ -49,7 +50,8 @@ impl MasterModel {
         if self.blocking.get(index).is_some_and(|sdo| sdo.result.is_none()) {
             return None;
         }
-        self.blocking.swap_remove(index).result
+        let BlockingSdo { result, upload, .. } = self.blocking.swap_remove(index);
+        result.map(|result| result.map(|()| upload))
     }
 
     pub(crate) fn cancel_blocking(&mut self, id: u64) {
@@ -106,7 +108,11 @@ impl MasterModel {
             slave.due = until;
             return;
         }
+        // internal requests wait for the master's one state machine
+        let is_in_turn = !self.behaviour.serves_in_turn || self.serves_requests(now);
+        let Some(slave) = self.slaves.get_mut(index) else { return };
         if chosen.is_none()
+            && is_in_turn
             && let Some(config) = slave.config
             && let Some(known) = self.configs.get_mut(config)
         {
@@ -128,6 +134,32 @@ impl MasterModel {
             slave.due = now;
         } else {
             self.choose_reg_request(index, now);
+            self.wait_for_turn(index, now);
+        }
+    }
+
+    /// Whether the master comes by the internal requests: a round of polling after it has ended
+    /// another activity, or at the end of another request.
+    fn serves_requests(&self, now: u64) -> bool {
+        let serves_one = self.slaves.iter().any(|slave| {
+            matches!(slave.transfer, Some(Transfer { owner: TransferOwner::Request(_), .. }))
+        });
+        let follows = self.last_request_ended.is_some_and(|ended| self.steps - ended <= 1);
+        !serves_one && !self.is_busy() && self.scan.is_none() && (follows || now >= self.round_ends)
+    }
+
+    /// Tries again later if an internal request of the slave is queued.
+    fn wait_for_turn(&mut self, index: usize, now: u64) {
+        let step_ns = self.idle_step_ns();
+        let Some(slave) = self.slaves.get_mut(index).filter(|slave| slave.is_idle()) else {
+            return;
+        };
+        let config = slave.config.and_then(|config| self.configs.get(config));
+        let is_queued = config.is_some_and(|config| {
+            config.requests.iter().any(|entry| entry.progress == RequestProgress::Queued)
+        });
+        if is_queued {
+            slave.due = now + if self.phase == Phase::Active { 0 } else { step_ns };
         }
     }
 
@@ -135,28 +167,20 @@ impl MasterModel {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return };
         let Some(mut transfer) = slave.transfer else { return };
-        let (slot, present, since) = (slave.slot, slave.is_present(world), transfer.mailbox.since);
-        if let TransferOwner::Register(id) = transfer.owner {
-            self.finish_reg_request(id, slot, present, world);
-            return self.end_transfer(index, now);
-        }
-        if let Err(delay) = self.poll_mailbox(&mut transfer.mailbox, now) {
-            if let Some(slave) = self.slaves.get_mut(index) {
-                slave.transfer = Some(transfer);
-                slave.due = now + delay;
+        let receiver = Receiver { slot: slave.slot, is_present: slave.is_present(world) };
+        let (pace, mailbox) = (self.pace(), &mut transfer.mailbox);
+        let progress = match transfer.owner {
+            TransferOwner::Register(id) => {
+                self.finish_reg_request(id, receiver.slot, receiver.is_present, world);
+                return self.end_transfer(index, now);
             }
-            return;
-        }
-        let mut upload = std::mem::take(&mut self.scratch);
-        let attempt = match transfer.owner {
-            TransferOwner::Register(_) => None,
             TransferOwner::Blocking(id) => {
                 self.blocking.iter_mut().find(|sdo| sdo.id == id).map(|sdo| {
                     let payload = match &sdo.download {
                         Some(data) => Payload::Download(data),
-                        None => Payload::Upload(&mut upload),
+                        None => Payload::Upload(&mut sdo.upload),
                     };
-                    attempt(world, slot, present, since, sdo.object, payload)
+                    proceed(world, receiver, mailbox, pace, sdo.object, payload)
                 })
             }
             TransferOwner::Request(id) => self.request(id).map(|entry| {
@@ -166,23 +190,45 @@ impl MasterModel {
                 } else {
                     Payload::Upload(&mut entry.data)
                 };
-                attempt(world, slot, present, since, object, payload)
+                proceed(world, receiver, mailbox, pace, object, payload)
             }),
         };
-        match attempt {
-            Some(Attempt::Waiting) => {
+        match progress {
+            Some(Progress::Waiting(delay)) => {
                 if let Some(slave) = self.slaves.get_mut(index) {
-                    slave.due = now + STATE_POLL_NS;
+                    slave.transfer = Some(transfer);
+                    slave.due = now + delay;
                 }
             }
-            Some(Attempt::Done(result)) => {
-                self.finish_transfer(transfer.owner, result, &upload);
+            Some(Progress::Done(result)) => {
+                let is_external = matches!(transfer.owner, TransferOwner::Blocking(_));
+                let result = match is_external && self.collides(index, now) {
+                    true => {
+                        self.log(index, "reception of an SDO response failed: no response");
+                        Err(SdoFailure::UNANSWERED)
+                    }
+                    false => result,
+                };
+                if !is_external {
+                    self.last_request_ended = Some(self.steps);
+                    self.wake_others(now);
+                }
+                self.finish_transfer(transfer.owner, result);
                 self.end_transfer(index, now);
+                if !is_external && self.behaviour.serves_in_turn {
+                    self.choose_transfer(index, world);
+                }
             }
             // the caller no longer waits
             None => self.end_transfer(index, now),
         }
-        self.scratch = upload;
+    }
+
+    /// Lets the slaves with a queued request choose it.
+    fn wake_others(&mut self, now: u64) {
+        for slave in self.slaves.iter_mut().filter(|slave| slave.is_idle()) {
+            slave.due = slave.due.min(now);
+        }
     }
 
     fn end_transfer(&mut self, index: usize, now: u64) {
@@ -192,17 +238,12 @@ impl MasterModel {
         }
     }
 
-    fn finish_transfer(
-        &mut self,
-        owner: TransferOwner,
-        result: Result<(), SdoFailure>,
-        upload: &[u8],
-    ) {
+    fn finish_transfer(&mut self, owner: TransferOwner, result: Result<(), SdoFailure>) {
         match owner {
             TransferOwner::Register(_) => {}
             TransferOwner::Blocking(id) => {
                 if let Some(sdo) = self.blocking.iter_mut().find(|sdo| sdo.id == id) {
-                    sdo.result = Some(result.map(|()| upload.to_vec()));
+                    sdo.result = Some(result);
                 }
             }
             TransferOwner::Request(id) => {
@@ -234,6 +275,9 @@ impl MasterModel {
         }
         entry.start(writes, now);
         self.wake(id.config, now);
+        if self.round_ends < now {
+            self.round_ends = now + self.polling_round_ns();
+        }
         Ok(())
     }
 }

@@ -12,7 +12,7 @@ use crate::ecrt::al_status::{AL_ERROR, al_status};
 use crate::ecrt::mailbox::MailboxTransfer;
 use crate::ecrt::pdo::pdo_bytes;
 use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
-use crate::ecrt::sdo_transfer::{Attempt, Payload, SdoFailure, SdoObject, attempt};
+use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, SdoFailure, SdoObject, proceed};
 use crate::ecrt::slave_config::SyncWatchdog;
 use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{
@@ -159,10 +159,13 @@ impl MasterModel {
         since: u64,
     ) -> Next {
         let now = world.now_ns();
-        let Some(slave) = self.slaves.get(index) else { return Next::Failed };
+        let Some(slave) = self.slaves.get_mut(index) else { return Next::Failed };
         let (slot, requested) = (slave.slot, slave.requested);
         let status = al_status(world, slot);
         if status == to.raw() {
+            if to == AlState::PreOp {
+                slave.preop_at = Some(now);
+            }
             if to == requested {
                 return Next::Done;
             }
@@ -201,20 +204,17 @@ impl MasterModel {
         Next::Step(Startup::Wait { to, from, since }, STATE_POLL_NS)
     }
 
-    /// Attempts a download; `Err` is the time to wait before the next attempt.
-    fn attempt_download(
+    /// Continues a download.
+    fn download(
         &self,
         slot: usize,
         world: &mut World,
         mailbox: &mut MailboxTransfer,
         object: SdoObject,
         data: &[u8],
-    ) -> Result<Result<(), SdoFailure>, u64> {
-        self.poll_mailbox(mailbox, world.now_ns())?;
-        match attempt(world, slot, true, mailbox.since, object, Payload::Download(data)) {
-            Attempt::Waiting => Err(STATE_POLL_NS),
-            Attempt::Done(result) => Ok(result),
-        }
+    ) -> Progress {
+        let receiver = Receiver { slot, is_present: true };
+        proceed(world, receiver, mailbox, self.pace(), object, Payload::Download(data))
     }
 
     fn startup_sdo(
@@ -235,10 +235,10 @@ impl MasterModel {
             return Next::Step(Startup::Assignment { list, at: 0, mailbox: next }, 0);
         };
         let object = sdo.object;
-        match self.attempt_download(slot, world, &mut mailbox, object, &sdo.data) {
-            Err(delay) => Next::Step(Startup::Sdo { at, mailbox }, delay),
-            Ok(Ok(())) => Next::Step(Startup::Sdo { at: at + 1, mailbox: next }, 0),
-            Ok(Err(failure)) => {
+        match self.download(slot, world, &mut mailbox, object, &sdo.data) {
+            Progress::Waiting(delay) => Next::Step(Startup::Sdo { at, mailbox }, delay),
+            Progress::Done(Ok(())) => Next::Step(Startup::Sdo { at: at + 1, mailbox: next }, 0),
+            Progress::Done(Err(failure)) => {
                 self.log_sdo(index, "startup SDO", object, failure);
                 Next::Failed
             }
@@ -255,21 +255,44 @@ impl MasterModel {
         mut mailbox: MailboxTransfer,
     ) -> Next {
         let Some(write) = list.get(at).copied() else {
+            self.note_assignment(index);
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
         let object = SdoObject::entry(write.index, write.subindex);
         let bytes = write.value.to_le_bytes();
         let data = bytes.get(..write.size).unwrap_or(&bytes);
-        let at = match self.attempt_download(slot, world, &mut mailbox, object, data) {
-            Err(delay) => return Next::Step(Startup::Assignment { list, at, mailbox }, delay),
-            Ok(Ok(())) => at + 1,
-            Ok(Err(failure)) => {
+        let at = match self.download(slot, world, &mut mailbox, object, data) {
+            Progress::Waiting(delay) => {
+                return Next::Step(Startup::Assignment { list, at, mailbox }, delay);
+            }
+            Progress::Done(Ok(())) => at + 1,
+            Progress::Done(Err(failure)) => {
                 self.log_sdo(index, "warning: PDO configuration", object, failure);
                 write.after_failure
             }
         };
         let mailbox = self.begin_transfer(world.now_ns());
         Next::Step(Startup::Assignment { list, at, mailbox }, 0)
+    }
+
+    /// The configured assignment replaces the one that the scan found.
+    fn note_assignment(&mut self, index: usize) {
+        let Some(config) = self.slaves.get(index).and_then(|slave| slave.config) else { return };
+        let (Some(slave), Some(config)) = (self.slaves.get_mut(index), self.configs.get(config))
+        else {
+            return;
+        };
+        if !slave.spec.pdo_assign {
+            return;
+        }
+        for direction in [Direction::RxPdo, Direction::TxPdo] {
+            let number = usize::from(sync_manager(direction));
+            if let (Some(known), Some(sync)) =
+                (slave.assigned.get_mut(number), config.syncs.get(number))
+            {
+                known.clone_from(&sync.pdos);
+            }
+        }
     }
 
     fn set_up_sync_managers(&mut self, index: usize, world: &mut World) {

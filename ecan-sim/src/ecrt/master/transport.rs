@@ -119,6 +119,7 @@ impl MasterModel {
 
     /// Receives the returned datagrams and times out the overdue ones.
     pub(crate) fn receive(&mut self, now: u64) {
+        self.received_at = now;
         let mut queue = std::mem::take(&mut self.queue);
         queue.retain(|item| !self.receive_one(*item, now));
         self.queue = queue;

@@ -89,13 +89,32 @@ fn gateway_restarts_and_responds() {
 }
 
 #[test]
-fn lost_answer_of_the_restart_command_is_no_failure() {
-    let unanswered = "[[fault]]\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8000\nsubindex = 1\ncode = 0\nat_ms = 0\n";
-    let restarts = "[[fault]]\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300\nat_ms = 1000\n";
-    let file = scenario(&format!("[[gateway]]\n{unanswered}{restarts}"));
-    let back = good(&["--ecrt", &setting(&file), "reboot", "--wait"]);
-    assert!(back.starts_with("slave 0: restarted in ") && back.ends_with("firmware 2.2.1\n"));
-    let file = scenario(&format!("[[gateway]]\n{unanswered}"));
+fn restart_counts_without_an_answer() {
+    let lost = "[[fault]]\nkind = \"sdo_response_lost\"\ngateway = 0\nindex = 0x8000\n\
+                subindex = 1\nat_ms = 0\n";
+    for bus in [
+        // The gateway restarts before its answer is fetched.
+        "[[gateway]]\nreboot_delay_ms = 0\n".to_owned(),
+        format!("[[gateway]]\n{lost}"),
+        format!("[master]\nlike = \"igh\"\n[[gateway]]\n{lost}"),
+        // It is back before the master reports that there is no answer.
+        format!("[[gateway]]\nboot_ms = 1\nreboot_delay_ms = 0\n{lost}"),
+    ] {
+        let file = scenario(&bus);
+        let back = good(&["--ecrt", &setting(&file), "reboot", "--wait"]);
+        let ends_well = back.ends_with(" ms, firmware 2.2.1\n");
+        assert!(back.starts_with("slave 0: restarted in ") && ends_well, "{bus}: {back}");
+    }
+}
+
+#[test]
+fn missing_restart_is_reported() {
+    let abort = |code: &str| {
+        let kind = "[[fault]]\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8000\nsubindex = 1";
+        scenario(&format!("[[gateway]]\n{kind}\ncode = {code}\nat_ms = 0\n"))
+    };
+    // Without an abort code: the gateway has not received the command.
+    let file = abort("0");
     let arguments = ["--ecrt", &setting(&file), "reboot"];
     assert!(good(&arguments).contains("no answer to the command, which a restart explains"));
     let message = fails(5, &[&arguments[..], &["--wait"]].concat());
@@ -103,9 +122,7 @@ fn lost_answer_of_the_restart_command_is_no_failure() {
         message.contains("slave 0 did not answer the command and did not restart"),
         "{message}"
     );
-    // A rejected command is one.
-    let rejects = unanswered.replace("code = 0", "code = 0x08000022");
-    let file = scenario(&format!("[[gateway]]\n{rejects}"));
+    let file = abort("0x08000022");
     let message = fails(5, &["--ecrt", &setting(&file), "reboot", "--wait"]);
     assert!(message.contains("0x08000022"), "{message}");
 }

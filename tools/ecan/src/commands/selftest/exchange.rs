@@ -1,15 +1,17 @@
 //! Sends the frames of a test and compares the received frames.
 
+use std::fmt::Display;
+
 use ecan_diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus};
-use ecan_mcan_port::Received;
+use ecan_host::Error;
+use ecan_mcan_port::{ChannelHandle, Cycle, ReceivedFrame, SendError};
 use ecan_protocol::can::CanFrame;
-use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
 use crate::context::{Failure, Result};
-use crate::frames::Service;
 
 use super::frames::{difference, frame, origin};
+use super::test_bus::TestBus;
 
 /// Time without progress that ends a test, in ns; a frame of 64 bytes takes 6 ms at 125 kbit/s.
 const STANDSTILL_NS: u64 = 500_000_000;
@@ -48,12 +50,29 @@ pub(super) struct ChannelState {
     pub(super) bus_off_count: u32,
 }
 
-impl ChannelState {
-    fn read(
+/// Counters of a channel before a test (0x9000, manual 13.5).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ChannelCounters {
+    dropped: u32,
+    bus_off_count: u32,
+}
+
+impl ChannelCounters {
+    pub(super) fn read(
+        upload: impl Fn(u16, u8) -> Result<u32, Error>,
         channel: u8,
-        mut upload: impl FnMut(u16, u8) -> Result<u32, ecan_host::Error>,
-    ) -> Result<Self, ecan_host::Error> {
-        let mut get = |subindex| upload(0x9000 + u16::from(channel), subindex);
+    ) -> Result<Self, Error> {
+        let get = |subindex| upload(0x9000 + u16::from(channel), subindex);
+        Ok(Self { dropped: get(13)?, bus_off_count: get(15)? })
+    }
+}
+
+impl ChannelState {
+    pub(super) fn read(
+        upload: impl Fn(u16, u8) -> Result<u32, Error>,
+        channel: u8,
+    ) -> Result<Self, Error> {
+        let get = |subindex| upload(0x9000 + u16::from(channel), subindex);
         Ok(Self {
             channel,
             counters: ErrorCounters::from_raw(get(1)?),
@@ -70,7 +89,7 @@ impl ChannelState {
         is_alone || self.status.last_error == LastErrorCode::Acknowledge
     }
 
-    pub(super) fn faults(&self, before: &Self) -> Vec<String> {
+    pub(super) fn faults(&self, before: &ChannelCounters) -> Vec<String> {
         let Self { channel, counters, status, .. } = self;
         let mut faults = Vec::new();
         let times = self.bus_off_count.wrapping_sub(before.bus_off_count);
@@ -90,20 +109,6 @@ impl ChannelState {
             faults.push(format!("channel {channel} dropped {dropped} frames"));
         }
         faults
-    }
-}
-
-pub(super) fn states(service: &mut Service, channels: &[u8]) -> Result<Vec<ChannelState>> {
-    let channels = channels.to_vec();
-    let read = service.port_mut().diagnose(move |diagnostics| {
-        let read = |channel| {
-            ChannelState::read(channel, |index, sub| diagnostics.sdo_upload_u32(0, index, sub))
-        };
-        channels.into_iter().map(read).collect::<Result<Vec<_>, _>>()
-    });
-    match read {
-        Ok(states) => states.map_err(Failure::Device),
-        Err(error) => Err(Failure::Rejected(error.to_string())),
     }
 }
 
@@ -149,59 +154,108 @@ impl Traffic {
     }
 }
 
-/// Sends `count` frames on every route in parallel; returns when all are received and no frame
-/// follows, or without progress. `None` if the user stops.
-pub(super) fn exchange(
-    service: &mut Service,
-    routes: &[Route],
-    count: u16,
-    is_fd: bool,
-) -> Result<Option<Vec<Counts>>> {
-    let mut traffics = Vec::new();
-    for route in routes {
-        let frames = (0..count).map(|number| frame(route.from, number, is_fd));
-        let frames = frames.collect::<Result<Vec<_>, _>>();
-        let frames = frames.map_err(|error| Failure::Usage(error.to_string()))?;
-        let has_come = vec![false; frames.len()];
-        traffics.push(Traffic { route: *route, frames, has_come, counts: Counts::default() });
-    }
-    let (mut quiet, mut last_ns) = (0, service.now_ns());
-    while quiet < QUIET_CYCLES {
-        if service.is_interrupted() {
-            return Ok(None);
+/// Traffic of one gateway.
+struct GatewayTraffic {
+    gateway: usize,
+    routes: Vec<Traffic>,
+    channels: Vec<ChannelHandle>,
+    /// Cycles since all frames were received.
+    quiet: u32,
+    last_ns: u64,
+    is_over: bool,
+}
+
+impl GatewayTraffic {
+    fn new(
+        bus: &TestBus,
+        gateway: usize,
+        routes: &[Route],
+        count: u16,
+        is_fd: bool,
+    ) -> Result<Self> {
+        let wrong = |error: &dyn Display| Failure::Usage(error.to_string());
+        let (mut traffics, mut channels) = (Vec::new(), Vec::new());
+        for route in routes {
+            let frames = (0..count).map(|number| frame(route.from, number, is_fd));
+            let frames = frames.collect::<Result<Vec<_>, _>>().map_err(|error| wrong(&error))?;
+            let has_come = vec![false; frames.len()];
+            traffics.push(Traffic { route: *route, frames, has_come, counts: Counts::default() });
+            let channel = bus.port().channel(gateway, route.from);
+            channels.push(channel.map_err(|error| wrong(&error))?);
         }
-        let cycle = service.begin();
-        quiet = if traffics.iter().all(Traffic::is_complete) { quiet + 1 } else { 0 };
-        for arrival in &cycle.arrivals {
-            let Received::Frame(received) = &arrival.received else { continue };
+        let last_ns = bus.now_ns();
+        Ok(Self { gateway, routes: traffics, channels, quiet: 0, last_ns, is_over: false })
+    }
+
+    fn receive(&mut self, frames: &[ReceivedFrame], now_ns: u64) {
+        self.quiet = if self.routes.iter().all(Traffic::is_complete) { self.quiet + 1 } else { 0 };
+        for received in frames.iter().filter(|received| received.slave == self.gateway) {
             let on_channel = |traffic: &&mut Traffic| traffic.route.to == received.channel;
-            let Some(traffic) = traffics.iter_mut().find(on_channel) else { continue };
+            let Some(traffic) = self.routes.iter_mut().find(on_channel) else { continue };
             match traffic.take(&received.frame) {
-                true => last_ns = cycle.now_ns,
+                true => self.last_ns = now_ns,
                 false => traffic.counts.strange += 1,
             }
         }
-        // In turn, so that no channel fills the whole image.
-        let mut is_open = [true; CHANNELS];
+    }
+
+    /// Sends on the routes in turn, so that no channel fills the whole image.
+    fn send(&mut self, cycle: &mut Cycle<'_>, now_ns: u64) -> Result<(), SendError> {
+        let mut is_open = vec![true; self.routes.len()];
         while is_open.contains(&true) {
-            for (traffic, is_open) in traffics.iter_mut().zip(&mut is_open) {
+            let routes = self.routes.iter_mut().zip(&self.channels);
+            for ((traffic, channel), is_open) in routes.zip(&mut is_open) {
                 let taken = match traffic.next() {
-                    Some(frame) => service.send(traffic.route.from, frame)?.is_some(),
+                    Some(frame) => match cycle.send(*channel, frame) {
+                        Ok(_) => true,
+                        Err(error) if error.is_temporary() => false,
+                        Err(error) => return Err(error),
+                    },
                     None => false,
                 };
                 traffic.counts.sent += u32::from(taken);
                 *is_open = taken;
                 if taken {
-                    last_ns = cycle.now_ns;
+                    self.last_ns = now_ns;
                 }
             }
-            is_open.iter_mut().skip(traffics.len()).for_each(|it| *it = false);
         }
-        let is_over = cycle.now_ns.saturating_sub(last_ns) >= STANDSTILL_NS;
-        service.end(cycle)?;
-        if is_over {
-            break;
-        }
+        self.is_over =
+            self.quiet >= QUIET_CYCLES || now_ns.saturating_sub(self.last_ns) >= STANDSTILL_NS;
+        Ok(())
     }
-    Ok(Some(traffics.into_iter().map(|traffic| traffic.counts).collect()))
+}
+
+/// Sends `count` frames on every route of all gateways in parallel; returns when all are received
+/// and no frame follows, or without progress. The result has the routes of each gateway; `None` if
+/// the user stops.
+pub(super) fn exchange(
+    bus: &mut TestBus,
+    gateways: &[usize],
+    routes: &[Route],
+    count: u16,
+    is_fd: bool,
+) -> Result<Option<Vec<Vec<Counts>>>> {
+    let start = |gateway: &usize| GatewayTraffic::new(bus, *gateway, routes, count, is_fd);
+    let mut traffics = gateways.iter().map(start).collect::<Result<Vec<_>>>()?;
+    while traffics.iter().any(|traffic| !traffic.is_over) {
+        if bus.is_interrupted() {
+            return Ok(None);
+        }
+        let sent = bus.cycle(|cycle| {
+            let now_ns = cycle.adapter().clock().now_ns();
+            let frames: Vec<_> =
+                cycle.received().filter_map(|item| item.to_owned().frame().copied()).collect();
+            for traffic in traffics.iter_mut().filter(|traffic| !traffic.is_over) {
+                traffic.receive(&frames, now_ns);
+                traffic.send(cycle, now_ns)?;
+            }
+            Ok(())
+        })?;
+        sent.map_err(|error: SendError| Failure::Usage(error.to_string()))?;
+    }
+    let counts = |traffic: GatewayTraffic| {
+        traffic.routes.into_iter().map(|traffic| traffic.counts).collect()
+    };
+    Ok(Some(traffics.into_iter().map(counts).collect()))
 }

@@ -1,16 +1,23 @@
 //! `ecan selftest`: production test of gateways.
 
 mod active_config;
+mod channel_setup;
+mod check_counts;
 mod exchange;
 mod frames;
-mod gateway;
+mod group;
 mod identity;
 mod rates;
 mod report;
 mod saved;
+mod start_failure;
+mod steps;
+mod test_bus;
+#[cfg(test)]
+mod tests;
 mod wiring;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
@@ -23,9 +30,13 @@ use serde::Serialize;
 use crate::config_file;
 use crate::context::{Bus, Context, Failure, Output, Result, note};
 use crate::frames::Channels;
+use crate::progress::Progress;
 
+use group::{GroupEnd, GroupTest, Member};
 use rates::Rate;
 use report::Report;
+use saved::{Changes, Saved};
+use steps::TestPlan;
 use wiring::Wiring;
 
 pub const EXAMPLES: &str = "\
@@ -36,8 +47,8 @@ Examples:
   ecan --slave serial=4294967297 selftest --config cell.toml
 
 Default bit rates are 125, 250, 500 and 1000 kbit/s, and 500/2000 and 1000/5000 kbit/s with CAN FD.
-Every identified ECAN-Lite is tested in turn, unless --slave is given. The loopback is internal to the
-CAN controller. Wired channels must be alone on their bus.
+Every identified ECAN-Lite is tested, unless --slave is given; several in parallel, as many as fit into
+a cycle. The loopback is internal to the CAN controller. Wired channels must be alone on their bus.
 
 The test restores the configuration of the gateway. If its channels were off, the gateway is restarted
 for that, because no command deactivates a channel. The Flash is not written.
@@ -96,9 +107,7 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
     let rates = file.as_ref().map_or_else(Rate::usual, Rate::of_file);
     let global = context.global;
     let master = file.as_ref().map_or(global.master(), |file| config_file::master(file, global));
-    let is_watched = std::io::stderr().is_terminal();
-    let test = gateway::Test { arguments, rates: &rates, master, is_watched };
-    test.check()?;
+    let plan = TestPlan::new(arguments, &rates, master)?;
     let interrupt = Interrupt::install_with_message("stopping after restoring the configuration")?;
     let bus = context.bus_of_master(master, ClockKind::Stepped)?;
     let slaves = slaves(&bus, arguments)?;
@@ -106,52 +115,155 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
         report::prepare(directory)?;
     }
     arguments.real_time.apply(|line| note(line))?;
-    let (mut reports, mut serials) = (Vec::new(), BTreeSet::new());
-    let (mut stopped, mut unwritten) = (None, None);
-    for slave in slaves {
-        let mut report = match test.run(&bus, slave, &interrupt) {
-            Ok(report) => report,
-            // Print the results of the gateways before the error.
-            Err(failure) => {
-                stopped = Some(failure);
-                break;
-            }
-        };
+    let (run, mut tested) = test_and_restore(&bus, &plan, &slaves, &interrupt)?;
+    let (mut serials, mut unwritten) = (BTreeSet::new(), None);
+    for TestedGateway { report, .. } in &mut tested {
         let serial = report.own_serial();
         let is_duplicate = serial.is_some_and(|serial| !serials.insert(serial));
         if let Some(serial) = serial.filter(|_| is_duplicate) {
-            report.add(
-                "serial number",
-                Err(format!("{serial} is also the serial number of another gateway")),
-            );
-            report.is_good = false;
+            let message = format!("{serial} is also the serial number of another gateway");
+            report.add("serial number", Err(message));
         }
+        report.is_good = report.is_good_so_far();
         if let Some(directory) = &arguments.report
             && let Err(failure) = report.write(directory, is_duplicate)
         {
-            // The test continues and is printed.
+            // The test is printed.
             unwritten.get_or_insert(failure);
         }
-        let was_stopped = report.was_stopped;
-        reports.push(report);
-        if was_stopped {
-            stopped = Some(Failure::Incomplete("stopped before the end of the test".to_owned()));
-            break;
-        }
     }
-    if let Some(failure) = stopped {
-        if !reports.is_empty() {
-            print(false, reports, &context.output)?;
-        }
-        return Err(failure);
+    let reports: Vec<_> = tested.into_iter().map(|it| it.report).collect();
+    let is_good = run.is_ok() && reports.iter().all(|report| report.is_good);
+    let is_tested = reports.iter().any(Report::has_frames);
+    if run.is_ok() || is_tested {
+        print(is_good, reports, &context.output)?;
     }
-    let is_good = reports.iter().all(|report| report.is_good);
-    print(is_good, reports, &context.output)?;
+    if run? == GroupEnd::Stopped {
+        return Err(Failure::Incomplete("stopped before the end of the test".to_owned()));
+    }
     match unwritten {
         Some(failure) => Err(failure),
         None if is_good => Ok(()),
         None => Err(Failure::ProblemsFound),
     }
+}
+
+/// Tests slaves; the inner result is that of the test.
+fn test_and_restore(
+    bus: &Bus,
+    plan: &TestPlan<'_>,
+    slaves: &[usize],
+    interrupt: &Interrupt,
+) -> Result<(Result<GroupEnd>, Vec<TestedGateway>)> {
+    let mut tested = read(bus, slaves, plan.arguments());
+    let run = test(bus, plan, interrupt, &mut tested);
+    restore(bus, plan, &mut tested)?;
+    if matches!(run, Ok(GroupEnd::Stopped)) {
+        tested.iter_mut().for_each(|it| it.report.stop());
+    }
+    Ok((run, tested))
+}
+
+struct TestedGateway {
+    report: Report,
+    /// Configuration before the test; `None` for a slave that is not tested further.
+    saved: Option<Saved>,
+    is_changed: bool,
+    was_lost: bool,
+}
+
+/// Reads the identity and the configuration of the slaves.
+fn read(bus: &Bus, slaves: &[usize], arguments: &SelftestArguments) -> Vec<TestedGateway> {
+    let _progress = Progress::show("reading the configuration");
+    tracing::info!(?slaves, "reading identity and configuration");
+    let expected = arguments.expect_version.as_deref();
+    let read = bus.in_parallel(slaves, |bus, slave| {
+        let time = jiff::Timestamp::now().to_string();
+        let mut report = Report { position: slave, time, ..Report::default() };
+        let mut saved = None;
+        if identity::check(bus, slave, expected, &mut report) {
+            match Saved::read(bus, slave) {
+                Ok(read) => saved = Some(read),
+                Err(error) => report.add("configuration", Err(format!("not read: {error}"))),
+            }
+        }
+        Ok(TestedGateway { report, saved, is_changed: false, was_lost: false })
+    });
+    let failed = |(slave, failure): (usize, Failure)| {
+        let mut report = Report { position: slave, ..Report::default() };
+        report.add("recognition", Err(failure.to_string()));
+        TestedGateway { report, saved: None, is_changed: false, was_lost: false }
+    };
+    let read = slaves.iter().zip(read);
+    read.map(|(slave, read)| read.unwrap_or_else(|failure| failed((*slave, failure)))).collect()
+}
+
+/// Tests the gateways, as many in parallel as fit into a cycle.
+fn test(
+    bus: &Bus,
+    plan: &TestPlan<'_>,
+    interrupt: &Interrupt,
+    tested: &mut [TestedGateway],
+) -> Result<GroupEnd> {
+    let mut members: Vec<_> = tested
+        .iter_mut()
+        .filter(|it| it.saved.is_some())
+        .map(|it| Member {
+            position: it.report.position,
+            report: &mut it.report,
+            is_changed: &mut it.is_changed,
+            was_lost: &mut it.was_lost,
+            is_repeated: false,
+        })
+        .collect();
+    let is_watched = std::io::stderr().is_terminal();
+    let progress = |slaves: &[usize], step: &str, number: usize, count: usize| {
+        tracing::info!(?slaves, step, number, count, "testing");
+        if is_watched {
+            let slaves: Vec<_> = slaves.iter().map(ToString::to_string).collect();
+            note(format_args!("testing slave {}: {step} ({number} of {count})", slaves.join(", ")));
+        }
+    };
+    let test = GroupTest { plan, interrupt, progress: &progress };
+    while !members.is_empty() {
+        let group = members.drain(..plan.group_size().min(members.len())).collect();
+        if interrupt.is_set() || test.run(bus, group)? == GroupEnd::Stopped {
+            return Ok(GroupEnd::Stopped);
+        }
+    }
+    Ok(GroupEnd::Complete)
+}
+
+/// Restores the configuration of the gateways.
+fn restore(bus: &Bus, plan: &TestPlan<'_>, tested: &mut [TestedGateway]) -> Result {
+    let written = plan.written_objects()?;
+    let _progress = Progress::show("restoring the configuration");
+    tracing::info!("restoring the configuration");
+    let changed = |it: &&mut TestedGateway| it.is_changed;
+    let positions: Vec<_> =
+        tested.iter_mut().filter(changed).map(|it| it.report.position).collect();
+    let jobs: BTreeMap<_, _> = tested
+        .iter()
+        .filter_map(|it| Some((it.report.position, (it.saved.as_ref()?, it.was_lost))))
+        .collect();
+    let restored = bus.in_parallel(&positions, |bus, slave| match jobs.get(&slave) {
+        Some((saved, was_lost)) => {
+            let changes =
+                Changes { tested: plan.tested(), written: &written, is_unknown: *was_lost };
+            saved.restore(bus, &changes)
+        }
+        None => Ok(false),
+    });
+    let mut restored: BTreeMap<_, _> = positions.into_iter().zip(restored).collect();
+    for it in tested.iter_mut().filter(|it| it.saved.is_some()) {
+        let found = match restored.remove(&it.report.position) {
+            None | Some(Ok(false)) => Ok("as before the test".to_owned()),
+            Some(Ok(true)) => Ok("as before the test, by a restart".to_owned()),
+            Some(Err(error)) => Err(format!("not restored: {error}")),
+        };
+        it.report.add("configuration", found);
+    }
+    Ok(())
 }
 
 fn print(is_good: bool, gateways: Vec<Report>, output: &Output) -> Result {

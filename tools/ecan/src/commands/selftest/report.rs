@@ -63,6 +63,11 @@ impl Report {
         self.checks.iter().all(|check| check.is_good)
     }
 
+    /// Returns whether any frames were exchanged.
+    pub(super) fn has_frames(&self) -> bool {
+        self.checks.iter().any(|check| check.frames.is_some())
+    }
+
     pub(super) fn title(&self) -> String {
         match self.own_serial() {
             Some(serial) => format!("gateway {serial} at position {}", self.position),

@@ -1,6 +1,6 @@
 //! Saves and restores the configuration of a gateway.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use ecan_protocol::config::{DataPathConfig, FilterWindow, McanChannelConfig};
 use ecan_protocol::device::AlState;
@@ -15,12 +15,24 @@ use crate::context::{Bus, Failure, Result};
 use super::active_config::ActiveConfig;
 
 const POLL_NS: u64 = 50_000_000;
+/// Interval of attempts with SDO transfers. The library prints a line for each that fails.
+const RETRY_NS: u64 = 500_000_000;
 /// Time limit for a slave to respond or to reach PREOP, in nanoseconds.
 const STATE_NS: u64 = 10_000_000_000;
 const RESTART_NS: u64 = 30_000_000_000;
 
 /// Filters of a channel: standard and extended.
 type Filters = [Vec<RawFilter>; 2];
+
+/// Changes of a test.
+pub(super) struct Changes<'a> {
+    /// Channels that were used.
+    pub(super) tested: [bool; CHANNELS],
+    /// Objects that were written.
+    pub(super) written: &'a BTreeSet<(u16, u8)>,
+    /// The gateway may have restarted, so that other values may differ too.
+    pub(super) is_unknown: bool,
+}
 
 #[derive(Debug)]
 pub(super) struct Saved {
@@ -54,29 +66,28 @@ impl Saved {
     }
 
     /// Waits until the master has released the gateway, and restores everything that the test has
-    /// changed on the channels `tested`; returns whether this needed a restart. A lost gateway
-    /// gets some time to respond.
+    /// changed; returns whether this needed a restart. A lost gateway gets some time to respond.
     ///
     /// No command deactivates a profile or a channel (manual 13.2, 13.4): the gateway is restarted
     /// for that.
-    pub(super) fn restore(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<bool> {
+    pub(super) fn restore(&self, bus: &Bus, changes: &Changes<'_>) -> Result<bool> {
         let mut deadline = bus.clock().now_ns() + STATE_NS;
         let mut is_restarted = false;
         loop {
             let was_restarted = is_restarted;
-            let outcome = self.try_restore(bus, tested, &mut is_restarted);
+            let outcome = self.try_restore(bus, changes, &mut is_restarted);
             if is_restarted && !was_restarted {
                 deadline = bus.clock().now_ns() + STATE_NS;
             }
             match outcome {
                 Ok(()) => return Ok(is_restarted),
                 Err(failure) if bus.clock().now_ns() >= deadline => return Err(failure),
-                Err(_) => bus.sleep_ns(POLL_NS),
+                Err(_) => bus.sleep_ns(RETRY_NS),
             }
         }
     }
 
-    fn try_restore(&self, bus: &Bus, tested: [bool; CHANNELS], is_restarted: &mut bool) -> Result {
+    fn try_restore(&self, bus: &Bus, changes: &Changes<'_>, is_restarted: &mut bool) -> Result {
         self.wait_own_position(bus)?;
         let now = ActiveConfig::read(bus, self.slave)?;
         if now.has_more_than(&self.active_config) {
@@ -85,8 +96,7 @@ impl Saved {
             *is_restarted = true;
             self.wait_own_position(bus)?;
         }
-        self.write(bus, tested)?;
-        self.compare(bus)
+        self.write(bus, changes, changes.is_unknown || *is_restarted)
     }
 
     /// Waits for PREOP. Another gateway may be at the position of an unreachable one.
@@ -98,29 +108,40 @@ impl Saved {
         }
     }
 
-    fn write(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result {
+    /// Writes what differs and reads it back. `all`: not only what the test has changed.
+    fn write(&self, bus: &Bus, changes: &Changes<'_>, all: bool) -> Result {
         let slave = self.slave;
-        let now = ActiveConfig::read(bus, slave)?;
+        let is_concerned = |object: (u16, u8)| all || changes.written.contains(&object);
         for (direction, entries) in Direction::ALL.into_iter().zip(&self.assignments) {
             if read_assignment(bus, slave, direction)? != *entries {
                 write_assignment(bus, slave, direction, entries)?;
             }
         }
         let mut is_global_changed = false;
-        for (&(index, subindex), &value) in &self.values {
+        for (&(index, subindex), &value) in self.values.iter().filter(|it| is_concerned(*it.0)) {
             if bus.read(slave, index, subindex)? != value {
                 bus.write(slave, index, subindex, value)?;
+                let found = bus.read(slave, index, subindex)?;
+                if found != value {
+                    let object = ecan_protocol::object::describe(index, subindex);
+                    return Err(Failure::Rejected(format!("{object} was {value} and is {found}")));
+                }
                 is_global_changed |= index == 0x8020;
             }
         }
-        for (channel, (filters, is_tested)) in (0..).zip(self.filters.iter().zip(tested)) {
-            if read_filters(bus, slave, channel)? != *filters {
+        let before = ActiveConfig::read(bus, slave)?;
+        for (channel, (filters, is_tested)) in (0..).zip(self.filters.iter().zip(changes.tested)) {
+            if (all || is_tested) && read_filters(bus, slave, channel)? != *filters {
                 let of_channel = ChannelFilters { bus, slave, channel };
                 for (kind, filters) in FilterKind::ALL.into_iter().zip(filters) {
                     of_channel.replace(kind, filters)?;
                 }
+                if read_filters(bus, slave, channel)? != *filters {
+                    let text = format!("the filters of channel {channel} differ");
+                    return Err(Failure::Rejected(text));
+                }
             }
-            let has_left = !now.is_on_bus(channel);
+            let has_left = !before.is_on_bus(channel);
             if self.active_config.is_on_bus(channel) && (is_tested || has_left) {
                 let command = McanChannelConfig::apply_write(channel);
                 apply(bus, slave, command, 2)?;
@@ -129,7 +150,7 @@ impl Saved {
         if is_global_changed {
             bus.write(slave, 0x8020, 2, 1)?;
         }
-        let now = ActiveConfig::read(bus, slave)?;
+        let mut now = ActiveConfig::read(bus, slave)?;
         for channel in (0..).take(CHANNELS) {
             if !now.has_data_path_of(&self.active_config, channel) {
                 let command = DataPathConfig::apply_write(channel);
@@ -141,26 +162,11 @@ impl Saved {
                 apply(bus, slave, PdoProfile::apply_write(direction), 2)?;
             }
         }
-        Ok(())
-    }
-
-    fn compare(&self, bus: &Bus) -> Result {
-        let differs = |text| Err(Failure::Rejected(text));
-        let now = Self::read(bus, self.slave)?;
-        for ((index, subindex), value) in &self.values {
-            let found = now.values.get(&(*index, *subindex));
-            if let Some(found) = found.filter(|found| *found != value) {
-                let object = ecan_protocol::object::describe(*index, *subindex);
-                return differs(format!("{object} was {value} and is {found}"));
-            }
+        if now != self.active_config {
+            now = ActiveConfig::read(bus, slave)?;
         }
-        if let Some(channel) = (0..CHANNELS).find(|at| now.filters[*at] != self.filters[*at]) {
-            return differs(format!("the filters of channel {channel} differ"));
-        }
-        if now.assignments != self.assignments {
-            return differs("the PDO assignment (0x1C12, 0x1C13) differs".to_owned());
-        }
-        now.active_config.difference(&self.active_config).map_or(Ok(()), differs)
+        let difference = now.difference(&self.active_config);
+        difference.map_or(Ok(()), |text| Err(Failure::Rejected(text)))
     }
 }
 
@@ -218,11 +224,6 @@ fn apply(bus: &Bus, slave: usize, command: SdoWrite, status: u8) -> Result {
             Err(Failure::Rejected(format!("{object}: status {found}")))
         }
     }
-}
-
-/// Reads from a slave that may be unreachable for some time.
-pub(super) fn read_patiently(bus: &Bus, slave: usize, index: u16, subindex: u8) -> Result<u32> {
-    bus.retry(POLL_NS, STATE_NS, || bus.read(slave, index, subindex))
 }
 
 /// Waits until the master lists a slave. During a rescan of the bus it lists none.

@@ -1,0 +1,116 @@
+//! Fetch of a slave's object dictionary, by SDO information.
+//!
+//! The master does nothing else meanwhile: it polls no states, configures no slave and serves no
+//! internal request. Transfers of blocking calls to the slave collide with it in the mailbox.
+
+use ecan_protocol::device::AlState;
+use ecan_protocol::object::objects;
+
+use super::{MasterModel, Phase};
+use crate::ecrt::slave_config::RequestProgress;
+use crate::ecrt::timing::{DICTIONARY_STEP_NS, DICTIONARY_TIMEOUT_NS, DICTIONARY_WAIT_NS};
+use crate::world::World;
+
+/// Steps of one request: request, mailbox check, fetch.
+const STEPS_PER_REQUEST: u64 = 3;
+/// Of so many transfers that collide, one takes the response of the fetch.
+const COLLISIONS_PER_FAILURE: u64 = 20;
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DictionaryFetch {
+    pub(crate) slave: usize,
+    /// Steps that were left at this time, and at this step of the master.
+    left: u64,
+    at_ns: u64,
+    at_step: u64,
+    /// A response was lost: the fetch fails at this time.
+    fails_at: Option<u64>,
+}
+
+/// Number of objects of a gateway.
+pub(crate) fn object_count() -> u16 {
+    objects().iter().map(|object| object.count).sum()
+}
+
+/// Steps of a fetch: the list, the objects, and every subindex, gaps included.
+fn dictionary_steps() -> u64 {
+    let described = |subindices: u8| 2 + u64::from(subindices);
+    let requests = objects()
+        .iter()
+        .map(|object| u64::from(object.count) * described(object.highest_subindex()));
+    STEPS_PER_REQUEST * requests.sum::<u64>()
+}
+
+/// Longest time of a fetch before activation, for `slaves`.
+pub(crate) fn dictionary_ns(slaves: u64) -> u64 {
+    slaves * dictionary_steps() * DICTIONARY_STEP_NS
+}
+
+impl MasterModel {
+    /// Starts the next fetch that is due, when the master has nothing else to do.
+    pub(super) fn choose_dictionary(&mut self, now: u64) {
+        let is_open =
+            |progress| matches!(progress, RequestProgress::Queued | RequestProgress::Busy);
+        let mut requests = self.configs.iter().flat_map(|config| &config.requests);
+        if self.is_busy() || requests.any(|request| is_open(request.progress)) {
+            return;
+        }
+        let due = self.slaves.iter().position(|slave| {
+            let is_awake = !matches!(slave.current & 0x0F, 0) // did not respond
+                && slave.current != AlState::Init.raw();
+            let has_waited =
+                slave.preop_at.is_none_or(|since| now.saturating_sub(since) >= DICTIONARY_WAIT_NS);
+            is_awake && has_waited && !slave.has_dictionary
+        });
+        let Some(index) = due else { return };
+        if let Some(slave) = self.slaves.get_mut(index) {
+            slave.has_dictionary = true;
+        }
+        self.dictionary = Some(DictionaryFetch {
+            slave: index,
+            left: dictionary_steps(),
+            at_ns: now,
+            at_step: self.steps,
+            fails_at: None,
+        });
+    }
+
+    /// Counts the steps since the last call; the pace changes with the phase.
+    pub(super) fn advance_dictionary(&mut self, world: &World) {
+        let (now, steps, active) = (world.now_ns(), self.steps, self.phase == Phase::Active);
+        let Some(fetch) = &mut self.dictionary else { return };
+        let done = match active {
+            true => steps.wrapping_sub(fetch.at_step),
+            false => now.saturating_sub(fetch.at_ns) / DICTIONARY_STEP_NS,
+        };
+        fetch.left = fetch.left.saturating_sub(done);
+        fetch.at_step = steps;
+        fetch.at_ns = if active { now } else { fetch.at_ns + done * DICTIONARY_STEP_NS };
+        let has_ended = match fetch.fails_at {
+            Some(at) => now >= at,
+            None => fetch.left == 0,
+        };
+        let slave = self.slaves.get(fetch.slave);
+        if has_ended || !slave.is_some_and(|slave| slave.is_present(world)) {
+            self.dictionary = None;
+            self.poll_due = now;
+        }
+    }
+
+    /// When the fetch ends if the phase does not change.
+    pub(super) fn dictionary_due(&self) -> Option<u64> {
+        let fetch = self.dictionary.as_ref()?;
+        Some(fetch.fails_at.unwrap_or(fetch.at_ns + fetch.left * DICTIONARY_STEP_NS))
+    }
+
+    /// Whether the response of a transfer of this slave is lost to the fetch.
+    pub(super) fn collides(&mut self, slave: usize, now: u64) -> bool {
+        let Some(fetch) = self.dictionary.as_mut().filter(|fetch| fetch.slave == slave) else {
+            return false;
+        };
+        if fetch.fails_at.is_none() && self.random.below(COLLISIONS_PER_FAILURE) == 0 {
+            fetch.fails_at = Some(now + DICTIONARY_TIMEOUT_NS);
+        }
+        true
+    }
+}

@@ -1,0 +1,305 @@
+//! Frame tests of several gateways in parallel.
+
+use ecan_command_line::interrupt::Interrupt;
+use ecan_host::{Diagnostics, Error};
+use ecan_mcan_port::PortConfig;
+use ecan_protocol::config::McanChannelConfig;
+use ecan_protocol::mapping::CHANNELS;
+
+use crate::context::{Bus, Failure, Result};
+use crate::frames::{WATCHDOG, failure};
+
+use super::channel_setup::ChannelSetup;
+use super::check_counts::check_counts;
+use super::exchange::{ChannelCounters, ChannelState, exchange};
+use super::report::{Check, Figures, Report};
+use super::saved::wait_present;
+use super::start_failure::{StartFailure, start_failures};
+use super::steps::{TestPlan, TestStep};
+use super::test_bus::TestBus;
+
+/// Cycle time in ns that may trigger the watchdog of a gateway.
+const PAUSE_NS: u64 = WATCHDOG.as_nanos() as u64 / 2;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum GroupEnd {
+    Complete,
+    /// By the user.
+    Stopped,
+}
+
+/// A gateway in a test.
+pub(super) struct Member<'r> {
+    pub(super) position: usize,
+    pub(super) report: &'r mut Report,
+    /// Set if the test configures the gateway.
+    pub(super) is_changed: &'r mut bool,
+    /// Set if the gateway was lost, so that it may have restarted.
+    pub(super) was_lost: &'r mut bool,
+    /// This is not the first attempt to start it.
+    pub(super) is_repeated: bool,
+}
+
+enum Start {
+    Ready(Box<TestBus>),
+    Failed(Vec<StartFailure>),
+    /// By the user.
+    Stopped,
+}
+
+/// State of a member while the bus is in operation.
+struct Active<'m, 'r> {
+    gateway: usize,
+    member: &'m mut Member<'r>,
+    setup: ChannelSetup,
+    losses: u64,
+    is_out: bool,
+}
+
+/// Reports the progress: positions, text, number of the step, and number of steps.
+pub(super) type ReportProgress<'a> = dyn Fn(&[usize], &str, usize, usize) + 'a;
+
+pub(super) struct GroupTest<'a> {
+    pub(super) plan: &'a TestPlan<'a>,
+    pub(super) interrupt: &'a Interrupt,
+    pub(super) progress: &'a ReportProgress<'a>,
+}
+
+impl GroupTest<'_> {
+    /// Tests gateways in parallel. A gateway that prevents the start fails, and the others start without
+    /// it; if its cause may pass, it is tested alone afterwards.
+    ///
+    /// # Errors
+    /// [`Failure::Master`] if the master cannot be used.
+    pub(super) fn run(&self, bus: &Bus, mut members: Vec<Member<'_>>) -> Result<GroupEnd> {
+        let mut postponed = Vec::new();
+        while !members.is_empty() {
+            let failures = match self.start(bus, &mut members)? {
+                Start::Stopped => return Ok(GroupEnd::Stopped),
+                Start::Ready(started) => {
+                    if self.run_steps(*started, &mut members) == GroupEnd::Stopped {
+                        return Ok(GroupEnd::Stopped);
+                    }
+                    break;
+                }
+                Start::Failed(failures) => failures,
+            };
+            // From the last one, so that the indices stay valid.
+            for StartFailure { gateway, reason, is_temporary } in failures.into_iter().rev() {
+                let mut member = members.remove(gateway);
+                tracing::info!(slave = member.position, reason, "not started");
+                if is_temporary && !member.is_repeated {
+                    member.is_repeated = true;
+                    postponed.push(member);
+                } else {
+                    let steps = self.plan.steps();
+                    let name = steps.first().map_or_else(String::new, TestStep::name);
+                    member.report.add(name, Err(reason));
+                }
+            }
+        }
+        for member in postponed {
+            if self.run(bus, vec![member])? == GroupEnd::Stopped {
+                return Ok(GroupEnd::Stopped);
+            }
+        }
+        Ok(GroupEnd::Complete)
+    }
+
+    fn start(&self, bus: &Bus, members: &mut [Member<'_>]) -> Result<Start> {
+        let positions: Vec<_> = members.iter().map(|member| member.position).collect();
+        let config = self.plan.configs(&positions)?;
+        for (gateway, position) in positions.iter().enumerate() {
+            if let Err(failure) = wait_present(bus, *position) {
+                let reason = failure.to_string();
+                return Ok(Start::Failed(vec![StartFailure {
+                    gateway,
+                    reason,
+                    is_temporary: false,
+                }]));
+            }
+        }
+        let real_time = &self.plan.arguments().real_time;
+        let started = match TestBus::start(bus.ecrt(), config, real_time, self.interrupt) {
+            Ok(Some(started)) => Start::Ready(Box::new(started)),
+            Ok(None) => Start::Stopped,
+            Err(error) => {
+                let failures = start_failures(&error, members.len());
+                match failure(0, error) {
+                    // Another program has reserved the master, or there is none: nothing was
+                    // changed.
+                    failure @ Failure::Master(_) => return Err(failure),
+                    _ => Start::Failed(failures),
+                }
+            }
+        };
+        members.iter_mut().for_each(|member| *member.is_changed = true);
+        Ok(started)
+    }
+
+    fn run_steps(&self, mut bus: TestBus, members: &mut [Member<'_>]) -> GroupEnd {
+        let channels = started_channels(bus.port().config());
+        let activate = |(gateway, member)| {
+            let setup = ChannelSetup::started(channels);
+            Active { gateway, member, setup, losses: 0, is_out: false }
+        };
+        let mut active: Vec<_> = members.iter_mut().enumerate().map(activate).collect();
+        let steps = self.plan.steps();
+        for (number, step) in (1..).zip(&steps) {
+            let present: Vec<_> = active.iter_mut().filter(|it| !it.is_out).collect();
+            if present.is_empty() {
+                break;
+            }
+            let positions: Vec<_> = present.iter().map(|it| it.member.position).collect();
+            (self.progress)(&positions, &step.name(), number, steps.len());
+            match self.run_step(&mut bus, present, step) {
+                Ok(GroupEnd::Complete) => {}
+                Ok(GroupEnd::Stopped) => return GroupEnd::Stopped,
+                // An error of the link or of the master concerns all.
+                Err(error) => {
+                    for it in active.iter_mut().filter(|it| !it.is_out) {
+                        it.fail(step, error.to_string());
+                    }
+                }
+            }
+        }
+        GroupEnd::Complete
+    }
+
+    fn run_step(
+        &self,
+        bus: &mut TestBus,
+        mut active: Vec<&mut Active<'_, '_>>,
+        step: &TestStep<'_>,
+    ) -> Result<GroupEnd> {
+        let gateways = |active: &[&mut Active<'_, '_>]| -> Vec<_> {
+            active.iter().map(|it| it.gateway).collect()
+        };
+        if !bus.wait_ready(&gateways(&active))? {
+            return Ok(GroupEnd::Stopped);
+        }
+        active.retain_mut(|it| {
+            let is_ready = bus.is_ready(it.gateway);
+            if !is_ready {
+                it.fail(step, bus.reason(it.gateway));
+            }
+            is_ready
+        });
+        for it in &mut active {
+            // The master has configured a gateway that returned as at the start.
+            if bus.losses(it.gateway) != it.losses {
+                it.setup = ChannelSetup::started(started_channels(bus.port().config()));
+            }
+        }
+        let changes: Vec<_> =
+            active.iter().map(|it| (it.gateway, it.setup.changes(step))).collect();
+        let channels = step.channels();
+        let configure = |diagnostics: &Diagnostics, gateway: usize| {
+            let steps = changes.iter().find(|it| it.0 == gateway).map_or(&[][..], |it| &it.1);
+            diagnostics.run_startup(gateway, steps, |_| ())?;
+            let upload = |index, subindex| diagnostics.sdo_upload_u32(gateway, index, subindex);
+            channels.iter().map(|it| ChannelCounters::read(upload, *it)).collect()
+        };
+        let configured = bus.on_each(&gateways(&active), configure)?;
+        let before: Vec<Vec<ChannelCounters>> = keep(&mut active, configured, step);
+        active.iter_mut().for_each(|it| it.setup.set(step));
+
+        bus.measure_cycles();
+        let count = self.plan.arguments().frames;
+        let is_fd = step.rate.is_fd();
+        let exchanged = exchange(bus, &gateways(&active), step.routes, count, is_fd)?;
+        let Some(counts) = exchanged else { return Ok(GroupEnd::Stopped) };
+        let mut results: Vec<_> = counts.into_iter().zip(before).collect();
+        let read = |diagnostics: &Diagnostics, gateway: usize| {
+            let upload = |index, subindex| diagnostics.sdo_upload_u32(gateway, index, subindex);
+            channels.iter().map(|it| ChannelState::read(upload, *it)).collect()
+        };
+        let read = bus.on_each(&gateways(&active), read)?;
+        let is_read: Vec<_> = read.iter().map(Result::is_ok).collect();
+        let mut flags = is_read.into_iter();
+        results.retain(|_| flags.next().unwrap_or_default());
+        let after: Vec<Vec<ChannelState>> = keep(&mut active, read, step);
+        let pause = pause(bus);
+        for ((it, after), (counts, before)) in active.iter_mut().zip(after).zip(results) {
+            it.note_losses(bus, step, &pause);
+            let states: Vec<_> = before.into_iter().zip(after).collect();
+            for (route, counts) in step.routes.iter().zip(counts) {
+                let is_concerned = |channel| channel == route.from || channel == route.to;
+                let concerned: Vec<_> =
+                    states.iter().filter(|(_, it)| is_concerned(it.channel)).collect();
+                let found = check_counts(step.path, *route, &counts, count, &concerned);
+                let is_good = found.is_ok();
+                let detail = found.unwrap_or_else(|faults| faults + &pause);
+                let (bitrate, data_bitrate) = step.rate.bit_rates();
+                let channels = concerned.into_iter().map(|(_, after)| *after).collect();
+                let (from, to) = (route.from, route.to);
+                let frames = Figures { from, to, bitrate, data_bitrate, counts, channels };
+                let name = step.check_name(*route);
+                let check = Check { name, is_good, detail, frames: Some(frames) };
+                it.member.report.checks.push(check);
+            }
+        }
+        Ok(GroupEnd::Complete)
+    }
+}
+
+/// Channels of the gateways at the start, which are alike.
+fn started_channels(config: &PortConfig) -> [Option<McanChannelConfig>; CHANNELS] {
+    let gateway = config.gateways.first().copied().unwrap_or_default();
+    gateway.channels.map(|channel| channel.map(|channel| channel.can))
+}
+
+impl Active<'_, '_> {
+    /// A gateway that fails in one step is not tested in the next ones.
+    fn fail(&mut self, step: &TestStep<'_>, reason: String) {
+        self.member.report.add(step.name(), Err(reason));
+        *self.member.was_lost = true;
+        self.is_out = true;
+    }
+
+    /// Reports losses since the previous step.
+    fn note_losses(&mut self, bus: &TestBus, step: &TestStep<'_>, pause: &str) {
+        let losses = bus.losses(self.gateway);
+        let detail = match losses.saturating_sub(self.losses) {
+            0 => return,
+            1 => "the gateway was lost".to_owned(),
+            more => format!("the gateway was lost {more} times"),
+        };
+        self.losses = losses;
+        *self.member.was_lost = true;
+        let name = format!("ready, {}", step.rate.name());
+        self.member.report.add(name, Err(detail + pause));
+    }
+}
+
+/// Keeps the gateways whose transfers succeeded, and returns the results in their order.
+fn keep<T>(
+    active: &mut Vec<&mut Active<'_, '_>>,
+    results: Vec<Result<T, Error>>,
+    step: &TestStep<'_>,
+) -> Vec<T> {
+    let (mut kept, mut results) = (Vec::new(), results.into_iter());
+    active.retain_mut(|it| match results.next() {
+        Some(Ok(value)) => {
+            kept.push(value);
+            true
+        }
+        Some(Err(error)) => {
+            it.fail(step, error.to_string());
+            false
+        }
+        None => false,
+    });
+    kept
+}
+
+/// Remark for an error that this computer may have caused.
+fn pause(bus: &TestBus) -> String {
+    match bus.longest_period_ns() {
+        ..PAUSE_NS => String::new(),
+        longest_ns => {
+            let ms = longest_ns / 1_000_000;
+            format!("; a cycle of this computer took {ms} ms, see the real-time options")
+        }
+    }
+}

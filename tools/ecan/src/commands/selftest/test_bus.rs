@@ -1,0 +1,135 @@
+//! Gateways in operation during a test.
+
+use std::panic::resume_unwind;
+use std::thread::{self, ScopedJoinHandle};
+
+use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::real_time::RealTimeArguments;
+use ecan_host::{AdapterConfig, Diagnostics, Ecrt, Error};
+use ecan_mcan_port::{Cycle, Port, PortConfig, PortError};
+
+use crate::context::{Failure, Result};
+
+pub(super) struct TestBus {
+    port: Port,
+    interrupt: Interrupt,
+}
+
+impl TestBus {
+    /// Starts the gateways; `None` if the user stops.
+    pub(super) fn start(
+        ecrt: &Ecrt,
+        (adapter, config): (AdapterConfig, PortConfig),
+        real_time: &RealTimeArguments,
+        interrupt: &Interrupt,
+    ) -> Result<Option<Self>, PortError> {
+        let mut port = Port::open(ecrt, (adapter, config))?;
+        // `None` if the user stops.
+        let ready: Result<(), Option<PortError>> =
+            port.wait_ready_with(port.startup_timeout(), |port| {
+                // Single cycles may fail; the timeout ends it all.
+                port.begin_cycle().finish();
+                if interrupt.is_set() { Err(None) } else { Ok(()) }
+            });
+        match ready {
+            Ok(()) => {}
+            Err(None) => return Ok(None),
+            Err(Some(error)) => return Err(error),
+        }
+        real_time.set_timing(port.adapter_mut());
+        Ok(Some(Self { port, interrupt: interrupt.clone() }))
+    }
+
+    pub(super) fn port(&self) -> &Port {
+        &self.port
+    }
+
+    pub(super) fn is_interrupted(&self) -> bool {
+        self.interrupt.is_set()
+    }
+
+    pub(super) fn now_ns(&self) -> u64 {
+        self.port.adapter().clock().now_ns()
+    }
+
+    /// Starts the statistics of the cycle again.
+    pub(super) fn measure_cycles(&mut self) {
+        self.port.adapter_mut().measure_cycles();
+    }
+
+    /// Longest period of this computer since [`measure_cycles`](Self::measure_cycles), in ns.
+    pub(super) fn longest_period_ns(&self) -> u64 {
+        self.port.adapter().cycle_statistics().map_or(0, |it| it.period().max_ns)
+    }
+
+    /// Runs one cycle with `run` in it.
+    pub(super) fn cycle<R>(&mut self, run: impl FnOnce(&mut Cycle<'_>) -> R) -> Result<R> {
+        let mut cycle = self.port.next_cycle();
+        let result = run(&mut cycle);
+        let ended = cycle.end().map(drop);
+        ended.map_err(Failure::master)?;
+        Ok(result)
+    }
+
+    pub(super) fn is_ready(&self, gateway: usize) -> bool {
+        self.port.gateway(gateway).is_ok_and(|gateway| self.port.gateway_is_ready(gateway))
+    }
+
+    /// Reason why a gateway is not ready.
+    pub(super) fn reason(&self, gateway: usize) -> String {
+        let Ok(gateway) = self.port.gateway(gateway) else { return "not configured".to_owned() };
+        let session = self.port.session(gateway);
+        match self.port.waiting_for(gateway) {
+            Some(step) => format!("not ready: {session}; it waits for {step}"),
+            None => format!("not ready: {session}"),
+        }
+    }
+
+    /// How often a gateway was lost.
+    pub(super) fn losses(&self, gateway: usize) -> u64 {
+        let gateway = self.port.gateway(gateway);
+        gateway.map_or(0, |gateway| self.port.statistics(gateway).sessions_lost)
+    }
+
+    /// Waits until these gateways are ready, at most the time of a startup; `false` if the user stops.
+    pub(super) fn wait_ready(&mut self, gateways: &[usize]) -> Result<bool> {
+        let timeout_ns = u64::try_from(self.port.startup_timeout().as_nanos()).unwrap_or(u64::MAX);
+        let end_ns = self.now_ns().saturating_add(timeout_ns);
+        while !gateways.iter().all(|gateway| self.is_ready(*gateway)) && self.now_ns() < end_ns {
+            if self.is_interrupted() {
+                return Ok(false);
+            }
+            self.cycle(|_| ())?;
+        }
+        Ok(true)
+    }
+
+    /// Runs `work` with blocking SDO transfers for each gateway while the cycle continues, and returns
+    /// the results in this order. The gateways run in parallel, in stepped time in turn.
+    pub(super) fn on_each<T: Send>(
+        &mut self,
+        gateways: &[usize],
+        work: impl Fn(&Diagnostics, usize) -> Result<T, Error> + Sync,
+    ) -> Result<Vec<Result<T, Error>>> {
+        let is_parallel = self.port.adapter().clock().is_free_running() && gateways.len() > 1;
+        let opener = |gateway: &usize| (*gateway, self.port.adapter().diagnostics_opener());
+        let openers: Vec<_> = gateways.iter().map(opener).collect();
+        let work = &work;
+        let done = self.port.diagnose(move |diagnostics| {
+            if !is_parallel {
+                return gateways.iter().map(|gateway| work(diagnostics, *gateway)).collect();
+            }
+            thread::scope(|scope| {
+                let mut threads = Vec::new();
+                for (gateway, open) in openers {
+                    threads.push(scope.spawn(move || work(&open()?, gateway)));
+                }
+                let join = |thread: ScopedJoinHandle<'_, Result<T, Error>>| {
+                    thread.join().unwrap_or_else(|panic| resume_unwind(panic))
+                };
+                threads.into_iter().map(join).collect()
+            })
+        });
+        done.map_err(|error| Failure::Rejected(error.to_string()))
+    }
+}
