@@ -124,6 +124,27 @@ fn send_directly_after_receive_halves_the_pace() {
 }
 
 #[test]
+fn written_system_time_is_an_interval_ahead_without_a_gap() {
+    for (gap_ns, ahead_ns) in [(0, CYCLE_NS), (CYCLE_NS / 2, 0)] {
+        let mut program = Program::new(like_igh(1, |_| {}), &[1]);
+        program.activate();
+        for _ in 0..40 {
+            program.master.receive().unwrap();
+            program.simulation().pass_ns(gap_ns);
+            let now = program.backend.ecrt.clock().now_ns();
+            program.master.application_time(now).unwrap();
+            program.master.send().unwrap();
+            program.simulation().pass_ns(CYCLE_NS - gap_ns);
+        }
+        let error = program.simulation().with_world(|world| {
+            let now = world.now_ns();
+            world.gateway(0).unwrap().dc_system_time(now).unwrap() - now
+        });
+        assert_eq!(error, ahead_ns, "a gap of {gap_ns} ns");
+    }
+}
+
+#[test]
 fn power_cycle_in_op_costs_the_upload_of_all_mappings() {
     let mut program = Program::new(like_igh(1, |_| {}), &[1]);
     program.activate();

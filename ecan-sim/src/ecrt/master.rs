@@ -66,8 +66,10 @@ pub(crate) struct MasterModel {
     pub(crate) steps: u64,
     /// Every second send without a gap advances them.
     has_half_step: bool,
-    /// The last receive.
+    /// The last receive, the last send, and the time between the last two sends.
     received_at: u64,
+    sent_at: u64,
+    send_interval_ns: u64,
     pub(crate) behaviour: MasterBehaviour,
     random: Random,
     dictionary: Option<DictionaryFetch>,
@@ -242,10 +244,16 @@ impl MasterModel {
         self.dictionary.is_some() || self.is_configuring()
     }
 
+    /// Whether the master's thread does not run between the last receive and a send now.
+    fn lacks_gap(&self, now: u64) -> bool {
+        self.behaviour.needs_gap && now.saturating_sub(self.received_at) < THREAD_GAP_NS
+    }
+
     /// Counts a send in the operation phase; returns whether the state machines advance with it.
     pub(crate) fn advances_with_send(&mut self, now: u64) -> bool {
-        let has_gap = now.saturating_sub(self.received_at) >= THREAD_GAP_NS;
-        let advances = !self.behaviour.needs_gap || has_gap || self.has_half_step;
+        self.send_interval_ns = now.saturating_sub(self.sent_at);
+        self.sent_at = now;
+        let advances = !self.lacks_gap(now) || self.has_half_step;
         self.has_half_step = !advances;
         self.steps = self.steps.wrapping_add(u64::from(advances));
         advances

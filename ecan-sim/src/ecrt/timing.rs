@@ -12,6 +12,8 @@ pub(super) const DICTIONARY_STEP_NS: u64 = 90_000;
 pub(super) const DICTIONARY_WAIT_NS: u64 = 3_000_000_000;
 /// Longest wait of the fetch for a response.
 pub(super) const DICTIONARY_TIMEOUT_NS: u64 = 1_000_000_000;
+/// One tick of the kernel.
+pub(super) const TICK_NS: u64 = 4_000_000;
 /// Longest sleep of the master's thread while it polls the slaves.
 pub(super) const POLL_STEP_NS: u64 = 8_000_000;
 /// Time between receive and send that the master's thread needs to advance.

@@ -1,6 +1,10 @@
 //! Factory contents of the SII EEPROM of a gateway (ETG.2010; manual 5.3, 15.7).
 
-use ecan_protocol::mapping::MAX_PDO_BYTES;
+use ecan_protocol::mapping::{
+    Direction, MAX_MULTIPLIER, MAX_PDO_BYTES, UNIT_BYTES, UNITS_PER_CHUNK, data_object_index,
+    pdo_map_index, sync_manager,
+};
+use ecan_protocol::object::MAPPED_SUBINDEX;
 
 use crate::gateway::{DEVICE_NAME, MAILBOXES, SyncManagerConfig};
 use crate::scenario::GatewaySpec;
@@ -9,6 +13,8 @@ use super::eeprom::checksum;
 
 /// Words of the EEPROM: 2 KiB.
 const WORDS: usize = 1024;
+/// The same with the PDO categories: 4 KiB.
+const WORDS_WITH_PDOS: usize = 2048;
 const CATEGORIES: usize = 0x40;
 const END: u16 = 0xFFFF;
 
@@ -33,6 +39,8 @@ mod category {
     pub(super) const GENERAL: u16 = 30;
     pub(super) const FMMU: u16 = 40;
     pub(super) const SYNC_MANAGER: u16 = 41;
+    pub(super) const TX_PDO: u16 = 50;
+    pub(super) const RX_PDO: u16 = 51;
     pub(super) const CLOCK: u16 = 60;
 }
 
@@ -61,11 +69,14 @@ const NAME: u8 = 1;
 const GROUP: u8 = 2;
 const FREE_RUN: u8 = 3;
 const DC_SYNC0: u8 = 4;
+/// Data type of a mapped unit.
+const VISIBLE_STRING: u8 = 9;
 /// AssignActivate of the operation mode with Sync0.
 const ASSIGN_ACTIVATE: u16 = 0x0300;
 
 pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
     let config = &spec.config;
+    let size = if spec.sii_pdos { WORDS_WITH_PDOS } else { WORDS };
     let mut words = vec![0; CATEGORIES];
     let mut put = |at: usize, value: u16| words[at] = value;
     put(word::PDI_CONTROL, PDI);
@@ -88,7 +99,7 @@ pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
         }
     }
     put(word::PROTOCOLS, PROTOCOL_COE | PROTOCOL_FOE);
-    put(word::SIZE, (WORDS * 16 / 1024 - 1) as u16);
+    put(word::SIZE, (size * 16 / 1024 - 1) as u16);
     put(word::VERSION, 1);
     words[word::CHECKSUM] = checksum(&words).into();
     add(&mut words, category::STRINGS, &strings());
@@ -96,9 +107,14 @@ pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
     // FMMU 0 for outputs, 1 for inputs, 2 for the state of the mailbox.
     add(&mut words, category::FMMU, &[1, 2, 3, 0]);
     add(&mut words, category::SYNC_MANAGER, &sync_managers());
+    if spec.sii_pdos {
+        // a master looks up their sync managers, which therefore precede them
+        add(&mut words, category::TX_PDO, &pdos(Direction::TxPdo));
+        add(&mut words, category::RX_PDO, &pdos(Direction::RxPdo));
+    }
     add(&mut words, category::CLOCK, &clocks());
     words.push(END);
-    words.resize(WORDS, 0xFFFF);
+    words.resize(size, 0xFFFF);
     words
 }
 
@@ -142,6 +158,22 @@ fn sync_managers() -> Vec<u8> {
     all.flat_map(entry).collect()
 }
 
+/// All chunks of a direction, assigned to its sync manager as after power-on.
+fn pdos(direction: Direction) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for chunk in 0..MAX_MULTIPLIER {
+        let [i0, i1] = pdo_map_index(direction, chunk).to_le_bytes();
+        let entries = UNITS_PER_CHUNK as u8;
+        bytes.extend([i0, i1, entries, sync_manager(direction), 0, 0, 0, 0]);
+        for unit in 0..entries {
+            let [e0, e1] = data_object_index(direction, chunk, unit).to_le_bytes();
+            let bits = (UNIT_BYTES * 8) as u8;
+            bytes.extend([e0, e1, MAPPED_SUBINDEX, 0, VISIBLE_STRING, bits, 0, 0]);
+        }
+    }
+    bytes
+}
+
 fn clocks() -> Vec<u8> {
     let mode = |assign_activate: u16, name: u8| {
         let mut bytes = [0; 24];
@@ -181,6 +213,24 @@ mod tests {
         assert_eq!(find(&words, category::SYNC_MANAGER), expected.concat());
         assert_eq!(words[0x18..0x1D], [0x1000, 0x80, 0x1080, 0x80, 0x0C]);
         assert_eq!(words[word::SIZE], 15, "16 Kibit");
+    }
+
+    #[test]
+    fn pdo_categories_list_all_chunks_if_the_scenario_has_them() {
+        let spec = GatewaySpec { sii_pdos: true, ..GatewaySpec::at(0) };
+        let words = image(&spec);
+        assert_eq!((words.len(), words[word::SIZE]), (WORDS_WITH_PDOS, 31));
+        for (category, first_pdo, first_unit, sync) in
+            [(category::TX_PDO, 0x1A00, 0x6000, 3), (category::RX_PDO, 0x1600, 0x7000, 2)]
+        {
+            let pdos = find(&words, category);
+            assert_eq!(pdos.len(), 24 * 36);
+            for (number, pdo) in (0..).zip(pdos.chunks(36)) {
+                assert_eq!(pdo[..2], [first_pdo + number, sync << 8 | 8]);
+                assert_eq!(pdo[4..7], [first_unit + 128 * number, 1, 128 << 8 | 9]);
+            }
+        }
+        assert_eq!(find(&words, category::CLOCK).len(), 24);
     }
 
     #[test]

@@ -91,6 +91,7 @@ struct RawGateway {
     mailbox_delay_us: Option<u32>,
     pdo_assign: Option<bool>,
     pdo_configuration: Option<bool>,
+    sii_pdos: Option<bool>,
     tx_pressure_percent: Option<u8>,
     complete_access: Option<bool>,
     buses: Option<Vec<String>>,
@@ -193,7 +194,7 @@ impl Scenario {
 impl RawGateway {
     fn build(self, position: usize) -> Result<GatewaySpec, String> {
         let mut spec = GatewaySpec::at(position);
-        set!(spec from self: alias, pdo_assign, pdo_configuration);
+        set!(spec from self: alias, pdo_assign, pdo_configuration, sii_pdos);
         let config = &mut spec.config;
         set!(config from self: serial, hardware_revision, firmware, vendor_id, product_code);
         set!(config from self: revision, boot_ms, reboot_delay_ms, tx_pressure_percent, complete_access);

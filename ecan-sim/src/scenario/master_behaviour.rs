@@ -20,7 +20,7 @@ pub struct MasterBehaviour {
     /// False: 200 ms per slave.
     pub scans_in_steps: bool,
     /// The object dictionary of each slave is fetched once after a scan, from 3 s after PREOP on.
-    /// Transfers of other programs and blocking calls to that slave get no response meanwhile.
+    /// Transfers of other programs and blocking calls to that slave get no response during it.
     pub fetches_dictionary: bool,
     /// The bus is scanned again when the master is released.
     pub scans_after_release: bool,

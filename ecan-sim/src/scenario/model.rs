@@ -65,6 +65,9 @@ pub struct GatewaySpec {
     pub pdo_assign: bool,
     /// True if the SII lets the master write the mapping objects.
     pub pdo_configuration: bool,
+    /// True if the SII lists all PDOs (categories 50 and 51), in 4 instead of 2 KiB. IgH uploads the
+    /// assigned ones nevertheless.
+    pub sii_pdos: bool,
     /// Names of the CAN buses of the four channels.
     pub buses: [String; ecan_protocol::mapping::CHANNELS],
 }
@@ -82,6 +85,7 @@ impl GatewaySpec {
             },
             pdo_assign: true,
             pdo_configuration: false,
+            sii_pdos: false,
             buses: std::array::from_fn(|channel| format!("{position}.{channel}")),
         }
     }

@@ -1,7 +1,7 @@
 //! The reference clock, which is unknown during a scan.
 
 use crate::ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
-use ecan_host::{Errno, Master};
+use ecan_host::{Errno, Master, RequestState};
 use ecan_sim::{EcrtVersion, Fault, Scenario, echo};
 
 /// Results of the three calls for the clocks.
@@ -64,4 +64,46 @@ fn idle_bus_does_not_miss_its_clocks() {
     let backend = stepped(echo(1));
     let mut master = Master::request(&backend.ecrt, 0).unwrap();
     assert_eq!(calls(&mut master), [Ok(()), Ok(()), Err(Errno::EIO)]);
+}
+
+/// A program with Sync0 that does not lead the reference clock, up to OP; returns its cycles.
+///
+/// The clock has a difference of 50 us from an earlier program that led it.
+fn cycles_until_op(clears_difference: bool) -> (usize, bool) {
+    let mut program = Program::new(stepped_echo(1), &[1]);
+    let config = program.slaves[0].config;
+    program.master.config_dc(config, 0x0300, CYCLE_NS as u32, 0, 0, 0).unwrap();
+    let request = program.master.create_reg_request(config, 2).unwrap();
+    program.simulation().with_world(|world| {
+        world.with_gateway(0, |gateway, now| {
+            gateway.write_dc_system_time(now, now);
+            gateway.correct_dc_system_time(now, now + 50_000);
+        })
+    });
+    if clears_difference {
+        program.master.reg_request_write(request, 0x0930, &[0x00, 0x10]).unwrap();
+        program.simulation().pass_ns(20 * CYCLE_NS);
+        assert_eq!(program.master.reg_request_state(request), Ok(RequestState::Success));
+    }
+    program.activate();
+    let mut cycles = 0;
+    while !program.state(0).operational {
+        program.master.application_time(program.next).unwrap();
+        program.cycle();
+        cycles += 1;
+    }
+    let has_line = |line: &String| line.contains("did not follow the reference clock");
+    (cycles, program.simulation().kernel_log().iter().any(has_line))
+}
+
+#[test]
+fn difference_of_an_earlier_program_costs_the_settling_time() {
+    let (cycles, is_logged) = cycles_until_op(false);
+    assert!(cycles > 5_000 && is_logged, "{cycles} cycles");
+}
+
+#[test]
+fn speed_counter_start_clears_the_difference() {
+    let (cycles, is_logged) = cycles_until_op(true);
+    assert!(cycles < 1_000 && !is_logged, "{cycles} cycles");
 }

@@ -103,7 +103,9 @@ fn help_is_available() {
     let output = command(&["wire", "--help"]).output().unwrap();
     assert!(output.status.success());
     let help = text(&output.stdout);
-    for option in ["--interface", "--gateways", "--scenario", "--dump", "--duration", "--quiet"] {
+    for option in
+        ["--interface", "--gateways", "--scenario", "--dump", "--sii-pdos", "--duration", "--quiet"]
+    {
         assert!(help.contains(option), "{option}: {help}");
     }
 }

@@ -14,6 +14,8 @@ use crate::world::World;
 
 /// Registers and SII of a slave.
 const SCAN_SII_STEPS: u64 = 220;
+/// Its PDO categories: 1728 words, two steps for two words.
+const SCAN_SII_PDO_STEPS: u64 = 1728;
 /// Request, mailbox check, fetch.
 const STEPS_PER_UPLOAD: u64 = 3;
 
@@ -208,7 +210,9 @@ fn scan_steps(world: &mut World, slot: usize) -> u64 {
         .sum();
     // a count per direction; of each PDO its index, its count and its entries
     let uploads = 2 + chunks * (2 + UNITS_PER_CHUNK as u64);
-    SCAN_SII_STEPS + uploads * STEPS_PER_UPLOAD
+    let has_pdos = world.spec(slot).is_some_and(|spec| spec.sii_pdos);
+    let sii = SCAN_SII_STEPS + if has_pdos { SCAN_SII_PDO_STEPS } else { 0 };
+    sii + uploads * STEPS_PER_UPLOAD
 }
 
 /// Position of a slave by alias and distance; alias 0 counts from the master.

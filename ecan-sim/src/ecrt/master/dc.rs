@@ -2,6 +2,7 @@
 
 use super::MasterModel;
 use crate::ecrt::datagram::Queued;
+use crate::ecrt::timing::TICK_NS;
 use crate::fault::LossDirection;
 use crate::world::World;
 
@@ -25,7 +26,8 @@ impl MasterModel {
     /// Writes the application time to each slave whose time differs.
     pub(crate) fn set_clocks(&mut self, world: &mut World) {
         let now = world.now_ns();
-        let time = self.clocks.app_time.saturating_add(now.saturating_sub(self.clocks.set_at_ns));
+        let passed = now.saturating_sub(self.clocks.set_at_ns);
+        let time = self.clocks.app_time.saturating_add(passed + self.offset_error_ns(now));
         for slave in &self.slaves {
             world.with_gateway(slave.slot, |gateway, now| {
                 let own = gateway.dc_system_time(now);
@@ -35,6 +37,12 @@ impl MasterModel {
             });
         }
         self.clocks.are_set = true;
+    }
+
+    /// Error of the written time. IgH adds whole ticks for the time since it read the slave's clock;
+    /// without a gap between receive and send it has read it one interval ago.
+    fn offset_error_ns(&self, now: u64) -> u64 {
+        if self.lacks_gap(now) { self.send_interval_ns % TICK_NS } else { 0 }
     }
 
     /// Effect of a clock datagram on the slaves.

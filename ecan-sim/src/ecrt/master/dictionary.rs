@@ -1,6 +1,6 @@
 //! Fetch of a slave's object dictionary, by SDO information.
 //!
-//! The master does nothing else meanwhile: it polls no states, configures no slave and serves no
+//! The master does nothing else during it: it polls no states, configures no slave and serves no
 //! internal request. Transfers of blocking calls to the slave collide with it in the mailbox.
 
 use ecan_protocol::device::AlState;
@@ -13,7 +13,7 @@ use crate::world::World;
 
 /// Steps of one request: request, mailbox check, fetch.
 const STEPS_PER_REQUEST: u64 = 3;
-/// Of so many transfers that collide, one takes the response of the fetch.
+/// One of this number of colliding transfers takes the response of the fetch.
 const COLLISIONS_PER_FAILURE: u64 = 20;
 
 #[derive(Clone, Copy, Debug)]

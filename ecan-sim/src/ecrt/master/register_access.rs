@@ -3,7 +3,7 @@
 use ecan_protocol::device::AlState;
 use libc::c_int;
 
-use super::MasterModel;
+use super::{MasterModel, Phase};
 use crate::ecrt::al_status::al_status;
 use crate::ecrt::mailbox::{Transfer, TransferOwner};
 use crate::ecrt::slave_config::{RegRequest, RequestId, RequestProgress};
@@ -13,6 +13,9 @@ use crate::world::World;
 const AL_CONTROL: u16 = 0x0120;
 const AL_STATUS: u16 = 0x0130;
 const AL_STATUS_CODE: u16 = 0x0134;
+const SPEED_COUNTER_START: u16 = 0x0930;
+/// Steps of an access before activation: datagram, result.
+const IDLE_STEPS: u64 = 2;
 
 impl MasterModel {
     pub(crate) fn reg_request(&mut self, id: RequestId) -> Option<&mut RegRequest> {
@@ -44,6 +47,10 @@ impl MasterModel {
 
     pub(crate) fn choose_reg_request(&mut self, index: usize, now: u64) -> bool {
         let mailbox = self.begin_transfer(now);
+        let access_ns = match self.phase {
+            Phase::Active => REGISTER_NS,
+            Phase::Idle | Phase::Reserved => IDLE_STEPS * self.idle_step_ns(),
+        };
         let Some(slave) = self.slaves.get_mut(index) else { return false };
         let Some(config) = slave.config else { return false };
         let Some(known) = self.configs.get_mut(config) else { return false };
@@ -56,7 +63,7 @@ impl MasterModel {
         entry.progress = RequestProgress::Busy;
         let owner = TransferOwner::Register(RequestId { config, request });
         slave.transfer = Some(Transfer { owner, mailbox });
-        slave.due = now + REGISTER_NS;
+        slave.due = now + access_ns;
         true
     }
 
@@ -97,10 +104,15 @@ fn register(world: &World, slot: usize, address: u16) -> u8 {
     }
 }
 
-/// Writes registers. Only AL control is modelled; others are ignored.
+/// Writes registers. AL control, and the speed counter start that restarts the control of the
+/// distributed clock, are modelled; others are ignored.
 fn write_registers(world: &mut World, slot: usize, address: u16, data: &[u8]) {
     let control = AL_CONTROL.checked_sub(address).and_then(|at| data.get(usize::from(at)));
     if let Some(state) = control.and_then(|control| AlState::from_raw(control & 0x0F)) {
         world.with_gateway(slot, |gateway, now| gateway.request_al_state(now, state));
+    }
+    let start = SPEED_COUNTER_START.checked_sub(address).and_then(|at| data.get(usize::from(at)));
+    if start.is_some() {
+        world.with_gateway(slot, |gateway, now| gateway.restart_dc_control(now));
     }
 }

@@ -26,6 +26,9 @@ pub struct WireArguments {
     /// Write the frames of all CAN buses to a candump log; `-` is standard output
     #[arg(long, value_name = "FILE")]
     pub dump: Option<PathBuf>,
+    /// List all PDOs in the SII of each gateway (categories 50 and 51)
+    #[arg(long)]
+    pub sii_pdos: bool,
     /// Exit after this time, in s; otherwise on Ctrl-C or SIGTERM
     #[arg(long, value_name = "S", value_parser = parse_duration)]
     pub duration: Option<Duration>,

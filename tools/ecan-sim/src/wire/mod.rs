@@ -59,7 +59,10 @@ fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Box<d
         slaves: arguments.gateways.map(usize::from),
         ..SimOptions::default()
     };
-    let scenario = load_scenario(&arguments.scenario, &options)?;
+    let mut scenario = load_scenario(&arguments.scenario, &options)?;
+    for gateway in &mut scenario.gateways {
+        gateway.sii_pdos |= arguments.sii_pdos;
+    }
     if let ScenarioChoice::File(path) = &arguments.scenario {
         let file = path.display();
         let count = scenario.gateways.len();
