@@ -33,6 +33,9 @@ pub struct Arguments {
     /// With --device: steps may replace and erase the saved configuration of the first gateway
     #[arg(long, requires = "device")]
     pub write_flash: bool,
+    /// With a simulated library: pace and side activities of IgH's master
+    #[arg(long)]
+    pub like_igh: bool,
     /// Index of the EtherCAT master
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub master: u16,

@@ -92,6 +92,9 @@ impl Bench {
             return Err("no program ecan; name its directory with --bin".to_owned());
         }
         if !bench.is_simulated_library()? {
+            if bench.arguments.like_igh {
+                return Err("--like-igh needs a simulated library".to_owned());
+            }
             bench.kind = if bench.arguments.device { Kind::Device } else { Kind::Wire };
             if bench.kind == Kind::Wire && bench.arguments.interface.is_none() {
                 return Err(
@@ -411,7 +414,8 @@ impl Bench {
         }
         self.stop_slave()?;
         let path = self.scenario_path();
-        std::fs::write(&path, spec.scenario())
+        let head = if self.arguments.like_igh { "[master]\nlike = \"igh\"\n" } else { "" };
+        std::fs::write(&path, spec.scenario(head))
             .map_err(|error| Stop::Failed(format!("{}: {error}", path.display())))?;
         self.spec = Some(spec);
         if self.kind == Kind::Wire {

@@ -55,9 +55,9 @@ impl BusSpec {
         !self.faults.is_empty() || !self.gateway_keys.is_empty()
     }
 
-    /// The scenario file.
-    pub fn scenario(&self) -> String {
-        let mut text = String::from("name = \"acceptance\"\n");
+    /// The scenario file, with these keys before its tables.
+    pub fn scenario(&self, head: &str) -> String {
+        let mut text = format!("name = \"acceptance\"\n{head}");
         for _ in 0..self.gateways {
             let _ = writeln!(text, "[[gateway]]\n{}", self.gateway_keys);
         }

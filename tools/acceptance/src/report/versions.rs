@@ -26,7 +26,10 @@ impl Versions {
     pub fn read(bench: &mut Bench) -> Self {
         let (sdk, kernel) = (bench.plain("ecan", ["--version"]), bench.system("uname", ["-srvm"]));
         let (master, gateways) = match bench.kind {
-            Kind::Library => ("simulated".to_owned(), "in the library".to_owned()),
+            Kind::Library => {
+                let like = if bench.arguments.like_igh { ", pace of IgH" } else { "" };
+                (format!("simulated{like}"), "in the library".to_owned())
+            }
             kind => {
                 let version = bench.ethercat(["version"]);
                 let gateways = match (kind, &bench.arguments.interface) {

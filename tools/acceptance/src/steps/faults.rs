@@ -111,9 +111,12 @@ pub const GROUP: Group = Group {
     ],
 };
 
-/// Cycles of a program with a scripted fault, and the cycle of the fault: well after the start.
-const CYCLES: &str = "4000";
-const FAULT_CYCLE: u32 = 2_000;
+/// Sends with process data before a scripted fault, for each gateway: well after the start, which
+/// sends too.
+const SENDS_BEFORE: u32 = 2_000;
+/// Cycles after it: the master may need a minute to scan a gateway that was away.
+const CYCLES_AFTER_OUTAGE: u32 = 12_000;
+const CYCLES_AFTER_DISTURBANCE: u32 = 500;
 
 /// Causes an outage while a program runs, which must become ready again and account every frame.
 fn outage(bench: &mut Bench, cause: fn(&mut Bench) -> Result<(), Stop>) -> Result<(), Stop> {
@@ -167,8 +170,9 @@ fn gateway_switched_off(bench: &mut Bench) -> Result<(), Stop> {
     bench.run(program)?.expect(1)?.expect_text("slave").map(drop)
 }
 
-fn faults(text: &str) -> String {
-    format!("[[fault]]\ncycle = {FAULT_CYCLE}\n{text}")
+/// A fault during the cycle, as in a scenario file.
+fn fault_in_cycle(gateways: u16, text: &str) -> String {
+    format!("[[fault]]\ncycle = {}\n{text}", SENDS_BEFORE * u32::from(gateways))
 }
 
 /// Runs a program on a bus with a fault; the gateways are ready again afterwards.
@@ -186,9 +190,11 @@ fn run_scripted(
     fault: &str,
     is_outage: bool,
 ) -> Result<(), Stop> {
-    bench.fresh_bus(BusSpec::echo(gateways).with_faults(faults(fault)))?;
+    bench.fresh_bus(BusSpec::echo(gateways).with_faults(fault_in_cycle(gateways, fault)))?;
+    let after = if is_outage { CYCLES_AFTER_OUTAGE } else { CYCLES_AFTER_DISTURBANCE };
+    let cycles = (SENDS_BEFORE * u32::from(gateways) + after).to_string();
     let (slaves, cycle) = (gateways.to_string(), bench.arguments.cycle_us.to_string());
-    let arguments = ["--slaves", &slaves, "--cycle-us", &cycle, "--cycles", CYCLES];
+    let arguments = ["--slaves", &slaves, "--cycle-us", &cycle, "--cycles", &cycles];
     let program = bench.example("simple_loop", arguments);
     let finished = bench.run(program)?.expect(0)?;
     let output = finished.output();
@@ -213,12 +219,13 @@ fn rejected_startup_sdo(bench: &mut Bench) -> Result<(), Stop> {
 }
 
 fn motion_with_lost_frame(bench: &mut Bench) -> Result<(), Stop> {
-    let fault = faults("kind = \"lost_frame\"\nway = \"outward\"\ncycles = 1\n");
+    let fault = fault_in_cycle(1, "kind = \"lost_frame\"\nway = \"outward\"\ncycles = 1\n");
     bench.fresh_bus(BusSpec::drives(1).with_faults(fault))?;
+    let cycles = (SENDS_BEFORE + CYCLES_AFTER_DISTURBANCE).to_string();
     let cycle = bench.arguments.cycle_us.to_string();
     let program = bench.example(
         "cia402_single_axis_demo",
-        ["--cycle-us", &cycle, "--step", "20", "--cycles", CYCLES],
+        ["--cycle-us", &cycle, "--step", "20", "--cycles", &cycles],
     );
     bench.run(program)?.expect(0)?.expect_text("operation enabled").map(drop)
 }
