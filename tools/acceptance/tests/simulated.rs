@@ -1,8 +1,17 @@
 //! The list on the simulated library, and its reports.
 #![allow(missing_docs)]
 
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use nix::errno::Errno;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
+/// Timeout of a failing test.
+const DEADLINE: Duration = Duration::from_secs(60);
 
 /// Directory of the other programs of the workspace; `None` if they are not built.
 fn programs() -> Option<PathBuf> {
@@ -101,6 +110,46 @@ fn failed_step_names_its_cause_and_fails_the_run() {
     let xml = roxmltree::Document::parse(&xml).unwrap();
     let failure = xml.descendants().find(|node| node.has_tag_name("failure")).unwrap();
     assert_eq!(failure.attribute("message"), json["steps"][0]["reason"].as_str());
+}
+
+#[test]
+fn interrupt_ends_the_running_program_and_writes_the_report() {
+    let Some(programs) = programs() else { return };
+    let directory = tempfile::tempdir().unwrap();
+    let fake = directory.path().join("fake");
+    std::fs::create_dir(&fake).unwrap();
+    let program = fake.join("simple_loop");
+    let pid_file = directory.path().join("pid");
+    let script = format!(
+        "#!/bin/sh\necho $$ > {0}.new\nmv {0}.new {0}\nexec sleep 1000\n",
+        pid_file.display()
+    );
+    std::fs::write(&program, script).unwrap();
+    std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let report = directory.path().join("report");
+    let mut running = Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
+        .args(["--library", "sim", "--only", "startup/n3", "--only", "startup/n8"])
+        .args([Path::new("--bin"), &fake, Path::new("--bin"), &programs])
+        .args([Path::new("--report"), &report])
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let start = Instant::now();
+    let pid = loop {
+        if let Ok(text) = std::fs::read_to_string(&pid_file) {
+            break Pid::from_raw(text.trim().parse().unwrap());
+        }
+        assert!(start.elapsed() < DEADLINE && running.try_wait().unwrap().is_none());
+        std::thread::yield_now();
+    };
+    kill(Pid::from_raw(running.id().try_into().unwrap()), Signal::SIGINT).unwrap();
+    assert_eq!(running.wait().unwrap().code(), Some(1));
+    assert_eq!(kill(pid, None), Err(Errno::ESRCH));
+    let json = std::fs::read_to_string(report.join("report.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["complete"], false);
+    let steps = json["steps"].as_array().unwrap();
+    assert_eq!((steps.len(), &steps[0]["status"]), (1, &"interrupted".into()));
 }
 
 #[test]
