@@ -62,6 +62,12 @@ pub const GROUP: Group = Group {
             },
         },
         Step {
+            name: "six_gateways",
+            proves: "Six gateways reach OP and return every frame.",
+            needs: &[Need::EchoNodes, Need::Gateways(6)],
+            run: |bench| run_echo(bench, EchoRun { gateways: 6, ..EchoRun::n(3) }).map(drop),
+        },
+        Step {
             name: "counters_of_the_slave",
             proves: "The frames that the host counts as delivered are those on the gateway's CAN bus.",
             needs: &[Need::Wire],
