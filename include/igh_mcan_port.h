@@ -1084,7 +1084,11 @@ int igh_mcan_port_get_channel_status(igh_mcan_port_t *port,
 /* ---------------------------------------------------------------------------
  * Counters and capabilities
  *
- * Counters only grow, and wrap at 2^64.
+ * Counters only grow, and wrap at 2^64. Each accepted frame is in exactly one column:
+ * frames_accepted is the sum of frames_delivered, frames_lost, frames_discarded, frames_unknown and
+ * frames_pending. Images read from the gateway since it was ready for the first time are
+ * txpdo_received, txpdo_lost and txpdo_discarded, and at most txpdo_unknown more; the number of
+ * frames in lost and unknown images cannot be known.
  * --------------------------------------------------------------------------- */
 
 /** Counters of one gateway. */
@@ -1097,13 +1101,13 @@ typedef struct {
     uint64_t rxpdo_published;
     /** Cycles in which an unconfirmed image was repeated. */
     uint64_t rxpdo_repeated;
-    /** RxPDO images with discarded frames. */
+    /** RxPDO images with frames that were not sent any more. */
     uint64_t rxpdo_discarded;
     /** TxPDO images with new content. */
     uint64_t txpdo_received;
     /** Cycles without a new TxPDO image. */
     uint64_t txpdo_repeated;
-    /** Lost TxPDO images, by the gaps in the sequence. */
+    /** Lost or damaged TxPDO images, by the gaps in the sequence. */
     uint64_t txpdo_lost;
     /** TxPDO images that were being written while they were read. */
     uint64_t txpdo_torn;
@@ -1117,19 +1121,32 @@ typedef struct {
     uint64_t unmatched_results;
     /** Times that the gateway became ready. */
     uint64_t sessions;
-    /** Times that the gateway was lost while ready. */
+    /** Times that the gateway was lost while ready; a loss during its verification is none. */
     uint64_t sessions_lost;
     /** Failed verifications. */
     uint64_t verification_failures;
+    /**
+     * TxPDO images that arrived while the gateway was not ready; their frames are not handed
+     * out.
+     */
+    uint64_t txpdo_discarded;
+    /**
+     * TxPDO images that may have been lost at most in outages after which the gateway started
+     * its sequence again.
+     */
+    uint64_t txpdo_unknown;
 } igh_mcan_statistics_t;
 
 /** Counters of one channel. */
 typedef struct {
     /** Frames of RxPDO images that were published. */
     uint64_t frames_sent;
-    /** Frames of delivered images. */
+    /** Frames that the gateway took in OP. */
     uint64_t frames_delivered;
-    /** Frames of discarded images, by the application or after a lost session. */
+    /**
+     * Frames that never left the host: discarded by the application or after a lost session, or
+     * withdrawn because their phase had passed.
+     */
     uint64_t frames_discarded;
     /** Frames received in TxPDO images. */
     uint64_t frames_received;
@@ -1143,6 +1160,27 @@ typedef struct {
     uint64_t results_ok;
     /** Transmit results that reported a failure. */
     uint64_t results_failed;
+    /** Frames that a send accepted. */
+    uint64_t frames_accepted;
+    /** Frames of published images that the gateway certainly did not take. */
+    uint64_t frames_lost;
+    /**
+     * Frames that the gateway may have taken: of images whose delivery is not known, or that it
+     * may have taken outside OP.
+     */
+    uint64_t frames_unknown;
+    /** Frames without a known result so far; not a counter. */
+    uint64_t frames_pending;
+    /**
+     * Frames of images that the slave controller took, by the working counter: of those that are
+     * delivered, pending or unknown.
+     */
+    uint64_t frames_confirmed;
+    /**
+     * Frames that arrived and that the application did not take: left in their cycle, or while
+     * the gateway was not ready.
+     */
+    uint64_t frames_not_taken;
 } igh_mcan_channel_statistics_t;
 
 /** Capabilities of a gateway (0xF000, manual 13.8), read when the Port was opened. */

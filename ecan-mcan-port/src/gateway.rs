@@ -1,11 +1,12 @@
 //! One gateway in the Port: its session, images and counters, and its part of the cycle.
 
-use ecan_host::{Adapter, CycleError, Plan};
+use ecan_host::{Adapter, CycleError, Delivery, DomainReport, Plan};
 use ecan_protocol::can::FrameRef;
-use ecan_protocol::device::Capabilities;
+use ecan_protocol::device::{AlState, Capabilities};
 use ecan_protocol::image::{ImageReader, ImageWriter, OptionFlags};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
+use crate::al_watch::AlWatch;
 use crate::port_config::GatewayConfig;
 use crate::receive::receiver::Receiver;
 use crate::schedule::config::ScheduleConfig;
@@ -19,6 +20,7 @@ use crate::transmit::window::DEFAULT_DEPTH;
 #[derive(Debug)]
 pub(crate) struct Gateway {
     pub(crate) session: SessionMachine,
+    al_watch: AlWatch,
     pub(crate) transmitter: Transmitter,
     pub(crate) receiver: Receiver,
     pub(crate) statistics: SlaveStatistics,
@@ -76,6 +78,7 @@ impl Gateway {
         let channel_mask = config.channel_mask();
         Ok(Self {
             session: SessionMachine::new(adapter, slave, config)?,
+            al_watch: AlWatch::new(adapter, slave)?,
             watch: ScheduleWatch::new(adapter, slave, channel_mask, &schedule, dc)?,
             transmitter: Transmitter::new(writer, &rx, depth, has_results, schedule.discard_missed),
             receiver: Receiver::new(reader),
@@ -127,9 +130,13 @@ impl Gateway {
         let last_ns = std::mem::replace(&mut self.pulse_ns, pulse_ns);
         let is_same_pulse = pulse_ns.is_some() && last_ns == pulse_ns;
         let image = adapter.rx_pdo_mut(slave);
-        self.transmitter.begin(image, report.outputs, is_same_pulse, &mut self.statistics);
+        self.transmitter.begin(image, &report, is_same_pulse, &mut self.statistics);
+        self.step_al_watch(adapter, &report);
         self.step_session(adapter, slave, number);
         if !self.session.is_ready() {
+            let Self { receiver, statistics, .. } = self;
+            let may_publish = || may_publish(adapter, slave);
+            receiver.pass_over(adapter.tx_pdo(slave), report.inputs, may_publish, statistics);
             return;
         }
         self.step_watch(adapter);
@@ -148,10 +155,28 @@ impl Gateway {
         }
     }
 
+    pub(crate) fn statistics(&self) -> SlaveStatistics {
+        let mut statistics = self.statistics;
+        for (channel, pending) in statistics.channels.iter_mut().zip(self.transmitter.pending()) {
+            channel.frames_pending = pending;
+        }
+        statistics
+    }
+
+    fn step_al_watch(&mut self, adapter: &mut Adapter, report: &DomainReport) {
+        let answers = report.outputs == Delivery::Confirmed;
+        let mark = self.transmitter.mark();
+        if let Some(mark) = self.al_watch.step(adapter, answers, mark) {
+            self.transmitter.prove(mark, &mut self.statistics);
+        }
+    }
+
     fn step_session(&mut self, adapter: &mut Adapter, slave: usize, number: u64) {
         let Self { session, transmitter, receiver, statistics, watch, ready_since, .. } = self;
         let no_input = self.input_limit > 0 && receiver.misses() > self.input_limit;
         let is_lost = transmitter.misses() > self.hold_limit || no_input;
+        let was_ready = session.is_ready();
+        session.set_below_op(self.al_watch.is_below_op());
         match session.step(adapter, is_lost, transmitter.published_sequence()) {
             Event::None => {}
             Event::Started => {
@@ -174,8 +199,12 @@ impl Gateway {
             Event::Lost => {
                 receiver.reset();
                 transmitter.reset(statistics);
-                statistics.sessions_lost += 1;
-                tracing::warn!(slave, "slave {slave}: lost");
+                if was_ready {
+                    statistics.sessions_lost += 1;
+                    tracing::warn!(slave, "slave {slave}: lost");
+                } else {
+                    tracing::info!(slave, "slave {slave}: lost during its verification");
+                }
             }
         }
     }
@@ -216,6 +245,12 @@ impl Gateway {
             self.transmitter.withdraw_late(adapter.rx_pdo_mut(slave), &mut self.statistics);
         }
     }
+}
+
+/// Whether a gateway may publish images, by the state that the master reports.
+fn may_publish(adapter: &Adapter, slave: usize) -> bool {
+    let state = adapter.slave_state(slave);
+    state.is_ok_and(|state| state.online && state.al_state >= AlState::SafeOp.raw())
 }
 
 #[cold]

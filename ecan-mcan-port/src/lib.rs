@@ -18,6 +18,7 @@
 #![forbid(unsafe_code)]
 
 mod address;
+mod al_watch;
 mod config;
 mod config_check;
 mod cycle;

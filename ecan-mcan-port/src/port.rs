@@ -247,7 +247,7 @@ impl Port {
 
     /// Counters of a gateway and its channels; real-time safe.
     pub fn statistics(&self, gateway: GatewayHandle) -> SlaveStatistics {
-        self.find(gateway).map_or_else(SlaveStatistics::default, |gateway| gateway.statistics)
+        self.find(gateway).map_or_else(SlaveStatistics::default, Gateway::statistics)
     }
 
     /// Last fault of a TxPDO image (manual 16.2); real-time safe.
@@ -282,7 +282,8 @@ impl Port {
     }
 
     /// Discards every frame that is not known to have reached the gateway, and returns their
-    /// number. The gateway may have executed frames of an unconfirmed image all the same.
+    /// number. The gateway may have executed frames of an unconfirmed image all the same: they count
+    /// as unknown, the others as discarded.
     /// Real-time safe.
     pub fn discard_pending(&mut self, gateway: GatewayHandle) -> usize {
         self.gateways

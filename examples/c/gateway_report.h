@@ -18,6 +18,9 @@ void session_watch_init(session_watch_t *watch);
 /* Prints a line for every gateway whose session changed since the last call. */
 void session_watch_print(session_watch_t *watch, bus_t *bus, uint64_t elapsed_ns);
 
+/* Returns true while the delivery of a frame is not proven yet. */
+bool gateway_report_has_pending(bus_t *bus, const bus_settings_t *settings);
+
 /* Prints the counters of all gateways and channels. */
 bool gateway_report_print(bus_t *bus, const bus_settings_t *settings);
 

@@ -203,7 +203,8 @@ static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t 
             last_activity = elapsed;
         }
         if (source->done == source->total) {
-            if (check->pending == 0 || elapsed - last_activity > quiet_ns) {
+            bool is_done = check->pending == 0 && !gateway_report_has_pending(bus, settings);
+            if (is_done || elapsed - last_activity > quiet_ns) {
                 break;
             }
         } else if (frame_source_next_due(source, &due)) {

@@ -108,7 +108,7 @@ impl LoopRecord {
             source.next_due_ns().map(|due| now_ns.saturating_sub(due.max(self.last_frame_ns)));
         let is_idle = idle_ns > IDLE_TIMEOUT_NS.max(IDLE_CYCLES * self.cycle_ns);
         stalled_ns.is_some_and(|ns| ns > STALL_TIMEOUT_NS)
-            || !is_sending && (self.check.pending() == 0 || is_idle)
+            || !is_sending && (is_idle || self.check.pending() == 0 && !has_pending_frames(port))
     }
 
     /// Closes the log file and prints the summary.
@@ -141,9 +141,10 @@ impl LoopRecord {
         for gateway in port.gateways() {
             let statistics = port.statistics(gateway);
             let errors = statistics.parse_errors + statistics.txpdo_torn;
-            if errors + statistics.txpdo_lost > 0 {
-                let lost = statistics.txpdo_lost;
-                faults.push(format!("{gateway}: {errors} image errors, {lost} images lost"));
+            let lost = statistics.txpdo_lost + statistics.txpdo_unknown;
+            if errors + lost > 0 {
+                let text = format!("{errors} image errors, {lost} images lost or unknown");
+                faults.push(format!("{gateway}: {text}"));
             }
             if !port.gateway_is_ready(gateway) {
                 faults.push(format!("{gateway}: {}", port.session(gateway)));
@@ -158,4 +159,9 @@ impl LoopRecord {
         }
         faults.is_empty()
     }
+}
+
+/// Whether the delivery of a frame is not proven yet.
+fn has_pending_frames(port: &Port) -> bool {
+    port.gateways().any(|at| port.statistics(at).channels.iter().any(|it| it.frames_pending > 0))
 }

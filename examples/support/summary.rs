@@ -15,8 +15,18 @@ pub fn table(port: &Port, elapsed_ns: u64, loads: &[BusLoad]) -> String {
     let _ = writeln!(text, "\nran {seconds:.3} s, cycle {cycle_us} us");
     let _ = writeln!(
         text,
-        "\n{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>10}",
-        "channel", "sent", "delivered", "received", "discarded", "rejected", "bus load"
+        "\n{:<14}{:>10}{:>10}{:>8}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}",
+        "channel",
+        "accepted",
+        "delivered",
+        "lost",
+        "discarded",
+        "unknown",
+        "pending",
+        "received",
+        "not taken",
+        "rejected",
+        "bus load"
     );
     for gateway in port.gateways() {
         let slave = gateway.slave();
@@ -34,12 +44,16 @@ pub fn table(port: &Port, elapsed_ns: u64, loads: &[BusLoad]) -> String {
                 count.rejected_image_full + count.rejected_queue_full + count.rejected_bus_off;
             let _ = writeln!(
                 text,
-                "{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>8.1} %",
+                "{:<14}{:>10}{:>10}{:>8}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>8.1} %",
                 format!("slave {slave} can{channel}"),
-                count.frames_sent,
+                count.frames_accepted,
                 count.frames_delivered,
-                count.frames_received,
+                count.frames_lost,
                 count.frames_discarded,
+                count.frames_unknown,
+                count.frames_pending,
+                count.frames_received,
+                count.frames_not_taken,
                 rejected,
                 percent
             );
@@ -47,14 +61,23 @@ pub fn table(port: &Port, elapsed_ns: u64, loads: &[BusLoad]) -> String {
     }
     let _ = writeln!(
         text,
-        "\n{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>10}{:>10}",
-        "gateway", "cycles", "wc miss", "images", "repeated", "rx images", "rx lost", "errors"
+        "\n{:<14}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}",
+        "gateway",
+        "cycles",
+        "wc miss",
+        "images",
+        "repeated",
+        "rx images",
+        "rx lost",
+        "rx disc.",
+        "rx unkn.",
+        "errors"
     );
     for gateway in port.gateways() {
         let s = port.statistics(gateway);
         let _ = writeln!(
             text,
-            "{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>10}{:>10}",
+            "{:<14}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}",
             gateway.to_string(),
             s.cycles,
             s.incomplete_cycles,
@@ -62,6 +85,8 @@ pub fn table(port: &Port, elapsed_ns: u64, loads: &[BusLoad]) -> String {
             s.rxpdo_repeated,
             s.txpdo_received,
             s.txpdo_lost,
+            s.txpdo_discarded,
+            s.txpdo_unknown,
             s.parse_errors + s.txpdo_torn
         );
         if s.sessions_lost > 0 || s.txpdo_incomplete > 0 {

@@ -34,8 +34,9 @@ fn plain_loop_runs_and_prints_a_summary() {
     let printed = succeeds(&["--ecrt", "sim"]);
     assert!(printed.starts_with("SIMULATED"), "{printed}");
     let channel = printed.lines().find(|line| line.starts_with("slave 0 can0")).unwrap();
-    let numbers: Vec<_> = channel.split_whitespace().skip(3).take(5).collect();
-    assert_eq!(numbers, ["1000", "1000", "1000", "0", "0"], "{printed}");
+    let numbers: Vec<_> = channel.split_whitespace().skip(3).take(9).collect();
+    let (sent, received) = (["1000", "1000", "0", "0", "0", "0"], ["1000", "0", "0"]);
+    assert_eq!(numbers, [&sent[..], &received].concat(), "{printed}");
 }
 
 #[test]
@@ -245,13 +246,13 @@ n = 3
 can1 = { bitrate = 1_000_000 }
 ";
 
-/// The channels of the summary: name, frames sent and delivered, bus load.
+/// The channels of the summary: name, frames accepted and delivered, bus load.
 fn channels(printed: &str) -> Vec<(String, u64, u64, f64)> {
     let lines = printed.lines().filter(|line| line.starts_with("slave ") && line.contains(" can"));
     let row = |line: &str| {
         let expected: Vec<_> = line.split_whitespace().collect();
         let number = |at: usize| expected[at].parse::<u64>().unwrap();
-        (expected[1..3].join(" "), number(3), number(4), expected[8].parse().unwrap())
+        (expected[1..3].join(" "), number(3), number(4), expected[12].parse().unwrap())
     };
     lines.map(row).collect()
 }

@@ -204,6 +204,9 @@ static void remote_and_batch(igh_mcan_port_t *port)
     GOOD(igh_mcan_port_get_channel_statistics(port, 0, 0, &statistics));
     TRUE(statistics.frames_sent >= 300);
     SAME(statistics.frames_sent, statistics.frames_delivered);
+    SAME(statistics.frames_sent, statistics.frames_accepted);
+    SAME(0, statistics.frames_lost + statistics.frames_discarded + statistics.frames_unknown +
+                statistics.frames_pending);
     TRUE(statistics.rejected_image_full + statistics.rejected_queue_full > 0);
     SAME(0, statistics.results_failed);
 }

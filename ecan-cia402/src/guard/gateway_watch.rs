@@ -25,7 +25,7 @@ const STEADY: u8 = 3;
 /// channel does not include yet, and the last one that it includes.
 const NEWEST_IMAGES: usize = 2;
 
-/// Numbers of delivered frames that are kept: for the newest images, and for those that a scheduled
+/// Numbers of confirmed frames that are kept: for the newest images, and for those that a scheduled
 /// frame waits.
 const HISTORY: usize = 16;
 
@@ -87,7 +87,7 @@ struct ChannelWatch {
     /// A drive sent a TPDO: in this cycle, and the cycles since.
     has_answered: bool,
     answer_age: u32,
-    /// Frames delivered: now, and one, two, .. new images ago.
+    /// Frames of confirmed images: now, and one, two, .. new images ago.
     delivered: [u64; HISTORY],
 }
 
@@ -289,7 +289,7 @@ impl ChannelWatch {
             self.delivered.rotate_right(1);
         }
         if let Some(latest) = self.delivered.first_mut() {
-            *latest = counters.frames_delivered;
+            *latest = counters.frames_confirmed;
         }
     }
 

@@ -1,4 +1,4 @@
-//! SDO requests in parallel with the cycle.
+//! SDO and register requests in parallel with the cycle.
 
 use ecrt_sys::Errno;
 
@@ -6,7 +6,7 @@ use super::Adapter;
 use ecan_protocol::device::AlState;
 
 use crate::error::{CycleError, Error};
-use crate::master::{RequestState, SdoRequestId};
+use crate::master::{RegRequestId, RequestState, SdoRequestId};
 use crate::phase::Phase;
 
 /// ESC register AL control.
@@ -123,5 +123,45 @@ impl Adapter {
     /// Data of an upload, once its state is [`RequestState::Success`]. Real-time safe.
     pub fn sdo_request_data(&self, id: SdoRequestId) -> &[u8] {
         self.master.sdo_request_data(id)
+    }
+
+    /// Creates a request for registers of the slave controller, up to `size` bytes.
+    ///
+    /// Only while [`Phase::Configured`]. Not for the cycle.
+    pub fn create_register_request(
+        &mut self,
+        slave: usize,
+        size: usize,
+    ) -> Result<RegRequestId, Error> {
+        self.need_phase("create_register_request", Phase::Configured)?;
+        let config = self.slave(slave)?.config;
+        let call = "ecrt_slave_config_create_reg_request";
+        self.master
+            .create_reg_request(config, size)
+            .map_err(|e| Error::library(call, Some(slave), e))
+    }
+
+    /// Starts reading `size` bytes of registers from `address`. Real-time safe; the request must not
+    /// be [`RequestState::Busy`].
+    pub fn register_request_read(
+        &mut self,
+        id: RegRequestId,
+        address: u16,
+        size: usize,
+    ) -> Result<(), CycleError> {
+        self.master
+            .reg_request_read(id, address, size)
+            .map_err(CycleError::library("ecrt_reg_request_read"))
+    }
+
+    /// State of a register request. Real-time safe.
+    pub fn register_request_state(&mut self, id: RegRequestId) -> Result<RequestState, CycleError> {
+        self.master.reg_request_state(id).map_err(CycleError::library("ecrt_reg_request_state"))
+    }
+
+    /// Registers that a request has read, once its state is [`RequestState::Success`]. Real-time
+    /// safe.
+    pub fn register_request_data(&self, id: RegRequestId) -> &[u8] {
+        self.master.reg_request_data(id)
     }
 }

@@ -61,24 +61,26 @@ impl<'c> OpenImage<'c> {
 }
 
 impl Gateway {
-    /// Counts the transmit results that nobody took out of the image of this cycle: whoever sent
-    /// the frames can find by the counters that results are missing.
+    /// Counts the frames and transmit results that nobody took out of the image of this cycle:
+    /// whoever sent the frames can find by the counters that results are missing.
     #[inline]
     pub(crate) fn close_image(&mut self, adapter: &Adapter, slave: usize) {
         if self.receiver.pending.is_some() {
-            self.count_results(adapter, slave);
+            self.count_items(adapter, slave);
         }
     }
 
     #[cold]
-    fn count_results(&mut self, adapter: &Adapter, slave: usize) {
+    fn count_items(&mut self, adapter: &Adapter, slave: usize) {
         let Some(packets) = self.receiver.resume(adapter.tx_pdo(slave)) else { return };
         for packet in packets {
             match packet {
                 Ok(Packet::TxResult(result)) => {
                     self.take_result(slave, &result);
                 }
-                Ok(Packet::Frame(_)) => {}
+                Ok(Packet::Frame(packet)) => {
+                    self.statistics.channel(packet.channel).frames_not_taken += 1;
+                }
                 Err(diagnosis) => {
                     self.receiver.fault(diagnosis, &mut self.statistics);
                     break;
@@ -90,7 +92,7 @@ impl Gateway {
     /// Assigns a transmit result to its frame, and counts it.
     fn take_result(&mut self, slave: usize, result: &TxResult) -> TransmitReport {
         let Self { transmitter, statistics, .. } = self;
-        let send = transmitter.take_result(result);
+        let send = transmitter.take_result(result, statistics);
         if send.is_none() {
             statistics.unmatched_results += 1;
         } else if result.code.is_success() {

@@ -2,18 +2,19 @@
 
 use ecan_host::Delivery;
 use ecan_protocol::image::{
-    Arrival, ChannelStatus, Header, ImageFault, ImageReader, PacketCursor, Packets, ParseDiagnosis,
-    SequenceTracker,
+    ChannelStatus, Header, Image, ImageFault, ImageReader, Packet, PacketCursor, Packets,
+    ParseDiagnosis,
 };
 use ecan_protocol::mapping::{CHANNELS, HEADER_BYTES};
 
+use crate::receive::numbering::{ImageNumbering, MissingImages};
 use crate::receive::report::ImageReport;
 use crate::statistics::SlaveStatistics;
 
 #[derive(Debug)]
 pub(crate) struct Receiver {
     reader: ImageReader,
-    tracker: SequenceTracker,
+    numbering: ImageNumbering,
     report: ImageReport,
     last_diagnosis: Option<ParseDiagnosis>,
     /// Of the last new image.
@@ -30,7 +31,7 @@ impl Receiver {
     pub(crate) fn new(reader: ImageReader) -> Self {
         Self {
             reader,
-            tracker: SequenceTracker::new(),
+            numbering: ImageNumbering::default(),
             report: ImageReport::None,
             last_diagnosis: None,
             header: Header::parse(&[0; HEADER_BYTES]),
@@ -70,8 +71,8 @@ impl Receiver {
         self.last_diagnosis
     }
 
+    /// A session begins or ends. The last image stays known: the memory still holds it.
     pub(crate) fn reset(&mut self) {
-        self.tracker.reset();
         self.report = ImageReport::None;
         self.pending = None;
         self.misses = 0;
@@ -89,15 +90,20 @@ impl Receiver {
         self.misses = self.misses.saturating_add(1);
         match self.reader.read(image) {
             Ok(image) => {
-                let lost = match self.tracker.observe(image.sequence()) {
-                    Arrival::Repeated => {
-                        statistics.txpdo_repeated += 1;
-                        self.report = ImageReport::Repeated;
-                        return false;
-                    }
-                    Arrival::First | Arrival::Next => 0,
-                    Arrival::Gap { lost } => lost,
+                let is_old = fetched == Delivery::Missed && !self.numbering.has_image();
+                let missing = match is_old {
+                    true => None,
+                    false => self.numbering.observe(image.sequence()),
                 };
+                let Some(missing) = missing else {
+                    if fetched != Delivery::Confirmed {
+                        self.numbering.missed(|| true);
+                    }
+                    statistics.txpdo_repeated += 1;
+                    self.report = ImageReport::Repeated;
+                    return false;
+                };
+                let lost = missing.lost;
                 let (is_incomplete, layout_changed) =
                     (image.is_incomplete(), image.layout_changed());
                 self.report = ImageReport::New { lost, is_incomplete, layout_changed };
@@ -106,21 +112,55 @@ impl Receiver {
                 self.misses = 0;
                 statistics.txpdo_received += 1;
                 statistics.txpdo_lost += u64::from(lost);
+                statistics.txpdo_unknown += missing.unknown;
                 statistics.txpdo_incomplete += u64::from(is_incomplete);
                 statistics.txpdo_layout_changes += u64::from(layout_changed);
                 true
             }
             Err(_) if fetched == Delivery::Missed => {
                 // Still the faulty image of an earlier cycle.
+                self.numbering.missed(|| true);
                 statistics.txpdo_repeated += 1;
                 self.report = ImageReport::Repeated;
                 false
             }
             Err(diagnosis) => {
+                self.numbering.missed(|| true);
                 self.fault(diagnosis, statistics);
                 false
             }
         }
+    }
+
+    /// Counts the image of a cycle in which the gateway is not ready: nothing is handed out.
+    /// `may_publish`: it may be in SAFEOP or OP.
+    pub(crate) fn pass_over(
+        &mut self,
+        image: &[u8],
+        fetched: Delivery,
+        may_publish: impl FnOnce() -> bool,
+        statistics: &mut SlaveStatistics,
+    ) {
+        self.numbering.allow_restart();
+        let read = (fetched != Delivery::Missed).then(|| self.reader.read(image));
+        match read {
+            Some(Ok(image)) => {
+                if let Some(missing) = self.numbering.observe(image.sequence()) {
+                    if statistics.sessions > 0 {
+                        count_passed_over(&image, missing, statistics);
+                    }
+                    return;
+                }
+                if fetched == Delivery::Confirmed {
+                    return;
+                }
+            }
+            Some(Err(_)) if fetched == Delivery::Confirmed => {
+                return self.numbering.missed(|| true);
+            }
+            _ => {}
+        }
+        self.numbering.missed(may_publish);
     }
 
     /// Records a fault; the packets before it were handed out and stay valid.
@@ -139,5 +179,16 @@ impl Receiver {
     pub(crate) fn resume<'i>(&mut self, image: &'i [u8]) -> Option<Packets<'i>> {
         let cursor = self.pending.take()?;
         Some(self.reader.resume(image, &self.header, cursor))
+    }
+}
+
+fn count_passed_over(image: &Image<'_>, missing: MissingImages, statistics: &mut SlaveStatistics) {
+    statistics.txpdo_discarded += 1;
+    statistics.txpdo_lost += u64::from(missing.lost);
+    statistics.txpdo_unknown += missing.unknown;
+    for packet in image.packets().flatten() {
+        if let Packet::Frame(packet) = packet {
+            statistics.channel(packet.channel).frames_not_taken += 1;
+        }
     }
 }

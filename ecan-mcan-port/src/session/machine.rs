@@ -122,6 +122,8 @@ pub(crate) struct SessionMachine {
     cycles: u64,
     /// Its serial number is programmed.
     has_serial: bool,
+    /// The gateway was below OP when its AL status was read last. The master's state lags.
+    is_below_op: bool,
     /// In OP without any process data since then.
     unmapped_since_ns: Option<u64>,
     /// This attempt only identifies a gateway without process data.
@@ -154,6 +156,7 @@ impl SessionMachine {
             retry_at_ns: 0,
             cycles: 0,
             has_serial: serial != 0,
+            is_below_op: false,
             unmapped_since_ns: None,
             is_identifying: false,
             below_op: None,
@@ -167,6 +170,10 @@ impl SessionMachine {
 
     pub(crate) fn is_ready(&self) -> bool {
         self.state == Session::Ready
+    }
+
+    pub(crate) fn set_below_op(&mut self, is_below_op: bool) {
+        self.is_below_op = is_below_op;
     }
 
     pub(crate) fn last_fault(&self) -> Option<VerificationFault> {
@@ -205,6 +212,7 @@ impl SessionMachine {
     pub(crate) fn step(&mut self, adapter: &mut Adapter, is_lost: bool, published: u16) -> Event {
         self.cycles += 1;
         let is_due = self.cycles.is_multiple_of(WATCH_CYCLES);
+        let is_lost = is_lost || self.is_below_op;
         match self.state {
             Session::Ready if is_lost || (is_due && self.has_left_op(adapter)) => self.lose(),
             Session::Ready => Event::None,
@@ -290,7 +298,7 @@ impl SessionMachine {
     }
 
     fn is_operational(&self, adapter: &Adapter) -> bool {
-        adapter.slave_state(self.slave).is_ok_and(|state| state.operational)
+        !self.is_below_op && adapter.slave_state(self.slave).is_ok_and(|state| state.operational)
     }
 
     fn outputs_arrive(&self, adapter: &Adapter) -> bool {

@@ -5,4 +5,5 @@ pub(crate) mod history;
 pub(crate) mod options;
 pub(crate) mod send;
 pub(crate) mod transmitter;
+pub(crate) mod unproven;
 pub(crate) mod window;

@@ -112,6 +112,7 @@ impl Port {
         let id_aux = options.hint as u8;
         match gateway.transmitter.push(image, channel, id_aux, frame, options.schedule) {
             Ok((sequence, index)) => {
+                gateway.statistics.channel(channel).frames_accepted += 1;
                 if options.schedule.is_some() {
                     gateway.transmitter.accounts_mut().scheduled(channel, has_margin);
                 }

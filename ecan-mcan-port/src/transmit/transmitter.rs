@@ -3,7 +3,7 @@
 //! An unconfirmed image that carries frames is sent again unchanged: for the gateway a repeat is a
 //! no-op. Frames sent until its delivery is confirmed are collected in a spare image.
 
-use ecan_host::Delivery;
+use ecan_host::{Delivery, DomainReport};
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::{
     CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, PushError, ResultCode, Schedule,
@@ -14,10 +14,11 @@ use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 use crate::schedule::account::{ScheduleAccounts, ScheduledFrameState};
 use crate::statistics::SlaveStatistics;
 use crate::transmit::history::{OpenFrame, TransmitHistory};
+use crate::transmit::unproven::UnprovenFrames;
 use crate::transmit::window::TransmitWindow;
 
 /// Frames per channel in an image.
-type Counts = [u8; CHANNELS];
+pub(crate) type Counts = [u8; CHANNELS];
 
 #[derive(Debug)]
 pub(crate) struct Transmitter {
@@ -27,6 +28,12 @@ pub(crate) struct Transmitter {
     published: Option<Counts>,
     /// The published image is unconfirmed; new frames go to the spare image.
     is_unconfirmed: bool,
+    /// An exchange of the published image had no certain result: the gateway may have taken it.
+    may_be_taken: bool,
+    /// Number of the published image, from 1, of the last delivered one, and of the one before.
+    published_number: u64,
+    delivered_numbers: [u64; 2],
+    unproven: UnprovenFrames,
     /// An image has begun and not ended.
     is_open: bool,
     /// Unconfirmed images in a row.
@@ -56,6 +63,10 @@ impl Transmitter {
             spare: vec![0; profile.pdo_bytes()].into_boxed_slice(),
             published: None,
             is_unconfirmed: false,
+            may_be_taken: false,
+            published_number: 0,
+            delivered_numbers: [0; 2],
+            unproven: UnprovenFrames::default(),
             is_open: false,
             misses: 0,
             history: TransmitHistory::new(),
@@ -94,8 +105,15 @@ impl Transmitter {
     }
 
     /// The sent frame that a result belongs to, if any.
-    pub(crate) fn take_result(&mut self, result: &TxResult) -> Option<OpenFrame> {
+    pub(crate) fn take_result(
+        &mut self,
+        result: &TxResult,
+        statistics: &mut SlaveStatistics,
+    ) -> Option<OpenFrame> {
         let frame = self.history.take(result)?;
+        // A gateway parses images in OP, in order.
+        let age = self.published_sequence.wrapping_sub(result.sequence);
+        self.prove(self.published_number.saturating_sub(age.into()), statistics);
         if frame.tag.is_some() {
             // The pulse of an image that was sent more than once is unknown.
             let state = match result.code {
@@ -126,12 +144,36 @@ impl Transmitter {
         self.writer.room()
     }
 
-    /// Start of a cycle: `delivery` of the last published image, whose scheduled frames count from the
+    /// Last image that a gateway which is in OP from now on has parsed: it emptied the buffer for
+    /// the one that was delivered after it.
+    pub(crate) fn mark(&self) -> u64 {
+        self.delivered_numbers[0]
+    }
+
+    /// The gateway was in OP when it parsed the images up to this number.
+    pub(crate) fn prove(&mut self, number: u64, statistics: &mut SlaveStatistics) {
+        let frames = self.unproven.prove(number);
+        for (channel, frames) in statistics.channels.iter_mut().zip(frames) {
+            channel.frames_delivered += frames;
+        }
+    }
+
+    /// Frames that were accepted and have no known result yet, per channel.
+    pub(crate) fn pending(&self) -> [u64; CHANNELS] {
+        let mut pending = self.unproven.frames();
+        let (published, filling) = (self.published.unwrap_or_default(), self.filling());
+        for (sum, (published, filling)) in pending.iter_mut().zip(published.iter().zip(filling)) {
+            *sum += u64::from(*published) + u64::from(filling);
+        }
+        pending
+    }
+
+    /// Start of a cycle: `exchange` of the last published image, whose scheduled frames count from the
     /// same pulse as those of this cycle if `is_same_pulse`.
     pub(crate) fn begin(
         &mut self,
         image: &mut [u8],
-        delivery: Delivery,
+        exchange: &DomainReport,
         is_same_pulse: bool,
         statistics: &mut SlaveStatistics,
     ) {
@@ -139,7 +181,10 @@ impl Transmitter {
             return;
         }
         let carries_frames = self.published.is_some_and(|counts| counts.iter().any(|n| *n > 0));
-        match delivery {
+        // A working counter of 0 is also that of an answer that was lost.
+        let is_missed = exchange.outputs == Delivery::Missed && exchange.working_counter > 0;
+        self.may_be_taken |= !is_missed;
+        match exchange.outputs {
             Delivery::Confirmed => {
                 self.misses = 0;
                 self.release(image, statistics);
@@ -188,7 +233,10 @@ impl Transmitter {
 
     fn discard_published(&mut self, statistics: &mut SlaveStatistics) -> usize {
         let Some(counts) = self.published.take() else { return 0 };
-        let frames = count_discarded(&counts, statistics);
+        // Outside a cycle the result of the last exchange is not known.
+        let state =
+            if self.may_be_taken || !self.is_open { Withdrawn::Unknown } else { Withdrawn::Lost };
+        let frames = count_withdrawn(&counts, state, statistics);
         // Results may still arrive for an image that was delivered.
         if !self.has_results {
             self.close_published(ScheduledFrameState::Unknown);
@@ -210,8 +258,12 @@ impl Transmitter {
                 ScheduledFrameState::Taken
             });
         }
-        for (channel, count) in self.published.take().iter().flatten().enumerate() {
-            statistics.channels[channel].frames_delivered += u64::from(*count);
+        if let Some(counts) = self.published.take() {
+            self.delivered_numbers = [self.delivered_numbers[1], self.published_number];
+            self.unproven.add(self.published_number, &counts);
+            for (channel, count) in statistics.channels.iter_mut().zip(counts) {
+                channel.frames_confirmed += u64::from(count);
+            }
         }
         if self.is_unconfirmed {
             self.use_spare(image);
@@ -267,6 +319,8 @@ impl Transmitter {
             statistics.rxpdo_repeated += 1;
             return;
         }
+        self.may_be_taken = false;
+        self.published_number += 1;
         self.published_sequence = self.writer.next_sequence();
         self.published_scheduled = std::mem::take(&mut self.filling_scheduled);
         self.writer.commit(image, CommitFields::default());
@@ -281,7 +335,7 @@ impl Transmitter {
         }
     }
 
-    /// Discards every frame without confirmed delivery and returns their number. The next published
+    /// Withdraws every frame without confirmed delivery and returns their number. The next published
     /// image is a new one.
     pub(crate) fn discard(&mut self, statistics: &mut SlaveStatistics) -> usize {
         let discarded = self.discard_published(statistics) + self.withdraw(statistics);
@@ -301,7 +355,7 @@ impl Transmitter {
         for window in &mut self.windows {
             window.abandoned();
         }
-        count_discarded(&filling, statistics)
+        count_withdrawn(&filling, Withdrawn::Discarded, statistics)
     }
 
     /// Withdraws scheduled frames whose image comes too late for their phase; the others move up.
@@ -367,6 +421,9 @@ impl Transmitter {
 
     pub(crate) fn reset(&mut self, statistics: &mut SlaveStatistics) {
         self.discard(statistics);
+        for (channel, frames) in statistics.channels.iter_mut().zip(self.unproven.take_all()) {
+            channel.frames_unknown += frames;
+        }
         self.misses = 0;
         let Self { history, accounts, .. } = self;
         history.reset(|channel| accounts.ended(channel, ScheduledFrameState::Unknown));
@@ -377,11 +434,76 @@ impl Transmitter {
     }
 }
 
-fn count_discarded(counts: &Counts, statistics: &mut SlaveStatistics) -> usize {
+/// State of frames that the host does not send any more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Withdrawn {
+    /// Their image was not published.
+    Discarded,
+    /// The gateway did not take their image.
+    Lost,
+    /// It may have taken it.
+    Unknown,
+}
+
+fn count_withdrawn(counts: &Counts, state: Withdrawn, statistics: &mut SlaveStatistics) -> usize {
     let frames: usize = counts.iter().map(|n| usize::from(*n)).sum();
     statistics.rxpdo_discarded += u64::from(frames > 0);
-    for (channel, count) in counts.iter().enumerate() {
-        statistics.channels[channel].frames_discarded += u64::from(*count);
+    for (channel, count) in statistics.channels.iter_mut().zip(counts) {
+        let counter = match state {
+            Withdrawn::Discarded => &mut channel.frames_discarded,
+            Withdrawn::Lost => &mut channel.frames_lost,
+            Withdrawn::Unknown => &mut channel.frames_unknown,
+        };
+        *counter += u64::from(*count);
     }
     frames
+}
+
+#[cfg(test)]
+mod tests {
+    use ecan_host::WcState;
+    use ecan_protocol::can::{CanFrame, CanId};
+    use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
+
+    use super::*;
+
+    fn exchange(working_counter: u32) -> DomainReport {
+        let outputs = if working_counter & 2 == 0 { Delivery::Missed } else { Delivery::Confirmed };
+        let wc_state = if working_counter == 0 { WcState::Zero } else { WcState::Incomplete };
+        DomainReport { working_counter, wc_state, outputs, ..DomainReport::default() }
+    }
+
+    /// Frames lost and unknown when the session ends after these exchanges of an image.
+    fn lost_and_unknown(working_counters: &[u32]) -> (u64, u64) {
+        let profile = PdoProfile {
+            multiplier: 1,
+            channel_mask: 1,
+            profile: EncapsulationProfile::Compact,
+            budget: BudgetPolicy::Balanced,
+            options: OptionFlags::NONE,
+        };
+        let writer = ImageWriter::new(Direction::RxPdo, profile);
+        let mut transmitter = Transmitter::new(writer, &profile, 64, false, true);
+        let (mut image, mut statistics) = (vec![0; 128], SlaveStatistics::default());
+        transmitter.begin(&mut image, &DomainReport::default(), false, &mut statistics);
+        let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap();
+        transmitter.push(&mut image, 0, 0, frame.as_ref(), None).unwrap();
+        transmitter.end(&mut image, &mut statistics);
+        for (nth, working_counter) in working_counters.iter().enumerate() {
+            transmitter.begin(&mut image, &exchange(*working_counter), false, &mut statistics);
+            if nth + 1 < working_counters.len() {
+                transmitter.end(&mut image, &mut statistics);
+            }
+        }
+        transmitter.reset(&mut statistics);
+        (statistics.channels[0].frames_lost, statistics.channels[0].frames_unknown)
+    }
+
+    #[test]
+    fn image_is_lost_if_no_exchange_can_have_written_it() {
+        assert_eq!(lost_and_unknown(&[1, 1, 1]), (1, 0), "reads without the write");
+        assert_eq!(lost_and_unknown(&[1, 0, 1]), (0, 1), "an exchange without an answer");
+        assert_eq!(lost_and_unknown(&[0, 3]), (0, 1), "taken, not proven");
+        assert_eq!(lost_and_unknown(&[]), (0, 1), "no result");
+    }
 }

@@ -1,6 +1,10 @@
 //! Counters and capabilities
 //!
-//! Counters only grow, and wrap at 2^64.
+//! Counters only grow, and wrap at 2^64. Each accepted frame is in exactly one column:
+//! frames_accepted is the sum of frames_delivered, frames_lost, frames_discarded, frames_unknown and
+//! frames_pending. Images read from the gateway since it was ready for the first time are
+//! txpdo_received, txpdo_lost and txpdo_discarded, and at most txpdo_unknown more; the number of
+//! frames in lost and unknown images cannot be known.
 
 use ecan_c_export::export;
 use ecan_mcan_host::mirror;
@@ -22,13 +26,13 @@ mirror! {
         rxpdo_published: u64,
         /// Cycles in which an unconfirmed image was repeated.
         rxpdo_repeated: u64,
-        /// RxPDO images with discarded frames.
+        /// RxPDO images with frames that were not sent any more.
         rxpdo_discarded: u64,
         /// TxPDO images with new content.
         txpdo_received: u64,
         /// Cycles without a new TxPDO image.
         txpdo_repeated: u64,
-        /// Lost TxPDO images, by the gaps in the sequence.
+        /// Lost or damaged TxPDO images, by the gaps in the sequence.
         txpdo_lost: u64,
         /// TxPDO images that were being written while they were read.
         txpdo_torn: u64,
@@ -42,10 +46,16 @@ mirror! {
         unmatched_results: u64,
         /// Times that the gateway became ready.
         sessions: u64,
-        /// Times that the gateway was lost while ready.
+        /// Times that the gateway was lost while ready; a loss during its verification is none.
         sessions_lost: u64,
         /// Failed verifications.
         verification_failures: u64,
+        /// TxPDO images that arrived while the gateway was not ready; their frames are not handed
+        /// out.
+        txpdo_discarded: u64,
+        /// TxPDO images that may have been lost at most in outages after which the gateway started
+        /// its sequence again.
+        txpdo_unknown: u64,
     }
 }
 
@@ -55,9 +65,10 @@ mirror! {
     pub struct igh_mcan_channel_statistics_t from rust: ChannelStatistics {
         /// Frames of RxPDO images that were published.
         frames_sent: u64,
-        /// Frames of delivered images.
+        /// Frames that the gateway took in OP.
         frames_delivered: u64,
-        /// Frames of discarded images, by the application or after a lost session.
+        /// Frames that never left the host: discarded by the application or after a lost session, or
+        /// withdrawn because their phase had passed.
         frames_discarded: u64,
         /// Frames received in TxPDO images.
         frames_received: u64,
@@ -71,6 +82,21 @@ mirror! {
         results_ok: u64,
         /// Transmit results that reported a failure.
         results_failed: u64,
+        /// Frames that a send accepted.
+        frames_accepted: u64,
+        /// Frames of published images that the gateway certainly did not take.
+        frames_lost: u64,
+        /// Frames that the gateway may have taken: of images whose delivery is not known, or that it
+        /// may have taken outside OP.
+        frames_unknown: u64,
+        /// Frames without a known result so far; not a counter.
+        frames_pending: u64,
+        /// Frames of images that the slave controller took, by the working counter: of those that are
+        /// delivered, pending or unknown.
+        frames_confirmed: u64,
+        /// Frames that arrived and that the application did not take: left in their cycle, or while
+        /// the gateway was not ready.
+        frames_not_taken: u64,
     }
 }
 

@@ -78,7 +78,7 @@ impl LastReported {
     }
 }
 
-/// Reported number of lost images.
+/// Reported number of lost or unknown images.
 #[derive(Debug, Default)]
 struct Losses {
     reported: u64,
@@ -103,13 +103,22 @@ pub struct StatusWatch {
     reported: [LastReported; CHANNELS],
     session: Session,
     losses: Losses,
+    /// Images before the gateway started its sequence again.
+    unknown: Losses,
 }
 
 impl StatusWatch {
     /// Starts with a ready gateway and running channels.
     pub fn new(channels: Channels, port: &Port) -> Self {
-        let losses = Losses { reported: lost_images(port), ..Losses::default() };
-        Self { channels, reported: Default::default(), session: Session::Ready, losses }
+        let counters = statistics(port);
+        let since = |reported| Losses { reported, ..Losses::default() };
+        Self {
+            channels,
+            reported: Default::default(),
+            session: Session::Ready,
+            losses: since(counters.txpdo_lost),
+            unknown: since(counters.txpdo_unknown),
+        }
     }
 
     /// Passes a line for each change to `report`: lost images, and up to one per second and channel in
@@ -146,15 +155,16 @@ impl StatusWatch {
     }
 
     fn report_losses(&mut self, port: &Port, now_ns: u64, mut report: impl FnMut(String)) {
-        if let Some(lost) = self.losses.next(lost_images(port), now_ns) {
+        let counters = statistics(port);
+        if let Some(lost) = self.losses.next(counters.txpdo_lost, now_ns) {
             report(format!("gateway: {lost} images lost, received frames may be missing"));
         }
+        if let Some(unknown) = self.unknown.next(counters.txpdo_unknown, now_ns) {
+            report(format!(
+                "gateway: up to {unknown} images unknown, received frames may be missing"
+            ));
+        }
     }
-}
-
-/// Lost and invalid images.
-fn lost_images(port: &Port) -> u64 {
-    statistics(port).txpdo_lost
 }
 
 #[cfg(test)]

@@ -17,6 +17,10 @@ pub struct Summary {
     /// Frames of the command that were not passed to the gateway.
     not_tried: u64,
     received: u64,
+    /// Images of the gateway that were lost, and that may have been lost at most in outages. The
+    /// number of frames in them cannot be known.
+    images_lost: u64,
+    images_unknown: u64,
     /// Time from the start to the last sent frame.
     seconds: f64,
     frames_per_second: f64,
@@ -37,6 +41,8 @@ impl Summary {
             under_way: outcome.under_way,
             not_tried: expected.saturating_sub(tracker.count()),
             received,
+            images_lost: counters.txpdo_lost,
+            images_unknown: counters.txpdo_unknown,
             seconds,
             frames_per_second: if seconds > 0.0 { outcome.sent as f64 / seconds } else { 0.0 },
         }
@@ -50,7 +56,15 @@ impl Summary {
                 write!(out, "{under_way} in transit, ")?;
             }
             write!(out, "{received} received")?;
-            writeln!(out, " in {seconds:.3} s: {frames_per_second:.1} frames/s")
+            writeln!(out, " in {seconds:.3} s: {frames_per_second:.1} frames/s")?;
+            match (self.images_lost, self.images_unknown) {
+                (0, 0) => Ok(()),
+                (lost, 0) => writeln!(out, "{lost} images lost, received frames may be missing"),
+                (lost, unknown) => writeln!(
+                    out,
+                    "{lost} images lost and up to {unknown} unknown, received frames may be missing"
+                ),
+            }
         })
     }
 

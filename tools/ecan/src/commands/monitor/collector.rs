@@ -234,6 +234,7 @@ impl Collector {
             expected_working_counter: domain.expected_working_counter,
             incomplete_cycles: since(|it| it.incomplete_cycles),
             lost_images: since(|it| it.txpdo_lost),
+            unknown_images: since(|it| it.txpdo_unknown),
             faulty_images: since(|it| it.parse_errors),
             times_lost: since(|it| it.sessions_lost),
             times_in_service: since(|it| it.sessions),

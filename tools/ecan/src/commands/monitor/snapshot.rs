@@ -75,8 +75,9 @@ pub struct GatewayView {
     pub expected_working_counter: u32,
     /// Cycles with an incomplete working counter.
     pub incomplete_cycles: u64,
-    /// Images that were lost or invalid.
+    /// Images that were lost or invalid, and that may have been lost at most in outages.
     pub lost_images: u64,
+    pub unknown_images: u64,
     pub faulty_images: u64,
     /// Number of losses, and of changes to ready.
     pub times_lost: u64,

@@ -39,11 +39,18 @@ pub fn gateway_cells(gateway: &GatewayView) -> [String; 8] {
         gateway.state.text().to_owned(),
         format!("{working_counter}/{expected_working_counter}"),
         gateway.incomplete_cycles.to_string(),
-        gateway.lost_images.to_string(),
+        lost_images(gateway),
         gateway.faulty_images.to_string(),
         gateway.times_lost.to_string(),
         gateway.reason.clone(),
     ]
+}
+
+fn lost_images(gateway: &GatewayView) -> String {
+    match (gateway.lost_images, gateway.unknown_images) {
+        (lost, 0) => lost.to_string(),
+        (lost, unknown) => format!("{lost} + {unknown}?"),
+    }
 }
 
 pub const CHANNEL_TITLES: [&str; 10] = [

@@ -1,0 +1,306 @@
+//! Accounts of frames and images over faults, compared with the records of the simulated gateway.
+#![allow(missing_docs)]
+
+mod common;
+
+use std::time::Duration;
+
+use common::{Fixture, Handles, SendData, classic, id};
+use ecan_host::{AdapterConfig, Delivery};
+use ecan_mcan_port::{
+    ChannelStatistics, GatewayConfig, ImageReport, Port, PortConfig, Session, SlaveStatistics,
+};
+use ecan_protocol::image::OptionFlags;
+use ecan_sim::{
+    EcrtVersion, Fault, GatewayCounters, GatewayFault, LibraryCall, LossDirection, Scenario,
+};
+use proptest::prelude::*;
+
+const AL_ERROR: Fault =
+    Fault::Gateway { gateway: 0, fault: GatewayFault::AlError { code: 0x001A } };
+
+fn open(scenario: Scenario, multiplier: u8, has_results: bool) -> Fixture {
+    let mut gateway = GatewayConfig::on_channel(0, classic());
+    if has_results {
+        gateway.tx_options = OptionFlags::TX_RESULT;
+    }
+    let adapter =
+        AdapterConfig::new(1).with_multiplier(multiplier).with_cycle(Duration::from_millis(1));
+    Fixture::ready(scenario, adapter, PortConfig::uniform(1, gateway))
+}
+
+fn statistics(fixture: &Fixture) -> SlaveStatistics {
+    fixture.port.statistics(fixture.port.gw(0))
+}
+
+fn counters(fixture: &Fixture) -> GatewayCounters {
+    fixture.simulation.with_world(|world| world.counters(0).unwrap())
+}
+
+/// Checks the transmit columns, also against the frames that the gateway parsed.
+fn check_transmit(channel: &ChannelStatistics, parsed: u64) {
+    let ChannelStatistics { frames_delivered, frames_unknown, frames_pending, .. } = *channel;
+    let never_taken = channel.frames_lost + channel.frames_discarded;
+    let sum = frames_delivered + frames_unknown + frames_pending + never_taken;
+    assert_eq!(channel.frames_accepted, sum, "{channel:?}");
+    assert!(frames_delivered <= parsed, "{parsed} parsed: {channel:?}");
+    assert!(parsed <= frames_delivered + frames_unknown + frames_pending, "{parsed}: {channel:?}");
+}
+
+/// Sends one frame per cycle while the gateway is ready; returns the number of cycles until it is
+/// not, at most `limit`.
+fn send_until_lost(fixture: &mut Fixture, limit: usize) -> Option<usize> {
+    (0..limit).find(|_| {
+        fixture.cycle(|cycle| {
+            let _ = cycle.send_can(0, 0, id(0x100), &[1]);
+        });
+        !fixture.port.is_ready()
+    })
+}
+
+#[test]
+fn frames_taken_outside_op_are_unknown() {
+    for has_results in [false, true] {
+        let mut fixture = open(ecan_sim::echo(1), 3, has_results);
+        assert_eq!(send_until_lost(&mut fixture, 100), None);
+        assert!(statistics(&fixture).channels[0].frames_delivered > 80);
+        fixture.simulation.inject(AL_ERROR);
+        let cycles = send_until_lost(&mut fixture, 500).expect("lost");
+        assert!(cycles < 25, "noticed after {cycles} ms");
+        let channel = statistics(&fixture).channels[0];
+        check_transmit(&channel, counters(&fixture).frames_parsed);
+        assert!(channel.frames_unknown > 0 && channel.frames_pending == 0, "{channel:?}");
+        assert!(fixture.until(10_000, Port::is_ready).is_some());
+        assert_eq!(statistics(&fixture).sessions_lost, 1, "not ready in SAFEOP in between");
+    }
+}
+
+#[test]
+fn delivered_frames_are_pending_until_op_is_proven() {
+    let mut fixture = open(ecan_sim::echo(1), 3, false);
+    fixture.simulation.inject(Fault::RequestsHeld { for_ms: 200 });
+    fixture.idle(20);
+    assert_eq!(send_until_lost(&mut fixture, 50), None);
+    let channel = statistics(&fixture).channels[0];
+    assert_eq!((channel.frames_pending, channel.frames_delivered), (50, 0));
+    fixture.idle(250);
+    let channel = statistics(&fixture).channels[0];
+    assert_eq!((channel.frames_pending, channel.frames_delivered), (0, 50));
+}
+
+#[test]
+fn transmit_results_prove_the_delivery() {
+    let mut fixture = open(ecan_sim::echo(1), 3, true);
+    fixture.simulation.inject(Fault::RequestsHeld { for_ms: 200 });
+    fixture.idle(20);
+    assert_eq!(send_until_lost(&mut fixture, 50), None);
+    fixture.idle(5);
+    let channel = statistics(&fixture).channels[0];
+    assert_eq!((channel.frames_pending, channel.frames_delivered), (0, 50));
+}
+
+/// A working counter of 0 does not show whether the image was taken.
+#[test]
+fn frames_for_a_stalled_gateway_are_unknown_or_discarded() {
+    let mut fixture = open(ecan_sim::echo(1), 3, false);
+    let stall = GatewayFault::ServiceStall { ms: 100 };
+    fixture.simulation.inject(Fault::Gateway { gateway: 0, fault: stall });
+    send_until_lost(&mut fixture, 200).expect("lost");
+    let (channel, parsed) = (statistics(&fixture).channels[0], counters(&fixture).frames_parsed);
+    check_transmit(&channel, parsed);
+    assert!(channel.frames_unknown > 0 && channel.frames_discarded > 0, "{channel:?}");
+}
+
+#[test]
+fn loss_during_the_verification_is_no_lost_session() {
+    let mut fixture = open(ecan_sim::echo(1), 3, false);
+    let outage = Fault::LostFrame { direction: LossDirection::Outward, cycles: 20 };
+    fixture.simulation.inject(outage.clone());
+    assert!(send_until_lost(&mut fixture, 50).is_some());
+    for _ in 0..3 {
+        let is_verifying = |port: &Port| port.session(port.gw(0)) == Session::Verifying;
+        assert!(fixture.until(5_000, is_verifying).is_some());
+        fixture.simulation.inject(outage.clone());
+        assert!(fixture.until(50, |port| !is_verifying(port)).is_some());
+    }
+    assert!(fixture.until(5_000, Port::is_ready).is_some());
+    let statistics = statistics(&fixture);
+    assert_eq!((statistics.sessions, statistics.sessions_lost), (2, 1));
+}
+
+/// The gateway becomes ready in a cycle without an answer, so that the memory holds an old image.
+#[test]
+fn old_image_is_not_new_when_the_gateway_becomes_ready() {
+    let outage = Fault::LostFrame { direction: LossDirection::Outward, cycles: 20 };
+    let ready_after = |lost_at: Option<usize>| {
+        let mut fixture = open(ecan_sim::echo(1), 3, false);
+        fixture.simulation.inject(outage.clone());
+        assert!(send_until_lost(&mut fixture, 50).is_some());
+        for cycle in 0..5_000 {
+            if lost_at == Some(cycle) {
+                let direction = LossDirection::Outward;
+                fixture.simulation.inject(Fault::LostFrame { direction, cycles: 1 });
+            }
+            fixture.cycle(|_| ());
+            if fixture.port.is_ready() {
+                return (cycle, fixture.port.cycle_report(fixture.port.gw(0)));
+            }
+        }
+        panic!("not ready again");
+    };
+    let (usual, _) = ready_after(None);
+    let mut without_answer = 0;
+    for lost_at in usual - 4..usual {
+        let (_, report) = ready_after(Some(lost_at));
+        if report.domain.inputs == Delivery::Missed {
+            without_answer += 1;
+            assert_eq!(report.image, ImageReport::Repeated, "lost at {lost_at} of {usual}");
+        }
+    }
+    assert!(without_answer > 0);
+}
+
+/// Echoes in images that were lost with the gateway.
+#[test]
+fn lost_session_shows_in_the_received_images() {
+    for fault in [Fault::PowerCycle { gateway: 0, off_ms: 200 }, AL_ERROR] {
+        let mut fixture = open(ecan_sim::echo(1), 3, false);
+        assert_eq!(send_until_lost(&mut fixture, 300), None);
+        fixture.simulation.inject(fault.clone());
+        assert!(send_until_lost(&mut fixture, 500).is_some());
+        assert!(fixture.until(30_000, Port::is_ready).is_some());
+        fixture.idle(50);
+        let (statistics, counters) = (statistics(&fixture), counters(&fixture));
+        let channel = statistics.channels[0];
+        let known = channel.frames_received + channel.frames_not_taken;
+        assert!(known <= counters.frames_to_master);
+        let missing_images = statistics.txpdo_lost + statistics.txpdo_unknown;
+        let missing = counters.frames_to_master - known;
+        assert!(missing == 0 || missing_images > 0, "{fault:?}: {missing}, {statistics:?}");
+    }
+}
+
+#[derive(Debug, Clone)]
+struct Case {
+    multiplier: u8,
+    has_results: bool,
+    version: EcrtVersion,
+    /// Cycles before each fault, and the fault.
+    faults: Vec<(usize, Fault)>,
+    /// Of the behaviour of the application.
+    seed: u64,
+}
+
+fn fault() -> impl Strategy<Value = Fault> {
+    let direction = prop_oneof![Just(LossDirection::Outward), Just(LossDirection::Return)];
+    let calls = [
+        LibraryCall::Receive,
+        LibraryCall::Send,
+        LibraryCall::DomainProcess,
+        LibraryCall::DomainQueue,
+        LibraryCall::DomainState,
+    ];
+    let in_gateway = |fault| Fault::Gateway { gateway: 0, fault };
+    prop_oneof![
+        4 => (direction, 1..30u32)
+            .prop_map(|(direction, cycles)| Fault::LostFrame { direction, cycles }),
+        // A smaller offset would show a read without the write that took place.
+        2 => (1..15u32).prop_map(|cycles| Fault::WorkingCounterOffset { offset: -3, cycles }),
+        2 => (1..400u32).prop_map(|off_ms| Fault::PowerCycle { gateway: 0, off_ms }),
+        2 => (1..400u32).prop_map(|for_ms| Fault::LinkLoss { gateway: 0, for_ms }),
+        3 => Just(AL_ERROR),
+        2 => (1..30u32).prop_map(move |ms| in_gateway(GatewayFault::ServiceStall { ms })),
+        1 => (1..4u32).prop_map(move |images| in_gateway(GatewayFault::TornTxPdo { images })),
+        1 => (1..4u32).prop_map(move |images| in_gateway(GatewayFault::CrcErrorTxPdo { images })),
+        2 => (prop::sample::select(calls.to_vec()), 1..4u32)
+            .prop_map(|(call, times)| Fault::LibraryError { call, errno: 4, times }),
+        1 => (1..300u32).prop_map(|for_ms| Fault::RequestsHeld { for_ms }),
+        1 => Just(Fault::BusOff { gateway: 0, channel: 0 }),
+    ]
+}
+
+fn case() -> impl Strategy<Value = Case> {
+    let versions = [EcrtVersion::V1_5, EcrtVersion::V1_6];
+    (
+        prop::sample::select(vec![1, 3, 8]),
+        any::<bool>(),
+        prop::sample::select(versions.to_vec()),
+        prop::collection::vec((0..400usize, fault()), 1..6),
+        any::<u64>(),
+    )
+        .prop_map(|(multiplier, has_results, version, faults, seed)| Case {
+            multiplier,
+            has_results,
+            version,
+            faults,
+            seed,
+        })
+}
+
+/// A pseudo-random number below `bound`.
+fn draw(random: &mut u64, bound: u64) -> u64 {
+    *random =
+        random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+    (*random >> 33) % bound
+}
+
+fn run(case: &Case) {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.version = case.version;
+    let mut fixture = open(scenario, case.multiplier, case.has_results);
+    fixture.idle(5);
+    let (before, recorded_before) = (statistics(&fixture), counters(&fixture));
+    let mut random = case.seed;
+    let mut cycle = |fixture: &mut Fixture| {
+        let frames = draw(&mut random, 6) as u8;
+        let mut cycle = fixture.port.next_cycle();
+        if draw(&mut random, 10) > 0 {
+            cycle.received().for_each(drop);
+        } else {
+            cycle.received().take(1).for_each(drop);
+        }
+        for _ in 0..frames {
+            let _ = cycle.send_can(0, 0, id(0x100), &[frames; 8]);
+        }
+        if draw(&mut random, 100) == 0 {
+            cycle.discard_pending(cycle.gw(0));
+        }
+        cycle.finish();
+        let channel = statistics(fixture).channels[0];
+        check_transmit(&channel, counters(fixture).frames_parsed);
+    };
+    for (cycles, fault) in &case.faults {
+        (0..*cycles).for_each(|_| cycle(&mut fixture));
+        fixture.simulation.inject(fault.clone());
+    }
+    (0..300).for_each(|_| cycle(&mut fixture));
+    assert!(fixture.until(60_000, Port::is_ready).is_some(), "{:?}", statistics(&fixture));
+    fixture.idle(300);
+    let (statistics, counters) = (statistics(&fixture), counters(&fixture));
+    let channel = statistics.channels[0];
+    check_transmit(&channel, counters.frames_parsed);
+    assert_eq!(channel.frames_pending, 0, "{statistics:?}");
+    // The receive columns, in images.
+    let known = |it: &SlaveStatistics| it.txpdo_received + it.txpdo_lost + it.txpdo_discarded;
+    let known = known(&statistics) - known(&before);
+    let unknown = statistics.txpdo_unknown - before.txpdo_unknown;
+    let read = counters.images_read - recorded_before.images_read;
+    let published = counters.images_published - recorded_before.images_published;
+    assert!(known <= published + 1, "{known} of {published}: {statistics:?}");
+    assert!(read <= known + unknown + 1, "{read} read, {known} + {unknown}: {statistics:?}");
+    // In frames; none was on the bus before.
+    let frames = channel.frames_received + channel.frames_not_taken;
+    assert!(frames <= counters.frames_to_master, "{frames}: {counters:?}");
+    if statistics.txpdo_lost + statistics.txpdo_unknown + statistics.parse_errors == 0 {
+        assert_eq!(frames, counters.frames_to_master, "{statistics:?}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    #[test]
+    fn random_faults_keep_the_sums(case in case()) {
+        run(&case);
+    }
+}
