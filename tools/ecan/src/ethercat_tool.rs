@@ -195,6 +195,13 @@ impl EthercatTool {
         listed.lines().filter(|line| !line.trim().is_empty()).map(read_slave).collect()
     }
 
+    /// Address of the network interface that the master uses.
+    pub fn main_device(&self) -> Result<String, ToolError> {
+        const COMMAND: &str = "master";
+        let printed = self.run(COMMAND, [""; 0])?;
+        read_main_device(&printed).ok_or_else(|| unreadable(COMMAND, &printed))
+    }
+
     /// Vendor ID and product code of a slave, from its SII.
     pub fn identity(&self, slave: usize) -> Result<(u32, u32), ToolError> {
         const COMMAND: &str = "slaves";
@@ -293,6 +300,14 @@ fn al_state(text: &str) -> Option<AlState> {
     [Init, PreOp, Boot, SafeOp, Op].into_iter().find(|state| state.to_string() == name)
 }
 
+/// Parses the line `Main: 00:1b:21:00:00:01 (attached)`; `None` while the master waits for the
+/// interface.
+fn read_main_device(printed: &str) -> Option<String> {
+    let line = printed.lines().find_map(|line| line.trim().strip_prefix("Main:"))?;
+    let (address, state) = line.trim().split_once(' ')?;
+    state.contains("attached").then(|| address.to_owned())
+}
+
 /// Parses a line such as `1  5:0  PREOP  +  ECAN-Lite`.
 fn read_slave(line: &str) -> Result<SlaveEntry, ToolError> {
     let mut cells = line.split_whitespace();
@@ -318,6 +333,15 @@ mod tests {
         assert_eq!(read("11  5:0   OP      +  a name"), Ok((11, Some(5), "OP".to_owned())));
         assert_eq!(read("12  5:1   SAFEOP  E  a name"), Ok((12, None, "SAFEOP".to_owned())));
         assert!(matches!(read("Usage: ethercat"), Err(ToolError::Unreadable { .. })));
+    }
+
+    #[test]
+    fn main_device_is_read_only_if_attached() {
+        let text =
+            "Master0\n  Phase: Idle\n  Ethernet devices:\n    Main: 02:ec:00:00:00:01 (attached)\n";
+        assert_eq!(read_main_device(text).as_deref(), Some("02:ec:00:00:00:01"));
+        assert_eq!(read_main_device(&text.replace("attached", "waiting...")), None);
+        assert_eq!(read_main_device("Usage: ethercat"), None);
     }
 
     #[test]

@@ -269,6 +269,32 @@ fn master_index_selects_node_and_interface() {
 }
 
 #[test]
+fn interface_of_the_loaded_module_counts() {
+    // Started without a configuration file, for example by insmod.
+    let host = host();
+    let parameter = "sys/module/ec_master/parameters/main_devices";
+    std::fs::remove_file(host.path().join("etc/ethercat.conf")).unwrap();
+    put(host.path(), parameter, "00:1B:21:00:00:01\n");
+    let (status, report) = doctor(host.path(), &[]);
+    assert_eq!(status, Some(0), "{report}");
+    assert!(
+        report.contains("good     interface           enp4s0, driver igb, link up"),
+        "{report}"
+    );
+    let (_, report) = doctor(host.path(), &["--master", "1"]);
+    assert!(report.contains("sets no interface (MASTER1_DEVICE)"), "{report}");
+    // A configuration that was changed since takes no effect.
+    put(host.path(), "etc/ethercat.conf", "MASTER0_DEVICE=\"00:1B:21:00:00:07\"\n");
+    assert_eq!(doctor(host.path(), &[]).0, Some(0));
+    put(host.path(), parameter, "00:1b:21:00:00:05,ff:ff:ff:ff:ff:ff\n");
+    let (status, report) = doctor(host.path(), &[]);
+    assert_eq!(status, Some(1), "{report}");
+    let words =
+        "no interface has the address 00:1b:21:00:00:05 of the module parameter main_devices";
+    assert!(report.contains(words), "{report}");
+}
+
+#[test]
 fn library_and_bus_are_checked() {
     let output = ecan(&["--ecrt", "sim", "doctor"]);
     let report = String::from_utf8(output.stdout).unwrap();

@@ -136,6 +136,10 @@ fn plan_prints_configuration() {
     let plan =
         good(&["plan", "--fd", "5000000", "--pdo-n", "8", "--cycle-us", "1000", "--bytes", "64"]);
     assert!(plan.contains("FD"), "{plan}");
+    let note = "note: from N = 6, outputs and inputs of a gateway are two datagrams";
+    assert!(plan.contains(note) && plan.contains("needs a kernel with PREEMPT_RT"), "{plan}");
+    let small = good(&["plan", "--pdo-n", "5", "--cycle-us", "4000"]);
+    assert!(!small.contains("note:"), "{small}");
     let plan = ends(1, &["plan", "--pdo-n", "12"]);
     assert!(plan.contains("fault: slave 0: RxPDO size N = 12 needs 1536 bytes"), "{plan}");
     let json = ends(1, &["plan", "--frames", "100", "--cycle-us", "1000", "--json"]);

@@ -49,6 +49,15 @@ gateway 4294967297 at position 0: passed
 }
 
 #[test]
+fn restart_replaces_the_comparison() {
+    let (cell, setting) = (cell(), "sim");
+    let options = ["--ecrt", setting, "selftest", "--restart", "--config", &path(&cell)];
+    let printed = good(&options);
+    assert!(printed.ends_with("  as saved, by a restart\n"), "{printed}");
+    assert_eq!(lines(&printed, "96 frames, no errors").len(), 8, "{printed}");
+}
+
+#[test]
 fn default_bit_rates_are_tested() {
     let printed = simulated(&["selftest", "--channels", "1,3", "--frames", "8"]);
     for rate in ["125", "250", "500", "1000"] {

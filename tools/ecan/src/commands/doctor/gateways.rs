@@ -87,7 +87,9 @@ fn check_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
     };
     let faults = sii::faults(&sii);
     if faults.is_empty() {
-        return Check::good(format!("slave {slave}: SM2 and SM3 match manual 15.7"));
+        return Check::good(format!(
+            "slave {slave}: SM2 and SM3 match manual 15.7, as of the master's last scan"
+        ));
     }
     Check::bad(
         format!("slave {slave}: {}", faults.join(", ")),

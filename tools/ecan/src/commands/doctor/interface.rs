@@ -36,8 +36,28 @@ fn setting(root: &Root, name: &str) -> Option<String> {
     Some(line.trim().trim_matches(['"', '\'']).to_owned()).filter(|value| !value.is_empty())
 }
 
+/// Address in the parameter of the loaded module.
+fn parameter(root: &Root, master: u32) -> Option<String> {
+    let devices = root.first_line("sys/module/ec_master/parameters/main_devices")?;
+    let device = devices.split(',').nth(usize::try_from(master).ok()?)?.trim().to_owned();
+    Some(device).filter(|device| !device.is_empty() && device != "(null)")
+}
+
+/// Address of the master's interface and where it is set: the running master first, because a
+/// configuration file takes effect with the next start only.
+fn address(root: &Root, master: u32) -> Option<(String, String)> {
+    let reported = root.main_device().map(|it| (it.to_owned(), "of the running master".to_owned()));
+    let parameter = || {
+        let source = "of the module parameter main_devices".to_owned();
+        parameter(root, master).map(|address| (address, source))
+    };
+    let name = format!("MASTER{master}_DEVICE");
+    let configured = || setting(root, &name).map(|address| (address, format!("of {name}")));
+    reported.or_else(parameter).or_else(configured)
+}
+
 fn find(root: &Root, master: u32) -> Interface {
-    let Some(address) = setting(root, &format!("MASTER{master}_DEVICE")) else {
+    let Some((address, source)) = address(root, master) else {
         return Interface::Unknown(Check::warning(
             format!("the master's configuration sets no interface (MASTER{master}_DEVICE)"),
             "set MASTER0_DEVICE to the address of the interface in /etc/ethercat.conf and restart the master",
@@ -45,7 +65,7 @@ fn find(root: &Root, master: u32) -> Interface {
     };
     if address.eq_ignore_ascii_case(ANY) {
         return Interface::Unknown(Check::skipped(format!(
-            "MASTER{master}_DEVICE selects the first interface found"
+            "the address {ANY} {source} selects the first interface found"
         )));
     }
     let is_it = |interface: &String| {
@@ -58,7 +78,7 @@ fn find(root: &Root, master: u32) -> Interface {
         Some(interface) => Interface::Shown(interface),
         None if master::has_native_driver(root) => Interface::Native(address),
         None => Interface::Unknown(Check::bad(
-            format!("no interface has the address {address} of MASTER{master}_DEVICE"),
+            format!("no interface has the address {address} {source}"),
             "compare it with `ip link`; a replaced card has another address",
         )),
     }

@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::context::{Context, Failure, Output, Result, Tone};
+use crate::ethercat_tool::EthercatTool;
 use crate::table;
 
 pub use check::Check;
@@ -107,6 +108,9 @@ fn all_checks(root: &Root, tool: Option<&Path>, context: &Context) -> Result<Vec
             checks.extend(MASTER_CHECKS.map(|(name, _)| skipped.clone().named(name)));
         }
         Ok(ecrt) => {
+            let running = EthercatTool::find(tool, context.global.master());
+            let running = running.and_then(|tool| tool.main_device()).ok();
+            let root = &root.clone().with_main_device(running);
             checks.push(library::same_version(root, ecrt.version()).named("versions"));
             checks.extend(master_checks(root, context.global.master()));
         }

@@ -23,7 +23,9 @@ pub(super) fn kernel(root: &Root) -> Check {
     }
     Check::warning(
         format!("{release} is not a PREEMPT_RT kernel: cycles may be late by milliseconds"),
-        "install a kernel with PREEMPT_RT (linux-image-rt-amd64, or Ubuntu's real-time kernel)",
+        "install a kernel with PREEMPT_RT (linux-image-rt-amd64, or Ubuntu's real-time kernel); on this \
+         one use a cycle of 2 ms or longer and a real-time priority (--rt-priority): without it, gateways \
+         with N from 6 have incomplete working counters when another program interrupts the cycle",
     )
 }
 

@@ -8,23 +8,34 @@ const ETHTOOLS: [&str; 4] =
 pub struct Root {
     path: PathBuf,
     ethtool: Option<PathBuf>,
+    /// Address of the network interface that the running master uses.
+    main_device: Option<String>,
 }
 
 impl Default for Root {
     fn default() -> Self {
         let ethtool = ETHTOOLS.iter().map(PathBuf::from).find(|path| path.exists());
-        Self { path: PathBuf::from("/"), ethtool }
+        Self { path: PathBuf::from("/"), ethtool, main_device: None }
     }
 }
 
 impl Root {
     /// Another file tree. Its programs are not run.
     pub fn at(path: PathBuf) -> Self {
-        Self { path, ethtool: None }
+        Self { path, ethtool: None, main_device: None }
     }
 
     pub fn with_ethtool(self, program: Option<PathBuf>) -> Self {
-        Self { ethtool: program.or(self.ethtool), path: self.path }
+        Self { ethtool: program.or(self.ethtool), ..self }
+    }
+
+    /// Sets the address that IgH's tool reports for the running master.
+    pub fn with_main_device(self, address: Option<String>) -> Self {
+        Self { main_device: address, ..self }
+    }
+
+    pub fn main_device(&self) -> Option<&str> {
+        self.main_device.as_deref()
     }
 
     pub fn ethtool(&self) -> Option<&Path> {

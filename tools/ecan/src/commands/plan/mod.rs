@@ -1,5 +1,6 @@
 //! `ecan plan`: load of a configuration, with warnings.
 
+mod advice;
 mod report;
 mod traffic;
 
@@ -14,6 +15,7 @@ use crate::config_file;
 use crate::context::{Context, Failure, Result, Tone};
 use crate::frames::{Channels, SetupOptions};
 
+use advice::advice;
 use report::Report;
 
 /// Default nominal bit rate of a plan in bit/s: the factory setting of a gateway.
@@ -76,6 +78,7 @@ pub fn run(arguments: &PlanArguments, context: &Context) -> Result {
     let output = &context.output;
     output.data(&Report::new(&plan, &faults), |out| {
         write!(out, "{}", ecan_plan_table::plan_table(&plan, &adapter, &traffic))?;
+        advice(&plan).iter().try_for_each(|advice| writeln!(out, "note: {advice}"))?;
         faults
             .iter()
             .try_for_each(|fault| writeln!(out, "{} {fault}", output.toned(Tone::Bad, "fault:")))

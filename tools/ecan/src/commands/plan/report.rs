@@ -1,6 +1,8 @@
 use ecan_mcan_port::{CpuCost, ImageFill, ImagePlan, PortPlan};
 use serde::Serialize;
 
+use super::advice::advice;
+
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     cycle_ns: u32,
@@ -15,6 +17,8 @@ pub(super) struct Report {
     channels: Vec<Channel>,
     images: Vec<Image>,
     warnings: Vec<String>,
+    /// For the host.
+    notes: Vec<String>,
     faults: Vec<String>,
 }
 
@@ -94,6 +98,7 @@ impl Report {
             channels: channels.collect(),
             images: images.collect(),
             warnings: plan.warnings.iter().map(ToString::to_string).collect(),
+            notes: advice(plan),
             faults: faults.to_vec(),
         }
     }

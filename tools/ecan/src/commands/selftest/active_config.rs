@@ -5,7 +5,7 @@ use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::context::{Bus, Result};
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct ActiveConfig {
     /// Per direction: image size in bytes, 0 without a profile, and the profile word (0x8010,
     /// 0x8011:09, :12).

@@ -109,6 +109,7 @@ impl GroupTest<'_> {
     fn start(&self, bus: &Bus, members: &mut [Member<'_>]) -> Result<Start> {
         let positions: Vec<_> = members.iter().map(|member| member.position).collect();
         let config = self.plan.configs(&positions)?;
+        tracing::info!(slaves = ?positions, "starting");
         for (gateway, position) in positions.iter().enumerate() {
             if let Err(failure) = wait_present(bus, *position) {
                 let reason = failure.to_string();

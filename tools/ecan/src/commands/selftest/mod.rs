@@ -51,7 +51,8 @@ Every identified ECAN-Lite is tested, unless --slave is given; several in parall
 a cycle. The loopback is internal to the CAN controller. Wired channels must be alone on their bus.
 
 The test restores the configuration of the gateway. If its channels were off, the gateway is restarted
-for that, because no command deactivates a channel. The Flash is not written.
+for that, because no command deactivates a channel. The Flash is not written. Reading and comparing about
+400 values takes 20 s on a real master; --restart leaves it out and loses settings that are not saved.
 
 Reports are named SERIAL.json, or position-POSITION.json without serial number. Earlier reports are
 kept: the next one is SERIAL-2.json.
@@ -82,6 +83,9 @@ pub struct SelftestArguments {
     /// Write a report per gateway into this directory
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
+    /// Restart the gateways afterwards instead of restoring unsaved settings: faster
+    #[arg(long)]
+    restart: bool,
     /// PDO size per direction in chunks of 128 bytes, 1 to 24
     #[arg(long, value_name = "N", default_value_t = 5)]
     pdo_n: u8,
@@ -182,7 +186,8 @@ fn read(bus: &Bus, slaves: &[usize], arguments: &SelftestArguments) -> Vec<Teste
         let mut report = Report { position: slave, time, ..Report::default() };
         let mut saved = None;
         if identity::check(bus, slave, expected, &mut report) {
-            match Saved::read(bus, slave) {
+            let read = if arguments.restart { Saved::by_restart } else { Saved::read };
+            match read(bus, slave) {
                 Ok(read) => saved = Some(read),
                 Err(error) => report.add("configuration", Err(format!("not read: {error}"))),
             }
@@ -258,6 +263,7 @@ fn restore(bus: &Bus, plan: &TestPlan<'_>, tested: &mut [TestedGateway]) -> Resu
     for it in tested.iter_mut().filter(|it| it.saved.is_some()) {
         let found = match restored.remove(&it.report.position) {
             None | Some(Ok(false)) => Ok("as before the test".to_owned()),
+            Some(Ok(true)) if plan.arguments().restart => Ok("as saved, by a restart".to_owned()),
             Some(Ok(true)) => Ok("as before the test, by a restart".to_owned()),
             Some(Err(error)) => Err(format!("not restored: {error}")),
         };

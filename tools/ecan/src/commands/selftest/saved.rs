@@ -44,9 +44,24 @@ pub(super) struct Saved {
     /// Entries of 0x1C12 and 0x1C13.
     assignments: [Vec<u32>; 2],
     active_config: ActiveConfig,
+    /// Restart the gateway instead of restoring anything.
+    is_restarted_only: bool,
 }
 
 impl Saved {
+    /// Restores by a restart, which loads the settings in the Flash.
+    pub(super) fn by_restart(bus: &Bus, slave: usize) -> Result<Self> {
+        Ok(Self {
+            slave,
+            serial: bus.serial(slave)?,
+            values: BTreeMap::new(),
+            filters: Default::default(),
+            assignments: Default::default(),
+            active_config: ActiveConfig::default(),
+            is_restarted_only: true,
+        })
+    }
+
     pub(super) fn read(bus: &Bus, slave: usize) -> Result<Self> {
         let serial = bus.serial(slave)?;
         let mut values = BTreeMap::new();
@@ -62,7 +77,8 @@ impl Saved {
             *entries = read_assignment(bus, slave, direction)?;
         }
         let active_config = ActiveConfig::read(bus, slave)?;
-        Ok(Self { slave, serial, values, filters, assignments, active_config })
+        let is_restarted_only = false;
+        Ok(Self { slave, serial, values, filters, assignments, active_config, is_restarted_only })
     }
 
     /// Waits until the master has released the gateway, and restores everything that the test has
@@ -89,12 +105,18 @@ impl Saved {
 
     fn try_restore(&self, bus: &Bus, changes: &Changes<'_>, is_restarted: &mut bool) -> Result {
         self.wait_own_position(bus)?;
-        let now = ActiveConfig::read(bus, self.slave)?;
-        if now.has_more_than(&self.active_config) {
+        let is_needed = match self.is_restarted_only {
+            true => !*is_restarted,
+            false => ActiveConfig::read(bus, self.slave)?.has_more_than(&self.active_config),
+        };
+        if is_needed {
             let restarted = reboot::restart(bus, self.slave, RESTART_NS);
             restarted.map_err(|it| Failure::Rejected(format!("restart failed: {it}")))?;
             *is_restarted = true;
             self.wait_own_position(bus)?;
+        }
+        if self.is_restarted_only {
+            return Ok(());
         }
         self.write(bus, changes, changes.is_unknown || *is_restarted)
     }
