@@ -58,7 +58,7 @@ fn frames_have_rate_and_load() {
 
 /// Two gateways, and one that is switched off 9 s after the start.
 fn losing(kind: &str) -> tempfile::NamedTempFile {
-    scenario(&format!("[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 9000\ngateway = 1\n{kind}\n"))
+    scenario(&format!("[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 6000\ngateway = 1\n{kind}\n"))
 }
 
 #[test]

@@ -145,7 +145,7 @@ fn bus_off_channel_fails() {
 #[test]
 fn rejected_configuration_fails_and_next_is_tested() {
     let fault = "[[fault]]\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8002\nsubindex = 1\n\
-                 code = 0x06090030\nat_ms = 0\n";
+                 code = 0x06090030\ntimes = 1000\nat_ms = 0\n";
     let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
     let (ecrt, cell) = (setting(&bus), cell());
     let printed = ends(1, &["--ecrt", &ecrt, "selftest", "--config", &path(&cell)]);
@@ -160,7 +160,7 @@ fn rejected_configuration_fails_and_next_is_tested() {
 fn lost_gateway_fails_even_if_it_recovers() {
     // At this bit rate the test takes over a second: the fault occurs in the middle.
     let slow = scenario("[[gateway]]\nn = 8\ncan0 = { bitrate = 20_000 }\n");
-    let fault = "[[fault]]\nkind = \"al_error\"\ngateway = 0\ncode = 26\nat_ms = 3000\n";
+    let fault = "[[fault]]\nkind = \"al_error\"\ngateway = 0\ncode = 26\ncycle = 1500\n";
     let bus = scenario(&format!("[[gateway]]\n{fault}"));
     let (ecrt, slow) = (setting(&bus), path(&slow));
     let options = ["--ecrt", &ecrt, "selftest", "--config", &slow, "--frames", "255"];
