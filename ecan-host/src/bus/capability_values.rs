@@ -35,9 +35,9 @@ impl CapabilityValues {
         slave: usize,
     ) -> Result<(), Error> {
         for subindex in Capabilities::fields() {
-            match self.read(diagnostics, slave, *subindex) {
-                Err(error @ Error::Sdo { abort_code: None, .. }) => return Err(error),
-                _ => {}
+            let read = self.read(diagnostics, slave, *subindex);
+            if let Err(error @ Error::Sdo { abort_code: None, .. }) = read {
+                return Err(error);
             }
         }
         Ok(())
