@@ -192,7 +192,9 @@ impl EthercatTool {
 
     pub fn slaves(&self) -> Result<Vec<SlaveEntry>, ToolError> {
         let listed = self.run("slaves", [""; 0])?;
-        listed.lines().filter(|line| !line.trim().is_empty()).map(read_slave).collect()
+        // With a backup device, a line marks the place of a broken ring.
+        let is_slave = |line: &&str| !line.trim().is_empty() && !line.contains("LINK FAILURE");
+        listed.lines().filter(is_slave).map(read_slave).collect()
     }
 
     /// Address of the network interface that the master uses.

@@ -168,7 +168,7 @@ fn flash_failure_is_reported() {
 fn interrupted_update_keeps_old_version() {
     let behaviour = Behaviour::SupplyFails { packets: 50, off_ms: 1_000 };
     let (tool, package) = (FakeEthercat::new(1, behaviour), package(NEW));
-    let (status, out, _) = update(&tool, package.path(), &["--json"]);
+    let (status, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
     assert_eq!(status, 5, "{out}");
     let json: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(json[0]["result"], "rejected");
@@ -181,6 +181,15 @@ fn interrupted_update_keeps_old_version() {
     // And the next one succeeds.
     tool.master().behaviour = Behaviour::Good;
     assert_eq!(update(&tool, package.path(), &[]).0, 0);
+    assert_eq!(running(&tool, 0), NEW);
+}
+
+#[test]
+fn new_version_counts_without_the_last_answer() {
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::AnswerLost), package(NEW));
+    let (status, out, errors) = update(&tool, package.path(), &[]);
+    assert_eq!(status, 0, "{out}{errors}");
+    assert!(out.contains("0    2.2.1   3.0.7  updated\n"), "{out}");
     assert_eq!(running(&tool, 0), NEW);
 }
 

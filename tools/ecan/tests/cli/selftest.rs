@@ -58,6 +58,14 @@ fn restart_replaces_the_comparison() {
 }
 
 #[test]
+fn gateways_pass_at_the_pace_of_igh() {
+    let bus = scenario("[master]\nlike = \"igh\"\n[[gateway]]\n[[gateway]]\n");
+    let (ecrt, cell) = (setting(&bus), cell());
+    let printed = good(&["--ecrt", &ecrt, "selftest", "--config", &path(&cell)]);
+    assert_eq!(lines(&printed, ": passed").len(), 2, "{printed}");
+}
+
+#[test]
 fn default_bit_rates_are_tested() {
     let printed = simulated(&["selftest", "--channels", "1,3", "--frames", "8"]);
     for rate in ["125", "250", "500", "1000"] {

@@ -14,6 +14,8 @@ use crate::ethercat_tool::SlaveEntry;
 /// Time for which a gateway with an unchanged version is observed: it may have missed a response
 /// and restart later.
 const SETTLING: Duration = Duration::from_secs(5);
+/// Time for a restart after a transfer whose last answer is missing.
+const LATE_RESTART: Duration = Duration::from_secs(20);
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "result")]
@@ -149,6 +151,14 @@ impl Update<'_> {
         let bar = self.progress_bar(position);
         let written = self.gateways.write(position, self.file, &|taken| bar.set_position(taken));
         if let Err(mut rejection) = written {
+            if rejection.cause == Cause::Interrupted {
+                bar.set_style(spinner("slave {msg}: no answer, waiting for a restart  {elapsed}"));
+                if let Some(after) = self.wait_for_change(position, &before) {
+                    bar.finish_and_clear();
+                    let outcome = self.outcome(&before, &after, true);
+                    return report(Some(before), Some(after), outcome);
+                }
+            }
             bar.finish_and_clear();
             // Status of the last firmware transfer.
             if let Ok(status) = self.gateways.number(position, 0xB000, 11) {
@@ -181,6 +191,26 @@ impl Update<'_> {
             }
             (false, true) if self.expected.is_some() && has_restarted => Outcome::Reinstalled,
             (false, _) => Outcome::Unchanged { has_restarted },
+        }
+    }
+
+    /// Waits for another version: the gateway may have restarted before the master fetched its answer
+    /// to the last packet.
+    fn wait_for_change(&self, position: usize, before: &Running) -> Option<Running> {
+        let deadline = self.gateways.now() + self.time_limit.min(LATE_RESTART);
+        loop {
+            if let Ok(running) = Running::read(self.gateways, position)
+                && running != *before
+                && running.serial == before.serial
+                // Read twice, so that both halves are from after the restart.
+                && Running::read(self.gateways, position).is_ok_and(|again| again == running)
+            {
+                return Some(running);
+            }
+            if self.gateways.now() >= deadline {
+                return None;
+            }
+            self.gateways.pause();
         }
     }
 

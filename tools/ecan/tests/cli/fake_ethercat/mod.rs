@@ -29,6 +29,7 @@ const HELP: &str = "\
 ethercat foe_write [OPTIONS] <FILENAME> [<PASSWORD>]
   --output-file -o <file>   name on the slave
   --position    -p <pos>    slave";
+/// Also of 1.6.2.
 const HELP_OF_1_5: &str = "\
 ethercat foe_write [OPTIONS] <FILENAME>
   --output-file -o <file>   name on the slave
@@ -57,7 +58,10 @@ pub enum Behaviour {
         packets: usize,
         off_ms: u32,
     },
-    /// As above, after the last packet and permanently.
+    /// `foe_write` fails after the last packet, because the gateway restarts before its answer is
+    /// fetched.
+    AnswerLost,
+    /// As `SupplyFails`, after the last packet and permanently.
     NeverBack,
     /// The mailbox of the slave at this position does not respond; its SII has this product code.
     Silent {
@@ -326,6 +330,9 @@ impl Master {
                     _ => return fault(&answer),
                 }
             }
+        }
+        if self.behaviour == Behaviour::AnswerLost {
+            return Err("Failed to write via FoE: FOE_TIMEOUT_ERROR".to_owned());
         }
         if self.behaviour == Behaviour::NeverBack {
             self.line.wire.world_mut().inject(Fault::PowerOff { gateway });
