@@ -1,7 +1,9 @@
 //! `diag`: on a device, in files, misused.
 
 use std::path::Path;
+use std::process::Command;
 
+use crate::support::terminal::with_answer;
 use crate::support::{ends, fails, good, scenario, setting, simulated, write_program};
 
 /// The bundle of the simulated gateway, with values changed: object and value.
@@ -220,6 +222,21 @@ fn gateways_are_read_in_parallel() {
     let serials = json.as_array().unwrap().iter().map(|it| &it["bundle"]["gateway"]["serial"]);
     let serials: Vec<_> = serials.map(|serial| serial.as_u64().unwrap()).collect();
     assert_eq!(serials, [4_294_967_297, 4_294_967_298, 4_294_967_299]);
+}
+
+#[test]
+fn slow_reading_shows_progress_on_a_terminal() {
+    // The mailbox responds only after the time in which nothing is shown.
+    let bus = scenario(
+        "clock = \"real\"\n[master]\nlike = \"igh\"\n[[gateway]]\n[[fault]]\n\
+         kind = \"mailbox_timeout\"\ngateway = 0\nat_ms = 400\nfor_ms = 2500\n",
+    );
+    let mut diag = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    diag.args(["--ecrt", &setting(&bus), "diag", "--brief"]).env_remove("ECAN_ECRT");
+    let (status, shown) = with_answer(&mut diag, "");
+    assert_eq!(status, 0, "{shown}");
+    assert!(shown.contains("\r\x1b[Kreading the gateways: "), "{shown:?}");
+    assert!(shown.ends_with("\r\x1b[K"), "the line is removed: {shown:?}");
 }
 
 #[test]
