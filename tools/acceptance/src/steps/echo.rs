@@ -88,7 +88,7 @@ pub fn run_with_file(
     check_complete(&finished, gateways, channels, cycles)
 }
 
-/// Every frame of each channel was sent, delivered and received.
+/// Every frame of each channel was accepted, delivered and received.
 fn check_complete(
     finished: &Finished,
     gateways: u16,
@@ -101,10 +101,10 @@ fn check_complete(
     {
         let row = format!("slave {gateway} can{channel}");
         let counts =
-            ["sent", "delivered", "received"].map(|name| table::number(&output, name, &row));
+            ["accepted", "delivered", "received"].map(|name| table::number(&output, name, &row));
         check(counts == [Some(frames); 3], || {
             let end = finished.end_text();
-            format!("{row}: (sent, delivered, received) = {counts:?}, expected {frames}: {end}")
+            format!("{row}: (accepted, delivered, received) = {counts:?}, expected {frames}: {end}")
         })?;
     }
     Ok(())
