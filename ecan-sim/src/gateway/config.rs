@@ -43,6 +43,9 @@ pub struct GatewayModelConfig {
     /// Fill level of its TX ring, in percent, from which a channel reports `tx_pressure`. A full
     /// transmit FIFO of the CAN controller also reports it, except with 100.
     pub tx_pressure_percent: u8,
+    /// True if a service that finds SM3 full publishes its image when the master has read SM3.
+    /// False: SM3 stays empty from that read to the next service.
+    pub publishes_after_read: bool,
     /// True if the gateway supports SDO Complete Access, and its SII offers it. The manual does not
     /// mention it.
     pub complete_access: bool,
@@ -71,6 +74,7 @@ impl Default for GatewayModelConfig {
             missed_sync_limit: 0,
             clock_drift_ppb: 0,
             tx_pressure_percent: 50,
+            publishes_after_read: false,
             complete_access: false,
             mailbox_delay_ns: 200_000,
         }

@@ -282,7 +282,7 @@ impl Gateway {
             sync_managers.outputs.empty();
         }
         data_path.serve(is_op);
-        if sync_managers.can_publish() {
+        if sync_managers.can_publish(self.config.publishes_after_read) {
             self.publish_inputs();
         }
         self.services.last = self.now;

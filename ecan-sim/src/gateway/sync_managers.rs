@@ -212,11 +212,12 @@ impl SyncManagers {
         self.is_publish_due = false;
     }
 
-    /// A service has run. Whether it can publish its image now; during a partial read the image
-    /// follows the read.
-    pub(super) fn can_publish(&mut self) -> bool {
-        self.is_publish_due = self.is_reading_inputs;
-        !self.inputs.is_full()
+    /// A service has run. Whether it can publish its image now. If SM3 is being read, or is full
+    /// and `waits_for_read`, the image follows the read.
+    pub(super) fn can_publish(&mut self, waits_for_read: bool) -> bool {
+        let is_full = self.inputs.is_full();
+        self.is_publish_due = self.is_reading_inputs || (is_full && waits_for_read);
+        !is_full
     }
 
     /// The master has read SM3 completely. Returns whether an image waits to be published.
@@ -311,9 +312,20 @@ mod tests {
         let mut sms = configured();
         sms.inputs.publish(&[3; 128]);
         sms.is_reading_inputs = true;
-        assert!(!sms.can_publish());
+        assert!(!sms.can_publish(false));
         assert!(sms.finish_read());
-        assert!(sms.can_publish());
+        assert!(sms.can_publish(false));
         assert!(!sms.finish_read());
+    }
+
+    #[test]
+    fn image_that_finds_the_buffer_full_follows_the_read() {
+        for waits_for_read in [true, false] {
+            let mut sms = configured();
+            sms.inputs.publish(&[3; 128]);
+            assert!(!sms.can_publish(waits_for_read));
+            assert_eq!(sms.finish_read(), waits_for_read);
+            assert!(!sms.finish_read());
+        }
     }
 }

@@ -94,6 +94,7 @@ struct RawGateway {
     sii_pdos: Option<bool>,
     tx_pressure_percent: Option<u8>,
     complete_access: Option<bool>,
+    publishes_after_read: Option<bool>,
     buses: Option<Vec<String>>,
 }
 
@@ -198,6 +199,7 @@ impl RawGateway {
         let config = &mut spec.config;
         set!(config from self: serial, hardware_revision, firmware, vendor_id, product_code);
         set!(config from self: revision, boot_ms, reboot_delay_ms, tx_pressure_percent, complete_access);
+        set!(config from self: publishes_after_read);
         for (target, us) in [
             (&mut config.service_delay_ns, self.service_delay_us),
             (&mut config.service_jitter_ns, self.service_jitter_us),

@@ -2,6 +2,7 @@
 
 use crate::fixture::{Fixture, MS, SERVICE, chunks, standard};
 use ecan_protocol::device::AlState;
+use ecan_sim::GatewayModelConfig;
 
 #[test]
 fn write_is_rejected_until_the_firmware_has_read() {
@@ -26,6 +27,28 @@ fn each_image_is_read_once() {
     fixture.input.fill(0xEE);
     assert!(!fixture.read());
     assert!(fixture.input.iter().all(|&byte| byte == 0xEE));
+}
+
+/// Reads that find no image, in cycles of 1 ms with a varying distance from the write to the read.
+fn rejected_reads(publishes_after_read: bool) -> u64 {
+    let config = GatewayModelConfig { publishes_after_read, ..GatewayModelConfig::default() };
+    let mut fixture = Fixture::configured_with(config, chunks(8), chunks(8));
+    fixture.start();
+    let mut cycle = |distance| {
+        assert!(fixture.gateway.write_outputs(fixture.now, &[0; 1024]));
+        fixture.pass(distance);
+        let is_empty = !fixture.gateway.read_inputs(fixture.now, &mut [0; 1024]);
+        fixture.pass(MS - distance);
+        u64::from(is_empty)
+    };
+    cycle(0);
+    [2 * SERVICE, 0, 2 * SERVICE, 2 * SERVICE, 0, 0].map(cycle).iter().sum()
+}
+
+#[test]
+fn read_after_the_service_leaves_an_image_for_the_next_cycle() {
+    assert_eq!(rejected_reads(true), 0);
+    assert_eq!(rejected_reads(false), 2, "after each change from late to early");
 }
 
 #[test]

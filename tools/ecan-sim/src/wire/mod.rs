@@ -62,6 +62,9 @@ fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Box<d
     let mut scenario = load_scenario(&arguments.scenario, &options)?;
     for gateway in &mut scenario.gateways {
         gateway.sii_pdos |= arguments.sii_pdos;
+        // the distance of frames varies by more than on a wire
+        let is_built_in = !matches!(arguments.scenario, ScenarioChoice::File(_));
+        gateway.config.publishes_after_read |= is_built_in;
     }
     if let ScenarioChoice::File(path) = &arguments.scenario {
         let file = path.display();
