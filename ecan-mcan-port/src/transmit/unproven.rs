@@ -67,7 +67,9 @@ impl UnprovenFrames {
 
     /// Number of frames per channel.
     pub(crate) fn frames(&self) -> [u64; CHANNELS] {
-        self.clone().take_all()
+        let mut sum = self.older;
+        self.images.iter().for_each(|image| sum.add(image));
+        sum.frames
     }
 
     fn take(&mut self, matches: impl Fn(&Image) -> bool) -> [u64; CHANNELS] {
