@@ -107,6 +107,16 @@ fn sdo_transfers_and_their_abort_codes() {
 }
 
 #[test]
+fn upload_without_data_has_failed_without_abort_code() {
+    on_each_release(|master, _| {
+        let failed = SdoError { errno: Errno::EIO, abort_code: None };
+        for size in [1, 4, 5, 200] {
+            assert_eq!(master.sdo_upload(1, 0x3004, size, &mut [0; 4]), Err(failed), "{size}");
+        }
+    });
+}
+
+#[test]
 fn configuration_reaches_the_library() {
     on_each_release(|mut master, version| {
         assert!(master.is_reserved());

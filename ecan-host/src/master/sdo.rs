@@ -6,6 +6,10 @@ use ecrt_sys::Errno;
 
 use super::Master;
 
+/// Contents of the target before an upload, and before its repetition. IgH 1.6.2 reports success if
+/// the slave answers with a mailbox error; then the target is unchanged and the size undefined.
+const FILLS: [u8; 2] = [0xA5, 0x5A];
+
 /// Error of an SDO transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdoError {
@@ -38,7 +42,7 @@ impl std::error::Error for SdoError {}
 
 impl Master {
     /// Reads an object of the slave at a ring position into `target` and returns how many bytes
-    /// it has. Blocks until the slave answers.
+    /// it has; the bytes after it become 0. Blocks until the slave answers.
     ///
     /// # Errors
     /// The slave aborts, does not answer or is not there, or the object does not fit.
@@ -49,27 +53,35 @@ impl Master {
         subindex: u8,
         target: &mut [u8],
     ) -> Result<usize, SdoError> {
-        let mut size = 0;
-        let mut abort_code = 0;
-        // SAFETY: the master is valid as long as `self`; target and its length belong together,
-        // the two results are writable.
-        let status = unsafe {
-            (self.ecrt.functions().master_sdo_upload)(
-                self.raw.as_ptr(),
-                position,
-                index,
-                subindex,
-                target.as_mut_ptr(),
-                target.len(),
-                &mut size,
-                &mut abort_code,
-            )
-        };
-        Errno::check(status).map_err(|errno| SdoError::new(errno, abort_code))?;
-        if size > target.len() {
-            return Err(SdoError::new(Errno::EOVERFLOW, 0));
+        for fill in FILLS {
+            target.fill(fill);
+            let (mut size, mut abort_code) = (0, 0);
+            // SAFETY: the master is valid as long as `self`; target and its length belong together,
+            // the two results are writable.
+            let status = unsafe {
+                (self.ecrt.functions().master_sdo_upload)(
+                    self.raw.as_ptr(),
+                    position,
+                    index,
+                    subindex,
+                    target.as_mut_ptr(),
+                    target.len(),
+                    &mut size,
+                    &mut abort_code,
+                )
+            };
+            Errno::check(status).map_err(|errno| SdoError::new(errno, abort_code))?;
+            let is_changed = target.iter().any(|byte| *byte != fill);
+            match target.get_mut(size..) {
+                Some(rest) if is_changed || size == 0 => {
+                    rest.fill(0);
+                    return Ok(size);
+                }
+                None if is_changed => return Err(SdoError::new(Errno::EOVERFLOW, 0)),
+                _ => {}
+            }
         }
-        Ok(size)
+        Err(SdoError::new(Errno::EIO, 0))
     }
 
     /// Writes an object of the slave at a ring position. Blocks until the slave answers.

@@ -141,7 +141,9 @@ int ecrt_master_sdo_upload(ec_master_t *master, uint16_t position, uint16_t inde
     switch (index) {
         case 0x2000: target[0] = counts[subindex]; *result = 1; return 0;
         case 0x1018: memcpy(target, "\x44\x33\x22\x11", 4); *result = 4; return 0;
-        case 0x3000: *result = size + 1; return 0;
+        case 0x3000: memset(target, 1, size); *result = size + 1; return 0;
+        /* as 1.6.2 reports a mailbox error: success, without data, with an undefined size */
+        case 0x3004: *result = subindex; return 0;
         case 0x3001: *abort_code = 0x06020000; return -EIO;
         case 0x3002: *abort_code = 0x06020000; return -EINVAL;
     }
