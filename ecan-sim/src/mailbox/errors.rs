@@ -10,7 +10,6 @@ pub(super) enum MailboxError {
     ServiceNotSupported = 4,
     InvalidHeader = 5,
     SizeTooShort = 6,
-    NoMemory = 7,
     /// The length in the header, or that of the response, does not fit the mailbox.
     InvalidSize = 8,
 }

@@ -85,12 +85,8 @@ impl MailboxServer {
         if header.protocol == protocol::ERROR {
             return;
         }
-        let answer = if self.responses.is_full() {
-            Err(MailboxError::NoMemory)
-        } else {
-            let room = reply_bytes.saturating_sub(HEADER_BYTES);
-            self.answer(header, rest, &mut Context { now, room, gateway })
-        };
+        let room = reply_bytes.saturating_sub(HEADER_BYTES);
+        let answer = self.answer(header, rest, &mut Context { now, room, gateway });
         if gateway.take_lost_response() {
             return;
         }
@@ -100,6 +96,13 @@ impl MailboxServer {
         };
         let to = MessageAddress { address: header.address, protocol };
         self.responses.push(ready, to, messages, reply_bytes);
+    }
+
+    /// Whether [`receive`](Self::receive) has space for a response. Without it the request stays in
+    /// SM0, which rejects further ones: an error message would be taken for the response to another
+    /// request.
+    pub(crate) fn has_space(&self) -> bool {
+        !self.responses.is_full()
     }
 
     /// Whether [`send`](Self::send) has a message. Cheap: to be called whenever the read mailbox is

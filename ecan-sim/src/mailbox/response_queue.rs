@@ -35,7 +35,7 @@ impl ResponseQueue {
 
     /// Adds a response that becomes ready at `ready`; the messages are without mailbox header. A
     /// message too long for a read mailbox of `reply_bytes` becomes a mailbox error. A full queue
-    /// accepts one error; further ones are dropped.
+    /// drops it.
     pub(super) fn push(
         &mut self,
         ready: u64,
@@ -53,7 +53,7 @@ impl ResponseQueue {
                 messages: VecDeque::from([MailboxError::InvalidSize.message()]),
             }
         };
-        if self.answers.len() <= KEPT && !answer.messages.is_empty() {
+        if !self.is_full() && !answer.messages.is_empty() {
             self.answers.push_back(answer);
         }
     }

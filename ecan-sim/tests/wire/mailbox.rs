@@ -48,6 +48,24 @@ fn lost_fragment_is_repeated_in_order() {
 }
 
 #[test]
+fn request_stays_in_sm0_while_the_queue_is_full() {
+    let mut line = Line::preop(1);
+    // one response in SM1, eight in the queue, one request in SM0
+    for _ in 0..10 {
+        write(&mut line, 3, &UPLOAD);
+    }
+    assert_eq!(line.write(FPWR, 0x1001, 0x1000, &[0; 128]), 0, "SM0 is full");
+    for response in 0..10 {
+        let message = read(&mut line).unwrap();
+        assert_eq!(message[5] & 0x0F, 3, "response {response} is CoE, no mailbox error");
+        line.pass(MS);
+    }
+    assert_eq!(read(&mut line), None);
+    write(&mut line, 3, &UPLOAD);
+    assert!(read(&mut line).is_some());
+}
+
+#[test]
 fn repeat_with_nothing_read_gives_nothing() {
     let mut line = Line::preop(1);
     assert_eq!(line.write(FPWR, 0x1001, 0x080E, &[3]), 1);

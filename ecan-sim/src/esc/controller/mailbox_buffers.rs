@@ -30,7 +30,7 @@ impl Controller {
         }
         let [write_mailbox, read_mailbox] =
             [WRITE_MAILBOX, READ_MAILBOX].map(|n| self.sync_managers[n]);
-        if write_mailbox.is_enabled() && write_mailbox.is_full {
+        if write_mailbox.is_enabled() && write_mailbox.is_full && self.mailbox.server.has_space() {
             let request = self.memory.get(memory_range(write_mailbox)).unwrap_or_default();
             self.mailbox.server.receive(now, request, read_mailbox.length(), context.gateway);
             self.sync_managers[WRITE_MAILBOX].mark_empty();
