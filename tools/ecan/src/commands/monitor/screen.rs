@@ -186,8 +186,9 @@ fn draw_gateways(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Cho
     let shown = widths.len();
     widths.push(Constraint::Min(0));
     let rows = snapshot.gateways.iter().map(|gateway| {
-        let [position, state, wc, incomplete, images, faulty, lost, reason] =
+        let [position, state, wc, incomplete, images, _, faulty, lost, reason] =
             gateway_cells(gateway);
+        let images = if gateway.unknown_images > 0 { format!("{images} + ?") } else { images };
         let cells = [position, state, wc, incomplete, images, faulty, lost].map(Cell::from);
         let cells = cells.into_iter().take(shown).chain([Cell::from(reason)]);
         Row::new(cells).style(tint.gateway(gateway))

@@ -5,8 +5,17 @@ use crate::table;
 use super::snapshot::{CLASS_NAMES, ChannelView, CycleView, GatewayView, Snapshot, Times};
 
 pub fn print(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Result<()> {
-    let titles =
-        ["gateway", "state", "WC", "incomplete", "lost images", "faulty images", "lost", "reason"];
+    let titles = [
+        "gateway",
+        "state",
+        "WC",
+        "incomplete",
+        "lost images",
+        "unknown",
+        "faulty images",
+        "lost",
+        "reason",
+    ];
     table::print_with_titles(out, titles, &snapshot.gateways, gateway_cells)?;
     for gateway in &snapshot.gateways {
         writeln!(out, "\ngateway {}", gateway.position)?;
@@ -32,25 +41,19 @@ pub fn print(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Result<()> {
     Ok(())
 }
 
-pub fn gateway_cells(gateway: &GatewayView) -> [String; 8] {
+pub fn gateway_cells(gateway: &GatewayView) -> [String; 9] {
     let GatewayView { working_counter, expected_working_counter, .. } = gateway;
     [
         gateway.position.to_string(),
         gateway.state.text().to_owned(),
         format!("{working_counter}/{expected_working_counter}"),
         gateway.incomplete_cycles.to_string(),
-        lost_images(gateway),
+        gateway.lost_images.to_string(),
+        gateway.unknown_images.to_string(),
         gateway.faulty_images.to_string(),
         gateway.times_lost.to_string(),
         gateway.reason.clone(),
     ]
-}
-
-fn lost_images(gateway: &GatewayView) -> String {
-    match (gateway.lost_images, gateway.unknown_images) {
-        (lost, 0) => lost.to_string(),
-        (lost, unknown) => format!("{lost} + {unknown}?"),
-    }
 }
 
 pub const CHANNEL_TITLES: [&str; 10] = [
