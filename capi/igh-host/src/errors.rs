@@ -82,7 +82,11 @@ impl Coded for Error {
                 return (ECAN_ERR_SDO, abort_code.map_or(0, |code| code.0));
             }
             Self::Readback { .. } => ECAN_ERR_READBACK,
-            Self::NotInPreop { .. } | Self::NotOperational(_) => ECAN_ERR_NOT_OPERATIONAL,
+            Self::NotInPreop { .. } => ECAN_ERR_NOT_OPERATIONAL,
+            Self::NotOperational(report) => {
+                let cause = report.slaves.iter().find_map(|slave| slave.cause.as_deref());
+                return (ECAN_ERR_NOT_OPERATIONAL, cause.map_or(0, |cause| cause.coded().1));
+            }
             Self::Attached { .. } => ECAN_ERR_ATTACHED,
             Self::Stopped => ECAN_ERR_STOPPED,
             Self::SlaveIndex { .. } => ECAN_ERR_SLAVE,

@@ -173,12 +173,16 @@ static void rejected_starts(void)
     BAD(ECAN_ERR_IDENTITY, ecan_igh_init(&context, &config));
     simulate(&config, "sim:echo");
     GOOD(ecan_igh_config_add_startup_sdo(&config, 0, 0x5555, 1, VALUE, 4));
-    BAD(ECAN_ERR_SDO, ecan_igh_init(&context, &config));
+    GOOD(ecan_igh_init(&context, &config));
+    BAD(ECAN_ERR_NOT_OPERATIONAL, ecan_igh_wait_op_timeout(&context, 20000));
     SAME(0x06020000, ecan_last_abort_code());
+    GOOD(ecan_igh_deinit(&context));
     simulate(&config, "sim:echo");
     GOOD(ecan_igh_config_add_startup_sdo(&config, 0, 0x1018, 1, VALUE, 4));
-    BAD(ECAN_ERR_SDO, ecan_igh_init(&context, &config));
+    GOOD(ecan_igh_init(&context, &config));
+    BAD(ECAN_ERR_NOT_OPERATIONAL, ecan_igh_wait_op_timeout(&context, 20000));
     SAME(0x06010002, ecan_last_abort_code());
+    GOOD(ecan_igh_deinit(&context));
 
     /* Nothing to deinit, and nothing that can be used. */
     BAD(ECAN_ERR_NOT_INITIALISED, ecan_igh_activate(&context));

@@ -136,7 +136,7 @@ static void content_of_the_file(void)
     SAME(2000000, rate);
 }
 
-/* Settings that only a file has reached the gateways before OP. */
+/* Settings that only a file has reached the gateways. */
 static void written_configuration(ecan_igh_context_t *igh)
 {
     object_is(igh, 0, 0x8010, 3, 4);
@@ -167,8 +167,8 @@ void test_config_file_run(void)
 
     GOOD(ecan_igh_init(&igh, &igh_config));
     GOOD(igh_mcan_port_init(&port, &igh, &config));
-    written_configuration(&igh);
     GOOD(ecan_igh_wait_op_timeout(&igh, ecan_igh_startup_timeout_ms(&igh)));
+    written_configuration(&igh);
     SAME(1, igh_mcan_port_is_ready(&port));
     echoes = exchange(&port, 1);
     SAME(10, echoes.inside);

@@ -2,7 +2,7 @@
 //!
 //! ```c
 //! ecan_igh_context_t igh;
-//! ecan_igh_init(&igh, &config);              PREOP, everything configured
+//! ecan_igh_init(&igh, &config);              slaves found, everything registered
 //! ecan_igh_wait_op_timeout(&igh, 10000);     OP, the cycle runs
 //! ...
 //! ecan_igh_deinit(&igh);
@@ -144,9 +144,9 @@ pub fn ecan_igh_activate(context: *mut ecan_igh_context_t) {
 /// @param timeout_ms  Milliseconds; ecan_igh_startup_timeout_ms() returns a sufficient time.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that is not in OP, and
-///          the reason; ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the
-///          configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
+/// @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that is not in OP, the
+///          reason, and ecan_last_abort_code() of a startup SDO that was aborted;
+///          ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
 #[export(call, bus bus)]
 pub fn ecan_igh_wait_op_timeout(context: *mut ecan_igh_context_t, timeout_ms: u32) {
     bus.need_owned(call)?;
