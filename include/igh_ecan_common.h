@@ -59,10 +59,13 @@
  *          Added: igh_cia402_stop_together, IGH_CIA402_WAIT_TOGETHER, limits in rad/s in
  *          igh_cia402_axis_t.
  *          Added: ecan_igh_retry_startup().
- *          Added at the end: txpdo_discarded and txpdo_unknown of igh_mcan_statistics_t;
- *          frames_accepted, frames_lost, frames_unknown, frames_pending, frames_confirmed and
- *          frames_not_taken of igh_mcan_channel_statistics_t. frames_delivered counts frames that a gateway in OP took;
- *          frames_discarded only those that were not published; sessions_lost no verifications.
+ *          Added at the end: txpdo_discarded, txpdo_unknown and startup_requests of
+ *          igh_mcan_statistics_t; frames_accepted, frames_lost, frames_unknown, frames_pending,
+ *          frames_confirmed and frames_not_taken of igh_mcan_channel_statistics_t. frames_delivered
+ *          counts frames that a gateway in OP took; frames_discarded only those that were not
+ *          published; sessions_lost no verifications.
+ *          ecan_igh_init() writes nothing to the slaves; a startup SDO that is aborted is reported by
+ *          ecan_igh_wait_op_timeout(), with ecan_last_abort_code().
  *   0.1.0  First version.
  */
 #ifndef IGH_ECAN_COMMON_H

@@ -1135,6 +1135,8 @@ typedef struct {
      * its sequence again.
      */
     uint64_t txpdo_unknown;
+    /** Requests of another startup because the gateway stayed in one state below OP. */
+    uint64_t startup_requests;
 } igh_mcan_statistics_t;
 
 /** Counters of one channel. */

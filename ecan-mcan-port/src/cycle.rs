@@ -140,7 +140,8 @@ impl Port {
         }
         let now_ns = self.adapter.clock().now_ns();
         for gateway in &mut self.gateways {
-            gateway.session.startup_requested(now_ns);
+            let was_due = gateway.session.startup_requested(now_ns);
+            gateway.statistics.startup_requests += u64::from(was_due);
         }
     }
 

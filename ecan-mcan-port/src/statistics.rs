@@ -116,6 +116,8 @@ pub struct SlaveStatistics {
     pub sessions_lost: u64,
     /// Verifications that failed.
     pub verification_failures: u64,
+    /// Requests of another startup because the gateway stayed in one state below OP.
+    pub startup_requests: u64,
     /// Per channel.
     pub channels: [ChannelStatistics; CHANNELS],
 }

@@ -44,6 +44,7 @@ fn startup_without_response_is_requested_again() {
     let log = fixture.simulation.kernel_log();
     assert!(log.iter().any(|line| line.contains("no response")), "{log:?}");
     assert!(fixture.until(10_000, Port::is_ready).is_some(), "{:?}", waiting_for(&fixture.port, 0));
+    assert!(fixture.port.statistics(fixture.port.gw(0)).startup_requests > 0);
 }
 
 /// The master meets an error while it takes the gateway to INIT, and leaves it there.

@@ -161,12 +161,26 @@ impl Diagnostics {
                 transfer(position)
                     .map_err(|failure| Error::sdo(slave, direction, object, failure, attempts))
             });
-            let next_ns = clock.now_ns().saturating_add(PAUSE_NS);
             match result {
-                Err(error) if next_ns < end_ns && may_pass(&error) => clock.sleep_until_ns(next_ns),
+                Err(error) if may_pass(&error) => {
+                    // The library writes a line to stderr for each transfer that fails.
+                    while !self.wait_for_mailbox(slave) && clock.now_ns() < end_ns {}
+                    if clock.now_ns() >= end_ns {
+                        return Err(error);
+                    }
+                }
                 result => return result,
             }
         }
+    }
+
+    /// Pauses; whether the slave can answer then, as far as the master has seen.
+    fn wait_for_mailbox(&self, slave: usize) -> bool {
+        self.clock().sleep_until_ns(self.clock().now_ns().saturating_add(PAUSE_NS));
+        self.slave_info(slave).is_ok_and(|info| {
+            let state = AlState::from_raw(info.al_state);
+            state.is_some_and(|state| state.has_mailbox())
+        })
     }
 
     /// Downloads a command that must not be executed twice, for example a restart: never repeated.

@@ -281,12 +281,14 @@ impl SessionMachine {
         self.startup_retry.is_due()
     }
 
-    /// The startup of all slaves was requested again.
-    pub(crate) fn startup_requested(&mut self, now_ns: u64) {
-        if let Some(requests) = self.startup_retry.requested(now_ns) {
+    /// The startup of all slaves was requested again. Returns whether this one needed it.
+    pub(crate) fn startup_requested(&mut self, now_ns: u64) -> bool {
+        let requests = self.startup_retry.requested(now_ns);
+        if let Some(requests) = requests {
             let slave = self.slave;
             tracing::info!(slave, "slave {slave}: startup requested again (request {requests})");
         }
+        requests.is_some()
     }
 
     fn has_lasted(since_ns: Option<u64>, limit_ns: u64, adapter: &Adapter) -> bool {

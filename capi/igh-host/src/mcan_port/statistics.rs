@@ -56,6 +56,8 @@ mirror! {
         /// TxPDO images that may have been lost at most in outages after which the gateway started
         /// its sequence again.
         txpdo_unknown: u64,
+        /// Requests of another startup because the gateway stayed in one state below OP.
+        startup_requests: u64,
     }
 }
 
