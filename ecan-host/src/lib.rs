@@ -25,7 +25,9 @@ mod plan;
 mod real_time;
 mod startup;
 
-pub use adapter::{Adapter, Delivery, DomainReport, OpProgress, OpWait, run_in_parallel};
+pub use adapter::{
+    Adapter, Delivery, DomainReport, OpProgress, OpWait, StartupRounds, run_in_parallel,
+};
 pub use bus::{
     Diagnostics, IdentificationError, Maintenance, MaintenanceError, SlaveKind, SlaveQuery,
     denies_object, slave_kinds,

@@ -2,7 +2,7 @@
 
 use std::ops::Deref;
 
-use ecan_host::{CycleError, Phase};
+use ecan_host::{CycleError, Phase, StartupRounds};
 
 use crate::address::GatewayHandle;
 use crate::gateway::publish;
@@ -101,12 +101,21 @@ impl Port {
     /// Sleeps until the next cycle is due and returns the number of missed deadlines: see
     /// [`Adapter::wait_next_cycle`](ecan_host::Adapter::wait_next_cycle).
     pub fn wait_next_cycle(&mut self) -> u64 {
-        self.adapter.set_starting(!self.is_ready());
+        self.adapter.set_startup_rounds(self.needed_rounds());
         self.skipped = self.adapter.wait_next_cycle();
         // The owner of an attached master sets Sync0 by its own deadlines.
         let is_in_phase = !self.adapter.is_attached();
         self.deadline_ns = is_in_phase.then_some(self.adapter.cycle_start().deadline_ns);
         self.skipped
+    }
+
+    fn needed_rounds(&self) -> StartupRounds {
+        let mut starting = self.gateways.iter().map(|gateway| &gateway.session);
+        match () {
+            () if self.is_ready() => StartupRounds::Off,
+            () if starting.all(|it| it.is_ready() || it.has_queued_requests()) => StartupRounds::On,
+            () => StartupRounds::UntilSafeOp,
+        }
     }
 
     fn begin(&mut self) {

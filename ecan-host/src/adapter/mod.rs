@@ -15,6 +15,7 @@ mod startup_round;
 pub use cycle::{Delivery, DomainReport};
 pub use operation::{OpProgress, OpWait};
 pub use parallel::run_in_parallel;
+pub use startup_round::StartupRounds;
 
 use std::ops::Range;
 
@@ -85,7 +86,7 @@ pub struct Adapter {
     /// Distributed clocks, while the bus is active and theirs are the Adapter's.
     clocks: Option<DistributedClocks>,
     clock_correction_ns: i64,
-    is_starting: bool,
+    startup_rounds: StartupRounds,
 }
 
 impl Adapter {
@@ -158,7 +159,7 @@ impl Adapter {
             response_ns: 0,
             clocks: None,
             clock_correction_ns: 0,
-            is_starting: false,
+            startup_rounds: StartupRounds::Off,
         };
         adapter.configure()?;
         Ok(adapter)

@@ -6,7 +6,7 @@ use std::time::Duration;
 use ecrt_sys::Errno;
 use tracing::{info, warn};
 
-use super::{Adapter, run_in_parallel};
+use super::{Adapter, StartupRounds, run_in_parallel};
 use crate::deadline::deadline_ns;
 use crate::error::{CycleError, Error, NotOperational, is_preop};
 use crate::master::SlaveConfigState;
@@ -89,9 +89,9 @@ impl Adapter {
         timeout: Duration,
         cycle: impl FnMut(&mut Self) -> Result<(), CycleError>,
     ) -> Result<(), Error> {
-        self.set_starting(true);
+        self.set_startup_rounds(StartupRounds::UntilSafeOp);
         let result = self.run_until_op(timeout, cycle);
-        self.set_starting(false);
+        self.set_startup_rounds(StartupRounds::Off);
         result
     }
 

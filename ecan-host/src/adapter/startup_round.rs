@@ -18,18 +18,31 @@ const SPEED_COUNTER_START: u16 = 0x1000;
 const RESET_LIMIT_NS: u64 = 1_000_000_000;
 const RESET_POLL_NS: u64 = 5_000_000;
 
+/// When the master exchanges its own datagrams between two cycles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StartupRounds {
+    /// Only in the cycles.
+    #[default]
+    Off,
+    /// While a slave is below SAFEOP. Once all are in OP, the first SDO request must follow within the
+    /// few sends in which the master polls the slaves; otherwise it begins to read the SDO dictionary,
+    /// and executes no requests until that is done.
+    UntilSafeOp,
+    /// Always: requests are queued.
+    On,
+}
+
 impl Adapter {
-    /// Whether to speed up slaves that are on their way to SAFEOP:
-    /// [`wait_next_cycle`](Self::wait_next_cycle) then lets the master receive and send every half
-    /// millisecond, without process data. Otherwise each step of a scan and of a startup SDO takes
-    /// two cycles. [`wait_op`](Self::wait_op) and the layers above set this. Without effect on an attached
-    /// Adapter. Real-time safe.
-    pub fn set_starting(&mut self, starting: bool) {
-        self.is_starting = starting;
+    /// Speeds up slaves that start: [`wait_next_cycle`](Self::wait_next_cycle) then lets the master
+    /// receive and send every half millisecond, without process data. Otherwise each step of a scan
+    /// and of an SDO transfer takes two cycles. [`wait_op`](Self::wait_op) and the layers above set
+    /// this. Without effect on an attached Adapter. Real-time safe.
+    pub fn set_startup_rounds(&mut self, rounds: StartupRounds) {
+        self.startup_rounds = rounds;
     }
 
     pub(super) fn exchange_startup_rounds(&mut self) {
-        if !self.is_starting || self.attached || self.phase != Phase::Active {
+        if self.attached || self.phase != Phase::Active {
             return;
         }
         let clock = self.ecrt.clock().clone();
@@ -44,7 +57,7 @@ impl Adapter {
             in_time
         };
         // The next cycle reports what fails.
-        while self.has_slave_below_safeop() && pause() {
+        while self.needs_startup_round() && pause() {
             let _ = self.master.receive();
             if !pause() {
                 return;
@@ -77,13 +90,15 @@ impl Adapter {
         }
     }
 
-    /// Only then: once a slave is in OP, an SDO request must follow the last one within the few sends
-    /// in which the master polls the slaves. Otherwise it begins to read the SDO dictionary, and
-    /// executes no requests until that is done.
-    fn has_slave_below_safeop(&self) -> bool {
-        self.slaves.iter().any(|slave| {
+    fn needs_startup_round(&self) -> bool {
+        let is_below_safeop = |slave: &Slave| {
             let state = self.master.config_state(slave.config);
             state.is_ok_and(|state| !state.online || state.al_state < AlState::SafeOp.raw())
-        })
+        };
+        match self.startup_rounds {
+            StartupRounds::Off => false,
+            StartupRounds::UntilSafeOp => self.slaves.iter().any(is_below_safeop),
+            StartupRounds::On => true,
+        }
     }
 }

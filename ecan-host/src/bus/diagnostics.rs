@@ -125,7 +125,13 @@ impl Diagnostics {
     /// Uploads an object of at most 4 bytes as a little-endian number.
     pub fn sdo_upload_u32(&self, slave: usize, index: u16, subindex: u8) -> Result<u32, Error> {
         let mut data = [0; 4];
-        self.sdo_upload(slave, index, subindex, &mut data)?;
+        self.repeat(slave, SdoDirection::Upload, (index, subindex), |position| {
+            match self.master.sdo_upload(position, index, subindex, &mut data)? {
+                // The library reports a mailbox error as success without data.
+                0 => Err(SdoError { errno: Errno::EIO, abort_code: None }),
+                _ => Ok(()),
+            }
+        })?;
         Ok(u32::from_le_bytes(data))
     }
 

@@ -37,7 +37,7 @@ pub(crate) fn read_mapping(
         let of_chunk = match known {
             Some(of_chunk) => of_chunk,
             None => {
-                let entries = upload_entries(diagnostics, slave, pdo)?;
+                let entries = upload_entries(diagnostics, slave, direction, chunk)?;
                 units_of(slave, direction, chunk, &entries)?
             }
         };
@@ -46,21 +46,28 @@ pub(crate) fn read_mapping(
     Ok(units)
 }
 
+/// The entries of a chunk by the first of them: the others have the next object each (manual 5.1.1),
+/// and are taken to have the same subindex and length.
 fn upload_entries(
     diagnostics: &Diagnostics,
     slave: usize,
-    pdo: u16,
+    direction: Direction,
+    chunk: u8,
 ) -> Result<Vec<PdoEntry>, Error> {
+    let pdo = pdo_map_index(direction, chunk);
     let found = diagnostics.sdo_upload_u32(slave, pdo, 0)?;
     if found != UNITS_PER_CHUNK as u32 {
         return Err(Error::MappingCount { slave, pdo, found });
     }
+    let [high, low, subindex, bits] =
+        diagnostics.sdo_upload_u32(slave, pdo, map_subindex(0))?.to_be_bytes();
+    let first = u16::from_be_bytes([high, low]);
+    let of_first = data_object_index(direction, chunk, 0);
     let entry = |unit| {
-        let mapped = diagnostics.sdo_upload_u32(slave, pdo, map_subindex(unit))?.to_be_bytes();
-        let [high, low, subindex, bits] = mapped;
-        Ok(PdoEntry { index: u16::from_be_bytes([high, low]), subindex, bits })
+        let index = data_object_index(direction, chunk, unit);
+        PdoEntry { index: index.wrapping_sub(of_first).wrapping_add(first), subindex, bits }
     };
-    (0..UNITS_PER_CHUNK as u8).map(entry).collect()
+    Ok((0..UNITS_PER_CHUNK as u8).map(entry).collect())
 }
 
 fn units_of(

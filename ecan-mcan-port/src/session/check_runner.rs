@@ -95,6 +95,11 @@ impl CheckRunner {
         self.waiting_since_ns = now_ns;
     }
 
+    /// Whether the transfers of this attempt were begun.
+    pub(crate) fn has_begun(&self) -> bool {
+        self.begun > 0
+    }
+
     /// Keeps a request in the master's queue while the slave is on its way to OP, so that the master
     /// does not begin to read the SDO dictionary before the first check. Its result is not used.
     pub(crate) fn occupy_queue(&mut self, adapter: &mut Adapter) {

@@ -176,6 +176,11 @@ impl SessionMachine {
         self.is_below_op = is_below_op;
     }
 
+    /// Whether all requests of its verification are in the master's queue.
+    pub(crate) fn has_queued_requests(&self) -> bool {
+        self.state == Session::Verifying && self.runner.has_begun()
+    }
+
     pub(crate) fn last_fault(&self) -> Option<VerificationFault> {
         self.last_fault
     }
