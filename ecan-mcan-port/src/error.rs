@@ -5,7 +5,8 @@ use thiserror::Error;
 
 use crate::address::AddressError;
 use crate::config_check::PortConfigFault;
-use crate::session::machine::{PendingStep, Session};
+use crate::session::machine::Session;
+use crate::session::pending_step::PendingStep;
 use crate::session::verification::VerificationFault;
 
 /// Errors of the Port outside the cycle.

@@ -15,7 +15,8 @@ use crate::schedule::account::ScheduleAccount;
 use crate::schedule::margin::{NotSchedulable, ScheduleMargin};
 use crate::schedule::sync0_phase::Sync0Phase;
 use crate::schedule::watch::ScheduleDiagnostics;
-use crate::session::machine::{PendingStep, Session};
+use crate::session::machine::Session;
+use crate::session::pending_step::PendingStep;
 use crate::session::verification::VerificationFault;
 use crate::statistics::SlaveStatistics;
 

@@ -19,8 +19,6 @@ use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 
 /// Interval of the printed lines, ns.
 const LINE_NS: u64 = 1_000_000_000;
-/// Phase error below which the clocks count as settled, ns.
-const SETTLED_NS: u32 = 1_000;
 
 /// Show the synchrony of host and slaves with distributed clocks
 #[derive(Debug, Parser)]
@@ -49,6 +47,9 @@ struct Arguments {
     /// Slave with the reference clock [default: the first on the bus]
     #[arg(long, value_name = "SLAVE")]
     reference: Option<usize>,
+    /// Phase error below which the clocks count as settled; the run fails if they are not at its end
+    #[arg(long, value_name = "US", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    settled_us: u32,
     /// Write a picture of the phase error
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
@@ -109,13 +110,13 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         port.next_cycle().finish();
         let Some(status) = port.adapter().clock_status() else { continue };
         let time = port.adapter().cycle_time_ns().saturating_sub(start);
-        results.take(cycle, status);
+        results.take(cycle, status, arguments.settled_us);
         plot.sample(cycle, time as f64 / 1e9, status);
         if results.line_due(time) {
             println!("{:6.1} s {}", time as f64 / 1e9, line(status));
         }
     }
-    print!("{}", results.summary(arguments.cycle_us));
+    print!("{}", results.summary(arguments.cycle_us, arguments.settled_us));
     if let Some(statistics) = port.adapter().cycle_statistics() {
         real_time::print_statistics(port.adapter(), statistics);
     }
@@ -144,11 +145,11 @@ struct Results {
 }
 
 impl Results {
-    fn take(&mut self, cycle: u64, status: ClockStatus) {
+    fn take(&mut self, cycle: u64, status: ClockStatus, settled_us: u32) {
         self.last = Some(status);
         let Some(error) = status.phase_error_ns.map(i32::unsigned_abs) else { return };
         self.largest_ns = self.largest_ns.max(error);
-        if error >= SETTLED_NS {
+        if error >= settled_us * 1_000 {
             self.settled_since = None;
         } else {
             self.settled_since.get_or_insert(cycle);
@@ -161,11 +162,11 @@ impl Results {
         due
     }
 
-    fn summary(&self, cycle_us: u32) -> String {
+    fn summary(&self, cycle_us: u32, settled_us: u32) -> String {
         let Some(last) = self.last else { return "no cycle was run\n".into() };
         let settled = match self.settled_since {
-            Some(cycle) => format!("below 1 us since cycle {cycle} of {cycle_us} us"),
-            None => "not below 1 us at the end".into(),
+            Some(cycle) => format!("below {settled_us} us since cycle {cycle} of {cycle_us} us"),
+            None => format!("not below {settled_us} us at the end"),
         };
         let largest = f64::from(self.largest_ns) / 1e3;
         format!(

@@ -15,7 +15,8 @@ fn clocks_settle_with_either_reference() {
     let base = ["--ecrt", DRIFT, "--slaves", "3", "--plot", plot.to_str().unwrap()];
     let printed = succeeds(PROGRAM, &[&base[..], &["--source", "reference"]].concat());
     // The scenario loses 51 frames and lets the reference clock, which is 50 ppm fast, jump.
-    assert!(printed.contains("phase error: largest 200.0"), "{printed}");
+    let is_jump = ["largest 200.0", "largest 199.9"].iter().any(|text| printed.contains(text));
+    assert!(is_jump, "{printed}");
     assert!(printed.contains("below 1 us since cycle "), "{printed}");
     assert!(printed.contains("clock: -50.0") || printed.contains("clock: -49.9"), "{printed}");
     assert!(printed.contains("readings missed: 51"), "{printed}");

@@ -2,7 +2,7 @@
 
 use ecan_host::{Adapter, CycleError, Error, RequestState, SdoRequestId};
 
-use crate::session::machine::PendingStep;
+use crate::session::pending_step::PendingStep;
 use crate::session::verification::{Check, SdoTransfer, VerificationFault};
 
 /// Longest wait for a check, in nanoseconds, besides the transfers of all gateways: the master's own

@@ -11,8 +11,9 @@ use ecan_protocol::mapping::Direction;
 
 use crate::port_config::GatewayConfig;
 use crate::session::check_runner::CheckRunner;
+use crate::session::pending_step::PendingStep;
 use crate::session::startup_retry::StartupRetry;
-use crate::session::verification::{SERIAL_CHECKS, SdoTransfer, VerificationFault, checks};
+use crate::session::verification::{SERIAL_CHECKS, VerificationFault, checks};
 
 /// Cycles between checks of the slave's state while the gateway is ready.
 const WATCH_CYCLES: u64 = 64;
@@ -43,59 +44,6 @@ impl fmt::Display for Session {
             Self::Verifying => f.write_str("being verified"),
             Self::Ready => f.write_str("ready"),
             Self::Failed(fault) => write!(f, "not ready: {fault}"),
-        }
-    }
-}
-
-/// Step that a gateway waits for until it is ready.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum PendingStep {
-    /// A configuration of the Port that has the gateway.
-    Configuration,
-    /// The slave does not answer at its address.
-    Answer,
-    /// The master does not see the slave in OP.
-    Operational,
-    /// The slave stays in one state below OP. The master stops a startup when one of its SDOs or a
-    /// change of state fails. The Port requests another one at increasing intervals; on an attached
-    /// Adapter the owner of the master does, and before version 1.6 of the library, where the request
-    /// may block, the application with [`Port::retry_startup`](crate::Port::retry_startup) while
-    /// other gateways are ready.
-    StartupRetry,
-    /// The slave is in OP, but the delivery of its outputs is not confirmed.
-    ProcessData,
-    /// Another slave exchanges the same process data: it had this position while a branch of the bus
-    /// was away, until the master configures it again.
-    ExclusiveProcessData,
-    /// A transfer of the verification.
-    Transfer(SdoTransfer),
-    /// A transfer of an earlier attempt that the master has not ended.
-    EarlierTransfer(SdoTransfer),
-    /// The next attempt, after a failed one.
-    NextAttempt,
-}
-
-impl fmt::Display for PendingStep {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Configuration => f.write_str("a reconfiguration of the Port that includes it"),
-            Self::Answer => {
-                f.write_str("the slave to answer at its address; check its power and the cables")
-            }
-            Self::Operational => f.write_str("OP"),
-            Self::StartupRetry => f.write_str(
-                "another attempt of its startup: it stays in one state below OP; see the kernel log",
-            ),
-            Self::ProcessData => f.write_str("its process data to arrive"),
-            Self::ExclusiveProcessData => {
-                f.write_str("another slave to leave its process data (working counter too high)")
-            }
-            Self::Transfer(transfer) => write!(f, "the {transfer}"),
-            Self::EarlierTransfer(transfer) => {
-                write!(f, "the master to end the {transfer} of an earlier attempt")
-            }
-            Self::NextAttempt => f.write_str("the next attempt"),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 mod check_runner;
 pub(crate) mod machine;
+pub(crate) mod pending_step;
 mod startup;
 mod startup_retry;
 pub(crate) mod verification;

@@ -14,11 +14,8 @@ use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 use crate::schedule::account::{ScheduleAccounts, ScheduledFrameState};
 use crate::statistics::SlaveStatistics;
 use crate::transmit::history::{OpenFrame, TransmitHistory};
-use crate::transmit::unproven::UnprovenFrames;
+use crate::transmit::unproven::{Counts, UnprovenFrames};
 use crate::transmit::window::TransmitWindow;
-
-/// Frames per channel in an image.
-pub(crate) type Counts = [u8; CHANNELS];
 
 #[derive(Debug)]
 pub(crate) struct Transmitter {

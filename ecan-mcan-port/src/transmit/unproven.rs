@@ -2,7 +2,8 @@
 
 use ecan_protocol::mapping::CHANNELS;
 
-use super::transmitter::Counts;
+/// Frames per channel in an image.
+pub(crate) type Counts = [u8; CHANNELS];
 
 /// Number of images that are stored one by one; older ones are proven together.
 const DEPTH: usize = 16;

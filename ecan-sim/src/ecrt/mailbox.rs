@@ -1,6 +1,6 @@
 //! Mailbox transfers: their owner, their steps and their duration.
 
-use crate::ecrt::sdo_transfer::SdoFailure;
+use crate::ecrt::sdo_object::SdoFailure;
 use crate::ecrt::slave_config::RequestId;
 use crate::ecrt::timing::SDO_NS;
 

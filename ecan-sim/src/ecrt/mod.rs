@@ -18,6 +18,7 @@ mod pdo;
 mod pdo_assignment;
 mod process_memory;
 mod registry;
+mod sdo_object;
 mod sdo_transfer;
 mod slave_config;
 mod slave_view;

@@ -8,7 +8,7 @@ use ecrt_sys::{Clock as _, MonotonicClock};
 
 use crate::backend_error::BackendError;
 use crate::ecrt::master::{MasterModel, Phase, dictionary_ns};
-use crate::ecrt::sdo_transfer::{SdoFailure, SdoObject};
+use crate::ecrt::sdo_object::{SdoFailure, SdoObject};
 use crate::ecrt::threads::{Threads, Waiter};
 use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, DICTIONARY_WAIT_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::node::BridgeFactory;

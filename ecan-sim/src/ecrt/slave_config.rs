@@ -2,7 +2,7 @@
 
 use crate::ecrt::pdo::{Pdo, direction_of, pdo_bytes};
 use crate::ecrt::process_memory::ProcessMemory;
-use crate::ecrt::sdo_transfer::SdoObject;
+use crate::ecrt::sdo_object::SdoObject;
 use crate::scenario::GatewaySpec;
 use crate::world::ProcessDirection;
 

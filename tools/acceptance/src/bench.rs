@@ -15,8 +15,9 @@ use crate::arguments::Arguments;
 use crate::bus::{BusSpec, Nodes};
 use crate::child::{CommandRecord, Finished, Running};
 use crate::kernel_log::KernelLog;
+use crate::need::Need;
 use crate::slave::{Slave, SlaveReport};
-use crate::step::{Need, Stop, check};
+use crate::stop::{Stop, check};
 
 /// Time limit of a program that ends by itself.
 const PROGRAM_LIMIT: Duration = Duration::from_secs(180);

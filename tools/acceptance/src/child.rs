@@ -12,7 +12,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde::Serialize;
 
-use crate::step::Stop;
+use crate::stop::Stop;
 
 /// Period in which the interrupt and the end of a child are looked at.
 const POLL: Duration = Duration::from_millis(20);

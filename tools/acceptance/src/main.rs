@@ -12,11 +12,13 @@ mod bench;
 mod bus;
 mod child;
 mod kernel_log;
+mod need;
 mod report;
 mod runner;
 mod slave;
 mod step;
 mod steps;
+mod stop;
 mod table;
 
 use std::process::ExitCode;

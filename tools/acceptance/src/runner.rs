@@ -7,8 +7,9 @@ use ecan_command_line::interrupt::Interrupt;
 use crate::arguments::Arguments;
 use crate::bench::{Bench, Record};
 use crate::report::{Report, StepReport, Versions};
-use crate::step::{Group, Status, Step, Stop};
+use crate::step::{Group, Status, Step};
 use crate::steps::GROUPS;
+use crate::stop::Stop;
 
 fn is_selected(arguments: &Arguments, group: &Group, step: &Step) -> bool {
     let name = format!("{}/{}", group.name, step.name);

@@ -7,7 +7,7 @@ use ecan_command_line::interrupt::Interrupt;
 use nix::sys::signal::Signal;
 
 use crate::child::{Finished, Running};
-use crate::step::Stop;
+use crate::stop::Stop;
 
 /// Time to start and to end.
 const LIMIT: Duration = Duration::from_secs(60);

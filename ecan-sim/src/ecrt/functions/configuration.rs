@@ -11,7 +11,7 @@ use crate::ecrt::calls::CallResult;
 use crate::ecrt::master::Phase;
 use crate::ecrt::pdo::{Pdo, PdoEntry};
 use crate::ecrt::registry::{self, Target};
-use crate::ecrt::sdo_transfer::SdoObject;
+use crate::ecrt::sdo_object::SdoObject;
 use crate::ecrt::slave_config::{
     DcConfig, EntrySelector, RequestId, SdoRequest, StartupSdo, SyncWatchdog,
 };

@@ -1,6 +1,6 @@
 use super::{bytes, on_master, store};
 use crate::ecrt::calls::CallResult;
-use crate::ecrt::sdo_transfer::SdoObject;
+use crate::ecrt::sdo_object::SdoObject;
 use ecrt_sys::ec_master_t;
 use libc::size_t;
 

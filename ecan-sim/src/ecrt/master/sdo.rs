@@ -2,7 +2,8 @@
 
 use super::{MasterModel, Phase};
 use crate::ecrt::mailbox::{Transfer, TransferOwner};
-use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, SdoFailure, SdoObject, proceed};
+use crate::ecrt::sdo_object::{SdoFailure, SdoObject};
+use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, proceed};
 use crate::ecrt::slave_config::{RequestId, RequestProgress, SdoRequest};
 use crate::world::World;
 

@@ -12,7 +12,8 @@ use crate::ecrt::al_status::{AL_ERROR, al_status};
 use crate::ecrt::mailbox::MailboxTransfer;
 use crate::ecrt::pdo::pdo_bytes;
 use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
-use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, SdoFailure, SdoObject, proceed};
+use crate::ecrt::sdo_object::{SdoFailure, SdoObject};
+use crate::ecrt::sdo_transfer::{Payload, Progress, Receiver, proceed};
 use crate::ecrt::slave_config::SyncWatchdog;
 use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{

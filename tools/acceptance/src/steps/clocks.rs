@@ -2,8 +2,10 @@
 
 use crate::bench::{Bench, Kind};
 use crate::bus::BusSpec;
-use crate::step::{Group, Need, Step, Stop, check};
+use crate::need::Need;
+use crate::step::{Group, Step};
 use crate::steps::echo::run_with_file;
+use crate::stop::{Stop, check};
 
 pub const GROUP: Group = Group {
     name: "clocks",
@@ -53,7 +55,10 @@ fn clocks(bench: &mut Bench, gateways: u16, source: &str) -> Result<(), Stop> {
     let cycles = if bench.arguments.quick { "1000" } else { "4000" };
     let arguments =
         ["--slaves", &slaves, "--cycle-us", &cycle, "--cycles", cycles, "--source", source];
-    let program = bench.example("dc_clocks", arguments);
+    // A frame arrives at a simulated slave controller when its program reads it.
+    let settled_us = if bench.kind == Kind::Wire { "100" } else { "1" };
+    let mut program = bench.example("dc_clocks", arguments);
+    program.args(["--settled-us", settled_us]);
     let finished = bench.run(program)?.expect(0)?;
     let output = finished.output();
     let largest = output

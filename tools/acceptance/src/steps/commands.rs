@@ -10,7 +10,9 @@ use serde_json::Value;
 
 use crate::bench::{Bench, Kind};
 use crate::bus::{BusSpec, Nodes};
-use crate::step::{Group, Need, Step, Stop, check};
+use crate::need::Need;
+use crate::step::{Group, Step};
+use crate::stop::{Stop, check};
 
 pub const GROUP: Group = Group {
     name: "commands",

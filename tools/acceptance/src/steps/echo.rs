@@ -3,7 +3,7 @@
 use crate::bench::{Bench, Kind};
 use crate::bus::BusSpec;
 use crate::child::Finished;
-use crate::step::{Stop, check};
+use crate::stop::{Stop, check};
 use crate::table;
 
 /// Arguments of a run.

@@ -6,8 +6,10 @@ use nix::sys::signal::Signal;
 
 use crate::bench::Bench;
 use crate::bus::BusSpec;
-use crate::step::{Group, Need, Step, Stop, check};
+use crate::need::Need;
+use crate::step::{Group, Step};
 use crate::steps::running_loop::{RunningLoop, expect_accounts};
+use crate::stop::{Stop, check};
 
 pub const GROUP: Group = Group {
     name: "faults",

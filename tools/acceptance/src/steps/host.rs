@@ -2,7 +2,9 @@
 
 use crate::bench::Bench;
 use crate::bus::BusSpec;
-use crate::step::{Group, Need, Step, Stop, check};
+use crate::need::Need;
+use crate::step::{Group, Step};
+use crate::stop::{Stop, check};
 
 pub const GROUP: Group = Group {
     name: "host",

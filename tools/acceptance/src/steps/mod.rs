@@ -20,7 +20,8 @@ mod startup;
 use std::fmt::Write;
 
 use crate::bench::Bench;
-use crate::step::{Group, Stop};
+use crate::step::Group;
+use crate::stop::Stop;
 
 /// All groups, in the order of the list.
 pub const GROUPS: &[&Group] = &[

@@ -4,10 +4,12 @@ use std::time::Duration;
 
 use crate::bench::Bench;
 use crate::bus::BusSpec;
-use crate::step::{Group, Need, Step, Stop};
+use crate::need::Need;
+use crate::step::{Group, Step};
 use crate::steps::distribution::Distribution;
 use crate::steps::faults::with_link_down;
 use crate::steps::running_loop::RunningLoop;
+use crate::stop::Stop;
 
 pub const GROUP: Group = Group {
     name: "outages",

@@ -4,9 +4,11 @@ use std::time::Duration;
 
 use crate::bench::Bench;
 use crate::bus::BusSpec;
-use crate::step::{Group, Need, Step, Stop};
+use crate::need::Need;
+use crate::step::{Group, Step};
 use crate::steps::distribution::Distribution;
 use crate::steps::running_loop::RunningLoop;
+use crate::stop::Stop;
 
 pub const GROUP: Group = Group {
     name: "restarts",

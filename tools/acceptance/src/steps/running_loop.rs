@@ -6,7 +6,7 @@ use nix::sys::signal::Signal;
 
 use crate::bench::Bench;
 use crate::child::{Finished, Running};
-use crate::step::{Stop, check};
+use crate::stop::{Stop, check};
 use crate::table;
 
 /// Time to become ready, and to end.

@@ -1,0 +1,26 @@
+//! Early end of a step.
+
+/// Early end of a step.
+#[derive(Debug, thiserror::Error)]
+pub enum Stop {
+    /// The behaviour differs from the expected one.
+    #[error("{0}")]
+    Failed(String),
+    /// The step does not apply.
+    #[error("skipped: {0}")]
+    Skipped(String),
+    /// By the user.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+impl Stop {
+    pub fn failed(message: impl Into<String>) -> Self {
+        Self::Failed(message.into())
+    }
+}
+
+/// Fails with the message unless the condition holds.
+pub fn check(condition: bool, message: impl FnOnce() -> String) -> Result<(), Stop> {
+    if condition { Ok(()) } else { Err(Stop::Failed(message())) }
+}
