@@ -180,9 +180,24 @@ fn codesys(steps: &[StartupStep]) -> String {
     out
 }
 
-/// Shell function that reads a value and compares it; `upload` prints it in hexadecimal and decimal.
-const CHECK: &str = r#"#!/bin/sh
+/// Shell functions: a transfer, and the comparison of a value, which `upload` prints in hexadecimal
+/// and decimal.
+const FUNCTIONS: &str = r#"#!/bin/sh
 set -e
+# After a scan the master reads the SDO dictionary, about a second per slave. Other transfers fail
+# meanwhile, and are repeated.
+transfer() {
+    attempts=0
+    until answer=$(ethercat "$@" 2>&1); do
+        attempts=$((attempts + 1))
+        case $answer in
+        *"Input/output error"*) [ $attempts -lt 10 ] && sleep 1 && continue ;;
+        esac
+        echo "ethercat $*: $answer" >&2
+        exit 1
+    done
+    [ -z "$answer" ] || echo "$answer"
+}
 check() {
     value=${1##* }
     case $2 in
@@ -196,7 +211,7 @@ check() {
 "#;
 
 fn ethercat(steps: &[StartupStep], address: SlaveAddress) -> String {
-    let mut out = String::from(CHECK);
+    let mut out = String::from(FUNCTIONS);
     for step in steps {
         let (index, subindex) = step.object();
         let comment = name(index, subindex);
@@ -204,7 +219,7 @@ fn ethercat(steps: &[StartupStep], address: SlaveAddress) -> String {
         let _ = match step {
             StartupStep::Download(write) => writeln!(
                 out,
-                "ethercat download {address} --type {} {object} {}  # {comment}",
+                "transfer download {address} --type {} {object} {}  # {comment}",
                 type_name(write.ty),
                 write.value
             ),
@@ -213,7 +228,7 @@ fn ethercat(steps: &[StartupStep], address: SlaveAddress) -> String {
                 let (ty, value) = (expected_type(index, subindex), joined(&values, " "));
                 writeln!(
                     out,
-                    "check \"$(ethercat upload {address} --type {ty} {object})\" {comparison} \
+                    "check \"$(transfer upload {address} --type {ty} {object})\" {comparison} \
                      \"{value}\" \"0x{index:04X}:{subindex:02} {comment}\""
                 )
             }

@@ -170,7 +170,7 @@ fn failed_check_stops_the_ethercat_lines() {
     let steps = ecan_config_file::startup(&two(), 1);
     let script =
         export(Format::Ethercat, &steps, SlaveAddress { master: 1, alias: 7, position: 0 });
-    assert!(script.contains("ethercat download -m 1 -a 7 -p 0 --type uint16 0x1c12 1 5632  # "));
+    assert!(script.contains("transfer download -m 1 -a 7 -p 0 --type uint16 0x1c12 1 5632  # "));
     let (output, lines) = run_script(&script, &steps, None);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(lines, writes(&steps));

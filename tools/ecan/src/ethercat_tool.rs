@@ -7,6 +7,7 @@ use std::ffi::OsStr;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread;
 use std::time::Duration;
 
 use ecan_host::denies_object;
@@ -27,6 +28,13 @@ const DEFAULT_PATHS: [&str; 4] = [
 /// Time limit of a command; the master itself waits some seconds for a mailbox.
 pub const LIMIT: Duration = Duration::from_secs(5);
 pub const WRITE_LIMIT: Duration = Duration::from_secs(600);
+/// Messages of transfers that can succeed when they are repeated: while the master reads the SDO
+/// dictionary, about a second per slave after a scan, it takes the responses of other transfers.
+const SDO_COLLISION: &str = "Input/output error";
+const FOE_COLLISION: &str = "FOE_MBOX_PROT_ERROR";
+/// Pause before the repetition, and number of attempts.
+const COLLISION_PAUSE: Duration = Duration::from_millis(500);
+const ATTEMPTS: u32 = 10;
 
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ToolError {
@@ -225,7 +233,7 @@ impl EthercatTool {
         let (slave, index) = (slave.to_string(), format!("{index:#06x}"));
         let subindex = subindex.to_string();
         let arguments = ["--position", &slave, "--type", kind, &index, &subindex];
-        self.run("upload", arguments)
+        repeat_after(SDO_COLLISION, || self.run("upload", arguments))
     }
 
     /// Reads a number of the object dictionary; the tool rejects data of another length.
@@ -268,8 +276,26 @@ impl EthercatTool {
         if known.has_password_argument {
             arguments.push(OsStr::new("0"));
         }
-        self.run_for_bytes("foe_write", arguments, WRITE_LIMIT).map(|_| ())
+        repeat_after(FOE_COLLISION, || self.run_for_bytes("foe_write", &arguments, WRITE_LIMIT))?;
+        Ok(())
     }
+}
+
+fn repeat_after<R>(
+    collision: &str,
+    mut transfer: impl FnMut() -> Result<R, ToolError>,
+) -> Result<R, ToolError> {
+    let is_collision = |error: &ToolError| match error {
+        ToolError::Failed { message, .. } => message.contains(collision),
+        _ => false,
+    };
+    for _ in 1..ATTEMPTS {
+        match transfer() {
+            Err(error) if is_collision(&error) => thread::sleep(COLLISION_PAUSE),
+            result => return result,
+        }
+    }
+    transfer()
 }
 
 /// Returns whether the message of the tool means that the slave does not have the object in the

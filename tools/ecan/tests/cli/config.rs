@@ -297,7 +297,7 @@ fn export_works_offline() {
     assert!(list("twincat").contains("<Index>32771</Index>"));
     assert!(list("codesys").contains(";16#8003:16#13;Nominal bitrate;125000;32;TRUE;FALSE;0;"));
     assert!(
-        list("ethercat").contains("\nethercat download -p 0 --type uint32 0x8003 19 125000  #")
+        list("ethercat").contains("\ntransfer download -p 0 --type uint32 0x8003 19 125000  #")
     );
     let json: serde_json::Value =
         serde_json::from_str(&good(&["config", "export", text(&path), "--json"])).unwrap();
@@ -358,9 +358,9 @@ fn master_option_overrides_file() {
     let list = |master: &[&str]| {
         good(&[master, &["config", "export", "--format", "ethercat", path]].concat())
     };
-    assert!(list(&[]).contains("ethercat download -m 3 -p 0 "));
-    assert!(list(&["--master", "0"]).contains("ethercat download -p 0 "));
-    assert!(list(&["--master", "12"]).contains("ethercat download -m 12 -p 0 "));
+    assert!(list(&[]).contains("transfer download -m 3 -p 0 "));
+    assert!(list(&["--master", "0"]).contains("transfer download -p 0 "));
+    assert!(list(&["--master", "12"]).contains("transfer download -m 12 -p 0 "));
 }
 
 #[test]
