@@ -11,7 +11,7 @@ use common::{Fixture, Handles, SendData, classic, id};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PendingStep, Port, PortConfig, PortError, Session};
 use ecan_protocol::device::AlState;
-use ecan_sim::{Fault, GatewayFault, Topology};
+use ecan_sim::{Fault, GatewayFault, MasterBehaviour, ScriptedFault, Topology, When};
 
 fn adapter(slaves: usize) -> AdapterConfig {
     AdapterConfig::new(slaves as u16).with_cycle(Duration::from_millis(1))
@@ -246,8 +246,8 @@ fn reconfiguration_succeeds_after_the_bus_was_seen_empty() {
 #[test]
 fn port_opens_although_the_gateway_is_powered_later() {
     let mut scenario = ecan_sim::echo(1);
-    scenario.faults.push(ecan_sim::ScriptedFault {
-        when: ecan_sim::When::At(0),
+    scenario.faults.push(ScriptedFault {
+        when: When::At(0),
         fault: Fault::LinkLoss { gateway: 0, for_ms: 2_000 },
     });
     let mut fixture = Fixture::open(scenario, adapter(1), config(1)).unwrap();
@@ -267,4 +267,32 @@ fn startup_at_a_slow_cycle_does_not_wait_for_the_cycle() {
     };
     fixture.port.wait_ready_with(Duration::from_secs(100), count).unwrap();
     assert!(cycles < 400, "{cycles}");
+}
+
+/// A reserved master does not look for slaves.
+#[test]
+fn gateway_that_is_lost_while_the_port_opens_is_found_again() {
+    for (at_ms, fault) in [
+        (800, Fault::LinkLoss { gateway: 0, for_ms: 1_000 }),
+        (1_000, Fault::PowerCycle { gateway: 0, off_ms: 300 }),
+    ] {
+        let mut scenario = ecan_sim::echo(1);
+        scenario.master = MasterBehaviour::IGH;
+        scenario.faults.push(ScriptedFault { when: When::At(at_ms * 1_000_000), fault });
+        let mut fixture = Fixture::open(scenario, adapter(1), config(1)).unwrap();
+        fixture.port.wait_ready().unwrap();
+        assert!(fixture.port.adapter().clock().now_ns() > at_ms * 1_000_000);
+    }
+}
+
+#[test]
+fn gateway_that_is_switched_off_is_named() {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.master = MasterBehaviour::IGH;
+    scenario
+        .faults
+        .push(ScriptedFault { when: When::At(800_000_000), fault: Fault::PowerOff { gateway: 0 } });
+    let error =
+        Fixture::open(scenario, adapter(1), config(1)).err().expect("it is off").to_string();
+    assert!(error.contains("slave 0 (alias 0, position 0) is not on the bus"), "{error}");
 }

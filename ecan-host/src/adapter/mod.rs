@@ -21,6 +21,7 @@ use std::ops::Range;
 
 use ecan_protocol::mapping::Direction;
 use ecrt_sys::{Clock, Ecrt};
+use tracing::info;
 
 use crate::bus::{CapabilityValues, Diagnostics, identification, mapping};
 use crate::clocks::DistributedClocks;
@@ -169,10 +170,9 @@ impl Adapter {
     fn configure(&mut self) -> Result<(), Error> {
         self.diagnostics.set_addresses(&self.config);
         self.response_ns = Plan::of(&self.config).response_ns();
-        self.find_slaves()?;
         // All slaves are identified before the first one is configured.
         self.slaves = self
-            .prepare_slaves()?
+            .find_and_prepare_slaves()?
             .into_iter()
             .enumerate()
             .map(|(index, prepared)| self.configure_slave(index, prepared))
@@ -180,6 +180,23 @@ impl Adapter {
         self.select_reference_clock()?;
         self.phase = Phase::Configured;
         Ok(())
+    }
+
+    /// A slave that was lost while it was read is looked for again.
+    fn find_and_prepare_slaves(&mut self) -> Result<Vec<Prepared>, Error> {
+        let clock = self.ecrt.clock().clone();
+        let deadline_ns = deadline_ns(clock.as_ref(), self.config.preop_timeout);
+        loop {
+            self.find_slaves()?;
+            match self.prepare_slaves() {
+                Err(error) if error.is_temporary() && clock.now_ns() < deadline_ns => {
+                    info!("the slaves are looked for again: {error}");
+                    self.release()?;
+                    clock.sleep_until_ns(clock.now_ns() + FIND_POLL_NS);
+                }
+                result => return result,
+            }
+        }
     }
 
     /// Waits until all slaves are on the bus in PREOP, and the master is reserved.
@@ -197,7 +214,7 @@ impl Adapter {
                     continue;
                 }
                 Err(error) if clock.now_ns() >= deadline_ns => return Err(error),
-                Err(Error::NoSuchSlave { .. }) if !self.attached => self.release()?,
+                Err(Error::NoSuchSlave { .. }) => self.release()?,
                 Err(_) => {}
             }
             clock.sleep_until_ns(clock.now_ns() + FIND_POLL_NS);
@@ -206,7 +223,7 @@ impl Adapter {
 
     /// Releases the master, and with it a configuration that was never activated.
     fn release(&mut self) -> Result<(), Error> {
-        if self.master.is_reserved() {
+        if self.master.is_reserved() && !self.attached {
             self.master = Master::open(&self.ecrt, self.config.master_index)?;
         }
         Ok(())

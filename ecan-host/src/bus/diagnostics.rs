@@ -214,7 +214,10 @@ impl Diagnostics {
         let (alias, position) =
             self.addresses.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
         let info = self.master.info().map_err(|e| Error::library("ecrt_master", None, e))?;
-        let responding = if info.scan_busy { 0 } else { info.slave_count };
+        // The list of a master that does not scan keeps slaves that are gone.
+        let state = self.master_state()?;
+        let responding =
+            if info.scan_busy { 0 } else { info.slave_count.min(state.slaves_responding) };
         let on_bus = u16::try_from(responding).unwrap_or(u16::MAX);
         let has_alias =
             |p: &u16| self.master.slave_info(*p).is_ok_and(|found| found.alias == alias);
