@@ -211,7 +211,7 @@ fn unidentified_gateway_fails() {
 #[test]
 fn removed_gateway_fails_others_keep_reports() {
     // Before the gateways are in operation.
-    let fault = "[[fault]]\nkind = \"power_off\"\ngateway = 1\nat_ms = 5000\n";
+    let fault = "[[fault]]\nkind = \"power_off\"\ngateway = 1\nat_ms = 2800\n";
     let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
     let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
     assert!(printed.starts_with("gateway 4294967297 at position 0: "), "{printed}");
