@@ -88,7 +88,7 @@ impl EndedLoop {
     /// # Errors
     /// A frame of channel 0 is missing, apart from those of the last cycles.
     pub fn expect_complete(&self, gateways: u16) -> Result<(), Stop> {
-        /// Frames that are under way at the end.
+        /// Frames in flight at the end.
         const UNDER_WAY: u64 = 8;
         self.expect_accounts(gateways)?;
         let output = self.0.output();
