@@ -13,6 +13,7 @@ mod bus;
 mod child;
 mod kernel_log;
 mod need;
+mod record;
 mod report;
 mod runner;
 mod slave;

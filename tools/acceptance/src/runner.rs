@@ -5,7 +5,8 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use ecan_command_line::interrupt::Interrupt;
 
 use crate::arguments::Arguments;
-use crate::bench::{Bench, Record};
+use crate::bench::Bench;
+use crate::record::Record;
 use crate::report::{Report, StepReport, Versions};
 use crate::step::{Group, Status, Step};
 use crate::steps::GROUPS;
@@ -78,7 +79,7 @@ fn execute(bench: &mut Bench, group: &Group, step: &Step) -> StepReport {
     let start = Instant::now();
     bench.record = Record::default();
     bench.forget_kernel_log();
-    let missing = step.needs.iter().find_map(|need| bench.missing(*need));
+    let missing = step.needs.iter().find_map(|need| need.missing(bench));
     let outcome = match missing {
         Some(reason) => Err(Stop::Skipped(reason)),
         None => (step.run)(bench).and_then(|()| bench.check_slave()),
