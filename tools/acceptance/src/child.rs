@@ -148,26 +148,22 @@ impl Running {
             if self.interrupt.is_set() {
                 return Err(Stop::Interrupted);
             }
+            if begin.elapsed() >= limit {
+                return Err(self.failed(&format!("no \"{text}\" within {} s", limit.as_secs())));
+            }
             match self.incoming.recv_timeout(POLL) {
                 Ok(line) => self.lines.push(line),
-                Err(RecvTimeoutError::Timeout) if begin.elapsed() < limit => {}
-                Err(RecvTimeoutError::Timeout) => {
-                    let seconds = limit.as_secs();
-                    return Err(Stop::Failed(format!(
-                        "{}: no \"{text}\" within {seconds} s{}",
-                        self.command,
-                        tail(&self.lines)
-                    )));
-                }
+                Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => {
-                    return Err(Stop::Failed(format!(
-                        "{}: ended without \"{text}\"{}",
-                        self.command,
-                        tail(&self.lines)
-                    )));
+                    return Err(self.failed(&format!("ended without \"{text}\"")));
                 }
             }
         }
+    }
+
+    /// A failure of the program, with its last lines.
+    fn failed(&self, event: &str) -> Stop {
+        Stop::Failed(format!("{}: {event}{}", self.command, tail(&self.lines)))
     }
 
     /// Time since the start.
@@ -211,12 +207,7 @@ impl Running {
             }
             if begin.elapsed() >= limit {
                 self.end();
-                return Err(Stop::Failed(format!(
-                    "{}: not finished within {} s{}",
-                    self.command,
-                    limit.as_secs(),
-                    tail(&self.lines)
-                )));
+                return Err(self.failed(&format!("not finished within {} s", limit.as_secs())));
             }
             std::thread::sleep(POLL);
         }
@@ -386,5 +377,11 @@ mod tests {
     fn missing_line_is_a_failure() {
         let message = shell("echo other").wait_for("ready", LIMIT).unwrap_err().to_string();
         assert!(message.contains("ended without \"ready\""), "{message}");
+    }
+
+    #[test]
+    fn endless_output_without_the_line_is_a_failure() {
+        let message = shell("yes").wait_for("ready", Duration::ZERO).unwrap_err().to_string();
+        assert!(message.contains("no \"ready\" within 0 s"), "{message}");
     }
 }
