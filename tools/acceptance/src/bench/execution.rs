@@ -3,6 +3,8 @@
 use std::process::Command;
 use std::time::Duration;
 
+use ecan_command_line::interrupt::Interrupt;
+
 use super::{Bench, Kind};
 use crate::child::{Finished, Running};
 use crate::stop::Stop;
@@ -17,6 +19,13 @@ impl Bench {
     /// It cannot be started or does not end in time, or the user interrupts.
     pub fn run(&mut self, command: Command) -> Result<Finished, Stop> {
         let running = self.start(command)?;
+        let finished = running.finish(self.limit(PROGRAM_LIMIT))?;
+        Ok(self.note(finished))
+    }
+
+    /// As [`run`](Self::run), for a command that restores the host: an interrupt does not end it.
+    pub fn restore(&mut self, command: Command) -> Result<Finished, Stop> {
+        let running = Running::start(command, &Interrupt::default())?;
         let finished = running.finish(self.limit(PROGRAM_LIMIT))?;
         Ok(self.note(finished))
     }

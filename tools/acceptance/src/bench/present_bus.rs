@@ -128,7 +128,7 @@ impl Bench {
                     return Err(Stop::Skipped("needs --power-cycle COMMAND".to_owned()));
                 };
                 let command = self.system("sh", ["-c", &command]);
-                self.run(command)?.expect(0).map(drop)
+                self.restore(command)?.expect(0).map(drop)
             }
             Kind::Library => {
                 Err(Stop::Skipped("a simulated library has no power switch".to_owned()))

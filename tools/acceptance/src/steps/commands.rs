@@ -340,7 +340,7 @@ fn bridge_socketcan(bench: &mut Bench) -> Result<(), Stop> {
     }
     let outcome = on_virtual_interface(bench, INTERFACE);
     let delete = bench.system("ip", ["link", "delete", INTERFACE]);
-    bench.run(delete)?;
+    bench.restore(delete)?;
     outcome
 }
 

@@ -140,7 +140,7 @@ pub fn with_link_down(bench: &mut Bench, time: Duration) -> Result<(), Stop> {
     bench.run(down)?.expect(0)?;
     let pause = bench.pause(time);
     let up = bench.system("ip", ["link", "set", &interface, "up"]);
-    bench.run(up)?.expect(0)?;
+    bench.restore(up)?.expect(0)?;
     pause
 }
 
