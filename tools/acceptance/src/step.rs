@@ -13,6 +13,9 @@ pub struct Group {
     pub steps: &'static [Step],
 }
 
+/// Executes a step.
+pub type Run = fn(&mut Bench) -> Result<(), Stop>;
+
 /// One step of the list.
 #[derive(Debug)]
 pub struct Step {
@@ -20,7 +23,7 @@ pub struct Step {
     /// One sentence about the behaviour that a passed step shows.
     pub proves: &'static str,
     pub needs: &'static [Need],
-    pub run: fn(&mut Bench) -> Result<(), Stop>,
+    pub run: Run,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -1,5 +1,7 @@
 //! Early end of a step.
 
+use std::path::Path;
+
 /// Early end of a step.
 #[derive(Debug, thiserror::Error)]
 pub enum Stop {
@@ -17,6 +19,11 @@ pub enum Stop {
 impl Stop {
     pub fn failed(message: impl Into<String>) -> Self {
         Self::Failed(message.into())
+    }
+
+    /// A file that cannot be read or written.
+    pub fn file(path: &Path, error: &std::io::Error) -> Self {
+        Self::Failed(format!("{}: {error}", path.display()))
     }
 }
 

@@ -107,10 +107,9 @@ impl Bench {
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn write_file(&self, name: &str, text: &str) -> Result<String, Stop> {
+    pub fn write_file(&self, name: &str, contents: impl AsRef<[u8]>) -> Result<String, Stop> {
         let path = self.work.join(name);
-        std::fs::write(&path, text)
-            .map_err(|error| Stop::Failed(format!("{}: {error}", path.display())))?;
+        std::fs::write(&path, contents).map_err(|error| Stop::file(&path, &error))?;
         Ok(path.display().to_string())
     }
 }

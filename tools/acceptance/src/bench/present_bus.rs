@@ -8,9 +8,12 @@ use crate::bus::{BusSpec, Nodes};
 use crate::slave::{Slave, SlaveReport};
 use crate::stop::{Stop, check};
 
+/// File with the bus of simulated gateways.
+const SCENARIO: &str = "scenario.toml";
+
 impl Bench {
     pub(super) fn scenario_path(&self) -> PathBuf {
-        self.work.join("scenario.toml")
+        self.work.join(SCENARIO)
     }
 
     /// Provides a bus. Simulated gateways are started again only if another bus is needed.
@@ -38,10 +41,8 @@ impl Bench {
             }
         }
         self.stop_slave()?;
-        let path = self.scenario_path();
         let head = if self.arguments.like_igh { "[master]\nlike = \"igh\"\n" } else { "" };
-        std::fs::write(&path, spec.scenario(head))
-            .map_err(|error| Stop::Failed(format!("{}: {error}", path.display())))?;
+        self.write_file(SCENARIO, spec.scenario(head))?;
         self.spec = Some(spec);
         if self.kind == Kind::Wire {
             self.wait_for_slaves(0)?;

@@ -100,6 +100,17 @@ impl Bench {
         command
     }
 
+    /// As [`example`](Self::example), with the EtherCAT cycle.
+    pub fn cyclic_example<S: AsRef<OsStr>>(
+        &self,
+        name: &str,
+        arguments: impl IntoIterator<Item = S>,
+    ) -> Command {
+        let mut command = self.example(name, ["--cycle-us"]);
+        command.arg(self.arguments.cycle_us.to_string()).args(arguments);
+        command
+    }
+
     /// The options `--rt-priority` and `--lock-memory`, if they were asked for.
     pub fn real_time_options(&self) -> Vec<String> {
         self.arguments.rt_priority.map_or_else(Vec::new, |priority| {
@@ -116,6 +127,14 @@ impl Bench {
         command
     }
 
+    /// A command of `ecan` with the option `--ethercat`, if the path of IgH's tool is known.
+    pub fn with_ethercat(&self, mut command: Command) -> Command {
+        if let Some(path) = &self.arguments.ethercat {
+            command.arg("--ethercat").arg(path);
+        }
+        command
+    }
+
     /// A search path on which `ethercat` is IgH's tool, with the master.
     pub fn ethercat_on_path(&self) -> Result<String, Stop> {
         let directory = self.work.join("tool");
@@ -129,7 +148,7 @@ impl Bench {
         std::fs::create_dir_all(&directory)
             .and_then(|()| std::fs::write(&path, text))
             .and_then(|()| std::fs::set_permissions(&path, Permissions::from_mode(0o755)))
-            .map_err(|error| Stop::Failed(format!("{}: {error}", path.display())))?;
+            .map_err(|error| Stop::file(&path, &error))?;
         let rest = std::env::var("PATH").unwrap_or_default();
         Ok(format!("{}:{rest}", directory.display()))
     }

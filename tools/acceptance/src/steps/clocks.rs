@@ -4,7 +4,7 @@ use crate::bench::{Bench, Kind};
 use crate::bus::BusSpec;
 use crate::need::Need;
 use crate::step::{Group, Step};
-use crate::steps::echo::run_with_file;
+use crate::steps::echo::{EchoRun, run_echo, run_with_file};
 use crate::stop::{Stop, check};
 
 pub const GROUP: Group = Group {
@@ -51,13 +51,12 @@ pub const GROUP: Group = Group {
 
 fn clocks(bench: &mut Bench, gateways: u16, source: &str) -> Result<(), Stop> {
     bench.bus(BusSpec::any(gateways))?;
-    let (slaves, cycle) = (gateways.to_string(), bench.arguments.cycle_us.to_string());
+    let slaves = gateways.to_string();
     let cycles = if bench.arguments.quick { "1000" } else { "4000" };
-    let arguments =
-        ["--slaves", &slaves, "--cycle-us", &cycle, "--cycles", cycles, "--source", source];
     // A frame arrives at a simulated slave controller when its program reads it.
     let settled_us = if bench.kind == Kind::Wire { "100" } else { "1" };
-    let mut program = bench.example("dc_clocks", arguments);
+    let arguments = ["--slaves", &slaves, "--cycles", cycles, "--source", source];
+    let mut program = bench.cyclic_example("dc_clocks", arguments);
     program.args(["--settled-us", settled_us]);
     let finished = bench.run(program)?.expect(0)?;
     let output = finished.output();
@@ -84,7 +83,7 @@ fn sync0_frames(bench: &mut Bench) -> Result<(), Stop> {
 }
 
 fn no_warning_without_clocks(bench: &mut Bench) -> Result<(), Stop> {
-    crate::steps::echo::run_echo(bench, crate::steps::echo::EchoRun::n(3))?;
+    run_echo(bench, EchoRun::n(3))?;
     check(bench.kind == Kind::Library || bench.has_kernel_log(), || {
         "the kernel log cannot be read".to_owned()
     })?;

@@ -186,10 +186,7 @@ fn sdo_write(bench: &mut Bench) -> Result<(), Stop> {
 
 fn diag(bench: &mut Bench) -> Result<(), Stop> {
     bench.bus(BusSpec::any(1))?;
-    let mut record = bench.ecan_first(["diag", "--record", "bundle.json"]);
-    if let Some(path) = &bench.arguments.ethercat {
-        record.arg("--ethercat").arg(path);
-    }
+    let record = bench.with_ethercat(bench.ecan_first(["diag", "--record", "bundle.json"]));
     let _ = std::fs::remove_file(bench.work.join("bundle.json"));
     bench.run(record)?.expect_one_of(&[0, 1])?;
     let explain = bench.plain("ecan", ["diag", "--from", "bundle.json"]);

@@ -50,9 +50,7 @@ pub const GROUP: Group = Group {
             name: "c_loop",
             proves: "The C program of the main loop delivers every frame and receives it again.",
             needs: &[Need::EchoNodes, Need::Program("igh_simple_loop")],
-            run: |bench| {
-                run_echo(bench, EchoRun { program: "igh_simple_loop", ..EchoRun::n(3) }).map(drop)
-            },
+            run: |bench| run_echo(bench, EchoRun { program: "igh_simple_loop", ..EchoRun::n(3) }),
         },
         Step {
             name: "c_sdo_probe",
@@ -86,9 +84,7 @@ const CIA402: &str = "0192";
 
 fn sdo_probe(bench: &mut Bench, program: &str) -> Result<(), Stop> {
     bench.bus(BusSpec::drives(1))?;
-    let cycle = bench.arguments.cycle_us.to_string();
-    let command =
-        bench.example(program, ["--node", "1", "--index", "0x1000", "--cycle-us", &cycle]);
+    let command = bench.cyclic_example(program, ["--node", "1", "--index", "0x1000"]);
     bench.run(command)?.expect(0)?.expect_text(CIA402).map(drop)
 }
 
@@ -112,9 +108,8 @@ fn run_axes(
     options: &[&str],
 ) -> Result<(), Stop> {
     bench.bus(BusSpec::drives(gateways))?;
-    let (cycle, step) = (bench.arguments.cycle_us.to_string(), STEP.to_string());
-    let mut command =
-        bench.example(program, ["--cycle-us", &cycle, "--step", &step, "--cycles", "200"]);
+    let step = STEP.to_string();
+    let mut command = bench.cyclic_example(program, ["--step", &step, "--cycles", "200"]);
     command.args(options);
     let finished = bench.run(command)?.expect(0)?;
     if let Some(seconds) = finished.time_of("all axes enabled") {
@@ -132,23 +127,20 @@ fn run_axes(
 
 fn tx_probe(bench: &mut Bench) -> Result<(), Stop> {
     bench.bus(BusSpec::echo(1))?;
-    let cycle = bench.arguments.cycle_us.to_string();
-    let program = bench.example("mcan_gateway_tx_probe", ["--cycle-us", &cycle, "--frames", "200"]);
+    let program = bench.cyclic_example("mcan_gateway_tx_probe", ["--frames", "200"]);
     bench.run(program)?.expect(0)?.expect_text("results of 200 frames").map(drop)
 }
 
 fn c_tx_probe(bench: &mut Bench) -> Result<(), Stop> {
     bench.bus(BusSpec::echo(1))?;
-    let cycle = bench.arguments.cycle_us.to_string();
-    let arguments = ["--cycle-us", &cycle, "--frames", "200", "--offset-ns", "100000"];
-    let program = bench.example("igh_mcan_gateway_tx_probe", arguments);
+    let arguments = ["--frames", "200", "--offset-ns", "100000"];
+    let program = bench.cyclic_example("igh_mcan_gateway_tx_probe", arguments);
     bench.run(program)?.expect(0).map(drop)
 }
 
 fn replay(bench: &mut Bench) -> Result<(), Stop> {
     bench.bus(BusSpec::echo(1))?;
     let log = crate::steps::recording(bench, if bench.arguments.quick { 200 } else { 2_000 })?;
-    let cycle = bench.arguments.cycle_us.to_string();
-    let program = bench.example("simple_loop", ["--replay", &log, "--cycle-us", &cycle]);
+    let program = bench.cyclic_example("simple_loop", ["--replay", &log]);
     bench.run(program)?.expect(0).map(drop)
 }

@@ -32,7 +32,6 @@ impl EchoRun {
         let mut option = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
         option("--slaves", self.gateways.to_string());
         option("--pdo-n", self.n.to_string());
-        option("--cycle-us", bench.arguments.cycle_us.to_string());
         option("--cycles", Self::cycles(bench).to_string());
         if self.channels > 1 {
             option("--channel", "all".to_owned());
@@ -42,16 +41,15 @@ impl EchoRun {
     }
 }
 
-/// Runs it on gateways with echo nodes; every frame must be delivered and return. Returns the number
-/// of frames of each channel.
-pub fn run_echo(bench: &mut Bench, run: EchoRun) -> Result<u64, Stop> {
-    bench.bus(BusSpec::echo(run.gateways))?;
-    run_on_present_bus(bench, run)
+/// Runs it on gateways with echo nodes; every frame must be delivered and return.
+pub fn run_echo(bench: &mut Bench, run: EchoRun) -> Result<(), Stop> {
+    count_echo(bench, run).map(drop)
 }
 
-/// As [`run_echo`], on the bus as it is.
-pub fn run_on_present_bus(bench: &mut Bench, run: EchoRun) -> Result<u64, Stop> {
-    let command = bench.example(run.program, run.arguments(bench));
+/// As [`run_echo`]; returns the number of frames of each channel.
+pub fn count_echo(bench: &mut Bench, run: EchoRun) -> Result<u64, Stop> {
+    bench.bus(BusSpec::echo(run.gateways))?;
+    let command = bench.cyclic_example(run.program, run.arguments(bench));
     let al_errors = bench.al_errors();
     let finished = bench.run(command)?.expect(0)?;
     let al_errors = bench.al_errors() - al_errors;

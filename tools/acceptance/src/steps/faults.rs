@@ -6,10 +6,12 @@ use nix::sys::signal::Signal;
 
 use crate::bench::Bench;
 use crate::bus::BusSpec;
+use crate::child::Finished;
 use crate::need::Need;
-use crate::step::{Group, Step};
+use crate::step::{Group, Run, Step};
 use crate::steps::running_loop::{RunningLoop, expect_accounts};
 use crate::stop::{Stop, check};
+use crate::table;
 
 pub const GROUP: Group = Group {
     name: "faults",
@@ -48,56 +50,47 @@ pub const GROUP: Group = Group {
             name: "restart_of_one_of_three",
             proves: "One of three gateways restarts during the cycle; all become ready again.",
             needs: &[Need::Simulated, Need::Gateways(3)],
-            run: restart_of_one_of_three,
-        },
-        Step {
-            name: "restart",
-            proves: "A gateway that restarts during the cycle becomes ready again.",
-            needs: &[Need::Simulated],
             run: |bench| {
-                scripted(bench, "kind = \"power_cycle\"\ngateway = 0\noff_ms = 300\n", true)
+                returns_to_op(bench, 3, 1, "kind = \"power_cycle\"\ngateway = 1\noff_ms = 300")
             },
         },
-        Step {
-            name: "link_of_the_gateway",
-            proves: "A gateway without link for 500 ms becomes ready again.",
-            needs: &[Need::Simulated],
-            run: |bench| scripted(bench, "kind = \"link_loss\"\ngateway = 0\nfor_ms = 500\n", true),
-        },
-        Step {
-            name: "al_error",
-            proves: "A gateway that leaves OP with an AL error becomes ready again.",
-            needs: &[Need::Simulated],
-            run: |bench| scripted(bench, "kind = \"al_error\"\ngateway = 0\ncode = 0x1B\n", true),
-        },
-        Step {
-            name: "lost_frames",
-            proves: "Three lost EtherCAT frames cost no CAN frame: the images are repeated.",
-            needs: &[Need::Simulated],
-            run: |bench| {
-                scripted(bench, "kind = \"lost_frame\"\nway = \"outward\"\ncycles = 3\n", false)
+        simulated(
+            "restart",
+            "A gateway that restarts during the cycle becomes ready again.",
+            |bench| returns_to_op(bench, 1, 0, "kind = \"power_cycle\"\ngateway = 0\noff_ms = 300"),
+        ),
+        simulated(
+            "link_of_the_gateway",
+            "A gateway without link for 500 ms becomes ready again.",
+            |bench| returns_to_op(bench, 1, 0, "kind = \"link_loss\"\ngateway = 0\nfor_ms = 500"),
+        ),
+        simulated(
+            "al_error",
+            "A gateway that leaves OP with an AL error becomes ready again.",
+            |bench| returns_to_op(bench, 1, 0, "kind = \"al_error\"\ngateway = 0\ncode = 0x1B"),
+        ),
+        simulated(
+            "lost_frames",
+            "Three lost EtherCAT frames cost no CAN frame: the images are repeated.",
+            lost_frames,
+        ),
+        simulated(
+            "crc_error",
+            "Images with a wrong CRC are counted, and the cycle continues.",
+            crc_error,
+        ),
+        simulated(
+            "service_stall",
+            "A firmware that pauses for 20 ms continues without a new start.",
+            |bench| {
+                stays_in_op(bench, "kind = \"service_stall\"\ngateway = 0\nfor_ms = 20").map(drop)
             },
-        },
-        Step {
-            name: "crc_error",
-            proves: "Images with a wrong CRC are counted, and the cycle continues.",
-            needs: &[Need::Simulated],
-            run: |bench| scripted(bench, "kind = \"crc_error\"\ngateway = 0\ntimes = 3\n", false),
-        },
-        Step {
-            name: "service_stall",
-            proves: "A firmware that pauses for 20 ms continues without a new start.",
-            needs: &[Need::Simulated],
-            run: |bench| {
-                scripted(bench, "kind = \"service_stall\"\ngateway = 0\nfor_ms = 20\n", false)
-            },
-        },
-        Step {
-            name: "bus_off",
-            proves: "A channel in bus-off is recovered, and the cycle continues.",
-            needs: &[Need::Simulated],
-            run: |bench| scripted(bench, "kind = \"bus_off\"\ngateway = 0\nchannel = 0\n", false),
-        },
+        ),
+        simulated(
+            "bus_off",
+            "A channel in bus-off is recovered, and the cycle continues.",
+            bus_off,
+        ),
         Step {
             name: "rejected_startup_sdo",
             proves: "A startup SDO that the gateway rejects is named with object and abort code.",
@@ -112,6 +105,11 @@ pub const GROUP: Group = Group {
         },
     ],
 };
+
+/// A step with a fault that only simulated gateways can have.
+const fn simulated(name: &'static str, proves: &'static str, run: Run) -> Step {
+    Step { name, proves, needs: &[Need::Simulated], run }
+}
 
 /// Sends with process data before a scripted fault, for each gateway: well after the start, which
 /// sends too.
@@ -157,7 +155,7 @@ fn stall_for(bench: &mut Bench, time: Duration) -> Result<(), Stop> {
 
 fn stall_during_startup(bench: &mut Bench) -> Result<(), Stop> {
     bench.fresh_bus(BusSpec::echo(1))?;
-    let mut running = RunningLoop::launch(bench, 1, &["--cycles", "1000000000"])?;
+    let mut running = RunningLoop::launch(bench, 1)?;
     bench.pause(Duration::from_millis(300))?;
     let ready = stall_for(bench, Duration::from_secs(1)).and_then(|()| running.wait_ready(bench));
     let ended = running.end(bench);
@@ -174,41 +172,65 @@ fn gateway_switched_off(bench: &mut Bench) -> Result<(), Stop> {
 
 /// A fault during the cycle, as in a scenario file.
 fn fault_in_cycle(gateways: u16, text: &str) -> String {
-    format!("[[fault]]\ncycle = {}\n{text}", SENDS_BEFORE * u32::from(gateways))
+    format!("[[fault]]\ncycle = {}\n{text}\n", SENDS_BEFORE * u32::from(gateways))
 }
 
-/// Runs a program on a bus with a fault; the gateways are ready again afterwards.
-fn scripted(bench: &mut Bench, fault: &str, is_outage: bool) -> Result<(), Stop> {
-    run_scripted(bench, 1, fault, is_outage)
-}
-
-fn restart_of_one_of_three(bench: &mut Bench) -> Result<(), Stop> {
-    run_scripted(bench, 3, "kind = \"power_cycle\"\ngateway = 1\noff_ms = 300\n", true)
-}
-
-fn run_scripted(
+/// Runs a program on a bus with a fault, which must account every frame.
+fn run_with_fault(
     bench: &mut Bench,
     gateways: u16,
     fault: &str,
-    is_outage: bool,
-) -> Result<(), Stop> {
+    cycles_after: u32,
+) -> Result<Finished, Stop> {
     bench.fresh_bus(BusSpec::echo(gateways).with_faults(fault_in_cycle(gateways, fault)))?;
-    let after = if is_outage { CYCLES_AFTER_OUTAGE } else { CYCLES_AFTER_DISTURBANCE };
-    let cycles = (SENDS_BEFORE * u32::from(gateways) + after).to_string();
-    let (slaves, cycle) = (gateways.to_string(), bench.arguments.cycle_us.to_string());
-    let arguments = ["--slaves", &slaves, "--cycle-us", &cycle, "--cycles", &cycles];
-    let program = bench.example("simple_loop", arguments);
+    let cycles = (SENDS_BEFORE * u32::from(gateways) + cycles_after).to_string();
+    let slaves = gateways.to_string();
+    let program = bench.cyclic_example("simple_loop", ["--slaves", &slaves, "--cycles", &cycles]);
     let finished = bench.run(program)?.expect(0)?;
-    let output = finished.output();
-    // The gateway with the fault: the last but one in a line, or the only one.
-    let ready = format!("slave {}: ready", gateways / 2);
-    check(!is_outage || output.contains(&ready), || {
-        format!("no \"{ready}\" after the fault: {}", finished.end_text())
-    })?;
-    check(is_outage || !output.contains("waiting for OP"), || {
+    expect_accounts(&finished, gateways)?;
+    Ok(finished)
+}
+
+/// Takes this gateway out of OP; it must become ready again.
+fn returns_to_op(bench: &mut Bench, gateways: u16, gateway: u16, fault: &str) -> Result<(), Stop> {
+    let finished = run_with_fault(bench, gateways, fault, CYCLES_AFTER_OUTAGE)?;
+    finished.expect_text(&format!("slave {gateway}: ready")).map(drop)
+}
+
+/// Disturbs the only gateway, which must stay in OP.
+fn stays_in_op(bench: &mut Bench, fault: &str) -> Result<Finished, Stop> {
+    let finished = run_with_fault(bench, 1, fault, CYCLES_AFTER_DISTURBANCE)?;
+    check(!finished.output().contains("waiting for OP"), || {
         format!("the gateway left OP: {}", finished.end_text())
     })?;
-    expect_accounts(&finished, gateways)
+    Ok(finished)
+}
+
+fn lost_frames(bench: &mut Bench) -> Result<(), Stop> {
+    let finished = stays_in_op(bench, "kind = \"lost_frame\"\nway = \"outward\"\ncycles = 3")?;
+    let output = finished.output();
+    for column in ["lost", "discarded", "unknown"] {
+        let count = table::number(&output, column, "slave 0 can0");
+        check(count == Some(0), || format!("{column} {count:?}: {}", finished.end_text()))?;
+    }
+    Ok(())
+}
+
+fn crc_error(bench: &mut Bench) -> Result<(), Stop> {
+    let finished = stays_in_op(bench, "kind = \"crc_error\"\ngateway = 0\ntimes = 3")?;
+    let errors = table::number(&finished.output(), "errors", "slave 0");
+    // An image that is lost as well is not among them.
+    check(matches!(errors, Some(1..=3)), || {
+        format!("errors {errors:?}, expected 1 to 3: {}", finished.end_text())
+    })
+}
+
+fn bus_off(bench: &mut Bench) -> Result<(), Stop> {
+    let finished = stays_in_op(bench, "kind = \"bus_off\"\ngateway = 0\nchannel = 0")?;
+    // The channel rejects frames until it is recovered.
+    let rejected = table::number(&finished.output(), "rejected", "slave 0 can0");
+    let is_recovered = rejected.is_some_and(|count| count < CYCLES_AFTER_DISTURBANCE.into());
+    check(is_recovered, || format!("rejected {rejected:?}: {}", finished.end_text()))
 }
 
 fn rejected_startup_sdo(bench: &mut Bench) -> Result<(), Stop> {
@@ -221,13 +243,10 @@ fn rejected_startup_sdo(bench: &mut Bench) -> Result<(), Stop> {
 }
 
 fn motion_with_lost_frame(bench: &mut Bench) -> Result<(), Stop> {
-    let fault = fault_in_cycle(1, "kind = \"lost_frame\"\nway = \"outward\"\ncycles = 1\n");
+    let fault = fault_in_cycle(1, "kind = \"lost_frame\"\nway = \"outward\"\ncycles = 1");
     bench.fresh_bus(BusSpec::drives(1).with_faults(fault))?;
     let cycles = (SENDS_BEFORE + CYCLES_AFTER_DISTURBANCE).to_string();
-    let cycle = bench.arguments.cycle_us.to_string();
-    let program = bench.example(
-        "cia402_single_axis_demo",
-        ["--cycle-us", &cycle, "--step", "20", "--cycles", &cycles],
-    );
+    let arguments = ["--step", "20", "--cycles", &cycles];
+    let program = bench.cyclic_example("cia402_single_axis_demo", arguments);
     bench.run(program)?.expect(0)?.expect_text("operation enabled").map(drop)
 }

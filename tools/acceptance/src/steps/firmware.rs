@@ -1,7 +1,11 @@
 //! Firmware over FoE.
 
+use std::path::Path;
+use std::time::Duration;
+
 use crate::bench::{Bench, Kind};
 use crate::bus::BusSpec;
+use crate::child::Finished;
 use crate::need::Need;
 use crate::step::{Group, Step};
 use crate::stop::{Stop, check};
@@ -36,7 +40,10 @@ pub const GROUP: Group = Group {
     ],
 };
 
+/// Version of the package.
 const NEW: &str = "3.0.7";
+/// Time limit of a transfer, and of the restart after it.
+const LIMIT: Duration = Duration::from_secs(60);
 
 fn running_version(bench: &mut Bench) -> Result<String, Stop> {
     let command = bench.ecan_first(["--json", "firmware", "version"]);
@@ -59,13 +66,10 @@ fn package(bench: &mut Bench) -> Result<String, Stop> {
     Ok(path)
 }
 
-fn run_update(bench: &mut Bench, file: &str) -> Result<crate::child::Finished, Stop> {
-    let mut command = bench.ecan_first(["firmware", "update", file, "--yes"]);
-    if bench.kind != Kind::Library
-        && let Some(path) = &bench.arguments.ethercat
-    {
-        command.arg("--ethercat").arg(path);
-    }
+fn run_update(bench: &mut Bench, file: &str) -> Result<Finished, Stop> {
+    let command = bench.ecan_first(["firmware", "update", file, "--yes"]);
+    // The simulator rejects the option: it receives the file in this process.
+    let command = if bench.kind == Kind::Library { command } else { bench.with_ethercat(command) };
     bench.run(command)
 }
 
@@ -85,10 +89,11 @@ fn damaged_file(bench: &mut Bench) -> Result<(), Stop> {
     bench.fresh_bus(BusSpec::any(1))?;
     let before = running_version(bench)?;
     let file = package(bench)?;
-    let mut bytes = std::fs::read(&file).map_err(|error| Stop::Failed(error.to_string()))?;
+    let path = Path::new(&file);
+    let mut bytes = std::fs::read(path).map_err(|error| Stop::file(path, &error))?;
     let middle = bytes.len() / 2;
     bytes[middle] ^= 0xFF;
-    std::fs::write(&file, &bytes).map_err(|error| Stop::Failed(error.to_string()))?;
+    let file = bench.write_file("damaged.bin", &bytes)?;
     run_update(bench, &file)?.expect_one_of(&[1, 5, 6])?;
     let after = running_version(bench)?;
     check(before == after, || format!("version {after} runs, expected {before}"))
@@ -98,7 +103,7 @@ fn foe_write(bench: &mut Bench) -> Result<(), Stop> {
     bench.fresh_bus(BusSpec::any(1))?;
     let file = package(bench)?;
     // While the master reads the SDO dictionary after a scan, it takes the first response.
-    bench.poll("the file is written", std::time::Duration::from_secs(60), |bench| {
+    bench.poll("the file is written", LIMIT, |bench| {
         let command = bench.ethercat(["foe_write", "-p", "0", "-o", "ecan_lite_app", &file]);
         let finished = bench.run(command)?;
         if finished.output().contains("FOE_MBOX_PROT_ERROR") {
@@ -106,7 +111,7 @@ fn foe_write(bench: &mut Bench) -> Result<(), Stop> {
         }
         finished.expect(0).map(|_| Some(()))
     })?;
-    bench.poll("the new version runs", std::time::Duration::from_secs(60), |bench| {
+    bench.poll("the new version runs", LIMIT, |bench| {
         let command = bench.ecan_first(["--json", "firmware", "version"]);
         let finished = bench.run(command)?;
         let is_new = finished.code() == Some(0) && finished.output().contains(NEW);

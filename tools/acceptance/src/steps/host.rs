@@ -50,10 +50,7 @@ fn slaves(bench: &mut Bench) -> Result<(), Stop> {
 }
 
 fn doctor(bench: &mut Bench) -> Result<(), Stop> {
-    let mut doctor = bench.ecan(["--json", "doctor"]);
-    if let Some(path) = &bench.arguments.ethercat {
-        doctor.arg("--ethercat").arg(path);
-    }
+    let doctor = bench.with_ethercat(bench.ecan(["--json", "doctor"]));
     // Findings about the host, such as power saving, are no failure of the SDK.
     bench.run(doctor)?.expect_one_of(&[0, 1])?.json().map(drop)
 }

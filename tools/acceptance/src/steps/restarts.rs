@@ -58,7 +58,7 @@ fn start_once(
         Stop::Failed(message) => Stop::Failed(format!("start {nth}: {message}")),
         other => other,
     };
-    let mut running = RunningLoop::launch(bench, gateways, &["--cycles", "1000000000"])?;
+    let mut running = RunningLoop::launch(bench, gateways)?;
     let ready = running.wait_ready(bench);
     bench.pause(Duration::from_millis(100))?;
     let ended = running.end(bench)?;
@@ -107,7 +107,7 @@ fn three_gateways(bench: &mut Bench) -> Result<(), Stop> {
 fn after_kill(bench: &mut Bench) -> Result<(), Stop> {
     let count = starts(bench).div_ceil(5);
     series(bench, 1, count, |bench| {
-        let running = RunningLoop::launch(bench, 1, &["--cycles", "1000000000"])?;
+        let running = RunningLoop::launch(bench, 1)?;
         let time = bench.random_time(PAUSE);
         bench.pause(time)?;
         running.kill(bench)

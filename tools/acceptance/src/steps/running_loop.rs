@@ -12,6 +12,9 @@ use crate::table;
 /// Time to become ready, and to end.
 const LIMIT: Duration = Duration::from_secs(120);
 
+/// More cycles than any step lasts.
+const ENDLESS: &[&str] = &["--cycles", "1000000000"];
+
 /// The running program.
 pub struct RunningLoop {
     running: Running,
@@ -24,12 +27,12 @@ pub struct EndedLoop(Finished);
 impl RunningLoop {
     /// Starts it with one channel of each gateway, and waits until the gateways are ready.
     pub fn start(bench: &mut Bench, gateways: u16) -> Result<Self, Stop> {
-        Self::start_with(bench, gateways, &["--cycles", "1000000000"])
+        Self::start_with(bench, gateways, ENDLESS)
     }
 
     /// As [`start`](Self::start), with these options.
     pub fn start_with(bench: &mut Bench, gateways: u16, options: &[&str]) -> Result<Self, Stop> {
-        let mut running = Self::launch(bench, gateways, options)?;
+        let mut running = Self::launch_with(bench, gateways, options)?;
         let at = running.running.wait_for("ready", bench.limit(LIMIT));
         match at {
             Ok(at) => bench.figure("ready_s", at.as_secs_f64()),
@@ -41,10 +44,14 @@ impl RunningLoop {
         Ok(running)
     }
 
-    /// Starts it without waiting.
-    pub fn launch(bench: &mut Bench, gateways: u16, options: &[&str]) -> Result<Self, Stop> {
-        let (slaves, cycle) = (gateways.to_string(), bench.arguments.cycle_us.to_string());
-        let mut command = bench.example("simple_loop", ["--slaves", &slaves, "--cycle-us", &cycle]);
+    /// Starts it without waiting; it ends only by [`end`](Self::end) or [`kill`](Self::kill).
+    pub fn launch(bench: &mut Bench, gateways: u16) -> Result<Self, Stop> {
+        Self::launch_with(bench, gateways, ENDLESS)
+    }
+
+    fn launch_with(bench: &mut Bench, gateways: u16, options: &[&str]) -> Result<Self, Stop> {
+        let slaves = gateways.to_string();
+        let mut command = bench.cyclic_example("simple_loop", ["--slaves", &slaves]);
         command.args(options);
         Ok(Self { running: bench.start(command)?, gateways })
     }
@@ -106,7 +113,7 @@ impl EndedLoop {
     }
 
     /// # Errors
-    /// The program failed, sent nothing, or the accounts of a channel do not add up.
+    /// As [`expect_accounts`].
     pub fn expect_accounts(&self, gateways: u16) -> Result<(), Stop> {
         expect_accounts(&self.0, gateways)
     }
@@ -115,8 +122,9 @@ impl EndedLoop {
 /// Every accepted frame is delivered, lost, discarded, unknown or pending.
 ///
 /// # Errors
-/// The accounts of a channel do not add up, or no frame was sent.
+/// The program failed, sent nothing, or the accounts of a channel do not add up.
 pub fn expect_accounts(finished: &Finished, gateways: u16) -> Result<(), Stop> {
+    check(finished.code() == Some(0), || finished.end_text())?;
     let output = finished.output();
     for gateway in 0..gateways {
         let row = format!("slave {gateway} can0");

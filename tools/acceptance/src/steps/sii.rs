@@ -1,7 +1,5 @@
 //! The SII and the script that repairs it.
 
-use std::path::PathBuf;
-
 use crate::bench::Bench;
 use crate::bus::BusSpec;
 use crate::need::Need;
@@ -54,7 +52,7 @@ fn read_to(bench: &mut Bench, name: &str) -> Result<Vec<u8>, Stop> {
     let script = format!("{text} > {name}");
     let command = bench.system("sh", ["-c", &script]);
     bench.run(command)?.expect(0)?;
-    std::fs::read(&path).map_err(|error| Stop::Failed(format!("{}: {error}", path.display())))
+    std::fs::read(&path).map_err(|error| Stop::file(&path, &error))
 }
 
 fn read(bench: &mut Bench) -> Result<(), Stop> {
@@ -96,9 +94,8 @@ fn fix(bench: &mut Bench) -> Result<(), Stop> {
     let mut wrong = image.clone();
     // Low byte of the length of SM2, which has eight bytes like each sync manager.
     wrong[category + 2 * 8 + 2] ^= 0x80;
-    let path: PathBuf = bench.work.join("wrong.bin");
-    std::fs::write(&path, &wrong).map_err(|error| Stop::Failed(error.to_string()))?;
-    let write = bench.ethercat(["sii_write", "-p", "0", "wrong.bin"]);
+    let wrong = bench.write_file("wrong.bin", &wrong)?;
+    let write = bench.ethercat(["sii_write", "-p", "0", &wrong]);
     bench.run(write)?.expect(0)?;
     let rescan = bench.ethercat(["rescan"]);
     bench.run(rescan)?.expect(0)?;

@@ -3,71 +3,58 @@
 use crate::bench::Bench;
 use crate::bus::BusSpec;
 use crate::need::Need;
-use crate::step::{Group, Step};
-use crate::steps::echo::{EchoRun, run_echo};
+use crate::step::{Group, Run, Step};
+use crate::steps::echo::{EchoRun, count_echo, run_echo};
 use crate::stop::{Stop, check};
 
 pub const GROUP: Group = Group {
     name: "startup",
     steps: &[
-        Step {
-            name: "n1",
-            proves: "One gateway with N = 1 reaches OP; every frame is delivered and returns.",
-            needs: &[Need::EchoNodes],
-            run: |bench| run_echo(bench, EchoRun::n(1)).map(drop),
-        },
-        Step {
-            name: "n3",
-            proves: "One gateway with N = 3 reaches OP; every frame is delivered and returns.",
-            needs: &[Need::EchoNodes],
-            run: |bench| run_echo(bench, EchoRun::n(3)).map(drop),
-        },
-        Step {
-            name: "n8",
-            proves: "One gateway with N = 8, LWR and LRD instead of LRW, returns every frame.",
-            needs: &[Need::EchoNodes],
-            run: |bench| run_echo(bench, EchoRun::n(8)).map(drop),
-        },
-        Step {
-            name: "n11",
-            proves: "One gateway with N = 11, the largest that the master carries, returns every frame.",
-            needs: &[Need::EchoNodes],
-            run: |bench| run_echo(bench, EchoRun::n(11)).map(drop),
-        },
+        echo(
+            "n1",
+            "One gateway with N = 1 reaches OP; every frame is delivered and returns.",
+            |bench| run_echo(bench, EchoRun::n(1)),
+        ),
+        echo(
+            "n3",
+            "One gateway with N = 3 reaches OP; every frame is delivered and returns.",
+            |bench| run_echo(bench, EchoRun::n(3)),
+        ),
+        echo(
+            "n8",
+            "One gateway with N = 8, LWR and LRD instead of LRW, returns every frame.",
+            |bench| run_echo(bench, EchoRun::n(8)),
+        ),
+        echo(
+            "n11",
+            "One gateway with N = 11, the largest that the master carries, returns every frame.",
+            |bench| run_echo(bench, EchoRun::n(11)),
+        ),
         Step {
             name: "n12_rejected",
             proves: "N = 12 is rejected before the bus is touched, with the reason.",
             needs: &[],
             run: n12_rejected,
         },
-        Step {
-            name: "fd",
-            proves: "CAN FD frames with 64 bytes and bit rate switch return complete.",
-            needs: &[Need::EchoNodes],
-            run: |bench| {
-                run_echo(bench, EchoRun { options: &["--fd", "5000000"], ..EchoRun::n(8) })
-                    .map(drop)
-            },
-        },
-        Step {
-            name: "all_channels",
-            proves: "All four channels of a gateway carry frames at the same time.",
-            needs: &[Need::EchoNodes],
-            run: |bench| run_echo(bench, EchoRun { channels: 4, ..EchoRun::n(3) }).map(drop),
-        },
+        echo("fd", "CAN FD frames with 64 bytes and bit rate switch return complete.", |bench| {
+            run_echo(bench, EchoRun { options: &["--fd", "5000000"], ..EchoRun::n(8) })
+        }),
+        echo(
+            "all_channels",
+            "All four channels of a gateway carry frames at the same time.",
+            |bench| run_echo(bench, EchoRun { channels: 4, ..EchoRun::n(3) }),
+        ),
         Step {
             name: "three_gateways",
             proves: "Three gateways with four channels each reach OP and return every frame.",
             needs: &[Need::EchoNodes, Need::Gateways(3)],
-            run: |bench| {
-                run_echo(bench, EchoRun { gateways: 3, channels: 4, ..EchoRun::n(5) }).map(drop)
-            },
+            run: |bench| run_echo(bench, EchoRun { gateways: 3, channels: 4, ..EchoRun::n(5) }),
         },
         Step {
             name: "six_gateways",
             proves: "Six gateways reach OP and return every frame.",
             needs: &[Need::EchoNodes, Need::Gateways(6)],
-            run: |bench| run_echo(bench, EchoRun { gateways: 6, ..EchoRun::n(3) }).map(drop),
+            run: |bench| run_echo(bench, EchoRun { gateways: 6, ..EchoRun::n(3) }),
         },
         Step {
             name: "counters_of_the_slave",
@@ -84,6 +71,11 @@ pub const GROUP: Group = Group {
     ],
 };
 
+/// A step with frames that return.
+const fn echo(name: &'static str, proves: &'static str, run: Run) -> Step {
+    Step { name, proves, needs: &[Need::EchoNodes], run }
+}
+
 fn n12_rejected(bench: &mut Bench) -> Result<(), Stop> {
     bench.bus(BusSpec::any(1))?;
     let program = bench.example("simple_loop", ["--pdo-n", "12", "--cycles", "10"]);
@@ -92,7 +84,7 @@ fn n12_rejected(bench: &mut Bench) -> Result<(), Stop> {
 
 fn counters_of_the_slave(bench: &mut Bench) -> Result<(), Stop> {
     bench.fresh_bus(BusSpec::echo(1))?;
-    let frames = run_echo(bench, EchoRun::n(3))?;
+    let frames = count_echo(bench, EchoRun::n(3))?;
     let Some(report) = bench.stop_slave()? else {
         return Err(Stop::failed("the simulated gateways have ended by themselves"));
     };
