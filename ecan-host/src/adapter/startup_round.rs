@@ -24,7 +24,8 @@ pub enum StartupRounds {
     /// Only in the cycles.
     #[default]
     Off,
-    /// While a slave is below SAFEOP. Once all are in OP, the first SDO request must follow within the
+    /// While a slave is below SAFEOP or exchanges no process data: while the master reads an SDO
+    /// dictionary it polls no states. Once all are in OP, the first SDO request must follow within the
     /// few sends in which the master polls the slaves; otherwise it begins to read the SDO dictionary,
     /// and executes no requests until that is done.
     UntilSafeOp,
@@ -91,13 +92,16 @@ impl Adapter {
     }
 
     fn needs_startup_round(&self) -> bool {
-        let is_below_safeop = |slave: &Slave| {
+        let is_starting = |slave: &Slave| {
+            if slave.report.working_counter == 0 {
+                return true;
+            }
             let state = self.master.config_state(slave.config);
             state.is_ok_and(|state| !state.online || state.al_state < AlState::SafeOp.raw())
         };
         match self.startup_rounds {
             StartupRounds::Off => false,
-            StartupRounds::UntilSafeOp => self.slaves.iter().any(is_below_safeop),
+            StartupRounds::UntilSafeOp => self.slaves.iter().any(is_starting),
             StartupRounds::On => true,
         }
     }

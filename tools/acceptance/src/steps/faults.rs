@@ -114,8 +114,8 @@ const fn simulated(name: &'static str, proves: &'static str, run: Run) -> Step {
 /// Sends with process data before a scripted fault, for each gateway: well after the start, which
 /// sends too.
 const SENDS_BEFORE: u32 = 2_000;
-/// Cycles after it: the master may need a minute to scan a gateway that was away.
-const CYCLES_AFTER_OUTAGE: u32 = 12_000;
+/// Cycles after it: the master may read the dictionary of another gateway before it notices the fault.
+const CYCLES_AFTER_OUTAGE: u32 = 5_000;
 const CYCLES_AFTER_DISTURBANCE: u32 = 500;
 
 /// Causes an outage while a program runs, which must become ready again and account every frame.
