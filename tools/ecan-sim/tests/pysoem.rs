@@ -4,14 +4,13 @@
 
 mod support;
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::process::{ChildStdin, Command, Stdio};
 
 use nix::sys::signal::Signal;
 use support::network::{self, GATEWAYS, MASTER};
-use support::program::{DEADLINE, Running};
+use support::program::{DEADLINE, Process, Running};
 use support::raw_master::RawMaster;
 
 /// Names the interpreter, usually that of a virtual environment.
@@ -30,37 +29,23 @@ fn python() -> Option<PathBuf> {
 
 /// The master in its process.
 struct Master {
-    child: Child,
-    input: Option<ChildStdin>,
-    lines: Receiver<String>,
+    process: Process,
+    input: ChildStdin,
 }
 
 impl Master {
     fn start(python: &Path, case: &str, arguments: &[&str]) -> Self {
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/python/soem.py");
-        let mut child = Command::new(python)
-            .args(["-B", script, case])
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let (sender, lines) = channel();
-        let output = BufReader::new(child.stdout.take().unwrap());
-        std::thread::spawn(move || {
-            for line in output.lines().map_while(Result::ok) {
-                if sender.send(line).is_err() {
-                    break;
-                }
-            }
-        });
-        let input = child.stdin.take();
-        Self { child, input, lines }
+        let mut command = Command::new(python);
+        command.args(["-B", script, case]).args(arguments).stdin(Stdio::piped());
+        let mut process = Process::start(&mut command);
+        let input = process.child.stdin.take().unwrap();
+        Self { process, input }
     }
 
     /// Waits for this line. The failure of the script is printed on standard error.
     fn expect(&self, line: &str) {
-        let found = self.lines.recv_timeout(2 * DEADLINE);
+        let found = self.process.lines.recv_timeout(2 * DEADLINE);
         assert_eq!(found.as_deref(), Ok(line), "the message of the script is above");
     }
 
@@ -68,20 +53,13 @@ impl Master {
     fn serve(&mut self, request: &str, act: impl FnOnce()) {
         self.expect(request);
         act();
-        writeln!(self.input.as_mut().unwrap(), "done").unwrap();
+        writeln!(self.input, "done").unwrap();
     }
 
     fn finish(mut self) {
         self.expect("passed");
-        assert!(self.child.wait().unwrap().success());
-    }
-}
-
-impl Drop for Master {
-    fn drop(&mut self) {
-        // A failing test leaves no process behind.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        assert_eq!(self.process.rest(), [""; 0]);
+        assert!(self.process.child.wait().unwrap().success());
     }
 }
 

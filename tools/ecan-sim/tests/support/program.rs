@@ -35,22 +35,15 @@ pub fn fails(output: &Output) -> String {
     message
 }
 
-/// The running program.
-pub struct Running {
-    child: Child,
-    lines: Receiver<String>,
-    seen: Vec<String>,
+/// A child process and the lines of its standard output.
+pub struct Process {
+    pub child: Child,
+    pub lines: Receiver<String>,
 }
 
-impl Running {
-    /// Starts `ecan-sim wire` on the gateways' interface.
-    pub fn start(arguments: &[&str]) -> Self {
-        let base = ["wire", "--interface", super::network::GATEWAYS];
-        let mut child = command(&[&base[..], arguments].concat())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+impl Process {
+    pub fn start(command: &mut Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let (sender, lines) = channel();
         let output = BufReader::new(child.stdout.take().unwrap());
         std::thread::spawn(move || {
@@ -60,7 +53,43 @@ impl Running {
                 }
             }
         });
-        Self { child, lines, seen: Vec::new() }
+        Self { child, lines }
+    }
+
+    /// Waits for the end of its output; returns the rest.
+    pub fn rest(&self) -> Vec<String> {
+        let start = Instant::now();
+        let mut rest = Vec::new();
+        loop {
+            match self.lines.recv_timeout(DEADLINE.saturating_sub(start.elapsed())) {
+                Ok(line) => rest.push(line),
+                Err(RecvTimeoutError::Disconnected) => return rest,
+                Err(RecvTimeoutError::Timeout) => panic!("it does not end: {rest:#?}"),
+            }
+        }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // A failing test leaves no process running.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The running program.
+pub struct Running {
+    process: Process,
+    seen: Vec<String>,
+}
+
+impl Running {
+    /// Starts `ecan-sim wire` on the gateways' interface.
+    pub fn start(arguments: &[&str]) -> Self {
+        let base = ["wire", "--interface", super::network::GATEWAYS];
+        let mut command = command(&[&base[..], arguments].concat());
+        Self { process: Process::start(command.stderr(Stdio::piped())), seen: Vec::new() }
     }
 
     /// Waits for a line with this text.
@@ -68,7 +97,7 @@ impl Running {
         let start = Instant::now();
         while !self.seen.iter().any(|line| line.contains(text)) {
             let left = DEADLINE.saturating_sub(start.elapsed());
-            match self.lines.recv_timeout(left) {
+            match self.process.lines.recv_timeout(left) {
                 Ok(line) => self.seen.push(line),
                 Err(RecvTimeoutError::Timeout) => panic!("no \"{text}\": {:#?}", self.seen),
                 Err(RecvTimeoutError::Disconnected) => {
@@ -81,7 +110,7 @@ impl Running {
 
     fn errors(&mut self) -> String {
         let mut errors = String::new();
-        if let Some(mut stream) = self.child.stderr.take() {
+        if let Some(mut stream) = self.process.child.stderr.take() {
             let _ = stream.read_to_string(&mut errors);
         }
         errors
@@ -89,42 +118,27 @@ impl Running {
 
     /// Ends it with this signal; it must succeed. Returns its output.
     pub fn end(self, signal: Signal) -> String {
-        kill(Pid::from_raw(self.child.id().try_into().unwrap()), signal).unwrap();
+        kill(Pid::from_raw(self.process.child.id().try_into().unwrap()), signal).unwrap();
         self.finish()
     }
 
     /// Waits for its end, which must be a failure. Returns its message.
     pub fn fail(mut self) -> String {
         let start = Instant::now();
-        while self.child.try_wait().unwrap().is_none() {
+        while self.process.child.try_wait().unwrap().is_none() {
             assert!(start.elapsed() < DEADLINE, "it does not end");
             std::thread::yield_now();
         }
-        assert!(!self.child.wait().unwrap().success());
+        assert!(!self.process.child.wait().unwrap().success());
         self.errors()
     }
 
     /// Waits for its end; it must succeed. Returns its output.
     pub fn finish(mut self) -> String {
-        let start = Instant::now();
-        loop {
-            match self.lines.recv_timeout(DEADLINE.saturating_sub(start.elapsed())) {
-                Ok(line) => self.seen.push(line),
-                Err(RecvTimeoutError::Disconnected) => break,
-                Err(RecvTimeoutError::Timeout) => panic!("it does not end: {:#?}", self.seen),
-            }
-        }
+        self.seen.extend(self.process.rest());
         let errors = self.errors();
-        assert!(self.child.wait().unwrap().success(), "{errors}");
+        assert!(self.process.child.wait().unwrap().success(), "{errors}");
         assert_eq!(errors, "");
         self.seen.join("\n")
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        // A failing test leaves no process behind.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }
