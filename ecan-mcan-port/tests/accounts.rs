@@ -33,6 +33,10 @@ fn statistics(fixture: &Fixture) -> SlaveStatistics {
     fixture.port.statistics(fixture.port.gw(0))
 }
 
+fn channel(fixture: &Fixture) -> ChannelStatistics {
+    statistics(fixture).channels[0]
+}
+
 fn counters(fixture: &Fixture) -> GatewayCounters {
     fixture.simulation.with_world(|world| world.counters(0).unwrap())
 }
@@ -58,16 +62,41 @@ fn send_until_lost(fixture: &mut Fixture, limit: usize) -> Option<usize> {
     })
 }
 
+fn outward_loss(cycles: u32) -> Fault {
+    Fault::LostFrame { direction: LossDirection::Outward, cycles }
+}
+
+/// A gateway that has sent frames for 300 cycles and is lost by this fault, with the number of cycles
+/// from the fault to the loss.
+fn lost_by(fault: Fault, has_results: bool) -> (Fixture, usize) {
+    let mut fixture = open(ecan_sim::echo(1), 3, has_results);
+    assert_eq!(send_until_lost(&mut fixture, 300), None);
+    assert!(channel(&fixture).frames_delivered > 280);
+    fixture.simulation.inject(fault);
+    let cycles = send_until_lost(&mut fixture, 500).expect("lost");
+    (fixture, cycles)
+}
+
+/// A gateway with 50 sent frames, whose AL status cannot be read for 200 ms.
+fn sent_without_al_status(has_results: bool) -> Fixture {
+    let mut fixture = open(ecan_sim::echo(1), 3, has_results);
+    fixture.simulation.inject(Fault::RequestsHeld { for_ms: 200 });
+    fixture.idle(20);
+    assert_eq!(send_until_lost(&mut fixture, 50), None);
+    fixture
+}
+
+fn pending_and_delivered(fixture: &Fixture) -> (u64, u64) {
+    let ChannelStatistics { frames_pending, frames_delivered, .. } = channel(fixture);
+    (frames_pending, frames_delivered)
+}
+
 #[test]
 fn frames_taken_outside_op_are_unknown() {
     for has_results in [false, true] {
-        let mut fixture = open(ecan_sim::echo(1), 3, has_results);
-        assert_eq!(send_until_lost(&mut fixture, 100), None);
-        assert!(statistics(&fixture).channels[0].frames_delivered > 80);
-        fixture.simulation.inject(AL_ERROR);
-        let cycles = send_until_lost(&mut fixture, 500).expect("lost");
+        let (mut fixture, cycles) = lost_by(AL_ERROR, has_results);
         assert!(cycles < 25, "noticed after {cycles} ms");
-        let channel = statistics(&fixture).channels[0];
+        let channel = channel(&fixture);
         check_transmit(&channel, counters(&fixture).frames_parsed);
         assert!(channel.frames_unknown > 0 && channel.frames_pending == 0, "{channel:?}");
         assert!(fixture.until(10_000, Port::is_ready).is_some());
@@ -77,26 +106,17 @@ fn frames_taken_outside_op_are_unknown() {
 
 #[test]
 fn delivered_frames_are_pending_until_op_is_proven() {
-    let mut fixture = open(ecan_sim::echo(1), 3, false);
-    fixture.simulation.inject(Fault::RequestsHeld { for_ms: 200 });
-    fixture.idle(20);
-    assert_eq!(send_until_lost(&mut fixture, 50), None);
-    let channel = statistics(&fixture).channels[0];
-    assert_eq!((channel.frames_pending, channel.frames_delivered), (50, 0));
+    let mut fixture = sent_without_al_status(false);
+    assert_eq!(pending_and_delivered(&fixture), (50, 0));
     fixture.idle(250);
-    let channel = statistics(&fixture).channels[0];
-    assert_eq!((channel.frames_pending, channel.frames_delivered), (0, 50));
+    assert_eq!(pending_and_delivered(&fixture), (0, 50));
 }
 
 #[test]
 fn transmit_results_prove_the_delivery() {
-    let mut fixture = open(ecan_sim::echo(1), 3, true);
-    fixture.simulation.inject(Fault::RequestsHeld { for_ms: 200 });
-    fixture.idle(20);
-    assert_eq!(send_until_lost(&mut fixture, 50), None);
+    let mut fixture = sent_without_al_status(true);
     fixture.idle(5);
-    let channel = statistics(&fixture).channels[0];
-    assert_eq!((channel.frames_pending, channel.frames_delivered), (0, 50));
+    assert_eq!(pending_and_delivered(&fixture), (0, 50));
 }
 
 /// A working counter of 0 does not show whether the image was taken.
@@ -106,7 +126,7 @@ fn frames_for_a_stalled_gateway_are_unknown_or_discarded() {
     let stall = GatewayFault::ServiceStall { ms: 100 };
     fixture.simulation.inject(Fault::Gateway { gateway: 0, fault: stall });
     send_until_lost(&mut fixture, 200).expect("lost");
-    let (channel, parsed) = (statistics(&fixture).channels[0], counters(&fixture).frames_parsed);
+    let (channel, parsed) = (channel(&fixture), counters(&fixture).frames_parsed);
     check_transmit(&channel, parsed);
     assert!(channel.frames_unknown > 0 && channel.frames_discarded > 0, "{channel:?}");
 }
@@ -114,13 +134,12 @@ fn frames_for_a_stalled_gateway_are_unknown_or_discarded() {
 #[test]
 fn loss_during_the_verification_is_no_lost_session() {
     let mut fixture = open(ecan_sim::echo(1), 3, false);
-    let outage = Fault::LostFrame { direction: LossDirection::Outward, cycles: 20 };
-    fixture.simulation.inject(outage.clone());
+    fixture.simulation.inject(outward_loss(20));
     assert!(send_until_lost(&mut fixture, 50).is_some());
     for _ in 0..3 {
         let is_verifying = |port: &Port| port.session(port.gw(0)) == Session::Verifying;
         assert!(fixture.until(5_000, is_verifying).is_some());
-        fixture.simulation.inject(outage.clone());
+        fixture.simulation.inject(outward_loss(20));
         assert!(fixture.until(50, |port| !is_verifying(port)).is_some());
     }
     assert!(fixture.until(5_000, Port::is_ready).is_some());
@@ -131,15 +150,13 @@ fn loss_during_the_verification_is_no_lost_session() {
 /// The gateway becomes ready in a cycle without an answer, so that the memory holds an old image.
 #[test]
 fn old_image_is_not_new_when_the_gateway_becomes_ready() {
-    let outage = Fault::LostFrame { direction: LossDirection::Outward, cycles: 20 };
     let ready_after = |lost_at: Option<usize>| {
         let mut fixture = open(ecan_sim::echo(1), 3, false);
-        fixture.simulation.inject(outage.clone());
+        fixture.simulation.inject(outward_loss(20));
         assert!(send_until_lost(&mut fixture, 50).is_some());
         for cycle in 0..5_000 {
             if lost_at == Some(cycle) {
-                let direction = LossDirection::Outward;
-                fixture.simulation.inject(Fault::LostFrame { direction, cycles: 1 });
+                fixture.simulation.inject(outward_loss(1));
             }
             fixture.cycle(|_| ());
             if fixture.port.is_ready() {
@@ -164,10 +181,7 @@ fn old_image_is_not_new_when_the_gateway_becomes_ready() {
 #[test]
 fn lost_session_shows_in_the_received_images() {
     for fault in [Fault::PowerCycle { gateway: 0, off_ms: 200 }, AL_ERROR] {
-        let mut fixture = open(ecan_sim::echo(1), 3, false);
-        assert_eq!(send_until_lost(&mut fixture, 300), None);
-        fixture.simulation.inject(fault.clone());
-        assert!(send_until_lost(&mut fixture, 500).is_some());
+        let (mut fixture, _) = lost_by(fault.clone(), false);
         assert!(fixture.until(30_000, Port::is_ready).is_some());
         fixture.idle(50);
         let (statistics, counters) = (statistics(&fixture), counters(&fixture));
@@ -193,13 +207,6 @@ struct Case {
 
 fn fault() -> impl Strategy<Value = Fault> {
     let direction = prop_oneof![Just(LossDirection::Outward), Just(LossDirection::Return)];
-    let calls = [
-        LibraryCall::Receive,
-        LibraryCall::Send,
-        LibraryCall::DomainProcess,
-        LibraryCall::DomainQueue,
-        LibraryCall::DomainState,
-    ];
     let in_gateway = |fault| Fault::Gateway { gateway: 0, fault };
     prop_oneof![
         4 => (direction, 1..30u32)
@@ -212,7 +219,7 @@ fn fault() -> impl Strategy<Value = Fault> {
         2 => (1..30u32).prop_map(move |ms| in_gateway(GatewayFault::ServiceStall { ms })),
         1 => (1..4u32).prop_map(move |images| in_gateway(GatewayFault::TornTxPdo { images })),
         1 => (1..4u32).prop_map(move |images| in_gateway(GatewayFault::CrcErrorTxPdo { images })),
-        2 => (prop::sample::select(calls.to_vec()), 1..4u32)
+        2 => (prop::sample::select(&LibraryCall::ALL[..]), 1..4u32)
             .prop_map(|(call, times)| Fault::LibraryError { call, errno: 4, times }),
         1 => (1..300u32).prop_map(|for_ms| Fault::RequestsHeld { for_ms }),
         1 => Just(Fault::BusOff { gateway: 0, channel: 0 }),
@@ -266,8 +273,7 @@ fn run(case: &Case) {
             cycle.discard_pending(cycle.gw(0));
         }
         cycle.finish();
-        let channel = statistics(fixture).channels[0];
-        check_transmit(&channel, counters(fixture).frames_parsed);
+        check_transmit(&channel(fixture), counters(fixture).frames_parsed);
     };
     for (cycles, fault) in &case.faults {
         (0..*cycles).for_each(|_| cycle(&mut fixture));

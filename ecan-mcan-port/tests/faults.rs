@@ -544,16 +544,11 @@ fn calls_out_of_order_lose_nothing() {
 
 #[test]
 fn f29_an_interrupted_call_of_the_library_loses_and_repeats_nothing() {
-    let calls = [
-        LibraryCall::Receive,
-        LibraryCall::Send,
-        LibraryCall::DomainProcess,
-        LibraryCall::DomainQueue,
-        LibraryCall::DomainState,
-    ];
     // In 1.5 the calls return nothing.
     let versions = [EcrtVersion::V1_5, EcrtVersion::V1_6];
-    for (call, version) in calls.into_iter().flat_map(|call| versions.map(|it| (call, it))) {
+    for (call, version) in
+        LibraryCall::ALL.into_iter().flat_map(|call| versions.map(|it| (call, it)))
+    {
         for multiplier in [3, 8] {
             let mut scenario = ecan_sim::echo(1);
             scenario.version = version;

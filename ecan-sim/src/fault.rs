@@ -32,7 +32,9 @@ pub enum LibraryCall {
 }
 
 impl LibraryCall {
-    pub(crate) const COUNT: usize = 5;
+    /// All calls.
+    pub const ALL: [Self; 5] =
+        [Self::Receive, Self::Send, Self::DomainProcess, Self::DomainQueue, Self::DomainState];
 }
 
 /// A fault of the library, on the line, in a gateway, on a bus or in a node.

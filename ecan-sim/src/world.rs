@@ -52,7 +52,7 @@ pub struct World {
     lost: (Option<LossDirection>, u32),
     counter_offset: (i32, u32),
     /// Error number and remaining count, by call of the library.
-    library_errors: [(i32, u32); LibraryCall::COUNT],
+    library_errors: [(i32, u32); LibraryCall::ALL.len()],
     /// Time until which the master starts no request.
     requests_held_until: u64,
     cycle: u64,
@@ -82,7 +82,7 @@ impl World {
             script: FaultScript::default(),
             lost: (None, 0),
             counter_offset: (0, 0),
-            library_errors: [(0, 0); LibraryCall::COUNT],
+            library_errors: [(0, 0); LibraryCall::ALL.len()],
             requests_held_until: 0,
             cycle: 0,
             events: Vec::with_capacity(64),

@@ -421,15 +421,12 @@ impl Action {
             24 => inside(GatewayFault::AlError { code: 0x001B }),
             27 => inside(GatewayFault::ClockJump { ns: r.range(-2_000_000, 2_000_000) }),
             25 => {
-                let calls = [
-                    LibraryCall::Receive,
-                    LibraryCall::Send,
-                    LibraryCall::DomainProcess,
-                    LibraryCall::DomainQueue,
-                    LibraryCall::DomainState,
-                ];
                 let times = r.range(1, 3) as u32;
-                Self::Fault(Fault::LibraryError { call: r.pick(&calls), errno: 4, times })
+                Self::Fault(Fault::LibraryError {
+                    call: r.pick(&LibraryCall::ALL),
+                    errno: 4,
+                    times,
+                })
             }
             26 => Self::Fault(Fault::RequestsHeld { for_ms: r.pick(&[100, 1_500]) }),
             _ => inside(GatewayFault::MailboxSilent { ms: r.pick(&[50, 500, 1_500]) }),

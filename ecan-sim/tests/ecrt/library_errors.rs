@@ -19,16 +19,9 @@ fn fails(program: &Program, call: LibraryCall, times: u32) {
 
 #[test]
 fn only_the_configured_calls_fail() {
-    let calls = [
-        LibraryCall::Receive,
-        LibraryCall::Send,
-        LibraryCall::DomainProcess,
-        LibraryCall::DomainQueue,
-        LibraryCall::DomainState,
-    ];
     let mut program = operational();
     let domain = program.slaves[0].domain;
-    for (position, call) in calls.into_iter().enumerate() {
+    for (position, call) in LibraryCall::ALL.into_iter().enumerate() {
         fails(&program, call, 2);
         for attempt in 0..3 {
             let results = [
