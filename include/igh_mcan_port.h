@@ -906,9 +906,12 @@ typedef struct {
     uint32_t bus_offs;
 } igh_mcan_channel_drops_t;
 
-/** Diagnostics of a gateway's scheduled transmission. */
+/**
+ * Diagnostics of a gateway's scheduled transmission. Each reading contains flags, stale_drops
+ * and bus_offs, and one of the other objects in turn.
+ */
 typedef struct {
-    /** End of the reading, on the clock of ecan_igh_now_ns(). */
+    /** Time at which the flags were read, on the clock of ecan_igh_now_ns(). */
     uint64_t read_at_ns;
     /** Per channel; all 0 for one that is not enabled. */
     igh_mcan_channel_drops_t channels[ECAN_MCAN_CHANNELS];
@@ -976,7 +979,7 @@ int igh_mcan_port_get_schedule_account(igh_mcan_port_t *port,
  * Gets the last diagnostics of a gateway's scheduled transmission.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_NOT_READY before the first reading of this session; ECAN_ERR_SLAVE.
+ * @return  ECAN_OK; ECAN_ERR_NOT_READY until each object was read in this session; ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_schedule_diagnostics(igh_mcan_port_t *port,
                                            size_t slave,

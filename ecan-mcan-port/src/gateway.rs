@@ -10,8 +10,9 @@ use crate::al_watch::AlWatch;
 use crate::port_config::GatewayConfig;
 use crate::receive::receiver::Receiver;
 use crate::schedule::config::ScheduleConfig;
+use crate::schedule::diagnostics::ScheduleDiagnostics as Diagnostics;
 use crate::schedule::margin::ScheduleTimes;
-use crate::schedule::watch::{ScheduleDiagnostics as Diagnostics, ScheduleWatch, WatchResult};
+use crate::schedule::watch::{ScheduleWatch, WatchResult};
 use crate::session::machine::{Event, Session, SessionMachine};
 use crate::statistics::SlaveStatistics;
 use crate::transmit::transmitter::Transmitter;
@@ -213,8 +214,9 @@ impl Gateway {
         let Self { watch, transmitter, .. } = self;
         match watch.step(adapter, transmitter.accounts().is_used()) {
             WatchResult::Nothing => {}
+            WatchResult::Due => transmitter.accounts_mut().ripen(),
             WatchResult::Cleared => transmitter.accounts_mut().flags_lost(),
-            WatchResult::Looked(seen) => {
+            WatchResult::Looked(now, before) => {
                 // Transmit results report the other losses frame by frame.
                 let reported = if transmitter.has_results() {
                     0
@@ -222,8 +224,7 @@ impl Gateway {
                     Diagnostics::LATE_DROP | Diagnostics::QUEUE_FULL
                 };
                 let relevant = Diagnostics::TX_FAIL | Diagnostics::TIMER_MISS | reported;
-                transmitter.accounts_mut().looked(&seen, watch.last(), relevant);
-                watch.keep(seen);
+                transmitter.accounts_mut().looked(&now, before.as_ref(), relevant);
             }
         }
     }

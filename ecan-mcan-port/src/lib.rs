@@ -53,8 +53,8 @@ pub use receive::received::{ReceiveSource, Received, ReceivedFrame, ReceivedView
 pub use receive::report::{CycleReport, ImageReport};
 pub use schedule::account::ScheduleAccount;
 pub use schedule::config::{MarginCheck, ScheduleConfig};
+pub use schedule::diagnostics::{ChannelDrops, ScheduleDiagnostics};
 pub use schedule::margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin, THIN_MARGIN_NS};
-pub use schedule::watch::{ChannelDrops, ScheduleDiagnostics};
 pub use session::machine::Session;
 pub use session::pending_step::PendingStep;
 pub use session::verification::{SdoTransfer, VerificationFault};

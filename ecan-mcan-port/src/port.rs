@@ -12,9 +12,9 @@ use crate::gateway::Gateway;
 use crate::port_config::PortConfig;
 use crate::receive::report::CycleReport;
 use crate::schedule::account::ScheduleAccount;
+use crate::schedule::diagnostics::ScheduleDiagnostics;
 use crate::schedule::margin::{NotSchedulable, ScheduleMargin};
 use crate::schedule::sync0_phase::Sync0Phase;
-use crate::schedule::watch::ScheduleDiagnostics;
 use crate::session::machine::Session;
 use crate::session::pending_step::PendingStep;
 use crate::session::verification::VerificationFault;
@@ -325,9 +325,9 @@ impl Port {
             .unwrap_or_default()
     }
 
-    /// Last complete reading of the gateway's schedule diagnostics in this session; real-time safe.
-    /// They are read every [`watch_ms`](crate::ScheduleConfig::watch_ms) after the first scheduled
-    /// frame.
+    /// Last reading of the gateway's schedule diagnostics, once each object was read in this session;
+    /// real-time safe. They are read every [`watch_ms`](crate::ScheduleConfig::watch_ms) after the
+    /// first scheduled frame.
     pub fn schedule_diagnostics(&self, gateway: GatewayHandle) -> Option<ScheduleDiagnostics> {
         self.find(gateway)?.watch.last().copied()
     }

@@ -10,7 +10,7 @@ mod schedule_support;
 use common::{Fixture, Handles, SendData, id, with_sync0};
 use ecan_mcan_port::{GatewayConfig, Received, ScheduleDiagnostics};
 use ecan_protocol::image::Schedule;
-use ecan_sim::{Fault, GatewayFault, LossDirection, echo};
+use ecan_sim::{Fault, GatewayFault, LossDirection, MasterBehaviour, echo};
 use schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule, sluggish};
 
 #[test]
@@ -230,7 +230,10 @@ fn account_never_claims_frames_that_were_not_sent() {
     for seed in 1..=24 {
         let mut state = seed;
         let change: fn(&mut GatewayConfig) = if seed % 3 == 0 { |_| () } else { results };
-        let scenario = if seed % 2 == 0 { sluggish() } else { ecan_sim::jitter(1) };
+        let mut scenario = if seed % 2 == 0 { sluggish() } else { ecan_sim::jitter(1) };
+        if seed % 4 > 1 {
+            scenario.master = MasterBehaviour::IGH;
+        }
         let shift_ns = [150_000, 300_000, 500_000, 700_000][(seed % 4) as usize];
         let mut fixture = with_sync0(scenario, shift_ns, change);
         for _ in 0..400 {

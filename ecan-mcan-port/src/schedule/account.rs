@@ -2,13 +2,13 @@
 //!
 //! A TX_RESULT reports for each frame whether the gateway accepted it. It does not report whether an
 //! accepted frame left at its phase: that holds only while no flag of 0xB000:06 is set, and the flags
-//! name neither frame nor channel. Accepted frames therefore wait for two readings of the flags; if
-//! these show a problem, they count as unknown.
+//! name neither frame nor channel. Accepted frames therefore wait for a reading of the flags that
+//! begins after their phase; if it shows a problem, they count as unknown.
 
 use ecan_protocol::image::ResultCode;
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::schedule::watch::ScheduleDiagnostics;
+use crate::schedule::diagnostics::ScheduleDiagnostics;
 
 /// Results of a channel's scheduled frames. Counters only grow, except `open`.
 ///
@@ -60,10 +60,10 @@ pub(crate) enum ScheduledFrameState {
 #[derive(Debug, Clone, Copy, Default)]
 struct ChannelAccount {
     account: ScheduleAccount,
-    /// Accepted since the last reading of the flags, and before it. The next reading begins when the
-    /// latter have met their phase.
-    young: u64,
+    /// Accepted frames that the next reading of the flags decides, and those after them. The reading
+    /// begins when the former have met their phase.
     ripe: u64,
+    young: u64,
 }
 
 impl ChannelAccount {
@@ -143,6 +143,13 @@ impl ScheduleAccounts {
         }
     }
 
+    /// A reading is due: it decides on the frames accepted so far.
+    pub(crate) fn ripen(&mut self) {
+        for channel in &mut self.channels {
+            channel.ripe += std::mem::take(&mut channel.young);
+        }
+    }
+
     /// The gateway's diagnostics were read. `relevant` are the flags that may concern frames without a
     /// result.
     pub(crate) fn looked(
@@ -156,15 +163,17 @@ impl ScheduleAccounts {
             let drops = |seen: &ScheduleDiagnostics| {
                 seen.channels.get(number).map(|c| (c.bus_offs, c.stale_drops))
             };
-            // Without an earlier reading the counters may have changed at any time.
-            let has_moved = before.is_none_or(|before| drops(before) != drops(now));
+            let has_moved = before.is_some_and(|before| drops(before) != drops(now));
+            if has_moved {
+                // The phase of later frames may have been to come when it moved.
+                channel.close_accepted_as_unknown();
+            }
             let ripe = std::mem::take(&mut channel.ripe);
-            if has_problem || has_moved {
+            if has_problem {
                 channel.close(ripe, |account| &mut account.unknown);
             } else {
                 channel.close(ripe, |account| &mut account.sent);
             }
-            channel.ripe = std::mem::take(&mut channel.young);
         }
     }
 
@@ -195,10 +204,11 @@ mod tests {
     }
 
     #[test]
-    fn accepted_frames_count_as_sent_after_two_clean_readings() {
+    fn reading_after_their_phase_counts_frames_as_sent() {
         let (mut accounts, clean) = (taken(3), ScheduleDiagnostics::default());
         accounts.looked(&clean, None, 0x3C0);
         assert_eq!(accounts.account(1).open, 3, "its phase may still have been to come");
+        accounts.ripen();
         accounts.looked(&clean, Some(&clean), 0x3C0);
         let account = accounts.account(1);
         assert_eq!((account.scheduled, account.sent, account.open), (3, 3, 0));
@@ -208,17 +218,20 @@ mod tests {
     fn flag_or_counter_makes_frames_unknown() {
         let clean = ScheduleDiagnostics::default();
         let flagged = ScheduleDiagnostics { flags: 1 << 8, ..clean };
+        let mut accounts = taken(2);
+        accounts.ripen();
+        accounts.looked(&flagged, Some(&clean), 0x3C0);
+        assert_eq!((accounts.account(1).unknown, accounts.account(1).open), (2, 0));
+
         let mut bus_off = clean;
         bus_off.channels[1].bus_offs = 1;
-        for reading in [flagged, bus_off] {
-            let mut accounts = taken(2);
-            accounts.looked(&clean, None, 0x3C0);
-            accounts.looked(&reading, Some(&clean), 0x3C0);
-            let account = accounts.account(1);
-            assert_eq!((account.unknown, account.open), (2, 0));
-        }
         let mut accounts = taken(2);
-        accounts.looked(&clean, None, 0x300);
+        accounts.looked(&bus_off, Some(&clean), 0x3C0);
+        let unknown = accounts.account(1).unknown;
+        assert_eq!(unknown, 2, "the next reading does not show it any more");
+
+        let mut accounts = taken(2);
+        accounts.ripen();
         let late = ScheduleDiagnostics { flags: 1 << 6, ..clean };
         accounts.looked(&late, Some(&clean), 0x300);
         assert_eq!(accounts.account(1).sent, 2, "results tell of late frames, one by one");
@@ -227,7 +240,7 @@ mod tests {
     #[test]
     fn lost_session_closes_accepted_frames() {
         let mut accounts = taken(2);
-        accounts.looked(&ScheduleDiagnostics::default(), None, 0);
+        accounts.ripen();
         accounts.scheduled(1, false);
         accounts.ended(1, ScheduledFrameState::Taken);
         accounts.reset();

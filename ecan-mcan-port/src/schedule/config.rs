@@ -29,8 +29,9 @@ pub struct ScheduleConfig {
     /// Treatment of a frame without margin.
     pub margin_check: MarginCheck,
     /// Interval in milliseconds at which the gateway's diagnostics are read after the first
-    /// scheduled frame; 0 never reads them. A reading takes up to 17 SDO transfers in parallel with
-    /// the cycle; the next one begins after two Sync0 periods and a cycle at the earliest.
+    /// scheduled frame; 0 never reads them. A reading takes 2 SDO transfers and 2 for each channel,
+    /// in parallel with the cycle, and begins two Sync0 periods and a cycle after the frames that it
+    /// decides. The next one waits at least as long as a reading takes.
     pub watch_ms: u32,
     /// Discards an unconfirmed image that holds only scheduled frames when the Sync0 pulse of its
     /// cycle has passed: repeating it could only send them a period late.

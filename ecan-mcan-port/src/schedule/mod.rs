@@ -2,6 +2,7 @@
 
 pub(crate) mod account;
 pub(crate) mod config;
+pub(crate) mod diagnostics;
 pub(crate) mod margin;
 pub(crate) mod sync0_phase;
 pub(crate) mod watch;

@@ -1,122 +1,62 @@
-//! Reads the diagnostics of scheduled transmission in parallel with the cycle (manual 13.2.4, 13.2.5,
-//! 13.7).
+//! Reads the diagnostics of scheduled transmission in parallel with the cycle.
 
 use ecan_host::{Adapter, DcSync, Error, RequestState, SdoRequestId};
-use ecan_protocol::mapping::CHANNELS;
 
 use crate::schedule::config::ScheduleConfig;
+use crate::schedule::diagnostics::{Object, ScheduleDiagnostics, decisive_objects, other_objects};
 
-const MAINTENANCE: u16 = 0xB000;
-const FLAGS: u8 = 6;
-const COMMAND: u8 = 4;
-/// Maintenance command "clear runtime diagnostics and legacy diagnostic flags".
+/// Object and value that clear the diagnostics and legacy flags (manual 13.7).
+const MAINTENANCE_COMMAND: Object = (0xB000, 4);
 const CLEAR_DIAGNOSTICS: u8 = 1 << 5;
-const PERFORMANCE: u16 = 0x9011;
-const DATA_PATH: u16 = 0x9020;
-const REQUEST_TIMEOUT_MS: u32 = 2_000;
 const NS_PER_MS: u64 = 1_000_000;
-
-/// Counters of one channel, 0x9020..0x9023 (manual 13.2.5).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct ChannelDrops {
-    /// Times that the controller's FIFO was full, :11.
-    pub fifo_full: u32,
-    /// Frames dropped as stale, :12.
-    pub stale_drops: u32,
-    /// Times that the channel went bus-off, :13.
-    pub bus_offs: u32,
-}
-
-/// Diagnostics of scheduled transmission of a gateway.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct ScheduleDiagnostics {
-    /// Legacy maintenance flags, 0xB000:06; they stay until they are cleared.
-    pub flags: u16,
-    /// Per channel; all 0 for one that is not enabled.
-    pub channels: [ChannelDrops; CHANNELS],
-    /// Sync0 pulses counted, 0x9011:02.
-    pub sync0_count: u32,
-    /// Smallest distance from a Sync0 pulse to the arrival of an image, in CPU cycles of the
-    /// gateway (0x8000:04), 0x9011:04.
-    pub phase_min_cycles: i32,
-    /// Largest such distance, 0x9011:05.
-    pub phase_max_cycles: i32,
-    /// Longest service of scheduled frames, in CPU cycles, 0x9011:13.
-    pub service_max_cycles: u32,
-    /// Time at which the reading ended, in nanoseconds of the library's clock.
-    pub read_at_ns: u64,
-}
-
-impl ScheduleDiagnostics {
-    /// Flag: a scheduled frame was dropped because its phase had passed (SCHED_LATE_DROP).
-    pub const LATE_DROP: u16 = 1 << 6;
-    /// Flag: a scheduled frame found the queue full (SCHED_QUEUE_FULL).
-    pub const QUEUE_FULL: u16 = 1 << 7;
-    /// Flag: the CAN controller rejected a scheduled frame at its phase (SCHED_TX_FAIL).
-    pub const TX_FAIL: u16 = 1 << 8;
-    /// Flag: the timer of scheduled transmission missed a phase (SCHED_TIMER_MISS).
-    pub const TIMER_MISS: u16 = 1 << 9;
-}
-
-/// Objects of a reading: the flags, then three for each channel, then four of 0x9011.
-const PER_CHANNEL: [u8; 3] = [11, 12, 13];
-const PER_GATEWAY: [u8; 4] = [2, 4, 5, 13];
-const STEPS: usize = 1 + CHANNELS * PER_CHANNEL.len() + PER_GATEWAY.len();
-
-fn object(step: usize) -> (u16, u8) {
-    let Some(step) = step.checked_sub(1) else { return (MAINTENANCE, FLAGS) };
-    let (channel, field) = (step / PER_CHANNEL.len(), step % PER_CHANNEL.len());
-    if channel < CHANNELS {
-        return (DATA_PATH + channel as u16, PER_CHANNEL.get(field).copied().unwrap_or_default());
-    }
-    let field = step - CHANNELS * PER_CHANNEL.len();
-    (PERFORMANCE, PER_GATEWAY.get(field).copied().unwrap_or_default())
-}
-
-fn store(diagnostics: &mut ScheduleDiagnostics, step: usize, value: u32) {
-    match object(step) {
-        (MAINTENANCE, _) => diagnostics.flags = value as u16,
-        (PERFORMANCE, 2) => diagnostics.sync0_count = value,
-        (PERFORMANCE, 4) => diagnostics.phase_min_cycles = value as i32,
-        (PERFORMANCE, 5) => diagnostics.phase_max_cycles = value as i32,
-        (PERFORMANCE, _) => diagnostics.service_max_cycles = value,
-        (index, field) => {
-            let channel = usize::from(index.wrapping_sub(DATA_PATH));
-            let Some(channel) = diagnostics.channels.get_mut(channel) else { return };
-            match field {
-                11 => channel.fifo_full = value,
-                12 => channel.stale_drops = value,
-                _ => channel.bus_offs = value,
-            }
-        }
-    }
-}
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum WatchResult {
     Nothing,
-    Looked(ScheduleDiagnostics),
+    /// A reading follows when the frames that are accepted by now have met their phase.
+    Due,
+    /// A reading of what decides on these frames, and the one before.
+    Looked(ScheduleDiagnostics, Option<ScheduleDiagnostics>),
     /// The flags were cleared, or may have been.
     Cleared,
+}
+
+/// Transfers of a reading.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Reading {
+    since_ns: u64,
+    begun: usize,
+    ended: usize,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Activity {
     Idle,
-    Reading { step: usize },
-    Clearing,
+    /// The frames meet their phase until this time.
+    Settling(u64),
+    Reading(Reading),
 }
 
+/// Each read has a request of its own: the master executes requests that are queued together one
+/// after the other, in the order in which they were created. Between single ones it polls all
+/// slaves, which takes longer than a transfer.
 #[derive(Debug)]
 pub(crate) struct ScheduleWatch {
-    read: SdoRequestId,
+    /// One for each decisive object, and after the command one for the others.
+    requests: Vec<SdoRequestId>,
     command: SdoRequestId,
-    channel_mask: u8,
+    /// Objects that decide on frames.
+    decisive: Vec<Object>,
+    /// The other objects: one of them with each reading, in turn.
+    others: Vec<Object>,
+    /// Number of reads of them in this session.
+    others_read: usize,
     interval_ns: u64,
     /// Time until an accepted frame has met its phase.
     settling_ns: u64,
     activity: Activity,
     is_clear_wanted: bool,
+    is_clearing: bool,
     next_at_ns: u64,
     seen: ScheduleDiagnostics,
     last: Option<ScheduleDiagnostics>,
@@ -134,19 +74,30 @@ impl ScheduleWatch {
         // The pulse comes within one Sync0 period, the phase after it within another.
         let settling_ns = dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns()))
             + u64::from(adapter.config().cycle_ns());
-        let read = adapter.create_sdo_request(slave, 4)?;
-        let command = adapter.create_sdo_request(slave, 1)?;
-        for request in [read, command] {
-            adapter.sdo_request_timeout(request, REQUEST_TIMEOUT_MS)?;
+        let mut request = |size| {
+            let request = adapter.create_sdo_request(slave, size)?;
+            // It waits for the requests of all slaves.
+            adapter.sdo_request_timeout(request, 0)?;
+            Ok::<_, Error>(request)
+        };
+        let decisive: Vec<_> = decisive_objects(channel_mask).collect();
+        let mut requests = Vec::new();
+        for _ in &decisive {
+            requests.push(request(4)?);
         }
+        let command = request(1)?;
+        requests.push(request(4)?);
         Ok(Self {
-            read,
+            requests,
             command,
-            channel_mask,
+            decisive,
+            others: other_objects(channel_mask).collect(),
+            others_read: 0,
             interval_ns: u64::from(settings.watch_ms) * NS_PER_MS,
             settling_ns,
             activity: Activity::Idle,
             is_clear_wanted: false,
+            is_clearing: false,
             next_at_ns: 0,
             seen: ScheduleDiagnostics::default(),
             last: None,
@@ -154,133 +105,138 @@ impl ScheduleWatch {
     }
 
     pub(crate) fn last(&self) -> Option<&ScheduleDiagnostics> {
-        self.last.as_ref()
+        self.last.as_ref().filter(|_| self.has_all())
+    }
+
+    /// Request and object of a transfer of a reading.
+    fn transfer(&self, number: usize) -> Option<(SdoRequestId, Object)> {
+        let other = self.others_read.checked_rem(self.others.len());
+        let object = self.decisive.get(number).or_else(|| self.others.get(other?))?;
+        Some((*self.requests.get(number)?, *object))
+    }
+
+    fn has_all(&self) -> bool {
+        self.others_read >= self.others.len()
     }
 
     pub(crate) fn want_clear(&mut self) {
         self.is_clear_wanted = true;
     }
 
-    /// A new session: a pending reading does not apply to it.
+    /// A new session: a pending reading does not apply to it. A pending clear does, because the
+    /// master may still execute it.
     pub(crate) fn reset(&mut self) {
         self.activity = Activity::Idle;
         self.is_clear_wanted = false;
         self.next_at_ns = 0;
+        self.seen = ScheduleDiagnostics::default();
+        self.others_read = 0;
         self.last = None;
-    }
-
-    fn is_read(&self, step: usize) -> bool {
-        let (index, _) = object(step);
-        let channel = index.wrapping_sub(DATA_PATH);
-        usize::from(channel) >= CHANNELS || self.channel_mask >> channel & 1 == 1
     }
 
     /// One step, once a cycle while the gateway is ready. `is_used`: frames have been scheduled.
     pub(crate) fn step(&mut self, adapter: &mut Adapter, is_used: bool) -> WatchResult {
-        match self.activity {
-            Activity::Idle => {
-                if self.is_clear_wanted {
-                    self.begin_clear(adapter);
-                } else if is_used && self.interval_ns > 0 {
-                    let now = adapter.clock().now_ns();
-                    if now >= self.next_at_ns {
-                        self.next_at_ns = now.saturating_add(self.interval_ns);
-                        self.seen = ScheduleDiagnostics::default();
-                        self.begin_read(adapter, 0);
-                    }
-                }
-                WatchResult::Nothing
+        let now_ns = adapter.clock().now_ns();
+        let may_read = is_used && self.interval_ns > 0;
+        if self.is_clearing {
+            // Checked before the reads: one that ends in the same cycle may have followed the clear.
+            if !is_busy(adapter, self.command) {
+                return self.cleared();
             }
-            Activity::Clearing => match adapter.sdo_request_state(self.command) {
-                Ok(RequestState::Busy) => WatchResult::Nothing,
-                // Whether it succeeded or not, the flags before it are unknown.
-                _ => {
-                    self.activity = Activity::Idle;
-                    self.last = None;
-                    self.next_at_ns = 0;
-                    WatchResult::Cleared
+        } else if self.is_clear_wanted {
+            // The decisive reads come first: otherwise frames before the clear are unknown.
+            match self.activity {
+                Activity::Settling(_) => {}
+                Activity::Reading(reading) if reading.ended < self.decisive.len() => {
+                    self.clear(adapter)
                 }
-            },
-            Activity::Reading { step } => match adapter.sdo_request_state(self.read) {
-                Ok(RequestState::Busy) => WatchResult::Nothing,
-                Ok(RequestState::Success) => {
-                    let mut value = [0; 4];
-                    for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(self.read)) {
-                        *to = *from;
-                    }
-                    store(&mut self.seen, step, u32::from_le_bytes(value));
-                    match (step + 1..STEPS).find(|next| self.is_read(*next)) {
-                        Some(next) => {
-                            self.begin_read(adapter, next);
-                            WatchResult::Nothing
-                        }
-                        None => {
-                            self.activity = Activity::Idle;
-                            let now = adapter.clock().now_ns();
-                            self.seen.read_at_ns = now;
-                            self.next_at_ns = self.next_at_ns.max(now + self.settling_ns);
-                            WatchResult::Looked(self.seen)
-                        }
-                    }
-                }
-                _ => {
-                    // The next reading starts from the beginning.
-                    self.activity = Activity::Idle;
-                    WatchResult::Nothing
-                }
-            },
+                _ if may_read => (self.activity, self.next_at_ns) = (Activity::Idle, now_ns),
+                _ => self.clear(adapter),
+            }
         }
+        match self.activity {
+            Activity::Idle if may_read && !self.is_clearing && now_ns >= self.next_at_ns => {
+                self.activity = Activity::Settling(now_ns.saturating_add(self.settling_ns));
+                return WatchResult::Due;
+            }
+            Activity::Settling(until_ns) if now_ns >= until_ns => {
+                let reading = Reading { since_ns: now_ns, begun: 0, ended: 0 };
+                return self.read(adapter, reading, now_ns);
+            }
+            Activity::Reading(reading) => return self.read(adapter, reading, now_ns),
+            _ => {}
+        }
+        WatchResult::Nothing
     }
 
-    /// Keeps a reading for the comparison with the next one.
-    pub(crate) fn keep(&mut self, seen: ScheduleDiagnostics) {
-        self.last = Some(seen);
+    /// Begins one transfer and ends one: the master takes longer than a cycle for each.
+    fn read(&mut self, adapter: &mut Adapter, mut reading: Reading, now_ns: u64) -> WatchResult {
+        if let Some((request, (index, subindex))) = self.transfer(reading.begun)
+            // One of an earlier reading must end first.
+            && !is_busy(adapter, request)
+            && adapter.sdo_request_read(request, index, subindex).is_ok()
+        {
+            reading.begun += 1;
+        }
+        self.activity = Activity::Reading(reading);
+        let is_begun = reading.ended < reading.begun;
+        let Some((request, object)) = self.transfer(reading.ended).filter(|_| is_begun) else {
+            return WatchResult::Nothing;
+        };
+        match adapter.sdo_request_state(request) {
+            Ok(RequestState::Success) => {}
+            Ok(RequestState::Busy) => return WatchResult::Nothing,
+            _ => {
+                self.end_reading(reading, now_ns);
+                return WatchResult::Nothing;
+            }
+        }
+        let mut value = [0; 4];
+        for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request)) {
+            *to = *from;
+        }
+        self.seen.store(object, u32::from_le_bytes(value));
+        reading.ended += 1;
+        self.activity = Activity::Reading(reading);
+        if reading.ended == self.decisive.len() {
+            self.seen.read_at_ns = now_ns;
+            return WatchResult::Looked(self.seen, self.last.replace(self.seen));
+        }
+        if reading.ended == self.requests.len() {
+            self.others_read += 1;
+            self.end_reading(reading, now_ns);
+        }
+        WatchResult::Nothing
     }
 
-    fn begin_read(&mut self, adapter: &mut Adapter, step: usize) {
-        // A request of an earlier session must end first.
-        let is_free = !matches!(adapter.sdo_request_state(self.read), Ok(RequestState::Busy));
-        let (index, subindex) = object(step);
-        let is_begun = is_free && adapter.sdo_request_read(self.read, index, subindex).is_ok();
-        self.activity = if is_begun { Activity::Reading { step } } else { Activity::Idle };
+    /// The next reading waits at least as long as this one took: while requests are queued, the master
+    /// serves no other gateway after this one, no other program, and polls no slave.
+    fn end_reading(&mut self, reading: Reading, now_ns: u64) {
+        self.activity = Activity::Idle;
+        let taken_ns = now_ns.saturating_sub(reading.since_ns);
+        let interval_ns = if self.has_all() { self.interval_ns } else { 0 };
+        let pause_end_ns = now_ns.saturating_add(taken_ns);
+        self.next_at_ns = pause_end_ns.max(reading.since_ns.saturating_add(interval_ns));
     }
 
-    fn begin_clear(&mut self, adapter: &mut Adapter) {
-        if matches!(adapter.sdo_request_state(self.command), Ok(RequestState::Busy)) {
-            return;
-        }
-        let command = [CLEAR_DIAGNOSTICS];
-        if adapter.sdo_request_write(self.command, MAINTENANCE, COMMAND, &command).is_ok() {
-            self.is_clear_wanted = false;
-            self.activity = Activity::Clearing;
-        }
+    fn clear(&mut self, adapter: &mut Adapter) {
+        let (index, subindex) = MAINTENANCE_COMMAND;
+        let is_begun =
+            adapter.sdo_request_write(self.command, index, subindex, &[CLEAR_DIAGNOSTICS]).is_ok();
+        self.is_clearing |= is_begun;
+        self.is_clear_wanted &= !is_begun;
+    }
+
+    /// The flags before the command are unknown, even if it failed.
+    fn cleared(&mut self) -> WatchResult {
+        self.is_clearing = false;
+        self.activity = Activity::Idle;
+        self.next_at_ns = 0;
+        self.last = None;
+        WatchResult::Cleared
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_step_reads_another_object_and_stores_it() {
-        let objects: Vec<_> = (0..STEPS).map(object).collect();
-        let mut distinct = objects.clone();
-        distinct.sort_unstable();
-        distinct.dedup();
-        assert_eq!(distinct.len(), STEPS);
-        assert_eq!(
-            (objects[0], objects[1], objects[12]),
-            ((0xB000, 6), (0x9020, 11), (0x9023, 13))
-        );
-        assert_eq!(objects[13..], [(0x9011, 2), (0x9011, 4), (0x9011, 5), (0x9011, 13)]);
-        let mut seen = ScheduleDiagnostics::default();
-        for step in 0..STEPS {
-            store(&mut seen, step, 100 + step as u32);
-        }
-        assert_eq!((seen.flags, seen.sync0_count), (100, 113));
-        assert_eq!((seen.phase_min_cycles, seen.phase_max_cycles), (114, 115));
-        assert_eq!(seen.service_max_cycles, 116);
-        let channel = seen.channels[3];
-        assert_eq!((channel.fifo_full, channel.stale_drops, channel.bus_offs), (110, 111, 112));
-    }
+fn is_busy(adapter: &mut Adapter, request: SdoRequestId) -> bool {
+    matches!(adapter.sdo_request_state(request), Ok(RequestState::Busy))
 }

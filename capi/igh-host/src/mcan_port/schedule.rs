@@ -134,10 +134,11 @@ mirror! {
 }
 
 mirror! {
-    /// Diagnostics of a gateway's scheduled transmission.
+    /// Diagnostics of a gateway's scheduled transmission. Each reading contains flags, stale_drops
+    /// and bus_offs, and one of the other objects in turn.
     #[derive(Default)]
     pub struct igh_mcan_schedule_diagnostics_t from rust: ScheduleDiagnostics {
-        /// End of the reading, on the clock of ecan_igh_now_ns().
+        /// Time at which the flags were read, on the clock of ecan_igh_now_ns().
         read_at_ns: u64,
         /// Per channel; all 0 for one that is not enabled.
         channels: [igh_mcan_channel_drops_t; ECAN_MCAN_CHANNELS] = rust.channels.map(Into::into),
@@ -219,7 +220,7 @@ pub fn igh_mcan_port_get_schedule_account(
 /// Gets the last diagnostics of a gateway's scheduled transmission.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_NOT_READY before the first reading of this session; ECAN_ERR_SLAVE.
+/// @return  ECAN_OK; ECAN_ERR_NOT_READY until each object was read in this session; ECAN_ERR_SLAVE.
 #[export(call, layer port, into diagnostics)]
 pub fn igh_mcan_port_get_schedule_diagnostics(
     port: *mut igh_mcan_port_t,
