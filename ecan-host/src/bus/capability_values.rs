@@ -12,6 +12,9 @@ const ENTRIES: usize = 31;
 pub(crate) struct CapabilityValues([Option<u32>; ENTRIES]);
 
 impl CapabilityValues {
+    /// Subindices of the serial number, low half first.
+    pub(crate) const SERIAL: [u8; 2] = [7, 8];
+
     /// The value of a subindex, uploaded unless it is known.
     pub(crate) fn read(
         &mut self,
@@ -43,8 +46,8 @@ impl CapabilityValues {
         Ok(())
     }
 
-    /// The two halves of the serial number, 0xF000:07 and :08; 0 where one is unknown.
+    /// The two halves of the serial number, which the identification has read.
     pub(crate) fn serial(&self) -> [u32; 2] {
-        [7, 8].map(|subindex: usize| self.0.get(subindex).copied().flatten().unwrap_or(0))
+        Self::SERIAL.map(|half| self.0.get(usize::from(half)).copied().flatten().unwrap_or(0))
     }
 }

@@ -57,5 +57,8 @@ pub(crate) fn identify(
         Err(cause) => return Err(Error::Unrecognised { slave, cause: Box::new(cause) }),
     }
     capabilities.read_all(diagnostics, slave)?;
+    for half in CapabilityValues::SERIAL {
+        capabilities.read(diagnostics, slave, half)?;
+    }
     Ok(Identified { identity: found, capabilities })
 }
