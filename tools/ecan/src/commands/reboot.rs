@@ -114,7 +114,11 @@ pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64> {
     let clock = bus.clock();
     let start = clock.now_ns();
     let elapsed = || clock.now_ns().saturating_sub(start);
-    let is_answered = command(bus, slave)?;
+    let is_answered = command(bus, slave).inspect_err(|_| {
+        if let Some(mark) = &mark {
+            mark.undo(bus, slave);
+        }
+    })?;
     let seconds = timeout_ns / 1_000_000_000;
     let mut next_transfer_ns = TRANSFER_NS;
     while is_there(bus, slave) {
@@ -163,4 +167,26 @@ pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64> {
 fn is_there(bus: &Bus, slave: usize) -> bool {
     let state = bus.diagnostics().al_state(slave);
     state.is_ok_and(|state| state.is_some_and(|state| state.has_mailbox()))
+}
+
+#[cfg(test)]
+mod tests {
+    use ecan_sim::{ClockKind, Fault, GatewayFault, SimOptions};
+
+    use super::*;
+
+    #[test]
+    fn rejected_command_leaves_the_filter_window() {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        let bus = Bus::over(&backend.ecrt);
+        let window = |bus: &Bus| bus.read(0, RestartMark::INDEX, RestartMark::SUBINDEX).unwrap();
+        bus.write(0, RestartMark::INDEX, RestartMark::SUBINDEX, 5).unwrap();
+        let abort =
+            GatewayFault::SdoAbort { index: 0x8000, subindex: 1, code: 0x0800_0022, times: 1 };
+        backend.simulation.unwrap().inject(Fault::Gateway { gateway: 0, fault: abort });
+        let error = restart(&bus, 0, 10_000_000_000).unwrap_err().to_string();
+        assert!(error.contains("0x08000022"), "{error}");
+        assert_eq!(window(&bus), 5);
+    }
 }

@@ -137,6 +137,11 @@ impl Saved {
         for (direction, entries) in Direction::ALL.into_iter().zip(&self.assignments) {
             if read_assignment(bus, slave, direction)? != *entries {
                 write_assignment(bus, slave, direction, entries)?;
+                if read_assignment(bus, slave, direction)? != *entries {
+                    let object = assignment_index(direction);
+                    let text = format!("the PDO assignment (0x{object:04X}) differs");
+                    return Err(Failure::Rejected(text));
+                }
             }
         }
         let mut is_global_changed = false;

@@ -13,8 +13,18 @@ pub(super) struct StartFailure {
     pub(super) is_temporary: bool,
 }
 
-/// Failures in ascending order of the gateways; all `count` gateways if the error names none.
+/// Failures in ascending order of the gateways, at least one; all `count` gateways if the error names
+/// none.
 pub(super) fn start_failures(error: &PortError, count: usize) -> Vec<StartFailure> {
+    let named = named_failures(error);
+    if !named.is_empty() {
+        return named;
+    }
+    let failure = |gateway| StartFailure { gateway, reason: error.to_string(), is_temporary: true };
+    (0..count).map(failure).collect()
+}
+
+fn named_failures(error: &PortError) -> Vec<StartFailure> {
     let one = |gateway, is_temporary| {
         vec![StartFailure { gateway, reason: error.to_string(), is_temporary }]
     };
@@ -40,10 +50,21 @@ pub(super) fn start_failures(error: &PortError, count: usize) -> Vec<StartFailur
             | Error::Sdo { slave, .. }
             | Error::Readback { slave, .. },
         ) => one(*slave, error.is_temporary()),
-        _ => {
-            let failure =
-                |gateway| StartFailure { gateway, reason: error.to_string(), is_temporary: true };
-            (0..count).map(failure).collect()
-        }
+        _ => Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ecan_host::NotOperational;
+
+    use super::*;
+
+    #[test]
+    fn error_without_gateway_concerns_all() {
+        let empty = NotOperational { waited_ms: 1, slaves: Vec::new() };
+        let error = PortError::Adapter(Error::NotOperational(Box::new(empty)));
+        let gateways: Vec<_> = start_failures(&error, 2).iter().map(|it| it.gateway).collect();
+        assert_eq!(gateways, [0, 1]);
     }
 }
