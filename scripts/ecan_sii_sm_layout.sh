@@ -143,7 +143,7 @@ scan() { # FILE
     local phase
     phase=$(tool master)
     if [[ $phase == *'Phase: Operation'* || $phase == *'Active: yes'* ]]; then
-        fail 1 "an application uses the master, so the bus cannot be scanned; stop it and retry"
+        fail 4 "an application uses the master, so the bus cannot be scanned; stop it and retry"
     fi
     tool rescan
     : >"$1"
