@@ -22,7 +22,7 @@ pub struct StepReport {
     pub name: &'static str,
     pub proves: &'static str,
     pub status: Status,
-    /// Why it failed or was skipped.
+    /// Reason of a failure or a skip.
     pub reason: Option<String>,
     pub seconds: f64,
     pub commands: Vec<CommandRecord>,

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::bench::{Bench, Kind};
 
-/// What the run is about.
+/// Versions and options of a run.
 #[derive(Debug, Serialize)]
 pub struct Versions {
     pub sdk: String,

@@ -96,7 +96,7 @@ impl EndedLoop {
     /// A frame of channel 0 is missing, apart from those of the last cycles.
     pub fn expect_complete(&self, gateways: u16) -> Result<(), Stop> {
         /// Frames in flight at the end.
-        const UNDER_WAY: u64 = 8;
+        const IN_TRANSIT: u64 = 8;
         self.expect_accounts(gateways)?;
         let output = self.0.output();
         for gateway in 0..gateways {
@@ -104,7 +104,7 @@ impl EndedLoop {
             let sent = table::number(&output, "accepted", &row);
             let received = table::number(&output, "received", &row);
             let is_complete = matches!((sent, received), (Some(sent), Some(received))
-                if received + UNDER_WAY >= sent && received <= sent && sent > 0);
+                if received + IN_TRANSIT >= sent && received <= sent && sent > 0);
             check(is_complete, || {
                 format!("{row}: sent {sent:?}, received {received:?}: {}", self.0.end_text())
             })?;

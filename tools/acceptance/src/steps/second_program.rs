@@ -1,4 +1,4 @@
-//! Other programs beside the one that runs the cycle.
+//! Other programs in parallel with the one that runs the cycle.
 
 use std::process::Command;
 use std::time::Duration;
@@ -34,14 +34,14 @@ pub const GROUP: Group = Group {
     ],
 };
 
-/// Runs the command while a program exchanges frames, which must all arrive.
-fn beside(
+/// Acts while a program exchanges frames, which must all arrive.
+fn during_exchange(
     bench: &mut Bench,
-    judge: impl FnOnce(&mut Bench) -> Result<(), Stop>,
+    act: impl FnOnce(&mut Bench) -> Result<(), Stop>,
 ) -> Result<(), Stop> {
     bench.bus(BusSpec::echo(1))?;
     let running = RunningLoop::start(bench, 1)?;
-    let outcome = judge(bench);
+    let outcome = act(bench);
     // The frames of the last cycles return.
     bench.pause(Duration::from_millis(200))?;
     let ended = running.end(bench);
@@ -56,7 +56,7 @@ fn succeed(bench: &mut Bench, commands: Vec<(Command, &[i32])>) -> Result<(), St
 }
 
 fn reads(bench: &mut Bench) -> Result<(), Stop> {
-    beside(bench, |bench| {
+    during_exchange(bench, |bench| {
         let commands: Vec<(Command, &[i32])> = vec![
             (bench.ecan(["scan"]), &[0]),
             (bench.ecan_first(["info"]), &[0]),
@@ -68,7 +68,7 @@ fn reads(bench: &mut Bench) -> Result<(), Stop> {
 }
 
 fn owner(bench: &mut Bench) -> Result<(), Stop> {
-    beside(bench, |bench| {
+    during_exchange(bench, |bench| {
         let send = bench.ecan_first(["send", "123#11"]);
         bench.run(send)?.expect(3)?;
         let program = bench.example("simple_loop", ["--cycles", "10"]);
@@ -77,7 +77,7 @@ fn owner(bench: &mut Bench) -> Result<(), Stop> {
 }
 
 fn tool(bench: &mut Bench) -> Result<(), Stop> {
-    beside(bench, |bench| {
+    during_exchange(bench, |bench| {
         let upload = bench.ethercat(["upload", "-p", "0", "--type", "uint16", "0xF000", "18"]);
         bench.run(upload)?.expect(0)?.expect_text("24").map(drop)
     })
