@@ -440,10 +440,10 @@ int ecan_igh_activate(ecan_igh_context_t *context);
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that is not in OP, the
  *          reason, and ecan_last_abort_code() of a startup SDO that was aborted;
- *          ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
+ *          ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the configuration;
+ *          ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
  */
-int ecan_igh_wait_op_timeout(ecan_igh_context_t *context,
-                             uint32_t timeout_ms);
+int ecan_igh_wait_op_timeout(ecan_igh_context_t *context, uint32_t timeout_ms);
 
 /**
  * Sets a function that the waiting calls of all layers call once per cycle; if it returns other

@@ -63,7 +63,7 @@
  *          igh_mcan_statistics_t; frames_accepted, frames_lost, frames_unknown, frames_pending,
  *          frames_confirmed and frames_not_taken of igh_mcan_channel_statistics_t. frames_delivered
  *          counts frames that a gateway in OP took; frames_discarded only those that were not
- *          published; sessions_lost no verifications.
+ *          published; sessions_lost no losses during a verification.
  *          ecan_igh_init() writes nothing to the slaves; a startup SDO that is aborted is reported by
  *          ecan_igh_wait_op_timeout(), with ecan_last_abort_code().
  *   0.1.0  First version.

@@ -1104,7 +1104,7 @@ typedef struct {
     uint64_t rxpdo_published;
     /** Cycles in which an unconfirmed image was repeated. */
     uint64_t rxpdo_repeated;
-    /** RxPDO images with frames that were not sent any more. */
+    /** RxPDO images with frames that were withdrawn before their delivery was confirmed. */
     uint64_t rxpdo_discarded;
     /** TxPDO images with new content. */
     uint64_t txpdo_received;
@@ -1134,8 +1134,8 @@ typedef struct {
      */
     uint64_t txpdo_discarded;
     /**
-     * TxPDO images that may have been lost at most in outages after which the gateway started
-     * its sequence again.
+     * Most TxPDO images that can have been lost in outages after which the gateway started its
+     * sequence again.
      */
     uint64_t txpdo_unknown;
     /** Requests of another startup because the gateway stayed in one state below OP. */

@@ -31,7 +31,7 @@ impl AlWatch {
         Ok(Self { request, running: None, next_ns: 0, is_below_op: false })
     }
 
-    /// Whether the gateway was below OP when its state was read last.
+    /// Returns whether the gateway was below OP when its state was read last.
     pub(crate) fn is_below_op(&self) -> bool {
         self.is_below_op
     }

@@ -248,7 +248,7 @@ impl Gateway {
     }
 }
 
-/// Whether a gateway may publish images, by the state that the master reports.
+/// Returns whether a gateway may publish images, by the state that the master reports.
 fn may_publish(adapter: &Adapter, slave: usize) -> bool {
     let state = adapter.slave_state(slave);
     state.is_ok_and(|state| state.online && state.al_state >= AlState::SafeOp.raw())

@@ -86,18 +86,18 @@ pub struct SlaveStatistics {
     pub rxpdo_published: u64,
     /// Cycles in which an unconfirmed image was sent again.
     pub rxpdo_repeated: u64,
-    /// RxPDO images with frames that were not sent any more.
+    /// RxPDO images with frames that were withdrawn before their delivery was confirmed.
     pub rxpdo_discarded: u64,
     /// TxPDO images with new content.
     pub txpdo_received: u64,
     /// Cycles without a new TxPDO image.
     pub txpdo_repeated: u64,
-    /// TxPDO images that never arrived, or damaged, by the gaps in the sequence.
+    /// TxPDO images that did not arrive, or damaged, by the gaps in the sequence.
     pub txpdo_lost: u64,
     /// TxPDO images that arrived while the gateway was not ready. Their frames are not handed out
     /// and count as `frames_not_taken`.
     pub txpdo_discarded: u64,
-    /// TxPDO images that may have been lost at most in outages after which the gateway started its
+    /// Most TxPDO images that can have been lost in outages after which the gateway started its
     /// sequence again.
     pub txpdo_unknown: u64,
     /// TxPDO images that were being written while they were read.

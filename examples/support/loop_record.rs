@@ -161,7 +161,7 @@ impl LoopRecord {
     }
 }
 
-/// Whether the delivery of a frame is not proven yet.
+/// Returns whether the delivery of a frame is not proven yet.
 fn has_pending_frames(port: &Port) -> bool {
     port.gateways().any(|at| port.statistics(at).channels.iter().any(|it| it.frames_pending > 0))
 }

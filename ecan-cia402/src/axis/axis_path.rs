@@ -20,7 +20,7 @@ impl Axis {
         i128::from(self.guard.limits().step) << FRACTION_BITS
     }
 
-    /// Whether the axis can make the next step of the common profile.
+    /// Returns whether the axis can make the next step of the common profile.
     pub(crate) fn path_step(&self, common: Profile) -> PathStep {
         let next = self
             .target()

@@ -270,7 +270,7 @@ impl Axis {
         }
     }
 
-    /// Whether the drive reported that it was off before its configuration began.
+    /// Returns whether the drive reported that it was off before its configuration began.
     fn is_off_for_setup(&self) -> bool {
         self.drive.heard_ns.is_some()
     }

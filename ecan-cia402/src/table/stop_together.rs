@@ -128,7 +128,7 @@ impl Cia402 {
 }
 
 impl Axis {
-    /// Whether a stop on the path includes the axis.
+    /// Returns whether a stop on the path includes the axis.
     fn is_on_path(&self) -> bool {
         let is_position = target_kind(self.mode) == TargetKind::Position;
         self.is_running() && is_position && !self.targets.is_halted && self.procedure.is_none()

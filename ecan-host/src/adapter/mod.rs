@@ -190,7 +190,7 @@ impl Adapter {
             self.find_slaves()?;
             match self.prepare_slaves() {
                 Err(error) if error.is_temporary() && clock.now_ns() < deadline_ns => {
-                    info!("the slaves are looked for again: {error}");
+                    info!("slaves: search repeated ({error})");
                     self.release()?;
                     clock.sleep_until_ns(clock.now_ns() + FIND_POLL_NS);
                 }
@@ -438,11 +438,11 @@ impl Adapter {
         Ok(u64::from(high) << 32 | u64::from(low))
     }
 
-    /// A value of a gateway's 0xF000 (manual 13.8), as read when it was configured. May block for a
-    /// value that could not be read then; not for the cycle.
+    /// A value of a gateway's 0xF000 (manual 13.8), as read when it was configured. Blocks for a value
+    /// that the gateway rejected then; not for the cycle.
     ///
     /// # Errors
-    /// [`Error::Sdo`].
+    /// [`Error::SlaveIndex`]; [`Error::Sdo`] for a value that the gateway rejects.
     pub fn capability(&mut self, slave: usize, subindex: u8) -> Result<u32, Error> {
         let count = self.slaves.len();
         let found = self.slaves.get_mut(slave).ok_or(Error::SlaveIndex { slave, count })?;

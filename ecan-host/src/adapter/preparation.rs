@@ -1,4 +1,4 @@
-//! What is read of the slaves before they are configured.
+//! Values that are read of the slaves before they are configured.
 
 use std::thread;
 

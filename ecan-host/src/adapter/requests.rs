@@ -49,8 +49,8 @@ impl Adapter {
         self.master.reset().map_err(|e| Error::library("ecrt_master_reset", None, e))
     }
 
-    /// Whether [`retry_startup`](Self::retry_startup) takes the master's semaphore: before version 1.6
-    /// of the library. Later ones only schedule the work.
+    /// Returns whether [`retry_startup`](Self::retry_startup) takes the master's semaphore: before
+    /// version 1.6 of the library. Later ones only schedule the work.
     pub fn retry_startup_blocks(&self) -> bool {
         self.ecrt.version() < (1, 6)
     }
@@ -128,6 +128,9 @@ impl Adapter {
     /// Creates a request for registers of the slave controller, up to `size` bytes.
     ///
     /// Only while [`Phase::Configured`]. Not for the cycle.
+    ///
+    /// # Errors
+    /// [`Error::Phase`], [`Error::SlaveIndex`], or the library's error.
     pub fn create_register_request(
         &mut self,
         slave: usize,
@@ -141,8 +144,11 @@ impl Adapter {
             .map_err(|e| Error::library(call, Some(slave), e))
     }
 
-    /// Starts reading `size` bytes of registers from `address`. Real-time safe; the request must not
-    /// be [`RequestState::Busy`].
+    /// Starts reading `size` bytes of registers from `address`; at most the size that the request was
+    /// created with. Real-time safe; the request must not be [`RequestState::Busy`].
+    ///
+    /// # Errors
+    /// The library's error.
     pub fn register_request_read(
         &mut self,
         id: RegRequestId,
@@ -155,6 +161,9 @@ impl Adapter {
     }
 
     /// State of a register request. Real-time safe.
+    ///
+    /// # Errors
+    /// The library's error.
     pub fn register_request_state(&mut self, id: RegRequestId) -> Result<RequestState, CycleError> {
         self.master.reg_request_state(id).map_err(CycleError::library("ecrt_reg_request_state"))
     }

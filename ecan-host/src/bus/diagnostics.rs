@@ -14,7 +14,7 @@ const REPEAT_NS: u64 = 5_000_000_000;
 /// Pause before it is repeated, in nanoseconds.
 const PAUSE_NS: u64 = 100_000_000;
 
-/// Whether a transfer can succeed soon: it got no response, or the master scans the bus.
+/// Returns whether a transfer can succeed soon: it got no response, or the master scans the bus.
 fn may_pass(error: &Error) -> bool {
     matches!(
         error,
@@ -105,11 +105,12 @@ impl Diagnostics {
             .map_err(|e| Error::library("ecrt_master_get_sync_manager", Some(slave), e))
     }
 
-    /// Uploads an object into `data` and returns its length in bytes. A transfer that fails without
-    /// an abort code is repeated for five seconds.
+    /// Uploads an object into `data` and returns its length in bytes. Blocks. A transfer without a
+    /// response, or while the master scans the bus, is repeated for up to 5 s.
     ///
     /// # Errors
-    /// The abort code where the slave rejected.
+    /// [`Error::Sdo`] with the abort code if the slave rejected it, and the number of attempts;
+    /// [`Error::NoSuchSlave`].
     pub fn sdo_upload(
         &self,
         slave: usize,
@@ -122,7 +123,11 @@ impl Diagnostics {
         })
     }
 
-    /// Uploads an object of at most 4 bytes as a little-endian number.
+    /// Uploads an object of at most 4 bytes as a little-endian number; repeated as
+    /// [`sdo_upload`](Self::sdo_upload).
+    ///
+    /// # Errors
+    /// As [`sdo_upload`](Self::sdo_upload).
     pub fn sdo_upload_u32(&self, slave: usize, index: u16, subindex: u8) -> Result<u32, Error> {
         let mut data = [0; 4];
         self.repeat(slave, SdoDirection::Upload, (index, subindex), |position| {
@@ -138,7 +143,7 @@ impl Diagnostics {
     /// Downloads an object; repeated as [`sdo_upload`](Self::sdo_upload).
     ///
     /// # Errors
-    /// The abort code where the slave rejected.
+    /// As [`sdo_upload`](Self::sdo_upload).
     pub fn sdo_download(
         &self,
         slave: usize,
@@ -180,7 +185,7 @@ impl Diagnostics {
         }
     }
 
-    /// Pauses; whether the slave can answer then, as far as the master has seen.
+    /// Pauses; returns whether the slave has a mailbox then, in the state that the master reports.
     fn wait_for_mailbox(&self, slave: usize) -> bool {
         self.clock().sleep_until_ns(self.clock().now_ns().saturating_add(PAUSE_NS));
         self.slave_info(slave).is_ok_and(|info| {

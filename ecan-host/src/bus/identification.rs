@@ -7,7 +7,7 @@ use super::diagnostics::Diagnostics;
 use crate::config::{AdapterConfig, Identity, SlaveConfig};
 use crate::error::Error;
 
-/// Whether every configured slave is on the bus, at a position of its own, in PREOP.
+/// Verifies that every configured slave is on the bus, at a position of its own, in PREOP.
 pub(crate) fn look_for_slaves(
     diagnostics: &Diagnostics,
     config: &AdapterConfig,
@@ -32,7 +32,7 @@ pub(crate) fn look_for_slaves(
     Ok(())
 }
 
-/// What is read of a gateway before it is configured.
+/// Values that are read of a gateway before it is configured.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Identified {
     pub(crate) identity: Identity,

@@ -32,7 +32,7 @@ pub(crate) struct ImageNumbering {
 }
 
 impl ImageNumbering {
-    /// Whether an image was observed.
+    /// Returns whether an image was observed.
     pub(crate) fn has_image(&self) -> bool {
         self.tracker.last().is_some()
     }
@@ -118,7 +118,11 @@ mod tests {
     #[test]
     fn numbers_that_continue_over_an_outage_are_exact() {
         assert_eq!(after(500, 20, true).observe(505), lost(4));
-        assert_eq!(after(500, 200, true).observe(650), lost(149), "whatever the master reports");
+        assert_eq!(
+            after(500, 200, true).observe(650),
+            lost(149),
+            "the state in the master does not count"
+        );
     }
 
     #[test]

@@ -90,6 +90,7 @@ impl Receiver {
         self.misses = self.misses.saturating_add(1);
         match self.reader.read(image) {
             Ok(image) => {
+                // Nothing has arrived so far: what the memory holds is not new.
                 let is_old = fetched == Delivery::Missed && !self.numbering.has_image();
                 let missing = match is_old {
                     true => None,

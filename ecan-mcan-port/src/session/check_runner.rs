@@ -95,12 +95,12 @@ impl CheckRunner {
         self.waiting_since_ns = now_ns;
     }
 
-    /// Whether the transfers of this attempt were begun.
+    /// Returns whether the transfers of this attempt were begun.
     pub(crate) fn has_begun(&self) -> bool {
         self.begun > 0
     }
 
-    /// Keeps a request in the master's queue while the slave is on its way to OP, so that the master
+    /// Keeps a request in the master's queue until the slave is in OP, so that the master
     /// does not begin to read the SDO dictionary before the first check. Its result is not used.
     pub(crate) fn occupy_queue(&mut self, adapter: &mut Adapter) {
         let Some(first) = self.steps.first_mut() else { return };
@@ -111,7 +111,7 @@ impl CheckRunner {
         }
     }
 
-    /// What the attempt waits for.
+    /// Step that the attempt waits for.
     pub(crate) fn awaited(&self) -> PendingStep {
         match (self.earlier, self.steps.get(self.passed)) {
             (Some(transfer), _) => PendingStep::EarlierTransfer(transfer),
@@ -202,8 +202,9 @@ impl CheckRunner {
         Err(VerificationFault::Unended { transfer, waited_ms })
     }
 
-    /// Whether the gateway receives the images that the Port publishes to it, by the sequence that
-    /// it reports. `false` for a transfer that took so long that nothing follows; it is repeated.
+    /// Returns whether the gateway receives the images that the Port publishes to it, by the
+    /// sequence that it reports. `false` for a transfer that took so long that nothing follows; it
+    /// is repeated.
     fn check_sequence(&mut self, found: u32, published: u16) -> Result<bool, VerificationFault> {
         let window = published.wrapping_sub(self.sequence_at_start).saturating_add(SEQUENCE_MARGIN);
         if window > self.sequence_distance / 2 {

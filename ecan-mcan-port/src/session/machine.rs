@@ -124,7 +124,7 @@ impl SessionMachine {
         self.is_below_op = is_below_op;
     }
 
-    /// Whether all requests of its verification are in the master's queue.
+    /// Returns whether all requests of its verification are in the master's queue.
     pub(crate) fn has_queued_requests(&self) -> bool {
         self.state == Session::Verifying && self.runner.has_begun()
     }
@@ -133,7 +133,7 @@ impl SessionMachine {
         self.last_fault
     }
 
-    /// Whether the verification fails by a value that does not change.
+    /// Returns whether the verification fails by a value that does not change.
     pub(crate) fn fails_for_good(&self) -> bool {
         self.fault_lasts
     }
@@ -229,7 +229,7 @@ impl SessionMachine {
         }
     }
 
-    /// Whether the startup of the slave should be requested again.
+    /// Returns whether the startup of the slave should be requested again.
     pub(crate) fn needs_startup(&self) -> bool {
         self.startup_retry.is_due()
     }

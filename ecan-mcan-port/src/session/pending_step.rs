@@ -1,4 +1,4 @@
-//! What a gateway waits for until it is ready.
+//! Steps that a gateway waits for until it is ready.
 
 use std::fmt;
 

@@ -1,7 +1,8 @@
 //! When the startup of a gateway is requested again.
 //!
 //! A master does not repeat a startup that failed, and the cycle cannot ask whether it did: the error
-//! flag is behind the master's semaphore. A request has no effect on a slave in OP or on its way.
+//! flag is behind the master's semaphore. A request has no effect on a slave that is in OP or is being
+//! configured.
 
 /// Time in one state below OP before the first request, in nanoseconds.
 const FIRST_NS: u64 = 2_000_000_000;

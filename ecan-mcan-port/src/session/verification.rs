@@ -95,7 +95,7 @@ pub enum VerificationFault {
 }
 
 impl VerificationFault {
-    /// Whether the gateway answered with a value that is not the configured one.
+    /// Returns whether the gateway answered with a value that is not the configured one.
     pub(crate) fn is_of_the_device(self) -> bool {
         matches!(self, Self::Readback { .. } | Self::OtherGateway { .. } | Self::LayoutCrc { .. })
     }

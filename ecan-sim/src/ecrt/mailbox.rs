@@ -7,7 +7,7 @@ use crate::ecrt::timing::SDO_NS;
 /// Steps of a transfer before activation: request, mailbox check, fetch, result.
 const IDLE_STEPS: u64 = 4;
 
-/// How the state machines of the master advance.
+/// Pace of the state machines of the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Pace {
     /// Before activation: one step in this time, ns. The master sends on its own.
@@ -27,7 +27,7 @@ pub(crate) struct MailboxTransfer {
     found: Option<u64>,
 }
 
-/// What a transfer does next.
+/// Next step of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MailboxStep {
     /// Nothing for this time, ns.

@@ -238,13 +238,13 @@ impl MasterModel {
         self.slaves.iter().any(|slave| slave.startup.is_some())
     }
 
-    /// Whether one activity keeps the master from all others: a configuration, or the fetch of a
-    /// dictionary.
+    /// Returns whether one activity keeps the master from all others: a configuration, or the fetch
+    /// of a dictionary.
     fn is_busy(&self) -> bool {
         self.dictionary.is_some() || self.is_configuring()
     }
 
-    /// Whether the master's thread does not run between the last receive and a send now.
+    /// Returns whether the master's thread does not run between the last receive and a send now.
     fn lacks_gap(&self, now: u64) -> bool {
         self.behaviour.needs_gap && now.saturating_sub(self.received_at) < THREAD_GAP_NS
     }

@@ -24,7 +24,7 @@ pub(crate) struct SlaveView {
     pub(crate) force_config: bool,
     /// When the master brought it to PREOP; `None` if it was there or above at the scan.
     pub(crate) preop_at: Option<u64>,
-    /// Whether its object dictionary was fetched since the scan, or is being fetched.
+    /// Its object dictionary was fetched since the scan, or is being fetched.
     pub(crate) has_dictionary: bool,
     pub(crate) config: Option<usize>,
     /// Assigned PDOs as the scan found them, by sync manager.

@@ -155,7 +155,7 @@ impl PendingFaults {
         take(&mut self.sdo_aborts, index, subindex).map(AbortCode)
     }
 
-    /// Whether the response of the last transfer gets lost.
+    /// Returns whether the response of the last transfer gets lost.
     pub(super) fn take_lost_response(&mut self) -> bool {
         std::mem::take(&mut self.is_response_lost)
     }

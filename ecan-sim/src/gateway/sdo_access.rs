@@ -88,7 +88,7 @@ impl Gateway {
         Ok(())
     }
 
-    /// Whether the response of the last transfer gets lost, by a fault.
+    /// Returns whether the response of the last transfer gets lost, by a fault.
     pub(crate) fn take_lost_response(&mut self) -> bool {
         self.faults.take_lost_response()
     }

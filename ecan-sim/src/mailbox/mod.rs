@@ -98,9 +98,9 @@ impl MailboxServer {
         self.responses.push(ready, to, messages, reply_bytes);
     }
 
-    /// Whether [`receive`](Self::receive) has space for a response. Without it the request stays in
-    /// SM0, which rejects further ones: an error message would be taken for the response to another
-    /// request.
+    /// Returns whether [`receive`](Self::receive) has space for a response. Without it the request
+    /// stays in SM0, which rejects further ones: an error message would be taken for the response
+    /// to another request.
     pub(crate) fn has_space(&self) -> bool {
         !self.responses.is_full()
     }

@@ -146,7 +146,8 @@ pub fn ecan_igh_activate(context: *mut ecan_igh_context_t) {
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that is not in OP, the
 ///          reason, and ecan_last_abort_code() of a startup SDO that was aborted;
-///          ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
+///          ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the configuration;
+///          ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
 #[export(call, bus bus)]
 pub fn ecan_igh_wait_op_timeout(context: *mut ecan_igh_context_t, timeout_ms: u32) {
     bus.need_owned(call)?;

@@ -26,7 +26,7 @@ mirror! {
         rxpdo_published: u64,
         /// Cycles in which an unconfirmed image was repeated.
         rxpdo_repeated: u64,
-        /// RxPDO images with frames that were not sent any more.
+        /// RxPDO images with frames that were withdrawn before their delivery was confirmed.
         rxpdo_discarded: u64,
         /// TxPDO images with new content.
         txpdo_received: u64,
@@ -53,8 +53,8 @@ mirror! {
         /// TxPDO images that arrived while the gateway was not ready; their frames are not handed
         /// out.
         txpdo_discarded: u64,
-        /// TxPDO images that may have been lost at most in outages after which the gateway started
-        /// its sequence again.
+        /// Most TxPDO images that can have been lost in outages after which the gateway started its
+        /// sequence again.
         txpdo_unknown: u64,
         /// Requests of another startup because the gateway stayed in one state below OP.
         startup_requests: u64,

@@ -56,8 +56,8 @@ impl MasterModel {
             return;
         }
         let due = self.slaves.iter().position(|slave| {
-            let is_awake = !matches!(slave.current & 0x0F, 0) // did not respond
-                && slave.current != AlState::Init.raw();
+            // A state of 0 means that it did not respond.
+            let is_awake = slave.current & 0x0F != 0 && slave.current != AlState::Init.raw();
             let has_waited =
                 slave.preop_at.is_none_or(|since| now.saturating_sub(since) >= DICTIONARY_WAIT_NS);
             is_awake && has_waited && !slave.has_dictionary
@@ -103,7 +103,7 @@ impl MasterModel {
         Some(fetch.fails_at.unwrap_or(fetch.at_ns + fetch.left * DICTIONARY_STEP_NS))
     }
 
-    /// Whether the response of a transfer of this slave is lost to the fetch.
+    /// Returns whether the response of a transfer of this slave is lost to the fetch.
     pub(super) fn collides(&mut self, slave: usize, now: u64) -> bool {
         let Some(fetch) = self.dictionary.as_mut().filter(|fetch| fetch.slave == slave) else {
             return false;

@@ -139,8 +139,8 @@ impl MasterModel {
         }
     }
 
-    /// Whether the master comes by the internal requests: a round of polling after it has ended
-    /// another activity, or at the end of another request.
+    /// Returns whether the master can serve an internal request now: a round of polling after it has
+    /// ended another activity, or at the end of another request.
     fn serves_requests(&self, now: u64) -> bool {
         let serves_one = self.slaves.iter().any(|slave| {
             matches!(slave.transfer, Some(Transfer { owner: TransferOwner::Request(_), .. }))

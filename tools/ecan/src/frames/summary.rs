@@ -17,9 +17,9 @@ pub struct Summary {
     /// Frames of the command that were not passed to the gateway.
     not_tried: u64,
     received: u64,
-    /// Images of the gateway that were lost, and that may have been lost at most in outages. The
-    /// number of frames in them cannot be known.
+    /// Images of the gateway that were lost. The number of frames in them cannot be known.
     images_lost: u64,
+    /// Most images that can have been lost in outages.
     images_unknown: u64,
     /// Time from the start to the last sent frame.
     seconds: f64,

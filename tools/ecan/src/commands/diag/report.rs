@@ -61,7 +61,7 @@ pub(super) struct Channel {
     pub(super) tx_stale: Option<u32>,
     pub(super) degraded: Option<u32>,
     pub(super) last_error: Option<u32>,
-    /// The gateway rejected to show an entry.
+    /// The gateway rejected the upload of an entry.
     #[serde(skip)]
     has_rejected: bool,
 }

@@ -75,9 +75,11 @@ pub struct GatewayView {
     pub expected_working_counter: u32,
     /// Cycles with an incomplete working counter.
     pub incomplete_cycles: u64,
-    /// Images that were lost or invalid, and that may have been lost at most in outages.
+    /// Images that were lost.
     pub lost_images: u64,
+    /// Most images that can have been lost in outages.
     pub unknown_images: u64,
+    /// Invalid images.
     pub faulty_images: u64,
     /// Number of losses, and of changes to ready.
     pub times_lost: u64,

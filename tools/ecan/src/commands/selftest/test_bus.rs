@@ -85,7 +85,7 @@ impl TestBus {
         }
     }
 
-    /// How often a gateway was lost.
+    /// Number of times that a gateway was lost.
     pub(super) fn losses(&self, gateway: usize) -> u64 {
         let gateway = self.port.gateway(gateway);
         gateway.map_or(0, |gateway| self.port.statistics(gateway).sessions_lost)
