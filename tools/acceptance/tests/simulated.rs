@@ -45,6 +45,14 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
+fn read(directory: &Path, name: &str) -> String {
+    std::fs::read_to_string(directory.join(name)).unwrap()
+}
+
+fn report_json(directory: &Path) -> serde_json::Value {
+    serde_json::from_str(&read(directory, "report.json")).unwrap()
+}
+
 #[test]
 fn short_list_passes_and_all_reports_agree() {
     let Some(programs) = programs() else { return };
@@ -53,11 +61,10 @@ fn short_list_passes_and_all_reports_agree() {
     let printed = text(&output.stdout);
     assert!(output.status.success(), "{printed}{}", text(&output.stderr));
 
-    let read = |name: &str| std::fs::read_to_string(directory.path().join(name)).unwrap();
-    let json: serde_json::Value = serde_json::from_str(&read("report.json")).unwrap();
+    let json = report_json(directory.path());
     assert_eq!((&json["complete"], &json["quick"]), (&true.into(), &true.into()));
     let steps = json["steps"].as_array().unwrap();
-    let xml = read("report.xml");
+    let xml = read(directory.path(), "report.xml");
     let xml = roxmltree::Document::parse(&xml).unwrap();
     let cases: Vec<_> = xml.descendants().filter(|node| node.has_tag_name("testcase")).collect();
     assert_eq!(cases.len(), steps.len());
@@ -77,7 +84,7 @@ fn short_list_passes_and_all_reports_agree() {
         assert!(printed.contains(&format!("{group}/{name}")), "{printed}");
         assert!(directory.path().join(format!("outputs/{group}-{name}.log")).is_file());
     }
-    assert_eq!(printed.lines().next(), read("report.txt").lines().next());
+    assert_eq!(printed.lines().next(), read(directory.path(), "report.txt").lines().next());
 }
 
 #[test]
@@ -89,24 +96,20 @@ fn failed_step_names_its_cause_and_fails_the_run() {
     std::fs::create_dir(&fake).unwrap();
     std::os::unix::fs::symlink("/bin/false", fake.join("simple_loop")).unwrap();
     let report = directory.path().join("report");
-    let arguments = ["--library", "sim", "--only", "startup/n3", "--bin", fake.to_str().unwrap()];
     let output = Command::new(env!("CARGO_BIN_EXE_ecan-acceptance"))
-        .args(arguments)
-        .arg("--bin")
-        .arg(&programs)
-        .arg("--report")
-        .arg(&report)
+        .args(["--library", "sim", "--only", "startup/n3"])
+        .args([Path::new("--bin"), &fake, Path::new("--bin"), &programs])
+        .args([Path::new("--report"), &report])
         .output()
         .unwrap();
     assert_eq!(output.status.code(), Some(1));
     let printed = text(&output.stdout);
     assert!(printed.contains("FAILED   startup/n3"), "{printed}");
     assert!(printed.contains("exit status 1; expected 0"), "{printed}");
-    let json = std::fs::read_to_string(report.join("report.json")).unwrap();
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = report_json(&report);
     assert_eq!(json["steps"][0]["status"], "failed");
     assert_eq!(json["steps"][0]["commands"][0]["exit"], 1);
-    let xml = std::fs::read_to_string(report.join("report.xml")).unwrap();
+    let xml = read(&report, "report.xml");
     let xml = roxmltree::Document::parse(&xml).unwrap();
     let failure = xml.descendants().find(|node| node.has_tag_name("failure")).unwrap();
     assert_eq!(failure.attribute("message"), json["steps"][0]["reason"].as_str());
@@ -145,8 +148,7 @@ fn interrupt_ends_the_running_program_and_writes_the_report() {
     kill(Pid::from_raw(running.id().try_into().unwrap()), Signal::SIGINT).unwrap();
     assert_eq!(running.wait().unwrap().code(), Some(1));
     assert_eq!(kill(pid, None), Err(Errno::ESRCH));
-    let json = std::fs::read_to_string(report.join("report.json")).unwrap();
-    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let json = report_json(&report);
     assert_eq!(json["complete"], false);
     let steps = json["steps"].as_array().unwrap();
     assert_eq!((steps.len(), &steps[0]["status"]), (1, &"interrupted".into()));
@@ -169,7 +171,6 @@ fn contradicting_options_are_rejected() {
     }
 }
 
-/// Each step of the list is described on the page.
 #[test]
 fn page_describes_every_group() {
     let page = include_str!("../../../docs/ACCEPTANCE.md");

@@ -9,7 +9,7 @@ use super::{Bench, Kind};
 use crate::child::{Finished, Running};
 use crate::stop::Stop;
 
-/// Time limit of a program that ends without a signal.
+/// Time limit of a program that ends without a signal of the bench.
 pub(super) const PROGRAM_LIMIT: Duration = Duration::from_secs(180);
 
 impl Bench {

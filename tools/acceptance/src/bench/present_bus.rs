@@ -146,6 +146,6 @@ impl Bench {
     /// The gateways are lost.
     pub fn check_slave(&mut self) -> Result<(), Stop> {
         let is_present = self.slave.as_mut().is_none_or(Slave::is_running);
-        check(is_present, || "the simulated gateways have ended by themselves".to_owned())
+        check(is_present, || "the simulated gateways have ended unexpectedly".to_owned())
     }
 }

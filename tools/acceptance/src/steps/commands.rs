@@ -103,7 +103,7 @@ pub const GROUP: Group = Group {
         },
         Step {
             name: "dump",
-            proves: "`ecan dump` ends by itself when no frame arrives.",
+            proves: "`ecan dump -T` ends when no frame arrives.",
             needs: &[],
             run: dump,
         },

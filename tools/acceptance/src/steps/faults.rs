@@ -18,19 +18,19 @@ pub const GROUP: Group = Group {
     steps: &[
         Step {
             name: "link_loss",
-            proves: "After a link loss of 2 s the gateway becomes ready by itself.",
+            proves: "After a link loss of 2 s the gateway becomes ready again.",
             needs: &[Need::Wire, Need::Root, Need::System("ip")],
             run: |bench| outage(bench, |bench| with_link_down(bench, Duration::from_secs(2))),
         },
         Step {
             name: "power_cycle",
-            proves: "After a power cycle of 2 s the gateway becomes ready by itself.",
+            proves: "After a power cycle of 2 s the gateway becomes ready again.",
             needs: &[Need::LastingBus, Need::EchoNodes],
             run: |bench| outage(bench, |bench| bench.power_cycle(Duration::from_secs(2))),
         },
         Step {
             name: "stalled_slave",
-            proves: "After 2 s without responses the gateway becomes ready by itself.",
+            proves: "After 2 s without responses the gateway becomes ready again.",
             needs: &[Need::Wire],
             run: |bench| outage(bench, stall),
         },

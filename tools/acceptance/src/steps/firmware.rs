@@ -33,7 +33,7 @@ pub const GROUP: Group = Group {
         },
         Step {
             name: "foe_write",
-            proves: "IgH's tool writes a package by itself (manual 15.3.1).",
+            proves: "IgH's tool writes a package without `ecan` (manual 15.3.1).",
             needs: &[Need::Wire, Need::EthercatTool, Need::Program("ecan-sim")],
             run: foe_write,
         },

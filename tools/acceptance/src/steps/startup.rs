@@ -86,7 +86,7 @@ fn counters_of_the_slave(bench: &mut Bench) -> Result<(), Stop> {
     bench.fresh_bus(BusSpec::echo(1))?;
     let frames = count_echo(bench, EchoRun::n(3))?;
     let Some(report) = bench.stop_slave()? else {
-        return Err(Stop::failed("the simulated gateways have ended by themselves"));
+        return Err(Stop::failed("the simulated gateways have ended unexpectedly"));
     };
     let counted =
         (report.sent_to_bus(0, 0), report.received_from_bus(0, 0), report.faulty_frames());
