@@ -29,9 +29,23 @@ fn power_cycle(backend: &Backend, master: &Master) {
     simulation(backend).inject(Fault::PowerCycle { gateway: 0, off_ms: 200 });
     simulation(backend).pass_ns(300 * MS);
     let is_in_preop = || master.slave_info(0).is_ok_and(|slave| slave.al_state == 2);
-    while !is_in_preop() {
-        simulation(backend).pass_ns(MS);
+    pass_until(simulation(backend), "in PREOP", is_in_preop);
+}
+
+/// Lets simulated time pass until the condition holds, at most a minute.
+fn pass_until(simulation: &Simulation, what: &str, condition: impl Fn() -> bool) {
+    for _ in 0..60_000 {
+        if condition() {
+            return;
+        }
+        simulation.pass_ns(MS);
     }
+    panic!("not {what}: {:#?}", simulation.kernel_log());
+}
+
+/// Waits until the fetch of the dictionary has begun.
+fn wait_for_fetch(simulation: &Simulation, master: &Master) {
+    pass_until(simulation, "fetching", || master.slave_info(0).unwrap().sdo_count > 0);
 }
 
 #[test]
@@ -81,9 +95,7 @@ fn write_that_collides_is_executed() {
     drop(master);
     let master = Master::open(&backend.ecrt, 0).unwrap();
     power_cycle(&backend, &master);
-    while master.slave_info(0).unwrap().sdo_count == 0 {
-        simulation(&backend).pass_ns(MS);
-    }
+    wait_for_fetch(simulation(&backend), &master);
     let error = master.sdo_download(0, 0x8010, 3, &[5]).unwrap_err();
     assert_eq!((error.errno, error.abort_code), (Errno::EIO, None));
     simulation(&backend).pass_ns(2_000 * MS);
@@ -204,10 +216,14 @@ fn dictionary_fetch_in_op_delays_requests() {
     program.simulation().inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
     program.cycles(400);
     cycles_until_op(&mut program, 0);
-    // PREOP was reached some time ago
-    while program.master.slave_info(0).unwrap().sdo_count == 0 {
+    let is_fetching = |program: &Program| program.master.slave_info(0).unwrap().sdo_count > 0;
+    for _ in 0..20_000 {
+        if is_fetching(&program) {
+            break;
+        }
         program.cycle();
     }
+    assert!(is_fetching(&program));
     let cycles = cycles_of(&mut program, &requests);
     assert!((10_000..16_000).contains(&cycles), "{cycles} cycles");
     assert!(cycles_of(&mut program, &requests) < 30);
@@ -219,9 +235,7 @@ fn activation_waits_for_the_dictionary_fetch() {
     let observer = Master::open(&backend.ecrt, 0).unwrap();
     power_cycle(&backend, &observer);
     let mut program = Program::new(backend, &[1]);
-    while observer.slave_info(0).unwrap().sdo_count == 0 {
-        program.simulation().pass_ns(MS);
-    }
+    wait_for_fetch(program.simulation(), &observer);
     program.simulation().pass_ns(300 * MS);
     program.activate();
     let late = cycles_until_op(&mut program, 0);

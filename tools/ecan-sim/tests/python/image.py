@@ -57,7 +57,7 @@ def read(image):
 def check_example():
     """The example of the manual: N = 8, channel mask 0x0F, sequence 1."""
     image = write(1024, 1, [(0x123, bytes.fromhex("1122334455667788"))])
-    assert image[:16].hex() == "16000100010" + "00c00d356e7010f010001", image[:16].hex()
+    assert image[:16].hex() == "1600010001000c00d356e7010f010001", image[:16].hex()
     assert image[24:36].hex() == "400023011122334455667788"
 
 

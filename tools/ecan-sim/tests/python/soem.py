@@ -105,7 +105,7 @@ class Bus:
             slave.output = image.write(self.size, self.sequence, frames_of(nth))
 
     def echo(self, frames=FRAMES):
-        """Sends a frame through each gateway and waits for its echo, again and again."""
+        """Sends frames through each gateway, each after the echo of the one before."""
         lengths = (0, 8, 12, 24, 64) if self.options.fd else range(9)
         seen = [None] * len(self.slaves)
         for turn in range(frames):
@@ -194,7 +194,7 @@ def case_sii(bus):
         # ETG.1000.6: vendor ID and product code at words 8 and 10.
         words = struct.unpack("<II", slave.eeprom_read(8) + slave.eeprom_read(10))
         assert words == (slave.man, slave.id), words
-        # A word that nobody needs is written and restored: the last one.
+        # An unused word is written and restored: the last one.
         last = 1023
         value = slave.eeprom_read(last)[:2]
         slave.eeprom_write(last, b"\x5A\xA5")
@@ -204,7 +204,7 @@ def case_sii(bus):
 
 
 def outage(bus, what):
-    """Lets the test cause an outage and waits until process data fail and nothing returns."""
+    """Exchanges frames in OP, then lets the test cause an outage."""
     bus.to_op()
     bus.echo()
     ask(what)
