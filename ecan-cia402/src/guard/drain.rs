@@ -1,7 +1,7 @@
 //! When the frames that were under way to a drive are known to be gone.
 //!
 //! The gateway sends what it got in order and tells how many frames wait (manual 7). So once no
-//! more frames wait than were delivered *after* the last target, the target is not among them.
+//! more frames wait than were confirmed *after* the last target, the target is not among them.
 //! That needs no pause of the channel: SYNC, SDO and heartbeats may go on.
 
 use super::input::{ChannelView, PathStatus};
@@ -12,7 +12,7 @@ const SATURATED: u8 = 7;
 /// Follows the channel after the last target was sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Drain {
-    /// Frames delivered when the last target was certainly delivered or discarded.
+    /// Frames confirmed when the last target was certainly confirmed or discarded.
     base: Option<u64>,
     /// New channel statuses since then.
     statuses: u16,
@@ -27,7 +27,7 @@ impl Drain {
             *self = Self::default();
             return false;
         }
-        let base = *self.base.get_or_insert(path.delivered);
+        let base = *self.base.get_or_insert(path.confirmed);
         let (pending, pressure) = match path.channel {
             ChannelView::NotSeen => return false,
             ChannelView::BusOff | ChannelView::NotRunning => {
@@ -49,7 +49,7 @@ impl Drain {
 mod tests {
     use super::*;
 
-    fn path(pending: u8, delivered: u64, covered: u64) -> PathStatus {
+    fn path(pending: u8, confirmed: u64, covered: u64) -> PathStatus {
         PathStatus {
             is_ready: true,
             is_complete: true,
@@ -61,7 +61,7 @@ mod tests {
             target_lost: false,
             channel: ChannelView::Running { pending, pressure: false },
             has_backlog: false,
-            delivered,
+            confirmed,
             covered,
         }
     }
@@ -119,7 +119,7 @@ mod tests {
         let mut drain = Drain::default();
         drain.step(&path(0, 10, 10), 1);
         assert!(!drain.step(&PathStatus { is_unconfirmed: true, ..path(0, 10, 10) }, 1));
-        assert!(!drain.step(&path(0, 11, 10), 1), "delivered only now");
+        assert!(!drain.step(&path(0, 11, 10), 1), "confirmed only now");
         assert!(!drain.step(&path(0, 11, 10), 1), "not covered");
         assert!(drain.step(&path(0, 11, 11), 1));
         assert!(!drain.step(&PathStatus { is_ready: false, ..path(0, 11, 11) }, 1));

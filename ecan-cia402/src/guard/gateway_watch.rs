@@ -88,7 +88,7 @@ struct ChannelWatch {
     has_answered: bool,
     answer_age: u32,
     /// Frames of confirmed images: now, and one, two, .. new images ago.
-    delivered: [u64; HISTORY],
+    confirmed: [u64; HISTORY],
 }
 
 impl GatewayWatch {
@@ -207,7 +207,7 @@ impl GatewayWatch {
 
     pub(crate) fn path(&self, channel: u8, target_lost: bool) -> PathStatus {
         let watch = self.channel(channel);
-        let [delivered, _, covered, ..] = watch.delivered;
+        let [confirmed, _, covered, ..] = watch.confirmed;
         PathStatus {
             is_ready: self.is_ready,
             is_complete: self.report.domain.is_complete(),
@@ -223,7 +223,7 @@ impl GatewayWatch {
                 Backlog::Suspected => !watch.is_answering(self.sync_cycles),
                 Backlog::Waiting => true,
             },
-            delivered,
+            confirmed,
             covered,
         }
     }
@@ -246,11 +246,11 @@ impl GatewayWatch {
         let pending = watch.status.tx_pending();
         let waiting = u64::from(pending);
         let scheduled = usize::from(self.schedule_images).min(HISTORY - 1 - NEWEST_IMAGES);
-        if watch.status.tx_pressure() || waiting > watch.delivered_in(0, NEWEST_IMAGES + scheduled)
+        if watch.status.tx_pressure() || waiting > watch.confirmed_in(0, NEWEST_IMAGES + scheduled)
         {
             Backlog::Waiting
         } else if pending >= SATURATED
-            || waiting > watch.delivered_in(1, 1 + scheduled)
+            || waiting > watch.confirmed_in(1, 1 + scheduled)
             || self.image_age > MAX_IMAGE_AGE
         {
             Backlog::Suspected
@@ -286,9 +286,9 @@ impl ChannelWatch {
         let failures = counters.results_failed.saturating_sub(before.results_failed);
         self.failures_missed = failures > std::mem::take(&mut self.failures_taken);
         if is_new {
-            self.delivered.rotate_right(1);
+            self.confirmed.rotate_right(1);
         }
-        if let Some(latest) = self.delivered.first_mut() {
+        if let Some(latest) = self.confirmed.first_mut() {
             *latest = counters.frames_confirmed;
         }
     }
@@ -298,9 +298,9 @@ impl ChannelWatch {
         self.answer_age < sync_cycles
     }
 
-    /// Frames delivered with a number of images, without the newest ones.
-    fn delivered_in(&self, newest: usize, images: usize) -> u64 {
-        let at = |nth: usize| self.delivered.get(nth).copied().unwrap_or_default();
+    /// Frames confirmed with a number of images, without the newest ones.
+    fn confirmed_in(&self, newest: usize, images: usize) -> u64 {
+        let at = |nth: usize| self.confirmed.get(nth).copied().unwrap_or_default();
         at(newest).saturating_sub(at(newest + images))
     }
 
@@ -430,7 +430,7 @@ mod tests {
         let mut watch = GatewayWatch { image_age, ..GatewayWatch::new(0, 1) };
         let [channel, ..] = &mut watch.channels;
         channel.status = running().with_tx_pending(pending);
-        channel.delivered = std::array::from_fn(|nth| 100 - 3 * (nth as u64).saturating_sub(1));
+        channel.confirmed = std::array::from_fn(|nth| 100 - 3 * (nth as u64).saturating_sub(1));
         watch
     }
 
@@ -448,11 +448,11 @@ mod tests {
             assert_eq!(watch(pending, age).backlog(0), expected, "{pending} {age}");
         }
         let mut full = watch(4, 0);
-        full.channels[0].delivered[0] += 3;
+        full.channels[0].confirmed[0] += 3;
         assert_eq!(full.backlog(0), Backlog::Suspected, "the newest image has frames, too");
         full.schedule_images = 1;
         assert_eq!(full.backlog(0), Backlog::None, "they wait for their phase");
-        full.channels[0].delivered[0] += 3;
+        full.channels[0].confirmed[0] += 3;
         full.channels[0].status = running().with_tx_pending(7);
         assert_eq!(full.backlog(0), Backlog::Suspected, "the count is saturated");
         full.channels[0].status = running().with_tx_pressure(true);
@@ -462,7 +462,7 @@ mod tests {
     #[test]
     fn answers_show_that_a_full_bus_sends() {
         let mut full = watch(7, 0);
-        full.channels[0].delivered[0] += 9;
+        full.channels[0].confirmed[0] += 9;
         assert_eq!(full.backlog(0), Backlog::Suspected);
         for (age, has_backlog) in [(0, false), (1, true)] {
             full.channels[0].answer_age = age;

@@ -79,10 +79,10 @@ pub struct PathStatus {
     /// Frames of the channel that were sent before the newest images still wait in the gateway, or may
     /// wait there, since its count is saturated and the drive does not answer.
     pub has_backlog: bool,
-    /// Frames of the channel in images that the gateway has received, counted from any start.
-    pub delivered: u64,
-    /// Part of `delivered` that the channel's status certainly includes: the frames that were
-    /// delivered two new images ago.
+    /// Frames of the channel in images whose working counter was complete, counted from any start.
+    pub confirmed: u64,
+    /// Part of `confirmed` that the channel's status certainly includes: the frames that were
+    /// confirmed two new images ago.
     pub covered: u64,
 }
 

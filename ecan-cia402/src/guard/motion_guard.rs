@@ -20,7 +20,7 @@ use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejectio
 /// 1. `Draining`. Nothing is sent. It ends when every frame that was sent before has certainly
 ///    left the gateway: the gateway is ready, no image is unconfirmed, the channel runs without
 ///    transmit pressure, its count of waiting frames is not saturated (7) and not larger than the
-///    number of frames delivered after the last target, by a status word that is at least two
+///    number of frames confirmed after the last target, by a status word that is at least two
 ///    images newer. Bus-off, an unconfirmed image, discarded frames or a lost session restart it.
 /// 2. `Reading`. Nothing is sent. It needs two [`Actual::Fresh`] positions in different cycles,
 ///    at most `standstill` apart: the second was produced after the first was read, so after the

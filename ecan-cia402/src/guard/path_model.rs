@@ -118,7 +118,7 @@ struct Model {
     span: u32,
     /// Frames of the image that may not have arrived, and whether the gateway has it.
     held: Option<(Vec<Frame>, bool)>,
-    delivered: u64,
+    confirmed: u64,
     covered: [u64; 3],
     /// State of the drive by the last TPDO that was read.
     seen: Power,
@@ -147,7 +147,7 @@ impl Model {
             drive: Drive::default(),
             span: 0,
             held: None,
-            delivered: 0,
+            confirmed: 0,
             covered: [0; 3],
             seen: Power::Off,
             steady: 0,
@@ -223,7 +223,7 @@ impl Model {
             return (false, None);
         }
         if let Some((frames, _)) = self.held.take() {
-            self.delivered += frames.len() as u64;
+            self.confirmed += frames.len() as u64;
         }
         (true, image)
     }
@@ -235,7 +235,7 @@ impl Model {
         let (actual, channel) = match image {
             None => (Actual::None(PositionUnavailable::NoImage), ChannelView::NotSeen),
             Some(image) => {
-                self.covered = [self.delivered, self.covered[0], self.covered[1]];
+                self.covered = [self.confirmed, self.covered[0], self.covered[1]];
                 let channel = if image.bus_off {
                     ChannelView::BusOff
                 } else {
@@ -269,7 +269,7 @@ impl Model {
                 target_lost: false,
                 channel,
                 has_backlog: false,
-                delivered: self.delivered,
+                confirmed: self.confirmed,
                 covered: self.covered[2],
             },
             drive: DriveView {

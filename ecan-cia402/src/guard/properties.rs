@@ -134,7 +134,7 @@ fn happening() -> impl Strategy<Value = CycleEvents> {
             target_lost,
             channel,
             has_backlog: false,
-            delivered: 0,
+            confirmed: 0,
             covered: 0,
         };
         let input = GuardInput { path, drive, actual };
@@ -147,7 +147,7 @@ fn run(limits: GuardLimits, happenings: Vec<CycleEvents>) -> (MotionGuard, Vec<R
     let mut records = Vec::new();
     for (n, mut what) in happenings.into_iter().enumerate() {
         // One SYNC per cycle, after all frames.
-        what.input.path.delivered = n as u64 + 100;
+        what.input.path.confirmed = n as u64 + 100;
         what.input.path.covered = n as u64 + 98;
         guard.observe(&what.input);
         if what.release {
@@ -334,7 +334,7 @@ fn well(position: i32) -> CycleEvents {
                 target_lost: false,
                 channel: ChannelView::Running { pending: 1, pressure: false },
                 has_backlog: false,
-                delivered: 0,
+                confirmed: 0,
                 covered: 0,
             },
             drive: DriveView {

@@ -35,7 +35,7 @@ fn good(position: i32) -> GuardInput {
             target_lost: false,
             channel: ChannelView::Running { pending: 0, pressure: false },
             has_backlog: false,
-            delivered: 50,
+            confirmed: 50,
             covered: 50,
         },
         drive: DriveView {
