@@ -91,6 +91,7 @@ fn cycles_until_op(clears_difference: bool) -> (usize, bool) {
         program.master.application_time(program.next).unwrap();
         program.cycle();
         cycles += 1;
+        assert!(cycles < 20_000, "not in OP");
     }
     let has_line = |line: &String| line.contains("did not follow the reference clock");
     (cycles, program.simulation().kernel_log().iter().any(has_line))

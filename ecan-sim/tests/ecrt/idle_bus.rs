@@ -66,10 +66,12 @@ fn reboot(reboot_delay_ms: u32) -> (Result<(), ecan_host::SdoError>, u64) {
     let before = backend.ecrt.clock().now_ns();
     let result = master.sdo_download(0, 0x8000, 1, &[1]);
     let responds = || simulation.with_world(|world| world.gateway(0).unwrap().is_responding());
+    let elapsed_ms = || (backend.ecrt.clock().now_ns() - before) / 1_000_000;
     while responds() {
+        assert!(elapsed_ms() < 10_000, "no reboot");
         simulation.pass_ns(1_000_000);
     }
-    (result, (backend.ecrt.clock().now_ns() - before) / 1_000_000)
+    (result, elapsed_ms())
 }
 
 #[test]
