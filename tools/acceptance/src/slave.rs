@@ -9,9 +9,6 @@ use nix::sys::signal::Signal;
 use crate::child::{Finished, Running};
 use crate::stop::Stop;
 
-/// Time to start and to end.
-const LIMIT: Duration = Duration::from_secs(60);
-
 /// `ecan-sim wire` in a process.
 #[derive(Debug)]
 pub struct Slave(Running);
@@ -22,10 +19,15 @@ pub struct SlaveReport(pub Finished);
 
 impl Slave {
     /// Starts it and waits until the gateways have booted.
-    pub fn start(command: Command, gateways: u16, interrupt: &Interrupt) -> Result<Self, Stop> {
+    pub fn start(
+        command: Command,
+        gateways: u16,
+        limit: Duration,
+        interrupt: &Interrupt,
+    ) -> Result<Self, Stop> {
         let mut running = Running::start(command, interrupt)?;
         if let Some(last) = gateways.checked_sub(1) {
-            running.wait_for(&format!("gateway {last}: booted"), LIMIT)?;
+            running.wait_for(&format!("gateway {last}: booted"), limit)?;
         }
         Ok(Self(running))
     }
@@ -40,14 +42,19 @@ impl Slave {
         self.0.is_running()
     }
 
+    /// Its output, after an unexpected end.
+    pub fn ended(self) -> Result<Finished, Stop> {
+        self.0.finish(Duration::ZERO)
+    }
+
     /// Stops and continues the whole process: no frame returns in between.
     pub fn signal(&self, signal: Signal) {
         self.0.signal(signal);
     }
 
     /// Ends it; its counters follow.
-    pub fn stop(self) -> Result<SlaveReport, Stop> {
-        self.0.stop(Signal::SIGINT, LIMIT)?.expect(0).map(SlaveReport)
+    pub fn stop(self, limit: Duration) -> Result<SlaveReport, Stop> {
+        self.0.stop(Signal::SIGINT, limit)?.expect(0).map(SlaveReport)
     }
 }
 
@@ -87,6 +94,19 @@ mod tests {
 
     use super::*;
     use crate::child::{Line, Stream};
+
+    #[test]
+    fn unexpected_end_is_reported_with_its_output() {
+        let mut command = Command::new("sh");
+        command.args(["-c", "echo fault >&2; exit 3"]);
+        let limit = Duration::from_secs(60);
+        let mut slave = Slave::start(command, 0, limit, &Interrupt::default()).unwrap();
+        while slave.is_running() {
+            std::thread::yield_now();
+        }
+        let text = slave.ended().unwrap().end_text();
+        assert!(text.contains("exit status 3") && text.contains("fault"), "{text}");
+    }
 
     #[test]
     fn counters_are_read_from_the_summary() {

@@ -6,8 +6,10 @@ use std::time::{Duration, Instant};
 use super::{Bench, Kind};
 use crate::bus::{BusSpec, Nodes};
 use crate::slave::{Slave, SlaveReport};
-use crate::stop::{Stop, check};
+use crate::stop::Stop;
 
+/// Time limit for simulated gateways to start, and to end.
+const SLAVE_LIMIT: Duration = Duration::from_secs(60);
 /// File with the bus of simulated gateways.
 const SCENARIO: &str = "scenario.toml";
 
@@ -93,18 +95,19 @@ impl Bench {
         let mut command = self.plain("ecan-sim", ["wire", "--interface", &interface, "--scenario"]);
         command.arg(self.scenario_path()).args(self.real_time_options());
         let gateways = self.gateway_count();
-        self.slave = Some(Slave::start(command, gateways, &self.interrupt)?);
+        let limit = self.limit(SLAVE_LIMIT);
+        self.slave = Some(Slave::start(command, gateways, limit, &self.interrupt)?);
         Ok(())
     }
 
     /// Ends the simulated gateways on the wire; `None` if there are none.
     pub fn stop_slave(&mut self) -> Result<Option<SlaveReport>, Stop> {
-        let Some(slave) = self.slave.take() else { return Ok(None) };
-        let mut slave = slave;
+        let Some(mut slave) = self.slave.take() else { return Ok(None) };
         if !slave.is_running() {
+            self.note(slave.ended()?);
             return Ok(None);
         }
-        let report = slave.stop()?;
+        let report = slave.stop(self.limit(SLAVE_LIMIT))?;
         self.note(report.0.clone());
         Ok(Some(report))
     }
@@ -145,7 +148,8 @@ impl Bench {
     /// # Errors
     /// The gateways are lost.
     pub fn check_slave(&mut self) -> Result<(), Stop> {
-        let is_present = self.slave.as_mut().is_none_or(Slave::is_running);
-        check(is_present, || "the simulated gateways have ended unexpectedly".to_owned())
+        let Some(slave) = self.slave.take_if(|slave| !slave.is_running()) else { return Ok(()) };
+        let end = self.note(slave.ended()?).end_text();
+        Err(Stop::Failed(format!("the simulated gateways have ended unexpectedly: {end}")))
     }
 }
