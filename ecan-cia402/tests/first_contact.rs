@@ -1,0 +1,177 @@
+//! A new owner of drives that another one left: it stops or adopts them before it feeds them.
+#![allow(missing_docs)]
+
+mod axes;
+mod support;
+
+use axes::{Fixture, START};
+use ecan_canopen::{CobId, DriveState, NodeId, OperatingMode, object};
+use ecan_cia402::{AxisPhase, Cia402, Cia402Config, Takeover};
+use ecan_protocol::object::AbortCode;
+use ecan_sim::{Fault, SdoDirection, SdoEffect, SdoRule};
+use support::stops::{
+    HostHeartbeat, QUICK, RATE_AND_PROFILE_MODES, RETURN_MS, SPEED, Trace, accelerate,
+    assert_runs_again, assert_stays_stopped, at_speed, config, drives, open, replace_owner, state,
+    table, velocity,
+};
+
+/// COB-IDs of SYNC and of the heartbeat of the host, by which a drive continues.
+fn feeds(frame: &ecan_sim::BusFrame) -> bool {
+    let id = frame.frame.id();
+    id == CobId::SYNC.can_id() || id == CobId::heartbeat(NodeId::MAX).can_id()
+}
+
+#[test]
+fn new_owner_stops_moving_drives_before_it_feeds_them() {
+    for heartbeat in [HostHeartbeat::On, HostHeartbeat::Off] {
+        for mode in RATE_AND_PROFILE_MODES {
+            let mut fixture = at_speed(mode, heartbeat);
+            fixture.simulation.with_world(|world| world.record_bus_of(0, 0));
+            replace_owner(&mut fixture, mode, heartbeat);
+            // Frames of the old owner, which the Port and the gateway still hold.
+            fixture.steps(3);
+            fixture.simulation.with_world(ecan_sim::World::take_recorded);
+            let mut before_stop = Vec::new();
+            let mut limit = 2_500;
+            while state(&fixture) == DriveState::OperationEnabled && limit > 0 {
+                fixture.step();
+                limit -= 1;
+                let frames = fixture.simulation.with_world(ecan_sim::World::take_recorded);
+                if state(&fixture) == DriveState::OperationEnabled {
+                    before_stop.extend(frames.into_iter().filter(|it| it.is_from_channel));
+                }
+            }
+            let fed = before_stop.iter().filter(|frame| feeds(frame)).count();
+            let trace = Trace::of(&mut fixture);
+            println!("{mode}, host heartbeat {heartbeat:?}: {fed} frames fed, {trace}");
+            assert!(limit > 2_450, "stopped within 100 ms: {trace}");
+            trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
+            assert_eq!(fed, 0, "SYNC and heartbeats before the stop");
+            assert_stays_stopped(&mut fixture);
+            fixture.start();
+            accelerate(&mut fixture, mode);
+        }
+    }
+}
+
+#[test]
+fn new_owner_configures_a_moving_drive_after_its_stop() {
+    for heartbeat in [HostHeartbeat::On, HostHeartbeat::Off] {
+        let mode = OperatingMode::CyclicVelocity;
+        let mut fixture = at_speed(mode, heartbeat);
+        replace_owner(&mut fixture, mode, heartbeat);
+        fixture.cia402.configure_all().unwrap();
+        let trace = Trace::of(&mut fixture);
+        println!("host heartbeat {heartbeat:?}: {trace}");
+        trace.assert_rest(RETURN_MS, QUICK).assert_no_coasting();
+        fixture.until(2_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+        assert_runs_again(&mut fixture);
+    }
+}
+
+#[test]
+fn new_owner_leaves_drives_off_that_were_off() {
+    let mode = OperatingMode::CyclicVelocity;
+    let mut fixture = open(drives(|_| {}), mode, HostHeartbeat::On).started();
+    fixture.cia402.disable(0).unwrap();
+    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
+    replace_owner(&mut fixture, mode, HostHeartbeat::On);
+    assert_stays_stopped(&mut fixture);
+    fixture.start();
+}
+
+/// A drive that does not answer SDO requests must not keep the channel from its SYNC.
+#[test]
+fn new_owner_continues_without_a_mute_drive() {
+    let rule = SdoRule {
+        index: object::STATUSWORD,
+        subindex: None,
+        direction: SdoDirection::Read,
+        effect: SdoEffect::Abort(AbortCode::NO_OBJECT),
+        times: None,
+    };
+    let scenario = drives(|drive| {
+        if drive.node.get() == 1 {
+            drive.quirks.sdo_rules.push(rule);
+        }
+    });
+    let mut fixture = open(scenario, OperatingMode::CyclicVelocity, HostHeartbeat::On);
+    fixture.start();
+    fixture.check();
+}
+
+/// Replaces the owner by one that adopts enabled drives.
+fn adopt(fixture: &mut Fixture, mode: OperatingMode) {
+    let settings = Cia402Config { takeover: Takeover::Adopt, ..config(HostHeartbeat::On) };
+    let new = Cia402::new(&fixture.port, table(mode, HostHeartbeat::On), settings);
+    fixture.cia402 = new.unwrap_or_else(|error| panic!("{error}"));
+}
+
+#[test]
+fn drive_at_rest_is_adopted_without_being_switched_off() {
+    for mode in [OperatingMode::CyclicPosition, OperatingMode::CyclicVelocity] {
+        let mut fixture = open(drives(|_| {}), mode, HostHeartbeat::On);
+        fixture.start();
+        fixture.idle(100);
+        adopt(&mut fixture, mode);
+        for _ in 0..100 {
+            fixture.step();
+            assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
+        }
+        assert!(fixture.cia402.is_configured(0), "{mode}: {:?}", fixture.cia402.phase(0));
+        fixture.cia402.enable(0).unwrap();
+        fixture.until(500, Cia402::all_running);
+        assert_eq!(state(&fixture), DriveState::OperationEnabled, "{mode}");
+        fixture.check();
+    }
+}
+
+#[test]
+fn moving_drive_is_not_adopted() {
+    let mode = OperatingMode::CyclicVelocity;
+    let mut fixture = at_speed(mode, HostHeartbeat::On);
+    adopt(&mut fixture, mode);
+    Trace::of(&mut fixture).assert_rest(400.0, QUICK).assert_no_coasting();
+    assert!(!fixture.cia402.is_configured(0));
+}
+
+#[test]
+fn drive_in_another_mode_is_not_adopted() {
+    let mut fixture = open(drives(|_| {}), OperatingMode::CyclicVelocity, HostHeartbeat::On);
+    fixture.start();
+    adopt(&mut fixture, OperatingMode::CyclicPosition);
+    fixture.until(500, Cia402::all_stopped);
+    assert!(!fixture.cia402.is_configured(0));
+    assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
+}
+
+#[test]
+fn drive_silent_at_the_first_contact_is_stopped_when_it_answers() {
+    for is_configured in [false, true] {
+        let mode = OperatingMode::CyclicVelocity;
+        let mut fixture = at_speed(mode, HostHeartbeat::Off);
+        fixture.inject(Fault::NodeSilent { node: "drive 0.0/1".to_owned(), for_ms: 1_500 });
+        replace_owner(&mut fixture, mode, HostHeartbeat::Off);
+        if is_configured {
+            fixture.cia402.configure(0).unwrap();
+        }
+        fixture.steps(725);
+        assert!(velocity(&fixture) > 0.9 * SPEED, "it is not reached before");
+        Trace::of(&mut fixture).assert_rest(1_000.0, QUICK).assert_no_coasting();
+    }
+}
+
+#[test]
+fn drive_that_opens_its_brake_at_the_takeover_is_switched_off() {
+    let scenario = drives(|drive| drive.enable_ms = 100);
+    let mode = OperatingMode::CyclicVelocity;
+    let mut fixture = open(scenario, mode, HostHeartbeat::Off);
+    fixture.cia402.configure_all_timeout(&mut fixture.port, START, |_| {}).unwrap();
+    fixture.cia402.enable(0).unwrap();
+    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchedOn));
+    fixture.steps(5);
+    replace_owner(&mut fixture, mode, HostHeartbeat::Off);
+    fixture.until(500, Cia402::all_stopped);
+    fixture.steps(200);
+    assert_eq!(state(&fixture), DriveState::SwitchOnDisabled);
+}

@@ -1,0 +1,189 @@
+//! Reading of the axes of a file, and the locations of their faults.
+#![allow(missing_docs)]
+
+use std::time::Duration;
+
+use ecan_canopen::{
+    FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
+    QuickStopOption, StopOption,
+};
+use ecan_cia402::{AxisConfig, DriveConfig, MotionLimits, Scale};
+use ecan_config_file::{EXAMPLE, load_axes, parse, parse_axes};
+
+const TWO_CHANNELS: &str = "[[gateway]]\nn = 3\ncan0 = { bitrate = 1_000_000 }\n\
+                            can1 = { bitrate = 1_000_000 }\n";
+
+#[test]
+fn axes_have_their_limits_in_units_of_the_machine() {
+    let text = format!(
+        "{TWO_CHANNELS}
+        [[axis]]
+        gateway = 0
+        channel = 1
+        node = 7
+        steps_per_turn = -204_800
+        origin_step = -50
+        max_velocity_rad_s = 2
+        max_acceleration_rad_s2 = 10.5
+        max_jerk_rad_s3 = 1e3
+        target_step = -5
+        min_target = -100
+        max_target = 200
+        [[axis]]
+        gateway = 0
+        channel = 0
+        node = 7
+        mode = \"csv\"
+        velocity_units_per_turn_s = 60
+        step_limit = 5000
+        ramp = 7
+        auto_resume = true
+        enable_timeout_ms = 100"
+    );
+    let axes = parse_axes(text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"));
+    let address = |channel| NodeAddress { slave: 0, channel, node: NodeId::new(7).unwrap() };
+    let first = AxisConfig {
+        scale: Scale::steps_per_turn(-204_800.0).with_origin(-50),
+        limits: MotionLimits { velocity: Some(2.0), acceleration: Some(10.5), jerk: Some(1e3) },
+        target_step: -5,
+        bounds: Some((-100, 200)),
+        ..AxisConfig::new(address(1))
+    };
+    let second = AxisConfig {
+        mode: OperatingMode::CyclicVelocity,
+        scale: Scale::default().with_velocity_units(60.0),
+        ramp: 7,
+        auto_resume: true,
+        enable_timeout: Duration::from_millis(100),
+        ..AxisConfig::new(address(0)).with_step_limit(5_000)
+    };
+    assert_eq!(axes, [first, second]);
+    assert_eq!(
+        parse(text.as_bytes()).unwrap(),
+        parse(TWO_CHANNELS.as_bytes()).unwrap(),
+        "no part of the configuration"
+    );
+    assert_eq!(parse_axes(TWO_CHANNELS.as_bytes()).unwrap(), []);
+    assert_eq!(parse_axes(EXAMPLE.as_bytes()).unwrap().len(), 1);
+}
+
+#[test]
+fn axes_have_the_stop_options_of_their_drives() {
+    let axis = "[[axis]]\ngateway = 0\nchannel = 0\nnode = 7\n";
+    let text = format!(
+        "{TWO_CHANNELS}{axis}
+        host_heartbeat_ms = 100
+        host_loss = \"fault\"
+        quick_stop = \"slow_down_and_stay\"
+        shutdown = \"slow_down\"
+        disable_operation = \"disable\"
+        halt = \"quick_stop\"
+        fault_reaction = \"current_limit\""
+    );
+    let drive = |text: &str| parse_axes(text.as_bytes()).unwrap().remove(0).drive;
+    let expected = DriveConfig {
+        host_heartbeat_ms: 100,
+        host_loss: Some(NodeLossReaction::Fault),
+        quick_stop: Some(QuickStopOption::SlowDownAndStay),
+        shutdown: Some(StopOption::SlowDown),
+        disable_operation: Some(StopOption::Disable),
+        halt: Some(HaltOption::QuickStop),
+        fault_reaction: Some(FaultReaction::CurrentLimit),
+        ..DriveConfig::default()
+    };
+    assert_eq!(drive(&text), expected);
+    assert_eq!(drive(EXAMPLE), DriveConfig::default(), "the example has the defaults");
+    let unchanged = format!("{TWO_CHANNELS}{axis}host_loss = \"unchanged\"");
+    assert_eq!(drive(&unchanged), DriveConfig { host_loss: None, ..DriveConfig::default() });
+    let wrong = format!("{TWO_CHANNELS}{axis}halt = \"disable\"");
+    let faults = parse_axes(wrong.as_bytes()).unwrap_err().to_string();
+    assert!(faults.contains("`halt` = \"disable\" is invalid; allowed: \"unchanged\""), "{faults}");
+}
+
+#[test]
+fn faults_of_axes_have_a_location() {
+    let text = format!(
+        "{TWO_CHANNELS}[[axis]]
+gateway = 1
+channel = 0
+node = 128
+[[axis]]
+gateway = 1
+channel = 0
+node = 1
+max_velocity_rad_s = -1
+max_acceleration_rad_s2 = nan
+max_jerk_rad_s3 = \"high\"
+[[axis]]
+gateway = 0
+channel = 3
+node = 1
+mode = \"csv\"
+max_velocity_rad_s = 1.5
+min_target = 5
+max_target = 10
+[[axis]]
+gateway = 0
+channel = 1
+node = 1
+mode = \"pp\"
+max_jerk_rad_s3 = 2.5
+min_target = 5
+[[axis]]
+gateway = 0
+channel = 1
+node = 1
+target_step = 3_000_000_000
+[[axis]]
+channel = 0
+"
+    );
+    let faults = parse_axes(text.as_bytes()).unwrap_err().0;
+    let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
+    let expected = [
+        (8, 8, "`node` = 128 is out of range; allowed: 1 to 127"),
+        (10, 11, "axis 1: gateway 1 is not in the file"),
+        (13, 22, "axis 1: the velocity limit -1 rad/s is invalid; must be finite and above 0"),
+        (
+            14,
+            27,
+            "axis 1: the acceleration limit NaN rad/s^2 is invalid; must be finite and above 0",
+        ),
+        (15, 19, "`max_jerk_rad_s3` must be a number, not a string"),
+        (18, 11, "axis 2: channel 3 of gateway 0 is not enabled; add its table can3"),
+        (
+            21,
+            22,
+            "axis 2: the velocity limit cannot be kept in mode CSV: the unit of the drive's velocity \
+             is unknown; set the velocity units of its scale",
+        ),
+        (
+            22,
+            14,
+            "axis 2: the bounds 5..10 exclude 0, so that the axis could not stop; must include 0",
+        ),
+        (
+            29,
+            19,
+            "axis 3: the jerk limit cannot be kept in mode PP; set it by the objects of the drive",
+        ),
+        (30, 14, "`min_target` needs `max_target`"),
+        (34, 8, "axis 4: node 1 (slave 0, channel 1) is axis 3, too"),
+        (35, 15, "`target_step` = 3000000000 is out of range; allowed: -2147483648 to 2147483647"),
+        (36, 1, "`gateway` is missing: the index of its gateway in the file"),
+        (36, 1, "`node` is missing: the node-ID of the drive, 1 to 127"),
+    ];
+    assert_eq!(found, expected, "{found:#?}");
+}
+
+#[test]
+fn axes_of_a_file_are_loaded() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cell.toml");
+    std::fs::write(&path, EXAMPLE).unwrap();
+    let axes = load_axes(&path).unwrap();
+    assert_eq!(axes.len(), 1);
+    assert_eq!(axes[0].limits.velocity, Some(2.0));
+    let text = load_axes(directory.path().join("none.toml")).unwrap_err().to_string();
+    assert!(text.starts_with("cannot read "), "{text}");
+}
