@@ -11,8 +11,10 @@ use crate::master::{AssignedPdo, LinkState, Master, MasterState, SdoError, Slave
 /// its own mailbox traffic for about a second per slave while it reads the SDO dictionaries after a
 /// scan.
 const REPEAT_NS: u64 = 5_000_000_000;
-/// Pause before it is repeated, in nanoseconds.
-const PAUSE_NS: u64 = 100_000_000;
+/// Pause before the first repetition, in nanoseconds; each one doubles it, up to the longest. The
+/// library writes a line to stderr for each transfer that fails.
+const FIRST_PAUSE_NS: u64 = 50_000_000;
+const LONGEST_PAUSE_NS: u64 = 400_000_000;
 
 /// Returns whether a transfer can succeed soon: it got no response, or the master scans the bus.
 fn may_pass(error: &Error) -> bool {
@@ -165,7 +167,7 @@ impl Diagnostics {
     ) -> Result<R, Error> {
         let clock = self.clock();
         let end_ns = clock.now_ns().saturating_add(REPEAT_NS);
-        let mut attempts = 0;
+        let (mut attempts, mut pause_ns) = (0, FIRST_PAUSE_NS);
         loop {
             let result = self.ring_position(slave).and_then(|position| {
                 attempts += 1;
@@ -174,8 +176,8 @@ impl Diagnostics {
             });
             match result {
                 Err(error) if may_pass(&error) => {
-                    // The library writes a line to stderr for each transfer that fails.
-                    while !self.wait_for_mailbox(slave) && clock.now_ns() < end_ns {}
+                    while !self.wait_for_mailbox(slave, pause_ns) && clock.now_ns() < end_ns {}
+                    pause_ns = LONGEST_PAUSE_NS.min(2 * pause_ns);
                     if clock.now_ns() >= end_ns {
                         return Err(error);
                     }
@@ -186,8 +188,8 @@ impl Diagnostics {
     }
 
     /// Pauses; returns whether the slave has a mailbox then, in the state that the master reports.
-    fn wait_for_mailbox(&self, slave: usize) -> bool {
-        self.clock().sleep_until_ns(self.clock().now_ns().saturating_add(PAUSE_NS));
+    fn wait_for_mailbox(&self, slave: usize, pause_ns: u64) -> bool {
+        self.clock().sleep_until_ns(self.clock().now_ns().saturating_add(pause_ns));
         self.slave_info(slave).is_ok_and(|info| {
             let state = AlState::from_raw(info.al_state);
             state.is_some_and(|state| state.has_mailbox())

@@ -29,12 +29,13 @@ const DEFAULT_PATHS: [&str; 4] = [
 pub const LIMIT: Duration = Duration::from_secs(5);
 pub const WRITE_LIMIT: Duration = Duration::from_secs(600);
 /// Messages of transfers that can succeed when they are repeated: while the master reads the SDO
-/// dictionary, about a second per slave after a scan, it takes the responses of other transfers.
+/// dictionary, about a second per slave after a scan, it takes the responses of other transfers, and
+/// they take those about the dictionary.
 const SDO_COLLISION: &str = "Input/output error";
 const FOE_COLLISION: &str = "FOE_MBOX_PROT_ERROR";
 /// Pause before the repetition, and number of attempts.
-const COLLISION_PAUSE: Duration = Duration::from_millis(500);
-const ATTEMPTS: u32 = 10;
+const COLLISION_PAUSE: Duration = Duration::from_millis(250);
+const ATTEMPTS: u32 = 20;
 
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ToolError {
@@ -61,6 +62,10 @@ pub enum ToolError {
 }
 
 impl ToolError {
+    fn is_collision(&self, collision: &str) -> bool {
+        matches!(self, Self::Failed { message, .. } if message.contains(collision))
+    }
+
     /// Returns whether other calls fail too: no tool, or no master for it.
     pub fn is_about_host(&self) -> bool {
         match self {
@@ -230,9 +235,17 @@ impl EthercatTool {
         subindex: u8,
         kind: &str,
     ) -> Result<String, ToolError> {
-        let (slave, index) = (slave.to_string(), format!("{index:#06x}"));
-        let subindex = subindex.to_string();
-        let arguments = ["--position", &slave, "--type", kind, &index, &subindex];
+        let (index, subindex) = (format!("{index:#06x}"), subindex.to_string());
+        self.upload_from(&slave.to_string(), [&index, &subindex], kind)
+    }
+
+    fn upload_from(
+        &self,
+        slave: &str,
+        [index, subindex]: [&str; 2],
+        kind: &str,
+    ) -> Result<String, ToolError> {
+        let arguments = ["--position", slave, "--type", kind, index, subindex];
         repeat_after(SDO_COLLISION, || self.run("upload", arguments))
     }
 
@@ -276,8 +289,24 @@ impl EthercatTool {
         if known.has_password_argument {
             arguments.push(OsStr::new("0"));
         }
-        repeat_after(FOE_COLLISION, || self.run_for_bytes("foe_write", &arguments, WRITE_LIMIT))?;
+        repeat_after(FOE_COLLISION, || {
+            let written = self.run_for_bytes("foe_write", &arguments, WRITE_LIMIT);
+            if written.as_ref().is_err_and(|error| error.is_collision(FOE_COLLISION)) {
+                self.fetch_old_responses(&slave);
+            }
+            written
+        })?;
         Ok(())
+    }
+
+    /// Empties the mailbox of a slave. IgH takes the oldest response for that to its request, and
+    /// skips only those to uploads of other objects: the first upload succeeds when all others have
+    /// been fetched, the second one skips what the attempts of the first one have left.
+    fn fetch_old_responses(&self, slave: &str) {
+        for object in [["0x1000", "0"], ["0x1018", "1"]] {
+            // The next file reports what fails.
+            let _ = self.upload_from(slave, object, "uint32");
+        }
     }
 }
 
@@ -285,13 +314,9 @@ fn repeat_after<R>(
     collision: &str,
     mut transfer: impl FnMut() -> Result<R, ToolError>,
 ) -> Result<R, ToolError> {
-    let is_collision = |error: &ToolError| match error {
-        ToolError::Failed { message, .. } => message.contains(collision),
-        _ => false,
-    };
     for _ in 1..ATTEMPTS {
         match transfer() {
-            Err(error) if is_collision(&error) => thread::sleep(COLLISION_PAUSE),
+            Err(error) if error.is_collision(collision) => thread::sleep(COLLISION_PAUSE),
             result => return result,
         }
     }

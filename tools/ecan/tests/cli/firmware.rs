@@ -112,6 +112,16 @@ fn update_writes_package_and_reads_version() {
     assert_eq!(tool.writes(), [[&expected[..], &["ecan_lite_app", path, "0"]].concat()]);
 }
 
+/// Each transfer adds a response to the mailbox and fetches an older one.
+#[test]
+fn file_is_written_after_the_responses_of_a_dictionary_fetch() {
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
+    tool.master().dictionary_responses = 5;
+    let (status, out, errors) = update(&tool, package.path(), &[]);
+    assert_eq!(status, 0, "{out}{errors}");
+    assert_eq!((running(&tool, 0), tool.writes().len()), (NEW, 2));
+}
+
 #[test]
 fn position_is_never_passed_as_password() {
     let package = package(NEW);

@@ -4,6 +4,7 @@
 //! gateways and does on the wire what the master does: scan, mailboxes, PREOP, SDO uploads, FoE.
 //! The gateways live on between the calls, and the test can inspect them.
 
+use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
@@ -74,6 +75,14 @@ pub enum Behaviour {
     Babbles,
 }
 
+/// A response in the mailbox of a slave that the master has not fetched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Unfetched {
+    Dictionary,
+    Upload(u16, u8),
+    File,
+}
+
 /// Gateways and the tool.
 pub struct Master {
     pub line: Line,
@@ -81,6 +90,9 @@ pub struct Master {
     gateways: u16,
     /// Process group that gets SIGINT during the next file.
     pub interrupts: Option<u32>,
+    /// Responses about the dictionary that are in the mailbox when the next file begins.
+    pub dictionary_responses: usize,
+    unfetched: VecDeque<Unfetched>,
     /// Recorded calls.
     pub calls: Vec<Vec<String>>,
 }
@@ -95,7 +107,15 @@ pub struct FakeEthercat {
 impl FakeEthercat {
     pub fn new(gateways: u16, behaviour: Behaviour) -> Self {
         let line = Line::preop(gateways.into());
-        let master = Master { line, behaviour, gateways, interrupts: None, calls: Vec::new() };
+        let master = Master {
+            line,
+            behaviour,
+            gateways,
+            interrupts: None,
+            dictionary_responses: 0,
+            unfetched: VecDeque::new(),
+            calls: Vec::new(),
+        };
         let master = Arc::new(Mutex::new(master));
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -250,8 +270,8 @@ impl Master {
         let [.., index, subindex] = arguments else { panic!("{arguments:?}") };
         let index = u16::from_str_radix(index.strip_prefix("0x").unwrap(), 16).unwrap();
         let subindex: u8 = subindex.parse().unwrap();
-        if matches!(self.behaviour, Behaviour::Silent { position, .. } if position == station - 0x1001)
-        {
+        let is_silent = matches!(self.behaviour, Behaviour::Silent { position, .. } if position == station - 0x1001);
+        if is_silent || !self.finds_response(Unfetched::Upload(index, subindex)) {
             return Err("Failed to upload SDO: Input/output error".to_owned());
         }
         if self.behaviour == Behaviour::Foreign && (index, subindex) == (0xF000, 17) {
@@ -273,6 +293,23 @@ impl Master {
         }
     }
 
+    /// Whether a transfer fetches a response to such a request, as IgH does: it skips those to
+    /// uploads of other objects, and ends at any other response.
+    fn finds_response(&mut self, own: Unfetched) -> bool {
+        if self.unfetched.is_empty() {
+            return true;
+        }
+        self.unfetched.push_back(own);
+        let mut first = || self.unfetched.pop_front().unwrap();
+        loop {
+            match (first(), own) {
+                (first, own) if first == own => return true,
+                (Unfetched::Upload(..), Unfetched::Upload(..)) => {}
+                _ => return false,
+            }
+        }
+    }
+
     fn foe(&mut self, station: u16, opcode: u8, number: u32, data: &[u8]) -> Vec<u8> {
         let mut message = vec![opcode, 0];
         message.extend(number.to_le_bytes());
@@ -287,6 +324,13 @@ impl Master {
             _ => {}
         }
         let station = self.station(arguments)?;
+        let dictionary = std::mem::take(&mut self.dictionary_responses);
+        self.unfetched.extend(vec![Unfetched::Dictionary; dictionary]);
+        let is_behind = !self.unfetched.is_empty();
+        if !self.finds_response(Unfetched::File) {
+            return Err("Failed to write via FoE: FOE_MBOX_PROT_ERROR".to_owned());
+        }
+        assert!(!is_behind, "a response to an earlier file is taken for one to this");
         if let Some(group) = self.interrupts.take() {
             let group = format!("-{group}");
             let sent = Command::new("kill").args(["-INT", "--", &group]).status().unwrap();
