@@ -212,11 +212,11 @@ impl Port {
         }
     }
 
-    /// Requests the startup of every gateway again that failed
-    /// ([`PendingStep::StartupRetry`]): [`Adapter::retry_startup`]. May block; not for the cycle.
+    /// Requests the startup of every gateway again that failed ([`PendingStep::StartupRetry`]), as the
+    /// cycle does at increasing intervals. Real-time safe unless [`Adapter::retry_startup_blocks`].
     ///
     /// # Errors
-    /// As there.
+    /// As [`Adapter::retry_startup`].
     pub fn retry_startup(&mut self) -> Result<(), PortError> {
         Ok(self.adapter.retry_startup()?)
     }

@@ -205,10 +205,11 @@ pub fn ecan_igh_reconfigure(context: *mut ecan_igh_context_t, config: *const eca
     reconfigured.or_code(call)
 }
 
-/// Repeats the startup of the slaves that the master keeps in PREOP because a startup SDO failed or
-/// got no response; igh_mcan_port_get_session() shows that a gateway waits for it. The waiting calls
-/// do this by themselves. Takes the master's semaphore, usually for microseconds but without a
-/// bound: call it between two cycles, not while axes of other gateways move.
+/// Requests another startup of the slaves whose startup failed; igh_mcan_port_get_session() shows that
+/// a gateway waits for it. The waiting calls and, at increasing intervals, the cycle of a Port request
+/// it as well. With a library before version 1.6 it takes the master's semaphore, usually for
+/// microseconds but without a bound: a Port does not request it there while a gateway is ready, and
+/// the application calls it between two cycles, not while axes of other gateways move.
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_ATTACHED, since the owner
