@@ -42,7 +42,7 @@ typedef struct {
 int igh_mcan_port_default_config(igh_mcan_port_config_t *config);
 
 /**
- * Applies a configuration to the Adapter's: ecan_igh_init() then writes PDO profiles, channel
+ * Applies a configuration to the Adapter's: ecan_igh_init() then registers PDO profiles, channel
  * masks, bit rates, filters and budgets as startup SDOs (manual 15.5.2, step 4). Is copied; call
  * it again after a change. Only the gateways of the first slave_count slaves count.
  *

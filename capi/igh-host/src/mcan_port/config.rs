@@ -43,7 +43,7 @@ pub fn igh_mcan_port_default_config(config: *mut igh_mcan_port_config_t) {
     config.seal(extended(&PortConfig::default()));
 }
 
-/// Applies a configuration to the Adapter's: ecan_igh_init() then writes PDO profiles, channel
+/// Applies a configuration to the Adapter's: ecan_igh_init() then registers PDO profiles, channel
 /// masks, bit rates, filters and budgets as startup SDOs (manual 15.5.2, step 4). Is copied; call
 /// it again after a change. Only the gateways of the first slave_count slaves count.
 ///
