@@ -2,9 +2,9 @@
 //! it, short of CAN itself.
 //!
 //! [`Adapter::open`] takes a loaded master library and a plain [`AdapterConfig`], checks it as a
-//! whole, finds the gateways, maps their PDO chunks into one domain each, sends the startup SDOs
-//! and leaves a bus that only waits for [`Adapter::activate`]. In the cycle [`Adapter::receive`]
-//! and [`Adapter::send`] exchange the process images (manual 15.5).
+//! whole, finds the gateways, maps their PDO chunks into one domain each, registers the startup
+//! SDOs and leaves a bus that only waits for [`Adapter::activate`]. In the cycle
+//! [`Adapter::receive`] and [`Adapter::send`] exchange the PDO images (manual 15.5).
 //!
 //! [`Plan`] computes the load of a configuration on the wire in advance.
 //!

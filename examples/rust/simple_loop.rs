@@ -89,7 +89,8 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let backend = arguments.gateways.master.open("echo", &setup.adapter)?;
     arguments.thread.apply(|line| println!("{line}"))?;
 
-    // Checks the configuration, writes the startup SDOs, and verifies the gateways in OP.
+    // Checks the configuration and registers the startup SDOs, which the master then executes; the
+    // gateways are verified in OP.
     let mut port = Port::open(&backend.ecrt, (setup.adapter, setup.port))?;
     if !wait_ready(&mut port, &interrupt)? {
         return Ok(true);
