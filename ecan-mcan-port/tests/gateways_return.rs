@@ -72,11 +72,15 @@ fn startup_that_failed_in_init_is_requested_again() {
 
 #[test]
 fn wait_ready_repeats_a_startup_without_response() {
-    let mut fixture = Fixture::open(ecan_sim::echo(1), adapter(1), config(1)).unwrap();
-    fixture.simulation.inject(silent(2_500));
-    fixture.port.wait_ready().unwrap_or_else(|error| panic!("{error}"));
-    let log = fixture.simulation.kernel_log();
-    assert!(log.iter().any(|line| line.contains("no response")), "{log:?}");
+    for master in [MasterBehaviour::IDEAL, MasterBehaviour::IGH] {
+        let mut scenario = ecan_sim::echo(1);
+        scenario.master = master;
+        let mut fixture = Fixture::open(scenario, adapter(1), config(1)).unwrap();
+        fixture.simulation.inject(silent(2_500));
+        fixture.port.wait_ready().unwrap_or_else(|error| panic!("{error}"));
+        let log = fixture.simulation.kernel_log();
+        assert!(log.iter().any(|line| line.contains("no response")), "{log:?}");
+    }
 }
 
 #[test]

@@ -58,7 +58,7 @@ pub fn axis_in(mode: OperatingMode) -> AxisConfig {
     axis
 }
 
-/// Whether drives watch the heartbeat of the host.
+/// Watch of the host by the drives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum HostHeartbeat {
     On,

@@ -15,8 +15,8 @@ impl NotOperational {
         &self,
         adapter: &Adapter,
     ) -> impl FnOnce(&Diagnostics) -> Vec<(usize, Error)> + Send + use<> {
-        let held = self.slaves.iter().filter(|report| report.is_held_in_preop());
-        let work: Vec<(usize, Vec<StartupStep>)> = held
+        let work: Vec<(usize, Vec<StartupStep>)> = self
+            .held()
             .filter_map(|report| {
                 let slave = adapter.slaves.get(report.slave)?;
                 let steps = adapter.startup.steps(&adapter.config, report.slave);

@@ -8,7 +8,7 @@ use tracing::{info, warn};
 
 use super::{Adapter, StartupRounds, run_in_parallel};
 use crate::deadline::deadline_ns;
-use crate::error::{CycleError, Error, NotOperational, is_preop};
+use crate::error::{CycleError, Error, NotOperational, SlaveReport, is_preop};
 use crate::master::SlaveConfigState;
 use crate::phase::Phase;
 
@@ -169,14 +169,21 @@ impl Adapter {
     }
 
     /// Whether to go on with a wait that has failed: there is time left, and every slave that the
-    /// master keeps in PREOP can succeed in another attempt, which is requested here. Blocks; on an
-    /// attached Adapter it does nothing.
+    /// master keeps in PREOP can succeed in another attempt, which is requested here unless another
+    /// startup has begun since the report. Blocks; on an attached Adapter it does nothing.
     ///
     /// # Errors
     /// The library's error.
     pub fn retry_wait(&mut self, wait: &OpWait, report: &NotOperational) -> Result<bool, Error> {
-        if self.attached || self.ecrt.clock().now_ns() >= wait.deadline_ns || !report.is_temporary()
-        {
+        if self.attached || self.ecrt.clock().now_ns() >= wait.deadline_ns {
+            return Ok(false);
+        }
+        let mut held = report.held().filter(|it| self.is_held(it.slave)).peekable();
+        if held.peek().is_none() {
+            // Another startup has begun, for which the causes do not apply.
+            return Ok(report.held().next().is_some());
+        }
+        if !held.all(SlaveReport::is_temporary) {
             return Ok(false);
         }
         info!("startup of the slaves in PREOP: repeated");
@@ -215,12 +222,13 @@ impl Adapter {
         Ok(self.domain_is_complete())
     }
 
-    /// A slave that the master holds in PREOP does not get on by waiting.
     fn a_slave_is_held(&self) -> bool {
-        (0..self.slaves.len()).any(|slave| {
-            self.diagnostics
-                .slave_info(slave)
-                .is_ok_and(|info| info.error_flag && is_preop(info.al_state))
-        })
+        (0..self.slaves.len()).any(|slave| self.is_held(slave))
+    }
+
+    /// A slave that the master holds in PREOP does not get on by waiting.
+    fn is_held(&self, slave: usize) -> bool {
+        let info = self.diagnostics.slave_info(slave);
+        info.is_ok_and(|info| info.error_flag && is_preop(info.al_state))
     }
 }

@@ -38,6 +38,11 @@ impl SlaveReport {
     pub(crate) fn is_held_in_preop(&self) -> bool {
         self.online && self.error_flag && self.al_state.is_some_and(is_preop)
     }
+
+    /// The cause of its failed startup SDO may be gone: it did not answer in time.
+    pub(crate) fn is_temporary(&self) -> bool {
+        self.cause.as_ref().is_none_or(|cause| cause.is_temporary())
+    }
 }
 
 impl fmt::Display for SlaveReport {
@@ -76,11 +81,9 @@ pub struct NotOperational {
 }
 
 impl NotOperational {
-    /// Whether a startup SDO failed for a cause that may be gone: its slave did not answer in time.
-    pub(crate) fn is_temporary(&self) -> bool {
-        let mut held = self.slaves.iter().filter(|slave| slave.is_held_in_preop()).peekable();
-        held.peek().is_some()
-            && held.all(|slave| slave.cause.as_ref().is_none_or(|cause| cause.is_temporary()))
+    /// The slaves that the master keeps in PREOP.
+    pub(crate) fn held(&self) -> impl Iterator<Item = &SlaveReport> {
+        self.slaves.iter().filter(|slave| slave.is_held_in_preop())
     }
 }
 
