@@ -121,7 +121,7 @@ pub const GROUP: Group = Group {
         },
         Step {
             name: "bridge_socketcan",
-            proves: "`ecan bridge --socketcan` connects a virtual CAN interface of Linux.",
+            proves: "`ecan bridge --socketcan` starts and ends with a virtual CAN interface of Linux.",
             needs: &[Need::LastingBus, Need::EchoNodes, Need::Root, Need::System("ip")],
             run: bridge_socketcan,
         },
@@ -332,8 +332,11 @@ fn bridge_socketcan(bench: &mut Bench) -> Result<(), Stop> {
     const INTERFACE: &str = "ecanacc0";
     bench.bus(BusSpec::echo(1))?;
     let add = bench.system("ip", ["link", "add", "dev", INTERFACE, "type", "vcan"]);
-    if bench.run(add)?.code() != Some(0) {
-        return Err(Stop::Skipped("no virtual CAN interface (modprobe vcan)".to_owned()));
+    let added = bench.run(add)?;
+    if added.code() != Some(0) {
+        let cause = added.errors();
+        let cause = cause.trim();
+        return Err(Stop::Skipped(format!("no virtual CAN interface: {cause}; try modprobe vcan")));
     }
     let outcome = on_virtual_interface(bench, INTERFACE);
     let delete = bench.system("ip", ["link", "delete", INTERFACE]);
