@@ -192,8 +192,7 @@ impl Cia402 {
 
     /// Resets the fault of a drive with a real edge: the bit is sent low, then high, each in several
     /// frames. It does not enable the drive, and does nothing if the drive has no fault. If the drive
-    /// stays in fault, it ends with
-    /// [`AxisError::ResetFailed`].
+    /// stays in fault, it ends with [`AxisError::ResetFailed`].
     ///
     /// # Errors
     /// A [`CommandError`].
@@ -240,8 +239,8 @@ impl Cia402 {
     /// it stops watching the host's heartbeat and goes to Pre-operational, so that no drive
     /// reports a fault when the host ends. Axes in every state are switched off; a drive that does not
     /// report this is not released, so that its own watch stops it.
-    /// [`shutdown_state`](Self::shutdown_state) reports when
-    /// it is complete. A stage that an axis cannot finish ends after five seconds.
+    /// [`shutdown_state`](Self::shutdown_state) reports when it is complete. A stage that an axis
+    /// cannot finish ends after five seconds.
     ///
     /// Mode changes and homings are cancelled. The cycle continues as before.
     pub fn begin_shutdown(&mut self) {
