@@ -5,7 +5,7 @@ use std::ops::Deref;
 use ecan_host::{CycleError, Phase, StartupRounds};
 
 use crate::address::GatewayHandle;
-use crate::gateway::publish;
+use crate::gateway::{Gateway, publish};
 use crate::port::Port;
 use crate::receive::items::ReceivedItems;
 use crate::receive::received::Received;
@@ -113,6 +113,7 @@ impl Port {
         let mut starting = self.gateways.iter().map(|gateway| &gateway.session);
         match () {
             () if self.is_ready() => StartupRounds::Off,
+            () if self.gateways.iter().any(Gateway::has_left_op_unnoticed) => StartupRounds::On,
             () if starting.all(|it| it.is_ready() || it.has_queued_requests()) => StartupRounds::On,
             () => StartupRounds::UntilSafeOp,
         }

@@ -156,6 +156,11 @@ impl Gateway {
         }
     }
 
+    /// Whether the master has not noticed that the gateway left OP.
+    pub(crate) fn has_left_op_unnoticed(&self) -> bool {
+        self.al_watch.is_unnoticed()
+    }
+
     pub(crate) fn statistics(&self) -> SlaveStatistics {
         let mut statistics = self.statistics;
         for (channel, pending) in statistics.channels.iter_mut().zip(self.transmitter.pending()) {

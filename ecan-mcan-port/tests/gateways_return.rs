@@ -301,19 +301,29 @@ fn gateway_that_is_switched_off_is_named() {
     assert!(error.contains("slave 0 (alias 0, position 0) is not on the bus"), "{error}");
 }
 
-/// The master notices no loss while it reads the dictionary of another gateway; without rounds between
+/// The master notices nothing while it reads the dictionary of another gateway; without rounds between
 /// the cycles that takes half a minute at this cycle.
-#[test]
-fn gateway_that_restarts_while_a_dictionary_is_read_returns_within_seconds() {
+fn returns_while_a_dictionary_is_read(fault: Fault) {
     let mut scenario = ecan_sim::echo(2);
     scenario.master = MasterBehaviour::IGH;
     let slow = adapter(2).with_cycle(Duration::from_millis(4));
     let mut fixture = Fixture::ready(scenario, slow, config(2));
-    // The master reads the dictionaries after the scan that follows the first restart.
-    for _ in 0..2 {
-        fixture.simulation.inject(Fault::PowerCycle { gateway: 1, off_ms: 300 });
+    // The master reads the dictionaries after the scan that follows the restart.
+    for fault in [Fault::PowerCycle { gateway: 1, off_ms: 300 }, fault] {
+        fixture.simulation.inject(fault);
         until(&mut fixture, 500, |port| !port.is_ready());
         until(&mut fixture, 3_000, Port::is_ready);
         for_cycles(&mut fixture, 5_000);
     }
+}
+
+#[test]
+fn gateway_that_restarts_while_a_dictionary_is_read_returns_within_seconds() {
+    returns_while_a_dictionary_is_read(Fault::PowerCycle { gateway: 1, off_ms: 300 });
+}
+
+#[test]
+fn gateway_that_leaves_op_while_a_dictionary_is_read_returns_within_seconds() {
+    let fault = GatewayFault::AlError { code: 0x001B };
+    returns_while_a_dictionary_is_read(Fault::Gateway { gateway: 1, fault });
 }
