@@ -67,7 +67,7 @@ fn series(
         }
     }
     times.report(bench, "ready_again");
-    running.end(bench)?.expect_accounts(1)
+    running.end(bench)?.expect_accounts_of_replay(1)
 }
 
 fn power_cycles(bench: &mut Bench) -> Result<(), Stop> {

@@ -93,6 +93,20 @@ impl RunningLoop {
 
 impl EndedLoop {
     /// # Errors
+    /// The program failed, or an account does not add up.
+    pub fn expect_accounts(&self, gateways: u16) -> Result<(), Stop> {
+        check(self.0.code() == Some(0), || self.0.end_text())?;
+        expect_accounts(&self.0, gateways)
+    }
+
+    /// As [`expect_accounts`](Self::expect_accounts), after a replay: status 1 if frames of it have not
+    /// returned.
+    pub fn expect_accounts_of_replay(&self, gateways: u16) -> Result<(), Stop> {
+        check(matches!(self.0.code(), Some(0 | 1)), || self.0.end_text())?;
+        expect_accounts(&self.0, gateways)
+    }
+
+    /// # Errors
     /// A frame of channel 0 is missing, apart from those of the last cycles.
     pub fn expect_complete(&self, gateways: u16) -> Result<(), Stop> {
         /// Frames in flight at the end.
@@ -111,20 +125,13 @@ impl EndedLoop {
         }
         Ok(())
     }
-
-    /// # Errors
-    /// As [`expect_accounts`].
-    pub fn expect_accounts(&self, gateways: u16) -> Result<(), Stop> {
-        expect_accounts(&self.0, gateways)
-    }
 }
 
 /// Every accepted frame is delivered, lost, discarded, unknown or pending.
 ///
 /// # Errors
-/// The program failed, sent nothing, or the accounts of a channel do not add up.
+/// The program sent nothing, or the accounts of a channel do not add up.
 pub fn expect_accounts(finished: &Finished, gateways: u16) -> Result<(), Stop> {
-    check(finished.code() == Some(0), || finished.end_text())?;
     let output = finished.output();
     for gateway in 0..gateways {
         let row = format!("slave {gateway} can0");
