@@ -7,7 +7,7 @@ mod support;
 use axes::{Fixture, START};
 use ecan_canopen::{DriveState, FaultReaction, OperatingMode, Step, object};
 use ecan_cia402::{AxisPhase, Cia402, CommandError, HomingConfig};
-use ecan_sim::{DriveFault, Fault, LossDirection};
+use ecan_sim::{DriveFault, Fault, LossDirection, MasterBehaviour, Scenario};
 use support::stops::{
     HostHeartbeat, QUICK, RATE_AND_PROFILE_MODES, REACTION_MS, REST, RETURN_MS, Sample, Trace,
     at_speed, at_speed_with, axis_in, drives, now_ms, open, state, velocity,
@@ -146,19 +146,21 @@ fn enable_during_automatic_braking_does_not_coast() {
 /// A drive that coasts in Fault must not be enabled while it moves.
 #[test]
 fn coasting_drive_is_not_enabled_before_rest() {
-    let mut axis = axis_in(OperatingMode::CyclicVelocity);
-    let coasts = FaultReaction::Disable.raw();
-    axis.drive.further.push(Step::write(object::FAULT_REACTION_OPTION, 0, coasts));
-    let fixture = Fixture::with(drives(|_| {}), vec![axis]);
-    let mut fixture = at_speed_with(fixture, OperatingMode::CyclicVelocity);
-    fixture.strike(0, DriveFault::Error { code: 0x2310 });
-    fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::Fault));
-    fixture.cia402.reset_fault(0).unwrap();
-    fixture.steps(50);
-    assert_ne!(state(&fixture), DriveState::Fault);
-    fixture.cia402.enable(0).unwrap();
-    Trace::of(&mut fixture).assert_rest(0.0, 100_000.0).assert_not_enabled_before_rest();
-    fixture.until(2_000, |cia402| cia402.is_running(0));
+    for master in [MasterBehaviour::IDEAL, MasterBehaviour::IGH] {
+        let mut axis = axis_in(OperatingMode::CyclicVelocity);
+        let coasts = FaultReaction::Disable.raw();
+        axis.drive.further.push(Step::write(object::FAULT_REACTION_OPTION, 0, coasts));
+        let fixture = Fixture::with(Scenario { master, ..drives(|_| {}) }, vec![axis]);
+        let mut fixture = at_speed_with(fixture, OperatingMode::CyclicVelocity);
+        fixture.strike(0, DriveFault::Error { code: 0x2310 });
+        fixture.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::Fault));
+        fixture.cia402.reset_fault(0).unwrap();
+        fixture.steps(50);
+        assert_ne!(state(&fixture), DriveState::Fault);
+        fixture.cia402.enable(0).unwrap();
+        Trace::of(&mut fixture).assert_rest(0.0, 100_000.0).assert_not_enabled_before_rest();
+        fixture.until(2_000, |cia402| cia402.is_running(0));
+    }
 }
 
 #[test]

@@ -178,6 +178,9 @@ impl Axis {
         if !(is_driven || self.state == AxisState::Resuming) {
             return None;
         }
+        if is_driven && self.coasts(now_ns) {
+            return None;
+        }
         if let Some(reason) = self.delay(turn) {
             self.decision = Decision::Wait(reason);
             self.statistics.decided(self.decision, self.is_running());
@@ -218,6 +221,14 @@ impl Axis {
     }
 
     /// Reason for which this cycle carries no target of an active axis.
+    /// The drive is off and its motor was not seen at rest: two positions of a short cycle do not show a
+    /// slow motion.
+    fn coasts(&self, now_ns: u64) -> bool {
+        self.drive.state == Some(DriveState::SwitchOnDisabled)
+            && !self.drive.rest.is_empty()
+            && !self.drive_is_at_rest(now_ns)
+    }
+
     fn delay(&self, turn: TargetTurn) -> Option<WaitReason> {
         match (self.guard.state(), turn) {
             (GuardState::Armed { .. } | GuardState::Running { .. }, TargetTurn::NotReceived) => {
