@@ -38,6 +38,15 @@ impl Slave {
         self.0.lines.iter().filter(|line| line.text.contains(text)).count()
     }
 
+    /// Whether the last change of state of this gateway led to PREOP.
+    pub fn is_in_preop(&mut self, gateway: u16) -> bool {
+        self.0.collect();
+        let name = format!("gateway {gateway}: ");
+        let is_change = |text: &&str| text.contains(&name) && text.contains(" -> ");
+        let last = self.0.lines.iter().rev().map(|line| line.text.as_str()).find(is_change);
+        last.is_some_and(|text| text.ends_with("-> PREOP"))
+    }
+
     pub fn is_running(&mut self) -> bool {
         self.0.is_running()
     }

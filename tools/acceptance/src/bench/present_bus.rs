@@ -140,6 +140,16 @@ impl Bench {
         }
     }
 
+    /// Waits until the simulated gateways on the wire are in PREOP. After the end of a program their
+    /// watchdog may report an AL error before the master takes them there.
+    pub fn wait_for_preop(&mut self) -> Result<(), Stop> {
+        let gateways = self.gateway_count();
+        self.poll("the gateways are in PREOP", SLAVE_LIMIT, |bench| {
+            let Some(slave) = &mut bench.slave else { return Ok(Some(())) };
+            Ok((0..gateways).all(|gateway| slave.is_in_preop(gateway)).then_some(()))
+        })
+    }
+
     /// Number of AL errors that the simulated gateways on the wire have reported; 0 for others.
     pub fn al_errors(&mut self) -> usize {
         self.slave.as_mut().map_or(0, |slave| slave.count_lines("AL error"))

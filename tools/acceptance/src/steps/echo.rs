@@ -50,6 +50,7 @@ pub fn run_echo(bench: &mut Bench, run: EchoRun) -> Result<(), Stop> {
 pub fn count_echo(bench: &mut Bench, run: EchoRun) -> Result<u64, Stop> {
     bench.bus(BusSpec::echo(run.gateways))?;
     let command = bench.cyclic_example(run.program, run.arguments(bench));
+    bench.wait_for_preop()?;
     let al_errors = bench.al_errors();
     let finished = bench.run(command)?.expect(0)?;
     let al_errors = bench.al_errors() - al_errors;
