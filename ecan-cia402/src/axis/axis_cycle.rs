@@ -220,7 +220,6 @@ impl Axis {
         self.delay(turn).is_none()
     }
 
-    /// Reason for which this cycle carries no target of an active axis.
     /// The drive is off and its motor was not seen at rest: two positions of a short cycle do not show a
     /// slow motion.
     fn coasts(&self, now_ns: u64) -> bool {
@@ -229,6 +228,7 @@ impl Axis {
             && !self.drive_is_at_rest(now_ns)
     }
 
+    /// Reason for which this cycle carries no target of an active axis.
     fn delay(&self, turn: TargetTurn) -> Option<WaitReason> {
         match (self.guard.state(), turn) {
             (GuardState::Armed { .. } | GuardState::Running { .. }, TargetTurn::NotReceived) => {
