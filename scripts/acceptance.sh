@@ -29,6 +29,13 @@ while (($#)); do
 done
 
 if ((${#bins[@]} == 0)); then
+    for argument in "$@"; do
+        case $argument in
+        -h | --help | --list)
+            exec cargo run --manifest-path "$root/Cargo.toml" --locked --quiet -p ecan-acceptance -- "$@"
+            ;;
+        esac
+    done
     command -v cargo >/dev/null || {
         echo "acceptance.sh: no cargo to build the programs; name their directories with --bin" >&2
         exit 2

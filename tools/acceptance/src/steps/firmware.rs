@@ -106,7 +106,7 @@ fn foe_write(bench: &mut Bench) -> Result<(), Stop> {
     bench.poll("the file is written", LIMIT, |bench| {
         let command = bench.ethercat(["foe_write", "-p", "0", "-o", "ecan_lite_app", &file]);
         let finished = bench.run(command)?;
-        if finished.output().contains("FOE_MBOX_PROT_ERROR") {
+        if finished.errors().contains("FOE_MBOX_PROT_ERROR") {
             read_twice(bench)?;
             return Ok(None);
         }
