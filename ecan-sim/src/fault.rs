@@ -43,11 +43,12 @@ impl LibraryCall {
 /// effect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The frames of the next `cycles` sends are lost.
+    /// The frames of the next `cycles` sends with process data are lost, and those of other sends
+    /// before the last one.
     LostFrame {
         /// Direction.
         direction: LossDirection,
-        /// Number of sends.
+        /// Number of sends with process data.
         cycles: u32,
     },
     /// The working counter of every process data datagram of the next `cycles` sends is changed by

@@ -63,7 +63,10 @@ impl Adapter {
             if !pause() {
                 return;
             }
-            if let Some(clocks) = &mut self.clocks {
+            // It takes the place of the cycle's reading of the reference clock.
+            if self.has_slave_below_safeop()
+                && let Some(clocks) = &mut self.clocks
+            {
                 let _ = clocks.send_between_cycles(&mut self.master, clock.now_ns());
             }
             let _ = self.master.send();
@@ -92,17 +95,20 @@ impl Adapter {
     }
 
     fn needs_startup_round(&self) -> bool {
-        let is_starting = |slave: &Slave| {
-            if slave.report.working_counter == 0 {
-                return true;
-            }
-            let state = self.master.config_state(slave.config);
-            state.is_ok_and(|state| !state.online || state.al_state < AlState::SafeOp.raw())
-        };
+        let is_silent = |slave: &Slave| slave.report.working_counter == 0;
         match self.startup_rounds {
             StartupRounds::Off => false,
-            StartupRounds::UntilSafeOp => self.slaves.iter().any(is_starting),
+            StartupRounds::UntilSafeOp => {
+                self.slaves.iter().any(is_silent) || self.has_slave_below_safeop()
+            }
             StartupRounds::On => true,
         }
+    }
+
+    fn has_slave_below_safeop(&self) -> bool {
+        self.slaves.iter().any(|slave| {
+            let state = self.master.config_state(slave.config);
+            state.is_ok_and(|state| !state.online || state.al_state < AlState::SafeOp.raw())
+        })
     }
 }

@@ -166,6 +166,12 @@ impl World {
         faults
     }
 
+    /// Faults of a send without process data.
+    pub(crate) fn faults_between_cycles(&self) -> CycleFaults {
+        let lost = self.lost.0.filter(|_| self.lost.1 > 0);
+        CycleFaults { lost, ..CycleFaults::default() }
+    }
+
     /// Passes a logical datagram through all slaves and returns its working counter.
     ///
     /// Reads and writes of a slave count separately: in an LRW a read adds 1 and a write adds 2; a

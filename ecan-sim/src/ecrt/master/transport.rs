@@ -65,8 +65,10 @@ impl MasterModel {
         let carries_process_data = queue.iter().any(|item| {
             matches!(item, Queued::Domain { .. }) && self.pending_bytes(*item).is_some()
         });
-        let faults =
-            if carries_process_data { world.begin_cycle() } else { CycleFaults::default() };
+        let faults = match carries_process_data {
+            true => world.begin_cycle(),
+            false => world.faults_between_cycles(),
+        };
         let passed = (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)).count();
         let mut delay_ns = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
         let mut frame = FRAME_HEADER_BYTES;
