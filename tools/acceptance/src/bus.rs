@@ -6,6 +6,8 @@ use std::fmt::Write as _;
 const CHANNELS: u16 = 4;
 /// Drives on each channel.
 const DRIVES: u16 = 4;
+/// Drift of the clocks against the host, fast and slow in turn.
+const CLOCK_DRIFT_PPM: i32 = 60;
 
 /// Nodes on each CAN channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -58,8 +60,10 @@ impl BusSpec {
     /// The scenario file, with these keys before its tables.
     pub fn scenario(&self, head: &str) -> String {
         let mut text = format!("name = \"acceptance\"\n{head}");
-        for _ in 0..self.gateways {
-            let _ = writeln!(text, "[[gateway]]\n{}", self.gateway_keys);
+        for gateway in 0..self.gateways {
+            let drift_ppm = if gateway % 2 == 0 { CLOCK_DRIFT_PPM } else { -CLOCK_DRIFT_PPM };
+            let _ =
+                writeln!(text, "[[gateway]]\nclock_drift_ppm = {drift_ppm}\n{}", self.gateway_keys);
         }
         for (gateway, channel) in (0..self.gateways)
             .flat_map(|gateway| (0..CHANNELS).map(move |channel| (gateway, channel)))
