@@ -11,6 +11,8 @@ pub use gateway::{
     TransmitLosses,
 };
 
+pub use gateway::variant;
+
 mod mailbox;
 
 // CAN side

@@ -78,7 +78,8 @@ impl Application {
     /// Builds the stored configuration of a channel.
     pub(super) fn build_channel(&self, number: usize) -> Result<ControllerConfig, ApplyStatus> {
         let ObjectServer { values, filters } = &self.objects;
-        channel_control::build(values, number as u8, &filters[number])
+        let variant = self.data_path.variant();
+        channel_control::build(values, number as u8, &filters[number], variant)
     }
 
     /// Activates the stored pin rotation, except in OP (apply status 1). A change restarts all

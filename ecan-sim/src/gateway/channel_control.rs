@@ -8,6 +8,7 @@ use crate::bus::{StationConfig, StationMode};
 use super::controller::ControllerConfig;
 use super::dictionary_values::DictionaryValues;
 use super::filter::{FilterElement, FilterTable};
+use super::variant::{GatewayVariant, NodeModes};
 
 pub(super) const FIRST_CHANNEL_OBJECT: u16 = 0x8001;
 /// 0x8000:6, source clock of MCAN0; the others follow.
@@ -114,6 +115,7 @@ pub(super) fn build(
     values: &DictionaryValues,
     channel: u8,
     filters: &FilterLists,
+    variant: &GatewayVariant,
 ) -> Result<ControllerConfig, ApplyStatus> {
     let index = FIRST_CHANNEL_OBJECT + u16::from(channel);
     let config = McanChannelConfig::from_values(|subindex| values.get(index, subindex))
@@ -149,12 +151,7 @@ pub(super) fn build(
         nominal_bitrate,
         data_bitrate: data.map_or(nominal_bitrate, |data| rate(config.data_bitrate, data)),
         fd: config.fd,
-        mode: match config.node_mode {
-            NodeMode::Normal => StationMode::Normal,
-            NodeMode::Listen => StationMode::Listen,
-            NodeMode::InternalLoopback => StationMode::InternalLoopback,
-            NodeMode::ExternalLoopback => StationMode::ExternalLoopback,
-        },
+        mode: station_mode(config.node_mode, variant.node_modes),
         auto_retransmit: !config.disable_auto_retransmission,
     };
     Ok(ControllerConfig {
@@ -165,6 +162,23 @@ pub(super) fn build(
         captures_start: config.tsu && config.tsu_capture_sof,
         tdc: config.tdc_runs().then_some((config.tdc_offset, config.tdc_filter)),
     })
+}
+
+fn station_mode(mode: NodeMode, numbers: NodeModes) -> StationMode {
+    match numbers {
+        NodeModes::Manual => match mode {
+            NodeMode::Normal => StationMode::Normal,
+            NodeMode::Listen => StationMode::Listen,
+            NodeMode::InternalLoopback => StationMode::InternalLoopback,
+            NodeMode::ExternalLoopback => StationMode::ExternalLoopback,
+        },
+        NodeModes::LoopbackFirst => match mode.raw() {
+            0 => StationMode::Normal,
+            1 => StationMode::InternalLoopback,
+            2 => StationMode::ExternalLoopback,
+            _ => StationMode::Listen,
+        },
+    }
 }
 
 fn filter_table(

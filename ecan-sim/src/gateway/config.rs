@@ -1,3 +1,5 @@
+use super::variant::GatewayVariant;
+
 /// Identity and timing of one simulated gateway.
 ///
 /// The manual gives no vendor ID, no product code and no time of the firmware's
@@ -53,6 +55,8 @@ pub struct GatewayModelConfig {
     /// ready in SM1. The manual gives no time. The simulated libethercat, which exchanges no
     /// mailbox bytes, has times of its own.
     pub mailbox_delay_ns: u64,
+    /// Switches for what the manual leaves open.
+    pub variant: GatewayVariant,
 }
 
 impl Default for GatewayModelConfig {
@@ -77,6 +81,7 @@ impl Default for GatewayModelConfig {
             publishes_after_read: false,
             complete_access: false,
             mailbox_delay_ns: 200_000,
+            variant: GatewayVariant::default(),
         }
     }
 }

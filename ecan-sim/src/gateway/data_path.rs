@@ -22,6 +22,7 @@ use super::rx_pdo::RxPdoParser;
 use super::schedule::{ScheduleQueue, Scheduled};
 use super::transmit_path::{Pending, Reference, ResultQueue};
 use super::tx_pdo::TxPdoBuilder;
+use super::variant::GatewayVariant;
 
 /// Service budget in microseconds if 0x8020:7 is 0.
 const DEFAULT_SERVICE_BUDGET_US: u32 = 1000;
@@ -49,6 +50,7 @@ pub(super) struct DataPath {
     pub(super) performance: CyclePerformance,
     /// Diagnostic flags of 0xB000:6.
     pub(super) flags: u16,
+    variant: GatewayVariant,
 }
 
 impl DataPath {
@@ -57,13 +59,14 @@ impl DataPath {
             channels: std::array::from_fn(|_| Channel::new(config.tx_pressure_percent)),
             options: ActiveOptions::new(),
             global: DataPathGlobal::default(),
-            parser: RxPdoParser::new(),
+            parser: RxPdoParser::new(config.variant.repeated_image),
             builder: TxPdoBuilder::new(),
             results: ResultQueue::new(),
             schedule: ScheduleQueue::new(config.release_jitter_ns, seed),
             counters: GatewayCounters::default(),
             performance: CyclePerformance::default(),
             flags: 0,
+            variant: config.variant.clone(),
         }
     }
 
@@ -74,11 +77,15 @@ impl DataPath {
         self.counters.transmit_losses.stale += self.schedule.flush() as u64;
         self.options = ActiveOptions::new();
         self.global = DataPathGlobal::default();
-        self.parser = RxPdoParser::new();
+        self.parser = RxPdoParser::new(self.variant.repeated_image);
         self.builder = TxPdoBuilder::new();
         self.results.clear();
         self.performance = CyclePerformance::default();
         self.flags = 0;
+    }
+
+    pub(super) fn variant(&self) -> &GatewayVariant {
+        &self.variant
     }
 
     pub(super) fn set_test(&mut self, test: DiagnosticTest) {

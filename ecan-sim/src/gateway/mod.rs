@@ -11,6 +11,8 @@
 //! drains the controllers into the RX caches, and builds the next TxPDO if SM3 is empty. Nothing in
 //! it allocates.
 //!
+//! Points that the manual leaves open are switches, declared in [`variant`].
+//!
 //! The parts: [`AlStateMachine`], [`SyncManagers`], [`Watchdog`] and [`DistributedClock`] are the
 //! slave controller; [`Application`] is the firmware with its objects and its data path;
 //! [`ConfigurationStore`], [`FirmwareUpdate`] and [`Eeprom`] survive power loss. Accesses come in by
@@ -59,6 +61,7 @@ mod service_timer;
 mod sync_managers;
 mod transmit_path;
 mod tx_pdo;
+pub mod variant;
 mod watchdog;
 
 use ecan_protocol::device::{AlState, AlStatusCode};

@@ -3,16 +3,20 @@
 use ecan_protocol::image::{Image, ImageFault, ImageReader, ParseDiagnosis, PdoError, PdoProfile};
 use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
 
+use super::variant::RepeatedImage;
+
 #[derive(Debug)]
 pub(super) struct RxPdoParser {
     reader: Option<ImageReader>,
     last_image: Vec<u8>,
     last_sequence: Option<u16>,
+    repeated: RepeatedImage,
 }
 
 impl RxPdoParser {
-    pub(super) fn new() -> Self {
-        Self { reader: None, last_image: Vec::with_capacity(MAX_PDO_BYTES), last_sequence: None }
+    pub(super) fn new(repeated: RepeatedImage) -> Self {
+        let last_image = Vec::with_capacity(MAX_PDO_BYTES);
+        Self { reader: None, last_image, last_sequence: None, repeated }
     }
 
     pub(super) fn configure(&mut self, profile: Option<PdoProfile>, crc: bool) {
@@ -27,7 +31,7 @@ impl RxPdoParser {
     }
 
     /// Checks header, CRC and sequence number of an image, and keeps a copy of a new one; `None` for
-    /// the previous image again, byte for byte: a no-op.
+    /// the previous image again, byte for byte: a no-op, unless the variant counts it as an error.
     pub(super) fn parse<'a>(&mut self, image: &'a [u8]) -> Result<Option<Image<'a>>, PdoError> {
         let reader = self.reader.as_ref().ok_or(PdoError::ActiveArea)?;
         let read = reader.read(image).map_err(|diagnosis| error_of(&diagnosis))?;
@@ -38,7 +42,8 @@ impl RxPdoParser {
         let end = ecan_protocol::mapping::HEADER_BYTES + read.payload().len();
         let content = image.get(..end).unwrap_or_default();
         if self.last_sequence == Some(read.sequence()) {
-            let is_repeated = self.last_image == content;
+            let is_repeated =
+                self.last_image == content && self.repeated == RepeatedImage::NoOp;
             return if is_repeated { Ok(None) } else { Err(PdoError::DuplicateSequence) };
         }
         self.last_sequence = Some(read.sequence());

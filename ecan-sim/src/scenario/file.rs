@@ -6,6 +6,7 @@
 mod raw_fault;
 mod raw_node;
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
@@ -96,6 +97,8 @@ struct RawGateway {
     complete_access: Option<bool>,
     publishes_after_read: Option<bool>,
     buses: Option<Vec<String>>,
+    #[serde(default)]
+    variant: BTreeMap<Spanned<String>, toml::Value>,
 }
 
 /// Text of the file, to find the lines of errors.
@@ -178,7 +181,13 @@ impl Scenario {
             ..Self::default()
         };
         for (position, raw) in raw.gateway.into_iter().enumerate() {
-            scenario.gateways.push(source.build(raw, |raw| raw.build(position))?);
+            let mut raw = raw;
+            let switches = std::mem::take(&mut raw.as_mut().variant);
+            let mut spec = source.build(raw, |raw| raw.build(position))?;
+            for (key, value) in switches {
+                source.build(key, |key| spec.config.variant.set(&key, &value))?;
+            }
+            scenario.gateways.push(spec);
         }
         for raw in raw.node {
             let node = source.build(raw, |raw: RawNode| raw.build(&scenario, directory))?;

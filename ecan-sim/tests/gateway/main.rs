@@ -22,3 +22,4 @@ mod sync_managers;
 mod test_policies;
 mod transmit_path;
 mod tx_results;
+mod variants;

@@ -3,11 +3,13 @@
 //! ```text
 //! ecan-sim wire --interface veth1 --gateways 2 --dump can.log
 //! ecan-sim firmware --version 2.3.1 --out new.bin
+//! ecan-sim variants
 //! ```
 #![forbid(unsafe_code)]
 
 mod firmware;
 mod screen;
+mod variants;
 mod wire;
 
 use std::process::ExitCode;
@@ -30,6 +32,7 @@ enum Command {
     /// Simulate gateways on a network interface for any EtherCAT master.
     Wire(wire::WireArguments),
     Firmware(firmware::FirmwareArguments),
+    Variants(variants::VariantsArguments),
 }
 
 fn main() -> ExitCode {
@@ -38,6 +41,7 @@ fn main() -> ExitCode {
     let outcome = match &arguments.command {
         Command::Wire(arguments) => wire::run(arguments).map_err(|error| error.to_string()),
         Command::Firmware(arguments) => firmware::run(arguments),
+        Command::Variants(arguments) => variants::run(arguments),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
