@@ -93,9 +93,9 @@ fn every_named_assumption_exists_and_names_its_switch() {
 #[test]
 fn every_switch_of_an_assumption_exists() {
     for (number, row) in assumptions() {
-        let Some((_, switches)) = row.split_once("Variants: ") else { continue };
-        let switches = switches.split(" |").next().unwrap_or_default();
-        for key in switches.split(", ").map(|key| key.trim_matches('`')) {
+        let Some((_, switches)) = row.split_once("Switch: ") else { continue };
+        let keys = switches.split(", ").map_while(|item| item.strip_prefix('`')?.split('`').next());
+        for key in keys {
             let variant = variants().find(|variant| variant.key == key);
             let variant = variant.unwrap_or_else(|| panic!("{number}: no switch {key}"));
             assert!(variant.assumptions.contains(&&*number), "{number}: {key}");

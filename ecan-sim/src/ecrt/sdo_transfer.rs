@@ -60,7 +60,11 @@ pub(crate) fn proceed(
         Some(true) => {
             mailbox.respond(now + MAILBOX_TIMEOUT_NS, Err(SdoFailure::UNANSWERED));
         }
-        _ => mailbox.respond(now, response),
+        _ => {
+            let delay =
+                world.with_gateway(slave.slot, |gateway, _| gateway.config().mailbox_delay_ns);
+            mailbox.respond(now + delay.unwrap_or(0), response);
+        }
     }
     match mailbox.next(now, pace) {
         MailboxStep::Wait(ns) => Progress::Waiting(ns),

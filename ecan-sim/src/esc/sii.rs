@@ -4,8 +4,8 @@ use ecan_protocol::mapping::{
     Direction, MAX_MULTIPLIER, MAX_PDO_BYTES, UNIT_BYTES, UNITS_PER_CHUNK, data_object_index,
     pdo_map_index, sync_manager,
 };
-use ecan_protocol::object::MAPPED_SUBINDEX;
 
+use crate::gateway::variant::{MappedSubindex, SdoInformation};
 use crate::gateway::{DEVICE_NAME, MAILBOXES, SyncManagerConfig};
 use crate::scenario::GatewaySpec;
 
@@ -51,7 +51,8 @@ const SYNC_PULSE: u16 = 1000;
 const PROTOCOL_COE: u16 = 0x0004;
 const PROTOCOL_FOE: u16 = 0x0008;
 /// CoE details: SDO, SDO information; the scenario determines the others.
-const COE_SDO: u8 = 0x01 | 0x02;
+const COE_SDO: u8 = 0x01;
+const COE_SDO_INFORMATION: u8 = 0x02;
 const COE_COMPLETE_ACCESS: u8 = 0x20;
 const COE_PDO_ASSIGN: u8 = 0x04;
 const COE_PDO_CONFIGURATION: u8 = 0x08;
@@ -109,8 +110,16 @@ pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
     add(&mut words, category::SYNC_MANAGER, &sync_managers());
     if spec.sii_pdos {
         // a master looks up their sync managers, which therefore precede them
-        add(&mut words, category::TX_PDO, &pdos(Direction::TxPdo));
-        add(&mut words, category::RX_PDO, &pdos(Direction::RxPdo));
+        add(
+            &mut words,
+            category::TX_PDO,
+            &pdos(Direction::TxPdo, spec.config.variant.mapped_subindex),
+        );
+        add(
+            &mut words,
+            category::RX_PDO,
+            &pdos(Direction::RxPdo, spec.config.variant.mapped_subindex),
+        );
     }
     add(&mut words, category::CLOCK, &clocks());
     words.push(END);
@@ -139,7 +148,9 @@ fn general(spec: &GatewaySpec) -> [u8; 32] {
     let mut bytes = [0; 32];
     // Group, image, order number, name.
     bytes[..4].copy_from_slice(&[GROUP, 0, NAME, NAME]);
+    let has_information = spec.config.variant.sdo_information == SdoInformation::Supported;
     bytes[5] = COE_SDO
+        | if has_information { COE_SDO_INFORMATION } else { 0 }
         | if spec.pdo_assign { COE_PDO_ASSIGN } else { 0 }
         | if spec.pdo_configuration { COE_PDO_CONFIGURATION } else { 0 }
         | if spec.config.complete_access { COE_COMPLETE_ACCESS } else { 0 };
@@ -159,7 +170,7 @@ fn sync_managers() -> Vec<u8> {
 }
 
 /// All chunks of a direction, assigned to its sync manager as after power-on.
-fn pdos(direction: Direction) -> Vec<u8> {
+fn pdos(direction: Direction, mapped: MappedSubindex) -> Vec<u8> {
     let mut bytes = Vec::new();
     for chunk in 0..MAX_MULTIPLIER {
         let [i0, i1] = pdo_map_index(direction, chunk).to_le_bytes();
@@ -168,7 +179,7 @@ fn pdos(direction: Direction) -> Vec<u8> {
         for unit in 0..entries {
             let [e0, e1] = data_object_index(direction, chunk, unit).to_le_bytes();
             let bits = (UNIT_BYTES * 8) as u8;
-            bytes.extend([e0, e1, MAPPED_SUBINDEX, 0, VISIBLE_STRING, bits, 0, 0]);
+            bytes.extend([e0, e1, mapped.number(), 0, VISIBLE_STRING, bits, 0, 0]);
         }
     }
     bytes

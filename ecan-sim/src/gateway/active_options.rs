@@ -3,6 +3,7 @@ use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::Direction;
 
 use super::profile_control::ProfileControl;
+use super::variant::GatewayVariant;
 
 /// Profiles of 0x8010 and 0x8011 and test policies of 0x8030.
 #[derive(Debug)]
@@ -13,8 +14,9 @@ pub(super) struct ActiveOptions {
 }
 
 impl ActiveOptions {
-    pub(super) fn new() -> Self {
-        let [tx, rx] = [Direction::TxPdo, Direction::RxPdo].map(ProfileControl::new);
+    pub(super) fn new(variant: &GatewayVariant) -> Self {
+        let [tx, rx] = [Direction::TxPdo, Direction::RxPdo]
+            .map(|direction| ProfileControl::new(direction, variant));
         Self { tx, rx, test: DiagnosticTest::OFF }
     }
 
@@ -79,7 +81,7 @@ mod tests {
 
     #[test]
     fn test_policies_override_the_profile() {
-        let mut options = ActiveOptions::new();
+        let mut options = ActiveOptions::new(&GatewayVariant::default());
         assert!(options.uses_crc(Direction::TxPdo));
         options.test.crc = CrcTest::Suppress;
         assert!(!options.uses_crc(Direction::TxPdo));

@@ -26,6 +26,7 @@ pub(super) enum Command {
     ApplyProfile(Direction),
     ControlProfile { direction: Direction, bits: u32 },
     ProfileRequested(Direction),
+    AssignmentWritten(Direction),
     // `apply` false: the command object is only reset
     GlobalDataPath { apply: bool },
     DataPath { channel: usize, apply: bool },
@@ -44,6 +45,8 @@ impl Command {
             SYSTEM if subindex == 1 && value == 1 => Self::Reboot,
             SYSTEM if subindex == 12 => Self::RotatePins,
             0x8001..=0x8004 => Self::of_channel(channel(FIRST_CHANNEL_OBJECT), subindex, value),
+            0x1C12 => Self::AssignmentWritten(Direction::RxPdo),
+            0x1C13 => Self::AssignmentWritten(Direction::TxPdo),
             0x8010 => Self::of_profile(Direction::TxPdo, subindex, value),
             0x8011 => Self::of_profile(Direction::RxPdo, subindex, value),
             GLOBAL_DATA_PATH if subindex == 2 => Self::GlobalDataPath { apply: value == 1 },

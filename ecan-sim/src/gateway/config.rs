@@ -52,8 +52,8 @@ pub struct GatewayModelConfig {
     /// mention it.
     pub complete_access: bool,
     /// Nanoseconds from a complete write of the mailbox (SM0) until the firmware's response is
-    /// ready in SM1. The manual gives no time. The simulated libethercat, which exchanges no
-    /// mailbox bytes, has times of its own.
+    /// ready in SM1. The manual gives no time. In the operation phase of the simulated libethercat a
+    /// response takes at least 2 ms.
     pub mailbox_delay_ns: u64,
     /// Switches for what the manual leaves open.
     pub variant: GatewayVariant,

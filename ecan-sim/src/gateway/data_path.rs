@@ -57,7 +57,7 @@ impl DataPath {
     pub(super) fn new(config: &GatewayModelConfig, seed: u64) -> Self {
         Self {
             channels: std::array::from_fn(|_| Channel::new(config.tx_pressure_percent)),
-            options: ActiveOptions::new(),
+            options: ActiveOptions::new(&config.variant),
             global: DataPathGlobal::default(),
             parser: RxPdoParser::new(config.variant.repeated_image),
             builder: TxPdoBuilder::new(),
@@ -75,7 +75,7 @@ impl DataPath {
             channel.power_off(&mut self.counters);
         }
         self.counters.transmit_losses.stale += self.schedule.flush() as u64;
-        self.options = ActiveOptions::new();
+        self.options = ActiveOptions::new(&self.variant);
         self.global = DataPathGlobal::default();
         self.parser = RxPdoParser::new(self.variant.repeated_image);
         self.builder = TxPdoBuilder::new();
@@ -151,6 +151,11 @@ impl DataPath {
 
     /// Process data starts: what was received before is dropped, so the first image is empty.
     pub(super) fn start_inputs(&mut self) {
+        for direction in Direction::ALL {
+            if self.options.of_mut(direction).lose_rewritten() {
+                self.profile_changed(direction);
+            }
+        }
         self.results.clear();
         for channel in &mut self.channels {
             channel.flush_receive(&mut self.counters);
@@ -375,7 +380,7 @@ impl DataPath {
         time_base_ns: u64,
         faults: &mut PendingFaults,
     ) -> Option<&[u8]> {
-        if self.options.bypasses_tx(TxBypass::COPY) {
+        if self.options.bypasses_tx(TxBypass::COPY) || self.options.tx.active.is_none() {
             return None;
         }
         if length != self.options.tx.active_bytes() {

@@ -9,6 +9,7 @@ use super::config::{MAILBOXES, Sync0, SyncManagerConfig};
 use super::data_path::DataPath;
 use super::emergency::Emergency;
 use super::pulse_train::PulseTrain;
+use super::variant::{Emergencies, SafeOpOutputs};
 
 impl Gateway {
     /// The master writes AL control. A request also acknowledges a pending error. A request that
@@ -111,7 +112,12 @@ impl Gateway {
             self.services.cancel();
         }
         match state {
-            AlState::Op => self.watchdog.fed_at = self.now,
+            AlState::Op => {
+                self.watchdog.fed_at = self.now;
+                if self.config.variant.safeop_outputs == SafeOpOutputs::Kept {
+                    self.sync_managers.outputs.empty();
+                }
+            }
             AlState::Init => {
                 self.emergencies.waiting.clear();
                 // without a mailbox a file transfer cannot continue
@@ -356,7 +362,8 @@ impl Gateway {
 
     /// Queues an emergency if the mailbox is active. Does not allocate.
     pub(super) fn raise_emergency(&mut self, emergency: Emergency) {
-        if self.is_responding() && self.al.state.has_mailbox() {
+        let is_sent = self.config.variant.emergencies == Emergencies::Sent;
+        if is_sent && self.is_responding() && self.al.state.has_mailbox() {
             self.emergencies.push(emergency);
         }
     }

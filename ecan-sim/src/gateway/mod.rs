@@ -81,6 +81,7 @@ use maintenance::Maintenance;
 use power_supply::PowerSupply;
 use service_timer::ServiceTimer;
 use sync_managers::SyncManagers;
+use variant::{SafeOpInputs, SafeOpOutputs};
 use watchdog::Watchdog;
 
 pub(crate) use config::MAILBOXES;
@@ -282,7 +283,9 @@ impl Gateway {
             if is_op {
                 data_path.take_image(image, &times);
             }
-            sync_managers.outputs.empty();
+            if is_op || self.config.variant.safeop_outputs == SafeOpOutputs::Discarded {
+                sync_managers.outputs.empty();
+            }
         }
         data_path.serve(is_op);
         if sync_managers.can_publish(self.config.publishes_after_read) {
@@ -293,6 +296,9 @@ impl Gateway {
 
     /// Builds a TxPDO image and publishes it in SM3, which must be empty.
     fn publish_inputs(&mut self) {
+        if !self.al.is_op() && self.config.variant.safeop_inputs == SafeOpInputs::Absent {
+            return;
+        }
         let Self { sync_managers, application, faults, services, .. } = self;
         let inputs = &mut sync_managers.inputs;
         let length = inputs.length().unwrap_or(0);

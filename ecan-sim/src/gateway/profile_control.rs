@@ -8,6 +8,7 @@ use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
 use super::crc32::crc32;
 use super::dictionary_values::DictionaryValues;
+use super::variant::{AssignmentRewritten, GatewayVariant, LayoutCrc, ProfileErrors};
 
 /// Subindices of 0x8010 and 0x8011.
 pub(super) mod subindex {
@@ -37,10 +38,15 @@ pub(super) struct ProfileControl {
     last_error: PdoError,
     error_counter: u32,
     overflow_counter: u32,
+    /// The PDO assignment was written after the profile was applied.
+    assignment_is_newer: bool,
+    assignment_rewritten: AssignmentRewritten,
+    errors: ProfileErrors,
+    layout_crc: LayoutCrc,
 }
 
 impl ProfileControl {
-    pub(super) fn new(direction: Direction) -> Self {
+    pub(super) fn new(direction: Direction, variant: &GatewayVariant) -> Self {
         Self {
             direction,
             active: None,
@@ -49,6 +55,10 @@ impl ProfileControl {
             last_error: PdoError::Ok,
             error_counter: 0,
             overflow_counter: 0,
+            assignment_is_newer: false,
+            assignment_rewritten: variant.assignment_rewritten,
+            errors: variant.profile_errors,
+            layout_crc: variant.layout_crc,
         }
     }
 
@@ -68,6 +78,7 @@ impl ProfileControl {
         match self.check(values, state, assigned) {
             Ok(profile) => {
                 self.status = ProfileStatus::Ok;
+                self.assignment_is_newer = false;
                 let changed = self.active != Some(profile);
                 self.active = Some(profile);
                 changed
@@ -130,10 +141,42 @@ impl ProfileControl {
         }
     }
 
+    /// An entry of the PDO assignment was written.
+    pub(super) fn note_assignment(&mut self) {
+        self.assignment_is_newer = self.active.is_some();
+    }
+
+    /// Process data starts. Returns whether the profile is lost, by the variant.
+    pub(super) fn lose_rewritten(&mut self) -> bool {
+        let is_lost = self.assignment_is_newer
+            && self.assignment_rewritten == AssignmentRewritten::DroppedAtSafeOp;
+        if is_lost {
+            self.active = None;
+            self.status = ProfileStatus::MappingReloadRequired;
+        }
+        is_lost
+    }
+
+    fn status(&self) -> ProfileStatus {
+        if self.assignment_is_newer
+            && self.assignment_rewritten == AssignmentRewritten::ReloadRequired
+        {
+            ProfileStatus::MappingReloadRequired
+        } else {
+            self.status
+        }
+    }
+
+    fn show(&mut self, status: ProfileStatus) {
+        if self.errors == ProfileErrors::InStatus {
+            self.status = status;
+        }
+    }
+
     pub(super) fn note_error(&mut self, error: PdoError) {
         self.last_error = error;
         self.error_counter = self.error_counter.saturating_add(1);
-        self.status = ProfileStatus::EncapsulationError;
+        self.show(ProfileStatus::EncapsulationError);
     }
 
     /// Frames did not fit or were dropped under backpressure.
@@ -142,7 +185,7 @@ impl ProfileControl {
             return;
         }
         self.overflow_counter = self.overflow_counter.saturating_add(frames);
-        self.status = ProfileStatus::Overflow;
+        self.show(ProfileStatus::Overflow);
         self.last_error = error.unwrap_or(self.last_error);
     }
 
@@ -169,10 +212,10 @@ impl ProfileControl {
         let active = self.active;
         Some(match subindex {
             subindex::APPLY | subindex::COMMAND => 0,
-            2 => u32::from(self.status.raw()),
+            2 => u32::from(self.status().raw()),
             9 => self.active_bytes() as u32,
             10 => active.map_or(0, |p| p.frame_area_bytes() as u32),
-            11 => active.map_or(0, |p| layout_crc(self.direction, p)),
+            11 => active.map_or(0, |p| self.layout_crc(p)),
             12 => active.map_or(0, |p| p.word()),
             13 => u32::from(self.sequence),
             14 => u32::from(self.last_error.raw()),
@@ -181,13 +224,19 @@ impl ProfileControl {
             _ => return None,
         })
     }
-}
 
-/// The layout contract CRC. The manual does not specify it; here it covers object index, image size
-/// and profile word.
-fn layout_crc(direction: Direction, profile: PdoProfile) -> u32 {
-    let mut contract = direction.profile_object().to_le_bytes().to_vec();
-    contract.extend((profile.pdo_bytes() as u32).to_le_bytes());
-    contract.extend(profile.word().to_le_bytes());
-    crc32(&contract)
+    /// The layout contract CRC, whose algorithm the manual does not specify.
+    fn layout_crc(&self, profile: PdoProfile) -> u32 {
+        let word = profile.word().to_le_bytes();
+        match self.layout_crc {
+            LayoutCrc::Object => {
+                let mut contract = self.direction.profile_object().to_le_bytes().to_vec();
+                contract.extend((profile.pdo_bytes() as u32).to_le_bytes());
+                contract.extend(word);
+                crc32(&contract)
+            }
+            LayoutCrc::ProfileWord => crc32(&word),
+            LayoutCrc::Zero => 0,
+        }
+    }
 }

@@ -42,8 +42,7 @@ impl RxPdoParser {
         let end = ecan_protocol::mapping::HEADER_BYTES + read.payload().len();
         let content = image.get(..end).unwrap_or_default();
         if self.last_sequence == Some(read.sequence()) {
-            let is_repeated =
-                self.last_image == content && self.repeated == RepeatedImage::NoOp;
+            let is_repeated = self.last_image == content && self.repeated == RepeatedImage::NoOp;
             return if is_repeated { Ok(None) } else { Err(PdoError::DuplicateSequence) };
         }
         self.last_sequence = Some(read.sequence());

@@ -1,7 +1,9 @@
 use ecan_protocol::config::ApplyStatus;
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::{Direction, UNIT_BYTES, buffer_offset, locate_data_object};
-use ecan_protocol::object::{AbortCode, Entry, Object, ObjectType, pdo_mapping_entry};
+use ecan_protocol::object::{
+    AbortCode, Entry, MAPPED_SUBINDEX, Object, ObjectType, pdo_mapping_entry,
+};
 
 use super::Gateway;
 use super::channel_control::subindex::{APPLY_STATUS, FLASH_STATUS};
@@ -14,6 +16,7 @@ use super::maintenance::PendingCommand;
 use super::object_server::{ObjectServer, Payload, TEST_REJECT_REASON};
 use super::profile_control::{COMMAND_CLEAR_ERRORS, COMMAND_RESET_SESSION};
 use super::register_service::RegisterService;
+use super::variant::MappedSubindex;
 
 /// Name of the device: 0x1008, and in the SII.
 pub(crate) const DEVICE_NAME: &str = "ECAN-Lite";
@@ -106,7 +109,26 @@ impl Gateway {
         }
         match self.faults.begin_transfer(index, subindex) {
             Some(code) => Err(code),
-            None => ObjectServer::find(index, subindex),
+            None => self.find_entry(index, subindex),
+        }
+    }
+
+    /// An entry that the firmware of the variant has.
+    pub(crate) fn find_entry(
+        &self,
+        index: u16,
+        subindex: u8,
+    ) -> Result<(&'static Object, &'static Entry), AbortCode> {
+        let variant = &self.config.variant;
+        if let Some(code) = variant.missing_entry(index, subindex) {
+            return Err(code);
+        }
+        match variant.mapped_subindex {
+            MappedSubindex::Zero if locate_data_object(index).is_some() => match subindex {
+                0 => ObjectServer::find(index, MAPPED_SUBINDEX),
+                _ => Err(AbortCode::NO_SUBINDEX),
+            },
+            _ => ObjectServer::find(index, subindex),
         }
     }
 
@@ -145,11 +167,12 @@ impl Gateway {
     }
 
     fn value(&mut self, index: u16, subindex: u8) -> u32 {
-        let data_path = &mut self.application.data_path;
         let channel = |first: u16| usize::from(index - first);
+        let mapping = self.mapping_entry(index, subindex);
+        let data_path = &mut self.application.data_path;
         let computed = match index {
             0x1018 => self.identity(subindex),
-            0x1600..=0x1617 | 0x1A00..=0x1A17 => pdo_mapping_entry(index, subindex),
+            0x1600..=0x1617 | 0x1A00..=0x1A17 => mapping,
             0x8010 => data_path.options.tx.readback(subindex),
             0x8011 => data_path.options.rx.readback(subindex),
             0x8021..=0x8024 if subindex == 20 => {
@@ -165,6 +188,13 @@ impl Gateway {
             _ => None,
         };
         computed.unwrap_or_else(|| self.application.objects.values.get(index, subindex))
+    }
+
+    /// As [`pdo_mapping_entry`], with the mapped subindex of the variant.
+    fn mapping_entry(&self, index: u16, subindex: u8) -> Option<u32> {
+        const SUBINDEX: u32 = 0xFF00;
+        let entry = pdo_mapping_entry(index, subindex)?;
+        Some(entry & !SUBINDEX | u32::from(self.config.variant.mapped_subindex.number()) << 8)
     }
 
     fn identity(&self, subindex: u8) -> Option<u32> {
@@ -230,6 +260,9 @@ impl Gateway {
                 }
             }
             Command::ProfileRequested(direction) => application.note_profile_request(direction),
+            Command::AssignmentWritten(direction) => {
+                application.data_path.options.of_mut(direction).note_assignment();
+            }
             Command::GlobalDataPath { apply } => {
                 application.objects.values.set(GLOBAL_DATA_PATH, DATA_PATH_COMMAND, 0);
                 if apply {

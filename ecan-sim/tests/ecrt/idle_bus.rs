@@ -89,6 +89,20 @@ fn reboot_without_response_is_an_error_without_abort_code() {
 }
 
 #[test]
+fn response_takes_the_mailbox_delay() {
+    for (mailbox_delay_ns, longest_ms) in [(200_000, 4), (50_000_000, 54)] {
+        let mut scenario = echo(1);
+        scenario.gateways[0].config.mailbox_delay_ns = mailbox_delay_ns;
+        let backend = stepped(scenario);
+        let master = Master::open(&backend.ecrt, 0).unwrap();
+        let before = backend.ecrt.clock().now_ns();
+        master.sdo_upload(0, 0x8010, 3, &mut [0]).unwrap();
+        let elapsed_ns = backend.ecrt.clock().now_ns() - before;
+        assert!((mailbox_delay_ns..longest_ms * 1_000_000).contains(&elapsed_ns), "{elapsed_ns}");
+    }
+}
+
+#[test]
 fn lost_response_leaves_the_value_written() {
     let backend = stepped_echo(1);
     let fault = GatewayFault::SdoResponseLost { index: 0x8010, subindex: 3, times: 1 };

@@ -22,4 +22,5 @@ mod sync_managers;
 mod test_policies;
 mod transmit_path;
 mod tx_results;
-mod variants;
+mod variant_data_path;
+mod variant_objects;

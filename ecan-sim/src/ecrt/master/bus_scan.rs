@@ -10,6 +10,7 @@ use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{
     ACTIVE_POLL_NS, IDLE_POLL_NS, POLL_STEP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS,
 };
+use crate::gateway::variant::SdoInformation;
 use crate::world::World;
 
 /// Registers and SII of a slave.
@@ -154,7 +155,9 @@ impl MasterModel {
                 if let Some(slave) = &mut scanned {
                     let stays = self.phase == Phase::Active && !scan.was_in_init;
                     slave.preop_at = (!stays).then_some(now);
-                    slave.has_dictionary = !self.behaviour.fetches_dictionary;
+                    let variant = &slave.spec.config.variant;
+                    slave.has_dictionary = !self.behaviour.fetches_dictionary
+                        && variant.sdo_information == SdoInformation::Supported;
                 }
                 self.slaves.extend(scanned);
             }

@@ -52,12 +52,8 @@ pub(super) const GATEWAY_KEYS: &[Variant] = &[
     key(
         "mailbox_delay_us",
         &["S23", "S38"],
-        "Time from a mailbox request to its response, on the wire",
-        &[
-            alternative("200", "0.2 ms"),
-            alternative("5000", "5 ms"),
-            alternative("50000", "50 ms"),
-        ],
+        "Time from a mailbox request to its response",
+        &[alternative("200", "0.2 ms"), alternative("5000", "5 ms"), alternative("50000", "50 ms")],
         "any number of us",
     ),
     key(

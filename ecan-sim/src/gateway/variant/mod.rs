@@ -7,11 +7,22 @@
 
 mod declare;
 mod gateway_keys;
+mod missing_entries;
 mod table;
 mod value;
 
+pub use missing_entries::MissingEntries;
 pub use table::*;
 pub(crate) use value::VariantValue;
+
+impl MappedSubindex {
+    pub(crate) const fn number(self) -> u8 {
+        match self {
+            Self::One => ecan_protocol::object::MAPPED_SUBINDEX,
+            Self::Zero => 0,
+        }
+    }
+}
 
 /// Table of a scenario file that contains a switch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

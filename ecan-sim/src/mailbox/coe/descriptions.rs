@@ -1,5 +1,6 @@
 //! Objects and entries as SDO information describes them (ETG.1000.6).
 
+use ecan_protocol::mapping::locate_data_object;
 use ecan_protocol::object::{AbortCode, Entry, Object, ObjectType, object};
 
 use crate::gateway::Gateway;
@@ -43,7 +44,6 @@ fn type_code(ty: ObjectType) -> u16 {
 fn object_kind(index: u16, object: &Object) -> (u16, u8) {
     let entry_type = |subindex| object.entry(subindex).map_or(0, |entry| type_code(entry.ty));
     match index {
-        _ if object.highest_subindex() == 0 => (entry_type(0), code::VAR),
         0x1018 => (record::IDENTITY, code::RECORD),
         0x1600..=0x17FF | 0x1A00..=0x1BFF => (record::PDO_MAPPING, code::RECORD),
         0x1C00..=0x1C13 => (entry_type(1), code::ARRAY),
@@ -51,10 +51,25 @@ fn object_kind(index: u16, object: &Object) -> (u16, u8) {
     }
 }
 
-pub(super) fn describe_object(index: u16) -> Result<Vec<u8>, AbortCode> {
-    let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
-    let (data_type, code) = object_kind(index, object);
-    let kind = [object.highest_subindex(), code];
+/// The object, unless the firmware of the variant lacks it, and its highest subindex.
+fn find_object(index: u16, gateway: &Gateway) -> Result<(&'static Object, u8), AbortCode> {
+    let variant = &gateway.config().variant;
+    let object = object(index).filter(|_| !variant.missing_entries.lacks_object(index));
+    let object = object.ok_or(AbortCode::NO_OBJECT)?;
+    let highest = match locate_data_object(index) {
+        Some(_) => variant.mapped_subindex.number(),
+        None => object.highest_subindex(),
+    };
+    Ok((object, highest))
+}
+
+pub(super) fn describe_object(index: u16, gateway: &Gateway) -> Result<Vec<u8>, AbortCode> {
+    let (object, highest) = find_object(index, gateway)?;
+    let (data_type, code) = match highest {
+        0 => (gateway.find_entry(index, 0).map_or(0, |(_, entry)| type_code(entry.ty)), code::VAR),
+        _ => object_kind(index, object),
+    };
+    let kind = [highest, code];
     let mut body =
         [&index.to_le_bytes()[..], &data_type.to_le_bytes(), &kind, object.name.as_bytes()]
             .concat();
@@ -71,11 +86,11 @@ pub(super) fn describe_entry(
     requested: u8,
     gateway: &Gateway,
 ) -> Result<Vec<u8>, AbortCode> {
-    let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
-    if subindex > object.highest_subindex() {
+    let (_, highest) = find_object(index, gateway)?;
+    if subindex > highest {
         return Err(AbortCode::NO_SUBINDEX);
     }
-    let Some(entry) = object.entry(subindex) else {
+    let Ok((_, entry)) = gateway.find_entry(index, subindex) else {
         // a gap: no type, no length, no access, no name
         let [i0, i1] = index.to_le_bytes();
         return Ok([&[i0, i1, subindex][..], &[0; GAP_BYTES]].concat());

@@ -2,6 +2,9 @@
 
 use ecan_protocol::object::AbortCode;
 
+use crate::gateway::Gateway;
+use crate::gateway::variant::SdoInformation;
+
 use super::descriptions::{describe_entry, describe_object};
 use super::object_lists::object_list;
 use super::{COE_HEADER_BYTES, Context, MailboxError, message, service};
@@ -22,16 +25,19 @@ mod opcode {
 }
 
 pub(super) fn answer(request: &[u8], context: &Context<'_>) -> Result<Vec<Vec<u8>>, MailboxError> {
+    if context.gateway.config().variant.sdo_information == SdoInformation::Absent {
+        return Err(MailboxError::ServiceNotSupported);
+    }
     let (&[service, ..], body) =
         request.split_first_chunk::<INFO_HEADER_BYTES>().ok_or(MailboxError::SizeTooShort)?;
     let (opcode, result) = match service & !opcode::INCOMPLETE {
         opcode::LIST_REQUEST => {
             let &[t0, t1] = parameters(body)?;
-            (opcode::LIST, list(u16::from_le_bytes([t0, t1])))
+            (opcode::LIST, list(u16::from_le_bytes([t0, t1]), context.gateway))
         }
         opcode::OBJECT_REQUEST => {
             let &[i0, i1] = parameters(body)?;
-            (opcode::OBJECT, describe_object(u16::from_le_bytes([i0, i1])))
+            (opcode::OBJECT, describe_object(u16::from_le_bytes([i0, i1]), context.gateway))
         }
         opcode::ENTRY_REQUEST => {
             let &[i0, i1, subindex, requested] = parameters(body)?;
@@ -51,8 +57,8 @@ fn parameters<const N: usize>(body: &[u8]) -> Result<&[u8; N], MailboxError> {
 }
 
 /// An object list: its type, then its indices or the lengths.
-fn list(list_type: u16) -> Result<Vec<u8>, AbortCode> {
-    let list = object_list(list_type)?;
+fn list(list_type: u16, gateway: &Gateway) -> Result<Vec<u8>, AbortCode> {
+    let list = object_list(list_type, &gateway.config().variant)?;
     Ok(std::iter::once(list_type).chain(list).flat_map(u16::to_le_bytes).collect())
 }
 

@@ -3,6 +3,7 @@
 use ecan_protocol::device::AlState;
 use ecan_protocol::object::AbortCode;
 
+use crate::gateway::variant::GatewayVariant;
 use crate::gateway::{Gateway, GatewayModelConfig};
 use crate::mailbox::MailboxServer;
 
@@ -30,6 +31,10 @@ impl Fixture {
     pub(super) fn with_complete_access(mailbox: usize) -> Self {
         let config = GatewayModelConfig { complete_access: true, ..Default::default() };
         Self::new(mailbox, config)
+    }
+
+    pub(super) fn with_variant(variant: GatewayVariant) -> Self {
+        Self::new(MAILBOX, GatewayModelConfig { variant, ..Default::default() })
     }
 
     fn new(mailbox: usize, config: GatewayModelConfig) -> Self {

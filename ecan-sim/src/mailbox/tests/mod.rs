@@ -9,3 +9,4 @@ mod information;
 mod messages;
 mod properties;
 mod segments;
+mod variants;

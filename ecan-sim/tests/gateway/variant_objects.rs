@@ -1,0 +1,180 @@
+//! Alternatives for objects, profile and states, as the gateway shows them.
+
+use ecan_protocol::config::ProfileStatus;
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::AbortCode;
+use ecan_sim::GatewayModelConfig;
+use ecan_sim::variant::{
+    AssignmentRewritten, GatewayVariant, LayoutCrc, MappedSubindex, MissingAbort, MissingEntries,
+    ProfileErrors, SafeOpInputs, SafeOpOutputs,
+};
+
+use crate::fixture::{Fixture, MS, chunks};
+
+fn config(variant: GatewayVariant) -> GatewayModelConfig {
+    GatewayModelConfig { variant, ..GatewayModelConfig::default() }
+}
+
+/// In PREOP with one chunk per direction.
+fn configured(variant: GatewayVariant) -> Fixture {
+    Fixture::configured_with(config(variant), chunks(1), chunks(1))
+}
+
+#[test]
+fn missing_entries_abort_every_access() {
+    for (missing_abort, code) in [
+        (MissingAbort::NoSubindex, AbortCode::NO_SUBINDEX),
+        (MissingAbort::NoObject, AbortCode::NO_OBJECT),
+    ] {
+        let missing_entries = MissingEntries::parse(["0xF000:19..30", "0x8030:2", "0x8021"]);
+        let missing_entries = missing_entries.unwrap();
+        let variant =
+            GatewayVariant { missing_entries, missing_abort, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        for (index, subindex) in [(0xF000, 19), (0xF000, 30), (0x8030, 2), (0x8021, 0), (0x8024, 4)]
+        {
+            assert_eq!(fixture.try_upload(index, subindex), Err(code), "{index:04X}:{subindex}");
+        }
+        assert_eq!(fixture.download(0x8030, 2, &[0; 4]), Err(code));
+        assert_eq!(fixture.download(0x8022, 4, &[1]), Err(code));
+        for (index, subindex) in [(0xF000, 18), (0xF000, 31), (0x8030, 3), (0x8020, 1)] {
+            assert!(fixture.try_upload(index, subindex).is_ok(), "{index:04X}:{subindex}");
+        }
+    }
+}
+
+#[test]
+fn mapped_subindex_is_that_of_the_variant() {
+    for (mapped_subindex, number) in [(MappedSubindex::One, 1), (MappedSubindex::Zero, 0)] {
+        let variant = GatewayVariant { mapped_subindex, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        assert_eq!(fixture.upload(0x1600, 1), 0x7000_0080 | u32::from(number) << 8);
+        assert_eq!(fixture.upload(0x1A01, 8), 0x60F0_0080 | u32::from(number) << 8);
+        assert_eq!(fixture.try_upload(0x7000, number).unwrap().len(), 16);
+        assert_eq!(fixture.try_upload(0x7000, number + 1), Err(AbortCode::NO_SUBINDEX));
+        assert_eq!(fixture.download(0x7000, number, &[7; 16]), Ok(()));
+    }
+}
+
+#[test]
+fn layout_crc_depends_on_the_algorithm() {
+    let of = |layout_crc| {
+        let mut fixture = configured(GatewayVariant { layout_crc, ..GatewayVariant::default() });
+        [0x8010, 0x8011].map(|index| fixture.upload(index, 11))
+    };
+    let object = of(LayoutCrc::Object);
+    assert_ne!(object[0], object[1], "the object is covered");
+    let word = of(LayoutCrc::ProfileWord);
+    assert_eq!(word[0], word[1]);
+    assert_ne!(word[0], object[0]);
+    assert_eq!(of(LayoutCrc::Zero), [0, 0]);
+}
+
+#[test]
+fn profile_errors_show_in_the_status_or_in_counters_only() {
+    for (profile_errors, status) in [
+        (ProfileErrors::InStatus, ProfileStatus::EncapsulationError),
+        (ProfileErrors::CountersOnly, ProfileStatus::Ok),
+    ] {
+        let mut fixture =
+            configured(GatewayVariant { profile_errors, ..GatewayVariant::default() });
+        fixture.start();
+        assert!(fixture.write_again(), "an image of zeros");
+        assert_eq!(fixture.upload(0x8011, 2), u32::from(status.raw()), "{profile_errors:?}");
+        assert_eq!(fixture.upload(0x8011, 15), 1, "{profile_errors:?}");
+    }
+}
+
+/// As IgH does after the startup SDOs.
+fn rewrite_assignment(fixture: &mut Fixture) {
+    for direction in Direction::ALL {
+        for write in ecan_protocol::config::assignment_writes(direction, 1) {
+            fixture.send(write);
+        }
+    }
+}
+
+fn rewritten(assignment_rewritten: AssignmentRewritten) -> Fixture {
+    let variant = GatewayVariant { assignment_rewritten, ..GatewayVariant::default() };
+    let mut fixture = configured(variant);
+    rewrite_assignment(&mut fixture);
+    fixture
+}
+
+fn statuses(fixture: &mut Fixture) -> [u32; 2] {
+    [0x8010, 0x8011].map(|index| fixture.upload(index, 2))
+}
+
+#[test]
+fn profile_stays_valid_after_a_rewritten_assignment() {
+    let mut fixture = rewritten(AssignmentRewritten::StaysValid);
+    assert_eq!(statuses(&mut fixture), [0, 0]);
+    fixture.start();
+    assert_eq!(statuses(&mut fixture), [0, 0]);
+}
+
+#[test]
+fn rewritten_assignment_shows_status_5_until_the_next_apply() {
+    let mut fixture = rewritten(AssignmentRewritten::ReloadRequired);
+    assert_eq!(statuses(&mut fixture), [5, 5]);
+    fixture.start();
+    assert_eq!(statuses(&mut fixture), [5, 5]);
+    for direction in Direction::ALL {
+        fixture.send(PdoProfile::apply_write(direction));
+    }
+    assert_eq!(statuses(&mut fixture), [0, 0]);
+    fixture.cycle();
+}
+
+#[test]
+fn rewritten_assignment_drops_the_profile_at_safeop() {
+    let mut fixture = rewritten(AssignmentRewritten::DroppedAtSafeOp);
+    assert_eq!(statuses(&mut fixture), [0, 0], "valid in PREOP");
+    fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+    assert_eq!(fixture.state(), (AlState::SafeOp, 0));
+    assert_eq!(statuses(&mut fixture), [5, 5]);
+    assert_eq!(fixture.upload(0x8010, 9), 0, "no active size");
+    fixture.pass(2 * MS);
+    assert!(!fixture.read(), "no image");
+    fixture.gateway.request_al_state(fixture.now, AlState::Op);
+    assert_eq!(fixture.state(), (AlState::SafeOp, 0x1D));
+    for direction in Direction::ALL {
+        fixture.send(PdoProfile::apply_write(direction));
+    }
+    assert_eq!(statuses(&mut fixture), [0, 0]);
+    fixture.gateway.request_al_state(fixture.now, AlState::Op);
+    assert_eq!(fixture.state(), (AlState::Op, 0));
+}
+
+#[test]
+fn safeop_inputs_are_published_or_absent() {
+    for (safeop_inputs, expected) in
+        [(SafeOpInputs::Published, true), (SafeOpInputs::Absent, false)]
+    {
+        let mut fixture = configured(GatewayVariant { safeop_inputs, ..GatewayVariant::default() });
+        fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+        fixture.pass(2 * MS);
+        assert_eq!(fixture.read(), expected, "{safeop_inputs:?}");
+        fixture.gateway.request_al_state(fixture.now, AlState::Op);
+        assert!(fixture.write());
+        assert!(fixture.read(), "{safeop_inputs:?} in OP");
+    }
+}
+
+#[test]
+fn safeop_outputs_are_discarded_or_kept() {
+    for (safeop_outputs, expected) in
+        [(SafeOpOutputs::Discarded, true), (SafeOpOutputs::Kept, false)]
+    {
+        let mut fixture =
+            configured(GatewayVariant { safeop_outputs, ..GatewayVariant::default() });
+        fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+        assert!(fixture.write());
+        assert_eq!(fixture.write(), expected, "{safeop_outputs:?}");
+        fixture.gateway.request_al_state(fixture.now, AlState::Op);
+        assert!(fixture.write(), "{safeop_outputs:?} in OP");
+        assert_eq!(fixture.gateway.counters().images_parsed, 1, "none of SAFEOP");
+    }
+}
