@@ -3,6 +3,7 @@
 mod ecrt_support;
 
 use ecan_host::{Errno, Master, RequestState, SdoRequestId};
+use ecan_sim::variant::SdoInformation;
 use ecan_sim::{Backend, Fault, MasterBehaviour, Scenario, Simulation, echo};
 use ecrt_support::{CYCLE_NS, Program, stepped};
 
@@ -86,6 +87,21 @@ fn transfers_fail_while_the_dictionary_is_fetched() {
         (last - first) / 32 + 1,
         "one after the other"
     );
+}
+
+#[test]
+fn dictionary_without_sdo_information_is_not_fetched() {
+    let mut scenario = Scenario { master: MasterBehaviour::IGH, ..echo(1) };
+    scenario.gateways[0].config.variant.sdo_information = SdoInformation::Absent;
+    let backend = stepped(scenario);
+    let master = Master::open(&backend.ecrt, 0).unwrap();
+    assert_eq!(master.slave_info(0).unwrap().sdo_count, 0);
+    power_cycle(&backend, &master);
+    for _ in 0..10 {
+        simulation(&backend).pass_ns(500 * MS);
+        assert_eq!(master.slave_info(0).unwrap().sdo_count, 0);
+        assert_eq!(reads_vendor(&master), Ok(()));
+    }
 }
 
 #[test]

@@ -94,6 +94,7 @@ fn every_named_assumption_exists_and_names_its_switch() {
 fn every_switch_of_an_assumption_exists() {
     for (number, row) in assumptions() {
         let Some((_, switches)) = row.split_once("Switch: ") else { continue };
+        let switches = switches.split(" |").next().unwrap_or_default();
         let keys = switches.split(", ").map_while(|item| item.strip_prefix('`')?.split('`').next());
         for key in keys {
             let variant = variants().find(|variant| variant.key == key);

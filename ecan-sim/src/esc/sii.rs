@@ -257,6 +257,8 @@ mod tests {
         let plain = image(&GatewaySpec::at(0));
         let general = find(&plain, category::GENERAL);
         assert_eq!(general[2] >> 8, 0x03 | 0x04, "Complete Access is not the default");
+        spec.config.variant.sdo_information = SdoInformation::Absent;
+        assert_eq!(find(&image(&spec), category::GENERAL)[2] >> 8, 0x21 | 0x08);
         assert_eq!(general[1].to_le_bytes(), [1, 1], "order number and name are ECAN-Lite");
         let strings = find(&words, category::STRINGS);
         assert_eq!(strings[0].to_le_bytes(), [4, 9], "four strings, the first of nine bytes");

@@ -6,10 +6,12 @@ use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
 use crate::bus::ErrorState;
 
+use super::config::GatewayModelConfig;
 use super::controller::{Controller, ControllerConfig, Rejection, STATUS_REGISTERS};
 use super::counters::{GatewayCounters, ReceiveLosses, TransmitLosses};
 use super::receive_path::{ReceiveCounters, ReceivePath};
 use super::transmit_path::{TransmitCounters, TransmitPath};
+use super::variant::{RxDrain, TxPending};
 
 /// Latched channel events, 0x9000:12. The manual names them but not their bits.
 mod event {
@@ -61,15 +63,34 @@ pub(super) struct Channel {
     service_cycles_last: u32,
     service_cycles_max: u32,
     last_state: ChannelState,
+    model: ChannelModel,
+}
+
+/// Behaviour of a channel that the manual leaves open.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ChannelModel {
     tx_pressure_percent: u8,
+    rx_drain: RxDrain,
+    tx_pending: TxPending,
+}
+
+impl ChannelModel {
+    pub(super) fn new(config: &GatewayModelConfig) -> Self {
+        let GatewayModelConfig { tx_pressure_percent, variant, .. } = config;
+        Self {
+            tx_pressure_percent: *tx_pressure_percent,
+            rx_drain: variant.rx_drain,
+            tx_pending: variant.tx_pending,
+        }
+    }
 }
 
 impl Channel {
-    pub(super) fn new(tx_pressure_percent: u8) -> Self {
+    pub(super) fn new(model: ChannelModel) -> Self {
         Self {
-            tx_pressure_percent,
+            model,
             controller: Controller::new(),
-            receive: ReceivePath::new(),
+            receive: ReceivePath::new(model.rx_drain),
             transmit: TransmitPath::new(),
             ..Self::default()
         }
@@ -78,7 +99,7 @@ impl Channel {
     pub(super) fn power_off(&mut self, counters: &mut GatewayCounters) {
         self.restart(None, counters);
         let controller = std::mem::take(&mut self.controller);
-        *self = Self { controller, ..Self::new(self.tx_pressure_percent) };
+        *self = Self { controller, ..Self::new(self.model) };
     }
 
     /// Restarts the controller with a configuration; waiting frames are lost.
@@ -225,8 +246,8 @@ impl Channel {
     }
 
     fn tx_pressure(&self) -> bool {
-        self.transmit.is_filled_to(self.tx_pressure_percent)
-            || (self.tx_pressure_percent < 100 && self.controller.is_transmit_full())
+        let percent = self.model.tx_pressure_percent;
+        self.transmit.is_filled_to(percent) || (percent < 100 && self.controller.is_transmit_full())
     }
 
     fn rx_pending(&self) -> usize {
@@ -234,7 +255,11 @@ impl Channel {
     }
 
     fn tx_pending(&self, scheduled: usize) -> usize {
-        self.transmit.waiting() + self.controller.transmit_waiting() + scheduled
+        let in_controller = match self.model.tx_pending {
+            TxPending::WithRunning => self.controller.transmit_waiting(),
+            TxPending::WithoutRunning => self.controller.transmit_queued(),
+        };
+        self.transmit.waiting() + in_controller + scheduled
     }
 
     /// Latches events since the last service.

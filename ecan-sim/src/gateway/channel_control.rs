@@ -5,6 +5,7 @@ use ecan_protocol::config::{
 
 use crate::bus::{StationConfig, StationMode};
 
+use super::bit_timing_choice;
 use super::controller::ControllerConfig;
 use super::dictionary_values::DictionaryValues;
 use super::filter::{FilterElement, FilterTable};
@@ -140,7 +141,8 @@ pub(super) fn build(
         }
     });
     verdict?;
-    let (nominal, data) = config.timings(clock).map_err(|_| ApplyStatus::BuildFail)?;
+    let timings = bit_timing_choice::choose(&config, clock, variant.bit_timing);
+    let (nominal, data) = timings.ok_or(ApplyStatus::BuildFail)?;
     let table = filter_table(values, index, &config, filters)?;
     let manual = config.bit_timing_mode == BitTimingMode::Manual;
     let rate = |configured, timing: ecan_protocol::can::BitTiming| {

@@ -145,6 +145,11 @@ impl Controller {
         self.transmit.len() + usize::from(self.in_flight.is_some())
     }
 
+    /// Frames in the transmit FIFO or queue, without the one in arbitration.
+    pub(super) fn transmit_queued(&self) -> usize {
+        self.transmit.len()
+    }
+
     pub(super) fn is_transmit_full(&self) -> bool {
         self.config.is_some() && self.transmit_waiting() >= self.transmit_elements()
     }

@@ -4,13 +4,11 @@
 use ecan_protocol::config::{
     ApplyStatus, DataPathConfig, DataPathGlobal, DiagnosticTest, RxBypass, TxBypass,
 };
-use ecan_protocol::image::{
-    ChannelStatus, FramePacket, OptionFlags, Packet, PdoError, ResultCode, Schedule,
-};
+use ecan_protocol::image::{FramePacket, OptionFlags, Packet, PdoError, ResultCode, Schedule};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use super::active_options::ActiveOptions;
-use super::channel::{Channel, path_error};
+use super::channel::{Channel, ChannelModel, path_error};
 use super::config::GatewayModelConfig;
 use super::controller::{ControllerConfig, Rejection};
 use super::counters::GatewayCounters;
@@ -56,12 +54,12 @@ pub(super) struct DataPath {
 impl DataPath {
     pub(super) fn new(config: &GatewayModelConfig, seed: u64) -> Self {
         Self {
-            channels: std::array::from_fn(|_| Channel::new(config.tx_pressure_percent)),
+            channels: std::array::from_fn(|_| Channel::new(ChannelModel::new(config))),
             options: ActiveOptions::new(&config.variant),
             global: DataPathGlobal::default(),
             parser: RxPdoParser::new(config.variant.repeated_image),
-            builder: TxPdoBuilder::new(),
-            results: ResultQueue::new(),
+            builder: TxPdoBuilder::new(config.variant.rx_pending),
+            results: ResultQueue::new(&config.variant),
             schedule: ScheduleQueue::new(config.release_jitter_ns, seed),
             counters: GatewayCounters::default(),
             performance: CyclePerformance::default(),
@@ -78,7 +76,7 @@ impl DataPath {
         self.options = ActiveOptions::new(&self.variant);
         self.global = DataPathGlobal::default();
         self.parser = RxPdoParser::new(self.variant.repeated_image);
-        self.builder = TxPdoBuilder::new();
+        self.builder = TxPdoBuilder::new(self.variant.rx_pending);
         self.results.clear();
         self.performance = CyclePerformance::default();
         self.flags = 0;
@@ -242,8 +240,8 @@ impl DataPath {
         });
         match due {
             Some(due_ns) => {
-                let scheduled =
-                    self.schedule_frame(Scheduled { due_ns, channel, frame }, times.now);
+                let entry = Scheduled { due_ns, channel, frame, reference };
+                let scheduled = self.schedule_frame(entry, times.now);
                 self.results.report(reference, scheduled.err().unwrap_or(ResultCode::Queued));
             }
             None => {
@@ -309,7 +307,9 @@ impl DataPath {
             return;
         }
         let channel = &mut self.channels[due.channel];
-        let Err(rejection) = channel.controller.submit(due.frame) else {
+        let result = channel.controller.submit(due.frame);
+        self.results.report_released(due.reference, result.err());
+        let Err(rejection) = result else {
             self.counters.frames_to_controller += 1;
             self.counters.frames_released += 1;
             return;
@@ -389,11 +389,11 @@ impl DataPath {
         }
         let empty = self.options.is_app_bypassed(Direction::TxPdo)
             || self.options.bypasses_tx(TxBypass::BUILD);
-        let status = self.channel_status();
+        let scheduled = std::array::from_fn(|number| self.schedule.waiting(number));
         let (sequence, undelivered) = self.builder.build(
             &mut self.channels,
             &mut self.results,
-            status,
+            scheduled,
             time_base_ns,
             empty,
             &mut self.counters,
@@ -413,10 +413,6 @@ impl DataPath {
         let published = self.builder.published();
         self.performance.inputs_published(published.len());
         Some(published)
-    }
-
-    fn channel_status(&self) -> [ChannelStatus; CHANNELS] {
-        std::array::from_fn(|number| self.channels[number].status(self.schedule.waiting(number)))
     }
 
     pub(super) fn clear_diagnostics(&mut self, now: u64, pulses: Option<PulseTrain>) {

@@ -21,6 +21,7 @@
 mod active_options;
 mod al_state;
 mod application;
+mod bit_timing_choice;
 mod can_side;
 mod channel;
 mod channel_control;
@@ -237,7 +238,9 @@ impl Gateway {
     }
 
     fn idle_service_time(&self) -> Option<u64> {
-        (self.al.state == AlState::SafeOp).then(|| self.services.idle_due())
+        let is_timed =
+            self.al.state == AlState::SafeOp || (self.al.is_op() && self.services.is_free_running);
+        is_timed.then(|| self.services.idle_due())
     }
 
     fn boot(&mut self) {

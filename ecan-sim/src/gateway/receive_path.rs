@@ -9,15 +9,22 @@ use ecan_protocol::config::{CriticalFrames, DataPathConfig, RxBudget, RxOverflow
 use super::controller::Controller;
 use super::counters::ReceiveLosses;
 use super::receive_fifo::Received;
+use super::variant::RxDrain;
 
 /// Largest size of an RX cache, 0xF000:28.
 const RX_CACHE_MAX: usize = 32;
 /// Frames that the balanced policy drains per service, if the maximum is not lower.
 const BALANCED_DRAIN: u8 = 2;
 
+/// Sources in the controller: FIFO1 and the buffers first, which hold frames selected by filters.
+const BY_FILTER_FIRST: [u8; 3] = [1, 2, 0];
+
 /// RX cache of one channel with its counters of 0x9020..0x9023.
 #[derive(Debug, Default)]
 pub(super) struct ReceivePath {
+    drain: RxDrain,
+    /// Frames at the front of the cache that may leave it until the next service.
+    drained: usize,
     cache: VecDeque<Received>,
     pub(super) counters: ReceiveCounters,
     pub(super) dropped_since_image: u32,
@@ -39,8 +46,8 @@ pub(super) struct ReceiveCounters {
 }
 
 impl ReceivePath {
-    pub(super) fn new() -> Self {
-        Self { cache: VecDeque::with_capacity(RX_CACHE_MAX), ..Self::default() }
+    pub(super) fn new(drain: RxDrain) -> Self {
+        Self { drain, cache: VecDeque::with_capacity(RX_CACHE_MAX), ..Self::default() }
     }
 
     pub(super) fn waiting(&self) -> usize {
@@ -52,11 +59,20 @@ impl ReceivePath {
         self.cache.len() * 4 >= depth(policy) * 3
     }
 
+    /// Frames that may be packed into an image now.
+    pub(super) fn available(&self) -> usize {
+        match self.drain {
+            RxDrain::Controller => self.cache.len(),
+            RxDrain::Cache => self.cache.len().min(self.drained),
+        }
+    }
+
     pub(super) fn front(&self) -> Option<&Received> {
-        self.cache.front()
+        self.cache.front().filter(|_| self.available() > 0)
     }
 
     pub(super) fn pop(&mut self) -> Option<Received> {
+        self.drained = self.drained.saturating_sub(1);
         self.cache.pop_front()
     }
 
@@ -107,10 +123,36 @@ impl ReceivePath {
             RxBudget::Limited | RxBudget::Performance | RxBudget::Adaptive => maximum,
         };
         let granted = u32::from(budget.max(minimum)).min(allowance.max(u32::from(minimum)));
-        // otherwise FIFO1 and the buffers first, which hold frames selected by filters
+        let taken = match self.drain {
+            RxDrain::Controller => self.take_granted(controller, policy, granted, carried, losses),
+            RxDrain::Cache => {
+                self.take_all(controller, policy, carried, losses);
+                self.drained = granted as usize;
+                self.available() as u32
+            }
+        };
+        let drained = u16::try_from(taken).unwrap_or(u16::MAX);
+        self.counters.drained_last = drained;
+        self.counters.drained_max = self.counters.drained_max.max(drained);
+        if self.is_degraded && self.cache.is_empty() {
+            self.is_degraded = false;
+            self.overflows_in_a_row = 0;
+        }
+        taken
+    }
+
+    /// Moves `granted` frames from the controller to the cache; returns their number.
+    fn take_granted(
+        &mut self,
+        controller: &mut Controller,
+        policy: &DataPathConfig,
+        granted: u32,
+        carried: bool,
+        losses: &mut ReceiveLosses,
+    ) -> u32 {
         let rounds: &[&[u8]] = match policy.rx_budget {
             RxBudget::Performance => &[&[0], &[1], &[2]],
-            _ => &[&[1, 2, 0]],
+            _ => &[&BY_FILTER_FIRST],
         };
         let mut taken = 0;
         for sources in rounds {
@@ -126,14 +168,25 @@ impl ReceivePath {
                 taken += 1;
             }
         }
-        let drained = u16::try_from(taken).unwrap_or(u16::MAX);
-        self.counters.drained_last = drained;
-        self.counters.drained_max = self.counters.drained_max.max(drained);
-        if self.is_degraded && self.cache.is_empty() {
-            self.is_degraded = false;
-            self.overflows_in_a_row = 0;
-        }
         taken
+    }
+
+    /// Moves all frames from the controller to the cache.
+    fn take_all(
+        &mut self,
+        controller: &mut Controller,
+        policy: &DataPathConfig,
+        carried: bool,
+        losses: &mut ReceiveLosses,
+    ) {
+        while let Some(received) =
+            BY_FILTER_FIRST.iter().find_map(|source| controller.take_received(*source))
+        {
+            match carried {
+                true => self.accept(received, policy, losses),
+                false => losses.masked += 1,
+            }
+        }
     }
 
     fn accept(&mut self, received: Received, policy: &DataPathConfig, losses: &mut ReceiveLosses) {

@@ -7,6 +7,8 @@ use ecan_protocol::can::CanFrame;
 
 use crate::random::Random;
 
+use super::transmit_path::Reference;
+
 /// Largest number of waiting frames. The manual specifies no size; this is the size of a TX ring.
 const SCHEDULE_DEPTH: usize = 64;
 
@@ -15,6 +17,8 @@ pub(super) struct Scheduled {
     pub(super) due_ns: u64,
     pub(super) channel: usize,
     pub(super) frame: CanFrame,
+    /// For a result when the phase has come.
+    pub(super) reference: Option<Reference>,
 }
 
 /// Waiting frames in the order of their phases; equal phases keep PDO order.

@@ -5,6 +5,8 @@ pub(super) struct ServiceTimer {
     delay_ns: u64,
     jitter_ns: u64,
     idle_ns: u64,
+    /// The services run by `idle_ns` in OP, too.
+    pub(super) is_free_running: bool,
     random: u64,
     /// Due time of the service for the last SM2 write.
     due: Option<u64>,
@@ -19,10 +21,12 @@ pub(super) struct ServiceTimer {
 
 impl ServiceTimer {
     pub(super) fn new(config: &GatewayModelConfig, seed: u64) -> Self {
+        let period_ns = config.variant.service_period_us.ns();
         Self {
             delay_ns: config.service_delay_ns,
             jitter_ns: config.service_jitter_ns,
-            idle_ns: config.idle_service_ns.max(1),
+            idle_ns: period_ns.unwrap_or(config.idle_service_ns).max(1),
+            is_free_running: period_ns.is_some(),
             random: seed ^ 0x9E37_79B9_7F4A_7C15,
             due: None,
             idle_due: 0,
@@ -34,8 +38,10 @@ impl ServiceTimer {
 
     pub(super) fn outputs_written(&mut self, now: u64) {
         self.outputs_at = now;
-        let jitter = self.draw(self.jitter_ns);
-        self.due = Some(now + self.delay_ns + jitter);
+        if !self.is_free_running {
+            let jitter = self.draw(self.jitter_ns);
+            self.due = Some(now + self.delay_ns + jitter);
+        }
     }
 
     pub(super) fn due(&self) -> Option<u64> {
@@ -52,7 +58,8 @@ impl ServiceTimer {
     }
 
     pub(super) fn restart_idle(&mut self, now: u64) {
-        self.idle_due = now + self.idle_ns;
+        let jitter = if self.is_free_running { self.draw(self.jitter_ns) } else { 0 };
+        self.idle_due = now + self.idle_ns + jitter;
     }
 
     /// A pseudo-random number below `bound` (xorshift), 0 for a bound of 0.

@@ -9,6 +9,7 @@ use ecan_protocol::image::{ResultCode, TxResult};
 
 use super::controller::{Controller, Rejection};
 use super::counters::{GatewayCounters, TransmitLosses};
+use super::variant::{GatewayVariant, ScheduledResults, TxResultCodes, TxResults};
 
 /// Size of a TX ring, 0xF000:29.
 const TX_RING: usize = 64;
@@ -37,22 +38,58 @@ pub(super) struct ResultQueue {
     results: VecDeque<TxResult>,
     /// Results of the image in progress, not sorted yet.
     fresh: Vec<TxResult>,
+    codes: TxResultCodes,
+    frames: TxResults,
+    of_scheduled: ScheduledResults,
 }
 
 impl ResultQueue {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(variant: &GatewayVariant) -> Self {
         Self {
             results: VecDeque::with_capacity(RESULTS_MAX),
             fresh: Vec::with_capacity(RESULTS_MAX),
+            codes: variant.tx_result_codes,
+            frames: variant.tx_results,
+            of_scheduled: variant.scheduled_results,
         }
     }
 
     /// Adds the result of a frame of the image in progress, if it is requested.
     pub(super) fn report(&mut self, reference: Option<Reference>, code: ResultCode) {
+        let is_wanted = self.frames == TxResults::EachFrame || !code.is_success();
         if let Some(Reference { channel, sequence, frame_index }) = reference
+            && is_wanted
             && self.fresh.len() < RESULTS_MAX
         {
+            let code = self.number(code);
             self.fresh.push(TxResult { channel, sequence, frame_index, code });
+        }
+    }
+
+    /// Adds the second result of a scheduled frame, if the variant has it.
+    pub(super) fn report_released(
+        &mut self,
+        reference: Option<Reference>,
+        rejection: Option<Rejection>,
+    ) {
+        let code = match rejection {
+            None => ResultCode::Ok,
+            Some(Rejection::Full) => ResultCode::TxFifoFull,
+            Some(Rejection::BusOff) => ResultCode::BusOff,
+            Some(Rejection::CannotSend) => ResultCode::InvalidChannel,
+        };
+        if self.of_scheduled == ScheduledResults::Two {
+            self.report(reference, code);
+        }
+    }
+
+    /// The code with the numbers of the variant.
+    fn number(&self, code: ResultCode) -> ResultCode {
+        use ResultCode::{BusBusy, Queued};
+        match (self.codes, code) {
+            (TxResultCodes::Swapped | TxResultCodes::BothLate, Queued) => BusBusy,
+            (TxResultCodes::Swapped | TxResultCodes::BothQueued, BusBusy) => Queued,
+            (_, code) => code,
         }
     }
 

@@ -8,6 +8,7 @@ use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS, MAX
 use super::channel::Channel;
 use super::counters::GatewayCounters;
 use super::transmit_path::ResultQueue;
+use super::variant::RxPending;
 
 /// Bytes that the balanced policy reserves for each enabled channel: the largest packet of a
 /// classic frame without timestamp, padded. The manual specifies only "a minimum packet budget".
@@ -87,11 +88,13 @@ pub(super) struct TxPdoBuilder {
     shadow: Box<[u8]>,
     payload_bytes: usize,
     last_status: [ChannelStatus; CHANNELS],
+    rx_pending: RxPending,
 }
 
 impl TxPdoBuilder {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(rx_pending: RxPending) -> Self {
         Self {
+            rx_pending,
             writer: None,
             payload_only: false,
             shadow: vec![0; MAX_PDO_BYTES].into_boxed_slice(),
@@ -125,18 +128,22 @@ impl TxPdoBuilder {
     }
 
     /// Packs results and frames, whole packets only, and commits the image to the shadow buffer.
-    /// `empty` builds a header without packets. Returns the sequence number and the undelivered
+    /// `scheduled` frames of each channel wait in the schedule. `empty` builds a header without packets. Returns the sequence number and the undelivered
     /// frames; `None` without a profile.
     pub(super) fn build(
         &mut self,
         channels: &mut [Channel; CHANNELS],
         results: &mut ResultQueue,
-        status: [ChannelStatus; CHANNELS],
+        scheduled: [usize; CHANNELS],
         time_base_ns: u64,
         empty: bool,
         counters: &mut GatewayCounters,
     ) -> Option<(u16, UndeliveredFrames)> {
+        let channel_status = |channels: &[Channel; CHANNELS]| -> [ChannelStatus; CHANNELS] {
+            std::array::from_fn(|number| channels[number].status(scheduled[number]))
+        };
         let writer = self.writer.as_mut()?;
+        let before = channel_status(channels);
         let budget = Budget::new(writer.profile());
         let undelivered = UndeliveredFrames::default();
         let mut packer = Packer { writer, shadow: &mut self.shadow, budget, undelivered, counters };
@@ -145,6 +152,10 @@ impl TxPdoBuilder {
             packer.pack_frames(channels, time_base_ns);
         }
         let Packer { writer, shadow, mut undelivered, .. } = packer;
+        let status = match self.rx_pending {
+            RxPending::WithOwnImage => before,
+            RxPending::WithoutOwnImage => channel_status(channels),
+        };
         for channel in channels.iter_mut() {
             undelivered.dropped += std::mem::take(&mut channel.receive.dropped_since_image);
         }
@@ -266,7 +277,7 @@ impl Packer<'_> {
         }
         for (channel, consumed) in channels.iter_mut().zip(consumed) {
             channel.receive.note_consumed(consumed);
-            undelivered.unpacked += channel.receive.waiting() as u32;
+            undelivered.unpacked += channel.receive.available() as u32;
         }
     }
 }

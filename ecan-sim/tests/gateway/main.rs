@@ -22,5 +22,6 @@ mod sync_managers;
 mod test_policies;
 mod transmit_path;
 mod tx_results;
+mod variant_bit_timing;
 mod variant_data_path;
 mod variant_objects;

@@ -1,11 +1,16 @@
-//! Alternatives for what the manual leaves open, as the gateway shows them.
+//! Alternatives for the data path and the CAN side, as the gateway shows them.
 
-use ecan_protocol::config::{McanChannelConfig, NodeMode};
-use ecan_protocol::image::PdoError;
-use ecan_sim::variant::{GatewayVariant, NodeModes, RepeatedImage};
+use ecan_protocol::config::{
+    CacheDepth, DataPathConfig, McanChannelConfig, NodeMode, RxBudget, RxOverflow,
+};
+use ecan_protocol::image::{OptionFlags, PdoError, PdoProfile, ResultCode, Schedule};
+use ecan_sim::variant::{
+    GatewayVariant, NodeModes, RepeatedImage, RxDrain, RxPending, ScheduledResults, ServicePeriod,
+    TxPending, TxResultCodes, TxResults,
+};
 use ecan_sim::{GatewayModelConfig, StationMode};
 
-use crate::fixture::{Fixture, chunks, standard};
+use crate::fixture::{Fixture, MS, SERVICE, chunks, standard};
 
 /// In OP with one chunk per direction.
 fn op(variant: GatewayVariant) -> Fixture {
@@ -46,5 +51,192 @@ fn node_modes_follow_the_numbers_of_the_variant() {
             let station = fixture.gateway.station_config(0).unwrap();
             assert_eq!(station.mode, expected, "{node_modes:?} {number}");
         }
+    }
+}
+
+fn with_policy(variant: GatewayVariant, policy: DataPathConfig) -> Fixture {
+    let config = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
+    let mut fixture = Fixture::configured_with(config, chunks(16), chunks(1));
+    fixture.apply_data_path(0, policy);
+    fixture.start();
+    fixture
+}
+
+const EMCY: u16 = 0x081;
+const DEGRADED: u8 = 15;
+
+/// Delivers 15 frames and an EMCY between two services; the cache holds eight, and two leave it per service.
+fn overload(rx_drain: RxDrain, rx_overflow: RxOverflow) -> (Vec<u32>, u32) {
+    let policy = DataPathConfig {
+        rx_cache_depth: CacheDepth::D8,
+        rx_budget: RxBudget::Limited,
+        rx_drain_max: 2,
+        rx_overflow,
+        degraded_threshold: 4,
+        ..DataPathConfig::default()
+    };
+    let variant = GatewayVariant { rx_drain, ..GatewayVariant::default() };
+    let mut fixture = with_policy(variant, policy);
+    for id in (0x10..0x1F).chain([EMCY]) {
+        fixture.deliver(0, standard(id, &[]));
+    }
+    let mut ids = Vec::new();
+    let mut degraded = 0;
+    for _ in 0..9 {
+        fixture.cycle();
+        let received = fixture.received();
+        assert!(received.len() <= 2, "{received:?}");
+        ids.extend(received.iter().map(|(_, frame)| frame.id().raw()));
+        degraded |= fixture.upload(0x9020, DEGRADED);
+    }
+    (ids, degraded)
+}
+
+const OVERFLOW_POLICIES: [RxOverflow; 4] = [
+    RxOverflow::DropOldest,
+    RxOverflow::DropNewest,
+    RxOverflow::PreserveCritical,
+    RxOverflow::Degraded,
+];
+
+#[test]
+fn overload_stays_in_the_controller_under_every_policy() {
+    let all: Vec<_> = (0x10..0x1F).chain([u32::from(EMCY)]).collect();
+    for policy in OVERFLOW_POLICIES {
+        assert_eq!(overload(RxDrain::Controller, policy), (all.clone(), 0), "{policy:?}");
+    }
+}
+
+#[test]
+fn overload_of_the_cache_is_handled_by_the_policy() {
+    let with_emcy = |ids: std::ops::Range<u32>| ids.chain([u32::from(EMCY)]).collect::<Vec<_>>();
+    let [oldest, newest, critical, degraded] =
+        OVERFLOW_POLICIES.map(|policy| overload(RxDrain::Cache, policy));
+    assert_eq!(oldest, (with_emcy(0x18..0x1F), 0));
+    assert_eq!(newest, ((0x10..0x18).collect(), 0));
+    assert_eq!(critical, (with_emcy(0x11..0x18), 0));
+    assert_eq!(degraded, ((0x10..0x18).collect(), 1));
+}
+
+#[test]
+fn rx_pending_counts_the_frames_of_its_image_or_not() {
+    for (rx_pending, expected) in [(RxPending::WithOwnImage, 3), (RxPending::WithoutOwnImage, 1)] {
+        let policy = DataPathConfig { rx_drain_max: 2, ..DataPathConfig::default() };
+        let variant = GatewayVariant { rx_pending, ..GatewayVariant::default() };
+        let mut fixture = with_policy(variant, policy);
+        for id in 0..3 {
+            fixture.deliver(0, standard(id, &[]));
+        }
+        fixture.cycle();
+        assert_eq!(fixture.received().len(), 2);
+        let status = fixture.input().header().channel_status[0];
+        assert_eq!(status.rx_pending(), expected, "{rx_pending:?}");
+    }
+}
+
+#[test]
+fn tx_pending_counts_the_running_frame_or_not() {
+    for (tx_pending, expected) in [(TxPending::WithRunning, 3), (TxPending::WithoutRunning, 2)] {
+        let mut fixture = op(GatewayVariant { tx_pending, ..GatewayVariant::default() });
+        for id in 0..3 {
+            fixture.push(0, standard(id, &[]));
+        }
+        fixture.cycle();
+        assert!(fixture.gateway.next_transmit(0).is_some());
+        assert_eq!(fixture.upload(0x9000, 11), expected, "{tx_pending:?}");
+    }
+}
+
+/// In OP with TX_RESULT and pulses at every whole millisecond.
+fn with_results(variant: GatewayVariant) -> Fixture {
+    let config = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
+    let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(16) };
+    let mut fixture = Fixture::configured_with(config, tx, chunks(16));
+    let start = fixture.start_sync0();
+    fixture.pass(MS);
+    fixture.start();
+    fixture.now = start + 4 * MS + 300_000;
+    fixture
+}
+
+fn schedule(fixture: &mut Fixture, id: u16, offset_ns: u32) {
+    let (frame, schedule) = (standard(id, &[]), Schedule { tag: 0, offset_ns });
+    let Fixture { writer, image, .. } = fixture;
+    writer.push_scheduled(image, 0, 0, frame.as_ref(), schedule).unwrap();
+}
+
+fn codes(fixture: &Fixture) -> Vec<ResultCode> {
+    fixture.results().iter().map(|result| result.code).collect()
+}
+
+/// Codes of a frame in the controller, of one that waits, and of a scheduled one that is late.
+fn sent_waiting_late(variant: GatewayVariant) -> Vec<ResultCode> {
+    let mut fixture = with_results(variant);
+    let pulse = fixture.now.next_multiple_of(MS);
+    fixture.pass(pulse - SERVICE / 2 - fixture.now);
+    for id in 0..5 {
+        fixture.push(0, standard(id, &[]));
+    }
+    schedule(&mut fixture, 5, 0);
+    fixture.cycle();
+    let mut codes = codes(&fixture);
+    codes.drain(..3.min(codes.len().saturating_sub(3)));
+    codes
+}
+
+#[test]
+fn tx_result_codes_are_those_of_the_variant() {
+    use ResultCode::{BusBusy, Ok, Queued};
+    for (tx_result_codes, expected) in [
+        (TxResultCodes::Assumed, [Ok, Queued, BusBusy]),
+        (TxResultCodes::Swapped, [Ok, BusBusy, Queued]),
+        (TxResultCodes::BothQueued, [Ok, Queued, Queued]),
+        (TxResultCodes::BothLate, [Ok, BusBusy, BusBusy]),
+    ] {
+        let variant = GatewayVariant { tx_result_codes, ..GatewayVariant::default() };
+        assert_eq!(sent_waiting_late(variant), expected, "{tx_result_codes:?}");
+    }
+}
+
+#[test]
+fn tx_results_are_those_of_failures_only() {
+    let tx_results = TxResults::FailuresOnly;
+    let variant = GatewayVariant { tx_results, ..GatewayVariant::default() };
+    assert_eq!(sent_waiting_late(variant), [ResultCode::BusBusy]);
+}
+
+#[test]
+fn scheduled_frame_has_one_or_two_results() {
+    for (scheduled_results, second) in
+        [(ScheduledResults::One, &[][..]), (ScheduledResults::Two, &[ResultCode::Ok])]
+    {
+        let variant = GatewayVariant { scheduled_results, ..GatewayVariant::default() };
+        let mut fixture = with_results(variant);
+        schedule(&mut fixture, 1, 100_000);
+        fixture.cycle();
+        assert_eq!(codes(&fixture), [ResultCode::Queued], "{scheduled_results:?}");
+        fixture.cycle();
+        assert_eq!(Fixture::identifiers(&fixture.sent(0)), [1]);
+        assert_eq!(codes(&fixture), second, "{scheduled_results:?}");
+    }
+}
+
+#[test]
+fn service_follows_the_outputs_or_its_own_period() {
+    let after_outputs = ServicePeriod::AFTER_OUTPUTS;
+    let free_running = ServicePeriod::free_running(250).unwrap();
+    for (service_period_us, at_30_us, without_outputs) in
+        [(after_outputs, 1, 0), (free_running, 0, 40)]
+    {
+        let mut fixture = op(GatewayVariant { service_period_us, ..GatewayVariant::default() });
+        fixture.push(0, standard(1, &[]));
+        assert!(fixture.write(), "and passes 30 us");
+        assert_eq!(fixture.gateway.counters().images_parsed, at_30_us, "{service_period_us:?}");
+        fixture.pass(250_000);
+        assert_eq!(fixture.gateway.counters().images_parsed, 1, "{service_period_us:?}");
+        let before = fixture.gateway.counters().services;
+        fixture.pass(10 * MS);
+        let services = fixture.gateway.counters().services - before;
+        assert_eq!(services, without_outputs, "{service_period_us:?}");
     }
 }

@@ -7,12 +7,12 @@ use super::{GatewayVariant, MissingAbort, VariantValue};
 /// Entries of the object dictionary that the firmware does not have.
 ///
 /// In a scenario file a list of texts: `"0xF000:26"`, `"0xF000:19..30"`, or `"0x9011"` for all subindices.
-/// Subindices are decimal. An index stands for all objects of its family, as 0x8021 for 0x8021 to 0x8024.
+/// Subindices are decimal. An index means all objects of its family: 0x8021 those of the four channels.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MissingEntries(Vec<(u16, RangeInclusive<u8>)>);
 
 impl MissingEntries {
-    /// Reads the form of scenario files. `None` if a text is wrong or there is no such entry.
+    /// Reads the form of scenario files. `None` if a text is wrong or names an entry that the dictionary lacks.
     #[must_use]
     pub fn parse<'a>(texts: impl IntoIterator<Item = &'a str>) -> Option<Self> {
         texts.into_iter().map(parse).collect::<Option<_>>().map(Self)
@@ -25,7 +25,7 @@ impl MissingEntries {
         })
     }
 
-    /// Whether the firmware has no entry of the object.
+    /// True if the firmware lacks every entry of the object.
     pub(crate) fn lacks_object(&self, index: u16) -> bool {
         let entries = object(index).map_or(&[][..], |object| object.entries);
         !entries.is_empty() && entries.iter().all(|entry| self.lacks(index, entry.subindex))

@@ -8,10 +8,12 @@
 mod declare;
 mod gateway_keys;
 mod missing_entries;
+mod service_period;
 mod table;
 mod value;
 
 pub use missing_entries::MissingEntries;
+pub use service_period::ServicePeriod;
 pub use table::*;
 pub(crate) use value::VariantValue;
 
@@ -66,7 +68,7 @@ pub struct Variant {
     pub description: &'static str,
     /// The default, then the others. Of a number or list these are samples.
     pub alternatives: &'static [Alternative],
-    /// Other permitted values; empty if there are none.
+    /// Other permitted values; empty without any.
     pub permitted: &'static str,
 }
 

@@ -1,5 +1,5 @@
 use super::declare::variants;
-use super::{Alternative, MissingEntries, Variant, VariantTable};
+use super::{Alternative, MissingEntries, ServicePeriod, Variant, VariantTable};
 
 variants! {
     choices {
@@ -46,7 +46,42 @@ variants! {
             LoopbackFirst = "loopback_first",
                 "1 is internal loopback, 2 external loopback, 3 listen-only";
         }
+        bit_timing: BitTimingChoice, ["H43"],
+        "Bit timing that the firmware chooses from the sample point window" {
+            Middle = "middle", "sample point closest to the middle";
+            Lowest = "lowest", "lowest sample point in the window";
+            Highest = "highest", "highest sample point in the window";
+            Driver = "driver",
+                "as the public driver of the controller's vendor: lowest, none for some windows";
+        }
         // data path
+        rx_drain: RxDrain, ["S15"], "Frames that RX drain budget and overflow policies concern" {
+            Controller = "controller",
+                "the budget limits the frames from the controller into the RX cache";
+            Cache = "cache", "all frames enter the RX cache; the budget limits those that leave it";
+        }
+        rx_pending: RxPending, ["H21"], "Count of waiting received frames in the channel status" {
+            WithOwnImage = "with_own_image", "includes the frames of the same image";
+            WithoutOwnImage = "without_own_image", "only frames that follow in later images";
+        }
+        tx_pending: TxPending, ["H22"], "Count of waiting transmit frames in the channel status" {
+            WithRunning = "with_running", "includes the frame in arbitration or on the bus";
+            WithoutRunning = "without_running", "excludes it";
+        }
+        tx_result_codes: TxResultCodes, ["H23", "S11"], "TX_RESULT codes 1 (queued) and 2 (bus busy)" {
+            Assumed = "assumed", "1 waits in the queue or schedule, 2 dropped as late or backed off";
+            Swapped = "swapped", "2 waits in the queue or schedule, 1 dropped as late or backed off";
+            BothQueued = "both_queued", "1 for both";
+            BothLate = "both_late", "2 for both";
+        }
+        tx_results: TxResults, ["H17", "S11"], "Frames that get a TX_RESULT" {
+            EachFrame = "each_frame", "each frame";
+            FailuresOnly = "failures_only", "frames that are dropped or rejected";
+        }
+        scheduled_results: ScheduledResults, ["H23", "S11"], "TX_RESULT packets of a scheduled frame" {
+            One = "one", "one, when it is accepted";
+            Two = "two", "another one when its phase has come: 0 in the controller, else the cause";
+        }
         repeated_image: RepeatedImage, ["H5"], "Effect of an RxPDO image that repeats the last one" {
             NoOp = "no_op", "none";
             CountedAsError = "error_10",
@@ -63,6 +98,13 @@ variants! {
         }
     }
     values {
+        service_period_us: ServicePeriod, ["S6"], "Period of the data-path service",
+        "50 to 1000 us, free-running, and 0" {
+            ServicePeriod::AFTER_OUTPUTS => "0", "one service after each SM2 write (`service_delay_us`)";
+            "50", "free-running, 50 us";
+            "250", "free-running, 250 us";
+            "1000", "free-running, 1 ms";
+        }
         missing_entries: MissingEntries, ["H42"], "Entries that the firmware does not have",
         "a list of entries (`0xF000:26`), ranges (`0xF000:19..30`) and objects (`0x9011`)" {
             MissingEntries::default() => "[]", "none";

@@ -38,8 +38,7 @@ impl Target {
         size: usize,
         context: &Context<'_>,
     ) -> Result<(), AbortCode> {
-        let object = object(self.index).ok_or(AbortCode::NO_OBJECT)?;
-        let entry = object.entry(self.subindex).ok_or(AbortCode::NO_SUBINDEX)?;
+        let (_, entry) = context.gateway.find_entry(self.index, self.subindex)?;
         if self.is_complete {
             return context.gateway.check_complete_access();
         }

@@ -1,0 +1,89 @@
+//! Alternatives for the bit timing that the firmware chooses, as NBTP and DBTP show it.
+
+use ecan_protocol::config::{McanChannelConfig, SamplePointWindow};
+use ecan_sim::GatewayModelConfig;
+use ecan_sim::variant::{BitTimingChoice, GatewayVariant};
+
+use crate::fixture::Fixture;
+
+const BUILD_FAIL: u32 = 3;
+
+/// Applies a configuration in PREOP; returns the apply status.
+fn apply(bit_timing: BitTimingChoice, config: McanChannelConfig) -> (Fixture, u32) {
+    let variant = GatewayVariant { bit_timing, ..GatewayVariant::default() };
+    let model = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
+    let mut fixture = Fixture::preop_with(model);
+    for write in config.writes(0) {
+        fixture.send(write);
+    }
+    fixture.send(McanChannelConfig::apply_write(0));
+    let status = fixture.upload(0x8001, 2);
+    (fixture, status)
+}
+
+fn register(fixture: &mut Fixture, offset: u32) -> u32 {
+    fixture.download(0xA000, 1, &offset.to_le_bytes()).unwrap();
+    fixture.write_u8(0xA000, 2, 1);
+    assert_eq!(fixture.upload(0xA000, 3), 0, "status");
+    fixture.upload(0xA000, 5)
+}
+
+/// Quanta before the sample point and quanta of a bit.
+type Point = (u32, u32);
+
+fn points(fixture: &mut Fixture) -> (Point, Point) {
+    let (nbtp, dbtp) = (register(fixture, 0x1C), register(fixture, 0x0C));
+    let point = |tseg1: u32, tseg2: u32| (tseg1 + 2, tseg1 + tseg2 + 3);
+    (point(nbtp >> 8 & 0xFF, nbtp & 0x7F), point(dbtp >> 8 & 0x1F, dbtp >> 4 & 0x0F))
+}
+
+#[test]
+fn sample_point_in_the_default_window_follows_the_choice() {
+    for (choice, nominal, data) in [
+        (BitTimingChoice::Middle, 130, 33),
+        (BitTimingChoice::Lowest, 120, 30),
+        (BitTimingChoice::Highest, 140, 33),
+        // at most 32 quanta after the nominal sample point
+        (BitTimingChoice::Driver, 128, 30),
+    ] {
+        let (mut fixture, status) = apply(choice, McanChannelConfig::fd(500_000, 2_000_000));
+        assert_eq!(status, 0, "{choice:?}");
+        assert_eq!(points(&mut fixture), ((nominal, 160), (data, 40)), "{choice:?}");
+    }
+}
+
+#[test]
+fn equal_bounds_leave_no_choice() {
+    let exact = SamplePointWindow { min: 875, max: 875 };
+    let config = McanChannelConfig {
+        nominal_sample_point: exact,
+        data_sample_point: exact,
+        ..McanChannelConfig::fd(1_000_000, 5_000_000)
+    };
+    for choice in [
+        BitTimingChoice::Middle,
+        BitTimingChoice::Lowest,
+        BitTimingChoice::Highest,
+        BitTimingChoice::Driver,
+    ] {
+        let (mut fixture, status) = apply(choice, config);
+        assert_eq!(status, 0, "{choice:?}");
+        assert_eq!(points(&mut fixture), ((70, 80), (14, 16)), "{choice:?}");
+    }
+}
+
+/// 87.5 % at 500 kbit/s and 2 Mbit/s needs a data prescaler of 5, with which the core has no TDC.
+#[test]
+fn driver_has_no_timing_for_some_windows() {
+    let exact = SamplePointWindow { min: 875, max: 875 };
+    let config = McanChannelConfig {
+        nominal_sample_point: exact,
+        data_sample_point: exact,
+        tdc: false,
+        ..McanChannelConfig::fd(500_000, 2_000_000)
+    };
+    let (mut fixture, status) = apply(BitTimingChoice::Middle, config);
+    assert_eq!(status, 0);
+    assert_eq!(points(&mut fixture).1, (7, 8));
+    assert_eq!(apply(BitTimingChoice::Driver, config).1, BUILD_FAIL);
+}
