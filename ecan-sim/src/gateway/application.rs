@@ -13,6 +13,7 @@ use super::data_path::DataPath;
 use super::object_server::ObjectServer;
 use super::pin_rotation::PinRotation;
 use super::sync_managers::SyncManagers;
+use super::variant::ApplyAtSafeOp;
 
 /// Subindex of the apply status of 0x8020..0x8024.
 const DATA_PATH_STATUS: u8 = 3;
@@ -50,6 +51,9 @@ impl Application {
     /// Applies the requested profile of each direction that has no active one (manual 9.2 calls
     /// the defaults "default request").
     pub(super) fn apply_missing_profiles(&mut self, state: AlState) {
+        if self.data_path.variant().apply_at_safeop == ApplyAtSafeOp::Required {
+            return;
+        }
         for direction in Direction::ALL {
             if self.data_path.options.of(direction).active.is_none() {
                 self.apply_profile(direction, state);

@@ -20,7 +20,7 @@ use super::rx_pdo::RxPdoParser;
 use super::schedule::{ScheduleQueue, Scheduled};
 use super::transmit_path::{Pending, Reference, ResultQueue};
 use super::tx_pdo::TxPdoBuilder;
-use super::variant::GatewayVariant;
+use super::variant::{GatewayVariant, TxPdoNumbering};
 
 /// Service budget in microseconds if 0x8020:7 is 0.
 const DEFAULT_SERVICE_BUDGET_US: u32 = 1000;
@@ -133,7 +133,9 @@ impl DataPath {
         self.options.of_mut(direction).reset_session();
         match direction {
             Direction::TxPdo => {
-                self.builder.reset_session();
+                if self.variant.txpdo_numbering == TxPdoNumbering::FromOne {
+                    self.builder.reset_session();
+                }
                 self.results.clear();
             }
             Direction::RxPdo => self.parser.reset_session(),

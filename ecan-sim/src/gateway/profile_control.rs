@@ -8,7 +8,9 @@ use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
 use super::crc32::crc32;
 use super::dictionary_values::DictionaryValues;
-use super::variant::{AssignmentRewritten, GatewayVariant, LayoutCrc, ProfileErrors};
+use super::variant::{
+    AssignmentRewritten, GatewayVariant, LayoutCrc, ProfileErrors, SequenceReadback,
+};
 
 /// Subindices of 0x8010 and 0x8011.
 pub(super) mod subindex {
@@ -43,6 +45,7 @@ pub(super) struct ProfileControl {
     assignment_rewritten: AssignmentRewritten,
     errors: ProfileErrors,
     layout_crc: LayoutCrc,
+    sequence_readback: SequenceReadback,
 }
 
 impl ProfileControl {
@@ -59,6 +62,7 @@ impl ProfileControl {
             assignment_rewritten: variant.assignment_rewritten,
             errors: variant.profile_errors,
             layout_crc: variant.layout_crc,
+            sequence_readback: variant.sequence_readback,
         }
     }
 
@@ -217,12 +221,18 @@ impl ProfileControl {
             10 => active.map_or(0, |p| p.frame_area_bytes() as u32),
             11 => active.map_or(0, |p| self.layout_crc(p)),
             12 => active.map_or(0, |p| p.word()),
-            13 => u32::from(self.sequence),
+            13 => self.recent_sequence(),
             14 => u32::from(self.last_error.raw()),
             15 => self.error_counter,
             16 => self.overflow_counter,
             _ => return None,
         })
+    }
+
+    fn recent_sequence(&self) -> u32 {
+        let is_reported =
+            self.direction == Direction::TxPdo || self.sequence_readback == SequenceReadback::Last;
+        if is_reported { u32::from(self.sequence) } else { 0 }
     }
 
     /// The layout contract CRC, whose algorithm the manual does not specify.

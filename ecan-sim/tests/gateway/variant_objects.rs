@@ -7,8 +7,8 @@ use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::AbortCode;
 use ecan_sim::GatewayModelConfig;
 use ecan_sim::variant::{
-    AssignmentRewritten, GatewayVariant, LayoutCrc, MappedSubindex, MissingAbort, MissingEntries,
-    ProfileErrors, SafeOpInputs, SafeOpOutputs,
+    ApplyAtSafeOp, AssignmentRewritten, GatewayVariant, LayoutCrc, MappedSubindex, MissingAbort,
+    MissingEntries, ProfileErrors, SafeOpInputs, SafeOpOutputs, SequenceReadback, TxPdoNumbering,
 };
 
 use crate::fixture::{Fixture, MS, chunks};
@@ -146,6 +146,58 @@ fn rewritten_assignment_drops_the_profile_at_safeop() {
     assert_eq!(statuses(&mut fixture), [0, 0]);
     fixture.gateway.request_al_state(fixture.now, AlState::Op);
     assert_eq!(fixture.state(), (AlState::Op, 0));
+}
+
+#[test]
+fn requested_profile_is_applied_at_safeop_or_rejected() {
+    for (apply_at_safeop, expected) in [
+        (ApplyAtSafeOp::Applied, (AlState::SafeOp, 0)),
+        (ApplyAtSafeOp::Required, (AlState::PreOp, 0x1D)),
+    ] {
+        let variant = GatewayVariant { apply_at_safeop, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        rewrite_assignment(&mut fixture);
+        for direction in Direction::ALL {
+            for write in chunks(1).writes(direction) {
+                fixture.send(write);
+            }
+            fixture.set_up_sync_manager(direction, 128);
+        }
+        fixture.gateway.request_al_state(fixture.now, AlState::SafeOp);
+        assert_eq!(fixture.state(), expected, "{apply_at_safeop:?}");
+    }
+}
+
+#[test]
+fn sequence_of_the_last_image_is_reported_or_zero() {
+    for (sequence_readback, expected) in [(SequenceReadback::Last, 2), (SequenceReadback::Zero, 0)]
+    {
+        let variant = GatewayVariant { sequence_readback, ..GatewayVariant::default() };
+        let mut fixture = configured(variant);
+        fixture.start();
+        fixture.cycle();
+        fixture.cycle();
+        assert_eq!(fixture.upload(0x8011, 13), expected, "{sequence_readback:?}");
+        assert_ne!(fixture.upload(0x8010, 13), 0, "{sequence_readback:?}");
+    }
+}
+
+#[test]
+fn numbering_after_a_session_reset_begins_again_or_continues() {
+    for (txpdo_numbering, expected) in
+        [(TxPdoNumbering::FromOne, 1), (TxPdoNumbering::Continued, 5)]
+    {
+        let mut fixture =
+            configured(GatewayVariant { txpdo_numbering, ..GatewayVariant::default() });
+        fixture.start();
+        for _ in 0..3 {
+            fixture.cycle();
+        }
+        assert_eq!(fixture.input().sequence(), 4, "{txpdo_numbering:?}");
+        fixture.write_u8(0x8010, 8, 1);
+        fixture.cycle();
+        assert_eq!(fixture.input().sequence(), expected, "{txpdo_numbering:?}");
+    }
 }
 
 #[test]

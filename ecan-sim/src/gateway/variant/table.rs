@@ -31,6 +31,16 @@ variants! {
             DroppedAtSafeOp = "dropped_at_safeop",
                 "is lost with SAFEOP; OP ends with AL status 0x1D until it is applied again";
         }
+        apply_at_safeop: ApplyAtSafeOp, ["S4"],
+        "SAFEOP with a requested profile that was never applied" {
+            Applied = "applied", "applies it";
+            Required = "required", "is rejected with AL status 0x1D";
+        }
+        sequence_readback: SequenceReadback, ["H35"],
+        "Recent direction sequence number of the RxPDO, 0x8011:13" {
+            Last = "last", "sequence of the last RxPDO image";
+            Zero = "zero", "always 0";
+        }
         // states
         safeop_inputs: SafeOpInputs, ["S7"], "TxPDO images in SAFEOP" {
             Published = "published", "published every 1 ms";
@@ -59,6 +69,11 @@ variants! {
             Controller = "controller",
                 "the budget limits the frames from the controller into the RX cache";
             Cache = "cache", "all frames enter the RX cache; the budget limits those that leave it";
+        }
+        txpdo_numbering: TxPdoNumbering, ["H37"],
+        "Sequence of the TxPDO images after a session reset (0x8010:08)" {
+            FromOne = "from_one", "begins with 1";
+            Continued = "continued", "continues";
         }
         rx_pending: RxPending, ["H21"], "Count of waiting received frames in the channel status" {
             WithOwnImage = "with_own_image", "includes the frames of the same image";
