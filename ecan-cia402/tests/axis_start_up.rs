@@ -44,6 +44,25 @@ fn four_axes_follow_their_steps() {
     fixture.check();
 }
 
+/// Three gateways, so that SM3 is still full when the service runs: each image is one cycle older.
+#[test]
+fn axes_follow_their_steps_when_images_are_published_after_a_read() {
+    let mut scenario = ecan_sim::drives(3, 4);
+    for gateway in &mut scenario.gateways {
+        gateway.config.publishes_after_read = true;
+    }
+    let table =
+        (0..10).map(|n| axis(n / 4, (n % 4) as u8, 1).with_target_step(100)).collect::<Vec<_>>();
+    let adapter = AdapterConfig::new(3).with_cycle(Duration::from_millis(4));
+    let mut fixture = Fixture::open(scenario, adapter, table).started();
+    fixture.steps(500);
+    for n in 0..10 {
+        let statistics = fixture.cia402.statistics(n);
+        assert_eq!((statistics.lost_tpdos, statistics.holds), (0, 0), "axis {n}");
+    }
+    fixture.check();
+}
+
 #[test]
 fn shutdown_leaves_drives_at_rest_without_fault() {
     let table = axes(4).into_iter().map(|axis| axis.with_target_step(200)).collect();

@@ -82,6 +82,11 @@ struct ChannelWatch {
     failures_missed: bool,
     /// Frames that the image of this cycle brought.
     in_image: u64,
+    /// Frames that the newest image and the one before left in the gateway; `None` is unknown.
+    left: Option<u64>,
+    left_before: Option<u64>,
+    /// Many may be left: the count is saturated, and the image brought fewer than that.
+    may_pile_up: bool,
     /// Cycles in a row in which everything came that there was.
     steady: u8,
     /// A drive sent a TPDO: in this cycle, and the cycles since.
@@ -166,14 +171,14 @@ impl GatewayWatch {
                 let counted = channel.status.rx_pending();
                 self.counts_left_only |=
                     counted < SATURATED && u64::from(counted) < channel.in_image;
+                channel.note_left(report.image, self.counts_left_only);
             }
             channel.note(counters, is_new);
         }
         self.image_age = if is_new { 0 } else { self.image_age.saturating_add(1) };
         let flows = report.domain.is_complete() && !report.is_unconfirmed;
         for channel in &mut self.channels {
-            let in_image = if self.counts_left_only { 0 } else { channel.in_image };
-            let actual = classify(report.image, channel.status, in_image, Some(0));
+            let actual = channel.classify(report.image, Some(0));
             let is_clear = flows && matches!(actual, Actual::Fresh(_));
             channel.steady = if is_clear { channel.steady.saturating_add(1) } else { 0 };
         }
@@ -261,8 +266,7 @@ impl GatewayWatch {
 
     pub(crate) fn actual(&self, channel: u8, position: Option<i32>) -> Actual {
         let watch = self.channel(channel);
-        let in_image = if self.counts_left_only { 0 } else { watch.in_image };
-        match classify(self.report.image, watch.status, in_image, position) {
+        match watch.classify(self.report.image, position) {
             Actual::Fresh(position) if watch.steady < STEADY => Actual::Late(position),
             actual => actual,
         }
@@ -316,6 +320,52 @@ impl ChannelWatch {
             view => view,
         }
     }
+
+    /// A new image: notes what it left in the gateway. `left_only`: its status does not count the
+    /// frames that it brought.
+    fn note_left(&mut self, image: ImageReport, left_only: bool) {
+        let counted = self.status.rx_pending();
+        let own = if left_only { 0 } else { self.in_image };
+        let was_lost = matches!(image, ImageReport::New { lost: 1.., .. });
+        self.left_before = if was_lost { None } else { self.left };
+        self.left = (counted < SATURATED).then(|| u64::from(counted).saturating_sub(own));
+        self.may_pile_up = counted >= SATURATED && own < u64::from(SATURATED);
+    }
+
+    fn classify(&self, image: ImageReport, position: Option<i32>) -> Actual {
+        match image {
+            ImageReport::None | ImageReport::Repeated => Actual::None(PositionUnavailable::NoImage),
+            ImageReport::Fault(diagnosis) => Actual::None(match diagnosis.fault {
+                ImageFault::Updating | ImageFault::Torn => PositionUnavailable::NoImage,
+                ImageFault::Pdo(_) => PositionUnavailable::Damaged,
+            }),
+            ImageReport::New { layout_changed: true, .. } => {
+                Actual::None(PositionUnavailable::Layout)
+            }
+            ImageReport::New { is_incomplete: true, .. } => {
+                Actual::None(PositionUnavailable::Incomplete)
+            }
+            ImageReport::New { .. } => match position {
+                None => Actual::None(PositionUnavailable::NoTpdo),
+                Some(position) => self.classify_age(position),
+            },
+        }
+    }
+
+    /// The gateway keeps the order of the frames: once those come that the last image left, what is
+    /// left now arrived after the last image was built.
+    fn classify_age(&self, position: i32) -> Actual {
+        let has_caught_up = self.left_before.is_some_and(|left| left <= self.in_image);
+        if self.status.rx_pressure() {
+            Actual::None(PositionUnavailable::Backlog)
+        } else if has_caught_up || self.left == Some(0) {
+            Actual::Fresh(position)
+        } else if self.may_pile_up {
+            Actual::None(PositionUnavailable::Backlog)
+        } else {
+            Actual::Late(position)
+        }
+    }
 }
 
 fn view(image: ImageReport, status: ChannelStatus) -> ChannelView {
@@ -330,46 +380,6 @@ fn view(image: ImageReport, status: ChannelStatus) -> ChannelView {
             ChannelView::Running { pending: status.tx_pending(), pressure: status.tx_pressure() }
         }
         _ => ChannelView::NotRunning,
-    }
-}
-
-/// `in_image` is the number of frames of the channel that the image brought, as far as the status
-/// counts them.
-fn classify(
-    image: ImageReport,
-    status: ChannelStatus,
-    in_image: u64,
-    position: Option<i32>,
-) -> Actual {
-    match image {
-        ImageReport::None | ImageReport::Repeated => Actual::None(PositionUnavailable::NoImage),
-        ImageReport::Fault(diagnosis) => Actual::None(match diagnosis.fault {
-            ImageFault::Updating | ImageFault::Torn => PositionUnavailable::NoImage,
-            ImageFault::Pdo(_) => PositionUnavailable::Damaged,
-        }),
-        ImageReport::New { layout_changed: true, .. } => Actual::None(PositionUnavailable::Layout),
-        ImageReport::New { is_incomplete: true, .. } => {
-            Actual::None(PositionUnavailable::Incomplete)
-        }
-        ImageReport::New { .. } => match position {
-            None => Actual::None(PositionUnavailable::NoTpdo),
-            Some(position) => classify_age(status, in_image, position),
-        },
-    }
-}
-
-/// Whether something newer may wait in the gateway.
-fn classify_age(status: ChannelStatus, in_image: u64, position: i32) -> Actual {
-    let counted = status.rx_pending();
-    if status.rx_pressure() {
-        Actual::None(PositionUnavailable::Backlog)
-    } else if counted < SATURATED {
-        if u64::from(counted) > in_image { Actual::Late(position) } else { Actual::Fresh(position) }
-    } else if in_image >= u64::from(SATURATED) {
-        // Seven or more, and as many are here: a few at most are left.
-        Actual::Late(position)
-    } else {
-        Actual::None(PositionUnavailable::Backlog)
     }
 }
 
@@ -404,25 +414,66 @@ mod tests {
             (ImageReport::None, running(), Some(5), none(PositionUnavailable::NoImage)),
         ];
         for (image, status, position, expected) in cases {
-            assert_eq!(classify(image, status, 0, position), expected, "{image:?} {status:?}");
+            let mut watch = ChannelWatch { status, ..ChannelWatch::default() };
+            watch.note_left(image, false);
+            assert_eq!(watch.classify(image, position), expected, "{image:?} {status:?}");
         }
+    }
+
+    /// A watch after images with these counts of waiting frames and frames brought.
+    fn after_images(images: &[(u8, u64)], left_only: bool) -> ChannelWatch {
+        let mut watch = ChannelWatch::default();
+        for &(counted, in_image) in images {
+            watch.status = running().with_rx_pending(counted);
+            watch.in_image = in_image;
+            watch.note_left(NEW, left_only);
+        }
+        watch
     }
 
     #[test]
     fn received_frames_do_not_count_as_waiting() {
+        let backlog = Actual::None(PositionUnavailable::Backlog);
         let cases = [
-            (1, 1, Actual::Fresh(5)),
-            (4, 4, Actual::Fresh(5)),
-            (5, 4, Actual::Late(5)),
-            (6, 6, Actual::Fresh(5)),
-            (7, 7, Actual::Late(5)),
-            (7, 9, Actual::Late(5)),
-            (7, 6, Actual::None(PositionUnavailable::Backlog)),
+            (1, 1, false, Actual::Fresh(5)),
+            (4, 4, false, Actual::Fresh(5)),
+            (5, 4, false, Actual::Late(5)),
+            (6, 6, false, Actual::Fresh(5)),
+            (7, 7, false, Actual::Late(5)),
+            (7, 9, false, Actual::Late(5)),
+            (7, 6, false, backlog),
+            (0, 3, true, Actual::Fresh(5)),
+            (1, 3, true, Actual::Late(5)),
+            (7, 9, true, backlog),
         ];
-        for (counted, in_image, expected) in cases {
-            let status = running().with_rx_pending(counted);
-            assert_eq!(classify(NEW, status, in_image, Some(5)), expected, "{counted} {in_image}");
+        for (counted, in_image, left_only, expected) in cases {
+            let watch = after_images(&[(counted, in_image)], left_only);
+            let actual = watch.classify(NEW, Some(5));
+            assert_eq!(actual, expected, "{counted} {in_image} {left_only}");
         }
+    }
+
+    #[test]
+    fn image_with_what_the_last_one_left_is_fresh() {
+        let cases: [(&[(u8, u64)], _); 5] = [
+            // One frame per cycle, each comes one image later.
+            (&[(1, 0), (2, 1), (2, 1)], Actual::Fresh(5)),
+            // One frame every second cycle.
+            (&[(1, 0), (1, 1)], Actual::Fresh(5)),
+            (&[(2, 0), (3, 2)], Actual::Fresh(5)),
+            (&[(2, 0), (3, 1)], Actual::Late(5)),
+            (&[(7, 1), (7, 6)], Actual::None(PositionUnavailable::Backlog)),
+        ];
+        for (images, expected) in cases {
+            let watch = after_images(images, false);
+            assert_eq!(watch.classify(NEW, Some(5)), expected, "{images:?}");
+        }
+        let mut lost = after_images(&[(1, 0), (2, 1)], false);
+        lost.note_left(
+            ImageReport::New { lost: 1, is_incomplete: false, layout_changed: false },
+            false,
+        );
+        assert_eq!(lost.classify(NEW, Some(5)), Actual::Late(5), "an image is unknown");
     }
 
     /// Three frames in each image, and none in the newest one.

@@ -5,11 +5,13 @@ use ecan_canopen::DriveState;
 /// Actual position of an axis in one cycle, and its age.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Actual {
-    /// From a TPDO of this cycle's image, and nothing newer can be on the path: the image is new,
-    /// complete and of the configured layout, the gateway has no received frame of the channel
-    /// left, the working counter is complete, and all this applied to the two previous cycles, too.
-    /// (An image waits in the gateway until it is fetched, a delayed TPDO comes with a later one,
-    /// and while an image is repeated no new SYNC requests a TPDO.)
+    /// From a TPDO of this cycle's image, and at most the next TPDO can be on the path: the image
+    /// is new, complete and of the configured layout, it brought all received frames of the
+    /// channel, or at least those that the image before left in the gateway, the working counter is
+    /// complete, and all this applied to the two previous cycles, too. (An image waits in the
+    /// gateway until it is fetched, a delayed TPDO comes with a later one, a gateway that builds its
+    /// image at the end of a read leaves the answers to the last SYNC, and while an image is
+    /// repeated no new SYNC requests a TPDO.)
     Fresh(i32),
     /// From a TPDO of this cycle's image, but something newer may be on the path. It proves that the
     /// drive is alive and where it roughly is, but no axis starts from it.

@@ -7,6 +7,10 @@ use super::input::{Actual, ChannelView, GuardInput, HoldReason, PositionUnavaila
 use super::position_range::PositionRange;
 use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason};
 
+/// Positions at rest before the one that ends `Reading`. Each may be one cycle older than it could
+/// be.
+const READINGS: u8 = 2;
+
 /// Prevents jumps of an axis: decides when it gets a target, and which. A pure state machine
 /// without time, frames and memory of the bus; its input is the status of each cycle.
 ///
@@ -22,10 +26,9 @@ use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejectio
 ///    transmit pressure, its count of waiting frames is not saturated (7) and not larger than the
 ///    number of frames confirmed after the last target, by a status word that is at least two
 ///    images newer. Bus-off, an unconfirmed image, discarded frames or a lost session restart it.
-/// 2. `Reading`. Nothing is sent. It needs two [`Actual::Fresh`] positions in different cycles,
-///    at most `standstill` apart: the second was produced after the first was read, so after the
-///    drain, and the axis is at standstill. A position further away becomes the first of a new
-///    pair.
+/// 2. `Reading`. Nothing is sent. It needs [`Actual::Fresh`] positions of three cycles, each at most
+///    `standstill` from the one before: the third was produced after the first was read, so after
+///    the drain, and the axis is at standstill. A position further away becomes the first.
 /// 3. `Armed`. While the drive is not enabled, [`Decision::Track`] with the fresh position of the
 ///    cycle accompanies the control commands; in cycles without one nothing is sent. An axis that
 ///    moves more than `standstill` between two fresh positions returns to `Reading`. When the
@@ -77,8 +80,8 @@ pub struct MotionGuard {
     limits: GuardLimits,
     state: GuardState,
     drain: Drain,
-    /// The first of the two positions of `Reading`.
-    first: Option<i32>,
+    /// The last position of `Reading`, and how many positions at rest it ends.
+    reading: Option<(i32, u8)>,
     fresh: Option<i32>,
     /// The last usable actual position, and how many cycles ago it came.
     actual: Option<i32>,
@@ -108,7 +111,7 @@ impl MotionGuard {
             limits,
             state: GuardState::Idle,
             drain: Drain::default(),
-            first: None,
+            reading: None,
             fresh: None,
             actual: None,
             actual_age: u16::MAX,
@@ -192,7 +195,7 @@ impl MotionGuard {
     fn begin_activation(&mut self) {
         self.state = GuardState::Draining;
         self.drain = Drain::default();
-        self.first = None;
+        self.reading = None;
         self.decided = None;
         self.was_following = false;
     }
@@ -352,17 +355,20 @@ impl MotionGuard {
             return self.begin_activation();
         }
         if self.drive_lost(input).is_some() {
-            self.first = None;
+            self.reading = None;
             return;
         }
         let Some(position) = self.fresh else { return };
-        match self.first {
-            Some(first) if self.is_at_rest(first, position) => {
-                self.first = None;
+        self.reading = match self.reading {
+            Some((last, READINGS)) if self.is_at_rest(last, position) => {
                 self.state = GuardState::Armed { target: self.starting_target(position) };
+                None
             }
-            _ => self.first = Some(position),
-        }
+            Some((last, readings)) if self.is_at_rest(last, position) => {
+                Some((position, readings + 1))
+            }
+            _ => Some((position, 1)),
+        };
     }
 
     /// `Armed`: the target follows the axis while it rests.
@@ -370,7 +376,7 @@ impl MotionGuard {
         let is_position = self.limits.kind != TargetKind::Rate;
         if is_position && !self.is_at_rest(before, position) {
             self.state = GuardState::Reading;
-            self.first = Some(position);
+            self.reading = Some((position, 1));
         } else {
             self.state = GuardState::Armed { target: self.starting_target(position) };
         }

@@ -261,10 +261,10 @@ fn check_beginning(
         .filter(|r| matches!(r.what.input.path.channel, ChannelView::Running { .. }))
         .count();
     prop_assert!(statuses > usize::from(limits.drain_images), "at {n}: not drained");
-    let before = between.iter().rev().find_map(fresh);
-    prop_assert!(before.is_some(), "at {n}: the first position seen");
+    let before: Vec<i32> = between.iter().rev().filter_map(fresh).take(2).collect();
+    prop_assert_eq!(before.len(), 2, "at {}: too few positions seen", n);
     if limits.kind == TargetKind::Position {
-        let moved = limits.range.distance(before.unwrap_or_default(), position);
+        let moved = limits.range.distance(before[0], position);
         prop_assert!(moved.unsigned_abs() <= u64::from(limits.standstill), "at {n}: in motion");
     }
     Ok(())
@@ -391,7 +391,7 @@ fn random_sequences_reach_the_relevant_states() {
     use proptest::test_runner::TestRunner;
     let mut runner = TestRunner::deterministic();
     let (mut firsts, mut targets, mut rejections, mut waits) = (0, 0, 0, 0);
-    for _ in 0..100 {
+    for _ in 0..250 {
         let limits = limits().new_tree(&mut runner).unwrap().current();
         let happenings =
             prop::collection::vec(happening(), 160).new_tree(&mut runner).unwrap().current();

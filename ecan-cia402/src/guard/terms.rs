@@ -35,7 +35,7 @@ pub struct GuardLimits {
     pub window: u32,
     /// Smallest and largest target. An axis that is outside may be led back inside.
     pub bounds: Option<(i32, i32)>,
-    /// Longest distance of two fresh actual positions of an axis at standstill, in steps.
+    /// Longest distance of the fresh actual positions of an axis at standstill, in steps.
     pub standstill: u32,
     /// Tolerated cycles in a row without a usable TPDO.
     pub tpdo_timeout: u16,
@@ -54,7 +54,7 @@ pub enum GuardState {
     /// Activation: old targets may still be on the path to the drive; the guard waits for their
     /// end.
     Draining,
-    /// Activation: the guard waits for two fresh actual positions that show the axis at rest.
+    /// Activation: the guard waits for fresh actual positions that show the axis at rest.
     Reading,
     /// A fresh actual position is known; the drive is not enabled yet, and every frame to it
     /// carries its latest actual position as target.

@@ -122,6 +122,7 @@ fn moving_axis_is_not_activated() {
         assert_eq!(cycle(&mut guard, &good(n * 6), None), Decision::Closed);
     }
     assert_eq!(guard.state(), GuardState::Reading);
+    assert_eq!(cycle(&mut guard, &good(49 * 6), None), Decision::Closed);
     assert_eq!(cycle(&mut guard, &good(49 * 6), None), Decision::First(49 * 6));
 }
 
@@ -134,6 +135,7 @@ fn axis_moved_by_hand_is_read_again() {
         cycle(&mut guard, &off(0), None);
     }
     assert_eq!(guard.state(), GuardState::Armed { target: 0 });
+    assert_eq!(cycle(&mut guard, &off(400), None), Decision::Closed);
     assert_eq!(cycle(&mut guard, &off(400), None), Decision::Closed);
     assert_eq!(cycle(&mut guard, &off(400), None), Decision::Track(400));
     assert_eq!(cycle(&mut guard, &good(400), None), Decision::First(400));
@@ -380,7 +382,7 @@ fn event_during_activation_restarts_it() {
     off.path.channel = ChannelView::BusOff;
     assert_eq!(cycle(&mut guard, &off, None), Decision::Closed);
     assert_eq!(guard.state(), GuardState::Draining);
-    for n in 0..4 {
+    for n in 0..5 {
         assert!(cycle(&mut guard, &good(0), None).target().is_none(), "cycle {n}");
     }
     assert_eq!(cycle(&mut guard, &good(0), None), Decision::First(0));

@@ -75,8 +75,8 @@ impl Cia402 {
         })
     }
 
-    /// Starts to establish the position of an axis: old targets drain, then two fresh TPDOs must
-    /// show it at rest. A node that is not Operational gets the NMT command to start.
+    /// Starts to establish the position of an axis: old targets drain, then fresh TPDOs must show
+    /// it at rest. A node that is not Operational gets the NMT command to start.
     ///
     /// # Errors
     /// A [`CommandError`].

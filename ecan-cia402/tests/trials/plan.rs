@@ -30,6 +30,8 @@ pub struct Plan {
     pub topology: Topology,
     /// The gateways have aliases.
     pub has_aliases: bool,
+    /// The gateways publish an image when the last one was read.
+    pub publishes_after_read: bool,
     /// Distributed clocks, and the phases of targets and SYNC, ns.
     pub clock: Option<(Option<u32>, Option<u32>)>,
     pub cycle_ns: u64,
@@ -207,11 +209,15 @@ impl Plan {
             }
         }
         events.sort_by_key(|event| event.at_ns);
+        // With the answers of four drives the count of waiting frames is saturated at each image.
+        let has_four_axes = axes.iter().any(|axis| axis.config.address.node.get() == 4);
+        let publishes_after_read = r.chance(25) && !has_four_axes;
         Self {
             seed,
             gateways,
             topology,
             has_aliases,
+            publishes_after_read,
             clock,
             cycle_ns,
             table,
@@ -479,11 +485,12 @@ impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "seed {}: {} gateways{}{}, clock {:?}, cycle {} ms, motion_div {}, SYNC every {} cycles, {}",
+            "seed {}: {} gateways{}{}{}, clock {:?}, cycle {} ms, motion_div {}, SYNC every {} cycles, {}",
             self.seed,
             self.gateways,
             if self.topology == Topology::Star { " in a star" } else { "" },
             if self.has_aliases { " with aliases" } else { "" },
+            if self.publishes_after_read { " that publish after a read" } else { "" },
             self.clock,
             self.cycle_ns / MS,
             self.table.motion_div,

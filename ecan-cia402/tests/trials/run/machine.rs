@@ -32,6 +32,9 @@ pub fn scenario(plan: &Plan) -> Scenario {
     let mut scenario = ecan_sim::drives(plan.gateways, 4);
     scenario.seed = plan.seed;
     scenario.topology = plan.topology;
+    for gateway in &mut scenario.gateways {
+        gateway.config.publishes_after_read = plan.publishes_after_read;
+    }
     if plan.has_aliases {
         for (n, gateway) in scenario.gateways.iter_mut().enumerate() {
             gateway.alias = alias(n);
