@@ -10,8 +10,9 @@ use crate::al_watch::AlWatch;
 use crate::port_config::GatewayConfig;
 use crate::receive::receiver::Receiver;
 use crate::schedule::config::ScheduleConfig;
-use crate::schedule::diagnostics::ScheduleDiagnostics as Diagnostics;
+use crate::schedule::fault::ScheduleFault;
 use crate::schedule::margin::ScheduleTimes;
+use crate::schedule::result_codes::ResultCodes;
 use crate::schedule::watch::{ScheduleWatch, WatchResult};
 use crate::session::machine::{Event, Session, SessionMachine};
 use crate::statistics::SlaveStatistics;
@@ -38,6 +39,8 @@ pub(crate) struct Gateway {
     /// first cycle; `None` if unknown.
     pulse_ns: Option<u64>,
     pub(crate) watch: ScheduleWatch,
+    /// Of the last reading of the flags.
+    pub(crate) schedule_fault: Option<ScheduleFault>,
     /// Cycle in which it became ready the last time; 0 if it never was.
     pub(crate) ready_since: u64,
 }
@@ -90,6 +93,7 @@ impl Gateway {
             schedule,
             schedule_times,
             pulse_ns: None,
+            schedule_fault: None,
             ready_since: 0,
             fd_mask,
             is_paced: config.paced,
@@ -140,7 +144,8 @@ impl Gateway {
             receiver.pass_over(adapter.tx_pdo(slave), report.inputs, may_publish, statistics);
             return;
         }
-        self.step_watch(adapter);
+        self.step_watch(adapter, slave);
+        self.transmitter.accounts_mut().image_taken(self.receiver.status());
         let Self { transmitter, receiver, statistics, channel_mask, .. } = self;
         if receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics) {
             for (channel, status) in receiver.status().iter().enumerate() {
@@ -215,23 +220,40 @@ impl Gateway {
         }
     }
 
-    fn step_watch(&mut self, adapter: &mut Adapter) {
-        let Self { watch, transmitter, .. } = self;
-        match watch.step(adapter, transmitter.accounts().is_used()) {
-            WatchResult::Nothing => {}
-            WatchResult::Due => transmitter.accounts_mut().ripen(),
-            WatchResult::Cleared => transmitter.accounts_mut().flags_lost(),
-            WatchResult::Looked(now, before) => {
-                // Transmit results report the other losses frame by frame.
-                let reported = if transmitter.has_results() {
-                    0
-                } else {
-                    Diagnostics::LATE_DROP | Diagnostics::QUEUE_FULL
-                };
-                let relevant = Diagnostics::TX_FAIL | Diagnostics::TIMER_MISS | reported;
-                transmitter.accounts_mut().looked(&now, before.as_ref(), relevant);
+    fn step_watch(&mut self, adapter: &mut Adapter, slave: usize) {
+        let Self { watch, transmitter, schedule_fault, .. } = self;
+        let has_results = transmitter.has_results();
+        let is_used = transmitter.accounts().is_used();
+        let accounts = transmitter.accounts_mut();
+        let fault = match watch.step(adapter, is_used) {
+            WatchResult::Nothing => return,
+            WatchResult::Due => return accounts.ripen(),
+            WatchResult::Begun => return accounts.reading_begins(),
+            WatchResult::Cleared => {
+                accounts.flags_lost();
+                None
             }
+            WatchResult::Looked(now, before) => {
+                accounts.looked(&now, before.as_ref(), has_results);
+                match accounts.codes() {
+                    ResultCodes::Contradicted => Some(ScheduleFault::CodesContradicted),
+                    ResultCodes::Unverified if accounts.is_uncertain() => {
+                        Some(ScheduleFault::CodesUnverified)
+                    }
+                    _ => None,
+                }
+            }
+            WatchResult::Unreadable(object) => {
+                accounts.unreadable();
+                Some(ScheduleFault::unreadable(object))
+            }
+        };
+        if let Some(fault) = fault
+            && *schedule_fault != Some(fault)
+        {
+            log_schedule_fault(slave, fault);
         }
+        *schedule_fault = fault;
     }
 
     /// Withdraws scheduled frames whose image would arrive after their pulse: they would leave a
@@ -257,6 +279,11 @@ impl Gateway {
 fn may_publish(adapter: &Adapter, slave: usize) -> bool {
     let state = adapter.slave_state(slave);
     state.is_ok_and(|state| state.online && state.al_state >= AlState::SafeOp.raw())
+}
+
+#[cold]
+fn log_schedule_fault(slave: usize, fault: ScheduleFault) {
+    tracing::warn!(slave, "slave {slave}: scheduled frames: {fault}");
 }
 
 #[cold]

@@ -54,6 +54,7 @@ pub use receive::report::{CycleReport, ImageReport};
 pub use schedule::account::ScheduleAccount;
 pub use schedule::config::{MarginCheck, ScheduleConfig};
 pub use schedule::diagnostics::{ChannelDrops, ScheduleDiagnostics};
+pub use schedule::fault::ScheduleFault;
 pub use schedule::margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin, THIN_MARGIN_NS};
 pub use session::machine::Session;
 pub use session::pending_step::PendingStep;

@@ -13,6 +13,7 @@ use crate::port_config::PortConfig;
 use crate::receive::report::CycleReport;
 use crate::schedule::account::ScheduleAccount;
 use crate::schedule::diagnostics::ScheduleDiagnostics;
+use crate::schedule::fault::ScheduleFault;
 use crate::schedule::margin::{NotSchedulable, ScheduleMargin};
 use crate::schedule::sync0_phase::Sync0Phase;
 use crate::session::machine::Session;
@@ -332,10 +333,17 @@ impl Port {
         self.find(gateway)?.watch.last().copied()
     }
 
+    /// Reason for which the account of this gateway counts accepted frames as unknown, by the last reading
+    /// of its flags; real-time safe. A change is also logged. `None` while the results are certain, and
+    /// before the first reading.
+    pub fn schedule_fault(&self, gateway: GatewayHandle) -> Option<ScheduleFault> {
+        self.find(gateway)?.schedule_fault
+    }
+
     /// Requests the gateway to clear the flags of 0xB000:06 and its other runtime diagnostics
     /// (manual 13.7, bit 5), in the next cycles; real-time safe. A set flag makes the result of
     /// every frame unknown that has no transmit result. Frames without a result when the flags are
-    /// cleared count as unknown.
+    /// cleared count as unknown. Codes of TX_RESULT that were contradicted are verified again.
     pub fn clear_schedule_flags(&mut self, gateway: GatewayHandle) {
         if let Some(gateway) = self.gateways.get_mut(gateway.slave()) {
             gateway.watch.want_clear();

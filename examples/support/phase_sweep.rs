@@ -95,7 +95,7 @@ impl Counts {
                 let account = port.schedule_account(channel);
                 asked += account.asked;
                 scheduled += account.scheduled;
-                *late += account.late_dropped;
+                *late += account.reported_late;
                 *other += account.queue_full + account.not_sent;
                 *host += account.rejected_late + account.withdrawn;
                 *accepted += account.accepted;

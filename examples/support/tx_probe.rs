@@ -242,6 +242,7 @@ fn difference(now: &ScheduleAccount, before: &ScheduleAccount) -> ScheduleAccoun
         without_margin: now.without_margin - before.without_margin,
         asked: now.asked - before.asked,
         accepted: now.accepted - before.accepted,
+        reported_late: now.reported_late - before.reported_late,
     }
 }
 

@@ -3,12 +3,14 @@
 //! A TX_RESULT reports for each frame whether the gateway accepted it. It does not report whether an
 //! accepted frame left at its phase: that holds only while no flag of 0xB000:06 is set, and the flags
 //! name neither frame nor channel. Accepted frames therefore wait for a reading of the flags that
-//! begins after their phase; if it shows a problem, they count as unknown.
+//! begins after their phase; if it shows a problem, they count as unknown. The readings also verify the
+//! codes of the results: until then, late frames wait for a reading as well.
 
-use ecan_protocol::image::ResultCode;
+use ecan_protocol::image::{ChannelStatus, ResultCode};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::schedule::diagnostics::ScheduleDiagnostics;
+use crate::schedule::result_codes::{CodeDecision, ResultCodeCheck, ResultCodes};
 
 /// Results of a channel's scheduled frames. Counters only grow, except `open`.
 ///
@@ -21,7 +23,8 @@ pub struct ScheduleAccount {
     /// Frames that the gateway accepted and, by its flags, passed to the CAN controller at their phase
     /// in the Sync0 period after the cycle; for images that come too late see [`SendOptions::schedule`](crate::SendOptions::schedule).
     pub sent: u64,
-    /// Frames that the gateway dropped because their phase had passed. Needs TX_RESULT.
+    /// Frames that the gateway dropped because their phase had passed. Needs TX_RESULT, whose codes a
+    /// reading has verified.
     pub late_dropped: u64,
     /// Frames that found the gateway's schedule full. Needs TX_RESULT.
     pub queue_full: u64,
@@ -32,9 +35,10 @@ pub struct ScheduleAccount {
     /// their phase.
     pub withdrawn: u64,
     /// Frames without a certain result: the image is unconfirmed or was sent again a period late, no
-    /// result arrived, the session was lost, or flags were set.
+    /// result arrived, the session was lost, flags were set, or there is a
+    /// [`ScheduleFault`](crate::ScheduleFault).
     pub unknown: u64,
-    /// Frames without a result so far.
+    /// Frames without a result so far, and those that wait for a reading of the flags.
     pub open: u64,
     /// Frames rejected because their cycle had begun too late for the phase; not part of
     /// `scheduled`.
@@ -44,8 +48,10 @@ pub struct ScheduleAccount {
     pub without_margin: u64,
     /// Frames that the application passed with a schedule, sent or rejected.
     pub asked: u64,
-    /// Frames that the gateway accepted, with any result.
+    /// Frames that the gateway accepted according to the code of their result.
     pub accepted: u64,
+    /// Frames that the gateway dropped as late according to the code of their result, verified or not.
+    pub reported_late: u64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,6 +70,11 @@ struct ChannelAccount {
     /// begins when the former have met their phase.
     ripe: u64,
     young: u64,
+    /// Frames reported as late that wait for the reading that has begun, and those for the next.
+    late_ripe: u64,
+    late_young: u64,
+    /// Frames that the last image reported as accepted and as late.
+    in_image: (u8, u8),
 }
 
 impl ChannelAccount {
@@ -76,12 +87,37 @@ impl ChannelAccount {
         let frames = std::mem::take(&mut self.young) + std::mem::take(&mut self.ripe);
         self.close(frames, |account| &mut account.unknown);
     }
+
+    /// The decision on frames that were reported as late.
+    fn decide_late(&mut self, decision: CodeDecision) {
+        match decision {
+            CodeDecision::Verified => {
+                let late =
+                    std::mem::take(&mut self.late_ripe) + std::mem::take(&mut self.late_young);
+                self.close(late, |account| &mut account.late_dropped);
+            }
+            CodeDecision::Uncertain | CodeDecision::NoneLate => {
+                let late = std::mem::take(&mut self.late_ripe);
+                self.close(late, |account| &mut account.unknown);
+            }
+            CodeDecision::Wait => {}
+        }
+    }
+
+    fn close_waiting_as_unknown(&mut self) {
+        self.close_accepted_as_unknown();
+        let late = std::mem::take(&mut self.late_young) + std::mem::take(&mut self.late_ripe);
+        self.close(late, |account| &mut account.unknown);
+    }
 }
 
 /// The accounts of one gateway.
 #[derive(Debug, Default)]
 pub(crate) struct ScheduleAccounts {
     channels: [ChannelAccount; CHANNELS],
+    codes: ResultCodeCheck,
+    /// The last reading left results unknown whose codes were not verified.
+    is_uncertain: bool,
     /// A frame was scheduled in this session.
     is_used: bool,
 }
@@ -116,7 +152,23 @@ impl ScheduleAccounts {
         self.channel(channel).account.rejected_late += 1;
     }
 
+    pub(crate) fn codes(&self) -> ResultCodes {
+        self.codes.state()
+    }
+
+    /// The last reading found late drops before the codes were verified.
+    pub(crate) fn is_uncertain(&self) -> bool {
+        self.is_uncertain
+    }
+
     pub(crate) fn ended(&mut self, channel: u8, state: ScheduledFrameState) {
+        match state {
+            ScheduledFrameState::Result(ResultCode::Queued) => self.codes.accepted(),
+            ScheduledFrameState::Result(ResultCode::BusBusy) => self.codes.late(),
+            ScheduledFrameState::Unknown => self.codes.missing(),
+            _ => {}
+        }
+        let codes = self.codes.state();
         let channel = self.channel(channel);
         let is_taken = matches!(
             state,
@@ -124,16 +176,28 @@ impl ScheduleAccounts {
                 | ScheduledFrameState::Result(ResultCode::Ok | ResultCode::Queued)
         );
         channel.account.accepted += u64::from(is_taken);
+        let is_late = state == ScheduledFrameState::Result(ResultCode::BusBusy);
+        channel.account.reported_late += u64::from(is_late);
+        let is_queued = state == ScheduledFrameState::Result(ResultCode::Queued);
+        let (accepted, late) = &mut channel.in_image;
+        *accepted = accepted.saturating_add(u8::from(is_queued));
+        *late = late.saturating_add(u8::from(is_late));
         match state {
+            ScheduledFrameState::Result(ResultCode::Queued | ResultCode::BusBusy)
+                if codes == ResultCodes::Contradicted =>
+            {
+                channel.close(1, |account| &mut account.unknown)
+            }
             ScheduledFrameState::Taken | ScheduledFrameState::Result(ResultCode::Queued) => {
                 channel.young += 1
             }
             ScheduledFrameState::Result(ResultCode::Ok) => {
                 channel.close(1, |account| &mut account.sent)
             }
-            ScheduledFrameState::Result(ResultCode::BusBusy) => {
+            ScheduledFrameState::Result(ResultCode::BusBusy) if codes == ResultCodes::Verified => {
                 channel.close(1, |account| &mut account.late_dropped);
             }
+            ScheduledFrameState::Result(ResultCode::BusBusy) => channel.late_young += 1,
             ScheduledFrameState::Result(ResultCode::TxFifoFull) => {
                 channel.close(1, |account| &mut account.queue_full);
             }
@@ -150,15 +214,41 @@ impl ScheduleAccounts {
         }
     }
 
-    /// The gateway's diagnostics were read. `relevant` are the flags that may concern frames without a
-    /// result.
+    /// All results of an image were taken; `status` is that of the same image.
+    pub(crate) fn image_taken(&mut self, status: &[ChannelStatus; CHANNELS]) {
+        for (channel, status) in self.channels.iter_mut().zip(status) {
+            let (accepted, late) = std::mem::take(&mut channel.in_image);
+            self.codes.image(accepted, late, status.tx_pending());
+        }
+    }
+
+    /// The flags are about to be read.
+    pub(crate) fn reading_begins(&mut self) {
+        self.codes.reading_begins();
+        for channel in &mut self.channels {
+            channel.late_ripe += std::mem::take(&mut channel.late_young);
+        }
+    }
+
+    /// The gateway's diagnostics were read. With `has_results`, results report late frames and those
+    /// that found the schedule full.
     pub(crate) fn looked(
         &mut self,
         now: &ScheduleDiagnostics,
         before: Option<&ScheduleDiagnostics>,
-        relevant: u16,
+        has_results: bool,
     ) {
+        use ScheduleDiagnostics as Flags;
+        let of_results = Flags::LATE_DROP | Flags::QUEUE_FULL;
+        let relevant =
+            Flags::TX_FAIL | Flags::TIMER_MISS | if has_results { 0 } else { of_results };
         let has_problem = now.flags & relevant != 0;
+        let is_late_flagged = now.flags & Flags::LATE_DROP != 0;
+        let decision = match has_results {
+            true => self.codes.read(is_late_flagged),
+            false => CodeDecision::Verified,
+        };
+        self.is_uncertain = is_late_flagged && decision == CodeDecision::Uncertain;
         for (number, channel) in self.channels.iter_mut().enumerate() {
             let drops = |seen: &ScheduleDiagnostics| {
                 seen.channels.get(number).map(|c| (c.bus_offs, c.stale_drops))
@@ -168,20 +258,38 @@ impl ScheduleAccounts {
                 // The phase of later frames may have been to come when it moved.
                 channel.close_accepted_as_unknown();
             }
+            channel.decide_late(decision);
+            if decision == CodeDecision::Wait {
+                continue;
+            }
             let ripe = std::mem::take(&mut channel.ripe);
-            if has_problem {
+            if has_problem || decision == CodeDecision::Uncertain {
                 channel.close(ripe, |account| &mut account.unknown);
             } else {
                 channel.close(ripe, |account| &mut account.sent);
             }
         }
+        if self.codes.state() == ResultCodes::Contradicted {
+            self.close_waiting_as_unknown();
+        }
+    }
+
+    fn close_waiting_as_unknown(&mut self) {
+        for channel in &mut self.channels {
+            channel.close_waiting_as_unknown();
+        }
+    }
+
+    /// The flags cannot be read: frames that waited for a reading stay unknown.
+    pub(crate) fn unreadable(&mut self) {
+        self.close_waiting_as_unknown();
     }
 
     /// The flags were cleared, or the gateway lost them.
     pub(crate) fn flags_lost(&mut self) {
-        for channel in &mut self.channels {
-            channel.close_accepted_as_unknown();
-        }
+        self.close_waiting_as_unknown();
+        self.codes.flags_cleared();
+        self.is_uncertain = false;
     }
 
     pub(crate) fn reset(&mut self) {
@@ -206,10 +314,10 @@ mod tests {
     #[test]
     fn reading_after_their_phase_counts_frames_as_sent() {
         let (mut accounts, clean) = (taken(3), ScheduleDiagnostics::default());
-        accounts.looked(&clean, None, 0x3C0);
+        accounts.looked(&clean, None, false);
         assert_eq!(accounts.account(1).open, 3, "its phase may still have been to come");
         accounts.ripen();
-        accounts.looked(&clean, Some(&clean), 0x3C0);
+        accounts.looked(&clean, Some(&clean), false);
         let account = accounts.account(1);
         assert_eq!((account.scheduled, account.sent, account.open), (3, 3, 0));
     }
@@ -220,21 +328,77 @@ mod tests {
         let flagged = ScheduleDiagnostics { flags: 1 << 8, ..clean };
         let mut accounts = taken(2);
         accounts.ripen();
-        accounts.looked(&flagged, Some(&clean), 0x3C0);
+        accounts.looked(&flagged, Some(&clean), false);
         assert_eq!((accounts.account(1).unknown, accounts.account(1).open), (2, 0));
 
         let mut bus_off = clean;
         bus_off.channels[1].bus_offs = 1;
         let mut accounts = taken(2);
-        accounts.looked(&bus_off, Some(&clean), 0x3C0);
+        accounts.looked(&bus_off, Some(&clean), false);
         let unknown = accounts.account(1).unknown;
         assert_eq!(unknown, 2, "the next reading does not show it any more");
+    }
 
-        let mut accounts = taken(2);
+    /// A reading of the flags with results.
+    fn read(accounts: &mut ScheduleAccounts, flags: u16) {
         accounts.ripen();
-        let late = ScheduleDiagnostics { flags: 1 << 6, ..clean };
-        accounts.looked(&late, Some(&clean), 0x300);
-        assert_eq!(accounts.account(1).sent, 2, "results tell of late frames, one by one");
+        accounts.reading_begins();
+        let read = ScheduleDiagnostics { flags, ..ScheduleDiagnostics::default() };
+        accounts.looked(&read, Some(&read), true);
+    }
+
+    fn late(accounts: &mut ScheduleAccounts, frames: u64) {
+        for _ in 0..frames {
+            accounts.scheduled(1, true);
+            accounts.ended(1, ScheduledFrameState::Result(ResultCode::BusBusy));
+        }
+    }
+
+    #[test]
+    fn late_frames_wait_for_the_reading_that_verifies_the_codes() {
+        let mut accounts = taken(3);
+        read(&mut accounts, 0);
+        late(&mut accounts, 2);
+        assert_eq!((accounts.account(1).open, accounts.account(1).late_dropped), (2, 0));
+        read(&mut accounts, ScheduleDiagnostics::LATE_DROP);
+        late(&mut accounts, 1);
+        let account = accounts.account(1);
+        assert_eq!((account.sent, account.late_dropped, account.open), (3, 3, 0));
+        assert_eq!(accounts.codes(), ResultCodes::Verified);
+    }
+
+    #[test]
+    fn contradicted_codes_leave_frames_unknown() {
+        let mut swapped = ScheduleAccounts::default();
+        for _ in 0..2 {
+            late(&mut swapped, 2);
+            read(&mut swapped, 0);
+        }
+        late(&mut swapped, 1);
+        let account = swapped.account(1);
+        assert_eq!((account.unknown, account.late_dropped, account.open), (5, 0, 0));
+        assert_eq!(swapped.codes(), ResultCodes::Contradicted);
+
+        let mut both_queued = taken(2);
+        read(&mut both_queued, 0);
+        both_queued.scheduled(1, true);
+        both_queued.ended(1, ScheduledFrameState::Result(ResultCode::Queued));
+        read(&mut both_queued, ScheduleDiagnostics::LATE_DROP);
+        assert_eq!(both_queued.account(1).open, 1, "the result of the late one may come");
+        read(&mut both_queued, ScheduleDiagnostics::LATE_DROP);
+        let account = both_queued.account(1);
+        assert_eq!((account.sent, account.unknown, account.open), (2, 1, 0));
+        both_queued.flags_lost();
+        assert_eq!(both_queued.codes(), ResultCodes::Unverified, "another chance");
+    }
+
+    #[test]
+    fn unreadable_flags_leave_frames_unknown() {
+        let mut accounts = taken(2);
+        late(&mut accounts, 1);
+        accounts.ripen();
+        accounts.unreadable();
+        assert_eq!((accounts.account(1).unknown, accounts.account(1).open), (3, 0));
     }
 
     #[test]

@@ -29,7 +29,7 @@ pub struct ScheduleConfig {
     /// Treatment of a frame without margin.
     pub margin_check: MarginCheck,
     /// Interval in milliseconds at which the gateway's diagnostics are read after the first
-    /// scheduled frame; 0 never reads them. A reading takes 2 SDO transfers and 2 for each channel,
+    /// scheduled frame; 0 never reads them, and accepted and late frames stay open. A reading takes 2 SDO transfers and 2 for each channel,
     /// in parallel with the cycle, and begins two Sync0 periods and a cycle after the frames that it
     /// decides. The next one waits at least as long as a reading takes.
     pub watch_ms: u32,

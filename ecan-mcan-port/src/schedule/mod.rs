@@ -3,6 +3,8 @@
 pub(crate) mod account;
 pub(crate) mod config;
 pub(crate) mod diagnostics;
+pub(crate) mod fault;
 pub(crate) mod margin;
+pub(crate) mod result_codes;
 pub(crate) mod sync0_phase;
 pub(crate) mod watch;

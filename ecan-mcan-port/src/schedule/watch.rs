@@ -9,14 +9,21 @@ use crate::schedule::diagnostics::{Object, ScheduleDiagnostics, decisive_objects
 const MAINTENANCE_COMMAND: Object = (0xB000, 4);
 const CLEAR_DIAGNOSTICS: u8 = 1 << 5;
 const NS_PER_MS: u64 = 1_000_000;
+/// Failed readings in a row after which an object counts as unreadable: a single transfer also fails if it meets
+/// another one in the mailbox.
+const FAILURES_MAX: u8 = 3;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum WatchResult {
     Nothing,
     /// A reading follows when the frames that are accepted by now have met their phase.
     Due,
+    /// The reading begins.
+    Begun,
     /// A reading of what decides on these frames, and the one before.
     Looked(ScheduleDiagnostics, Option<ScheduleDiagnostics>),
+    /// Several readings in a row failed at this object, which decides on frames.
+    Unreadable(Object),
     /// The flags were cleared, or may have been.
     Cleared,
 }
@@ -58,6 +65,11 @@ pub(crate) struct ScheduleWatch {
     is_clear_wanted: bool,
     is_clearing: bool,
     next_at_ns: u64,
+    /// Readings in a row that failed at a decisive object, and at one of the others.
+    failures: u8,
+    other_failures: u8,
+    /// Others read since one of them was skipped.
+    others_known: usize,
     seen: ScheduleDiagnostics,
     last: Option<ScheduleDiagnostics>,
 }
@@ -99,13 +111,16 @@ impl ScheduleWatch {
             is_clear_wanted: false,
             is_clearing: false,
             next_at_ns: 0,
+            failures: 0,
+            other_failures: 0,
+            others_known: 0,
             seen: ScheduleDiagnostics::default(),
             last: None,
         })
     }
 
     pub(crate) fn last(&self) -> Option<&ScheduleDiagnostics> {
-        self.last.as_ref().filter(|_| self.has_all())
+        self.last.as_ref().filter(|_| self.others_known >= self.others.len())
     }
 
     /// Request and object of a transfer of a reading.
@@ -131,6 +146,8 @@ impl ScheduleWatch {
         self.next_at_ns = 0;
         self.seen = ScheduleDiagnostics::default();
         self.others_read = 0;
+        self.others_known = 0;
+        (self.failures, self.other_failures) = (0, 0);
         self.last = None;
     }
 
@@ -161,7 +178,10 @@ impl ScheduleWatch {
             }
             Activity::Settling(until_ns) if now_ns >= until_ns => {
                 let reading = Reading { since_ns: now_ns, begun: 0, ended: 0 };
-                return self.read(adapter, reading, now_ns);
+                return match self.read(adapter, reading, now_ns) {
+                    WatchResult::Nothing => WatchResult::Begun,
+                    result => result,
+                };
             }
             Activity::Reading(reading) => return self.read(adapter, reading, now_ns),
             _ => {}
@@ -186,10 +206,7 @@ impl ScheduleWatch {
         match adapter.sdo_request_state(request) {
             Ok(RequestState::Success) => {}
             Ok(RequestState::Busy) => return WatchResult::Nothing,
-            _ => {
-                self.end_reading(reading, now_ns);
-                return WatchResult::Nothing;
-            }
+            _ => return self.failed(reading, object, now_ns),
         }
         let mut value = [0; 4];
         for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request)) {
@@ -200,13 +217,33 @@ impl ScheduleWatch {
         self.activity = Activity::Reading(reading);
         if reading.ended == self.decisive.len() {
             self.seen.read_at_ns = now_ns;
+            self.failures = 0;
             return WatchResult::Looked(self.seen, self.last.replace(self.seen));
         }
         if reading.ended == self.requests.len() {
             self.others_read += 1;
+            self.others_known += 1;
+            self.other_failures = 0;
             self.end_reading(reading, now_ns);
         }
         WatchResult::Nothing
+    }
+
+    /// A transfer failed. One of the other objects that fails again and again is skipped.
+    fn failed(&mut self, reading: Reading, object: Object, now_ns: u64) -> WatchResult {
+        let is_decisive = reading.ended < self.decisive.len();
+        let failures = if is_decisive { &mut self.failures } else { &mut self.other_failures };
+        *failures = failures.saturating_add(1);
+        let is_final = *failures >= FAILURES_MAX;
+        if is_final && !is_decisive {
+            self.others_read += 1;
+            (self.others_known, self.other_failures) = (0, 0);
+        }
+        self.end_reading(reading, now_ns);
+        match is_final && is_decisive {
+            true => WatchResult::Unreadable(object),
+            false => WatchResult::Nothing,
+        }
     }
 
     /// The next reading waits at least as long as this one took: while requests are queued, the master
