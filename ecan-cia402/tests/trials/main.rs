@@ -10,7 +10,8 @@
 //! Unlike `axis_properties`, which compares targets with their limits, these trials include the
 //! application: skipped calls, a second table on the same Port, a restarted process, commands at any
 //! time in any mode. The monitors (`monitor`) read the traces of the drives; `run` documents when a frame
-//! could reach a drive. `TRIALS_THREADS` is the number of threads; `TRIALS_LOG=2` adds every
+//! could reach a drive. Some gateways differ from the assumptions (`variants`); `TRIALS_VARIANT=KEY=VALUE` gives all
+//! of them one alternative of `ecan-sim variants`. `TRIALS_THREADS` is the number of threads; `TRIALS_LOG=2` adds every
 //! target and controller period to the log.
 #![allow(missing_docs)]
 
@@ -21,6 +22,7 @@ mod random;
 mod report;
 mod run;
 mod sdk;
+mod variants;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;

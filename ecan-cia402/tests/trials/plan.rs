@@ -7,11 +7,13 @@ use ecan_canopen::{
     HostHeartbeat, NodeAddress, NodeId, OperatingMode, QuickStopOption, SyncConfig,
 };
 use ecan_cia402::{AxisConfig, Cia402Config, HomingConfig, Takeover};
+use ecan_sim::variant::Choice;
 use ecan_sim::{
     DriveConfig, DriveFault, Fault, GatewayFault, LibraryCall, LossDirection, Topology,
 };
 
 use crate::random::Random;
+use crate::variants;
 
 pub const MS: u64 = 1_000_000;
 
@@ -30,8 +32,8 @@ pub struct Plan {
     pub topology: Topology,
     /// The gateways have aliases.
     pub has_aliases: bool,
-    /// The gateways publish an image when the last one was read.
-    pub publishes_after_read: bool,
+    /// What the gateways do differently.
+    pub variants: Vec<Choice>,
     /// Distributed clocks, and the phases of targets and SYNC, ns.
     pub clock: Option<(Option<u32>, Option<u32>)>,
     pub cycle_ns: u64,
@@ -209,15 +211,13 @@ impl Plan {
             }
         }
         events.sort_by_key(|event| event.at_ns);
-        // With the answers of four drives the count of waiting frames is saturated at each image.
-        let has_four_axes = axes.iter().any(|axis| axis.config.address.node.get() == 4);
-        let publishes_after_read = r.chance(25) && !has_four_axes;
+        let variants = variants::draw(r, &axes, clock.is_some());
         Self {
             seed,
             gateways,
             topology,
             has_aliases,
-            publishes_after_read,
+            variants,
             clock,
             cycle_ns,
             table,
@@ -485,18 +485,20 @@ impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "seed {}: {} gateways{}{}{}, clock {:?}, cycle {} ms, motion_div {}, SYNC every {} cycles, {}",
+            "seed {}: {} gateways{}{}, clock {:?}, cycle {} ms, motion_div {}, SYNC every {} cycles, {}",
             self.seed,
             self.gateways,
             if self.topology == Topology::Star { " in a star" } else { "" },
             if self.has_aliases { " with aliases" } else { "" },
-            if self.publishes_after_read { " that publish after a read" } else { "" },
             self.clock,
             self.cycle_ns / MS,
             self.table.motion_div,
             self.table.sync.every_cycles,
             if self.table.network.host_heartbeat.is_some() { "heartbeat" } else { "no heartbeat" },
         )?;
+        for (variant, alternative) in &self.variants {
+            writeln!(f, "gateways: {} = {}", variant.key, alternative.value)?;
+        }
         let app = &self.app;
         writeln!(
             f,

@@ -15,6 +15,7 @@ use crate::plan::{Action, End, MS, Plan, Style};
 use crate::random::Random;
 use crate::report::{Finding, Kind, Outcome};
 use crate::sdk::Class;
+use crate::variants;
 
 mod application;
 mod disturbance;
@@ -62,8 +63,12 @@ impl Trial {
     pub fn run(plan: Plan, level: Level) -> (Outcome, String) {
         let seed = plan.seed;
         let header = plan.to_string();
+        let variants = plan.variants.clone();
         let mut trial = match Self::start(plan, level) {
             Ok(trial) => trial,
+            Err(text) if variants::explains(&variants, &text) => {
+                return (Outcome { seed, ..Outcome::default() }, header);
+            }
             Err(text) => {
                 let finding = Finding { kind: Kind::NoStart, axis: 0, at_ns: 0, text };
                 return (Outcome { seed, findings: vec![finding], ..Outcome::default() }, header);

@@ -7,6 +7,7 @@ use ecan_mcan_port::{ChannelConfig, Config, GatewayConfig, PortConfig};
 use ecan_sim::{DriveSpec, NodeKind, Scenario};
 
 use crate::plan::Plan;
+use crate::variants;
 
 fn alias(slave: usize) -> u16 {
     100 + slave as u16
@@ -32,8 +33,9 @@ pub fn scenario(plan: &Plan) -> Scenario {
     let mut scenario = ecan_sim::drives(plan.gateways, 4);
     scenario.seed = plan.seed;
     scenario.topology = plan.topology;
-    for gateway in &mut scenario.gateways {
-        gateway.config.publishes_after_read = plan.publishes_after_read;
+    let configs = variants::gateway_configs(&plan.variants, plan.gateways);
+    for (gateway, config) in scenario.gateways.iter_mut().zip(configs) {
+        gateway.config = config;
     }
     if plan.has_aliases {
         for (n, gateway) in scenario.gateways.iter_mut().enumerate() {

@@ -75,13 +75,24 @@ pub struct Variant {
 impl Variant {
     /// The lines of a scenario file that select an alternative in the last gateway.
     #[must_use]
-    pub fn toml(&self, alternative: &Alternative) -> String {
-        let line = format!("{} = {}\n", self.key, alternative.value);
-        match self.table {
-            VariantTable::Gateway => line,
-            VariantTable::Variant => format!("[gateway.variant]\n{line}"),
-        }
+    pub fn toml(&'static self, alternative: &'static Alternative) -> String {
+        toml(&[(self, alternative)])
     }
+}
+
+/// A switch and one of its alternatives.
+pub type Choice = (&'static Variant, &'static Alternative);
+
+/// The lines of a scenario file that select alternatives in the last gateway, after its other keys.
+#[must_use]
+pub fn toml(choices: &[Choice]) -> String {
+    let lines = |table: VariantTable| -> String {
+        let of_table = choices.iter().filter(|(variant, _)| variant.table == table);
+        of_table.map(|(variant, to)| format!("{} = {}\n", variant.key, to.value)).collect()
+    };
+    let switches = lines(VariantTable::Variant);
+    let header = if switches.is_empty() { "" } else { "[gateway.variant]\n" };
+    format!("{}{header}{switches}", lines(VariantTable::Gateway))
 }
 
 /// Every switch: those of `[gateway.variant]`, then those of `[[gateway]]`.

@@ -1,0 +1,67 @@
+//! Gateways that differ from the assumptions of docs/ASSUMPTIONS.md.
+
+use std::path::Path;
+
+use ecan_sim::variant::{Choice, toml, variants};
+use ecan_sim::{GatewayModelConfig, Scenario};
+
+use crate::plan::AxisPlan;
+use crate::random::Random;
+
+/// Share of the trials with such gateways, percent.
+const SHARE: u32 = 30;
+
+/// The alternative of `TRIALS_VARIANT` (`KEY=VALUE`), else up to three in a share of the trials.
+pub fn draw(random: &mut Random, axes: &[AxisPlan], is_scheduled: bool) -> Vec<Choice> {
+    let mut choices = Vec::new();
+    if let Ok(name) = std::env::var("TRIALS_VARIANT") {
+        choices.push(find(&name).unwrap_or_else(|| panic!("TRIALS_VARIANT={name} is no variant")));
+    } else if random.chance(SHARE) {
+        let variants: Vec<_> = variants().collect();
+        for _ in 0..=random.below(3) {
+            let variant = random.pick(&variants);
+            let others = &variant.alternatives[1..];
+            let choice = (variant, &others[random.below(others.len())]);
+            choices.retain(|(known, _): &Choice| known.key != variant.key);
+            choices.push(choice);
+        }
+    }
+    choices.retain(|choice| supports(axes, is_scheduled, choice));
+    choices
+}
+
+fn find(name: &str) -> Option<Choice> {
+    let (key, value) = name.split_once('=')?;
+    let variant = variants().find(|variant| variant.key == key)?;
+    Some((variant, variant.alternatives.iter().find(|alternative| alternative.value == value)?))
+}
+
+/// Whether the SDK supports this machine with such gateways (docs/ASSUMPTIONS.md).
+fn supports(axes: &[AxisPlan], is_scheduled: bool, (variant, alternative): &Choice) -> bool {
+    match (variant.key, alternative.value) {
+        // The answers of four drives saturate the count of waiting frames.
+        ("publishes_after_read", "true") => {
+            axes.iter().all(|axis| axis.config.address.node.get() < 4)
+        }
+        // The frames of a cycle are served up to 1 ms after their phase.
+        ("service_period_us", "1000") => !is_scheduled,
+        // The start ends with an error that names an object, not yet the assumption.
+        ("missing_entries" | "assignment_rewritten", _) | ("mailbox_delay_us", "50000") => false,
+        _ => true,
+    }
+}
+
+/// The configurations of such gateways.
+pub fn gateway_configs(choices: &[Choice], count: usize) -> Vec<GatewayModelConfig> {
+    let text = format!("[[gateway]]\n{}", toml(choices)).repeat(count);
+    let scenario = Scenario::from_toml(&text, "variants", Path::new("."));
+    let scenario = scenario.unwrap_or_else(|error| panic!("{text}{error}"));
+    scenario.gateways.into_iter().map(|gateway| gateway.config).collect()
+}
+
+/// Whether an error names an assumption that such a gateway does not meet.
+pub fn explains(choices: &[Choice], error: &str) -> bool {
+    let mut words = error.split(|c: char| !c.is_ascii_alphanumeric());
+    let rows = |row: &str| choices.iter().any(|(variant, _)| variant.assumptions.contains(&row));
+    words.any(rows)
+}
