@@ -126,7 +126,8 @@ impl Controller {
             return 0;
         };
         let bit = |on: bool, mask: u32| if on { mask } else { 0 };
-        bit(station.mode == StationMode::Listen, cccr::MON)
+        let monitors = matches!(station.mode, StationMode::Listen | StationMode::InternalLoopback);
+        bit(monitors, cccr::MON)
             | bit(!station.auto_retransmit, cccr::DAR)
             | bit(is_loopback(station.mode), cccr::TEST)
             | bit(station.fd, cccr::FDOE | cccr::BRSE)
