@@ -67,6 +67,7 @@ fn main() -> ExitCode {
         Command::Replay(arguments) => commands::replay::run(arguments, &context),
         Command::Monitor(arguments) => commands::monitor::run(arguments, &context),
         Command::Bridge(arguments) => commands::bridge::run(arguments, &context),
+        Command::Probe(arguments) => commands::probe::run(arguments, &context),
         Command::Selftest(arguments) => commands::selftest::run(arguments, &context),
         Command::Completions { shell } => {
             let mut script = Vec::new();

@@ -12,9 +12,11 @@ pub mod man;
 pub mod monitor;
 pub mod pins;
 pub mod plan;
+pub mod probe;
 pub mod reboot;
 pub mod reg;
 pub mod replay;
+mod saved_config;
 pub mod scan;
 pub mod sdo;
 pub mod selftest;
@@ -71,6 +73,9 @@ pub enum Command {
     /// Connect other programs to a channel: slcan, socketcand or SocketCAN
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),
+    /// Decide by experiments what the manual leaves open about a gateway
+    #[command(after_help = probe::EXAMPLES)]
+    Probe(probe::ProbeArguments),
     /// Test gateways in production: identity, channels by loopback and wiring
     #[command(after_help = selftest::EXAMPLES)]
     Selftest(selftest::SelftestArguments),

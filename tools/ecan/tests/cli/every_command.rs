@@ -19,6 +19,7 @@ fn commands_of_one(files: &Scenario) -> Vec<Vec<String>> {
         "reg read ECR --channel 0",
         "filter list --channel 0",
         "pins",
+        "probe",
         "reboot",
         "dump",
         "send 123#00",

@@ -72,6 +72,19 @@ pub fn run(arguments: &DiagArguments, context: &Context) -> Result {
     explained
 }
 
+/// Writes a bundle, as `--record` does.
+pub fn record(bus: &Bus, slave: usize, path: &std::path::Path, context: &Context) -> Result {
+    let arguments = DiagArguments {
+        record: Some(path.to_owned()),
+        from: None,
+        clear: false,
+        all: AllArgument { all: false },
+        brief: false,
+        ethercat: None,
+    };
+    read::bundle(bus, slave, &arguments, context)?.save(path)
+}
+
 /// Clears every gateway; returns the first error.
 fn clear_all(bus: &Bus, slaves: &[usize], names_slave: bool) -> Result {
     let mut failed = None;

@@ -6,6 +6,7 @@ use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::CHANNELS;
 
+use crate::commands::saved_config::wait_present;
 use crate::context::{Bus, Failure, Result};
 use crate::frames::{WATCHDOG, failure};
 
@@ -13,7 +14,6 @@ use super::channel_setup::ChannelSetup;
 use super::check_counts::check_counts;
 use super::exchange::{ChannelCounters, ChannelState, exchange};
 use super::report::{Check, Figures, Report};
-use super::saved::wait_present;
 use super::start_failure::{StartFailure, start_failures};
 use super::steps::{TestPlan, TestStep};
 use super::test_bus::TestBus;

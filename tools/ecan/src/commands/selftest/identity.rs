@@ -2,11 +2,11 @@
 
 use ecan_protocol::device::Recognition;
 
+use crate::commands::saved_config::wait_present;
 use crate::context::{Bus, Result};
 use crate::firmware_version::FirmwareVersion;
 
 use super::report::Report;
-use super::saved::wait_present;
 
 /// Checks a slave; returns whether further tests make sense.
 pub(super) fn check(

@@ -1,6 +1,5 @@
 //! `ecan selftest`: production test of gateways.
 
-mod active_config;
 mod channel_setup;
 mod check_counts;
 mod exchange;
@@ -9,13 +8,12 @@ mod group;
 mod identity;
 mod rates;
 mod report;
-mod saved;
 mod start_failure;
 mod steps;
 mod test_bus;
 #[cfg(test)]
 mod tests;
-mod wiring;
+pub(super) mod wiring;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::IsTerminal;
@@ -27,6 +25,7 @@ use ecan_command_line::real_time::RealTimeArguments;
 use ecan_sim::ClockKind;
 use serde::Serialize;
 
+use crate::commands::saved_config::{Changes, Saved};
 use crate::config_file;
 use crate::context::{Bus, Context, Failure, Output, Result, note};
 use crate::frames::Channels;
@@ -35,7 +34,7 @@ use crate::progress::Progress;
 use group::{GroupEnd, GroupTest, Member};
 use rates::Rate;
 use report::Report;
-use saved::{Changes, Saved};
+
 use steps::TestPlan;
 use wiring::Wiring;
 

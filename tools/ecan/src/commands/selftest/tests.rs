@@ -6,6 +6,7 @@ use ecan_sim::{ClockKind, SimOptions};
 use super::report::Check;
 use super::*;
 use crate::commands::filter::{ChannelFilters, FilterKind};
+use crate::commands::saved_config::wait_present;
 
 #[derive(Parser)]
 struct Line {
@@ -123,7 +124,7 @@ fn gateway_is_restarted_only_if_needed() {
         let mut gateways = read(&bus, &[0], plan.arguments());
         test(&bus, plan, &Interrupt::default(), &mut gateways).unwrap();
     });
-    saved::wait_present(&bus, 0).unwrap();
+    wait_present(&bus, 0).unwrap();
     let before = everything(&bus);
     let report = tested(&bus);
     assert_eq!(configuration_check(&report).detail, "as before the test");

@@ -4,10 +4,10 @@ use ecan_protocol::mapping::CHANNELS;
 
 /// Pairs of channels, for example `0-1,2-3`; each channel at most once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Wiring(Vec<(u8, u8)>);
+pub struct Wiring(Vec<(u8, u8)>);
 
 impl Wiring {
-    pub(super) fn pairs(&self) -> &[(u8, u8)] {
+    pub fn pairs(&self) -> &[(u8, u8)] {
         &self.0
     }
 }

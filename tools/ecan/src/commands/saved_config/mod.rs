@@ -1,4 +1,6 @@
-//! Saves and restores the configuration of a gateway.
+//! Saves and restores the configuration of a gateway, for commands that change it for a test.
+
+mod active_config;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,8 +13,7 @@ use ecan_protocol::object::{Access, SdoWrite, objects};
 use crate::commands::filter::{ChannelFilters, FilterKind, RawFilter};
 use crate::commands::reboot;
 use crate::context::{Bus, Failure, Result};
-
-use super::active_config::ActiveConfig;
+use active_config::ActiveConfig;
 
 const POLL_NS: u64 = 50_000_000;
 /// Interval of attempts with SDO transfers. The library prints a line for each that fails.

@@ -1,0 +1,204 @@
+//! `ecan probe`: experiments that decide the assumptions about a gateway.
+
+mod text;
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::Args;
+use ecan_command_line::interrupt::Interrupt;
+use ecan_probe::{DeviceProfile, Experiment, Finding, Probe, ProbeOptions, Stage, Verdict};
+use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::CHANNELS;
+use serde::Serialize;
+
+use crate::commands::diag;
+use crate::commands::saved_config::{Changes, Saved};
+use crate::commands::selftest::wiring::Wiring;
+use crate::context::{Bus, Context, Failure, Output, Result, note};
+use crate::progress::Progress;
+
+use text::print;
+
+pub const EXAMPLES: &str = "\
+Examples:
+  ecan probe                                  every stage but the last
+  ecan probe --wired 0-1                      and frames between two wired channels
+  ecan probe --read-only                      objects only, also while an application runs
+  ecan probe --bundle probe-4711              write report, text and support bundle to a directory
+  ecan probe --write-profile gateway.toml     write the measured values
+
+The stages: reading; configuration in PREOP, with a restart; OP with images without frames; loopback
+inside the CAN controller; frames between wired channels. No frame leaves a channel before the last stage.
+A restart interrupts the slaves that are connected after the gateway.
+
+The probe restores the configuration of the gateway, by a restart if necessary, also after Ctrl-C. The
+Flash is not written. If the link is lost, the interrupted experiment is repeated once. The rows are those
+of docs/ASSUMPTIONS.md.
+
+Exit status 0 if every decided assumption holds, 1 if one differs.";
+
+#[derive(Debug, Args)]
+pub struct ProbeArguments {
+    /// Two channels that are wired to each other and alone on their bus, for example 0-1
+    #[arg(long, value_name = "PAIR", conflicts_with = "read_only")]
+    wired: Option<Wiring>,
+    /// Read objects only: no restart, no configuration, no frames
+    #[arg(long)]
+    read_only: bool,
+    /// Write report, text and support bundle to a new directory
+    #[arg(long, value_name = "DIR")]
+    bundle: Option<PathBuf>,
+    /// Write the measured values to a file (TOML)
+    #[arg(long, value_name = "FILE")]
+    write_profile: Option<PathBuf>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    program: String,
+    position: usize,
+    is_simulated: bool,
+    was_stopped: bool,
+    findings: Vec<Finding>,
+    profile: DeviceProfile,
+    /// Configuration after the probe.
+    configuration: String,
+    is_restored: bool,
+}
+
+pub fn run(arguments: &ProbeArguments, context: &Context) -> Result {
+    let wired = wired(arguments)?;
+    let interrupt = Interrupt::install_with_message("stopping after restoring the configuration")?;
+    let bus = context.bus()?;
+    let slave = bus.slave()?;
+    if let Some(directory) = &arguments.bundle {
+        std::fs::create_dir(directory).map_err(|it| Failure::file("create", directory, it))?;
+    }
+    let request =
+        Request { master: context.global.master(), wired, read_only: arguments.read_only };
+    let report = probe_and_restore(&bus, slave, &request, &interrupt, progress)?;
+    context.output.data(&report, |out| print(&report, &context.output, out))?;
+    if let Some(path) = &arguments.write_profile {
+        write_profile(&report.profile, path)?;
+    }
+    if let Some(directory) = &arguments.bundle {
+        write_bundle(&report, &bus, directory, context)?;
+    }
+    if report.was_stopped {
+        return Err(Failure::Incomplete("stopped before the end of the probe".to_owned()));
+    }
+    let differs = report.findings.iter().any(|it| it.verdict == Verdict::Differs);
+    match report.is_restored && !differs {
+        true => Ok(()),
+        false => Err(Failure::ProblemsFound),
+    }
+}
+
+/// The gateway is probed on the master with this index.
+struct Request {
+    master: u32,
+    wired: Option<(u8, u8)>,
+    read_only: bool,
+}
+
+/// Runs the experiments and restores the configuration.
+fn probe_and_restore(
+    bus: &Bus,
+    slave: usize,
+    request: &Request,
+    interrupt: &Interrupt,
+    progress: impl FnMut(&Experiment),
+) -> Result<Report> {
+    let (saved, reason) = save(bus, slave, request.read_only);
+    let last_stage = if saved.is_some() { Stage::Wired } else { Stage::Reading };
+    let flag = interrupt.clone();
+    let stop = Arc::new(move || flag.is_set());
+    let options = ProbeOptions { wired: request.wired, last_stage, reason, stop };
+    let mut probe = Probe::open(bus.ecrt(), request.master, slave, options)?;
+    let findings = probe.run(progress);
+    let restored = match &saved {
+        Some(saved) if probe.has_changed() => restore(bus, saved),
+        _ => Ok("not changed".to_owned()),
+    };
+    Ok(Report {
+        program: format!("ecan {}", env!("CARGO_PKG_VERSION")),
+        position: slave,
+        is_simulated: bus.ecrt().is_simulated(),
+        was_stopped: interrupt.is_set(),
+        findings,
+        profile: probe.device_profile().clone(),
+        is_restored: restored.is_ok(),
+        configuration: restored.unwrap_or_else(|error| format!("not restored: {error}")),
+    })
+}
+
+fn wired(arguments: &ProbeArguments) -> Result<Option<(u8, u8)>> {
+    match arguments.wired.as_ref().map(Wiring::pairs) {
+        None => Ok(None),
+        Some([pair]) => Ok(Some(*pair)),
+        Some(_) => Err(Failure::Usage("--wired takes one pair of channels".to_owned())),
+    }
+}
+
+/// Reads the configuration that the probe restores; otherwise the reason why it only reads.
+fn save(bus: &Bus, slave: usize, read_only: bool) -> (Option<Saved>, String) {
+    if read_only {
+        return (None, "not run with --read-only".to_owned());
+    }
+    match bus.diagnostics().al_state(slave) {
+        Ok(Some(AlState::PreOp)) => {}
+        Ok(Some(state)) => {
+            return (None, format!("not run: the gateway is in {state}, an application uses it"));
+        }
+        _ => return (None, "not run: the state of the gateway is not known".to_owned()),
+    }
+    let _progress = Progress::show("reading the configuration");
+    match Saved::read(bus, slave) {
+        Ok(saved) => (Some(saved), String::new()),
+        Err(error) => {
+            (None, format!("not run: the configuration could not be read to restore it: {error}"))
+        }
+    }
+}
+
+fn restore(bus: &Bus, saved: &Saved) -> Result<String> {
+    let _progress = Progress::show("restoring the configuration");
+    let written = BTreeSet::new();
+    let changes = Changes { tested: [true; CHANNELS], written: &written, is_unknown: true };
+    Ok(match saved.restore(bus, &changes)? {
+        true => "as before the probe, by a restart",
+        false => "as before the probe",
+    }
+    .to_owned())
+}
+
+fn progress(experiment: &Experiment) {
+    tracing::info!(rows = ?experiment.rows, "{}", experiment.assumption);
+    crate::progress::step();
+}
+
+fn write_profile(profile: &DeviceProfile, path: &Path) -> Result {
+    let text = toml::to_string(profile).map_err(|it| Failure::file("write", path, it))?;
+    let text = format!("# Measured by ecan probe {}\n{text}", env!("CARGO_PKG_VERSION"));
+    std::fs::write(path, text).map_err(|it| Failure::file("write", path, it))
+}
+
+fn write_bundle(report: &Report, bus: &Bus, directory: &Path, context: &Context) -> Result {
+    let write = |name: &str, bytes: Vec<u8>| {
+        let path = directory.join(name);
+        std::fs::write(&path, bytes).map_err(|it| Failure::file("write", &path, it))
+    };
+    let json = serde_json::to_vec_pretty(report).map_err(std::io::Error::from)?;
+    write("probe.json", json)?;
+    let mut text = Vec::new();
+    print(report, &Output::new(false, crate::global::Color::Never), &mut text)?;
+    write("probe.txt", text)?;
+    diag::record(bus, report.position, &directory.join("diagnosis.json"), context)?;
+    note(format_args!("written to {}", directory.display()));
+    Ok(())
+}

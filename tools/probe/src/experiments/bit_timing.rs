@@ -1,0 +1,97 @@
+//! Bit timing that the firmware chooses.
+
+use ecan_protocol::can::BitTiming;
+use ecan_protocol::config::{BitTimingMode, McanChannelConfig, NodeMode, SamplePointWindow};
+
+use crate::experiment::{Experiment, Stage};
+use crate::interruption::{Result, unavailable};
+use crate::outcome::Outcome;
+use crate::probe::Probe;
+use crate::registers::{self, DBTP, NBTP, sample_point};
+
+pub(super) const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        rows: &["H43"],
+        key: "bit_timing",
+        stage: Stage::PreOp,
+        assumption: "the firmware chooses the sample point closest to the middle of the window",
+        run: choice,
+    },
+    Experiment {
+        rows: &["H10"],
+        key: "",
+        stage: Stage::PreOp,
+        assumption: "manual bit timing values are physical values, not register values",
+        run: manual_values,
+    },
+];
+
+/// Applies a configuration to channel 0 in internal loopback; returns the apply status.
+fn apply(probe: &Probe, config: McanChannelConfig) -> Result<u32> {
+    let Some(mode) = probe.profile.internal_loopback.and_then(NodeMode::from_raw) else {
+        return unavailable("the node mode of the internal loopback is not known");
+    };
+    let sdo = probe.sdo();
+    sdo.write_all(McanChannelConfig { node_mode: mode, ..config }.needed_writes(0))?;
+    sdo.write_all([McanChannelConfig::apply_write(0)])?;
+    sdo.read(0x8001, 2)
+}
+
+/// Nominal and data sample point in 0.1 %.
+fn points(probe: &Probe) -> Result<(u32, u32)> {
+    let nominal = sample_point(registers::read(probe.sdo(), 0, NBTP)?, false);
+    let data = sample_point(registers::read(probe.sdo(), 0, DBTP)?, true);
+    Ok((nominal, data))
+}
+
+fn percent(permille: u32) -> String {
+    format!("{}.{} %", permille / 10, permille % 10)
+}
+
+fn choice(probe: &mut Probe) -> Result<Outcome> {
+    let rates = McanChannelConfig { tdc: false, ..McanChannelConfig::fd(500_000, 2_000_000) };
+    let window = SamplePointWindow::DEFAULT;
+    let wide =
+        McanChannelConfig { nominal_sample_point: window, data_sample_point: window, ..rates };
+    match apply(probe, wide)? {
+        0 => {}
+        status => {
+            return Ok(Outcome::differs(format!("window 75 to 87.5 %: apply status {status}")));
+        }
+    }
+    let (nominal, data) = points(probe)?;
+    probe.profile.sample_point_permille = Some(nominal);
+    let exact = apply(probe, rates.sample_point(875, 875))?;
+    let detail = format!(
+        "500 kbit/s and 2 Mbit/s, 75 to 87.5 %: sample points {} and {}; exactly 87.5 %: apply status {exact}",
+        percent(nominal),
+        percent(data)
+    );
+    let is_near = |found: u32, expected: u32| found.abs_diff(expected) <= 15;
+    let outcome = Outcome::decided(is_near(nominal, 812) && exact == 0, detail);
+    Ok(match (nominal, exact) {
+        (_, 1..) => outcome.like("driver"),
+        (..765, 0) => outcome.like("lowest"),
+        (860.., 0) => outcome.like("highest"),
+        _ => outcome,
+    })
+}
+
+fn manual_values(probe: &mut Probe) -> Result<Outcome> {
+    let timing = BitTiming { brp: 10, tseg1: 12, tseg2: 3, sjw: 2 };
+    let config = McanChannelConfig {
+        bit_timing_mode: BitTimingMode::Manual,
+        manual_nominal: timing,
+        ..McanChannelConfig::classic(500_000)
+    };
+    match apply(probe, config)? {
+        0 => {}
+        status => return Ok(Outcome::undecided(format!("apply status {status}"))),
+    }
+    let value = registers::read(probe.sdo(), 0, NBTP)?;
+    let (brp, tseg1, tseg2) = (value >> 16 & 0x1FF, value >> 8 & 0xFF, value & 0x7F);
+    let detail = format!(
+        "written: prescaler 10, segments 12 and 3; register NBTP holds {brp}, {tseg1} and {tseg2}"
+    );
+    Ok(Outcome::decided((brp, tseg1, tseg2) == (9, 11, 2), detail))
+}

@@ -1,0 +1,194 @@
+//! Images and their errors.
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use ecan_protocol::image::PdoError;
+
+use crate::experiment::{Experiment, Stage};
+use crate::interruption::Result;
+use crate::outcome::Outcome;
+use crate::probe::Probe;
+use crate::session::Session;
+use crate::setup::Setup;
+
+pub(super) const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        rows: &["H4", "S2"],
+        key: "layout_crc",
+        stage: Stage::Op,
+        assumption: "the layout CRC is the CRC-32 of object, image size and profile word",
+        run: layout_crc,
+    },
+    Experiment {
+        rows: &["H35"],
+        key: "sequence_readback",
+        stage: Stage::Op,
+        assumption: "0x8011:13 is the sequence of the last RxPDO image",
+        run: sequence,
+    },
+    Experiment {
+        rows: &["H5"],
+        key: "repeated_image",
+        stage: Stage::Op,
+        assumption: "a repeated RxPDO image has no effect",
+        run: repeated_image,
+    },
+    Experiment {
+        rows: &["H20"],
+        key: "profile_errors",
+        stage: Stage::Op,
+        assumption: "the apply status shows 7 after a faulty image",
+        run: profile_errors,
+    },
+    Experiment {
+        rows: &["S9"],
+        key: "",
+        stage: Stage::Op,
+        assumption: "PDO errors: other layout 12, unequal sequences 14, bad CRC 15",
+        run: error_numbers,
+    },
+    Experiment {
+        rows: &["H37"],
+        key: "txpdo_numbering",
+        stage: Stage::Op,
+        assumption: "TxPDO images are numbered from 1 after a session reset",
+        run: numbering,
+    },
+];
+
+const LAST_ERROR: u8 = 14;
+const ERROR_COUNTER: u8 = 15;
+
+fn layout_crc(probe: &mut Probe) -> Result<Outcome> {
+    let session = probe.session(&Setup::plain())?;
+    let (crc, bytes, word) =
+        (session.read(0x8010, 11)?, session.read(0x8010, 9)?, session.read(0x8010, 12)?);
+    let crc32 = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+    let mut contract = 0x8010_u16.to_le_bytes().to_vec();
+    contract.extend(bytes.to_le_bytes());
+    contract.extend(word.to_le_bytes());
+    let detail =
+        format!("0x8010:11 is 0x{crc:08X} with {bytes} bytes and profile word 0x{word:08X}");
+    Ok(if crc == crc32.checksum(&contract) {
+        Outcome::holds(detail)
+    } else if crc == 0 {
+        Outcome::differs(detail).like("zero")
+    } else if crc == crc32.checksum(&word.to_le_bytes()) {
+        Outcome::differs(format!("{detail}: the CRC-32 of the profile word")).like("profile_word")
+    } else {
+        Outcome::differs(format!("{detail}: another algorithm"))
+    })
+}
+
+fn sequence(probe: &mut Probe) -> Result<Outcome> {
+    let session = probe.session(&Setup::plain())?;
+    let before = session.sequence();
+    let found = session.read(0x8011, 13)?;
+    let after = session.sequence();
+    let detail = format!("0x8011:13 was {found} while the images {before} to {after} were sent");
+    let is_met = (found as u16).wrapping_sub(before) <= after.wrapping_sub(before);
+    let outcome = Outcome::decided(is_met, detail);
+    Ok(if found == 0 { outcome.like("zero") } else { outcome })
+}
+
+/// Last error and number of errors after images that `send` sends.
+fn errors_of(
+    session: &mut Session,
+    send: impl FnOnce(&mut Session) -> Result,
+) -> Result<(u32, u32)> {
+    session.cycles(2)?;
+    session.clear_errors()?;
+    let before = session.read(0x8011, ERROR_COUNTER)?;
+    send(session)?;
+    session.cycles(2)?;
+    let error = session.read(0x8011, LAST_ERROR)?;
+    let count = session.read(0x8011, ERROR_COUNTER)?.wrapping_sub(before);
+    Ok((error, count))
+}
+
+fn repeated_image(probe: &mut Probe) -> Result<Outcome> {
+    let session = probe.session(&Setup::plain())?;
+    let repeat = |session: &mut Session| {
+        for _ in 0..4 {
+            session.cycle_repeated()?;
+        }
+        Ok(())
+    };
+    let (error, count) = errors_of(session, repeat)?;
+    session.clear_errors()?;
+    let detail = format!("4 repetitions of an image: {count} PDO errors, the last one is {error}");
+    Ok(match (count, error) {
+        (0, 0) => Outcome::holds(detail),
+        (_, 10) => Outcome::differs(detail).like("error_10"),
+        _ => Outcome::differs(detail),
+    })
+}
+
+/// Changes the CRC in the header.
+fn bad_crc(image: &mut [u8]) {
+    if let Some(crc) = image.get_mut(8..10) {
+        crc.iter_mut().for_each(|byte| *byte = !*byte);
+    }
+}
+
+fn profile_errors(probe: &mut Probe) -> Result<Outcome> {
+    let session = probe.session(&Setup::plain())?;
+    let (error, count) = errors_of(session, |session| session.cycle_tampered(bad_crc).map(drop))?;
+    let status = session.read(0x8011, 2)?;
+    session.clear_errors()?;
+    let detail = format!(
+        "an image with a wrong CRC: {count} PDO errors, the last one is {error}; 0x8011:02 is {status}"
+    );
+    Ok(match (count, status) {
+        (0, _) => Outcome::undecided(format!("{detail}; the image is not counted as faulty")),
+        (_, 7) => Outcome::holds(detail),
+        (_, 0) => Outcome::differs(detail).like("counters_only"),
+        _ => Outcome::differs(detail),
+    })
+}
+
+fn error_numbers(probe: &mut Probe) -> Result<Outcome> {
+    let session = probe.session(&Setup::plain())?;
+    let other_layout: fn(&mut [u8]) = |image| {
+        if let Some(byte) = image.get_mut(10) {
+            *byte = !*byte;
+        }
+    };
+    let unequal_sequences: fn(&mut [u8]) = |image| {
+        if let Some(byte) = image.get_mut(4) {
+            *byte = byte.wrapping_sub(1);
+        }
+    };
+    let mut details = Vec::new();
+    let mut is_met = true;
+    for (name, tamper, expected) in [
+        ("other layout", other_layout, PdoError::ActiveArea),
+        ("unequal sequences", unequal_sequences, PdoError::BadHeader),
+        ("bad CRC", bad_crc as fn(&mut [u8]), PdoError::BadCrc),
+    ] {
+        let (error, count) = errors_of(session, |it| it.cycle_tampered(tamper).map(drop))?;
+        is_met &= count == 1 && error == u32::from(expected.raw());
+        details.push(format!("{name}: {error}"));
+    }
+    session.clear_errors()?;
+    Ok(Outcome::decided(is_met, format!("PDO errors found: {}", details.join(", "))))
+}
+
+fn numbering(probe: &mut Probe) -> Result<Outcome> {
+    let session = probe.session(&Setup::plain())?;
+    session.take();
+    session.write(0x8010, 8, 1)?;
+    session.cycles(2)?;
+    let sequences: Vec<_> =
+        session.take().iter().filter_map(|it| Some(it.header?.seq_begin)).collect();
+    let step = sequences.windows(2).find(|pair| pair[1] != pair[0].wrapping_add(1));
+    Ok(match step {
+        Some([before, 1]) => Outcome::holds(format!("the sequence stepped from {before} to 1")),
+        Some(pair) => {
+            Outcome::differs(format!("the sequence stepped from {} to {}", pair[0], pair[1]))
+        }
+        None => {
+            let detail = format!("the sequence continued: {sequences:?}");
+            Outcome::differs(detail).like("continued")
+        }
+    })
+}

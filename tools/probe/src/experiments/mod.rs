@@ -1,0 +1,43 @@
+//! The experiments, one file per subject.
+
+mod bit_timing;
+mod identity;
+mod images;
+mod loopback;
+mod mailbox;
+mod node_modes;
+mod objects;
+mod receive;
+mod restart;
+mod schedule;
+mod service_loop;
+mod states;
+mod transmit;
+mod wired;
+
+pub(crate) use restart::Restart;
+pub(crate) use service_loop::ServiceTime;
+
+use crate::experiment::{Experiment, Stage};
+
+const GROUPS: &[&[Experiment]] = &[
+    identity::EXPERIMENTS,
+    objects::EXPERIMENTS,
+    restart::EXPERIMENTS,
+    node_modes::EXPERIMENTS,
+    bit_timing::EXPERIMENTS,
+    states::EXPERIMENTS,
+    mailbox::EXPERIMENTS,
+    images::EXPERIMENTS,
+    service_loop::EXPERIMENTS,
+    transmit::EXPERIMENTS,
+    receive::EXPERIMENTS,
+    schedule::EXPERIMENTS,
+    wired::EXPERIMENTS,
+];
+
+/// Every experiment, in the order in which they run.
+pub fn experiments() -> impl Iterator<Item = &'static Experiment> {
+    let all = || GROUPS.iter().copied().flatten();
+    Stage::ALL.into_iter().flat_map(move |stage| all().filter(move |it| it.stage == stage))
+}

@@ -1,0 +1,151 @@
+//! Received frames.
+
+use ecan_protocol::config::{CacheDepth, DataPathConfig, McanChannelConfig, RxBudget, RxOverflow};
+use ecan_protocol::image::{EncapsulationProfile, Timestamp};
+
+use crate::experiment::{Experiment, Stage};
+use crate::interruption::Result;
+use crate::outcome::Outcome;
+use crate::probe::Probe;
+
+use super::loopback::{frames, push, setup};
+
+pub(super) const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        rows: &["H21"],
+        key: "rx_pending",
+        stage: Stage::Loopback,
+        assumption: "rx_pending includes the frames of the same image",
+        run: rx_pending,
+    },
+    Experiment {
+        rows: &["S15"],
+        key: "rx_drain",
+        stage: Stage::Loopback,
+        assumption: "the RX drain budget limits the frames from the controller into the cache",
+        run: rx_drain,
+    },
+    Experiment {
+        rows: &["H7"],
+        key: "",
+        stage: Stage::Loopback,
+        assumption: "one channel may fill an RxPDO image",
+        run: one_channel,
+    },
+    Experiment {
+        rows: &["H14", "S14"],
+        key: "",
+        stage: Stage::Loopback,
+        assumption: "delta16 timestamps count microseconds",
+        run: timestamps,
+    },
+];
+
+const RATE: u32 = 1_000_000;
+
+fn rx_pending(probe: &mut Probe) -> Result<Outcome> {
+    let setup = setup(probe, McanChannelConfig::classic(RATE), DataPathConfig::default())?;
+    let frame = frames(0x111, 1)?;
+    let session = probe.session(&setup)?;
+    session.cycles(3)?;
+    session.take();
+    session.cycle(|writer, image| _ = push(writer, image, &frame))?;
+    session.cycles(4)?;
+    let inputs = session.take();
+    let Some(header) = inputs.iter().find(|it| !it.frames.is_empty()).and_then(|it| it.header)
+    else {
+        return Ok(Outcome::undecided("the frame did not come back"));
+    };
+    let pending = header.channel_status[0].rx_pending();
+    let detail = format!("the image with the only received frame has rx_pending {pending}");
+    Ok(match pending {
+        1 => Outcome::holds(detail),
+        0 => Outcome::differs(detail).like("without_own_image"),
+        _ => Outcome::differs(detail),
+    })
+}
+
+fn rx_drain(probe: &mut Probe) -> Result<Outcome> {
+    let data_path = DataPathConfig {
+        rx_cache_depth: CacheDepth::D8,
+        rx_budget: RxBudget::Limited,
+        rx_drain_min: 0,
+        rx_drain_max: 2,
+        rx_overflow: RxOverflow::DropNewest,
+        tx_budget_max: 8,
+        ..DataPathConfig::default()
+    };
+    let mut setup = setup(probe, McanChannelConfig::classic(RATE), data_path)?;
+    (setup.rx.multiplier, setup.tx.multiplier) = (3, 3);
+    let sent = frames(0x400, 24)?;
+    let session = probe.session(&setup)?;
+    session.cycles(3)?;
+    session.take();
+    session.cycle(|writer, image| _ = push(writer, image, &sent))?;
+    session.cycles(25)?;
+    let inputs = session.take();
+    let most = inputs.iter().map(|it| it.frames.len()).max().unwrap_or(0);
+    let received: usize = inputs.iter().map(|it| it.frames.len()).sum();
+    let detail = format!(
+        "of 24 frames, with a cache of 8 and 2 per service, {received} came back, at most {most} per image"
+    );
+    Ok(match received {
+        24 => Outcome::holds(detail),
+        0 => Outcome::undecided(detail),
+        _ => Outcome::differs(detail).like("cache"),
+    })
+}
+
+fn one_channel(probe: &mut Probe) -> Result<Outcome> {
+    let data_path = DataPathConfig::for_traffic(8, 8);
+    let mut setup = setup(probe, McanChannelConfig::classic(RATE), data_path)?;
+    (setup.rx.multiplier, setup.tx.multiplier) = (3, 3);
+    let sent = frames(0x500, 30)?;
+    let session = probe.session(&setup)?;
+    session.cycles(3)?;
+    session.clear_errors()?;
+    session.take();
+    let mut added = 0;
+    session.cycle(|writer, image| added = push(writer, image, &sent))?;
+    session.cycles(25)?;
+    let received: usize = session.take().iter().map(|it| it.frames.len()).sum();
+    let error = session.read(0x8011, 14)?;
+    session.clear_errors()?;
+    let detail = format!(
+        "{added} frames of one channel in an image: {received} came back, PDO error {error}"
+    );
+    Ok(Outcome::decided(received == added && error == 0, detail))
+}
+
+fn timestamps(probe: &mut Probe) -> Result<Outcome> {
+    let data_path = DataPathConfig::for_traffic(8, 8);
+    let mut setup = setup(probe, McanChannelConfig::classic(RATE), data_path)?;
+    (setup.rx.multiplier, setup.tx.multiplier) = (3, 3);
+    setup.tx.profile = EncapsulationProfile::CompactTimestamped;
+    let sent = frames(0x155, 4)?;
+    let session = probe.session(&setup)?;
+    session.cycles(3)?;
+    session.take();
+    session.cycle(|writer, image| _ = push(writer, image, &sent))?;
+    session.cycles(5)?;
+    let stamps: Vec<_> = session
+        .take()
+        .iter()
+        .flat_map(|it| it.frames.iter().map(|frame| frame.timestamp).collect::<Vec<_>>())
+        .collect();
+    let values: Vec<_> = stamps
+        .iter()
+        .filter_map(|it| if let Timestamp::Delta16(value) = it { Some(*value) } else { None })
+        .collect();
+    let distances: Vec<_> = values.windows(2).map(|pair| pair[1].wrapping_sub(pair[0])).collect();
+    let detail = format!(
+        "4 frames of about 115 us each at 1 Mbit/s: timestamps {values:?} (encapsulation profile 1)"
+    );
+    if values.len() < 2 {
+        return Ok(Outcome::undecided(format!(
+            "{} timestamps of 4 frames were received",
+            values.len()
+        )));
+    }
+    Ok(Outcome::decided(distances.iter().any(|it| (100..=140).contains(it)), detail))
+}

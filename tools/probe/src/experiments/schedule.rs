@@ -1,0 +1,216 @@
+//! Scheduled frames.
+
+use std::time::Duration;
+
+use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
+use ecan_protocol::image::{EncapsulationProfile, OptionFlags, Schedule, Timestamp};
+
+use crate::experiment::{Experiment, Stage};
+use crate::interruption::Result;
+use crate::outcome::Outcome;
+use crate::probe::Probe;
+use crate::setup::Setup;
+
+use super::loopback::{frame, setup};
+
+pub(super) const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        rows: &["H2"],
+        key: "",
+        stage: Stage::Loopback,
+        assumption: "DC AssignActivate 0x0300 starts Sync0",
+        run: sync0,
+    },
+    Experiment {
+        rows: &["H23", "S11"],
+        key: "tx_result_codes",
+        stage: Stage::Loopback,
+        assumption: "TX_RESULT 1 is queued, 2 is dropped as late",
+        run: result_codes,
+    },
+    Experiment {
+        rows: &["H23", "S11"],
+        key: "scheduled_results",
+        stage: Stage::Loopback,
+        assumption: "a scheduled frame gets one TX_RESULT",
+        run: result_count,
+    },
+    Experiment {
+        rows: &["S30"],
+        key: "release_jitter_us",
+        stage: Stage::Loopback,
+        assumption: "a scheduled frame leaves exactly at its phase",
+        run: release_jitter,
+    },
+    Experiment {
+        rows: &["H26"],
+        key: "",
+        stage: Stage::Loopback,
+        assumption: "the schedule holds 64 frames",
+        run: depth,
+    },
+];
+
+const CYCLE_NS: u64 = 4_000_000;
+const SHIFT_NS: u64 = 2_000_000;
+
+fn with_sync0(probe: &Probe) -> Result<Setup> {
+    let can = McanChannelConfig::classic(1_000_000);
+    let mut setup = setup(probe, can, DataPathConfig::for_traffic(8, 8))?;
+    setup.cycle = Duration::from_nanos(CYCLE_NS);
+    setup.sync0_shift = Some(Duration::from_nanos(SHIFT_NS));
+    (setup.rx.multiplier, setup.tx.multiplier) = (11, 11);
+    setup.tx.options = OptionFlags::TX_RESULT;
+    setup.tx.profile = EncapsulationProfile::CompactTimestamped;
+    Ok(setup)
+}
+
+fn sync0(probe: &mut Probe) -> Result<Outcome> {
+    let setup = with_sync0(probe)?;
+    let session = probe.session(&setup)?;
+    let before = session.read(0x9011, 2)?;
+    session.cycles(10)?;
+    let pulses = session.read(0x9011, 2)?.wrapping_sub(before);
+    Ok(Outcome::decided(pulses > 0, format!("0x9011:02 counted {pulses} pulses in some 15 cycles")))
+}
+
+/// A scheduled frame: the time of its image before the pulse, whether it came back, and its result codes.
+#[derive(Clone, Debug)]
+struct Sample {
+    is_sent: bool,
+    codes: Vec<u8>,
+}
+
+/// Sends scheduled frames at several times around a pulse.
+fn sample(probe: &mut Probe) -> Result<Vec<Sample>> {
+    let setup = with_sync0(probe)?;
+    let session = probe.session(&setup)?;
+    let clock = session.adapter.ecrt().clock().clone();
+    let mut samples = Vec::new();
+    let before_us = [400, 250, 190, 150, 120, 90, 60, 40, 25, 20, 15, 10, 8, 6, 4, 3, 2, 1];
+    for (nth, before_us) in (0_u16..).zip(before_us) {
+        let frame = frame(0x600 + nth)?;
+        let schedule = Schedule { tag: nth, offset_ns: 0 };
+        session.cycles(2)?;
+        session.take();
+        session.adapter.wait_next_cycle();
+        let pulse_ns = session.adapter.cycle_start().deadline_ns + SHIFT_NS;
+        clock.sleep_until_ns(pulse_ns - before_us * 1_000);
+        session.exchange(
+            |writer, image| _ = writer.push_scheduled(image, 0, 0, frame.as_ref(), schedule),
+            |_| (),
+        )?;
+        let sequence = session.sequence();
+        session.cycles(5)?;
+        let inputs = session.take();
+        let is_sent = inputs.iter().flat_map(|it| &it.frames).any(|it| it.frame.id() == frame.id());
+        let results = inputs.iter().flat_map(|it| &it.results);
+        let codes = results.filter(|it| it.sequence == sequence).map(|it| it.code.raw()).collect();
+        samples.push(Sample { is_sent, codes });
+    }
+    Ok(samples)
+}
+
+/// First codes, each once.
+fn codes_of(samples: &[Sample], is_sent: bool) -> Vec<u8> {
+    let of_kind = samples.iter().filter(|it| it.is_sent == is_sent);
+    let mut codes: Vec<_> = of_kind.filter_map(|it| it.codes.first().copied()).collect();
+    codes.sort_unstable();
+    codes.dedup();
+    codes
+}
+
+fn result_codes(probe: &mut Probe) -> Result<Outcome> {
+    let samples = sample(probe)?;
+    let late = samples.iter().filter(|it| !it.is_sent).count();
+    let (queued, dropped) = (codes_of(&samples, true), codes_of(&samples, false));
+    let detail = format!(
+        "results of {} frames that left: {queued:?}; of {late} frames that did not: {dropped:?}",
+        samples.len() - late
+    );
+    Ok(match (&queued[..], &dropped[..]) {
+        ([1] | [], [2]) => Outcome::holds(detail),
+        ([2], [1]) => Outcome::differs(detail).like("swapped"),
+        ([1], [1]) => Outcome::differs(detail).like("both_queued"),
+        ([2], [2]) => Outcome::differs(detail).like("both_late"),
+        (_, []) => Outcome::undecided(format!("no frame was dropped as late; {detail}")),
+        _ => Outcome::differs(detail),
+    })
+}
+
+fn result_count(probe: &mut Probe) -> Result<Outcome> {
+    let samples = sample(probe)?;
+    let counts: Vec<_> = samples.iter().filter(|it| it.is_sent).map(|it| it.codes.len()).collect();
+    let (Some(least), Some(most)) = (counts.iter().min(), counts.iter().max()) else {
+        return Ok(Outcome::undecided("no scheduled frame left"));
+    };
+    let detail = format!("{} frames left, with {least} to {most} results each", counts.len());
+    Ok(match (least, most) {
+        (1, 1) => Outcome::holds(detail),
+        (2, 2) => Outcome::differs(detail).like("two"),
+        (0, 0) => Outcome::undecided(detail),
+        _ => Outcome::differs(detail),
+    })
+}
+
+fn release_jitter(probe: &mut Probe) -> Result<Outcome> {
+    let setup = with_sync0(probe)?;
+    let session = probe.session(&setup)?;
+    let frame = frame(0x123)?;
+    session.cycles(20)?;
+    session.take();
+    for _ in 0..60 {
+        let schedule = Schedule { tag: 0, offset_ns: 100_000 };
+        session.cycle(|writer, image| {
+            let _ = writer.push_scheduled(image, 0, 0, frame.as_ref(), schedule);
+        })?;
+    }
+    session.cycles(3)?;
+    let inputs = session.take();
+    let stamps = inputs.iter().flat_map(|it| &it.frames).filter_map(|it| match it.timestamp {
+        Timestamp::Delta16(value) => Some(value),
+        _ => None,
+    });
+    let stamps: Vec<_> = stamps.collect();
+    let (Some(first), true) = (stamps.first(), stamps.len() >= 40) else {
+        return Ok(Outcome::undecided(format!("{} of 60 frames came back", stamps.len())));
+    };
+    let relative = || stamps.iter().map(|it| it.wrapping_sub(*first) as i16);
+    let (least, most) = (relative().min().unwrap_or(0), relative().max().unwrap_or(0));
+    let spread = most - least;
+    let detail = format!("receive timestamps of {} frames spread over {spread} us", stamps.len());
+    Ok(Outcome::decided(spread <= 4, detail).like(spread))
+}
+
+const ASSUMED_DEPTH: usize = 64;
+
+fn depth(probe: &mut Probe) -> Result<Outcome> {
+    let setup = with_sync0(probe)?;
+    let session = probe.session(&setup)?;
+    let frame = frame(0x124)?;
+    session.cycles(5)?;
+    session.take();
+    let mut added = 0_usize;
+    session.cycle(|writer, image| {
+        let schedule = Schedule { tag: 0, offset_ns: 1_000_000 };
+        while writer.push_scheduled(image, 0, 0, frame.as_ref(), schedule).is_ok() {
+            added += 1;
+        }
+    })?;
+    let sequence = session.sequence();
+    session.cycles(3)?;
+    let rejected = session
+        .take()
+        .iter()
+        .flat_map(|it| &it.results)
+        .filter(|it| it.sequence == sequence && it.code.raw() == 4)
+        .count();
+    probe.end_session()?;
+    if rejected == 0 {
+        return Ok(Outcome::undecided(format!("{added} frames in one image were all accepted")));
+    }
+    let depth = added - rejected;
+    probe.profile.schedule_depth = u32::try_from(depth).ok();
+    let detail = format!("of {added} scheduled frames {depth} were accepted");
+    Ok(Outcome::decided(depth == ASSUMED_DEPTH, detail).like(depth))
+}

@@ -1,0 +1,235 @@
+//! Runs the experiments.
+
+use std::sync::Arc;
+
+use ecan_host::{Clock, Diagnostics, Ecrt, Error};
+use ecan_protocol::device::AlState;
+
+use crate::device_profile::DeviceProfile;
+use crate::experiment::{Experiment, Stage};
+use crate::experiments::{Restart, ServiceTime, experiments};
+use crate::finding::Finding;
+use crate::interruption::{Interruption, Result, unavailable};
+use crate::outcome::Outcome;
+use crate::sdo::Sdo;
+use crate::session::Session;
+use crate::setup::Setup;
+use crate::undecidable::UNDECIDABLE;
+
+/// Time for a gateway to return after a lost link or a restart, in ns.
+const RETURN_NS: u64 = 30_000_000_000;
+const POLL_NS: u64 = 20_000_000;
+
+/// Limits of a probe.
+#[derive(Clone)]
+pub struct ProbeOptions {
+    /// Two channels that are wired to each other, for the last stage.
+    pub wired: Option<(u8, u8)>,
+    /// The last stage to run; later ones stay undecided for the given reason.
+    pub last_stage: Stage,
+    /// Reason for the stages that are not run.
+    pub reason: String,
+    /// Function that ends the probe when it returns true.
+    pub stop: Arc<dyn Fn() -> bool + Send + Sync>,
+}
+
+impl Default for ProbeOptions {
+    fn default() -> Self {
+        let reason = "the stage was not run".to_owned();
+        Self { wired: None, last_stage: Stage::Wired, reason, stop: Arc::new(|| false) }
+    }
+}
+
+impl std::fmt::Debug for ProbeOptions {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ProbeOptions").field("wired", &self.wired).finish_non_exhaustive()
+    }
+}
+
+/// Experiments on the gateway at one position of a bus.
+#[derive(Debug)]
+pub struct Probe {
+    pub(crate) ecrt: Ecrt,
+    pub(crate) master: u32,
+    pub(crate) slave: usize,
+    pub(crate) diagnostics: Diagnostics,
+    pub(crate) options: ProbeOptions,
+    pub(crate) profile: DeviceProfile,
+    session: Option<Session>,
+    /// Reason for which the plainest configuration does not reach OP.
+    op_failure: Option<Interruption>,
+    has_changed: bool,
+    /// The gateway did not return after a lost link.
+    is_lost: bool,
+    pub(crate) restart: Option<Restart>,
+    pub(crate) service: Option<ServiceTime>,
+}
+
+impl Probe {
+    /// Opens the bus of a master without reserving it.
+    ///
+    /// # Errors
+    /// The master does not respond.
+    pub fn open(
+        ecrt: &Ecrt,
+        master: u32,
+        slave: usize,
+        options: ProbeOptions,
+    ) -> Result<Self, Error> {
+        Ok(Self {
+            ecrt: ecrt.clone(),
+            master,
+            slave,
+            diagnostics: Diagnostics::of_bus(ecrt, master)?,
+            options,
+            profile: DeviceProfile::default(),
+            session: None,
+            op_failure: None,
+            has_changed: false,
+            is_lost: false,
+            restart: None,
+            service: None,
+        })
+    }
+
+    /// Runs every experiment in order and adds the assumptions without one. `progress` gets each experiment
+    /// before it begins.
+    pub fn run(&mut self, mut progress: impl FnMut(&Experiment)) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        for experiment in experiments() {
+            progress(experiment);
+            findings.push(Finding::new(experiment, self.decide(experiment)));
+        }
+        self.session = None;
+        findings.extend(UNDECIDABLE.iter().map(|it| it.finding()));
+        findings
+    }
+
+    /// Measured values.
+    pub fn device_profile(&self) -> &DeviceProfile {
+        &self.profile
+    }
+
+    /// Returns whether a stage ran that changes the configuration of the gateway.
+    pub fn has_changed(&self) -> bool {
+        self.has_changed
+    }
+
+    /// Returns whether the probe was stopped by [`ProbeOptions::stop`].
+    pub fn is_stopped(&self) -> bool {
+        (self.options.stop)()
+    }
+
+    fn decide(&mut self, experiment: &Experiment) -> Outcome {
+        match self.attempt(experiment) {
+            Err(Interruption::LinkLost) => {
+                self.session = None;
+                let again = self.wait_preop().and_then(|()| self.attempt(experiment));
+                self.is_lost = matches!(again, Err(Interruption::LinkLost));
+                again.unwrap_or_else(|reason| self.not_run(&reason))
+            }
+            result => result.unwrap_or_else(|reason| self.not_run(&reason)),
+        }
+    }
+
+    fn not_run(&mut self, reason: &Interruption) -> Outcome {
+        self.session = None;
+        Outcome::undecided(reason.to_string())
+    }
+
+    fn attempt(&mut self, experiment: &Experiment) -> Result<Outcome> {
+        if self.is_stopped() {
+            return Err(Interruption::Stopped);
+        }
+        if experiment.stage > self.options.last_stage {
+            return unavailable(self.options.reason.clone());
+        }
+        if experiment.stage == Stage::Wired && self.options.wired.is_none() {
+            return unavailable("no wired channels are given (--wired)");
+        }
+        self.has_changed |= experiment.stage != Stage::Reading;
+        if experiment.stage == Stage::PreOp {
+            self.session = None;
+            self.wait_preop()?;
+        }
+        if let Some(session) = &mut self.session {
+            session.take_missed();
+        }
+        let outcome = (experiment.run)(self)?;
+        // Missing responses can look like another behaviour.
+        match self.session.as_mut().map_or(0, Session::take_missed) {
+            0 => Ok(outcome),
+            _ => Err(Interruption::LinkLost),
+        }
+    }
+
+    pub(crate) fn sdo(&self) -> Sdo<'_> {
+        Sdo { diagnostics: &self.diagnostics, slave: self.slave }
+    }
+
+    pub(crate) fn clock(&self) -> &dyn Clock {
+        self.ecrt.clock().as_ref()
+    }
+
+    pub(crate) fn sleep_ns(&self, duration_ns: u64) {
+        self.clock().sleep_until_ns(self.clock().now_ns().saturating_add(duration_ns));
+    }
+
+    /// Waits until the gateway responds in PREOP, as it does after a program has released the master.
+    pub(crate) fn wait_preop(&mut self) -> Result {
+        // A gateway that stays away is not waited for again.
+        let wait_ns = if self.is_lost { POLL_NS } else { RETURN_NS };
+        let end_ns = self.clock().now_ns().saturating_add(wait_ns);
+        loop {
+            if self.is_stopped() {
+                return Err(Interruption::Stopped);
+            }
+            // The state that the master shows may be old.
+            if let Ok(Some(AlState::PreOp)) = self.diagnostics.al_state(self.slave)
+                && self.sdo().try_read(0x1018, 1).is_ok()
+            {
+                self.is_lost = false;
+                return Ok(());
+            }
+            if self.clock().now_ns() >= end_ns {
+                return Err(Interruption::LinkLost);
+            }
+            self.sleep_ns(POLL_NS);
+            // The number of slaves may have changed.
+            if let Ok(diagnostics) = Diagnostics::of_bus(&self.ecrt, self.master)
+                && diagnostics.slave_count() > self.slave
+            {
+                self.diagnostics = diagnostics;
+            }
+        }
+    }
+
+    /// A session in OP with this setup: the present one, or a new one.
+    pub(crate) fn session(&mut self, setup: &Setup) -> Result<&mut Session> {
+        if let Some(reason) = &self.op_failure {
+            return Err(reason.clone());
+        }
+        if self.session.as_ref().is_none_or(|session| session.setup != *setup) {
+            self.session = None;
+            self.wait_preop()?;
+            let position = u16::try_from(self.slave).unwrap_or(u16::MAX);
+            let opened =
+                Session::open(&self.ecrt, self.master, position, setup, &self.options.stop);
+            if let Err(reason @ Interruption::NotInOp { .. }) = &opened
+                && *setup == Setup::plain()
+            {
+                self.op_failure = Some(reason.clone());
+            }
+            self.session = Some(opened?);
+        }
+        self.session.as_mut().map_or_else(|| unavailable("no session"), Ok)
+    }
+
+    /// Ends the session, whose frames would disturb the next experiment.
+    pub(crate) fn end_session(&mut self) -> Result {
+        match self.session.take().map_or(0, |mut session| session.take_missed()) {
+            0 => Ok(()),
+            _ => Err(Interruption::LinkLost),
+        }
+    }
+}

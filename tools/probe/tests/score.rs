@@ -1,0 +1,139 @@
+//! Mutation score: the probe against the default gateway, and against each alternative of each switch.
+#![allow(missing_docs)]
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use ecan_probe::{Finding, Probe, ProbeOptions, UNDECIDABLE, Verdict, experiments};
+use ecan_sim::variant::{Alternative, Variant, variants};
+use ecan_sim::{ClockKind, Scenario, SimOptions};
+
+fn probe(variant: &str) -> Vec<Finding> {
+    let text = format!("[[gateway]]\n{variant}");
+    let scenario = Scenario::from_toml(&text, "probe", Path::new("."));
+    let scenario = scenario.unwrap_or_else(|error| panic!("{text}{error}"));
+    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+    let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
+    Probe::open(&backend.ecrt, 0, 0, ProbeOptions::default()).unwrap().run(|_| ())
+}
+
+/// The gateway with one alternative. The abort code shows only with an entry that is missing.
+fn probe_alternative(variant: &'static Variant, alternative: &'static Alternative) -> Vec<Finding> {
+    let mut text = variant.toml(alternative);
+    if variant.key == "missing_abort" {
+        text += "missing_entries = [\"0x9020\"]\n";
+    }
+    probe(&text)
+}
+
+fn number(text: &str) -> Option<i64> {
+    let text = text.replace('_', "");
+    match text.strip_prefix("0x") {
+        Some(digits) => i64::from_str_radix(digits, 16).ok(),
+        None => text.parse().ok(),
+    }
+}
+
+/// Deviation of a measured number from that of the alternative.
+fn tolerance(key: &str, expected: i64) -> std::ops::RangeInclusive<i64> {
+    match key {
+        // With the master's scan.
+        "boot_ms" => expected..=expected + 2_000,
+        "mailbox_delay_us" => expected - 1_000..=expected + 3_000,
+        "service_period_us" | "service_jitter_us" => expected * 8 / 10..=expected * 12 / 10,
+        "service_delay_us" => expected..=expected + 20,
+        "release_jitter_us" => expected - 4..=expected,
+        _ => expected..=expected,
+    }
+}
+
+/// Returns whether a finding names the alternative.
+fn names(finding: &Finding, variant: &Variant, alternative: &Alternative) -> bool {
+    let Some(found) = &finding.alternative else { return false };
+    let expected = alternative.value.trim_matches('"');
+    let is_equal = match (number(expected), number(found)) {
+        (Some(expected), Some(found)) => tolerance(variant.key, expected).contains(&found),
+        _ => expected == found,
+    };
+    finding.key == variant.key && finding.verdict == Verdict::Differs && is_equal
+}
+
+/// Alternatives that differ from the default, of the switches with an experiment.
+fn alternatives() -> impl Iterator<Item = (&'static Variant, &'static Alternative)> {
+    variants().flat_map(|variant| variant.alternatives.iter().skip(1).map(move |it| (variant, it)))
+}
+
+#[test]
+fn every_switch_has_an_experiment_or_a_reason() {
+    let decided = experiments().map(|it| (it.key, it.rows));
+    let known: Vec<_> = decided.chain(UNDECIDABLE.iter().map(|it| (it.key, it.rows))).collect();
+    for variant in variants() {
+        let rows = known.iter().filter(|it| it.0 == variant.key).flat_map(|it| it.1);
+        let rows: BTreeSet<_> = rows.collect();
+        let expected: BTreeSet<_> = variant.assumptions.iter().collect();
+        assert_eq!(rows, expected, "{}", variant.key);
+    }
+    for (key, _) in known.iter().filter(|it| !it.0.is_empty()) {
+        assert!(variants().any(|it| it.key == *key), "{key} is not a switch");
+    }
+}
+
+#[test]
+fn default_gateway_has_no_difference() {
+    for finding in probe("") {
+        assert_ne!(finding.verdict, Verdict::Differs, "{finding:?}");
+    }
+}
+
+/// Alternatives that the probe cannot distinguish from others or does not find, with the reason.
+const NOT_NAMED: &[(&str, &str, &str)] = &[
+    ("emergencies", "\"none\"", "the SDK does not read CoE emergencies"),
+    ("complete_access", "true", "the SDK makes no SDO transfers with Complete Access"),
+    (
+        "reboot_delay_ms",
+        "1",
+        "found as a missing answer, as with 0: the master fetches it too late",
+    ),
+    ("publishes_after_read", "true", "the master sets the distance between LWR and LRD"),
+];
+
+#[test]
+fn each_alternative_is_named() {
+    let mut not_named = Vec::new();
+    let mut all = 0;
+    for (variant, alternative) in alternatives() {
+        all += 1;
+        let findings = probe_alternative(variant, alternative);
+        if !findings.iter().any(|finding| names(finding, variant, alternative)) {
+            let of_key: Vec<_> = findings.into_iter().filter(|it| it.key == variant.key).collect();
+            not_named.push((variant.key, alternative.value, of_key));
+        }
+    }
+    println!("alternatives named: {} of {all}", all - not_named.len());
+    for (key, value, of_key) in &not_named {
+        let known = NOT_NAMED.iter().find(|it| (it.0, it.1) == (*key, *value));
+        let reason = known.map(|it| it.2);
+        println!("  {key} = {value}: {}", reason.unwrap_or("NOT NAMED"));
+        assert!(reason.is_some(), "{key} = {value}: {of_key:#?}");
+    }
+    assert_eq!(not_named.len(), NOT_NAMED.len(), "a reason is outdated");
+}
+
+/// Rows with a switch: the assumptions about the device that the simulator can vary.
+#[test]
+fn nine_of_ten_device_assumptions_are_decided() {
+    let findings = probe("");
+    let is_decided = |finding: &Finding| finding.verdict != Verdict::Undecided;
+    let decided: BTreeSet<_> =
+        findings.iter().filter(|it| is_decided(it)).flat_map(|it| it.rows).collect();
+    let rows: BTreeSet<_> = variants().flat_map(|it| it.assumptions).collect();
+    let others: Vec<_> = decided.difference(&rows).copied().collect();
+    let undecided: Vec<_> = rows.difference(&decided).collect();
+    println!("device assumptions decided: {} of {}", rows.len() - undecided.len(), rows.len());
+    for row in &undecided {
+        let of_row = findings.iter().find(|it| it.rows.contains(row)).unwrap();
+        println!("  {row}: {}", of_row.detail);
+    }
+    println!("further assumptions decided: {}", others.len());
+    assert!(undecided.len() * 10 <= rows.len(), "{undecided:?}");
+}
