@@ -18,6 +18,7 @@ pub use parallel::run_in_parallel;
 pub use startup_round::StartupRounds;
 
 use std::ops::Range;
+use std::time::Duration;
 
 use ecan_protocol::mapping::Direction;
 use ecrt_sys::{Clock, Ecrt};
@@ -47,6 +48,8 @@ struct Slave {
     domain: DomainId,
     identity: Identity,
     capabilities: CapabilityValues,
+    /// Time of an SDO transfer before activation.
+    sdo_time: Duration,
     layout: DomainLayout,
     rx: Range<usize>,
     tx: Range<usize>,
@@ -246,7 +249,7 @@ impl Adapter {
         let settings =
             self.config.slaves.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
         let (rx_n, tx_n) = (settings.rx_multiplier, settings.tx_multiplier);
-        let Prepared { identity, capabilities, rx_units, tx_units } = prepared;
+        let Prepared { identity, capabilities, rx_units, tx_units, sdo_time } = prepared;
 
         let fail = |call| move |errno| Error::library(call, Some(slave), errno);
         let master = &mut self.master;
@@ -298,6 +301,7 @@ impl Adapter {
             domain,
             identity,
             capabilities,
+            sdo_time,
             layout,
             rx: rx_start..rx_start + layout.rx_bytes,
             tx: tx_start..tx_start + layout.tx_bytes,

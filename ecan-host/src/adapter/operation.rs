@@ -16,8 +16,9 @@ use crate::phase::Phase;
 const INSPECT_NS: u64 = 200_000_000;
 /// Cycles of a startup SDO: request, fetching the response, and a reserve.
 const CYCLES_PER_SDO: u32 = 4;
-/// Time of a startup SDO that does not depend on the cycle.
+/// Time of a startup SDO that does not depend on the cycle: at least, and at most.
 const SDO_TIME: Duration = Duration::from_millis(5);
+const SDO_TIME_MAX: Duration = Duration::from_millis(200);
 const STATES_TIME: Duration = Duration::from_secs(5);
 
 /// Function of the application that decides whether to end a wait.
@@ -192,14 +193,19 @@ impl Adapter {
     }
 
     /// Time in which the slaves reach OP: the master configures one slave after the other, and every
-    /// startup SDO takes a few cycles. Allocates; not for the cycle.
+    /// startup SDO takes a few cycles and the time that a transfer to this slave took when the Adapter
+    /// was opened, at most 200 ms. Allocates; not for the cycle.
     pub fn startup_timeout(&self) -> Duration {
+        let of_slave = |slave| {
+            let downloads = self.startup.download_count(&self.config, slave);
+            let measured = self.slaves.get(slave).map_or(SDO_TIME, |slave| slave.sdo_time);
+            let sdo_time = measured.clamp(SDO_TIME, SDO_TIME_MAX);
+            (self.config.cycle * CYCLES_PER_SDO + sdo_time)
+                * u32::try_from(downloads).unwrap_or(u32::MAX)
+        };
         let count = self.slave_count();
-        let downloads: usize =
-            (0..count).map(|slave| self.startup.download_count(&self.config, slave)).sum();
-        let downloads = u32::try_from(downloads).unwrap_or(u32::MAX);
-        let slaves = u32::try_from(count).unwrap_or(u32::MAX);
-        (self.config.cycle * CYCLES_PER_SDO + SDO_TIME) * downloads + STATES_TIME * (slaves + 1)
+        let sdos: Duration = (0..count).map(of_slave).sum();
+        sdos + STATES_TIME * (u32::try_from(count).unwrap_or(u32::MAX) + 1)
     }
 
     /// Online, OP and AL state of a slave as the master's configuration sees it. It lags the

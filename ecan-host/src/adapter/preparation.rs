@@ -1,7 +1,9 @@
 //! Values that are read of the slaves before they are configured.
 
 use std::thread;
+use std::time::Duration;
 
+use ecan_protocol::device::Capabilities;
 use ecan_protocol::mapping::Direction;
 
 use super::Adapter;
@@ -11,12 +13,17 @@ use crate::config::{AdapterConfig, Identity};
 use crate::error::Error;
 use crate::startup::StartupPlan;
 
+/// Subindex of 0xF000 that each gateway has: the size of a PDO unit.
+const SIZE_UNIT: u8 = 17;
+
 #[derive(Debug)]
 pub(super) struct Prepared {
     pub(super) identity: Identity,
     pub(super) capabilities: CapabilityValues,
     pub(super) rx_units: Vec<Unit>,
     pub(super) tx_units: Vec<Unit>,
+    /// Time of an SDO transfer, measured once.
+    pub(super) sdo_time: Duration,
 }
 
 fn prepare(
@@ -31,12 +38,16 @@ fn prepare(
     let mut capabilities = identified.capabilities;
     let steps = startup.preparation(config, slave);
     diagnostics.run_startup_with(slave, &steps, &mut capabilities, |_| {})?;
+    let begun_ns = diagnostics.clock().now_ns();
+    diagnostics.sdo_upload_u32(slave, Capabilities::INDEX, SIZE_UNIT)?;
+    let sdo_time = Duration::from_nanos(diagnostics.clock().now_ns().saturating_sub(begun_ns));
     let mapping = |direction, n| read_mapping(diagnostics, slave, direction, n);
     Ok(Prepared {
         identity: identified.identity,
         capabilities,
         rx_units: mapping(Direction::RxPdo, settings.rx_multiplier)?,
         tx_units: mapping(Direction::TxPdo, settings.tx_multiplier)?,
+        sdo_time,
     })
 }
 

@@ -291,6 +291,12 @@ impl Error {
         }
     }
 
+    /// Returns whether the slave rejected an SDO transfer because it does not have the object or the entry.
+    pub fn is_missing_object(&self) -> bool {
+        let missing = [AbortCode::NO_OBJECT, AbortCode::NO_SUBINDEX];
+        matches!(self, Self::Sdo { abort_code: Some(code), .. } if missing.contains(code))
+    }
+
     pub(crate) fn library(call: &'static str, slave: Option<usize>, errno: Errno) -> Self {
         Self::Library { call, slave, errno }
     }

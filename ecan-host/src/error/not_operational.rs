@@ -39,6 +39,17 @@ impl SlaveReport {
         self.online && self.error_flag && self.al_state.is_some_and(is_preop)
     }
 
+    /// It rejected OP without an error that has another cause than the process data.
+    fn may_have_lost_profile(&self) -> bool {
+        let is_safeop = |raw: u8| AlState::from_status(raw.into()) == Some(AlState::SafeOp);
+        let is_of_profile = |code| {
+            [AlStatusCode::OUTPUT_CONFIGURATION, AlStatusCode::INPUT_CONFIGURATION].contains(&code)
+        };
+        self.error_flag
+            && self.al_state.is_some_and(is_safeop)
+            && self.al_status_code.is_none_or(is_of_profile)
+    }
+
     /// The cause of its failed startup SDO may be gone: it did not answer in time.
     pub(crate) fn is_temporary(&self) -> bool {
         self.cause.as_ref().is_none_or(|cause| cause.is_temporary())
@@ -62,6 +73,17 @@ impl fmt::Display for SlaveReport {
         }
         if let Some(cause) = &self.cause {
             write!(f, ", because {cause}")?;
+            if cause.is_missing_object() {
+                f.write_str(
+                    " (assumption H42: the firmware lacks it; update the firmware, or leave out what needs it)",
+                )?;
+            }
+        } else if self.may_have_lost_profile() {
+            f.write_str(
+                " (assumption H41: it may have lost its PDO profile when the master rewrote the PDO assignment; \
+                 0x8010:02 and 0x8011:02 then read 5, and writing 1 to 0x8010:01 and 0x8011:01 in SAFEOP applies it \
+                 again)",
+            )?;
         }
         let (counter, expected) = (self.working_counter, self.expected_working_counter);
         write!(f, ", working counter {counter} of {expected}")

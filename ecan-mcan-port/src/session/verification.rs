@@ -13,6 +13,8 @@ use thiserror::Error;
 use crate::port_config::GatewayConfig;
 
 const STATUS_OK: u32 = 0;
+/// Status of 0x8010 and 0x8011: master mapping reload required.
+const MAPPING_RELOAD_REQUIRED: u32 = 5;
 
 /// An SDO transfer of the verification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,7 +39,10 @@ impl fmt::Display for SdoTransfer {
 #[non_exhaustive]
 pub enum VerificationFault {
     /// An object has another value than the configuration.
-    #[error("{} reads {found}, expected {expected}", describe(*index, *subindex))]
+    #[error(
+        "{} reads {found}, expected {expected}{}",
+        describe(*index, *subindex), assumption(*index, *subindex, *found)
+    )]
     Readback {
         /// Object index.
         index: u16,
@@ -98,6 +103,17 @@ impl VerificationFault {
     /// Returns whether the gateway answered with a value that is not the configured one.
     pub(crate) fn is_of_the_device(self) -> bool {
         matches!(self, Self::Readback { .. } | Self::OtherGateway { .. } | Self::LayoutCrc { .. })
+    }
+}
+
+/// The assumption that a value contradicts, and the remedy.
+fn assumption(index: u16, subindex: u8, found: u32) -> &'static str {
+    let is_profile = Direction::ALL.iter().any(|direction| direction.profile_object() == index);
+    if is_profile && subindex == 2 && found == MAPPING_RELOAD_REQUIRED {
+        " (assumption H41: it requires another apply after the master rewrote the PDO assignment, which OP does not \
+         permit; clear \"enable PDO assign\" in the SII, so that the master does not rewrite it)"
+    } else {
+        ""
     }
 }
 
