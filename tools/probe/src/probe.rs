@@ -7,7 +7,7 @@ use ecan_protocol::device::AlState;
 
 use crate::device_profile::DeviceProfile;
 use crate::experiment::{Experiment, Stage};
-use crate::experiments::{Restart, ServiceTime, experiments};
+use crate::experiments::{Restart, Sample, ServiceTime, experiments};
 use crate::finding::Finding;
 use crate::interruption::{Interruption, Result, unavailable};
 use crate::outcome::Outcome;
@@ -63,6 +63,7 @@ pub struct Probe {
     is_lost: bool,
     pub(crate) restart: Option<Restart>,
     pub(crate) service: Option<ServiceTime>,
+    pub(crate) samples: Option<Vec<Sample>>,
 }
 
 impl Probe {
@@ -89,6 +90,7 @@ impl Probe {
             is_lost: false,
             restart: None,
             service: None,
+            samples: None,
         })
     }
 

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use ecan_host::{Adapter, Delivery, Ecrt, RequestState, SdoRequestId};
+use ecan_host::{Adapter, Delivery, Ecrt, RegRequestId, RequestState, SdoRequestId};
 use ecan_protocol::config::{SessionCommand, session_command_write};
+use ecan_protocol::device::AlState;
 use ecan_protocol::image::{CommitFields, ImageReader, ImageWriter, SequenceTracker};
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::describe;
@@ -19,6 +20,7 @@ pub(crate) type Stop = Arc<dyn Fn() -> bool + Send + Sync>;
 /// Cycles without any response that count as a lost link.
 const SILENT_CYCLES: u32 = 100;
 const SDO_TIMEOUT_MS: u32 = 3_000;
+const REGISTER_BYTES: usize = 8;
 
 /// Process data on the way from PREOP to OP.
 #[derive(Clone, Copy, Debug, Default)]
@@ -48,6 +50,7 @@ pub(crate) struct Session {
     pub(crate) adapter: Adapter,
     pub(crate) startup: StartupWatch,
     upload: SdoRequestId,
+    registers: RegRequestId,
     /// Requests for downloads of 1, 2 and 4 bytes.
     downloads: [(usize, SdoRequestId); 3],
     writer: ImageWriter,
@@ -81,11 +84,13 @@ impl Session {
         for request in downloads.iter().map(|it| it.1).chain([upload]) {
             adapter.sdo_request_timeout(request, SDO_TIMEOUT_MS)?;
         }
+        let registers = adapter.create_register_request(0, REGISTER_BYTES)?;
         let mut session = Self {
             setup: setup.clone(),
             adapter,
             startup: StartupWatch::default(),
             upload,
+            registers,
             downloads,
             writer: ImageWriter::new(Direction::RxPdo, setup.rx),
             reader: ImageReader::new(Direction::TxPdo, setup.tx),
@@ -258,6 +263,54 @@ impl Session {
                 _ => return unavailable(format!("{what} of {} failed", describe(index, subindex))),
             }
         }
+    }
+
+    /// Reads 8 bytes of the slave controller's registers.
+    pub(crate) fn read_registers(&mut self, address: u16) -> Result<[u8; REGISTER_BYTES]> {
+        self.adapter.register_request_read(self.registers, address, REGISTER_BYTES)?;
+        loop {
+            self.cycle(|_, _| ())?;
+            match self.adapter.register_request_state(self.registers)? {
+                RequestState::Busy => {}
+                RequestState::Success => break,
+                _ => return unavailable(format!("register 0x{address:04X} was not read")),
+            }
+        }
+        let mut bytes = [0; REGISTER_BYTES];
+        for (to, from) in bytes.iter_mut().zip(self.adapter.register_request_data(self.registers)) {
+            *to = *from;
+        }
+        Ok(bytes)
+    }
+
+    /// AL state and AL status code of the slave controller.
+    pub(crate) fn al_status(&mut self) -> Result<(Option<AlState>, u16)> {
+        let [state, _, _, _, low, high, ..] = self.read_registers(0x0130)?;
+        Ok((AlState::from_status(state.into()), u16::from_le_bytes([low, high])))
+    }
+
+    /// Sends empty images until a condition is met, also without responses; returns whether it was.
+    pub(crate) fn cycles_until(
+        &mut self,
+        limit: u32,
+        is_met: impl Fn(&Adapter) -> bool,
+    ) -> Result<bool> {
+        for _ in 0..limit {
+            self.adapter.wait_next_cycle();
+            let received = self.adapter.receive();
+            let image = self.adapter.rx_pdo_mut(0);
+            if !image.is_empty() {
+                self.writer.commit(image, CommitFields::default());
+            }
+            self.adapter.send().and(received)?;
+            if self.adapter.should_stop() {
+                return Err(Interruption::Stopped);
+            }
+            if is_met(&self.adapter) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Clears the PDO errors of the RxPDO.

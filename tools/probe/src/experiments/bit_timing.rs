@@ -1,13 +1,15 @@
 //! Bit timing that the firmware chooses.
 
 use ecan_protocol::can::BitTiming;
-use ecan_protocol::config::{BitTimingMode, McanChannelConfig, NodeMode, SamplePointWindow};
+use ecan_protocol::config::{BitTimingMode, McanChannelConfig, SamplePointWindow};
 
 use crate::experiment::{Experiment, Stage};
-use crate::interruption::{Result, unavailable};
+use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::registers::{self, DBTP, NBTP, sample_point};
+
+use super::statuses::apply;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -25,17 +27,6 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         run: manual_values,
     },
 ];
-
-/// Applies a configuration to channel 0 in internal loopback; returns the apply status.
-fn apply(probe: &Probe, config: McanChannelConfig) -> Result<u32> {
-    let Some(mode) = probe.profile.internal_loopback.and_then(NodeMode::from_raw) else {
-        return unavailable("the node mode of the internal loopback is not known");
-    };
-    let sdo = probe.sdo();
-    sdo.write_all(McanChannelConfig { node_mode: mode, ..config }.needed_writes(0))?;
-    sdo.write_all([McanChannelConfig::apply_write(0)])?;
-    sdo.read(0x8001, 2)
-}
 
 /// Nominal and data sample point in 0.1 %.
 fn points(probe: &Probe) -> Result<(u32, u32)> {

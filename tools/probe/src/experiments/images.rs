@@ -1,7 +1,8 @@
 //! Images and their errors.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
-use ecan_protocol::image::PdoError;
+use ecan_protocol::image::{Header, ImageWriter, PdoError, Schedule, crc16};
+use ecan_protocol::mapping::HEADER_BYTES;
 
 use crate::experiment::{Experiment, Stage};
 use crate::interruption::Result;
@@ -9,6 +10,8 @@ use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::session::Session;
 use crate::setup::Setup;
+
+use super::loopback::{frame, push};
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -45,6 +48,20 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         stage: Stage::Op,
         assumption: "PDO errors: other layout 12, unequal sequences 14, bad CRC 15",
         run: error_numbers,
+    },
+    Experiment {
+        rows: &["S10"],
+        key: "",
+        stage: Stage::Op,
+        assumption: "a frame of a channel outside the mask is PDO error 6",
+        run: channel_outside_mask,
+    },
+    Experiment {
+        rows: &["S12"],
+        key: "",
+        stage: Stage::Op,
+        assumption: "a scheduled frame without Sync0 is PDO error 16",
+        run: schedule_without_sync0,
     },
     Experiment {
         rows: &["H37"],
@@ -171,6 +188,47 @@ fn error_numbers(probe: &mut Probe) -> Result<Outcome> {
     }
     session.clear_errors()?;
     Ok(Outcome::decided(is_met, format!("PDO errors found: {}", details.join(", "))))
+}
+
+/// No channel is active in this stage: the frames are not sent.
+fn channel_outside_mask(probe: &mut Probe) -> Result<Outcome> {
+    let mut setup = Setup::plain();
+    (setup.rx.channel_mask, setup.tx.channel_mask) = (1, 1);
+    let frame = frame(0x100)?;
+    let session = probe.session(&setup)?;
+    let on_channel_1 = |image: &mut [u8]| {
+        let Some((header, area)) = image.split_first_chunk_mut::<HEADER_BYTES>() else { return };
+        let payload_len = usize::from(Header::parse(header).payload_len);
+        if let Some(control) = area.first_mut() {
+            *control = *control & !7 | 1;
+        }
+        let crc = crc16(area.get(..payload_len).unwrap_or_default()).to_le_bytes();
+        header[8..10].copy_from_slice(&crc);
+    };
+    let (error, count) = errors_of(session, |session| {
+        session.adapter.wait_next_cycle();
+        session.exchange(|writer, image| _ = push(writer, image, &[frame]), on_channel_1).map(drop)
+    })?;
+    session.clear_errors()?;
+    let detail =
+        format!("a frame of channel 1 with mask 0x01: {count} PDO errors, the last one is {error}");
+    Ok(Outcome::decided((count, error) == (1, 6), detail))
+}
+
+fn schedule_without_sync0(probe: &mut Probe) -> Result<Outcome> {
+    let frame = frame(0x101)?;
+    let session = probe.session(&Setup::plain())?;
+    let (error, count) = errors_of(session, |session| {
+        let schedule = Schedule { tag: 0, offset_ns: 0 };
+        let fill = |writer: &mut ImageWriter, image: &mut [u8]| {
+            let _ = writer.push_scheduled(image, 0, 0, frame.as_ref(), schedule);
+        };
+        session.cycle(fill).map(drop)
+    })?;
+    session.clear_errors()?;
+    let detail =
+        format!("a scheduled frame without Sync0: {count} PDO errors, the last one is {error}");
+    Ok(Outcome::decided((count, error) == (1, 16), detail))
 }
 
 fn numbering(probe: &mut Probe) -> Result<Outcome> {

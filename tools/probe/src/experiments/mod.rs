@@ -7,15 +7,18 @@ mod loopback;
 mod mailbox;
 mod node_modes;
 mod objects;
+mod operation;
 mod receive;
 mod restart;
 mod schedule;
 mod service_loop;
 mod states;
+mod statuses;
 mod transmit;
 mod wired;
 
 pub(crate) use restart::Restart;
+pub(crate) use schedule::Sample;
 pub(crate) use service_loop::ServiceTime;
 
 use crate::experiment::{Experiment, Stage};
@@ -26,10 +29,12 @@ const GROUPS: &[&[Experiment]] = &[
     restart::EXPERIMENTS,
     node_modes::EXPERIMENTS,
     bit_timing::EXPERIMENTS,
+    statuses::EXPERIMENTS,
     states::EXPERIMENTS,
     mailbox::EXPERIMENTS,
     images::EXPERIMENTS,
     service_loop::EXPERIMENTS,
+    operation::EXPERIMENTS,
     transmit::EXPERIMENTS,
     receive::EXPERIMENTS,
     schedule::EXPERIMENTS,

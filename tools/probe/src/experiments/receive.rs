@@ -33,6 +33,13 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         run: one_channel,
     },
     Experiment {
+        rows: &["H18"],
+        key: "",
+        stage: Stage::Loopback,
+        assumption: "frames of TxPDO profile 0 carry no timestamp",
+        run: no_timestamps,
+    },
+    Experiment {
         rows: &["H14", "S14"],
         key: "",
         stage: Stage::Loopback,
@@ -63,6 +70,22 @@ fn rx_pending(probe: &mut Probe) -> Result<Outcome> {
         0 => Outcome::differs(detail).like("without_own_image"),
         _ => Outcome::differs(detail),
     })
+}
+
+fn no_timestamps(probe: &mut Probe) -> Result<Outcome> {
+    let setup = setup(probe, McanChannelConfig::classic(RATE), DataPathConfig::default())?;
+    let frame = frames(0x112, 1)?;
+    let session = probe.session(&setup)?;
+    session.cycles(3)?;
+    session.take();
+    session.cycle(|writer, image| _ = push(writer, image, &frame))?;
+    session.cycles(4)?;
+    let inputs = session.take();
+    let Some(received) = inputs.iter().flat_map(|it| &it.frames).next() else {
+        return Ok(Outcome::undecided("the frame did not come back"));
+    };
+    let detail = format!("received with timestamp: {:?}", received.timestamp);
+    Ok(Outcome::decided(received.timestamp == Timestamp::None, detail))
 }
 
 fn rx_drain(probe: &mut Probe) -> Result<Outcome> {

@@ -34,11 +34,18 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         run: assignment,
     },
     Experiment {
-        rows: &["S8", "H32"],
+        rows: &["S8"],
         key: "",
         stage: Stage::PreOp,
         assumption: "channels are off after a restart",
         run: channels_off,
+    },
+    Experiment {
+        rows: &["H40"],
+        key: "",
+        stage: Stage::PreOp,
+        assumption: "a channel that was not applied since the restart has counted nothing",
+        run: counters,
     },
     Experiment {
         rows: &["H16", "H39"],
@@ -189,6 +196,30 @@ fn channels_off(probe: &mut Probe) -> Result<Outcome> {
             "channel {channel} is in state {state} (0x9000:09); a configuration in the Flash can be the cause"
         )),
     })
+}
+
+/// Counters of 0x9000 and 0x9020.
+const COUNTERS: [(u16, u8); 7] = [
+    (0x9000, 13),
+    (0x9000, 14),
+    (0x9000, 15),
+    (0x9020, 5),
+    (0x9020, 11),
+    (0x9020, 12),
+    (0x9020, 13),
+];
+
+fn counters(probe: &mut Probe) -> Result<Outcome> {
+    if restart(probe)?.channels != [Some(ChannelState::Disabled); CHANNELS] {
+        return Ok(Outcome::undecided("a channel is active after the restart"));
+    }
+    for (index, subindex) in COUNTERS {
+        let value = probe.sdo().read(index, subindex)?;
+        if value != 0 {
+            return Ok(Outcome::differs(format!("0x{index:04X}:{subindex:02} is {value}")));
+        }
+    }
+    Ok(Outcome::holds("the counters of 0x9000 and 0x9020 are 0"))
 }
 
 fn volatile_setting(probe: &mut Probe) -> Result<Outcome> {

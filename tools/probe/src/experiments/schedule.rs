@@ -36,6 +36,20 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         run: result_count,
     },
     Experiment {
+        rows: &["H24"],
+        key: "",
+        stage: Stage::Loopback,
+        assumption: "the firmware needs at most 50 us from the image to the Sync0 pulse",
+        run: firmware_time,
+    },
+    Experiment {
+        rows: &["H25"],
+        key: "",
+        stage: Stage::Loopback,
+        assumption: "0x9011:04 and :05 are distances from a Sync0 pulse to the next image in CPU cycles",
+        run: phase_readback,
+    },
+    Experiment {
         rows: &["S30"],
         key: "release_jitter_us",
         stage: Stage::Loopback,
@@ -52,7 +66,7 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
 ];
 
 const CYCLE_NS: u64 = 4_000_000;
-const SHIFT_NS: u64 = 2_000_000;
+const SHIFT_NS: u64 = 3_000_000;
 
 fn with_sync0(probe: &Probe) -> Result<Setup> {
     let can = McanChannelConfig::classic(1_000_000);
@@ -76,13 +90,17 @@ fn sync0(probe: &mut Probe) -> Result<Outcome> {
 
 /// A scheduled frame: the time of its image before the pulse, whether it came back, and its result codes.
 #[derive(Clone, Debug)]
-struct Sample {
+pub(crate) struct Sample {
+    before_us: u64,
     is_sent: bool,
     codes: Vec<u8>,
 }
 
 /// Sends scheduled frames at several times around a pulse.
 fn sample(probe: &mut Probe) -> Result<Vec<Sample>> {
+    if let Some(samples) = &probe.samples {
+        return Ok(samples.clone());
+    }
     let setup = with_sync0(probe)?;
     let session = probe.session(&setup)?;
     let clock = session.adapter.ecrt().clock().clone();
@@ -106,9 +124,51 @@ fn sample(probe: &mut Probe) -> Result<Vec<Sample>> {
         let is_sent = inputs.iter().flat_map(|it| &it.frames).any(|it| it.frame.id() == frame.id());
         let results = inputs.iter().flat_map(|it| &it.results);
         let codes = results.filter(|it| it.sequence == sequence).map(|it| it.code.raw()).collect();
-        samples.push(Sample { is_sent, codes });
+        samples.push(Sample { before_us, is_sent, codes });
     }
+    probe.samples = Some(samples.clone());
     Ok(samples)
+}
+
+/// Largest time from an image to the pulse of its scheduled frames that the plan assumes, in us.
+const FIRMWARE_US: u64 = 50;
+
+fn firmware_time(probe: &mut Probe) -> Result<Outcome> {
+    let samples = sample(probe)?;
+    let late = samples.iter().filter(|it| !it.is_sent).map(|it| it.before_us).max();
+    let on_time = samples.iter().filter(|it| it.is_sent).map(|it| it.before_us).min();
+    let Some(on_time) = on_time else {
+        return Ok(Outcome::differs("no scheduled frame left"));
+    };
+    let detail = match late {
+        Some(late) => format!(
+            "frames whose image was sent {on_time} us before the pulse left, those with {late} us did not"
+        ),
+        None => format!("frames whose image was sent {on_time} us before the pulse left"),
+    };
+    Ok(Outcome::decided(late.is_none_or(|it| it <= FIRMWARE_US), detail))
+}
+
+fn phase_readback(probe: &mut Probe) -> Result<Outcome> {
+    let setup = with_sync0(probe)?;
+    let session = probe.session(&setup)?;
+    session.cycles(5)?;
+    session.write(0x9011, 14, 1)?;
+    session.cycles(10)?;
+    let clock_hz = u64::from(session.read(0x8000, 4)?);
+    let [least, most] = [session.read(0x9011, 4)? as i32, session.read(0x9011, 5)? as i32];
+    if clock_hz == 0 {
+        return Ok(Outcome::undecided("0x8000:04 is 0: CPU cycles cannot be converted"));
+    }
+    let us = |cycles: i32| i64::from(cycles) * 1_000_000 / clock_hz as i64;
+    let expected = ((CYCLE_NS - SHIFT_NS) / 1_000) as i64;
+    let detail = format!(
+        "images follow a pulse after {expected} us and the host's delay: 0x9011:04 and :05 are {} and {} us",
+        us(least),
+        us(most)
+    );
+    let is_near = |it: i64| (expected - 50..=expected + 300).contains(&it);
+    Ok(Outcome::decided(is_near(us(least)) && is_near(us(most)), detail))
 }
 
 /// First codes, each once.

@@ -1,7 +1,7 @@
 //! Transmit queue and results.
 
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
-use ecan_protocol::image::{OptionFlags, TxResult};
+use ecan_protocol::image::{ChannelState, ChannelStatus, OptionFlags, Timestamp, TxResult};
 
 use crate::experiment::{Experiment, Stage};
 use crate::interruption::Result;
@@ -9,7 +9,7 @@ use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::setup::Setup;
 
-use super::loopback::{frames, push, setup};
+use super::loopback::{frame, frames, push, setup};
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -32,6 +32,20 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         stage: Stage::Loopback,
         assumption: "each frame gets a TX_RESULT with the sequence of its image and its index",
         run: tx_results,
+    },
+    Experiment {
+        rows: &["S10"],
+        key: "",
+        stage: Stage::Loopback,
+        assumption: "a frame of a channel that is off gets TX_RESULT 3",
+        run: channel_off,
+    },
+    Experiment {
+        rows: &["H38"],
+        key: "",
+        stage: Stage::Loopback,
+        assumption: "a channel takes a new configuration in OP",
+        run: apply_in_op,
     },
 ];
 
@@ -100,12 +114,50 @@ fn tx_pressure(probe: &mut Probe) -> Result<Outcome> {
     })
 }
 
-fn tx_results(probe: &mut Probe) -> Result<Outcome> {
+fn with_results(probe: &Probe) -> Result<Setup> {
     let fast = McanChannelConfig::classic(1_000_000);
     let mut setup = setup(probe, fast, DataPathConfig::default())?;
     setup.tx.options = OptionFlags::TX_RESULT;
     setup.tx.multiplier = 3;
     setup.rx.multiplier = 3;
+    Ok(setup)
+}
+
+fn channel_off(probe: &mut Probe) -> Result<Outcome> {
+    let setup = with_results(probe)?;
+    let frame = frame(0x123)?;
+    let session = probe.session(&setup)?;
+    let state = ChannelStatus::from_raw(session.read(0x9001, 9)? as u16).state();
+    if state != ChannelState::Disabled {
+        return Ok(Outcome::undecided(format!("channel 1 is in state {state}")));
+    }
+    session.cycles(3)?;
+    session.take();
+    session.cycle(|writer, image| {
+        let _ = writer.push(image, 1, 0, frame.as_ref(), Timestamp::None);
+    })?;
+    session.cycles(8)?;
+    let inputs = session.take();
+    let codes: Vec<_> = inputs.iter().flat_map(|it| &it.results).map(|it| it.code.raw()).collect();
+    session.clear_errors()?;
+    Ok(match codes[..] {
+        [] => Outcome::differs("the frame got no result"),
+        _ => Outcome::decided(codes == [3], format!("result codes of the frame: {codes:?}")),
+    })
+}
+
+fn apply_in_op(probe: &mut Probe) -> Result<Outcome> {
+    let setup = with_results(probe)?;
+    let session = probe.session(&setup)?;
+    session.write(0x8001, 19, 250_000)?;
+    session.write(0x8001, 1, 1)?;
+    let status = session.read(0x8001, 2)?;
+    probe.end_session()?;
+    Ok(Outcome::decided(status == 0, format!("apply status {status} for another bit rate in OP")))
+}
+
+fn tx_results(probe: &mut Probe) -> Result<Outcome> {
+    let setup = with_results(probe)?;
     let sent = frames(0x300, 5)?;
     let session = probe.session(&setup)?;
     session.cycles(3)?;

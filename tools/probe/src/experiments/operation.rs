@@ -1,0 +1,93 @@
+//! The slave controller in OP.
+
+use std::time::Duration;
+
+use ecan_protocol::device::AlState;
+
+use crate::experiment::{Experiment, Stage};
+use crate::interruption::Result;
+use crate::outcome::Outcome;
+use crate::probe::Probe;
+use crate::setup::Setup;
+
+pub(super) const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        rows: &["S34"],
+        key: "",
+        stage: Stage::Op,
+        assumption: "the slave controller has 8 FMMUs, 8 sync managers and 8 KiB of memory",
+        run: controller,
+    },
+    Experiment {
+        rows: &["H36"],
+        key: "",
+        stage: Stage::Op,
+        assumption: "a write to AL control takes the gateway out of OP, and the master configures it again",
+        run: al_control,
+    },
+    Experiment {
+        rows: &["H34"],
+        key: "",
+        stage: Stage::Op,
+        assumption: "the process data watchdog counts in units of 100 us, and ends OP with AL status 0x001B",
+        run: watchdog,
+    },
+];
+
+fn controller(probe: &mut Probe) -> Result<Outcome> {
+    let session = probe.session(&Setup::plain())?;
+    let [kind, _, _, _, fmmus, sync_managers, memory, _] = session.read_registers(0x0000)?;
+    let detail = format!(
+        "type 0x{kind:02X}, {fmmus} FMMUs, {sync_managers} sync managers, {memory} KiB of memory"
+    );
+    Ok(match (fmmus, sync_managers, memory) {
+        (0, 0, 0) => Outcome::undecided("the registers read 0, as with the simulated library"),
+        found => Outcome::decided(found == (8, 8, 8), detail),
+    })
+}
+
+/// Longest way out of OP and back, in cycles of 2 ms.
+const RETURN_CYCLES: u32 = 15_000;
+
+fn al_control(probe: &mut Probe) -> Result<Outcome> {
+    let session = probe.session(&Setup::plain())?;
+    session.adapter.request_reconfiguration(0)?;
+    let has_left = session.cycles_until(100, |it| it.domain_report(0).working_counter == 0)?;
+    if !has_left {
+        return Ok(Outcome::differs("the gateway exchanges process data 200 ms after the write"));
+    }
+    let is_back =
+        session.cycles_until(RETURN_CYCLES, |it| it.all_operational().is_ok_and(|it| it))?;
+    session.take_missed();
+    Ok(match is_back {
+        true => Outcome::holds("the gateway left OP and returned"),
+        false => Outcome::differs("the gateway left OP and did not return within 30 s"),
+    })
+}
+
+const WATCHDOG_MS: u64 = 20;
+
+fn watchdog(probe: &mut Probe) -> Result<Outcome> {
+    let setup = Setup { watchdog: Duration::from_millis(WATCHDOG_MS), ..Setup::plain() };
+    let mut found = Vec::new();
+    for gap_ms in [WATCHDOG_MS * 7 / 10, WATCHDOG_MS * 15 / 10] {
+        let session = probe.session(&setup)?;
+        session.cycles(5)?;
+        let clock = session.adapter.ecrt().clock().clone();
+        clock.sleep_until_ns(clock.now_ns() + gap_ms * 1_000_000);
+        found.push(session.al_status()?);
+        session.take_missed();
+    }
+    probe.end_session()?;
+    let text = |(state, code): &(Option<AlState>, u16)| match state {
+        Some(state) => format!("{state} with AL status 0x{code:04X}"),
+        None => format!("no state with AL status 0x{code:04X}"),
+    };
+    let detail = format!(
+        "watchdog of {WATCHDOG_MS} ms: {} after a gap of 14 ms, {} after 30 ms",
+        found.first().map(text).unwrap_or_default(),
+        found.last().map(text).unwrap_or_default()
+    );
+    let is_met = matches!(found[..], [(Some(AlState::Op), _), (_, 0x001B)]);
+    Ok(Outcome::decided(is_met, detail))
+}
