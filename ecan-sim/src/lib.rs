@@ -7,8 +7,8 @@ mod gateway;
 
 pub use gateway::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
-    GatewayCounters, GatewayFault, GatewayModelConfig, ReceiveLosses, Sync0, SyncManagerConfig,
-    TransmitLosses,
+    GatewayCounters, GatewayFault, GatewayModelConfig, ReceiveLosses, Sync0, Sync0Window,
+    SyncManagerConfig, TransmitLosses,
 };
 
 pub use gateway::variant;

@@ -46,6 +46,8 @@ impl AlStatusCode {
     pub const BOOT_MAILBOX_CONFIGURATION: Self = Self(0x0015);
     /// Mailbox sync managers are wrong.
     pub const MAILBOX_CONFIGURATION: Self = Self(0x0016);
+    /// Outputs and synchronisation signal do not fit each other.
+    pub const SYNC_ERROR: Self = Self(0x001A);
     /// Outputs did not arrive in time.
     pub const SM_WATCHDOG: Self = Self(0x001B);
     /// Output sync manager is wrong.

@@ -1,3 +1,4 @@
+use super::sync0_window::Sync0Window;
 use super::variant::GatewayVariant;
 
 /// Identity and timing of one simulated gateway.
@@ -39,6 +40,8 @@ pub struct GatewayModelConfig {
     /// Consecutive Sync0 pulses without an SM2 write after which the slave leaves OP with AL
     /// status 0x002C; 0 disables this check.
     pub missed_sync_limit: u32,
+    /// Times around Sync0 at which outputs are missed.
+    pub sync0_window: Sync0Window,
     /// Rate of the distributed clock's oscillator above simulated time, in parts per billion:
     /// 50 000 is 50 ppm.
     pub clock_drift_ppb: i32,
@@ -76,6 +79,7 @@ impl Default for GatewayModelConfig {
             idle_service_ns: 1_000_000,
             sync_wait_ns: 2_000_000_000,
             missed_sync_limit: 0,
+            sync0_window: Sync0Window::default(),
             clock_drift_ppb: 0,
             tx_pressure_percent: 50,
             publishes_after_read: false,

@@ -44,6 +44,10 @@ pub struct ReceiveLosses {
 pub struct GatewayCounters {
     /// Complete SM2 writes accepted from the master.
     pub images_written: u64,
+    /// Images among them that arrived within the window around a Sync0 pulse
+    /// ([`Sync0Window`](crate::Sync0Window)): the firmware read them only after the next write was
+    /// rejected.
+    pub outputs_missed: u64,
     /// SM2 writes rejected, for example because the buffer was full.
     pub writes_rejected: u64,
     /// Images parsed without error.

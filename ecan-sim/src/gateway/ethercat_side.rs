@@ -96,6 +96,7 @@ impl Gateway {
         let change = self.al.enter(state);
         if change.leaves_op() {
             self.application.data_path.stop_outputs();
+            self.output_timing.restart();
             self.services.restart_idle(self.now);
         }
         if change.stops_mailbox() {
@@ -214,18 +215,47 @@ impl Gateway {
     ///
     /// In SAFEOP the firmware empties the buffer without parsing it. Does not allocate.
     pub fn write_outputs(&mut self, now: u64, data: &[u8]) -> bool {
+        self.write_outputs_arriving(now, now, data)
+    }
+
+    /// [`write_outputs`](Self::write_outputs) of a front end that exchanges process data when the
+    /// master sends them: against the Sync0 pulses counts `arrival`, the time at which the frame has
+    /// passed the slave.
+    pub(crate) fn write_outputs_arriving(&mut self, now: u64, arrival: u64, data: &[u8]) -> bool {
         self.advance(now);
         let is_written = self.exchanges_process_data() && self.sync_managers.outputs.write(data);
-        let DataPath { counters, performance, .. } = &mut self.application.data_path;
         if !is_written {
-            counters.writes_rejected += 1;
+            self.reject_outputs(arrival);
             return false;
         }
+        let DataPath { counters, performance, .. } = &mut self.application.data_path;
         counters.images_written += 1;
-        performance.pdi_interrupt(self.now, self.clock.pulses, true);
+        performance.pdi_interrupt(arrival, self.clock.pulses, true);
         self.watchdog.feed(self.now);
-        self.services.outputs_written(self.now);
+        self.services.outputs_written(self.now, arrival);
+        if self.al.is_op() && self.output_timing.outputs_written(self.clock.pulses, arrival) {
+            counters.outputs_missed += 1;
+            self.check_output_timing();
+        }
         true
+    }
+
+    /// Outputs for SM2 were rejected.
+    pub(crate) fn reject_outputs(&mut self, arrival: u64) {
+        self.application.data_path.counters.writes_rejected += 1;
+        if !self.al.is_op() || !self.sync_managers.outputs.is_full() {
+            return;
+        }
+        if self.output_timing.write_rejected(self.clock.pulses, arrival) {
+            self.services.retry(self.now);
+        }
+        self.check_output_timing();
+    }
+
+    fn check_output_timing(&mut self) {
+        if let Some(code) = self.output_timing.error() {
+            self.fall_back(code);
+        }
     }
 
     /// A complete read of SM3, in its full length. Returns `false` (not counted, `out` unchanged)
@@ -257,11 +287,8 @@ impl Gateway {
         self.sync_managers.is_reading_inputs = true;
     }
 
-    pub(crate) fn count_rejected_access(&mut self, is_write: bool) {
-        let counters = &mut self.application.data_path.counters;
-        let rejected =
-            if is_write { &mut counters.writes_rejected } else { &mut counters.reads_rejected };
-        *rejected += 1;
+    pub(crate) fn count_rejected_read(&mut self) {
+        self.application.data_path.counters.reads_rejected += 1;
     }
 
     /// Sets the process data watchdog, in nanoseconds; 0 disables it. It runs in OP while the
@@ -290,6 +317,7 @@ impl Gateway {
             return;
         }
         self.clock.set_sync0(sync0, self.now);
+        self.output_timing.restart();
         self.application.data_path.sync0_changed();
         if sync0.is_none() && self.al.is_op() {
             self.fall_back(AlStatusCode::FATAL_SYNC);

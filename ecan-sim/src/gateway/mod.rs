@@ -59,6 +59,7 @@ mod rx_pdo;
 mod schedule;
 mod sdo_access;
 mod service_timer;
+mod sync0_window;
 mod sync_managers;
 mod transmit_path;
 mod tx_pdo;
@@ -82,6 +83,7 @@ use maintenance::Maintenance;
 use power_supply::PowerSupply;
 use service_timer::ServiceTimer;
 use sync_managers::SyncManagers;
+use sync0_window::OutputTiming;
 use variant::{SafeOpInputs, SafeOpOutputs};
 use watchdog::Watchdog;
 
@@ -93,6 +95,7 @@ pub use fault::GatewayFault;
 pub use firmware_package::{FirmwarePackage, FirmwarePackageError};
 pub use firmware_update::{FirmwareProgress, FirmwareUpdateError};
 pub(crate) use sdo_access::DEVICE_NAME;
+pub use sync0_window::Sync0Window;
 
 const NS_PER_MS: u64 = 1_000_000;
 
@@ -107,6 +110,7 @@ pub struct Gateway {
     watchdog: Watchdog,
     clock: DistributedClock,
     services: ServiceTimer,
+    output_timing: OutputTiming,
     application: Application,
     maintenance: Maintenance,
     emergencies: EmergencyQueue,
@@ -131,6 +135,7 @@ impl Gateway {
             watchdog: Watchdog::new(),
             clock: DistributedClock::new(config.clock_drift_ppb),
             services: ServiceTimer::new(&config, seed),
+            output_timing: OutputTiming::new(config.sync0_window),
             application: Application::new(&config, seed),
             maintenance: Maintenance::default(),
             emergencies: EmergencyQueue::new(),
@@ -265,6 +270,7 @@ impl Gateway {
         self.watchdog = Watchdog::new();
         self.clock = DistributedClock::new(self.config.clock_drift_ppb);
         self.services.cancel();
+        self.output_timing.restart();
         self.maintenance = Maintenance::default();
         self.store.cancel();
         self.firmware.stop();
@@ -278,9 +284,11 @@ impl Gateway {
             outputs_at: self.services.outputs_at,
             pulses: self.clock.pulses,
         };
-        let Self { sync_managers, application: Application { data_path, .. }, .. } = self;
+        let Self {
+            sync_managers, output_timing, application: Application { data_path, .. }, ..
+        } = self;
         data_path.counters.services += 1;
-        if sync_managers.outputs.is_full() {
+        if sync_managers.outputs.is_full() && !output_timing.is_image_missed {
             let image = sync_managers.outputs.image();
             data_path.performance.outputs_read(image.len());
             if is_op {

@@ -11,7 +11,7 @@ pub(super) struct ServiceTimer {
     /// Due time of the service for the last SM2 write.
     due: Option<u64>,
     idle_due: u64,
-    /// Time of the last complete SM2 write.
+    /// Arrival of the last complete SM2 write.
     pub(super) outputs_at: u64,
     /// Time of the last service.
     pub(super) last: u64,
@@ -36,8 +36,14 @@ impl ServiceTimer {
         }
     }
 
-    pub(super) fn outputs_written(&mut self, now: u64) {
-        self.outputs_at = now;
+    /// Outputs were written now; they count as arrived at `arrival`.
+    pub(super) fn outputs_written(&mut self, now: u64, arrival: u64) {
+        self.outputs_at = arrival;
+        self.retry(now);
+    }
+
+    /// Serves the outputs that SM2 holds, as after a write.
+    pub(super) fn retry(&mut self, now: u64) {
         if !self.is_free_running {
             let jitter = self.draw(self.jitter_ns);
             self.due = Some(now + self.delay_ns + jitter);
@@ -89,7 +95,7 @@ mod tests {
     fn service_follows_the_write_after_delay() {
         let mut timer = timer(0, 1);
         assert_eq!(timer.due(), None);
-        timer.outputs_written(1_000);
+        timer.outputs_written(1_000, 1_000);
         assert_eq!((timer.outputs_at, timer.due()), (1_000, Some(31_000)));
         timer.cancel();
         assert_eq!(timer.due(), None);
@@ -100,7 +106,7 @@ mod tests {
         let draw = |seed| {
             let mut timer = timer(500, seed);
             let times = (0..50).map(|_| {
-                timer.outputs_written(0);
+                timer.outputs_written(0, 0);
                 timer.due().unwrap()
             });
             times.collect::<Vec<_>>()
@@ -116,7 +122,7 @@ mod tests {
     fn stall_delays_both_kinds_of_service() {
         let mut timer = timer(0, 1);
         timer.restart_idle(0);
-        timer.outputs_written(0);
+        timer.outputs_written(0, 0);
         timer.stalled_until = 9_000_000;
         assert_eq!((timer.due(), timer.idle_due()), (Some(9_000_000), 9_000_000));
     }

@@ -10,9 +10,11 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
+use ecan_protocol::device::AlStatusCode;
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::gateway::Sync0Window;
 use crate::scenario::file::raw_fault::RawFault;
 use crate::scenario::file::raw_node::RawNode;
 use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, MasterBehaviour, Scenario, Topology};
@@ -27,6 +29,14 @@ pub struct ScenarioError {
     /// Error text.
     pub reason: String,
 }
+
+/// Replaces fields by those of a raw table that are given.
+macro_rules! set {
+    ($target:ident from $raw:ident: $($field:ident),+) => {
+        $( if let Some(value) = $raw.$field { $target.$field = value; } )+
+    };
+}
+use set;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -96,9 +106,42 @@ struct RawGateway {
     tx_pressure_percent: Option<u8>,
     complete_access: Option<bool>,
     publishes_after_read: Option<bool>,
+    sync0_window: Option<RawSync0Window>,
     buses: Option<Vec<String>>,
     #[serde(default)]
     variant: BTreeMap<Spanned<String>, toml::Value>,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(deny_unknown_fields)]
+struct RawSync0Window {
+    before_us: Option<u32>,
+    after_us: Option<u32>,
+    missed_limit: Option<u32>,
+    al_status: Option<u16>,
+}
+
+impl RawSync0Window {
+    fn build(self) -> Result<Sync0Window, String> {
+        let mut window = Sync0Window::default();
+        for (target, name, us) in [
+            (&mut window.before_ns, "before_us", self.before_us),
+            (&mut window.after_ns, "after_us", self.after_us),
+        ] {
+            let Some(us) = us else { continue };
+            *target = us.checked_mul(1_000).ok_or_else(|| {
+                format!("`{name}` is out of range; allowed: 0 to {}", u32::MAX / 1_000)
+            })?;
+        }
+        set!(window from self: missed_limit);
+        if let Some(code) = self.al_status {
+            window.al_status = AlStatusCode(code);
+            if ![AlStatusCode::SYNC_ERROR, AlStatusCode::FATAL_SYNC].contains(&window.al_status) {
+                return Err("`al_status` is out of range; allowed: 0x1A, 0x2C".to_owned());
+            }
+        }
+        Ok(window)
+    }
 }
 
 /// Text of the file, to find the lines of errors.
@@ -125,14 +168,6 @@ impl Source<'_> {
         build(raw.into_inner()).map_err(|reason| self.error(Some(span), reason))
     }
 }
-
-/// Replaces fields by those of a raw table that are given.
-macro_rules! set {
-    ($target:ident from $raw:ident: $($field:ident),+) => {
-        $( if let Some(value) = $raw.$field { $target.$field = value; } )+
-    };
-}
-use set;
 
 impl Scenario {
     /// Reads a scenario from the text of a file. `name` is the default of the scenario's name;
@@ -216,6 +251,9 @@ impl RawGateway {
             (&mut config.mailbox_delay_ns, self.mailbox_delay_us),
         ] {
             *target = us.map_or(*target, |us| u64::from(us) * 1_000);
+        }
+        if let Some(window) = self.sync0_window {
+            config.sync0_window = window.build()?;
         }
         if let Some(ppm) = self.clock_drift_ppm {
             if !(-1000.0..=1000.0).contains(&ppm) {

@@ -175,14 +175,17 @@ impl World {
     /// Passes a logical datagram through all slaves and returns its working counter.
     ///
     /// Reads and writes of a slave count separately: in an LRW a read adds 1 and a write adds 2; a
-    /// rejected one adds nothing and leaves the data unchanged.
+    /// rejected one adds nothing and leaves the data unchanged. Outputs count as arrived `wire_ns`
+    /// from now.
     pub(crate) fn exchange(
         &mut self,
         command: LogicalCommand,
         logical: u32,
         data: &mut [u8],
+        wire_ns: u64,
     ) -> u16 {
         let now = self.now;
+        let arrival = now.saturating_add(wire_ns);
         let mut counter = 0u16;
         for index in 0..self.slots.len() {
             if !self.is_reachable(index) {
@@ -195,7 +198,9 @@ impl World {
                 let done = match (fmmu.direction, command) {
                     (ProcessDirection::Output, LogicalCommand::Read)
                     | (ProcessDirection::Input, LogicalCommand::Write) => false,
-                    (ProcessDirection::Output, _) => slot.gateway.write_outputs(now, part),
+                    (ProcessDirection::Output, _) => {
+                        slot.gateway.write_outputs_arriving(now, arrival, part)
+                    }
                     (ProcessDirection::Input, _) => slot.gateway.read_inputs(now, part),
                 };
                 touched |= done;

@@ -9,7 +9,10 @@ use ecan_protocol::image::{OptionFlags, PdoProfile, Schedule};
 #[test]
 fn cycles_allocate_nothing() {
     let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(8) };
-    let mut fixture = Fixture::configured(tx, chunks(24));
+    // Cycles are longer than the Sync0 period, so that writes come at every phase.
+    let sync0_window = ecan_sim::Sync0Window::OFF;
+    let config = ecan_sim::GatewayModelConfig { sync0_window, ..Default::default() };
+    let mut fixture = Fixture::configured_with(config, tx, chunks(24));
     for channel in 0..4 {
         fixture.apply_data_path(channel, DataPathConfig::for_traffic(4, 4));
     }

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
+use ecan_protocol::device::AlStatusCode;
 use ecan_sim::{
     BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyConfig, GatewayFault,
-    LibraryCall, LossDirection, NodeKind, Scenario, ScriptedFault, SimOptions, Topology,
-    WakeUpDelay, When, open,
+    LibraryCall, LossDirection, NodeKind, Scenario, ScriptedFault, SimOptions, Sync0Window,
+    Topology, WakeUpDelay, When, open,
 };
 
 fn read(text: &str) -> Result<Scenario, String> {
@@ -34,6 +35,7 @@ service_delay_us = 40
 release_jitter_us = 9
 mailbox_delay_us = 350
 tx_pressure_percent = 100
+sync0_window = { before_us = 40, after_us = 5, missed_limit = 3, al_status = 0x2C }
 buses = ["arm", "arm", "tool", "spare"]
 
 [[node]]
@@ -108,6 +110,13 @@ for_ms = 9000
     assert_eq!(gateway.config.release_jitter_ns, 9_000);
     assert_eq!(gateway.config.mailbox_delay_ns, 350_000);
     assert_eq!(gateway.config.tx_pressure_percent, 100);
+    let window = Sync0Window {
+        before_ns: 40_000,
+        after_ns: 5_000,
+        missed_limit: 3,
+        al_status: AlStatusCode::FATAL_SYNC,
+    };
+    assert_eq!(gateway.config.sync0_window, window);
     assert_eq!(gateway.buses, ["arm", "arm", "tool", "spare"]);
     let node = &scenario.nodes[0];
     assert_eq!((node.name.as_str(), node.bitrate), ("drive", Some(1_000_000)));
@@ -181,6 +190,9 @@ fn scenario_fault_is_reported_with_its_line() {
         ("[[gateway]]\nbuses = [\"a\"]", 1, "has 1 buses; needed: 4"),
         ("[[gateway]]\ntx_pressure_percent = 0", 1, "1 to 100"),
         ("[[gateway]]\ntx_pressure_percent = 101", 1, "1 to 100"),
+        ("[[gateway]]\nsync0_window = { al_status = 0x1B }", 1, "allowed: 0x1A, 0x2C"),
+        ("[[gateway]]\nsync0_window.before_us = 4294968", 1, "`before_us` is out of range"),
+        ("[[gateway]]\n[gateway.sync0_window]\nwidth_us = 1", 3, "unknown field `width_us`"),
         ("[[gateway]]\ncolour = 1", 2, "unknown field `colour`"),
         ("[[gateway", 1, ""),
         ("[[node]]\nkind = \"echo\"\nbus = \"x\"", 1, "there are no gateways"),

@@ -18,6 +18,7 @@ mod register_service;
 mod repeats;
 mod robustness;
 mod schedule;
+mod sync0_window;
 mod sync_managers;
 mod test_policies;
 mod transmit_path;

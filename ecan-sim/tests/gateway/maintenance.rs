@@ -128,7 +128,7 @@ fn data_path_diagnostics_show_what_happens() {
 fn costs_follow_the_work() {
     let mut fixture = Fixture::configured(chunks(2), chunks(3));
     fixture.start_sync0();
-    fixture.pass(MS);
+    fixture.pass(MS + 300_000);
     fixture.start();
     fixture.write_u8(0x9011, 14, 1);
     for id in 0..3 {

@@ -178,7 +178,7 @@ fn bad_schedule_16() {
     for record in [[0, 0, 0, 0, 0, 0, 0, 0], [2, 0, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0, 0]] {
         let mut fixture = Fixture::configured(chunks(8), chunks(8));
         fixture.start_sync0();
-        fixture.pass(crate::fixture::MS);
+        fixture.pass(crate::fixture::MS + 300_000);
         fixture.start();
         let payload = [&GOOD[..], &schedule(record)].concat();
         fixture.image = image(chunks(8), 2, &payload, |_| {});

@@ -4,17 +4,20 @@
 use crate::fixture::{Fixture, MS, chunks, standard};
 use ecan_protocol::config::{McanChannelConfig, MessageRamLayout};
 use ecan_protocol::image::Schedule;
+use ecan_sim::{GatewayModelConfig, Sync0Window};
 
 const LATE_DROP: u32 = 1 << 6;
 const QUEUE_FULL: u32 = 1 << 7;
 const TX_FAIL: u32 = 1 << 8;
 const TIMER_MISS: u32 = 1 << 9;
 
-/// In OP with pulses at every whole millisecond; returns the time of the first one.
+/// In OP between two of the pulses at every whole millisecond; returns the time of the first one. The
+/// firmware misses no outputs: tests write close to a pulse to meet or miss a phase.
 fn synchronous() -> (Fixture, u64) {
-    let mut fixture = Fixture::configured(chunks(24), chunks(24));
+    let config = GatewayModelConfig { sync0_window: Sync0Window::OFF, ..Default::default() };
+    let mut fixture = Fixture::configured_with(config, chunks(24), chunks(24));
     let start = fixture.start_sync0();
-    fixture.pass(MS);
+    fixture.pass(MS + 300_000);
     fixture.start();
     (fixture, start)
 }
@@ -129,7 +132,7 @@ fn full_controller_at_the_phase_loses_the_frame() {
     let ram = MessageRamLayout { tx_fifo_size: 2, ..MessageRamLayout::fd() };
     fixture.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });
     fixture.start_sync0();
-    fixture.pass(MS);
+    fixture.pass(MS + 300_000);
     fixture.start();
     for id in 0..3 {
         schedule(&mut fixture, 0, id, 100_000);
@@ -183,10 +186,7 @@ fn pulses_follow_start_and_shift() {
 
 #[test]
 fn release_jitter_delays_and_keeps_the_order() {
-    let config = ecan_sim::GatewayModelConfig {
-        release_jitter_ns: 13_000,
-        ..ecan_sim::GatewayModelConfig::default()
-    };
+    let config = GatewayModelConfig { release_jitter_ns: 13_000, ..GatewayModelConfig::default() };
     let mut fixture = Fixture::configured_with(config, chunks(24), chunks(24));
     let start = fixture.start_sync0();
     fixture.pass(MS);

@@ -102,7 +102,10 @@ fn full_ring_by_overflow_policy() {
 
 #[test]
 fn scheduled_frames_report_queued_and_late_ones_busy() {
-    let mut fixture = Fixture::configured(with_results(), chunks(16));
+    // Late frames come from images close to a pulse.
+    let sync0_window = ecan_sim::Sync0Window::OFF;
+    let config = ecan_sim::GatewayModelConfig { sync0_window, ..Default::default() };
+    let mut fixture = Fixture::configured_with(config, with_results(), chunks(16));
     let start = fixture.start_sync0();
     fixture.pass(MS);
     fixture.start();

@@ -8,7 +8,7 @@ use ecan_sim::variant::{
     GatewayVariant, NodeModes, RepeatedImage, RxDrain, RxPending, ScheduledResults, ServicePeriod,
     TxPending, TxResultCodes, TxResults,
 };
-use ecan_sim::{GatewayModelConfig, StationMode};
+use ecan_sim::{GatewayModelConfig, StationMode, Sync0Window};
 
 use crate::fixture::{Fixture, MS, SERVICE, chunks, standard};
 
@@ -147,9 +147,11 @@ fn tx_pending_counts_the_running_frame_or_not() {
     }
 }
 
-/// In OP with TX_RESULT and pulses at every whole millisecond.
+/// In OP with TX_RESULT and pulses at every whole millisecond. Late frames come from images close to a
+/// pulse, which the firmware does not miss.
 fn with_results(variant: GatewayVariant) -> Fixture {
-    let config = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
+    let sync0_window = Sync0Window::OFF;
+    let config = GatewayModelConfig { variant, sync0_window, ..GatewayModelConfig::default() };
     let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(16) };
     let mut fixture = Fixture::configured_with(config, tx, chunks(16));
     let start = fixture.start_sync0();

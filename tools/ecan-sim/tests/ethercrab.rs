@@ -18,6 +18,7 @@ use support::image::{self, Frame};
 use support::network::{self, MASTER};
 use support::program::{DEADLINE, Running};
 use support::raw_master::RawMaster;
+use support::scenario::echo_without_sync0_window;
 
 const CHUNKS: u8 = 3;
 const BYTES: usize = 128 * CHUNKS as usize;
@@ -130,8 +131,10 @@ fn run(gateways: usize) {
     }
     let directory = tempfile::tempdir().unwrap();
     let dump = directory.path().join("can.log");
-    let count = gateways.to_string();
-    let mut program = Running::start(&["--gateways", &count, "--dump", dump.to_str().unwrap()]);
+    let scenario = directory.path().join("scenario.toml");
+    std::fs::write(&scenario, echo_without_sync0_window(gateways)).unwrap();
+    let [scenario, dump_to] = [&scenario, &dump].map(|path| path.to_str().unwrap());
+    let mut program = Running::start(&["--scenario", scenario, "--dump", dump_to]);
     program.wait_for(&format!("gateway {}: booted, INIT", gateways - 1));
     RawMaster::open(MASTER).wait_for_link();
     let master = main_device();

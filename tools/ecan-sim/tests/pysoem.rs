@@ -12,6 +12,7 @@ use nix::sys::signal::Signal;
 use support::network::{self, GATEWAYS, MASTER};
 use support::program::{DEADLINE, Process, Running};
 use support::raw_master::RawMaster;
+use support::scenario::echo_without_sync0_window;
 
 /// Names the interpreter, usually that of a virtual environment.
 const PYTHON_VARIABLE: &str = "ECAN_PYTHON";
@@ -123,7 +124,8 @@ fn start_gateways(gateways: usize, scenario: Option<&Path>) -> Running {
 const FRAMES: u32 = 50;
 
 fn echo(gateways: usize, arguments: &[&str]) {
-    let Some(peers) = Peers::start(gateways, None) else { return };
+    let scenario = echo_without_sync0_window(gateways);
+    let Some(peers) = Peers::start(gateways, Some(&scenario)) else { return };
     let printed = peers.run("echo", arguments);
     assert!(!printed.contains("AL error"), "{printed}");
     assert!(printed.contains(" 0 faulty, 0 foreign, 0 lost; 0 dropped"), "{printed}");

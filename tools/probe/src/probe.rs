@@ -64,6 +64,8 @@ pub struct Probe {
     pub(crate) restart: Option<Restart>,
     pub(crate) service: Option<ServiceTime>,
     pub(crate) samples: Option<Vec<Sample>>,
+    /// Distances before a Sync0 pulse at which images are missed, if any are.
+    pub(crate) missed: Option<Option<(i64, i64)>>,
 }
 
 impl Probe {
@@ -91,6 +93,7 @@ impl Probe {
             restart: None,
             service: None,
             samples: None,
+            missed: None,
         })
     }
 

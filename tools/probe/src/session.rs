@@ -21,6 +21,8 @@ pub(crate) type Stop = Arc<dyn Fn() -> bool + Send + Sync>;
 const SILENT_CYCLES: u32 = 100;
 const SDO_TIMEOUT_MS: u32 = 3_000;
 const REGISTER_BYTES: usize = 8;
+/// AL status register; the AL status code follows 4 bytes later.
+const AL_STATUS: u16 = 0x0130;
 
 /// Process data on the way from PREOP to OP.
 #[derive(Clone, Copy, Debug, Default)]
@@ -267,6 +269,10 @@ impl Session {
 
     /// Reads 8 bytes of the slave controller's registers.
     pub(crate) fn read_registers(&mut self, address: u16) -> Result<[u8; REGISTER_BYTES]> {
+        // Of `poll_al_status`.
+        while self.adapter.register_request_state(self.registers)? == RequestState::Busy {
+            self.cycle(|_, _| ())?;
+        }
         self.adapter.register_request_read(self.registers, address, REGISTER_BYTES)?;
         loop {
             self.cycle(|_, _| ())?;
@@ -285,8 +291,22 @@ impl Session {
 
     /// AL state and AL status code of the slave controller.
     pub(crate) fn al_status(&mut self) -> Result<(Option<AlState>, u16)> {
-        let [state, _, _, _, low, high, ..] = self.read_registers(0x0130)?;
+        let [state, _, _, _, low, high, ..] = self.read_registers(AL_STATUS)?;
         Ok((AlState::from_status(state.into()), u16::from_le_bytes([low, high])))
+    }
+
+    /// AL status code if a reading of it has ended, else 0. Begins the next reading.
+    pub(crate) fn poll_al_status(&mut self) -> Result<u16> {
+        let code = match self.adapter.register_request_state(self.registers)? {
+            RequestState::Busy => return Ok(0),
+            RequestState::Success => match self.adapter.register_request_data(self.registers) {
+                [_, _, _, _, low, high, ..] => u16::from_le_bytes([*low, *high]),
+                _ => 0,
+            },
+            _ => 0,
+        };
+        self.adapter.register_request_read(self.registers, AL_STATUS, REGISTER_BYTES)?;
+        Ok(code)
     }
 
     /// Sends empty images until a condition is met, also without responses; returns whether it was.

@@ -14,6 +14,11 @@ const DATAGRAM_OVERHEAD: usize = 12;
 /// Data of a datagram that sets or carries the reference clock.
 const CLOCK_BYTES: usize = 4;
 
+/// Time from the send to the arrival in the slaves: half of the host's latency belongs to the return.
+fn outward_ns(delay_ns: u64) -> u64 {
+    delay_ns.saturating_sub(HOST_LATENCY_NS / 2)
+}
+
 impl MasterModel {
     /// Queues a datagram; a queued one keeps its position and is sent once.
     pub(crate) fn enqueue(&mut self, item: Queued) {
@@ -112,7 +117,7 @@ impl MasterModel {
             0
         } else {
             let logical = base.wrapping_add(datagram.offset as u32);
-            world.exchange(datagram.command, logical, &mut datagram.wire)
+            world.exchange(datagram.command, logical, &mut datagram.wire, outward_ns(delay_ns))
         };
         let counter = i32::from(counter).saturating_add(faults.counter_offset);
         datagram.working_counter = u16::try_from(counter.max(0)).unwrap_or(u16::MAX);

@@ -123,7 +123,7 @@ impl Controller {
         let progress = sm.write(at - sm.start(), data.len(), is_full);
         if progress == Progress::Rejected {
             if number == OUTPUTS {
-                context.gateway.count_rejected_access(true);
+                context.gateway.reject_outputs(context.now);
             }
             return false;
         }
@@ -162,7 +162,7 @@ impl Controller {
         let progress = sm.read(at - start, out.len(), is_full);
         if progress == Progress::Rejected {
             if number == INPUTS {
-                context.gateway.count_rejected_access(false);
+                context.gateway.count_rejected_read();
             }
             return false;
         }

@@ -103,6 +103,21 @@ pub(super) const GATEWAY_KEYS: &[Variant] = &[
         "any number of us",
     ),
     key(
+        "sync0_window",
+        &["H44", "S55"],
+        "Times around Sync0 at which outputs are missed, and loss of OP after missed ones",
+        &[
+            alternative(
+                "{ before_us = 50, after_us = 20, missed_limit = 10, al_status = 0x1A }",
+                "50 us before to 20 us after; 0x1A after 10 in a row",
+            ),
+            alternative("{ before_us = 0, after_us = 0 }", "none is missed"),
+            alternative("{ missed_limit = 0 }", "OP is kept"),
+            alternative("{ al_status = 0x2C }", "AL status 0x2C"),
+        ],
+        "before_us, after_us, missed_limit: any number; al_status: 0x1A, 0x2C",
+    ),
+    key(
         "release_jitter_us",
         &["S30"],
         "Largest delay of a scheduled frame after its phase",

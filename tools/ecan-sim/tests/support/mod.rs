@@ -7,3 +7,4 @@ pub mod image;
 pub mod network;
 pub mod program;
 pub mod raw_master;
+pub mod scenario;

@@ -14,6 +14,7 @@ mod schedule;
 mod service_loop;
 mod states;
 mod statuses;
+mod sync0_window;
 mod transmit;
 mod wired;
 
@@ -35,6 +36,7 @@ const GROUPS: &[&[Experiment]] = &[
     images::EXPERIMENTS,
     service_loop::EXPERIMENTS,
     operation::EXPERIMENTS,
+    sync0_window::EXPERIMENTS,
     transmit::EXPERIMENTS,
     receive::EXPERIMENTS,
     schedule::EXPERIMENTS,

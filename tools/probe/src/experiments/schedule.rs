@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use ecan_host::Delivery;
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags, Schedule, Timestamp};
 
@@ -92,6 +93,8 @@ fn sync0(probe: &mut Probe) -> Result<Outcome> {
 #[derive(Clone, Debug)]
 pub(crate) struct Sample {
     before_us: u64,
+    /// The firmware read the image only after the pulse (`sync0_window`).
+    is_missed: bool,
     is_sent: bool,
     codes: Vec<u8>,
 }
@@ -121,10 +124,12 @@ fn sample(probe: &mut Probe) -> Result<Vec<Sample>> {
         let sequence = session.sequence();
         session.cycles(5)?;
         let inputs = session.take();
+        // Of the image after it.
+        let is_missed = inputs.get(2).is_some_and(|it| it.outputs != Delivery::Confirmed);
         let is_sent = inputs.iter().flat_map(|it| &it.frames).any(|it| it.frame.id() == frame.id());
         let results = inputs.iter().flat_map(|it| &it.results);
         let codes = results.filter(|it| it.sequence == sequence).map(|it| it.code.raw()).collect();
-        samples.push(Sample { before_us, is_sent, codes });
+        samples.push(Sample { before_us, is_missed, is_sent, codes });
     }
     probe.samples = Some(samples.clone());
     Ok(samples)
@@ -134,7 +139,8 @@ fn sample(probe: &mut Probe) -> Result<Vec<Sample>> {
 const FIRMWARE_US: u64 = 50;
 
 fn firmware_time(probe: &mut Probe) -> Result<Outcome> {
-    let samples = sample(probe)?;
+    let mut samples = sample(probe)?;
+    samples.retain(|it| !it.is_missed);
     let late = samples.iter().filter(|it| !it.is_sent).map(|it| it.before_us).max();
     let on_time = samples.iter().filter(|it| it.is_sent).map(|it| it.before_us).min();
     let Some(on_time) = on_time else {
