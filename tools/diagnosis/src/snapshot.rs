@@ -82,6 +82,9 @@ pub struct Snapshot {
     pub has_error_flag: bool,
     /// AL status code, ESC register 0x0134; `None` if not read.
     pub al_status_code: Option<u16>,
+    /// Period of Sync0 in nanoseconds, ESC register 0x09A0; `None` if not read.
+    #[serde(default)]
+    pub sync0_period_ns: Option<u32>,
     /// Values by object.
     pub values: BTreeMap<ObjectKey, u32>,
     /// Rejected entries with reasons.

@@ -137,6 +137,23 @@ fn outputs_shortly_after_sync0_mean_a_small_shift() {
     assert!(found.causes[0].contains("DC shift is too small"));
 }
 
+#[test]
+fn outputs_shortly_before_sync0_mean_a_small_shift() {
+    // At 400 MHz: 900 to 960 us after a pulse.
+    let mut snapshot = healthy();
+    snapshot.set(0x9011, 4, 360_000);
+    snapshot.set(0x9011, 5, 384_000);
+    assert_eq!(findings(&snapshot), [], "the Sync0 period is not known");
+    snapshot.sync0_period_ns = Some(2_000_000);
+    assert_eq!(findings(&snapshot), []);
+    snapshot.sync0_period_ns = Some(1_000_000);
+    let found = findings(&snapshot);
+    assert_eq!((found.len(), found[0].id), (1, "sync-shift-small"));
+    assert!(found[0].what.contains("40.0 us before a Sync0 pulse"), "{found:#?}");
+    assert!(found[0].causes[0].contains("DC shift is too small"));
+    assert_eq!(found[0].chapter, "16.1, 15.6.1");
+}
+
 // 13.2, 16.2: process data
 
 #[test]

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use ecan_diagnosis::{Depth, Finding, ReadError, Snapshot, findings};
-use ecan_host::AdapterConfig;
+use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{ChannelConfig, Cycle, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::{Direction, HEADER_BYTES};
@@ -18,17 +18,18 @@ struct Fixture {
 impl Fixture {
     /// One ready gateway with all channels at 500 kbit/s, N = 3, cycle 1 ms.
     fn ready(scenario: Scenario) -> Self {
+        Self::with_sync0(scenario, None)
+    }
+
+    /// The same with a Sync0 shift in microseconds.
+    fn with_sync0(scenario: Scenario, shift_us: Option<u64>) -> Self {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
         let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(500_000));
-        let mut port = Port::open(
-            &backend.ecrt,
-            (
-                AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),
-                PortConfig::uniform(1, gateway),
-            ),
-        )
-        .unwrap();
+        let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
+        adapter.dc = shift_us.map(|us| DcSync::new(adapter.cycle, Duration::from_micros(us)));
+        let config = (adapter, PortConfig::uniform(1, gateway));
+        let mut port = Port::open(&backend.ecrt, config).unwrap();
         port.wait_ready().unwrap();
         Self { port, simulation: backend.simulation.unwrap() }
     }
@@ -57,6 +58,7 @@ impl Fixture {
                 });
                 snapshot.al_state = gateway.al_state().raw() | u8::from(gateway.al_error()) << 4;
                 snapshot.al_status_code = Some(gateway.al_status_code());
+                snapshot.sync0_period_ns = gateway.next_sync0(now).map(|_| 1_000_000);
                 snapshot
             };
             world.with_gateway(0, look).unwrap()
@@ -190,4 +192,32 @@ fn damaged_images_are_found_with_their_error() {
         let found = bench.found();
         assert!(found.iter().any(|it| it.id == id), "{id}: {found:#?}");
     }
+}
+
+/// The symptom of manual 16.1, as incomplete working counters and as loss of OP.
+#[test]
+fn shift_among_the_arrivals_is_named() {
+    // Images arrive 70 us after the start of the cycle: the pulse is shortly before or after them.
+    for shift_us in [60, 90, 110] {
+        let mut scenario = ecan_sim::echo(1);
+        scenario.gateways[0].config.sync0_window.missed_limit = 0;
+        let mut bench = Fixture::with_sync0(scenario, Some(shift_us));
+        bench.cycles(100, |_| ());
+        let found = bench.found();
+        assert_eq!(found[0].id, "sync-shift-small", "{shift_us} us: {found:#?}");
+        assert!(found[0].causes[0].contains("DC shift is too small"), "{found:#?}");
+    }
+    let mut bench = Fixture::with_sync0(ecan_sim::echo(1), Some(500));
+    bench.cycles(100, |_| ());
+    assert_eq!(bench.found(), []);
+}
+
+#[test]
+fn loss_of_op_by_missed_outputs_is_named() {
+    let mut bench = Fixture::with_sync0(ecan_sim::echo(1), Some(90));
+    let is_seen = (0..1_000).any(|_| {
+        bench.cycles(1, |_| ());
+        bench.ids().contains(&"al-sync")
+    });
+    assert!(is_seen, "{:#?}", bench.snapshot());
 }

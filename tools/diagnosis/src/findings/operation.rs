@@ -6,9 +6,12 @@ use ecan_protocol::mapping::CHUNK_BYTES;
 use crate::finding::{Finding, Location};
 use crate::snapshot::Snapshot;
 
-/// Minimum time between a Sync0 pulse and the outputs in microseconds; below, the outputs may have
-/// missed the pulse.
-const CLOSE_US: u32 = 20;
+/// Minimum time from a Sync0 pulse to the outputs in microseconds; below, the outputs may have missed
+/// the pulse.
+const CLOSE_AFTER_US: f64 = 20.0;
+/// Minimum time from the outputs to the next Sync0 pulse in microseconds, which the firmware needs to
+/// read them.
+const CLOSE_BEFORE_US: f64 = 50.0;
 /// N from which process data exceed one datagram.
 const LARGE_CHUNKS: u32 = 12;
 
@@ -80,7 +83,7 @@ fn held(snapshot: &Snapshot, state: AlState) -> Option<Finding> {
         AlState::SafeOp | AlState::Op => finding.causes(&[
             "process data stop for longer than the watchdog time: the application misses its \
              cycle, or frames are lost",
-            "the DC shift is too small: outputs arrive after Sync0",
+            "the DC shift is too small: outputs arrive around or after Sync0, and are missed",
             "SM2, the assignment 0x1C12 and the profile 0x8011 do not match",
         ]),
         _ => finding.causes(&[
@@ -128,11 +131,13 @@ fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Option<Finding> {
         0x001A | 0x002C..=0x002E | 0x0030..=0x0037 => (
             "al-sync",
             &[
-                "the DC shift is too small: outputs arrive after Sync0",
+                "the DC shift is too small: outputs arrive around or after Sync0, and the firmware \
+                 misses them",
                 "Sync0 is not generated: AssignActivate or the Sync0 period is wrong",
                 "the jitter of the host's cycle exceeds the shift",
             ],
-            "increase the shift, compare the Sync0 period with the cycle, check 0x9011:02",
+            "compare the shift with the usable ones of `ecan config check` or `--plan`, the Sync0 \
+             period with the cycle; check 0x9011:02, :04, :05",
         ),
         0x0016 | 0x0015 | 0x0043 | 0x0044 => (
             "al-mailbox",
@@ -216,6 +221,8 @@ fn large_images(snapshot: &Snapshot) -> Option<Finding> {
         .next_step("use N of 11 or less, or a master that supports large PDOs", "16.1")
 }
 
+/// Outputs that arrive around a pulse, by 0x9011:04, :05 and the Sync0 period, which is not known in
+/// every case.
 fn sync_phase(snapshot: &Snapshot) -> Option<Finding> {
     let pulses = snapshot.get(0x9011, 2)?;
     let (min, max) = (snapshot.get(0x9011, 4)? as i32, snapshot.get(0x9011, 5)? as i32);
@@ -224,19 +231,28 @@ fn sync_phase(snapshot: &Snapshot) -> Option<Finding> {
         return None;
     }
     let us = |cycles: i32| f64::from(cycles) * 1e6 / f64::from(clock_hz);
-    if us(min) >= f64::from(CLOSE_US) {
-        return None;
-    }
     let (min, max) = (us(min), us(max));
-    let what = format!(
-        "outputs arrive {min:.1} to {max:.1} us after a Sync0 pulse: some come when the pulse is \
-         just over"
-    );
-    let next = "increase the shift by more than the jitter, run `ecan diag --clear`, check again";
+    let period = snapshot.sync0_period_ns.filter(|ns| *ns != 0).map(|ns| f64::from(ns) / 1e3);
+    let before = period.map(|period| period - max).filter(|before| *before < CLOSE_BEFORE_US);
+    let what = match before {
+        _ if min < CLOSE_AFTER_US => format!(
+            "outputs arrive {min:.1} to {max:.1} us after a Sync0 pulse: some come when the pulse is \
+             just over, and the firmware misses them"
+        ),
+        Some(before) => format!(
+            "outputs arrive {before:.1} us before a Sync0 pulse at the latest: the firmware misses \
+             those that it has not read when the pulse comes"
+        ),
+        None => return None,
+    };
+    let next = "compare the shift with the usable ones of `ecan config check` or `--plan`, increase it \
+                by more than the jitter, run `ecan diag --clear`, check again; \
+                `mcan_gateway_tx_probe --sweep` finds the usable shifts of the machine";
     Finding::warning("sync-shift-small", Location::Slave, what)
         .causes(&[
-            "the DC shift is too small: outputs of a late cycle miss their pulse",
+            "the DC shift is too small: outputs are not there before Sync0 and are missed, with \
+             incomplete working counters or loss of OP",
             "the host's cycle has jitter: no real-time priority, power saving, interrupt coalescing",
         ])
-        .next_step(next, "16.1")
+        .next_step(next, "16.1, 15.6.1")
 }

@@ -49,7 +49,13 @@ pub(super) fn bundle(
     snapshot.position = info.position;
     snapshot.al_state = info.al_state;
     snapshot.has_error_flag = info.error_flag;
-    snapshot.al_status_code = al_status_code(bus, slave, arguments, context);
+    let register = |address, name| register(bus, slave, arguments, context, address, name);
+    snapshot.al_status_code = register(AL_STATUS_CODE, "AL status code");
+    if snapshot.get(0x9011, SYNC0_COUNT).is_some_and(|pulses| pulses != 0) {
+        let half = |address| register(address, "Sync0 period").map(u32::from);
+        let [low, high] = [SYNC0_PERIOD, SYNC0_PERIOD + 2].map(half);
+        snapshot.sync0_period_ns = low.zip(high).map(|(low, high)| low | high << 16);
+    }
     // Each further request to a silent slave takes the mailbox timeout of the master.
     let answers = has_mailbox && snapshot.silence.is_none();
     let text = |index| if answers { bus.text(slave, index).ok() } else { None };
@@ -73,25 +79,31 @@ fn read_error(failure: Failure) -> ReadError {
 
 /// AL status code register of the slave controller.
 const AL_STATUS_CODE: u16 = 0x0134;
+/// Sync0 period in nanoseconds, 32 bits.
+const SYNC0_PERIOD: u16 = 0x09A0;
+/// Number of Sync0 pulses in 0x9011.
+const SYNC0_COUNT: u8 = 2;
 
-/// Reads the AL status code with IgH's tool: the library reads registers only for the owner of the
+/// Reads a register of 16 bits with IgH's tool: the library reads registers only for the owner of the
 /// master. A simulated master has no tool unless one is given; an error of a given tool is
 /// reported.
-fn al_status_code(
+fn register(
     bus: &Bus,
     slave: usize,
     arguments: &DiagArguments,
     context: &Context,
+    address: u16,
+    name: &str,
 ) -> Option<u16> {
     let named = arguments.ethercat.as_deref();
     if named.is_none() && bus.ecrt().is_simulated() {
         return None;
     }
     let tool = EthercatTool::find(named, context.global.master());
-    match tool.and_then(|tool| tool.register(slave, AL_STATUS_CODE)) {
+    match tool.and_then(|tool| tool.register(slave, address)) {
         Ok(code) => Some(code),
         Err(error) => {
-            note(format_args!("AL status code not read: {error}"));
+            note(format_args!("{name} not read: {error}"));
             None
         }
     }
