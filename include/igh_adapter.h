@@ -211,6 +211,38 @@ typedef enum {
 int ecan_igh_config_set_dc_sync0(ecan_igh_config_t *config, uint32_t cycle_us, uint32_t shift_us);
 
 /**
+ * Enables distributed clocks with Sync0, with the shift that the plan recommends: the middle between
+ * the latest arrival of the outputs in a cycle and the earliest one in the next (manual 16.1).
+ *
+ * Uses the slaves, their PDO sizes and the cycle that the configuration has now: call it after they
+ * are set, and again when one of them changes. The times of the application, the host and the
+ * firmware are those of igh_mcan_port_apply_config() if it was called, otherwise 100, 30 and 50 us. A
+ * product measures its shift (manual 15.6.1) and sets it with ecan_igh_config_set_dc_sync0().
+ *
+ * @param cycle_us  Period of Sync0 in microseconds, a whole multiple of the cycle; 0 disables
+ *                  distributed clocks.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_ARGUMENT.
+ */
+int ecan_igh_config_set_dc_sync0_planned(ecan_igh_config_t *config,
+                                         uint32_t cycle_us);
+
+/**
+ * Gets the Sync0 shift and its margin by the plan: the distance of the pulses from the arrivals of
+ * the outputs. If it is negative, outputs may be missed (manual 16.1).
+ *
+ * @param shift_ns   Gets the shift in nanoseconds.
+ * @param margin_ns  Gets the margin in nanoseconds; 0 without slaves.
+ *
+ * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 or _planned
+ * @return  ECAN_OK; ECAN_ERR_ORDER if distributed clocks are off.
+ */
+int ecan_igh_config_get_dc_margin(const ecan_igh_config_t *config,
+                                  uint32_t *shift_ns,
+                                  int64_t *margin_ns);
+
+/**
  * Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init

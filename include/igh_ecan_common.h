@@ -56,6 +56,7 @@
  *          Removed: IGH_CIA402_HOLD_MOVING. Cycle, receive and send functions return ECAN_ERR_ORDER
  *          if no cycle is open. A configuration file with too many gateways or filters is
  *          ECAN_ERR_CONFIG.
+ *          Added: ecan_igh_config_set_dc_sync0_planned(), ecan_igh_config_get_dc_margin().
  *          Added: igh_cia402_stop_together, IGH_CIA402_WAIT_TOGETHER, limits in rad/s in
  *          igh_cia402_axis_t.
  *          Added: ecan_igh_retry_startup().

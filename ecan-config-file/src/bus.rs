@@ -31,9 +31,7 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
     store(&mut adapter.preop_timeout, timeout_ms.map(Duration::from_millis));
     let watchdog_us = table.unsigned("watchdog_us", (100, 6_553_500));
     store(&mut adapter.watchdog, watchdog_us.map(Duration::from_micros));
-    if let Some(dc) = table.table("dc") {
-        adapter.dc = Some(read_dc(dc, adapter.cycle));
-    }
+    let dc = table.table("dc").map(|dc| read_dc(dc, adapter.cycle));
     for (at, gateway) in table.tables("gateway").into_iter().enumerate() {
         let read = gateway::read(gateway, at);
         let startup = read.startup.into_iter().map(|step| adapter.add_startup(at, step));
@@ -50,22 +48,25 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
             table.fault("gateway", text);
         }
     }
+    adapter.dc = dc.map(|(dc, shift)| {
+        // Depends on the gateways.
+        let times = |slave| port.image_times(slave);
+        let planned = || DcSync::planned_with(dc.cycle, &adapter, times).shift;
+        DcSync { shift: shift.unwrap_or_else(planned), ..dc }
+    });
     let axes = table.tables("axis").into_iter().map(axis::read).collect();
     Bus { config: (adapter, port).into(), axes }
 }
 
-fn read_dc(mut table: Table<'_, '_>, cycle: Duration) -> DcSync {
+/// The settings, and the shift if it is there.
+fn read_dc(mut table: Table<'_, '_>, cycle: Duration) -> (DcSync, Option<Duration>) {
     let mut duration = |key| Some(Duration::from_nanos(table.microseconds(key)?.into()));
     let (sync0, shift) = (duration("cycle_us"), duration("shift_us"));
-    // The shift has no default.
-    if shift.is_none() && !table.has("shift_us") {
-        table.fault("shift_us", "`shift_us` is missing: the phase of Sync0 in the cycle");
-    }
-    let mut dc = DcSync::new(sync0.unwrap_or(cycle), shift.unwrap_or_default());
+    let mut dc = DcSync::new(sync0.unwrap_or(cycle), Duration::ZERO);
     store(&mut dc.assign_activate, table.unsigned("assign_activate", (0, 0xFFFF)));
     let sources = [("host", ClockSource::Host), ("reference", ClockSource::Reference)];
     store(&mut dc.source, table.word("source", &sources));
     dc.reference = table.unsigned("reference", (0, INDEX_MAX));
     store(&mut dc.monitor_every, table.unsigned("monitor_every", (0, u32::MAX)));
-    dc
+    (dc, shift)
 }

@@ -94,6 +94,27 @@ fn example_has_every_key() {
     }
 }
 
+/// By the plan of the gateways and the cycle, which may follow in the file.
+#[test]
+fn shift_of_sync0_is_planned_by_default() {
+    let gateway = "[[gateway]]\nn = 3\ncan0 = { bitrate = 500_000 }\n";
+    let file = read(&format!("[dc]\nsource = \"reference\"\n{gateway}{gateway}")).unwrap();
+    let dc = DcSync::planned(file.adapter.cycle, &file.adapter);
+    assert_eq!(file.adapter.dc, Some(DcSync { source: ClockSource::Reference, ..dc }));
+    assert!(!dc.shift.is_zero());
+}
+
+#[test]
+fn planned_shift_uses_the_times_of_the_gateways() {
+    let shift = |schedule: &str| {
+        let gateway = "[dc]\n[[gateway]]\nn = 3\ncan0 = { bitrate = 500_000 }\n";
+        let text = format!("cycle_us = 1000\n{gateway}[gateway.schedule]\n{schedule}");
+        read(&text).unwrap().adapter.dc.unwrap().shift
+    };
+    let later = shift("latest_send_us = 200\nprocessing_us = 90");
+    assert_eq!(later, shift("") + Duration::from_micros(70), "half of the difference");
+}
+
 #[test]
 fn values_reach_their_fields() {
     let file = read(

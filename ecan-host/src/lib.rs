@@ -46,8 +46,8 @@ pub use master::{
 pub use phase::Phase;
 pub use plan::{
     BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, DomainLayout, EthernetFrame,
-    FRAME_OVERHEAD_BYTES, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER,
-    MailboxBandwidth, Plan, PlanError, PlanWarning, SlavePlan,
+    FRAME_OVERHEAD_BYTES, ImageTimes, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER,
+    MailboxBandwidth, OutputArrivals, Plan, PlanError, PlanWarning, SlavePlan,
 };
 pub use real_time::{
     CycleStart, CycleStatistics, CycleTimer, CycleTiming, Distribution, MAX_SPIN_NS,

@@ -80,19 +80,24 @@ impl Port {
             .map_err(PortError::from)
             .and_then(|()| build_gateways(&mut adapter, &config));
         match built {
-            Ok(gateways) => Ok(Self {
-                adapter,
-                gateways,
-                is_cycle_open: false,
-                cycle_number: 0,
-                deadline_ns: None,
-                sync0_phase: Sync0Phase::default(),
-                since_first_ns: 0,
-                receive_error: None,
-                skipped: 0,
-                failed_cycles: 0,
-                config: Box::new(config),
-            }),
+            Ok(gateways) => {
+                if let Some(warning) = config.sync0_warning(adapter.config()) {
+                    tracing::warn!("{warning}");
+                }
+                Ok(Self {
+                    adapter,
+                    gateways,
+                    is_cycle_open: false,
+                    cycle_number: 0,
+                    deadline_ns: None,
+                    sync0_phase: Sync0Phase::default(),
+                    since_first_ns: 0,
+                    receive_error: None,
+                    skipped: 0,
+                    failed_cycles: 0,
+                    config: Box::new(config),
+                })
+            }
             Err(error) => Err((Box::new(adapter), error)),
         }
     }

@@ -1,5 +1,6 @@
 //! Configuration of the Port: plain data.
 
+use ecan_host::{AdapterConfig, ImageTimes, Plan, PlanWarning};
 use ecan_protocol::config::{
     DataPathConfig, ExtendedFilter, List, ListFull, McanChannelConfig, StandardFilter,
 };
@@ -220,6 +221,21 @@ impl PortConfig {
         // Beyond the capacity the check reports fewer gateways than slaves.
         let _ = (0..count).try_for_each(|_| config.gateways.push(gateway));
         config
+    }
+
+    /// Times of a gateway's images, for the plan of the EtherCAT side; the default without gateway.
+    #[must_use]
+    pub fn image_times(&self, slave: usize) -> ImageTimes {
+        self.gateways.get(slave).map_or_else(ImageTimes::default, |it| it.schedule.image_times())
+    }
+
+    /// Warning of the plan about a Sync0 shift among the arrivals of the outputs (manual 16.1), with
+    /// the times of the gateways.
+    #[must_use]
+    pub fn sync0_warning(&self, adapter: &AdapterConfig) -> Option<PlanWarning> {
+        let plan = Plan::with_times(adapter, |slave| self.image_times(slave));
+        let is_sync0 = |warning: &PlanWarning| matches!(warning, PlanWarning::Sync0Shift { .. });
+        plan.warnings.into_iter().find(is_sync0)
     }
 
     /// Adds a filter after those of its channel.

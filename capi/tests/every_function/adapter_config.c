@@ -8,7 +8,8 @@ static void no_config(int code, ecan_igh_config_t *config)
 {
     char text[ECAN_IGH_MAX_SETTING];
     uint16_t position;
-    uint32_t number;
+    uint32_t number, shift_ns;
+    int64_t margin_ns;
     size_t count;
     BAD(code, ecan_igh_check_config(config));
     BAD(code, ecan_igh_config_get_slave_count(config, &count));
@@ -24,6 +25,8 @@ static void no_config(int code, ecan_igh_config_t *config)
     BAD(code, ecan_igh_config_set_slave_count(config, 1));
     BAD(code, ecan_igh_config_set_cycle_us(config, 1000));
     BAD(code, ecan_igh_config_set_dc_sync0(config, 1000, 0));
+    BAD(code, ecan_igh_config_set_dc_sync0_planned(config, 1000));
+    BAD(code, ecan_igh_config_get_dc_margin(config, &shift_ns, &margin_ns));
     BAD(code, ecan_igh_config_set_dc_assign_activate(config, 0x0300));
     BAD(code, ecan_igh_config_set_dc_source(config, ECAN_IGH_CLOCK_HOST));
     BAD(code, ecan_igh_config_set_dc_reference(config, 0));
@@ -81,6 +84,9 @@ static void settings(ecan_igh_config_t *config)
 
 static void numbers(ecan_igh_config_t *config)
 {
+    uint32_t shift_ns;
+    int64_t margin_ns;
+
     GOOD(ecan_igh_config_set_stepped_clock(config, 0));
     GOOD(ecan_igh_config_set_stepped_clock(config, -1));
     GOOD(ecan_igh_config_set_seed(config, UINT64_MAX));
@@ -104,6 +110,17 @@ static void numbers(ecan_igh_config_t *config)
     GOOD(ecan_igh_config_set_cycle_us(config, 1000));
 
     BAD(ECAN_ERR_ORDER, ecan_igh_config_set_dc_assign_activate(config, 0x0300));
+    BAD(ECAN_ERR_ORDER, ecan_igh_config_get_dc_margin(config, &shift_ns, &margin_ns));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_dc_sync0_planned(config, 4294968));
+    GOOD(ecan_igh_config_set_dc_sync0_planned(config, 2000));
+    GOOD(ecan_igh_config_get_dc_margin(config, &shift_ns, &margin_ns));
+    TRUE(shift_ns > 0 && shift_ns < 1000000 && margin_ns > 0);
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_dc_margin(config, NULL, &margin_ns));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_dc_margin(config, &shift_ns, NULL));
+    GOOD(ecan_igh_config_set_dc_sync0(config, 2000, 60));
+    GOOD(ecan_igh_config_get_dc_margin(config, &shift_ns, &margin_ns));
+    SAME(60000, shift_ns);
+    TRUE(margin_ns < 0);
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_dc_sync0(config, 4294968, 0));
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_dc_sync0(config, 1000, 4294968));
     GOOD(ecan_igh_config_set_dc_sync0(config, 1000, 1000));

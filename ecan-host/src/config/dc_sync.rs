@@ -27,7 +27,8 @@ pub struct DcSync {
     /// Phase of Sync0 relative to the start of the period, below `cycle`.
     ///
     /// Outputs must arrive before it (manual 15.6.1 lists proven values; 16.1 describes the effect
-    /// of a value that is too small).
+    /// of a value that is too small). [`DcSync::planned`] chooses it; the
+    /// [`Plan`](crate::Plan) warns of one among the arrivals of the outputs.
     pub shift: Duration,
     /// AssignActivate word of the slave. The manual does not state it; see docs/ASSUMPTIONS.md.
     pub assign_activate: u16,

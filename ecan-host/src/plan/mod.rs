@@ -3,12 +3,14 @@
 mod domain_layout;
 mod ethernet;
 mod plan_error;
+mod sync0;
 
 pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 pub use ethernet::{
     BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, EthernetFrame, FRAME_OVERHEAD_BYTES,
 };
 pub use plan_error::{PlanError, PlanWarning};
+pub use sync0::{ImageTimes, OutputArrivals};
 
 use crate::config::{AdapterConfig, ClockSource, DcSync};
 
@@ -87,11 +89,18 @@ pub struct Plan {
     pub rejections: Vec<PlanError>,
     /// Warnings: it works with little margin.
     pub warnings: Vec<PlanWarning>,
+    arrivals: Option<OutputArrivals>,
 }
 
 impl Plan {
-    /// The plan of a configuration. Allocates; not for the cycle.
+    /// The plan of a configuration, with the default [`ImageTimes`]. Allocates; not for the cycle.
     pub fn of(config: &AdapterConfig) -> Self {
+        Self::with_times(config, |_| ImageTimes::default())
+    }
+
+    /// The plan of a configuration with the times of each slave by its index. Allocates; not for the
+    /// cycle.
+    pub fn with_times(config: &AdapterConfig, times: impl Fn(usize) -> ImageTimes) -> Self {
         let layouts: Vec<DomainLayout> = config
             .slaves
             .iter()
@@ -123,12 +132,14 @@ impl Plan {
             slaves,
             frames,
             mailbox,
+            arrivals: None,
             rejections: Vec::new(),
             warnings: Vec::new(),
         };
         plan.check_sizes(config);
         plan.check_time();
         plan.check_watchdog(config);
+        plan.check_sync0(config.dc, times);
         plan
     }
 

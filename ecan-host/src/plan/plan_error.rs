@@ -13,6 +13,13 @@ fn percent(part: u64, whole: u64) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
+fn remedy(best_ns: Option<u32>) -> String {
+    match best_ns {
+        Some(ns) => format!("use a shift of {:.1} us", us(ns.into())),
+        None => "no shift is usable: use a smaller N or a longer cycle".to_owned(),
+    }
+}
+
 /// A configuration that does not work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
@@ -109,5 +116,20 @@ pub enum PlanWarning {
         transfers: usize,
         /// Number of slaves.
         slaves: usize,
+    },
+    /// A Sync0 pulse falls into the arrival of the outputs.
+    #[error(
+        "Sync0 {:.1} us after the start of the cycle falls into the arrival of the outputs, by {:.1} \
+         us: outputs that arrive around or after it are missed, with missing working counters or \
+         loss of OP; {} (manual 16.1)",
+        us((*shift_ns).into()), us(*lacking_ns), remedy(*best_ns)
+    )]
+    Sync0Shift {
+        /// The shift in nanoseconds.
+        shift_ns: u32,
+        /// Distance to the next usable shift, in nanoseconds.
+        lacking_ns: u64,
+        /// The shift with the largest margin, in nanoseconds; `None` if the arrivals fill the cycle.
+        best_ns: Option<u32>,
     },
 }

@@ -88,7 +88,7 @@ pub struct PortPlan {
 impl PortPlan {
     /// The plan of both configurations for this traffic. Allocates; not for the cycle.
     pub fn of(adapter: &AdapterConfig, port: &PortConfig, traffic: &[FrameStream]) -> Self {
-        let ethercat = Plan::of(adapter);
+        let ethercat = Plan::with_times(adapter, |slave| port.image_times(slave));
         let mut plan = Self {
             rejections: ethercat.rejections.iter().copied().map(PortPlanError::EtherCat).collect(),
             warnings: ethercat.warnings.iter().copied().map(PortWarning::EtherCat).collect(),

@@ -1,5 +1,7 @@
 //! Configuration of scheduled transmission: plain data.
 
+use ecan_host::ImageTimes;
+
 /// Treatment of a frame whose margin does not suffice for its phase.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MarginCheck {
@@ -46,13 +48,23 @@ impl Default for ScheduleConfig {
     /// 100 us until the send, 30 us through the host, 50 us in the firmware; frames without margin
     /// are counted; the diagnostics are read every 100 ms; missed images are discarded.
     fn default() -> Self {
+        let ImageTimes { latest_send_ns, transport_ns, processing_ns } = ImageTimes::default();
         Self {
-            latest_send_ns: 100_000,
-            transport_ns: 30_000,
-            processing_ns: 50_000,
+            latest_send_ns,
+            transport_ns,
+            processing_ns,
             margin_check: MarginCheck::Count,
             watch_ms: 100,
             discard_missed: true,
         }
+    }
+}
+
+impl ScheduleConfig {
+    /// Its times, for the plan of the EtherCAT side.
+    #[must_use]
+    pub fn image_times(&self) -> ImageTimes {
+        let Self { latest_send_ns, transport_ns, processing_ns, .. } = *self;
+        ImageTimes { latest_send_ns, transport_ns, processing_ns }
     }
 }

@@ -167,6 +167,16 @@ pub fn classic() -> ChannelConfig {
     ChannelConfig::classic(1_000_000)
 }
 
+/// Gateways that miss no outputs around Sync0, for tests of images that arrive late, around a pulse.
+/// A missed image would be repeated in the next cycle, and ten of them end OP: that hides how the
+/// host treats the frames of a late image that the firmware has read.
+pub fn without_sync0_window(mut scenario: Scenario) -> Scenario {
+    for gateway in &mut scenario.gateways {
+        gateway.config.sync0_window = ecan_sim::Sync0Window::OFF;
+    }
+    scenario
+}
+
 /// N = 3, 1 ms, Sync0 with this shift, channel 0 classic; `gateway` changes the rest.
 pub fn with_sync0(
     scenario: Scenario,

@@ -95,7 +95,16 @@ fn ethercat(text: &mut String, plan: &PortPlan, adapter: &AdapterConfig) -> std:
     writeln!(text, "images arrive     {} after they are sent, the last one", us(last))?;
     if let Some(dc) = adapter.dc {
         let (period, shift) = (us(dc.cycle_ns().into()), us(dc.shift_ns().into()));
-        writeln!(text, "Sync0             every {period}, shifted by {shift}")?;
+        write!(text, "Sync0             every {period}, shifted by {shift}")?;
+        let Some(arrivals) = wire.output_arrivals() else { return writeln!(text) };
+        let margin = arrivals.margin_ns(dc.shift_ns()) as f64 / 1e3;
+        match arrivals.usable_shifts_ns() {
+            Some((first, last)) => {
+                let (first, last) = (us(first.into()), us(last.into()));
+                writeln!(text, ", margin {margin:.1} us (usable: {first} to {last})")?;
+            }
+            None => writeln!(text, ", margin {margin:.1} us (no shift is usable)")?,
+        }
     }
     Ok(())
 }

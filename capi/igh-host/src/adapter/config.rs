@@ -7,7 +7,8 @@ use std::ffi::c_char;
 
 use ecan_c_export::export;
 use ecan_host::{
-    AdapterConfig, Error, MAX_SLAVES, MAX_STARTUP_STEPS, SlaveConfig, StartupPlan, StartupStep,
+    AdapterConfig, Error, ImageTimes, MAX_SLAVES, MAX_STARTUP_STEPS, SlaveConfig, StartupPlan,
+    StartupStep,
 };
 use ecan_mcan_host::boundary::{Call, Opaque, put_text};
 use ecan_mcan_host::common::result::ecan_result_t::{self, *};
@@ -149,6 +150,11 @@ impl IghConfig {
     pub(crate) fn configured(&self) -> AdapterConfig {
         let slaves = self.adapter.slaves.into_iter().take(self.slave_count);
         AdapterConfig { slaves: List::collect(slaves).unwrap_or_default(), ..self.adapter }
+    }
+
+    /// Times of a slave's images, for the plan: those of igh_mcan_port_apply_config().
+    pub(crate) fn image_times(&self, slave: usize) -> ImageTimes {
+        self.port.as_ref().map_or_else(ImageTimes::default, |port| port.image_times(slave))
     }
 
     pub(crate) fn startup_plan(&self) -> StartupPlan {

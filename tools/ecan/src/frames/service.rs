@@ -69,6 +69,9 @@ impl Service {
     ) -> Result<Option<Self>> {
         let GatewaySetup { position, adapter, config, channels } = setup;
         let failed = |error| failure(position, error);
+        if let Some(warning) = config.sync0_warning(&adapter) {
+            note(format_args!("warning: {warning}"));
+        }
         let mut port = Port::open(ecrt, (adapter, config)).map_err(failed)?;
         let clock = port.adapter().ecrt().clock().clone();
         let mut store = Vec::with_capacity(ARRIVALS);

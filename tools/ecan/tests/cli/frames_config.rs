@@ -262,3 +262,28 @@ fn listen_only_and_device_time_work_with_file() {
     assert_eq!(columns, "  can0  123   [1]  02");
     assert!(time.parse::<u16>().is_ok());
 }
+
+/// A Sync0 pulse among the arrivals of the outputs, by the plan: the simulated machine sends at once.
+#[test]
+fn shift_among_the_arrivals_is_a_warning() {
+    let bus = bus(250, &[]);
+    let with_shift = |us| {
+        let dc = format!("cycle_us = 1000\n[dc]\nshift_us = {us}\n");
+        bus.write("cell.toml", &CELL.replace("cycle_us = 1000\n", &dc))
+    };
+    let warning = "warning: Sync0 240.0 us after the start of the cycle falls into the arrival";
+    for (shift_us, is_warned) in [(240, true), (700, false)] {
+        let path = with_shift(shift_us);
+        let commands =
+            [&["send", "--config", &path, "700#01"][..], &["monitor", "--once", "--config", &path]];
+        for command in commands {
+            let output = bus.run(command);
+            let errors = String::from_utf8(output.stderr).unwrap();
+            assert_eq!(output.status.code(), Some(0), "{errors}");
+            assert_eq!(errors.contains(warning), is_warned, "{command:?}: {errors}");
+        }
+        let checked = bus.run(&["config", "check", &path]);
+        let printed = String::from_utf8(checked.stdout).unwrap();
+        assert_eq!((checked.status.code(), printed.contains(warning)), (Some(0), is_warned));
+    }
+}

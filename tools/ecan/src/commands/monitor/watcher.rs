@@ -5,7 +5,7 @@ use ecan_host::Diagnostics;
 use ecan_mcan_port::Port;
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::context::{Bus, Failure, GlobalOptions, Result};
+use crate::context::{Bus, Failure, GlobalOptions, Result, note};
 use crate::frames::{GatewayRequirements, Planned, Settings, failure};
 
 use super::MonitorArguments;
@@ -40,6 +40,9 @@ impl Watcher {
             other => other,
         };
         config.check(&adapter).map_err(|faults| failed(faults.into()))?;
+        if let Some(warning) = config.sync0_warning(&adapter) {
+            note(format_args!("warning: {warning}"));
+        }
         let busy = BusTime::new(&config);
         let port = Port::open(bus.ecrt(), (adapter, config)).map_err(failed)?;
         Ok(Self { port, positions, busy })
