@@ -71,8 +71,9 @@ void bus_settings_add_dc_options(bus_settings_t *settings, option_list_t *list)
         .help = "Period of Sync0 in microseconds [default: the cycle]"});
     options_add(list, (option_t){
         .name = "dc-shift-us", .value_name = "US", .number = &settings->dc_shift_us,
-        .maximum = 4294967,
-        .help = "Shift of Sync0 in microseconds"});
+        .maximum = 4294967, .is_given = &settings->is_dc_shift_given,
+        .help = "Shift of Sync0 in microseconds [default: the middle of the usable ones, by the "
+                "plan]"});
 }
 
 void bus_settings_add_config_option(bus_settings_t *settings, option_list_t *list)
@@ -107,9 +108,19 @@ static bool configure_library(ecan_igh_config_t *config, const bus_settings_t *s
            ecan_igh_config_set_seed(config, settings->seed) == ECAN_OK;
 }
 
-static bool configure_master(ecan_igh_config_t *config, const bus_settings_t *settings)
+/* After the slaves, their PDO size and the cycle, which determine the planned shift. */
+static bool configure_sync0(ecan_igh_config_t *config, const bus_settings_t *settings)
 {
     uint64_t dc_cycle_us = settings->dc_cycle_us != 0 ? settings->dc_cycle_us : settings->cycle_us;
+    if (!settings->is_dc_shift_given) {
+        return ecan_igh_config_set_dc_sync0_planned(config, (uint32_t)dc_cycle_us) == ECAN_OK;
+    }
+    return ecan_igh_config_set_dc_sync0(config, (uint32_t)dc_cycle_us,
+                                        (uint32_t)settings->dc_shift_us) == ECAN_OK;
+}
+
+static bool configure_master(ecan_igh_config_t *config, const bus_settings_t *settings)
+{
     if (ecan_igh_config_set_master_index(config, (uint32_t)settings->master) != ECAN_OK ||
         ecan_igh_config_set_slave_count(config, (size_t)settings->slaves) != ECAN_OK ||
         ecan_igh_config_allow_large_pdos(config, settings->large_pdos) != ECAN_OK ||
@@ -117,9 +128,7 @@ static bool configure_master(ecan_igh_config_t *config, const bus_settings_t *se
         ecan_igh_config_set_cycle_us(config, (uint32_t)settings->cycle_us) != ECAN_OK) {
         return false;
     }
-    if (settings->dc_sync0 &&
-        ecan_igh_config_set_dc_sync0(config, (uint32_t)dc_cycle_us,
-                                     (uint32_t)settings->dc_shift_us) != ECAN_OK) {
+    if (settings->dc_sync0 && !configure_sync0(config, settings)) {
         return false;
     }
     for (size_t slave = 0; slave < settings->slaves; slave++) {
@@ -221,6 +230,29 @@ static bool wait_until_ready(bus_t *bus)
     return code == ECAN_OK;
 }
 
+/* Prints the Sync0 shift and judges its margin. */
+static bool check_sync0(const ecan_igh_config_t *config, const bus_settings_t *settings)
+{
+    uint32_t shift_ns;
+    int64_t margin_ns;
+    if (ecan_igh_config_get_dc_margin(config, &shift_ns, &margin_ns) != ECAN_OK) {
+        return true; /* without distributed clocks */
+    }
+    printf("Sync0 shift %.1f us, margin by the plan %.1f us\n", shift_ns / 1e3, margin_ns / 1e3);
+    if (margin_ns >= 0) {
+        return true;
+    }
+    bool is_rejected = settings->rejects_dc_shift && !settings->is_dc_shift_measured;
+    static const char text[] = "Sync0 falls into the arrival of the outputs: outputs that arrive "
+                               "around or after it are missed (manual 16.1); use another shift";
+    if (is_rejected) {
+        report("%s; --dc-shift-measured accepts a measured one", text);
+    } else {
+        fprintf(stderr, "warning: %s\n", text);
+    }
+    return !is_rejected;
+}
+
 bool bring_up(bus_t *bus, const bus_settings_t *settings)
 {
     ecan_igh_config_t igh_config;
@@ -234,7 +266,7 @@ bool bring_up(bus_t *bus, const bus_settings_t *settings)
         report_sdk_error();
         return false;
     }
-    if (!interrupt_install()) {
+    if (!check_sync0(&igh_config, settings) || !interrupt_install()) {
         return false;
     }
     if (ecan_igh_init(&bus->igh, &igh_config) != ECAN_OK) {

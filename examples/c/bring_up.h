@@ -27,6 +27,9 @@ typedef struct {
     bool dc_sync0;
     uint64_t dc_cycle_us; /* 0: the cycle */
     uint64_t dc_shift_us;
+    bool is_dc_shift_given; /* false: that of the plan */
+    bool rejects_dc_shift;  /* one among the arrivals of the plan, unless measured */
+    bool is_dc_shift_measured;
     uint8_t fd_masks[ECAN_IGH_MAX_SLAVES]; /* channels among them with CAN FD */
     const char *config; /* file in place of the options, except for the library; NULL: none */
     uint64_t seed;

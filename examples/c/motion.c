@@ -27,6 +27,11 @@ void motion_add_options(motion_t *motion, option_list_t *list)
     bus_settings_t *bus = &motion->bus;
     bus_settings_add_options(bus, list);
     bus_settings_add_dc_options(bus, list);
+    /* A gateway that leaves OP stops its axes. */
+    bus->rejects_dc_shift = true;
+    options_add(list, (option_t){
+        .name = "dc-shift-measured", .flag = &bus->is_dc_shift_measured,
+        .help = "Accept a shift among the arrivals of the plan: it was measured on this machine"});
     bus_settings_add_plan_option(bus, list);
     options_add(list, (option_t){
         .name = "cycles", .value_name = "N", .number = &motion->cycles, .maximum = UINT64_MAX,

@@ -8,11 +8,11 @@
 use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
 use ecan_example_support::backend::MasterArguments;
 use ecan_example_support::clock_plot::ClockPlot;
+use ecan_example_support::sync0::{print_sync0, sync0};
 use ecan_example_support::{Interrupt, RealTimeArguments, real_time, report_exit, wait_ready};
 use ecan_host::{ClockSource, ClockStatus, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
@@ -35,9 +35,9 @@ struct Arguments {
     /// EtherCAT cycle and period of Sync0
     #[arg(long, value_name = "US", default_value_t = 1_000)]
     cycle_us: u32,
-    /// Shift of Sync0
-    #[arg(long, value_name = "US", default_value_t = 0)]
-    shift_us: u32,
+    /// Shift of Sync0 [default: the middle of the usable ones, by the plan]
+    #[arg(long, value_name = "US")]
+    shift_us: Option<u32>,
     /// Number of cycles
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     cycles: u64,
@@ -79,10 +79,11 @@ fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
             Source::Reference => ClockSource::Reference,
         },
         reference: arguments.reference,
-        ..DcSync::new(adapter.cycle, Duration::from_micros(arguments.shift_us.into()))
+        ..sync0(adapter.cycle, arguments.shift_us, &adapter)
     });
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
     let config = PortConfig::uniform(slaves.into(), gateway);
+    print_sync0(&adapter, &config);
     let backend = arguments.master.open("echo", &adapter)?;
     arguments.thread.apply(|line| println!("{line}"))?;
     Ok(Port::open(&backend.ecrt, (adapter, config))?)

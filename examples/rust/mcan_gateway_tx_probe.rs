@@ -10,22 +10,19 @@
 use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 use clap::Parser;
 use ecan_example_support::gateway_arguments::GatewayArguments;
 use ecan_example_support::probe_output::{ProbeFiles, parse_picture};
 use ecan_example_support::probe_sweep::print_sweep;
+use ecan_example_support::sync0::{print_sync0, sync0};
 use ecan_example_support::tx_probe::{Mode, ModeResult, Modes, Target};
 use ecan_example_support::{Interrupt, RealTimeArguments, print_plan, report_exit, wait_ready};
-use ecan_host::{AdapterConfig, DcSync};
+use ecan_host::AdapterConfig;
 use ecan_mcan_port::{FrameStream, GatewayConfig, Port, PortConfig, RECOMMENDED_OFFSET_NS};
 use ecan_protocol::can::FrameError;
 use ecan_protocol::image::OptionFlags;
 use ecan_protocol::mapping::CHANNELS;
-
-/// Default Sync0 shift in percent of the cycle: after the arrival of the images.
-const DEFAULT_SHIFT_PERCENT: u32 = 70;
 
 /// Send one numbered CAN frame per cycle, directly and scheduled, and measure the periods
 #[derive(Debug, Parser)]
@@ -56,7 +53,7 @@ struct Arguments {
     /// Start Sync0 also without scheduled frames
     #[arg(long)]
     dc_sync0: bool,
-    /// Sync0 shift relative to the cycle [default: 70 % of the cycle]
+    /// Sync0 shift relative to the cycle [default: the middle of the usable ones, by the plan]
     #[arg(long, value_name = "US")]
     dc_shift_us: Option<u32>,
     /// Analyser's candump log of the bus, complete when the frames are sent; source of the bus times
@@ -68,12 +65,12 @@ struct Arguments {
     /// Write a line per frame as CSV
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Write histograms: FILE.html with the table, or FILE.svg alone
+    /// Write histograms: FILE.html with the table, or FILE.svg alone; with --sweep the shifts, FILE.svg
     #[arg(long, value_name = "FILE", value_parser = parse_picture)]
     report: Option<PathBuf>,
     /// Try Sync0 shifts and offsets, with --frames frames each, and print those without losses
     #[arg(long, conflicts_with_all = ["plan", "mode", "offset_ns", "dc_shift_us", "bus_log", "bus_dump",
-                                      "csv", "report"])]
+                                      "csv"])]
     sweep: bool,
     #[command(flatten)]
     thread: RealTimeArguments,
@@ -101,11 +98,7 @@ impl Arguments {
         }
         let mut adapter = self.gateways.adapter(self.cycle_us);
         if self.dc_sync0 || self.sweep || self.mode != Modes::Direct {
-            let shift = match self.dc_shift_us {
-                Some(us) => Duration::from_micros(us.into()),
-                None => adapter.cycle * DEFAULT_SHIFT_PERCENT / 100,
-            };
-            adapter.dc = Some(DcSync::new(adapter.cycle, shift));
+            adapter.dc = Some(sync0(adapter.cycle, self.dc_shift_us, &adapter));
         }
         let mut gateway = GatewayConfig::on_channel(self.channel, self.gateways.channel());
         gateway.tx_options = OptionFlags::TX_RESULT;
@@ -142,6 +135,10 @@ impl Arguments {
 }
 
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
+    let is_html = |path: &PathBuf| path.extension().is_some_and(|it| it == "html");
+    if arguments.sweep && arguments.report.as_ref().is_some_and(is_html) {
+        return Err("--report of --sweep is a picture; use a name that ends in .svg".into());
+    }
     let (adapter, config) = arguments.configuration()?;
     if arguments.gateways.plan {
         print_plan(&adapter, &config, &[arguments.traffic()?])?;
@@ -152,6 +149,9 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let files = arguments.files();
     files.check(backend.simulation.is_some())?;
     arguments.thread.apply(|line| println!("{line}"))?;
+    if !arguments.sweep {
+        print_sync0(&adapter, &config);
+    }
     let mut port = Port::open(&backend.ecrt, (adapter, config))?;
     if !wait_ready(&mut port, &interrupt)? {
         return Ok(true);
@@ -161,7 +161,8 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let target = arguments.target();
     if arguments.sweep {
         let setting = arguments.setting();
-        return print_sweep(&mut port, target, arguments.frames, &setting, &interrupt);
+        let plot = arguments.report.as_deref();
+        return print_sweep(&mut port, target, arguments.frames, &setting, plot, &interrupt);
     }
     if let Some(simulation) = &backend.simulation {
         let channel = usize::from(target.channel);

@@ -17,6 +17,7 @@ use ecan_example_support::frame_source::{Channels, Source};
 use ecan_example_support::gateway_arguments::GatewayArguments;
 use ecan_example_support::loop_record::LoopRecord;
 use ecan_example_support::loop_setup::LoopSetup;
+use ecan_example_support::sync0::print_sync0;
 use ecan_example_support::{
     Interrupt, RealTimeArguments, print_plan, report_exit, run_options, wait_ready,
 };
@@ -89,6 +90,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let backend = arguments.gateways.master.open("echo", &setup.adapter)?;
     arguments.thread.apply(|line| println!("{line}"))?;
 
+    print_sync0(&setup.adapter, &setup.port);
     // Checks the configuration and registers the startup SDOs, which the master then executes; the
     // gateways are verified in OP.
     let mut port = Port::open(&backend.ecrt, (setup.adapter, setup.port))?;

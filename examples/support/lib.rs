@@ -32,6 +32,8 @@ pub mod object_value;
 pub mod phase_sweep;
 pub mod probe_output;
 pub mod probe_sweep;
+pub mod shift_windows;
+pub mod sync0;
 pub mod tx_probe;
 
 pub use ecan_command_line::interrupt::Interrupt;

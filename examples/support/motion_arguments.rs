@@ -13,6 +13,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 use crate::backend::MasterArguments;
 use crate::real_time::RealTimeArguments;
+use crate::sync0::{print_sync0, sync0};
 
 /// Maximum bit rate of classic CAN, which CANopen uses.
 const MAX_BITRATE: u32 = 1_000_000;
@@ -56,9 +57,12 @@ pub struct MotionArguments {
     /// Synchronise the cycle to the reference clock of the slaves, not the slaves to the cycle
     #[arg(long, requires = "dc_sync0")]
     pub dc_follow: bool,
-    /// Shift of Sync0
-    #[arg(long, value_name = "US", default_value_t = 0)]
-    pub dc_shift_us: u32,
+    /// Shift of Sync0 [default: the middle of the usable ones, by the plan]
+    #[arg(long, value_name = "US")]
+    pub dc_shift_us: Option<u32>,
+    /// Accept a shift among the arrivals of the plan: it was measured on this machine
+    #[arg(long, requires = "dc_shift_us")]
+    pub dc_shift_measured: bool,
     /// Print the plan with its warnings and exit, without a bus
     #[arg(long)]
     pub plan: bool,
@@ -93,12 +97,9 @@ impl MotionArguments {
         let mut adapter = self.master.adapter(slaves, self.pdo_n, self.cycle_us);
         if self.dc_sync0 {
             let sync0_us = self.dc_cycle_us.unwrap_or(self.cycle_us);
-            let duration = |us: u32| Duration::from_micros(us.into());
             let source = if self.dc_follow { ClockSource::Reference } else { ClockSource::Host };
-            adapter.dc = Some(DcSync {
-                source,
-                ..DcSync::new(duration(sync0_us), duration(self.dc_shift_us))
-            });
+            let period = Duration::from_micros(sync0_us.into());
+            adapter.dc = Some(DcSync { source, ..sync0(period, self.dc_shift_us, &adapter) });
         }
         let profile = EncapsulationProfile::from_raw(self.profile)
             .ok_or_else(|| format!("--profile {} is invalid; allowed: 0, 1, 4, 5", self.profile))?;
@@ -120,6 +121,24 @@ impl MotionArguments {
         Ok((adapter, config))
     }
 
+    /// Rejects a Sync0 shift that the plan finds among the arrivals of the outputs, unless the options
+    /// accept it: a gateway that leaves OP stops its axes.
+    ///
+    /// # Errors
+    /// The warning of the plan.
+    pub fn check_sync0(
+        &self,
+        adapter: &AdapterConfig,
+        config: &PortConfig,
+    ) -> Result<(), Box<dyn Error>> {
+        match config.sync0_warning(adapter).filter(|_| !self.dc_shift_measured) {
+            Some(warning) => {
+                Err(format!("{warning}; --dc-shift-measured accepts a measured shift").into())
+            }
+            None => Ok(()),
+        }
+    }
+
     /// Opens the Port, without startup SDOs if the options skip them.
     ///
     /// # Errors
@@ -130,6 +149,7 @@ impl MotionArguments {
         adapter: AdapterConfig,
         config: PortConfig,
     ) -> Result<Port, Box<dyn Error>> {
+        print_sync0(&adapter, &config);
         if self.skip_sdo_config {
             return Ok(Port::new(Adapter::open(ecrt, adapter, StartupPlan::default())?, config)?);
         }

@@ -31,6 +31,7 @@ pub fn run_motion(
         print_plan(&adapter, &gateways, &axis_traffic(&axes, &motion.cia402()))?;
         return Ok(true);
     }
+    motion.check_sync0(&adapter, &gateways)?;
     let interrupt = Interrupt::install()?;
     let backend = motion.master.open("drives", &adapter)?;
     motion.thread.apply(|line| println!("{line}"))?;

@@ -1,27 +1,34 @@
 //! Sweep over Sync0 shifts and offsets with the frames of the transmission probe (manual 15.6.1).
 
 use std::error::Error;
+use std::path::Path;
 
+use ecan_host::Plan;
 use ecan_mcan_port::Port;
+use ecan_protocol::mapping::CHUNK_BYTES;
 
 use crate::interrupt::Interrupt;
 use crate::phase_sweep::{PhaseSweep, sweep_phase};
 use crate::progress;
+use crate::shift_windows::{HEADING, ShiftWindows, picture};
+use crate::svg;
 use crate::tx_probe::Target;
 
-/// Tries shifts and offsets with this number of frames each and prints the table. Returns whether one
-/// of them loses nothing.
+/// Tries shifts and offsets with this number of frames each, prints the table and the usable shifts, and
+/// draws them. Returns whether one of them loses nothing.
 ///
 /// # Errors
-/// The user stopped the program, or the Port failed.
+/// The user stopped the program, the Port failed, or the picture cannot be written.
 pub fn print_sweep(
     port: &mut Port,
     target: Target,
     frames: u64,
     setting: &str,
+    plot: Option<&Path>,
     interrupt: &Interrupt,
 ) -> Result<bool, Box<dyn Error>> {
-    let cycle = port.adapter().config().cycle;
+    let config = *port.adapter().config();
+    let cycle = config.cycle;
     let sweep = PhaseSweep {
         cycles: u32::try_from(frames)?,
         ..PhaseSweep::over(u32::try_from(cycle.as_nanos())?)
@@ -46,6 +53,17 @@ pub fn print_sweep(
     let table = table?;
     println!("{setting} with {} cycles for each point", sweep.cycles);
     println!("{table}");
+    let arrivals = Plan::of(&config).output_arrivals();
+    let windows = ShiftWindows::new(
+        &table,
+        config.slaves.iter().map(|slave| usize::from(slave.rx_multiplier)).max().unwrap_or(0)
+            * CHUNK_BYTES,
+        arrivals.and_then(|arrivals| arrivals.usable_shifts_ns()),
+    );
+    println!("\n{HEADING}\n{windows}");
+    if let Some(path) = plot {
+        svg::write(path, &picture(std::slice::from_ref(&windows)))?;
+    }
     if let Some(best) = table.recommended() {
         println!(
             "confirm this point in a run of minutes: --dc-shift-us {:.0} --offset-ns {} --frames {}",

@@ -3,7 +3,7 @@
 
 mod program;
 
-use program::{fails, succeeds};
+use program::{fails, run, succeeds, text};
 
 const PROGRAM: &str = "dc_clocks";
 const DRIFT: &str = concat!("sim:", env!("CARGO_MANIFEST_DIR"), "/scenarios/drift.toml");
@@ -28,6 +28,18 @@ fn clocks_settle_with_either_reference() {
     let printed = succeeds(PROGRAM, &base);
     assert!(printed.contains("below 1 us since cycle "), "{printed}");
     assert!(printed.contains("clock: +0.000 ppm"), "{printed}");
+}
+
+#[test]
+fn shift_among_the_arrivals_is_a_warning() {
+    let base = ["--ecrt", "sim", "--cycles", "5000", "--shift-us"];
+    for (shift_us, is_warned) in [("230", true), ("700", false)] {
+        let output = run(PROGRAM, &[&base[..], &[shift_us]].concat());
+        let errors = text(&output.stderr);
+        assert!(output.status.success(), "{errors}");
+        let warning = "warning: Sync0 230.0 us after the start of the cycle falls into the arrival";
+        assert_eq!(errors.contains(warning), is_warned, "{errors}");
+    }
 }
 
 #[test]

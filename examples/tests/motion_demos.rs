@@ -6,7 +6,7 @@ mod program;
 use std::io::{BufRead, BufReader, Read};
 use std::process::Stdio;
 
-use program::{command, fails, succeeds};
+use program::{command, fails, run, succeeds, text};
 
 const SINGLE: &str = "cia402_single_axis_demo";
 const TEN: &str = "cia402_10axis_demo";
@@ -64,6 +64,31 @@ fn ten_axes_run_on_one_and_three_gateways() {
             assert_eq!(numbers[5..], [0, 0], "no TPDO lost, no emergency: {line}");
         }
     }
+}
+
+/// A gateway that leaves OP stops its axes, so the demos reject what other programs warn of.
+#[test]
+fn shift_among_the_arrivals_is_rejected_unless_measured() {
+    let shift = ["--ecrt", "sim", "--cycle-us", "1000", "--dc-sync0", "--dc-shift-us", "230"];
+    for (program, size) in [(SINGLE, &[][..]), (TEN, &["--slaves", "1"])] {
+        let base = [&shift[..], size].concat();
+        let message = fails(program, &base);
+        for part in ["falls into the arrival of the outputs, by 18.5 us", "use a shift of 639.0 us"]
+        {
+            assert!(message.contains(part), "{message}");
+        }
+        assert!(message.contains("--dc-shift-measured accepts a measured shift"), "{message}");
+        // The simulated machine sends at once: 230 us is usable on it.
+        let measured = [&base[..], &["--dc-shift-measured", "--cycles", "100"]].concat();
+        let output = run(program, &measured);
+        let (printed, errors) = (text(&output.stdout), text(&output.stderr));
+        assert!(output.status.success() && errors.starts_with("warning: Sync0 230.0"), "{errors}");
+        assert!(printed.contains("Sync0 shift 230.0 us, margin by the plan -18.5 us"), "{printed}");
+        assert!(axis_line(&printed, 0).0.contains("operation enabled"), "{printed}");
+    }
+    let planned = ["--ecrt", "sim", "--cycle-us", "1000", "--dc-sync0", "--cycles", "100"];
+    let printed = succeeds(SINGLE, &planned);
+    assert!(printed.contains("Sync0 shift 639.0 us, margin by the plan 390.5 us"), "{printed}");
 }
 
 #[test]

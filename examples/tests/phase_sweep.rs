@@ -42,8 +42,8 @@ fn recommended_point_holds_in_a_longer_run() {
     assert_eq!(fixture.port.adapter().config().dc.unwrap().shift_ns(), 250_000, "as it was");
     for point in &table.points {
         assert!(point.failure.is_none(), "{table}");
-        // Half of the images come within 15 us, so a pulse there always meets some.
-        if point.shift_ns < 100_000 {
+        // Half of the images come within 15 us and arrive 70 us later, so these pulses miss some.
+        if [100_000, 200_000].contains(&point.shift_ns) {
             assert!(!table.is_good(point), "{table}");
         }
     }
@@ -87,7 +87,8 @@ fn slow_firmware_needs_an_offset() {
     assert_eq!(table.points[0].late_drops, 50, "{table}");
     assert_ne!(table.points[0].flags, 0);
     assert_eq!(table.recommended().unwrap().offset_ns, 100_000);
-    assert_eq!(table.points[0].arrival_before_pulse_ns.unwrap() / 1_000, 200);
+    // 74 us on the wire with the clocks.
+    assert_eq!(table.points[0].arrival_before_pulse_ns.unwrap() / 1_000, 126);
 }
 
 #[test]
