@@ -3,6 +3,7 @@
 
 mod common;
 
+use std::path::Path;
 use std::time::Duration;
 
 use common::{Fixture, Handles, SendData, classic, id};
@@ -11,6 +12,7 @@ use ecan_mcan_port::{
     ChannelStatistics, GatewayConfig, ImageReport, Port, PortConfig, Session, SlaveStatistics,
 };
 use ecan_protocol::image::OptionFlags;
+use ecan_sim::variant::{Choice, toml, variants};
 use ecan_sim::{
     EcrtVersion, Fault, GatewayCounters, GatewayFault, LibraryCall, LossDirection, Scenario,
 };
@@ -196,6 +198,8 @@ fn lost_session_shows_in_the_received_images() {
 
 #[derive(Debug, Clone)]
 struct Case {
+    /// What the gateway does differently.
+    variants: Vec<Choice>,
     multiplier: u8,
     has_results: bool,
     version: EcrtVersion,
@@ -226,16 +230,42 @@ fn fault() -> impl Strategy<Value = Fault> {
     ]
 }
 
+/// Up to three alternatives with which the gateway starts.
+fn variant_choices() -> impl Strategy<Value = Vec<Choice>> {
+    let others = variants().flat_map(|variant| {
+        variant.alternatives.iter().skip(1).map(move |alternative| (variant, alternative))
+    });
+    let starts =
+        |(variant, _): &Choice| !matches!(variant.key, "missing_entries" | "assignment_rewritten");
+    let others: Vec<Choice> = others.filter(starts).collect();
+    prop::collection::vec(prop::sample::select(others), 0..4).prop_map(|mut choices| {
+        choices.sort_by_key(|(variant, _)| variant.key);
+        choices.dedup_by_key(|(variant, _)| variant.key);
+        choices
+    })
+}
+
+/// One gateway with such a difference, and echo nodes.
+fn scenario(variants: &[Choice]) -> Scenario {
+    let text = format!("[[gateway]]\n{}", toml(variants));
+    let mut scenario = ecan_sim::echo(1);
+    let different = Scenario::from_toml(&text, "variants", Path::new("."));
+    scenario.gateways = different.unwrap_or_else(|error| panic!("{text}{error}")).gateways;
+    scenario
+}
+
 fn case() -> impl Strategy<Value = Case> {
     let versions = [EcrtVersion::V1_5, EcrtVersion::V1_6];
     (
+        variant_choices(),
         prop::sample::select(vec![1, 3, 8]),
         any::<bool>(),
         prop::sample::select(versions.to_vec()),
         prop::collection::vec((0..400usize, fault()), 1..6),
         any::<u64>(),
     )
-        .prop_map(|(multiplier, has_results, version, faults, seed)| Case {
+        .prop_map(|(variants, multiplier, has_results, version, faults, seed)| Case {
+            variants,
             multiplier,
             has_results,
             version,
@@ -252,7 +282,7 @@ fn draw(random: &mut u64, bound: u64) -> u64 {
 }
 
 fn run(case: &Case) {
-    let mut scenario = ecan_sim::echo(1);
+    let mut scenario = scenario(&case.variants);
     scenario.version = case.version;
     let mut fixture = open(scenario, case.multiplier, case.has_results);
     fixture.idle(5);
