@@ -36,6 +36,10 @@ pub struct Arguments {
     /// With a simulated library: pace and side activities of IgH's master
     #[arg(long)]
     pub like_igh: bool,
+    /// With library sim: run the steps with each alternative of `ecan-sim variants` and write
+    /// variants.md; a step may end with an error that names the assumption
+    #[arg(long)]
+    pub each_variant: bool,
     /// Index of the EtherCAT master
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub master: u16,

@@ -28,8 +28,6 @@ pub enum Nodes {
 pub struct BusSpec {
     pub gateways: u16,
     pub nodes: Nodes,
-    /// Further keys of every gateway, as in a scenario file.
-    pub gateway_keys: &'static str,
     /// Faults, as in a scenario file.
     pub faults: String,
 }
@@ -54,16 +52,15 @@ impl BusSpec {
 
     /// Returns whether only a simulated gateway can do this.
     pub fn needs_simulation(&self) -> bool {
-        !self.faults.is_empty() || !self.gateway_keys.is_empty()
+        !self.faults.is_empty()
     }
 
-    /// The scenario file, with these keys before its tables.
-    pub fn scenario(&self, head: &str) -> String {
+    /// The scenario file, with these keys before its tables and in each gateway.
+    pub fn scenario(&self, head: &str, gateway_keys: &str) -> String {
         let mut text = format!("name = \"acceptance\"\n{head}");
         for gateway in 0..self.gateways {
             let drift_ppm = if gateway % 2 == 0 { CLOCK_DRIFT_PPM } else { -CLOCK_DRIFT_PPM };
-            let _ =
-                writeln!(text, "[[gateway]]\nclock_drift_ppm = {drift_ppm}\n{}", self.gateway_keys);
+            let _ = writeln!(text, "[[gateway]]\nclock_drift_ppm = {drift_ppm}\n{gateway_keys}");
         }
         for (gateway, channel) in (0..self.gateways)
             .flat_map(|gateway| (0..CHANNELS).map(move |channel| (gateway, channel)))

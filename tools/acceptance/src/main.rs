@@ -21,6 +21,7 @@ mod step;
 mod steps;
 mod stop;
 mod table;
+mod variant_matrix;
 
 use std::process::ExitCode;
 
@@ -37,7 +38,10 @@ fn main() -> ExitCode {
     }
     let outcome = Interrupt::install_with_message("stopping: the running programs are ended")
         .map_err(|error| error.to_string())
-        .and_then(|interrupt| runner::run(&arguments, interrupt));
+        .and_then(|interrupt| match arguments.each_variant {
+            true => variant_matrix::run(&arguments, interrupt),
+            false => runner::run(&arguments, interrupt),
+        });
     match outcome {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,

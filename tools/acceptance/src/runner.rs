@@ -18,7 +18,7 @@ fn is_selected(arguments: &Arguments, group: &Group, step: &Step) -> bool {
     (arguments.only.is_empty() || has(&arguments.only)) && !has(&arguments.except)
 }
 
-fn selected(arguments: &Arguments) -> impl Iterator<Item = (&'static Group, &'static Step)> {
+pub fn selected(arguments: &Arguments) -> impl Iterator<Item = (&'static Group, &'static Step)> {
     let all = GROUPS.iter().flat_map(|group| group.steps.iter().map(move |step| (*group, step)));
     all.filter(|(group, step)| is_selected(arguments, group, step))
 }
@@ -75,7 +75,7 @@ pub fn unix_seconds() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())
 }
 
-fn execute(bench: &mut Bench, group: &Group, step: &Step) -> StepReport {
+pub fn execute(bench: &mut Bench, group: &Group, step: &Step) -> StepReport {
     let start = Instant::now();
     bench.record = Record::default();
     bench.forget_kernel_log();

@@ -36,6 +36,8 @@ pub struct Bench {
     pub record: Record,
     /// Directory for files of the steps.
     pub work: PathBuf,
+    /// Keys of every simulated gateway, as in a scenario file.
+    gateway_keys: String,
     library: String,
     /// Simulated gateways on the wire.
     slave: Option<Slave>,
@@ -61,6 +63,7 @@ impl Bench {
             interrupt,
             record: Record::default(),
             work,
+            gateway_keys: String::new(),
             library,
             slave: None,
             spec: None,
@@ -97,6 +100,16 @@ impl Bench {
         let scan = self.ecan(["scan"]);
         let finished = self.run(scan).map_err(|stop| stop.to_string())?;
         Ok(finished.errors().contains("SIMULATED:"))
+    }
+
+    /// The steps that follow run with gateways that have these keys.
+    ///
+    /// # Errors
+    /// The present gateways cannot be stopped.
+    pub fn change_gateways(&mut self, keys: String) -> Result<(), Stop> {
+        self.gateway_keys = keys;
+        self.spec = None;
+        self.stop_slave().map(drop)
     }
 
     pub fn library(&self) -> &str {

@@ -44,7 +44,7 @@ impl Bench {
         }
         self.stop_slave()?;
         let head = if self.arguments.like_igh { "[master]\nlike = \"igh\"\n" } else { "" };
-        self.write_file(SCENARIO, spec.scenario(head))?;
+        self.write_file(SCENARIO, spec.scenario(head, &self.gateway_keys))?;
         self.spec = Some(spec);
         if self.kind == Kind::Wire {
             self.wait_for_slaves(0)?;
