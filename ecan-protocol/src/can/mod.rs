@@ -8,6 +8,8 @@ mod embedded;
 mod frame;
 mod frame_bits;
 mod frame_error;
+mod sample_point_choice;
+mod vendor_driver;
 
 pub use bit_timing::{
     BITRATE_TOLERANCE_PPM, BitTiming, BitTimingError, MCAN_CLOCK_HZ, Phase, SamplePoint,
@@ -19,3 +21,5 @@ pub use embedded::IdFormatError;
 pub use frame::{CanFrame, FrameKind, FrameRef};
 pub use frame_bits::FrameBits;
 pub use frame_error::FrameError;
+pub use sample_point_choice::{sample_point_range, usual_sample_point};
+pub use vendor_driver::vendor_driver_timing;

@@ -122,14 +122,12 @@ impl McanChannelConfig {
     }
 
     fn timing(&self, phase: Phase, clock_hz: u32) -> Result<BitTiming, BitTimingError> {
-        let (manual, bitrate, window) = match phase {
-            Phase::Nominal => {
-                (self.manual_nominal, self.nominal_bitrate, self.nominal_sample_point)
-            }
-            Phase::Data => (self.manual_data, self.data_bitrate, self.data_sample_point),
-        };
+        let (bitrate, window) = self.bit_rate_and_window(phase);
         match self.bit_timing_mode {
-            BitTimingMode::Manual => Ok(manual),
+            BitTimingMode::Manual => Ok(match phase {
+                Phase::Nominal => self.manual_nominal,
+                Phase::Data => self.manual_data,
+            }),
             BitTimingMode::Automatic => {
                 solve_bit_timing(phase, clock_hz, bitrate, window.min, window.max)
             }

@@ -8,6 +8,7 @@ mod filters;
 mod list;
 mod mcan_channel;
 mod mcan_channel_check;
+mod mcan_channel_warning;
 mod pdo_profile;
 
 pub use crate::object::data_path::{
@@ -38,4 +39,5 @@ pub use filters::{
 };
 pub use list::{List, ListFull};
 pub use mcan_channel_check::ChannelFault;
+pub use mcan_channel_warning::ChannelWarning;
 pub use pdo_profile::{SessionCommand, session_command_write};
