@@ -131,7 +131,8 @@ int igh_mcan_port_set_canfd_channel(igh_mcan_port_config_t *config,
                                     uint32_t data);
 
 /**
- * Sets the windows from which the firmware selects the sample points; 75 to 87.5 % by default.
+ * Sets the windows from which the firmware selects the sample points. By default one sample point:
+ * 87.5 %, or the next smaller one that the bit rate allows (manual 5.4.3).
  *
  * @param nominal_min, nominal_max  Arbitration phase, in 0.1 %.
  * @param data_min, data_max        Data phase, in 0.1 %.

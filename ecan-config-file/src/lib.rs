@@ -44,7 +44,6 @@ mod filter_compare;
 mod flash;
 mod gateway;
 mod idle_keys;
-mod warning;
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -59,7 +58,6 @@ pub use device::{ResolveError, ResolvedGateway, apply, find};
 pub use difference::{Difference, Expected};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{ConfigChecksums, FlashCommand};
-pub use warning::{Elements, FileWarning, warnings};
 
 use bus::Bus;
 use document::{Document, Table};

@@ -40,8 +40,8 @@ pub use config_check::PortConfigFault;
 pub use cycle::{Cycle, CycleSummary, MAX_FAILED_CYCLES};
 pub use error::PortError;
 pub use plan::{
-    ChannelLoad, ChannelPlan, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayPlan, ImageFill,
-    ImagePlan, PortPlan, PortPlanError, PortWarning,
+    ChannelLoad, ChannelPlan, CpuCost, Elements, FrameRate, FrameRoute, FrameStream, GatewayPlan,
+    ImageFill, ImagePlan, PortPlan, PortPlanError, PortWarning, SettingWarning,
 };
 pub use port::Port;
 pub use port_config::{

@@ -2,6 +2,7 @@
 #![no_main]
 
 use ecan_config_file::export::{Format, SlaveAddress, export};
+use ecan_mcan_port::PortPlan;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {
@@ -13,11 +14,8 @@ fuzz_target!(|text: &str| {
                     assert!(!export(format, &steps, SlaveAddress::default()).is_empty());
                 }
             }
-            assert!(
-                ecan_config_file::warnings(&file)
-                    .iter()
-                    .all(|warning| !warning.to_string().is_empty())
-            );
+            let plan = PortPlan::of(&file.adapter, &file.port, &[]);
+            assert!(plan.warnings.iter().all(|warning| !warning.to_string().is_empty()));
         }
         Err(faults) => {
             // Each fault is in a line of the text.

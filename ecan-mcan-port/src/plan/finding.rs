@@ -5,6 +5,7 @@ use ecan_protocol::config::DATA_PATH_BUDGET_MAX;
 use ecan_protocol::mapping::{Direction, MAX_PACKETS};
 use thiserror::Error;
 
+use super::setting_warning::SettingWarning;
 use crate::schedule::margin::NotSchedulable;
 use crate::schedule::margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
 
@@ -132,6 +133,9 @@ pub enum PortWarning {
     /// On the EtherCAT side.
     #[error(transparent)]
     EtherCat(PlanWarning),
+    /// Settings that lose frames, or may not match the bus.
+    #[error(transparent)]
+    Setting(SettingWarning),
     /// More than 70 % of the bus.
     #[error(
         "slave {slave}, channel {channel}: the frames take {least_percent} to {most_percent} % of \

@@ -8,12 +8,14 @@ mod finding;
 mod frame_stream;
 mod image;
 mod schedule;
+mod setting_warning;
 
 pub use channel_load::ChannelLoad;
 pub use cpu_cost::CpuCost;
 pub use finding::{PortPlanError, PortWarning};
 pub use frame_stream::{FrameRate, FrameRoute, FrameStream};
 pub use image::{ImageFill, ImagePlan};
+pub use setting_warning::{Elements, SettingWarning};
 
 use ecan_host::{AdapterConfig, Plan};
 use ecan_protocol::mapping::Direction;
@@ -100,6 +102,8 @@ impl PortPlan {
         plan.add_channels(adapter, port, traffic);
         plan.add_images(adapter, port, traffic);
         plan.check_schedules(adapter, port, traffic);
+        let settings = setting_warning::warnings(adapter, port, &plan.gateways);
+        plan.warnings.extend(settings.into_iter().map(PortWarning::Setting));
         plan
     }
 

@@ -65,11 +65,11 @@ gateway 0: position 0
   RxPDO  N = 8: 1024 bytes, frame area 1000 bytes, profile 0, options none
   TxPDO  N = 8: 1024 bytes, frame area 1000 bytes, profile 0, options none
   CAN0   CAN FD, delay compensation on
-         nominal  1000000 bit/s, error 0 ppm, sample point 87.5 % (BRP 1 TSEG1 69 TSEG2 10 SJW 10)
-         data     5000000 bit/s, error 0 ppm, sample point 87.5 % (BRP 1 TSEG1 13 TSEG2 2 SJW 2)
+         nominal  1000000 bit/s, error 0 ppm, sample point 87.5 %; vendor's public driver: BRP 1 TSEG1 69 TSEG2 10 SJW 10
+         data     5000000 bit/s, error 0 ppm, sample point 87.5 %; vendor's public driver: BRP 1 TSEG1 13 TSEG2 2 SJW 2
          Message RAM 8192 of 8192 bytes, filters: 2 standard, 1 extended
   CAN1   classic CAN
-         nominal  500000 bit/s, error 0 ppm, sample point 81.25 % (BRP 1 TSEG1 129 TSEG2 30 SJW 30)
+         nominal  500000 bit/s, error 0 ppm, sample point 87.5 %; vendor's public driver: BRP 1 TSEG1 139 TSEG2 20 SJW 20
          Message RAM 3456 of 8192 bytes, filters: 0 standard, 0 extended
 EtherCAT: 2048 bytes of process data, 2 frame(s), 176.0 us of 1000 us (17.6 %)
 Sync0: 500 us after the start of its period
@@ -77,7 +77,7 @@ Sync0: 500 us after the start of its period
     assert_eq!(good(&["config", "check", text(&path)]), expected);
     let json = good(&["config", "check", text(&path), "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
-    assert_eq!(json["gateways"][0]["channels"][0]["data"]["sample_point_percent"], 87.5);
+    assert_eq!(json["gateways"][0]["channels"][0]["data"]["sample_point_percent"][1], 87.5);
     assert_eq!(json["gateways"][0]["channels"][0]["message_ram_bytes"], 8192);
     assert_eq!(json["gateways"][0]["images"][1]["profile_word"], 7 | 3 << 5);
     assert_eq!(json["faults"], serde_json::json!([]));
@@ -238,6 +238,7 @@ fn diff_lists_entries_with_status_1() {
     assert!(listed.contains("Active profile word"), "{listed}");
     // A file that says what a new device has anyway differs in nothing.
     let device = "[[gateway]]\nn = 8\n[gateway.can0]\nbitrate = 500_000\ndata_bitrate = 5_000_000\n\
+                  sample_point = [75, 87.5]\ndata_sample_point = [75, 87.5]\n\
                   data_path = { rx_drain_max = 2, tx_budget_max = 4, rx_cache_depth = 16 }\n";
     let channels = ["can1", "can2", "can3"];
     let rest = device.split_once("[gateway.can0]").unwrap().1;

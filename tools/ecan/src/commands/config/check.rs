@@ -1,13 +1,16 @@
 //! `ecan config check`: faults of a file, or its derived settings.
 
+use std::fmt;
 use std::io::Write;
 use std::path::Path;
 
 use ecan_config_file::{ConfigFileError, FileFault, load};
 use ecan_mcan_port::Config;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortPlan};
-use ecan_protocol::can::{BitTiming, MCAN_CLOCK_HZ};
-use ecan_protocol::config::{MESSAGE_RAM_BYTES, McanChannelConfig};
+use ecan_protocol::can::{
+    BitTiming, MCAN_CLOCK_HZ, Phase, SamplePoint, sample_point_range, vendor_driver_timing,
+};
+use ecan_protocol::config::{BitTimingMode, MESSAGE_RAM_BYTES, McanChannelConfig};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{CHUNK_BYTES, Direction};
 use serde::Serialize;
@@ -71,12 +74,21 @@ struct Channel {
     extended_filters: usize,
 }
 
-/// Bit timing at a clock of 80 MHz.
+/// Bit timing of a phase at a clock of 80 MHz.
 #[derive(Debug, Serialize)]
 struct Timing {
     bitrate: u32,
-    reached: u32,
     error_ppm: i64,
+    /// Lowest and highest that the firmware may choose; equal in manual mode.
+    sample_point_percent: [f64; 2],
+    /// Manual mode: the configured registers.
+    registers: Option<Registers>,
+    /// Automatic mode: what the public driver of the controller's vendor would choose.
+    vendor_driver: Option<Registers>,
+}
+
+#[derive(Debug, Serialize)]
+struct Registers {
     sample_point_percent: f64,
     brp: u16,
     tseg1: u16,
@@ -84,21 +96,64 @@ struct Timing {
     sjw: u16,
 }
 
-impl Timing {
-    fn of(bitrate: u32, timing: BitTiming) -> Self {
+fn percent(point: SamplePoint) -> f64 {
+    f64::from(point.0) / 100.0
+}
+
+impl From<BitTiming> for Registers {
+    fn from(timing: BitTiming) -> Self {
         let BitTiming { brp, tseg1, tseg2, sjw } = timing;
+        Self { sample_point_percent: percent(timing.sample_point()), brp, tseg1, tseg2, sjw }
+    }
+}
+
+impl fmt::Display for Registers {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { brp, tseg1, tseg2, sjw, .. } = self;
+        write!(f, "BRP {brp} TSEG1 {tseg1} TSEG2 {tseg2} SJW {sjw}")
+    }
+}
+
+impl Timing {
+    /// `timing` has the bit rate of the phase.
+    fn of(can: &McanChannelConfig, phase: Phase, timing: BitTiming) -> Option<Self> {
+        let (bitrate, window) = can.bit_rate_and_window(phase);
+        let (min, max) = (window.min, window.max);
+        let is_manual = can.bit_timing_mode == BitTimingMode::Manual;
+        let (lowest, highest) = match is_manual {
+            true => (timing.sample_point(), timing.sample_point()),
+            false => sample_point_range(phase, MCAN_CLOCK_HZ, bitrate, min, max).ok()?,
+        };
+        let driver = || vendor_driver_timing(phase, can.fd, MCAN_CLOCK_HZ, bitrate, min, max);
         // From the time quanta per bit: the bit rate itself is rounded.
         let reached = f64::from(MCAN_CLOCK_HZ) / f64::from(timing.clocks_per_bit().max(1));
         let error = (reached / f64::from(bitrate.max(1)) - 1.0) * 1e6;
-        Self {
+        Some(Self {
             bitrate,
-            reached: timing.bitrate(MCAN_CLOCK_HZ),
             error_ppm: error.round() as i64,
-            sample_point_percent: f64::from(timing.sample_point().0) / 100.0,
-            brp,
-            tseg1,
-            tseg2,
-            sjw,
+            sample_point_percent: [percent(lowest), percent(highest)],
+            registers: is_manual.then(|| timing.into()),
+            vendor_driver: (!is_manual).then(driver).flatten().map(Into::into),
+        })
+    }
+}
+
+impl fmt::Display for Timing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { bitrate, error_ppm, sample_point_percent: [lowest, highest], .. } = self;
+        write!(f, "{bitrate} bit/s, error {error_ppm} ppm, sample point ")?;
+        match &self.registers {
+            Some(registers) => return write!(f, "{lowest} % ({registers})"),
+            None if lowest == highest => write!(f, "{lowest} %")?,
+            None => write!(f, "{lowest} to {highest} %, chosen by the firmware")?,
+        }
+        match &self.vendor_driver {
+            Some(driver) if lowest == highest => write!(f, "; vendor's public driver: {driver}"),
+            Some(driver) => {
+                let point = driver.sample_point_percent;
+                write!(f, "; vendor's public driver: {point} % ({driver})")
+            }
+            None => f.write_str("; vendor's public driver: none"),
         }
     }
 }
@@ -159,12 +214,7 @@ fn of_file(file: &Config) -> Checked {
             frames: plan.ethercat.frames.len(),
             wire_ns: plan.ethercat.wire_ns(),
         }),
-        warnings: {
-            let of_plan = plan.warnings.iter().map(ToString::to_string);
-            of_plan
-                .chain(ecan_config_file::warnings(file).iter().map(ToString::to_string))
-                .collect()
-        },
+        warnings: plan.warnings.iter().map(ToString::to_string).collect(),
     }
 }
 
@@ -188,8 +238,8 @@ fn channel(number: u8, settings: &ChannelConfig, filters: (usize, usize)) -> Opt
     Some(Channel {
         channel: number,
         is_fd: can.fd,
-        nominal: Timing::of(can.nominal_bitrate, nominal),
-        data: data.map(|timing| Timing::of(can.data_bitrate, timing)),
+        nominal: Timing::of(can, Phase::Nominal, nominal)?,
+        data: data.and_then(|timing| Timing::of(can, Phase::Data, timing)),
         tdc_runs: can.tdc_runs(),
         message_ram_bytes: can.message_ram_bytes(),
         message_ram_size: MESSAGE_RAM_BYTES,
@@ -253,18 +303,7 @@ fn print_channel(channel: &Channel, out: &mut dyn Write) -> std::io::Result<()> 
     let timings = [("nominal", Some(&channel.nominal)), ("data", channel.data.as_ref())];
     for (name, timing) in timings {
         let Some(timing) = timing else { continue };
-        writeln!(
-            out,
-            "         {name:<8} {} bit/s, error {} ppm, sample point {} % (BRP {} TSEG1 {} TSEG2 {} \
-             SJW {})",
-            timing.reached,
-            timing.error_ppm,
-            timing.sample_point_percent,
-            timing.brp,
-            timing.tseg1,
-            timing.tseg2,
-            timing.sjw
-        )?;
+        writeln!(out, "         {name:<8} {timing}")?;
     }
     writeln!(
         out,
