@@ -17,6 +17,8 @@ pub struct DeviceProfile {
     pub restart_ms: Option<u32>,
     /// Scheduled frames that the gateway holds.
     pub schedule_depth: Option<u32>,
+    /// First and last time of a send relative to a Sync0 pulse, in us, at which the firmware missed the image.
+    pub sync0_missed_us: Option<(i64, i64)>,
     /// Number of node mode "internal loopback".
     pub internal_loopback: Option<u8>,
     /// Nominal sample point that the firmware chooses from 75 to 87.5 % at 500 kbit/s, in 0.1 %.

@@ -17,6 +17,8 @@ pub(crate) struct ReceivedFrame {
 pub(crate) struct Inputs {
     /// Delivery of the last RxPDO image.
     pub(crate) outputs: Delivery,
+    /// Time of the send of this cycle after its deadline, in ns.
+    pub(crate) sent_ns: u64,
     /// Header of a new image.
     pub(crate) header: Option<Header>,
     pub(crate) frames: Vec<ReceivedFrame>,

@@ -23,6 +23,7 @@ const SDO_TIMEOUT_MS: u32 = 3_000;
 const REGISTER_BYTES: usize = 8;
 /// AL status register; the AL status code follows 4 bytes later.
 const AL_STATUS: u16 = 0x0130;
+const REGISTER_CYCLES: u32 = 2_000;
 
 /// Process data on the way from PREOP to OP.
 #[derive(Clone, Copy, Debug, Default)]
@@ -59,6 +60,10 @@ pub(crate) struct Session {
     reader: ImageReader,
     tracker: SequenceTracker,
     silent_cycles: u32,
+    /// A gateway that leaves OP is expected not to respond.
+    may_be_silent: bool,
+    /// Time between receive and send, in ns.
+    pub(crate) gap_ns: u64,
     /// Exchanges without response since the last [`Session::take_missed`].
     missed: u32,
     /// Next receptions that may have no response.
@@ -98,6 +103,8 @@ impl Session {
             reader: ImageReader::new(Direction::TxPdo, setup.tx),
             tracker: SequenceTracker::new(),
             silent_cycles: 0,
+            may_be_silent: false,
+            gap_ns: 0,
             missed: 0,
             uncounted: 0,
             received: Vec::new(),
@@ -164,11 +171,20 @@ impl Session {
         tamper: impl FnOnce(&mut [u8]),
     ) -> Result<&Inputs> {
         self.receive()?;
+        if self.gap_ns > 0 {
+            let clock = self.adapter.clock();
+            clock.sleep_until_ns(clock.now_ns() + self.gap_ns);
+        }
         let image = self.adapter.rx_pdo_mut(0);
         if !image.is_empty() {
             fill(&mut self.writer, image);
             self.writer.commit(image, CommitFields::default());
             tamper(image);
+        }
+        let now_ns = self.adapter.clock().now_ns();
+        let deadline_ns = self.adapter.cycle_start().deadline_ns;
+        if let Some(inputs) = self.received.last_mut() {
+            inputs.sent_ns = now_ns.saturating_sub(deadline_ns);
         }
         self.adapter.send()?;
         self.last()
@@ -191,11 +207,12 @@ impl Session {
         self.silent_cycles = if is_silent { self.silent_cycles + 1 } else { 0 };
         self.missed += u32::from(is_silent && self.uncounted == 0);
         self.uncounted = self.uncounted.saturating_sub(1);
-        if self.silent_cycles > SILENT_CYCLES {
+        if self.silent_cycles > SILENT_CYCLES && !self.may_be_silent {
             return Err(Interruption::LinkLost);
         }
         let mut inputs = Inputs {
             outputs: report.outputs,
+            sent_ns: 0,
             header: None,
             frames: Vec::new(),
             results: Vec::new(),
@@ -274,13 +291,14 @@ impl Session {
             self.cycle(|_, _| ())?;
         }
         self.adapter.register_request_read(self.registers, address, REGISTER_BYTES)?;
-        loop {
+        for _ in 0..REGISTER_CYCLES {
             self.cycle(|_, _| ())?;
-            match self.adapter.register_request_state(self.registers)? {
-                RequestState::Busy => {}
-                RequestState::Success => break,
-                _ => return unavailable(format!("register 0x{address:04X} was not read")),
+            if self.adapter.register_request_state(self.registers)? != RequestState::Busy {
+                break;
             }
+        }
+        if self.adapter.register_request_state(self.registers)? != RequestState::Success {
+            return unavailable(format!("register 0x{address:04X} was not read"));
         }
         let mut bytes = [0; REGISTER_BYTES];
         for (to, from) in bytes.iter_mut().zip(self.adapter.register_request_data(self.registers)) {
@@ -291,7 +309,10 @@ impl Session {
 
     /// AL state and AL status code of the slave controller.
     pub(crate) fn al_status(&mut self) -> Result<(Option<AlState>, u16)> {
-        let [state, _, _, _, low, high, ..] = self.read_registers(AL_STATUS)?;
+        self.may_be_silent = true;
+        let registers = self.read_registers(AL_STATUS);
+        self.may_be_silent = false;
+        let [state, _, _, _, low, high, ..] = registers?;
         Ok((AlState::from_status(state.into()), u16::from_le_bytes([low, high])))
     }
 

@@ -9,8 +9,11 @@ use ecan_sim::variant::{Alternative, Variant, variants};
 use ecan_sim::{ClockKind, Scenario, SimOptions};
 
 fn probe(variant: &str) -> Vec<Finding> {
-    let text = format!("[[gateway]]\n{variant}");
-    let scenario = Scenario::from_toml(&text, "probe", Path::new("."));
+    probe_scenario(&format!("[[gateway]]\n{variant}"))
+}
+
+fn probe_scenario(text: &str) -> Vec<Finding> {
+    let scenario = Scenario::from_toml(text, "probe", Path::new("."));
     let scenario = scenario.unwrap_or_else(|error| panic!("{text}{error}"));
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
@@ -80,7 +83,8 @@ fn every_switch_has_an_experiment_or_a_reason() {
 
 #[test]
 fn default_gateway_has_no_difference() {
-    for finding in probe("") {
+    let like_igh = "[master]\nlike = \"igh\"\n[[gateway]]\n";
+    for finding in probe("").into_iter().chain(probe_scenario(like_igh)) {
         assert_ne!(finding.verdict, Verdict::Differs, "{finding:?}");
     }
 }

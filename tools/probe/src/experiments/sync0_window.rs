@@ -84,6 +84,7 @@ fn measure(probe: &mut Probe) -> Result<Option<(i64, i64)>> {
         }
     }
     probe.missed = Some(missed);
+    probe.profile.sync0_missed_us = missed.map(|(first, last)| (-first, -last));
     Ok(missed)
 }
 
@@ -125,8 +126,9 @@ fn loss_of_op(probe: &mut Probe) -> Result<Outcome> {
             break;
         }
     }
-    let is_op = session.al_status().is_ok_and(|(state, _)| state == Some(AlState::Op));
-    session.take_missed();
+    let state = session.al_status()?.0;
+    // The master may have brought it back.
+    let is_op = session.take_missed() == 0 && state == Some(AlState::Op);
     probe.end_session()?;
     Ok(match lost {
         Some((code, cycle)) => {
