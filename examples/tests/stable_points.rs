@@ -1,6 +1,8 @@
-//! The stable points of manual 15.6.1 beside the usable shifts of the simulator, as in docs/SYNC0.md.
+//! The stable points of manual 15.6.1 and the usable shifts of the simulator: the table of
+//! docs/SYNC0.md, which `scripts/regenerate-sync0.sh` writes.
 #![allow(missing_docs)]
 
+use std::fmt;
 use std::time::Duration;
 
 #[path = "../../ecan-mcan-port/tests/common/mod.rs"]
@@ -9,12 +11,16 @@ mod common;
 use common::{Fixture, Handles, SendData, classic, id};
 use ecan_example_support::phase_sweep::{PhaseSweep, PhaseSweepError, sweep_phase};
 use ecan_example_support::shift_windows::ShiftWindows;
-use ecan_host::{AdapterConfig, DcSync, Plan};
+use ecan_host::{AdapterConfig, DcSync, OutputArrivals, Plan};
 use ecan_mcan_port::{GatewayConfig, Port, PortConfig, PortError};
 use ecan_protocol::image::{OptionFlags, Schedule};
 use ecan_protocol::mapping::CHUNK_BYTES;
 
-const DOCUMENT: &str = include_str!("../../docs/SYNC0.md");
+const DOCUMENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/SYNC0.md");
+const BEGIN: &str = "<!-- begin of the generated table -->\n";
+const END: &str = "<!-- end of the generated table -->\n";
+/// The test writes the table if this environment variable is set.
+const WRITE: &str = "WRITE_SYNC0_TABLE";
 const GATEWAYS: usize = 3;
 /// Distance of the tested shifts, in microseconds; the points of the manual come in addition.
 const STEP_US: u32 = 50;
@@ -49,65 +55,134 @@ fn cycle(port: &mut Port, offset_ns: u32) -> Result<(), PhaseSweepError> {
     Ok(())
 }
 
-/// Row of the document from the mode to the shifts of the plan.
-fn row(cycle_ms: u32, multiplier: u8, manual_us: &[u32]) -> String {
-    let mut adapter = adapter(cycle_ms, multiplier);
-    adapter.dc = Some(DcSync::planned(adapter.cycle, &adapter));
-    let planned = Plan::of(&adapter).output_arrivals().unwrap().usable_shifts_ns().unwrap();
-    let mut fixture = ready(adapter);
-    let period_us = cycle_ms * 1_000;
-    let mut shifts_us: Vec<u32> = (0..period_us).step_by(STEP_US as usize).collect();
-    shifts_us.extend(manual_us);
-    shifts_us.sort_unstable();
-    shifts_us.dedup();
-    let sweep = PhaseSweep {
-        shifts_ns: shifts_us.iter().map(|us| us * 1_000).collect(),
-        offsets_ns: vec![100_000],
-        cycles: 60,
-    };
-    let table = sweep_phase(&mut fixture.port, &sweep, cycle, |_| ()).unwrap();
-    for us in manual_us {
-        let point = table.points.iter().find(|point| point.shift_ns == us * 1_000).unwrap();
-        assert!(table.is_good(point), "N = {multiplier}, {us} us:\n{table}");
-    }
-    let pdo_bytes = usize::from(multiplier) * CHUNK_BYTES;
-    let windows = ShiftWindows::new(&table, pdo_bytes, Some(planned));
-    let manual: Vec<String> = manual_us.iter().map(|us| format!("{us} us")).collect();
-    format!(
-        "| DC Sync0 | {cycle_ms} ms | {pdo_bytes}B | {} | {} | {} to {} us |",
-        manual.join(", "),
-        windows.text(),
-        planned.0 / 1_000,
-        planned.1 / 1_000
-    )
+/// What the manual lists for one configuration with Sync0, and what a sweep and the plan find.
+struct Row {
+    cycle_ms: u32,
+    multiplier: u8,
+    manual_us: &'static [u32],
+    windows: ShiftWindows,
+    arrivals: OutputArrivals,
 }
 
-#[test]
-fn stable_points_of_sync0_are_usable_in_the_simulator() {
-    let rows = [
-        row(1, 3, &[700, 800]),
-        row(1, 4, &[0]),
-        row(1, 5, &[450, 650, 800]),
-        row(2, 6, &[600]),
-        row(2, 10, &[1600]),
-    ];
-    for row in &rows {
-        assert!(DOCUMENT.contains(row), "docs/SYNC0.md needs these rows:\n{}", rows.join("\n"));
+impl Row {
+    fn sweep(cycle_ms: u32, multiplier: u8, manual_us: &'static [u32]) -> Self {
+        let mut adapter = adapter(cycle_ms, multiplier);
+        adapter.dc = Some(DcSync::planned(adapter.cycle, &adapter));
+        let arrivals = Plan::of(&adapter).output_arrivals().unwrap();
+        let mut fixture = ready(adapter);
+        let mut shifts_us: Vec<u32> = (0..cycle_ms * 1_000).step_by(STEP_US as usize).collect();
+        shifts_us.extend(manual_us);
+        shifts_us.sort_unstable();
+        shifts_us.dedup();
+        let sweep = PhaseSweep {
+            shifts_ns: shifts_us.iter().map(|us| us * 1_000).collect(),
+            offsets_ns: vec![100_000],
+            cycles: 60,
+        };
+        let table = sweep_phase(&mut fixture.port, &sweep, cycle, |_| ()).unwrap();
+        let pdo_bytes = usize::from(multiplier) * CHUNK_BYTES;
+        let windows = ShiftWindows::new(&table, pdo_bytes, arrivals.usable_shifts_ns());
+        Self { cycle_ms, multiplier, manual_us, windows, arrivals }
     }
-}
 
-#[test]
-fn stable_points_without_sync0_run_in_the_simulator() {
-    for (cycle_ms, multipliers) in [(1, &[3, 4, 5][..]), (2, &[6, 10])] {
-        for multiplier in multipliers {
-            let mut fixture = ready(adapter(cycle_ms, *multiplier));
-            let incomplete = |fixture: &Fixture| -> u64 {
-                let of = |slave| fixture.port.statistics(fixture.port.gw(slave)).incomplete_cycles;
-                (0..GATEWAYS).map(of).sum()
-            };
-            let before = incomplete(&fixture);
-            fixture.idle(500);
-            assert_eq!(incomplete(&fixture), before, "N = {multiplier}");
+    fn is_usable(&self, us: u32) -> bool {
+        self.windows.shifts.contains(&(us * 1_000, true))
+    }
+
+    fn differences(&self) -> String {
+        let mut found = Vec::new();
+        for &us in self.manual_us {
+            let margin_ns = self.arrivals.margin_ns(us * 1_000);
+            if !self.is_usable(us) {
+                found.push(format!("{us} us is not usable in the simulator"));
+            }
+            if margin_ns < 0 {
+                found.push(format!(
+                    "the plan warns of {us} us, by {:.1} us",
+                    -margin_ns as f64 / 1e3
+                ));
+            }
         }
+        let listed = |ns: u32| self.manual_us.contains(&(ns / 1_000));
+        let others = self.windows.shifts.iter().filter(|(ns, usable)| *usable && !listed(*ns));
+        let tested = self.windows.shifts.len();
+        found.push(format!(
+            "{} more of {tested} tested shifts are usable in the simulator",
+            others.count()
+        ));
+        found.join("; ")
     }
+}
+
+impl fmt::Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let manual: Vec<String> = self.manual_us.iter().map(|us| format!("{us} us")).collect();
+        let (first, last) = self.arrivals.usable_shifts_ns().unwrap();
+        writeln!(
+            f,
+            "| DC Sync0 | {} ms | {}B | {} | {} | {} to {} us | {} |",
+            self.cycle_ms,
+            usize::from(self.multiplier) * CHUNK_BYTES,
+            manual.join(", "),
+            self.windows.text(),
+            first / 1_000,
+            last / 1_000,
+            self.differences()
+        )
+    }
+}
+
+/// Row of configurations without Sync0, which the manual lists as stable.
+fn free_row(cycle_ms: u32, multipliers: &[u8]) -> String {
+    let mut bytes = Vec::new();
+    for &multiplier in multipliers {
+        let mut fixture = ready(adapter(cycle_ms, multiplier));
+        let incomplete = |fixture: &Fixture| -> u64 {
+            let of = |slave| fixture.port.statistics(fixture.port.gw(slave)).incomplete_cycles;
+            (0..GATEWAYS).map(of).sum()
+        };
+        let before = incomplete(&fixture);
+        fixture.idle(500);
+        assert_eq!(incomplete(&fixture), before, "N = {multiplier}");
+        bytes.push(format!("{}B", usize::from(multiplier) * CHUNK_BYTES));
+    }
+    let bytes = bytes.join(" / ");
+    format!("| SM/free | {cycle_ms} ms | {bytes} | without shift | runs | - | nothing |\n")
+}
+
+/// The table with the rows of the manual in their order.
+fn table() -> String {
+    let mut text =
+        "| mode | cycle | PDO | stable points of the manual | usable in the simulator | usable by \
+                    the plan | what differs |\n| --- | --- | --- | --- | --- | --- | --- |\n"
+            .to_owned();
+    text += &free_row(1, &[3, 4, 5]);
+    text += &free_row(2, &[6, 10]);
+    for (cycle_ms, multiplier, manual_us) in [
+        (1, 3, &[700, 800][..]),
+        (1, 4, &[0]),
+        (1, 5, &[450, 650, 800]),
+        (2, 6, &[600]),
+        (2, 10, &[1600]),
+    ] {
+        let row = Row::sweep(cycle_ms, multiplier, manual_us);
+        for &us in manual_us {
+            assert!(row.is_usable(us), "N = {multiplier}, {us} us: {}", row.windows.text());
+        }
+        text += &row.to_string();
+    }
+    text
+}
+
+#[test]
+fn stable_points_of_the_manual_are_usable_and_documented() {
+    let table = table();
+    let document = std::fs::read_to_string(DOCUMENT).unwrap();
+    let (before, rest) = document.split_once(BEGIN).unwrap();
+    let (written, after) = rest.split_once(END).unwrap();
+    if std::env::var_os(WRITE).is_some() {
+        std::fs::write(DOCUMENT, format!("{before}{BEGIN}{table}{END}{after}")).unwrap();
+        return;
+    }
+    assert_eq!(written, table, "run scripts/regenerate-sync0.sh");
 }
