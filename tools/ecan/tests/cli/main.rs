@@ -19,6 +19,7 @@ mod maintenance;
 mod monitor;
 mod monitor_terminal;
 mod objects;
+mod probe;
 mod python_can;
 mod screens;
 mod selftest;

@@ -150,12 +150,15 @@ fn save(bus: &Bus, slave: usize, read_only: bool) -> (Option<Saved>, String) {
     if read_only {
         return (None, "not run with --read-only".to_owned());
     }
-    match bus.diagnostics().al_state(slave) {
-        Ok(Some(AlState::PreOp)) => {}
-        Ok(Some(state)) => {
-            return (None, format!("not run: the gateway is in {state}, an application uses it"));
-        }
-        _ => return (None, "not run: the state of the gateway is not known".to_owned()),
+    if bus.diagnostics().al_state(slave).ok().flatten() != Some(AlState::PreOp) {
+        return (None, "not run: the gateway is not in PREOP".to_owned());
+    }
+    // A restart would interrupt the line.
+    let is_op = |other: &usize| {
+        bus.diagnostics().al_state(*other).is_ok_and(|state| state == Some(AlState::Op))
+    };
+    if let Some(other) = (0..bus.diagnostics().slave_count()).find(is_op) {
+        return (None, format!("not run: slave {other} is in OP, an application uses the bus"));
     }
     let _progress = Progress::show("reading the configuration");
     match Saved::read(bus, slave) {
