@@ -159,6 +159,7 @@ fn profile_errors(probe: &mut Probe) -> Result<Outcome> {
         (0, _) => Outcome::undecided(format!("{detail}; the image is not counted as faulty")),
         (_, 7) => Outcome::holds(detail),
         (_, 0) => Outcome::differs(detail).like("counters_only"),
+        (_, 5) => Outcome::undecided(format!("{detail}, for another reason")),
         _ => Outcome::differs(detail),
     })
 }

@@ -1,7 +1,7 @@
 //! Configuration of experiments in the internal loopback.
 
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_protocol::config::{DataPathConfig, McanChannelConfig, NodeMode};
+use ecan_protocol::config::{DataPathConfig, McanChannelConfig, NodeMode, SamplePointWindow};
 use ecan_protocol::image::{ImageWriter, Timestamp};
 
 use crate::interruption::{Result, unavailable};
@@ -19,7 +19,14 @@ pub(super) fn setup(
             "the node mode of the internal loopback is not known: no frames are sent",
         );
     };
-    let can = McanChannelConfig { node_mode, ..can };
+    // Inside the controller the sample point has no effect: any that the firmware finds.
+    let window = SamplePointWindow::DEFAULT;
+    let can = McanChannelConfig {
+        node_mode,
+        nominal_sample_point: window,
+        data_sample_point: window,
+        ..can
+    };
     Ok(Setup { channels: vec![ChannelSetup { channel: 0, can, data_path }], ..Setup::plain() })
 }
 

@@ -1,6 +1,6 @@
 //! Numbers of the node modes.
 
-use ecan_protocol::config::McanChannelConfig;
+use ecan_protocol::config::{McanChannelConfig, SamplePointWindow};
 
 use crate::experiment::{Experiment, Stage};
 use crate::interruption::Result;
@@ -38,7 +38,10 @@ fn core(probe: &mut Probe) -> Result<Outcome> {
 /// Applies a node mode to channel 0 and reads the mode of its controller. No frame is sent.
 fn mode_of(probe: &Probe, number: u8) -> Result<ControllerMode> {
     let sdo = probe.sdo();
-    let config = McanChannelConfig::classic(500_000);
+    let config = McanChannelConfig {
+        nominal_sample_point: SamplePointWindow::DEFAULT,
+        ..McanChannelConfig::classic(500_000)
+    };
     for write in config.needed_writes(0) {
         let value = if write.subindex == 8 { number.into() } else { write.value };
         sdo.write(write.index, write.subindex, value)?;

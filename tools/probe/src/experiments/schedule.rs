@@ -1,10 +1,11 @@
 //! Scheduled frames.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use ecan_host::Delivery;
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
-use ecan_protocol::image::{EncapsulationProfile, OptionFlags, Schedule, Timestamp};
+use ecan_protocol::image::{EncapsulationProfile, OptionFlags, ResultCode, Schedule, Timestamp};
 
 use crate::experiment::{Experiment, Stage};
 use crate::inputs::Inputs;
@@ -230,6 +231,10 @@ fn spread(times: &[i64]) -> i64 {
 }
 
 fn release_jitter(probe: &mut Probe) -> Result<Outcome> {
+    if probe.service.is_some_and(|service| !service.is_constant()) {
+        let reason = "timestamps count from a service, whose time varies here";
+        return Ok(Outcome::undecided(reason));
+    }
     let setup = with_sync0(probe)?;
     let session = probe.session(&setup)?;
     let frame = frame(0x123)?;
@@ -289,12 +294,12 @@ fn depth(probe: &mut Probe) -> Result<Outcome> {
     })?;
     let sequence = session.sequence();
     session.cycles(3)?;
-    let rejected = session
-        .take()
-        .iter()
-        .flat_map(|it| &it.results)
-        .filter(|it| it.sequence == sequence && it.code.raw() == 4)
-        .count();
+    let inputs = session.take();
+    let results = inputs.iter().flat_map(|it| &it.results).filter(|it| it.sequence == sequence);
+    // The first result of each frame: whether it was accepted.
+    let mut known = BTreeSet::new();
+    let first = results.filter(|it| known.insert(it.frame_index));
+    let rejected = first.filter(|it| it.code == ResultCode::TxFifoFull).count();
     probe.end_session()?;
     if rejected == 0 {
         return Ok(Outcome::undecided(format!("{added} frames in one image were all accepted")));

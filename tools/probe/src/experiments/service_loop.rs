@@ -90,7 +90,7 @@ impl ServiceTime {
         Some(Self { least_us, never_us, always_us, mean_us: mean as u32, resolution_us })
     }
 
-    fn is_constant(self) -> bool {
+    pub(crate) fn is_constant(self) -> bool {
         self.always_us - self.never_us.min(self.always_us)
             <= CONSTANT_US.max(self.least_us) + self.resolution_us
     }

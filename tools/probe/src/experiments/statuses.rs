@@ -86,6 +86,9 @@ fn rejected_values(probe: &mut Probe) -> Result<Outcome> {
         }
     };
     let code = sdo.try_write(0x8030, 2, 4)?;
+    if matches!(code, Some(0x0609_0011 | 0x0602_0000)) {
+        return Ok(Outcome::undecided("0x8030:02 is missing"));
+    }
     if code.is_none() {
         sdo.write(0x8030, 2, 0)?;
     }
