@@ -119,10 +119,10 @@ fn each_alternative_is_named_and_no_other() {
         all += 1;
         let findings = probe_alternative(variant, alternative);
         let is_other = |it: &&Finding| {
-            let consequence = |row: &&str| CONSEQUENCES.contains(&(variant.key, *row));
+            let consequence = |row: &&str| CONSEQUENCES.contains(&(variant.key, row));
             it.verdict == Verdict::Differs
                 && it.key != variant.key
-                && !it.rows.iter().any(|row| consequence(&row))
+                && !it.rows.iter().any(consequence)
         };
         let others: Vec<_> = findings.iter().filter(is_other).collect();
         assert!(others.is_empty(), "{} = {}: {others:#?}", variant.key, alternative.value);
