@@ -155,7 +155,7 @@ impl Sender {
     fn settle(&mut self, service: &mut Service, tracker: &mut TransmitTracker) -> Result {
         let cycle_ns = u64::from(service.port().adapter().config().cycle_ns());
         let mut grace_ns = 0;
-        while !tracker.are_settled(service.port()) {
+        while !tracker.are_settled(service.port()) || !tracker.controllers_are_empty(service) {
             let cycle = service.begin();
             tracker.look(&cycle, service.port());
             self.record.received(&cycle, service);

@@ -1,9 +1,14 @@
-//! Tracks the transmission of frames by transmit results and pending counts (manual 7, 10).
+//! Tracks the transmission of frames by transmit results and pending counts (manual 7, 10), and at the
+//! end by the transmit FIFO of each controller (0x9000:06): whether the pending count includes the
+//! frame that the controller is trying to send is an assumption (H22).
 
 use std::collections::HashMap;
 
+use ecan_diagnosis::registers::TransmitQueueStatus;
 use ecan_mcan_port::{Port, Received, SendTicket, Session};
+use ecan_protocol::config::TxMode;
 use ecan_protocol::image::{ChannelStatus, ResultCode};
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::context::{Failure, Result};
 use crate::frames::bit_rates::BitRates;
@@ -35,6 +40,8 @@ pub struct TransmitTracker {
     capacity: u64,
     /// Frames pending in the channels at the end.
     waiting: u64,
+    /// Frames in the transmit FIFOs when they were last read.
+    in_controllers: [u8; CHANNELS],
     /// Frames that a lost gateway may have held.
     doubtful: u64,
     pending: u32,
@@ -153,6 +160,28 @@ impl TransmitTracker {
             && self.channels.iter().all(|it| channel_status(port, it).tx_pending() == 0)
     }
 
+    /// Reads the transmit FIFOs. Returns whether they are empty; those that cannot be read, or that
+    /// are no FIFO, count as empty.
+    pub fn controllers_are_empty(&mut self, service: &mut Service) -> bool {
+        for channel in self.channels.iter() {
+            let Some(can) = can_config(service.port(), channel) else { continue };
+            let (mode, size) = (can.ram.tx_mode, can.ram.tx_fifo_size);
+            let read = service.port_mut().diagnose(|diagnostics| {
+                diagnostics.sdo_upload_u32(0, 0x9000 + u16::from(channel), 6)
+            });
+            let held = match read {
+                Ok(Ok(raw)) if mode == TxMode::Fifo => {
+                    size.saturating_sub(TransmitQueueStatus::from_raw(raw).free)
+                }
+                _ => 0,
+            };
+            if let Some(entry) = self.in_controllers.get_mut(usize::from(channel)) {
+                *entry = held;
+            }
+        }
+        self.in_controllers == [0; CHANNELS]
+    }
+
     /// Ends tracking: counts the pending frames, with a mailbox access if the gateway responds.
     pub fn close(&mut self, service: &mut Service, has_answers: bool) {
         self.is_stopped = service.is_interrupted();
@@ -161,7 +190,8 @@ impl TransmitTracker {
             return;
         }
         if self.pending < SATURATED {
-            self.waiting = self.pending.into();
+            let in_controllers: u64 = self.in_controllers.iter().map(|held| u64::from(*held)).sum();
+            self.waiting = in_controllers.max(self.pending.into());
             return;
         }
         // The status word saturates; read the count (0x9000:11).
@@ -212,7 +242,17 @@ impl TransmitTracker {
                 "channel {channel} went bus-off; check that the other nodes use {rates}, and the wiring"
             ));
         }
-        let holds_frames = |channel: &u8| channel_status(port, *channel).tx_pending() > 0;
+        if self.handed_over + self.failed == 0 && !self.open.is_empty() {
+            return Some(
+                "no transmit result arrived; the gateway may report failures only (assumption H17); \
+                 check at another node whether the frames arrive"
+                    .to_owned(),
+            );
+        }
+        let holds_frames = |channel: &u8| {
+            channel_status(port, *channel).tx_pending() > 0
+                || self.in_controllers.get(usize::from(*channel)).is_some_and(|held| *held > 0)
+        };
         let channel = self.channels.iter().find(holds_frames)?;
         let status: ChannelStatus = channel_status(port, channel);
         let rates = rates(channel);

@@ -40,6 +40,26 @@ fn unacknowledged_frame_is_not_sent() {
     assert!(message.contains("check for another node with 500000/5000000 bit/s"), "{message}");
 }
 
+/// The channel status does not count the frame that the controller repeats without end.
+#[test]
+fn unacknowledged_frame_in_the_controller_is_not_sent() {
+    let alone = Scenario::new("[gateway.variant]\ntx_pending = \"without_running\"\n");
+    let message = alone.fails(1, &["send", "123#11", "--timeout", "300"]);
+    assert!(message.contains("1 of 1 frames not sent within 300 ms"), "{message}");
+    assert!(message.contains("channel 0 gets no acknowledgement"), "{message}");
+}
+
+#[test]
+fn missing_transmit_results_name_the_assumption() {
+    let node = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
+    let bus = Scenario::new(&format!("[gateway.variant]\ntx_results = \"failures_only\"\n{node}"));
+    for command in [&["send", "123#11"][..], &["gen", "-n", "5"]] {
+        let message = bus.fails(1, command);
+        assert!(message.contains("no transmit result arrived"), "{message}");
+        assert!(message.contains("(assumption H17)"), "{message}");
+    }
+}
+
 #[test]
 fn bus_off_channel_is_reported() {
     let fault = "[[fault]]\nat_ms = 1100\nkind = \"bus_off\"\ngateway = 0\nchannel = 0\n";

@@ -40,7 +40,10 @@ pub(super) fn check(
     let serial = bus.serial(slave);
     report.serial = serial.as_ref().ok().copied();
     let serial = match serial {
-        Ok(0 | u64::MAX) => Err("not programmed".to_owned()),
+        Ok(0 | u64::MAX) => {
+            Err("not programmed; two such gateways cannot be told apart (assumption H19)"
+                .to_owned())
+        }
         Ok(serial) => Ok(serial.to_string()),
         Err(error) => Err(error.to_string()),
     };
