@@ -60,7 +60,8 @@ impl Gateway {
         let mut reader = ImageReader::new(Direction::TxPdo, tx);
         if config.allow_diagnostic_tests {
             // 0x8030:04 overrides the CRC option of both directions (manual 13.2.3).
-            match adapter.diagnostics().sdo_upload_u32(slave, 0x8030, 4)? {
+            let policy = adapter.diagnostics().sdo_upload_u32(slave, 0x8030, 4);
+            match ecan_host::Error::or_assumed(policy, 0x8030, 4)? {
                 1 => (writer, reader) = (writer.with_crc(true), reader.with_crc(true)),
                 2 => (writer, reader) = (writer.with_crc(false), reader.with_crc(false)),
                 _ => {}

@@ -20,6 +20,7 @@ pub use startup_round::StartupRounds;
 use std::ops::Range;
 use std::time::Duration;
 
+use ecan_protocol::device::OptionalObject;
 use ecan_protocol::mapping::Direction;
 use ecrt_sys::{Clock, Ecrt};
 use tracing::info;
@@ -50,6 +51,8 @@ struct Slave {
     capabilities: CapabilityValues,
     /// Time of an SDO transfer before activation.
     sdo_time: Duration,
+    /// Objects of the startup that it does not have.
+    missing: Vec<OptionalObject>,
     layout: DomainLayout,
     rx: Range<usize>,
     tx: Range<usize>,
@@ -174,8 +177,11 @@ impl Adapter {
         self.diagnostics.set_addresses(&self.config);
         self.response_ns = Plan::of(&self.config).response_ns();
         // All slaves are identified before the first one is configured.
-        self.slaves = self
-            .find_and_prepare_slaves()?
+        let prepared = self.find_and_prepare_slaves()?;
+        for (slave, prepared) in prepared.iter().enumerate() {
+            self.startup.leave_out(slave, &prepared.missing);
+        }
+        self.slaves = prepared
             .into_iter()
             .enumerate()
             .map(|(index, prepared)| self.configure_slave(index, prepared))
@@ -249,7 +255,7 @@ impl Adapter {
         let settings =
             self.config.slaves.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
         let (rx_n, tx_n) = (settings.rx_multiplier, settings.tx_multiplier);
-        let Prepared { identity, capabilities, rx_units, tx_units, sdo_time } = prepared;
+        let Prepared { identity, capabilities, rx_units, tx_units, sdo_time, missing } = prepared;
 
         let fail = |call| move |errno| Error::library(call, Some(slave), errno);
         let master = &mut self.master;
@@ -302,6 +308,7 @@ impl Adapter {
             identity,
             capabilities,
             sdo_time,
+            missing,
             layout,
             rx: rx_start..rx_start + layout.rx_bytes,
             tx: tx_start..tx_start + layout.tx_bytes,
@@ -436,17 +443,29 @@ impl Adapter {
         Ok(self.slave(slave)?.identity)
     }
 
-    /// Serial number of the gateway at a slave's address (0xF000:07 and :08).
+    /// Serial number of the gateway at a slave's address (0xF000:07 and :08); 0 if the gateway does not
+    /// report it.
     pub fn serial_number(&self, slave: usize) -> Result<u64, Error> {
         let [low, high] = self.slave(slave)?.capabilities.serial();
         Ok(u64::from(high) << 32 | u64::from(low))
     }
 
-    /// A value of a gateway's 0xF000 (manual 13.8), as read when it was configured. Blocks for a value
-    /// that the gateway rejected then; not for the cycle.
+    /// Returns whether the gateway has this entry of 0xF000.
+    pub fn reports_capability(&self, slave: usize, subindex: u8) -> Result<bool, Error> {
+        Ok(self.slave(slave)?.capabilities.is_reported(subindex))
+    }
+
+    /// Returns whether the startup left this entry out, because the gateway does not have its object.
+    pub fn lacks_object(&self, slave: usize, index: u16, subindex: u8) -> Result<bool, Error> {
+        Ok(self.slave(slave)?.missing.iter().any(|object| object.contains(index, subindex)))
+    }
+
+    /// A value of a gateway's 0xF000 (manual 13.8), as read when it was configured; the
+    /// [assumed](ecan_protocol::device::assumed_value) one if the gateway does not have the entry. Blocks
+    /// for a value that the gateway rejected then; not for the cycle.
     ///
     /// # Errors
-    /// [`Error::SlaveIndex`]; [`Error::Sdo`] for a value that the gateway rejects.
+    /// [`Error::SlaveIndex`]; [`Error::Sdo`] for a value that the gateway rejects for another reason.
     pub fn capability(&mut self, slave: usize, subindex: u8) -> Result<u32, Error> {
         let count = self.slaves.len();
         let found = self.slaves.get_mut(slave).ok_or(Error::SlaveIndex { slave, count })?;

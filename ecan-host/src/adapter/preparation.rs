@@ -3,8 +3,11 @@
 use std::thread;
 use std::time::Duration;
 
-use ecan_protocol::device::Capabilities;
+use ecan_protocol::device::{Capabilities, OptionalObject};
 use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::describe;
+
+use tracing::warn;
 
 use super::Adapter;
 use crate::bus::mapping::{Unit, read_mapping};
@@ -24,6 +27,8 @@ pub(super) struct Prepared {
     pub(super) tx_units: Vec<Unit>,
     /// Time of an SDO transfer, measured once.
     pub(super) sdo_time: Duration,
+    /// Objects of the startup that the slave does not have.
+    pub(super) missing: Vec<OptionalObject>,
 }
 
 fn prepare(
@@ -41,6 +46,7 @@ fn prepare(
     let begun_ns = diagnostics.clock().now_ns();
     diagnostics.sdo_upload_u32(slave, Capabilities::INDEX, SIZE_UNIT)?;
     let sdo_time = Duration::from_nanos(diagnostics.clock().now_ns().saturating_sub(begun_ns));
+    let missing = find_missing(diagnostics, startup, slave)?;
     let mapping = |direction, n| read_mapping(diagnostics, slave, direction, n);
     Ok(Prepared {
         identity: identified.identity,
@@ -48,7 +54,35 @@ fn prepare(
         rx_units: mapping(Direction::RxPdo, settings.rx_multiplier)?,
         tx_units: mapping(Direction::TxPdo, settings.tx_multiplier)?,
         sdo_time,
+        missing,
     })
+}
+
+/// Reads an entry of each optional object of the startup, since a write that the slave rejects would end the startup.
+fn find_missing(
+    diagnostics: &Diagnostics,
+    startup: &StartupPlan,
+    slave: usize,
+) -> Result<Vec<OptionalObject>, Error> {
+    let mut missing = Vec::new();
+    for object in startup.optional_objects(slave) {
+        let (index, subindex) = object.probe();
+        match diagnostics.sdo_upload_u32(slave, index, subindex) {
+            Err(error) if error.is_missing_object() => {
+                let name = describe(index, subindex);
+                warn!(
+                    slave,
+                    "slave {slave}: the firmware does not have {name} (assumption H42): not configured, it keeps its \
+                     own behaviour"
+                );
+                missing.push(object);
+            }
+            // One that cannot be read can still be written.
+            Err(error @ Error::Sdo { abort_code: None, .. }) => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(missing)
 }
 
 impl Adapter {

@@ -1,6 +1,6 @@
 //! Recognition of the ECAN-Lite gateways on a bus.
 
-use ecan_protocol::device::{AlState, Capabilities, Recognition};
+use ecan_protocol::device::{AlState, Capabilities, Recognition, assumed_value};
 use ecan_protocol::object::AbortCode;
 use ecrt_sys::Errno;
 use thiserror::Error;
@@ -99,7 +99,13 @@ fn ask<I: SlaveQuery>(inquiry: &I, slave: usize) -> SlaveKind<I::Error> {
         }
         Ok(Some(_)) => {}
     }
-    match Recognition::read(|subindex| inquiry.upload(slave, subindex)) {
+    let upload = |subindex| match inquiry.upload(slave, subindex) {
+        Err(error) if inquiry.is_denial(&error) => {
+            assumed_value(Capabilities::INDEX, subindex).ok_or(error)
+        }
+        value => value,
+    };
+    match Recognition::read(upload) {
         Ok(found) if found.looks_like_ecan_lite() => SlaveKind::Gateway,
         Ok(_) => SlaveKind::Other,
         Err(error) if inquiry.is_denial(&error) => SlaveKind::Other,

@@ -5,7 +5,7 @@ mod not_operational;
 
 use std::time::Duration;
 
-use ecan_protocol::device::{AlState, Recognition};
+use ecan_protocol::device::{AlState, Recognition, assumed_value};
 use ecan_protocol::object::{AbortCode, describe, lookup};
 use ecan_protocol::sequence::Expectation;
 use ecrt_sys::Errno;
@@ -132,7 +132,10 @@ pub enum Error {
         found: Recognition,
     },
     /// The slave cannot be identified.
-    #[error("slave {slave} cannot be identified as an ECAN-Lite: {cause}")]
+    #[error(
+        "slave {slave} cannot be identified as an ECAN-Lite: {cause}{}",
+        if cause.is_missing_object() { " (assumption H1: an ECAN-Lite has this entry)" } else { "" }
+    )]
     Unrecognised {
         /// Slave index.
         slave: usize,
@@ -295,6 +298,18 @@ impl Error {
     pub fn is_missing_object(&self) -> bool {
         let missing = [AbortCode::NO_OBJECT, AbortCode::NO_SUBINDEX];
         matches!(self, Self::Sdo { abort_code: Some(code), .. } if missing.contains(code))
+    }
+
+    /// The value of an uploaded entry, or the one that is
+    /// [assumed](ecan_protocol::device::assumed_value) if the slave does not have the entry.
+    ///
+    /// # Errors
+    /// The error of the upload otherwise.
+    pub fn or_assumed(value: Result<u32, Self>, index: u16, subindex: u8) -> Result<u32, Self> {
+        match value {
+            Err(error) if error.is_missing_object() => assumed_value(index, subindex).ok_or(error),
+            value => value,
+        }
     }
 
     pub(crate) fn library(call: &'static str, slave: Option<usize>, errno: Errno) -> Self {

@@ -33,7 +33,10 @@ impl ObjectAccess for SlaveObjects<'_> {
     fn start_read(&mut self, index: u16, subindex: u8) -> Result<bool, Error> {
         let value = match index {
             Capabilities::INDEX => self.capabilities.read(self.diagnostics, self.slave, subindex),
-            _ => self.diagnostics.sdo_upload_u32(self.slave, index, subindex),
+            _ => {
+                let value = self.diagnostics.sdo_upload_u32(self.slave, index, subindex);
+                Error::or_assumed(value, index, subindex)
+            }
         };
         self.result = value?.into();
         Ok(true)

@@ -6,6 +6,7 @@
 //! before anything is chosen (manual 14).
 
 use ecan_protocol::config::assignment_writes;
+use ecan_protocol::device::OptionalObject;
 use ecan_protocol::mapping::Direction;
 
 use super::startup_step::StartupStep;
@@ -63,6 +64,29 @@ impl StartupPlan {
             steps.truncate(first_download.unwrap_or(steps.len()));
         }
         steps
+    }
+
+    /// The optional objects that the plan writes to a slave.
+    pub(crate) fn optional_objects(&self, slave: usize) -> Vec<OptionalObject> {
+        let mut optional = Vec::new();
+        for step in self.of_slave(slave).iter().filter(|step| step.is_download()) {
+            let (index, subindex) = step.object();
+            if let Some(object) = OptionalObject::of(index, subindex)
+                && !optional.contains(&object)
+            {
+                optional.push(object);
+            }
+        }
+        optional
+    }
+
+    /// Removes the steps of objects that the slave does not have.
+    pub(crate) fn leave_out(&mut self, slave: usize, missing: &[OptionalObject]) {
+        let Some(steps) = self.slaves.get_mut(slave) else { return };
+        steps.retain(|step| {
+            let (index, subindex) = step.object();
+            !missing.iter().any(|object| object.contains(index, subindex))
+        });
     }
 
     pub(crate) fn download_count(&self, config: &AdapterConfig, slave: usize) -> usize {

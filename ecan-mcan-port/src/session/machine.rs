@@ -7,13 +7,14 @@
 use std::fmt;
 
 use ecan_host::{Adapter, Delivery, Error};
+use ecan_protocol::device::Capabilities;
 use ecan_protocol::mapping::Direction;
 
 use crate::port_config::GatewayConfig;
 use crate::session::check_runner::CheckRunner;
 use crate::session::pending_step::PendingStep;
 use crate::session::startup_retry::StartupRetry;
-use crate::session::verification::{SERIAL_CHECKS, VerificationFault, checks};
+use crate::session::verification::{Check, SERIAL_CHECKS, SdoTransfer, VerificationFault, checks};
 
 /// Cycles between checks of the slave's state while the gateway is ready.
 const WATCH_CYCLES: u64 = 64;
@@ -81,6 +82,15 @@ pub(crate) struct SessionMachine {
     startup_retry: StartupRetry,
 }
 
+/// Returns whether a check reads an entry that the gateway does not have.
+fn is_of_missing_entry(check: Check, adapter: &Adapter, slave: usize) -> bool {
+    let SdoTransfer { index, subindex, .. } = check.transfer();
+    match index {
+        Capabilities::INDEX => !adapter.reports_capability(slave, subindex).unwrap_or(true),
+        _ => adapter.lacks_object(slave, index, subindex).unwrap_or(false),
+    }
+}
+
 impl SessionMachine {
     /// Creates the requests; the Adapter must be configured and not yet active.
     pub(crate) fn new(
@@ -94,7 +104,8 @@ impl SessionMachine {
             config.profile(Direction::RxPdo, settings.rx_multiplier),
         ];
         let serial = adapter.serial_number(slave)?;
-        let checks = checks(config, profiles, serial, adapter.slave_count() == 1);
+        let mut checks = checks(config, profiles, serial, adapter.slave_count() == 1);
+        checks.retain(|check| !is_of_missing_entry(*check, adapter, slave));
         Ok(Self {
             slave,
             state: Session::Waiting,

@@ -3,7 +3,9 @@
 mod al_status;
 mod capabilities;
 mod maintenance;
+mod missing_entries;
 
 pub use al_status::{AlState, AlStatusCode};
 pub use capabilities::{Capabilities, FeatureFlags, Recognition};
 pub use maintenance::{AccessMode, MaintenanceCommand, MaintenanceStatus};
+pub use missing_entries::{OptionalObject, assumed_value};

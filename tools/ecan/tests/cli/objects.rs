@@ -25,10 +25,13 @@ fn unidentified_slave_is_listed_with_reason() {
     assert_eq!((&json[0]["is_gateway"], &json[1]["is_gateway"]), (&().into(), &true.into()));
     assert!(json[0]["unknown"].as_str().unwrap().contains("0xF000:09"), "{json}");
     // One that answers that it has no such object is another device.
-    let other = scenario(
-        "[[gateway]]\n[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
-         index = 0xF000\nsubindex = 9\ncode = 0x06020000\ntimes = 9\n",
-    );
+    let missing = [9, 17].map(|subindex| {
+        format!(
+            "[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0xF000\n\
+             subindex = {subindex}\ncode = 0x06020000\ntimes = 9\n"
+        )
+    });
+    let other = scenario(&format!("[[gateway]]\n[[gateway]]\n{}", missing.concat()));
     assert!(good(&["--ecrt", &setting(&other), "info"]).starts_with("slave     1, "));
 }
 
@@ -135,7 +138,11 @@ fn unreadable_values_do_not_hide_others() {
     );
     assert!(listed.contains(":01  Access mode request            0"), "{listed}");
     let caps = run(&["caps"]);
-    assert!(caps.contains(&format!("  {reason}\n")), "{caps}");
+    assert!(caps.contains("  not reported; assumed: 0 us\n"), "{caps}");
+    let caps_json: serde_json::Value = serde_json::from_str(&run(&["caps", "--json"])).unwrap();
+    let last = caps_json.as_array().unwrap().last().unwrap();
+    assert_eq!((&last["subindex"], &last["assumed"]), (&30.into(), &0.into()), "{last}");
+    assert!(last["value"].is_null() && last["error"].is_string(), "{last}");
     assert!(caps.contains(":13  Max PDO bytes"), "{caps}");
     // Where nothing can be read there is nothing to show.
     let message = fails(5, &["--ecrt", &setting, "sdo", "list", "0xB000:5"]);

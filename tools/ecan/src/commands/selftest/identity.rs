@@ -52,7 +52,10 @@ pub(super) fn check(
 }
 
 fn recognise(bus: &Bus, slave: usize) -> Result<String, String> {
-    let upload = |subindex| bus.diagnostics().sdo_upload_u32(slave, 0xF000, subindex);
+    let upload = |subindex| {
+        let value = bus.diagnostics().sdo_upload_u32(slave, 0xF000, subindex);
+        ecan_host::Error::or_assumed(value, 0xF000, subindex)
+    };
     let it = Recognition::read(upload).map_err(|error| error.to_string())?;
     match it.looks_like_ecan_lite() {
         true => Ok("ECAN-Lite (0xF000)".to_owned()),
