@@ -33,6 +33,10 @@ void bus_settings_add_options(bus_settings_t *settings, option_list_t *list)
         .excluded_by = "config",
         .help = "PDO size per direction, in chunks of 128 bytes"});
     options_add(list, (option_t){
+        .name = "large-pdos", .flag = &settings->large_pdos, .excluded_by = "config",
+        .help = "The installed master supports more than 1486 bytes of process data per sync "
+                "manager"});
+    options_add(list, (option_t){
         .name = "cycle-us", .value_name = "US", .number = &settings->cycle_us,
         .minimum = 1, .maximum = 4294967,
         .excluded_by = "config",

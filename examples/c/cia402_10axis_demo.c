@@ -38,6 +38,7 @@ int main(int argc, char **argv)
         .minimum = 1, .maximum = AXES,
         .help = "Number of gateways"});
     options_parse(&list, argc, argv);
+    real_time_check(&motion.thread);
 
     add_drives(&motion);
     return motion_run(&motion) ? EXIT_SUCCESS : EXIT_FAILURE;

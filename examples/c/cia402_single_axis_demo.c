@@ -25,6 +25,7 @@ int main(int argc, char **argv)
         .name = "node", .value_name = "ID", .number = &node_id, .minimum = 1, .maximum = 127,
         .help = "Node-ID of the drive"});
     options_parse(&list, argc, argv);
+    real_time_check(&motion.thread);
 
     motion_add_drive(&motion, (drive_place_t){
         .slave = 0, .channel = (uint8_t)channel, .node_id = (uint8_t)node_id});

@@ -14,6 +14,7 @@
 #include "frame_plan.h"
 #include "interrupt.h"
 #include "options.h"
+#include "real_time.h"
 #include "report.h"
 #include "statistics.h"
 
@@ -21,8 +22,7 @@ enum {
     PROBE_ID = 0x123,
     CLASSIC_BYTES = 8,
     FD_BYTES = 16,
-    RX_CAPACITY = 32,
-    STACK_BYTES = 256 * 1024
+    RX_CAPACITY = 32
 };
 
 /* Time to wait for pending frames at the end. */
@@ -36,9 +36,7 @@ typedef struct {
     uint64_t frames;
     uint64_t offset_ns;
     bool is_scheduled;
-    uint64_t rt_priority; /* 0: none */
-    bool rt_required;
-    uint64_t spin_us;
+    real_time_t thread;
 } arguments_t;
 
 /* Results of the run. */
@@ -75,43 +73,11 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
         .maximum = UINT32_MAX, .is_given = &arguments->is_scheduled,
         .help = "Schedule the frames at this time after Sync0 instead of sending them directly; "
                 "implies --dc-sync0"});
-    options_add(&list, (option_t){
-        .name = "rt-priority", .value_name = "P", .number = &arguments->rt_priority,
-        .minimum = 1, .maximum = 99,
-        .help = "Run under SCHED_FIFO with this priority and with locked memory"});
-    options_add(&list, (option_t){
-        .name = "rt-required", .flag = &arguments->rt_required,
-        .help = "Fail if the system denies --rt-priority"});
-    options_add(&list, (option_t){
-        .name = "spin-us", .value_name = "US", .number = &arguments->spin_us, .maximum = 1000,
-        .help = "Poll the clock for this time before each deadline, in microseconds"});
+    real_time_add_options(&arguments->thread, &list);
     options_parse(&list, argc, argv);
+    real_time_check(&arguments->thread);
     arguments->bus.dc_sync0 |= arguments->is_scheduled;
     arguments->bus.channel_masks[0] = (uint8_t)(1u << arguments->channel);
-    if (arguments->rt_required && arguments->rt_priority == 0) {
-        options_wrong_use("--rt-required needs --rt-priority P");
-    }
-}
-
-/* Requests real-time scheduling. Returns false, with a message, if --rt-required is set and the
- * system denies it. */
-static bool enter_real_time(bus_t *bus, const arguments_t *arguments)
-{
-    ecan_igh_real_time_t settings;
-    char text[1024] = "";
-    ecan_igh_default_real_time(&settings);
-    settings.priority = (int32_t)arguments->rt_priority;
-    settings.lock_memory = arguments->rt_priority != 0;
-    settings.stack_bytes = STACK_BYTES;
-    settings.is_required = arguments->rt_required;
-    if (ecan_igh_apply_real_time(&settings, text, sizeof(text)) != ECAN_OK ||
-        ecan_igh_set_cycle_timing(&bus->igh, (uint32_t)arguments->spin_us, 0) != ECAN_OK ||
-        ecan_igh_measure_cycles(&bus->igh) != ECAN_OK) {
-        report_sdk_error();
-        return false;
-    }
-    printf("%s%s", text, text[0] == '\0' ? "" : "\n");
-    return true;
 }
 
 /* Makes the frame with this number. */
@@ -252,7 +218,8 @@ static bool work(bus_t *bus, const arguments_t *arguments)
 {
     result_t result = {0};
     bool is_good = samples_init(&result.rx_periods, (size_t)arguments->frames * 2) &&
-                   enter_real_time(bus, arguments);
+                   real_time_enter(&arguments->thread, bus) &&
+                   ecan_igh_measure_cycles(&bus->igh) == ECAN_OK;
     if (is_good) {
         is_good = run_cycles(bus, arguments, &result);
         print_result(bus, &result, arguments);

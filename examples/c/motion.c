@@ -33,6 +33,7 @@ void motion_add_options(motion_t *motion, option_list_t *list)
         .name = "dc-shift-measured", .flag = &bus->is_dc_shift_measured,
         .help = "Accept a shift among the arrivals of the plan: it was measured on this machine"});
     bus_settings_add_plan_option(bus, list);
+    real_time_add_options(&motion->thread, list);
     options_add(list, (option_t){
         .name = "cycles", .value_name = "N", .number = &motion->cycles, .maximum = UINT64_MAX,
         .help = "Number of cycles with motion"});
@@ -74,8 +75,8 @@ static bool fill_axes(igh_cia402_axis_t *axes, const motion_t *motion)
     return true;
 }
 
-/* Prints the plan of the axes, for --plan. */
-static bool print_plan(const motion_t *motion)
+/* Checks the plan of the axes; prints it for --plan. */
+static bool check_plan(const motion_t *motion)
 {
     static char text[PLAN_TEXT];
     igh_cia402_axis_t axes[MOTION_MAX_AXES];
@@ -87,7 +88,9 @@ static bool print_plan(const motion_t *motion)
     }
     int code = igh_cia402_plan(&igh_config, &mcan_config, axes, motion->drive_count,
                                (uint32_t)motion->motion_div, text, sizeof(text));
-    fputs(text, stdout);
+    if (motion->bus.plan) {
+        fputs(text, stdout);
+    }
     if (code != ECAN_OK) {
         report_sdk_error();
     }
@@ -269,6 +272,7 @@ static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *m
         is_good = false;
     }
     motion_table_print(&table);
+    real_time_print_statistics(&motion->thread, bus);
     return is_good;
 }
 
@@ -276,13 +280,15 @@ bool motion_run(const motion_t *motion)
 {
     bus_t bus = {0};
     igh_cia402_context_t cia402 = {0};
-    if (motion->bus.plan) {
-        return print_plan(motion);
+    /* What --plan calls a fault keeps the axes from moving as they should. */
+    bool is_planned = check_plan(motion);
+    if (!is_planned || motion->bus.plan) {
+        return is_planned;
     }
     if (!bring_up(&bus, &motion->bus)) {
         return false;
     }
-    bool is_good = init_axes(&cia402, &bus, motion) &&
+    bool is_good = real_time_enter(&motion->thread, &bus) && init_axes(&cia402, &bus, motion) &&
                    run_axes(&cia402, &bus, motion);
     /* The axes end with their master. */
     is_good &= shut_down(&bus);

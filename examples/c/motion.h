@@ -8,6 +8,7 @@
 
 #include "bring_up.h"
 #include "options.h"
+#include "real_time.h"
 
 enum { MOTION_MAX_AXES = 10 };
 
@@ -20,6 +21,7 @@ typedef struct {
 
 typedef struct {
     bus_settings_t bus;
+    real_time_t thread;
     drive_place_t drives[MOTION_MAX_AXES];
     size_t drive_count;
     int32_t step;

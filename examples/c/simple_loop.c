@@ -20,6 +20,7 @@
 #include "gateway_report.h"
 #include "interrupt.h"
 #include "options.h"
+#include "real_time.h"
 #include "report.h"
 
 enum { RX_CAPACITY = 32 };
@@ -32,6 +33,7 @@ enum { RX_CAPACITY = 32 };
 
 typedef struct {
     bus_settings_t bus;
+    real_time_t thread;
     const char *channel;
     bool is_channel_given;
     uint8_t channel_mask;
@@ -51,14 +53,11 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     bus_settings_add_fd_option(&arguments->bus, &list);
     bus_settings_add_config_option(&arguments->bus, &list);
     bus_settings_add_plan_option(&arguments->bus, &list);
+    real_time_add_options(&arguments->thread, &list);
     options_add(&list, (option_t){
         .name = "slaves", .value_name = "N", .number = &arguments->bus.slaves,
         .minimum = 1, .maximum = ECAN_IGH_MAX_SLAVES, .excluded_by = "config",
         .help = "Number of gateways, from position 0"});
-    options_add(&list, (option_t){
-        .name = "large-pdos", .flag = &arguments->bus.large_pdos, .excluded_by = "config",
-        .help = "The installed master supports more than 1486 bytes of process data per sync "
-                "manager"});
     options_add(&list, (option_t){
         .name = "cycles", .value_name = "N", .number = &arguments->cycles, .maximum = UINT64_MAX,
         .excluded_by = "replay",
@@ -76,6 +75,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
         .name = "dump", .value_name = "FILE", .text = &arguments->dump,
         .help = "Write received frames as a candump log"});
     options_parse(&list, argc, argv);
+    real_time_check(&arguments->thread);
 
     uint64_t channel = 0;
     bool is_file_alone = arguments->bus.config != NULL && !arguments->is_channel_given;
@@ -269,6 +269,7 @@ static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *
     if (is_good) {
         is_good = run_loop(bus, &arguments->bus, &source, &check, dump);
         is_good &= gateway_report_print(bus, &arguments->bus);
+        real_time_print_statistics(&arguments->thread, bus);
         if (is_good && is_replay) {
             is_good = report_replay(bus, &source, &check);
         }
@@ -309,7 +310,8 @@ int main(int argc, char **argv)
     }
     bool is_good = bring_up(&bus, &arguments.bus);
     if (is_good) {
-        is_good = work(&bus, &arguments, &recording);
+        is_good = real_time_enter(&arguments.thread, &bus) &&
+                  work(&bus, &arguments, &recording);
         is_good &= shut_down(&bus);
     }
     candump_log_free(&recording);

@@ -32,6 +32,9 @@ struct Arguments {
     /// PDO size per direction, in chunks of 128 bytes
     #[arg(long, value_name = "N", default_value_t = 3)]
     pdo_n: u8,
+    /// Allow PDOs above 1486 bytes: the master must split them into datagrams
+    #[arg(long)]
+    large_pdos: bool,
     /// EtherCAT cycle and period of Sync0
     #[arg(long, value_name = "US", default_value_t = 1_000)]
     cycle_us: u32,
@@ -73,6 +76,7 @@ fn main() -> ExitCode {
 fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
     let Arguments { slaves, pdo_n, cycle_us, .. } = *arguments;
     let mut adapter = arguments.master.adapter(slaves, pdo_n, cycle_us);
+    adapter.allow_large_pdos = arguments.large_pdos;
     adapter.dc = Some(DcSync {
         source: match arguments.source {
             Source::Host => ClockSource::Host,

@@ -27,6 +27,9 @@ pub struct MotionArguments {
     /// PDO size per direction, in chunks of 128 bytes
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub pdo_n: u8,
+    /// Allow PDOs above 1486 bytes: the master must split them into datagrams
+    #[arg(long)]
+    pub large_pdos: bool,
     /// CAN bit rate, bit/s
     #[arg(long, value_name = "BITRATE", default_value_t = MAX_BITRATE)]
     pub bitrate: u32,
@@ -95,6 +98,7 @@ impl MotionArguments {
         axes: &[AxisConfig],
     ) -> Result<(AdapterConfig, PortConfig), Box<dyn Error>> {
         let mut adapter = self.master.adapter(slaves, self.pdo_n, self.cycle_us);
+        adapter.allow_large_pdos = self.large_pdos;
         if self.dc_sync0 {
             let sync0_us = self.dc_cycle_us.unwrap_or(self.cycle_us);
             let source = if self.dc_follow { ClockSource::Reference } else { ClockSource::Host };

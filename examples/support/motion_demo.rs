@@ -4,7 +4,8 @@ use std::error::Error;
 use std::time::Duration;
 
 use ecan_cia402::{AxisConfig, Cia402, axis_traffic};
-use ecan_mcan_port::Port;
+use ecan_host::Faults;
+use ecan_mcan_port::{Port, PortPlan};
 
 use crate::motion_arguments::MotionArguments;
 use crate::motion_record::MotionRecord;
@@ -27,10 +28,13 @@ pub fn run_motion(
 ) -> Result<bool, Box<dyn Error>> {
     let axes = motion.with_step(axes);
     let (adapter, gateways) = motion.gateways(slaves, &axes)?;
+    let traffic = axis_traffic(&axes, &motion.cia402());
     if motion.plan {
-        print_plan(&adapter, &gateways, &axis_traffic(&axes, &motion.cia402()))?;
+        print_plan(&adapter, &gateways, &traffic)?;
         return Ok(true);
     }
+    // What --plan calls a fault keeps the axes from moving as they should.
+    Faults::check(PortPlan::of(&adapter, &gateways, &traffic).faults(&adapter, &gateways))?;
     motion.check_sync0(&adapter, &gateways)?;
     let interrupt = Interrupt::install()?;
     let backend = motion.master.open("drives", &adapter)?;

@@ -91,6 +91,22 @@ fn shift_among_the_arrivals_is_rejected_unless_measured() {
     assert!(printed.contains("Sync0 shift 639.0 us, margin by the plan 390.5 us"), "{printed}");
 }
 
+/// 123 to 149 % of the bus: the demo of ten axes does not start with what `--plan` calls a fault.
+#[test]
+fn faults_of_the_plan_are_rejected_at_the_start() {
+    let overload = ["--slaves", "1", "--cycle-us", "1000", "--bitrate", "500000"];
+    let planned = fails(TEN, &[&["--plan"], &overload[..]].concat());
+    let output = run(TEN, &[&["--ecrt", "sim"], &overload[..]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(text(&output.stderr), planned);
+    assert!(planned.contains("% of the bus"), "{planned}");
+    assert!(!text(&output.stdout).contains("ready"));
+    let large = ["--ecrt", "sim", "--pdo-n", "12", "--cycles", "20"];
+    assert!(fails(SINGLE, &large).contains("N is at most 11"));
+    let printed = succeeds(SINGLE, &[&large[..], &["--large-pdos"]].concat());
+    assert!(axis_line(&printed, 0).0.contains("operation enabled"), "{printed}");
+}
+
 #[test]
 fn options_of_the_manual_are_accepted() {
     for extra in [

@@ -55,7 +55,7 @@ fn cycle(port: &mut Port, offset_ns: u32) -> Result<(), PhaseSweepError> {
     Ok(())
 }
 
-/// What the manual lists for one configuration with Sync0, and what a sweep and the plan find.
+/// Points of the manual for one configuration with Sync0, and the result of a sweep and of the plan.
 struct Row {
     cycle_ms: u32,
     multiplier: u8,
