@@ -65,10 +65,15 @@ impl RealTimeArguments {
         self.settings() != RealTimeConfig::default()
     }
 
+    /// Spin before each cycle, as set by the options.
+    pub fn timing(&self) -> CycleTiming {
+        CycleTiming { spin_ns: self.spin_us * 1000, overrun: OverrunPolicy::Skip }
+    }
+
     fn settings(&self) -> RealTimeConfig {
         RealTimeConfig {
             wake_up_latency_us: self.cpu_latency_us,
-            timing: CycleTiming { spin_ns: self.spin_us * 1000, overrun: OverrunPolicy::Skip },
+            timing: self.timing(),
             ..self.thread.settings()
         }
     }
@@ -93,7 +98,7 @@ impl RealTimeArguments {
 
     /// Sets the cycle timing of the Adapter.
     pub fn set_timing(&self, adapter: &mut Adapter) {
-        adapter.set_cycle_timing(self.settings().timing);
+        adapter.set_cycle_timing(self.timing());
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use ecan_host::{Clock, Diagnostics, Ecrt, Error};
+use ecan_host::{Clock, CycleTiming, Diagnostics, Ecrt, Error};
 use ecan_protocol::device::AlState;
 
 use crate::device_profile::DeviceProfile;
@@ -29,6 +29,8 @@ pub struct ProbeOptions {
     pub last_stage: Stage,
     /// Reason for the stages that are not run.
     pub reason: String,
+    /// Timing of the cycle.
+    pub timing: CycleTiming,
     /// Function that ends the probe when it returns true.
     pub stop: Arc<dyn Fn() -> bool + Send + Sync>,
 }
@@ -36,7 +38,13 @@ pub struct ProbeOptions {
 impl Default for ProbeOptions {
     fn default() -> Self {
         let reason = "the stage was not run".to_owned();
-        Self { wired: None, last_stage: Stage::Wired, reason, stop: Arc::new(|| false) }
+        Self {
+            wired: None,
+            last_stage: Stage::Wired,
+            reason,
+            timing: CycleTiming::default(),
+            stop: Arc::new(|| false),
+        }
     }
 }
 
@@ -225,7 +233,9 @@ impl Probe {
             {
                 self.op_failure = Some(reason.clone());
             }
-            self.session = Some(opened?);
+            let mut session = opened?;
+            session.adapter.set_cycle_timing(self.options.timing);
+            self.session = Some(session);
         }
         self.session.as_mut().map_or_else(|| unavailable("no session"), Ok)
     }

@@ -271,7 +271,9 @@ fn release_jitter(probe: &mut Probe) -> Result<Outcome> {
     );
     Ok(match spread {
         0..=CONSTANT_US => Outcome::holds(detail),
-        _ if of_host > CONSTANT_US => Outcome::undecided(format!("{detail}: run it in real time")),
+        _ if of_host > CONSTANT_US => {
+            Outcome::undecided(format!("{detail}: use the real-time options"))
+        }
         _ => Outcome::differs(detail).like(spread),
     })
 }

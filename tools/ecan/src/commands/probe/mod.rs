@@ -11,6 +11,8 @@ use std::sync::Arc;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::real_time::RealTimeArguments;
+use ecan_host::CycleTiming;
 use ecan_probe::{DeviceProfile, Experiment, Finding, Probe, ProbeOptions, Stage, Verdict};
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::CHANNELS;
@@ -32,13 +34,13 @@ Examples:
   ecan probe --bundle probe-4711              write report, text and support bundle to a directory
   ecan probe --write-profile gateway.toml     write the measured values
 
-The stages: reading; configuration in PREOP, with a restart; OP with images without frames; loopback
-inside the CAN controller; frames between wired channels. No frame leaves a channel before the last stage.
-A restart interrupts the slaves that are connected after the gateway.
+The stages: reading; configuration in PREOP, with a restart; OP with images without frames;
+loopback inside the CAN controller; frames between wired channels. No frame leaves a channel
+before the last stage. A restart interrupts the slaves that are connected after the gateway.
 
-The probe restores the configuration of the gateway, by a restart if necessary, also after Ctrl-C. The
-Flash is not written. If the link is lost, the interrupted experiment is repeated once. The rows are those
-of docs/ASSUMPTIONS.md.
+The probe restores the configuration of the gateway, by a restart if necessary, also after
+Ctrl-C. The Flash is not written. If the link is lost, the interrupted experiment is repeated
+once. The rows are those of docs/ASSUMPTIONS.md. Real-time options let it resolve shorter times.
 
 Exit status 0 if every decided assumption holds, 1 if one differs.";
 
@@ -56,6 +58,8 @@ pub struct ProbeArguments {
     /// Write the measured values to a file (TOML)
     #[arg(long, value_name = "FILE")]
     write_profile: Option<PathBuf>,
+    #[command(flatten)]
+    real_time: RealTimeArguments,
 }
 
 #[derive(Debug, Serialize)]
@@ -79,8 +83,13 @@ pub fn run(arguments: &ProbeArguments, context: &Context) -> Result {
     if let Some(directory) = &arguments.bundle {
         std::fs::create_dir(directory).map_err(|it| Failure::file("create", directory, it))?;
     }
-    let request =
-        Request { master: context.global.master(), wired, read_only: arguments.read_only };
+    arguments.real_time.apply(|line| note(line))?;
+    let request = Request {
+        master: context.global.master(),
+        wired,
+        read_only: arguments.read_only,
+        timing: arguments.real_time.timing(),
+    };
     let report = probe_and_restore(&bus, slave, &request, &interrupt, progress)?;
     context.output.data(&report, |out| print(&report, &context.output, out))?;
     if let Some(path) = &arguments.write_profile {
@@ -104,6 +113,7 @@ struct Request {
     master: u32,
     wired: Option<(u8, u8)>,
     read_only: bool,
+    timing: CycleTiming,
 }
 
 /// Runs the experiments and restores the configuration.
@@ -118,7 +128,8 @@ fn probe_and_restore(
     let last_stage = if saved.is_some() { Stage::Wired } else { Stage::Reading };
     let flag = interrupt.clone();
     let stop = Arc::new(move || flag.is_set());
-    let options = ProbeOptions { wired: request.wired, last_stage, reason, stop };
+    let options =
+        ProbeOptions { wired: request.wired, last_stage, reason, timing: request.timing, stop };
     let mut probe = Probe::open(bus.ecrt(), request.master, slave, options)?;
     let findings = probe.run(progress);
     let restored = match &saved {

@@ -10,7 +10,9 @@ fn bus() -> Bus {
     Bus::over(&backend.ecrt)
 }
 
-const REQUEST: Request = Request { master: 0, wired: None, read_only: false };
+fn request() -> Request {
+    Request { master: 0, wired: None, read_only: false, timing: CycleTiming::default() }
+}
 
 /// Every setting of the gateway, with what is active.
 fn everything(bus: &Bus) -> String {
@@ -36,7 +38,7 @@ fn configuration_is_restored() {
             configure(&bus);
         }
         let before = everything(&bus);
-        let report = probe_and_restore(&bus, 0, &REQUEST, &Interrupt::default(), |_| ()).unwrap();
+        let report = probe_and_restore(&bus, 0, &request(), &Interrupt::default(), |_| ()).unwrap();
         assert_eq!(of_verdict(&report, Verdict::Differs), 0, "{:#?}", report.findings);
         assert!(report.is_restored, "{}", report.configuration);
         assert_eq!(everything(&bus), before);
@@ -58,7 +60,7 @@ fn stopped_probe_restores_at_every_experiment() {
             }
             begun += 1;
         };
-        let report = probe_and_restore(&bus, 0, &REQUEST, &interrupt, stop).unwrap();
+        let report = probe_and_restore(&bus, 0, &request(), &interrupt, stop).unwrap();
         assert!(report.was_stopped && report.is_restored, "{}", report.configuration);
         let stopped = report.findings.iter().filter(|it| it.detail == "stopped before the end");
         assert_eq!(stopped.count(), count - stopped_at);
@@ -71,7 +73,7 @@ fn read_only_probe_changes_nothing() {
     let bus = bus();
     configure(&bus);
     let before = everything(&bus);
-    let request = Request { read_only: true, ..REQUEST };
+    let request = Request { read_only: true, ..request() };
     let report = probe_and_restore(&bus, 0, &request, &Interrupt::default(), |_| ()).unwrap();
     assert_eq!(report.configuration, "not changed");
     assert!(of_verdict(&report, Verdict::Holds) > 0);
