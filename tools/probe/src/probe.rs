@@ -7,7 +7,7 @@ use ecan_protocol::device::AlState;
 
 use crate::device_profile::DeviceProfile;
 use crate::experiment::{Experiment, Stage};
-use crate::experiments::{Restart, Sample, ServiceTime, experiments};
+use crate::experiments::{MissedImages, Restart, Sample, ServiceTime, experiments};
 use crate::finding::Finding;
 use crate::interruption::{Interruption, Result, unavailable};
 use crate::outcome::Outcome;
@@ -72,8 +72,7 @@ pub struct Probe {
     pub(crate) restart: Option<Restart>,
     pub(crate) service: Option<ServiceTime>,
     pub(crate) samples: Option<Vec<Sample>>,
-    /// Distances before a Sync0 pulse at which images are missed, if any are.
-    pub(crate) missed: Option<Option<(i64, i64)>>,
+    pub(crate) missed: Option<MissedImages>,
 }
 
 impl Probe {

@@ -21,6 +21,7 @@ mod wired;
 pub(crate) use restart::Restart;
 pub(crate) use schedule::Sample;
 pub(crate) use service_loop::ServiceTime;
+pub(crate) use sync0_window::MissedImages;
 
 use crate::experiment::{Experiment, Stage};
 

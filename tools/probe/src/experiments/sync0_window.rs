@@ -7,7 +7,7 @@ use ecan_protocol::device::AlState;
 
 use crate::experiment::{Experiment, Stage};
 use crate::interruption::Result;
-use crate::outcome::Outcome;
+use crate::outcome::{Outcome, Verdict};
 use crate::probe::Probe;
 use crate::session::Session;
 use crate::setup::Setup;
@@ -39,6 +39,8 @@ const STEP_US: usize = 10;
 const BEFORE_US: i64 = 50;
 const AFTER_US: i64 = 20;
 const TOLERANCE_US: i64 = 30;
+/// Deviation of sends from which the host is too slow to contradict, in us.
+const SLOW_US: i64 = 20;
 /// Cycles with outputs within the window.
 const LOSS_CYCLES: u32 = 40;
 const SYNC_ERROR: u16 = 0x1A;
@@ -49,42 +51,67 @@ fn setup() -> Setup {
     Setup { cycle: Duration::from_nanos(CYCLE_NS), sync0_shift, ..Setup::plain() }
 }
 
-/// Waits until this time before the pulse of the next cycle, in us, and sends an image.
-fn send_before(session: &mut Session, before_us: i64) -> Result {
+/// Waits until this time before the pulse of the next cycle, in us, and sends an image. Returns the time that it
+/// was sent before the pulse, and the duration of the exchange, in us.
+fn send_before(session: &mut Session, before_us: i64) -> Result<(i64, i64)> {
     session.adapter.wait_next_cycle();
     let pulse_ns = session.adapter.cycle_start().deadline_ns + SHIFT_NS;
     let clock = session.adapter.ecrt().clock().clone();
     clock.sleep_until_ns(pulse_ns.saturating_add_signed(-before_us * 1_000));
-    session.exchange(|_, _| (), |_| ())?;
-    Ok(())
+    let start_ns = clock.now_ns();
+    let sent_ns = session.exchange(|_, _| (), |_| ())?.sent_ns;
+    let took_ns = clock.now_ns() - start_ns;
+    Ok(((SHIFT_NS as i64 - sent_ns as i64) / 1_000, (took_ns / 1_000) as i64))
 }
 
-/// Returns whether the firmware missed an image that is sent this time before a pulse: it stays in SM2, so
-/// that the next one is rejected.
-fn is_missed(session: &mut Session, before_us: i64) -> Result<bool> {
-    session.cycles(2)?;
-    send_before(session, before_us)?;
-    session.cycles(1)?;
-    let outputs = session.cycle(|_, _| ())?.outputs;
-    session.take();
-    Ok(outputs == Delivery::Missed)
+/// Distances before a Sync0 pulse at which images are missed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MissedImages {
+    /// First and last distance, in us; `None` without any.
+    range_us: Option<(i64, i64)>,
+    /// Usual deviation of a send from its time, in us.
+    resolution_us: i64,
 }
 
-/// First and last distance before a pulse, in us, at which an image is missed.
-fn measure(probe: &mut Probe) -> Result<Option<(i64, i64)>> {
+impl MissedImages {
+    /// An outcome that the delays of the host may have caused is none.
+    fn unless_host_is_slow(self, outcome: Outcome) -> Outcome {
+        let Self { resolution_us, .. } = self;
+        if outcome.verdict == Verdict::Differs && resolution_us > SLOW_US {
+            let detail = outcome.detail;
+            return Outcome::undecided(format!(
+                "{detail}; sends of the host deviate by {resolution_us} us: use the real-time options"
+            ));
+        }
+        outcome
+    }
+}
+
+/// The firmware missed an image if it stays in SM2, so that the next one is rejected.
+fn measure(probe: &mut Probe) -> Result<MissedImages> {
     if let Some(missed) = probe.missed {
         return Ok(missed);
     }
     let session = probe.session(&setup())?;
-    let mut missed = None;
+    let (mut missed, mut deviations) = (Vec::new(), Vec::new());
     for before_us in (LAST_US..=FIRST_US).rev().step_by(STEP_US) {
-        if is_missed(session, before_us)? {
-            let first = missed.map_or(before_us, |(first, _)| first);
-            missed = Some((first, before_us));
+        session.cycles(2)?;
+        let (sent_us, took_us) = send_before(session, before_us)?;
+        session.cycles(1)?;
+        if session.cycle(|_, _| ())?.outputs == Delivery::Missed {
+            missed.push(sent_us);
         }
+        session.take();
+        deviations.push((before_us - sent_us).abs() + took_us);
     }
+    deviations.sort_unstable();
+    let range_us = missed.iter().copied().max().zip(missed.iter().copied().min());
+    let resolution_us = deviations.get(deviations.len() / 2).copied().unwrap_or(0);
+    let missed = MissedImages { range_us, resolution_us };
     probe.missed = Some(missed);
-    probe.profile.sync0_missed_us = missed.map(|(first, last)| (-first, -last));
+    if resolution_us <= SLOW_US {
+        probe.profile.sync0_missed_us = range_us.map(|(first, last)| (-first, -last));
+    }
     Ok(missed)
 }
 
@@ -96,12 +123,14 @@ fn way_us() -> i64 {
 }
 
 fn window(probe: &mut Probe) -> Result<Outcome> {
-    let Some((first, last)) = measure(probe)? else {
+    let missed = measure(probe)?;
+    let Some((first, last)) = missed.range_us else {
         let detail = format!(
             "no image was missed that was sent from {FIRST_US} us before to {} us after a pulse",
             -LAST_US
         );
-        return Ok(Outcome::differs(detail).like("{ before_us = 0, after_us = 0 }"));
+        let outcome = Outcome::differs(detail).like("{ before_us = 0, after_us = 0 }");
+        return Ok(missed.unless_host_is_slow(outcome));
     };
     let detail = format!(
         "images that were sent {first} to {last} us before a pulse were missed; they arrive some {} us later",
@@ -109,11 +138,12 @@ fn window(probe: &mut Probe) -> Result<Outcome> {
     );
     let is_near = |found: i64, expected: i64| found.abs_diff(expected) <= TOLERANCE_US as u64;
     let is_met = is_near(first, way_us() + BEFORE_US) && is_near(last, way_us() - AFTER_US);
-    Ok(Outcome::decided(is_met, detail))
+    Ok(missed.unless_host_is_slow(Outcome::decided(is_met, detail)))
 }
 
 fn loss_of_op(probe: &mut Probe) -> Result<Outcome> {
-    let Some((first, last)) = measure(probe)? else {
+    let missed = measure(probe)?;
+    let Some((first, last)) = missed.range_us else {
         return Ok(Outcome::undecided("no image is missed"));
     };
     let session = probe.session(&setup())?;
@@ -130,7 +160,7 @@ fn loss_of_op(probe: &mut Probe) -> Result<Outcome> {
     // The master may have brought it back.
     let is_op = session.take_missed() == 0 && state == Some(AlState::Op);
     probe.end_session()?;
-    Ok(match lost {
+    let outcome = match lost {
         Some((code, cycle)) => {
             let detail =
                 format!("AL status 0x{code:02X} was read {cycle} cycles after the first one");
@@ -143,5 +173,6 @@ fn loss_of_op(probe: &mut Probe) -> Result<Outcome> {
         None if is_op => Outcome::differs(format!("OP was kept for {LOSS_CYCLES} cycles"))
             .like("{ missed_limit = 0 }"),
         None => Outcome::undecided("OP was lost, but the AL status code was not read in time"),
-    })
+    };
+    Ok(missed.unless_host_is_slow(outcome))
 }
