@@ -74,7 +74,7 @@ pub(crate) struct MissedImages {
 }
 
 impl MissedImages {
-    /// An outcome that the delays of the host may have caused is none.
+    /// A difference that the delays of the host may have caused decides nothing.
     fn unless_host_is_slow(self, outcome: Outcome) -> Outcome {
         let Self { resolution_us, .. } = self;
         if outcome.verdict == Verdict::Differs && resolution_us > SLOW_US {

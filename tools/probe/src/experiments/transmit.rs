@@ -54,6 +54,7 @@ const SLOW: u32 = 20_000;
 /// Frames of the transmit FIFO in the Message RAM, and of the ring (0xF000:29).
 const FIFO: usize = 32;
 const RING: usize = 64;
+const SENT_PER_CYCLE: usize = 4;
 
 fn slow(probe: &Probe) -> Result<Setup> {
     let data_path = DataPathConfig { tx_budget_max: 8, ..DataPathConfig::default() };
@@ -94,7 +95,8 @@ fn tx_pressure(probe: &mut Probe) -> Result<Outcome> {
     let mut shown_at = None;
     while sent < FIFO + RING + 8 && shown_at.is_none() {
         let mut added = 0;
-        let left = &all[sent..];
+        // Not more than the device passes to the controller per service.
+        let left = &all[sent..][..SENT_PER_CYCLE];
         let inputs = session.cycle(|writer, image| added = push(writer, image, left))?;
         received += inputs.frames.len();
         let is_shown = inputs.header.is_some_and(|it| it.channel_status[0].tx_pressure());
