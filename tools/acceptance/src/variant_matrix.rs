@@ -98,8 +98,8 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
         for alternative in switch.alternatives.iter().filter(|it| !it.default) {
             bench.change_gateways(switch.keys(alternative)).map_err(|stop| stop.to_string())?;
             let name = format!("{} = {}", switch.key, alternative.value);
-            let mut steps = [Vec::new(), Vec::new()];
-            let [named, faulty] = &mut steps;
+            let (mut named, mut faulty) = (Vec::new(), Vec::new());
+            let mut count = 0;
             let mut text = String::new();
             for (group, step) in runner::selected(arguments) {
                 let report = runner::execute(&mut bench, group, step);
@@ -107,6 +107,7 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
                     return Ok(false);
                 }
                 let step = format!("{}/{}", report.group, report.name);
+                count += usize::from(report.status != Status::Skipped);
                 match outcome(switch, &report) {
                     Outcome::Works => {}
                     Outcome::Named => {
@@ -122,7 +123,9 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
             failed += faulty.len();
             let outcome = match (&named[..], &faulty[..]) {
                 ([], []) => "works".to_owned(),
-                (steps, []) => format!("`{text}` in {}", steps.join(", ")),
+                (steps, []) => {
+                    format!("{} of {count} steps end with `{text}`", steps.len())
+                }
                 (_, steps) => format!("**failed** in {}", steps.join(", ")),
             };
             println!("{name}: {outcome}");

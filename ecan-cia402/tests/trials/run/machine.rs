@@ -54,4 +54,4 @@ pub fn scenario(plan: &Plan) -> Scenario {
 }
 
 /// Records of a drive between two looks at its trace; a restart of the application takes some seconds.
-const TRACE: usize = 20_000;
+const TRACE: usize = 40_000;

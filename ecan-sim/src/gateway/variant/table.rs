@@ -120,7 +120,7 @@ variants! {
             "250", "free-running, 250 us";
             "1000", "free-running, 1 ms";
         }
-        missing_entries: MissingEntries, ["H42"], "Entries that the firmware does not have",
+        missing_entries: MissingEntries, ["H1", "H42"], "Entries that the firmware does not have",
         "a list of entries (`0xF000:26`), ranges (`0xF000:19..30`) and objects (`0x9011`)" {
             MissingEntries::default() => "[]", "none";
             "[\"0xF000:1..3\"]", "device type, channels, capability version";
