@@ -28,4 +28,5 @@ pub use finding::Finding;
 pub use interruption::Interruption;
 pub use outcome::{Outcome, Verdict};
 pub use probe::{Probe, ProbeOptions};
+pub use registers::{ControllerMode, controller_mode};
 pub use undecidable::{UNDECIDABLE, Undecidable};

@@ -1,6 +1,6 @@
 //! Registers of a CAN controller by the register service (manual 13.6).
 
-use ecan_host::{Maintenance, MaintenanceError};
+use ecan_host::{Diagnostics, Maintenance, MaintenanceError};
 use ecan_protocol::device::AccessMode;
 
 use crate::interruption::{Interruption, Result, unavailable};
@@ -47,13 +47,29 @@ pub(crate) fn read(sdo: Sdo<'_>, channel: u8, offset: u16) -> Result<u32> {
     }
 }
 
-/// Mode of a CAN controller, by its registers.
+/// Mode of a CAN controller, by its registers CCCR and TEST.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ControllerMode {
+pub enum ControllerMode {
+    /// Takes part in the bus.
     Normal,
+    /// Receives only.
     Listen,
+    /// Receives its own frames; the bus does not see them.
     InternalLoopback,
+    /// Receives its own frames and drives the bus.
     ExternalLoopback,
+}
+
+/// Reads the mode of a CAN controller (manual 13.6), whatever number selected it.
+///
+/// # Errors
+/// The gateway does not respond, or its register service rejects the access.
+pub fn controller_mode(
+    diagnostics: &Diagnostics,
+    slave: usize,
+    channel: u8,
+) -> Result<ControllerMode> {
+    ControllerMode::read(Sdo { diagnostics, slave }, channel)
 }
 
 impl ControllerMode {
@@ -70,7 +86,8 @@ impl ControllerMode {
         Ok(Self::of(read(sdo, channel, CCCR)?, read(sdo, channel, TEST)?))
     }
 
-    pub(crate) fn text(self) -> &'static str {
+    /// Name in a sentence.
+    pub fn text(self) -> &'static str {
         match self {
             Self::Normal => "normal operation",
             Self::Listen => "listen-only",

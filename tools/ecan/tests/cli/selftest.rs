@@ -390,3 +390,18 @@ fn invalid_use_is_reported() {
     let message = fails(4, &["--ecrt", "sim", "--slave", "3", "selftest"]);
     assert_eq!(message, "ecan: slave 3 does not exist; allowed: 0");
 }
+
+/// The number of the internal loopback selects the external one: test frames would disturb the bus.
+#[test]
+fn loopback_that_drives_the_bus_gets_no_frame() {
+    let nodes = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
+    let variant = "[gateway.variant]\nnode_modes = \"loopback_first\"\n";
+    let bus = Scenario::new(&format!("{variant}{nodes}"));
+    let output = bus.run(&["selftest", "--frames", "8", "--channels", "0"]);
+    assert_eq!(output.status.code(), Some(1));
+    let printed = String::from_utf8(output.stdout).unwrap();
+    assert!(printed.contains("puts channel 0 into external loopback"), "{printed}");
+    assert!(printed.contains("(assumption H9: the numbers of the manual); no frame was sent"));
+    assert_eq!(lines(&printed, "FAILED  ").len(), 1, "{printed}");
+    assert!(printed.contains("as before the test"), "{printed}");
+}

@@ -3,6 +3,7 @@
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::{Diagnostics, Error};
 use ecan_mcan_port::PortConfig;
+use ecan_probe::{ControllerMode, controller_mode};
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::CHANNELS;
 
@@ -15,7 +16,7 @@ use super::check_counts::check_counts;
 use super::exchange::{ChannelCounters, ChannelState, exchange};
 use super::report::{Check, Figures, Report};
 use super::start_failure::{StartFailure, start_failures};
-use super::steps::{TestPlan, TestStep};
+use super::steps::{TestPath, TestPlan, TestStep};
 use super::test_bus::TestBus;
 
 /// Cycle time in ns that may trigger the watchdog of a gateway.
@@ -47,11 +48,16 @@ enum Start {
     Stopped,
 }
 
+/// Counters of the tested channels of each gateway.
+type Counters = Vec<Vec<ChannelCounters>>;
+
 /// State of a member while the bus is in operation.
 struct Active<'m, 'r> {
     gateway: usize,
     member: &'m mut Member<'r>,
     setup: ChannelSetup,
+    /// The registers have shown the internal loopback of the tested channels.
+    is_loopback_verified: bool,
     losses: u64,
     is_out: bool,
 }
@@ -142,7 +148,7 @@ impl GroupTest<'_> {
         let channels = started_channels(bus.port().config());
         let activate = |(gateway, member)| {
             let setup = ChannelSetup::started(channels);
-            Active { gateway, member, setup, losses: 0, is_out: false }
+            Active { gateway, member, setup, is_loopback_verified: false, losses: 0, is_out: false }
         };
         let mut active: Vec<_> = members.iter_mut().enumerate().map(activate).collect();
         let steps = self.plan.steps();
@@ -190,6 +196,7 @@ impl GroupTest<'_> {
             // The master has configured a gateway that returned as at the start.
             if bus.losses(it.gateway) != it.losses {
                 it.setup = ChannelSetup::started(started_channels(bus.port().config()));
+                it.is_loopback_verified = false;
             }
         }
         let changes: Vec<_> =
@@ -202,8 +209,12 @@ impl GroupTest<'_> {
             channels.iter().map(|it| ChannelCounters::read(upload, *it)).collect()
         };
         let configured = bus.on_each(&gateways(&active), configure)?;
-        let before: Vec<Vec<ChannelCounters>> = keep(&mut active, configured, step);
+        let before: Counters = keep(&mut active, configured, step);
         active.iter_mut().for_each(|it| it.setup.set(step));
+        let before = match step.path {
+            TestPath::Loopback => verify_loopback(bus, &mut active, before, step)?,
+            TestPath::Wire => before,
+        };
 
         bus.measure_cycles();
         let count = self.plan.arguments().frames;
@@ -241,6 +252,49 @@ impl GroupTest<'_> {
             }
         }
         Ok(GroupEnd::Complete)
+    }
+}
+
+/// Fails gateways whose channels are not in the internal loopback, before a frame could reach a bus. The
+/// number of a node mode is an assumption (H9); the registers of the controller show the mode itself.
+fn verify_loopback(
+    bus: &mut TestBus,
+    active: &mut Vec<&mut Active<'_, '_>>,
+    mut before: Counters,
+    step: &TestStep<'_>,
+) -> Result<Counters> {
+    let unverified = active.iter().filter(|it| !it.is_loopback_verified);
+    let gateways: Vec<_> = unverified.map(|it| it.gateway).collect();
+    let channels = step.channels();
+    let read = |diagnostics: &Diagnostics, gateway: usize| {
+        Ok(channels.iter().find_map(|it| wrong_mode(diagnostics, gateway, *it)))
+    };
+    let read = bus.on_each(&gateways, read)?;
+    for (gateway, fault) in gateways.into_iter().zip(read) {
+        let Some(at) = active.iter().position(|it| it.gateway == gateway) else { continue };
+        match fault.unwrap_or_else(|error| Some(error.to_string())) {
+            None => active[at].is_loopback_verified = true,
+            Some(fault) => {
+                active.remove(at).fail(step, fault);
+                before.remove(at);
+            }
+        }
+    }
+    Ok(before)
+}
+
+/// Reason why a channel must not send test frames.
+fn wrong_mode(diagnostics: &Diagnostics, gateway: usize, channel: u8) -> Option<String> {
+    match controller_mode(diagnostics, gateway, channel) {
+        Ok(ControllerMode::InternalLoopback) => None,
+        Ok(mode) => Some(format!(
+            "node mode 2 puts channel {channel} into {}, not into internal loopback (assumption H9: \
+             the numbers of the manual); no frame was sent",
+            mode.text()
+        )),
+        Err(error) => Some(format!(
+            "the mode of the controller of channel {channel} cannot be read: {error}; no frame was sent"
+        )),
     }
 }
 
