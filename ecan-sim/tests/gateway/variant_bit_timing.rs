@@ -38,7 +38,8 @@ fn points(fixture: &mut Fixture) -> (Point, Point) {
 }
 
 #[test]
-fn sample_point_in_the_default_window_follows_the_choice() {
+fn sample_point_in_a_window_follows_the_choice() {
+    let window = SamplePointWindow { min: 750, max: 875 };
     for (choice, nominal, data) in [
         (BitTimingChoice::Middle, 130, 33),
         (BitTimingChoice::Lowest, 120, 30),
@@ -46,7 +47,12 @@ fn sample_point_in_the_default_window_follows_the_choice() {
         // at most 32 quanta after the nominal sample point
         (BitTimingChoice::Driver, 128, 30),
     ] {
-        let (mut fixture, status) = apply(choice, McanChannelConfig::fd(500_000, 2_000_000));
+        let config = McanChannelConfig {
+            nominal_sample_point: window,
+            data_sample_point: window,
+            ..McanChannelConfig::fd(500_000, 2_000_000)
+        };
+        let (mut fixture, status) = apply(choice, config);
         assert_eq!(status, 0, "{choice:?}");
         assert_eq!(points(&mut fixture), ((nominal, 160), (data, 40)), "{choice:?}");
     }
