@@ -13,7 +13,7 @@ use crate::sdo::Upload;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {
-        rows: &["H42"],
+        rows: &["H1", "H42"],
         key: "missing_entries",
         stage: Stage::Reading,
         assumption: "the gateway has every entry of this version of the manual",
