@@ -20,7 +20,6 @@ type Failing = (&'static str, &'static str, &'static str);
 
 const START_FAILS: &[Failing] = &[
     ("assignment_rewritten", "\"status_5\"", "assumption H41"),
-    ("assignment_rewritten", "\"dropped_at_safeop\"", "assumption H41"),
     ("missing_entries", "[\"0xF000:17..18\"]", "assumption H1"),
 ];
 

@@ -295,10 +295,11 @@ impl Adapter {
         let domain = master.create_domain().map_err(fail("ecrt_master_create_domain"))?;
         let rx_start = mapping::register(master, slave, config, domain, &rx_units)?;
         let tx_start = mapping::register(master, slave, config, domain, &tx_units)?;
-        let al_status = master
+        // The master executes requests in the order of their creation: the status is read all the time.
+        let al_control = master
             .create_reg_request(config, 2)
             .map_err(fail("ecrt_slave_config_create_reg_request"))?;
-        let al_control = master
+        let al_status = master
             .create_reg_request(config, 2)
             .map_err(fail("ecrt_slave_config_create_reg_request"))?;
         let layout = DomainLayout::new(rx_n, tx_n);

@@ -11,6 +11,8 @@ use crate::phase::Phase;
 
 /// ESC register AL control.
 const AL_CONTROL: u16 = 0x0120;
+/// Acknowledges an error.
+const ACKNOWLEDGE: u16 = 1 << 4;
 
 impl Adapter {
     /// Takes a slave out of OP by its register AL control, so that the master configures it again:
@@ -20,14 +22,28 @@ impl Adapter {
     /// # Errors
     /// The library's error; `EBUSY` while an earlier call has not taken effect.
     pub fn request_reconfiguration(&mut self, slave: usize) -> Result<(), CycleError> {
+        self.write_al_control(slave, u16::from(AlState::PreOp.raw()))
+    }
+
+    /// Requests OP of a slave in SAFEOP by its register AL control, and acknowledges its error: for a slave that
+    /// rejected OP and whose cause was repaired there. The master does not request a state again that was
+    /// rejected, and configures the slave from the beginning when it is asked to. Takes effect in later
+    /// cycles. Real-time safe.
+    ///
+    /// # Errors
+    /// The library's error; `EBUSY` while an earlier call has not taken effect.
+    pub fn request_operational(&mut self, slave: usize) -> Result<(), CycleError> {
+        self.write_al_control(slave, u16::from(AlState::Op.raw()) | ACKNOWLEDGE)
+    }
+
+    fn write_al_control(&mut self, slave: usize, value: u16) -> Result<(), CycleError> {
         let call = "ecrt_reg_request_write";
         let request = self.slaves.get(slave).map(|slave| slave.al_control);
         let request = request.ok_or(CycleError::of_slave(call, slave)(Errno::EINVAL))?;
         // Ends the request of an earlier call.
         let _ = self.master.reg_request_state(request);
-        let state = u16::from(AlState::PreOp.raw()).to_le_bytes();
         self.master
-            .reg_request_write(request, AL_CONTROL, &state)
+            .reg_request_write(request, AL_CONTROL, &value.to_le_bytes())
             .map_err(CycleError::of_slave(call, slave))
     }
 

@@ -7,12 +7,13 @@
 use std::fmt;
 
 use ecan_host::{Adapter, Delivery, Error};
-use ecan_protocol::device::Capabilities;
+use ecan_protocol::device::{AlState, Capabilities};
 use ecan_protocol::mapping::Direction;
 
 use crate::port_config::GatewayConfig;
 use crate::session::check_runner::CheckRunner;
 use crate::session::pending_step::PendingStep;
+use crate::session::profile_restore::{ProfileRestore, SAFEOP_NS};
 use crate::session::startup_retry::StartupRetry;
 use crate::session::verification::{Check, SERIAL_CHECKS, SdoTransfer, VerificationFault, checks};
 
@@ -80,6 +81,7 @@ pub(crate) struct SessionMachine {
     /// State below OP and its begin.
     below_op: Option<(u8, u64)>,
     startup_retry: StartupRetry,
+    profile_restore: ProfileRestore,
 }
 
 /// Returns whether a check reads an entry that the gateway does not have.
@@ -120,6 +122,7 @@ impl SessionMachine {
             is_identifying: false,
             below_op: None,
             startup_retry: StartupRetry::default(),
+            profile_restore: ProfileRestore::new(adapter, slave, profiles)?,
         })
     }
 
@@ -212,8 +215,22 @@ impl SessionMachine {
                 if is_due || self.cycles == 1 && self.state == Session::Waiting {
                     self.runner.occupy_queue(adapter);
                 }
+                self.restore_profiles(adapter);
                 self.start_if_operational(adapter)
             }
+        }
+    }
+
+    fn restore_profiles(&mut self, adapter: &mut Adapter) {
+        match self.below_op {
+            Some((state, since_ns))
+                if AlState::from_status(state.into()) == Some(AlState::SafeOp) =>
+            {
+                if Self::has_lasted(Some(since_ns), SAFEOP_NS, adapter) {
+                    self.profile_restore.step(adapter);
+                }
+            }
+            _ => self.profile_restore.reset(),
         }
     }
 

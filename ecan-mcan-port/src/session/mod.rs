@@ -3,6 +3,7 @@
 mod check_runner;
 pub(crate) mod machine;
 pub(crate) mod pending_step;
+mod profile_restore;
 mod startup;
 mod startup_retry;
 pub(crate) mod verification;
