@@ -194,7 +194,7 @@ fn delay_compensation_is_forced_from_5_megabit_on() {
     config.data_bitrate = 4_000_000;
     assert!(!config.tdc_runs());
     let slow = McanChannelConfig { tdc: true, ..McanChannelConfig::fd(250_000, 500_000) };
-    assert_eq!(faults(&slow), [ChannelFault::TdcPrescaler { brp: 4 }]);
+    assert_eq!(faults(&slow), [ChannelFault::TdcPrescaler { brp: 5 }]);
 }
 
 #[test]

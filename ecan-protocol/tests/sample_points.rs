@@ -72,6 +72,8 @@ fn vendor_driver_takes_the_lowest_sample_point() {
     assert_eq!(data(2_000_000, 875, 875), None, "35 of 40 does not fit, 17.5 of 20 does not exist");
     assert_eq!(data(2_000_000, 850, 850), Some((2, SamplePoint(8_500))));
     assert_eq!(data(0, 750, 875), None);
+    // 15 quanta need a prescaler of 79; the register ends at 32.
+    assert_eq!(data(67_454, 500, 533), None);
 }
 
 fn warnings(config: &McanChannelConfig) -> Vec<ChannelWarning> {

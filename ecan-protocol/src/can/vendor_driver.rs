@@ -24,7 +24,8 @@ pub fn vendor_driver_timing(
         Phase::Data => &DATA,
     };
     let clocks = clock_hz.checked_div(bitrate)?;
-    limits.timing(clocks, u32::from(min_permille), u32::from(max_permille))
+    let timing = limits.timing(clocks, u32::from(min_permille), u32::from(max_permille));
+    timing.filter(|timing| timing.fits(phase))
 }
 
 /// Limits of the driver, in quanta.

@@ -60,7 +60,7 @@ pub enum ControllerMode {
     ExternalLoopback,
 }
 
-/// Reads the mode of a CAN controller (manual 13.6), whatever number selected it.
+/// Reads the mode of a CAN controller (manual 13.6).
 ///
 /// # Errors
 /// The gateway does not respond, or its register service rejects the access.
