@@ -24,8 +24,7 @@ const START_FAILS: &[Failing] = &[
 ];
 
 /// Scheduled transmission is not offered.
-const SCHEDULE_FAILS: &[Failing] =
-    &[("missing_entries", "[\"0xF000:13..16\"]", "does not support scheduled")];
+const SCHEDULE_FAILS: &[Failing] = &[("missing_entries", "[\"0xF000:13..16\"]", "assumption H42")];
 
 /// The account of scheduled frames states their results as unknown, with a finding.
 const ACCOUNT_FINDINGS: &[Failing] = &[

@@ -134,7 +134,7 @@ pub enum Error {
     /// The slave cannot be identified.
     #[error(
         "slave {slave} cannot be identified as an ECAN-Lite: {cause}{}",
-        if cause.is_missing_object() { " (assumption H1: an ECAN-Lite has this entry)" } else { "" }
+        if cause.is_missing_object() { ", or it is none (assumption H1)" } else { "" }
     )]
     Unrecognised {
         /// Slave index.
@@ -205,7 +205,7 @@ pub enum Error {
     /// An SDO transfer failed.
     #[error(
         "SDO {} {} {} slave {slave} {}", direction.text().0, describe(*index, *subindex),
-        direction.text().1, sdo_cause(*abort_code, *errno, *attempts)
+        direction.text().1, sdo_cause((*index, *subindex), *abort_code, *errno, *attempts)
     )]
     Sdo {
         /// Slave index.
@@ -296,8 +296,7 @@ impl Error {
 
     /// Returns whether the slave rejected an SDO transfer because it does not have the object or the entry.
     pub fn is_missing_object(&self) -> bool {
-        let missing = [AbortCode::NO_OBJECT, AbortCode::NO_SUBINDEX];
-        matches!(self, Self::Sdo { abort_code: Some(code), .. } if missing.contains(code))
+        matches!(self, Self::Sdo { abort_code: Some(code), .. } if is_missing(*code))
     }
 
     /// The value of an uploaded entry, or the one that is
@@ -347,8 +346,20 @@ fn for_slave(slave: Option<usize>) -> String {
     slave.map_or_else(String::new, |s| format!(" for slave {s}"))
 }
 
-fn sdo_cause(abort_code: Option<AbortCode>, errno: Errno, attempts: u32) -> String {
+fn is_missing(code: AbortCode) -> bool {
+    [AbortCode::NO_OBJECT, AbortCode::NO_SUBINDEX].contains(&code)
+}
+
+fn sdo_cause(
+    (index, subindex): (u16, u8),
+    abort_code: Option<AbortCode>,
+    errno: Errno,
+    attempts: u32,
+) -> String {
     match abort_code {
+        Some(code) if is_missing(code) && lookup(index, subindex).is_some() => {
+            format!("aborted: {code} (assumption H42: the firmware lacks it)")
+        }
         Some(code) => format!("aborted: {code}"),
         None if attempts > 1 => format!("failed {attempts} times: {errno}"),
         None => format!("failed: {errno}"),

@@ -74,9 +74,7 @@ impl fmt::Display for SlaveReport {
         if let Some(cause) = &self.cause {
             write!(f, ", because {cause}")?;
             if cause.is_missing_object() {
-                f.write_str(
-                    " (assumption H42: the firmware lacks it; update the firmware, or leave out what needs it)",
-                )?;
+                f.write_str("; update the firmware, or leave out what needs it")?;
             }
         } else if self.may_have_lost_profile() {
             f.write_str(

@@ -56,7 +56,10 @@ pub enum NotSchedulable {
     )]
     NoSync0,
     /// The gateway does not have the capability.
-    #[error("the gateway does not support scheduled transmission (0xF000:16 bit 8)")]
+    #[error(
+        "the gateway does not report scheduled transmission (0xF000:16 bit 8; assumption H42: 0 if \
+             the firmware lacks the entry)"
+    )]
     NotSupported,
     /// The offset is not below the Sync0 period.
     #[error(

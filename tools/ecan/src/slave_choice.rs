@@ -221,7 +221,8 @@ fn none_found(choice: Option<SlaveChoice>, slaves: usize) -> Failure {
     let message = match (choice, slaves) {
         (_, 0) => "no slave responds on the bus".to_owned(),
         (None, _) => format!(
-            "none of the {slaves} slaves is identified as an ECAN-Lite; select one with --slave"
+            "none of the {slaves} slaves is identified as an ECAN-Lite by 0xF000:17 and :18 (assumption \
+             H1); select one with --slave"
         ),
         (Some(SlaveChoice::Position(position)), 1) => {
             format!("slave {position} does not exist; allowed: 0")
