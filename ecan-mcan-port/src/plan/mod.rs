@@ -8,6 +8,7 @@ mod finding;
 mod frame_stream;
 mod image;
 mod schedule;
+mod setting_check;
 mod setting_warning;
 
 pub use channel_load::ChannelLoad;
@@ -102,7 +103,7 @@ impl PortPlan {
         plan.add_channels(adapter, port, traffic);
         plan.add_images(adapter, port, traffic);
         plan.check_schedules(adapter, port, traffic);
-        let settings = setting_warning::warnings(adapter, port, &plan.gateways);
+        let settings = setting_check::warnings(adapter, port, &plan.gateways);
         plan.warnings.extend(settings.into_iter().map(PortWarning::Setting));
         plan
     }

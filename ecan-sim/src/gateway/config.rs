@@ -1,4 +1,5 @@
-use super::sync0_window::Sync0Window;
+use ecan_protocol::device::AlStatusCode;
+
 use super::variant::GatewayVariant;
 
 /// Identity and timing of one simulated gateway.
@@ -142,4 +143,37 @@ pub struct Sync0 {
     pub cycle_ns: u32,
     /// Shift of all pulses against `start_ns`, in nanoseconds.
     pub shift_ns: i32,
+}
+
+/// Window around each Sync0 pulse in which outputs of the master are missed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sync0Window {
+    /// Begin of the window before the pulse, in nanoseconds. 0 with `after_ns` 0 disables the
+    /// window.
+    pub before_ns: u32,
+    /// End of the window after the pulse, in nanoseconds.
+    pub after_ns: u32,
+    /// Number of writes in a row within the window after which the slave leaves OP; 0 keeps it in
+    /// OP.
+    pub missed_limit: u32,
+    /// AL status code with which it leaves OP.
+    pub al_status: AlStatusCode,
+}
+
+impl Sync0Window {
+    /// No outputs are missed.
+    pub const OFF: Self =
+        Self { before_ns: 0, after_ns: 0, missed_limit: 0, al_status: AlStatusCode::SYNC_ERROR };
+
+    pub(super) fn is_off(self) -> bool {
+        self.before_ns == 0 && self.after_ns == 0
+    }
+}
+
+impl Default for Sync0Window {
+    /// From 50 us before the pulse (service delay and reading) to 20 us after it; OP is left after
+    /// ten missed writes in a row with AL status 0x001A.
+    fn default() -> Self {
+        Self { before_ns: 50_000, after_ns: 20_000, missed_limit: 10, ..Self::OFF }
+    }
 }

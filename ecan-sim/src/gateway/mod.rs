@@ -88,14 +88,13 @@ use variant::{SafeOpInputs, SafeOpOutputs};
 use watchdog::Watchdog;
 
 pub(crate) use config::MAILBOXES;
-pub use config::{GatewayModelConfig, Sync0, SyncManagerConfig};
+pub use config::{GatewayModelConfig, Sync0, Sync0Window, SyncManagerConfig};
 pub use counters::{GatewayCounters, ReceiveLosses, TransmitLosses};
 pub(crate) use emergency::Emergency;
 pub use fault::GatewayFault;
 pub use firmware_package::{FirmwarePackage, FirmwarePackageError};
 pub use firmware_update::{FirmwareProgress, FirmwareUpdateError};
 pub(crate) use sdo_access::DEVICE_NAME;
-pub use sync0_window::Sync0Window;
 
 const NS_PER_MS: u64 = 1_000_000;
 

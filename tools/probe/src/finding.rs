@@ -2,8 +2,9 @@
 
 use serde::Serialize;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::outcome::{Outcome, Verdict};
+use crate::stage::Stage;
 
 /// Decision about one assumption.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

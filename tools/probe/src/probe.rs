@@ -1,4 +1,4 @@
-//! Runs the experiments.
+//! The gateway under experiment: its bus, its session in OP, and what was measured.
 
 use std::sync::Arc;
 
@@ -6,15 +6,12 @@ use ecan_host::{Clock, CycleTiming, Diagnostics, Ecrt, Error};
 use ecan_protocol::device::AlState;
 
 use crate::device_profile::DeviceProfile;
-use crate::experiment::{Experiment, Stage};
-use crate::experiments::{MissedImages, Restart, Sample, ServiceTime, experiments};
-use crate::finding::Finding;
 use crate::interruption::{Interruption, Result, unavailable};
-use crate::outcome::Outcome;
+use crate::measured::{MissedImages, Restart, Sample, ServiceTime};
 use crate::sdo::Sdo;
 use crate::session::Session;
 use crate::setup::Setup;
-use crate::undecidable::UNDECIDABLE;
+use crate::stage::Stage;
 
 /// Time for a gateway to return after a lost link or a restart, in ns.
 const RETURN_NS: u64 = 30_000_000_000;
@@ -63,12 +60,12 @@ pub struct Probe {
     pub(crate) diagnostics: Diagnostics,
     pub(crate) options: ProbeOptions,
     pub(crate) profile: DeviceProfile,
-    session: Option<Session>,
+    pub(crate) session: Option<Session>,
     /// Reason for which the plainest configuration does not reach OP.
     op_failure: Option<Interruption>,
-    has_changed: bool,
+    pub(crate) has_changed: bool,
     /// The gateway did not return after a lost link.
-    is_lost: bool,
+    pub(crate) is_lost: bool,
     pub(crate) restart: Option<Restart>,
     pub(crate) service: Option<ServiceTime>,
     pub(crate) samples: Option<Vec<Sample>>,
@@ -104,19 +101,6 @@ impl Probe {
         })
     }
 
-    /// Runs every experiment in order and adds the assumptions without one. `progress` gets each experiment
-    /// before it begins.
-    pub fn run(&mut self, mut progress: impl FnMut(&Experiment)) -> Vec<Finding> {
-        let mut findings = Vec::new();
-        for experiment in experiments() {
-            progress(experiment);
-            findings.push(Finding::new(experiment, self.decide(experiment)));
-        }
-        self.session = None;
-        findings.extend(UNDECIDABLE.iter().map(|it| it.finding()));
-        findings
-    }
-
     /// Measured values.
     pub fn device_profile(&self) -> &DeviceProfile {
         &self.profile
@@ -130,49 +114,6 @@ impl Probe {
     /// Returns whether the probe was stopped by [`ProbeOptions::stop`].
     pub fn is_stopped(&self) -> bool {
         (self.options.stop)()
-    }
-
-    fn decide(&mut self, experiment: &Experiment) -> Outcome {
-        match self.attempt(experiment) {
-            Err(Interruption::LinkLost) => {
-                self.session = None;
-                let again = self.wait_preop().and_then(|()| self.attempt(experiment));
-                self.is_lost = matches!(again, Err(Interruption::LinkLost));
-                again.unwrap_or_else(|reason| self.not_run(&reason))
-            }
-            result => result.unwrap_or_else(|reason| self.not_run(&reason)),
-        }
-    }
-
-    fn not_run(&mut self, reason: &Interruption) -> Outcome {
-        self.session = None;
-        Outcome::undecided(reason.to_string())
-    }
-
-    fn attempt(&mut self, experiment: &Experiment) -> Result<Outcome> {
-        if self.is_stopped() {
-            return Err(Interruption::Stopped);
-        }
-        if experiment.stage > self.options.last_stage {
-            return unavailable(self.options.reason.clone());
-        }
-        if experiment.stage == Stage::Wired && self.options.wired.is_none() {
-            return unavailable("no wired channels are given (--wired)");
-        }
-        self.has_changed |= experiment.stage != Stage::Reading;
-        if experiment.stage == Stage::PreOp {
-            self.session = None;
-            self.wait_preop()?;
-        }
-        if let Some(session) = &mut self.session {
-            session.take_missed();
-        }
-        let outcome = (experiment.run)(self)?;
-        // Missing responses can look like another behaviour.
-        match self.session.as_mut().map_or(0, Session::take_missed) {
-            0 => Ok(outcome),
-            _ => Err(Interruption::LinkLost),
-        }
     }
 
     pub(crate) fn sdo(&self) -> Sdo<'_> {

@@ -3,11 +3,12 @@
 use ecan_protocol::can::BitTiming;
 use ecan_protocol::config::{BitTimingMode, McanChannelConfig, SamplePointWindow};
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::registers::{self, DBTP, NBTP, sample_point};
+use crate::stage::Stage;
 
 use super::statuses::apply;
 

@@ -2,10 +2,11 @@
 
 use ecan_protocol::device::Capabilities;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {

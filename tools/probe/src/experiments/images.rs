@@ -4,12 +4,13 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use ecan_protocol::image::{Header, ImageWriter, PdoError, Schedule, crc16};
 use ecan_protocol::mapping::HEADER_BYTES;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::session::Session;
 use crate::setup::Setup;
+use crate::stage::Stage;
 
 use super::loopback::{frame, push};
 

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::setup::Setup;
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {

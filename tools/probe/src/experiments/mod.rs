@@ -18,12 +18,8 @@ mod sync0_window;
 mod transmit;
 mod wired;
 
-pub(crate) use restart::Restart;
-pub(crate) use schedule::Sample;
-pub(crate) use service_loop::ServiceTime;
-pub(crate) use sync0_window::MissedImages;
-
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
+use crate::stage::Stage;
 
 const GROUPS: &[&[Experiment]] = &[
     identity::EXPERIMENTS,

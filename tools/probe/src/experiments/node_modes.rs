@@ -2,11 +2,12 @@
 
 use ecan_protocol::config::{McanChannelConfig, SamplePointWindow};
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::registers::{self, ControllerMode, ENDN};
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {

@@ -5,11 +5,12 @@ use std::fmt::Write as _;
 use ecan_protocol::mapping::{Direction, map_subindex, pdo_map_index};
 use ecan_protocol::object::{Access, object};
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::sdo::Upload;
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {

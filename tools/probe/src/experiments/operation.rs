@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use ecan_protocol::device::AlState;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::setup::Setup;
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {

@@ -3,10 +3,11 @@
 use ecan_protocol::config::{CacheDepth, DataPathConfig, McanChannelConfig, RxBudget, RxOverflow};
 use ecan_protocol::image::{EncapsulationProfile, Timestamp};
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
+use crate::stage::Stage;
 
 use super::loopback::{frames, push, setup};
 

@@ -5,11 +5,13 @@ use ecan_protocol::device::AlState;
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::{Interruption, Result, unavailable};
+use crate::measured::Restart;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::sdo::Upload;
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -67,18 +69,6 @@ const POLL_NS: u64 = 20_000_000;
 const IMMEDIATE_NS: u64 = 20_000_000;
 /// Longest time to the first response that agrees with the assumption: the master's scan is part of it.
 const BOOT_NS: u64 = 2_500_000_000;
-
-/// A restart and the state of the gateway after it.
-#[derive(Clone, Debug)]
-pub(crate) struct Restart {
-    is_answered: bool,
-    /// From the command to the first transfer without response, and from there to the first response.
-    vanished_ns: u64,
-    boot_ns: u64,
-    mark: u32,
-    chunks: [u32; 2],
-    channels: [Option<ChannelState>; CHANNELS],
-}
 
 fn write_mark(probe: &Probe) -> Result<(), Error> {
     probe.diagnostics.sdo_download_once(probe.slave, MARK.0, MARK.1, &[WRITTEN])

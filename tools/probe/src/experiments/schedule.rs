@@ -7,12 +7,14 @@ use ecan_host::Delivery;
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags, ResultCode, Schedule, Timestamp};
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::inputs::Inputs;
 use crate::interruption::Result;
+use crate::measured::Sample;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::setup::Setup;
+use crate::stage::Stage;
 
 use super::loopback::{frame, setup};
 
@@ -88,16 +90,6 @@ fn sync0(probe: &mut Probe) -> Result<Outcome> {
     session.cycles(10)?;
     let pulses = session.read(0x9011, 2)?.wrapping_sub(before);
     Ok(Outcome::decided(pulses > 0, format!("0x9011:02 counted {pulses} pulses in some 15 cycles")))
-}
-
-/// A scheduled frame: the time of its image before the pulse, whether it came back, and its result codes.
-#[derive(Clone, Debug)]
-pub(crate) struct Sample {
-    before_us: u64,
-    /// The firmware read the image only after the pulse (`sync0_window`).
-    is_missed: bool,
-    is_sent: bool,
-    codes: Vec<u8>,
 }
 
 /// Sends scheduled frames at several times around a pulse.

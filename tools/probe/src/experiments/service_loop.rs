@@ -4,12 +4,14 @@ use std::time::Duration;
 
 use ecan_host::Delivery;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::{Result, unavailable};
+use crate::measured::ServiceTime;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::session::Session;
 use crate::setup::Setup;
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -52,19 +54,6 @@ const OUTLIER_PART: usize = 50;
 const NEAR: usize = 8;
 /// Shortest wait of a loop that does not follow the writes, in us.
 const FREE_US: u32 = 15;
-
-/// Time from an SM2 write until SM2 can be written again.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ServiceTime {
-    /// Smallest distance of two images that the host reached, in us.
-    least_us: u32,
-    /// Largest distance up to which no second image was taken, and smallest from which all were.
-    never_us: u32,
-    always_us: u32,
-    mean_us: u32,
-    /// Time in which the host sends an image, in us: the distances are not more exact.
-    resolution_us: u32,
-}
 
 impl ServiceTime {
     /// From the distance of each try, with its result. `outliers` tries may be wrong.

@@ -1,10 +1,11 @@
 //! States of the gateway on the way to OP.
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::{Interruption, Result};
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::setup::Setup;
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {

@@ -4,11 +4,12 @@ use ecan_host::Maintenance;
 use ecan_protocol::config::{DataSize, McanChannelConfig, NodeMode};
 use ecan_protocol::device::AccessMode;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::{Interruption, Result, unavailable};
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::registers::{self, NBTP};
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {

@@ -5,12 +5,14 @@ use std::time::Duration;
 use ecan_host::{Delivery, ImageTimes, Plan};
 use ecan_protocol::device::AlState;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
+use crate::measured::MissedImages;
 use crate::outcome::{Outcome, Verdict};
 use crate::probe::Probe;
 use crate::session::Session;
 use crate::setup::Setup;
+use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -62,15 +64,6 @@ fn send_before(session: &mut Session, before_us: i64) -> Result<(i64, i64)> {
     let sent_ns = session.exchange(|_, _| (), |_| ())?.sent_ns;
     let took_ns = clock.now_ns() - start_ns;
     Ok(((SHIFT_NS as i64 - sent_ns as i64) / 1_000, (took_ns / 1_000) as i64))
-}
-
-/// Distances before a Sync0 pulse at which images are missed.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct MissedImages {
-    /// First and last distance, in us; `None` without any.
-    range_us: Option<(i64, i64)>,
-    /// Usual deviation of a send from its time, in us.
-    resolution_us: i64,
 }
 
 impl MissedImages {

@@ -3,11 +3,12 @@
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
 use ecan_protocol::image::{ChannelState, ChannelStatus, OptionFlags, Timestamp, TxResult};
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::setup::Setup;
+use crate::stage::Stage;
 
 use super::loopback::{frame, frames, push, setup};
 

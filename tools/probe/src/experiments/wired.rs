@@ -3,11 +3,12 @@
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig, NodeMode};
 use ecan_protocol::image::Timestamp;
 
-use crate::experiment::{Experiment, Stage};
+use crate::experiment::Experiment;
 use crate::interruption::{Result, unavailable};
 use crate::outcome::Outcome;
 use crate::probe::Probe;
 use crate::setup::{ChannelSetup, Setup};
+use crate::stage::Stage;
 
 use super::loopback::frame;
 
