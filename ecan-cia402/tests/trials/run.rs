@@ -37,6 +37,8 @@ pub struct Trial {
     configured: Vec<bool>,
     /// Path faults: the path counts as disturbed until then, ns.
     slave_blocked: Vec<u64>,
+    /// Images that each gateway has missed around a pulse of Sync0.
+    outputs_missed: Vec<u64>,
     channel_blocked: Vec<(usize, u8, u64)>,
     silent: Vec<u64>,
     /// End of a blocked motor.
@@ -108,6 +110,7 @@ impl Trial {
             monitors: (0..axes).map(|axis| AxisMonitor::new(axis, &plan)).collect(),
             configured: vec![false; axes],
             slave_blocked: vec![0; plan.gateways],
+            outputs_missed: vec![0; plan.gateways],
             channel_blocked: Vec::new(),
             silent: vec![0; axes],
             motor_blocked: vec![0; axes],
@@ -426,6 +429,7 @@ impl Trial {
     fn check(&mut self, ns: u64, skips: Skips) {
         self.observe();
         self.note_gateways();
+        self.note_missed_outputs();
         for n in 0..self.monitors.len() {
             let class = match &self.cia402 {
                 Some(cia402) => Class::of(cia402, n),
@@ -484,6 +488,18 @@ impl Trial {
             if self.gateway_texts[slave] != text {
                 self.note(&text);
                 self.gateway_texts[slave] = text;
+            }
+        }
+    }
+
+    /// A missed image is read after the next write, which is rejected.
+    fn note_missed_outputs(&mut self) {
+        let until = self.now + 2 * self.plan.cycle_ns;
+        for (slave, known) in self.outputs_missed.iter_mut().enumerate() {
+            let counters = self.simulation.with_world(|world| world.counters(slave));
+            let missed = counters.map_or(0, |counters| counters.outputs_missed);
+            if std::mem::replace(known, missed) != missed {
+                self.slave_blocked[slave] = self.slave_blocked[slave].max(until);
             }
         }
     }
