@@ -1,6 +1,6 @@
 #!/bin/sh
 # Writes the table of docs/SYNC0.md: stable points of the manual, usable shifts of the simulator and of the
-# plan. With --check nothing is written; the exit status tells whether the table is up to date.
+# plan. With --check nothing is written; the exit status shows whether the table is up to date.
 set -eu
 cd "$(dirname "$0")/.."
 

@@ -21,12 +21,12 @@ pub fn usual_sample_point(phase: Phase, is_fd: bool, clock_hz: u32, bitrate: u32
         let is_found =
             vendor_driver_timing(phase, is_fd, clock_hz, bitrate, permille, permille).is_some();
         let is_compensable = phase == Phase::Nominal || timing.brp <= TDC_MAX_PRESCALER;
-        Some(u8::from(is_found) * 2 + u8::from(is_compensable))
+        Some((is_found, is_compensable))
     };
     let mut best = None;
     for permille in (SMALLEST..=USUAL).rev() {
         match solved(permille) {
-            Some(3) => return Some(permille),
+            Some((true, true)) => return Some(permille),
             Some(rank) if best.is_none_or(|(least, _)| rank > least) => {
                 best = Some((rank, permille));
             }
@@ -37,7 +37,7 @@ pub fn usual_sample_point(phase: Phase, is_fd: bool, clock_hz: u32, bitrate: u32
 }
 
 /// Lowest and highest sample point that the firmware may choose from a window (0.1 %, bounds
-/// included) at a clock (Hz) and a bit rate (bit/s), whatever rule it follows.
+/// included) at a clock (Hz) and a bit rate (bit/s), by any rule.
 ///
 /// # Errors
 /// As [`solve_bit_timing`].
@@ -49,12 +49,11 @@ pub fn sample_point_range(
     max_permille: u16,
 ) -> Result<(SamplePoint, SamplePoint), BitTimingError> {
     let solve = |min, max| solve_bit_timing(phase, clock_hz, bitrate, min, max);
-    solve(min_permille, max_permille)?;
+    let any = solve(min_permille, max_permille)?;
     // A narrower window at each end: the first that has a timing.
-    let lowest = (min_permille..=max_permille).find_map(|to| solve(min_permille, to).ok());
-    let highest =
-        (min_permille..=max_permille).rev().find_map(|from| solve(from, max_permille).ok());
-    let all = (lowest, highest);
-    let (Some(lowest), Some(highest)) = all else { return Err(BitTimingError::Zero) };
+    let mut from_below = min_permille..=max_permille;
+    let mut from_above = (min_permille..=max_permille).rev();
+    let lowest = from_below.find_map(|to| solve(min_permille, to).ok()).unwrap_or(any);
+    let highest = from_above.find_map(|from| solve(from, max_permille).ok()).unwrap_or(any);
     Ok((lowest.sample_point(), highest.sample_point()))
 }

@@ -2,8 +2,7 @@
 //! sample point window.
 //!
 //! The manual does not state how the firmware chooses (13.4); it names this driver for the
-//! delay compensation only. The result is a hint beside the limits of the window, not a fact about
-//! the device.
+//! delay compensation only. The result is a hint, not a fact about the device.
 
 use super::bit_timing::{BitTiming, Phase};
 

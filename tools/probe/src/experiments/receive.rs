@@ -1,12 +1,15 @@
 //! Received frames.
 
+use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{CacheDepth, DataPathConfig, McanChannelConfig, RxBudget, RxOverflow};
 use ecan_protocol::image::{EncapsulationProfile, Timestamp};
 
 use crate::experiment::Experiment;
+use crate::inputs::Inputs;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
+use crate::session::Session;
 use crate::stage::Stage;
 
 use super::loopback::{frames, push, setup};
@@ -51,15 +54,24 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
 
 const RATE: u32 = 1_000_000;
 
+/// Sends frames in one image, and returns the inputs of this cycle and of some more.
+fn send_and_collect(
+    session: &mut Session,
+    frames: &[CanFrame],
+    cycles: u32,
+) -> Result<Vec<Inputs>> {
+    session.cycles(3)?;
+    session.take();
+    session.cycle(|writer, image| _ = push(writer, image, frames))?;
+    session.cycles(cycles)?;
+    Ok(session.take())
+}
+
 fn rx_pending(probe: &mut Probe) -> Result<Outcome> {
     let setup = setup(probe, McanChannelConfig::classic(RATE), DataPathConfig::default())?;
     let frame = frames(0x111, 1)?;
     let session = probe.session(&setup)?;
-    session.cycles(3)?;
-    session.take();
-    session.cycle(|writer, image| _ = push(writer, image, &frame))?;
-    session.cycles(4)?;
-    let inputs = session.take();
+    let inputs = send_and_collect(session, &frame, 4)?;
     let Some(header) = inputs.iter().find(|it| !it.frames.is_empty()).and_then(|it| it.header)
     else {
         return Ok(Outcome::undecided("the frame did not come back"));
@@ -77,11 +89,7 @@ fn no_timestamps(probe: &mut Probe) -> Result<Outcome> {
     let setup = setup(probe, McanChannelConfig::classic(RATE), DataPathConfig::default())?;
     let frame = frames(0x112, 1)?;
     let session = probe.session(&setup)?;
-    session.cycles(3)?;
-    session.take();
-    session.cycle(|writer, image| _ = push(writer, image, &frame))?;
-    session.cycles(4)?;
-    let inputs = session.take();
+    let inputs = send_and_collect(session, &frame, 4)?;
     let Some(received) = inputs.iter().flat_map(|it| &it.frames).next() else {
         return Ok(Outcome::undecided("the frame did not come back"));
     };
@@ -103,11 +111,7 @@ fn rx_drain(probe: &mut Probe) -> Result<Outcome> {
     (setup.rx.multiplier, setup.tx.multiplier) = (3, 3);
     let sent = frames(0x400, 24)?;
     let session = probe.session(&setup)?;
-    session.cycles(3)?;
-    session.take();
-    session.cycle(|writer, image| _ = push(writer, image, &sent))?;
-    session.cycles(25)?;
-    let inputs = session.take();
+    let inputs = send_and_collect(session, &sent, 25)?;
     let most = inputs.iter().map(|it| it.frames.len()).max().unwrap_or(0);
     let received: usize = inputs.iter().map(|it| it.frames.len()).sum();
     let detail = format!(

@@ -41,7 +41,7 @@ pub(super) fn check(
     report.serial = serial.as_ref().ok().copied();
     let serial = match serial {
         Ok(0 | u64::MAX) => {
-            Err("not programmed; two such gateways cannot be told apart (assumption H19)"
+            Err("not programmed; two such gateways cannot be distinguished (assumption H19)"
                 .to_owned())
         }
         Ok(serial) => Ok(serial.to_string()),
