@@ -16,7 +16,7 @@ use crate::phase::Phase;
 const INSPECT_NS: u64 = 200_000_000;
 /// Cycles of a startup SDO: request, fetching the response, and a reserve.
 const CYCLES_PER_SDO: u32 = 4;
-/// Time of a startup SDO that does not depend on the cycle: at least, and at most.
+/// Bounds of the part of a startup SDO's time that does not depend on the cycle.
 const SDO_TIME: Duration = Duration::from_millis(5);
 const SDO_TIME_MAX: Duration = Duration::from_millis(200);
 const STATES_TIME: Duration = Duration::from_secs(5);
