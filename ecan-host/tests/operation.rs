@@ -115,6 +115,46 @@ fn al_status_code_is_read_before_the_master_acknowledges_it() {
 }
 
 #[test]
+fn wrong_sync_managers_of_the_sii_are_named() {
+    let fixed = "scripts/ecan_sii_sm_layout.sh fix --position 0";
+    for (sm, change, text) in [
+        (
+            0,
+            (0x1180, 0x66),
+            "SM2 has start 0x1180, 384 bytes, control byte 0x66 instead of start 0x1100",
+        ),
+        (
+            1,
+            (0x1D00, 0x20),
+            "SM3 has start 0x1D00, 384 bytes, control byte 0x20 instead of start 0x1D00",
+        ),
+    ] {
+        let mut scenario = ecan_sim::echo(1);
+        let layout = &mut scenario.gateways[0].sii_sync_managers[sm];
+        (layout.start, layout.control) = change;
+        let (ecrt, simulation) = simulated(scenario);
+        let mut adapter = Adapter::open(&ecrt, raw_config().0, StartupPlan::default()).unwrap();
+        let error = adapter.wait_op(Duration::from_secs(5)).unwrap_err();
+        let Error::NotOperational(report) = &error else { panic!("{error}") };
+        assert!(report.slaves[0].error_flag && report.slaves[0].cause.is_none(), "{error}");
+        let message = error.to_string();
+        assert!(message.contains(text) && message.contains(fixed), "{message}");
+        let code = format!("AL status code 0x{:04X}", 0x1D + sm);
+        let log = simulation.kernel_log();
+        assert!(log.iter().any(|line| line.contains(&code)), "{log:#?}");
+    }
+}
+
+#[test]
+fn sync_manager_length_of_the_sii_has_no_effect_on_the_master() {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.gateways[0].sii_sync_managers[0].length = 128;
+    let (ecrt, _simulation) = simulated(scenario);
+    let mut adapter = Adapter::open(&ecrt, raw_config().0, StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(5)).unwrap();
+}
+
+#[test]
 fn watchdog_ends_operation_after_its_time() {
     for (watchdog_us, pause_us, holds) in [
         (100_000, 97_000, true),

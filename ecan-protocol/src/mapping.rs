@@ -1,4 +1,6 @@
-//! Process data directions and the 128 byte chunk mapping (manual 5.1, 5.3).
+//! Process data directions, the 128 byte chunk mapping and its sync managers (manual 5.1, 5.3).
+
+use core::fmt;
 
 /// CAN channels of a gateway.
 pub const CHANNELS: usize = 4;
@@ -119,9 +121,76 @@ pub const fn sync_manager_control(direction: Direction) -> u8 {
     }
 }
 
+/// Control bit: a write feeds the process data watchdog. The master chooses it.
+const WATCHDOG_TRIGGER: u8 = 0x40;
+
+/// Start, length and control byte of a sync manager, in its registers (0x0800 + 8 per number) or in
+/// the SII (category 41), which have the same format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SyncManagerLayout {
+    /// Physical start address.
+    pub start: u16,
+    /// Length in bytes. In the SII the largest one, in the registers that of the assigned PDOs.
+    pub length: u16,
+    /// Control byte.
+    pub control: u8,
+}
+
+impl SyncManagerLayout {
+    /// Bytes of a sync manager in the registers and in the SII.
+    pub const BYTES: usize = 8;
+
+    /// SM2 or SM3 as the SII must have it (manual 5.3, 15.7).
+    pub const fn required(direction: Direction) -> Self {
+        Self {
+            start: sync_manager_address(direction),
+            length: MAX_PDO_BYTES as u16,
+            control: sync_manager_control(direction),
+        }
+    }
+
+    /// Reads the format of the registers and of the SII.
+    pub const fn from_bytes(bytes: [u8; Self::BYTES]) -> Self {
+        let [s0, s1, l0, l1, control, ..] = bytes;
+        Self { start: u16::from_le_bytes([s0, s1]), length: u16::from_le_bytes([l0, l1]), control }
+    }
+
+    /// Returns whether start and control byte are those of the manual; any length, and the watchdog bit as
+    /// the master chooses.
+    pub const fn is_at_its_place(self, direction: Direction) -> bool {
+        let required = Self::required(direction);
+        self.start == required.start && (self.control ^ required.control) & !WATCHDOG_TRIGGER == 0
+    }
+}
+
+impl fmt::Display for SyncManagerLayout {
+    /// `start 0x1100, 3072 bytes, control byte 0x66`
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { start, length, control } = self;
+        write!(f, "start 0x{start:04X}, {length} bytes, control byte 0x{control:02X}")
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
+    use std::string::ToString;
+
     use super::*;
+
+    #[test]
+    fn layout_reads_registers_and_ignores_the_watchdog_bit() {
+        let inputs = SyncManagerLayout::from_bytes([0x00, 0x1D, 0x80, 0x01, 0x22, 0, 1, 4]);
+        assert_eq!(inputs, SyncManagerLayout { start: 0x1D00, length: 384, control: 0x22 });
+        assert!(inputs.is_at_its_place(Direction::TxPdo));
+        assert!(!inputs.is_at_its_place(Direction::RxPdo));
+        assert!(SyncManagerLayout { control: 0x62, ..inputs }.is_at_its_place(Direction::TxPdo));
+        assert!(!SyncManagerLayout { control: 0x26, ..inputs }.is_at_its_place(Direction::TxPdo));
+        assert!(!SyncManagerLayout { start: 0x1D80, ..inputs }.is_at_its_place(Direction::TxPdo));
+        let required = SyncManagerLayout::required(Direction::RxPdo);
+        assert_eq!(required.to_string(), "start 0x1100, 3072 bytes, control byte 0x66");
+    }
 
     #[test]
     fn mapping_matches_the_manual() {

@@ -46,6 +46,7 @@ mod fault;
 mod random;
 mod runner;
 mod scenario;
+mod sii;
 mod simulation;
 mod wake_up;
 mod world;

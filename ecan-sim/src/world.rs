@@ -16,7 +16,8 @@ use crate::bus::{BusEvent, BusFault, BusStatistics, CanBus, StationId, StationSt
 use crate::fault::{Fault, FaultScript, LibraryCall, LossDirection, ScriptedFault};
 use crate::gateway::{Gateway, GatewayCounters};
 use crate::node::BridgeFactory;
-use crate::scenario::{Scenario, Topology};
+use crate::scenario::{GatewaySpec, Scenario, Topology};
+use crate::sii;
 use crate::world::can_side::BusSlot;
 use crate::world::deadline_set::DeadlineSet;
 use crate::world::line::{ChannelLink, LineSlot};
@@ -97,6 +98,13 @@ impl World {
             let seed = scenario.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ position as u64;
             let mut gateway = Gateway::new(spec.config.clone(), seed);
             gateway.power(now, true);
+            gateway.install_eeprom(sii::image(&GatewaySpec {
+                sii_sync_managers: GatewaySpec::SII_SYNC_MANAGERS,
+                ..spec.clone()
+            }));
+            for (word, value) in (0..).zip(sii::image(spec)) {
+                gateway.write_eeprom(word, value);
+            }
             world.slots.push(LineSlot::new(gateway, spec.clone(), links));
         }
         for (index, spec) in scenario.nodes.iter().enumerate() {

@@ -76,6 +76,7 @@ impl Adapter {
                     .or(state.online.then_some(state.al_state)),
                 error_flag: info.is_some_and(|info| info.error_flag),
                 al_status_code: slave.al_status.last(),
+                sync_managers: slave.al_status.sync_managers(),
                 cause: None,
                 working_counter: domain.working_counter,
                 expected_working_counter: domain.expected_working_counter,

@@ -300,7 +300,7 @@ impl Adapter {
             .create_reg_request(config, 2)
             .map_err(fail("ecrt_slave_config_create_reg_request"))?;
         let al_status = master
-            .create_reg_request(config, 2)
+            .create_reg_request(config, AlStatusWatch::BYTES)
             .map_err(fail("ecrt_slave_config_create_reg_request"))?;
         let layout = DomainLayout::new(rx_n, tx_n);
         Ok(Slave {

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use ecan_protocol::device::{AlState, AlStatusCode};
+use ecan_protocol::mapping::{Direction, SyncManagerLayout};
 
 use super::{Error, al_state_text};
 
@@ -24,6 +25,9 @@ pub struct SlaveReport {
     /// The last AL status code seen while waiting, because the master acknowledges
     /// errors and so clears them. `None` when none was caught.
     pub al_status_code: Option<AlStatusCode>,
+    /// SM2 and SM3 as the master configured them, read while waiting; `None` when they were not
+    /// configured or not read.
+    pub sync_managers: Option<[SyncManagerLayout; 2]>,
     /// Cause of a slave that the master keeps in PREOP: the startup SDO that it aborts,
     /// or the object that does not fit the configured N.
     pub cause: Option<Box<Error>>,
@@ -50,9 +54,40 @@ impl SlaveReport {
             && self.al_status_code.is_none_or(is_of_profile)
     }
 
+    /// SM2 and SM3 that are not those of manual 5.3, each as a text.
+    fn wrong_sync_managers(&self) -> impl Iterator<Item = String> {
+        let managers = self.sync_managers.into_iter().flatten();
+        let wrong = |(found, (name, direction)): (SyncManagerLayout, (&str, Direction))| {
+            let required = SyncManagerLayout::required(direction);
+            let required = SyncManagerLayout { length: found.length, ..required };
+            (!found.is_at_its_place(direction))
+                .then(|| format!("{name} has {found} instead of {required}"))
+        };
+        managers.zip([("SM2", Direction::RxPdo), ("SM3", Direction::TxPdo)]).filter_map(wrong)
+    }
+
+    /// The check of manual 16.1 for a slave that rejects its process data in PREOP.
+    fn write_sync_manager_check(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let wrong: Vec<String> = self.wrong_sync_managers().collect();
+        if !wrong.is_empty() {
+            return write!(
+                f,
+                " ({}: the SII is wrong, manual 15.7, 16.1; repair it with \
+                 scripts/ecan_sii_sm_layout.sh fix --position {})",
+                wrong.join("; "),
+                self.position
+            );
+        }
+        f.write_str(
+            " (manual 16.1: compare the numbers of chunks in 0x1C12 and 0x1C13 with N of 0x8010 and 0x8011; \
+             `ecan doctor` checks SM2 and SM3 of the SII)",
+        )
+    }
+
     /// The cause of its failed startup SDO may be gone: it did not answer in time.
     pub(crate) fn is_temporary(&self) -> bool {
         self.cause.as_ref().is_none_or(|cause| cause.is_temporary())
+            && self.wrong_sync_managers().next().is_none()
     }
 }
 
@@ -82,6 +117,8 @@ impl fmt::Display for SlaveReport {
                  0x8010:02 and 0x8011:02 then read 5, and writing 1 to 0x8010:01 and 0x8011:01 in SAFEOP applies it \
                  again)",
             )?;
+        } else if self.is_held_in_preop() {
+            self.write_sync_manager_check(f)?;
         }
         let (counter, expected) = (self.working_counter, self.expected_working_counter);
         write!(f, ", working counter {counter} of {expected}")

@@ -1,5 +1,7 @@
 //! SII EEPROM interface: commands, errors and their duration (ETG.1000.4).
 
+use crate::sii::{CONFIGURATION_WORDS, checksum};
+
 /// Bytes of 0x0502 to 0x050F.
 pub(super) const INTERFACE_BYTES: usize = 14;
 
@@ -19,8 +21,6 @@ const BUSY: u16 = 1 << 15;
 const READ_NS: u64 = 20_000;
 const WRITE_NS: u64 = 500_000;
 const RELOAD_NS: u64 = 200_000;
-/// Words that the controller uses; the last one has their checksum.
-const CONFIGURATION_WORDS: usize = 8;
 
 /// EEPROM interface; the words belong to the gateway.
 #[derive(Clone, Copy, Debug, Default)]
@@ -106,26 +106,6 @@ impl EepromInterface {
             }
         }
     }
-}
-
-/// The CRC-8 of ETG.2010.
-const CRC: crc::Crc<u8> = crc::Crc::<u8>::new(&crc::Algorithm {
-    width: 8,
-    poly: 0x07,
-    init: 0xFF,
-    refin: false,
-    refout: false,
-    xorout: 0,
-    check: 0xFB,
-    residue: 0,
-});
-
-pub(super) fn checksum(words: &[u16]) -> u8 {
-    let mut digest = CRC.digest();
-    for word in words.iter().take(CONFIGURATION_WORDS - 1) {
-        digest.update(&word.to_le_bytes());
-    }
-    digest.finalize()
 }
 
 #[cfg(test)]

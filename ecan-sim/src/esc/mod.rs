@@ -6,7 +6,6 @@ mod controller;
 mod eeprom;
 mod fmmu;
 mod frame;
-mod sii;
 mod sync_manager;
 mod wire;
 

@@ -7,7 +7,6 @@ use crate::world::{CycleFaults, World};
 use super::Context;
 use super::controller::Controller;
 use super::frame::{FrameFault, for_each_datagram, mark_as_processed};
-use super::sii;
 
 /// Time that a frame takes from one slave to the next, ns: processing and cable.
 const HOP_NS: u64 = 600;
@@ -61,10 +60,6 @@ impl Wire {
         bridges: Option<BridgeFactory>,
     ) -> Result<Self, BackendError> {
         let mut world = World::new(scenario, now, bridges)?;
-        for index in 0..world.gateway_count() {
-            let image = world.spec(index).map(sii::image).unwrap_or_default();
-            world.with_gateway(index, |gateway, _| gateway.install_eeprom(image));
-        }
         world.begin(&scenario.faults);
         let controllers = (0..world.gateway_count()).map(|_| Controller::new()).collect();
         Ok(Self {

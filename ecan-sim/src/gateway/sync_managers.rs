@@ -4,14 +4,12 @@
 //! the firmware has read it. A read succeeds only while the buffer is full, and empties it.
 
 use ecan_protocol::device::AlStatusCode;
-use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
+use ecan_protocol::mapping::{
+    Direction, MAX_PDO_BYTES, sync_manager_address, sync_manager_control,
+};
 
 use super::config::SyncManagerConfig;
 
-/// Start of the memory for process data (manual 5.3).
-const PROCESS_DATA_START: u32 = 0x1100;
-/// End of the two areas of 3072 bytes (manual 5.3).
-const PROCESS_DATA_END: u32 = 0x1100 + 2 * MAX_PDO_BYTES as u32;
 /// Control bit: a write feeds the process data watchdog.
 const WATCHDOG_TRIGGER: u8 = 0x40;
 /// The shortest mailbox that the services work with.
@@ -189,7 +187,7 @@ impl SyncManagers {
         if !is_valid(outputs, Direction::RxPdo, output_bytes) {
             return Err(AlStatusCode::OUTPUT_CONFIGURATION);
         }
-        if !is_valid(inputs, Direction::TxPdo, input_bytes) || overlap(outputs, inputs) {
+        if !is_valid(inputs, Direction::TxPdo, input_bytes) {
             return Err(AlStatusCode::INPUT_CONFIGURATION);
         }
         Ok(())
@@ -229,19 +227,15 @@ impl SyncManagers {
     }
 }
 
-/// Whether the firmware accepts this sync manager for an image of `bytes`: enabled, single buffer
-/// of the right direction, exact length, inside the process data memory.
+/// Returns whether the firmware accepts this sync manager for an image of `bytes`: enabled, exact length,
+/// start and control byte of the manual. The watchdog bit is the master's choice.
 fn is_valid(config: Option<SyncManagerConfig>, direction: Direction, bytes: usize) -> bool {
-    let Some(sm) = config else {
-        return false;
-    };
-    let start = u32::from(sm.start);
-    let end = start + u32::from(sm.length);
-    bytes > 0
-        && usize::from(sm.length) == bytes
-        && sm.is_single_buffer(direction == Direction::RxPdo)
-        && start >= PROCESS_DATA_START
-        && end <= PROCESS_DATA_END
+    config.is_some_and(|sm| {
+        bytes > 0
+            && usize::from(sm.length) == bytes
+            && sm.start == sync_manager_address(direction)
+            && (sm.control ^ sync_manager_control(direction)) & !WATCHDOG_TRIGGER == 0
+    })
 }
 
 fn overlap(a: Option<SyncManagerConfig>, b: Option<SyncManagerConfig>) -> bool {

@@ -103,6 +103,8 @@ struct RawGateway {
     pdo_assign: Option<bool>,
     pdo_configuration: Option<bool>,
     sii_pdos: Option<bool>,
+    sii_sm2: Option<RawSyncManager>,
+    sii_sm3: Option<RawSyncManager>,
     tx_pressure_percent: Option<u8>,
     complete_access: Option<bool>,
     publishes_after_read: Option<bool>,
@@ -110,6 +112,14 @@ struct RawGateway {
     buses: Option<Vec<String>>,
     #[serde(default)]
     variant: BTreeMap<Spanned<String>, toml::Value>,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(deny_unknown_fields)]
+struct RawSyncManager {
+    start: Option<u16>,
+    size: Option<u16>,
+    control: Option<u8>,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -240,6 +250,11 @@ impl RawGateway {
     fn build(self, position: usize) -> Result<GatewaySpec, String> {
         let mut spec = GatewaySpec::at(position);
         set!(spec from self: alias, pdo_assign, pdo_configuration, sii_pdos);
+        for (target, raw) in spec.sii_sync_managers.iter_mut().zip([self.sii_sm2, self.sii_sm3]) {
+            let Some(raw) = raw else { continue };
+            target.length = raw.size.unwrap_or(target.length);
+            set!(target from raw: start, control);
+        }
         let config = &mut spec.config;
         set!(config from self: serial, hardware_revision, firmware, vendor_id, product_code);
         set!(config from self: revision, boot_ms, reboot_delay_ms, tx_pressure_percent, complete_access);

@@ -1,10 +1,11 @@
 use std::path::PathBuf;
 
+use ecan_protocol::mapping::MAX_PDO_BYTES;
 use serde::Deserialize;
 
 use crate::drive::DriveConfig;
 use crate::fault::ScriptedFault;
-use crate::gateway::GatewayModelConfig;
+use crate::gateway::{GatewayModelConfig, SyncManagerConfig};
 use crate::node::{BridgeSpec, FaultyConfig};
 use crate::scenario::MasterBehaviour;
 use crate::wake_up::WakeUpDelay;
@@ -68,11 +69,20 @@ pub struct GatewaySpec {
     /// True if the SII lists all PDOs (categories 50 and 51), in 4 instead of 2 KiB. IgH uploads the
     /// assigned ones nevertheless.
     pub sii_pdos: bool,
+    /// SM2 and SM3 in the SII: a master takes start and control byte from there (manual 15.7). A
+    /// rebuilt EEPROM has those of the manual.
+    pub sii_sync_managers: [SyncManagerConfig; 2],
     /// Names of the CAN buses of the four channels.
     pub buses: [String; ecan_protocol::mapping::CHANNELS],
 }
 
 impl GatewaySpec {
+    /// SM2 and SM3 of manual 5.3 and 15.7.
+    pub const SII_SYNC_MANAGERS: [SyncManagerConfig; 2] = [
+        SyncManagerConfig { start: 0x1100, length: MAX_PDO_BYTES as u16, control: 0x66 },
+        SyncManagerConfig { start: 0x1D00, length: MAX_PDO_BYTES as u16, control: 0x22 },
+    ];
+
     /// The gateway at a position, with the default identity and a separate bus on each channel,
     /// named `<position>.<channel>`.
     pub fn at(position: usize) -> Self {
@@ -86,6 +96,7 @@ impl GatewaySpec {
             pdo_assign: true,
             pdo_configuration: false,
             sii_pdos: false,
+            sii_sync_managers: Self::SII_SYNC_MANAGERS,
             buses: std::array::from_fn(|channel| format!("{position}.{channel}")),
         }
     }

@@ -35,6 +35,8 @@ service_delay_us = 40
 release_jitter_us = 9
 mailbox_delay_us = 350
 tx_pressure_percent = 100
+sii_sm2 = { start = 0x1180 }
+sii_sm3 = { start = 0x1D00, size = 1024, control = 0x20 }
 sync0_window = { before_us = 40, after_us = 5, missed_limit = 3, al_status = 0x2C }
 buses = ["arm", "arm", "tool", "spare"]
 
@@ -117,6 +119,9 @@ for_ms = 9000
         al_status: AlStatusCode::FATAL_SYNC,
     };
     assert_eq!(gateway.config.sync0_window, window);
+    let [sm2, sm3] = gateway.sii_sync_managers;
+    assert_eq!((sm2.start, sm2.length, sm2.control), (0x1180, 3072, 0x66));
+    assert_eq!((sm3.start, sm3.length, sm3.control), (0x1D00, 1024, 0x20));
     assert_eq!(gateway.buses, ["arm", "arm", "tool", "spare"]);
     let node = &scenario.nodes[0];
     assert_eq!((node.name.as_str(), node.bitrate), ("drive", Some(1_000_000)));

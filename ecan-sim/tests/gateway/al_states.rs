@@ -85,24 +85,30 @@ fn safeop_needs_sync_managers_of_the_active_length() {
 }
 
 #[test]
-fn sync_managers_must_fit_mode_direction_and_memory() {
-    let good = SyncManagerConfig { start: 0x1100, length: 384, control: 0x66 };
-    for bad in [
-        SyncManagerConfig { control: 0x64, ..good },
-        SyncManagerConfig { control: 0x62, ..good },
-        SyncManagerConfig { start: 0x1000, ..good },
-        SyncManagerConfig { start: 0x2800, ..good },
-    ] {
+fn sync_managers_must_have_start_and_control_of_the_manual() {
+    let outputs = SyncManagerConfig { start: 0x1100, length: 384, control: 0x66 };
+    let inputs = SyncManagerConfig { start: 0x1D00, length: 384, control: 0x22 };
+    for (number, good, code) in [(2, outputs, 0x1D), (3, inputs, 0x1E)] {
+        // Three buffers, the other direction, no interrupt for the firmware, other addresses.
+        for bad in [
+            SyncManagerConfig { control: good.control & !0x02, ..good },
+            SyncManagerConfig { control: good.control ^ 0x04, ..good },
+            SyncManagerConfig { control: good.control & !0x20, ..good },
+            SyncManagerConfig { start: good.start - 0x100, ..good },
+            SyncManagerConfig { start: good.start + 0x80, ..good },
+            SyncManagerConfig { start: 0x2800, ..good },
+        ] {
+            let mut fixture = Fixture::configured(chunks(3), chunks(3));
+            fixture.gateway.configure_sync_manager(number, Some(bad));
+            fixture.gateway.request_al_state(fixture.now, SafeOp);
+            assert_eq!(fixture.state(), (PreOp, code), "SM{number} {bad:?}");
+        }
         let mut fixture = Fixture::configured(chunks(3), chunks(3));
-        fixture.gateway.configure_sync_manager(2, Some(bad));
+        let other_watchdog = SyncManagerConfig { control: good.control ^ 0x40, ..good };
+        fixture.gateway.configure_sync_manager(number, Some(other_watchdog));
         fixture.gateway.request_al_state(fixture.now, SafeOp);
-        assert_eq!(fixture.state(), (PreOp, 0x1D), "{bad:?}");
+        assert_eq!(fixture.state(), (SafeOp, 0), "SM{number}");
     }
-    let mut fixture = Fixture::configured(chunks(3), chunks(3));
-    let overlapping = SyncManagerConfig { start: 0x1200, length: 384, control: 0x22 };
-    fixture.gateway.configure_sync_manager(3, Some(overlapping));
-    fixture.gateway.request_al_state(fixture.now, SafeOp);
-    assert_eq!(fixture.state(), (PreOp, 0x1E));
 }
 
 #[test]

@@ -7,6 +7,7 @@ use std::str::FromStr;
 use ecan_protocol::config::{ConfigObject, FilterWindow, McanChannelConfig};
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::image::{ChannelState, ChannelStatus};
+use ecan_protocol::mapping::SyncManagerLayout;
 use ecan_protocol::object::object;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -85,6 +86,9 @@ pub struct Snapshot {
     /// Period of Sync0 in nanoseconds, ESC register 0x09A0; `None` if not read.
     #[serde(default)]
     pub sync0_period_ns: Option<u32>,
+    /// SM2 and SM3, ESC registers 0x0810 to 0x081F; `None` if not read.
+    #[serde(default)]
+    pub sync_managers: Option<[[u8; SyncManagerLayout::BYTES]; 2]>,
     /// Values by object.
     pub values: BTreeMap<ObjectKey, u32>,
     /// Rejected entries with reasons.

@@ -117,6 +117,34 @@ fn mismatched_assignment_names_both_values() {
 }
 
 #[test]
+fn sync_managers_are_compared_with_the_manual_and_the_profile() {
+    let sm2 = [0x00, 0x11, 0x00, 0x04, 0x66, 0, 1, 0];
+    let sm3 = [0x00, 0x1D, 0x00, 0x04, 0x22, 0, 1, 0];
+    let mut snapshot = healthy();
+    snapshot.sync_managers = Some([sm2, sm3]);
+    assert_eq!(findings(&snapshot), []);
+    snapshot.sync_managers = Some([[0; 8]; 2]);
+    assert_eq!(findings(&snapshot), [], "not configured");
+    let found = only(|snapshot| {
+        snapshot.sync_managers = Some([[0x80, 0x11, 0x00, 0x04, 0x66, 0, 1, 0], sm3]);
+    });
+    assert_eq!((found.id, found.location), ("sync-manager-layout", Location::RxPdo));
+    assert!(
+        found.what.contains("start 0x1180 and control byte 0x66 instead of 0x1100"),
+        "{found:#?}"
+    );
+    assert!(found.next.contains("ecan_sii_sm_layout.sh check"), "{found:#?}");
+    let found = only(|snapshot| {
+        snapshot.sync_managers = Some([sm2, [0x00, 0x1D, 0x80, 0x01, 0x22, 0, 1, 0]]);
+    });
+    assert_eq!((found.id, found.location), ("sync-manager-length", Location::TxPdo));
+    assert!(
+        found.what.contains("SM3 has 384 bytes, the active profile (0x8010) 1024"),
+        "{found:#?}"
+    );
+}
+
+#[test]
 fn large_images_without_op_blame_the_master() {
     let found = only(|snapshot| {
         snapshot.al_state = 2;

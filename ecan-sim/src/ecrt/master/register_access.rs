@@ -1,5 +1,7 @@
 //! Register requests in parallel with the cycle.
 
+use std::ops::Range;
+
 use ecan_protocol::device::AlState;
 use libc::c_int;
 
@@ -8,11 +10,15 @@ use crate::ecrt::al_status::al_status;
 use crate::ecrt::mailbox::{Transfer, TransferOwner};
 use crate::ecrt::slave_config::{RegRequest, RequestId, RequestProgress};
 use crate::ecrt::timing::REGISTER_NS;
+use crate::gateway::Gateway;
 use crate::world::World;
 
 const AL_CONTROL: u16 = 0x0120;
 const AL_STATUS: u16 = 0x0130;
 const AL_STATUS_CODE: u16 = 0x0134;
+/// SM0 to SM3.
+const SYNC_MANAGERS: Range<u16> = 0x0800..0x0820;
+const SYNC_MANAGER_BYTES: u16 = 8;
 const SPEED_COUNTER_START: u16 = 0x0930;
 /// Steps of an access before activation: datagram, result.
 const IDLE_STEPS: u64 = 2;
@@ -92,16 +98,25 @@ impl MasterModel {
     }
 }
 
-/// Reads a register byte. Only the AL registers are modelled, the others read as 0.
+/// Reads a register byte. Only AL status, its code and the sync managers are modelled, the others
+/// read as 0.
 fn register(world: &World, slot: usize, address: u16) -> u8 {
-    let [low, high] =
-        world.gateway(slot).map_or(0, |gateway| gateway.al_status_code()).to_le_bytes();
+    let Some(gateway) = world.gateway(slot) else { return 0 };
+    let [low, high] = gateway.al_status_code().to_le_bytes();
     match address {
         AL_STATUS => al_status(world, slot),
         AL_STATUS_CODE => low,
         a if a == AL_STATUS_CODE + 1 => high,
+        a if SYNC_MANAGERS.contains(&a) => sync_manager_register(gateway, a - SYNC_MANAGERS.start),
         _ => 0,
     }
+}
+
+fn sync_manager_register(gateway: &Gateway, offset: u16) -> u8 {
+    let Some(config) = gateway.sync_manager((offset / SYNC_MANAGER_BYTES) as u8) else { return 0 };
+    let ([s0, s1], [l0, l1]) = (config.start.to_le_bytes(), config.length.to_le_bytes());
+    let bytes = [s0, s1, l0, l1, config.control, 0, 1, 0];
+    bytes.get(usize::from(offset % SYNC_MANAGER_BYTES)).copied().unwrap_or(0)
 }
 
 /// Writes registers. AL control, and the speed counter start that restarts the control of the

@@ -4,7 +4,7 @@
 //! mapping, watchdog, sync managers, FMMUs, distributed clocks, SAFEOP, OP.
 
 use ecan_protocol::device::{AlState, AlStatusCode};
-use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync_manager_control};
+use ecan_protocol::mapping::{Direction, sync_manager};
 use ecan_protocol::object::describe;
 
 use super::MasterModel;
@@ -20,8 +20,12 @@ use crate::ecrt::timing::{
     CLOCK_NEAR_NS, CLOCK_SETTLE_NS, CLOCK_TIMEOUT_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,
 };
 use crate::gateway::{Gateway, SyncManagerConfig};
+use crate::sii::sync_manager_config;
 use crate::world::World;
 
+/// Control bits of the direction; 1 is written by the master.
+const DIRECTION: u8 = 0x0C;
+const WRITTEN_BY_MASTER: u8 = 0x04;
 /// Control bit that lets a sync manager trigger the watchdog.
 const WATCHDOG_TRIGGER: u8 = 0x40;
 /// Default of the watchdog divider: 100 µs a step.
@@ -296,6 +300,8 @@ impl MasterModel {
         }
     }
 
+    /// Start and control byte are those of the SII, the length is that of the assigned PDOs; the
+    /// configuration determines direction and watchdog.
     fn set_up_sync_managers(&mut self, index: usize, world: &mut World) {
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else { return };
         for direction in [Direction::RxPdo, Direction::TxPdo] {
@@ -304,9 +310,13 @@ impl MasterModel {
                 self.attached(index).and_then(|config| config.syncs.get(usize::from(number)));
             let length = sync.map_or(0, |sync| pdo_bytes(&sync.pdos));
             let watchdog = sync.map_or(SyncWatchdog::Default, |sync| sync.watchdog);
-            let control = sync_manager_control(direction);
+            let sii = world.gateway(slot).map_or(&[][..], Gateway::eeprom);
+            let Some(sii) = sync_manager_config(sii, number) else { continue };
+            let written_by_master =
+                if direction == Direction::RxPdo { WRITTEN_BY_MASTER } else { 0 };
+            let control = sii.control & !DIRECTION | written_by_master;
             let config = SyncManagerConfig {
-                start: sync_manager_address(direction),
+                start: sii.start,
                 length: u16::try_from(length).unwrap_or(u16::MAX),
                 control: match watchdog {
                     SyncWatchdog::Default => control,

@@ -1,7 +1,7 @@
 //! Findings if OP is not reached or was left (manual 5.4.6, 16.1).
 
 use ecan_protocol::device::{AlState, AlStatusCode};
-use ecan_protocol::mapping::CHUNK_BYTES;
+use ecan_protocol::mapping::{CHUNK_BYTES, Direction, SyncManagerLayout};
 
 use crate::finding::{Finding, Location};
 use crate::snapshot::Snapshot;
@@ -21,6 +21,7 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     found.extend(silence(snapshot));
     found.extend(assignment(snapshot, 0x8010, 0x1C13, Location::TxPdo));
     found.extend(assignment(snapshot, 0x8011, 0x1C12, Location::RxPdo));
+    found.extend(sync_managers(snapshot));
     found.extend(large_images(snapshot));
     found.extend(sync_phase(snapshot));
     found
@@ -98,7 +99,8 @@ fn held(snapshot: &Snapshot, state: AlState) -> Option<Finding> {
         None => "read the AL status code (ethercat reg_read 0x0134) and the kernel log",
         Some(_) => "read the kernel log for the failed SDO or step",
     };
-    let next = format!("{code}; check the SII with scripts/ecan_sii_sm_layout.sh check");
+    let next =
+        format!("{code}; check the SII: `ecan doctor` or scripts/ecan_sii_sm_layout.sh check");
     finding.next_step(next, "16.1")
 }
 
@@ -126,7 +128,8 @@ fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Option<Finding> {
                  0x66 and 0x22",
                 "the profile was written but not applied before SAFEOP",
             ],
-            "compare N on both sides, then run scripts/ecan_sii_sm_layout.sh check",
+            "compare N on both sides, then check the SII: `ecan doctor` or \
+             scripts/ecan_sii_sm_layout.sh check",
         ),
         0x001A | 0x002C..=0x002E | 0x0030..=0x0037 => (
             "al-sync",
@@ -204,6 +207,68 @@ fn assignment(
             "another program changed the assignment later",
         ])
         .next_step(next, "5.4.6, 16.1")
+}
+
+/// SM2 and SM3 as the master configured them, against manual 5.3 and the active profiles.
+fn sync_managers(snapshot: &Snapshot) -> Vec<Finding> {
+    let Some(registers) = snapshot.sync_managers else { return Vec::new() };
+    let found = registers.map(SyncManagerLayout::from_bytes);
+    let known = [("SM2", Direction::RxPdo, 0x1C12), ("SM3", Direction::TxPdo, 0x1C13)];
+    let configured = found.into_iter().zip(known).filter(|(manager, _)| manager.length != 0);
+    configured
+        .filter_map(|(manager, (name, direction, assignment))| {
+            let location = match direction {
+                Direction::TxPdo => Location::TxPdo,
+                Direction::RxPdo => Location::RxPdo,
+            };
+            if !manager.is_at_its_place(direction) {
+                return wrong_sync_manager(name, manager, direction, location);
+            }
+            let bytes = snapshot.active_bytes(direction.profile_object())?;
+            if bytes == manager.length.into() {
+                return None;
+            }
+            let what = format!(
+                "{name} has {} bytes, the active profile (0x{:04X}) {bytes}",
+                manager.length,
+                direction.profile_object(),
+            );
+            let next = format!(
+                "compare the number of chunks in 0x{assignment:04X} with N in 0x{:04X}:03, then apply the \
+                 profile again in PREOP",
+                direction.profile_object()
+            );
+            Finding::fault("sync-manager-length", location, what)
+                .causes(&[
+                    "the master project selects another number of chunks than it writes as PDO size \
+                     multiplier",
+                    "the profile was applied before the assignment was written",
+                ])
+                .next_step(next, "5.4.6, 16.1")
+        })
+        .collect()
+}
+
+fn wrong_sync_manager(
+    name: &str,
+    found: SyncManagerLayout,
+    direction: Direction,
+    location: Location,
+) -> Option<Finding> {
+    let required = SyncManagerLayout::required(direction);
+    let what = format!(
+        "{name} has start 0x{:04X} and control byte 0x{:02X} instead of 0x{:04X} and 0x{:02X}",
+        found.start, found.control, required.start, required.control
+    );
+    Finding::fault("sync-manager-layout", location, what)
+        .causes(&[
+            "the SII has a wrong layout: masters take SM2 and SM3 from there",
+            "the project of the master has other sync managers, from an ESI file of another firmware",
+        ])
+        .next_step(
+            "run `ecan doctor` or scripts/ecan_sii_sm_layout.sh check, then fix; power-cycle the gateway",
+            "15.7, 16.1",
+        )
 }
 
 fn large_images(snapshot: &Snapshot) -> Option<Finding> {

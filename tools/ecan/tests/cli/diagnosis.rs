@@ -122,11 +122,11 @@ fn json_has_registers_findings_and_bundle() {
 }
 
 #[test]
-fn ethercat_tool_reads_al_status_code() {
+fn ethercat_tool_reads_al_status_code_and_sync_managers() {
     let directory = tempfile::tempdir().unwrap();
     let tool = directory.path().join("ethercat");
     let log = directory.path().join("log");
-    let text = format!("#!/bin/sh\necho \"$@\" > {}\necho '0x001b 27'\n", log.display());
+    let text = format!("#!/bin/sh\necho \"$@\" >> {}\necho '0x001b 27'\n", log.display());
     write_program(&tool, &text);
     let tool = tool.display().to_string();
     let report = ends(1, &["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
@@ -135,10 +135,15 @@ fn ethercat_tool_reads_al_status_code() {
         "{report}"
     );
     assert!(report.contains("fault [al-watchdog] EtherCAT: the gateway is in PREOP with"));
-    assert_eq!(
-        std::fs::read_to_string(log).unwrap(),
-        "reg_read --master 0 --position 0 --type uint16 0x0134\n"
-    );
+    let layout =
+        "fault [sync-manager-layout] RxPDO: SM2 has start 0x001B and control byte 0x1B instead of";
+    assert!(report.contains(layout), "{report}");
+    let calls: String = [0x0134]
+        .into_iter()
+        .chain((0x0810..0x0820).step_by(2))
+        .map(|at| format!("reg_read --master 0 --position 0 --type uint16 0x{at:04x}\n"))
+        .collect();
+    assert_eq!(std::fs::read_to_string(log).unwrap(), calls);
     // One that does not end is ended and told, and the rest is read all the same.
     write_program(tool.as_ref(), "#!/bin/sh\nexec sleep 1000\n");
     let output = crate::support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);

@@ -303,9 +303,21 @@ fn library_and_bus_are_checked() {
         "skipped  device node         not needed with a simulated master\n",
         "good     bus                 1 slave, 1 ECAN-Lite\n",
         "good     process data        slave 0: N = 8 requested, a standard master supports 11\n",
-        "skipped  SII layout          the simulated master has no SII\n",
+        "good     SII layout          slave 0: SM2 and SM3 match manual 15.7, as of the master's last scan\n",
     ] {
         assert!(report.contains(line), "{report}");
+    }
+    let bus = crate::support::scenario(
+        "[[gateway]]\n[[gateway]]\nsii_sm2.start = 0x1180\nsii_sm3 = { size = 1024, control = 0x20 }",
+    );
+    let report = crate::support::ends(1, &["--ecrt", &crate::support::setting(&bus), "doctor"]);
+    for line in [
+        "good     SII layout          slave 0: SM2 and SM3 match",
+        "bad      SII layout          slave 1: SM2 has start 0x1180, 3072 bytes, control byte 0x66 instead of \
+         start 0x1100, 3072 bytes, control byte 0x66, SM3 has start 0x1D00, 1024 bytes, control byte 0x20",
+        "remedy: scripts/ecan_sii_sm_layout.sh check --position 1, then fix, then power-cycle",
+    ] {
+        assert!(report.contains(line), "{line}: {report}");
     }
     let bus = crate::support::first_silent();
     let report = crate::support::ends(1, &["--ecrt", &crate::support::setting(&bus), "doctor"]);

@@ -2,6 +2,8 @@
 
 use ecan_diagnosis::{Depth, ReadError, Snapshot};
 use ecan_host::Error;
+use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::SyncManagerLayout;
 
 use crate::commands::doctor;
 use crate::context::{Bus, Context, Failure, GlobalOptions, Result, note};
@@ -39,8 +41,8 @@ pub(super) fn bundle(
         Some(_) => Depth::Everything,
         None => Depth::Findings,
     };
-    let has_mailbox = ecan_protocol::device::AlState::from_status(info.al_state.into())
-        .is_some_and(|state| state.has_mailbox());
+    let has_mailbox =
+        AlState::from_status(info.al_state.into()).is_some_and(|state| state.has_mailbox());
     let mut snapshot = if has_mailbox {
         Snapshot::read(depth, |key| bus.read(slave, key.index, key.subindex).map_err(read_error))
     } else {
@@ -51,6 +53,9 @@ pub(super) fn bundle(
     snapshot.has_error_flag = info.error_flag;
     let register = |address, name| register(bus, slave, arguments, context, address, name);
     snapshot.al_status_code = register(AL_STATUS_CODE, "AL status code");
+    if snapshot.al_status_code.is_some() && snapshot.state() != Some(AlState::Op) {
+        snapshot.sync_managers = sync_managers(|at| register(at, "SM2 and SM3"));
+    }
     if snapshot.get(0x9011, SYNC0_COUNT).is_some_and(|pulses| pulses != 0) {
         let half = |address| register(address, "Sync0 period").map(u32::from);
         let [low, high] = [SYNC0_PERIOD, SYNC0_PERIOD + 2].map(half);
@@ -77,8 +82,22 @@ fn read_error(failure: Failure) -> ReadError {
     }
 }
 
+/// SM2 and SM3 from their registers; `None` if one cannot be read.
+fn sync_managers(
+    mut register: impl FnMut(u16) -> Option<u16>,
+) -> Option<[[u8; SyncManagerLayout::BYTES]; 2]> {
+    let mut managers = [[0; SyncManagerLayout::BYTES]; 2];
+    let words = managers.iter_mut().flat_map(|manager| manager.as_chunks_mut().0);
+    for (word, address) in words.zip((SYNC_MANAGERS..).step_by(2)) {
+        *word = register(address)?.to_le_bytes();
+    }
+    Some(managers)
+}
+
 /// AL status code register of the slave controller.
 const AL_STATUS_CODE: u16 = 0x0134;
+/// Registers of SM2 and SM3.
+const SYNC_MANAGERS: u16 = 0x0810;
 /// Sync0 period in nanoseconds, 32 bits.
 const SYNC0_PERIOD: u16 = 0x09A0;
 /// Number of Sync0 pulses in 0x9011.

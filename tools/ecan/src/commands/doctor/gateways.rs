@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use ecan_host::{Diagnostics, Ecrt, Error, MAX_PLAIN_MULTIPLIER};
+use ecan_host::{Diagnostics, Error, MAX_PLAIN_MULTIPLIER};
+use ecan_sim::{Backend, Simulation};
 
 use crate::context::GlobalOptions;
 use crate::ethercat_tool::{EthercatTool, ToolError};
@@ -14,11 +15,11 @@ const BUS: &str = "bus";
 
 /// The checks that need the library; `tool` is the path of IgH's tool, if given.
 pub(super) fn checks(
-    library: Option<Ecrt>,
+    library: Option<Backend>,
     tool: Option<&Path>,
     global: &GlobalOptions,
 ) -> Vec<Check> {
-    let Some(ecrt) = library else {
+    let Some(Backend { ecrt, simulation }) = library else {
         return vec![Check::skipped("no library").named(BUS)];
     };
     let diagnostics = match Diagnostics::of_bus(&ecrt, global.master()) {
@@ -30,8 +31,8 @@ pub(super) fn checks(
     let slaves = check_slaves(diagnostics.slave_count(), gateways.len(), &unknown).named(BUS);
     let process_data = |slave: &usize| process_data(&diagnostics, *slave).named("process data");
     let layout = |slave: &usize| {
-        if ecrt.is_simulated() {
-            return Check::skipped("the simulated master has no SII");
+        if let Some(simulation) = &simulation {
+            return check_layout(*slave, Ok(simulated_sii(simulation, *slave)));
         }
         let tool = EthercatTool::find(tool, global.master());
         check_layout(*slave, tool.and_then(|tool| tool.sii(*slave)))
@@ -78,6 +79,14 @@ fn process_data(diagnostics: &Diagnostics, slave: usize) -> Check {
     }
 }
 
+/// Bytes of the EEPROM. All gateways of a new simulation are at their positions.
+fn simulated_sii(simulation: &Simulation, slave: usize) -> Vec<u8> {
+    simulation.with_world(|world| {
+        let words = world.gateway(slave).map_or(&[][..], |gateway| gateway.eeprom());
+        words.iter().flat_map(|word| word.to_le_bytes()).collect()
+    })
+}
+
 /// Check of the SII with IgH's tool: the library does not read it.
 fn check_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
     let script = format!("scripts/ecan_sii_sm_layout.sh check --position {slave}");
@@ -94,8 +103,8 @@ fn check_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
     Check::bad(
         format!("slave {slave}: {}", faults.join(", ")),
         &format!(
-            "{script}, then fix; SM2 is 0x1100 with control byte 0x66, SM3 0x1D00 with 0x22, 3072 \
-             bytes each"
+            "{script}, then fix, then power-cycle the gateway (manual 15.7, 16.1): otherwise it stays in \
+             PREOP with AL status code 0x001D or 0x001E"
         ),
     )
 }

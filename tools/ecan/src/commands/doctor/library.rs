@@ -1,22 +1,21 @@
-use ecan_host::Ecrt;
-use ecan_sim::{BackendError, ClockKind};
+use ecan_sim::{Backend, BackendError, ClockKind};
 
 use crate::context::{Context, Result};
 
 use super::{Check, Root};
 
 /// Loads the library. An invalid setting is an error of the program, not a result.
-pub(super) fn load(context: &Context) -> Result<Result<Ecrt, String>> {
+pub(super) fn load(context: &Context) -> Result<Result<Backend, String>> {
     match context.backend(&context.setting()?, ClockKind::Stepped) {
-        Ok(backend) => Ok(Ok(backend.ecrt)),
+        Ok(backend) => Ok(Ok(backend)),
         Err(BackendError::Load(error)) => Ok(Err(error.to_string())),
         Err(other) => Err(other.into()),
     }
 }
 
-pub(super) fn check(library: &Result<Ecrt, String>) -> Check {
+pub(super) fn check(library: &Result<Backend, String>) -> Check {
     match library {
-        Ok(ecrt) => {
+        Ok(Backend { ecrt, .. }) => {
             let (major, minor) = ecrt.version();
             Check::good(format!("{}, version {major}.{minor}", ecrt.origin()))
         }

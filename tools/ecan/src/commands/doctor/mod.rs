@@ -15,6 +15,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use ecan_sim::Backend;
 
 use crate::context::{Context, Failure, Output, Result, Tone};
 use crate::ethercat_tool::EthercatTool;
@@ -103,11 +104,11 @@ fn all_checks(root: &Root, tool: Option<&Path>, context: &Context) -> Result<Vec
     let library = library::load(context)?;
     let mut checks = vec![library::check(&library).named("library")];
     match &library {
-        Ok(ecrt) if ecrt.is_simulated() => {
+        Ok(backend) if backend.simulation.is_some() => {
             let skipped = Check::skipped("not needed with a simulated master");
             checks.extend(MASTER_CHECKS.map(|(name, _)| skipped.clone().named(name)));
         }
-        Ok(ecrt) => {
+        Ok(Backend { ecrt, .. }) => {
             let running = EthercatTool::find(tool, context.global.master());
             let running = running.and_then(|tool| tool.main_device()).ok();
             let root = &root.clone().with_main_device(running);

@@ -1,8 +1,6 @@
 //! Check of the SII of a gateway: SM2 and SM3 must match manual 15.7.
 
-use ecan_protocol::mapping::{
-    Direction, MAX_PDO_BYTES, sync_manager_address, sync_manager_control,
-};
+use ecan_protocol::mapping::{Direction, SyncManagerLayout};
 
 const EXPECTED: [(&str, Direction); 2] = [("SM2", Direction::RxPdo), ("SM3", Direction::TxPdo)];
 
@@ -10,40 +8,33 @@ const CATEGORY: u16 = 41;
 
 /// Returns the deviations; empty if the layout is correct.
 pub(super) fn faults(sii: &[u8]) -> Vec<String> {
-    let words: Vec<_> = sii.chunks_exact(2).map(|it| u16::from_le_bytes([it[0], it[1]])).collect();
-    let Some(managers) = category(&words) else {
+    let Some(managers) = category(sii) else {
         return vec!["the SII has no category 41 (sync managers)".to_owned()];
     };
-    // Four words each: start, size, control and status byte, enable byte and type.
-    let managers: Vec<_> = managers.chunks_exact(4).skip(2).collect();
-    let missing = managers.len()..EXPECTED.len();
-    let mut faults = Vec::new();
-    for (found, (name, direction)) in managers.into_iter().zip(EXPECTED) {
-        let expected = (sync_manager_address(direction), MAX_PDO_BYTES as u16);
-        if (found[0], found[1]) != expected {
-            let (start, size) = (found[0], found[1]);
-            faults.push(format!("{name} starts at 0x{start:04X} and has {size} bytes"));
+    let (managers, _) = managers.as_chunks();
+    let found = managers.iter().skip(2).copied().map(SyncManagerLayout::from_bytes);
+    let mut found = found.map(Some).chain(std::iter::repeat(None));
+    let fault = |(name, direction): (&str, Direction)| {
+        let required = SyncManagerLayout::required(direction);
+        match found.next().flatten() {
+            None => Some(format!("{name} is missing")),
+            Some(found) if found == required => None,
+            Some(found) => Some(format!("{name} has {found} instead of {required}")),
         }
-        let byte = found[2] as u8;
-        if byte != sync_manager_control(direction) {
-            faults.push(format!("the control byte of {name} is 0x{byte:02X}"));
-        }
-    }
-    faults
-        .extend(missing.filter_map(|it| EXPECTED.get(it)).map(|it| format!("{} is missing", it.0)));
-    faults
+    };
+    EXPECTED.into_iter().filter_map(fault).collect()
 }
 
-/// Words of the category of the sync managers. Categories start at word 0x40, each with type and
+/// Bytes of the category of the sync managers. Categories start at word 0x40, each with type and
 /// length in words.
-fn category(words: &[u16]) -> Option<&[u16]> {
-    let mut rest = words.get(0x40..)?;
-    while let [kind, length, behind @ ..] = rest {
-        let length = usize::from(*length);
-        if *kind == CATEGORY {
-            return behind.get(..length);
+fn category(sii: &[u8]) -> Option<&[u8]> {
+    let mut rest = sii.get(2 * 0x40..)?;
+    while let [k0, k1, l0, l1, after @ ..] = rest {
+        let length = 2 * usize::from(u16::from_le_bytes([*l0, *l1]));
+        if u16::from_le_bytes([*k0, *k1]) == CATEGORY {
+            return after.get(..length);
         }
-        rest = behind.get(length..)?;
+        rest = after.get(length..)?;
     }
     None
 }
@@ -79,11 +70,22 @@ mod tests {
             changes.iter().for_each(|(at, value)| words[*at] = *value);
             faults(&image(&words))
         };
-        assert_eq!(changed(&[(13, 0x1180)]), ["SM2 starts at 0x1180 and has 3072 bytes"]);
-        assert_eq!(changed(&[(18, 1024)]), ["SM3 starts at 0x1D00 and has 1024 bytes"]);
+        let sm2 = "instead of start 0x1100, 3072 bytes, control byte 0x66";
+        let sm3 = "instead of start 0x1D00, 3072 bytes, control byte 0x22";
+        assert_eq!(
+            changed(&[(13, 0x1180)]),
+            [format!("SM2 has start 0x1180, 3072 bytes, control byte 0x66 {sm2}")]
+        );
+        assert_eq!(
+            changed(&[(18, 1024)]),
+            [format!("SM3 has start 0x1D00, 1024 bytes, control byte 0x22 {sm3}")]
+        );
         assert_eq!(
             changed(&[(15, 0x64), (19, 0x20)]),
-            ["the control byte of SM2 is 0x64", "the control byte of SM3 is 0x20"]
+            [
+                format!("SM2 has start 0x1100, 3072 bytes, control byte 0x64 {sm2}"),
+                format!("SM3 has start 0x1D00, 3072 bytes, control byte 0x20 {sm3}"),
+            ]
         );
         assert_eq!(changed(&[(4, 8)]), ["SM2 is missing", "SM3 is missing"]);
         assert_eq!(changed(&[(4, 12)]), ["SM3 is missing"]);

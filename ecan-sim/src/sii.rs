@@ -1,16 +1,18 @@
 //! Factory contents of the SII EEPROM of a gateway (ETG.2010; manual 5.3, 15.7).
 
 use ecan_protocol::mapping::{
-    Direction, MAX_MULTIPLIER, MAX_PDO_BYTES, UNIT_BYTES, UNITS_PER_CHUNK, data_object_index,
-    pdo_map_index, sync_manager,
+    Direction, MAX_MULTIPLIER, UNIT_BYTES, UNITS_PER_CHUNK, data_object_index, pdo_map_index,
+    sync_manager,
 };
 
 use crate::gateway::variant::{MappedSubindex, SdoInformation};
 use crate::gateway::{DEVICE_NAME, MAILBOXES, SyncManagerConfig};
 use crate::scenario::GatewaySpec;
 
-use super::eeprom::checksum;
-
+/// Words that the controller uses; the last one has their checksum.
+pub(crate) const CONFIGURATION_WORDS: usize = 8;
+/// Words of a sync manager: start, length, control and status byte, enable byte and type.
+const SYNC_MANAGER_WORDS: usize = 4;
 /// Words of the EEPROM: 2 KiB.
 const WORDS: usize = 1024;
 /// The same with the PDO categories: 4 KiB.
@@ -58,12 +60,6 @@ const COE_PDO_ASSIGN: u8 = 0x04;
 const COE_PDO_CONFIGURATION: u8 = 0x08;
 const FOE: u8 = 0x01;
 
-/// Process data sync managers of manual 5.3.
-const PROCESS_DATA: [SyncManagerConfig; 2] = [
-    SyncManagerConfig { start: 0x1100, length: MAX_PDO_BYTES as u16, control: 0x66 },
-    SyncManagerConfig { start: 0x1D00, length: MAX_PDO_BYTES as u16, control: 0x22 },
-];
-
 const STRINGS: [&str; 4] =
     [DEVICE_NAME, "EtherCAT to CAN FD gateway, 4 channels", "FreeRun", "DC Sync0"];
 const NAME: u8 = 1;
@@ -75,7 +71,7 @@ const VISIBLE_STRING: u8 = 9;
 /// AssignActivate of the operation mode with Sync0.
 const ASSIGN_ACTIVATE: u16 = 0x0300;
 
-pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
+pub(crate) fn image(spec: &GatewaySpec) -> Vec<u16> {
     let config = &spec.config;
     let size = if spec.sii_pdos { WORDS_WITH_PDOS } else { WORDS };
     let mut words = vec![0; CATEGORIES];
@@ -107,7 +103,7 @@ pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
     add(&mut words, category::GENERAL, &general(spec));
     // FMMU 0 for outputs, 1 for inputs, 2 for the state of the mailbox.
     add(&mut words, category::FMMU, &[1, 2, 3, 0]);
-    add(&mut words, category::SYNC_MANAGER, &sync_managers());
+    add(&mut words, category::SYNC_MANAGER, &sync_managers(spec));
     if spec.sii_pdos {
         // a master looks up their sync managers, which therefore precede them
         add(
@@ -160,8 +156,8 @@ fn general(spec: &GatewaySpec) -> [u8; 32] {
     bytes
 }
 
-fn sync_managers() -> Vec<u8> {
-    let all = MAILBOXES.into_iter().chain(PROCESS_DATA).zip(1..);
+fn sync_managers(spec: &GatewaySpec) -> Vec<u8> {
+    let all = MAILBOXES.into_iter().chain(spec.sii_sync_managers).zip(1..);
     let entry = |(sm, kind): (SyncManagerConfig, u8)| {
         let ([s0, s1], [l0, l1]) = (sm.start.to_le_bytes(), sm.length.to_le_bytes());
         [s0, s1, l0, l1, sm.control, 0, 1, kind]
@@ -195,20 +191,54 @@ fn clocks() -> Vec<u8> {
     [mode(0, FREE_RUN), mode(ASSIGN_ACTIVATE, DC_SYNC0)].concat()
 }
 
+/// The CRC-8 of ETG.2010.
+const CRC: crc::Crc<u8> = crc::Crc::<u8>::new(&crc::Algorithm {
+    width: 8,
+    poly: 0x07,
+    init: 0xFF,
+    refin: false,
+    refout: false,
+    xorout: 0,
+    check: 0xFB,
+    residue: 0,
+});
+
+pub(crate) fn checksum(words: &[u16]) -> u8 {
+    let mut digest = CRC.digest();
+    for word in words.iter().take(CONFIGURATION_WORDS - 1) {
+        digest.update(&word.to_le_bytes());
+    }
+    digest.finalize()
+}
+
+/// Sync manager that a master finds in the SII; `None` if the SII has none with this number.
+pub(crate) fn sync_manager_config(words: &[u16], number: u8) -> Option<SyncManagerConfig> {
+    let managers = find(words, category::SYNC_MANAGER)?;
+    let entry = managers.chunks_exact(SYNC_MANAGER_WORDS).nth(number.into())?;
+    let [start, length, control, _] = *entry else { return None };
+    Some(SyncManagerConfig { start, length, control: control as u8 })
+}
+
+/// Words of a category.
+fn find(words: &[u16], category: u16) -> Option<&[u16]> {
+    let mut rest = words.get(CATEGORIES..)?;
+    loop {
+        let [kind, length, after @ ..] = rest else { return None };
+        let length = usize::from(*length);
+        match *kind {
+            END => return None,
+            kind if kind == category => return after.get(..length),
+            _ => rest = after.get(length..)?,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn find(words: &[u16], category: u16) -> &[u16] {
-        let mut at = CATEGORIES;
-        while words[at] != END {
-            let length = usize::from(words[at + 1]);
-            if words[at] == category {
-                return &words[at + 2..at + 2 + length];
-            }
-            at += 2 + length;
-        }
-        panic!("no category {category}");
+        super::find(words, category).unwrap()
     }
 
     #[test]
@@ -224,6 +254,17 @@ mod tests {
         assert_eq!(find(&words, category::SYNC_MANAGER), expected.concat());
         assert_eq!(words[0x18..0x1D], [0x1000, 0x80, 0x1080, 0x80, 0x0C]);
         assert_eq!(words[word::SIZE], 15, "16 Kibit");
+    }
+
+    #[test]
+    fn wrong_layout_of_the_scenario_is_found_by_a_master() {
+        let mut spec = GatewaySpec::at(0);
+        spec.sii_sync_managers[1].start = 0x1E00;
+        let words = image(&spec);
+        let found = [2, 3, 4].map(|number| sync_manager_config(&words, number));
+        let [outputs, inputs] = spec.sii_sync_managers.map(Some);
+        assert_eq!(found, [outputs, inputs, None]);
+        assert_eq!(sync_manager_config(&[], 2), None);
     }
 
     #[test]
