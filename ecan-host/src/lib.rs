@@ -37,7 +37,10 @@ pub use config::{
     AdapterConfig, ClockSource, ConfigFault, DcSync, Faults, Identity, MAX_SLAVES,
     MAX_STARTUP_STEPS, SlaveConfig, StartupEntry,
 };
-pub use error::{CycleError, Error, NotOperational, SdoDirection, SlaveReport, value_text};
+pub use error::{
+    CycleError, Error, NotOperational, SdoDirection, SlaveReport, contradicted_assumption,
+    value_text,
+};
 pub use master::{
     DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner, OpenError,
     OpenFailure, PortInfo, PortKind, RegRequestId, RequestState, SdoError, SdoRequestId,

@@ -4,7 +4,7 @@ use ecan_protocol::can::{
     MCAN_CLOCK_HZ, Phase, SamplePoint, sample_point_range, solve_bit_timing, usual_sample_point,
     vendor_driver_timing,
 };
-use ecan_protocol::config::{ChannelWarning, McanChannelConfig, SamplePointWindow};
+use ecan_protocol::config::{BitTimingMode, ChannelWarning, McanChannelConfig, SamplePointWindow};
 use proptest::prelude::*;
 
 const CLOCK: u32 = MCAN_CLOCK_HZ;
@@ -106,6 +106,9 @@ fn settings_that_may_not_match_the_bus_cause_warnings() {
     assert_eq!(warnings(&classic), []);
     let unsolved = fd.sample_point(875, 875);
     assert_eq!(warnings(&unsolved), [ChannelWarning::NoDriverTiming { phase }]);
+    let bit_timing_mode = BitTimingMode::Manual;
+    let by_hand = McanChannelConfig { bit_timing_mode, ..McanChannelConfig::classic(500_000) };
+    assert_eq!(warnings(&by_hand), [ChannelWarning::ManualTiming]);
     let unpaired = McanChannelConfig { tdc_offset: 30, ..fd };
     assert_eq!(warnings(&unpaired), [ChannelWarning::UnpairedTdc { offset: 30, filter: 0 }]);
     let pair = McanChannelConfig { tdc_filter: 32, ..unpaired };

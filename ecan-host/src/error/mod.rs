@@ -1,5 +1,6 @@
 //! Errors of the Adapter, with the fields that locate them.
 
+mod assumption;
 mod cycle_error;
 mod not_operational;
 
@@ -16,6 +17,7 @@ use crate::config::{ConfigFault, Faults, Identity};
 use crate::master::{OpenError, SdoError};
 use crate::phase::Phase;
 
+pub use assumption::contradicted_assumption;
 pub use cycle_error::CycleError;
 pub(crate) use not_operational::is_preop;
 pub use not_operational::{NotOperational, SlaveReport};
@@ -225,10 +227,11 @@ pub enum Error {
     },
     /// An object does not have the expected value.
     #[error(
-        "{} of slave {slave} reads {}, expected {}",
+        "{} of slave {slave} reads {}, expected {}{}",
         describe(*index, *subindex),
         value_text(*index, *subindex, *found),
-        expected_text(*index, *subindex, *expected)
+        expected_text(*index, *subindex, *expected),
+        contradicted_assumption(*index, *subindex, *found)
     )]
     Readback {
         /// Slave index.

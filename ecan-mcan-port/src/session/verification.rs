@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use ecan_host::{CycleError, Expectation};
+use ecan_host::{CycleError, Expectation, contradicted_assumption};
 use ecan_protocol::config::{SessionCommand, session_command_write};
 use ecan_protocol::device::Capabilities;
 use ecan_protocol::image::PdoProfile;
@@ -113,7 +113,7 @@ fn assumption(index: u16, subindex: u8, found: u32) -> &'static str {
         " (assumption H41: it requires another apply after the master rewrote the PDO assignment, which OP does not \
          permit; clear \"enable PDO assign\" in the SII, so that the master does not rewrite it)"
     } else {
-        ""
+        contradicted_assumption(index, subindex, found)
     }
 }
 

@@ -32,6 +32,13 @@ pub enum ChannelWarning {
         /// The phase.
         phase: Phase,
     },
+    /// The meaning of the values of a manual bit timing is an assumption.
+    #[error(
+        "the manual bit timing has prescaler and time quanta; a firmware that expects register \
+         values, less by one, has another bit rate (assumption H10); use automatic bit timing, or \
+         find out with `ecan probe`"
+    )]
+    ManualTiming,
     /// Only one of TDC offset and TDC filter is set.
     #[error(
         "TDC offset is {offset} and TDC filter {filter}: one is automatic (0), the other one is \
@@ -69,6 +76,9 @@ impl McanChannelConfig {
                     report(ChannelWarning::NoDriverTiming { phase });
                 }
             }
+        }
+        if self.bit_timing_mode == BitTimingMode::Manual {
+            report(ChannelWarning::ManualTiming);
         }
         let (offset, filter) = (self.tdc_offset, self.tdc_filter);
         if self.tdc_runs() && (offset == 0) != (filter == 0) {

@@ -1,3 +1,4 @@
+use ecan_protocol::can::BitTiming;
 use ecan_protocol::config::{
     ApplyStatus, BitTimingMode, ChannelFault, ConfigObject, EXTENDED_FILTERS_MAX, FilterCommand,
     FilterCommandStatus, FilterWindow, McanChannelConfig, NodeMode, STANDARD_FILTERS_MAX,
@@ -9,7 +10,7 @@ use super::bit_timing_choice;
 use super::controller::ControllerConfig;
 use super::dictionary_values::DictionaryValues;
 use super::filter::{FilterElement, FilterTable};
-use super::variant::{GatewayVariant, NodeModes};
+use super::variant::{GatewayVariant, ManualTiming, NodeModes, TdcPrescaler};
 
 pub(super) const FIRST_CHANNEL_OBJECT: u16 = 0x8001;
 /// 0x8000:6, source clock of MCAN0; the others follow.
@@ -121,15 +122,18 @@ pub(super) fn build(
     let index = FIRST_CHANNEL_OBJECT + u16::from(channel);
     let config = McanChannelConfig::from_values(|subindex| values.get(index, subindex))
         .map_err(|_| ApplyStatus::BuildFail)?;
+    let config = with_physical_timing(config, variant.manual_timing);
     let clock = values.get(SYSTEM_OBJECT, FIRST_CLOCK + channel);
     let mut verdict = Ok(());
     config.check_at(clock, &mut |fault| {
         let status = match fault {
-            ChannelFault::MessageRam { .. } | ChannelFault::TransmitElements { .. } => {
-                ApplyStatus::RuntimeFail
+            ChannelFault::TransmitElements { .. } => ApplyStatus::RuntimeFail,
+            ChannelFault::TdcPrescaler { .. } if variant.tdc_prescaler == TdcPrescaler::Any => {
+                return;
             }
-            // no error for the controller
-            ChannelFault::DataBelowNominal { .. }
+            // no error for the controller, or checked below
+            ChannelFault::MessageRam { .. }
+            | ChannelFault::DataBelowNominal { .. }
             | ChannelFault::ManualBitrate { .. }
             | ChannelFault::NoTransmitFifo
             | ChannelFault::NonMatchWithoutFifo { .. } => return,
@@ -141,11 +145,14 @@ pub(super) fn build(
         }
     });
     verdict?;
+    if config.message_ram_bytes() > variant.message_ram_bytes.get() {
+        return Err(ApplyStatus::RuntimeFail);
+    }
     let timings = bit_timing_choice::choose(&config, clock, variant.bit_timing);
     let (nominal, data) = timings.ok_or(ApplyStatus::BuildFail)?;
     let table = filter_table(values, index, &config, filters)?;
     let manual = config.bit_timing_mode == BitTimingMode::Manual;
-    let rate = |configured, timing: ecan_protocol::can::BitTiming| {
+    let rate = |configured, timing: BitTiming| {
         if manual { timing.bitrate(clock) } else { configured }
     };
     let nominal_bitrate = rate(config.nominal_bitrate, nominal);
@@ -164,6 +171,24 @@ pub(super) fn build(
         captures_start: config.tsu && config.tsu_capture_sof,
         tdc: config.tdc_runs().then_some((config.tdc_offset, config.tdc_filter)),
     })
+}
+
+/// The configuration with the values that a manual timing has on the bus.
+fn with_physical_timing(config: McanChannelConfig, values: ManualTiming) -> McanChannelConfig {
+    if values == ManualTiming::Physical {
+        return config;
+    }
+    let physical = |timing: BitTiming| BitTiming {
+        brp: timing.brp.saturating_add(1),
+        tseg1: timing.tseg1.saturating_add(1),
+        tseg2: timing.tseg2.saturating_add(1),
+        sjw: timing.sjw.saturating_add(1),
+    };
+    McanChannelConfig {
+        manual_nominal: physical(config.manual_nominal),
+        manual_data: physical(config.manual_data),
+        ..config
+    }
 }
 
 fn station_mode(mode: NodeMode, numbers: NodeModes) -> StationMode {

@@ -60,7 +60,11 @@ impl DataPath {
             parser: RxPdoParser::new(config.variant.repeated_image),
             builder: TxPdoBuilder::new(config.variant.rx_pending),
             results: ResultQueue::new(&config.variant),
-            schedule: ScheduleQueue::new(config.release_jitter_ns, seed),
+            schedule: ScheduleQueue::new(
+                config.variant.schedule_depth.get() as usize,
+                config.release_jitter_ns,
+                seed,
+            ),
             counters: GatewayCounters::default(),
             performance: CyclePerformance::default(),
             flags: 0,

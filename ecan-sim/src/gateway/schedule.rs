@@ -9,9 +9,6 @@ use crate::random::Random;
 
 use super::transmit_path::Reference;
 
-/// Largest number of waiting frames. The manual specifies no size; this is the size of a TX ring.
-const SCHEDULE_DEPTH: usize = 64;
-
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scheduled {
     pub(super) due_ns: u64,
@@ -25,14 +22,16 @@ pub(super) struct Scheduled {
 #[derive(Debug)]
 pub(super) struct ScheduleQueue {
     entries: VecDeque<Scheduled>,
+    /// Largest number of waiting frames.
+    depth: usize,
     /// Upper bound of the timer delay, and the seed of its random numbers.
     jitter_ns: u64,
     seed: u64,
 }
 
 impl ScheduleQueue {
-    pub(super) fn new(jitter_ns: u64, seed: u64) -> Self {
-        Self { entries: VecDeque::with_capacity(SCHEDULE_DEPTH), jitter_ns, seed }
+    pub(super) fn new(depth: usize, jitter_ns: u64, seed: u64) -> Self {
+        Self { entries: VecDeque::with_capacity(depth), depth, jitter_ns, seed }
     }
 
     /// Timer delay at a phase: random, equal for all frames of a phase.
@@ -45,7 +44,7 @@ impl ScheduleQueue {
 
     /// Adds a frame; returns `false` if the queue is full.
     pub(super) fn insert(&mut self, entry: Scheduled) -> bool {
-        if self.entries.len() >= SCHEDULE_DEPTH {
+        if self.entries.len() >= self.depth {
             return false;
         }
         let index = self.entries.partition_point(|waiting| waiting.due_ns <= entry.due_ns);

@@ -16,7 +16,7 @@ use super::maintenance::PendingCommand;
 use super::object_server::{ObjectServer, Payload, TEST_REJECT_REASON};
 use super::profile_control::{COMMAND_CLEAR_ERRORS, COMMAND_RESET_SESSION};
 use super::register_service::RegisterService;
-use super::variant::MappedSubindex;
+use super::variant::{ChannelApplyInOp, MappedSubindex};
 
 /// Name of the device: 0x1008, and in the SII.
 pub(crate) const DEVICE_NAME: &str = "ECAN-Lite";
@@ -238,7 +238,12 @@ impl Gateway {
             Command::Reboot => self.power.request_reboot(self.now),
             Command::RotatePins => application.rotate_pins(state),
             Command::ApplyChannel(channel) => {
-                let status = application.apply_channel(channel);
+                let is_rejected = state == AlState::Op
+                    && self.config.variant.channel_apply_in_op == ChannelApplyInOp::Rejected;
+                let status = match is_rejected {
+                    true => ApplyStatus::Fail,
+                    false => application.apply_channel(channel),
+                };
                 application.objects.finish_channel_command(channel, APPLY_STATUS, status);
             }
             Command::ChannelFlash { channel, bits } => {

@@ -24,5 +24,6 @@ mod test_policies;
 mod transmit_path;
 mod tx_results;
 mod variant_bit_timing;
+mod variant_channels;
 mod variant_data_path;
 mod variant_objects;

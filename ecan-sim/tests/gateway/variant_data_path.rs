@@ -5,8 +5,8 @@ use ecan_protocol::config::{
 };
 use ecan_protocol::image::{OptionFlags, PdoError, PdoProfile, ResultCode, Schedule};
 use ecan_sim::variant::{
-    GatewayVariant, NodeModes, RepeatedImage, RxDrain, RxPending, ScheduledResults, ServicePeriod,
-    TxPending, TxResultCodes, TxResults,
+    GatewayVariant, NodeModes, Number, RepeatedImage, RxDrain, RxPending, ScheduledResults,
+    ServicePeriod, TxPending, TxResultCodes, TxResults,
 };
 use ecan_sim::{GatewayModelConfig, StationMode, Sync0Window};
 
@@ -220,6 +220,22 @@ fn scheduled_frame_has_one_or_two_results() {
         fixture.cycle();
         assert_eq!(Fixture::identifiers(&fixture.sent(0)), [1]);
         assert_eq!(codes(&fixture), second, "{scheduled_results:?}");
+    }
+}
+
+#[test]
+fn schedule_holds_as_many_frames_as_the_variant() {
+    for depth in [16, 64, 256] {
+        let schedule_depth = Number::nearest(depth);
+        let variant = GatewayVariant { schedule_depth, ..GatewayVariant::default() };
+        let mut fixture = with_results(variant);
+        for id in 0..80 {
+            schedule(&mut fixture, id, 100_000);
+        }
+        fixture.cycle();
+        let accepted = codes(&fixture).iter().filter(|code| code.is_success()).count();
+        assert_eq!(accepted, (depth as usize).min(80), "{depth}");
+        assert_eq!(fixture.gateway.counters().frames_scheduled, accepted as u64, "{depth}");
     }
 }
 

@@ -40,6 +40,9 @@ pub struct Arguments {
     /// variants.md; a step may end with an error that names the assumption
     #[arg(long)]
     pub each_variant: bool,
+    /// With --each-variant: only this switch (repeatable)
+    #[arg(long, value_name = "KEY", requires = "each_variant")]
+    pub switch: Vec<String>,
     /// Index of the EtherCAT master
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub master: u16,

@@ -90,7 +90,15 @@ pub fn run(arguments: &Arguments, interrupt: Interrupt) -> Result<bool, String> 
     }
     let directory = arguments.report.clone();
     let mut bench = Bench::new(arguments.clone(), interrupt)?;
-    let switches = switches(&mut bench).map_err(|stop| stop.to_string())?;
+    let mut switches = switches(&mut bench).map_err(|stop| stop.to_string())?;
+    if !arguments.switch.is_empty() {
+        if let Some(key) =
+            arguments.switch.iter().find(|key| switches.iter().all(|it| it.key != **key))
+        {
+            return Err(format!("--switch {key}: not listed by `ecan-sim variants`"));
+        }
+        switches.retain(|it| arguments.switch.contains(&it.key));
+    }
     let mut table =
         String::from("| switch | alternative | rows | outcome |\n| --- | --- | --- | --- |\n");
     let mut failed = 0;

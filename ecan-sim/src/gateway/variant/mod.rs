@@ -8,11 +8,13 @@
 mod declare;
 mod gateway_keys;
 mod missing_entries;
+mod number;
 mod service_period;
 mod table;
 mod value;
 
 pub use missing_entries::MissingEntries;
+pub use number::Number;
 pub use service_period::ServicePeriod;
 pub use table::*;
 pub(crate) use value::VariantValue;

@@ -1,5 +1,5 @@
 use super::declare::variants;
-use super::{Alternative, MissingEntries, ServicePeriod, Variant, VariantTable};
+use super::{Alternative, MissingEntries, Number, ServicePeriod, Variant, VariantTable};
 
 variants! {
     choices {
@@ -64,6 +64,19 @@ variants! {
             Driver = "driver",
                 "as the public driver of the controller's vendor: lowest, none for some windows";
         }
+        manual_timing: ManualTiming, ["H10"], "Values of a manual bit timing, 0x8001:25 to :32" {
+            Physical = "physical", "prescaler and numbers of time quanta";
+            RegisterValues = "register_values", "contents of the controller's registers: less by one";
+        }
+        tdc_prescaler: TdcPrescaler, ["H11"],
+        "Data prescalers with which delay compensation (TDC) works" {
+            OneOrTwo = "one_or_two", "1 and 2; others give apply status 3";
+            Any = "any", "any";
+        }
+        channel_apply_in_op: ChannelApplyInOp, ["H38"], "Apply command of a channel, 0x8001:01, in OP" {
+            Executed = "executed", "executed as in other states";
+            Rejected = "rejected", "rejected with apply status 1; the channel runs on";
+        }
         // data path
         rx_drain: RxDrain, ["S15"], "Frames that RX drain budget and overflow policies concern" {
             Controller = "controller",
@@ -119,6 +132,18 @@ variants! {
             "50", "free-running, 50 us";
             "250", "free-running, 250 us";
             "1000", "free-running, 1 ms";
+        }
+        schedule_depth: Number<1, 1024>, ["H26", "S12"],
+        "Scheduled frames that can wait in a gateway, over all channels", "1 to 1024" {
+            Number::nearest(64) => "64", "as many as in the transmit queue of a channel";
+            "16", "16";
+            "256", "256";
+        }
+        message_ram_bytes: Number<256, 65536>, ["H13"], "Message RAM of a channel in bytes",
+        "256 to 65536" {
+            Number::nearest(8192) => "8192", "the default layout fits exactly";
+            "4096", "half of it";
+            "16384", "twice as much";
         }
         missing_entries: MissingEntries, ["H1", "H42"], "Entries that the firmware does not have",
         "a list of entries (`0xF000:26`), ranges (`0xF000:19..30`) and objects (`0x9011`)" {

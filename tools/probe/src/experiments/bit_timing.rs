@@ -22,7 +22,7 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
     },
     Experiment {
         rows: &["H10"],
-        key: "",
+        key: "manual_timing",
         stage: Stage::PreOp,
         assumption: "manual bit timing values are physical values, not register values",
         run: manual_values,
@@ -47,9 +47,9 @@ fn choice(probe: &mut Probe) -> Result<Outcome> {
         McanChannelConfig { nominal_sample_point: window, data_sample_point: window, ..rates };
     match apply(probe, wide)? {
         0 => {}
-        status => {
-            return Ok(Outcome::differs(format!("window 75 to 87.5 %: apply status {status}")));
-        }
+        // no timing was found
+        3 => return Ok(Outcome::differs("window 75 to 87.5 %: apply status 3")),
+        status => return Ok(Outcome::undecided(format!("apply status {status}"))),
     }
     let (nominal, data) = points(probe)?;
     probe.profile.sample_point_permille = Some(nominal);
@@ -85,5 +85,7 @@ fn manual_values(probe: &mut Probe) -> Result<Outcome> {
     let detail = format!(
         "written: prescaler 10, segments 12 and 3; register NBTP holds {brp}, {tseg1} and {tseg2}"
     );
-    Ok(Outcome::decided((brp, tseg1, tseg2) == (9, 11, 2), detail))
+    let found = (brp, tseg1, tseg2);
+    let outcome = Outcome::decided(found == (9, 11, 2), detail);
+    Ok(if found == (10, 12, 3) { outcome.like("register_values") } else { outcome })
 }

@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use ecan_host::Delivery;
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
-use ecan_protocol::image::{EncapsulationProfile, OptionFlags, ResultCode, Schedule, Timestamp};
+use ecan_protocol::image::{
+    EncapsulationProfile, ImageWriter, OptionFlags, ResultCode, Schedule, Timestamp,
+};
 
 use crate::experiment::Experiment;
 use crate::inputs::Inputs;
@@ -62,8 +64,8 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         run: release_jitter,
     },
     Experiment {
-        rows: &["H26"],
-        key: "",
+        rows: &["H26", "S12"],
+        key: "schedule_depth",
         stage: Stage::Loopback,
         assumption: "the schedule holds 64 frames",
         run: depth,
@@ -271,32 +273,46 @@ fn release_jitter(probe: &mut Probe) -> Result<Outcome> {
 }
 
 const ASSUMED_DEPTH: usize = 64;
+/// Full images before one pulse, and their distance.
+const DEPTH_IMAGES: u64 = 5;
+const DEPTH_DISTANCE_NS: u64 = 500_000;
 
 fn depth(probe: &mut Probe) -> Result<Outcome> {
     let mut setup = with_sync0(probe)?;
     (setup.rx.multiplier, setup.tx.multiplier) = (11, 11);
     let session = probe.session(&setup)?;
     let frame = frame(0x124)?;
+    let clock = session.adapter.ecrt().clock().clone();
     session.cycles(5)?;
     session.take();
     let mut added = 0_usize;
-    session.cycle(|writer, image| {
-        let schedule = Schedule { tag: 0, offset_ns: 1_000_000 };
-        while writer.push_scheduled(image, 0, 0, frame.as_ref(), schedule).is_ok() {
-            added += 1;
-        }
-    })?;
-    let sequence = session.sequence();
-    session.cycles(3)?;
+    let mut sequences = BTreeSet::new();
+    session.adapter.wait_next_cycle();
+    // All before one pulse.
+    for image in 0..DEPTH_IMAGES {
+        let start_ns = session.adapter.cycle_start().deadline_ns;
+        clock.sleep_until_ns(start_ns + image * DEPTH_DISTANCE_NS);
+        let fill = |writer: &mut ImageWriter, image: &mut [u8]| {
+            let schedule = Schedule { tag: 0, offset_ns: 500_000 };
+            while writer.push_scheduled(image, 0, 0, frame.as_ref(), schedule).is_ok() {
+                added += 1;
+            }
+        };
+        session.exchange(fill, |_| ())?;
+        sequences.insert(session.sequence());
+    }
+    session.cycles(8)?;
     let inputs = session.take();
-    let results = inputs.iter().flat_map(|it| &it.results).filter(|it| it.sequence == sequence);
+    let results = inputs.iter().flat_map(|it| &it.results);
     // The first result of each frame: whether it was accepted.
     let mut known = BTreeSet::new();
-    let first = results.filter(|it| known.insert(it.frame_index));
+    let first = results.filter(|it| {
+        sequences.contains(&it.sequence) && known.insert((it.sequence, it.frame_index))
+    });
     let rejected = first.filter(|it| it.code == ResultCode::TxFifoFull).count();
     probe.end_session()?;
     if rejected == 0 {
-        return Ok(Outcome::undecided(format!("{added} frames in one image were all accepted")));
+        return Ok(Outcome::undecided(format!("{added} frames before a pulse were all accepted")));
     }
     let depth = added - rejected;
     probe.profile.schedule_depth = u32::try_from(depth).ok();

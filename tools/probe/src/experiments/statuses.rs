@@ -1,7 +1,7 @@
 //! Statuses and abort codes of rejected settings.
 
 use ecan_host::Maintenance;
-use ecan_protocol::config::{DataSize, McanChannelConfig, NodeMode};
+use ecan_protocol::config::{McanChannelConfig, NodeMode};
 use ecan_protocol::device::AccessMode;
 
 use crate::experiment::Experiment;
@@ -14,14 +14,14 @@ use crate::stage::Stage;
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {
         rows: &["H13"],
-        key: "",
+        key: "message_ram_bytes",
         stage: Stage::PreOp,
         assumption: "the Message RAM of a channel has 8192 bytes",
         run: message_ram,
     },
     Experiment {
         rows: &["H11"],
-        key: "",
+        key: "tdc_prescaler",
         stage: Stage::PreOp,
         assumption: "TDC needs a data prescaler of 1 or 2",
         run: tdc_prescaler,
@@ -53,25 +53,57 @@ pub(super) fn apply(probe: &Probe, config: McanChannelConfig) -> Result<u32> {
     sdo.read(0x8001, 2)
 }
 
+const ASSUMED_RAM_BYTES: u32 = 8192;
+/// Sizes that are tried if the assumed one is too large or too small.
+const SMALLER_RAM_BYTES: [u32; 3] = [6144, 4096, 2048];
+const LARGER_RAM_BYTES: u32 = 16384;
+/// Elements with 64 data bytes, and filters.
+const ELEMENT_BYTES: u32 = 72;
+const FILTER_BYTES: u32 = 448;
+
+/// A layout that needs exactly this number of bytes, a multiple of 8.
+fn layout(bytes: u32) -> McanChannelConfig {
+    let mut config = McanChannelConfig { tdc: false, ..McanChannelConfig::fd(500_000, 2_000_000) };
+    let ram = &mut config.ram;
+    let left = bytes.saturating_sub(FILTER_BYTES);
+    let mut elements = (left / ELEMENT_BYTES) as u8;
+    for (count, most) in [
+        (&mut ram.tx_fifo_size, 32),
+        (&mut ram.rx_fifo0.size, 64),
+        (&mut ram.rx_fifo1.size, 64),
+        (&mut ram.rx_buffer_count, 64),
+    ] {
+        *count = elements.min(most);
+        elements -= *count;
+    }
+    ram.tx_event_size = (left % ELEMENT_BYTES / 8) as u8;
+    config
+}
+
 fn message_ram(probe: &mut Probe) -> Result<Outcome> {
-    let full = McanChannelConfig { tdc: false, ..McanChannelConfig::fd(500_000, 2_000_000) };
-    let mut beyond = full;
-    beyond.ram.rx_fifo0.data_size = DataSize::B64;
-    beyond.ram.rx_fifo0.size += 1;
-    let (bytes, more) = (full.message_ram_bytes(), beyond.message_ram_bytes());
-    let statuses = (apply(probe, full)?, apply(probe, beyond)?);
-    let detail = format!(
-        "layout of {bytes} bytes: apply status {}, of {more} bytes: {}",
-        statuses.0, statuses.1
+    let assumed = apply(probe, layout(ASSUMED_RAM_BYTES))?;
+    let beyond = apply(probe, layout(ASSUMED_RAM_BYTES + 8))?;
+    let text = format!(
+        "layout of {ASSUMED_RAM_BYTES} bytes: apply status {assumed}, of 8 bytes more: {beyond}"
     );
-    Ok(Outcome::decided(statuses.0 == 0 && statuses.1 != 0, detail))
+    if assumed == 0 && beyond != 0 {
+        return Ok(Outcome::holds(text));
+    }
+    let tried = if assumed == 0 { &[LARGER_RAM_BYTES][..] } else { &SMALLER_RAM_BYTES };
+    for &bytes in tried {
+        if apply(probe, layout(bytes))? == 0 {
+            return Ok(Outcome::differs(format!("{text}, of {bytes} bytes: 0")).like(bytes));
+        }
+    }
+    Ok(Outcome::differs(text))
 }
 
 fn tdc_prescaler(probe: &mut Probe) -> Result<Outcome> {
     let slow = McanChannelConfig { tdc: true, ..McanChannelConfig::fd(125_000, 500_000) };
     let status = apply(probe, slow)?;
     let detail = format!("TDC at 500 kbit/s, which needs a prescaler of 4: apply status {status}");
-    Ok(Outcome::decided(status != 0, detail))
+    let outcome = Outcome::decided(status != 0, detail);
+    Ok(if status == 0 { outcome.like("any") } else { outcome })
 }
 
 fn rejected_values(probe: &mut Probe) -> Result<Outcome> {

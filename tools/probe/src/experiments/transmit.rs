@@ -43,7 +43,7 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
     },
     Experiment {
         rows: &["H38"],
-        key: "",
+        key: "channel_apply_in_op",
         stage: Stage::Loopback,
         assumption: "a channel takes a new configuration in OP",
         run: apply_in_op,
@@ -156,7 +156,9 @@ fn apply_in_op(probe: &mut Probe) -> Result<Outcome> {
     session.write(0x8001, 1, 1)?;
     let status = session.read(0x8001, 2)?;
     probe.end_session()?;
-    Ok(Outcome::decided(status == 0, format!("apply status {status} for another bit rate in OP")))
+    let detail = format!("apply status {status} for another bit rate in OP");
+    let outcome = Outcome::decided(status == 0, detail);
+    Ok(if status == 0 { outcome } else { outcome.like("rejected") })
 }
 
 fn tx_results(probe: &mut Probe) -> Result<Outcome> {

@@ -1,0 +1,90 @@
+//! Alternatives for the configuration of the channels, as the gateway shows them.
+
+use ecan_protocol::can::BitTiming;
+use ecan_protocol::config::{BitTimingMode, McanChannelConfig};
+use ecan_sim::GatewayModelConfig;
+use ecan_sim::variant::{ChannelApplyInOp, GatewayVariant, ManualTiming, Number, TdcPrescaler};
+
+use crate::fixture::{Fixture, chunks};
+
+const OK: u32 = 0;
+const FAIL: u32 = 1;
+const BUILD_FAIL: u32 = 3;
+const RUNTIME_FAIL: u32 = 4;
+
+fn config(variant: GatewayVariant) -> GatewayModelConfig {
+    GatewayModelConfig { variant, ..GatewayModelConfig::default() }
+}
+
+/// Apply status of channel 0.
+fn apply(fixture: &mut Fixture, config: McanChannelConfig) -> u32 {
+    for write in config.writes(0) {
+        fixture.send(write);
+    }
+    fixture.send(McanChannelConfig::apply_write(0));
+    fixture.upload(0x8001, 2)
+}
+
+#[test]
+fn manual_timing_is_physical_or_in_register_values() {
+    let manual = McanChannelConfig {
+        bit_timing_mode: BitTimingMode::Manual,
+        manual_nominal: BitTiming { brp: 9, tseg1: 11, tseg2: 2, sjw: 1 },
+        ..McanChannelConfig::classic(500_000)
+    };
+    for (manual_timing, bitrate) in [
+        (ManualTiming::Physical, 80_000_000 / (9 * 14)),
+        (ManualTiming::RegisterValues, 80_000_000 / (10 * 16)),
+    ] {
+        let variant = GatewayVariant { manual_timing, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        assert_eq!(apply(&mut fixture, manual), OK, "{manual_timing:?}");
+        let station = fixture.gateway.station_config(0).unwrap();
+        assert_eq!(station.nominal_bitrate, bitrate, "{manual_timing:?}");
+    }
+}
+
+#[test]
+fn delay_compensation_works_with_two_or_all_prescalers() {
+    let slow = McanChannelConfig { tdc: true, ..McanChannelConfig::fd(125_000, 500_000) };
+    for (tdc_prescaler, expected) in [(TdcPrescaler::OneOrTwo, BUILD_FAIL), (TdcPrescaler::Any, OK)]
+    {
+        let variant = GatewayVariant { tdc_prescaler, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        assert_eq!(apply(&mut fixture, slow), expected, "{tdc_prescaler:?}");
+    }
+}
+
+#[test]
+fn channel_is_applied_in_op_or_rejected() {
+    for (channel_apply_in_op, expected, bitrate) in
+        [(ChannelApplyInOp::Executed, OK, 250_000), (ChannelApplyInOp::Rejected, FAIL, 1_000_000)]
+    {
+        let variant = GatewayVariant { channel_apply_in_op, ..GatewayVariant::default() };
+        let mut fixture = Fixture::configured_with(config(variant), chunks(1), chunks(1));
+        fixture.start();
+        let other = McanChannelConfig::classic(250_000);
+        assert_eq!(apply(&mut fixture, other), expected, "{channel_apply_in_op:?}");
+        let station = fixture.gateway.station_config(0).unwrap();
+        assert_eq!(station.nominal_bitrate, bitrate, "{channel_apply_in_op:?}");
+    }
+}
+
+#[test]
+fn message_ram_limits_the_layout() {
+    let default = McanChannelConfig::fd(500_000, 2_000_000);
+    let small = McanChannelConfig::classic(500_000);
+    let mut large = default;
+    large.ram.rx_fifo0.size = 64;
+    for (bytes, expected) in [
+        (8192, [OK, OK, RUNTIME_FAIL]),
+        (4096, [OK, RUNTIME_FAIL, RUNTIME_FAIL]),
+        (16384, [OK, OK, OK]),
+    ] {
+        let message_ram_bytes = Number::nearest(bytes);
+        let variant = GatewayVariant { message_ram_bytes, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        let statuses = [small, default, large].map(|config| apply(&mut fixture, config));
+        assert_eq!(statuses, expected, "{bytes} bytes");
+    }
+}
