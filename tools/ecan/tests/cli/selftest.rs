@@ -391,17 +391,58 @@ fn invalid_use_is_reported() {
     assert_eq!(message, "ecan: slave 3 does not exist; allowed: 0");
 }
 
-/// The number of the internal loopback selects the external one: test frames would disturb the bus.
+/// The number of the listening mode selects a loopback: the bus cannot be observed.
 #[test]
-fn loopback_that_drives_the_bus_gets_no_frame() {
+fn channel_that_does_not_listen_gets_no_frame() {
     let nodes = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
     let variant = "[gateway.variant]\nnode_modes = \"loopback_first\"\n";
     let bus = Scenario::new(&format!("{variant}{nodes}"));
-    let output = bus.run(&["selftest", "--frames", "8", "--channels", "0"]);
-    assert_eq!(output.status.code(), Some(1));
-    let printed = String::from_utf8(output.stdout).unwrap();
-    assert!(printed.contains("puts channel 0 into external loopback"), "{printed}");
-    assert!(printed.contains("(assumption H9: the numbers of the manual); no frame was sent"));
-    assert_eq!(lines(&printed, "FAILED  ").len(), 1, "{printed}");
-    assert!(printed.contains("as before the test"), "{printed}");
+    for (options, modes) in [
+        (&[][..], "node mode 1 puts channel 0 into internal loopback, not into listen-only"),
+        // The number of the internal loopback selects the external one: frames would disturb the bus.
+        (
+            &["--force"],
+            "node mode 2 puts channel 0 into external loopback, not into internal loopback",
+        ),
+    ] {
+        let arguments = ["selftest", "--frames", "8", "--channels", "0"];
+        let output = bus.run(&[&arguments[..], options].concat());
+        assert_eq!(output.status.code(), Some(1));
+        let printed = String::from_utf8(output.stdout).unwrap();
+        assert!(printed.contains(modes), "{printed}");
+        assert!(printed.contains("(assumption H9: the numbers of the manual); no frame was sent"));
+        assert_eq!(lines(&printed, "FAILED  ").len(), 1, "{printed}");
+        assert!(printed.contains("as before the test"), "{printed}");
+    }
+}
+
+/// Bus with a frame in each 50 ms for a minute, and a node that acknowledges.
+fn busy(bus: &str) -> Scenario {
+    let bitrate = "bitrate = 500000\n";
+    let scenario = Scenario::new(&format!(
+        "[[node]]\nkind = \"replay\"\nbus = \"{bus}\"\nfile = \"bus.log\"\n{bitrate}\
+         [[node]]\nkind = \"silent\"\nbus = \"{bus}\"\n{bitrate}"
+    ));
+    let frame = |at: u32| format!("({}.{:03}000) can0 181#1122\n", at / 20, at % 20 * 50);
+    scenario.write("bus.log", &(0..1200).map(frame).collect::<String>());
+    scenario
+}
+
+#[test]
+fn bus_with_traffic_is_refused_unless_forced() {
+    let (bus, cell) = (busy("0.2"), cell());
+    let cell = path(&cell);
+    let output = bus.run(&["selftest", "--config", &cell]);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(5), "{message}");
+    assert_eq!(output.stdout, b"");
+    let seen = "ecan: traffic on the bus within 1000 ms: channel 2 of slave 0: ";
+    let (_, message) = message.split_once(seen).expect(&message);
+    assert!(message.contains(" frames, the first with CAN ID 0x181; "), "{message}");
+    assert!(message.ends_with("or test nevertheless with --force\n"), "{message}");
+    // Other channels, and the forced test.
+    let printed = bus.good(&["selftest", "--config", &cell, "--channels", "0,1,3"]);
+    assert_eq!(lines(&printed, "96 frames, no errors").len(), 6, "{printed}");
+    let printed = bus.good(&["selftest", "--config", &cell, "--force"]);
+    assert_eq!(lines(&printed, "96 frames, no errors").len(), 8, "{printed}");
 }

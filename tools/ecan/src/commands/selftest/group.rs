@@ -4,7 +4,7 @@ use ecan_command_line::interrupt::Interrupt;
 use ecan_host::{Diagnostics, Error};
 use ecan_mcan_port::PortConfig;
 use ecan_probe::{ControllerMode, controller_mode};
-use ecan_protocol::config::McanChannelConfig;
+use ecan_protocol::config::{McanChannelConfig, NodeMode};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::commands::saved_config::wait_present;
@@ -14,6 +14,7 @@ use crate::frames::{WATCHDOG, failure};
 use super::channel_setup::ChannelSetup;
 use super::check_counts::check_counts;
 use super::exchange::{ChannelCounters, ChannelState, exchange};
+use super::observation::{Received, Traffic, refuse};
 use super::report::{Check, Figures, Report};
 use super::start_failure::{StartFailure, start_failures};
 use super::steps::{TestPath, TestPlan, TestStep};
@@ -76,14 +77,15 @@ impl GroupTest<'_> {
     /// it; if its cause may pass, it is tested alone afterwards.
     ///
     /// # Errors
-    /// [`Failure::Master`] if the master cannot be used.
+    /// [`Failure::Master`] if the master cannot be used, [`Failure::Rejected`] if there is traffic on
+    /// a bus.
     pub(super) fn run(&self, bus: &Bus, mut members: Vec<Member<'_>>) -> Result<GroupEnd> {
         let mut postponed = Vec::new();
         while !members.is_empty() {
             let failures = match self.start(bus, &mut members)? {
                 Start::Stopped => return Ok(GroupEnd::Stopped),
                 Start::Ready(started) => {
-                    if self.run_steps(*started, &mut members) == GroupEnd::Stopped {
+                    if self.run_steps(*started, &mut members)? == GroupEnd::Stopped {
                         return Ok(GroupEnd::Stopped);
                     }
                     break;
@@ -144,13 +146,17 @@ impl GroupTest<'_> {
         Ok(started)
     }
 
-    fn run_steps(&self, mut bus: TestBus, members: &mut [Member<'_>]) -> GroupEnd {
+    fn run_steps(&self, mut bus: TestBus, members: &mut [Member<'_>]) -> Result<GroupEnd> {
         let channels = started_channels(bus.port().config());
         let activate = |(gateway, member)| {
             let setup = ChannelSetup::started(channels);
             Active { gateway, member, setup, is_loopback_verified: false, losses: 0, is_out: false }
         };
         let mut active: Vec<_> = members.iter_mut().enumerate().map(activate).collect();
+        if !self.plan.arguments().force && self.observe(&mut bus, &mut active)? == GroupEnd::Stopped
+        {
+            return Ok(GroupEnd::Stopped);
+        }
         let steps = self.plan.steps();
         for (number, step) in (1..).zip(&steps) {
             let present: Vec<_> = active.iter_mut().filter(|it| !it.is_out).collect();
@@ -161,16 +167,76 @@ impl GroupTest<'_> {
             (self.progress)(&positions, &step.name(), number, steps.len());
             match self.run_step(&mut bus, present, step) {
                 Ok(GroupEnd::Complete) => {}
-                Ok(GroupEnd::Stopped) => return GroupEnd::Stopped,
+                Ok(GroupEnd::Stopped) => return Ok(GroupEnd::Stopped),
                 // An error of the link or of the master concerns all.
                 Err(error) => {
                     for it in active.iter_mut().filter(|it| !it.is_out) {
-                        it.fail(step, error.to_string());
+                        it.fail(step.name(), error.to_string());
                     }
                 }
             }
         }
-        GroupEnd::Complete
+        Ok(GroupEnd::Complete)
+    }
+
+    /// Listens on the tested channels. Fails gateways that cannot listen without taking part in their
+    /// buses.
+    ///
+    /// # Errors
+    /// [`Failure::Rejected`] if there is traffic on a bus.
+    fn observe(&self, bus: &mut TestBus, active: &mut [Active<'_, '_>]) -> Result<GroupEnd> {
+        let gateways: Vec<_> = active.iter().map(|it| it.gateway).collect();
+        let tested = self.plan.tested();
+        let channels: Vec<u8> = (0..).zip(tested).filter(|it| it.1).map(|it| it.0).collect();
+        let read = |diagnostics: &Diagnostics, gateway: usize| {
+            let wrong = |channel: &u8| {
+                let mode = NodeMode::Listen;
+                wrong_mode(diagnostics, gateway, *channel, mode, ControllerMode::Listen)
+            };
+            Ok(channels.iter().find_map(wrong))
+        };
+        for (it, fault) in active.iter_mut().zip(bus.on_each(&gateways, read)?) {
+            if let Some(fault) = fault.unwrap_or_else(|error| Some(error.to_string())) {
+                it.fail("observation of the buses".to_owned(), fault);
+            }
+        }
+        let observe_ms = self.plan.arguments().observe;
+        let mut received = vec![[Received::default(); CHANNELS]; active.len()];
+        let end_ns = bus.now_ns().saturating_add(u64::from(observe_ms) * 1_000_000);
+        while bus.now_ns() < end_ns {
+            if bus.is_interrupted() {
+                return Ok(GroupEnd::Stopped);
+            }
+            bus.cycle(|cycle| {
+                for item in cycle.received() {
+                    let item = item.to_owned();
+                    let Some(frame) = item.frame() else { continue };
+                    let of_gateway = received.get_mut(frame.slave);
+                    let of_channel =
+                        of_gateway.and_then(|it| it.get_mut(usize::from(frame.channel)));
+                    if let Some(received) = of_channel {
+                        received.add(frame.frame.id());
+                    }
+                }
+            })?;
+        }
+        let read =
+            |diagnostics: &Diagnostics, gateway: usize| -> Result<Vec<ChannelState>, Error> {
+                let upload = |index, subindex| diagnostics.sdo_upload_u32(gateway, index, subindex);
+                channels.iter().map(|it| ChannelState::read(upload, *it)).collect()
+            };
+        let mut traffic = Vec::new();
+        for (it, states) in active.iter().zip(bus.on_each(&gateways, read)?) {
+            let Some(received) = received.get(it.gateway).filter(|_| !it.is_out) else { continue };
+            for state in states.iter().flatten() {
+                let received = received.get(usize::from(state.channel));
+                if let Some(seen) = received.and_then(|received| received.traffic(state)) {
+                    let (position, channel) = (it.member.position, state.channel);
+                    traffic.push(Traffic { position, channel, seen });
+                }
+            }
+        }
+        refuse(&traffic, observe_ms).map(|()| GroupEnd::Complete)
     }
 
     fn run_step(
@@ -188,7 +254,7 @@ impl GroupTest<'_> {
         active.retain_mut(|it| {
             let is_ready = bus.is_ready(it.gateway);
             if !is_ready {
-                it.fail(step, bus.reason(it.gateway));
+                it.fail(step.name(), bus.reason(it.gateway));
             }
             is_ready
         });
@@ -267,7 +333,8 @@ fn verify_loopback(
     let gateways: Vec<_> = unverified.map(|it| it.gateway).collect();
     let channels = step.channels();
     let read = |diagnostics: &Diagnostics, gateway: usize| {
-        Ok(channels.iter().find_map(|it| wrong_mode(diagnostics, gateway, *it)))
+        let (mode, expected) = (NodeMode::InternalLoopback, ControllerMode::InternalLoopback);
+        Ok(channels.iter().find_map(|it| wrong_mode(diagnostics, gateway, *it, mode, expected)))
     };
     let read = bus.on_each(&gateways, read)?;
     for (gateway, fault) in gateways.into_iter().zip(read) {
@@ -275,7 +342,7 @@ fn verify_loopback(
         match fault.unwrap_or_else(|error| Some(error.to_string())) {
             None => active[at].is_loopback_verified = true,
             Some(fault) => {
-                active.remove(at).fail(step, fault);
+                active.remove(at).fail(step.name(), fault);
                 before.remove(at);
             }
         }
@@ -283,14 +350,23 @@ fn verify_loopback(
     Ok(before)
 }
 
-/// Reason why a channel must not send test frames.
-fn wrong_mode(diagnostics: &Diagnostics, gateway: usize, channel: u8) -> Option<String> {
+/// Reason why a channel must not send test frames: its controller is not in the mode that the node
+/// mode should select.
+fn wrong_mode(
+    diagnostics: &Diagnostics,
+    gateway: usize,
+    channel: u8,
+    node_mode: NodeMode,
+    expected: ControllerMode,
+) -> Option<String> {
     match controller_mode(diagnostics, gateway, channel) {
-        Ok(ControllerMode::InternalLoopback) => None,
+        Ok(mode) if mode == expected => None,
         Ok(mode) => Some(format!(
-            "node mode 2 puts channel {channel} into {}, not into internal loopback (assumption H9: \
-             the numbers of the manual); no frame was sent",
-            mode.text()
+            "node mode {} puts channel {channel} into {}, not into {} (assumption H9: the numbers of the \
+             manual); no frame was sent",
+            node_mode.raw(),
+            mode.text(),
+            expected.text()
         )),
         Err(error) => Some(format!(
             "the mode of the controller of channel {channel} cannot be read: {error}; no frame was sent"
@@ -306,8 +382,8 @@ fn started_channels(config: &PortConfig) -> [Option<McanChannelConfig>; CHANNELS
 
 impl Active<'_, '_> {
     /// A gateway that fails in one step is not tested in the next ones.
-    fn fail(&mut self, step: &TestStep<'_>, reason: String) {
-        self.member.report.add(step.name(), Err(reason));
+    fn fail(&mut self, name: String, reason: String) {
+        self.member.report.add(name, Err(reason));
         *self.member.was_lost = true;
         self.is_out = true;
     }
@@ -340,7 +416,7 @@ fn keep<T>(
             true
         }
         Some(Err(error)) => {
-            it.fail(step, error.to_string());
+            it.fail(step.name(), error.to_string());
             false
         }
         None => false,

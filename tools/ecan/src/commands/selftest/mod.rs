@@ -6,6 +6,7 @@ mod exchange;
 mod frames;
 mod group;
 mod identity;
+mod observation;
 mod rates;
 mod report;
 mod start_failure;
@@ -32,6 +33,7 @@ use crate::frames::Channels;
 use crate::progress::Progress;
 
 use group::{GroupEnd, GroupTest, Member};
+use observation::of_active_channels;
 use rates::Rate;
 use report::Report;
 
@@ -47,7 +49,9 @@ Examples:
 
 Default bit rates are 125, 250, 500 and 1000 kbit/s, and 500/2000 and 1000/5000 kbit/s with CAN FD.
 Every identified ECAN-Lite is tested, unless --slave is given; several in parallel, as many as fit into
-a cycle. The loopback is internal to the CAN controller. Wired channels must be alone on their bus.
+a cycle. The loopback is internal to the CAN controller: it takes the channel off its bus. Wired channels
+must be alone on their bus. Before the test each channel listens, without taking part in its bus; if
+there is traffic, the test is refused.
 
 The test restores the configuration of the gateway. If its channels were off, the gateway is restarted
 for that, because no command deactivates a channel. The Flash is not written. Reading and comparing about
@@ -82,6 +86,13 @@ pub struct SelftestArguments {
     /// Write a report per gateway into this directory
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
+    /// Time to listen for traffic on each bus before the test, in ms
+    #[arg(long, value_name = "MS", default_value_t = 1000,
+          value_parser = clap::value_parser!(u32).range(1..=600_000))]
+    observe: u32,
+    /// Test even if there is traffic on a bus; nodes on it lose frames
+    #[arg(long, conflicts_with = "observe")]
+    force: bool,
     /// Restart the gateways afterwards instead of restoring unsaved settings: faster
     #[arg(long)]
     restart: bool,
@@ -116,6 +127,10 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
     let slaves = slaves(&bus, arguments)?;
     if let Some(directory) = &arguments.report {
         report::prepare(directory)?;
+    }
+    if !arguments.force {
+        let traffic = of_active_channels(&bus, &slaves, plan.tested(), arguments.observe);
+        observation::refuse(&traffic, arguments.observe)?;
     }
     arguments.real_time.apply(|line| note(line))?;
     let (run, mut tested) = test_and_restore(&bus, &plan, &slaves, &interrupt)?;

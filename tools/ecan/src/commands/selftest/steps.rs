@@ -124,8 +124,8 @@ impl<'a> TestPlan<'a> {
         tested
     }
 
-    /// Configuration in which gateways start: all tested channels in loopback, with CAN FD if any
-    /// step uses it, so that the Port accepts every frame.
+    /// Configuration in which gateways start: all tested channels only listen, or if forced are in
+    /// loopback, with CAN FD if any step uses it, so that the Port accepts every frame.
     pub(super) fn configs(&self, positions: &[usize]) -> Result<(AdapterConfig, PortConfig)> {
         let SelftestArguments { pdo_n, cycle_us, large_pdos, .. } = *self.arguments;
         let count = u16::try_from(positions.len()).unwrap_or(u16::MAX);
@@ -141,9 +141,13 @@ impl<'a> TestPlan<'a> {
         }
         let mut gateway = GatewayConfig::default();
         let start = self.rates.iter().find(|rate| rate.is_fd()).or(self.rates.first());
+        let mode = match self.arguments.force {
+            true => NodeMode::InternalLoopback,
+            false => NodeMode::Listen,
+        };
         for (channel, is_tested) in gateway.channels.iter_mut().zip(self.tested()) {
             let start = start.filter(|_| is_tested);
-            *channel = start.map(|rate| rate.channel(NodeMode::InternalLoopback));
+            *channel = start.map(|rate| rate.channel(mode));
         }
         Ok((adapter, PortConfig::uniform(positions.len(), gateway)))
     }

@@ -15,9 +15,13 @@ struct Line {
 }
 
 fn bus() -> Bus {
+    bus_of(ecan_sim::echo(1)).0
+}
+
+fn bus_of(scenario: ecan_sim::Scenario) -> (Bus, ecan_sim::Simulation) {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
-    let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
-    Bus::over(&backend.ecrt)
+    let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
+    (Bus::over(&backend.ecrt), backend.simulation.unwrap())
 }
 
 /// Runs a part of the test for a command line.
@@ -129,4 +133,48 @@ fn gateway_is_restarted_only_if_needed() {
     let report = tested(&bus);
     assert_eq!(configuration_check(&report).detail, "as before the test");
     assert_eq!(everything(&bus), before);
+}
+
+/// Node that sends a frame in each 100 ms, and acknowledges others.
+#[derive(Default)]
+struct Sender {
+    due_ns: Option<u64>,
+}
+
+impl ecan_sim::Node for Sender {
+    fn next_event(&self) -> Option<u64> {
+        self.due_ns.or(Some(0))
+    }
+
+    fn advance(&mut self, now: u64, out: &mut ecan_sim::NodeOutput) {
+        let id = ecan_protocol::can::CanId::standard(0x81).unwrap();
+        out.send(ecan_protocol::can::CanFrame::classic(id, &[1]).unwrap());
+        self.due_ns = Some(now + 100_000_000);
+    }
+}
+
+#[test]
+fn traffic_of_an_active_channel_is_seen_without_a_change() {
+    let (bus, simulation) = bus_of(ecan_sim::echo(1));
+    let observe = || observation::of_active_channels(&bus, &[0], [true; 4], 500);
+    // Channel 1 is active, the others are not.
+    for (subindex, value) in [(15, 0), (1, 1)] {
+        bus.write(0, 0x8002, subindex, value).unwrap();
+    }
+    assert_eq!(observe(), []);
+    let settings = || -> Vec<_> {
+        everything(&bus).into_iter().filter(|(index, ..)| *index < 0x9000).collect()
+    };
+    let before = settings();
+    let node = simulation.attach_node("0.1", "sender", Box::new(Sender::default())).unwrap();
+    let traffic = observe();
+    assert_eq!(traffic.len(), 1, "{traffic:?}");
+    assert_eq!((traffic[0].position, traffic[0].channel), (0, 1));
+    assert_eq!(traffic[0].seen, "it is active and has received frames");
+    // Nobody reads the FIFO, so that it is full and shows no change.
+    bus.sleep_ns(60_000_000_000);
+    assert_eq!(observe()[0].seen, "it is active, and RX FIFO0 is full of frames");
+    drop(node);
+    assert!(settings() == before);
+    assert_eq!(observation::of_active_channels(&bus, &[0], [true, false, true, true], 1), []);
 }
