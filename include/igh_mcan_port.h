@@ -101,6 +101,38 @@ int igh_mcan_port_get_channel_mask(const igh_mcan_port_config_t *config,
                                    uint8_t *canfd_mask);
 
 /**
+ * Sets the channel masks of both directions, objects 0x8010:04 and 0x8011:04 (manual 3). A channel
+ * in one of them only sends or only receives. Until this call both have all enabled channels;
+ * after it, enabling a channel does not add it to a mask.
+ *
+ * @param tx_mask  Channels whose frames the TxPDO carries to the host (they receive), bit 0 for
+ *                 channel 0.
+ * @param rx_mask  Channels that the RxPDO carries frames to (they send).
+ *
+ * @usage   not rt, any thread, before apply
+ * @return  ECAN_OK, ECAN_ERR_SLAVE; ECAN_ERR_CHANNEL for an empty mask or channels beyond 3.
+ *          igh_mcan_port_apply_config() checks that the channels are enabled, and that each enabled
+ *          channel is in a mask.
+ */
+int igh_mcan_port_set_direction_masks(igh_mcan_port_config_t *config,
+                                      size_t slave,
+                                      uint8_t tx_mask,
+                                      uint8_t rx_mask);
+
+/**
+ * Gets the channel masks of both directions: those set, or the enabled channels.
+ *
+ * @param tx_mask  Gets the channels of the TxPDO, bit 0 for channel 0.
+ * @param rx_mask  Gets the channels of the RxPDO.
+ *
+ * @usage   not rt, any thread, any time
+ */
+int igh_mcan_port_get_direction_masks(const igh_mcan_port_config_t *config,
+                                      size_t slave,
+                                      uint8_t *tx_mask,
+                                      uint8_t *rx_mask);
+
+/**
  * Enables a channel for classic CAN, with all other settings at their defaults.
  *
  * @param bitrate  Bit/s.

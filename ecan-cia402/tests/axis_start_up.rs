@@ -11,6 +11,7 @@ use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config, Cia402Error, Shut
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::config::TxMode;
+use ecan_protocol::mapping::Direction;
 use ecan_sim::{ClockKind, SimOptions};
 
 #[test]
@@ -128,4 +129,26 @@ fn invalid_table_is_rejected_with_every_fault() {
     assert!(matches!(error, Cia402Error::TransmitQueue { axis: 0, .. }), "{error}");
     let error = Cia402::new(&port, vec![axis(0, 1, 1)], Cia402Config::default()).unwrap_err();
     assert!(matches!(error, Cia402Error::ChannelNotEnabled { channel: 1, .. }), "{error}");
+}
+
+#[test]
+fn axis_on_a_channel_of_one_direction_is_rejected() {
+    let channel = ChannelConfig::classic(1_000_000);
+    let both = GatewayConfig::on_channel(0, channel).with_channel(1, channel);
+    for (masks, number, missing) in
+        [((0b01, 0b11), 1, Direction::TxPdo), ((0b11, 0b01), 1, Direction::RxPdo)]
+    {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::drives(1, 4), &options).unwrap();
+        let config = PortConfig::uniform(1, both.with_channel_masks(masks.0, masks.1));
+        let port = Port::open(&backend.ecrt, (AdapterConfig::new(1), config)).unwrap();
+        let table = vec![axis(0, number, 1)];
+        let error = Cia402::new(&port, table, Cia402Config::default()).unwrap_err();
+        let Cia402Error::ChannelDirection { axis: 0, slave: 0, channel: 1, direction } = error
+        else {
+            panic!("{error}")
+        };
+        assert_eq!(direction, missing);
+        Cia402::new(&port, vec![axis(0, 0, 1)], Cia402Config::default()).unwrap();
+    }
 }

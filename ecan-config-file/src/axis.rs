@@ -8,7 +8,7 @@ use ecan_canopen::{
 };
 use ecan_cia402::{AxisConfig, AxisFault, DriveConfig, MotionLimit};
 use ecan_mcan_port::Config;
-use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::document::{Document, Table, store};
 
@@ -166,6 +166,14 @@ pub(crate) fn check(document: &Document<'_>, config: &Config, axes: &[Option<Axi
                     let reason = format!(
                         "axis {at}: channel {channel} of gateway {slave} is not enabled; add its \
                          table can{channel}"
+                    );
+                    document.semantic_fault(&paths(&["channel"]), reason);
+                } else if let Some(direction) =
+                    Direction::ALL.into_iter().find(|it| !gateway.carries(*it, channel))
+                {
+                    let reason = format!(
+                        "axis {at}: channel {channel} of gateway {slave} is not among the \
+                         `channels` of the {direction}; an axis needs both directions"
                     );
                     document.semantic_fault(&paths(&["channel"]), reason);
                 }

@@ -68,10 +68,15 @@ fn locations(fault: &PortConfigFault) -> Vec<String> {
         PortConfigFault::Profile { slave, direction, fault } => {
             let key = match fault {
                 ProfileError::Multiplier(_) => "n",
+                ProfileError::ChannelMask(_) => "channels",
                 _ => "options",
             };
             in_direction(slave, pdo(direction), key)
         }
+        PortConfigFault::MaskBeyondChannels { slave, direction, .. } => {
+            in_direction(slave, pdo(direction), "channels")
+        }
+        PortConfigFault::ChannelInNoMask { slave, channel } => in_channel(slave, channel, &[""]),
         PortConfigFault::Bypass { slave, direction } => {
             in_direction(slave, pdo(direction), "options")
         }

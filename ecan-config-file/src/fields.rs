@@ -71,6 +71,12 @@ fn read_value(table: &mut Table<'_, '_>, key: &'static str, entry: &Entry) -> Op
             let bits = table.words(key, &words)?;
             Some(bits.into_iter().fold(0, |all, bit| all | bit))
         }
+        KeyForm::Bits => {
+            let bits: Vec<_> =
+                entry.bits.iter().map(|(bit, name)| (name.to_lowercase(), 1 << bit)).collect();
+            let bits: Vec<u32> = table.words(key, &bits)?;
+            Some(bits.into_iter().fold(0, |all, bit| all | bit))
+        }
         KeyForm::Size(sizes) => {
             let mut allowed = sizes.to_vec();
             allowed.sort_unstable();
@@ -103,9 +109,9 @@ mod tests {
 
     #[test]
     fn configuration_fields_have_keys() {
-        // The data bit rate enables CAN FD; the tables of the channels give the mask.
+        // The data bit rate enables CAN FD.
         assert_eq!(without_key::<McanChannelConfig>(), [15]);
-        assert_eq!(without_key::<PdoProfile>(), [4]);
+        assert_eq!(without_key::<PdoProfile>(), []);
         assert_eq!(without_key::<DataPathGlobal>(), []);
         // Reserved by the manual.
         assert_eq!(without_key::<DataPathConfig>(), [10, 17, 18, 19]);

@@ -86,10 +86,11 @@ fn read_direction(
     slave: &mut SlaveConfig,
     gateway: &mut GatewayConfig,
 ) {
-    let (key, n, profile, budget, options) = match direction {
+    let (key, n, mask, profile, budget, options) = match direction {
         Direction::TxPdo => (
             "tx_pdo",
             &mut slave.tx_multiplier,
+            &mut gateway.tx_channel_mask,
             &mut gateway.tx_encapsulation,
             &mut gateway.tx_budget,
             &mut gateway.tx_options,
@@ -97,6 +98,7 @@ fn read_direction(
         Direction::RxPdo => (
             "rx_pdo",
             &mut slave.rx_multiplier,
+            &mut gateway.rx_channel_mask,
             &mut gateway.rx_encapsulation,
             &mut gateway.rx_budget,
             &mut gateway.rx_options,
@@ -113,6 +115,7 @@ fn read_direction(
     };
     fields::read(&mut table, "", &mut requested);
     (*n, *profile) = (requested.multiplier, requested.profile);
+    *mask = table.has("channels").then_some(requested.channel_mask);
     (*budget, *options) = (requested.budget, requested.options);
     if !has_common_n && !table.has("n") {
         table.fault("n", "`n` is missing: the size of the PDO in 128 bytes, 1 to 24");

@@ -24,6 +24,8 @@ fn example_is_valid_and_shows_the_defaults() {
         [[gateway]]
         n = 8
         data_path = { compat_mode = 3 }
+        tx_pdo = { channels = [\"can0\", \"can1\"] }
+        rx_pdo = { channels = [\"can1\", \"can0\"] }
         can1 = { bitrate = 500_000 }
         [gateway.can0]
         bitrate = 1_000_000

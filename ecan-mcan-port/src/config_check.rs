@@ -36,6 +36,32 @@ pub enum PortConfigFault {
         /// Slave index.
         slave: usize,
     },
+    /// A channel mask with channels that are not enabled.
+    #[error(
+        "slave {slave}, {direction}: channel mask 0x{mask:02X} has channels that are not enabled; \
+         allowed: the bits of 0x{enabled:02X}; enable the channels, or leave them out"
+    )]
+    MaskBeyondChannels {
+        /// Slave index.
+        slave: usize,
+        /// The direction.
+        direction: Direction,
+        /// The mask.
+        mask: u8,
+        /// Mask of the enabled channels.
+        enabled: u8,
+    },
+    /// An enabled channel that is in neither channel mask.
+    #[error(
+        "slave {slave}, channel {channel}: it is enabled, but in neither channel mask (0x8010:04, \
+         0x8011:04); add it to one of them, or do not enable it"
+    )]
+    ChannelInNoMask {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+    },
     /// A PDO profile that the gateway does not have.
     #[error("slave {slave}, {direction}: {fault}")]
     Profile {
@@ -134,9 +160,9 @@ fn check_profile(
     faults: &mut Vec<PortConfigFault>,
 ) {
     let profile = gateway.profile(direction, multiplier);
-    // A wrong N and an empty mask are reported once, where they belong.
+    // A wrong N and a gateway without a channel are reported once, where they belong.
     let known = (1..=ecan_protocol::mapping::MAX_MULTIPLIER).contains(&multiplier)
-        && profile.channel_mask != 0;
+        && gateway.channel_mask() != 0;
     if known && let Err(fault) = profile.check(direction) {
         faults.push(PortConfigFault::Profile { slave, direction, fault });
     }
@@ -154,6 +180,7 @@ fn check_channels(
     if gateway.channel_mask() == 0 {
         faults.push(PortConfigFault::NoChannel { slave });
     }
+    check_masks(slave, gateway, faults);
     if gateway.hold_limit == 0 {
         faults.push(PortConfigFault::HoldLimit { slave });
     }
@@ -175,4 +202,18 @@ fn check_channels(
             &mut |fault| faults.push(PortConfigFault::Filter { slave, channel, fault }),
         );
     }
+}
+
+fn check_masks(slave: usize, gateway: &GatewayConfig, faults: &mut Vec<PortConfigFault>) {
+    let enabled = gateway.channel_mask();
+    let mask = |direction| gateway.direction_mask(direction);
+    for direction in [Direction::RxPdo, Direction::TxPdo] {
+        let mask = mask(direction);
+        if mask & !enabled != 0 {
+            faults.push(PortConfigFault::MaskBeyondChannels { slave, direction, mask, enabled });
+        }
+    }
+    let unused = enabled & !mask(Direction::RxPdo) & !mask(Direction::TxPdo);
+    let unused = (0..CHANNELS as u8).filter(|channel| unused >> channel & 1 == 1);
+    faults.extend(unused.map(|channel| PortConfigFault::ChannelInNoMask { slave, channel }));
 }

@@ -28,6 +28,8 @@ pub(crate) struct Gateway {
     pub(crate) statistics: SlaveStatistics,
     pub(crate) capabilities: Capabilities,
     pub(crate) channel_mask: u8,
+    /// Channels that frames can be sent to.
+    rx_mask: u8,
     fd_mask: u8,
     pub(crate) can_schedule: bool,
     pub(crate) is_paced: bool,
@@ -80,17 +82,17 @@ impl Gateway {
         let dc = adapter.config().dc;
         let plan = Plan::of(adapter.config());
         let schedule_times = ScheduleTimes::new(&schedule, adapter.config(), &plan.slaves[slave]);
-        let channel_mask = config.channel_mask();
         Ok(Self {
             session: SessionMachine::new(adapter, slave, config)?,
             al_watch: AlWatch::new(adapter, slave)?,
-            watch: ScheduleWatch::new(adapter, slave, channel_mask, &schedule, dc)?,
+            watch: ScheduleWatch::new(adapter, slave, rx.channel_mask, &schedule, dc)?,
             transmitter: Transmitter::new(writer, &rx, depth, has_results, schedule.discard_missed),
             receiver: Receiver::new(reader),
             statistics: SlaveStatistics::default(),
             can_schedule: capabilities.has_scheduled_tx(),
             capabilities,
-            channel_mask,
+            channel_mask: config.channel_mask(),
+            rx_mask: rx.channel_mask,
             schedule,
             schedule_times,
             pulse_ns: None,
@@ -112,10 +114,15 @@ impl Gateway {
         usize::from(channel) < CHANNELS && self.fd_mask >> channel & 1 == 1
     }
 
-    /// Whether the gateway is ready and the frame suits an enabled channel.
+    /// Returns whether the RxPDO carries frames to the channel.
+    pub(crate) fn can_send(&self, channel: u8) -> bool {
+        usize::from(channel) < CHANNELS && self.rx_mask >> channel & 1 == 1
+    }
+
+    /// Returns whether the gateway is ready and the frame suits a channel of the RxPDO.
     #[inline(always)]
     pub(crate) fn accepts(&self, channel: u8, frame: FrameRef<'_>) -> bool {
-        let mask = if frame.is_fd() { self.channel_mask & self.fd_mask } else { self.channel_mask };
+        let mask = if frame.is_fd() { self.rx_mask & self.fd_mask } else { self.rx_mask };
         usize::from(channel) < CHANNELS && mask >> channel & 1 == 1 && self.session.is_ready()
     }
 

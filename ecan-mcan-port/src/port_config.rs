@@ -80,6 +80,12 @@ impl ChannelConfig {
 pub struct GatewayConfig {
     /// The channels; `None` leaves one out of the channel masks.
     pub channels: [Option<ChannelConfig>; CHANNELS],
+    /// Channels whose frames the TxPDO carries to the host, 0x8010:04, bit 0 for channel 0 (manual
+    /// 3); `None` for all enabled ones. A channel outside it only sends.
+    pub tx_channel_mask: Option<u8>,
+    /// Channels that the RxPDO carries frames to, 0x8011:04; `None` for all enabled ones. A channel
+    /// outside it only receives.
+    pub rx_channel_mask: Option<u8>,
     /// Packet profile of the TxPDO, 0x8010:05 (manual 9).
     pub tx_encapsulation: EncapsulationProfile,
     /// Packet profile of the RxPDO, 0x8011:05.
@@ -114,6 +120,8 @@ impl Default for GatewayConfig {
     fn default() -> Self {
         Self {
             channels: [None; CHANNELS],
+            tx_channel_mask: None,
+            rx_channel_mask: None,
             tx_encapsulation: EncapsulationProfile::default(),
             rx_encapsulation: EncapsulationProfile::default(),
             tx_budget: BudgetPolicy::Balanced,
@@ -148,6 +156,14 @@ impl GatewayConfig {
         self
     }
 
+    /// Sets the channel masks of the TxPDO (channels that receive) and of the RxPDO (channels that
+    /// send). Each has at least one channel, and only enabled ones; an enabled channel is in at least
+    /// one of them. Without this call both have all enabled channels.
+    pub fn with_channel_masks(mut self, tx_pdo: u8, rx_pdo: u8) -> Self {
+        (self.tx_channel_mask, self.rx_channel_mask) = (Some(tx_pdo), Some(rx_pdo));
+        self
+    }
+
     /// Bit mask of the enabled channels.
     pub fn channel_mask(&self) -> u8 {
         self.channels
@@ -156,13 +172,29 @@ impl GatewayConfig {
             .fold(0, |mask, (channel, config)| mask | u8::from(config.is_some()) << channel)
     }
 
+    /// Bit mask of the channels of a direction.
+    pub fn direction_mask(&self, direction: Direction) -> u8 {
+        let mask = match direction {
+            Direction::TxPdo => self.tx_channel_mask,
+            Direction::RxPdo => self.rx_channel_mask,
+        };
+        mask.unwrap_or_else(|| self.channel_mask())
+    }
+
+    /// Returns whether the images of a direction carry frames of a channel.
+    pub fn carries(&self, direction: Direction, channel: u8) -> bool {
+        let mask = self.direction_mask(direction);
+        mask.checked_shr(channel.into()).is_some_and(|mask| mask & 1 == 1)
+    }
+
     /// The PDO profile of a direction with N = `multiplier`.
     pub fn profile(&self, direction: Direction, multiplier: u8) -> PdoProfile {
+        let channel_mask = self.direction_mask(direction);
         let (profile, budget, options) = match direction {
             Direction::TxPdo => (self.tx_encapsulation, self.tx_budget, self.tx_options),
             Direction::RxPdo => (self.rx_encapsulation, self.rx_budget, self.rx_options),
         };
-        PdoProfile { multiplier, channel_mask: self.channel_mask(), profile, budget, options }
+        PdoProfile { multiplier, channel_mask, profile, budget, options }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use ecan_mcan_port::{Cycle, FrameRate, FrameStream, OkOrTemporary, PortConfig, SendError};
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::log_file::LoggedFrame;
 
@@ -29,7 +29,9 @@ impl Channels {
         let mut targets = Vec::new();
         for (slave, gateway) in config.gateways.iter().enumerate() {
             for (channel, settings) in (0..).zip(&gateway.channels) {
-                if let Some(settings) = settings.as_ref().filter(|_| self.contains(channel)) {
+                let is_chosen =
+                    self.contains(channel) && gateway.carries(Direction::RxPdo, channel);
+                if let Some(settings) = settings.as_ref().filter(|_| is_chosen) {
                     targets.push(Target { slave, channel, is_fd: settings.can.fd });
                 }
             }

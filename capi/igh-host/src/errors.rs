@@ -129,6 +129,7 @@ impl Coded for SendError {
             Self::Backpressure { what: Backpressure::BusOff, .. } => ECAN_ERR_BUS_OFF,
             Self::NotReady { .. } => ECAN_ERR_NOT_READY,
             Self::Address(error) => return error.coded(),
+            Self::ReceiveOnly { .. } => ECAN_ERR_CHANNEL,
             Self::NotFd { .. } => ECAN_ERR_NOT_FD,
             Self::NotSchedulable { .. } => ECAN_ERR_SCHEDULE,
             Self::Frame(_) => ECAN_ERR_FRAME,

@@ -13,6 +13,8 @@ static void no_config(int code, igh_mcan_port_config_t *config)
     BAD(code, igh_mcan_port_apply_config(&igh_config, config));
     BAD(code, igh_mcan_port_check_config(&igh_config, config));
     BAD(code, igh_mcan_port_set_channel_mask(config, 0, 1, 0));
+    BAD(code, igh_mcan_port_set_direction_masks(config, 0, 1, 1));
+    BAD(code, igh_mcan_port_get_direction_masks(config, 0, &mask, &mask));
     BAD(code, igh_mcan_port_set_classic_channel(config, 0, 0, 500000));
     BAD(code, igh_mcan_port_set_canfd_channel(config, 0, 0, 500000, 5000000));
     BAD(code, igh_mcan_port_set_sample_points(config, 0, 0, 750, 875, 750, 875));
@@ -41,6 +43,8 @@ static void wrong_slave(igh_mcan_port_config_t *config, size_t slave)
     const int code = ECAN_ERR_SLAVE;
     BAD(code, igh_mcan_port_get_channel_mask(config, slave, &mask, &mask));
     BAD(code, igh_mcan_port_set_channel_mask(config, slave, 1, 0));
+    BAD(code, igh_mcan_port_set_direction_masks(config, slave, 1, 1));
+    BAD(code, igh_mcan_port_get_direction_masks(config, slave, &mask, &mask));
     BAD(code, igh_mcan_port_set_classic_channel(config, slave, 0, 500000));
     BAD(code, igh_mcan_port_set_canfd_channel(config, slave, 0, 500000, 5000000));
     BAD(code, igh_mcan_port_set_sample_points(config, slave, 0, 750, 875, 750, 875));
@@ -208,6 +212,36 @@ static void gateway(igh_mcan_port_config_t *config)
     GOOD(igh_mcan_port_allow_diagnostic_tests(config, 0, 0));
 }
 
+/* Of a configuration with all channels. */
+static void direction_masks(const ecan_igh_config_t *igh_config, igh_mcan_port_config_t config)
+{
+    uint8_t tx;
+    uint8_t rx;
+
+    GOOD(igh_mcan_port_get_direction_masks(&config, 0, &tx, &rx));
+    SAME(0x0F, tx);
+    SAME(0x0F, rx);
+    BAD(ECAN_ERR_CHANNEL, igh_mcan_port_set_direction_masks(&config, 0, 0x10, 0x01));
+    BAD(ECAN_ERR_CHANNEL, igh_mcan_port_set_direction_masks(&config, 0, 0x01, 0x10));
+    BAD(ECAN_ERR_CHANNEL, igh_mcan_port_set_direction_masks(&config, 0, 0x00, 0x0F));
+    BAD(ECAN_ERR_CHANNEL, igh_mcan_port_set_direction_masks(&config, 0, 0x0F, 0x00));
+    ERROR_HAS("0x8011:04");
+    GOOD(igh_mcan_port_set_direction_masks(&config, 0, 0x0D, 0x0A));
+    GOOD(igh_mcan_port_check_config(igh_config, &config));
+    GOOD(igh_mcan_port_get_direction_masks(&config, 0, &tx, &rx));
+    SAME(0x0D, tx);
+    SAME(0x0A, rx);
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_direction_masks(&config, 0, NULL, &rx));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_direction_masks(&config, 0, &tx, NULL));
+    /* An enabled channel in no mask, then a mask with a channel that is not enabled. */
+    GOOD(igh_mcan_port_set_direction_masks(&config, 0, 0x0B, 0x03));
+    BAD(ECAN_ERR_CONFIG, igh_mcan_port_check_config(igh_config, &config));
+    ERROR_HAS("channel 2");
+    GOOD(igh_mcan_port_set_channel_mask(&config, 0, 0x01, 0x00));
+    BAD(ECAN_ERR_CONFIG, igh_mcan_port_check_config(igh_config, &config));
+    ERROR_HAS("0x0B");
+}
+
 void test_port_config(void)
 {
     static igh_mcan_port_config_t config;
@@ -252,6 +286,7 @@ void test_port_config(void)
     GOOD(igh_mcan_port_get_channel_mask(&config, 0, &enabled, &fd));
     SAME(0x0F, enabled);
     SAME(0x0A, fd);
+    direction_masks(&igh_config, config);
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_channel_mask(&config, 0, NULL, &fd));
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_channel_mask(&config, 0, &enabled, NULL));
     GOOD(igh_mcan_port_set_channel_mask(&config, 0, 0x01, 0x00));

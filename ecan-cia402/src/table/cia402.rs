@@ -6,6 +6,7 @@ use ecan_canopen::{Network, NmtCommand, NmtError, NodeConfig, SyncConfig};
 use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
 use ecan_protocol::config::TxMode;
 use ecan_protocol::image::Schedule;
+use ecan_protocol::mapping::Direction;
 
 use super::error::{AxisFaults, Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
@@ -172,6 +173,15 @@ impl Cia402 {
                     return Err(Cia402Error::TransmitQueue { axis: index, slave, channel });
                 }
                 Some(TxMode::Fifo) => {}
+            }
+            let is_missing = |direction: &Direction| !gateway.carries(*direction, channel);
+            if let Some(direction) = Direction::ALL.into_iter().find(is_missing) {
+                return Err(Cia402Error::ChannelDirection {
+                    axis: index,
+                    slave,
+                    channel,
+                    direction,
+                });
             }
             // The heartbeat is watched once the drive has been told to produce one.
             let node = NodeConfig { heartbeat_timeout: Duration::ZERO, ..config.node };

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use ecan_canopen::{NetworkError, NmtError, PdoMappingError, WaitError};
 use ecan_mcan_port::NotSchedulable;
+use ecan_protocol::mapping::Direction;
 use thiserror::Error;
 
 use crate::axis::command_error::CommandError;
@@ -134,6 +135,21 @@ pub enum Cia402Error {
         slave: usize,
         /// The channel.
         channel: u8,
+    },
+    /// The axis is on a channel that only sends or only receives (0x8010:04, 0x8011:04).
+    #[error(
+        "axis {axis}: channel {channel} of slave {slave} is not in the channel mask of the \
+         {direction}; an axis needs both directions"
+    )]
+    ChannelDirection {
+        /// Index of the axis.
+        axis: usize,
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// The direction without the channel.
+        direction: Direction,
     },
     /// The axis table names a channel that the Port has not enabled.
     #[error("axis {axis} is on channel {channel} of slave {slave}, which is not enabled")]

@@ -31,6 +31,17 @@ pub enum PortPlanError {
         /// The channel.
         channel: u8,
     },
+    /// Frames to be sent on a channel that only receives.
+    #[error(
+        "slave {slave}, channel {channel} only receives: add it to the channel mask of the RxPDO \
+         (0x8011:04), or leave the frames that it sends out of the plan"
+    )]
+    ReceiveOnly {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+    },
     /// CAN FD frames for a classic channel.
     #[error(
         "slave {slave}, channel {channel} is configured for classic CAN and cannot carry CAN FD \
@@ -136,6 +147,17 @@ pub enum PortWarning {
     /// Settings that lose frames, or may not match the bus.
     #[error(transparent)]
     Setting(SettingWarning),
+    /// Frames arrive on a channel that only sends.
+    #[error(
+        "slave {slave}, channel {channel} only sends: frames from its bus do not reach the host. \
+         Add it to the channel mask of the TxPDO (0x8010:04) to receive them"
+    )]
+    SendOnly {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+    },
     /// More than 70 % of the bus.
     #[error(
         "slave {slave}, channel {channel}: the frames take {least_percent} to {most_percent} % of \

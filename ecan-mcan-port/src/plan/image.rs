@@ -70,6 +70,9 @@ impl ImagePlan {
         for stream in streams {
             let bytes = match (direction, stream.way) {
                 (Direction::RxPdo, FrameRoute::ToBus) | (Direction::TxPdo, FrameRoute::FromBus) => {
+                    if !profile.has_channel(stream.channel) {
+                        continue;
+                    }
                     plan.packet_bytes(stream.frame.as_ref(), stream.offset_ns().is_some())
                 }
                 (Direction::TxPdo, FrameRoute::ToBus) if reports => plan.result_bytes(),

@@ -124,9 +124,20 @@ impl PortPlan {
 
     fn add_streams(&mut self, port: &PortConfig, traffic: &[FrameStream]) {
         for stream in traffic {
-            let FrameStream { slave, channel, .. } = *stream;
+            let FrameStream { slave, channel, way, .. } = *stream;
+            let is_carried = carries(port, slave, channel, way);
             let rejection = match settings(port, slave, channel) {
                 None => PortPlanError::NoChannel { slave, channel },
+                Some(_) if !is_carried && way == FrameRoute::ToBus => {
+                    PortPlanError::ReceiveOnly { slave, channel }
+                }
+                Some(_) if !is_carried => {
+                    let warning = PortWarning::SendOnly { slave, channel };
+                    if !self.warnings.contains(&warning) {
+                        self.warnings.push(warning);
+                    }
+                    continue;
+                }
                 Some(settings) if stream.frame.is_fd() && !settings.can.fd => {
                     PortPlanError::NotFd { slave, channel }
                 }
@@ -152,7 +163,10 @@ impl PortPlan {
                 let load = ChannelLoad::of(here, &settings.can, adapter.cycle_ns());
                 let data_path = &settings.data_path;
                 self.check_load(address, &load);
-                let (received, sent) = (up(load.mean_received), up(load.mean_sent));
+                // The gateway discards what it does not carry.
+                let is_received = carries(port, slave, channel, FrameRoute::FromBus);
+                let received = if is_received { up(load.mean_received) } else { 0 };
+                let sent = up(load.mean_sent);
                 if let Some(rejection) = budget::rejection(address, received, sent) {
                     self.rejections.push(rejection);
                 } else {
@@ -221,6 +235,16 @@ impl PortPlan {
 /// Rounds a count up, except for a rounding error of the calculation.
 fn up(value: f64) -> u32 {
     (value - 1e-9).ceil() as u32
+}
+
+/// Returns whether the images carry the channel's frames of this route.
+fn carries(port: &PortConfig, slave: usize, channel: u8, route: FrameRoute) -> bool {
+    let direction = match route {
+        FrameRoute::ToBus => Direction::RxPdo,
+        FrameRoute::FromBus => Direction::TxPdo,
+        FrameRoute::OnBusOnly => return true,
+    };
+    port.gateways.get(slave).is_some_and(|gateway| gateway.carries(direction, channel))
 }
 
 fn settings(port: &PortConfig, slave: usize, channel: u8) -> Option<&ChannelConfig> {

@@ -3,7 +3,7 @@
 use ecan_host::AdapterConfig;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{DataSize, FilterAction, NodeMode, NonMatch};
-use ecan_protocol::image::{BudgetPolicy, PdoProfile};
+use ecan_protocol::image::{BudgetPolicy, OptionFlags, PdoProfile};
 use ecan_protocol::mapping::Direction;
 
 use super::GatewayPlan;
@@ -25,17 +25,26 @@ pub(super) fn warnings(
                 warnings.push(SettingWarning::BitTiming { slave, channel, warning });
             });
             let actions = filter_actions(port, slave, channel);
-            warnings.extend(short_elements(slave, channel, settings, &actions));
-            if receives_nothing(settings, &actions) {
+            let [sends, receives] =
+                [&images.rx, &images.tx].map(|image| image.profile.has_channel(channel));
+            let uses = |elements| if elements == Elements::Transmit { sends } else { receives };
+            warnings.extend(short_elements(slave, channel, settings, &actions, uses));
+            if receives && receives_nothing(settings, &actions) {
                 warnings.push(SettingWarning::NothingReceived { slave, channel });
             }
+            let reports = images.tx.profile.options.contains(OptionFlags::TX_RESULT);
+            if reports && !receives {
+                warnings.push(SettingWarning::ResultsOfSendOnly { slave, channel });
+            }
             let directions = [&images.rx, &images.tx].into_iter();
-            warnings.extend(directions.filter_map(|it| short_share(slave, channel, settings, it)));
+            let carrying = directions.filter(|image| image.profile.has_channel(channel));
+            warnings.extend(carrying.filter_map(|it| short_share(slave, channel, settings, it)));
         }
-        let has_fd = channels(gateway).any(|(_, settings)| settings.can.fd);
         let sizes =
             [(Direction::RxPdo, size.rx_multiplier), (Direction::TxPdo, size.tx_multiplier)];
         for (direction, multiplier) in sizes {
+            let has_fd = channels(gateway)
+                .any(|(channel, settings)| settings.can.fd && gateway.carries(direction, channel));
             if has_fd && multiplier < FD_MULTIPLIER {
                 warnings.push(SettingWarning::FdImageSize { slave, direction, multiplier });
             }
@@ -110,7 +119,8 @@ fn short_elements(
     channel: u8,
     settings: &ChannelConfig,
     actions: &[FilterAction],
-) -> impl Iterator<Item = SettingWarning> + use<> {
+    uses: impl Fn(Elements) -> bool,
+) -> impl Iterator<Item = SettingWarning> {
     let (can, ram) = (&settings.can, &settings.can.ram);
     let takes = |non_match, is_used: fn(FilterAction) -> bool| {
         [can.non_match_standard, can.non_match_extended].map(Some).contains(&non_match)
@@ -128,7 +138,7 @@ fn short_elements(
     let is_fd = can.fd;
     let is_short = move |(elements, size, is_used): (Elements, DataSize, bool)| {
         let bytes = size.bytes();
-        (is_fd && is_used && bytes < DataSize::B64.bytes())
+        (is_fd && is_used && uses(elements) && bytes < DataSize::B64.bytes())
             .then_some(SettingWarning::ShortElements { slave, channel, elements, bytes })
     };
     used.into_iter().filter_map(is_short)

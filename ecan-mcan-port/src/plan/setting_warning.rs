@@ -68,6 +68,18 @@ pub enum SettingWarning {
         /// N.
         multiplier: u8,
     },
+    /// Results of frames on a channel that only sends (manual 10).
+    #[error(
+        "slave {slave}, channel {channel} only sends: the gateway may report no TX_RESULT of it, \
+         because the TxPDO does not carry the channel (ASSUMPTIONS.md, H45); frames without a result \
+         count as unknown"
+    )]
+    ResultsOfSendOnly {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+    },
     /// Filters reject every frame.
     #[error(
         "slave {slave}, channel {channel}: no filter accepts a frame and those without a match are \

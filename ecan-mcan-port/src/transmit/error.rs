@@ -51,6 +51,17 @@ pub enum SendError {
     /// The channel does not exist or is not enabled.
     #[error(transparent)]
     Address(#[from] AddressError),
+    /// A channel that only receives.
+    #[error(
+        "slave {slave} channel {channel} only receives: it is not in the channel mask of the RxPDO \
+         (0x8011:04); add it to the mask in the gateway's configuration"
+    )]
+    ReceiveOnly {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+    },
     /// A CAN FD frame for a classic channel.
     #[error("slave {slave} channel {channel} is configured for classic CAN only")]
     NotFd {

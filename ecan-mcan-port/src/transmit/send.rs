@@ -128,6 +128,9 @@ impl Port {
             Some(gateway) if gateway.has_channel(channel) => gateway,
             _ => return Err(self.wrong_address(slave, channel).into()),
         };
+        if !gateway.can_send(channel) {
+            return Err(SendError::ReceiveOnly { slave, channel });
+        }
         if frame.is_fd() && !gateway.is_fd(channel) {
             return Err(SendError::NotFd { slave, channel });
         }

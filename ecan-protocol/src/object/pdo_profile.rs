@@ -188,7 +188,8 @@ object! {
         /// PDO size multiplier N, 1 to 24 (:03): the image has 128 * N bytes.
         3 "PDO size multiplier" multiplier: u8 = 8, range(1, 24), unit("128 bytes"), key("n");
         /// Enabled channels (:04), bit 0 for channel 0.
-        4 "Channel mask" channel_mask: u8 = 0x0F, range(0, 0x0F), bits(CHANNELS), no_key();
+        4 "Channel mask" channel_mask: u8 = 0x0F, range(0, 0x0F), bits(CHANNELS),
+            key("channels"), form(KeyForm::Bits);
         /// Packing of the frames (:05).
         5 "Encapsulation profile" profile: EncapsulationProfile = EncapsulationProfile::Compact;
         /// Division of the frame area between the channels (:06).

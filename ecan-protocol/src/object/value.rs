@@ -13,6 +13,8 @@ pub enum KeyForm {
     Word,
     /// As a list of words, in lower case; each stands for the given bits.
     Words(&'static [(&'static str, u32)]),
+    /// As a list of words: the texts of the set bits, in lower case.
+    Bits,
     /// As one of these sizes; its position in the list is the raw value.
     Size(&'static [u32]),
     /// As a percentage, or as the first one of a list of two.

@@ -79,6 +79,12 @@ pub const UNDECIDABLE: &[Undecidable] = &[
         "the manual names no command that could be tried",
     ),
     undecidable(
+        &["H45"],
+        "",
+        "no TX_RESULT of a channel that the TxPDO does not carry",
+        "the experiments use the same channels in both directions",
+    ),
+    undecidable(
         &["S13"],
         "",
         "the balanced budget reserves 16 bytes per channel and lends what is unused",

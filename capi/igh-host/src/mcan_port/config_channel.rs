@@ -7,6 +7,7 @@ use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pointers;
 use ecan_mcan_port::{ChannelConfig, MAX_GATEWAYS, Traffic};
 use ecan_protocol::config::{ConfigObject, SamplePointWindow};
+use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::describe;
 
 use super::config::igh_mcan_port_config_t;
@@ -75,6 +76,57 @@ pub fn igh_mcan_port_get_channel_mask(
     channel_mask.set(gateway.channel_mask());
     let is_fd = |channel: &Option<ChannelConfig>| channel.is_some_and(|c| c.can.fd);
     canfd_mask.set((0..).zip(&gateway.channels).map(|(bit, c)| u8::from(is_fd(c)) << bit).sum());
+}
+
+/// Sets the channel masks of both directions, objects 0x8010:04 and 0x8011:04 (manual 3). A channel
+/// in one of them only sends or only receives. Until this call both have all enabled channels;
+/// after it, enabling a channel does not add it to a mask.
+///
+/// @param tx_mask  Channels whose frames the TxPDO carries to the host (they receive), bit 0 for
+///                 channel 0.
+/// @param rx_mask  Channels that the RxPDO carries frames to (they send).
+///
+/// @usage   not rt, any thread, before apply
+/// @return  ECAN_OK, ECAN_ERR_SLAVE; ECAN_ERR_CHANNEL for an empty mask or channels beyond 3.
+///          igh_mcan_port_apply_config() checks that the channels are enabled, and that each enabled
+///          channel is in a mask.
+#[export(call, config config)]
+pub fn igh_mcan_port_set_direction_masks(
+    config: *mut igh_mcan_port_config_t,
+    slave: usize,
+    tx_mask: u8,
+    rx_mask: u8,
+) {
+    let gateway = port_config::gateway(call, config, slave)?;
+    for (object, mask) in [("0x8010:04", tx_mask), ("0x8011:04", rx_mask)] {
+        if mask == 0 || mask >> ECAN_MCAN_CHANNELS != 0 {
+            let text = format_args!(
+                "channel mask 0x{mask:02X} for {object} is invalid; allowed: 0x01 to 0x0F"
+            );
+            return Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, text));
+        }
+    }
+    *gateway = gateway.with_channel_masks(tx_mask, rx_mask);
+}
+
+/// Gets the channel masks of both directions: those set, or the enabled channels.
+///
+/// @param tx_mask  Gets the channels of the TxPDO, bit 0 for channel 0.
+/// @param rx_mask  Gets the channels of the RxPDO.
+///
+/// @usage   not rt, any thread, any time
+#[export(call)]
+pub fn igh_mcan_port_get_direction_masks(
+    config: *const igh_mcan_port_config_t,
+    slave: usize,
+    tx_mask: *mut u8,
+    rx_mask: *mut u8,
+) {
+    pointers!(call, sealed(config), out(tx_mask), out(rx_mask));
+    let gateway = config.gateways.get(slave);
+    let gateway = gateway.ok_or_else(|| no_slave(call, slave, MAX_GATEWAYS))?;
+    tx_mask.set(gateway.direction_mask(Direction::TxPdo));
+    rx_mask.set(gateway.direction_mask(Direction::RxPdo));
 }
 
 /// Enables a channel for classic CAN, with all other settings at their defaults.

@@ -283,7 +283,12 @@ impl Channel<'_> {
         let what = format!("frames of this channel are not {word}: the channel mask excludes it");
         self.warning(id, what)
             .cause(format!("bit {} is not set in 0x{object:04X}:04", self.number))
-            .next_step(format!("set the bit in 0x{object:04X}:04 and apply, in PREOP"), "5.4.6")
+            .next_step(
+                format!(
+                    "unless that is intended, set the bit in 0x{object:04X}:04 and apply, in PREOP"
+                ),
+                "5.4.6",
+            )
     }
 
     fn node_mode(&self) -> Option<Finding> {

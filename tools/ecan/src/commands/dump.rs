@@ -7,6 +7,7 @@ use ecan_candump::Filter;
 use ecan_command_line::new_file::is_standard_stream;
 use ecan_mcan_port::{Received, Session};
 use ecan_protocol::can::CanFrame;
+use ecan_protocol::mapping::Direction;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{
@@ -107,6 +108,7 @@ pub fn run(arguments: &DumpArguments, context: &Context) -> Result {
         is_json: context.global.json,
     };
     let requirements = GatewayRequirements {
+        directions: &[Direction::TxPdo],
         is_listening: arguments.listen_only,
         has_device_time: arguments.device_time,
         has_end: arguments.count.is_some() || arguments.timeout.is_some(),

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use clap::Args;
 use ecan_command_line::new_file::is_standard_stream;
+use ecan_protocol::mapping::Direction;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::recording::{self, Recorded, RecordedLog};
@@ -149,6 +150,7 @@ pub fn run(arguments: &ReplayArguments, context: &Context) -> Result {
     let total = recording.total();
     let requirements = GatewayRequirements {
         required: recording.channels(),
+        directions: &[Direction::RxPdo],
         has_results: true,
         has_end: total.is_some(),
         ..GatewayRequirements::on(*channel)

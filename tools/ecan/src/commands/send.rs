@@ -3,6 +3,7 @@
 use clap::Args;
 use ecan_candump::{FrameText, parse_frame};
 use ecan_protocol::can::CanFrame;
+use ecan_protocol::mapping::Direction;
 use serde::Serialize;
 
 use crate::context::{Context, Failure, Result};
@@ -53,8 +54,11 @@ pub fn run(arguments: &SendArguments, context: &Context) -> Result {
     let SendArguments { frames, channel, options, .. } = arguments;
     let context = &context.on_stderr(options.capture.is_on_output());
     let channels = Channels::only(*channel);
-    let requirements =
-        GatewayRequirements { has_results: true, ..GatewayRequirements::on(channels) };
+    let requirements = GatewayRequirements {
+        directions: &[Direction::RxPdo],
+        has_results: true,
+        ..GatewayRequirements::on(channels)
+    };
     let prepared = Prepared::new(options, requirements, context)?;
     if let Some(fd) = frames.iter().find(|frame| frame.as_ref().is_fd()) {
         prepared.needs_fd(format_args!("{} is a CAN FD frame", FrameText(fd)), *channel)?;

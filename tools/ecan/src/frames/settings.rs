@@ -8,6 +8,7 @@ use ecan_mcan_port::Config;
 use ecan_mcan_port::{GatewayConfig, MAX_GATEWAYS, PortConfig};
 use ecan_protocol::config::{List, NodeMode};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
+use ecan_protocol::mapping::Direction;
 use ecan_sim::ClockKind;
 
 use crate::config_file;
@@ -21,6 +22,8 @@ pub struct GatewayRequirements {
     pub channels: Channels,
     /// Channels that must exist.
     pub required: Channels,
+    /// Directions in which the required channels must carry frames.
+    pub directions: &'static [Direction],
     pub is_listening: bool,
     /// Received frames need time stamps of the gateway.
     pub has_device_time: bool,
@@ -35,6 +38,7 @@ impl GatewayRequirements {
         Self {
             channels,
             required: if channels.is_all() { Channels::NONE } else { channels },
+            directions: &[],
             is_listening: false,
             has_device_time: false,
             has_results: false,
@@ -191,6 +195,21 @@ fn of_file(
                 path.display(),
                 found.gateway
             )));
+        }
+        for direction in requirements.directions {
+            let is_missing = |channel: &u8| !gateway.carries(*direction, *channel);
+            if let Some(missing) = requirements.required.iter().find(is_missing) {
+                let only = match direction {
+                    Direction::TxPdo => "only sends",
+                    Direction::RxPdo => "only receives",
+                };
+                return Err(Failure::Usage(format!(
+                    "channel {missing} of gateway {} {only} in {}: it is not among the `channels` \
+                     of the {direction}",
+                    found.gateway,
+                    path.display()
+                )));
+            }
         }
         if requirements.channels.is_all() && resolved.len() == 1 {
             channels = enabled;

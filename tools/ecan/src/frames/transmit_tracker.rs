@@ -8,7 +8,7 @@ use ecan_diagnosis::registers::TransmitQueueStatus;
 use ecan_mcan_port::{Port, Received, SendTicket, Session};
 use ecan_protocol::config::TxMode;
 use ecan_protocol::image::{ChannelStatus, ResultCode};
-use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::context::{Failure, Result};
 use crate::frames::bit_rates::BitRates;
@@ -243,6 +243,16 @@ impl TransmitTracker {
             ));
         }
         if self.handed_over + self.failed == 0 && !self.open.is_empty() {
+            let gateway = port.config().gateways.first();
+            let only_sends = |channel: &u8| {
+                gateway.is_some_and(|gateway| !gateway.carries(Direction::TxPdo, *channel))
+            };
+            if let Some(channel) = self.channels.iter().find(only_sends) {
+                return Some(format!(
+                    "channel {channel} only sends, and the gateway may report no transmit result of \
+                     it (assumption H45); check at another node whether the frames arrive"
+                ));
+            }
             return Some(
                 "no transmit result arrived; the gateway may report failures only (assumption H17); \
                  check at another node whether the frames arrive"

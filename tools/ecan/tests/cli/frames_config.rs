@@ -287,3 +287,36 @@ fn shift_among_the_arrivals_is_a_warning() {
         assert_eq!((checked.status.code(), printed.contains(warning)), (Some(0), is_warned));
     }
 }
+
+#[test]
+fn channel_of_one_direction_is_rejected_for_the_other() {
+    let bus = bus(250, &FRAMES);
+    let masks = "n = 4\ntx_pdo = { channels = ['can0'] }\nrx_pdo = { channels = ['can2'] }";
+    let path = bus.write("masks.toml", &CELL.replace("n = 4", masks));
+    let shown = bus.good(&["config", "check", &path]);
+    assert!(shown.contains("CAN0   classic CAN, receives only\n"), "{shown}");
+    assert!(shown.contains("CAN2   CAN FD, delay compensation on, sends only\n"), "{shown}");
+    for command in [vec!["send", "123#01"], vec!["gen", "-n", "1"]] {
+        let options =
+            [&command[..1], &["--config", &path, "--channel", "0"], &command[1..]].concat();
+        let message = fails_on(&bus, &options);
+        assert!(message.contains("channel 0 of gateway 0 only receives in "), "{message}");
+        assert!(message.contains("not among the `channels` of the RxPDO"), "{message}");
+    }
+    let message = fails_on(&bus, &["dump", "--config", &path, "--channel", "can2"]);
+    assert!(message.contains("channel 2 of gateway 0 only sends in "), "{message}");
+    let output = bus.run(&["send", "--config", &path, "--channel", "2", "700#01"]);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.contains("channel 2 only sends") && message.contains("H45"), "{message}");
+    let output = bus.run(&["dump", "--config", &path, "-T", "9000", "-n", "1"]);
+    assert_eq!(String::from_utf8(output.stdout).unwrap(), "  can0  123   [1]  02\n");
+    let plan = bus.good(&["plan", "--config", &path, "--frames", "1", "--bytes", "0"]);
+    assert!(!plan.contains("only"), "{plan}");
+}
+
+/// Standard error of a command that is used wrongly.
+fn fails_on(bus: &Scenario, options: &[&str]) -> String {
+    let output = bus.run(options);
+    assert_eq!(output.status.code(), Some(2), "{options:?}");
+    String::from_utf8(output.stderr).unwrap()
+}

@@ -13,6 +13,7 @@ use clap::Args;
 use ecan_bridge::{BridgeProtocol, BusRates, ClientId};
 use ecan_mcan_port::{Received, Session};
 use ecan_protocol::can::CanFrame;
+use ecan_protocol::mapping::Direction;
 
 use crate::commands::bridge::beacon::Beacon;
 use crate::commands::bridge::endpoint::{Address, Endpoint, Listening};
@@ -91,6 +92,10 @@ struct PendingFrame {
 pub fn run(arguments: &BridgeArguments, context: &Context) -> Result {
     let context = &context.on_stderr(arguments.options.capture.is_on_output());
     let requirements = GatewayRequirements {
+        directions: match arguments.listen_only {
+            true => &[Direction::TxPdo],
+            false => &Direction::ALL,
+        },
         is_listening: arguments.listen_only,
         has_results: true,
         has_end: false,

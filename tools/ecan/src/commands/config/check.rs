@@ -56,6 +56,7 @@ struct Image {
     multiplier: u8,
     bytes: usize,
     frame_area_bytes: usize,
+    channel_mask: u8,
     profile: u8,
     options: String,
     profile_word: u32,
@@ -65,6 +66,8 @@ struct Image {
 struct Channel {
     channel: u8,
     is_fd: bool,
+    receives: bool,
+    sends: bool,
     nominal: Timing,
     data: Option<Timing>,
     tdc_runs: bool,
@@ -202,7 +205,10 @@ fn of_file(file: &Config) -> Checked {
                     .filter_map(|(number, settings)| {
                         let standard = file.port.standard_filters(index, number).len();
                         let extended = file.port.extended_filters(index, number).len();
-                        channel(number, settings.as_ref()?, (standard, extended))
+                        let of = channel(number, settings.as_ref()?, (standard, extended))?;
+                        let [receives, sends] =
+                            Direction::ALL.map(|direction| gateway.carries(direction, number));
+                        Some(Channel { receives, sends, ..of })
                     })
                     .collect(),
             })
@@ -225,6 +231,7 @@ fn image(gateway: &GatewayConfig, direction: Direction, multiplier: u8) -> Image
         multiplier,
         bytes: usize::from(multiplier) * CHUNK_BYTES,
         frame_area_bytes: profile.frame_area_bytes(),
+        channel_mask: profile.channel_mask,
         profile: profile.profile.raw(),
         options: profile.options.to_string(),
         profile_word: profile.word(),
@@ -238,6 +245,8 @@ fn channel(number: u8, settings: &ChannelConfig, filters: (usize, usize)) -> Opt
     Some(Channel {
         channel: number,
         is_fd: can.fd,
+        receives: true,
+        sends: true,
         nominal: Timing::of(can, Phase::Nominal, nominal)?,
         data: data.and_then(|timing| Timing::of(can, Phase::Data, timing)),
         tdc_runs: can.tdc_runs(),
@@ -299,7 +308,12 @@ fn print_channel(channel: &Channel, out: &mut dyn Write) -> std::io::Result<()> 
         (true, true) => ", delay compensation on",
         (true, false) => ", delay compensation off",
     };
-    writeln!(out, "  CAN{}   {kind}{tdc}", channel.channel)?;
+    let directions = match (channel.receives, channel.sends) {
+        (true, false) => ", receives only",
+        (false, true) => ", sends only",
+        _ => "",
+    };
+    writeln!(out, "  CAN{}   {kind}{tdc}{directions}", channel.channel)?;
     let timings = [("nominal", Some(&channel.nominal)), ("data", channel.data.as_ref())];
     for (name, timing) in timings {
         let Some(timing) = timing else { continue };

@@ -3,6 +3,7 @@
 mod generator;
 
 use clap::Args;
+use ecan_protocol::mapping::Direction;
 
 use crate::context::{Context, Failure, Result};
 use crate::frames::{
@@ -107,6 +108,7 @@ pub fn run(arguments: &GenArguments, context: &Context) -> Result {
     let mut generator = arguments.generator()?;
     let channels = Channels::only(*channel);
     let requirements = GatewayRequirements {
+        directions: &[Direction::RxPdo],
         has_results: true,
         has_end: count.is_some(),
         ..GatewayRequirements::on(channels)

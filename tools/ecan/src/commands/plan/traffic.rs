@@ -4,6 +4,7 @@ use std::path::Path;
 
 use ecan_mcan_port::{FrameRate, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::mapping::Direction;
 
 use crate::context::{Failure, Result};
 use crate::frames::recording::{self, Recorded};
@@ -12,13 +13,26 @@ use super::{PlanArguments, Planned};
 
 const FRAME_ID: u16 = 0x123;
 
-/// Traffic sent; the same amount is received.
+/// Traffic sent; the same amount is received. Channels of one direction have traffic in that one.
 pub(super) fn of(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>> {
-    let sent = match &arguments.replay {
-        Some(path) => recorded(path, planned)?,
-        None => even(arguments, planned)?,
+    let carries = |it: &FrameStream, direction| {
+        let gateway = planned.port.gateways.get(it.slave);
+        gateway.is_some_and(|gateway| gateway.carries(direction, it.channel))
     };
-    let back = sent.iter().map(|it| FrameStream::from_bus(it.slave, it.channel, it.frame, it.rate));
+    let (all, sent) = match &arguments.replay {
+        Some(path) => {
+            let sent = recorded(path, planned)?;
+            (sent.clone(), sent)
+        }
+        None => {
+            let all = even(arguments, planned)?;
+            let sends = |it: &&FrameStream| carries(it, Direction::RxPdo);
+            let sent = all.iter().filter(sends).copied().collect();
+            (all, sent)
+        }
+    };
+    let back = all.iter().filter(|it| carries(it, Direction::TxPdo));
+    let back = back.map(|it| FrameStream::from_bus(it.slave, it.channel, it.frame, it.rate));
     let back: Vec<_> = back.collect();
     Ok([sent, back].concat())
 }
