@@ -846,6 +846,20 @@ int igh_mcan_port_discard_pending(igh_mcan_port_t *port, size_t slave);
 /** Flag of 0xB000:06: the timer missed a phase. */
 #define IGH_MCAN_SCHEDULE_TIMER_MISS 512
 
+/** Reason for which a gateway's account of scheduled frames counts accepted frames as unknown. */
+typedef enum {
+    /** None: the results are certain, or no flags were read yet. */
+    IGH_MCAN_SCHEDULE_FAULT_NONE = 0,
+    /** The codes 1 and 2 of TX_RESULT contradict the flag IGH_MCAN_SCHEDULE_LATE_DROP. */
+    IGH_MCAN_SCHEDULE_FAULT_CODES_CONTRADICTED = 1,
+    /** The flag was set before a reading could verify the codes of TX_RESULT. */
+    IGH_MCAN_SCHEDULE_FAULT_CODES_UNVERIFIED = 2,
+    /** An object that decides on accepted frames cannot be read; the text names it. */
+    IGH_MCAN_SCHEDULE_FAULT_UNREADABLE = 3,
+    /** Another one; see the text. */
+    IGH_MCAN_SCHEDULE_FAULT_OTHER = 255,
+} igh_mcan_schedule_fault_t;
+
 /**
  * Times for the margin of a schedule, and the reaction to a missing margin. The manual gives
  * no times; docs/ASSUMPTIONS.md gives the source of the defaults.
@@ -1017,6 +1031,22 @@ int igh_mcan_port_get_schedule_account(igh_mcan_port_t *port,
 int igh_mcan_port_get_schedule_diagnostics(igh_mcan_port_t *port,
                                            size_t slave,
                                            igh_mcan_schedule_diagnostics_t *diagnostics);
+
+/**
+ * Returns the reason for which the accounts of a gateway's scheduled frames count accepted frames as
+ * unknown, by the last reading of its flags.
+ *
+ * @param text  Gets the reason as text, with the assumption that does not hold and what to do; empty
+ *              without a reason; may be NULL.
+ * @param size  Bytes of the buffer; a longer text is cut.
+ *
+ * @usage   rt with text NULL, the cycle's thread, after init
+ * @return  An igh_mcan_schedule_fault_t; ECAN_ERR_SLAVE.
+ */
+int igh_mcan_port_get_schedule_fault(igh_mcan_port_t *port,
+                                     size_t slave,
+                                     char *text,
+                                     size_t size);
 
 /**
  * Clears the flags of 0xB000:06 and the gateway's other runtime diagnostics in the next cycles

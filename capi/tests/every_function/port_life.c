@@ -49,6 +49,7 @@ static void no_port(int code, igh_mcan_port_t *port)
     BAD(code, igh_mcan_port_get_schedule_margin(port, 0, 0, &margin));
     BAD(code, igh_mcan_port_get_schedule_account(port, 0, 0, &account));
     BAD(code, igh_mcan_port_get_schedule_diagnostics(port, 0, &schedule));
+    BAD(code, igh_mcan_port_get_schedule_fault(port, 0, NULL, 0));
     BAD(code, igh_mcan_port_clear_schedule_flags(port, 0));
     BAD(code, igh_mcan_port_get_capabilities(port, 0, &capabilities));
     if (port == NULL) {

@@ -3,6 +3,54 @@
 
 static const uint8_t DATA[8] = {1, 2, 3, 4, 5, 6, 7, 8};
 
+/* A gateway whose codes for queued and late frames are swapped: assumption H23. */
+static const char SWAPPED[] = "[[gateway]]\n"
+                              "[gateway.variant]\n"
+                              "tx_result_codes = \"swapped\"\n"
+                              "[[node]]\n"
+                              "kind = \"echo\"\n"
+                              "bus = \"0.0\"\n";
+
+static void contradicted_results(void)
+{
+    static ecan_igh_config_t igh_config;
+    static igh_mcan_port_config_t config;
+    ecan_igh_context_t igh;
+    igh_mcan_port_t port;
+    igh_mcan_schedule_account_t account;
+    char setting[256];
+    char text[400];
+
+    SAME(0, write_scenario(SWAPPED, setting, sizeof(setting)));
+    simulate(&igh_config, setting);
+    GOOD(ecan_igh_config_set_dc_sync0(&igh_config, 1000, 700));
+    GOOD(igh_mcan_port_default_config(&config));
+    GOOD(igh_mcan_port_set_channel_mask(&config, 0, 0x01, 0x00));
+    GOOD(igh_mcan_port_set_options(&config, 0, IGH_MCAN_OPTION_TX_RESULT, 0));
+    SAME(0, start_port(&igh, &port, &igh_config, &config));
+    SAME(IGH_MCAN_SCHEDULE_FAULT_NONE, igh_mcan_port_get_schedule_fault(&port, 0, NULL, 0));
+    for (int cycle = 0; cycle < 500; cycle++) {
+        GOOD(igh_mcan_port_wait_next_cycle(&port));
+        GOOD(igh_mcan_port_cycle_begin(&port));
+        if (cycle < 50) {
+            GOOD(igh_mcan_port_schedule_can(&port, 0, 0, 0x321, 0, DATA, 8, 500000, 7));
+        }
+        GOOD(igh_mcan_port_cycle_end(&port));
+    }
+    SAME(IGH_MCAN_SCHEDULE_FAULT_CODES_CONTRADICTED,
+         igh_mcan_port_get_schedule_fault(&port, 0, text, sizeof(text)));
+    TRUE(strstr(text, "assumption H23") != NULL);
+    SAME(IGH_MCAN_SCHEDULE_FAULT_CODES_CONTRADICTED,
+         igh_mcan_port_get_schedule_fault(&port, 0, text, 10));
+    TRUE(strlen(text) == 9);
+    GOOD(igh_mcan_port_get_schedule_account(&port, 0, 0, &account));
+    SAME(50, account.unknown);
+    SAME(0, account.late_dropped);
+    GOOD(igh_mcan_port_deinit(&port));
+    GOOD(ecan_igh_deinit(&igh));
+    remove_scenario(setting);
+}
+
 void test_port_schedule(void)
 {
     static ecan_igh_config_t igh_config;
@@ -15,6 +63,7 @@ void test_port_schedule(void)
     igh_mcan_schedule_margin_t margin;
     igh_mcan_schedule_account_t account;
     igh_mcan_schedule_diagnostics_t diagnostics;
+    char text[400];
     size_t count;
     int echoes = 0;
     int sent = 0;
@@ -78,6 +127,9 @@ void test_port_schedule(void)
     TRUE(diagnostics.read_at_ns > 0 && diagnostics.sync0_count > 100);
     BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_schedule_diagnostics(&port, 1, &diagnostics));
     BAD(ECAN_ERR_NULL, igh_mcan_port_get_schedule_diagnostics(&port, 0, NULL));
+    SAME(IGH_MCAN_SCHEDULE_FAULT_NONE, igh_mcan_port_get_schedule_fault(&port, 0, text, sizeof(text)));
+    TRUE(text[0] == 0);
+    BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_schedule_fault(&port, 1, NULL, 0));
     GOOD(igh_mcan_port_clear_schedule_flags(&port, 0));
     BAD(ECAN_ERR_SLAVE, igh_mcan_port_clear_schedule_flags(&port, 1));
     GOOD(igh_mcan_port_get_schedule_margin(&port, 0, 100000, &margin));
@@ -91,4 +143,5 @@ void test_port_schedule(void)
     BAD(ECAN_ERR_ORDER, igh_mcan_port_schedule_canfd(&port, 0, 1, 0x321, 0, DATA, 8, 1, 1));
     GOOD(igh_mcan_port_deinit(&port));
     GOOD(ecan_igh_deinit(&igh));
+    contradicted_results();
 }

@@ -4,12 +4,16 @@
 //! their results, as the gateway reports them. igh_mcan_port_schedule_can() and similar functions
 //! send them.
 
+use std::ffi::{c_char, c_int};
+
 use ecan_c_export::export;
+use ecan_mcan_host::boundary::put_text;
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::{mirror, pointers};
 use ecan_mcan_port::{
-    ChannelDrops, MarginCheck, ScheduleAccount, ScheduleConfig, ScheduleDiagnostics, ScheduleMargin,
+    ChannelDrops, MarginCheck, ScheduleAccount, ScheduleConfig, ScheduleDiagnostics, ScheduleFault,
+    ScheduleMargin,
 };
 
 use super::config::igh_mcan_port_config_t;
@@ -159,6 +163,22 @@ mirror! {
     }
 }
 
+mirror! {
+    /// Reason for which a gateway's account of scheduled frames counts accepted frames as unknown.
+    pub enum igh_mcan_schedule_fault_t from Option<ScheduleFault> {
+        /// None: the results are certain, or no flags were read yet.
+        IGH_MCAN_SCHEDULE_FAULT_NONE = 0 => None,
+        /// The codes 1 and 2 of TX_RESULT contradict the flag IGH_MCAN_SCHEDULE_LATE_DROP.
+        IGH_MCAN_SCHEDULE_FAULT_CODES_CONTRADICTED = 1 => Some(ScheduleFault::CodesContradicted),
+        /// The flag was set before a reading could verify the codes of TX_RESULT.
+        IGH_MCAN_SCHEDULE_FAULT_CODES_UNVERIFIED = 2 => Some(ScheduleFault::CodesUnverified),
+        /// An object that decides on accepted frames cannot be read; the text names it.
+        IGH_MCAN_SCHEDULE_FAULT_UNREADABLE = 3 => Some(ScheduleFault::Unreadable { .. }),
+        /// Another one; see the text.
+        IGH_MCAN_SCHEDULE_FAULT_OTHER = 255 => _,
+    }
+}
+
 /// Fills the settings with their defaults.
 ///
 /// @usage   rt, any thread, any time
@@ -233,6 +253,31 @@ pub fn igh_mcan_port_get_schedule_diagnostics(
         call.fail(ecan_result_t::ECAN_ERR_NOT_READY, text)
     })?;
     Ok(diagnostics.into())
+}
+
+/// Returns the reason for which the accounts of a gateway's scheduled frames count accepted frames as
+/// unknown, by the last reading of its flags.
+///
+/// @param text  Gets the reason as text, with the assumption that does not hold and what to do; empty
+///              without a reason; may be NULL.
+/// @param size  Bytes of the buffer; a longer text is cut.
+///
+/// @usage   rt with text NULL, the cycle's thread, after init
+/// @return  An igh_mcan_schedule_fault_t; ECAN_ERR_SLAVE.
+#[export(call, layer port)]
+pub fn igh_mcan_port_get_schedule_fault(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    text: *mut c_char,
+    size: usize,
+) -> c_int {
+    let gateway = need_slave(call, port, slave)?;
+    let fault = port.schedule_fault(gateway);
+    if !text.is_null() {
+        pointers!(call, room(text, size));
+        put_text(&mut text, &fault.map_or_else(String::new, |fault| fault.to_string()));
+    }
+    Ok(igh_mcan_schedule_fault_t::from(fault) as c_int)
 }
 
 /// Clears the flags of 0xB000:06 and the gateway's other runtime diagnostics in the next cycles
