@@ -186,6 +186,7 @@ fn python_can_exchanges_frames_through_two_protocols() {
         kind: NodeKind::Bridge(BridgeSpec { protocol, ..BridgeSpec::default() }),
         bitrate: Some(500_000),
         data_bitrate: Some(2_000_000),
+        physical_layer: None,
     };
     let scenario = Scenario {
         gateways: vec![GatewaySpec::at(0)],
@@ -219,6 +220,7 @@ fn python_402_master_drives_the_simulated_drive() {
         kind,
         bitrate: Some(500_000),
         data_bitrate: None,
+        physical_layer: None,
     };
     let settings = DriveSpec { config: DriveConfig::new(drive), eds: None };
     let scenario = Scenario {

@@ -181,6 +181,7 @@ fn link_specs(bitrate: Option<u32>) -> impl Iterator<Item = NodeSpec> {
         kind: NodeKind::Bridge(BridgeSpec::default()),
         bitrate,
         data_bitrate: None,
+        physical_layer: None,
     })
 }
 
@@ -341,6 +342,7 @@ impl Drives {
                 kind: NodeKind::Drive(Box::new(DriveSpec { config, eds: None })),
                 bitrate: Some(BITRATE),
                 data_bitrate: None,
+                physical_layer: None,
             }
         };
         let mut nodes: Vec<NodeSpec> = (0..AXES.len()).map(drive).collect();

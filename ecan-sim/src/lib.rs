@@ -21,9 +21,9 @@ mod drive;
 mod node;
 
 pub use bus::{
-    BusError, BusEvent, BusFault, BusStatistics, CanBus, ErrorState, FrameTiming,
-    INTERMISSION_BITS, StationConfig, StationId, StationMode, StationStatistics, WireFrame,
-    arbitration_key, bits_ns,
+    BusError, BusEvent, BusFault, BusStatistics, CanBus, DelayCompensation, DetectedError,
+    ErrorState, FrameTiming, INTERMISSION_BITS, PhysicalLayer, StationConfig, StationId,
+    StationMode, StationStatistics, WireFrame, arbitration_key, bits_ns,
 };
 pub use drive::{
     CommandSource, Drive, DriveConfig, DriveQuirks, DriveTrace, EdsError, MotionSample,

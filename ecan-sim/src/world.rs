@@ -41,6 +41,7 @@ const NEVER: u64 = u64::MAX;
 pub struct World {
     now: u64,
     start: u64,
+    seed: u64,
     topology: Topology,
     slots: Vec<LineSlot>,
     buses: Vec<BusSlot>,
@@ -73,6 +74,7 @@ impl World {
     ) -> Result<Self, BackendError> {
         let mut world = Self {
             now,
+            seed: scenario.seed,
             start: now,
             topology: scenario.topology,
             slots: Vec::with_capacity(scenario.gateways.len()),
@@ -111,6 +113,9 @@ impl World {
             let (bus, station) = world.attach(&spec.bus, can_side::Owner::Node(index));
             let seed = scenario.seed.rotate_left(17) ^ 0xD1B5_4A32_D192_ED03 ^ index as u64;
             world.add_node(NodeSlot::new(spec, bus, station, seed, bridges)?);
+            if let Some(slot) = world.buses.get_mut(bus) {
+                slot.bus.set_physical_layer(station, spec.physical_layer);
+            }
         }
         for index in 0..world.nodes.len() {
             if let Some(config) = world.nodes.get(index).and_then(|node| node.fixed) {
@@ -134,7 +139,8 @@ impl World {
     /// Adds a station to a bus; creates the bus if necessary.
     fn attach(&mut self, name: &str, owner: can_side::Owner) -> (usize, StationId) {
         let bus = self.buses.iter().position(|slot| slot.bus.name() == name).unwrap_or_else(|| {
-            self.buses.push(BusSlot::new(CanBus::new(name)));
+            let seed = self.seed.rotate_left(29) ^ self.buses.len() as u64;
+            self.buses.push(BusSlot::new(CanBus::new(name).with_seed(seed)));
             self.buses.len() - 1
         });
         // infallible: the index was found or made above

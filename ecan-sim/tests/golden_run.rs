@@ -206,6 +206,7 @@ fn scenario() -> Scenario {
         kind,
         bitrate: None,
         data_bitrate: None,
+        physical_layer: None,
     };
     scenario.nodes.push(node("echo", "1.3", NodeKind::Echo));
     let bad = FaultyConfig {

@@ -4,9 +4,10 @@ mod planning;
 use ecan_protocol::can::CanFrame;
 
 use super::arbitration::arbitration_key;
-use super::error_confinement::{BusError, ErrorCounters, ErrorState};
+use super::error_confinement::{DetectedError, ErrorCounters, ErrorState};
 use super::event::{BusEvent, BusFault};
 use super::frame_timing::{FrameTiming, INTERMISSION_BITS};
+use super::physical_layer::PhysicalLayer;
 use super::recovery::Recovery;
 use super::station::{
     ArbitrationEntry, LocalTransmission, Station, StationConfig, StationId, StationMode,
@@ -29,10 +30,13 @@ const INTEGRATION_BITS: u32 = 11;
 #[derive(Clone, Debug, Default)]
 pub struct CanBus {
     name: String,
+    seed: u64,
     now: u64,
     free_at: u64,
     stations: Vec<Station>,
     current: Option<Transmission>,
+    /// Number of ended transmissions.
+    transmissions: u64,
     statistics: BusStatistics,
     report_due: bool,
     /// Time at which the next transmission or recovery ends, as last planned.
@@ -46,6 +50,12 @@ impl CanBus {
     #[must_use]
     pub fn new(name: &str) -> Self {
         Self { name: name.to_owned(), ..Self::default() }
+    }
+
+    /// The bus with another seed of its random errors.
+    #[must_use]
+    pub fn with_seed(self, seed: u64) -> Self {
+        Self { seed, ..self }
     }
 
     /// Name of the bus.
@@ -71,15 +81,24 @@ impl CanBus {
         let Some(slot) = self.stations.get_mut(station.0) else {
             return;
         };
-        let statistics = slot.statistics;
+        let Station { statistics, physical_layer, .. } = *slot;
         *slot = Station {
             config,
+            physical_layer,
             active_from: config.map_or(now, |c| now + c.bits_ns(INTEGRATION_BITS)),
             statistics,
             ..Station::default()
         };
         self.handle_station_removal(station.0);
         self.replan();
+    }
+
+    /// Sets sample points and delays of a station, for frames planned from now on. `None`, the
+    /// default, samples each bit correctly; only two stations with them can disturb each other.
+    pub fn set_physical_layer(&mut self, station: StationId, layer: Option<PhysicalLayer>) {
+        if let Some(slot) = self.stations.get_mut(station.0) {
+            slot.physical_layer = layer;
+        }
     }
 
     /// Configuration of a station.
@@ -264,7 +283,7 @@ impl CanBus {
 
     /// Last error that the station detected since it was configured.
     #[must_use]
-    pub fn last_error(&self, station: StationId) -> Option<BusError> {
+    pub fn last_error(&self, station: StationId) -> Option<DetectedError> {
         self.stations.get(station.0)?.last_error
     }
 

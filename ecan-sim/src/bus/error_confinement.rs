@@ -1,5 +1,7 @@
 //! Error counters and error states (ISO 11898-1, fault confinement).
 
+use ecan_protocol::can::Phase;
+
 const WARNING_LIMIT: u16 = 96;
 const PASSIVE_LIMIT: u16 = 128;
 /// Transmit error count from which a station is bus-off.
@@ -31,10 +33,28 @@ pub enum BusError {
     Stuff,
     /// ACK error: no station acknowledged the frame.
     Ack,
-    /// Bit error: a sent bit was read back with the other level.
-    Bit,
+    /// Bit error: a recessive bit was sent, a dominant one was read back. Also caused by another
+    /// station's error flag.
+    Bit1,
+    /// Bit error: a dominant bit was sent, a recessive one was read back.
+    Bit0,
     /// Form error. Also caused by an FD frame at a classic station.
     Form,
+}
+
+/// An error with the phase of the frame in which it was detected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DetectedError {
+    /// The error.
+    pub error: BusError,
+    /// The data phase is that of an FD frame with bit rate switch.
+    pub phase: Phase,
+}
+
+impl DetectedError {
+    pub(super) const fn nominal(error: BusError) -> Self {
+        Self { error, phase: Phase::Nominal }
+    }
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

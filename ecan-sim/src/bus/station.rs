@@ -2,8 +2,9 @@
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
-use super::error_confinement::{BusError, ErrorCounters, ErrorState};
+use super::error_confinement::{DetectedError, ErrorCounters, ErrorState};
 use super::frame_timing::{FrameTiming, bits_ns};
+use super::physical_layer::PhysicalLayer;
 use super::recovery::Recovery;
 use super::statistics::StationStatistics;
 
@@ -115,6 +116,10 @@ pub(super) enum Mismatch {
     NominalBitrate,
     DataBitrate,
     FdFormat,
+    /// The receiver switches to the data bit rate too late, and misses the switch.
+    SwitchLate,
+    /// The receiver switches too early.
+    SwitchEarly,
 }
 
 /// The frame that a station has in arbitration.
@@ -138,6 +143,8 @@ pub(super) struct LocalTransmission {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Station {
     pub config: Option<StationConfig>,
+    /// `None` samples each bit correctly.
+    pub physical_layer: Option<PhysicalLayer>,
     pub offer: Option<ArbitrationEntry>,
     pub local: Option<LocalTransmission>,
     /// Time from which the station takes part, after eleven recessive bits.
@@ -148,7 +155,7 @@ pub(super) struct Station {
     pub local_free_at: u64,
     pub counters: ErrorCounters,
     pub reported: ErrorState,
-    pub last_error: Option<BusError>,
+    pub last_error: Option<DetectedError>,
     pub recovery: Option<Recovery>,
     pub injected_errors: u32,
     pub statistics: StationStatistics,

@@ -39,8 +39,18 @@ pub struct StationStatistics {
     pub transmit_errors: u64,
     /// Frames of others that failed.
     pub receive_errors: u64,
+    /// Errors that raised an error counter.
+    pub counted_errors: u64,
     /// Starts at which another station won arbitration.
     pub arbitrations_lost: u64,
     /// Number of bus-off events.
     pub bus_offs: u64,
+}
+
+impl StationStatistics {
+    /// Failed transmissions, own ones and those of others.
+    #[must_use]
+    pub const fn errors(&self) -> u64 {
+        self.transmit_errors + self.receive_errors
+    }
 }

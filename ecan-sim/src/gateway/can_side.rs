@@ -2,7 +2,7 @@
 
 use ecan_protocol::can::CanFrame;
 
-use crate::bus::{ErrorState, StationConfig};
+use crate::bus::{DetectedError, ErrorState, PhysicalLayer, StationConfig};
 
 use super::Gateway;
 use super::application::Application;
@@ -32,6 +32,13 @@ impl Gateway {
     #[must_use]
     pub fn station_config(&self, connector: usize) -> Option<StationConfig> {
         self.channel_at(connector)?.controller.station()
+    }
+
+    /// Sample points and delays of the controller at a connector; `None` while it is not configured.
+    #[must_use]
+    pub fn physical_layer(&self, connector: usize) -> Option<PhysicalLayer> {
+        let transceiver_ns = self.config.transceiver_ns;
+        self.channel_at(connector)?.controller.physical_layer(transceiver_ns)
     }
 
     /// Changes when [`station_config`](Self::station_config) may have changed or the controller
@@ -85,6 +92,15 @@ impl Gateway {
             (false, true) => self.raise_emergency(Emergency::bus_off(number)),
             (true, false) => self.raise_emergency(Emergency::bus_off_recovered(number)),
             _ => {}
+        }
+    }
+
+    /// The controller at a connector detected errors on the bus: the last one, and the number of those
+    /// that raised an error counter.
+    pub fn bus_errors(&mut self, now: u64, connector: usize, counted: u64, last: DetectedError) {
+        self.advance(now);
+        if let Some((_, channel, _)) = self.channel_at_mut(connector) {
+            channel.controller.note_errors(counted, last);
         }
     }
 

@@ -1,6 +1,7 @@
 use ecan_protocol::device::AlStatusCode;
 
 use super::variant::GatewayVariant;
+use crate::bus::PhysicalLayer;
 
 /// Identity and timing of one simulated gateway.
 ///
@@ -59,6 +60,9 @@ pub struct GatewayModelConfig {
     /// ready in SM1. The manual gives no time. In the operation phase of the simulated libethercat a
     /// response takes at least 2 ms.
     pub mailbox_delay_ns: u64,
+    /// Delay of the CAN transceivers from transmit to receive pin, in nanoseconds. The manual gives no
+    /// time.
+    pub transceiver_ns: u32,
     /// Switches for what the manual leaves open.
     pub variant: GatewayVariant,
 }
@@ -86,6 +90,7 @@ impl Default for GatewayModelConfig {
             publishes_after_read: false,
             complete_access: false,
             mailbox_delay_ns: 200_000,
+            transceiver_ns: PhysicalLayer::TRANSCEIVER_NS,
             variant: GatewayVariant::default(),
         }
     }

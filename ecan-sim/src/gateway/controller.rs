@@ -7,10 +7,13 @@ mod registers;
 
 use std::collections::VecDeque;
 
-use ecan_protocol::can::{BitTiming, CanFrame, FrameKind};
+use ecan_protocol::can::{BitTiming, CanFrame, FrameKind, Phase, TDC_MAX_PRESCALER};
 use ecan_protocol::config::{MessageRamLayout, TxMode};
 
-use crate::bus::{ErrorState, StationConfig, StationMode, arbitration_key};
+use crate::bus::{
+    BusError, DelayCompensation, DetectedError, ErrorState, PhysicalLayer, StationConfig,
+    StationMode, arbitration_key,
+};
 
 use super::counters::GatewayCounters;
 use super::filter::{Destination, FilterTable};
@@ -34,6 +37,8 @@ mod interrupt {
     pub(super) const ERROR_PASSIVE: u32 = 1 << 23;
     pub(super) const ERROR_WARNING: u32 = 1 << 24;
     pub(super) const BUS_OFF: u32 = 1 << 25;
+    pub(super) const ERROR_IN_ARBITRATION: u32 = 1 << 27;
+    pub(super) const ERROR_IN_DATA: u32 = 1 << 28;
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -71,6 +76,7 @@ pub(super) struct Controller {
     tx_put_index: u32,
     pub(super) error_state: ErrorState,
     error_counters: (u16, u16),
+    errors: ErrorCodes,
     recovery_requested: bool,
     interrupts: u32,
     high_priority: u32,
@@ -119,6 +125,26 @@ impl Controller {
     /// Not configured, or off the bus by its INIT bit.
     pub(super) fn is_stopped(&self) -> bool {
         self.config.is_none() || self.written.is_stopped
+    }
+
+    /// Its sample points and delays on the bus, with a transceiver of this delay.
+    pub(super) fn physical_layer(&self, transceiver_ns: u32) -> Option<PhysicalLayer> {
+        let ControllerConfig { timing: (nominal, data), station, tdc, .. } =
+            self.config.as_ref()?;
+        let data = data.unwrap_or(*nominal);
+        // one mtq is a period of the source clock
+        let ns_of = |mtq: u8| {
+            let clock_hz = u64::from(station.nominal_bitrate) * u64::from(nominal.clocks_per_bit());
+            (u64::from(mtq) * 1_000_000_000).checked_div(clock_hz).unwrap_or(0) as u32
+        };
+        let compensation = tdc.filter(|_| data.brp <= TDC_MAX_PRESCALER).map(|(offset, filter)| {
+            DelayCompensation { offset_ns: ns_of(offset), filter_ns: ns_of(filter) }
+        });
+        Some(PhysicalLayer {
+            compensation,
+            transceiver_ns,
+            ..PhysicalLayer::new(nominal.sample_point(), data.sample_point())
+        })
     }
 
     pub(super) fn is_bus_off(&self) -> bool {
@@ -202,6 +228,9 @@ impl Controller {
 
     /// The bus confirms the frame in arbitration; returns `false` without one.
     pub(super) fn transmitted(&mut self) -> bool {
+        if let Some(frame) = &self.in_flight {
+            self.errors.passed(frame);
+        }
         let ended = self.abandoned();
         if ended {
             self.interrupts |= interrupt::TRANSMITTED;
@@ -238,6 +267,7 @@ impl Controller {
         let Some(config) = self.config.as_ref().filter(|_| !self.written.is_stopped) else {
             return;
         };
+        self.errors.passed(frame);
         let at_ns = if config.captures_start { start_ns } else { end_ns };
         counters.frames_from_bus += 1;
         let result = config.filters.evaluate(frame);
@@ -346,12 +376,57 @@ impl Controller {
         changed
     }
 
+    /// The controller has detected errors since the last call; `counted` raised an error counter.
+    pub(super) fn note_errors(&mut self, counted: u64, last: DetectedError) {
+        let code = match last.error {
+            BusError::Stuff => 1,
+            BusError::Form => 2,
+            BusError::Ack => 3,
+            BusError::Bit1 => 4,
+            BusError::Bit0 => 5,
+        };
+        let (target, flag) = match last.phase {
+            Phase::Nominal => (&mut self.errors.arbitration, interrupt::ERROR_IN_ARBITRATION),
+            Phase::Data => (&mut self.errors.data, interrupt::ERROR_IN_DATA),
+        };
+        *target = code;
+        self.interrupts |= flag;
+        self.errors.logged = self.errors.logged.saturating_add(counted.min(255) as u8);
+    }
+
     pub(super) fn request_recovery(&mut self) {
         self.recovery_requested = self.is_bus_off();
     }
 
     pub(super) fn take_recovery_request(&mut self) -> bool {
         std::mem::take(&mut self.recovery_requested)
+    }
+}
+
+/// Last error codes (PSR) and error logging (ECR), as the M_CAN core shows them.
+#[derive(Clone, Copy, Debug)]
+struct ErrorCodes {
+    arbitration: u32,
+    data: u32,
+    logged: u8,
+}
+
+impl ErrorCodes {
+    const NO_ERROR: u32 = 0;
+    const NO_CHANGE: u32 = 7;
+
+    /// A frame was sent or received without error.
+    fn passed(&mut self, frame: &CanFrame) {
+        self.arbitration = Self::NO_ERROR;
+        if matches!(frame.kind(), FrameKind::Fd { brs: true, .. }) {
+            self.data = Self::NO_ERROR;
+        }
+    }
+}
+
+impl Default for ErrorCodes {
+    fn default() -> Self {
+        Self { arbitration: Self::NO_CHANGE, data: Self::NO_CHANGE, logged: 0 }
     }
 }
 

@@ -20,6 +20,7 @@ pub fn echo(gateways: usize) -> Scenario {
             kind: NodeKind::Echo,
             bitrate: None,
             data_bitrate: None,
+            physical_layer: None,
         })
         .collect();
     Scenario { name: "echo".to_owned(), gateways, nodes, ..Scenario::default() }
@@ -81,6 +82,7 @@ fn built_in_drive(gateway: usize, channel: usize, bus: &str, node: NodeId) -> No
         kind: NodeKind::Drive(Box::new(DriveSpec { config, eds: None })),
         bitrate: None,
         data_bitrate: None,
+        physical_layer: None,
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod raw_fault;
 mod raw_node;
+mod raw_physical_layer;
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -17,6 +18,7 @@ use toml::Spanned;
 use crate::gateway::Sync0Window;
 use crate::scenario::file::raw_fault::RawFault;
 use crate::scenario::file::raw_node::RawNode;
+use crate::scenario::file::raw_physical_layer::check_transceiver;
 use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, MasterBehaviour, Scenario, Topology};
 use crate::wake_up::WakeUpDelay;
 
@@ -100,6 +102,7 @@ struct RawGateway {
     clock_drift_ppm: Option<f64>,
     release_jitter_us: Option<u32>,
     mailbox_delay_us: Option<u32>,
+    transceiver_ns: Option<u32>,
     pdo_assign: Option<bool>,
     pdo_configuration: Option<bool>,
     sii_pdos: Option<bool>,
@@ -258,7 +261,8 @@ impl RawGateway {
         let config = &mut spec.config;
         set!(config from self: serial, hardware_revision, firmware, vendor_id, product_code);
         set!(config from self: revision, boot_ms, reboot_delay_ms, tx_pressure_percent, complete_access);
-        set!(config from self: publishes_after_read);
+        set!(config from self: publishes_after_read, transceiver_ns);
+        check_transceiver(config.transceiver_ns)?;
         for (target, us) in [
             (&mut config.service_delay_ns, self.service_delay_us),
             (&mut config.service_jitter_ns, self.service_jitter_us),

@@ -3,6 +3,7 @@ use std::path::PathBuf;
 use ecan_protocol::mapping::MAX_PDO_BYTES;
 use serde::Deserialize;
 
+use crate::bus::PhysicalLayer;
 use crate::drive::DriveConfig;
 use crate::fault::ScriptedFault;
 use crate::gateway::{GatewayModelConfig, SyncManagerConfig};
@@ -144,6 +145,8 @@ pub struct NodeSpec {
     pub bitrate: Option<u32>,
     /// Data bit rate, bit/s; `None` is classic CAN if `bitrate` is given.
     pub data_bitrate: Option<u32>,
+    /// Sample points and delays; `None` samples each bit correctly.
+    pub physical_layer: Option<PhysicalLayer>,
 }
 
 /// Description of a simulation. Plain data.

@@ -72,6 +72,7 @@ impl World {
             link.generation = Some(generation);
             let config = slot.gateway.station_config(channel);
             bus.bus.configure(now, link.station, config);
+            bus.bus.set_physical_layer(link.station, slot.gateway.physical_layer(channel));
             let bus = link.bus;
             if let Some(config) = config {
                 self.configure_followers(bus, config);
@@ -309,6 +310,15 @@ impl World {
         if link.reported != state {
             link.reported = state;
             slot.gateway.bus_state(now, channel, state.0, tec, rec);
+        }
+        let statistics = bus.bus.station_statistics(link.station);
+        let errors = (statistics.errors(), statistics.counted_errors);
+        if link.errors_reported != errors
+            && let Some(last) = bus.bus.last_error(link.station)
+        {
+            let counted = errors.1 - link.errors_reported.1;
+            link.errors_reported = errors;
+            slot.gateway.bus_errors(now, channel, counted, last);
         }
     }
 

@@ -48,11 +48,14 @@ pub(super) struct ChannelLink {
     pub(super) generation: Option<u32>,
     /// Error state and counters last passed to the gateway.
     pub(super) reported: (ErrorState, u16, u16),
+    /// All errors of the station, and those that raised a counter.
+    pub(super) errors_reported: (u64, u64),
 }
 
 impl ChannelLink {
     pub(super) fn new(bus: usize, station: StationId) -> Self {
-        Self { bus, station, generation: None, reported: (ErrorState::Active, 0, 0) }
+        let reported = (ErrorState::Active, 0, 0);
+        Self { bus, station, generation: None, reported, errors_reported: (0, 0) }
     }
 }
 

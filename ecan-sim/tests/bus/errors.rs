@@ -3,8 +3,12 @@
 use crate::fixture::{
     BIT, CLASSIC, FD, START, bits, bus_of, classic, error_frames, received, run, sent, states,
 };
-use ecan_protocol::can::{CanFrame, CanId};
-use ecan_sim::{BusError, BusEvent, BusFault, ErrorState, StationConfig};
+use ecan_protocol::can::{CanFrame, CanId, Phase};
+use ecan_sim::{BusError, BusEvent, BusFault, DetectedError, ErrorState, StationConfig};
+
+fn nominal(error: BusError) -> DetectedError {
+    DetectedError { error, phase: Phase::Nominal }
+}
 
 /// The frame is complete up to the ACK slot; 6 bits of error flag and 8 of delimiter follow.
 /// Sixteen failures make the sender error passive; further ones do not count.
@@ -17,7 +21,7 @@ fn lone_station_becomes_and_stays_error_passive() {
     let events = run(&mut bus, START + 15 * attempt);
     assert_eq!(error_frames(&events), 15);
     assert_eq!(bus.error_counters(s[0]), (120, 0));
-    assert_eq!(bus.last_error(s[0]), Some(BusError::Ack));
+    assert_eq!(bus.last_error(s[0]), Some(nominal(BusError::Ack)));
     let events = run(&mut bus, START + 16 * attempt);
     assert_eq!(states(&events, s[0]), [ErrorState::Passive]);
     assert_eq!(bus.error_counters(s[0]), (128, 0));
@@ -60,8 +64,8 @@ fn disturbed_transmissions_cause_bus_off() {
     );
     assert_eq!(bus.error_counters(s[0]), (256, 0));
     assert_eq!(bus.error_counters(s[1]), (0, 32), "the receiver saw them all");
-    assert_eq!(bus.last_error(s[0]), Some(BusError::Bit));
-    assert_eq!(bus.last_error(s[1]), Some(BusError::Stuff));
+    assert_eq!(bus.last_error(s[0]), Some(nominal(BusError::Bit1)));
+    assert_eq!(bus.last_error(s[1]), Some(nominal(BusError::Stuff)));
     assert_eq!(bus.station_statistics(s[0]).bus_offs, 1);
     assert_eq!(bus.station_statistics(s[0]).transmit_errors, 32);
     assert_eq!(bus.next_event(), None, "nothing moves any more");
@@ -186,7 +190,7 @@ fn classic_station_destroys_fd_frames() {
     let events = run(&mut bus, START + 500_000);
     assert!(error_frames(&events) > 0);
     assert_eq!(received(&events), []);
-    assert_eq!(bus.last_error(s[2]), Some(BusError::Form));
+    assert_eq!(bus.last_error(s[2]), Some(nominal(BusError::Form)));
 }
 
 #[test]

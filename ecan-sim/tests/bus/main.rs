@@ -4,4 +4,5 @@ mod errors;
 mod fixture;
 mod frame_timing;
 mod naive;
+mod physical_layer;
 mod transmission;

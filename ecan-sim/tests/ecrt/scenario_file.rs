@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use ecan_protocol::can::SamplePoint;
 use ecan_protocol::device::AlStatusCode;
 use ecan_sim::{
-    BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyConfig, GatewayFault,
-    LibraryCall, LossDirection, NodeKind, Scenario, ScriptedFault, SimOptions, Sync0Window,
-    Topology, WakeUpDelay, When, open,
+    BackendError, ClockKind, DelayCompensation, EcrtSetting, EcrtVersion, Fault, FaultyConfig,
+    GatewayFault, LibraryCall, LossDirection, NodeKind, PhysicalLayer, Scenario, ScriptedFault,
+    SimOptions, Sync0Window, Topology, WakeUpDelay, When, open,
 };
 
 fn read(text: &str) -> Result<Scenario, String> {
@@ -34,6 +35,7 @@ boot_ms = 900
 service_delay_us = 40
 release_jitter_us = 9
 mailbox_delay_us = 350
+transceiver_ns = 210
 tx_pressure_percent = 100
 sii_sm2 = { start = 0x1180 }
 sii_sm3 = { start = 0x1D00, size = 1024, control = 0x20 }
@@ -46,6 +48,11 @@ bus = "arm"
 name = "drive"
 bitrate = 1000000
 data_bitrate = 5000000
+sample_point = 80
+data_sample_point = 87.5
+tdc_offset_ns = 120
+cable_ns = 40
+transceiver_ns = 180
 
 [[node]]
 kind = "replay"
@@ -63,6 +70,8 @@ babble_us = 400
 [[node]]
 kind = "silent"
 bus = "spare"
+sample_point = 75.25
+tdc = false
 
 [[fault]]
 cycle = 100
@@ -112,6 +121,7 @@ for_ms = 9000
     assert_eq!(gateway.config.release_jitter_ns, 9_000);
     assert_eq!(gateway.config.mailbox_delay_ns, 350_000);
     assert_eq!(gateway.config.tx_pressure_percent, 100);
+    assert_eq!(gateway.config.transceiver_ns, 210);
     let window = Sync0Window {
         before_ns: 40_000,
         after_ns: 5_000,
@@ -125,6 +135,17 @@ for_ms = 9000
     assert_eq!(gateway.buses, ["arm", "arm", "tool", "spare"]);
     let node = &scenario.nodes[0];
     assert_eq!((node.name.as_str(), node.bitrate), ("drive", Some(1_000_000)));
+    let layer = PhysicalLayer {
+        compensation: Some(DelayCompensation { offset_ns: 120, filter_ns: 0 }),
+        cable_ns: 40,
+        transceiver_ns: 180,
+        ..PhysicalLayer::new(SamplePoint(8_000), SamplePoint(8_750))
+    };
+    assert_eq!(node.physical_layer, Some(layer));
+    assert_eq!(scenario.nodes[1].physical_layer, None);
+    let layer = PhysicalLayer::new(SamplePoint(7_525), SamplePoint(7_525));
+    let layer = PhysicalLayer { compensation: None, ..layer };
+    assert_eq!(scenario.nodes[3].physical_layer, Some(layer));
     assert_eq!(scenario.nodes[1].kind, NodeKind::Replay { file: "/logs/tool.log".into() });
     let faulty = FaultyConfig {
         drop_permille: 10,
@@ -199,6 +220,7 @@ fn scenario_fault_is_reported_with_its_line() {
         ("[[gateway]]\nsync0_window.before_us = 4294968", 1, "`before_us` is out of range"),
         ("[[gateway]]\n[gateway.sync0_window]\nwidth_us = 1", 3, "unknown field `width_us`"),
         ("[[gateway]]\ncolour = 1", 2, "unknown field `colour`"),
+        ("[[gateway]]\ntransceiver_ns = 1001", 1, "`transceiver_ns` 1001 is out of range"),
         ("[[gateway", 1, ""),
         ("[[node]]\nkind = \"echo\"\nbus = \"x\"", 1, "there are no gateways"),
     ] {
@@ -213,6 +235,24 @@ fn scenario_fault_is_reported_with_its_line() {
         ("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\nbabble_us = 3", "\"faulty\""),
         ("[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\ndrop_permille = 1001", "0 to 1000"),
         ("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\ndata_bitrate = 1", "needs `bitrate`"),
+        ("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\ncable_ns = 1", "needs `sample_point`"),
+        (
+            "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nsample_point = 45",
+            "`sample_point` 45 is out of range; allowed: 50 to 95",
+        ),
+        (
+            "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nsample_point = 80\ndata_sample_point = 95.1",
+            "`data_sample_point` 95.1 is out of range; allowed: 50 to 95",
+        ),
+        (
+            "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nsample_point = 80\ncable_ns = 10001",
+            "`cable_ns` 10001 is out of range; allowed: 0 to 10000",
+        ),
+        (
+            "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nsample_point = 80\ntdc = false\n\
+             tdc_offset_ns = 100",
+            "`tdc_offset_ns` needs `tdc`",
+        ),
         ("[[fault]]\nkind = \"lost_frame\"", "either `cycle` or `at_ms`"),
         ("[[fault]]\nkind = \"lost_frame\"\ncycle = 1\nat_ms = 1", "either `cycle` or `at_ms`"),
         ("[[fault]]\nkind = \"power_cycle\"\ncycle = 1", "needs `gateway`"),

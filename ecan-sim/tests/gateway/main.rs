@@ -17,6 +17,7 @@ mod receive_path;
 mod register_service;
 mod repeats;
 mod robustness;
+mod sampling;
 mod schedule;
 mod sync0_window;
 mod sync_managers;

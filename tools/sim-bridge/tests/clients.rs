@@ -16,7 +16,14 @@ use ecan_sim_bridge::{BridgeError, attach, bridges};
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn node(name: &str, bus: &str, kind: NodeKind, bitrate: Option<u32>) -> NodeSpec {
-    NodeSpec { name: name.to_owned(), bus: bus.to_owned(), kind, bitrate, data_bitrate: None }
+    NodeSpec {
+        name: name.to_owned(),
+        bus: bus.to_owned(),
+        kind,
+        bitrate,
+        data_bitrate: None,
+        physical_layer: None,
+    }
 }
 
 /// A gateway without configured channels, and nodes with their own bit rates on its first bus.

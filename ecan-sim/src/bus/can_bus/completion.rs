@@ -1,8 +1,10 @@
 //! Effects of a finished transmission on the stations.
 
+use ecan_protocol::can::Phase;
+
 use super::CanBus;
 use crate::bus::can_bus::planning::{Transmission, TransmissionResult};
-use crate::bus::error_confinement::{BusError, ErrorState};
+use crate::bus::error_confinement::{BusError, DetectedError, ErrorState};
 use crate::bus::event::BusEvent;
 use crate::bus::frame_timing::INTERMISSION_BITS;
 use crate::bus::station::{Mismatch, StationId, StationMode};
@@ -23,11 +25,15 @@ impl CanBus {
         self.statistics.identifier_collisions += u64::from(t.collision);
 
         // The ACK error of an error-passive sender is invisible: listeners receive the frame.
-        let silent_no_ack = t.result == TransmissionResult::NoAck
-            && self.stations.get(t.transmitter).is_some_and(|s| s.counters.is_passive());
+        // A late acknowledgement is dominant during its error flag, which counts.
+        let is_passive = self.stations.get(t.transmitter).is_some_and(|s| s.counters.is_passive());
+        let silent_no_ack = t.result == TransmissionResult::NoAck && is_passive;
+        let silent_late_ack = t.result == TransmissionResult::LateAck && is_passive;
         let good = t.result == TransmissionResult::Delivered;
         let mut states_changed = self.complete_sender(t, good, silent_no_ack, events);
-        states_changed |= self.complete_receivers(t, good || silent_no_ack, events);
+        let received = good || silent_no_ack || silent_late_ack;
+        states_changed |= self.complete_receivers(t, received, events);
+        self.transmissions += 1;
         if t.contested {
             self.complete_losers(t, events);
         }
@@ -76,16 +82,19 @@ impl CanBus {
                 events.push(BusEvent::Received { station: transmitter, frame, start_ns, at_ns });
             }
         } else {
-            station.last_error = Some(match t.result {
-                TransmissionResult::NoAck => BusError::Ack,
-                _ => BusError::Bit,
-            });
+            let error = match t.result {
+                TransmissionResult::NoAck | TransmissionResult::LateAck => BusError::Ack,
+                TransmissionResult::EchoMissed => BusError::Bit0,
+                _ => BusError::Bit1,
+            };
+            station.last_error = Some(DetectedError { error, phase: t.phase });
             station.statistics.transmit_errors += 1;
             if t.result == TransmissionResult::Disturbed {
                 station.injected_errors = station.injected_errors.saturating_sub(1);
             }
             if !silent_no_ack {
                 station.counters.send_failed();
+                station.statistics.counted_errors += 1;
             }
             let once = !t.config.auto_retransmit;
             if let Some(offer) = station.offer.filter(|o| once || o.withdrawn) {
@@ -118,7 +127,7 @@ impl CanBus {
                 continue;
             };
             let counts = config.mode == StationMode::Normal;
-            let readable = config.can_read(&t.config, &t.frame);
+            let readable = t.read_by(index, station, config);
             if good && readable.is_ok() {
                 if counts {
                     station.counters.received();
@@ -131,13 +140,21 @@ impl CanBus {
             }
             station.statistics.receive_errors += 1;
             station.last_error = Some(match readable {
-                Err(Mismatch::FdFormat) => BusError::Form,
-                _ => BusError::Stuff,
+                Err(Mismatch::FdFormat) => DetectedError::nominal(BusError::Form),
+                // it takes the data phase for bits at the nominal bit rate
+                Err(Mismatch::NominalBitrate | Mismatch::SwitchLate) => {
+                    DetectedError::nominal(BusError::Stuff)
+                }
+                Err(Mismatch::DataBitrate | Mismatch::SwitchEarly) => {
+                    DetectedError { error: BusError::Stuff, phase: Phase::Data }
+                }
+                Ok(()) => DetectedError { error: BusError::Stuff, phase: t.phase },
             });
             if counts {
                 let first = t.result == TransmissionResult::Destroyed
                     && readable.is_err()
                     && !station.counters.is_passive();
+                station.statistics.counted_errors += 1;
                 station.counters.receive_failed(if first { 1 + FIRST_TO_SIGNAL } else { 1 });
                 states_changed |= station.has_new_state();
             }

@@ -1,12 +1,13 @@
 //! Selection of the next frame and the result of its transmission.
 
-use ecan_protocol::can::CanFrame;
+use ecan_protocol::can::{CanFrame, Phase};
 
 use crate::earliest::earliest;
 
 use super::CanBus;
 use crate::bus::frame_timing::{FrameTiming, bits_ns};
-use crate::bus::station::{Mismatch, StationConfig, StationMode};
+use crate::bus::physical_layer::{BitRates, Draw, PhysicalLayer, Sample, SwitchError};
+use crate::bus::station::{Mismatch, Station, StationConfig, StationMode};
 
 /// Bits until a disturbed frame fails: in the control field of a standard frame.
 const DISTURBED_AFTER_BITS: u32 = 20;
@@ -14,6 +15,8 @@ const DISTURBED_AFTER_BITS: u32 = 20;
 const RATE_ERROR_AFTER_BITS: u32 = 7;
 /// Data bits until a receiver with another data bit rate detects a stuff error after the switch.
 const DATA_RATE_ERROR_AFTER_BITS: u32 = 6;
+/// Data bits until a sender that samples too early detects a bit error: ESI, the first bit after the switch.
+const ECHO_ERROR_AFTER_BITS: u32 = 1;
 /// An error flag, the error flags of others in response, and the error delimiter.
 const ERROR_FRAME_BITS: u32 = 6 + 6 + 8;
 /// A missing acknowledgement: six bits of flag and eight of delimiter after the ACK slot, where a
@@ -26,6 +29,10 @@ pub(super) enum TransmissionResult {
     Delivered,
     /// No one acknowledged.
     NoAck,
+    /// The acknowledgements came after the sample point of the sender.
+    LateAck,
+    /// The sender sampled its own data bits before they were back.
+    EchoMissed,
     /// An injected bit error.
     Disturbed,
     /// An error-active station that cannot read the frame destroyed it.
@@ -39,12 +46,16 @@ pub(super) enum TransmissionResult {
 pub(super) struct Transmission {
     pub transmitter: usize,
     pub config: StationConfig,
+    pub physical_layer: Option<PhysicalLayer>,
     pub frame: CanFrame,
     pub timing: FrameTiming,
     pub key: u32,
     pub start: u64,
     pub end: u64,
     pub result: TransmissionResult,
+    /// Phase in which the sender detects the error of an unsuccessful result.
+    pub phase: Phase,
+    pub draw: Draw,
     pub collision: bool,
     /// True if other stations were ready at the same start.
     pub contested: bool,
@@ -98,12 +109,15 @@ impl CanBus {
         let mut planned = Transmission {
             transmitter,
             config: *config,
+            physical_layer: station.physical_layer,
             frame,
             timing,
             key,
             start,
             end: start,
             result: TransmissionResult::Delivered,
+            phase: Phase::Nominal,
+            draw: Draw(self.seed ^ self.transmissions),
             collision,
             contested,
         };
@@ -114,7 +128,8 @@ impl CanBus {
     /// Sets result and end from the present state of the stations.
     fn predict(&self, t: &mut Transmission) {
         let mut acknowledged = t.config.mode == StationMode::ExternalLoopback;
-        let mut destroyed: Option<u64> = None;
+        let mut is_late = false;
+        let mut destroyed: Option<(u64, Phase)> = None;
         for (index, station) in self.stations.iter().enumerate() {
             if index == t.transmitter {
                 continue;
@@ -125,28 +140,38 @@ impl CanBus {
             if config.mode != StationMode::Normal {
                 continue;
             }
-            match config.can_read(&t.config, &t.frame) {
+            match t.read_by(index, station, config) {
+                Ok(()) if t.is_late_acknowledge(index, station) => is_late = true,
                 Ok(()) => acknowledged = true,
                 Err(mismatch) if !station.counters.is_passive() => {
-                    let after = mismatch_ns(mismatch, t);
-                    destroyed = Some(destroyed.map_or(after, |other| other.min(after)));
+                    let (after, phase) = (mismatch_ns(mismatch, t), t.phase_of(mismatch));
+                    if destroyed.is_none_or(|(earliest, _)| after < earliest) {
+                        destroyed = Some((after, phase));
+                    }
                 }
                 Err(_) => {}
             }
         }
         let disturbed = self.stations.get(t.transmitter).is_some_and(|s| s.injected_errors > 0);
         let whole = t.config.duration_ns(&t.timing);
-        let (result, length) = if disturbed {
+        let error_frame = t.config.bits_ns(ERROR_FRAME_BITS);
+        let (result, phase, length) = if disturbed {
             let bits = DISTURBED_AFTER_BITS + ERROR_FRAME_BITS;
-            (TransmissionResult::Disturbed, t.config.bits_ns(bits))
-        } else if let Some(after) = destroyed {
-            (TransmissionResult::Destroyed, after + t.config.bits_ns(ERROR_FRAME_BITS))
+            (TransmissionResult::Disturbed, Phase::Nominal, t.config.bits_ns(bits))
+        } else if t.misses_echo() {
+            let after = t.after_switch_ns(ECHO_ERROR_AFTER_BITS);
+            (TransmissionResult::EchoMissed, Phase::Data, after + error_frame)
+        } else if let Some((after, phase)) = destroyed {
+            (TransmissionResult::Destroyed, phase, after + error_frame)
         } else if acknowledged {
-            (TransmissionResult::Delivered, whole)
+            (TransmissionResult::Delivered, Phase::Nominal, whole)
         } else {
-            (TransmissionResult::NoAck, whole + t.config.bits_ns(NO_ACK_EXTRA_BITS))
+            let result =
+                if is_late { TransmissionResult::LateAck } else { TransmissionResult::NoAck };
+            (result, Phase::Nominal, whole + t.config.bits_ns(NO_ACK_EXTRA_BITS))
         };
         t.result = result;
+        t.phase = phase;
         t.end = t.start + length;
     }
 
@@ -173,13 +198,77 @@ impl CanBus {
     }
 }
 
+impl Transmission {
+    /// Returns whether a station can read the frame.
+    pub(super) fn read_by(
+        &self,
+        index: usize,
+        station: &Station,
+        config: &StationConfig,
+    ) -> Result<(), Mismatch> {
+        config.can_read(&self.config, &self.frame)?;
+        if let (Some(sender), Some(receiver)) = (&self.physical_layer, &station.physical_layer)
+            && self.switches()
+        {
+            let (error, probability) = sender.switch_error(receiver, self.rates());
+            if self.draw.hits(probability, index, Sample::Switch) {
+                return Err(match error {
+                    SwitchError::Late => Mismatch::SwitchLate,
+                    SwitchError::Early => Mismatch::SwitchEarly,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn is_late_acknowledge(&self, index: usize, station: &Station) -> bool {
+        let (Some(sender), Some(receiver)) = (&self.physical_layer, &station.physical_layer) else {
+            return false;
+        };
+        let probability = sender.late_acknowledge(receiver, self.rates(), self.switches());
+        self.draw.hits(probability, index, Sample::Acknowledge)
+    }
+
+    fn misses_echo(&self) -> bool {
+        let Some(physical_layer) = self.physical_layer.filter(|_| self.switches()) else {
+            return false;
+        };
+        let probability = physical_layer.echo_error(self.rates());
+        self.draw.hits(probability, self.transmitter, Sample::Echo)
+    }
+
+    /// Returns whether the frame has a data phase.
+    fn switches(&self) -> bool {
+        self.timing.data_bits != 0
+    }
+
+    fn rates(&self) -> BitRates {
+        BitRates { nominal: self.config.nominal_bitrate, data: self.config.data_bitrate }
+    }
+
+    fn after_switch_ns(&self, data_bits: u32) -> u64 {
+        self.config.bits_ns(u32::from(self.timing.header_bits))
+            + bits_ns(data_bits, self.config.data_bitrate)
+    }
+
+    /// Phase of the sender when a receiver signals an error.
+    fn phase_of(&self, mismatch: Mismatch) -> Phase {
+        match mismatch {
+            Mismatch::NominalBitrate | Mismatch::FdFormat => Phase::Nominal,
+            Mismatch::DataBitrate | Mismatch::SwitchLate | Mismatch::SwitchEarly => Phase::Data,
+        }
+    }
+}
+
 fn mismatch_ns(mismatch: Mismatch, t: &Transmission) -> u64 {
     let header = u32::from(t.timing.header_bits);
     match mismatch {
         Mismatch::NominalBitrate => t.config.bits_ns(RATE_ERROR_AFTER_BITS),
         Mismatch::FdFormat => t.config.bits_ns(header),
-        Mismatch::DataBitrate => {
-            t.config.bits_ns(header) + bits_ns(DATA_RATE_ERROR_AFTER_BITS, t.config.data_bitrate)
+        Mismatch::DataBitrate | Mismatch::SwitchEarly => {
+            t.after_switch_ns(DATA_RATE_ERROR_AFTER_BITS)
         }
+        // it continues at the nominal bit rate
+        Mismatch::SwitchLate => t.config.bits_ns(header + DATA_RATE_ERROR_AFTER_BITS),
     }
 }

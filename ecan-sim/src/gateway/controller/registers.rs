@@ -5,7 +5,7 @@ use ecan_protocol::can::{BitTiming, Phase};
 
 use crate::bus::{ErrorState, StationMode};
 
-use super::{Controller, offset};
+use super::{Controller, ErrorCodes, offset};
 
 /// Registers at 0x9000:1 to :8.
 pub(in crate::gateway) const STATUS_REGISTERS: [u16; 8] = [
@@ -34,24 +34,36 @@ pub(super) mod cccr {
 pub(super) const TEST_LOOPBACK: u32 = 1 << 4;
 
 impl Controller {
-    /// Value of a register; 0 for one that the model does not have.
-    pub(in crate::gateway) fn read_register(&self, offset: u16) -> u32 {
-        match (offset, self.written.values.get(&offset)) {
+    /// Value of a register; 0 for one that the model does not have. Reading PSR and ECR clears the last
+    /// error codes and the error logging.
+    pub(in crate::gateway) fn read_register(&mut self, offset: u16) -> u32 {
+        let value = match (offset, self.written.values.get(&offset)) {
             (offset::CCCR, _) => self.control_register(),
             (offset::TEST, _) => self.test_register(),
             (_, Some(value)) => *value,
             (_, None) => self.unwritten_register(offset),
+        };
+        match offset {
+            offset::ECR => self.errors.logged = 0,
+            offset::PSR => {
+                self.errors = ErrorCodes { logged: self.errors.logged, ..ErrorCodes::default() };
+            }
+            _ => {}
         }
+        value
     }
 
     fn unwritten_register(&self, offset: u16) -> u32 {
         let config = self.config.as_ref();
         match offset {
             offset::ENDIAN => 0x8765_4321,
-            // transmit errors, receive errors, receive error passive
+            // transmit errors, receive errors, receive error passive, error logging
             offset::ECR => {
                 let [tec, rec] = <[u16; 2]>::from(self.error_counters).map(u32::from);
-                tec.min(0xFF) | rec.min(0x7F) << 8 | u32::from(rec >= 128) << 15
+                tec.min(0xFF)
+                    | rec.min(0x7F) << 8
+                    | u32::from(rec >= 128) << 15
+                    | u32::from(self.errors.logged) << 16
             }
             offset::PSR => self.protocol_status(),
             offset::IR => self.interrupts,
@@ -97,7 +109,7 @@ impl Controller {
         }
     }
 
-    /// PSR: last error code "no change", activity, error passive, warning, bus-off.
+    /// PSR: last error code, activity, error passive, warning, bus-off, last error code of the data phase.
     fn protocol_status(&self) -> u32 {
         let activity = match &self.config {
             None => 0,
@@ -110,7 +122,12 @@ impl Controller {
             ErrorState::Passive => (1, 1, 0),
             ErrorState::BusOff => (1, 1, 1),
         };
-        7 | activity << 3 | passive << 5 | warning << 6 | bus_off << 7 | 7 << 8
+        self.errors.arbitration
+            | activity << 3
+            | passive << 5
+            | warning << 6
+            | bus_off << 7
+            | self.errors.data << 8
     }
 
     /// CCCR: initialisation while stopped or bus-off, configuration change, modes.

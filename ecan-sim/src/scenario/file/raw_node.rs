@@ -6,6 +6,7 @@ use serde::Deserialize;
 
 use crate::drive::{DriveConfig, DriveQuirks, MotorConfig};
 use crate::node::{BridgeProtocol, BridgeSpec, FaultyConfig};
+use crate::scenario::file::raw_physical_layer::RawPhysicalLayer;
 use crate::scenario::file::set;
 use crate::scenario::{DriveSpec, NodeKind, NodeSpec, Scenario};
 
@@ -17,6 +18,12 @@ pub(super) struct RawNode {
     name: Option<String>,
     bitrate: Option<u32>,
     data_bitrate: Option<u32>,
+    sample_point: Option<f64>,
+    data_sample_point: Option<f64>,
+    tdc: Option<bool>,
+    tdc_offset_ns: Option<u32>,
+    cable_ns: Option<u32>,
+    transceiver_ns: Option<u32>,
     file: Option<PathBuf>,
     drop_permille: Option<u16>,
     corrupt_permille: Option<u16>,
@@ -109,6 +116,7 @@ impl RawNode {
             return Err(format!("two nodes have the name \"{name}\""));
         }
         let (bus, bitrate, data_bitrate) = (self.bus.clone(), self.bitrate, self.data_bitrate);
+        let physical_layer = self.physical_layer().build()?;
         let kind = match self.kind {
             RawNodeKind::Echo => NodeKind::Echo,
             RawNodeKind::Silent => NodeKind::Silent,
@@ -125,7 +133,18 @@ impl RawNode {
                 NodeKind::Replay { file: directory.join(file) }
             }
         };
-        Ok(NodeSpec { name, bus, kind, bitrate, data_bitrate })
+        Ok(NodeSpec { name, bus, kind, bitrate, data_bitrate, physical_layer })
+    }
+
+    fn physical_layer(&self) -> RawPhysicalLayer {
+        RawPhysicalLayer {
+            sample_point: self.sample_point,
+            data_sample_point: self.data_sample_point,
+            tdc: self.tdc,
+            tdc_offset_ns: self.tdc_offset_ns,
+            cable_ns: self.cable_ns,
+            transceiver_ns: self.transceiver_ns,
+        }
     }
 
     fn bridge(&self) -> Result<BridgeSpec, String> {

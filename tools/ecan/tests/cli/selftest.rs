@@ -105,8 +105,9 @@ fn channel_without_partner_fails() {
     assert_eq!(failed.len(), 4, "{printed}");
     let text = "FAILED  wire from channel 2 to 3, 250 kbit/s          0 of 96 frames received (no \
                  acknowledgement; check the wiring from channel 2 to channel 3 and its termination); \
-                 channel 2: error counters 128 transmit errors, 0 receive errors; channel 3: error \
-                 counters 128 transmit errors, 0 receive errors";
+                 channel 2: error counters 128 transmit errors, 0 receive errors, 16 logged, last error \
+                 acknowledge error; channel 3: error counters 128 transmit errors, 0 receive errors, 16 \
+                 logged, last error acknowledge error";
     assert_eq!(lines(&printed, "wire from channel 2 to 3, 250"), [text]);
     assert_eq!(lines(&printed, "good    wire from channel 0 to 1").len(), 2, "{printed}");
     assert_eq!(lines(&printed, "good    loopback").len(), 8, "{printed}");
