@@ -8,8 +8,10 @@ const RATE_SHARE: i64 = 64;
 const MAX_STEP_NS: i64 = 2_000;
 /// Largest correction of the rate, in parts per billion: 500 ppm.
 const MAX_RATE_PPB: i64 = 500_000;
-/// Intervals between corrections from which the rate is estimated.
-const INTERVALS_NS: std::ops::Range<u64> = 10_000..1_000_000_000;
+/// Longest interval between corrections from which the rate is estimated.
+const LONGEST_INTERVAL_NS: u64 = 1_000_000_000;
+/// A shorter interval counts as this one: the jitter of the master would look like a rate.
+const SHORTEST_INTERVAL_NS: u64 = 500_000;
 
 const BILLION: i128 = 1_000_000_000;
 
@@ -81,14 +83,19 @@ impl DcClock {
         self.difference_ns = difference;
         let step = (difference / STEP_SHARE).clamp(-MAX_STEP_NS, MAX_STEP_NS);
         let interval = self.corrected_ns.replace(now).map(|before| now.saturating_sub(before));
-        // a large difference does not show the rate
+        let rate = self.line.rate_ppb - self.drift_ppb;
+        // A large difference does not show the rate. If it stays, the rate is wrong.
         let is_near = difference.abs() < MAX_STEP_NS * STEP_SHARE;
-        if let Some(interval) = interval.filter(|ns| INTERVALS_NS.contains(ns) && is_near) {
-            let per_interval = difference * BILLION as i64 / (RATE_SHARE * interval as i64);
-            let rate = (self.line.rate_ppb - self.drift_ppb + per_interval)
-                .clamp(-MAX_RATE_PPB, MAX_RATE_PPB);
-            self.line.rate_ppb = self.drift_ppb + rate;
-        }
+        let change = match interval.filter(|ns| *ns < LONGEST_INTERVAL_NS) {
+            Some(interval) if is_near => {
+                let interval = interval.max(SHORTEST_INTERVAL_NS) as i64;
+                difference * BILLION as i64 / (RATE_SHARE * interval)
+            }
+            Some(_) => -rate / RATE_SHARE,
+            None => 0,
+        };
+        let rate = (rate + change).clamp(-MAX_RATE_PPB, MAX_RATE_PPB);
+        self.line.rate_ppb = self.drift_ppb + rate;
         self.line.system_ns = own.saturating_add_signed(step);
         self.line.simulated_ns = now;
     }
@@ -143,6 +150,19 @@ mod tests {
             clock.write(300_000, 0);
             assert!(worst(&mut clock, 1_000, 100) < 20, "drift {drift_ppb}");
         }
+    }
+
+    /// The largest rate takes away what the largest step corrects in a cycle of 4 ms.
+    #[test]
+    fn wrong_rate_is_forgotten() {
+        let mut clock = DcClock::new(60_000);
+        let cycle_ns = 4_000_000;
+        clock.line.rate_ppb += MAX_RATE_PPB;
+        clock.jump(60_000, 0);
+        for number in 1..=1_000 {
+            clock.correct(number * cycle_ns, number * cycle_ns);
+        }
+        assert!(clock.difference_ns.abs() < 20, "{} ns", clock.difference_ns);
     }
 
     #[test]
