@@ -157,6 +157,12 @@ pub const UNDECIDABLE: &[Undecidable] = &[
         "the master writes the sync managers of the mailboxes",
     ),
     undecidable(
+        &["S56"],
+        "",
+        "AL status 0x1D or 0x1E for wrong sync managers of the process data",
+        "the master writes the sync managers from the SII, which the probe does not change",
+    ),
+    undecidable(
         &["S53"],
         "",
         "SDO information of missing subindices",
