@@ -23,8 +23,11 @@ const START_FAILS: &[Failing] = &[
     ("missing_entries", "[\"0xF000:17..18\"]", "assumption H1"),
 ];
 
-/// Scheduled transmission is not offered.
-const SCHEDULE_FAILS: &[Failing] = &[("missing_entries", "[\"0xF000:13..16\"]", "assumption H42")];
+/// Scheduled transmission is not offered, or not without another setting.
+const SCHEDULE_FAILS: &[Failing] = &[
+    ("assign_activate", "\"0x0700\"", "assumption H2:"),
+    ("missing_entries", "[\"0xF000:13..16\"]", "assumption H42"),
+];
 
 /// The account of scheduled frames states their results as unknown, with a finding.
 const ACCOUNT_FINDINGS: &[Failing] = &[
@@ -32,6 +35,7 @@ const ACCOUNT_FINDINGS: &[Failing] = &[
     ("tx_result_codes", "\"both_queued\"", "assumption H23"),
     ("tx_result_codes", "\"both_late\"", "assumption H23"),
     ("tx_results", "\"failures_only\"", "assumption H23"),
+    ("scheduled_pulse", "\"previous\"", "assumption H24"),
     ("missing_entries", "[\"0x9020\"]", "0x9020:12 cannot be read (assumption H42"),
 ];
 

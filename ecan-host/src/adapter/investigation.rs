@@ -77,6 +77,7 @@ impl Adapter {
                 error_flag: info.is_some_and(|info| info.error_flag),
                 al_status_code: slave.al_status.last(),
                 sync_managers: slave.al_status.sync_managers(),
+                uses_sync0: self.config.dc.is_some(),
                 cause: None,
                 working_counter: domain.working_counter,
                 expected_working_counter: domain.expected_working_counter,

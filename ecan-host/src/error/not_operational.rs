@@ -28,6 +28,8 @@ pub struct SlaveReport {
     /// SM2 and SM3 as the master configured them, read while waiting; `None` when they were not
     /// configured or not read.
     pub sync_managers: Option<[SyncManagerLayout; 2]>,
+    /// Whether the configuration has distributed clocks.
+    pub uses_sync0: bool,
     /// Cause of a slave that the master keeps in PREOP: the startup SDO that it aborts,
     /// or the object that does not fit the configured N.
     pub cause: Option<Box<Error>>,
@@ -52,6 +54,13 @@ impl SlaveReport {
         self.error_flag
             && self.al_state.is_some_and(is_safeop)
             && self.al_status_code.is_none_or(is_of_profile)
+    }
+
+    /// It rejected SAFEOP for the configuration of its clock, or for a reason that was not read.
+    fn may_need_other_activation(&self) -> bool {
+        self.uses_sync0
+            && self.wrong_sync_managers().next().is_none()
+            && self.al_status_code.is_none_or(|code| code == AlStatusCode::DC_CONFIGURATION)
     }
 
     /// SM2 and SM3 that are not those of manual 5.3, each as a text.
@@ -119,6 +128,12 @@ impl fmt::Display for SlaveReport {
             )?;
         } else if self.is_held_in_preop() {
             self.write_sync_manager_check(f)?;
+            if self.may_need_other_activation() {
+                f.write_str(
+                    " (assumption H2: distributed clocks may need another AssignActivate word than 0x0300; its ESI \
+                     file has the word, `assign_activate` of the configuration sets it)",
+                )?;
+            }
         }
         let (counter, expected) = (self.working_counter, self.expected_working_counter);
         write!(f, ", working counter {counter} of {expected}")

@@ -39,8 +39,8 @@ impl fmt::Display for ScheduleFault {
             ),
             Self::CodesUnverified => f.write_str(
                 "SCHED_LATE_DROP (0xB000:06 bit 6) was set before the TX_RESULT codes of scheduled frames were \
-                 verified (assumption H23); the frames count as unknown; clear the flags, or disable TX_RESULT: then \
-                 the flags alone decide",
+                 verified (assumption H23, or assumption H24: the frames may count from another pulse); the frames count as \
+                 unknown; clear the flags, or disable TX_RESULT: then the flags alone decide",
             ),
             Self::Unreadable { index, subindex } => write!(
                 f,

@@ -58,6 +58,8 @@ impl AlStatusCode {
     pub const FATAL_SYNC: Self = Self(0x002C);
     /// Sync signal missing.
     pub const NO_SYNC: Self = Self(0x002D);
+    /// Invalid configuration of the distributed clock.
+    pub const DC_CONFIGURATION: Self = Self(0x0030);
 
     /// Meaning of the code, `None` for a code that the standard does not list.
     pub const fn meaning(self) -> Option<&'static str> {

@@ -7,6 +7,7 @@ use crate::gateway::Sync0;
 
 /// AssignActivate bit of Sync0.
 const SYNC0_ACTIVE: u16 = 0x0200;
+const SYNC1_ACTIVE: u16 = 0x0400;
 
 #[derive(Debug, Default)]
 pub(crate) struct Clocks {
@@ -37,6 +38,10 @@ impl Clocks {
         if self.reference_time == 0 {
             self.reference_time = time;
         }
+    }
+
+    pub(crate) fn has_sync1(dc: &DcConfig) -> bool {
+        dc.assign_activate & SYNC1_ACTIVE != 0
     }
 
     pub(crate) fn sync0(&self, dc: &DcConfig) -> Option<Sync0> {

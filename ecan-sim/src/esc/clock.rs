@@ -11,6 +11,7 @@ const PORTS: usize = 4;
 /// Activation bits: cyclic unit, Sync0.
 const ACTIVE: u8 = 0x01;
 const SYNC0: u8 = 0x02;
+const SYNC1: u8 = 0x04;
 
 /// State of 0x0900 to 0x09A7 outside the gateway.
 #[derive(Clone, Copy, Debug, Default)]
@@ -85,5 +86,6 @@ impl ClockRegisters {
 /// Starts or stops Sync0 after a write to 0x0980 or 0x0981, with the present start and cycle time.
 pub(super) fn switch_sync0(gateway: &mut Gateway, activation: u8, start_ns: u64, cycle_ns: u32) {
     let runs = activation & (ACTIVE | SYNC0) == ACTIVE | SYNC0 && cycle_ns > 0;
+    gateway.set_dc_sync1(activation & SYNC1 != 0);
     gateway.set_dc_sync0(runs.then_some(Sync0 { start_ns, cycle_ns, shift_ns: 0 }));
 }

@@ -79,6 +79,18 @@ impl Application {
         self.data_path.apply_channel(number, built)
     }
 
+    /// Applies the stored configuration of a channel, with its status.
+    pub(super) fn start_channel(&mut self, number: usize) {
+        let status = self.apply_channel(number);
+        self.set_apply_status(number, status);
+    }
+
+    fn set_apply_status(&mut self, number: usize, status: ApplyStatus) {
+        let index = FIRST_CHANNEL_OBJECT + number as u16;
+        let subindex = channel_control::subindex::APPLY_STATUS;
+        self.objects.values.set(index, subindex, u32::from(status.raw()));
+    }
+
     /// Builds the stored configuration of a channel.
     pub(super) fn build_channel(&self, number: usize) -> Result<ControllerConfig, ApplyStatus> {
         let ObjectServer { values, filters } = &self.objects;
@@ -177,9 +189,7 @@ impl Application {
             return ApplyStatus::Ok;
         }
         let status = self.apply_channel(number);
-        let index = FIRST_CHANNEL_OBJECT + number as u16;
-        let status_subindex = channel_control::subindex::APPLY_STATUS;
-        self.objects.values.set(index, status_subindex, u32::from(status.raw()));
+        self.set_apply_status(number, status);
         status
     }
 }

@@ -4,6 +4,7 @@
 //! packet, frame or byte, in CPU cycles. They are plausible, not measured.
 
 use super::pulse_train::PulseTrain;
+use super::variant::PhaseUnit;
 
 /// CPU cycles per two and a half nanoseconds: 400 MHz (0x8000:4).
 const CYCLES_NUMERATOR: u64 = 2;
@@ -34,15 +35,24 @@ pub(super) struct CyclePerformance {
     schedule_max: u32,
     /// Time of the last release, and number of frames released then.
     released: (u64, usize),
+    unit: PhaseUnit,
 }
 
 impl CyclePerformance {
+    pub(super) fn new(unit: PhaseUnit) -> Self {
+        Self { unit, ..Self::default() }
+    }
+
     pub(super) fn pdi_interrupt(&mut self, now: u64, pulses: Option<PulseTrain>, write: bool) {
         self.pdi_interrupts = self.pdi_interrupts.wrapping_add(1);
         let Some(pulses) = pulses.filter(|pulses| write && pulses.pulses_until(now) > 0) else {
             return;
         };
-        let phase = cycles(pulses.phase(now));
+        let phase_ns = pulses.phase(now);
+        let phase = match self.unit {
+            PhaseUnit::Cycles => cycles(phase_ns),
+            PhaseUnit::Nanoseconds => u32::try_from(phase_ns).unwrap_or(u32::MAX),
+        };
         let (min, max) = self.phase.unwrap_or((phase, phase));
         self.phase = Some((min.min(phase), max.max(phase)));
     }
@@ -79,7 +89,7 @@ impl CyclePerformance {
     pub(super) fn clear(&mut self, now: u64, pulses: Option<PulseTrain>) {
         *self = Self {
             sync0_before: pulses.map_or(0, |pulses| pulses.pulses_until(now)),
-            ..Self::default()
+            ..Self::new(self.unit)
         };
     }
 

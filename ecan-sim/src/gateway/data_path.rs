@@ -20,7 +20,7 @@ use super::rx_pdo::RxPdoParser;
 use super::schedule::{ScheduleQueue, Scheduled};
 use super::transmit_path::{Pending, Reference, ResultQueue};
 use super::tx_pdo::TxPdoBuilder;
-use super::variant::{GatewayVariant, TxPdoNumbering};
+use super::variant::{GatewayVariant, ScheduledPulse, TxPdoNumbering};
 
 /// Service budget in microseconds if 0x8020:7 is 0.
 const DEFAULT_SERVICE_BUDGET_US: u32 = 1000;
@@ -58,7 +58,7 @@ impl DataPath {
             options: ActiveOptions::new(&config.variant),
             global: DataPathGlobal::default(),
             parser: RxPdoParser::new(config.variant.repeated_image),
-            builder: TxPdoBuilder::new(config.variant.rx_pending),
+            builder: TxPdoBuilder::new(&config.variant),
             results: ResultQueue::new(&config.variant),
             schedule: ScheduleQueue::new(
                 config.variant.schedule_depth.get() as usize,
@@ -66,7 +66,7 @@ impl DataPath {
                 seed,
             ),
             counters: GatewayCounters::default(),
-            performance: CyclePerformance::default(),
+            performance: CyclePerformance::new(config.variant.phase_unit),
             flags: 0,
             variant: config.variant.clone(),
         }
@@ -80,9 +80,9 @@ impl DataPath {
         self.options = ActiveOptions::new(&self.variant);
         self.global = DataPathGlobal::default();
         self.parser = RxPdoParser::new(self.variant.repeated_image);
-        self.builder = TxPdoBuilder::new(self.variant.rx_pending);
+        self.builder = TxPdoBuilder::new(&self.variant);
         self.results.clear();
-        self.performance = CyclePerformance::default();
+        self.performance = CyclePerformance::new(self.variant.phase_unit);
         self.flags = 0;
     }
 
@@ -230,7 +230,8 @@ impl DataPath {
         times: &ServiceTimes,
     ) -> Result<(), PdoError> {
         let schedule = packet.schedule().transpose()?;
-        let due = schedule.map(|schedule| due_time(schedule, times)).transpose()?;
+        let pulse = self.variant.scheduled_pulse;
+        let due = schedule.map(|schedule| due_time(schedule, times, pulse)).transpose()?;
         self.counters.frames_parsed += 1;
         if self.options.bypasses_rx(RxBypass::TX_RING) {
             self.counters.transmit_losses.bypassed += 1;
@@ -443,13 +444,23 @@ impl DataPath {
     }
 }
 
-/// Send time of a schedule record: its offset after the first Sync0 pulse that follows the image.
-/// Without Sync0, or with an offset beyond the cycle, the record is invalid.
-fn due_time(schedule: Schedule, times: &ServiceTimes) -> Result<u64, PdoError> {
+/// Send time of a schedule record: its offset after a Sync0 pulse, by default the first one that follows
+/// the image. Without Sync0, or with an offset beyond the cycle, the record is invalid.
+fn due_time(
+    schedule: Schedule,
+    times: &ServiceTimes,
+    pulse: ScheduledPulse,
+) -> Result<u64, PdoError> {
     let pulses = times.pulses.ok_or(PdoError::BadSchedule)?;
     let offset = u64::from(schedule.offset_ns);
     if offset >= pulses.cycle_ns() {
         return Err(PdoError::BadSchedule);
     }
-    Ok(pulses.next_after(times.outputs_at).saturating_add(offset))
+    let next = pulses.next_after(times.outputs_at);
+    let from = match pulse {
+        ScheduledPulse::Next => next,
+        ScheduledPulse::Previous => next.saturating_sub(pulses.cycle_ns()),
+        ScheduledPulse::Second => next.saturating_add(pulses.cycle_ns()),
+    };
+    Ok(from.saturating_add(offset))
 }

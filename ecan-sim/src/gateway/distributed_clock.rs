@@ -9,11 +9,13 @@ pub(super) struct DistributedClock {
     pub(super) clock: DcClock,
     pub(super) sync0: Option<Sync0>,
     pub(super) pulses: Option<PulseTrain>,
+    /// Sync1 is active, too (0x0981 bit 2).
+    pub(super) has_sync1: bool,
 }
 
 impl DistributedClock {
     pub(super) fn new(drift_ppb: i32) -> Self {
-        Self { clock: DcClock::new(drift_ppb), sync0: None, pulses: None }
+        Self { clock: DcClock::new(drift_ppb), sync0: None, pulses: None, has_sync1: false }
     }
 
     pub(super) fn set_sync0(&mut self, sync0: Option<Sync0>, now: u64) {

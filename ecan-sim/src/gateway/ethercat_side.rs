@@ -9,7 +9,7 @@ use super::config::{MAILBOXES, Sync0, SyncManagerConfig};
 use super::data_path::DataPath;
 use super::emergency::Emergency;
 use super::pulse_train::PulseTrain;
-use super::variant::{Emergencies, SafeOpOutputs};
+use super::variant::{AssignActivate, Emergencies, ProcessDataWatchdog, SafeOpOutputs};
 
 impl Gateway {
     /// The master writes AL control. A request also acknowledges a pending error. A request that
@@ -60,12 +60,21 @@ impl Gateway {
                 self.sync_managers.are_mailboxes_valid().then_some(()).ok_or(error)
             }
             Requirement::Profiles => {
+                self.check_clock_configuration()?;
                 self.application.apply_missing_profiles(self.al.state);
                 self.application.check_process_data(&self.sync_managers)
             }
             Requirement::ProcessDataAndSync => {
                 self.application.check_process_data(&self.sync_managers)
             }
+        }
+    }
+
+    fn check_clock_configuration(&self) -> Result<(), AlStatusCode> {
+        let needs_sync1 = self.config.variant.assign_activate == AssignActivate::Sync0AndSync1;
+        match needs_sync1 && self.clock.sync0.is_some() && !self.clock.has_sync1 {
+            true => Err(AlStatusCode::DC_CONFIGURATION),
+            false => Ok(()),
         }
     }
 
@@ -294,11 +303,15 @@ impl Gateway {
     /// Sets the process data watchdog, in nanoseconds; 0 disables it. It runs in OP while the
     /// control byte of SM2 has the watchdog bit.
     pub fn set_watchdog_ns(&mut self, watchdog_ns: u64) {
-        self.watchdog.timeout_ns = watchdog_ns;
+        if self.config.variant.watchdog == ProcessDataWatchdog::Configured {
+            self.watchdog.timeout_ns = watchdog_ns;
+        }
     }
 
     pub(super) fn watchdog_expiry(&self) -> Option<u64> {
-        let runs = self.al.is_op() && self.sync_managers.outputs.feeds_watchdog();
+        let runs = self.al.is_op()
+            && self.sync_managers.outputs.feeds_watchdog()
+            && self.config.variant.watchdog != ProcessDataWatchdog::Absent;
         self.watchdog.expiry().filter(|_| runs)
     }
 
@@ -308,6 +321,11 @@ impl Gateway {
 
     pub(crate) fn watchdog_has_expired(&self) -> bool {
         self.watchdog.is_expired
+    }
+
+    /// The master activates Sync1, too, or not. This model has no Sync1 pulses.
+    pub fn set_dc_sync1(&mut self, is_active: bool) {
+        self.clock.has_sync1 = is_active;
     }
 
     /// Starts Sync0, changes it, or stops it (`None`). A stop in OP is a fatal sync error (0x002C).

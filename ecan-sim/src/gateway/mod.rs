@@ -67,6 +67,7 @@ pub mod variant;
 mod watchdog;
 
 use ecan_protocol::device::{AlState, AlStatusCode};
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::earliest::earliest;
 
@@ -84,7 +85,7 @@ use power_supply::PowerSupply;
 use service_timer::ServiceTimer;
 use sync_managers::SyncManagers;
 use sync0_window::OutputTiming;
-use variant::{SafeOpInputs, SafeOpOutputs};
+use variant::{ChannelsAtStart, SafeOpInputs, SafeOpOutputs};
 use watchdog::Watchdog;
 
 pub(crate) use config::MAILBOXES;
@@ -259,6 +260,8 @@ impl Gateway {
         self.eeprom.start();
         if let Some(image) = self.store.saved() {
             self.application.load_at_start(&image, self.al.state);
+        } else if self.config.variant.channels_at_start == ChannelsAtStart::Active {
+            (0..CHANNELS).for_each(|channel| self.application.start_channel(channel));
         }
     }
 

@@ -8,7 +8,7 @@ use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS, MAX
 use super::channel::Channel;
 use super::counters::GatewayCounters;
 use super::transmit_path::ResultQueue;
-use super::variant::RxPending;
+use super::variant::{Delta16Unit, GatewayVariant, RxPending};
 
 /// Bytes that the balanced policy reserves for each enabled channel: the largest packet of a
 /// classic frame without timestamp, padded. The manual specifies only "a minimum packet budget".
@@ -89,12 +89,14 @@ pub(super) struct TxPdoBuilder {
     payload_bytes: usize,
     last_status: [ChannelStatus; CHANNELS],
     rx_pending: RxPending,
+    delta16_unit: Delta16Unit,
 }
 
 impl TxPdoBuilder {
-    pub(super) fn new(rx_pending: RxPending) -> Self {
+    pub(super) fn new(variant: &GatewayVariant) -> Self {
         Self {
-            rx_pending,
+            rx_pending: variant.rx_pending,
+            delta16_unit: variant.delta16_unit,
             writer: None,
             payload_only: false,
             shadow: vec![0; MAX_PDO_BYTES].into_boxed_slice(),
@@ -149,7 +151,7 @@ impl TxPdoBuilder {
         let mut packer = Packer { writer, shadow: &mut self.shadow, budget, undelivered, counters };
         if !empty {
             packer.pack_results(results);
-            packer.pack_frames(channels, time_base_ns);
+            packer.pack_frames(channels, time_base_ns, self.delta16_unit);
         }
         let Packer { writer, shadow, mut undelivered, .. } = packer;
         let status = match self.rx_pending {
@@ -234,7 +236,12 @@ impl Packer<'_> {
 
     /// Packs frames, the oldest first over all channels, each channel in order and within its
     /// budget. A channel whose next frame does not fit waits for the next image.
-    fn pack_frames(&mut self, channels: &mut [Channel; CHANNELS], time_base_ns: u64) {
+    fn pack_frames(
+        &mut self,
+        channels: &mut [Channel; CHANNELS],
+        time_base_ns: u64,
+        unit: Delta16Unit,
+    ) {
         let Self { writer, shadow, budget, undelivered, counters } = self;
         let has_timestamp = writer.profile().profile.allows_delta16();
         let mut blocked = [false; CHANNELS];
@@ -252,7 +259,7 @@ impl Packer<'_> {
                 break;
             };
             let timestamp = match has_timestamp {
-                true => Timestamp::Delta16(delta_us(head.at_ns, time_base_ns)),
+                true => Timestamp::Delta16(delta16(head.at_ns, time_base_ns, unit)),
                 false => Timestamp::None,
             };
             let frame = head.frame.as_ref();
@@ -294,9 +301,13 @@ fn oldest(channels: &[Channel; CHANNELS], blocked: &[bool; CHANNELS]) -> Option<
         .map(|(_, number)| number)
 }
 
-/// Microseconds from the time base to the reception, modulo 2^16. The negative difference of a
-/// frame from an earlier cycle wraps.
-fn delta_us(at_ns: u64, time_base_ns: u64) -> u16 {
-    let [low, high, ..] = (at_ns / 1000).wrapping_sub(time_base_ns / 1000).to_le_bytes();
+/// Time from the time base to the reception, modulo 2^16. The negative difference of a frame from an
+/// earlier cycle wraps.
+fn delta16(at_ns: u64, time_base_ns: u64, unit: Delta16Unit) -> u16 {
+    let count = |ns: u64| match unit {
+        Delta16Unit::Microseconds => ns / 1000,
+        Delta16Unit::Ticks => ns / 125 * 3 + ns % 125 * 3 / 125,
+    };
+    let [low, high, ..] = count(at_ns).wrapping_sub(count(time_base_ns)).to_le_bytes();
     u16::from_le_bytes([low, high])
 }

@@ -28,3 +28,4 @@ mod variant_bit_timing;
 mod variant_channels;
 mod variant_data_path;
 mod variant_objects;
+mod variant_timing;

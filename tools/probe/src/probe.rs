@@ -10,7 +10,7 @@ use crate::interruption::{Interruption, Result, unavailable};
 use crate::measured::{MissedImages, Restart, Sample, ServiceTime};
 use crate::sdo::Sdo;
 use crate::session::Session;
-use crate::setup::Setup;
+use crate::setup::{SYNC0, Setup};
 use crate::stage::Stage;
 
 /// Time for a gateway to return after a lost link or a restart, in ns.
@@ -70,6 +70,10 @@ pub struct Probe {
     pub(crate) service: Option<ServiceTime>,
     pub(crate) samples: Option<Vec<Sample>>,
     pub(crate) missed: Option<MissedImages>,
+    /// The word with which Sync0 ran.
+    pub(crate) assign_activate: u16,
+    /// delta16 timestamps do not count microseconds.
+    pub(crate) has_other_delta16: bool,
 }
 
 impl Probe {
@@ -98,6 +102,8 @@ impl Probe {
             service: None,
             samples: None,
             missed: None,
+            assign_activate: SYNC0,
+            has_other_delta16: false,
         })
     }
 
@@ -162,6 +168,7 @@ impl Probe {
         if let Some(reason) = &self.op_failure {
             return Err(reason.clone());
         }
+        let setup = &Setup { assign_activate: self.assign_activate, ..setup.clone() };
         if self.session.as_ref().is_none_or(|session| session.setup != *setup) {
             self.session = None;
             self.wait_preop()?;

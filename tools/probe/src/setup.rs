@@ -7,6 +7,10 @@ use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
 
+/// AssignActivate words: Sync0 alone, and with Sync1.
+pub(crate) const SYNC0: u16 = 0x0300;
+pub(crate) const SYNC0_AND_SYNC1: u16 = 0x0700;
+
 /// Configuration of one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ChannelSetup {
@@ -22,6 +26,8 @@ pub(crate) struct Setup {
     pub(crate) tx: PdoProfile,
     pub(crate) cycle: Duration,
     pub(crate) sync0_shift: Option<Duration>,
+    /// AssignActivate word with Sync0.
+    pub(crate) assign_activate: u16,
     pub(crate) watchdog: Duration,
     pub(crate) channels: Vec<ChannelSetup>,
     pub(crate) is_applied: bool,
@@ -36,6 +42,7 @@ impl Setup {
             tx: profile,
             cycle: Duration::from_millis(2),
             sync0_shift: None,
+            assign_activate: SYNC0,
             watchdog: Duration::from_millis(100),
             channels: Vec::new(),
             is_applied: true,
@@ -54,7 +61,10 @@ impl Setup {
                 ..SlaveConfig::at(position, self.rx.multiplier)
             };
         }
-        config.dc = self.sync0_shift.map(|shift| DcSync::new(self.cycle, shift));
+        config.dc = self.sync0_shift.map(|shift| DcSync {
+            assign_activate: self.assign_activate,
+            ..DcSync::new(self.cycle, shift)
+        });
         config
     }
 

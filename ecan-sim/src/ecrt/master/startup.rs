@@ -9,6 +9,7 @@ use ecan_protocol::object::describe;
 
 use super::MasterModel;
 use crate::ecrt::al_status::{AL_ERROR, al_status};
+use crate::ecrt::clocks::Clocks;
 use crate::ecrt::mailbox::MailboxTransfer;
 use crate::ecrt::pdo::pdo_bytes;
 use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
@@ -149,7 +150,11 @@ impl MasterModel {
                 if self.clocks.reference_time == 0 {
                     self.log(index, "has no application time: Sync0 will not be in phase");
                 }
-                world.with_gateway(slot, |gateway, _| gateway.set_dc_sync0(sync0));
+                let has_sync1 = dc.is_some_and(|dc| Clocks::has_sync1(&dc));
+                world.with_gateway(slot, |gateway, _| {
+                    gateway.set_dc_sync1(has_sync1);
+                    gateway.set_dc_sync0(sync0);
+                });
                 Next::Step(Startup::Request(AlState::SafeOp), 2 * REGISTER_NS)
             }
         }

@@ -50,7 +50,21 @@ variants! {
             Discarded = "discarded", "SM2 is emptied without parsing";
             Kept = "kept", "SM2 keeps the first one, and rejects others";
         }
+        assign_activate: AssignActivate, ["H2"],
+        "AssignActivate word with which the gateway takes part in distributed clocks" {
+            Sync0 = "0x0300", "Sync0 suffices";
+            Sync0AndSync1 = "0x0700", "Sync0 and Sync1: SAFEOP without Sync1 is rejected with AL status 0x30";
+        }
+        watchdog: ProcessDataWatchdog, ["H34", "S21"], "Process data watchdog" {
+            Configured = "configured", "100 ms after power-on; the master can set another time";
+            Fixed = "fixed", "always 100 ms";
+            Absent = "none", "none: OP is kept without outputs";
+        }
         // CAN side
+        channels_at_start: ChannelsAtStart, ["S8"], "Channels after power-on, without saved configuration" {
+            Off = "off", "off until 0x8001:01 applies a configuration";
+            Active = "active", "active with the default configuration";
+        }
         node_modes: NodeModes, ["H9"], "Numbers of the node modes in 0x8001:08" {
             Manual = "manual", "1 is listen-only, 2 internal loopback, 3 external loopback";
             LoopbackFirst = "loopback_first",
@@ -114,6 +128,20 @@ variants! {
             NoOp = "no_op", "none";
             CountedAsError = "error_10",
                 "PDO error 10, counted in 0x8011:15; its frames are not sent again";
+        }
+        scheduled_pulse: ScheduledPulse, ["H24", "S12"],
+        "Sync0 pulse to which the offset of a scheduled frame refers" {
+            Next = "next", "the first one after its image arrived";
+            Previous = "previous", "the last one before its image arrived";
+            Second = "second", "the second one after its image arrived";
+        }
+        phase_unit: PhaseUnit, ["H25"], "Unit of the phases 0x9011:04 and :05" {
+            Cycles = "cycles", "CPU cycles";
+            Nanoseconds = "ns", "nanoseconds";
+        }
+        delta16_unit: Delta16Unit, ["H14", "S14"], "Unit of delta16 timestamps" {
+            Microseconds = "us", "microseconds";
+            Ticks = "ticks_24mhz", "ticks of a timer at 24 MHz";
         }
         // mailbox
         sdo_information: SdoInformation, ["S41"], "SDO information" {

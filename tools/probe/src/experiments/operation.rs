@@ -5,10 +5,10 @@ use std::time::Duration;
 use ecan_protocol::device::AlState;
 
 use crate::experiment::Experiment;
-use crate::interruption::Result;
+use crate::interruption::{Interruption, Result};
 use crate::outcome::Outcome;
 use crate::probe::Probe;
-use crate::setup::Setup;
+use crate::setup::{SYNC0, SYNC0_AND_SYNC1, Setup};
 use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
@@ -27,8 +27,15 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         run: al_control,
     },
     Experiment {
-        rows: &["H34"],
-        key: "",
+        rows: &["H2"],
+        key: "assign_activate",
+        stage: Stage::Op,
+        assumption: "DC AssignActivate 0x0300 starts Sync0",
+        run: sync0,
+    },
+    Experiment {
+        rows: &["H34", "S21"],
+        key: "watchdog",
         stage: Stage::Op,
         assumption: "the process data watchdog counts in units of 100 us, and ends OP with AL status 0x001B",
         run: watchdog,
@@ -66,12 +73,54 @@ fn al_control(probe: &mut Probe) -> Result<Outcome> {
     })
 }
 
+const SYNC0_CYCLE: Duration = Duration::from_millis(4);
+
+/// Sync0 with this word: the pulses counted, or the reason for which OP was not reached.
+fn pulses(probe: &mut Probe, assign_activate: u16) -> Result<std::result::Result<u32, String>> {
+    probe.assign_activate = assign_activate;
+    let sync0_shift = Some(SYNC0_CYCLE / 2);
+    let setup = Setup { cycle: SYNC0_CYCLE, sync0_shift, ..Setup::plain() };
+    let session = match probe.session(&setup) {
+        Ok(session) => session,
+        Err(Interruption::NotInOp { reason, .. }) => return Ok(Err(reason)),
+        Err(other) => return Err(other),
+    };
+    let before = session.read(0x9011, 2)?;
+    session.cycles(10)?;
+    Ok(Ok(session.read(0x9011, 2)?.wrapping_sub(before)))
+}
+
+fn sync0(probe: &mut Probe) -> Result<Outcome> {
+    // The plainest configuration reaches OP.
+    probe.session(&Setup::plain())?;
+    let reason = match pulses(probe, SYNC0)? {
+        Ok(pulses) => {
+            let detail = format!("0x9011:02 counted {pulses} pulses in some 15 cycles");
+            return Ok(Outcome::decided(pulses > 0, detail));
+        }
+        Err(reason) => reason,
+    };
+    let detail = format!("OP not reached with 0x0300: {reason}");
+    match pulses(probe, SYNC0_AND_SYNC1)? {
+        Ok(pulses) => {
+            let detail = format!("{detail}; 0x9011:02 counted {pulses} pulses with 0x0700");
+            Ok(Outcome::differs(detail).like("0x0700"))
+        }
+        Err(_) => {
+            probe.assign_activate = SYNC0;
+            Ok(Outcome::differs(format!("{detail}; the same with 0x0700")))
+        }
+    }
+}
+
 const WATCHDOG_MS: u64 = 20;
+/// Pauses of the process data: shorter and longer than the watchdog, and longer than its usual default.
+const PAUSES_MS: [u64; 3] = [WATCHDOG_MS * 7 / 10, WATCHDOG_MS * 15 / 10, 150];
 
 fn watchdog(probe: &mut Probe) -> Result<Outcome> {
     let setup = Setup { watchdog: Duration::from_millis(WATCHDOG_MS), ..Setup::plain() };
     let mut found = Vec::new();
-    for gap_ms in [WATCHDOG_MS * 7 / 10, WATCHDOG_MS * 15 / 10] {
+    for gap_ms in PAUSES_MS {
         let session = probe.session(&setup)?;
         session.cycles(5)?;
         let clock = session.adapter.ecrt().clock().clone();
@@ -87,11 +136,14 @@ fn watchdog(probe: &mut Probe) -> Result<Outcome> {
         (true, code) => format!("not in OP, with AL status 0x{code:04X}"),
     };
     let detail = format!(
-        "watchdog of {WATCHDOG_MS} ms: {} after a gap of 14 ms, {} after 30 ms",
-        found.first().map(text).unwrap_or_default(),
-        found.last().map(text).unwrap_or_default()
+        "watchdog of {WATCHDOG_MS} ms: {} after pauses of 14, 30 and 150 ms",
+        found.iter().map(text).collect::<Vec<_>>().join(", ")
     );
     // The master may have acknowledged the error before the code was read.
-    let is_met = matches!(found[..], [(false, _), (true, 0 | 0x001B)]);
-    Ok(Outcome::decided(is_met, detail))
+    Ok(match found[..] {
+        [(false, _), (true, 0 | 0x001B), (true, _)] => Outcome::holds(detail),
+        [(false, _), (false, _), (true, 0 | 0x001B)] => Outcome::differs(detail).like("fixed"),
+        [(false, _), (false, _), (false, _)] => Outcome::differs(detail).like("none"),
+        _ => Outcome::differs(detail),
+    })
 }

@@ -45,7 +45,7 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
     },
     Experiment {
         rows: &["H14", "S14"],
-        key: "",
+        key: "delta16_unit",
         stage: Stage::Loopback,
         assumption: "delta16 timestamps count microseconds",
         run: timestamps,
@@ -175,5 +175,12 @@ fn timestamps(probe: &mut Probe) -> Result<Outcome> {
             values.len()
         )));
     }
-    Ok(Outcome::decided(distances.iter().any(|it| (100..=140).contains(it)), detail))
+    let is_any =
+        |range: std::ops::RangeInclusive<u16>| distances.iter().any(|it| range.contains(it));
+    if is_any(100..=140) {
+        return Ok(Outcome::holds(detail));
+    }
+    probe.has_other_delta16 = true;
+    let outcome = Outcome::differs(detail);
+    Ok(if is_any(2_400..=3_360) { outcome.like("ticks_24mhz") } else { outcome })
 }

@@ -37,7 +37,7 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
     },
     Experiment {
         rows: &["S8"],
-        key: "",
+        key: "channels_at_start",
         stage: Stage::PreOp,
         assumption: "channels are off after a restart",
         run: channels_off,
@@ -182,9 +182,12 @@ fn channels_off(probe: &mut Probe) -> Result<Outcome> {
     let on = known.iter().find(|(_, state): &&(u8, _)| *state != ChannelState::Disabled);
     Ok(match on {
         None => Outcome::holds("every channel is disabled (0x9000:09)"),
-        Some((channel, state)) => Outcome::differs(format!(
-            "channel {channel} is in state {state} (0x9000:09); a configuration in the Flash can be the cause"
-        )),
+        Some((channel, state)) => {
+            let detail = format!(
+                "channel {channel} is in state {state} (0x9000:09); a configuration in the Flash can be the cause"
+            );
+            Outcome::differs(detail).like("active")
+        }
     })
 }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use ecan_host::Delivery;
+use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig};
 use ecan_protocol::image::{
     EncapsulationProfile, ImageWriter, OptionFlags, ResultCode, Schedule, Timestamp,
@@ -21,13 +22,6 @@ use crate::stage::Stage;
 use super::loopback::{frame, setup};
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        rows: &["H2"],
-        key: "",
-        stage: Stage::Loopback,
-        assumption: "DC AssignActivate 0x0300 starts Sync0",
-        run: sync0,
-    },
     Experiment {
         rows: &["H23", "S11"],
         key: "tx_result_codes",
@@ -50,8 +44,15 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         run: firmware_time,
     },
     Experiment {
+        rows: &["H24", "S12"],
+        key: "scheduled_pulse",
+        stage: Stage::Loopback,
+        assumption: "a scheduled frame counts from the first Sync0 pulse after its image",
+        run: pulse,
+    },
+    Experiment {
         rows: &["H25"],
-        key: "",
+        key: "phase_unit",
         stage: Stage::Loopback,
         assumption: "0x9011:04 and :05 are distances from a Sync0 pulse to the next image in CPU cycles",
         run: phase_readback,
@@ -83,15 +84,6 @@ fn with_sync0(probe: &Probe) -> Result<Setup> {
     setup.tx.options = OptionFlags::TX_RESULT;
     setup.tx.profile = EncapsulationProfile::CompactTimestamped;
     Ok(setup)
-}
-
-fn sync0(probe: &mut Probe) -> Result<Outcome> {
-    let setup = with_sync0(probe)?;
-    let session = probe.session(&setup)?;
-    let before = session.read(0x9011, 2)?;
-    session.cycles(10)?;
-    let pulses = session.read(0x9011, 2)?.wrapping_sub(before);
-    Ok(Outcome::decided(pulses > 0, format!("0x9011:02 counted {pulses} pulses in some 15 cycles")))
 }
 
 /// Sends scheduled frames at several times around a pulse.
@@ -153,6 +145,9 @@ fn firmware_time(probe: &mut Probe) -> Result<Outcome> {
     Ok(Outcome::decided(late.is_none_or(|it| it <= FIRMWARE_US + WIRE_US), detail))
 }
 
+/// Deviation of the phases by the delays of the host, in us.
+const PHASE_TOLERANCE_US: u64 = 400;
+
 fn phase_readback(probe: &mut Probe) -> Result<Outcome> {
     let setup = with_sync0(probe)?;
     let session = probe.session(&setup)?;
@@ -172,7 +167,12 @@ fn phase_readback(probe: &mut Probe) -> Result<Outcome> {
         us(most)
     );
     // A late host makes the largest distance longer.
-    Ok(Outcome::decided(us(least).abs_diff(expected) <= 400, detail))
+    if us(least).abs_diff(expected) <= PHASE_TOLERANCE_US {
+        return Ok(Outcome::holds(detail));
+    }
+    let is_ns = i64::from(least / 1_000).abs_diff(expected) <= PHASE_TOLERANCE_US;
+    let outcome = Outcome::differs(format!("{detail}; the values are {least} and {most}"));
+    Ok(if is_ns { outcome.like("ns") } else { outcome })
 }
 
 /// First codes, each once.
@@ -224,10 +224,59 @@ fn spread(times: &[i64]) -> i64 {
     times.iter().max().zip(times.iter().min()).map_or(0, |(most, least)| most - least)
 }
 
+/// Time from the image to the next pulse, and offset of the frame, which is sent 0.5, 4.5 or 8.5 ms after the
+/// image, with the pulse before, after it or the second one.
+const PULSE_BEFORE_NS: u64 = 1_000_000;
+const PULSE_OFFSET_NS: u32 = 3_500_000;
+
+/// Compares the cycle in which a scheduled frame comes back with that of an ordinary frame.
+fn pulse(probe: &mut Probe) -> Result<Outcome> {
+    let setup = with_sync0(probe)?;
+    let session = probe.session(&setup)?;
+    let [ordinary, scheduled] = [frame(0x125)?, frame(0x126)?];
+    let clock = session.adapter.ecrt().clock().clone();
+    session.cycles(5)?;
+    session.take();
+    session.adapter.wait_next_cycle();
+    let pulse_ns = session.adapter.cycle_start().deadline_ns + SHIFT_NS;
+    clock.sleep_until_ns(pulse_ns - PULSE_BEFORE_NS);
+    let fill = |writer: &mut ImageWriter, image: &mut [u8]| {
+        let schedule = Schedule { tag: 0, offset_ns: PULSE_OFFSET_NS };
+        let _ = writer.push(image, 0, 0, ordinary.as_ref(), Timestamp::None);
+        let _ = writer.push_scheduled(image, 0, 0, scheduled.as_ref(), schedule);
+    };
+    session.exchange(fill, |_| ())?;
+    session.cycles(10)?;
+    let inputs = session.take();
+    let cycle_of = |frame: &CanFrame| {
+        inputs.iter().position(|it| it.frames.iter().any(|it| it.frame.id() == frame.id()))
+    };
+    let Some(of_ordinary) = cycle_of(&ordinary) else {
+        return Ok(Outcome::undecided("an ordinary frame did not come back"));
+    };
+    let Some(of_scheduled) = cycle_of(&scheduled) else {
+        return Ok(Outcome::undecided("the scheduled frame did not leave"));
+    };
+    let periods = of_scheduled.saturating_sub(of_ordinary);
+    let detail = format!(
+        "a frame scheduled 3.5 ms after a pulse, in an image 1 ms before one, came back {periods} cycles of 4 ms \
+         after an ordinary one"
+    );
+    Ok(match periods {
+        0 => Outcome::differs(detail).like("previous"),
+        1 => Outcome::holds(detail),
+        2 => Outcome::differs(detail).like("second"),
+        _ => Outcome::differs(detail),
+    })
+}
+
 fn release_jitter(probe: &mut Probe) -> Result<Outcome> {
     if probe.service.is_some_and(|service| !service.is_constant()) {
         let reason = "timestamps count from a service, whose time varies here";
         return Ok(Outcome::undecided(reason));
+    }
+    if probe.has_other_delta16 {
+        return Ok(Outcome::undecided("timestamps do not count microseconds here"));
     }
     let setup = with_sync0(probe)?;
     let session = probe.session(&setup)?;
