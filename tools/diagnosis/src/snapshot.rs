@@ -164,7 +164,7 @@ impl Snapshot {
             (0x8000, 4 | 11 | 13 | 15) => true,
             (0x8000, 6..=9) => is_unapplied(u16::from(subindex) - 6),
             (0x8001..=0x8004, 2 | 4) => true,
-            (0x8001..=0x8004, 8 | 15 | 19..=24) => {
+            (0x8001..=0x8004, 8 | 15 | 16 | 19..=24 | 33 | 34) => {
                 is_unapplied(index - 0x8001) || !self.is_unused(index - 0x8001)
             }
             (0x8001..=0x8004, _) => {

@@ -334,8 +334,64 @@ fn last_error_code_has_its_causes() {
 #[test]
 fn data_phase_errors_suggest_sample_point_and_tdc() {
     let found = with(0x9000, 2, 0x060F);
-    assert_eq!(first(&found), ("data-phase-error", "the sample points of the data phase differ"));
+    let cause =
+        "the sample points of the data phase differ, or the nominal ones, at which it begins";
+    assert_eq!(first(&found), ("data-phase-error", cause));
     assert!(found.causes[1].contains("TDC") && found.causes[2].contains("BRS"), "{found:#?}");
+}
+
+/// IR.PED and PEA stay set; ECR counts the errors since its last read.
+#[test]
+fn latched_error_flags_alone_are_no_finding() {
+    for flags in [1 << 27, 1 << 28] {
+        let mut snapshot = healthy();
+        snapshot.set(0x9000, 3, flags);
+        snapshot.set(0x9000, 1, 9 << 16 | 8);
+        assert_eq!(findings(&snapshot), []);
+    }
+}
+
+#[test]
+fn repeated_errors_are_found_without_an_error_code() {
+    let found = |flags: u32| {
+        only(|snapshot| {
+            snapshot.set(0x9000, 1, 10 << 16 | 8);
+            snapshot.set(0x9000, 3, flags);
+        })
+    };
+    let in_data = found(1 << 28);
+    assert_eq!(in_data.id, "data-phase-error");
+    let what = "errors in the data phase of CAN FD frames, none in the arbitration phase; 10 errors are logged \
+                (ECR)";
+    assert_eq!(in_data.what, what);
+    assert_eq!(found(1 << 27 | 1 << 28).what, what.replace(", none in the arbitration phase", ""));
+    let others = found(1 << 27);
+    assert_eq!(
+        (others.id, &*others.what),
+        ("bus-error", "10 errors are logged (ECR) since its last read")
+    );
+}
+
+#[test]
+fn own_bit_errors_in_the_data_phase_name_the_own_compensation() {
+    let found = |enable: u32, rate: u32, offset: u32, filter: u32| {
+        only(|snapshot| {
+            snapshot.set(0x9001, 2, 0x050F);
+            for (subindex, value) in [(16, enable), (20, rate), (33, offset), (34, filter)] {
+                snapshot.set(0x8002, subindex, value);
+            }
+        })
+        .causes
+    };
+    let second = |causes: Vec<String>| causes[1].clone();
+    assert!(found(1, 5_000_000, 0, 0)[0].contains("reads its own data bits back wrongly"));
+    let off = "transmitter delay compensation (TDC) is off (0x8002:16 = 0)";
+    assert_eq!(second(found(0, 2_000_000, 0, 0)), off);
+    assert!(!second(found(0, 5_000_000, 0, 0)).contains("TDC"), "the firmware enables it");
+    for (offset, filter) in [(9, 0), (0, 9)] {
+        assert!(second(found(1, 2_000_000, offset, filter)).contains("are not a pair"));
+    }
+    assert!(second(found(1, 2_000_000, 9, 10)).contains("does not fit"));
 }
 
 #[test]

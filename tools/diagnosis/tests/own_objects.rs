@@ -22,7 +22,7 @@ fn named(finding: &Finding) -> Vec<u16> {
 
 /// What a channel shows that has nearly everything wrong with it, in ways that exclude each other:
 /// family, subindex and value.
-const AILMENTS: [&[(u16, u8, u32)]; 9] = [
+const AILMENTS: [&[(u16, u8, u32)]; 11] = [
     // Bus-off with each policy, and everything that a channel in whatever state may show.
     &[
         (0x9000, 9, 0x003B),
@@ -46,6 +46,20 @@ const AILMENTS: [&[(u16, u8, u32)]; 9] = [
     &[(0x9000, 1, 128), (0x9000, 2, 0x077B), (0x8001, 2, 4)],
     &[(0x9000, 1, 97), (0x9000, 2, 0x070C)],
     &[(0x9000, 2, 0x060F)],
+    &[
+        (0x9000, 2, 0x050F),
+        (0x8001, 16, 1),
+        (0x8001, 20, 5_000_000),
+        (0x8001, 33, 9),
+        (0x8001, 34, 0),
+    ],
+    &[
+        (0x9000, 2, 0x050F),
+        (0x8001, 16, 0),
+        (0x8001, 20, 2_000_000),
+        (0x8001, 33, 0),
+        (0x8001, 34, 0),
+    ],
     &[(0x9000, 9, 0x0004)],
     &[(0x9000, 9, 0)],
 ];
@@ -129,8 +143,15 @@ fn findings_name_the_objects_of_their_own_channel() {
         "tx-fifo-full",
     ];
     assert_eq!(ids.into_iter().collect::<Vec<_>>(), all);
-    for id in ["bus-off", "channel-off", "node-mode", "receive-loss", "event-loss", "rx-cache-drop"]
-    {
+    for id in [
+        "bus-off",
+        "channel-off",
+        "data-phase-error",
+        "node-mode",
+        "receive-loss",
+        "event-loss",
+        "rx-cache-drop",
+    ] {
         assert!(naming.contains(id), "{id} names its object: {naming:?}");
     }
 }

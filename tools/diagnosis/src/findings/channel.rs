@@ -36,7 +36,7 @@ pub(super) fn findings(snapshot: &Snapshot, number: u8) -> Vec<Finding> {
 }
 
 impl Channel<'_> {
-    fn information(&self, subindex: u8) -> Option<u32> {
+    pub(super) fn information(&self, subindex: u8) -> Option<u32> {
         self.snapshot.get(0x9000 + u16::from(self.number), subindex)
     }
 
@@ -61,7 +61,7 @@ impl Channel<'_> {
         Finding::fault(id, self.location, what)
     }
 
-    fn warning(&self, id: &'static str, what: impl Into<String>) -> Finding {
+    pub(super) fn warning(&self, id: &'static str, what: impl Into<String>) -> Finding {
         Finding::warning(id, self.location, what)
     }
 
@@ -69,17 +69,17 @@ impl Channel<'_> {
         Some(ChannelStatus::from_raw(self.information(9)? as u16))
     }
 
-    fn is_running(&self) -> bool {
+    pub(super) fn is_running(&self) -> bool {
         self.status().is_some_and(|status| {
             !matches!(status.state(), ChannelState::Disabled | ChannelState::Init)
         })
     }
 
-    fn counters(&self) -> ErrorCounters {
+    pub(super) fn counters(&self) -> ErrorCounters {
         ErrorCounters::from_raw(self.information(1).unwrap_or(0))
     }
 
-    fn protocol(&self) -> ProtocolStatus {
+    pub(super) fn protocol(&self) -> ProtocolStatus {
         // Default without a value: no change since the last read.
         ProtocolStatus::from_raw(self.information(2).unwrap_or(0x0707))
     }
@@ -108,13 +108,6 @@ impl Channel<'_> {
         let channels = CHANNELS as u32;
         let group = (u32::from(self.number) + rotation % channels) % channels;
         Some(format!("the pins are rotated by {rotation}: this channel uses pin group {group}"))
-    }
-
-    fn compare_rates(&self) -> String {
-        format!(
-            "bit rate or sample point differs from the other nodes; this channel: {}",
-            self.rates()
-        )
     }
 
     fn error_state(&self) -> Option<Finding> {
@@ -193,50 +186,7 @@ impl Channel<'_> {
                 "termination is missing, or too many terminations",
                 "interference on the cable",
             ])
-            .next_step("check for 60 ohms between CAN_H and CAN_L, then compare the bit timing of all nodes", "16.3")
-    }
-
-    /// Last error code of the protocol status, unless the state implies it.
-    fn bus_error(&self) -> Option<Finding> {
-        let protocol = self.protocol();
-        if !self.is_running() {
-            return None;
-        }
-        if protocol.last_data_error.is_error() {
-            let what = format!("{} in the data phase of CAN FD frames", protocol.last_data_error);
-            let next = "set the same data sample point on all nodes and enable TDC";
-            return self
-                .warning("data-phase-error", what)
-                .causes(&[
-                    "the sample points of the data phase differ",
-                    "transmitter delay compensation (TDC) is off, but needed from 5 Mbit/s",
-                    "frames with BRS are sent to nodes with another data bit rate",
-                    "stubs or cables are too long for this data bit rate",
-                ])
-                .cause(format!("this channel: {}", self.rates()))
-                .next_step(next, "16.3");
-        }
-        let error = protocol.last_error;
-        if !error.is_error() || protocol.is_bus_off || protocol.is_error_passive {
-            return None;
-        }
-        let causes: &[&str] = match error {
-            LastErrorCode::Acknowledge => {
-                &["no other active node on this bus (off, or in listen mode)"]
-            }
-            LastErrorCode::Bit1 | LastErrorCode::Bit0 => &[
-                "two nodes send the same CAN ID",
-                "CAN_H or CAN_L is short-circuited, or the transceiver has no supply",
-            ],
-            LastErrorCode::Form => {
-                &["the channel is configured for classic CAN and receives CAN FD frames"]
-            }
-            _ => &["interference, termination or contact"],
-        };
-        self.warning("bus-error", format!("the last error on the bus was a {error}"))
-            .causes(causes)
-            .cause(self.compare_rates())
-            .next_step("watch the error counters while frames are sent", "16.3")
+            .next_step("check for 60 ohms between CAN_H and CAN_L, then compare bit rates, sample points, TDC and BRS with each peer", "16.3")
     }
 
     fn bus_off_history(&self) -> Option<Finding> {

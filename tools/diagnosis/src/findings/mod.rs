@@ -1,5 +1,6 @@
 //! Findings by chapter of the manual.
 
+mod bus_error;
 mod channel;
 mod channel_command;
 mod data_path;

@@ -54,6 +54,12 @@ impl Interrupts {
         (bit(self.0, 3), bit(self.0, 7))
     }
 
+    /// Errors in the arbitration phase or in classic frames, and in the data phase, since the flags were
+    /// cleared.
+    pub const fn protocol_errors(self) -> (bool, bool) {
+        (bit(self.0, 27), bit(self.0, 28))
+    }
+
     /// Message RAM failure: late access, bit error, or watchdog.
     pub const fn has_ram_failure(self) -> bool {
         self.0 & (1 << 17 | 1 << 21 | 1 << 26) != 0

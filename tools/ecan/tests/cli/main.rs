@@ -4,6 +4,7 @@
 mod support;
 
 mod bridge;
+mod bus_symptoms;
 mod capture;
 mod config;
 mod diagnosis;
