@@ -23,4 +23,6 @@ pub struct DeviceProfile {
     pub internal_loopback: Option<u8>,
     /// Nominal sample point that the firmware chooses from 75 to 87.5 % at 500 kbit/s, in 0.1 %.
     pub sample_point_permille: Option<u32>,
+    /// The same by the error counters of two wired channels, in 0.1 %.
+    pub wired_sample_point_permille: Option<u32>,
 }
