@@ -29,8 +29,8 @@ pub use adapter::{
     Adapter, Delivery, DomainReport, OpProgress, OpWait, StartupRounds, run_in_parallel,
 };
 pub use bus::{
-    Diagnostics, IdentificationError, Maintenance, MaintenanceError, SlaveKind, SlaveQuery,
-    denies_object, slave_kinds,
+    CanController, Diagnostics, IdentificationError, Maintenance, MaintenanceError,
+    RegisterServiceError, SlaveKind, SlaveQuery, denies_object, slave_kinds,
 };
 pub use clocks::ClockStatus;
 pub use config::{

@@ -48,7 +48,9 @@ impl PortError {
     /// Whether the cause may pass by itself, so that the same call can succeed later.
     pub fn is_temporary(&self) -> bool {
         match self {
-            Self::NotReady { .. } => true,
+            Self::NotReady { last_fault, .. } => {
+                !matches!(last_fault, Some(VerificationFault::NodeMode { .. }))
+            }
             Self::Adapter(error) => error.is_temporary(),
             Self::Cycle(error) => error.is_temporary(),
             _ => false,

@@ -2,18 +2,24 @@
 
 use std::time::Duration;
 
-use ecan_host::{Diagnostics, OpProgress, Phase, run_in_parallel};
+use ecan_host::{CanController, Diagnostics, OpProgress, Phase, run_in_parallel};
+use ecan_protocol::config::NodeMode;
 
 use crate::address::GatewayHandle;
 use crate::error::PortError;
 use crate::gateway::Gateway;
 use crate::port::Port;
+use crate::session::verification::VerificationFault;
 
 /// A cycle in which nothing is sent and everything received is discarded. Single cycles may fail:
 /// the caller has a deadline.
 fn empty_cycle(port: &mut Port) -> Result<(), PortError> {
     port.begin_cycle().finish();
     Ok(())
+}
+
+fn is_not_listening(fault: Option<VerificationFault>) -> bool {
+    matches!(fault, Some(VerificationFault::NodeMode { .. }))
 }
 
 impl Port {
@@ -70,6 +76,7 @@ impl Port {
                 if u128::from(waited_ms) > timeout.as_millis()
                     || sessions.any(|session| session.fails_for_good())
                 {
+                    self.stop_not_listening(|port| drop(cycle(port)));
                     return Err(self.not_ready(waited_ms).into());
                 }
                 continue;
@@ -93,6 +100,65 @@ impl Port {
                     return Err(failed(ecan_host::Error::NotOperational(Box::new(report))));
                 }
             }
+        }
+    }
+
+    /// Takes the channels that should only listen off their buses, on gateways whose controllers are in
+    /// another mode ([`VerificationFault::NodeMode`]), and returns the error of the first such gateway. For
+    /// applications that do not wait by [`wait_ready`](Self::wait_ready), which does the same.
+    ///
+    /// Blocks, if there are such channels. Only a restart of the gateway is sure to take a channel off
+    /// its bus (assumption H32): a failure is logged.
+    pub fn stop_channels_not_listening(&mut self) -> Option<PortError> {
+        let is_wrong = |gateway: &Gateway| is_not_listening(gateway.session.last_fault());
+        self.gateways.iter().any(is_wrong).then(|| {
+            self.stop_not_listening(|port| drop(empty_cycle(port)));
+            self.not_ready(0)
+        })
+    }
+
+    fn stop_not_listening(&mut self, mut cycle: impl FnMut(&mut Self)) {
+        let mut channels = Vec::new();
+        for (slave, gateway) in self.gateways.iter().enumerate() {
+            if !is_not_listening(gateway.session.last_fault()) {
+                continue;
+            }
+            let settings = self.config().gateways.get(slave).map(|it| it.channels);
+            for (channel, settings) in (0..).zip(settings.iter().flatten()) {
+                if settings.is_some_and(|it| it.can.node_mode == NodeMode::Listen) {
+                    channels.push((slave, channel));
+                }
+            }
+        }
+        if channels.is_empty() {
+            return;
+        }
+        let stop = |diagnostics: &Diagnostics| {
+            for (slave, channel) in channels {
+                match CanController::new(diagnostics, slave, channel).leave_bus() {
+                    Ok(()) => tracing::warn!(
+                        slave,
+                        channel,
+                        "slave {slave} channel {channel}: not listen-only, taken off its bus"
+                    ),
+                    Err(error) => tracing::error!(
+                        slave,
+                        channel,
+                        "slave {slave} channel {channel}: not listen-only and still on its bus ({error}): restart \
+                         the gateway"
+                    ),
+                }
+            }
+        };
+        let stopped = self.diagnose_with(
+            |port| {
+                cycle(port);
+                Ok::<(), PortError>(())
+            },
+            stop,
+        );
+        if let Err(error) = stopped {
+            tracing::error!("channels that are not listen-only are still on their buses: {error}");
         }
     }
 

@@ -1,5 +1,6 @@
 //! Access to the slaves outside the cycle: state, SDO transfers, identification, PDO mapping.
 
+mod can_controller;
 mod capability_values;
 mod diagnostics;
 pub(crate) mod identification;
@@ -7,6 +8,7 @@ mod maintenance;
 pub(crate) mod mapping;
 mod recognition;
 
+pub use can_controller::{CanController, RegisterServiceError};
 pub(crate) use capability_values::CapabilityValues;
 pub use diagnostics::Diagnostics;
 pub use maintenance::{Maintenance, MaintenanceError};

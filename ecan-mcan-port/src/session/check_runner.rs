@@ -2,6 +2,7 @@
 
 use ecan_host::{Adapter, CycleError, Error, RequestState, SdoRequestId};
 
+use crate::session::controller_reading::ControllerReading;
 use crate::session::pending_step::PendingStep;
 use crate::session::verification::{Check, SdoTransfer, VerificationFault};
 
@@ -38,6 +39,7 @@ pub(crate) struct CheckRunner {
     waiting_since_ns: u64,
     limit_ns: u64,
     layout_crc: [Option<u32>; 2],
+    controller: ControllerReading,
     /// Sequence numbers between those of two gateways.
     sequence_distance: u16,
     /// Sequence of the last image when the check of the sequence was begun.
@@ -57,7 +59,7 @@ impl CheckRunner {
         let slaves = adapter.slave_count().max(1);
         let transfers = (slaves * checks.len()) as u64;
         let request = |check: Check| {
-            let size = if check.transfer().is_download { 1 } else { 4 };
+            let size = check.download().map_or(4, |sdo| sdo.bytes().1);
             let request = adapter.create_sdo_request(slave, size)?;
             // The runner has its own limit.
             adapter.sdo_request_timeout(request, 0)?;
@@ -74,6 +76,7 @@ impl CheckRunner {
             limit_ns: WAIT_NS
                 + transfers * CYCLES_PER_TRANSFER * u64::from(adapter.config().cycle_ns()),
             layout_crc: [None; 2],
+            controller: ControllerReading::default(),
             // infallible: at most 65536
             sequence_distance: u16::try_from(0x1_0000 / slaves).unwrap_or(u16::MAX),
             sequence_at_start: 0,
@@ -140,14 +143,17 @@ impl CheckRunner {
             if state == RequestState::Busy {
                 return self.wait(check.transfer(), self.waiting_since_ns, now_ns);
             }
+            if let Check::Controller { channel, step } = check {
+                let value = (state == RequestState::Success).then(|| value(adapter, request));
+                self.controller.take(self.slave, channel, step, value)?;
+                self.passed += 1;
+                self.waiting_since_ns = now_ns;
+                continue;
+            }
             if state != RequestState::Success {
                 return Err(VerificationFault::Transfer(check.transfer()));
             }
-            let mut value = [0; 4];
-            for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request)) {
-                *to = *from;
-            }
-            let value = u32::from_le_bytes(value);
+            let value = value(adapter, request);
             check.verify(value, &mut self.layout_crc)?;
             if matches!(check, Check::Sequence) && !self.check_sequence(value, published)? {
                 self.begun = self.passed;
@@ -229,12 +235,21 @@ impl CheckRunner {
 
 fn begin(adapter: &mut Adapter, step: &Step) -> Result<(), CycleError> {
     let SdoTransfer { index, subindex, .. } = step.check.transfer();
-    match step.check {
-        Check::Command(sdo) => {
+    match step.check.download() {
+        Some(sdo) => {
             let (bytes, length) = sdo.bytes();
             let data = bytes.get(..length).unwrap_or_default();
             adapter.sdo_request_write(step.request, index, subindex, data)
         }
-        _ => adapter.sdo_request_read(step.request, index, subindex),
+        None => adapter.sdo_request_read(step.request, index, subindex),
     }
+}
+
+/// Value of an upload that has succeeded.
+fn value(adapter: &Adapter, request: SdoRequestId) -> u32 {
+    let mut value = [0; 4];
+    for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request)) {
+        *to = *from;
+    }
+    u32::from_le_bytes(value)
 }

@@ -196,7 +196,10 @@ impl SessionMachine {
                 Ok(false) => Event::None,
                 Err(fault) => {
                     self.state = Session::Failed(fault);
-                    self.fault_lasts = self.last_fault == Some(fault) && fault.is_of_the_device();
+                    let is_repeated = self.last_fault == Some(fault) && fault.is_of_the_device();
+                    // Until it is stopped, the channel may take part in its bus.
+                    let is_urgent = matches!(fault, VerificationFault::NodeMode { .. });
+                    self.fault_lasts = is_repeated || is_urgent;
                     self.last_fault = Some(fault);
                     self.retry_at_ns = adapter.clock().now_ns() + RETRY_NS;
                     self.unmapped_since_ns = None;

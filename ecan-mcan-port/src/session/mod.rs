@@ -1,6 +1,7 @@
 //! Session of a gateway: startup steps, verification after each return to OP.
 
 mod check_runner;
+mod controller_reading;
 pub(crate) mod machine;
 pub(crate) mod pending_step;
 mod profile_restore;

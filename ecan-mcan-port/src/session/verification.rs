@@ -3,16 +3,18 @@
 use std::fmt;
 
 use ecan_host::{CycleError, Expectation, contradicted_assumption};
-use ecan_protocol::config::{SessionCommand, session_command_write};
-use ecan_protocol::device::Capabilities;
+use ecan_protocol::config::{NodeMode, SessionCommand, session_command_write};
+use ecan_protocol::device::{CCCR, Capabilities, ControllerMode, TEST};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
-use ecan_protocol::object::{SdoWrite, describe};
+use ecan_protocol::object::{ObjectType, SdoWrite, describe};
 use thiserror::Error;
 
 use crate::port_config::GatewayConfig;
 
 const STATUS_OK: u32 = 0;
+/// Register service of the first channel.
+const REGISTER_SERVICE: u16 = 0xA000;
 /// Status of 0x8010 and 0x8011: master mapping reload required.
 const MAPPING_RELOAD_REQUIRED: u32 = 5;
 
@@ -77,6 +79,17 @@ pub enum VerificationFault {
         /// The value now.
         found: u32,
     },
+    /// The controller of a channel that must only listen is in another mode, by its registers.
+    #[error(
+        "node mode 1 puts channel {channel} into {mode}, not into listen-only (assumption H9: the numbers of \
+         the manual; a restart, 0x8000:01, takes it off its bus)"
+    )]
+    NodeMode {
+        /// CAN channel, 0 to 3.
+        channel: u8,
+        /// Mode of its controller.
+        mode: ControllerMode,
+    },
     /// A transfer failed.
     #[error("{0} failed")]
     Transfer(SdoTransfer),
@@ -102,7 +115,13 @@ pub enum VerificationFault {
 impl VerificationFault {
     /// Returns whether the gateway answered with a value that is not the configured one.
     pub(crate) fn is_of_the_device(self) -> bool {
-        matches!(self, Self::Readback { .. } | Self::OtherGateway { .. } | Self::LayoutCrc { .. })
+        matches!(
+            self,
+            Self::Readback { .. }
+                | Self::OtherGateway { .. }
+                | Self::LayoutCrc { .. }
+                | Self::NodeMode { .. }
+        )
     }
 }
 
@@ -136,8 +155,44 @@ pub(crate) enum Check {
         direction: usize,
         index: u16,
     },
+    /// Step of reading the mode of a controller that must only listen.
+    Controller {
+        channel: u8,
+        step: ControllerStep,
+    },
     /// The gateway reports the sequence of the image that the Port publishes to it.
     Sequence,
+}
+
+/// Step of reading a register by the register service (manual 13.6).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ControllerStep {
+    Offset(u16),
+    Command,
+    Status,
+    /// Value of the register with this offset.
+    Value(u16),
+}
+
+impl ControllerStep {
+    fn subindex(self) -> u8 {
+        match self {
+            Self::Offset(_) => 1,
+            Self::Command => 2,
+            Self::Status => 3,
+            Self::Value(_) => 5,
+        }
+    }
+
+    /// The download of this step of a channel; `None` for an upload.
+    fn download(self, channel: u8) -> Option<SdoWrite> {
+        let object = REGISTER_SERVICE + u16::from(channel);
+        match self {
+            Self::Offset(offset) => Some(SdoWrite::new(object, 1, ObjectType::U32, offset.into())),
+            Self::Command => Some(SdoWrite::new(object, 2, ObjectType::U8, 1)),
+            Self::Status | Self::Value(_) => None,
+        }
+    }
 }
 
 impl Check {
@@ -147,9 +202,23 @@ impl Check {
             Self::Serial { subindex, .. } => (Capabilities::INDEX, subindex, false),
             Self::Expect { index, subindex, .. } => (index, subindex, false),
             Self::LayoutCrc { index, .. } => (index, 11, false),
+            Self::Controller { channel, step } => (
+                REGISTER_SERVICE + u16::from(channel),
+                step.subindex(),
+                step.download(channel).is_some(),
+            ),
             Self::Sequence => (Direction::RxPdo.profile_object(), 13, false),
         };
         SdoTransfer { index, subindex, is_download }
+    }
+
+    /// The download of a check that writes.
+    pub(crate) fn download(self) -> Option<SdoWrite> {
+        match self {
+            Self::Command(sdo) => Some(sdo),
+            Self::Controller { channel, step } => step.download(channel),
+            _ => None,
+        }
     }
 
     /// Verifies the value read. Records the layout CRC of each direction the first time.
@@ -159,7 +228,7 @@ impl Check {
         layout_crc: &mut [Option<u32>; 2],
     ) -> Result<(), VerificationFault> {
         match self {
-            Self::Command(_) | Self::Sequence => Ok(()),
+            Self::Command(_) | Self::Controller { .. } | Self::Sequence => Ok(()),
             Self::Serial { subindex, expected } => {
                 if found == expected {
                     Ok(())
@@ -229,6 +298,18 @@ pub(crate) fn checks(
         checks.push(Check::Expect { index: 0x8021 + channel, subindex: 3, expected });
         let expected = Expectation::Equals(settings.data_path.active_word().into());
         checks.push(Check::Expect { index: 0x8021 + channel, subindex: 20, expected });
+        if settings.can.node_mode == NodeMode::Listen {
+            let channel = channel as u8;
+            for offset in [CCCR, TEST] {
+                let steps = [
+                    ControllerStep::Offset(offset),
+                    ControllerStep::Command,
+                    ControllerStep::Status,
+                    ControllerStep::Value(offset),
+                ];
+                checks.extend(steps.map(|step| Check::Controller { channel, step }));
+            }
+        }
     }
     if !is_single {
         checks.push(Check::Sequence);

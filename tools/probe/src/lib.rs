@@ -31,6 +31,5 @@ pub use finding::Finding;
 pub use interruption::Interruption;
 pub use outcome::{Outcome, Verdict};
 pub use probe::{Probe, ProbeOptions};
-pub use registers::{ControllerMode, controller_mode};
 pub use stage::Stage;
 pub use undecidable::{UNDECIDABLE, Undecidable};

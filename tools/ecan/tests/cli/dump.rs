@@ -131,6 +131,25 @@ fn listen_only_does_not_acknowledge() {
     assert_eq!(alone(&["--listen-only"]).status.code(), Some(1));
 }
 
+/// The number of the listening mode selects another mode.
+#[test]
+fn programs_report_no_frame_of_a_channel_that_does_not_listen() {
+    let bus = Scenario::new("[gateway.variant]\nnode_modes = \"loopback_first\"\n");
+    let commands: [&[&str]; 3] = [
+        &["dump", "--listen-only", "-T", "9000"],
+        &["monitor", "--listen-only", "--once"],
+        &["bridge", "--listen-only", "--slcan", "127.0.0.1:0"],
+    ];
+    for command in commands {
+        let output = bus.run(command);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(5), "{command:?}: {message}");
+        let words = "node mode 1 puts channel 0 into internal loopback, not into listen-only (assumption H9";
+        assert!(message.contains(words), "{command:?}: {message}");
+        assert_eq!(output.stdout, b"", "{command:?}");
+    }
+}
+
 #[test]
 fn bus_changes_are_reported_on_stderr() {
     let fault = "[[fault]]\nat_ms = 7000\nkind = \"bus_off\"\ngateway = 0\nchannel = 0\n";

@@ -1,12 +1,13 @@
 //! Numbers of the node modes.
 
 use ecan_protocol::config::{McanChannelConfig, SamplePointWindow};
+use ecan_protocol::device::ControllerMode;
 
 use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
 use crate::probe::Probe;
-use crate::registers::{self, ControllerMode, ENDN};
+use crate::registers::{self, ENDN};
 use crate::stage::Stage;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
@@ -49,7 +50,7 @@ fn mode_of(probe: &Probe, number: u8) -> Result<ControllerMode> {
     }
     sdo.write_all([McanChannelConfig::apply_write(0)])?;
     match sdo.read(0x8001, 2)? {
-        0 => ControllerMode::read(sdo, 0),
+        0 => registers::mode(sdo, 0),
         status => {
             crate::interruption::unavailable(format!("node mode {number}: apply status {status}"))
         }

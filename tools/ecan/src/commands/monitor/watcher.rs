@@ -2,7 +2,7 @@
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::Diagnostics;
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{Port, PortError};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::context::{Bus, Failure, GlobalOptions, Result, note};
@@ -66,7 +66,15 @@ impl Watcher {
         observation.look_for_bus_off(&self.port);
         let adapter = self.port.adapter();
         observation.mark(Mark { start: adapter.cycle_start(), end_ns: adapter.clock().now_ns() });
-        ended.map(drop).map_err(Failure::master)
+        ended.map(drop).map_err(Failure::master)?;
+        if let Some(error) = self.port.stop_channels_not_listening() {
+            let position = match &error {
+                PortError::NotReady { slave, .. } => self.positions.get(*slave).copied(),
+                _ => None,
+            };
+            return Err(failure(position.unwrap_or_default(), error));
+        }
+        Ok(())
     }
 
     pub fn look(&self, observation: &mut Observation) {

@@ -29,7 +29,7 @@ fn named_failures(error: &PortError) -> Vec<StartFailure> {
         vec![StartFailure { gateway, reason: error.to_string(), is_temporary }]
     };
     match error {
-        PortError::NotReady { slave, .. } => one(*slave, true),
+        PortError::NotReady { slave, .. } => one(*slave, error.is_temporary()),
         PortError::Adapter(Error::NotOperational(report)) => {
             let failures = report.slaves.iter().map(|slave| StartFailure {
                 gateway: slave.slave,

@@ -171,7 +171,7 @@ fn traffic_of_an_active_channel_is_seen_without_a_change() {
     assert_eq!(traffic.len(), 1, "{traffic:?}");
     assert_eq!((traffic[0].position, traffic[0].channel), (0, 1));
     assert_eq!(traffic[0].seen, "it is active and has received frames");
-    // Nobody reads the FIFO, so that it is full and shows no change.
+    // The FIFO is not read: it is full and shows no change.
     bus.sleep_ns(60_000_000_000);
     assert_eq!(observe()[0].seen, "it is active, and RX FIFO0 is full of frames");
     drop(node);
