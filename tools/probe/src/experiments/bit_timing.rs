@@ -36,7 +36,7 @@ fn points(probe: &Probe) -> Result<(u32, u32)> {
     Ok((nominal, data))
 }
 
-fn percent(permille: u32) -> String {
+pub(super) fn percent(permille: u32) -> String {
     format!("{}.{} %", permille / 10, permille % 10)
 }
 
@@ -61,12 +61,19 @@ fn choice(probe: &mut Probe) -> Result<Outcome> {
     );
     let is_near = |found: u32, expected: u32| found.abs_diff(expected) <= 15;
     let outcome = Outcome::decided(is_near(nominal, 812) && exact == 0, detail);
-    Ok(match (nominal, exact) {
-        (_, 1..) => outcome.like("driver"),
-        (..765, 0) => outcome.like("lowest"),
-        (860.., 0) => outcome.like("highest"),
-        _ => outcome,
+    Ok(match exact {
+        0 => like_choice(outcome, nominal),
+        _ => outcome.like("driver"),
     })
+}
+
+/// Names the choice of a nominal sample point from 75 to 87.5 %, in 0.1 %.
+pub(super) fn like_choice(outcome: Outcome, nominal: u32) -> Outcome {
+    match nominal {
+        ..765 => outcome.like("lowest"),
+        860.. => outcome.like("highest"),
+        _ => outcome,
+    }
 }
 
 fn manual_values(probe: &mut Probe) -> Result<Outcome> {

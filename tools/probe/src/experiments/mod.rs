@@ -17,6 +17,7 @@ mod statuses;
 mod sync0_window;
 mod transmit;
 mod wired;
+mod wired_sample_point;
 
 use crate::experiment::Experiment;
 use crate::stage::Stage;
@@ -38,6 +39,7 @@ const GROUPS: &[&[Experiment]] = &[
     receive::EXPERIMENTS,
     schedule::EXPERIMENTS,
     wired::EXPERIMENTS,
+    wired_sample_point::EXPERIMENTS,
 ];
 
 /// Every experiment, in the order in which they run.
