@@ -28,14 +28,14 @@ pub(super) struct Application {
 impl Application {
     pub(super) fn new(config: &GatewayModelConfig, seed: u64) -> Self {
         Self {
-            objects: ObjectServer::new(),
+            objects: ObjectServer::new(&config.variant),
             data_path: DataPath::new(config, seed),
-            pins: PinRotation::default(),
+            pins: PinRotation::new(config.variant.rotation_direction),
         }
     }
 
     pub(super) fn reset(&mut self) {
-        self.objects = ObjectServer::new();
+        self.objects = ObjectServer::new(self.data_path.variant());
         self.data_path.reset();
         self.pins.reset();
     }

@@ -11,7 +11,7 @@ use super::controller::{Controller, ControllerConfig, Rejection, STATUS_REGISTER
 use super::counters::{GatewayCounters, ReceiveLosses, TransmitLosses};
 use super::receive_path::{ReceiveCounters, ReceivePath};
 use super::transmit_path::{TransmitCounters, TransmitPath};
-use super::variant::{RxDrain, TxPending};
+use super::variant::{BusOffWait, CriticalSet, RxDrain, TxPending};
 
 /// Latched channel events, 0x9000:12. The manual names them but not their bits.
 mod event {
@@ -72,6 +72,8 @@ pub(super) struct ChannelModel {
     tx_pressure_percent: u8,
     rx_drain: RxDrain,
     tx_pending: TxPending,
+    bus_off_wait: BusOffWait,
+    critical_frames: CriticalSet,
 }
 
 impl ChannelModel {
@@ -81,6 +83,8 @@ impl ChannelModel {
             tx_pressure_percent: *tx_pressure_percent,
             rx_drain: variant.rx_drain,
             tx_pending: variant.tx_pending,
+            bus_off_wait: variant.bus_off_wait,
+            critical_frames: variant.critical_frames,
         }
     }
 }
@@ -90,7 +94,7 @@ impl Channel {
         Self {
             model,
             controller: Controller::new(),
-            receive: ReceivePath::new(model.rx_drain),
+            receive: ReceivePath::new(model.rx_drain, model.critical_frames),
             transmit: TransmitPath::new(),
             ..Self::default()
         }
@@ -170,7 +174,10 @@ impl Channel {
     }
 
     fn plan_recovery(&mut self) {
-        let wait = u32::from(self.policy.backoff_base_cycles);
+        let wait = match self.model.bus_off_wait {
+            BusOffWait::BackoffBase => u32::from(self.policy.backoff_base_cycles),
+            BusOffWait::Nothing => 0,
+        };
         let policy = self.policy.bus_off_recovery;
         self.recovery_countdown = (policy == BusOffRecovery::Auto).then_some(wait);
         self.waits_for_master = policy == BusOffRecovery::Degraded;

@@ -18,6 +18,8 @@ pub struct TransmitLosses {
     pub schedule_failed: u64,
     /// Skipped by a bypass option or a test policy of 0x8030.
     pub bypassed: u64,
+    /// Beyond the budget of the channel in the image, if the variant applies it.
+    pub over_budget: u64,
     /// Abandoned by the controller because automatic retransmission is off.
     pub not_retransmitted: u64,
 }

@@ -5,9 +5,10 @@ use ecan_protocol::config::{
     ApplyStatus, DataPathConfig, DataPathGlobal, DiagnosticTest, RxBypass, TxBypass,
 };
 use ecan_protocol::image::{FramePacket, OptionFlags, Packet, PdoError, ResultCode, Schedule};
-use ecan_protocol::mapping::{CHANNELS, Direction};
+use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 
 use super::active_options::ActiveOptions;
+use super::budget::Budget;
 use super::channel::{Channel, ChannelModel, path_error};
 use super::config::GatewayModelConfig;
 use super::controller::{ControllerConfig, Rejection};
@@ -20,7 +21,7 @@ use super::rx_pdo::RxPdoParser;
 use super::schedule::{ScheduleQueue, Scheduled};
 use super::transmit_path::{Pending, Reference, ResultQueue};
 use super::tx_pdo::TxPdoBuilder;
-use super::variant::{GatewayVariant, ScheduledPulse, TxPdoNumbering};
+use super::variant::{GatewayVariant, RxBudgetPolicy, ScheduledPulse, TxPdoNumbering};
 
 /// Service budget in microseconds if 0x8020:7 is 0.
 const DEFAULT_SERVICE_BUDGET_US: u32 = 1000;
@@ -57,7 +58,7 @@ impl DataPath {
             channels: std::array::from_fn(|_| Channel::new(ChannelModel::new(config))),
             options: ActiveOptions::new(&config.variant),
             global: DataPathGlobal::default(),
-            parser: RxPdoParser::new(config.variant.repeated_image),
+            parser: RxPdoParser::new(&config.variant),
             builder: TxPdoBuilder::new(&config.variant),
             results: ResultQueue::new(&config.variant),
             schedule: ScheduleQueue::new(
@@ -79,7 +80,7 @@ impl DataPath {
         self.counters.transmit_losses.stale += self.schedule.flush() as u64;
         self.options = ActiveOptions::new(&self.variant);
         self.global = DataPathGlobal::default();
-        self.parser = RxPdoParser::new(self.variant.repeated_image);
+        self.parser = RxPdoParser::new(&self.variant);
         self.builder = TxPdoBuilder::new(&self.variant);
         self.results.clear();
         self.performance = CyclePerformance::new(self.variant.phase_unit);
@@ -208,11 +209,23 @@ impl DataPath {
         };
         let sequence = image.sequence();
         self.options.rx.sequence = sequence;
+        let mut budget = self.rx_budget();
+        let payload_end = HEADER_BYTES + image.payload().len();
+        let mut following = image.packets().skip(1);
         let mut packets = 0;
         let result = image.packets().try_for_each(|packet| {
             packets += 1;
+            let end = match following.next() {
+                Some(Ok(Packet::Frame(next))) => usize::from(next.offset),
+                _ => payload_end,
+            };
             match packet {
-                Ok(Packet::Frame(packet)) => self.take_frame(sequence, &packet, times),
+                Ok(Packet::Frame(packet)) => {
+                    let bytes = end.saturating_sub(packet.offset.into());
+                    let channel = packet.channel.into();
+                    let fits = budget.as_mut().is_none_or(|budget| budget.try_take(channel, bytes));
+                    self.take_frame(sequence, &packet, times, fits)
+                }
                 Ok(Packet::TxResult(_)) => Err(PdoError::UnknownKind),
                 Err(diagnosis) => Err(self.parser.packet_error(&diagnosis)),
             }
@@ -222,12 +235,19 @@ impl DataPath {
         result
     }
 
-    /// Hands one frame to its channel. An error stops the parsing of the image.
+    /// The budget of an RxPDO image, if the variant applies it.
+    fn rx_budget(&self) -> Option<Budget> {
+        let is_applied = self.variant.rx_budget == RxBudgetPolicy::Applied;
+        self.options.rx.active.filter(|_| is_applied).map(|profile| Budget::new(&profile))
+    }
+
+    /// Hands one frame to its channel, or drops it if it does not fit into the budget. An error stops the parsing of the image.
     fn take_frame(
         &mut self,
         sequence: u16,
         packet: &FramePacket<'_>,
         times: &ServiceTimes,
+        fits: bool,
     ) -> Result<(), PdoError> {
         let schedule = packet.schedule().transpose()?;
         let pulse = self.variant.scheduled_pulse;
@@ -245,6 +265,12 @@ impl DataPath {
             sequence,
             frame_index: packet.index,
         });
+        if !fits {
+            self.counters.transmit_losses.over_budget += 1;
+            self.options.rx.note_overflow(1, Some(PdoError::PacketOverrun));
+            self.results.report(reference, ResultCode::TxFifoFull);
+            return Ok(());
+        }
         match due {
             Some(due_ns) => {
                 let entry = Scheduled { due_ns, channel, frame, reference };

@@ -22,6 +22,7 @@ mod active_options;
 mod al_state;
 mod application;
 mod bit_timing_choice;
+mod budget;
 mod can_side;
 mod channel;
 mod channel_control;

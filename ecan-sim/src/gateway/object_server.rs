@@ -19,6 +19,7 @@ use ecan_protocol::object::{AbortCode, Entry, Object, ObjectType, object};
 use super::channel_control::{self, FIRST_CHANNEL_OBJECT, FilterLists};
 use super::command::DIAGNOSTIC_TEST;
 use super::dictionary_values::DictionaryValues;
+use super::variant::{AssignedAtStart, GatewayVariant};
 
 /// 0x8030:9, reason of the last rejected write; the manual numbers none.
 pub(super) const TEST_REJECT_REASON: u8 = 9;
@@ -39,10 +40,14 @@ pub(super) enum Payload {
 }
 
 impl ObjectServer {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(variant: &GatewayVariant) -> Self {
         let mut values = DictionaryValues::new();
+        let assigned = match variant.assigned_at_start {
+            AssignedAtStart::All => MAX_MULTIPLIER,
+            AssignedAtStart::Nothing => 0,
+        };
         for direction in Direction::ALL {
-            values.set(assignment_index(direction), 0, u32::from(MAX_MULTIPLIER));
+            values.set(assignment_index(direction), 0, u32::from(assigned));
         }
         Self { values, filters: std::array::from_fn(|_| FilterLists::new()) }
     }
@@ -232,7 +237,7 @@ mod tests {
 
     #[test]
     fn assignment_needs_preop_and_a_zero_count() {
-        let mut server = ObjectServer::new();
+        let mut server = ObjectServer::new(&GatewayVariant::default());
         let rx = assignment_index(Direction::RxPdo);
         assert_eq!(server.assigned_chunks(Direction::RxPdo), Some(MAX_MULTIPLIER));
         let state = AlState::PreOp;
@@ -259,7 +264,7 @@ mod tests {
 
     #[test]
     fn test_policy_without_key_is_rejected_with_a_reason() {
-        let mut server = ObjectServer::new();
+        let mut server = ObjectServer::new(&GatewayVariant::default());
         let rejected = write(&mut server, DIAGNOSTIC_TEST, 4, 1, AlState::PreOp);
         assert_eq!(rejected, Err(AbortCode::PARAMETER_INCOMPATIBLE));
         assert_eq!(server.values.get(DIAGNOSTIC_TEST, TEST_REJECT_REASON), LOCKED);

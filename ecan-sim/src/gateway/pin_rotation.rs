@@ -2,13 +2,20 @@
 
 use ecan_protocol::mapping::CHANNELS;
 
+use super::variant::RotationDirection;
+
 #[derive(Debug, Default)]
 pub(super) struct PinRotation {
     active: u8,
     changes: u32,
+    direction: RotationDirection,
 }
 
 impl PinRotation {
+    pub(super) fn new(direction: RotationDirection) -> Self {
+        Self { direction, ..Self::default() }
+    }
+
     pub(super) fn reset(&mut self) {
         self.active = 0;
         self.changes = self.changes.wrapping_add(1);
@@ -31,7 +38,11 @@ impl PinRotation {
     /// The channel at a connector; `None` for a connector that does not exist.
     pub(super) fn channel_at(&self, connector: usize) -> Option<usize> {
         let rotation = usize::from(self.active) % CHANNELS;
-        (connector < CHANNELS).then(|| (connector + CHANNELS - rotation) % CHANNELS)
+        let back = match self.direction {
+            RotationDirection::Up => CHANNELS - rotation,
+            RotationDirection::Down => rotation,
+        };
+        (connector < CHANNELS).then(|| (connector + back) % CHANNELS)
     }
 }
 
@@ -45,6 +56,16 @@ mod tests {
         assert!(pins.set(1));
         let channels = [0, 1, 2, 3, 4].map(|connector| pins.channel_at(connector));
         assert_eq!(channels, [Some(3), Some(0), Some(1), Some(2), None]);
+    }
+
+    #[test]
+    fn rotation_down_moves_each_channel_to_the_previous_connector() {
+        let mut pins = PinRotation::new(RotationDirection::Down);
+        assert!(pins.set(1));
+        assert_eq!(
+            [0, 1, 2, 3].map(|connector| pins.channel_at(connector)),
+            [1, 2, 3, 0].map(Some)
+        );
     }
 
     #[test]

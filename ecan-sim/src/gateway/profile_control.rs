@@ -9,7 +9,7 @@ use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 use super::crc32::crc32;
 use super::dictionary_values::DictionaryValues;
 use super::variant::{
-    AssignmentRewritten, GatewayVariant, LayoutCrc, ProfileErrors, SequenceReadback,
+    AssignmentRewritten, GatewayVariant, LayoutCrc, ProfileErrors, RejectedBudget, SequenceReadback,
 };
 
 /// Subindices of 0x8010 and 0x8011.
@@ -46,6 +46,7 @@ pub(super) struct ProfileControl {
     errors: ProfileErrors,
     layout_crc: LayoutCrc,
     sequence_readback: SequenceReadback,
+    rejected_budget: RejectedBudget,
 }
 
 impl ProfileControl {
@@ -63,6 +64,7 @@ impl ProfileControl {
             errors: variant.profile_errors,
             layout_crc: variant.layout_crc,
             sequence_readback: variant.sequence_readback,
+            rejected_budget: variant.rejected_budget,
         }
     }
 
@@ -130,7 +132,11 @@ impl ProfileControl {
             .ok_or((ProfileStatus::InvalidProfile, Some(PdoError::UnsupportedProfile)))?;
         // The manual has no status for the budget policy; this is the nearest one.
         let unsupported = (ProfileStatus::UnsupportedOption, Some(PdoError::UnsupportedOption));
-        let budget = BudgetPolicy::from_raw(value(subindex::BUDGET)).ok_or(unsupported)?;
+        let rejection = match self.rejected_budget {
+            RejectedBudget::UnsupportedOption => unsupported,
+            RejectedBudget::InvalidProfile => (ProfileStatus::InvalidProfile, unsupported.1),
+        };
+        let budget = BudgetPolicy::from_raw(value(subindex::BUDGET)).ok_or(rejection)?;
         let options = OptionFlags::from_bits(value(subindex::OPTIONS)).ok_or(unsupported)?;
         Ok(PdoProfile { multiplier, channel_mask, profile, budget, options })
     }

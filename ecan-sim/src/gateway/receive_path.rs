@@ -9,7 +9,7 @@ use ecan_protocol::config::{CriticalFrames, DataPathConfig, RxBudget, RxOverflow
 use super::controller::Controller;
 use super::counters::ReceiveLosses;
 use super::receive_fifo::Received;
-use super::variant::RxDrain;
+use super::variant::{CriticalSet, RxDrain};
 
 /// Largest size of an RX cache, 0xF000:28.
 const RX_CACHE_MAX: usize = 32;
@@ -23,6 +23,7 @@ const BY_FILTER_FIRST: [u8; 3] = [1, 2, 0];
 #[derive(Debug, Default)]
 pub(super) struct ReceivePath {
     drain: RxDrain,
+    critical: CriticalSet,
     /// Frames at the front of the cache that may leave it until the next service.
     drained: usize,
     cache: VecDeque<Received>,
@@ -46,8 +47,8 @@ pub(super) struct ReceiveCounters {
 }
 
 impl ReceivePath {
-    pub(super) fn new(drain: RxDrain) -> Self {
-        Self { drain, cache: VecDeque::with_capacity(RX_CACHE_MAX), ..Self::default() }
+    pub(super) fn new(drain: RxDrain, critical: CriticalSet) -> Self {
+        Self { drain, critical, cache: VecDeque::with_capacity(RX_CACHE_MAX), ..Self::default() }
     }
 
     pub(super) fn waiting(&self) -> usize {
@@ -219,12 +220,13 @@ impl ReceivePath {
     /// Full cache with the preserve-critical policy: a critical frame replaces an uncritical one;
     /// among critical frames the oldest is dropped.
     fn preserve(&mut self, received: Received, policy: &DataPathConfig) {
-        if !is_critical(&received.frame, policy.critical_frames) {
+        let critical = self.critical;
+        if !is_critical(&received.frame, policy.critical_frames, critical) {
             self.count_drop(Dropped::New);
             return;
         }
         let is_replaceable =
-            |waiting: &Received| !is_critical(&waiting.frame, policy.critical_frames);
+            |waiting: &Received| !is_critical(&waiting.frame, policy.critical_frames, critical);
         let victim = self.cache.iter().position(is_replaceable);
         self.cache.remove(victim.unwrap_or(0));
         self.cache.push_back(received);
@@ -256,12 +258,13 @@ fn depth(policy: &DataPathConfig) -> usize {
 /// Whether a frame belongs to the CANopen services that a policy protects, by the predefined
 /// connection set: NMT, EMCY and heartbeat for "CANopen safety"; SYNC, TIME and SDO as well for
 /// "CANopen all". No policy protects process data: the next cycle replaces it.
-fn is_critical(frame: &CanFrame, policy: CriticalFrames) -> bool {
+fn is_critical(frame: &CanFrame, policy: CriticalFrames, set: CriticalSet) -> bool {
     let id = frame.id();
     if id.is_extended() {
         return false;
     }
-    let safety = matches!(id.raw(), 0x000 | 0x081..=0x0FF | 0x701..=0x77F);
+    let safety = matches!(id.raw(), 0x000 | 0x081..=0x0FF | 0x701..=0x77F)
+        || set == CriticalSet::WithSync && id.raw() == 0x080;
     let control = matches!(id.raw(), 0x080 | 0x100 | 0x581..=0x5FF | 0x601..=0x67F);
     match policy {
         CriticalFrames::None => false,

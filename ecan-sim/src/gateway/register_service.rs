@@ -11,6 +11,7 @@ use super::command::SYSTEM;
 use super::controller::FramesDropped;
 use super::data_path::DataPath;
 use super::dictionary_values::DictionaryValues;
+use super::variant::ProtectedRegister;
 
 const FIRST_SERVICE: u16 = 0xA000;
 
@@ -68,6 +69,8 @@ impl RegisterService<'_> {
             return OFFSET_INVALID;
         };
         let clock_hz = self.values.get(SYSTEM, FIRST_CLOCK + number as u8);
+        let denies_locked =
+            self.data_path.variant().protected_register == ProtectedRegister::Rejected;
         let DataPath { channels, counters, .. } = &mut *self.data_path;
         let channel = &mut channels[number];
         if command == COMMAND_READ {
@@ -79,6 +82,9 @@ impl RegisterService<'_> {
         }
         if !self.is_engineering {
             return ACCESS_DENIED;
+        }
+        if denies_locked && channel.controller.is_locked(offset) {
+            return WRITE_DENIED;
         }
         let value = self.values.get(index, WRITE_VALUE);
         let FramesDropped { transmit, receive } =

@@ -3,7 +3,7 @@
 use ecan_protocol::image::{Image, ImageFault, ImageReader, ParseDiagnosis, PdoError, PdoProfile};
 use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
 
-use super::variant::RepeatedImage;
+use super::variant::{GatewayVariant, PdoErrorNumbers, RepeatedImage};
 
 #[derive(Debug)]
 pub(super) struct RxPdoParser {
@@ -11,12 +11,18 @@ pub(super) struct RxPdoParser {
     last_image: Vec<u8>,
     last_sequence: Option<u16>,
     repeated: RepeatedImage,
+    errors: PdoErrorNumbers,
 }
 
 impl RxPdoParser {
-    pub(super) fn new(repeated: RepeatedImage) -> Self {
-        let last_image = Vec::with_capacity(MAX_PDO_BYTES);
-        Self { reader: None, last_image, last_sequence: None, repeated }
+    pub(super) fn new(variant: &GatewayVariant) -> Self {
+        Self {
+            reader: None,
+            last_image: Vec::with_capacity(MAX_PDO_BYTES),
+            last_sequence: None,
+            repeated: variant.repeated_image,
+            errors: variant.pdo_errors,
+        }
     }
 
     pub(super) fn configure(&mut self, profile: Option<PdoProfile>, crc: bool) {
@@ -37,7 +43,10 @@ impl RxPdoParser {
         let read = reader.read(image).map_err(|diagnosis| error_of(&diagnosis))?;
         if read.layout_changed() {
             // built for another size, mask, profile or option than the active ones
-            return Err(PdoError::ActiveArea);
+            return Err(match self.errors {
+                PdoErrorNumbers::Assumed => PdoError::ActiveArea,
+                PdoErrorNumbers::HeaderAndTruncated => PdoError::BadHeader,
+            });
         }
         let end = ecan_protocol::mapping::HEADER_BYTES + read.payload().len();
         let content = image.get(..end).unwrap_or_default();
@@ -57,7 +66,10 @@ impl RxPdoParser {
         let area_end =
             self.reader.as_ref().map_or(MAX_PDO_BYTES, |reader| reader.profile().pdo_bytes());
         match error_of(diagnosis) {
-            PdoError::Truncated if usize::from(diagnosis.packet_end) > area_end => {
+            PdoError::Truncated
+                if usize::from(diagnosis.packet_end) > area_end
+                    && self.errors == PdoErrorNumbers::Assumed =>
+            {
                 PdoError::PacketOverrun
             }
             error => error,

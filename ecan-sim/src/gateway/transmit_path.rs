@@ -9,7 +9,9 @@ use ecan_protocol::image::{ResultCode, TxResult};
 
 use super::controller::{Controller, Rejection};
 use super::counters::{GatewayCounters, TransmitLosses};
-use super::variant::{GatewayVariant, ScheduledResults, TxResultCodes, TxResults};
+use super::variant::{
+    GatewayVariant, ScheduledResults, TxResultCodes, TxResults, UnsendableResult,
+};
 
 /// Size of a TX ring, 0xF000:29.
 const TX_RING: usize = 64;
@@ -41,6 +43,7 @@ pub(super) struct ResultQueue {
     codes: TxResultCodes,
     frames: TxResults,
     of_scheduled: ScheduledResults,
+    of_unsendable: UnsendableResult,
 }
 
 impl ResultQueue {
@@ -51,12 +54,15 @@ impl ResultQueue {
             codes: variant.tx_result_codes,
             frames: variant.tx_results,
             of_scheduled: variant.scheduled_results,
+            of_unsendable: variant.unsendable_result,
         }
     }
 
     /// Adds the result of a frame of the image in progress, if it is requested.
     pub(super) fn report(&mut self, reference: Option<Reference>, code: ResultCode) {
-        let is_wanted = self.frames == TxResults::EachFrame || !code.is_success();
+        let is_wanted = (self.frames == TxResults::EachFrame || !code.is_success())
+            && (code != ResultCode::InvalidChannel
+                || self.of_unsendable == UnsendableResult::InvalidChannel);
         if let Some(Reference { channel, sequence, frame_index }) = reference
             && is_wanted
             && self.fresh.len() < RESULTS_MAX

@@ -1,75 +1,15 @@
-//! TxPDO builder with its budget policies (manual 12).
+//! TxPDO builder (manual 12).
 
 use ecan_protocol::image::{
-    BudgetPolicy, ChannelStatus, CommitFields, HeaderFlags, ImageWriter, PdoProfile, Timestamp,
+    ChannelStatus, CommitFields, HeaderFlags, ImageWriter, PdoProfile, Timestamp,
 };
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS, MAX_PDO_BYTES};
 
+use super::budget::Budget;
 use super::channel::Channel;
 use super::counters::GatewayCounters;
 use super::transmit_path::ResultQueue;
 use super::variant::{Delta16Unit, GatewayVariant, RxPending};
-
-/// Bytes that the balanced policy reserves for each enabled channel: the largest packet of a
-/// classic frame without timestamp, padded. The manual specifies only "a minimum packet budget".
-const BALANCED_RESERVE: usize = 16;
-
-/// Division of the frame area of one image among the channels.
-#[derive(Debug)]
-struct Budget {
-    reserved: [usize; CHANNELS],
-    shared: usize,
-    /// Largest packet.
-    greatest: usize,
-    /// Unused reserves can go to other channels at the end.
-    lends: bool,
-}
-
-impl Budget {
-    fn new(profile: &PdoProfile) -> Self {
-        let area = profile.frame_area_bytes();
-        let enabled = (0..CHANNELS as u8).filter(|&channel| profile.has_channel(channel));
-        let count = enabled.clone().count().max(1);
-        let even = area / count;
-        let (reserve, shared, greatest, lends) = match profile.budget {
-            BudgetPolicy::Balanced => {
-                let reserve = BALANCED_RESERVE.min(even);
-                (reserve, area - reserve * count, area, true)
-            }
-            BudgetPolicy::SharedOnly => (0, area, area, false),
-            BudgetPolicy::Deterministic => (even, 0, even, false),
-        };
-        let mut reserved = [0; CHANNELS];
-        enabled.for_each(|channel| reserved[usize::from(channel)] = reserve);
-        Self { reserved, shared, greatest, lends }
-    }
-
-    fn fits(&self, channel: usize, bytes: usize) -> bool {
-        bytes <= self.reserved[channel] + self.shared
-    }
-
-    /// Whether no image has space for a packet of this size under this policy.
-    fn never_fits(&self, bytes: usize) -> bool {
-        bytes > self.greatest
-    }
-
-    fn take(&mut self, channel: usize, bytes: usize) {
-        let from_own = bytes.min(self.reserved[channel]);
-        self.reserved[channel] -= from_own;
-        self.shared = self.shared.saturating_sub(bytes - from_own);
-    }
-
-    /// All channels were served: the remaining reserves become common. Returns whether there were
-    /// any.
-    fn release_reserves(&mut self) -> bool {
-        if !std::mem::take(&mut self.lends) {
-            return false;
-        }
-        let left: usize = std::mem::take(&mut self.reserved).iter().sum();
-        self.shared += left;
-        left > 0
-    }
-}
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct UndeliveredFrames {

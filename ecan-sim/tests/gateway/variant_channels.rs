@@ -1,9 +1,12 @@
 //! Alternatives for the configuration of the channels, as the gateway shows them.
 
 use ecan_protocol::can::BitTiming;
-use ecan_protocol::config::{BitTimingMode, McanChannelConfig};
-use ecan_sim::GatewayModelConfig;
-use ecan_sim::variant::{ChannelApplyInOp, GatewayVariant, ManualTiming, Number, TdcPrescaler};
+use ecan_protocol::config::{BitTimingMode, DataPathConfig, McanChannelConfig};
+use ecan_sim::variant::{
+    BusOffWait, ChannelApplyInOp, GatewayVariant, ManualTiming, Number, ProtectedRegister,
+    RotationDirection, TdcPrescaler,
+};
+use ecan_sim::{ErrorState, GatewayModelConfig};
 
 use crate::fixture::{Fixture, chunks};
 
@@ -86,5 +89,57 @@ fn message_ram_limits_the_layout() {
         let mut fixture = Fixture::preop_with(config(variant));
         let statuses = [small, default, large].map(|config| apply(&mut fixture, config));
         assert_eq!(statuses, expected, "{bytes} bytes");
+    }
+}
+
+#[test]
+fn protected_register_is_ignored_or_rejected_in_operation() {
+    const NBTP: u32 = 0x1C;
+    const WRITE: u8 = 2;
+    const ENGINEERING: u8 = 1;
+    for (protected_register, expected) in
+        [(ProtectedRegister::Ignored, 0), (ProtectedRegister::Rejected, 2)]
+    {
+        let variant = GatewayVariant { protected_register, ..GatewayVariant::default() };
+        let mut fixture = Fixture::configured_with(config(variant), chunks(1), chunks(1));
+        fixture.write_u8(0xB000, 1, ENGINEERING);
+        fixture.download(0xA000, 1, &NBTP.to_le_bytes()).unwrap();
+        fixture.download(0xA000, 4, &[0; 4]).unwrap();
+        fixture.write_u8(0xA000, 2, WRITE);
+        assert_eq!(fixture.upload(0xA000, 3), expected, "{protected_register:?}");
+    }
+}
+
+#[test]
+fn rotation_moves_the_channels_up_or_down() {
+    for (rotation_direction, channel_0_at) in
+        [(RotationDirection::Up, 1), (RotationDirection::Down, 3)]
+    {
+        let variant = GatewayVariant { rotation_direction, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        fixture.write_u8(0x8000, 12, 1);
+        fixture.apply_channel(0, McanChannelConfig::classic(250_000));
+        for connector in 0..4 {
+            let is_used = fixture.gateway.station_config(connector).is_some();
+            assert_eq!(is_used, connector == channel_0_at, "{rotation_direction:?} {connector}");
+        }
+    }
+}
+
+#[test]
+fn recovery_from_bus_off_waits_or_not() {
+    for (bus_off_wait, waits) in [(BusOffWait::BackoffBase, true), (BusOffWait::Nothing, false)] {
+        let variant = GatewayVariant { bus_off_wait, ..GatewayVariant::default() };
+        let mut fixture = Fixture::configured_with(config(variant), chunks(1), chunks(1));
+        let policy = DataPathConfig { backoff_base_cycles: 3, ..DataPathConfig::default() };
+        fixture.apply_data_path(0, policy);
+        fixture.start();
+        fixture.gateway.bus_state(fixture.now, 0, ErrorState::BusOff, 256, 0);
+        fixture.cycle();
+        assert_eq!(fixture.gateway.take_recovery_request(0), !waits, "{bus_off_wait:?}");
+        for _ in 0..3 {
+            fixture.cycle();
+        }
+        assert_eq!(fixture.gateway.take_recovery_request(0), waits, "{bus_off_wait:?}");
     }
 }

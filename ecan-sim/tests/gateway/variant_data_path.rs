@@ -1,12 +1,13 @@
 //! Alternatives for the data path and the CAN side, as the gateway shows them.
 
 use ecan_protocol::config::{
-    CacheDepth, DataPathConfig, McanChannelConfig, NodeMode, RxBudget, RxOverflow,
+    CacheDepth, CriticalFrames, DataPathConfig, McanChannelConfig, NodeMode, RxBudget, RxOverflow,
 };
-use ecan_protocol::image::{OptionFlags, PdoError, PdoProfile, ResultCode, Schedule};
+use ecan_protocol::image::{BudgetPolicy, OptionFlags, PdoError, PdoProfile, ResultCode, Schedule};
 use ecan_sim::variant::{
-    GatewayVariant, NodeModes, Number, RepeatedImage, RxDrain, RxPending, ScheduledResults,
-    ServicePeriod, TxPending, TxResultCodes, TxResults,
+    CriticalSet, GatewayVariant, NodeModes, Number, RepeatedImage, RxBudgetPolicy, RxDrain,
+    RxPending, ScheduledResults, ServicePeriod, TxPending, TxResultCodes, TxResults,
+    UnsendableResult,
 };
 use ecan_sim::{GatewayModelConfig, StationMode, Sync0Window};
 
@@ -63,6 +64,7 @@ fn with_policy(variant: GatewayVariant, policy: DataPathConfig) -> Fixture {
 }
 
 const EMCY: u16 = 0x081;
+const SYNC: u16 = 0x080;
 const DEGRADED: u8 = 15;
 
 /// Delivers 15 frames and an EMCY between two services; the cache holds eight, and two leave it per service.
@@ -116,6 +118,81 @@ fn overload_of_the_cache_is_handled_by_the_policy() {
     assert_eq!(newest, ((0x10..0x18).collect(), 0));
     assert_eq!(critical, (with_emcy(0x11..0x18), 0));
     assert_eq!(degraded, ((0x10..0x18).collect(), 1));
+}
+
+/// Delivers eight frames, SYNC and an EMCY; the cache holds eight.
+fn preserved(critical_frames: CriticalSet) -> Vec<u32> {
+    let policy = DataPathConfig {
+        rx_cache_depth: CacheDepth::D8,
+        rx_budget: RxBudget::Limited,
+        rx_drain_max: 8,
+        rx_overflow: RxOverflow::PreserveCritical,
+        critical_frames: CriticalFrames::CanopenSafety,
+        ..DataPathConfig::default()
+    };
+    let rx_drain = RxDrain::Cache;
+    let variant = GatewayVariant { critical_frames, rx_drain, ..GatewayVariant::default() };
+    let mut fixture = with_policy(variant, policy);
+    for id in (0x200..0x208).chain([SYNC, EMCY]) {
+        fixture.deliver(0, standard(id, &[]));
+    }
+    fixture.cycle();
+    fixture.received().iter().map(|(_, frame)| frame.id().raw()).collect()
+}
+
+#[test]
+fn critical_frames_are_those_of_the_variant() {
+    let [sync, emcy] = [SYNC, EMCY].map(u32::from);
+    let expected: Vec<_> = (0x201..0x208).chain([emcy]).collect();
+    assert_eq!(preserved(CriticalSet::WithoutSync), expected);
+    let expected: Vec<_> = (0x202..0x208).chain([sync, emcy]).collect();
+    assert_eq!(preserved(CriticalSet::WithSync), expected);
+}
+
+#[test]
+fn rx_budget_is_applied_or_not() {
+    use ResultCode::{Ok, TxFifoFull};
+    for (rx_budget, codes, error) in [
+        (RxBudgetPolicy::NotApplied, &[Ok, Ok, Ok][..], PdoError::Ok),
+        (RxBudgetPolicy::Applied, &[Ok, Ok, TxFifoFull], PdoError::PacketOverrun),
+    ] {
+        let variant = GatewayVariant { rx_budget, ..GatewayVariant::default() };
+        let config = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
+        let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(1) };
+        let rx = PdoProfile { budget: BudgetPolicy::Deterministic, ..chunks(1) };
+        let mut fixture = Fixture::configured_with(config, tx, rx);
+        fixture.start();
+        // 26 bytes for each of four channels
+        fixture.push(0, standard(1, &[0; 8]));
+        fixture.push(0, standard(2, &[0; 8]));
+        fixture.push(0, standard(3, &[0; 8]));
+        fixture.push(1, standard(4, &[0; 8]));
+        fixture.cycle();
+        let results: Vec<_> =
+            fixture.results().iter().filter(|it| it.channel == 0).map(|it| it.code).collect();
+        assert_eq!(results, codes, "{rx_budget:?}");
+        assert_eq!(fixture.sent(1).len(), 1, "{rx_budget:?}");
+        assert_eq!(fixture.upload(0x8011, 14), u32::from(error.raw()), "{rx_budget:?}");
+        assert_eq!(fixture.upload(0x8011, 15), 0, "{rx_budget:?}");
+    }
+}
+
+#[test]
+fn frame_that_cannot_be_sent_has_a_result_or_none() {
+    for (unsendable_result, expected) in [
+        (UnsendableResult::InvalidChannel, &[ResultCode::InvalidChannel][..]),
+        (UnsendableResult::Absent, &[]),
+    ] {
+        let variant = GatewayVariant { unsendable_result, ..GatewayVariant::default() };
+        let config = GatewayModelConfig { variant, ..GatewayModelConfig::default() };
+        let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(1) };
+        let mut fixture = Fixture::preop_with(config);
+        fixture.apply_profiles(tx, chunks(1));
+        fixture.start();
+        fixture.push(0, standard(1, &[]));
+        fixture.cycle();
+        assert_eq!(codes(&fixture), expected, "{unsendable_result:?}");
+    }
 }
 
 #[test]

@@ -2,13 +2,14 @@
 
 use ecan_protocol::config::ProfileStatus;
 use ecan_protocol::device::AlState;
-use ecan_protocol::image::PdoProfile;
+use ecan_protocol::image::{CommitFields, PdoProfile};
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::AbortCode;
 use ecan_sim::GatewayModelConfig;
 use ecan_sim::variant::{
-    ApplyAtSafeOp, AssignmentRewritten, GatewayVariant, LayoutCrc, MappedSubindex, MissingAbort,
-    MissingEntries, ProfileErrors, SafeOpInputs, SafeOpOutputs, SequenceReadback, TxPdoNumbering,
+    ApplyAtSafeOp, AssignedAtStart, AssignmentRewritten, GatewayVariant, LayoutCrc, MappedSubindex,
+    MissingAbort, MissingEntries, PdoErrorNumbers, ProfileErrors, RejectedBudget, SafeOpInputs,
+    SafeOpOutputs, SequenceReadback, TxPdoNumbering,
 };
 
 use crate::fixture::{Fixture, MS, chunks};
@@ -228,5 +229,42 @@ fn safeop_outputs_are_discarded_or_kept() {
         fixture.gateway.request_al_state(fixture.now, AlState::Op);
         assert!(fixture.write(), "{safeop_outputs:?} in OP");
         assert_eq!(fixture.gateway.counters().images_parsed, 1, "none of SAFEOP");
+    }
+}
+
+#[test]
+fn assignment_after_power_on_is_complete_or_empty() {
+    for (assigned_at_start, count) in [(AssignedAtStart::All, 24), (AssignedAtStart::Nothing, 0)] {
+        let variant = GatewayVariant { assigned_at_start, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        assert_eq!(fixture.upload(0x1C12, 0), count, "{assigned_at_start:?}");
+        assert_eq!(fixture.upload(0x1C13, 0), count, "{assigned_at_start:?}");
+    }
+}
+
+#[test]
+fn undefined_budget_policy_has_the_status_of_the_variant() {
+    for (rejected_budget, expected) in
+        [(RejectedBudget::UnsupportedOption, 10), (RejectedBudget::InvalidProfile, 4)]
+    {
+        let variant = GatewayVariant { rejected_budget, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        fixture.write_u8(0x8010, 6, 3);
+        fixture.send(PdoProfile::apply_write(Direction::TxPdo));
+        assert_eq!(fixture.upload(0x8010, 2), expected, "{rejected_budget:?}");
+    }
+}
+
+#[test]
+fn image_of_another_layout_has_the_error_of_the_variant() {
+    for (pdo_errors, expected) in
+        [(PdoErrorNumbers::Assumed, 12), (PdoErrorNumbers::HeaderAndTruncated, 14)]
+    {
+        let mut fixture = configured(GatewayVariant { pdo_errors, ..GatewayVariant::default() });
+        fixture.start();
+        fixture.writer.commit(&mut fixture.image, CommitFields::default());
+        fixture.image[10] ^= 0xFF;
+        assert!(fixture.write_again());
+        assert_eq!(fixture.upload(0x8011, 14), expected, "{pdo_errors:?}");
     }
 }

@@ -68,7 +68,7 @@ pub const UNDECIDABLE: &[Undecidable] = &[
     ),
     undecidable(
         &["H31"],
-        "",
+        "rotation_direction",
         "the connector of a channel is (channel + rotation) mod 4",
         "shows only at the connectors",
     ),
@@ -92,15 +92,9 @@ pub const UNDECIDABLE: &[Undecidable] = &[
     ),
     undecidable(
         &["S16"],
-        "",
+        "bus_off_wait",
         "automatic bus-off recovery waits for the backoff base cycles",
         "needs a bus-off, which the probe does not cause",
-    ),
-    undecidable(
-        &["S17"],
-        "",
-        "NMT, EMCY and heartbeat are critical frames",
-        "a full RX cache, which would show it, needs more load than the loopback gives",
     ),
     undecidable(
         &["S18"],

@@ -98,6 +98,8 @@ const NOT_NAMED: &[(&str, &str, &str)] = &[
         "1",
         "found as a missing answer, as with 0: the master fetches it too late",
     ),
+    ("rotation_direction", "\"down\"", "shows only at the connectors"),
+    ("bus_off_wait", "\"none\"", "needs a bus-off, which the probe does not cause"),
     ("publishes_after_read", "true", "the master sets the distance between LWR and LRD"),
 ];
 

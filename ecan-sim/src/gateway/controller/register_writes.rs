@@ -55,6 +55,14 @@ pub(in crate::gateway) struct FramesDropped {
 }
 
 impl Controller {
+    /// Whether a write to this register has no effect now.
+    pub(in crate::gateway) fn is_locked(&self, offset: u16) -> bool {
+        let stored = STORED.iter().find(|(at, ..)| *at == offset);
+        let is_test_locked = offset == offset::TEST && self.control_register() & cccr::TEST == 0;
+        stored.is_some_and(|(.., is_protected)| *is_protected)
+            && (!self.written.may_change || is_test_locked)
+    }
+
     /// Writes a register of the whitelist; `clock_hz` is the controller's source clock.
     pub(in crate::gateway) fn write_register(
         &mut self,
@@ -70,11 +78,10 @@ impl Controller {
             offset::TXBCR if value != 0 => dropped.transmit = self.flush_transmit(),
             _ => {}
         }
-        let Some(&(_, bits, is_protected)) = STORED.iter().find(|(at, ..)| *at == offset) else {
+        let Some(&(_, bits, _)) = STORED.iter().find(|(at, ..)| *at == offset) else {
             return dropped;
         };
-        let is_test_locked = offset == offset::TEST && self.control_register() & cccr::TEST == 0;
-        if is_protected && (!self.written.may_change || is_test_locked) {
+        if self.is_locked(offset) {
             return dropped;
         }
         let value = value & bits;

@@ -31,6 +31,14 @@ variants! {
             DroppedAtSafeOp = "dropped_at_safeop",
                 "is lost with SAFEOP; OP ends with AL status 0x1D until it is applied again";
         }
+        assigned_at_start: AssignedAtStart, ["S3"], "Assigned chunks per direction after power-on" {
+            All = "all", "24";
+            Nothing = "none", "none";
+        }
+        rejected_budget: RejectedBudget, ["S20"], "Apply status of an undefined budget policy" {
+            UnsupportedOption = "status_10", "10, unsupported option";
+            InvalidProfile = "status_4", "4, invalid profile";
+        }
         apply_at_safeop: ApplyAtSafeOp, ["S4"],
         "SAFEOP with a requested profile that was never applied" {
             Applied = "applied", "applies it";
@@ -91,7 +99,39 @@ variants! {
             Executed = "executed", "executed as in other states";
             Rejected = "rejected", "rejected with apply status 1; the channel runs on";
         }
+        rotation_direction: RotationDirection, ["H31"], "Connector of a channel by the pin rotation" {
+            Up = "up", "channel plus rotation";
+            Down = "down", "channel minus rotation";
+        }
+        bus_off_wait: BusOffWait, ["S16"], "Wait before an automatic recovery from bus-off" {
+            BackoffBase = "backoff_base", "as many services as the backoff base cycles";
+            Nothing = "none", "none: with the next service";
+        }
+        protected_register: ProtectedRegister, ["S49"],
+        "Write to a protected register of the CAN controller in operation (0xA000)" {
+            Ignored = "ignored", "status 0, without effect";
+            Rejected = "status_2", "status 2, write denied";
+        }
         // data path
+        rx_budget: RxBudgetPolicy, ["H7"], "Budget policy of the RxPDO, 0x8011:06" {
+            NotApplied = "not_applied", "one channel may fill an image";
+            Applied = "applied",
+                "packets beyond the budget of a channel are dropped: PDO error 3, TX_RESULT 4";
+        }
+        pdo_errors: PdoErrorNumbers, ["S9"], "PDO errors of faulty RxPDO images" {
+            Assumed = "assumed", "other layout 12, packet beyond the frame area 3";
+            HeaderAndTruncated = "header_and_truncated",
+                "other layout 14, packet beyond the frame area 8";
+        }
+        unsendable_result: UnsendableResult, ["S10"],
+        "TX_RESULT of a frame for a channel that cannot send" {
+            InvalidChannel = "invalid_channel", "3";
+            Absent = "none", "none";
+        }
+        critical_frames: CriticalSet, ["S17"], "Frames that \"CANopen safety\" protects, 0x8021:09" {
+            WithoutSync = "without_sync", "NMT, EMCY and heartbeat";
+            WithSync = "with_sync", "SYNC, too";
+        }
         rx_drain: RxDrain, ["S15"], "Frames that RX drain budget and overflow policies concern" {
             Controller = "controller",
                 "the budget limits the frames from the controller into the RX cache";

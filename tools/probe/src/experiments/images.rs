@@ -45,7 +45,7 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
     },
     Experiment {
         rows: &["S9"],
-        key: "",
+        key: "pdo_errors",
         stage: Stage::Op,
         assumption: "PDO errors: other layout 12, unequal sequences 14, bad CRC 15",
         run: error_numbers,
@@ -179,6 +179,7 @@ fn error_numbers(probe: &mut Probe) -> Result<Outcome> {
     };
     let mut details = Vec::new();
     let mut is_met = true;
+    let mut of_layout = 0;
     for (name, tamper, expected) in [
         ("other layout", other_layout, PdoError::ActiveArea),
         ("unequal sequences", unequal_sequences, PdoError::BadHeader),
@@ -186,10 +187,15 @@ fn error_numbers(probe: &mut Probe) -> Result<Outcome> {
     ] {
         let (error, count) = errors_of(session, |it| it.cycle_tampered(tamper).map(drop))?;
         is_met &= count == 1 && error == u32::from(expected.raw());
+        if expected == PdoError::ActiveArea {
+            of_layout = error;
+        }
         details.push(format!("{name}: {error}"));
     }
     session.clear_errors()?;
-    Ok(Outcome::decided(is_met, format!("PDO errors found: {}", details.join(", "))))
+    let outcome = Outcome::decided(is_met, format!("PDO errors found: {}", details.join(", ")));
+    let is_header = of_layout == u32::from(PdoError::BadHeader.raw());
+    Ok(if is_header { outcome.like("header_and_truncated") } else { outcome })
 }
 
 /// No channel is active in this stage: the frames are not sent.

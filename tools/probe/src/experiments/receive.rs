@@ -1,7 +1,9 @@
 //! Received frames.
 
-use ecan_protocol::can::CanFrame;
-use ecan_protocol::config::{CacheDepth, DataPathConfig, McanChannelConfig, RxBudget, RxOverflow};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::config::{
+    CacheDepth, CriticalFrames, DataPathConfig, McanChannelConfig, RxBudget, RxOverflow,
+};
 use ecan_protocol::image::{EncapsulationProfile, Timestamp};
 
 use crate::experiment::Experiment;
@@ -12,7 +14,7 @@ use crate::probe::Probe;
 use crate::session::Session;
 use crate::stage::Stage;
 
-use super::loopback::{frames, push, setup};
+use super::loopback::{frame, frames, push, setup};
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -31,10 +33,17 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
     },
     Experiment {
         rows: &["H7"],
-        key: "",
+        key: "rx_budget",
         stage: Stage::Loopback,
         assumption: "one channel may fill an RxPDO image",
         run: one_channel,
+    },
+    Experiment {
+        rows: &["S17"],
+        key: "critical_frames",
+        stage: Stage::Loopback,
+        assumption: "heartbeats are critical frames, SYNC is not",
+        run: critical_frames,
     },
     Experiment {
         rows: &["H18"],
@@ -53,6 +62,14 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
 ];
 
 const RATE: u32 = 1_000_000;
+const DATA_RATE: u32 = 5_000_000;
+/// PDO error "packet overrun".
+const PACKET_OVERRUN: u32 = 3;
+const LARGE_FRAMES: u16 = 18;
+const HEARTBEAT: u16 = 0x701;
+const SYNC: u16 = 0x080;
+/// Frames that the RX cache dropped, 0x9020:05.
+const CACHE_DROPS: u8 = 5;
 
 /// Sends frames in one image, and returns the inputs of this cycle and of some more.
 fn send_and_collect(
@@ -142,7 +159,55 @@ fn one_channel(probe: &mut Probe) -> Result<Outcome> {
     let detail = format!(
         "{added} frames of one channel in an image: {received} came back, PDO error {error}"
     );
-    Ok(Outcome::decided(received == added && error == 0, detail))
+    let outcome = Outcome::decided(received == added && error == 0, detail);
+    let has_dropped = received > 0 && received < added && error == PACKET_OVERRUN;
+    Ok(if has_dropped { outcome.like("applied") } else { outcome })
+}
+
+/// Fills the cache with frames of 64 bytes, of which one fits into each image, and sends a heartbeat and a
+/// SYNC after them.
+fn critical_frames(probe: &mut Probe) -> Result<Outcome> {
+    let data_path = DataPathConfig {
+        rx_cache_depth: CacheDepth::D8,
+        rx_budget: RxBudget::Limited,
+        rx_drain_min: 8,
+        rx_drain_max: 8,
+        rx_overflow: RxOverflow::PreserveCritical,
+        critical_frames: CriticalFrames::CanopenSafety,
+        tx_budget_max: 8,
+        ..DataPathConfig::default()
+    };
+    let mut setup = setup(probe, McanChannelConfig::fd(RATE, DATA_RATE), data_path)?;
+    (setup.rx.multiplier, setup.tx.multiplier) = (11, 1);
+    let mut sent = Vec::new();
+    for id in (0..LARGE_FRAMES).map(|nth| 0x200 + nth) {
+        let id = CanId::standard(id).ok();
+        sent.extend(id.and_then(|id| CanFrame::fd(id, &[0x55; 64], true, false).ok()));
+    }
+    sent.extend([frame(HEARTBEAT)?, frame(SYNC)?]);
+    let session = probe.session(&setup)?;
+    session.cycles(3)?;
+    let before = session.read(0x9020, CACHE_DROPS)?;
+    session.take();
+    session.cycle(|writer, image| _ = push(writer, image, &sent))?;
+    session.cycles(30)?;
+    let inputs = session.take();
+    let dropped = session.read(0x9020, CACHE_DROPS)?.wrapping_sub(before);
+    let ids: Vec<_> =
+        inputs.iter().flat_map(|it| &it.frames).map(|it| it.frame.id().raw()).collect();
+    let [heartbeat, sync] = [HEARTBEAT, SYNC].map(|id| ids.contains(&id.into()));
+    let text = |is_received: bool| if is_received { "received" } else { "dropped" };
+    let detail = format!(
+        "{dropped} frames were dropped in a full cache, heartbeat {}, SYNC {} (\"CANopen safety\")",
+        text(heartbeat),
+        text(sync)
+    );
+    Ok(match (dropped, heartbeat, sync) {
+        (0, ..) => Outcome::undecided("the cache did not become full"),
+        (_, true, false) => Outcome::holds(detail),
+        (_, true, true) => Outcome::differs(detail).like("with_sync"),
+        _ => Outcome::differs(detail),
+    })
 }
 
 fn timestamps(probe: &mut Probe) -> Result<Outcome> {
