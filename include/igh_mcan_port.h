@@ -883,8 +883,8 @@ typedef struct {
      * could be sent a period late.
      */
     uint8_t discard_missed;
-    /** Not used. */
-    uint8_t reserved[2];
+    /** Scheduled frames that the gateway holds, for the plan; 0 for the default. */
+    uint16_t depth;
 } igh_mcan_schedule_settings_t;
 
 /**

@@ -7,6 +7,7 @@ use ecan_host::{AdapterConfig, ClockSource, DcSync, MAX_SLAVES, MAX_STARTUP_STEP
 use ecan_mcan_port::{MAX_FILTERS, PortConfig};
 
 use crate::document::{Table, store};
+use crate::included_profile::IncludedProfile;
 use crate::{axis, gateway};
 use ecan_mcan_port::Config;
 
@@ -18,6 +19,7 @@ pub(crate) struct Bus {
     pub(crate) config: Config,
     /// `None` for an axis without a valid address.
     pub(crate) axes: Vec<Option<AxisConfig>>,
+    pub(crate) profiles: Vec<IncludedProfile>,
 }
 
 pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
@@ -31,6 +33,7 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
     store(&mut adapter.preop_timeout, timeout_ms.map(Duration::from_millis));
     let watchdog_us = table.unsigned("watchdog_us", (100, 6_553_500));
     store(&mut adapter.watchdog, watchdog_us.map(Duration::from_micros));
+    let mut profiles = Vec::new();
     let dc = table.table("dc").map(|dc| read_dc(dc, adapter.cycle));
     for (at, gateway) in table.tables("gateway").into_iter().enumerate() {
         let read = gateway::read(gateway, at);
@@ -47,7 +50,18 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
             );
             table.fault("gateway", text);
         }
+        profiles.extend(read.profile.map(|profile| (profile, read.gateway, read.own_keys)));
     }
+    let has_timeout = table.has("preop_timeout_ms");
+    if !has_timeout {
+        profiles.iter().for_each(|(profile, ..)| profile.apply_restart(&mut adapter));
+    }
+    let profiles = profiles.into_iter().map(|(mut profile, gateway, own_keys)| {
+        let has = |key: &str| has_timeout && key == "preop_timeout_ms" || own_keys.contains(&key);
+        profile.note_effects(&adapter, &gateway, has);
+        profile
+    });
+    let profiles = profiles.collect();
     adapter.dc = dc.map(|(dc, shift)| {
         // Depends on the gateways.
         let times = |slave| port.image_times(slave);
@@ -55,7 +69,7 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
         DcSync { shift: shift.unwrap_or_else(planned), ..dc }
     });
     let axes = table.tables("axis").into_iter().map(axis::read).collect();
-    Bus { config: (adapter, port).into(), axes }
+    Bus { config: (adapter, port).into(), axes, profiles }
 }
 
 /// The settings, and the shift if it is there.

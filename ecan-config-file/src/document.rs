@@ -4,6 +4,7 @@
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
@@ -13,6 +14,8 @@ use crate::fault::{FileFault, FileFaults};
 /// Faults and locations of a text.
 pub(crate) struct Document<'i> {
     text: &'i str,
+    /// Directory that paths of the text are relative to.
+    base: Option<PathBuf>,
     /// Start of each line, in bytes.
     lines: Vec<usize>,
     faults: RefCell<Vec<(usize, String)>>,
@@ -23,12 +26,43 @@ pub(crate) struct Document<'i> {
     syntax_lines: BTreeSet<usize>,
 }
 
+impl Document<'_> {
+    /// Reads the bytes of a file, in a directory that its paths are relative to.
+    ///
+    /// # Errors
+    /// Every fault, also of the syntax; bytes that are not UTF-8 do not hide others.
+    pub(crate) fn read<T>(
+        bytes: &[u8],
+        base: Option<&Path>,
+        read: impl FnOnce(&Document<'_>, &Spanned<DeTable<'_>>) -> T,
+    ) -> Result<T, FileFaults> {
+        let mut text = String::with_capacity(bytes.len());
+        let mut invalid = Vec::new();
+        for chunk in bytes.utf8_chunks() {
+            text.push_str(chunk.valid());
+            if let Some(byte) = chunk.invalid().first() {
+                invalid.push((text.len(), *byte));
+                text.push(char::REPLACEMENT_CHARACTER);
+            }
+        }
+        let (mut document, root) = Document::parse(&text);
+        document.base = base.map(Path::to_owned);
+        for (at, byte) in invalid {
+            document.push(at, format!("byte 0x{byte:02X} is not UTF-8"));
+        }
+        let content = read(&document, &root);
+        document.finish()?;
+        Ok(content)
+    }
+}
+
 impl<'i> Document<'i> {
     /// Parses the text; faults of the syntax do not end it.
-    pub(crate) fn parse(text: &'i str) -> (Self, Spanned<DeTable<'i>>) {
+    fn parse(text: &'i str) -> (Self, Spanned<DeTable<'i>>) {
         let (root, errors) = DeTable::parse_recoverable(text);
         let mut document = Self {
             text,
+            base: None,
             lines: std::iter::once(0)
                 .chain(text.match_indices('\n').map(|(at, _)| at + 1))
                 .collect(),
@@ -69,11 +103,6 @@ impl<'i> Document<'i> {
         }
     }
 
-    /// Reports a byte that is not part of UTF-8 text.
-    pub(crate) fn invalid_byte(&self, at: usize, byte: u8) {
-        self.push(at, format!("byte 0x{byte:02X} is not UTF-8"));
-    }
-
     /// True if a fault of this path is known.
     fn is_faulty(&self, path: &str) -> bool {
         self.faulty.borrow().iter().any(|faulty| faulty == path)
@@ -108,7 +137,7 @@ impl<'i> Document<'i> {
     ///
     /// # Errors
     /// The faults, if there are any.
-    pub(crate) fn finish(self) -> Result<(), FileFaults> {
+    fn finish(self) -> Result<(), FileFaults> {
         let mut faults = self.faults.take();
         faults.sort();
         faults.dedup();
@@ -222,6 +251,41 @@ impl<'t, 'i> Table<'t, 'i> {
         nested
             .filter_map(|(at, value)| Table::nested(self.document, format!("{path}[{at}]"), value))
             .collect()
+    }
+
+    /// Directory that paths are relative to; `None` for a text without a file.
+    pub(crate) fn base(&self) -> Option<&'t Path> {
+        self.document.base.as_deref()
+    }
+
+    /// A string.
+    pub(crate) fn text(&mut self, key: &'static str) -> Option<&'t str> {
+        let value = self.value(key)?.get_ref();
+        if value.as_str().is_none() {
+            self.wrong(key, "a string", value);
+        }
+        value.as_str()
+    }
+
+    /// A list of two integers from `min` to `max`.
+    pub(crate) fn pair(&mut self, key: &'static str, (min, max): (u32, u32)) -> Option<(u32, u32)> {
+        let value = self.value(key)?.get_ref();
+        let numbers: Option<Vec<_>> = value.as_array().map(|array| {
+            let numbers = array.iter().map(|it| it.get_ref().as_integer().and_then(integer));
+            let in_range =
+                |number| u32::try_from(number?).ok().filter(|it| (min..=max).contains(it));
+            numbers.map(in_range).collect()
+        });
+        match numbers.as_deref() {
+            Some([Some(first), Some(last)]) => Some((*first, *last)),
+            _ => {
+                self.fault(
+                    key,
+                    format!("`{key}` must be two integers from {min} to {max}: [a, b]"),
+                );
+                None
+            }
+        }
     }
 
     /// An integer from `min` to `max`, which fits `T`.

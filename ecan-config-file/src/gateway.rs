@@ -9,6 +9,7 @@ use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 use crate::channel;
 use crate::document::{Table, store};
 use crate::fields;
+use crate::included_profile::{self, IncludedProfile};
 
 /// Tables of the channels.
 pub(crate) const CHANNEL_TABLES: [&str; ecan_protocol::mapping::CHANNELS] =
@@ -22,6 +23,9 @@ pub(crate) struct ReadGateway {
     pub(crate) gateway: GatewayConfig,
     pub(crate) startup: Vec<StartupStep>,
     pub(crate) filters: Vec<(u8, AcceptanceFilter)>,
+    pub(crate) profile: Option<IncludedProfile>,
+    /// Keys of the file that a device profile could set, too.
+    pub(crate) own_keys: Vec<&'static str>,
 }
 
 pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
@@ -51,8 +55,20 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
     store(&mut gateway.allow_diagnostic_tests, table.flag("allow_diagnostic_tests"));
     store(&mut gateway.hold_limit, table.unsigned("hold_limit", (0, 0xFFFF)));
     store(&mut gateway.input_limit, table.unsigned("input_limit", (0, 0xFFFF)));
+    let profile = included_profile::read(&mut table, at);
+    if let Some(profile) = &profile {
+        profile.apply(&mut gateway);
+    }
+    let mut own_keys = Vec::new();
     if let Some(schedule) = table.table("schedule") {
-        gateway.schedule = read_schedule(schedule);
+        let keys = [("processing_us", "schedule.processing_us"), ("depth", "schedule.depth")];
+        own_keys.extend(keys.into_iter().filter(|(key, _)| schedule.has(key)).map(|(_, key)| key));
+        read_schedule(schedule, &mut gateway.schedule);
+    }
+    if !own_keys.contains(&"schedule.processing_us") {
+        let transport_ns = gateway.schedule.transport_ns;
+        let measured = profile.as_ref().and_then(|profile| profile.processing_ns(transport_ns));
+        store(&mut gateway.schedule.processing_ns, measured);
     }
     if let Some(global) = table.table("data_path") {
         startup = global_steps(global);
@@ -65,7 +81,24 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
         *entry = Some(config);
         filters.extend(own.into_iter().map(|filter| (channel, filter)));
     }
-    ReadGateway { slave, gateway, startup, filters }
+    if let Some(profile) = &profile {
+        report_node_modes(&table, profile, &gateway);
+    }
+    ReadGateway { slave, gateway, startup, filters, profile, own_keys }
+}
+
+/// Reports node modes that have another number on the gateway (assumption H9).
+fn report_node_modes(table: &Table<'_, '_>, profile: &IncludedProfile, gateway: &GatewayConfig) {
+    for channel in profile.misnumbered(gateway) {
+        let key = CHANNEL_TABLES.get(channel).copied().unwrap_or("can0");
+        let reason = format!(
+            "`node_mode` of `{key}` has another number on this gateway: internal loopback is {}, by \
+             {} (assumption H9); use \"normal\"",
+            profile.profile.internal_loopback.unwrap_or(0),
+            profile.path.display()
+        );
+        table.fault(key, reason);
+    }
 }
 
 fn read_identity(mut table: Table<'_, '_>) -> Option<Identity> {
@@ -122,8 +155,7 @@ fn read_direction(
     }
 }
 
-fn read_schedule(mut table: Table<'_, '_>) -> ScheduleConfig {
-    let mut schedule = ScheduleConfig::default();
+fn read_schedule(mut table: Table<'_, '_>, schedule: &mut ScheduleConfig) {
     store(&mut schedule.latest_send_ns, table.microseconds("latest_send_us"));
     store(&mut schedule.transport_ns, table.microseconds("transport_us"));
     store(&mut schedule.processing_ns, table.microseconds("processing_us"));
@@ -131,7 +163,7 @@ fn read_schedule(mut table: Table<'_, '_>) -> ScheduleConfig {
     store(&mut schedule.margin_check, table.word("margin_check", &checks));
     store(&mut schedule.watch_ms, table.unsigned("watch_ms", (0, 3_600_000)));
     store(&mut schedule.discard_missed, table.flag("discard_missed"));
-    schedule
+    store(&mut schedule.depth, table.unsigned("depth", (1, 0xFFFF)));
 }
 
 /// 0x8020, applied and read back.

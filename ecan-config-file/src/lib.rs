@@ -34,6 +34,7 @@ mod channel;
 mod check;
 mod compare;
 mod device;
+mod device_profile;
 mod difference;
 mod document;
 pub mod export;
@@ -44,6 +45,7 @@ mod filter_compare;
 mod flash;
 mod gateway;
 mod idle_keys;
+mod included_profile;
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -55,9 +57,11 @@ use ecan_mcan_port::Config;
 
 pub use compare::differences;
 pub use device::{ResolveError, ResolvedGateway, apply, find};
+pub use device_profile::DeviceProfile;
 pub use difference::{Difference, Expected};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{ConfigChecksums, FlashCommand};
+pub use included_profile::{IncludedProfile, ProfileEffect};
 
 use bus::Bus;
 use document::{Document, Table};
@@ -78,27 +82,24 @@ pub fn startup(config: &Config, gateway: usize) -> Vec<StartupStep> {
     steps
 }
 
-/// Reads the text; `invalid` are the locations and values of bytes that are not UTF-8.
-fn read(text: &str, invalid: &[(usize, u8)]) -> Result<Bus, FileFaults> {
-    let (document, root) = Document::parse(text);
-    for (at, byte) in invalid {
-        document.invalid_byte(*at, *byte);
-    }
-    let bus = bus::read(Table::root(&document, &root));
-    if document.is_valid_toml() {
-        check::check(&document, &bus.config);
-        axis::check(&document, &bus.config, &bus.axes);
-    }
-    document.finish()?;
-    Ok(bus)
+fn read(bytes: &[u8], base: Option<&Path>) -> Result<Bus, FileFaults> {
+    Document::read(bytes, base, |document, root| {
+        let bus = bus::read(Table::root(document, root));
+        if document.is_valid_toml() {
+            check::check(document, &bus.config);
+            axis::check(document, &bus.config, &bus.axes);
+        }
+        bus
+    })
 }
 
-/// Reads a configuration from the bytes of a file, which are UTF-8.
+/// Reads a configuration from the bytes of a file, which are UTF-8. They cannot include a device
+/// profile, whose path is relative to the file: [`load`] can.
 ///
 /// # Errors
 /// Every fault, with line and column; bytes that are not UTF-8 do not hide other faults.
 pub fn parse(bytes: &[u8]) -> Result<Config, FileFaults> {
-    Ok(read_bytes(bytes)?.config)
+    Ok(read(bytes, None)?.config)
 }
 
 /// Reads the axes of a configuration from the bytes of a file, in their order; empty without axes.
@@ -106,20 +107,7 @@ pub fn parse(bytes: &[u8]) -> Result<Config, FileFaults> {
 /// # Errors
 /// Every fault of the file, with line and column.
 pub fn parse_axes(bytes: &[u8]) -> Result<Vec<AxisConfig>, FileFaults> {
-    Ok(read_bytes(bytes)?.axes.into_iter().flatten().collect())
-}
-
-fn read_bytes(bytes: &[u8]) -> Result<Bus, FileFaults> {
-    let mut text = String::with_capacity(bytes.len());
-    let mut invalid = Vec::new();
-    for chunk in bytes.utf8_chunks() {
-        text.push_str(chunk.valid());
-        if let Some(byte) = chunk.invalid().first() {
-            invalid.push((text.len(), *byte));
-            text.push(char::REPLACEMENT_CHARACTER);
-        }
-    }
-    read(&text, &invalid)
+    Ok(read(bytes, None)?.axes.into_iter().flatten().collect())
 }
 
 /// No configuration is larger; the path may be a device, or a log by mistake.
@@ -140,7 +128,7 @@ fn bytes(path: &Path) -> io::Result<Vec<u8>> {
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load(path: impl AsRef<Path>) -> Result<Config, ConfigFileError> {
-    load_by(path.as_ref(), parse)
+    Ok(load_bus(path.as_ref())?.config)
 }
 
 /// Reads the axes of a configuration from a file of at most 16 MiB, in their order: the axis table
@@ -149,7 +137,21 @@ pub fn load(path: impl AsRef<Path>) -> Result<Config, ConfigFileError> {
 /// # Errors
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileError> {
-    load_by(path.as_ref(), parse_axes)
+    Ok(load_bus(path.as_ref())?.axes.into_iter().flatten().collect())
+}
+
+/// Reads the device profiles that a configuration includes, with the effects of their values, in the
+/// order of the gateways. Empty without profiles.
+///
+/// # Errors
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
+pub fn load_profiles(path: impl AsRef<Path>) -> Result<Vec<IncludedProfile>, ConfigFileError> {
+    Ok(load_bus(path.as_ref())?.profiles)
+}
+
+fn load_bus(path: &Path) -> Result<Bus, ConfigFileError> {
+    let base = path.parent().unwrap_or(Path::new(""));
+    load_by(path, |bytes| read(bytes, Some(base)))
 }
 
 fn load_by<T>(

@@ -46,7 +46,7 @@ pub use plan::{
 pub use port::Port;
 pub use port_config::{
     AcceptanceFilter, ChannelConfig, ChannelFilter, GatewayConfig, MAX_FILTERS, MAX_GATEWAYS,
-    PortConfig, Traffic,
+    MeasuredOn, PortConfig, Traffic,
 };
 pub use receive::items::ReceivedItems;
 pub use receive::received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};

@@ -9,7 +9,7 @@ use crate::address::{AddressError, ChannelHandle, GatewayHandle};
 use crate::config::Config;
 use crate::error::PortError;
 use crate::gateway::Gateway;
-use crate::port_config::PortConfig;
+use crate::port_config::{GatewayConfig, PortConfig};
 use crate::receive::report::CycleReport;
 use crate::schedule::account::ScheduleAccount;
 use crate::schedule::diagnostics::ScheduleDiagnostics;
@@ -84,7 +84,7 @@ impl Port {
                 if let Some(warning) = config.sync0_warning(adapter.config()) {
                     tracing::warn!("{warning}");
                 }
-                Ok(Self {
+                let port = Self {
                     adapter,
                     gateways,
                     is_cycle_open: false,
@@ -96,7 +96,11 @@ impl Port {
                     skipped: 0,
                     failed_cycles: 0,
                     config: Box::new(config),
-                })
+                };
+                for warning in port.profile_warnings() {
+                    tracing::warn!("{warning}");
+                }
+                Ok(port)
             }
             Err(error) => Err((Box::new(adapter), error)),
         }
@@ -280,6 +284,21 @@ impl Port {
     /// a gateway that a reconfiguration removed.
     pub fn capabilities(&self, gateway: GatewayHandle) -> Option<&Capabilities> {
         self.find(gateway).map(|gateway| &gateway.capabilities)
+    }
+
+    /// Warnings about gateways that differ from those on which their settings were measured
+    /// ([`GatewayConfig::measured_on`](crate::GatewayConfig::measured_on)). Opening logs them.
+    /// Allocates; not for the cycle.
+    pub fn profile_warnings(&self) -> Vec<String> {
+        let gateways = self.config.gateways.iter().zip(&self.gateways);
+        let warning = |(slave, (config, gateway)): (usize, (&GatewayConfig, &Gateway))| {
+            let difference = config.measured_on?.difference(&gateway.capabilities)?;
+            Some(format!(
+                "slave {slave}: its device profile was measured on a gateway with {difference}; repeat \
+                 `ecan probe --write-profile`"
+            ))
+        };
+        gateways.enumerate().filter_map(warning).collect()
     }
 
     /// Bytes left in the RxPDO image that is being filled; a packet needs 4 to 78 of them (manual

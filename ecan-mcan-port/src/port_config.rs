@@ -4,6 +4,7 @@ use ecan_host::{AdapterConfig, ImageTimes, Plan, PlanWarning};
 use ecan_protocol::config::{
     DataPathConfig, ExtendedFilter, List, ListFull, McanChannelConfig, StandardFilter,
 };
+use ecan_protocol::device::Capabilities;
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
@@ -75,6 +76,38 @@ impl ChannelConfig {
     }
 }
 
+/// Identity of a gateway on which `ecan probe` measured settings; `None` for a number that it does not
+/// report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct MeasuredOn {
+    /// Serial number (0xF000:07, :08).
+    pub serial: Option<u64>,
+    /// Major and minor firmware version (0xF000:05, :06).
+    pub firmware: Option<(u32, u32)>,
+}
+
+impl MeasuredOn {
+    /// Text of what differs from a gateway with these capabilities; `None` if nothing does. Numbers that
+    /// one of them does not report are equal.
+    #[must_use]
+    pub fn difference(&self, gateway: &Capabilities) -> Option<String> {
+        let is_other = |measured: u64, found: u64| measured != 0 && found != 0 && measured != found;
+        let Capabilities { serial_number, firmware_major, firmware_minor, .. } = *gateway;
+        let found = (u32::from(firmware_major), u32::from(firmware_minor));
+        let other_firmware = self.firmware.filter(|it| *it != found && found != (0, 0));
+        let other_serial = self.serial.filter(|it| is_other(*it, serial_number));
+        match (other_firmware, other_serial) {
+            (Some((major, minor)), _) => {
+                Some(format!("firmware {major}.{minor}; this one has {}.{}", found.0, found.1))
+            }
+            (None, Some(serial)) => {
+                Some(format!("serial number {serial}; this one has {serial_number}"))
+            }
+            (None, None) => None,
+        }
+    }
+}
+
 /// One gateway.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GatewayConfig {
@@ -111,6 +144,8 @@ pub struct GatewayConfig {
     pub input_limit: u16,
     /// Scheduled transmission: margin and diagnostics.
     pub schedule: ScheduleConfig,
+    /// Gateway on which settings were measured; the Port warns at opening if it is another one.
+    pub measured_on: Option<MeasuredOn>,
     /// Permits the application bypass and the tests of 0x8030, which disconnect the CAN side.
     pub allow_diagnostic_tests: bool,
 }
@@ -132,6 +167,7 @@ impl Default for GatewayConfig {
             hold_limit: 10,
             input_limit: 100,
             schedule: ScheduleConfig::default(),
+            measured_on: None,
             allow_diagnostic_tests: false,
         }
     }

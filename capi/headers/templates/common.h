@@ -61,7 +61,8 @@
  *          igh_cia402_axis_t.
  *          Added: ecan_igh_retry_startup().
  *          Added: igh_mcan_port_set_direction_masks(), igh_mcan_port_get_direction_masks(),
- *          igh_mcan_port_get_schedule_fault(), igh_mcan_schedule_fault_t.
+ *          igh_mcan_port_get_schedule_fault(), igh_mcan_schedule_fault_t, the field depth of
+ *          igh_mcan_schedule_settings_t.
  *          Added at the end: txpdo_discarded, txpdo_unknown and startup_requests of
  *          igh_mcan_statistics_t; frames_accepted, frames_lost, frames_unknown, frames_pending,
  *          frames_confirmed and frames_not_taken of igh_mcan_channel_statistics_t. frames_delivered

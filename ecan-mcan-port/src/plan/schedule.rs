@@ -12,7 +12,6 @@ use crate::port_config::PortConfig;
 use crate::schedule::config::MarginCheck;
 use crate::schedule::margin::NotSchedulable;
 use crate::schedule::margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
-use crate::transmit::window::DEFAULT_DEPTH;
 
 impl PortPlan {
     /// The margin that a phase will have, as
@@ -108,9 +107,11 @@ impl PortPlan {
             *first = (*first).min(offset_ns);
             *total_s += frames_s;
         }
-        let depth = u32::from(DEFAULT_DEPTH);
-        for (slave, frames) in meeting.into_iter().filter(|(_, frames)| *frames > depth) {
-            self.warnings.push(PortWarning::ScheduleCrowded { slave, frames, depth });
+        for (slave, frames) in meeting {
+            let depth = port.gateways.get(slave).map_or(0, |it| u32::from(it.schedule.depth));
+            if frames > depth {
+                self.warnings.push(PortWarning::ScheduleCrowded { slave, frames, depth });
+            }
         }
         for ((slave, channel), (offset_ns, total_s)) in scheduled {
             let frames_ns = (total_s * 1e9) as u64;

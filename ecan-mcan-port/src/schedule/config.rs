@@ -2,6 +2,8 @@
 
 use ecan_host::ImageTimes;
 
+use crate::transmit::window::DEFAULT_DEPTH;
+
 /// Treatment of a frame whose margin does not suffice for its phase.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MarginCheck {
@@ -42,11 +44,13 @@ pub struct ScheduleConfig {
     /// lost. Its scheduled frames may then leave a period late, and count as unknown unless a result
     /// reports that they were dropped.
     pub discard_missed: bool,
+    /// Scheduled frames that the gateway holds; the plan warns of more at one Sync0 pulse.
+    pub depth: u16,
 }
 
 impl Default for ScheduleConfig {
     /// 100 us until the send, 30 us through the host, 50 us in the firmware; frames without margin
-    /// are counted; the diagnostics are read every 100 ms; missed images are discarded.
+    /// are counted; the diagnostics are read every 100 ms; missed images are discarded; 64 frames.
     fn default() -> Self {
         let ImageTimes { latest_send_ns, transport_ns, processing_ns } = ImageTimes::default();
         Self {
@@ -56,6 +60,7 @@ impl Default for ScheduleConfig {
             margin_check: MarginCheck::Count,
             watch_ms: 100,
             discard_missed: true,
+            depth: DEFAULT_DEPTH,
         }
     }
 }

@@ -7,7 +7,6 @@
 //! configuration afterwards.
 #![deny(missing_docs)]
 
-mod device_profile;
 mod experiment;
 mod experiments;
 mod finding;
@@ -24,7 +23,7 @@ mod setup;
 mod stage;
 mod undecidable;
 
-pub use device_profile::DeviceProfile;
+pub use ecan_config_file::DeviceProfile;
 pub use experiment::Experiment;
 pub use experiments::experiments;
 pub use finding::Finding;

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
+use ecan_config_file::DeviceProfile;
 use ecan_host::{Clock, CycleTiming, Diagnostics, Ecrt, Error};
 use ecan_protocol::device::AlState;
 
-use crate::device_profile::DeviceProfile;
 use crate::interruption::{Interruption, Result, unavailable};
 use crate::measured::{MissedImages, Restart, Sample, ServiceTime};
 use crate::sdo::Sdo;

@@ -40,8 +40,8 @@ mirror! {
         /// 1 discards an unconfirmed image that contains only scheduled frames: repeated, they
         /// could be sent a period late.
         discard_missed: u8 = rust.discard_missed.into(),
-        /// Not used.
-        reserved: [u8; 2] = [0; 2],
+        /// Scheduled frames that the gateway holds, for the plan; 0 for the default.
+        depth: u16,
     }
 }
 
@@ -57,6 +57,10 @@ impl From<igh_mcan_schedule_settings_t> for ScheduleConfig {
             },
             watch_ms: from.watch_ms,
             discard_missed: from.discard_missed != 0,
+            depth: match from.depth {
+                0 => Self::default().depth,
+                depth => depth,
+            },
         }
     }
 }

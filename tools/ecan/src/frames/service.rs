@@ -73,6 +73,7 @@ impl Service {
             note(format_args!("warning: {warning}"));
         }
         let mut port = Port::open(ecrt, (adapter, config)).map_err(failed)?;
+        port.profile_warnings().iter().for_each(|warning| note(format_args!("warning: {warning}")));
         let clock = port.adapter().ecrt().clock().clone();
         let mut store = Vec::with_capacity(ARRIVALS);
         // `None` if the user stops.

@@ -73,3 +73,54 @@ fn missing_objects_are_named_without_a_restart() {
     assert!(printed.contains("the configuration could not be read to restore it"), "{printed}");
     assert!(printed.ends_with("configuration: not changed\n"), "{printed}");
 }
+
+#[test]
+fn configuration_uses_the_profile_of_its_gateway() {
+    let slow = "[[gateway]]\nboot_ms = 6000\n\
+                sync0_window = { before_us = 150, after_us = 20, missed_limit = 10, al_status = 0x1A }\n\
+                [gateway.variant]\nschedule_depth = 16\n[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
+    let bus = scenario(slow);
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).display().to_string();
+    ends(1, &["--ecrt", &setting(&bus), "probe", "--write-profile", &path("gateway.toml")]);
+    let cell = "cycle_us = 1000\ndc = {}\n[[gateway]]\nn = 3\ncan0 = { bitrate = 500_000 }\n";
+    std::fs::write(path("plain.toml"), cell).unwrap();
+    let with_profile = cell.replace("n = 3", "n = 3\ndevice_profile = \"gateway.toml\"");
+    std::fs::write(path("cell.toml"), with_profile).unwrap();
+    let check = |name: &str| good(&["config", "check", &path(name)]);
+    let (plain, checked) = (check("plain.toml"), check("cell.toml"));
+    assert!(checked.contains("\n         schedule_depth = 16: schedule.depth = 16\n"), "{checked}");
+    let window = checked.lines().find(|line| line.contains("sync0_window_us = [")).unwrap();
+    let (_, processing_us) = window.split_once("schedule.processing_us = ").unwrap();
+    let processing_us: f64 = processing_us.parse().unwrap();
+    assert!((110.0..=160.0).contains(&processing_us), "{checked}");
+    // The shift of the plan is in the middle of what the longer time leaves.
+    let shift = |text: &str| -> f64 {
+        let line = text.lines().find_map(|line| line.strip_prefix("Sync0: ")).unwrap();
+        line.split(' ').next().unwrap().parse().unwrap()
+    };
+    assert!((shift(&checked) - shift(&plain) - (processing_us - 50.0) / 2.0).abs() <= 1.0);
+    let json: serde_json::Value =
+        serde_json::from_str(&good(&["--json", "config", "check", &path("cell.toml")])).unwrap();
+    let profile = &json["gateways"][0]["profile"];
+    assert_eq!(profile["values"]["schedule_depth"], 16);
+    let restart_ms = profile["values"]["restart_ms"].as_u64().unwrap();
+    let timeout = format!("preop_timeout_ms = {}", restart_ms * 2);
+    assert!(restart_ms > 6_000 && checked.contains(&timeout), "{checked}");
+
+    let generate = |scenario_text: &str| {
+        let bus = scenario(scenario_text);
+        let options = ["--ecrt", &setting(&bus), "gen", "--config", &path("cell.toml"), "-n", "5"];
+        let output = crate::support::ecan(&options);
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        (text(output.stdout), text(output.stderr))
+    };
+    let (printed, errors) = generate(slow);
+    assert!(printed.starts_with("5 frames sent, 0 lost, "), "{printed}{errors}");
+    assert!(!errors.contains("warning"), "{errors}");
+    let (printed, errors) = generate(&slow.replace("boot_ms", "firmware = [2, 9]\nboot_ms"));
+    assert!(printed.starts_with("5 frames sent, 0 lost, "), "{printed}{errors}");
+    let warning = "warning: slave 0: its device profile was measured on a gateway with firmware 514.1; \
+                   this one has 2.9; repeat `ecan probe --write-profile`";
+    assert!(errors.contains(warning), "{errors}");
+}

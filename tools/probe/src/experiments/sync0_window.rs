@@ -103,7 +103,9 @@ fn measure(probe: &mut Probe) -> Result<MissedImages> {
     let missed = MissedImages { range_us, resolution_us };
     probe.missed = Some(missed);
     if resolution_us <= SLOW_US {
-        probe.profile.sync0_missed_us = range_us.map(|(first, last)| (-first, -last));
+        let whole = |us: i64| u32::try_from(us.max(0)).unwrap_or(0);
+        let window = |(first, last)| (whole(first - way_us()), whole(way_us() - last));
+        probe.profile.sync0_window_us = Some(range_us.map_or((0, 0), window));
     }
     Ok(missed)
 }

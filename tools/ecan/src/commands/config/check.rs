@@ -4,7 +4,9 @@ use std::fmt;
 use std::io::Write;
 use std::path::Path;
 
-use ecan_config_file::{ConfigFileError, FileFault, load};
+use ecan_config_file::{
+    ConfigFileError, DeviceProfile, FileFault, IncludedProfile, load, load_profiles,
+};
 use ecan_mcan_port::Config;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortPlan};
 use ecan_protocol::can::{
@@ -45,9 +47,18 @@ struct EtherCat {
 struct Gateway {
     alias: u16,
     position: u16,
+    profile: Option<Profile>,
     channel_mask: u8,
     images: Vec<Image>,
     channels: Vec<Channel>,
+}
+
+/// Device profile that the gateway includes.
+#[derive(Debug, Serialize)]
+struct Profile {
+    path: String,
+    values: DeviceProfile,
+    effects: Vec<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -162,8 +173,8 @@ impl fmt::Display for Timing {
 }
 
 pub fn run(path: &Path, output: &Output) -> Result {
-    let file = match load(path) {
-        Ok(file) => file,
+    let (file, profiles) = match load(path).and_then(|file| Ok((file, load_profiles(path)?))) {
+        Ok(read) => read,
         Err(ConfigFileError::Read { path, reason }) => {
             return Err(Failure::file("read", &path, reason));
         }
@@ -181,11 +192,11 @@ pub fn run(path: &Path, output: &Output) -> Result {
             return Err(Failure::ProblemsFound);
         }
     };
-    let checked = of_file(&file);
+    let checked = of_file(&file, &profiles);
     output.data(&checked, |out| print(&checked, output, out))
 }
 
-fn of_file(file: &Config) -> Checked {
+fn of_file(file: &Config, profiles: &[IncludedProfile]) -> Checked {
     let plan = PortPlan::of(&file.adapter, &file.port, &[]);
     let gateways = file.adapter.slaves.iter().zip(&file.port.gateways);
     Checked {
@@ -195,6 +206,7 @@ fn of_file(file: &Config) -> Checked {
             .map(|(index, (slave, gateway))| Gateway {
                 alias: slave.alias,
                 position: slave.position,
+                profile: profiles.iter().find(|it| it.gateway == index).map(Profile::of),
                 channel_mask: gateway.channel_mask(),
                 images: vec![
                     image(gateway, Direction::RxPdo, slave.rx_multiplier),
@@ -221,6 +233,16 @@ fn of_file(file: &Config) -> Checked {
             wire_ns: plan.ethercat.wire_ns(),
         }),
         warnings: plan.warnings.iter().map(ToString::to_string).collect(),
+    }
+}
+
+impl Profile {
+    fn of(included: &IncludedProfile) -> Self {
+        Self {
+            path: included.path.display().to_string(),
+            values: included.profile.clone(),
+            effects: included.effects.iter().map(ToString::to_string).collect(),
+        }
     }
 }
 
@@ -264,6 +286,12 @@ fn print(checked: &Checked, output: &Output, out: &mut dyn Write) -> std::io::Re
             alias => format!(" after alias {alias}"),
         };
         writeln!(out, "gateway {number}: position {}{alias}", gateway.position)?;
+        if let Some(profile) = &gateway.profile {
+            writeln!(out, "  device profile {}", profile.path)?;
+            for effect in &profile.effects {
+                writeln!(out, "         {effect}")?;
+            }
+        }
         for image in &gateway.images {
             writeln!(
                 out,

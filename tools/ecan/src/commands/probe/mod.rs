@@ -197,8 +197,8 @@ fn progress(experiment: &Experiment) {
 }
 
 fn write_profile(profile: &DeviceProfile, path: &Path) -> Result {
-    let text = toml::to_string(profile).map_err(|it| Failure::file("write", path, it))?;
-    let text = format!("# Measured by ecan probe {}\n{text}", env!("CARGO_PKG_VERSION"));
+    let text =
+        format!("# Measured by ecan probe {}\n{}", env!("CARGO_PKG_VERSION"), profile.to_toml());
     std::fs::write(path, text).map_err(|it| Failure::file("write", path, it))
 }
 
