@@ -155,6 +155,21 @@ fn rejected_package_keeps_old_version() {
 }
 
 #[test]
+fn file_of_any_format_is_sent_to_the_gateway() {
+    let text = |first: u8| (0..5000u32).map(|at| first.wrapping_add(at as u8)).collect::<Vec<_>>();
+    // Also a first byte that a bare application could have: a real package may begin alike.
+    for first in [0x00, b'E', 0x6F, 0x97, b'P'] {
+        let (tool, file) = (FakeEthercat::new(1, Behaviour::Good), file(&text(first)));
+        let (status, out, errors) = update(&tool, file.path(), &[]);
+        assert_eq!((status, tool.writes().len()), (5, 1), "{first:#x}: {out}{errors}");
+        assert!(out.contains("the gateway rejects the file"), "{out}");
+        let is_suspicious = matches!(first, 0x6F | 0x97);
+        let unknown = "format not recognised; the gateway checks the package";
+        assert_eq!(errors.contains(unknown), !is_suspicious, "{first:#x}: {errors}");
+    }
+}
+
+#[test]
 fn rejection_reason_comes_from_gateway() {
     let (tool, file) = (FakeEthercat::new(1, Behaviour::Of15), file(&[0x55; 5000]));
     let (status, out, _) = update(&tool, file.path(), &["--json"]);

@@ -115,9 +115,8 @@ pub fn run(arguments: &FirmwareArguments, context: &Context) -> Result {
             let file = FirmwareFile::read(&options.file)?;
             let (gateways, is_simulated) = open(arguments, context)?;
             let chosen = gateways::chosen(&*gateways, context.global.slave, arguments.all)?;
-            if let Some(warning) = file.warning(is_simulated) {
-                let text = format!("{}: {warning}", file.path.display());
-                note(format_args!("ecan: warning: {text}"));
+            if let Some(remark) = file.remark(is_simulated) {
+                note(format_args!("ecan: {}: {remark}", file.path.display()));
             }
             ask(options, &file, &chosen)?;
             let said = "interrupted: stopping after the current gateway";
