@@ -16,7 +16,7 @@ pub struct DeviceProfile {
     pub firmware: Option<(u32, u32)>,
     /// Longest time from an SM2 write to the end of its service, in us.
     pub service_us: Option<u32>,
-    /// Time from an SDO request to its response in OP, in us.
+    /// Longest time of the gateway from an SDO request to its response in OP, in us.
     pub mailbox_us: Option<u32>,
     /// Time from the restart command to the first response, in ms.
     pub restart_ms: Option<u32>,

@@ -24,6 +24,7 @@ const REGISTER_BYTES: usize = 8;
 /// AL status register; the AL status code follows 4 bytes later.
 const AL_STATUS: u16 = 0x0130;
 const REGISTER_CYCLES: u32 = 2_000;
+const REGISTER_ATTEMPTS: u32 = 3;
 
 /// Process data on the way from PREOP to OP.
 #[derive(Clone, Copy, Debug, Default)]
@@ -286,6 +287,17 @@ impl Session {
 
     /// Reads 8 bytes of the slave controller's registers.
     pub(crate) fn read_registers(&mut self, address: u16) -> Result<[u8; REGISTER_BYTES]> {
+        // A request fails if its datagram waited for too long, for example after a pause.
+        for _ in 1..REGISTER_ATTEMPTS {
+            match self.try_read_registers(address) {
+                Err(Interruption::Unavailable(_)) => {}
+                ended => return ended,
+            }
+        }
+        self.try_read_registers(address)
+    }
+
+    fn try_read_registers(&mut self, address: u16) -> Result<[u8; REGISTER_BYTES]> {
         // Of `poll_al_status`.
         while self.adapter.register_request_state(self.registers)? == RequestState::Busy {
             self.cycle(|_, _| ())?;
