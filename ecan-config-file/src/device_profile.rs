@@ -32,6 +32,8 @@ pub struct DeviceProfile {
     pub sample_point_permille: Option<u32>,
     /// The same by the error counters of two wired channels, in 0.1 %.
     pub wired_sample_point_permille: Option<u32>,
+    /// Delay of a CAN transceiver from transmit to receive pin, in ns.
+    pub transceiver_ns: Option<u32>,
 }
 
 impl DeviceProfile {
@@ -69,6 +71,7 @@ impl DeviceProfile {
             ("internal_loopback", number(self.internal_loopback.map(u32::from))),
             ("sample_point_permille", number(self.sample_point_permille)),
             ("wired_sample_point_permille", number(self.wired_sample_point_permille)),
+            ("transceiver_ns", number(self.transceiver_ns)),
         ];
         values.into_iter().filter_map(|(key, value)| Some((key, value?)))
     }
@@ -87,6 +90,7 @@ impl DeviceProfile {
             internal_loopback: table.unsigned("internal_loopback", (1, 3)),
             sample_point_permille: table.unsigned("sample_point_permille", PERMILLE),
             wired_sample_point_permille: table.unsigned("wired_sample_point_permille", PERMILLE),
+            transceiver_ns: table.unsigned("transceiver_ns", (0, 10_000)),
         }
     }
 }

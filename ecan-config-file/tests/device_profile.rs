@@ -18,6 +18,7 @@ const MEASURED: DeviceProfile = DeviceProfile {
     internal_loopback: Some(2),
     sample_point_permille: Some(812),
     wired_sample_point_permille: Some(800),
+    transceiver_ns: Some(162),
 };
 
 const CELL: &str = "\
@@ -101,6 +102,7 @@ fn keys_of_the_configuration_override_the_profile() {
         "internal_loopback = 2: checked against node_mode",
         "sample_point_permille = 812: sets nothing: one sample point is requested",
         "wired_sample_point_permille = 800: sets nothing: one sample point is requested",
+        "transceiver_ns = 162: sets nothing",
     ];
     assert_eq!(effects, expected);
 }

@@ -37,8 +37,7 @@ impl Gateway {
     /// Sample points and delays of the controller at a connector; `None` while it is not configured.
     #[must_use]
     pub fn physical_layer(&self, connector: usize) -> Option<PhysicalLayer> {
-        let transceiver_ns = self.config.transceiver_ns;
-        self.channel_at(connector)?.controller.physical_layer(transceiver_ns)
+        self.channel_at(connector)?.controller.physical_layer()
     }
 
     /// Changes when [`station_config`](Self::station_config) may have changed or the controller

@@ -70,6 +70,7 @@ pub(super) struct Channel {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ChannelModel {
     tx_pressure_percent: u8,
+    transceiver_ns: u32,
     rx_drain: RxDrain,
     tx_pending: TxPending,
     bus_off_wait: BusOffWait,
@@ -78,9 +79,10 @@ pub(super) struct ChannelModel {
 
 impl ChannelModel {
     pub(super) fn new(config: &GatewayModelConfig) -> Self {
-        let GatewayModelConfig { tx_pressure_percent, variant, .. } = config;
+        let GatewayModelConfig { tx_pressure_percent, transceiver_ns, variant, .. } = config;
         Self {
             tx_pressure_percent: *tx_pressure_percent,
+            transceiver_ns: *transceiver_ns,
             rx_drain: variant.rx_drain,
             tx_pending: variant.tx_pending,
             bus_off_wait: variant.bus_off_wait,
@@ -93,7 +95,7 @@ impl Channel {
     pub(super) fn new(model: ChannelModel) -> Self {
         Self {
             model,
-            controller: Controller::new(),
+            controller: Controller::new(model.transceiver_ns),
             receive: ReceivePath::new(model.rx_drain, model.critical_frames),
             transmit: TransmitPath::new(),
             ..Self::default()

@@ -24,6 +24,8 @@ pub(super) use register_writes::FramesDropped;
 pub(super) use registers::STATUS_REGISTERS;
 
 const TX_ELEMENTS_MAX: usize = 32;
+/// The field TDCV has seven bits.
+const SECONDARY_POINT_MAX: u32 = 127;
 /// Data byte sent in place of one that does not fit into the element.
 const MISSING_DATA: u8 = 0xCC;
 
@@ -82,11 +84,16 @@ pub(super) struct Controller {
     high_priority: u32,
     written: WrittenRegisters,
     pub(super) frames_lost: u32,
+    /// Delay of its transceiver, in ns.
+    transceiver_ns: u32,
+    /// A frame with bit rate switch was sent, so that its transmitter delay was measured.
+    has_measured_delay: bool,
 }
 
 impl Controller {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(transceiver_ns: u32) -> Self {
         Self {
+            transceiver_ns,
             fifos: [ReceiveFifo::new(), ReceiveFifo::new()],
             buffers: vec![None; RX_ELEMENTS_MAX],
             transmit: VecDeque::with_capacity(TX_ELEMENTS_MAX),
@@ -107,7 +114,7 @@ impl Controller {
             config,
             generation: self.generation.wrapping_add(1),
             frames_lost: self.frames_lost,
-            ..Self::new()
+            ..Self::new(self.transceiver_ns)
         };
     }
 
@@ -127,24 +134,42 @@ impl Controller {
         self.config.is_none() || self.written.is_stopped
     }
 
-    /// Its sample points and delays on the bus, with a transceiver of this delay.
-    pub(super) fn physical_layer(&self, transceiver_ns: u32) -> Option<PhysicalLayer> {
+    /// Its sample points and delays on the bus.
+    pub(super) fn physical_layer(&self) -> Option<PhysicalLayer> {
         let ControllerConfig { timing: (nominal, data), station, tdc, .. } =
             self.config.as_ref()?;
         let data = data.unwrap_or(*nominal);
+        let clock_hz = clock_hz(station, *nominal);
         // one mtq is a period of the source clock
-        let ns_of = |mtq: u8| {
-            let clock_hz = u64::from(station.nominal_bitrate) * u64::from(nominal.clocks_per_bit());
-            (u64::from(mtq) * 1_000_000_000).checked_div(clock_hz).unwrap_or(0) as u32
-        };
+        let ns_of =
+            |mtq: u8| (u64::from(mtq) * 1_000_000_000).checked_div(clock_hz).unwrap_or(0) as u32;
         let compensation = tdc.filter(|_| data.brp <= TDC_MAX_PRESCALER).map(|(offset, filter)| {
             DelayCompensation { offset_ns: ns_of(offset), filter_ns: ns_of(filter) }
         });
         Some(PhysicalLayer {
             compensation,
-            transceiver_ns,
+            transceiver_ns: self.transceiver_ns,
             ..PhysicalLayer::new(nominal.sample_point(), data.sample_point())
         })
+    }
+
+    /// Secondary sample point in mtq: measured delay and offset (PSR.TDCV); 0 before a measurement.
+    fn secondary_sample_point(&self) -> u32 {
+        let Some(ControllerConfig { timing, station, tdc: Some((offset, _)), .. }) = &self.config
+        else {
+            return 0;
+        };
+        let (nominal, Some(data)) = *timing else { return 0 };
+        if !self.has_measured_delay {
+            return 0;
+        }
+        let delay_ns = match station.mode {
+            StationMode::InternalLoopback => 0,
+            _ => u64::from(self.transceiver_ns),
+        };
+        let delay = (delay_ns * clock_hz(station, nominal) + 500_000_000) / 1_000_000_000;
+        let offset = if *offset == 0 { data.automatic_tdc_offset().unwrap_or(0) } else { *offset };
+        SECONDARY_POINT_MAX.min(delay as u32 + u32::from(offset))
     }
 
     pub(super) fn is_bus_off(&self) -> bool {
@@ -230,6 +255,7 @@ impl Controller {
     pub(super) fn transmitted(&mut self) -> bool {
         if let Some(frame) = &self.in_flight {
             self.errors.passed(frame);
+            self.has_measured_delay |= has_switch(frame);
         }
         let ended = self.abandoned();
         if ended {
@@ -403,6 +429,14 @@ impl Controller {
     }
 }
 
+fn clock_hz(station: &StationConfig, nominal: BitTiming) -> u64 {
+    u64::from(station.nominal_bitrate) * u64::from(nominal.clocks_per_bit())
+}
+
+fn has_switch(frame: &CanFrame) -> bool {
+    matches!(frame.kind(), FrameKind::Fd { brs: true, .. })
+}
+
 /// Last error codes (PSR) and error logging (ECR), as the M_CAN core shows them.
 #[derive(Clone, Copy, Debug)]
 struct ErrorCodes {
@@ -418,7 +452,7 @@ impl ErrorCodes {
     /// A frame was sent or received without error.
     fn passed(&mut self, frame: &CanFrame) {
         self.arbitration = Self::NO_ERROR;
-        if matches!(frame.kind(), FrameKind::Fd { brs: true, .. }) {
+        if has_switch(frame) {
             self.data = Self::NO_ERROR;
         }
     }

@@ -1,6 +1,6 @@
 //! Sample points and delay compensation of a channel on its bus, and the errors that its controller shows.
 
-use crate::fixture::{Fixture, fd, standard};
+use crate::fixture::{Fixture, chunks, fd, standard};
 use ecan_protocol::can::{Phase, SamplePoint};
 use ecan_protocol::config::McanChannelConfig;
 use ecan_sim::{BusError, DelayCompensation, DetectedError, GatewayModelConfig, PhysicalLayer};
@@ -37,6 +37,30 @@ fn sample_points_and_compensation_are_those_of_the_configuration() {
     let forced = McanChannelConfig { tdc: false, ..McanChannelConfig::fd(1_000_000, 5_000_000) };
     let forced = with(forced.sample_point(875, 875));
     assert_eq!(forced.gateway.physical_layer(0), Some(layer(8_750, 8_750, automatic)));
+}
+
+/// 210 ns are 17 periods of 12.5 ns, the data sample point at 4 Mbit/s and 80 % is 16 periods.
+#[test]
+fn transmitter_delay_shows_after_the_first_switch() {
+    let rates = McanChannelConfig::fd(1_000_000, 4_000_000).sample_point(875, 800);
+    let delay = |config: McanChannelConfig, frame| {
+        let model = GatewayModelConfig { transceiver_ns: 210, ..GatewayModelConfig::default() };
+        let mut fixture = Fixture::preop_with(model);
+        fixture.apply_profiles(chunks(16), chunks(16));
+        fixture.apply_channel(0, config);
+        fixture.start();
+        let before = fixture.upload(0x9000, 2) >> 16;
+        fixture.push(0, frame);
+        fixture.cycle();
+        assert_eq!(fixture.sent(0), [frame]);
+        (before, fixture.upload(0x9000, 2) >> 16)
+    };
+    let manual = McanChannelConfig { tdc_offset: 5, ..rates };
+    let off = McanChannelConfig { tdc: false, ..rates };
+    assert_eq!(delay(rates, fd(1, &[1; 8])), (0, 17 + 16));
+    assert_eq!(delay(manual, fd(1, &[1; 8])), (0, 17 + 5));
+    assert_eq!(delay(off, fd(1, &[1; 8])), (0, 0));
+    assert_eq!(delay(rates, standard(1, &[])), (0, 0));
 }
 
 /// LEC and DLEC, IR.PEA and PED, ECR.CEL of the M_CAN core.

@@ -101,6 +101,7 @@ const NOT_NAMED: &[(&str, &str, &str)] = &[
     ("rotation_direction", "\"down\"", "shows only at the connectors"),
     ("bus_off_wait", "\"none\"", "needs a bus-off, which the probe does not cause"),
     ("publishes_after_read", "true", "the master sets the distance between LWR and LRD"),
+    ("transceiver_ns", "250", "needs two wired channels"),
 ];
 
 /// Other assumptions that an alternative contradicts, too: switch and row.

@@ -6,8 +6,8 @@ use std::path::Path;
 use ecan_probe::{DeviceProfile, Finding, Probe, ProbeOptions, Stage, Verdict};
 use ecan_sim::{ClockKind, Scenario, SimOptions};
 
-fn probe(buses: &str, variant: &str) -> (Vec<Finding>, DeviceProfile) {
-    let text = format!("[[gateway]]\nbuses = {buses}\n[gateway.variant]\n{variant}");
+fn probe(buses: &str, keys: &str) -> (Vec<Finding>, DeviceProfile) {
+    let text = format!("[[gateway]]\nbuses = {buses}\n{keys}");
     let scenario = Scenario::from_toml(&text, "wired", Path::new(".")).unwrap();
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
@@ -32,7 +32,8 @@ fn error_counters_show_the_sample_point_of_each_choice() {
         ("lowest", 750, Verdict::Differs, Some("lowest")),
         ("highest", 875, Verdict::Differs, Some("highest")),
     ] {
-        let (findings, profile) = probe(WIRED, &format!("bit_timing = \"{choice}\""));
+        let (findings, profile) =
+            probe(WIRED, &format!("variant = {{ bit_timing = \"{choice}\" }}"));
         let finding = sample_point(findings);
         assert_eq!(finding.verdict, verdict, "{finding:?}");
         assert_eq!(finding.alternative.as_deref(), name, "{finding:?}");
@@ -45,7 +46,7 @@ fn error_counters_show_the_sample_point_of_each_choice() {
 /// The driver takes 80 % from this window.
 #[test]
 fn error_counters_do_not_take_the_driver_for_the_middle() {
-    let (findings, profile) = probe(WIRED, "bit_timing = \"driver\"");
+    let (findings, profile) = probe(WIRED, "variant = { bit_timing = \"driver\" }");
     let finding = sample_point(findings);
     assert_eq!(
         (finding.verdict, finding.alternative),
@@ -54,6 +55,21 @@ fn error_counters_do_not_take_the_driver_for_the_middle() {
         finding.detail
     );
     assert!(profile.wired_sample_point_permille.unwrap().abs_diff(800) <= 6);
+}
+
+#[test]
+fn controller_shows_the_delay_of_its_transceiver() {
+    for (delay, measured, verdict, name) in [
+        (150, 150, Verdict::Holds, None),
+        (250, 250, Verdict::Differs, Some("250")),
+        (90, 87, Verdict::Differs, Some("87")),
+    ] {
+        let (findings, profile) = probe(WIRED, &format!("transceiver_ns = {delay}"));
+        let finding = findings.into_iter().find(|it| it.key == "transceiver_ns").unwrap();
+        assert_eq!(finding.verdict, verdict, "{finding:?}");
+        assert_eq!(finding.alternative.as_deref(), name, "{finding:?}");
+        assert_eq!(profile.transceiver_ns, Some(measured));
+    }
 }
 
 #[test]

@@ -109,7 +109,8 @@ impl Controller {
         }
     }
 
-    /// PSR: last error code, activity, error passive, warning, bus-off, last error code of the data phase.
+    /// PSR: last error code, activity, error passive, warning, bus-off, last error code of the data phase,
+    /// secondary sample point.
     fn protocol_status(&self) -> u32 {
         let activity = match &self.config {
             None => 0,
@@ -128,6 +129,7 @@ impl Controller {
             | warning << 6
             | bus_off << 7
             | self.errors.data << 8
+            | self.secondary_sample_point() << 16
     }
 
     /// CCCR: initialisation while stopped or bus-off, configuration change, modes.

@@ -124,4 +124,11 @@ pub(super) const GATEWAY_KEYS: &[Variant] = &[
         &[alternative("0", "none"), alternative("13", "up to 13 us")],
         "any number of us",
     ),
+    key(
+        "transceiver_ns",
+        &["S58"],
+        "Delay of the CAN transceivers from transmit to receive pin",
+        &[alternative("150", "150 ns"), alternative("250", "250 ns")],
+        "0 to 1000",
+    ),
 ];

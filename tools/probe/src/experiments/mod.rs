@@ -15,6 +15,7 @@ mod service_loop;
 mod states;
 mod statuses;
 mod sync0_window;
+mod transceiver;
 mod transmit;
 mod wired;
 mod wired_sample_point;
@@ -40,6 +41,7 @@ const GROUPS: &[&[Experiment]] = &[
     schedule::EXPERIMENTS,
     wired::EXPERIMENTS,
     wired_sample_point::EXPERIMENTS,
+    transceiver::EXPERIMENTS,
 ];
 
 /// Every experiment, in the order in which they run.
