@@ -45,6 +45,8 @@ fn supports(axes: &[AxisPlan], is_scheduled: bool, (variant, alternative): &Choi
         }
         // The frames of a cycle are served up to 1 ms after their phase.
         ("service_period_us", "1000") => !is_scheduled,
+        // So are those that count from the pulse before.
+        ("scheduled_pulse", "\"previous\"") => !is_scheduled,
         // The budgets stay at those of the device: two received frames in each service.
         ("missing_entries", "[\"0x8021\"]") => {
             axes.iter().all(|axis| axis.config.address.node.get() == 1)

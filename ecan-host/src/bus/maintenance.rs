@@ -34,11 +34,22 @@ pub enum MaintenanceError {
         found: u32,
     },
     /// The gateway rejected the command, or the command failed.
-    #[error("the gateway ended the command with status {0}")]
+    #[error("the gateway ended the command with status {}{}", .0, assumption(*.0))]
     Status(MaintenanceStatus),
     /// The sequence did not change.
     #[error("the command did not end within {} s (0xB000:12 unchanged)", TIMEOUT_NS / 1_000_000_000)]
     Unended,
+}
+
+/// The assumption that a status contradicts: the command is sent in the mode that it should need.
+fn assumption(status: MaintenanceStatus) -> &'static str {
+    match status {
+        MaintenanceStatus::Denied => " (assumption H27: it may need another access mode)",
+        MaintenanceStatus::CrcError | MaintenanceStatus::ImageInvalid => {
+            " (assumption S44: the firmware may use other numbers)"
+        }
+        _ => "",
+    }
 }
 
 /// 0xB000 of one gateway.

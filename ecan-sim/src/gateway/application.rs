@@ -1,5 +1,5 @@
 use ecan_protocol::config::{
-    ApplyStatus, ConfigObject, DataPathConfig, DataPathFault, DataPathGlobal,
+    ApplyStatus, ConfigObject, DataPathConfig, DataPathFault, DataPathGlobal, FilterWindow,
 };
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{CHANNELS, Direction};
@@ -13,7 +13,7 @@ use super::data_path::DataPath;
 use super::object_server::ObjectServer;
 use super::pin_rotation::PinRotation;
 use super::sync_managers::SyncManagers;
-use super::variant::ApplyAtSafeOp;
+use super::variant::{ApplyAtSafeOp, FilterIndex};
 
 /// Subindex of the apply status of 0x8020..0x8024.
 const DATA_PATH_STATUS: u8 = 3;
@@ -35,7 +35,14 @@ impl Application {
     }
 
     pub(super) fn reset(&mut self) {
-        self.objects = ObjectServer::new(self.data_path.variant());
+        let before =
+            std::mem::replace(&mut self.objects, ObjectServer::new(self.data_path.variant()));
+        if self.data_path.variant().filter_index == FilterIndex::Kept {
+            for index in (FIRST_CHANNEL_OBJECT..).take(CHANNELS) {
+                let subindex = FilterWindow::STANDARD.index;
+                self.objects.values.set(index, subindex, before.values.get(index, subindex));
+            }
+        }
         self.data_path.reset();
         self.pins.reset();
     }

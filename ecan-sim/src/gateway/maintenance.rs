@@ -11,6 +11,8 @@
 
 use ecan_protocol::device::{AccessMode, MaintenanceStatus};
 
+use super::variant::{GatewayVariant, MaintenanceMode, MaintenanceNumbers};
+
 /// Legacy maintenance diag flags, 0xB000:6.
 pub(super) mod flag {
     pub(in crate::gateway) const TX_RING_DROP: u16 = 1 << 4;
@@ -50,9 +52,19 @@ pub(super) struct Maintenance {
     pub(super) mode_ends: Option<u64>,
     status: MaintenanceStatus,
     sequence: u32,
+    rule: MaintenanceMode,
+    numbers: MaintenanceNumbers,
 }
 
 impl Maintenance {
+    pub(super) fn new(variant: &GatewayVariant) -> Self {
+        Self {
+            rule: variant.maintenance_mode,
+            numbers: variant.maintenance_status,
+            ..Self::default()
+        }
+    }
+
     /// Grants an access mode, for `timeout_s` seconds or, with 0, without limit.
     pub(super) fn request_mode(&mut self, now: u64, mode: u8, timeout_s: u16) {
         self.mode = AccessMode::from_raw(mode).unwrap_or(AccessMode::Factory);
@@ -89,8 +101,9 @@ impl Maintenance {
     fn allows(&self, bits: u32, in_op: bool, is_receiving: bool) -> bool {
         use command::{ACTIVATE, CLEAR_DIAGNOSTICS, FACTORY, REBUILD_EEPROM, VALIDATE};
         let stands_alone = bits & (CLEAR_DIAGNOSTICS | REBUILD_EEPROM) != 0;
-        let needed = match bits & (FACTORY | REBUILD_EEPROM) {
-            0 => AccessMode::Engineering,
+        let needed = match (self.rule, bits & (FACTORY | REBUILD_EEPROM)) {
+            (MaintenanceMode::Run, _) => AccessMode::Run,
+            (MaintenanceMode::ByCommand, 0) => AccessMode::Engineering,
             _ => AccessMode::Factory,
         };
         (!stands_alone || bits.is_power_of_two())
@@ -112,7 +125,15 @@ impl Maintenance {
     pub(super) fn readback(&self, subindex: u8) -> Option<u32> {
         Some(match subindex {
             2 => self.mode.raw().into(),
-            5 => self.status.raw().into(),
+            5 => match (self.numbers, self.status) {
+                (MaintenanceNumbers::Swapped, MaintenanceStatus::CrcError) => {
+                    MaintenanceStatus::ImageInvalid.raw().into()
+                }
+                (MaintenanceNumbers::Swapped, MaintenanceStatus::ImageInvalid) => {
+                    MaintenanceStatus::CrcError.raw().into()
+                }
+                (_, status) => status.raw().into(),
+            },
             12 => self.sequence,
             _ => return None,
         })

@@ -138,7 +138,7 @@ impl Gateway {
             services: ServiceTimer::new(&config, seed),
             output_timing: OutputTiming::new(config.sync0_window),
             application: Application::new(&config, seed),
-            maintenance: Maintenance::default(),
+            maintenance: Maintenance::new(&config.variant),
             emergencies: EmergencyQueue::new(),
             store: ConfigurationStore::default(),
             eeprom: Eeprom::default(),
@@ -274,7 +274,7 @@ impl Gateway {
         self.clock = DistributedClock::new(self.config.clock_drift_ppb);
         self.services.cancel();
         self.output_timing.restart();
-        self.maintenance = Maintenance::default();
+        self.maintenance = Maintenance::new(&self.config.variant);
         self.store.cancel();
         self.firmware.stop();
         self.emergencies.waiting.clear();

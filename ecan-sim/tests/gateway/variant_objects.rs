@@ -7,9 +7,10 @@ use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::AbortCode;
 use ecan_sim::GatewayModelConfig;
 use ecan_sim::variant::{
-    ApplyAtSafeOp, AssignedAtStart, AssignmentRewritten, GatewayVariant, LayoutCrc, MappedSubindex,
-    MissingAbort, MissingEntries, PdoErrorNumbers, ProfileErrors, RejectedBudget, SafeOpInputs,
-    SafeOpOutputs, SequenceReadback, TxPdoNumbering,
+    ApplyAtSafeOp, AssignedAtStart, AssignmentRewritten, FilterIndex, GatewayVariant, LayoutCrc,
+    MaintenanceMode, MaintenanceNumbers, MappedSubindex, MissingAbort, MissingEntries,
+    PdoErrorNumbers, ProfileErrors, RejectedBudget, SafeOpInputs, SafeOpOutputs, SequenceReadback,
+    TxPdoNumbering,
 };
 
 use crate::fixture::{Fixture, MS, chunks};
@@ -266,5 +267,60 @@ fn image_of_another_layout_has_the_error_of_the_variant() {
         fixture.image[10] ^= 0xFF;
         assert!(fixture.write_again());
         assert_eq!(fixture.upload(0x8011, 14), expected, "{pdo_errors:?}");
+    }
+}
+
+const RUN: u8 = 0;
+const ENGINEERING: u8 = 1;
+const FACTORY: u8 = 2;
+const DENIED: u32 = 2;
+
+/// Status of the command to validate the firmware image, of which there is none.
+fn validate(variant: GatewayVariant, mode: u8) -> u32 {
+    const VALIDATE: u8 = 0x08;
+    let mut fixture = Fixture::preop_with(config(variant));
+    fixture.write_u8(0xB000, 1, mode);
+    fixture.write_u8(0xB000, 4, VALIDATE);
+    fixture.pass(100 * MS);
+    fixture.upload(0xB000, 5)
+}
+
+#[test]
+fn maintenance_needs_the_mode_of_the_variant() {
+    use MaintenanceMode::{ByCommand, Factory, Run};
+    for (maintenance_mode, is_denied) in [
+        (ByCommand, [true, false, false]),
+        (Factory, [true, true, false]),
+        (Run, [false, false, false]),
+    ] {
+        let denied = [RUN, ENGINEERING, FACTORY].map(|mode| {
+            let variant = GatewayVariant { maintenance_mode, ..GatewayVariant::default() };
+            validate(variant, mode) == DENIED
+        });
+        assert_eq!(denied, is_denied, "{maintenance_mode:?}");
+    }
+}
+
+#[test]
+fn maintenance_status_has_the_numbers_of_the_variant() {
+    for (maintenance_status, expected) in
+        [(MaintenanceNumbers::ManualOrder, 4), (MaintenanceNumbers::Swapped, 3)]
+    {
+        let variant = GatewayVariant { maintenance_status, ..GatewayVariant::default() };
+        assert_eq!(validate(variant, ENGINEERING), expected, "{maintenance_status:?}");
+    }
+}
+
+#[test]
+fn filter_index_is_lost_or_kept_by_a_restart() {
+    for (filter_index, expected) in [(FilterIndex::Lost, 0), (FilterIndex::Kept, 5)] {
+        let variant = GatewayVariant { filter_index, ..GatewayVariant::default() };
+        let mut fixture = Fixture::preop_with(config(variant));
+        fixture.write_u8(0x8001, 43, 5);
+        fixture.write_u8(0x8000, 1, 1);
+        fixture.pass(1_000 * MS);
+        fixture.set_up_mailboxes();
+        fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+        assert_eq!(fixture.upload(0x8001, 43), expected, "{filter_index:?}");
     }
 }

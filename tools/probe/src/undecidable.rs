@@ -57,7 +57,7 @@ pub const UNDECIDABLE: &[Undecidable] = &[
     undecidable(
         &["H27", "S43"],
         "",
-        "which maintenance commands need engineering or factory mode",
+        "which other maintenance commands need engineering or factory mode",
         "a command that is accepted against the assumption would write the Flash",
     ),
     undecidable(
@@ -138,12 +138,7 @@ pub const UNDECIDABLE: &[Undecidable] = &[
         "blocks of Complete Access",
         "the SDK makes no SDO transfers with Complete Access",
     ),
-    undecidable(
-        &["S44", "S45", "S46"],
-        "",
-        "maintenance status, Flash times, saved values",
-        "would write the Flash",
-    ),
+    undecidable(&["S45", "S46"], "", "Flash times, saved values", "would write the Flash"),
     undecidable(
         &["S51"],
         "",

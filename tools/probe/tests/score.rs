@@ -110,6 +110,8 @@ const CONSEQUENCES: &[(&str, &str)] = &[
     ("service_period_us", "H24"),
     ("service_delay_us", "H24"),
     ("service_jitter_us", "H24"),
+    // Found by the same value.
+    ("filter_index", "H16"),
     // Its frames are late.
     ("scheduled_pulse", "H24"),
     // Switched together with a missing entry.

@@ -68,6 +68,20 @@ variants! {
             Fixed = "fixed", "always 100 ms";
             Absent = "none", "none: OP is kept without outputs";
         }
+        maintenance_mode: MaintenanceMode, ["H27", "S43"], "Access mode that maintenance commands need" {
+            ByCommand = "by_command",
+                "engineering to save, load, validate and activate; factory for the others";
+            Factory = "factory", "factory";
+            Run = "run", "none";
+        }
+        maintenance_status: MaintenanceNumbers, ["S44"], "Maintenance status numbers, 0xB000:05" {
+            ManualOrder = "manual_order", "3 is a CRC error, 4 an invalid image";
+            Swapped = "swapped", "4 is a CRC error, 3 an invalid image";
+        }
+        filter_index: FilterIndex, ["H39"], "Index of a filter editing window, 0x8001:43, at a restart" {
+            Lost = "lost", "0";
+            Kept = "kept", "keeps its value";
+        }
         // CAN side
         channels_at_start: ChannelsAtStart, ["S8"], "Channels after power-on, without saved configuration" {
             Off = "off", "off until 0x8001:01 applies a configuration";

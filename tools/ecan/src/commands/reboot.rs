@@ -134,7 +134,9 @@ pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64> {
             if let Some(mark) = mark {
                 mark.undo(bus, slave);
             }
-            let text = format!("slave {slave} {answer} the command and did not restart");
+            let text = format!(
+                "slave {slave} {answer} the command and did not restart (by 0x8001:43, assumption H39)"
+            );
             return Err(Failure::Rejected(text));
         }
         if elapsed() >= timeout_ns {

@@ -5,6 +5,7 @@ mod identity;
 mod images;
 mod loopback;
 mod mailbox;
+mod maintenance;
 mod node_modes;
 mod objects;
 mod operation;
@@ -32,6 +33,7 @@ const GROUPS: &[&[Experiment]] = &[
     statuses::EXPERIMENTS,
     states::EXPERIMENTS,
     mailbox::EXPERIMENTS,
+    maintenance::EXPERIMENTS,
     images::EXPERIMENTS,
     service_loop::EXPERIMENTS,
     operation::EXPERIMENTS,

@@ -8,7 +8,7 @@ use ecan_protocol::mapping::CHANNELS;
 use crate::experiment::Experiment;
 use crate::interruption::{Interruption, Result, unavailable};
 use crate::measured::Restart;
-use crate::outcome::Outcome;
+use crate::outcome::{Outcome, Verdict};
 use crate::probe::Probe;
 use crate::sdo::Upload;
 use crate::stage::Stage;
@@ -50,11 +50,18 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         run: counters,
     },
     Experiment {
-        rows: &["H16", "H39"],
+        rows: &["H16"],
         key: "",
         stage: Stage::PreOp,
         assumption: "a volatile setting is lost with a restart",
         run: volatile_setting,
+    },
+    Experiment {
+        rows: &["H39"],
+        key: "filter_index",
+        stage: Stage::PreOp,
+        assumption: "the index of a filter editing window is lost with a restart",
+        run: filter_index,
     },
 ];
 
@@ -214,6 +221,11 @@ fn counters(probe: &mut Probe) -> Result<Outcome> {
         }
     }
     Ok(Outcome::holds("the counters of 0x9000 and 0x9020 are 0"))
+}
+
+fn filter_index(probe: &mut Probe) -> Result<Outcome> {
+    let outcome = volatile_setting(probe)?;
+    Ok(if outcome.verdict == Verdict::Differs { outcome.like("kept") } else { outcome })
 }
 
 fn volatile_setting(probe: &mut Probe) -> Result<Outcome> {
