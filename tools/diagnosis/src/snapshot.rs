@@ -64,7 +64,7 @@ pub enum ReadError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
     /// Entries for the report and its findings: about 50 of a gateway without active profile and
-    /// channels, up to 160 in operation, plus those of a configuration that was not applied.
+    /// channels, up to 190 in operation, plus those of a configuration that was not applied.
     Findings,
     /// Everything that is state: about 650 entries.
     Everything,
@@ -164,7 +164,14 @@ impl Snapshot {
             (0x8000, 4 | 11 | 13 | 15) => true,
             (0x8000, 6..=9) => is_unapplied(u16::from(subindex) - 6),
             (0x8001..=0x8004, 2 | 4) => true,
-            (0x8001..=0x8004, 8 | 15 | 16 | 19..=24 | 33 | 34) => {
+            // The settings of CAN FD, and of a channel that may reject every frame.
+            (0x8001..=0x8004, 65 | 66 | 72) if !self.is_unused(index - 0x8001) => {
+                is_unapplied(index - 0x8001) || self.get(index, 15) == Some(1)
+            }
+            (0x8001..=0x8004, 49 | 55) if !self.is_unused(index - 0x8001) => {
+                is_not(index, 36, 0) && is_not(index, 37, 0)
+            }
+            (0x8001..=0x8004, 7 | 8 | 15 | 16 | 19..=24 | 33 | 34 | 36 | 37) => {
                 is_unapplied(index - 0x8001) || !self.is_unused(index - 0x8001)
             }
             (0x8001..=0x8004, _) => {

@@ -3,6 +3,7 @@
 mod bus_error;
 mod channel;
 mod channel_command;
+mod channel_setting;
 mod data_path;
 mod device;
 mod operation;

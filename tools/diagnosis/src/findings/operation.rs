@@ -175,7 +175,8 @@ fn silence(snapshot: &Snapshot) -> Option<Finding> {
     Finding::fault("mailbox-silent", Location::Slave, format!("objects cannot be read: {why}"))
         .causes(&[
             "the gateway is not in PREOP or higher, or it is starting",
-            "process data leave no bandwidth for the mailbox in the cycle",
+            "process data leave no bandwidth for the mailbox in the cycle; of N = 12 and more a master that \
+             does not split them sends nothing at all",
             "the link is disturbed",
         ])
         .next_step("bring it to PREOP; check its state with `ecan scan`", "16.1")

@@ -71,6 +71,10 @@ fault [bus-off] CAN1: the channel is bus-off and does not send or receive
          4. another node uses another bit rate, or sends CAN FD frames to classic nodes
   next   repair the bus wiring first: 60 ohms between CAN_H and CAN_L; recovery is automatic after 128 sequences of 11 recessive bits
   manual 16.3
+warning [sample-point-range] CAN1: the firmware chooses the sample point of CAN FD: nominal 75.0 to 87.5 %, data 75.0 to 87.5 %
+  causes 1. the range of the defaults was kept; the timing may not match that of the peers
+  next   write the sample point of the peers as both bounds (0x8002:21 to 0x8002:24) and apply the channel
+  manual 5.4.3, 16.3
 ";
     assert_eq!(brief, expected);
 }
