@@ -418,8 +418,8 @@ fn channel_that_does_not_listen_gets_no_frame() {
 }
 
 /// Bus with a frame in each 50 ms for a minute, and a node that acknowledges.
-fn busy(bus: &str) -> Scenario {
-    let bitrate = "bitrate = 500000\n";
+fn busy(bus: &str, bitrate: u32) -> Scenario {
+    let bitrate = format!("bitrate = {bitrate}\n");
     let scenario = Scenario::new(&format!(
         "[[node]]\nkind = \"replay\"\nbus = \"{bus}\"\nfile = \"bus.log\"\n{bitrate}\
          [[node]]\nkind = \"silent\"\nbus = \"{bus}\"\n{bitrate}"
@@ -431,7 +431,7 @@ fn busy(bus: &str) -> Scenario {
 
 #[test]
 fn bus_with_traffic_is_refused_unless_forced() {
-    let (bus, cell) = (busy("0.2"), cell());
+    let (bus, cell) = (busy("0.2", 500_000), cell());
     let cell = path(&cell);
     let output = bus.run(&["selftest", "--config", &cell]);
     let message = String::from_utf8(output.stderr).unwrap();
@@ -446,4 +446,14 @@ fn bus_with_traffic_is_refused_unless_forced() {
     assert_eq!(lines(&printed, "96 frames, no errors").len(), 6, "{printed}");
     let printed = bus.good(&["selftest", "--config", &cell, "--force"]);
     assert_eq!(lines(&printed, "96 frames, no errors").len(), 8, "{printed}");
+}
+
+#[test]
+fn traffic_with_another_bit_rate_is_refused() {
+    let (bus, cell) = (busy("0.1", 250_000), cell());
+    let output = bus.run(&["selftest", "--config", &path(&cell)]);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(5), "{message}");
+    assert!(message.contains("channel 1 of slave 0: bus errors ("), "{message}");
+    assert!(message.contains("as of traffic with another bit rate; "), "{message}");
 }
