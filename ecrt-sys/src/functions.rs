@@ -175,6 +175,10 @@ macro_rules! for_each_function {
             required master_sdo_upload(
                 master: *mut ec_master_t, position: u16, index: u16, subindex: u8, target: *mut u8,
                 target_size: size_t, result_size: *mut size_t, abort_code: *mut u32) -> c_int;
+            /// Writes an object by Complete Access and waits for the response. Blocks.
+            optional master_sdo_download_complete(
+                master: *mut ec_master_t, position: u16, index: u16, data: *const u8,
+                size: size_t, abort_code: *mut u32) -> c_int;
             /// State of all links. Real-time safe.
             status master_state(master: *const ec_master_t, state: *mut ec_master_state_t);
             /// State of one link. Real-time safe if the device exists.
@@ -241,6 +245,12 @@ macro_rules! for_each_function {
             optional slave_config_state_timeout(
                 config: *mut ec_slave_config_t, from: ec_al_state_t, to: ec_al_state_t,
                 timeout_ms: c_uint) -> c_int;
+            /// Size of the queue of CoE emergencies. Not real-time safe.
+            optional slave_config_emerg_size(
+                config: *mut ec_slave_config_t, elements: size_t) -> c_int;
+            /// Takes an emergency, 8 bytes; `ENOENT` without one. Real-time safe.
+            optional slave_config_emerg_pop(
+                config: *mut ec_slave_config_t, target: *mut u8) -> c_int;
             /// State of a slave configuration. Real-time safe.
             status slave_config_state(
                 config: *const ec_slave_config_t, state: *mut ec_slave_config_state_t);

@@ -23,7 +23,7 @@ use std::time::Duration;
 use ecan_protocol::device::OptionalObject;
 use ecan_protocol::mapping::Direction;
 use ecrt_sys::{Clock, Ecrt};
-use tracing::info;
+use tracing::{debug, info};
 
 use crate::bus::{CapabilityValues, Diagnostics, identification, mapping};
 use crate::clocks::DistributedClocks;
@@ -42,6 +42,8 @@ use preparation::Prepared;
 
 /// Pause between two looks at the slaves that are not found, in nanoseconds.
 const FIND_POLL_NS: u64 = 50_000_000;
+/// CoE emergencies that the master keeps of a slave.
+const EMERGENCIES: usize = 8;
 
 #[derive(Debug)]
 struct Slave {
@@ -286,6 +288,10 @@ impl Adapter {
         master
             .config_watchdog(config, 0, u16::try_from(intervals).unwrap_or(u16::MAX))
             .map_err(fail("ecrt_slave_config_watchdog"))?;
+        // Without the queue, emergencies are lost and nothing else.
+        if let Err(errno) = master.config_emergencies(config, EMERGENCIES) {
+            debug!(slave, "ecrt_slave_config_emerg_size failed: {errno}");
+        }
         if let Some(dc) = self.config.dc {
             let shift = i32::try_from(dc.shift_ns()).unwrap_or(i32::MAX);
             master

@@ -218,6 +218,13 @@ impl Adapter {
         }
     }
 
+    /// Takes a CoE emergency of a slave (8 bytes: error code, error register, data). The master receives it with
+    /// the response of an SDO transfer, and keeps eight. `None` without one; then IgH writes a line to stderr.
+    pub fn take_emergency(&mut self, slave: usize) -> Option<[u8; 8]> {
+        let config = self.slaves.get(slave)?.config;
+        self.master.take_emergency(config).ok()
+    }
+
     /// Whether every slave is in OP and exchanged both directions in the last cycle.
     pub fn all_operational(&self) -> Result<bool, CycleError> {
         for slave in 0..self.slaves.len() {

@@ -214,6 +214,22 @@ impl Diagnostics {
             .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, subindex), e, 1))
     }
 
+    /// Downloads an object by Complete Access, from subindex 0 on, of which the entry has 16 bits. Never repeated.
+    ///
+    /// # Errors
+    /// The abort code if the slave rejected it; one without Complete Access has 0x06010000.
+    pub fn sdo_download_complete(
+        &self,
+        slave: usize,
+        index: u16,
+        data: &[u8],
+    ) -> Result<(), Error> {
+        let position = self.ring_position(slave)?;
+        self.master
+            .sdo_download_complete(position, index, data)
+            .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, 0), e, 1))
+    }
+
     /// Current position of a configured slave: alias 0 counts from the start, another one from
     /// the slave that has it.
     pub(crate) fn ring_position(&self, slave: usize) -> Result<u16, Error> {

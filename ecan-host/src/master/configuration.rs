@@ -202,6 +202,30 @@ impl Master {
         usize::try_from(offset).map_err(|_| Errno::ERANGE)
     }
 
+    /// Sets the size of the queue of CoE emergencies of the slave. Before activation.
+    ///
+    /// # Errors
+    /// `ENOSYS` if the library lacks the function.
+    pub fn config_emergencies(&mut self, config: SlaveConfigId, count: usize) -> Result<(), Errno> {
+        let function = self.ecrt.functions().slave_config_emerg_size.ok_or(Errno::ENOSYS)?;
+        let raw = self.slave_config_raw(config)?;
+        // SAFETY: as in `config_sync_manager`.
+        Errno::check(unsafe { function(raw, count) })
+    }
+
+    /// Takes a CoE emergency that the master received with another mailbox response: error code, error register,
+    /// data. Without one, the library also writes a line to stderr.
+    ///
+    /// # Errors
+    /// `ENOENT` without one, `ENOSYS` if the library lacks the function.
+    pub fn take_emergency(&mut self, config: SlaveConfigId) -> Result<[u8; 8], Errno> {
+        let function = self.ecrt.functions().slave_config_emerg_pop.ok_or(Errno::ENOSYS)?;
+        let raw = self.slave_config_raw(config)?;
+        let mut message = [0; 8];
+        // SAFETY: as in `config_sync_manager`; an emergency has 8 bytes.
+        Errno::check(unsafe { function(raw, message.as_mut_ptr()) }).map(|()| message)
+    }
+
     /// State of a slave configuration; lags the bus by seconds. Real-time safe.
     pub fn config_state(&self, config: SlaveConfigId) -> Result<SlaveConfigState, Errno> {
         let raw = self.slave_config_raw(config)?;

@@ -113,6 +113,29 @@ impl Master {
     }
 }
 
+impl Master {
+    /// Writes an object of the slave at a ring position by Complete Access, from subindex 0 on. Blocks until the
+    /// slave answers.
+    ///
+    /// # Errors
+    /// As [`sdo_download`](Self::sdo_download); `ENOSYS` if the library lacks the function.
+    pub fn sdo_download_complete(
+        &self,
+        position: u16,
+        index: u16,
+        data: &[u8],
+    ) -> Result<(), SdoError> {
+        let function = self.ecrt.functions().master_sdo_download_complete;
+        let function = function.ok_or(SdoError::new(Errno::ENOSYS, 0))?;
+        let mut abort_code = 0;
+        // SAFETY: as in `sdo_download`.
+        let status = unsafe {
+            function(self.raw.as_ptr(), position, index, data.as_ptr(), data.len(), &mut abort_code)
+        };
+        Errno::check(status).map_err(|errno| SdoError::new(errno, abort_code))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

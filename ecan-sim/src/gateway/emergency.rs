@@ -41,6 +41,12 @@ impl Emergency {
         Self { code, register, data: [channel.to_le_bytes()[0], 0, 0, 0, 0] }
     }
 
+    /// Error code, error register and data.
+    pub(crate) fn message(self) -> [u8; 8] {
+        let ([low, high], [a, b, c, d, e]) = (self.code.to_le_bytes(), self.data);
+        [low, high, self.register, a, b, c, d, e]
+    }
+
     /// The slave fell back on its own; the AL status code is in the first two bytes.
     pub(super) fn al_error(status: AlStatusCode) -> Self {
         let code = match status {

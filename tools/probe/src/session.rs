@@ -266,6 +266,14 @@ impl Session {
         Ok(u32::from_le_bytes(bytes))
     }
 
+    /// The same while the gateway may be outside OP.
+    pub(crate) fn read_while_silent(&mut self, index: u16, subindex: u8) -> Result<u32> {
+        self.may_be_silent = true;
+        let value = self.read(index, subindex);
+        self.may_be_silent = false;
+        value
+    }
+
     pub(crate) fn write(&mut self, index: u16, subindex: u8, value: u32) -> Result {
         let size = size_of(index, subindex);
         let request = self.downloads.iter().find(|it| it.0 == size).map_or(self.upload, |it| it.1);

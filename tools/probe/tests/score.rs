@@ -91,8 +91,6 @@ fn default_gateway_has_no_difference() {
 
 /// Alternatives that the probe cannot distinguish from others or does not find, with the reason.
 const NOT_NAMED: &[(&str, &str, &str)] = &[
-    ("emergencies", "\"none\"", "the SDK does not read CoE emergencies"),
-    ("complete_access", "true", "the SDK makes no SDO transfers with Complete Access"),
     (
         "reboot_delay_ms",
         "1",

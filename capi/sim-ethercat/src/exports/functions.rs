@@ -35,9 +35,6 @@ ecrt_sys::for_each_function!(export);
 // Functions that the SDK does not use.
 export! {
     status master_reserve(master: *mut ec_master_t);
-    status master_sdo_download_complete(
-        master: *mut ec_master_t, position: u16, index: u16, data: *const u8, size: size_t,
-        abort_code: *mut u32);
     status slave_config_pdos(
         config: *mut ec_slave_config_t, sync_count: c_uint, syncs: *const ec_sync_info_t);
     required slave_config_reg_pdo_entry_pos(
@@ -51,8 +48,6 @@ export! {
         config: *mut ec_slave_config_t, index: u16, subindex: u8, value: u32);
     status slave_config_complete_sdo(
         config: *mut ec_slave_config_t, index: u16, data: *const u8, size: size_t);
-    status slave_config_emerg_size(config: *mut ec_slave_config_t, elements: size_t);
-    status slave_config_emerg_pop(config: *mut ec_slave_config_t, target: *mut u8);
     status slave_config_emerg_clear(config: *mut ec_slave_config_t);
     status slave_config_emerg_overruns(config: *const ec_slave_config_t);
     status domain_reg_pdo_entry_list(

@@ -27,6 +27,17 @@ use libc::{c_char, c_int, c_uint, size_t};
 /// AL state bits of OP.
 const OPERATIONAL: u8 = 8;
 
+/// Takes an emergency of the slave. IgH takes it with the response of an SDO transfer.
+fn take_emergency(config: *const ec_slave_config_t) -> CallResult<[u8; 8]> {
+    let call = on_config(config)?;
+    call.with(|state| {
+        let slave = state.master.config(call.object)?.slave;
+        let slave = slave.and_then(|slave| state.master.slaves.get(slave)).ok_or(libc::ENOENT)?;
+        let taken = state.world.with_gateway(slave.slot, |gateway, _| gateway.take_emergency());
+        taken.flatten().map(crate::gateway::Emergency::message).ok_or(libc::ENOENT)
+    })
+}
+
 pub unsafe extern "C" fn master_create_domain(master: *mut ec_master_t) -> *mut ec_domain_t {
     handle_or_null(|| {
         let call = on_master(master)?;
@@ -332,19 +343,23 @@ functions! {
         unsafe { store(state, value) }
     }
 
-    /// Size of the queue of emergency messages (CoE). The gateway sends none.
+    /// Size of the queue of emergency messages (CoE). The gateway keeps them: they need no queue.
     one_form slave_config_emerg_size(config: *mut ec_slave_config_t, _elements: size_t) {
         change_config(config, |_| Ok(()))
     }
 
-    /// `ENOENT`: there is no emergency message.
-    one_form slave_config_emerg_pop(config: *mut ec_slave_config_t, _target: *mut u8) {
-        on_config(config).and(Err(libc::ENOENT))
+    /// `ENOENT` without an emergency message.
+    one_form slave_config_emerg_pop(config: *mut ec_slave_config_t, target: *mut u8) {
+        let message = take_emergency(config)?;
+        // SAFETY: the caller passes a pointer to eight bytes, or null.
+        unsafe { store(target.cast(), message) }
     }
 
     /// Clears emergency messages and overruns.
     one_form slave_config_emerg_clear(config: *mut ec_slave_config_t) {
-        on_config(config).map(drop)
+        on_config(config)?;
+        while take_emergency(config).is_ok() {}
+        Ok(())
     }
 
     /// Number of lost emergency messages.

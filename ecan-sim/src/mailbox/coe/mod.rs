@@ -33,8 +33,7 @@ fn message(service: u8, parts: &[&[u8]]) -> Vec<u8> {
 }
 
 pub(super) fn emergency_message(emergency: Emergency) -> Vec<u8> {
-    let Emergency { code, register, data } = emergency;
-    message(service::EMERGENCY, &[&code.to_le_bytes(), &[register], &data])
+    message(service::EMERGENCY, &[&emergency.message()])
 }
 
 pub(super) fn request(

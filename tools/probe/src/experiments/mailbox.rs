@@ -2,6 +2,10 @@
 
 use std::time::Duration;
 
+use ecan_host::Error;
+use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER, assignment_index};
+use ecan_protocol::object::AbortCode;
+
 use crate::experiment::Experiment;
 use crate::interruption::Result;
 use crate::outcome::Outcome;
@@ -16,6 +20,13 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         stage: Stage::PreOp,
         assumption: "SDO information describes the object dictionary",
         run: sdo_information,
+    },
+    Experiment {
+        rows: &["S27"],
+        key: "complete_access",
+        stage: Stage::PreOp,
+        assumption: "SDO Complete Access is not supported",
+        run: complete_access,
     },
     Experiment {
         rows: &["S23", "S38"],
@@ -43,6 +54,28 @@ fn sdo_information(probe: &mut Probe) -> Result<Outcome> {
         }
         probe.sleep_ns(POLL_NS);
     }
+}
+
+/// Writes the PDO assignment as it is; each session writes it again.
+fn complete_access(probe: &mut Probe) -> Result<Outcome> {
+    let index = assignment_index(Direction::RxPdo);
+    let count = probe.sdo().read(index, 0)?;
+    let mut block = count.to_le_bytes()[..2].to_vec();
+    for nth in 1..=count.min(u32::from(MAX_MULTIPLIER)) {
+        let pdo = probe.sdo().read(index, nth as u8)?;
+        block.extend(&pdo.to_le_bytes()[..2]);
+    }
+    let written = probe.diagnostics.sdo_download_complete(probe.slave, index, &block);
+    Ok(match written {
+        Ok(()) => Outcome::differs("a download of 0x1C12 succeeded").like("true"),
+        Err(Error::Sdo { abort_code: Some(AbortCode::UNSUPPORTED_ACCESS), .. }) => {
+            Outcome::holds("a download of 0x1C12 aborts with 0x06010000")
+        }
+        Err(Error::Sdo { abort_code: Some(code), .. }) => {
+            Outcome::undecided(format!("a download of 0x1C12 aborts with {code}"))
+        }
+        Err(error) => return Err(error.into()),
+    })
 }
 
 /// Cycles with which the transfers are measured, in ms.

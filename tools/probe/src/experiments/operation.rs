@@ -40,6 +40,13 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         assumption: "the process data watchdog counts in units of 100 us, and ends OP with AL status 0x001B",
         run: watchdog,
     },
+    Experiment {
+        rows: &["S42"],
+        key: "emergencies",
+        stage: Stage::Op,
+        assumption: "a CoE emergency with code 0x8130 reports the watchdog",
+        run: emergencies,
+    },
 ];
 
 fn controller(probe: &mut Probe) -> Result<Outcome> {
@@ -145,5 +152,39 @@ fn watchdog(probe: &mut Probe) -> Result<Outcome> {
         [(false, _), (false, _), (true, 0 | 0x001B)] => Outcome::differs(detail).like("fixed"),
         [(false, _), (false, _), (false, _)] => Outcome::differs(detail).like("none"),
         _ => Outcome::differs(detail),
+    })
+}
+
+/// Error code "life guard".
+const LIFE_GUARD: u16 = 0x8130;
+
+/// Lets the watchdog expire, and reads an object: with its response the master receives the emergency.
+fn emergencies(probe: &mut Probe) -> Result<Outcome> {
+    let setup = Setup { watchdog: Duration::from_millis(WATCHDOG_MS), ..Setup::plain() };
+    let session = probe.session(&setup)?;
+    session.cycles(5)?;
+    let clock = session.adapter.ecrt().clock().clone();
+    clock.sleep_until_ns(clock.now_ns() + PAUSES_MS[2] * 1_000_000);
+    let mut emergency = session.adapter.take_emergency(0);
+    if emergency.is_none() {
+        // Fails if the master configures the gateway again.
+        let _ = session.read_while_silent(0x8010, 2);
+        emergency = session.adapter.take_emergency(0);
+    }
+    let (state, _) = session.al_status()?;
+    session.take_missed();
+    probe.end_session()?;
+    Ok(match emergency {
+        Some([low, high, ..]) => {
+            let code = u16::from_le_bytes([low, high]);
+            let detail = format!("emergency 0x{code:04X} after a pause of the process data");
+            Outcome::decided(code == LIFE_GUARD, detail)
+        }
+        None if state == Some(AlState::SafeOp) => {
+            Outcome::differs("the watchdog ended OP without an emergency").like("none")
+        }
+        None => Outcome::undecided(
+            "no emergency: the watchdog did not end OP, or the master left SAFEOP before it fetched one",
+        ),
     })
 }
