@@ -41,6 +41,8 @@ pub struct CanBus {
     report_due: bool,
     /// Time at which the next transmission or recovery ends, as last planned.
     next_end: Option<u64>,
+    /// True if two stations have sample points.
+    has_sampling: bool,
     /// True if a station may be in internal loopback or recovering from bus-off.
     has_local_activity: bool,
 }
@@ -94,11 +96,13 @@ impl CanBus {
     }
 
     /// Sets sample points and delays of a station, for frames planned from now on. `None`, the
-    /// default, samples each bit correctly; only two stations with them can disturb each other.
+    /// default, samples each bit correctly. They have an effect if two stations have them.
     pub fn set_physical_layer(&mut self, station: StationId, layer: Option<PhysicalLayer>) {
         if let Some(slot) = self.stations.get_mut(station.0) {
             slot.physical_layer = layer;
         }
+        let sampling = self.stations.iter().filter(|it| it.physical_layer.is_some()).count();
+        self.has_sampling = sampling > 1;
     }
 
     /// Configuration of a station.
@@ -279,6 +283,15 @@ impl CanBus {
     #[must_use]
     pub fn error_state(&self, station: StationId) -> ErrorState {
         self.stations.get(station.0).map_or(ErrorState::Active, |s| s.counters.state())
+    }
+
+    /// Number of errors that the station detected, and of those that raised an error counter.
+    pub(crate) fn error_counts(&self, station: StationId) -> (u64, u64) {
+        self.stations.get(station.0).map_or((0, 0), |s| {
+            let StationStatistics { transmit_errors, receive_errors, counted_errors, .. } =
+                s.statistics;
+            (transmit_errors + receive_errors, counted_errors)
+        })
     }
 
     /// Last error that the station detected since it was configured.

@@ -46,11 +46,3 @@ pub struct StationStatistics {
     /// Number of bus-off events.
     pub bus_offs: u64,
 }
-
-impl StationStatistics {
-    /// Failed transmissions, own ones and those of others.
-    #[must_use]
-    pub const fn errors(&self) -> u64 {
-        self.transmit_errors + self.receive_errors
-    }
-}

@@ -311,8 +311,7 @@ impl World {
             link.reported = state;
             slot.gateway.bus_state(now, channel, state.0, tec, rec);
         }
-        let statistics = bus.bus.station_statistics(link.station);
-        let errors = (statistics.errors(), statistics.counted_errors);
+        let errors = bus.bus.error_counts(link.station);
         if link.errors_reported != errors
             && let Some(last) = bus.bus.last_error(link.station)
         {

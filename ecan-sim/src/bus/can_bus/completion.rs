@@ -118,6 +118,7 @@ impl CanBus {
         good: bool,
         events: &mut Vec<BusEvent>,
     ) -> bool {
+        let sampling = self.sampling_of(t);
         let mut states_changed = false;
         for (index, station) in self.stations.iter_mut().enumerate() {
             if index == t.transmitter {
@@ -127,7 +128,7 @@ impl CanBus {
                 continue;
             };
             let counts = config.mode == StationMode::Normal;
-            let readable = t.read_by(index, station, config);
+            let readable = t.read_by(sampling.as_ref(), index, station, config);
             if good && readable.is_ok() {
                 if counts {
                     station.counters.received();

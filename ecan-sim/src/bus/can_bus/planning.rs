@@ -46,7 +46,6 @@ pub(super) enum TransmissionResult {
 pub(super) struct Transmission {
     pub transmitter: usize,
     pub config: StationConfig,
-    pub physical_layer: Option<PhysicalLayer>,
     pub frame: CanFrame,
     pub timing: FrameTiming,
     pub key: u32,
@@ -55,7 +54,6 @@ pub(super) struct Transmission {
     pub result: TransmissionResult,
     /// Phase in which the sender detects the error of an unsuccessful result.
     pub phase: Phase,
-    pub draw: Draw,
     pub collision: bool,
     /// True if other stations were ready at the same start.
     pub contested: bool,
@@ -109,7 +107,6 @@ impl CanBus {
         let mut planned = Transmission {
             transmitter,
             config: *config,
-            physical_layer: station.physical_layer,
             frame,
             timing,
             key,
@@ -117,7 +114,6 @@ impl CanBus {
             end: start,
             result: TransmissionResult::Delivered,
             phase: Phase::Nominal,
-            draw: Draw(self.seed ^ self.transmissions),
             collision,
             contested,
         };
@@ -128,6 +124,7 @@ impl CanBus {
     /// Sets result and end from the present state of the stations.
     fn predict(&self, t: &mut Transmission) {
         let mut acknowledged = t.config.mode == StationMode::ExternalLoopback;
+        let sampling = self.sampling_of(t);
         let mut is_late = false;
         let mut destroyed: Option<(u64, Phase)> = None;
         for (index, station) in self.stations.iter().enumerate() {
@@ -140,8 +137,11 @@ impl CanBus {
             if config.mode != StationMode::Normal {
                 continue;
             }
-            match t.read_by(index, station, config) {
-                Ok(()) if t.is_late_acknowledge(index, station) => is_late = true,
+            let sampling = sampling.as_ref();
+            match t.read_by(sampling, index, station, config) {
+                Ok(()) if sampling.is_some_and(|it| it.acknowledges_late(index, station)) => {
+                    is_late = true;
+                }
                 Ok(()) => acknowledged = true,
                 Err(mismatch) if !station.counters.is_passive() => {
                     let (after, phase) = (mismatch_ns(mismatch, t), t.phase_of(mismatch));
@@ -158,7 +158,7 @@ impl CanBus {
         let (result, phase, length) = if disturbed {
             let bits = DISTURBED_AFTER_BITS + ERROR_FRAME_BITS;
             (TransmissionResult::Disturbed, Phase::Nominal, t.config.bits_ns(bits))
-        } else if t.misses_echo() {
+        } else if sampling.is_some_and(|sampling| sampling.misses_echo(t)) {
             let after = t.after_switch_ns(ECHO_ERROR_AFTER_BITS);
             (TransmissionResult::EchoMissed, Phase::Data, after + error_frame)
         } else if let Some((after, phase)) = destroyed {
@@ -198,19 +198,36 @@ impl CanBus {
     }
 }
 
-impl Transmission {
-    /// Returns whether a station can read the frame.
-    pub(super) fn read_by(
-        &self,
-        index: usize,
-        station: &Station,
-        config: &StationConfig,
-    ) -> Result<(), Mismatch> {
-        config.can_read(&self.config, &self.frame)?;
-        if let (Some(sender), Some(receiver)) = (&self.physical_layer, &station.physical_layer)
-            && self.switches()
+/// Sampling of a transmission whose sender has sample points.
+pub(super) struct Sampling {
+    sender: PhysicalLayer,
+    rates: BitRates,
+    /// The frame has a data phase.
+    has_switch: bool,
+    draw: Draw,
+}
+
+impl CanBus {
+    /// `None` if no two stations have sample points.
+    pub(super) fn sampling_of(&self, t: &Transmission) -> Option<Sampling> {
+        if !self.has_sampling {
+            return None;
+        }
+        Some(Sampling {
+            sender: self.stations.get(t.transmitter)?.physical_layer?,
+            rates: BitRates { nominal: t.config.nominal_bitrate, data: t.config.data_bitrate },
+            has_switch: t.timing.data_bits != 0,
+            draw: Draw(self.seed ^ self.transmissions),
+        })
+    }
+}
+
+impl Sampling {
+    fn read_by(&self, index: usize, station: &Station) -> Result<(), Mismatch> {
+        if let Some(receiver) = &station.physical_layer
+            && self.has_switch
         {
-            let (error, probability) = sender.switch_error(receiver, self.rates());
+            let (error, probability) = self.sender.switch_error(receiver, self.rates);
             if self.draw.hits(probability, index, Sample::Switch) {
                 return Err(match error {
                     SwitchError::Late => Mismatch::SwitchLate,
@@ -221,29 +238,32 @@ impl Transmission {
         Ok(())
     }
 
-    fn is_late_acknowledge(&self, index: usize, station: &Station) -> bool {
-        let (Some(sender), Some(receiver)) = (&self.physical_layer, &station.physical_layer) else {
-            return false;
-        };
-        let probability = sender.late_acknowledge(receiver, self.rates(), self.switches());
+    fn acknowledges_late(&self, index: usize, station: &Station) -> bool {
+        let Some(receiver) = &station.physical_layer else { return false };
+        let probability = self.sender.late_acknowledge(receiver, self.rates, self.has_switch);
         self.draw.hits(probability, index, Sample::Acknowledge)
     }
 
-    fn misses_echo(&self) -> bool {
-        let Some(physical_layer) = self.physical_layer.filter(|_| self.switches()) else {
-            return false;
-        };
-        let probability = physical_layer.echo_error(self.rates());
-        self.draw.hits(probability, self.transmitter, Sample::Echo)
+    fn misses_echo(&self, t: &Transmission) -> bool {
+        let probability = if self.has_switch { self.sender.echo_error(self.rates) } else { 0 };
+        self.draw.hits(probability, t.transmitter, Sample::Echo)
     }
+}
 
-    /// Returns whether the frame has a data phase.
-    fn switches(&self) -> bool {
-        self.timing.data_bits != 0
-    }
-
-    fn rates(&self) -> BitRates {
-        BitRates { nominal: self.config.nominal_bitrate, data: self.config.data_bitrate }
+impl Transmission {
+    /// Returns whether a station can read the frame.
+    pub(super) fn read_by(
+        &self,
+        sampling: Option<&Sampling>,
+        index: usize,
+        station: &Station,
+        config: &StationConfig,
+    ) -> Result<(), Mismatch> {
+        config.can_read(&self.config, &self.frame)?;
+        match sampling {
+            Some(sampling) => sampling.read_by(index, station),
+            None => Ok(()),
+        }
     }
 
     fn after_switch_ns(&self, data_bits: u32) -> u64 {
