@@ -268,8 +268,8 @@ impl TransmitTracker {
         let rates = rates(channel);
         Some(if status.warn() {
             format!(
-                "channel {channel} gets no acknowledgement; check for another node with {rates}, \
-                 wiring and termination"
+                "channel {channel} gets no acknowledgement; check for another node with {rates} \
+                 and the same sample points, wiring and termination"
             )
         } else {
             format!("channel {channel} has pending frames; check the bus load")

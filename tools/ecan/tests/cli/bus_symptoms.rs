@@ -9,7 +9,7 @@ use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{ClockKind, Scenario, SimOptions};
 
-use crate::support::{ends, simulated};
+use crate::support::{ends, fails, good, scenario, setting, simulated};
 
 const CYCLES: u32 = 1_000;
 const CHECK: &str = "next   compare bit rates, sample points (nominal and data), TDC and bit rate switch (BRS) with \
@@ -129,6 +129,25 @@ fn sent_frames_at_later_sample_point_lead_to_data_phase() {
             CHECK,
         ],
     );
+}
+
+/// The program that sends names the check, too.
+#[test]
+fn frame_that_a_peer_cannot_sample_is_reported_as_not_sent() {
+    let sent_to = |point: f64| {
+        let keys = format!("sample_point = {point}\ndata_sample_point = 87.5\n");
+        scenario(&format!("[[gateway]]\n[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n{keys}"))
+    };
+    let send = |ecrt: &str, run: &dyn Fn(&[&str]) -> String| {
+        let points = ["--sample-point", "87.5", "--data-sample-point", "87.5"];
+        let rates = ["--bitrate", "1000000", "--data-bitrate", "5000000"];
+        run(&[&["--ecrt", ecrt, "send"][..], &rates, &points, &["123##1112233"]].concat())
+    };
+    let message = send(&setting(&sent_to(95.0)), &|arguments| fails(1, arguments));
+    let check = "check for another node with 1000000/5000000 bit/s and the same sample points, wiring and \
+                 termination";
+    assert!(message.contains(check), "{message}");
+    assert_eq!(send(&setting(&sent_to(87.5)), &good), "can0 123##1112233 sent\n");
 }
 
 #[test]
