@@ -16,7 +16,8 @@ use crate::filter_compare::{self, FilterList};
 /// whose index changes; nothing else is written, and the active filters are unchanged.
 ///
 /// # Errors
-/// The error of the first transfer that failed.
+/// The error of the first transfer that failed. An entry that the device does not have is a difference,
+/// unless the startup [assumes](ecan_protocol::device::assumed_value) a value for it.
 pub fn differences(
     bus: &Diagnostics,
     slave: usize,
@@ -39,8 +40,8 @@ pub fn differences(
             StartupStep::Download(write) => {
                 let is_last = last.get(&(write.index, write.subindex)) == Some(&at);
                 if is_last && !is_command(&write) {
-                    let found = bus.sdo_upload_u32(slave, write.index, write.subindex)?;
-                    if !is_same(&write, found) {
+                    let found = read(bus, slave, (write.index, write.subindex))?;
+                    if !found.is_some_and(|found| is_same(&write, found)) {
                         differences.push(Difference {
                             index: write.index,
                             subindex: write.subindex,
@@ -53,8 +54,8 @@ pub fn differences(
                 }
             }
             StartupStep::Expect { index, subindex, expected } => {
-                let found = bus.sdo_upload_u32(slave, index, subindex)?;
-                if !expected.is_met_by(found.into()) {
+                let found = read(bus, slave, (index, subindex))?;
+                if !found.is_some_and(|found| expected.is_met_by(found.into())) {
                     differences.push(Difference {
                         index,
                         subindex,
@@ -68,9 +69,71 @@ pub fn differences(
         }
     }
     for list in lists {
-        list.compare(bus, slave, &mut differences)?;
+        match list.compare(bus, slave, &mut differences) {
+            Err(Error::Sdo { index, subindex, .. })
+                if is_lacking(bus, slave, (index, subindex)) =>
+            {
+                let expected = Expected::Loaded;
+                let (filter, found, is_set_at_start) = (None, None, false);
+                differences.push(Difference {
+                    index,
+                    subindex,
+                    filter,
+                    expected,
+                    found,
+                    is_set_at_start,
+                });
+            }
+            compared => compared?,
+        }
     }
     Ok(differences)
+}
+
+/// The value of an entry; `None` if the device does not have it.
+fn read(
+    bus: &Diagnostics,
+    slave: usize,
+    (index, subindex): (u16, u8),
+) -> Result<Option<u32>, Error> {
+    let value = bus.sdo_upload_u32(slave, index, subindex);
+    match Error::or_assumed(value, index, subindex) {
+        Err(error) if error.is_missing_object() => Ok(None),
+        value => value.map(Some),
+    }
+}
+
+fn is_lacking(bus: &Diagnostics, slave: usize, entry: (u16, u8)) -> bool {
+    matches!(read(bus, slave, entry), Ok(None))
+}
+
+/// Entries that steps write and a device does not have, without commands, in the order of the steps.
+///
+/// Blocks for one transfer per entry.
+///
+/// # Errors
+/// The error of the first transfer that the device did not answer. Other aborts are left to the write.
+pub fn missing_entries(
+    bus: &Diagnostics,
+    slave: usize,
+    steps: &[StartupStep],
+) -> Result<Vec<(u16, u8)>, Error> {
+    let mut entries: Vec<(u16, u8)> = Vec::new();
+    let mut missing = Vec::new();
+    for step in steps {
+        let StartupStep::Download(write) = step else { continue };
+        let entry = (write.index, write.subindex);
+        if is_command(write) || entries.contains(&entry) {
+            continue;
+        }
+        entries.push(entry);
+        match read(bus, slave, entry) {
+            Ok(None) => missing.push(entry),
+            Err(Error::Sdo { abort_code: Some(_), .. }) | Ok(Some(_)) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(missing)
 }
 
 /// True if the device has the written value. A cache depth has two numbers (manual 13.2.2).

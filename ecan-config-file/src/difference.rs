@@ -37,8 +37,8 @@ pub struct Difference {
     pub filter: Option<u8>,
     /// Value of the file.
     pub expected: Expected,
-    /// Value of the device.
-    pub found: u32,
+    /// Value of the device; `None` if it does not have the entry.
+    pub found: Option<u32>,
     /// True if the master writes the entry at each start: the PDO assignment and the active profile.
     /// The flash does not keep these, so they differ from power-up to the start.
     pub is_set_at_start: bool,
@@ -55,16 +55,23 @@ impl fmt::Display for Difference {
             Some(text) => format!(" ({text})"),
             None => String::new(),
         };
-        let text = match self.expected {
-            Expected::Value(value) => meaning(value),
-            Expected::Readback(_) => String::new(),
-            Expected::Loaded => {
-                let found = self.found;
-                return write!(f, ": the device does not load it, {found}{}", meaning(found));
-            }
-        };
         let (expected, found) = (self.expected, self.found);
-        write!(f, ": the file has {expected}{text}, the device {found}{}", meaning(found))
+        let text = match expected {
+            Expected::Value(value) => meaning(value),
+            Expected::Readback(_) | Expected::Loaded => String::new(),
+        };
+        match (expected, found) {
+            (_, None) => write!(
+                f,
+                ": the file has {expected}{text}, the device lacks it (assumption H42: older firmware)"
+            ),
+            (Expected::Loaded, Some(found)) => {
+                write!(f, ": the device does not load it, {found}{}", meaning(found))
+            }
+            (_, Some(found)) => {
+                write!(f, ": the file has {expected}{text}, the device {found}{}", meaning(found))
+            }
+        }
     }
 }
 
@@ -80,7 +87,7 @@ mod tests {
             subindex,
             filter: Some(3),
             expected: Expected::Loaded,
-            found: 1,
+            found: Some(1),
             is_set_at_start: false,
         };
         let text = difference.to_string();

@@ -66,7 +66,7 @@ impl FilterList {
                 subindex,
                 filter,
                 expected,
-                found,
+                found: Some(found),
                 is_set_at_start,
             });
         };

@@ -55,7 +55,7 @@ use ecan_cia402::AxisConfig;
 use ecan_host::{Expectation, StartupStep};
 use ecan_mcan_port::Config;
 
-pub use compare::differences;
+pub use compare::{differences, missing_entries};
 pub use device::{ResolveError, ResolvedGateway, apply, find};
 pub use device_profile::DeviceProfile;
 pub use difference::{Difference, Expected};

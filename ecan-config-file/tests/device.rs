@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use common::{MS, fixture, two, with};
 use ecan_config_file::{
     Difference, Expected, FlashCommand, ResolveError, ResolvedGateway, apply, differences, find,
-    startup,
+    missing_entries, startup,
 };
 use ecan_host::{Clock, Error, MaintenanceError, StartupStep};
 use ecan_mcan_port::Port;
@@ -55,6 +55,35 @@ fn saved_configuration_survives_power_cycle() {
 }
 
 #[test]
+fn entries_that_the_device_lacks_are_differences() {
+    let (fixture, file) = (fixture(2), two());
+    let steps = startup(&file, 0);
+    let lacking = |index, subindex| {
+        let fault = GatewayFault::SdoAbort { index, subindex, code: 0x0609_0011, times: u32::MAX };
+        fixture.simulation.inject(Fault::Gateway { gateway: 0, fault });
+    };
+    let before = differences(&fixture.bus, 0, &steps).unwrap();
+    assert_eq!(missing_entries(&fixture.bus, 0, &steps).unwrap(), []);
+    lacking(0x8001, 19);
+    lacking(0x8021, 4);
+    let found = differences(&fixture.bus, 0, &steps).unwrap();
+    let missing: Vec<_> = found.iter().filter(|it| it.found.is_none()).collect();
+    let entries: Vec<_> = missing.iter().map(|it| (it.index, it.subindex)).collect();
+    assert_eq!(entries, [(0x8001, 19), (0x8021, 4)]);
+    assert!(
+        missing[0].to_string().ends_with("the device lacks it (assumption H42: older firmware)")
+    );
+    let others = |all: &[Difference]| {
+        all.iter()
+            .filter(|it| !entries.contains(&(it.index, it.subindex)))
+            .cloned()
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(others(&found), others(&before), "the other entries are compared");
+    assert_eq!(missing_entries(&fixture.bus, 0, &steps).unwrap(), entries);
+}
+
+#[test]
 fn unsaved_configuration_is_lost_by_power_cycle() {
     let (fixture, file) = (fixture(2), two());
     let (bus, clock) = (&fixture.bus, fixture.ecrt.clock().as_ref());
@@ -96,7 +125,7 @@ fn difference_names_entry_and_filter() {
     bus.sdo_download(1, 0x8022, 7, &[16]).unwrap();
     let found = differences(bus, 1, &steps).unwrap();
     assert_eq!(entries(&found), [(0x8022, 16, None), (0x8002, 54, Some(1))]);
-    assert_eq!((found[1].expected, found[1].found), (Expected::Value(0x301), 0x310));
+    assert_eq!((found[1].expected, found[1].found), (Expected::Value(0x301), Some(0x310)));
     let text = found[1].to_string();
     assert!(text.contains("of filter 1: the file has 769, the device 784"), "{text}");
 }

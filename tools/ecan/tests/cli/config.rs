@@ -200,7 +200,7 @@ fn apply_reports_written_parts_on_failure() {
 fn diff_reports_compared_gateways_on_failure() {
     let (_directory, path) = file(THREE);
     let path = text(&path);
-    let bus = second_of_three_rejects(0x06090011);
+    let bus = second_of_three_rejects(0x08000000);
     let bus = setting(&bus);
     let told = ends(5, &["--ecrt", &bus, "config", "diff", path]);
     assert!(told.contains("Nominal bitrate): the file has 250000, the device 500000\n"), "{told}");
@@ -211,6 +211,52 @@ fn diff_reports_compared_gateways_on_failure() {
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert!(json[0]["differences"].is_array() && json[1]["differences"].is_null());
     assert!(json[1]["error"].is_string() && json[2]["error"].is_null());
+}
+
+#[test]
+fn missing_entry_of_one_gateway_is_listed_by_diff_and_rejected_by_apply() {
+    let (_directory, path) = file(THREE);
+    let path = text(&path);
+    let bus = second_of_three_rejects(0x06090011);
+    let bus = setting(&bus);
+    let printed = ends(1, &["--ecrt", &bus, "config", "diff", path]);
+    let lacks: Vec<_> =
+        printed.lines().filter(|line| line.contains("the device lacks it")).collect();
+    let [lacks] = lacks[..] else { panic!("{printed}") };
+    assert!(
+        lacks.starts_with("slave 1: 0x8002:19 (MCAN Channel Config 1, Nominal bitrate)"),
+        "{printed}"
+    );
+    assert!(printed.lines().any(|line| line.starts_with("slave 2: ")), "{printed}");
+    let printed = ends(5, &["--ecrt", &bus, "config", "apply", path]);
+    assert!(
+        printed.contains(&format!("slave 1: not configured as gateway 1 of {path}\n")),
+        "{printed}"
+    );
+    let reason = "  slave 1: the firmware lacks 0x8002:19 (MCAN Channel Config 1, Nominal bitrate) \
+                  (assumption H42); nothing was written; ";
+    assert!(printed.contains(reason), "{printed}");
+}
+
+#[test]
+fn optional_object_that_the_firmware_lacks_is_left_out_by_apply() {
+    let (_directory, path) = file(SMALL);
+    let path = text(&path);
+    let bus = scenario("[[gateway]]\n[gateway.variant]\nmissing_entries = [\"0x8021\"]\n");
+    let bus = setting(&bus);
+    let printed = ends(1, &["--ecrt", &bus, "config", "apply", path]);
+    assert!(
+        printed.starts_with(&format!("slave 0: configured as gateway 0 of {path}\n")),
+        "{printed}"
+    );
+    let not = "  not written: 0x8021:05 (MCAN Data Path Control 0, ";
+    assert!(
+        printed.contains(not) && printed.contains("the firmware lacks it (assumption H42)"),
+        "{printed}"
+    );
+    assert!(printed.contains("  CAN2 "), "{printed}");
+    let printed = ends(1, &["--ecrt", &bus, "config", "diff", path]);
+    assert!(printed.contains("the device lacks it (assumption H42: older firmware)"), "{printed}");
 }
 
 #[test]
@@ -449,7 +495,7 @@ fn invalid_use_has_message_and_status() {
     // The device rejects a write in the middle.
     let (_directory, scenario) = file(
         "[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8001\n\
-         subindex = 20\ncode = 0x06090030\n",
+         subindex = 20\ncode = 0x06090030\ntimes = 9\n",
     );
     let setting = format!("sim:{}", scenario.display());
     let message = fails(5, &["--ecrt", &setting, "config", "apply", path]);

@@ -3,13 +3,14 @@
 use std::io::Write;
 use std::path::Path;
 
-use ecan_config_file::{ResolvedGateway, apply};
-use ecan_host::StartupStep;
+use ecan_config_file::{ResolvedGateway, apply, missing_entries};
+use ecan_host::{Diagnostics, StartupStep};
+use ecan_protocol::device::OptionalObject;
 use ecan_protocol::object::describe;
 use serde::Serialize;
 
 use crate::config_file;
-use crate::context::{Context, Output, Result, Tone};
+use crate::context::{Context, Failure, Output, Result, Tone};
 
 #[derive(Debug, Serialize)]
 struct Applied {
@@ -18,6 +19,8 @@ struct Applied {
     is_complete: bool,
     /// Reason of the failure; `None` if another gateway failed before.
     error: Option<String>,
+    /// Optional entries that the gateway lacks; they were not written.
+    lacking: Vec<String>,
     parts: Vec<Part>,
     steps: Vec<String>,
 }
@@ -38,10 +41,13 @@ pub fn run(path: &Path, with_steps: bool, context: &Context) -> Result {
     for gateway in resolved {
         let mut done = Applied::nothing(gateway);
         if failed.is_none() {
-            let steps = ecan_config_file::startup(&file, gateway.gateway);
-            let written =
-                apply(bus.diagnostics(), gateway.slave, &steps, &mut |step| done.note(step));
-            failed = written.map_err(config_file::resolve_failure).err();
+            let mut steps = ecan_config_file::startup(&file, gateway.gateway);
+            failed = leave_out_lacking(bus.diagnostics(), gateway.slave, &mut steps, &mut done)
+                .and_then(|()| {
+                    apply(bus.diagnostics(), gateway.slave, &steps, &mut |step| done.note(step))
+                        .map_err(config_file::resolve_failure)
+                })
+                .err();
             done.is_complete = failed.is_none();
             done.error = failed.as_ref().map(ToString::to_string);
         }
@@ -50,13 +56,46 @@ pub fn run(path: &Path, with_steps: bool, context: &Context) -> Result {
     context.output.data(&applied, |out| {
         applied.iter().try_for_each(|it| it.print(path, with_steps, &context.output, out))
     })?;
-    failed.map_or(Ok(()), Err)
+    match failed {
+        Some(failure) => Err(failure),
+        None if applied.iter().all(|it| it.lacking.is_empty()) => Ok(()),
+        None => Err(Failure::ProblemsFound),
+    }
+}
+
+/// Removes the steps of optional objects that the gateway lacks, as the start of a Port does. Fails
+/// before anything is written if it lacks another entry.
+fn leave_out_lacking(
+    bus: &Diagnostics,
+    slave: usize,
+    steps: &mut Vec<StartupStep>,
+    done: &mut Applied,
+) -> Result {
+    let missing = missing_entries(bus, slave, steps).map_err(Failure::Device)?;
+    let text = |(index, subindex): &(u16, u8)| describe(*index, *subindex).to_string();
+    let (optional, needed): (Vec<_>, Vec<_>) = missing
+        .into_iter()
+        .partition(|(index, subindex)| OptionalObject::of(*index, *subindex).is_some());
+    if !needed.is_empty() {
+        let texts: Vec<_> = needed.iter().map(text).collect();
+        return Err(Failure::Rejected(format!(
+            "slave {slave}: the firmware lacks {} (assumption H42); nothing was written; update the \
+             firmware, or leave their keys out of the file",
+            texts.join(", ")
+        )));
+    }
+    let lacking = |(index, subindex): (u16, u8)| OptionalObject::of(index, subindex);
+    let objects: Vec<_> = optional.iter().copied().filter_map(lacking).collect();
+    steps.retain(|step| !lacking(step.object()).is_some_and(|object| objects.contains(&object)));
+    done.lacking = optional.iter().map(text).collect();
+    Ok(())
 }
 
 impl Applied {
     fn nothing(ResolvedGateway { gateway, slave }: ResolvedGateway) -> Self {
         let (parts, steps) = (Vec::new(), Vec::new());
-        Self { position: slave, gateway, is_complete: false, error: None, parts, steps }
+        let lacking = Vec::new();
+        Self { position: slave, gateway, is_complete: false, error: None, lacking, parts, steps }
     }
 
     fn print(
@@ -80,6 +119,9 @@ impl Applied {
             writeln!(out, "  {name:<20} {writes:>3} written, {readbacks:>2} read back")?;
         }
         steps.iter().filter(|_| with_steps).try_for_each(|step| writeln!(out, "    {step}"))?;
+        for entry in &self.lacking {
+            writeln!(out, "  not written: {entry}: the firmware lacks it (assumption H42)")?;
+        }
         match &self.error {
             Some(error) => writeln!(out, "  {error}"),
             None => Ok(()),

@@ -23,7 +23,8 @@ struct Differing {
     subindex: u8,
     filter: Option<u8>,
     file: String,
-    device: u32,
+    /// `None` if the device lacks the entry.
+    device: Option<u32>,
     is_set_at_start: bool,
     #[serde(skip)]
     words: String,
