@@ -126,8 +126,11 @@ impl fmt::Display for SlaveReport {
                  0x8010:02 and 0x8011:02 then read 5, and writing 1 to 0x8010:01 and 0x8011:01 in SAFEOP applies it \
                  again)",
             )?;
-        } else if self.is_held_in_preop() {
-            self.write_sync_manager_check(f)?;
+        } else if is_preop(state) {
+            if self.error_flag {
+                self.write_sync_manager_check(f)?;
+            }
+            // Between two attempts of the master the error flag is clear.
             if self.may_need_other_activation() {
                 f.write_str(
                     " (assumption H2: distributed clocks may need another AssignActivate word than 0x0300; its ESI \

@@ -182,6 +182,18 @@ fn outputs_shortly_before_sync0_mean_a_small_shift() {
     assert_eq!(found[0].chapter, "16.1, 15.6.1");
 }
 
+#[test]
+fn phase_beyond_the_period_means_another_unit() {
+    let mut snapshot = healthy();
+    // 300 and 960 us in nanoseconds, which are 750 and 2400 us in CPU cycles.
+    snapshot.set(0x9011, 4, 300_000);
+    snapshot.set(0x9011, 5, 960_000);
+    snapshot.sync0_period_ns = Some(1_000_000);
+    let found = findings(&snapshot);
+    assert_eq!((found.len(), found[0].id), (1, "sync-phase-unit"));
+    assert!(found[0].causes[1].contains("assumption H25"));
+}
+
 // 13.2, 16.2: process data
 
 #[test]

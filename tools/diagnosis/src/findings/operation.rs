@@ -299,6 +299,18 @@ fn sync_phase(snapshot: &Snapshot) -> Option<Finding> {
     let us = |cycles: i32| f64::from(cycles) * 1e6 / f64::from(clock_hz);
     let (min, max) = (us(min), us(max));
     let period = snapshot.sync0_period_ns.filter(|ns| *ns != 0).map(|ns| f64::from(ns) / 1e3);
+    if let Some(period) = period.filter(|period| max > *period) {
+        let what = format!(
+            "0x9011:05, read in CPU cycles, is {max:.1} us, more than the Sync0 period of {period:.1} us: the \
+             times of outputs around Sync0 are not examined"
+        );
+        return Finding::warning("sync-phase-unit", Location::Slave, what)
+            .causes(&[
+                "the value is older than the Sync0 period",
+                "the firmware reports another unit than CPU cycles (assumption H25)",
+            ])
+            .next_step("run `ecan diag --clear`, check again", "13.2.4");
+    }
     let before = period.map(|period| period - max).filter(|before| *before < CLOSE_BEFORE_US);
     let what = match before {
         _ if min < CLOSE_AFTER_US => format!(
