@@ -97,6 +97,7 @@ impl StationConfig {
     }
 
     /// Returns whether this controller can read a frame of another one.
+    #[inline]
     pub(super) fn can_read(&self, sender: &Self, frame: &CanFrame) -> Result<(), Mismatch> {
         if self.nominal_bitrate != sender.nominal_bitrate {
             return Err(Mismatch::NominalBitrate);

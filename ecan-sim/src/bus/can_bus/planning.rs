@@ -209,10 +209,13 @@ pub(super) struct Sampling {
 
 impl CanBus {
     /// `None` if no two stations have sample points.
+    #[inline]
     pub(super) fn sampling_of(&self, t: &Transmission) -> Option<Sampling> {
-        if !self.has_sampling {
-            return None;
-        }
+        if self.has_sampling { self.sampling_of_sender(t) } else { None }
+    }
+
+    #[cold]
+    fn sampling_of_sender(&self, t: &Transmission) -> Option<Sampling> {
         Some(Sampling {
             sender: self.stations.get(t.transmitter)?.physical_layer?,
             rates: BitRates { nominal: t.config.nominal_bitrate, data: t.config.data_bitrate },
@@ -223,6 +226,7 @@ impl CanBus {
 }
 
 impl Sampling {
+    #[cold]
     fn read_by(&self, index: usize, station: &Station) -> Result<(), Mismatch> {
         if let Some(receiver) = &station.physical_layer
             && self.has_switch
@@ -238,12 +242,14 @@ impl Sampling {
         Ok(())
     }
 
+    #[cold]
     fn acknowledges_late(&self, index: usize, station: &Station) -> bool {
         let Some(receiver) = &station.physical_layer else { return false };
         let probability = self.sender.late_acknowledge(receiver, self.rates, self.has_switch);
         self.draw.hits(probability, index, Sample::Acknowledge)
     }
 
+    #[cold]
     fn misses_echo(&self, t: &Transmission) -> bool {
         let probability = if self.has_switch { self.sender.echo_error(self.rates) } else { 0 };
         self.draw.hits(probability, t.transmitter, Sample::Echo)
@@ -252,6 +258,7 @@ impl Sampling {
 
 impl Transmission {
     /// Returns whether a station can read the frame.
+    #[inline]
     pub(super) fn read_by(
         &self,
         sampling: Option<&Sampling>,
