@@ -180,7 +180,7 @@ impl Bench {
         Ok((frames, (after.1 - before.1) as f64 / time / CHANNELS as f64))
     }
 
-    /// Whether the axes did what is measured.
+    /// Returns whether the axes did what is measured.
     fn judge(&self, case: &Case, frames: f64) -> Fallible<()> {
         if !self.cia402.all_running() {
             return Err("an axis stopped following targets".into());

@@ -45,7 +45,7 @@ pub enum PortError {
 }
 
 impl PortError {
-    /// Whether the cause may pass by itself, so that the same call can succeed later.
+    /// Returns whether the cause may pass by itself, so that the same call can succeed later.
     pub fn is_temporary(&self) -> bool {
         match self {
             Self::NotReady { last_fault, .. } => {

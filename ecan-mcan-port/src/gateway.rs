@@ -169,7 +169,7 @@ impl Gateway {
         }
     }
 
-    /// Whether the master has not noticed that the gateway left OP.
+    /// Returns whether the master has not noticed that the gateway left OP.
     pub(crate) fn has_left_op_unnoticed(&self) -> bool {
         self.al_watch.is_unnoticed()
     }

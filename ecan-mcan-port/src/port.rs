@@ -236,12 +236,12 @@ impl Port {
         self.find(gateway)?.session.last_fault()
     }
 
-    /// Whether every gateway is ready; real-time safe.
+    /// Returns whether every gateway is ready; real-time safe.
     pub fn is_ready(&self) -> bool {
         !self.gateways.is_empty() && self.gateways.iter().all(|g| g.session.is_ready())
     }
 
-    /// Whether one gateway is ready, so that frames can be sent; real-time safe.
+    /// Returns whether one gateway is ready, so that frames can be sent; real-time safe.
     pub fn gateway_is_ready(&self, gateway: GatewayHandle) -> bool {
         self.find(gateway).is_some_and(|gateway| gateway.session.is_ready())
     }

@@ -26,7 +26,7 @@ pub trait Clock: Send + Sync {
         }
     }
 
-    /// Whether time passes while no thread sleeps here, so that polling the clock reaches a
+    /// Returns whether time passes while no thread sleeps here, so that polling the clock reaches a
     /// deadline. Real-time safe. The default is `false`, with which no wait can hang.
     fn is_free_running(&self) -> bool {
         false

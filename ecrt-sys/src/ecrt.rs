@@ -120,7 +120,7 @@ impl Ecrt {
         &self.shared.origin
     }
 
-    /// Whether this is a simulation.
+    /// Returns whether this is a simulation.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         matches!(self.shared.origin, Origin::Simulated { .. })

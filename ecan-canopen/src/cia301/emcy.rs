@@ -22,7 +22,7 @@ impl ErrorRegister {
     /// Of the manufacturer.
     pub const MANUFACTURER: Self = Self(1 << 7);
 
-    /// Whether all bits of `other` are set.
+    /// Returns whether all bits of `other` are set.
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }

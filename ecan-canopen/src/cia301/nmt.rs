@@ -27,7 +27,7 @@ pub struct NmtRequest {
 }
 
 impl NmtRequest {
-    /// Whether the node has to follow it.
+    /// Returns whether the node has to follow it.
     pub fn concerns(&self, node: NodeId) -> bool {
         self.node.is_none_or(|one| one == node)
     }

@@ -48,9 +48,9 @@ const EXTENDED: u32 = 1 << 29;
 pub struct PdoCobId {
     /// Identifier of the frames.
     pub id: CanId,
-    /// Whether the PDO exists. Only one that does not may be mapped anew.
+    /// True if the PDO exists. Only one that does not may be mapped anew.
     pub is_valid: bool,
-    /// Whether remote frames may ask for it (TPDO only).
+    /// True if remote frames may ask for it (TPDO only).
     pub allows_rtr: bool,
 }
 
@@ -125,7 +125,7 @@ impl TransmissionType {
         })
     }
 
-    /// Whether SYNC rules it.
+    /// Returns whether SYNC rules it.
     pub const fn is_synchronous(self) -> bool {
         matches!(self, Self::SynchronousAcyclic | Self::Synchronous(_) | Self::RtrSynchronous)
     }

@@ -74,7 +74,7 @@ impl Initiate {
 pub struct Segment {
     /// Alternates, beginning with false.
     pub toggle: bool,
-    /// Whether it is the last.
+    /// True if it is the last.
     pub last: bool,
     /// Its bytes.
     pub data: [u8; 7],

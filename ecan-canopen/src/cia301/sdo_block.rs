@@ -10,7 +10,7 @@ const END: u8 = 0x80;
 pub struct BlockSegment {
     /// Number in the block, 1 to 127.
     pub sequence: u8,
-    /// Whether it is the last of the value.
+    /// True if it is the last of the value.
     pub last: bool,
     /// Its bytes; in the last segment some may not count.
     pub data: [u8; 7],

@@ -22,7 +22,7 @@ ecan_protocol::text_enum! {
 }
 
 impl OperatingMode {
-    /// Whether a target comes with every cycle.
+    /// Returns whether a target comes with every cycle.
     pub const fn is_cyclic(self) -> bool {
         matches!(self, Self::CyclicPosition | Self::CyclicVelocity | Self::CyclicTorque)
     }
@@ -38,7 +38,7 @@ impl SupportedModes {
         1 << (mode.raw() - 1)
     }
 
-    /// Whether the drive has a mode.
+    /// Returns whether the drive has a mode.
     pub const fn contains(self, mode: OperatingMode) -> bool {
         self.0 & Self::bit(mode) != 0
     }

@@ -71,7 +71,7 @@ impl Statusword {
         })
     }
 
-    /// Whether all of these bits are set.
+    /// Returns whether all of these bits are set.
     pub const fn has(self, bits: u16) -> bool {
         self.0 & bits == bits
     }

@@ -11,7 +11,7 @@ use crate::NodeId;
 pub struct BlockTransferConfig {
     /// Downloads of at least this many bytes try block transfer first; `None` never does.
     pub download_from: Option<usize>,
-    /// Whether every upload requests a block transfer. A server that supports it still sends small
+    /// True if every upload requests a block transfer. A server that supports it still sends small
     /// objects in one frame; one that does not costs one rejected request, once.
     pub upload: bool,
     /// Segments that the server may send in a row in an upload, 1..127. A block arrives as fast as

@@ -59,7 +59,7 @@ pub enum NmtError {
 }
 
 impl NmtError {
-    /// Whether the same call may succeed later without a change by the application.
+    /// Returns whether the same call may succeed later without a change by the application.
     pub const fn is_temporary(&self) -> bool {
         matches!(self, Self::QueueFull { .. })
     }
@@ -100,7 +100,7 @@ impl From<StepFailure> for WaitError {
 }
 
 impl WaitError {
-    /// Whether the same call may succeed later without a change by the application.
+    /// Returns whether the same call may succeed later without a change by the application.
     pub fn is_temporary(&self) -> bool {
         match self {
             Self::Sdo(failure) => failure.fault.is_temporary(),

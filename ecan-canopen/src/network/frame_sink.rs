@@ -20,7 +20,7 @@ pub(super) trait FrameSink {
 
     fn is_ready(&self, slave: usize) -> bool;
 
-    /// Whether the last image is unconfirmed, so that frames wait for the next one.
+    /// Returns whether the last image is unconfirmed, so that frames wait for the next one.
     fn is_unconfirmed(&self, slave: usize) -> bool;
 }
 

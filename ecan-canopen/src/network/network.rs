@@ -195,7 +195,7 @@ impl Network {
         Ok(())
     }
 
-    /// Whether NMT commands wait to be sent; real-time safe.
+    /// Returns whether NMT commands wait to be sent; real-time safe.
     pub fn nmt_is_pending(&self) -> bool {
         self.channels.iter().any(|channel| channel.next_nmt().is_some())
     }

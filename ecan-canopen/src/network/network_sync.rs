@@ -65,7 +65,7 @@ impl Network {
         self.channels.first().is_some_and(|channel| channel.sync.is_planned())
     }
 
-    /// Whether a SYNC was sent to a channel in this cycle. Real-time safe.
+    /// Returns whether a SYNC was sent to a channel in this cycle. Real-time safe.
     pub fn has_sent_sync(&self, slave: usize, channel: u8) -> bool {
         let nth = self.channel_index(slave, channel);
         nth.and_then(|nth| self.channels.get(nth)).is_some_and(|c| c.sync.is_sent())

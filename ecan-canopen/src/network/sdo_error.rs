@@ -44,7 +44,7 @@ pub enum SdoFault {
 }
 
 impl SdoFault {
-    /// Whether the same transfer may succeed later without a change by the application.
+    /// Returns whether the same transfer may succeed later without a change by the application.
     pub const fn is_temporary(&self) -> bool {
         matches!(self, Self::TimedOut { .. } | Self::GatewayLost | Self::NodeRestarted)
     }
@@ -93,7 +93,7 @@ pub enum SdoStartError {
 }
 
 impl SdoStartError {
-    /// Whether the same call may succeed later without a change by the application.
+    /// Returns whether the same call may succeed later without a change by the application.
     pub const fn is_temporary(&self) -> bool {
         matches!(self, Self::Busy)
     }

@@ -98,7 +98,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
         }
     }
 
-    /// Whether an SDO frame leaves the space that the configuration reserves for targets.
+    /// Returns whether an SDO frame leaves the space that the configuration reserves for targets.
     fn may_send_sdo(&self) -> bool {
         let (slave, channel) = (self.channel.slave, self.channel.channel);
         let needed = self.config.reserved_image_bytes.saturating_add(SDO_PACKET_BYTES);

@@ -68,7 +68,7 @@ pub struct StepFailure {
 }
 
 impl StepFailure {
-    /// Whether the same step may succeed later without a change by the application.
+    /// Returns whether the same step may succeed later without a change by the application.
     pub const fn is_temporary(&self) -> bool {
         match self.fault {
             StepError::Access(NodeAccessError::Sdo(fault)) => fault.is_temporary(),

@@ -163,12 +163,12 @@ impl Axis {
         self.target().is_some()
     }
 
-    /// Whether the axis follows the application's targets.
+    /// Returns whether the axis follows the application's targets.
     pub(crate) fn follows_application(&self) -> bool {
         self.is_running() && !self.targets.is_halted
     }
 
-    /// Whether the application's targets can or do reach the drive.
+    /// Returns whether the application's targets can or do reach the drive.
     pub(crate) fn is_active(&self) -> bool {
         matches!(self.guard.state(), GuardState::Armed { .. } | GuardState::Running { .. })
     }

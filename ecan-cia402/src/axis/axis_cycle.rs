@@ -215,7 +215,7 @@ impl Axis {
         Some(Outgoing { rpdo, has_target: true, ramp })
     }
 
-    /// Whether a target of the axis is due.
+    /// Returns whether a target of the axis is due.
     pub(crate) fn is_due(&self, turn: TargetTurn) -> bool {
         self.delay(turn).is_none()
     }

@@ -96,7 +96,7 @@ impl AxisState {
         Self::Stopping(self.stop().map_or(later, |before| before.and(later)))
     }
 
-    /// Whether the host commands the drive to do more than to stop, so that its node must be
+    /// Returns whether the host commands the drive to do more than to stop, so that its node must be
     /// Operational.
     pub(crate) fn needs_operational(&self) -> bool {
         self.stop().is_none()

@@ -42,7 +42,7 @@ impl Axis {
         self.state = self.state.stopped_by(cause, now_ns);
     }
 
-    /// Whether the drive is known to be off, or at rest in Quick Stop Active, or never answered.
+    /// Returns whether the drive is known to be off, or at rest in Quick Stop Active, or never answered.
     pub(crate) fn is_stopped(&self, now_ns: u64) -> bool {
         match self.state {
             // After a configuration that found the drive enabled, its state is read again.
@@ -63,12 +63,12 @@ impl Axis {
         }
     }
 
-    /// Whether the drive cannot be reached at present.
+    /// Returns whether the drive cannot be reached at present.
     pub(crate) fn is_gone(&self) -> bool {
         !self.reachability.gateway || self.poll.unanswered() >= GONE_ATTEMPTS
     }
 
-    /// Whether the drive may be moving although it does not report that it obeys a stop.
+    /// Returns whether the drive may be moving although it does not report that it obeys a stop.
     pub(crate) fn is_uncontrolled(&self, now_ns: u64) -> bool {
         let may_move = self.drive.state.is_none_or(is_energised);
         self.state.is_stopping()
@@ -275,7 +275,7 @@ impl Axis {
         self.drive.heard_ns.is_some()
     }
 
-    /// Whether a pending stop is complete.
+    /// Returns whether a pending stop is complete.
     fn has_stopped(&self, now_ns: u64) -> bool {
         let AxisState::Stopping(stop) = &self.state else { return false };
         if self.setup.is_running() {

@@ -42,7 +42,7 @@ pub struct DriveConfig {
     pub boot_timeout: Duration,
     /// Vendor id and product code that 0x1018 must have.
     pub identity: Option<(u32, u32)>,
-    /// Whether the low half of 0x1000 must be 402.
+    /// True if the low half of 0x1000 must be 402.
     pub expect_profile_402: bool,
     /// Producer heartbeat time 0x1017 in milliseconds (optional); 0 disables it. The host
     /// watches it with three and a half times this value.
@@ -227,7 +227,7 @@ impl AxisConfig {
         }
     }
 
-    /// Whether the drive follows its targets only with the right interpolation time 0x60C2.
+    /// Returns whether the drive follows its targets only with the right interpolation time 0x60C2.
     pub(crate) fn needs_interpolation_time(&self) -> bool {
         self.mode == OperatingMode::CyclicPosition
     }

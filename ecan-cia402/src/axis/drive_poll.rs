@@ -47,7 +47,7 @@ impl DrivePoll {
         self.unanswered
     }
 
-    /// Whether the node answered the last round, be it by aborts.
+    /// Returns whether the node answered the last round, be it by aborts.
     pub(crate) fn is_answered(&self) -> bool {
         self.is_answered
     }

@@ -45,7 +45,7 @@ impl DriveStatus {
         self.heard_ns.is_some_and(|heard| now_ns.saturating_sub(heard) <= longest_ns)
     }
 
-    /// Whether positions not older than that show the axis at rest.
+    /// Returns whether positions not older than that show the axis at rest.
     pub(crate) fn is_at_rest(&self, now_ns: u64, longest_ns: u64) -> bool {
         self.rest.is_at_rest(now_ns, longest_ns)
     }
@@ -62,7 +62,7 @@ impl DriveStatus {
         self.state == Some(DriveState::Fault)
     }
 
-    /// Whether the drive needs no command to be off. One that is switched on may have received the
+    /// Returns whether the drive needs no command to be off. One that is switched on may have received the
     /// command to enable, and wait for its brake.
     pub(crate) fn is_off_or_unknown(&self) -> bool {
         self.is_off() || matches!(self.state, None | Some(DriveState::NotReadyToSwitchOn))
@@ -73,7 +73,7 @@ impl DriveStatus {
     }
 }
 
-/// Whether the motor of a drive in this state has current.
+/// Returns whether the motor of a drive in this state has current.
 pub(crate) fn is_energised(state: DriveState) -> bool {
     matches!(
         state,

@@ -31,7 +31,7 @@ impl TargetObject {
         }
     }
 
-    /// Whether a mode can be driven while this object is mapped.
+    /// Returns whether a mode can be driven while this object is mapped.
     pub fn serves(self, mode: OperatingMode) -> bool {
         mode == OperatingMode::Homing || Self::of_mode(mode) == Some(self)
     }

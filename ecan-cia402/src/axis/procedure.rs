@@ -33,7 +33,7 @@ pub(crate) struct Procedure {
     pub(crate) mode_before: OperatingMode,
     /// Homing, before that.
     pub(crate) homing: Option<HomingConfig>,
-    /// Whether the axis followed targets before and is enabled again afterwards.
+    /// True if the axis followed targets before and is enabled again afterwards.
     pub(crate) then_enable: bool,
     pub(crate) stage: Stage,
     pub(crate) error: Option<AxisError>,

@@ -45,17 +45,17 @@ impl RestDetector {
         self.anchor
     }
 
-    /// Whether the last positions showed standstill, however old.
+    /// Returns whether the last positions showed standstill, however old.
     pub(crate) fn was_at_rest(&self) -> bool {
         self.is_at_rest(self.last_ns, 0)
     }
 
-    /// Whether no position was observed.
+    /// Returns whether no position was observed.
     pub(crate) fn is_empty(&self) -> bool {
         self.samples == 0
     }
 
-    /// Whether the positions up to now show standstill; the last one must not be older than
+    /// Returns whether the positions up to now show standstill; the last one must not be older than
     /// `longest_ns`.
     pub(crate) fn is_at_rest(&self, now_ns: u64, longest_ns: u64) -> bool {
         self.samples >= SAMPLES

@@ -36,7 +36,7 @@ impl SetPoint {
         (Controlword::MODE_5, self.taken.unwrap_or(requested))
     }
 
-    /// Whether the drive has taken this position.
+    /// Returns whether the drive has taken this position.
     pub fn has_taken(&self, position: i32) -> bool {
         self.taken == Some(position) && self.offered.is_none()
     }

@@ -37,12 +37,12 @@ impl SetupState {
         matches!(self, Self::Complete)
     }
 
-    /// Whether the configuration is requested or runs.
+    /// Returns whether the configuration is requested or runs.
     pub(crate) fn is_pending(&self) -> bool {
         matches!(self, Self::Requested) || self.is_running()
     }
 
-    /// Whether configuration steps are being executed.
+    /// Returns whether configuration steps are being executed.
     pub(crate) fn is_running(&self) -> bool {
         matches!(self, Self::Configuring | Self::SettingMode(_))
     }

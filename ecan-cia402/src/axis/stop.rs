@@ -44,7 +44,7 @@ pub enum StopCause {
 }
 
 impl StopCause {
-    /// Whether the application commanded the stop.
+    /// Returns whether the application commanded the stop.
     pub fn is_commanded(self) -> bool {
         matches!(self, Self::QuickStop | Self::Disable | Self::StopAll | Self::Shutdown)
     }
@@ -152,7 +152,7 @@ impl Stop {
         self.goal().command(state, is_at_rest)
     }
 
-    /// Whether a drive in this state needs no further command once it is at rest.
+    /// Returns whether a drive in this state needs no further command once it is at rest.
     pub(crate) fn is_reached(&self, state: DriveState) -> bool {
         match state {
             DriveState::QuickStopActive => self.goal() == PowerGoal::QuickStopped,

@@ -25,7 +25,7 @@ impl TargetPeriod {
         self.elapsed = self.elapsed.saturating_add(1);
     }
 
-    /// Whether a target takes effect a whole period after the last one, with a SYNC of this cycle.
+    /// Returns whether a target takes effect a whole period after the last one, with a SYNC of this cycle.
     pub(crate) fn is_over(&self) -> bool {
         !self.awaits_sync && self.elapsed >= self.cycles
     }

@@ -61,7 +61,7 @@ impl StepHistory {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct TargetSource {
     pub(crate) requested: Option<i32>,
-    /// Whether the axis is brought to rest, or rests, instead of following the application.
+    /// True if the axis is brought to rest, or rests, instead of following the application.
     pub(crate) is_halted: bool,
     pub(crate) limits: RampLimits,
     /// The ramp that made the last target; `None` if the application made it.
@@ -122,7 +122,7 @@ impl TargetSource {
         }
     }
 
-    /// Whether the axis waits for others of a stop on the path.
+    /// Returns whether the axis waits for others of a stop on the path.
     pub(crate) fn waits_for_path(&self) -> bool {
         self.is_halted && self.path.is_some_and(|path| path.step.is_none())
     }

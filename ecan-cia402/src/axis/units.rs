@@ -71,7 +71,7 @@ impl Scale {
         self.steps_per_turn
     }
 
-    /// Whether it can be calculated with.
+    /// Returns whether it can be calculated with.
     pub fn is_valid(self) -> bool {
         self.steps_per_turn.is_normal()
     }

@@ -191,17 +191,17 @@ impl GatewayWatch {
             gateway.is_ok_and(|gateway| port.cycle_report(gateway).cycle == self.report.cycle);
     }
 
-    /// Whether the present cycle was observed.
+    /// Returns whether the present cycle was observed.
     pub(crate) fn is_current(&self) -> bool {
         self.is_current
     }
 
-    /// Whether the last image is repeated, so that nothing should be added.
+    /// Returns whether the last image is repeated, so that nothing should be added.
     pub(crate) fn is_unconfirmed(&self) -> bool {
         self.report.is_unconfirmed
     }
 
-    /// Whether frames can be sent now.
+    /// Returns whether frames can be sent now.
     pub(crate) fn is_open(&self) -> bool {
         self.is_ready && !self.is_unconfirmed()
     }
@@ -233,7 +233,7 @@ impl GatewayWatch {
         }
     }
 
-    /// Whether a SYNC would only be added to frames that wait in the gateway. While no axis of the
+    /// Returns whether a SYNC would only be added to frames that wait in the gateway. While no axis of the
     /// channel is active, nothing but its SYNC can bring an answer.
     pub(crate) fn withholds_sync(&self, channel: u8, has_active_axis: bool) -> bool {
         match self.backlog(channel) {
@@ -297,7 +297,7 @@ impl ChannelWatch {
         }
     }
 
-    /// Whether the bus has sent the SYNC of the last period.
+    /// Returns whether the bus has sent the SYNC of the last period.
     fn is_answering(&self, sync_cycles: u32) -> bool {
         self.answer_age < sync_cycles
     }

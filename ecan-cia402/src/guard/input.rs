@@ -169,7 +169,7 @@ pub enum HoldReason {
 }
 
 impl HoldReason {
-    /// Whether the reason lies on the path to the drive, not in the drive or in a command.
+    /// Returns whether the reason lies on the path to the drive, not in the drive or in a command.
     pub(crate) fn is_on_path(self) -> bool {
         !matches!(
             self,

@@ -391,7 +391,7 @@ impl MotionGuard {
         if self.limits.kind == TargetKind::Rate { 0 } else { position }
     }
 
-    /// Whether earlier frames that are still on the host should be discarded now: the working
+    /// Returns whether earlier frames that are still on the host should be discarded now: the working
     /// counter made the axis hold, and the repeated image carries an old target.
     pub fn wants_discard(&self) -> bool {
         self.misses > self.limits.wc_misses
@@ -437,7 +437,7 @@ impl MotionGuard {
         }
     }
 
-    /// Whether a first target would be further than a step from the one that the drive holds.
+    /// Returns whether a first target would be further than a step from the one that the drive holds.
     fn holds_old_target(&self, first: i32) -> bool {
         let range = match self.limits.kind {
             TargetKind::Position => self.limits.range,

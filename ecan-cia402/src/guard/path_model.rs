@@ -156,7 +156,7 @@ impl Model {
         }
     }
 
-    /// Whether a target of an older span than the present one is anywhere on its way.
+    /// Returns whether a target of an older span than the present one is anywhere on its way.
     fn has_stale(&self) -> bool {
         let of_old =
             |frame: &Frame| matches!(frame, Frame::Target { span, .. } if *span < self.span);
@@ -207,7 +207,7 @@ impl Model {
         self.world(n, conditions)
     }
 
-    /// Whether the working counter was complete, and the image that came.
+    /// Returns whether the working counter was complete, and the image that came.
     fn exchange(&mut self, conditions: CycleConditions) -> (bool, Option<Published>) {
         if conditions.lost_out {
             return (false, None);

@@ -50,7 +50,7 @@ impl PositionRange {
         }
     }
 
-    /// Whether the counter can stand there. Real-time safe.
+    /// Returns whether the counter can stand there. Real-time safe.
     pub fn contains(self, position: i32) -> bool {
         match self {
             Self::Linear | Self::Wrapping => true,

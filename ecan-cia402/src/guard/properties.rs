@@ -169,7 +169,7 @@ fn run(limits: GuardLimits, happenings: Vec<CycleEvents>) -> (MotionGuard, Vec<R
     (guard, records)
 }
 
-/// Whether the record of one cycle alone forbids any target of a running axis.
+/// Returns whether the record of one cycle alone forbids any target of a running axis.
 fn is_breach(input: &GuardInput) -> bool {
     let path = &input.path;
     !path.is_ready

@@ -168,7 +168,7 @@ impl Cia402 {
         let _ = self.command_all(|table, axis| table.stop(axis, cause));
     }
 
-    /// Whether the drive of an axis is configured.
+    /// Returns whether the drive of an axis is configured.
     pub fn is_configured(&self, axis: usize) -> bool {
         self.axis(axis).is_some_and(|axis| axis.setup.is_complete())
     }
@@ -185,7 +185,7 @@ impl Cia402 {
         self.axis(axis).is_none_or(|axis| axis.is_stopped(self.now_ns))
     }
 
-    /// Whether all axes have stopped, see [`is_stopped`](Self::is_stopped).
+    /// Returns whether all axes have stopped, see [`is_stopped`](Self::is_stopped).
     pub fn all_stopped(&self) -> bool {
         self.axes.iter().all(|axis| axis.is_stopped(self.now_ns))
     }
@@ -230,7 +230,7 @@ impl Cia402 {
         self.command_all(Self::recover)
     }
 
-    /// Whether the recovery of an axis continues.
+    /// Returns whether the recovery of an axis continues.
     pub fn is_recovering(&self, axis: usize) -> bool {
         self.axis(axis).is_some_and(|axis| axis.recovery.is_some())
     }
@@ -286,7 +286,7 @@ impl Cia402 {
         Ok(())
     }
 
-    /// Whether a halted axis is at rest; true for an axis that is not running.
+    /// Returns whether a halted axis is at rest; true for an axis that is not running.
     pub fn is_at_rest(&self, axis: usize) -> bool {
         self.axis(axis).is_none_or(Axis::is_at_rest)
     }
@@ -431,12 +431,12 @@ impl Cia402 {
         self.axis(axis).and_then(|axis| axis.drive.state)
     }
 
-    /// Whether an axis follows the application's targets; false while it is halted.
+    /// Returns whether an axis follows the application's targets; false while it is halted.
     pub fn is_running(&self, axis: usize) -> bool {
         self.axis(axis).is_some_and(Axis::follows_application)
     }
 
-    /// Whether all axes follow the application's targets; false without axes.
+    /// Returns whether all axes follow the application's targets; false without axes.
     pub fn all_running(&self) -> bool {
         !self.axes.is_empty() && (0..self.axes.len()).all(|axis| self.is_running(axis))
     }
@@ -480,7 +480,7 @@ impl Cia402 {
         Some(axis.config.range.distance(axis.guard.actual()?, axis.target()?))
     }
 
-    /// Whether a drive has reached its target: in PP it has accepted the target in force and reports
+    /// Returns whether a drive has reached its target: in PP it has accepted the target in force and reports
     /// it as reached, in PV and PT it reports its speed or torque as reached (statusword bit 10).
     /// False in the cyclic modes, and while a new target is not sent yet.
     pub fn is_target_reached(&self, axis: usize) -> bool {

@@ -41,7 +41,7 @@ impl SendSummary {
         }
     }
 
-    /// Whether every axis got a target of the application.
+    /// Returns whether every axis got a target of the application.
     pub fn all_moved(&self) -> bool {
         self.targets > 0 && self.positions + self.waiting + self.rejected + self.closed == 0
     }
@@ -257,7 +257,7 @@ impl Cia402 {
     }
 }
 
-/// Whether this cycle carries targets of running axes of a gateway; `begins` states whether a target
+/// Returns whether this cycle carries targets of running axes of a gateway; `begins` states whether a target
 /// period begins in it.
 fn target_turn(
     gateway: Option<&GatewayWatch>,
@@ -275,7 +275,7 @@ fn target_turn(
     }
 }
 
-/// Whether a SYNC on a channel adds nothing to frames that wait in the gateway.
+/// Returns whether a SYNC on a channel adds nothing to frames that wait in the gateway.
 fn may_sync(gateways: &[GatewayWatch], axes: &[Axis], (slave, channel): (usize, u8)) -> bool {
     let is_active = |axis: &Axis| {
         let address = axis.config.address;

@@ -36,7 +36,7 @@ fn find(name: &str) -> Option<Choice> {
     Some((variant, variant.alternatives.iter().find(|alternative| alternative.value == value)?))
 }
 
-/// Whether the SDK supports this machine with such gateways (docs/ASSUMPTIONS.md).
+/// Returns whether the SDK supports this machine with such gateways (docs/ASSUMPTIONS.md).
 fn supports(axes: &[AxisPlan], is_scheduled: bool, (variant, alternative): &Choice) -> bool {
     match (variant.key, alternative.value) {
         // The answers of four drives saturate the count of waiting frames.
@@ -63,7 +63,7 @@ pub fn gateway_configs(choices: &[Choice], count: usize) -> Vec<GatewayModelConf
     scenario.gateways.into_iter().map(|gateway| gateway.config).collect()
 }
 
-/// Whether an error names an assumption that such a gateway does not meet.
+/// Returns whether an error names an assumption that such a gateway does not meet.
 pub fn explains(choices: &[Choice], error: &str) -> bool {
     let mut words = error.split(|c: char| !c.is_ascii_alphanumeric());
     let rows = |row: &str| choices.iter().any(|(variant, _)| variant.assumptions.contains(&row));

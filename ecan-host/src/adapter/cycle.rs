@@ -48,7 +48,7 @@ impl Default for DomainReport {
 }
 
 impl DomainReport {
-    /// Whether both directions were exchanged. Motion waits for this in every cycle (manual
+    /// Returns whether both directions were exchanged. Motion waits for this in every cycle (manual
     /// 15.5.2, step 8).
     pub fn is_complete(&self) -> bool {
         self.wc_state == WcState::Complete
@@ -181,7 +181,7 @@ impl Adapter {
         self.slaves.get(slave).map_or_else(DomainReport::default, |s| s.report)
     }
 
-    /// Whether more than one slave took part in the last exchange: another one has the same process
+    /// Returns whether more than one slave took part in the last exchange: another one has the same process
     /// data. Real-time safe.
     pub fn shares_process_data(&self, slave: usize) -> bool {
         let report = self.domain_report(slave);
@@ -189,7 +189,7 @@ impl Adapter {
             && report.working_counter > report.expected_working_counter
     }
 
-    /// Whether every slave exchanged both directions in the last cycle; real-time safe.
+    /// Returns whether every slave exchanged both directions in the last cycle; real-time safe.
     pub fn domain_is_complete(&self) -> bool {
         !self.slaves.is_empty() && self.slaves.iter().all(|s| s.report.is_complete())
     }

@@ -415,12 +415,12 @@ impl Adapter {
         self.phase
     }
 
-    /// Whether another owner drives the master.
+    /// Returns whether another owner drives the master.
     pub fn is_attached(&self) -> bool {
         self.attached
     }
 
-    /// Whether the bus is simulated.
+    /// Returns whether the bus is simulated.
     pub fn is_simulated(&self) -> bool {
         self.ecrt.is_simulated()
     }

@@ -61,7 +61,7 @@ impl Adapter {
         self.stop = stop.map(StopCheck);
     }
 
-    /// Whether the application requests the end of calls that wait.
+    /// Returns whether the application requests the end of calls that wait.
     pub fn should_stop(&self) -> bool {
         self.stop.as_ref().is_some_and(|stop| (stop.0)())
     }
@@ -169,7 +169,7 @@ impl Adapter {
         Ok(OpProgress::Pending)
     }
 
-    /// Whether to go on with a wait that has failed: there is time left, and every slave that the
+    /// Returns whether to go on with a wait that has failed: there is time left, and every slave that the
     /// master keeps in PREOP can succeed in another attempt, which is requested here unless another
     /// startup has begun since the report. Blocks; on an attached Adapter it does nothing.
     ///
@@ -225,7 +225,7 @@ impl Adapter {
         self.master.take_emergency(config).ok()
     }
 
-    /// Whether every slave is in OP and exchanged both directions in the last cycle.
+    /// Returns whether every slave is in OP and exchanged both directions in the last cycle.
     pub fn all_operational(&self) -> Result<bool, CycleError> {
         for slave in 0..self.slaves.len() {
             if !self.slave_state(slave)?.operational {

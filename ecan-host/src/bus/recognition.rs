@@ -36,12 +36,12 @@ pub enum IdentificationError<E> {
 }
 
 impl<E> SlaveKind<E> {
-    /// Whether it is an ECAN-Lite for certain.
+    /// Returns whether it is an ECAN-Lite for certain.
     pub fn is_gateway(&self) -> bool {
         matches!(self, Self::Gateway)
     }
 
-    /// Whether it is an ECAN-Lite, or cannot be queried.
+    /// Returns whether it is an ECAN-Lite, or cannot be queried.
     pub fn may_be_gateway(&self) -> bool {
         !matches!(self, Self::Other)
     }
@@ -61,7 +61,7 @@ pub trait SlaveQuery {
     /// A number of 0xF000.
     fn upload(&self, slave: usize, subindex: u8) -> Result<u32, Self::Error>;
 
-    /// Whether the error is the slave's abort for an entry that its 0xF000 does not have.
+    /// Returns whether the error is the slave's abort for an entry that its 0xF000 does not have.
     fn is_denial(&self, error: &Self::Error) -> bool;
 }
 

@@ -48,7 +48,7 @@ struct Reading {
 }
 
 impl Reading {
-    /// Whether it can be the time of a clock that showed `before`. When the reference slave is gone
+    /// Returns whether it can be the time of a clock that showed `before`. When the reference slave is gone
     /// the library repeats the last value.
     fn follows(&self, before: Self, cycle_ns: u32) -> bool {
         let passed = self.sent_ns.saturating_sub(before.sent_ns);
@@ -248,7 +248,7 @@ fn centred(error_ns: i64, period_ns: u32) -> i64 {
     if error * 2 >= period { error - period } else { error }
 }
 
-/// Whether there is a reference clock; while the bus is scanned there is none.
+/// Returns whether there is a reference clock; while the bus is scanned there is none.
 fn has_clock(result: Result<(), Errno>) -> Result<bool, Errno> {
     match result {
         Ok(()) => Ok(true),

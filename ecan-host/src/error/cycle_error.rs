@@ -35,7 +35,7 @@ pub enum CycleError {
 }
 
 impl CycleError {
-    /// Whether a later cycle can succeed without a change by the application: a call of the master
+    /// Returns whether a later cycle can succeed without a change by the application: a call of the master
     /// library failed, on a bus that may recover.
     pub fn is_temporary(&self) -> bool {
         matches!(self, Self::Library { .. })

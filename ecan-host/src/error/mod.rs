@@ -79,7 +79,7 @@ pub enum Error {
         position: u16,
         /// Number of slaves that the master found.
         responding: u32,
-        /// Whether the master is still scanning the bus.
+        /// True if the master is still scanning the bus.
         is_scanning: bool,
     },
     /// Two configured slaves are the same slave on the bus.
@@ -199,7 +199,7 @@ pub enum Error {
         slave: usize,
         /// Its AL state as a number.
         al_state: u8,
-        /// Whether its error flag is set.
+        /// True if its error flag is set.
         error_flag: bool,
         /// Time waited.
         timeout: Duration,
@@ -282,7 +282,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Whether the cause may pass without a change by the application, so that the same call can
+    /// Returns whether the cause may pass without a change by the application, so that the same call can
     /// succeed later: the slaves are not ready, an SDO transfer got no answer, the master is busy.
     pub fn is_temporary(&self) -> bool {
         match self {

@@ -16,11 +16,11 @@ pub struct SlaveReport {
     pub alias: u16,
     /// Configured position.
     pub position: u16,
-    /// Whether the slave responds.
+    /// True if the slave responds.
     pub online: bool,
     /// AL state as a number; `None` when the slave does not answer.
     pub al_state: Option<u8>,
-    /// Whether the master met an error with the slave and keeps it in its state.
+    /// True if the master met an error with the slave and keeps it in its state.
     pub error_flag: bool,
     /// The last AL status code seen while waiting, because the master acknowledges
     /// errors and so clears them. `None` when none was caught.
@@ -28,7 +28,7 @@ pub struct SlaveReport {
     /// SM2 and SM3 as the master configured them, read while waiting; `None` when they were not
     /// configured or not read.
     pub sync_managers: Option<[SyncManagerLayout; 2]>,
-    /// Whether the configuration has distributed clocks.
+    /// True if the configuration has distributed clocks.
     pub uses_sync0: bool,
     /// Cause of a slave that the master keeps in PREOP: the startup SDO that it aborts,
     /// or the object that does not fit the configured N.

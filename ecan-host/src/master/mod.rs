@@ -232,17 +232,17 @@ impl Master {
         &self.ecrt
     }
 
-    /// Whether the master is reserved for this process, by the SDK or by the application.
+    /// Returns whether the master is reserved for this process, by the SDK or by the application.
     pub fn is_reserved(&self) -> bool {
         self.ownership != Ownership::Opened
     }
 
-    /// Whether the application owns the master ([`Master::from_raw`]).
+    /// Returns whether the application owns the master ([`Master::from_raw`]).
     pub fn is_attached(&self) -> bool {
         self.ownership == Ownership::Attached
     }
 
-    /// Whether [`Master::activate`] has succeeded since the last deactivation.
+    /// Returns whether [`Master::activate`] has succeeded since the last deactivation.
     pub fn is_active(&self) -> bool {
         self.active
     }

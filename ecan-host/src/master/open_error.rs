@@ -171,7 +171,7 @@ impl System<'_> {
 }
 
 impl OpenError {
-    /// Whether the master may become available without a change by the application: another
+    /// Returns whether the master may become available without a change by the application: another
     /// application has reserved it, or it waits for its network interface.
     pub fn is_temporary(&self) -> bool {
         matches!(self.failure, OpenFailure::Busy | OpenFailure::WaitingForInterface { .. })

@@ -37,7 +37,7 @@ impl DomainLayout {
         }
     }
 
-    /// Whether both directions travel in one LRW datagram.
+    /// Returns whether both directions travel in one LRW datagram.
     ///
     /// Only then does an incomplete working counter distinguish the directions: a read counts 1, a
     /// write 2. Otherwise they travel as LWR and LRD, and a sum of 1 may be either.

@@ -78,7 +78,7 @@ pub struct PrivilegeOutcome {
 }
 
 impl PrivilegeOutcome {
-    /// Whether it was granted.
+    /// Returns whether it was granted.
     pub fn is_granted(&self) -> bool {
         self.denial.is_none()
     }
@@ -101,12 +101,12 @@ pub struct RealTimeReport {
 }
 
 impl RealTimeReport {
-    /// Whether every requested privilege was granted.
+    /// Returns whether every requested privilege was granted.
     pub fn is_complete(&self) -> bool {
         self.outcomes.iter().all(PrivilegeOutcome::is_granted)
     }
 
-    /// Whether everything required was granted.
+    /// Returns whether everything required was granted.
     pub fn is_sufficient(&self) -> bool {
         self.missing().next().is_none()
     }

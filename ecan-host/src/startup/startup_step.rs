@@ -60,7 +60,7 @@ impl StartupStep {
         }
     }
 
-    /// Whether the step writes.
+    /// Returns whether the step writes.
     pub fn is_download(&self) -> bool {
         matches!(self, Self::Download(_))
     }

@@ -88,12 +88,12 @@ impl ScheduleMargin {
         self.after_pulse_ns.min(self.before_pulse_ns).min(self.before_release_ns)
     }
 
-    /// Whether the phase is reached in time whenever the times of the settings are kept.
+    /// Returns whether the phase is reached in time whenever the times of the settings are kept.
     pub fn is_sufficient(&self) -> bool {
         self.lacking_ns() == 0
     }
 
-    /// Whether it suffices with less than [`THIN_MARGIN_NS`] to spare.
+    /// Returns whether it suffices with less than [`THIN_MARGIN_NS`] to spare.
     pub fn is_thin(&self) -> bool {
         (0..i64::from(THIN_MARGIN_NS)).contains(&self.least_ns())
     }

@@ -291,7 +291,7 @@ impl SessionMachine {
         adapter.domain_report(self.slave).outputs == Delivery::Confirmed
     }
 
-    /// Whether the master reports the slave in another state. While it rescans the bus it reports no
+    /// Returns whether the master reports the slave in another state. While it rescans the bus it reports no
     /// slave at all although process data continue; that is no loss.
     fn has_left_op(&self, adapter: &Adapter) -> bool {
         adapter.slave_state(self.slave).is_ok_and(|state| state.online && !state.operational)

@@ -25,7 +25,7 @@ pub struct SdoTransfer {
     pub index: u16,
     /// Object subindex.
     pub subindex: u8,
-    /// Whether the transfer writes.
+    /// True if the transfer writes.
     pub is_download: bool,
 }
 

@@ -86,7 +86,7 @@ pub enum SendError {
 }
 
 impl SendError {
-    /// Whether the cause passes by itself, so that the frame can be sent in a later cycle.
+    /// Returns whether the cause passes by itself, so that the frame can be sent in a later cycle.
     pub fn is_temporary(&self) -> bool {
         matches!(self, Self::Backpressure { .. } | Self::NotReady { .. })
     }

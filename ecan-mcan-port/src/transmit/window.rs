@@ -36,13 +36,13 @@ impl TransmitWindow {
         self.filling
     }
 
-    /// Whether the channel accepts one more frame.
+    /// Returns whether the channel accepts one more frame.
     #[inline]
     pub(crate) fn accepts_frames(&self) -> bool {
         !self.is_bus_off() && self.has_room()
     }
 
-    /// Whether one more frame fits in any case.
+    /// Returns whether one more frame fits in any case.
     #[inline]
     pub(crate) fn has_room(&self) -> bool {
         let unseen = [self.filling, self.last, self.before, self.older];

@@ -105,7 +105,7 @@ impl<S> Sequence<S> {
         self.next
     }
 
-    /// Whether a transfer of the sequence is running.
+    /// Returns whether a transfer of the sequence is running.
     pub fn is_transferring(&self) -> bool {
         matches!(self.stage, Stage::Reading | Stage::Writing)
     }

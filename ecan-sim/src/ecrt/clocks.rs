@@ -16,7 +16,7 @@ pub(crate) struct Clocks {
     pub(crate) set_at_ns: u64,
     /// First application time: Sync0 keeps its phase to it.
     pub(crate) reference_time: u64,
-    /// Whether the slaves' times were set since activation or scan.
+    /// True if the slaves' times were set since activation or scan.
     pub(crate) are_set: bool,
     /// Configuration of the slave that the application has chosen as reference clock.
     pub(crate) selected: Option<usize>,

@@ -121,7 +121,7 @@ impl MasterModel {
         self.next_client
     }
 
-    /// Whether the bus is scanned and every slave has reached its requested state or failed.
+    /// Returns whether the bus is scanned and every slave has reached its requested state or failed.
     pub(crate) fn is_settled(&self) -> bool {
         let settled = |slave: &SlaveView| {
             slave.error_flag
@@ -152,7 +152,7 @@ impl MasterModel {
         }
     }
 
-    /// Whether this handle can configure: it has reserved the master, which is not active.
+    /// Returns whether this handle can configure: it has reserved the master, which is not active.
     pub(crate) fn may_configure(&self, client: u64) -> Result<(), i32> {
         match (self.owner == Some(client), self.phase) {
             (false, _) => Err(libc::EPERM),
@@ -233,7 +233,7 @@ impl MasterModel {
         }
     }
 
-    /// Whether a slave is being configured. The master polls no other slave until that has ended.
+    /// Returns whether a slave is being configured. The master polls no other slave until that has ended.
     fn is_configuring(&self) -> bool {
         self.slaves.iter().any(|slave| slave.startup.is_some())
     }

@@ -65,12 +65,12 @@ impl SlaveView {
         })
     }
 
-    /// Whether the scanned gateway is still present.
+    /// Returns whether the scanned gateway is still present.
     pub(crate) fn is_present(&self, world: &World) -> bool {
         world.is_reachable(self.slot) && world.generation(self.slot) == self.generation
     }
 
-    /// Whether the last AL status permits mailbox traffic.
+    /// Returns whether the last AL status permits mailbox traffic.
     pub(crate) fn has_mailbox(&self) -> bool {
         self.current & AL_ERROR == 0 && self.current & 0x0F != AlState::Init.raw()
     }

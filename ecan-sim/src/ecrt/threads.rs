@@ -14,7 +14,7 @@ pub(super) struct Threads {
     workers: Vec<(ThreadId, u64)>,
     /// The thread that moved the clock last and is no worker.
     cycle: Option<ThreadId>,
-    /// Whether that thread still does so.
+    /// True if that thread still does so.
     pub(super) has_cycle: bool,
     /// Threads that the clock waits for.
     computing: usize,
@@ -88,7 +88,7 @@ impl Threads {
 #[derive(Debug)]
 pub(super) struct Waiter {
     is_worker: bool,
-    /// Whether it is counted among those that compute.
+    /// True if it is counted among those that compute.
     is_computing: bool,
     /// Moves of the clock when it began to wait.
     moves: u64,
@@ -108,7 +108,7 @@ impl Waiter {
         self.moves = threads.moves;
     }
 
-    /// Whether the clock has moved since.
+    /// Returns whether the clock has moved since.
     pub(super) fn is_over(&self, threads: &Threads) -> bool {
         threads.moves != self.moves
     }

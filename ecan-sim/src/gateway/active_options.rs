@@ -51,7 +51,7 @@ impl ActiveOptions {
             || includes(self.test.payload_only, direction)
     }
 
-    /// Whether the CAN side of a direction is disconnected.
+    /// Returns whether the CAN side of a direction is disconnected.
     pub(super) fn is_app_bypassed(&self, direction: Direction) -> bool {
         self.has(direction, OptionFlags::APP_BYPASS)
             || includes(self.test.app_link_bypass, direction)

@@ -41,7 +41,7 @@ impl Budget {
         bytes <= self.reserved[channel] + self.shared
     }
 
-    /// Whether no image has space for a packet of this size under this policy.
+    /// Returns whether no image has space for a packet of this size under this policy.
     pub(super) fn never_fits(&self, bytes: usize) -> bool {
         bytes > self.greatest
     }

@@ -374,7 +374,7 @@ impl Controller {
         self.fifos.iter().map(ReceiveFifo::len).sum::<usize>() + self.buffers_full
     }
 
-    /// Whether FIFO0 is at least seven eighths full, or a FIFO has lost a frame since it was last
+    /// Returns whether FIFO0 is at least seven eighths full, or a FIFO has lost a frame since it was last
     /// read.
     pub(super) fn is_receive_pressed(&self) -> bool {
         let size = usize::from(self.fifo_size(0));

@@ -203,13 +203,13 @@ impl Gateway {
         self.is_responding() && self.al.exchanges_process_data()
     }
 
-    /// Whether SM2 holds a write that the firmware has not read yet.
+    /// Returns whether SM2 holds a write that the firmware has not read yet.
     #[must_use]
     pub fn outputs_full(&self) -> bool {
         self.sync_managers.outputs.is_full()
     }
 
-    /// Whether SM3 holds an image for the master to read.
+    /// Returns whether SM3 holds an image for the master to read.
     #[must_use]
     pub fn inputs_full(&self) -> bool {
         self.sync_managers.inputs.is_full()

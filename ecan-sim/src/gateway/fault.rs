@@ -123,7 +123,7 @@ impl Count {
         self.0 = self.0.saturating_add(count);
     }
 
-    /// Whether the next operation fails.
+    /// Returns whether the next operation fails.
     pub(super) fn take(&mut self) -> bool {
         let any = self.0 > 0;
         self.0 = self.0.saturating_sub(1);

@@ -36,7 +36,7 @@ impl FilterElement {
         FilterAction::from_raw(self.action, self.id2).unwrap_or(FilterAction::Disabled)
     }
 
-    /// Whether the element matches a frame: `id` as received, `masked` after the global mask.
+    /// Returns whether the element matches a frame: `id` as received, `masked` after the global mask.
     fn matches(&self, id: u32, masked: u32, extended: bool) -> bool {
         match self.action() {
             FilterAction::Disabled => return false,

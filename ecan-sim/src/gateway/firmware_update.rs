@@ -279,7 +279,7 @@ impl FirmwareUpdate {
         Ok(())
     }
 
-    /// Whether a file is being received; nothing else may change the flash then.
+    /// Returns whether a file is being received; nothing else may change the flash then.
     pub(super) fn is_receiving(&self) -> bool {
         self.transfer.is_some()
     }

@@ -176,7 +176,7 @@ impl Gateway {
         }
     }
 
-    /// Whether the slave controller responds to EtherCAT frames.
+    /// Returns whether the slave controller responds to EtherCAT frames.
     #[must_use]
     pub fn is_responding(&self) -> bool {
         self.power.is_running()

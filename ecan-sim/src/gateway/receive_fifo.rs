@@ -84,7 +84,7 @@ impl ReceiveFifo {
         self.elements.len()
     }
 
-    /// Whether a frame was lost since the last one was taken.
+    /// Returns whether a frame was lost since the last one was taken.
     pub(super) fn has_lost(&self) -> bool {
         self.lost
     }

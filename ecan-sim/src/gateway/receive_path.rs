@@ -55,7 +55,7 @@ impl ReceivePath {
         self.cache.len()
     }
 
-    /// Whether at least three quarters of the configured depth are used.
+    /// Returns whether at least three quarters of the configured depth are used.
     pub(super) fn is_under_pressure(&self, policy: &DataPathConfig) -> bool {
         self.cache.len() * 4 >= depth(policy) * 3
     }
@@ -255,7 +255,7 @@ fn depth(policy: &DataPathConfig) -> usize {
     usize::from(policy.rx_cache_depth.frames()).min(RX_CACHE_MAX)
 }
 
-/// Whether a frame belongs to the CANopen services that a policy protects, by the predefined
+/// Returns whether a frame belongs to the CANopen services that a policy protects, by the predefined
 /// connection set: NMT, EMCY and heartbeat for "CANopen safety"; SYNC, TIME and SDO as well for
 /// "CANopen all". No policy protects process data: the next cycle replaces it.
 fn is_critical(frame: &CanFrame, policy: CriticalFrames, set: CriticalSet) -> bool {

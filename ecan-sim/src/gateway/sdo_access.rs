@@ -25,7 +25,7 @@ pub(crate) const DEVICE_NAME: &str = "ECAN-Lite";
 const DATA_PATH_COMMAND: u8 = 2;
 
 impl Gateway {
-    /// Whether the mailbox responds: booted, not in INIT, and not silenced by a fault.
+    /// Returns whether the mailbox responds: booted, not in INIT, and not silenced by a fault.
     #[must_use]
     pub fn mailbox_answers(&self, now: u64) -> bool {
         self.is_responding() && self.al.state.has_mailbox() && !self.faults.is_mailbox_silent(now)

@@ -163,7 +163,7 @@ impl SyncManagers {
         true
     }
 
-    /// Whether both mailboxes are single buffers of the right direction, long enough for the
+    /// Returns whether both mailboxes are single buffers of the right direction, long enough for the
     /// services, outside the registers, and do not overlap.
     pub(super) fn are_mailboxes_valid(&self) -> bool {
         let is_valid = |sm: Option<SyncManagerConfig>, written_by_master| {

@@ -105,7 +105,7 @@ impl MailboxServer {
         !self.responses.is_full()
     }
 
-    /// Whether [`send`](Self::send) has a message. Cheap: to be called whenever the read mailbox is
+    /// Returns whether [`send`](Self::send) has a message. Cheap: to be called whenever the read mailbox is
     /// empty.
     pub(crate) fn is_due(&self, now: u64, gateway: &Gateway) -> bool {
         let is_ready = self.responses.next_ready().is_some_and(|time| time <= now);

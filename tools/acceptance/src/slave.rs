@@ -38,7 +38,7 @@ impl Slave {
         self.0.lines.iter().filter(|line| line.text.contains(text)).count()
     }
 
-    /// Whether the last change of state of this gateway led to PREOP.
+    /// Returns whether the last change of state of this gateway led to PREOP.
     pub fn is_in_preop(&mut self, gateway: u16) -> bool {
         self.0.collect();
         let name = format!("gateway {gateway}: ");

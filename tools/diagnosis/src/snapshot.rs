@@ -79,7 +79,7 @@ pub struct Snapshot {
     /// AL state from the master: 1 INIT, 2 PREOP, 3 BOOT, 4 SAFEOP, 8 OP; bit 4 is the error flag.
     /// 0 if unknown.
     pub al_state: u8,
-    /// Whether the master set the error flag and keeps the slave in its state.
+    /// True if the master set the error flag and keeps the slave in its state.
     pub has_error_flag: bool,
     /// AL status code, ESC register 0x0134; `None` if not read.
     pub al_status_code: Option<u16>,

@@ -50,7 +50,7 @@ pub(super) struct Transfer {
     pub(super) direction: SdoDirection,
     pub(super) index: u16,
     pub(super) subindex: u8,
-    /// Whether block transfer is tried.
+    /// True if block transfer is tried.
     pub(super) block: bool,
     pub(super) phase: Phase,
     /// When the answer to the frame sent last is overdue; `None` while a frame is to be sent.
@@ -63,7 +63,7 @@ pub(super) struct Transfer {
     /// A frame of it has been sent.
     pub(super) is_known_to_node: bool,
     pub(super) block_size: u8,
-    /// Whether both sides check the CRC.
+    /// True if both sides check the CRC.
     pub(super) crc: bool,
     /// Blocks in a row without progress.
     pub(super) stalls: u8,
@@ -128,12 +128,12 @@ impl Transfer {
         (self.index, self.subindex) == (index, subindex)
     }
 
-    /// Whether a frame of the server may come now: one was asked for, or a block goes out.
+    /// Returns whether a frame of the server may come now: one was asked for, or a block goes out.
     pub(super) fn expects_answer(&self) -> bool {
         self.deadline_ns.is_some() || matches!(self.phase, Phase::BlockDownloadSegments { .. })
     }
 
-    /// Whether the request that opens a block transfer is unanswered.
+    /// Returns whether the request that opens a block transfer is unanswered.
     pub(super) fn is_opening_block(&self) -> bool {
         matches!(self.phase, Phase::BlockUpload | Phase::BlockDownload)
     }

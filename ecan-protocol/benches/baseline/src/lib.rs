@@ -34,13 +34,13 @@ pub struct Profile {
     pub channel_mask: u8,
     /// One bit for each timestamp format that may occur.
     pub formats: u8,
-    /// Whether windows may occur.
+    /// True if windows may occur.
     pub windows: bool,
-    /// Whether packets are padded to 4 bytes.
+    /// True if packets are padded to 4 bytes.
     pub align4: bool,
     /// RxPDO.
     pub to_gateway: bool,
-    /// Whether the image has a CRC.
+    /// True if the image has a CRC.
     pub crc: bool,
 }
 

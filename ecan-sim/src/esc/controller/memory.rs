@@ -99,7 +99,7 @@ impl Controller {
         &mut self.memory[from..(from + bytes).min(MEMORY_BYTES)]
     }
 
-    /// Whether a buffer is full. Process data buffers belong to the firmware.
+    /// Returns whether a buffer is full. Process data buffers belong to the firmware.
     pub(super) fn buffer_is_full(&self, number: usize, context: &Context<'_>) -> bool {
         match number {
             OUTPUTS => context.gateway.outputs_full(),

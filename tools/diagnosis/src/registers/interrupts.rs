@@ -49,7 +49,7 @@ pub struct Interrupts(
 );
 
 impl Interrupts {
-    /// Whether RX FIFO0 and RX FIFO1 lost frames since the flags were cleared.
+    /// Returns whether RX FIFO0 and RX FIFO1 lost frames since the flags were cleared.
     pub const fn lost(self) -> (bool, bool) {
         (bit(self.0, 3), bit(self.0, 7))
     }

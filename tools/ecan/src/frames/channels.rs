@@ -12,7 +12,7 @@ use ecan_protocol::mapping::CHANNELS;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Channels {
     mask: u8,
-    /// Whether `all` was given.
+    /// True if `all` was given.
     is_all: bool,
 }
 

@@ -45,7 +45,7 @@ pub struct ScreenLines {
     screen: Screen,
     timestamps: Option<Timestamps>,
     log: LogLines,
-    /// Whether an extended CAN ID was seen.
+    /// True if an extended CAN ID was seen.
     is_indented: bool,
 }
 

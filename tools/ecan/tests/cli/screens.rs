@@ -51,7 +51,7 @@ fn run(command: &str, directory: &Path) -> String {
         .fold(String::new(), |text, line| text + line.trim_end() + "\n")
 }
 
-/// Whether the lines are those that are expected, with `...` for any number of lines.
+/// Returns whether the lines are those that are expected, with `...` for any number of lines.
 fn fits(expected: &[&str], lines: &[&str]) -> bool {
     match (expected.split_first(), lines.split_first()) {
         (None, None) => true,

@@ -43,7 +43,7 @@ fn invalid_interface_names_are_rejected() {
     }
 }
 
-/// Whether a virtual CAN interface can be made here; says why where it cannot.
+/// Returns whether a virtual CAN interface can be made here; says why where it cannot.
 fn has_vcan() -> bool {
     let link = ["ip", "link", "add", "dev", INTERFACE, "type", "vcan"];
     let made = Command::new("unshare").args(UNSHARE).args(link).output();

@@ -39,7 +39,7 @@ pub enum Outcome {
     },
     NotTried {
         reason: String,
-        /// Whether the cause is a gateway: this one, or the one before.
+        /// True if the cause is a gateway: this one, or the one before.
         #[serde(skip)]
         is_rejection: bool,
     },

@@ -32,7 +32,7 @@ impl Slow {
         self.now.set(self.now.get() + time);
     }
 
-    /// Whether the new firmware runs.
+    /// Returns whether the new firmware runs.
     fn is_new(&self) -> Result<bool> {
         self.pass(self.answer);
         match self.written.get() {

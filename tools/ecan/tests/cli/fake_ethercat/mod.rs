@@ -293,7 +293,7 @@ impl Master {
         }
     }
 
-    /// Whether a transfer fetches a response to such a request, as IgH does: it skips those to
+    /// Returns whether a transfer fetches a response to such a request, as IgH does: it skips those to
     /// uploads of other objects, and ends at any other response.
     fn finds_response(&mut self, own: Unfetched) -> bool {
         if self.unfetched.is_empty() {
