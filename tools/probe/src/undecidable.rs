@@ -145,10 +145,4 @@ pub const UNDECIDABLE: &[Undecidable] = &[
         "SDO information of missing subindices",
         "the library returns only the number of objects",
     ),
-    undecidable(
-        &["S56"],
-        "",
-        "AL status 0x1D and 0x1E for wrong SM2 and SM3",
-        "the master takes the sync managers from the SII, which the probe does not write",
-    ),
 ];

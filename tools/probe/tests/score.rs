@@ -79,6 +79,10 @@ fn every_switch_has_an_experiment_or_a_reason() {
     for (key, _) in known.iter().filter(|it| !it.0.is_empty()) {
         assert!(variants().any(|it| it.key == *key), "{key} is not a switch");
     }
+    let reasons = UNDECIDABLE.iter().filter(|it| it.key.is_empty());
+    let mut rows: Vec<_> = reasons.flat_map(|it| it.rows).collect();
+    rows.sort_unstable();
+    assert!(rows.windows(2).all(|pair| pair[0] != pair[1]), "a row occurs twice: {rows:?}");
 }
 
 #[test]

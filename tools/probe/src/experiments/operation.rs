@@ -8,6 +8,7 @@ use crate::experiment::Experiment;
 use crate::interruption::{Interruption, Result};
 use crate::outcome::Outcome;
 use crate::probe::Probe;
+use crate::session::Session;
 use crate::setup::{SYNC0, SYNC0_AND_SYNC1, Setup};
 use crate::stage::Stage;
 
@@ -163,28 +164,35 @@ fn emergencies(probe: &mut Probe) -> Result<Outcome> {
     let setup = Setup { watchdog: Duration::from_millis(WATCHDOG_MS), ..Setup::plain() };
     let session = probe.session(&setup)?;
     session.cycles(5)?;
+    // Those of the start.
+    emergency_codes(session);
     let clock = session.adapter.ecrt().clock().clone();
     clock.sleep_until_ns(clock.now_ns() + PAUSES_MS[2] * 1_000_000);
-    let mut emergency = session.adapter.take_emergency(0);
-    if emergency.is_none() {
+    let mut codes = emergency_codes(session);
+    if codes.is_empty() {
         // Fails if the master configures the gateway again.
         let _ = session.read_while_silent(0x8010, 2);
-        emergency = session.adapter.take_emergency(0);
+        codes = emergency_codes(session);
     }
     let (state, _) = session.al_status()?;
     session.take_missed();
     probe.end_session()?;
-    Ok(match emergency {
-        Some([low, high, ..]) => {
-            let code = u16::from_le_bytes([low, high]);
-            let detail = format!("emergency 0x{code:04X} after a pause of the process data");
-            Outcome::decided(code == LIFE_GUARD, detail)
-        }
-        None if state == Some(AlState::SafeOp) => {
+    if !codes.is_empty() {
+        let detail =
+            format!("emergencies {codes:04X?} (hexadecimal) after a pause of the process data");
+        return Ok(Outcome::decided(codes.contains(&LIFE_GUARD), detail));
+    }
+    Ok(match state {
+        Some(AlState::SafeOp) => {
             Outcome::differs("the watchdog ended OP without an emergency").like("none")
         }
-        None => Outcome::undecided(
+        _ => Outcome::undecided(
             "no emergency: the watchdog did not end OP, or the master left SAFEOP before it fetched one",
         ),
     })
+}
+
+fn emergency_codes(session: &mut Session) -> Vec<u16> {
+    let code = |[low, high, ..]: [u8; 8]| u16::from_le_bytes([low, high]);
+    std::iter::from_fn(|| session.adapter.take_emergency(0)).map(code).collect()
 }
