@@ -78,13 +78,13 @@ fn load(path: &Path) -> Result<DeviceProfile, ConfigFileError> {
 
 impl IncludedProfile {
     /// Time of the firmware for an image, in ns: the longest that was measured. An assumed one is not
-    /// shortened by one measurement alone.
+    /// shortened by one measurement alone, nor by a window in which no image was missed.
     pub(crate) fn processing_ns(&self, transport_ns: u32) -> Option<u32> {
         let DeviceProfile { service_us, sync0_window_us, .. } = self.profile;
         let assumed = ScheduleConfig::default();
         let service = service_us.map(|us| us.saturating_mul(1_000));
         // The window was measured from the send on, with the default time through the host.
-        let window = sync0_window_us.map(|(before, _)| {
+        let window = sync0_window_us.filter(|(before, _)| *before > 0).map(|(before, _)| {
             let measured = before.saturating_mul(1_000).saturating_add(assumed.transport_ns);
             measured.saturating_sub(transport_ns)
         });

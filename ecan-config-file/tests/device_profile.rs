@@ -113,6 +113,7 @@ fn one_measurement_does_not_shorten_the_assumed_time() {
         ("service_us = 40\n", 50_000),
         ("service_us = 300\n", 300_000),
         ("sync0_window_us = [0, 0]\n", 50_000),
+        ("service_us = 5\nsync0_window_us = [0, 0]\n", 50_000),
         ("service_us = 40\nsync0_window_us = [20, 0]\n", 40_000),
         ("mailbox_us = 200\n", 50_000),
     ] {
