@@ -430,7 +430,7 @@ fn busy(bus: &str, bitrate: u32) -> Scenario {
 }
 
 #[test]
-fn bus_with_traffic_is_refused_unless_forced() {
+fn bus_with_traffic_is_rejected_unless_forced() {
     let (bus, cell) = (busy("0.2", 500_000), cell());
     let cell = path(&cell);
     let output = bus.run(&["selftest", "--config", &cell]);
@@ -449,7 +449,7 @@ fn bus_with_traffic_is_refused_unless_forced() {
 }
 
 #[test]
-fn traffic_with_another_bit_rate_is_refused() {
+fn traffic_with_another_bit_rate_is_rejected() {
     let (bus, cell) = (busy("0.1", 250_000), cell());
     let output = bus.run(&["selftest", "--config", &path(&cell)]);
     let message = String::from_utf8(output.stderr).unwrap();

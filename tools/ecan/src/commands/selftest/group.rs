@@ -14,7 +14,7 @@ use crate::frames::{WATCHDOG, failure};
 use super::channel_setup::ChannelSetup;
 use super::check_counts::check_counts;
 use super::exchange::{ChannelCounters, ChannelState, exchange};
-use super::observation::{Received, Traffic, refuse};
+use super::observation::{FramesReceived, Traffic, require_no_traffic};
 use super::report::{Check, Figures, Report};
 use super::start_failure::{StartFailure, start_failures};
 use super::steps::{TestPath, TestPlan, TestStep};
@@ -187,7 +187,7 @@ impl GroupTest<'_> {
         let tested = self.plan.tested();
         let channels: Vec<u8> = (0..).zip(tested).filter(|it| it.1).map(|it| it.0).collect();
         let observe_ms = self.plan.arguments().observe;
-        let mut received = vec![[Received::default(); CHANNELS]; active.len()];
+        let mut received = vec![[FramesReceived::default(); CHANNELS]; active.len()];
         let end_ns = bus.now_ns().saturating_add(u64::from(observe_ms) * 1_000_000);
         while bus.now_ns() < end_ns {
             if bus.is_interrupted() {
@@ -222,7 +222,7 @@ impl GroupTest<'_> {
                 }
             }
         }
-        refuse(&traffic, observe_ms).map(|()| GroupEnd::Complete)
+        require_no_traffic(&traffic, observe_ms).map(|()| GroupEnd::Complete)
     }
 
     fn run_step(

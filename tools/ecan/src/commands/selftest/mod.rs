@@ -51,7 +51,7 @@ Default bit rates are 125, 250, 500 and 1000 kbit/s, and 500/2000 and 1000/5000 
 Every identified ECAN-Lite is tested, unless --slave is given; several in parallel, as many as fit into
 a cycle. The loopback is internal to the CAN controller: it takes the channel off its bus. Wired channels
 must be alone on their bus. Before the test each channel listens, without taking part in its bus; if
-there is traffic, the test is refused.
+there is traffic, the test ends without a loopback.
 
 The test restores the configuration of the gateway. If its channels were off, the gateway is restarted
 for that, because no command deactivates a channel. The Flash is not written. Reading and comparing about
@@ -130,7 +130,7 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
     }
     if !arguments.force {
         let traffic = of_active_channels(&bus, &slaves, plan.tested(), arguments.observe);
-        observation::refuse(&traffic, arguments.observe)?;
+        observation::require_no_traffic(&traffic, arguments.observe)?;
     }
     arguments.real_time.apply(|line| note(line))?;
     let (run, mut tested) = test_and_restore(&bus, &plan, &slaves, &interrupt)?;

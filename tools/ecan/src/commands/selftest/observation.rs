@@ -17,12 +17,12 @@ use super::exchange;
 pub(super) struct Traffic {
     pub(super) position: usize,
     pub(super) channel: u8,
-    /// Description.
+    /// Frames or errors, as text.
     pub(super) seen: String,
 }
 
-/// Refuses the test if there is traffic.
-pub(super) fn refuse(traffic: &[Traffic], observe_ms: u32) -> Result {
+/// Ends the test if there is traffic.
+pub(super) fn require_no_traffic(traffic: &[Traffic], observe_ms: u32) -> Result {
     if traffic.is_empty() {
         return Ok(());
     }
@@ -129,12 +129,12 @@ pub(super) fn of_active_channels(
 
 /// Frames that a channel received while it only listened.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Received {
+pub(super) struct FramesReceived {
     count: u64,
     first: Option<CanId>,
 }
 
-impl Received {
+impl FramesReceived {
     pub(super) fn add(&mut self, id: CanId) {
         self.count += 1;
         self.first.get_or_insert(id);
