@@ -24,6 +24,7 @@ mod config_check;
 mod cycle;
 mod error;
 mod gateway;
+mod measured_on;
 mod plan;
 mod port;
 mod port_config;
@@ -39,6 +40,7 @@ pub use config::Config;
 pub use config_check::PortConfigFault;
 pub use cycle::{Cycle, CycleSummary, MAX_FAILED_CYCLES};
 pub use error::PortError;
+pub use measured_on::MeasuredOn;
 pub use plan::{
     ChannelLoad, ChannelPlan, CpuCost, Elements, FrameRate, FrameRoute, FrameStream, GatewayPlan,
     ImageFill, ImagePlan, PortPlan, PortPlanError, PortWarning, SettingWarning,
@@ -46,7 +48,7 @@ pub use plan::{
 pub use port::Port;
 pub use port_config::{
     AcceptanceFilter, ChannelConfig, ChannelFilter, GatewayConfig, MAX_FILTERS, MAX_GATEWAYS,
-    MeasuredOn, PortConfig, Traffic,
+    PortConfig, Traffic,
 };
 pub use receive::items::ReceivedItems;
 pub use receive::received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
