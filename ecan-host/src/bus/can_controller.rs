@@ -33,6 +33,9 @@ pub enum RegisterServiceError {
         /// 1 wrong offset, 2 not writable, 3 busy, 4 access denied.
         status: u32,
     },
+    /// The controller is still on its bus.
+    #[error("CCCR.INIT did not stay set; restart the gateway (0x8000:01)")]
+    InitNotSet,
 }
 
 impl From<Error> for RegisterServiceError {
@@ -93,7 +96,7 @@ impl<'a> CanController<'a> {
         let value = self.read(CCCR)?;
         self.write(CCCR, value | CCCR_INIT)?;
         match self.read(CCCR)? & CCCR_INIT {
-            0 => Err(RegisterServiceError::Status { object: self.object, status: OK }),
+            0 => Err(RegisterServiceError::InitNotSet),
             _ => Ok(()),
         }
     }
