@@ -96,7 +96,7 @@ fn scheduled_frame_for_a_receiving_channel_is_rejected_by_its_mask() {
 }
 
 #[test]
-fn frames_of_a_sending_channel_have_a_result_or_count_as_unknown() {
+fn unscheduled_frames_of_a_sending_channel_are_delivered() {
     let mut config = gateway(0b01, 0b11);
     config.tx_options = OptionFlags::TX_RESULT;
     let mut fixture = fixture(config);
@@ -108,7 +108,8 @@ fn frames_of_a_sending_channel_have_a_result_or_count_as_unknown() {
     fixture.idle(100);
     let channel = fixture.port.statistics(fixture.port.gw(0)).channels[1];
     assert_eq!((channel.frames_accepted, channel.frames_pending), (20, 0), "{channel:?}");
-    assert_eq!(channel.results_failed, 0, "{channel:?}");
+    assert_eq!((channel.frames_delivered, channel.frames_unknown), (20, 0), "{channel:?}");
+    assert_eq!((channel.results_ok, channel.results_failed), (0, 0), "{channel:?}");
     assert_eq!(fixture.simulation.with_world(|world| world.counters(0).unwrap()).results_lost, 20);
 }
 

@@ -71,8 +71,8 @@ pub enum SettingWarning {
     /// Results of frames on a channel that only sends (manual 10).
     #[error(
         "slave {slave}, channel {channel} only sends: the gateway may report no TX_RESULT of it, \
-         because the TxPDO does not carry the channel (ASSUMPTIONS.md, H45); frames without a result \
-         count as unknown"
+         because the TxPDO does not carry the channel (ASSUMPTIONS.md, H45); scheduled frames without \
+         a result count as unknown"
     )]
     ResultsOfSendOnly {
         /// Slave index.
