@@ -35,7 +35,7 @@ pub enum PortError {
         slave: usize,
         /// State of its session.
         session: Session,
-        /// Step that it waits for.
+        /// Step that it waits for; `None` if its verification fails by a value that does not change.
         waiting_for: Option<PendingStep>,
         /// Fault of its last verification that failed.
         last_fault: Option<VerificationFault>,

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use ecan_host::{CanController, Diagnostics, OpProgress, Phase, run_in_parallel};
 use ecan_protocol::config::NodeMode;
+use ecan_protocol::device::ControllerMode;
 
 use crate::address::GatewayHandle;
 use crate::error::PortError;
@@ -76,8 +77,9 @@ impl Port {
                 if u128::from(waited_ms) > timeout.as_millis()
                     || sessions.any(|session| session.fails_for_good())
                 {
+                    let error = self.not_ready(waited_ms);
                     self.stop_not_listening(|port| drop(cycle(port)));
-                    return Err(self.not_ready(waited_ms).into());
+                    return Err(error.into());
                 }
                 continue;
             }
@@ -112,8 +114,9 @@ impl Port {
     pub fn stop_channels_not_listening(&mut self) -> Option<PortError> {
         let is_wrong = |gateway: &Gateway| is_not_listening(gateway.session.last_fault());
         self.gateways.iter().any(is_wrong).then(|| {
+            let error = self.not_ready(0);
             self.stop_not_listening(|port| drop(empty_cycle(port)));
-            self.not_ready(0)
+            error
         })
     }
 
@@ -135,17 +138,23 @@ impl Port {
         }
         let stop = |diagnostics: &Diagnostics| {
             for (slave, channel) in channels {
-                match CanController::new(diagnostics, slave, channel).leave_bus() {
+                let controller = CanController::new(diagnostics, slave, channel);
+                let mode = match controller.mode() {
+                    Ok(ControllerMode::Listen) => continue,
+                    Ok(mode) => mode.text(),
+                    Err(_) => "not readable",
+                };
+                match controller.leave_bus() {
                     Ok(()) => tracing::warn!(
                         slave,
                         channel,
-                        "slave {slave} channel {channel}: not listen-only, taken off its bus"
+                        "slave {slave} channel {channel}: taken off its bus (mode: {mode})"
                     ),
                     Err(error) => tracing::error!(
                         slave,
                         channel,
-                        "slave {slave} channel {channel}: not listen-only and still on its bus ({error}): restart \
-                         the gateway"
+                        "slave {slave} channel {channel}: still on its bus (mode: {mode}); restart the \
+                         gateway: {error}"
                     ),
                 }
             }
@@ -169,10 +178,11 @@ impl Port {
             .or(position(|gateway| !gateway.session.is_ready()))
             .unwrap_or_default();
         let gateway = GatewayHandle::new(slave);
+        let is_final = self.gateways.get(slave).is_some_and(|it| it.session.fails_for_good());
         PortError::NotReady {
             slave,
             session: self.session(gateway),
-            waiting_for: self.waiting_for(gateway),
+            waiting_for: self.waiting_for(gateway).filter(|_| !is_final),
             last_fault: self.last_verification_fault(gateway),
             waited_ms,
         }

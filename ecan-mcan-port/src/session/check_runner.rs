@@ -96,6 +96,7 @@ impl CheckRunner {
     pub(crate) fn restart(&mut self, now_ns: u64) {
         (self.passed, self.begun, self.earlier) = (0, 0, None);
         self.waiting_since_ns = now_ns;
+        self.controller.restart();
     }
 
     /// Returns whether the transfers of this attempt were begun.
@@ -162,7 +163,7 @@ impl CheckRunner {
             self.passed += 1;
             self.waiting_since_ns = now_ns;
         }
-        Ok(true)
+        self.controller.take_fault().map_or(Ok(true), Err)
     }
 
     /// Begins the transfers of the attempt, once those of earlier ones have ended.

@@ -7,15 +7,18 @@
 use std::fmt;
 
 use ecan_host::{Adapter, Delivery, Error};
-use ecan_protocol::device::{AlState, Capabilities};
+use ecan_protocol::device::{AlState, CCCR, Capabilities};
 use ecan_protocol::mapping::Direction;
 
 use crate::port_config::GatewayConfig;
 use crate::session::check_runner::CheckRunner;
+use crate::session::controller_reading::warn_unverified;
 use crate::session::pending_step::PendingStep;
 use crate::session::profile_restore::{ProfileRestore, SAFEOP_NS};
 use crate::session::startup_retry::StartupRetry;
-use crate::session::verification::{Check, SERIAL_CHECKS, SdoTransfer, VerificationFault, checks};
+use crate::session::verification::{
+    Check, ControllerStep, SERIAL_CHECKS, SdoTransfer, VerificationFault, checks,
+};
 
 /// Cycles between checks of the slave's state while the gateway is ready.
 const WATCH_CYCLES: u64 = 64;
@@ -87,6 +90,11 @@ pub(crate) struct SessionMachine {
 /// Returns whether a check reads an entry that the gateway does not have.
 fn is_of_missing_entry(check: Check, adapter: &Adapter, slave: usize) -> bool {
     let SdoTransfer { index, subindex, .. } = check.transfer();
+    if let Check::Controller { .. } = check {
+        // A channel is read with all its steps or not at all.
+        let lacks = |step: ControllerStep| adapter.lacks_object(slave, index, step.subindex());
+        return ControllerStep::of_register(0).into_iter().any(|it| lacks(it).unwrap_or(false));
+    }
     match index {
         Capabilities::INDEX => !adapter.reports_capability(slave, subindex).unwrap_or(true),
         _ => adapter.lacks_object(slave, index, subindex).unwrap_or(false),
@@ -107,7 +115,15 @@ impl SessionMachine {
         ];
         let serial = adapter.serial_number(slave)?;
         let mut checks = checks(config, profiles, serial, adapter.slave_count() == 1);
-        checks.retain(|check| !is_of_missing_entry(*check, adapter, slave));
+        checks.retain(|check| {
+            let is_missing = is_of_missing_entry(*check, adapter, slave);
+            if let Check::Controller { channel, step: ControllerStep::Offset(CCCR) } = *check
+                && is_missing
+            {
+                warn_unverified(slave, channel);
+            }
+            !is_missing
+        });
         Ok(Self {
             slave,
             state: Session::Waiting,

@@ -80,15 +80,22 @@ pub enum VerificationFault {
         found: u32,
     },
     /// The controller of a channel that must only listen is in another mode, by its registers.
-    #[error(
-        "node mode 1 puts channel {channel} into {mode}, not into listen-only (assumption H9: the numbers of \
-         the manual; a restart, 0x8000:01, takes it off its bus)"
-    )]
+    #[error("node mode 1 puts channel {channel} into {mode}, not into listen-only (assumption H9)")]
     NodeMode {
         /// CAN channel, 0 to 3.
         channel: u8,
         /// Mode of its controller.
         mode: ControllerMode,
+    },
+    /// The mode of a channel that must only listen was not read: the register service is busy, or
+    /// another program used it at the same time.
+    #[error(
+        "the register service of channel {channel} (0x{:04X}) is busy or used by another program",
+        REGISTER_SERVICE + u16::from(*channel)
+    )]
+    RegisterServiceInUse {
+        /// CAN channel, 0 to 3.
+        channel: u8,
     },
     /// A transfer failed.
     #[error("{0} failed")]
@@ -172,12 +179,25 @@ pub(crate) enum ControllerStep {
     Status,
     /// Value of the register with this offset.
     Value(u16),
+    /// The offset again: another program may have used the service in between.
+    OffsetReadback(u16),
 }
 
 impl ControllerStep {
-    fn subindex(self) -> u8 {
+    /// The steps of reading the register with this offset.
+    pub(crate) fn of_register(offset: u16) -> [Self; 5] {
+        [
+            Self::Offset(offset),
+            Self::Command,
+            Self::Status,
+            Self::Value(offset),
+            Self::OffsetReadback(offset),
+        ]
+    }
+
+    pub(crate) fn subindex(self) -> u8 {
         match self {
-            Self::Offset(_) => 1,
+            Self::Offset(_) | Self::OffsetReadback(_) => 1,
             Self::Command => 2,
             Self::Status => 3,
             Self::Value(_) => 5,
@@ -190,7 +210,7 @@ impl ControllerStep {
         match self {
             Self::Offset(offset) => Some(SdoWrite::new(object, 1, ObjectType::U32, offset.into())),
             Self::Command => Some(SdoWrite::new(object, 2, ObjectType::U8, 1)),
-            Self::Status | Self::Value(_) => None,
+            Self::Status | Self::Value(_) | Self::OffsetReadback(_) => None,
         }
     }
 }
@@ -301,12 +321,7 @@ pub(crate) fn checks(
         if settings.can.node_mode == NodeMode::Listen {
             let channel = channel as u8;
             for offset in [CCCR, TEST] {
-                let steps = [
-                    ControllerStep::Offset(offset),
-                    ControllerStep::Command,
-                    ControllerStep::Status,
-                    ControllerStep::Value(offset),
-                ];
+                let steps = ControllerStep::of_register(offset);
                 checks.extend(steps.map(|step| Check::Controller { channel, step }));
             }
         }

@@ -411,7 +411,7 @@ fn channel_that_does_not_listen_gets_no_frame() {
         assert_eq!(output.status.code(), Some(1));
         let printed = String::from_utf8(output.stdout).unwrap();
         assert!(printed.contains(modes), "{printed}");
-        assert!(printed.contains("(assumption H9: the numbers of the manual"), "{printed}");
+        assert!(printed.contains("(assumption H9"), "{printed}");
         assert_eq!(lines(&printed, "FAILED  ").len(), 1, "{printed}");
         assert!(printed.contains("as before the test"), "{printed}");
     }
