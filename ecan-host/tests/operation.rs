@@ -116,7 +116,7 @@ fn al_status_code_is_read_before_the_master_acknowledges_it() {
 
 #[test]
 fn wrong_sync_managers_of_the_sii_are_named() {
-    let fixed = "scripts/ecan_sii_sm_layout.sh fix --position 0";
+    let fixed = "scripts/ecan_sii_sm_layout.sh fix --position 0, then power-cycle the gateway";
     for (sm, change, text) in [
         (
             0,
@@ -143,6 +143,20 @@ fn wrong_sync_managers_of_the_sii_are_named() {
         let log = simulation.kernel_log();
         assert!(log.iter().any(|line| line.contains(&code)), "{log:#?}");
     }
+}
+
+#[test]
+fn repair_of_the_sii_has_the_ring_position_of_an_alias() {
+    let mut scenario = ecan_sim::echo(2);
+    scenario.gateways[1].alias = 77;
+    scenario.gateways[1].sii_sync_managers[0].start = 0x1180;
+    let mut config = raw_config().0;
+    config.slaves[0].alias = 77;
+    let (ecrt, _simulation) = simulated(scenario);
+    let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
+    let message = adapter.wait_op(Duration::from_secs(5)).unwrap_err().to_string();
+    assert!(message.contains("slave 0 (alias 77, position 0)"), "{message}");
+    assert!(message.contains("ecan_sii_sm_layout.sh fix --position 1, "), "{message}");
 }
 
 #[test]

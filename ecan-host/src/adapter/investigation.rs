@@ -69,6 +69,8 @@ impl Adapter {
                 slave: index,
                 alias: slave_config.map_or(0, |settings| settings.alias),
                 position: slave_config.map_or(0, |settings| settings.position),
+                master_index: self.config.master_index,
+                ring_position: info.as_ref().map(|info| info.position),
                 online: state.online,
                 al_state: info
                     .as_ref()

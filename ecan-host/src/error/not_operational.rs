@@ -16,6 +16,11 @@ pub struct SlaveReport {
     pub alias: u16,
     /// Configured position.
     pub position: u16,
+    /// Index of its master.
+    pub master_index: u32,
+    /// Position on the bus, from 0, as IgH's command line tool counts; `None` when the slave does not
+    /// answer.
+    pub ring_position: Option<u16>,
     /// True if the slave responds.
     pub online: bool,
     /// AL state as a number; `None` when the slave does not answer.
@@ -48,19 +53,23 @@ impl SlaveReport {
     /// It rejected OP without an error that has another cause than the process data.
     fn may_have_lost_profile(&self) -> bool {
         let is_safeop = |raw: u8| AlState::from_status(raw.into()) == Some(AlState::SafeOp);
-        let is_of_profile = |code| {
-            [AlStatusCode::OUTPUT_CONFIGURATION, AlStatusCode::INPUT_CONFIGURATION].contains(&code)
-        };
         self.error_flag
             && self.al_state.is_some_and(is_safeop)
-            && self.al_status_code.is_none_or(is_of_profile)
+            && self.may_have_wrong_process_data()
     }
 
     /// It rejected SAFEOP for the configuration of its clock, or for a reason that was not read.
     fn may_need_other_activation(&self) -> bool {
         self.uses_sync0
             && self.wrong_sync_managers().next().is_none()
-            && self.al_status_code.is_none_or(|code| code == AlStatusCode::DC_CONFIGURATION)
+            && match self.al_status_code {
+                Some(code) => code == AlStatusCode::DC_CONFIGURATION,
+                None => self.error_flag,
+            }
+    }
+
+    fn may_have_wrong_process_data(&self) -> bool {
+        self.al_status_code.is_none_or(is_of_process_data)
     }
 
     /// SM2 and SM3 that are not those of manual 5.3, each as a text.
@@ -79,13 +88,18 @@ impl SlaveReport {
     fn write_sync_manager_check(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let wrong: Vec<String> = self.wrong_sync_managers().collect();
         if !wrong.is_empty() {
-            return write!(
-                f,
-                " ({}: the SII is wrong, manual 15.7, 16.1; repair it with \
-                 scripts/ecan_sii_sm_layout.sh fix --position {})",
-                wrong.join("; "),
-                self.position
-            );
+            write!(f, " ({}: the SII is wrong, manual 15.7, 16.1", wrong.join("; "))?;
+            if let Some(position) = self.ring_position {
+                f.write_str("; repair it with scripts/ecan_sii_sm_layout.sh fix")?;
+                if self.master_index != 0 {
+                    write!(f, " --master {}", self.master_index)?;
+                }
+                write!(f, " --position {position}, then power-cycle the gateway")?;
+            }
+            return f.write_str(")");
+        }
+        if !self.may_have_wrong_process_data() {
+            return Ok(());
         }
         f.write_str(
             " (manual 16.1: compare the numbers of chunks in 0x1C12 and 0x1C13 with N of 0x8010 and 0x8011; \
@@ -130,7 +144,7 @@ impl fmt::Display for SlaveReport {
             if self.error_flag {
                 self.write_sync_manager_check(f)?;
             }
-            // Between two attempts of the master the error flag is clear.
+            // Between two attempts of the master the error flag is clear, but the code was kept.
             if self.may_need_other_activation() {
                 f.write_str(
                     " (assumption H2: distributed clocks may need another AssignActivate word than 0x0300; its ESI \
@@ -162,6 +176,66 @@ impl NotOperational {
     }
 }
 
+fn is_of_process_data(code: AlStatusCode) -> bool {
+    [AlStatusCode::OUTPUT_CONFIGURATION, AlStatusCode::INPUT_CONFIGURATION].contains(&code)
+}
+
 pub(crate) fn is_preop(al_state: u8) -> bool {
     AlState::from_status(al_state.into()) == Some(AlState::PreOp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A slave in PREOP with distributed clocks.
+    fn report(error_flag: bool, code: Option<AlStatusCode>) -> SlaveReport {
+        SlaveReport {
+            slave: 0,
+            alias: 77,
+            position: 0,
+            master_index: 0,
+            ring_position: Some(3),
+            online: true,
+            al_state: Some(2),
+            error_flag,
+            al_status_code: code,
+            sync_managers: None,
+            uses_sync0: true,
+            cause: None,
+            working_counter: 0,
+            expected_working_counter: 3,
+        }
+    }
+
+    #[test]
+    fn hints_in_preop_depend_on_code_and_error_flag() {
+        for (error_flag, code, chunks, activation) in [
+            (false, None, false, false),
+            (true, None, true, true),
+            (true, Some(AlStatusCode::OUTPUT_CONFIGURATION), true, false),
+            (true, Some(AlStatusCode::INPUT_CONFIGURATION), true, false),
+            (true, Some(AlStatusCode::DC_CONFIGURATION), false, true),
+            (false, Some(AlStatusCode::DC_CONFIGURATION), false, true),
+            (true, Some(AlStatusCode(0x0016)), false, false),
+        ] {
+            let text = report(error_flag, code).to_string();
+            assert_eq!(text.contains("numbers of chunks"), chunks, "{text}");
+            assert_eq!(text.contains("assumption H2:"), activation, "{text}");
+        }
+    }
+
+    #[test]
+    fn repair_of_the_sii_needs_the_ring_position() {
+        let wrong = SyncManagerLayout::from_bytes([0; SyncManagerLayout::BYTES]);
+        let mut report = report(true, None);
+        report.sync_managers = Some([wrong; 2]);
+        report.master_index = 1;
+        let text = report.to_string();
+        let command = "fix --master 1 --position 3, then power-cycle the gateway)";
+        assert!(text.contains(command), "{text}");
+        report.ring_position = None;
+        let text = report.to_string();
+        assert!(text.contains("the SII is wrong") && !text.contains("fix"), "{text}");
+    }
 }
