@@ -288,8 +288,11 @@ impl Adapter {
         master
             .config_watchdog(config, 0, u16::try_from(intervals).unwrap_or(u16::MAX))
             .map_err(fail("ecrt_slave_config_watchdog"))?;
-        // Without the queue, emergencies are lost and nothing else.
-        if let Err(errno) = master.config_emergencies(config, EMERGENCIES) {
+        // Without the queue, emergencies are lost and nothing else. The owner of an attached master may
+        // have sized its own.
+        if !self.attached
+            && let Err(errno) = master.config_emergencies(config, EMERGENCIES)
+        {
             debug!(slave, "ecrt_slave_config_emerg_size failed: {errno}");
         }
         if let Some(dc) = self.config.dc {

@@ -219,7 +219,8 @@ impl Adapter {
     }
 
     /// Takes a CoE emergency of a slave (8 bytes: error code, error register, data). The master receives it with
-    /// the response of an SDO transfer, and keeps eight. `None` without one; then IgH writes a line to stderr.
+    /// the response of an SDO transfer, and keeps eight; on an attached Adapter the owner sets the size of the queue.
+    /// `None` without one; then IgH writes a line to stderr. Not real-time safe; not for the cycle.
     pub fn take_emergency(&mut self, slave: usize) -> Option<[u8; 8]> {
         let config = self.slaves.get(slave)?.config;
         self.master.take_emergency(config).ok()
