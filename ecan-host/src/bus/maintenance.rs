@@ -46,7 +46,7 @@ fn assumption(status: MaintenanceStatus) -> &'static str {
     match status {
         MaintenanceStatus::Denied => " (assumption H27: it may need another access mode)",
         MaintenanceStatus::CrcError | MaintenanceStatus::ImageInvalid => {
-            " (assumption S44: the firmware may use other numbers)"
+            " (assumption H27: the firmware may use other numbers)"
         }
         _ => "",
     }

@@ -74,7 +74,7 @@ variants! {
             Factory = "factory", "factory";
             Run = "run", "none";
         }
-        maintenance_status: MaintenanceNumbers, ["S44"], "Maintenance status numbers, 0xB000:05" {
+        maintenance_status: MaintenanceNumbers, ["H27", "S44"], "Maintenance status numbers, 0xB000:05" {
             ManualOrder = "manual_order", "3 is a CRC error, 4 an invalid image";
             Swapped = "swapped", "4 is a CRC error, 3 an invalid image";
         }

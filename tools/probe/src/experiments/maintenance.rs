@@ -18,7 +18,7 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
         run: mode,
     },
     Experiment {
-        rows: &["S44"],
+        rows: &["H27", "S44"],
         key: "maintenance_status",
         stage: Stage::PreOp,
         assumption: "maintenance status 4 is an invalid image",
