@@ -2,7 +2,7 @@
 
 use ecan_host::{Identity, SlaveConfig, StartupStep};
 use ecan_mcan_port::{AcceptanceFilter, GatewayConfig, MarginCheck, ScheduleConfig};
-use ecan_protocol::config::DataPathGlobal;
+use ecan_protocol::config::{DataPathGlobal, NodeMode};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
@@ -89,11 +89,16 @@ pub(crate) fn read(mut table: Table<'_, '_>, at: usize) -> ReadGateway {
 
 /// Reports node modes that have another number on the gateway (assumption H9).
 fn report_node_modes(table: &Table<'_, '_>, profile: &IncludedProfile, gateway: &GatewayConfig) {
-    for channel in profile.misnumbered(gateway) {
+    for (channel, mode) in profile.misnumbered(gateway) {
         let key = CHANNEL_TABLES.get(channel).copied().unwrap_or("can0");
+        // A channel that must not disturb its bus must not be made a normal one.
+        let action = match mode {
+            NodeMode::Listen => "listen-only is not available with this number; remove the channel",
+            _ => "use \"normal\"",
+        };
         let reason = format!(
             "`node_mode` of `{key}` has another number on this gateway: internal loopback is {}, by \
-             {} (assumption H9); use \"normal\"",
+             {} (assumption H9); {action}",
             profile.profile.internal_loopback.unwrap_or(0),
             profile.path.display()
         );

@@ -110,14 +110,17 @@ impl IncludedProfile {
         adapter.preop_timeout = adapter.preop_timeout.max(restart.unwrap_or_default());
     }
 
-    /// The channels that request a node mode whose number is another one on this gateway.
-    pub(crate) fn misnumbered(&self, gateway: &GatewayConfig) -> impl Iterator<Item = usize> {
+    /// The channels that request a node mode whose number is another one on this gateway, and this mode.
+    pub(crate) fn misnumbered(
+        &self,
+        gateway: &GatewayConfig,
+    ) -> impl Iterator<Item = (usize, NodeMode)> {
         let expected = NodeMode::InternalLoopback as u8;
         let differs = self.profile.internal_loopback.is_some_and(|number| number != expected);
         let channels = gateway.channels.into_iter().enumerate();
         channels.filter_map(move |(channel, settings)| {
             let mode = settings?.can.node_mode;
-            (differs && mode != NodeMode::Normal).then_some(channel)
+            (differs && mode != NodeMode::Normal).then_some((channel, mode))
         })
     }
 

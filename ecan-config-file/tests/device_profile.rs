@@ -166,6 +166,14 @@ fn node_mode_with_another_number_is_rejected() {
         reason.contains("`node_mode` of `can0` has another number on this gateway"),
         "{reason}"
     );
+    assert!(
+        reason.ends_with("listen-only is not available with this number; remove the channel"),
+        "{reason}"
+    );
+    let looping = CELL.replace("500_000", "500_000, node_mode = \"internal_loopback\"");
+    let other = directory(&looping, "internal_loopback = 1\n");
+    let [(6, 8, reason)] = &faults(&other)[..] else { panic!("{:?}", faults(&other)) };
+    assert!(reason.ends_with("use \"normal\""), "{reason}");
     assert!(load(cell(&directory(CELL, "internal_loopback = 1\n"))).is_ok());
 }
 
