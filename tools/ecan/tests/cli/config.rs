@@ -236,6 +236,17 @@ fn missing_entry_of_one_gateway_is_listed_by_diff_and_rejected_by_apply() {
     let reason = "  slave 1: the firmware lacks 0x8002:19 (MCAN Channel Config 1, Nominal bitrate) \
                   (assumption H42); nothing was written; ";
     assert!(printed.contains(reason), "{printed}");
+    for slave in [0, 2] {
+        let skipped =
+            format!("slave {slave}: skipped, not configured as gateway {slave} of {path}\n");
+        assert!(printed.contains(&skipped), "{printed}");
+    }
+    let json = ends(5, &["--ecrt", &bus, "config", "apply", path, "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    for at in [0, 1, 2] {
+        assert_eq!(json[at]["steps"], serde_json::json!([]), "{json}");
+        assert_eq!(json[at]["parts"], serde_json::json!([]), "{json}");
+    }
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use ecan_config_file::{ResolvedGateway, apply, missing_entries};
 use ecan_host::{Diagnostics, StartupStep};
+use ecan_mcan_port::Config;
 use ecan_protocol::device::OptionalObject;
 use ecan_protocol::object::describe;
 use serde::Serialize;
@@ -36,23 +37,8 @@ struct Part {
 pub fn run(path: &Path, with_steps: bool, context: &Context) -> Result {
     let file = config_file::read(path)?;
     let (bus, resolved) = super::open_gateways(&file, context)?;
-    let mut applied = Vec::new();
-    let mut failed = None;
-    for gateway in resolved {
-        let mut done = Applied::nothing(gateway);
-        if failed.is_none() {
-            let mut steps = ecan_config_file::startup(&file, gateway.gateway);
-            failed = leave_out_lacking(bus.diagnostics(), gateway.slave, &mut steps, &mut done)
-                .and_then(|()| {
-                    apply(bus.diagnostics(), gateway.slave, &steps, &mut |step| done.note(step))
-                        .map_err(config_file::resolve_failure)
-                })
-                .err();
-            done.is_complete = failed.is_none();
-            done.error = failed.as_ref().map(ToString::to_string);
-        }
-        applied.push(done);
-    }
+    let mut applied: Vec<_> = resolved.into_iter().map(Applied::nothing).collect();
+    let failed = write_all(bus.diagnostics(), &file, &mut applied).err();
     context.output.data(&applied, |out| {
         applied.iter().try_for_each(|it| it.print(path, with_steps, &context.output, out))
     })?;
@@ -63,8 +49,25 @@ pub fn run(path: &Path, with_steps: bool, context: &Context) -> Result {
     }
 }
 
+/// Writes to the gateways, up to the first failure, after it has examined all of them.
+fn write_all(bus: &Diagnostics, file: &Config, applied: &mut [Applied]) -> Result {
+    let mut steps = Vec::new();
+    for done in &mut *applied {
+        let mut of_gateway = ecan_config_file::startup(file, done.gateway);
+        let examined = leave_out_lacking(bus, done.position, &mut of_gateway, done);
+        done.record_error(examined)?;
+        steps.push(of_gateway);
+    }
+    for (done, steps) in applied.iter_mut().zip(steps) {
+        let written = apply(bus, done.position, &steps, &mut |step| done.note(step));
+        done.record_error(written.map_err(config_file::resolve_failure))?;
+        done.is_complete = true;
+    }
+    Ok(())
+}
+
 /// Removes the steps of optional objects that the gateway lacks, as the start of a Port does. Fails
-/// before anything is written if it lacks another entry.
+/// if it lacks another entry.
 fn leave_out_lacking(
     bus: &Diagnostics,
     slave: usize,
@@ -96,6 +99,11 @@ impl Applied {
         let (parts, steps) = (Vec::new(), Vec::new());
         let lacking = Vec::new();
         Self { position: slave, gateway, is_complete: false, error: None, lacking, parts, steps }
+    }
+
+    fn record_error(&mut self, result: Result) -> Result {
+        self.error = result.as_ref().err().map(ToString::to_string);
+        result
     }
 
     fn print(
