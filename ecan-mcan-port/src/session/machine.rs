@@ -81,8 +81,11 @@ pub(crate) struct SessionMachine {
     unmapped_since_ns: Option<u64>,
     /// This attempt only identifies a gateway without process data.
     is_identifying: bool,
-    /// State below OP and its begin.
-    below_op: Option<(u8, u64)>,
+    /// Begin of the present stay below OP in one AL state.
+    below_op_since_ns: Option<u64>,
+    /// The last AL state below OP; a number that is always set, since memcheck reports the comparison of one in
+    /// an `Option`.
+    below_op_state: u8,
     startup_retry: StartupRetry,
     profile_restore: ProfileRestore,
 }
@@ -136,7 +139,8 @@ impl SessionMachine {
             is_below_op: false,
             unmapped_since_ns: None,
             is_identifying: false,
-            below_op: None,
+            below_op_since_ns: None,
+            below_op_state: 0,
             startup_retry: StartupRetry::default(),
             profile_restore: ProfileRestore::new(adapter, slave, profiles)?,
         })
@@ -241,9 +245,9 @@ impl SessionMachine {
     }
 
     fn restore_profiles(&mut self, adapter: &mut Adapter) {
-        match self.below_op {
-            Some((state, since_ns))
-                if AlState::from_status(state.into()) == Some(AlState::SafeOp) =>
+        match self.below_op_since_ns {
+            Some(since_ns)
+                if AlState::from_status(self.below_op_state.into()) == Some(AlState::SafeOp) =>
             {
                 if Self::has_lasted(Some(since_ns), SAFEOP_NS, adapter) {
                     self.profile_restore.step(adapter);
@@ -258,13 +262,12 @@ impl SessionMachine {
         let now_ns = adapter.clock().now_ns();
         let state = adapter.slave_state(self.slave).ok().filter(|state| state.online);
         let below_op = state.filter(|state| !state.operational).map(|state| state.al_state);
-        let last = self.below_op;
-        self.below_op = below_op.map(|al_state| match last {
-            Some((before, since_ns)) if before == al_state => (al_state, since_ns),
-            _ => (al_state, now_ns),
+        self.below_op_since_ns = below_op.map(|al_state| {
+            let is_same = std::mem::replace(&mut self.below_op_state, al_state) == al_state;
+            self.below_op_since_ns.filter(|_| is_same).unwrap_or(now_ns)
         });
-        match self.below_op {
-            Some((_, since_ns)) => self.startup_retry.watch(since_ns, now_ns),
+        match self.below_op_since_ns {
+            Some(since_ns) => self.startup_retry.watch(since_ns, now_ns),
             None => self.startup_retry.reset(),
         }
         let is_unmapped = state.is_some_and(|state| state.operational)
@@ -321,7 +324,7 @@ impl SessionMachine {
             return Event::None;
         }
         self.is_identifying = !outputs_arrive;
-        (self.below_op, self.unmapped_since_ns) = (None, None);
+        (self.below_op_since_ns, self.unmapped_since_ns) = (None, None);
         self.startup_retry.reset();
         self.state = Session::Verifying;
         self.runner.restart(adapter.clock().now_ns());
