@@ -17,7 +17,7 @@ use ecan_protocol::can::CanId;
 use ecan_protocol::image::Schedule;
 use plan_support::{EVERY_CYCLE, adapter, eight, one_channel};
 
-/// Two clock datagrams beside N = 3: the image is there 67.2 us after the send at the latest, and
+/// Two clock datagrams with N = 3: the image is there 67.2 us after the send at the latest, and
 /// not before its own 384 bytes, 30.72 us; 100 us until the send and 30 us through the host come
 /// on top, then 50 us in the firmware.
 fn with_sync0(shift_ns: u32) -> AdapterConfig {

@@ -157,7 +157,7 @@ impl SyncManagerLayout {
 
     /// Returns whether start and control byte are those of the manual; any length, and the watchdog bit as
     /// the master chooses.
-    pub const fn is_at_its_place(self, direction: Direction) -> bool {
+    pub const fn has_required_start_and_control(self, direction: Direction) -> bool {
         let required = Self::required(direction);
         self.start == required.start && (self.control ^ required.control) & !WATCHDOG_TRIGGER == 0
     }
@@ -183,11 +183,20 @@ mod tests {
     fn layout_reads_registers_and_ignores_the_watchdog_bit() {
         let inputs = SyncManagerLayout::from_bytes([0x00, 0x1D, 0x80, 0x01, 0x22, 0, 1, 4]);
         assert_eq!(inputs, SyncManagerLayout { start: 0x1D00, length: 384, control: 0x22 });
-        assert!(inputs.is_at_its_place(Direction::TxPdo));
-        assert!(!inputs.is_at_its_place(Direction::RxPdo));
-        assert!(SyncManagerLayout { control: 0x62, ..inputs }.is_at_its_place(Direction::TxPdo));
-        assert!(!SyncManagerLayout { control: 0x26, ..inputs }.is_at_its_place(Direction::TxPdo));
-        assert!(!SyncManagerLayout { start: 0x1D80, ..inputs }.is_at_its_place(Direction::TxPdo));
+        assert!(inputs.has_required_start_and_control(Direction::TxPdo));
+        assert!(!inputs.has_required_start_and_control(Direction::RxPdo));
+        assert!(
+            SyncManagerLayout { control: 0x62, ..inputs }
+                .has_required_start_and_control(Direction::TxPdo)
+        );
+        assert!(
+            !SyncManagerLayout { control: 0x26, ..inputs }
+                .has_required_start_and_control(Direction::TxPdo)
+        );
+        assert!(
+            !SyncManagerLayout { start: 0x1D80, ..inputs }
+                .has_required_start_and_control(Direction::TxPdo)
+        );
         let required = SyncManagerLayout::required(Direction::RxPdo);
         assert_eq!(required.to_string(), "start 0x1100, 3072 bytes, control byte 0x66");
     }

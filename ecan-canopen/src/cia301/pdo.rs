@@ -48,7 +48,7 @@ const EXTENDED: u32 = 1 << 29;
 pub struct PdoCobId {
     /// Identifier of the frames.
     pub id: CanId,
-    /// True if the PDO exists. Only one that does not may be mapped anew.
+    /// True if the PDO exists. Only one that does not may be mapped again.
     pub is_valid: bool,
     /// True if remote frames may ask for it (TPDO only).
     pub allows_rtr: bool,

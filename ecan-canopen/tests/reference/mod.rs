@@ -38,7 +38,7 @@ pub struct Server {
     pub block: Block,
     /// Segments per block of a download.
     pub block_size: u8,
-    /// True if the sizes of uploads are told.
+    /// True if the server reports the sizes of uploads.
     pub tells_size: bool,
     /// Abort codes that the client sent.
     pub aborts: Vec<u32>,

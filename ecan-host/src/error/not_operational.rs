@@ -78,7 +78,7 @@ impl SlaveReport {
         let wrong = |(found, (name, direction)): (SyncManagerLayout, (&str, Direction))| {
             let required = SyncManagerLayout::required(direction);
             let required = SyncManagerLayout { length: found.length, ..required };
-            (!found.is_at_its_place(direction))
+            (!found.has_required_start_and_control(direction))
                 .then(|| format!("{name} has {found} instead of {required}"))
         };
         managers.zip([("SM2", Direction::RxPdo), ("SM3", Direction::TxPdo)]).filter_map(wrong)

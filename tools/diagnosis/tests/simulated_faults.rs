@@ -1,14 +1,17 @@
 //! Faults of the simulated gateway in operation, as the findings tell them.
 #![allow(missing_docs)]
 
+mod gateway_snapshot;
+
 use std::time::Duration;
 
-use ecan_diagnosis::{Depth, Finding, ReadError, Snapshot, findings};
+use ecan_diagnosis::{Finding, Snapshot, findings};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{ChannelConfig, Cycle, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::{Direction, HEADER_BYTES};
 use ecan_sim::{ClockKind, Fault, GatewayFault, Scenario, SimOptions, Simulation};
+use gateway_snapshot::snapshot_of;
 
 struct Fixture {
     port: Port,
@@ -45,24 +48,7 @@ impl Fixture {
 
     /// What the gateway shows now.
     fn snapshot(&self) -> Snapshot {
-        self.simulation.with_world(|world| {
-            let look = |gateway: &mut ecan_sim::Gateway, now| {
-                let mut bytes = Vec::new();
-                let mut snapshot = Snapshot::read(Depth::Findings, |key| {
-                    gateway
-                        .sdo_upload(now, key.index, key.subindex, &mut bytes)
-                        .map_err(|code| ReadError::Rejected(code.to_string()))?;
-                    let mut value = [0; 4];
-                    value[..bytes.len()].copy_from_slice(&bytes);
-                    Ok(u32::from_le_bytes(value))
-                });
-                snapshot.al_state = gateway.al_state().raw() | u8::from(gateway.al_error()) << 4;
-                snapshot.al_status_code = Some(gateway.al_status_code());
-                snapshot.sync0_period_ns = gateway.next_sync0(now).map(|_| 1_000_000);
-                snapshot
-            };
-            world.with_gateway(0, look).unwrap()
-        })
+        self.simulation.with_world(|world| world.with_gateway(0, snapshot_of)).unwrap()
     }
 
     fn found(&self) -> Vec<Finding> {

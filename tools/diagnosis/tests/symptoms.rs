@@ -2,10 +2,12 @@
 //! leads to the check of the manual: the table in docs/TROUBLESHOOTING.md.
 #![allow(missing_docs)]
 
+mod gateway_snapshot;
+
 use std::path::Path;
 use std::time::Duration;
 
-use ecan_diagnosis::{Depth, Finding, ReadError, Snapshot, findings};
+use ecan_diagnosis::{Finding, findings};
 use ecan_host::{AdapterConfig, DcSync, Diagnostics, Ecrt};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
@@ -14,6 +16,7 @@ use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::lookup;
 use ecan_sim::{ClockKind, Fault, Gateway, GatewayFault, Scenario, SimOptions, Simulation};
+use gateway_snapshot::snapshot_of;
 
 const TABLE: &str = include_str!("../../../docs/TROUBLESHOOTING.md");
 const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
@@ -100,18 +103,7 @@ impl Bench {
     fn findings(&self) -> Vec<Finding> {
         let info = Diagnostics::of_bus(&self.ecrt, 0).unwrap().slave_info(0).unwrap();
         let mut snapshot = self.gateway(|gateway, now| {
-            let mut bytes = Vec::new();
-            let mut snapshot = Snapshot::read(Depth::Findings, |key| {
-                gateway
-                    .sdo_upload(now, key.index, key.subindex, &mut bytes)
-                    .map_err(|code| ReadError::Rejected(code.to_string()))?;
-                let mut value = [0; 4];
-                value[..bytes.len()].copy_from_slice(&bytes);
-                Ok(u32::from_le_bytes(value))
-            });
-            snapshot.al_state = gateway.al_state().raw() | u8::from(gateway.al_error()) << 4;
-            snapshot.al_status_code = Some(gateway.al_status_code());
-            snapshot.sync0_period_ns = gateway.next_sync0(now).map(|_| 1_000_000);
+            let mut snapshot = snapshot_of(gateway, now);
             let registers = |number| {
                 let mut bytes = [0; 8];
                 if let Some(manager) = gateway.sync_manager(number) {

@@ -200,7 +200,7 @@ impl SdoClient {
         self.fail(fault);
     }
 
-    /// Returns whether the server knows of the transfer under way.
+    /// Returns whether the server has accepted the open transfer.
     pub fn is_known_to_node(&self) -> bool {
         self.transfer.is_some_and(|transfer| transfer.is_known_to_node)
     }

@@ -78,7 +78,7 @@ impl Channel<'_> {
         }
     }
 
-    /// Errors that the registers show beside the state of the channel.
+    /// Errors that the registers show in addition to the state of the channel.
     pub(super) fn bus_error(&self) -> Option<Finding> {
         if !self.is_running() {
             return None;

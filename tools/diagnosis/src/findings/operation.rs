@@ -222,7 +222,7 @@ fn sync_managers(snapshot: &Snapshot) -> Vec<Finding> {
                 Direction::TxPdo => Location::TxPdo,
                 Direction::RxPdo => Location::RxPdo,
             };
-            if !manager.is_at_its_place(direction) {
+            if !manager.has_required_start_and_control(direction) {
                 return wrong_sync_manager(name, manager, direction, location);
             }
             let bytes = snapshot.active_bytes(direction.profile_object())?;
