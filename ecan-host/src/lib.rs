@@ -26,7 +26,7 @@ mod real_time;
 mod startup;
 
 pub use adapter::{
-    Adapter, Delivery, DomainReport, OpProgress, OpWait, StartupRounds, run_in_parallel,
+    Adapter, CycleWait, Delivery, DomainReport, OpProgress, OpWait, StartupRounds, run_in_parallel,
 };
 pub use bus::{
     CanController, Diagnostics, IdentificationError, Maintenance, MaintenanceError,

@@ -2,7 +2,7 @@
 
 use std::ops::Deref;
 
-use ecan_host::{CycleError, Phase, StartupRounds};
+use ecan_host::{CycleError, CycleStart, CycleWait, Phase, StartupRounds};
 
 use crate::address::GatewayHandle;
 use crate::gateway::{Gateway, publish};
@@ -89,6 +89,12 @@ impl Port {
         if self.is_cycle_open { Some(Cycle { port: self, is_kept: true }) } else { None }
     }
 
+    /// Returns true from the begin of a cycle that was [kept open](Cycle::keep_open) to its end.
+    #[inline]
+    pub fn has_open_cycle(&self) -> bool {
+        self.is_cycle_open
+    }
+
     /// Sends the images of the last cycle once more, without a cycle: keeps the bus alive.
     /// Real-time safe.
     ///
@@ -101,8 +107,21 @@ impl Port {
     /// Sleeps until the next cycle is due and returns the number of missed deadlines: see
     /// [`Adapter::wait_next_cycle`](ecan_host::Adapter::wait_next_cycle).
     pub fn wait_next_cycle(&mut self) -> u64 {
+        let start = self.begin_wait().sleep();
+        self.end_wait(start)
+    }
+
+    /// First part of [`wait_next_cycle`](Self::wait_next_cycle): see
+    /// [`Adapter::begin_wait`](ecan_host::Adapter::begin_wait).
+    pub fn begin_wait(&mut self) -> CycleWait {
         self.adapter.set_startup_rounds(self.needed_rounds());
-        self.skipped = self.adapter.wait_next_cycle();
+        self.adapter.begin_wait()
+    }
+
+    /// Last part of [`wait_next_cycle`](Self::wait_next_cycle): see
+    /// [`Adapter::end_wait`](ecan_host::Adapter::end_wait).
+    pub fn end_wait(&mut self, start: CycleStart) -> u64 {
+        self.skipped = self.adapter.end_wait(start);
         // The owner of an attached master sets Sync0 by its own deadlines.
         let is_in_phase = !self.adapter.is_attached();
         self.deadline_ns = is_in_phase.then_some(self.adapter.cycle_start().deadline_ns);

@@ -1,16 +1,17 @@
 //! The attribute of exported C functions.
 
 use proc_macro::TokenStream;
-use quote::{ToTokens as _, quote};
+use quote::{ToTokens as _, format_ident, quote};
 use syn::parse::{Parse, ParseStream};
 use syn::{
-    Expr, ExprIf, FnArg, Ident, ItemFn, Pat, ReturnType, Stmt, Token, Type, parse_macro_input,
-    parse_quote,
+    Attribute, Expr, ExprIf, ExprLit, FnArg, Ident, ItemFn, Lit, Meta, MetaNameValue, Pat,
+    ReturnType, Stmt, Token, Type, parse_macro_input, parse_quote,
 };
 
 /// Exports a function to C. The header generator reads the attribute, too.
 ///
 /// The body returns a `Result` with an `ecan_result_t` as error; a body without a value succeeds.
+/// A function whose `@usage` begins with "not rt" enters its context for a long call.
 /// No panic leaves it. A function without a return type returns the code to C; `or VALUE` is the
 /// value of an error for other return types.
 ///
@@ -87,7 +88,8 @@ impl Arguments {
         };
         // SAFETY of the generated calls: C passes NULL or a pointer that is valid for the access of
         // the function, as the introduction of igh_ecan_common.h demands.
-        let entered = quote!(unsafe { crate::entry::enter(call_of_c, #context)? });
+        let access = access(&attrs);
+        let entered = quote!(unsafe { crate::entry::enter(call_of_c, #context, crate::guard::Access::#access)? });
         let enter = match kind.as_deref() {
             Some("layer") => quote! {
                 let mut entered = #entered;
@@ -128,6 +130,21 @@ impl Arguments {
             }
         })
     }
+}
+
+/// Kind of access to the context, by the first property of `@usage` in the doc comment.
+fn access(attributes: &[Attribute]) -> Ident {
+    let is_long = attributes.iter().any(|attribute| {
+        let text = match &attribute.meta {
+            Meta::NameValue(MetaNameValue {
+                value: Expr::Lit(ExprLit { lit: Lit::Str(text), .. }),
+                ..
+            }) => text.value(),
+            _ => return false,
+        };
+        text.trim().strip_prefix("@usage").is_some_and(|usage| usage.trim().starts_with("not rt"))
+    });
+    format_ident!("{}", if is_long { "Long" } else { "Short" })
 }
 
 /// Returns true for an expression that needs no semicolon after it and has no value.

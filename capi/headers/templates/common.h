@@ -27,8 +27,11 @@
  *       "rt" or "not rt": may be called in the real-time cycle, or not. An rt function allocates
  *           nothing, takes no lock of the SDK and makes no system calls except those of the
  *           master. Error texts need no allocation either.
- *       thread: "any thread"; or the thread that the object belongs to, which may change as long
- *           as there is only one at a time. A call during another one returns ECAN_ERR_BUSY.
+ *       thread: "any thread"; or the cycle's thread, which may change between two cycles. It never
+ *           gets ECAN_ERR_BUSY because of another thread: it waits for an rt function there, which
+ *           inherits its priority. Another thread gets ECAN_ERR_BUSY while a call is in progress
+ *           or a cycle is open, and for functions that are not rt also while the cycle's thread
+ *           sleeps in ecan_igh_wait_next_cycle() or igh_mcan_port_wait_next_cycle().
  *       time: before or after which other function.
  *
  * Change log of all headers
@@ -70,6 +73,9 @@
  *          published; sessions_lost no losses during a verification.
  *          ecan_igh_init() writes nothing to the slaves; a startup SDO that is aborted is reported by
  *          ecan_igh_wait_op_timeout(), with ecan_last_abort_code().
+ *          A call of another thread succeeds while the cycle sleeps; the cycle's thread never gets
+ *          ECAN_ERR_BUSY because of it. An open cycle belongs to the thread that began it. The init
+ *          functions end an object whose context was overwritten.
  *   0.1.0  First version.
  */
 #ifndef @GUARD@

@@ -8,7 +8,7 @@ use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
 
 use crate::callback::ProgressCallback;
 use crate::errors;
-use crate::handle::{self, Entered, Kind, Pool, Pooled};
+use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
 
 #[derive(Debug)]
 pub(crate) enum Layer {
@@ -24,6 +24,9 @@ pub(crate) struct Bus {
     /// Number of all Ports and axes so far, so that an old context names none.
     contexts: u64,
     port_serial: u64,
+    /// Addresses of the contexts of the Port and of the axes.
+    port_address: usize,
+    axes_address: usize,
     axes: Option<Axes>,
     pub(crate) requests: Vec<Request>,
     pub(crate) last_ticket: Option<LastTicket>,
@@ -77,6 +80,11 @@ impl Pooled for Bus {
     fn pool() -> &'static Pool<Self> {
         &POOL
     }
+
+    #[inline]
+    fn has_open_cycle(&self) -> bool {
+        matches!(&self.layer, Layer::Port(port) if port.has_open_cycle())
+    }
 }
 
 impl Bus {
@@ -85,6 +93,8 @@ impl Bus {
             layer: Layer::Adapter(Box::new(adapter)),
             contexts: 0,
             port_serial: 0,
+            port_address: 0,
+            axes_address: 0,
             axes: None,
             requests: Vec::new(),
             last_ticket: None,
@@ -141,16 +151,46 @@ impl Bus {
         }
     }
 
-    pub(crate) fn need_no_port(&self, call: Call) -> Result<(), ecan_result_t> {
+    /// Requires that there is no Port. One whose context was overwritten ends.
+    ///
+    /// # Safety
+    /// `context` is valid for reading, with any content.
+    pub(crate) unsafe fn need_no_port(
+        &mut self,
+        call: Call,
+        context: *const Words,
+    ) -> Result<(), ecan_result_t> {
         if !matches!(self.layer, Layer::Port(_)) {
+            return Ok(());
+        }
+        let named = || {
+            // SAFETY: the caller's promise. Only memory that was a context is read.
+            unsafe { handle::serial::<Self>(context, Kind::Port) }
+        };
+        if context.addr() == self.port_address && named() != Some(self.port_serial) {
+            self.remove_port();
             return Ok(());
         }
         let text = format_args!("there is a Port on this master already: deinit it first");
         Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text))
     }
 
-    pub(crate) fn need_no_axes(&self, call: Call) -> Result<(), ecan_result_t> {
-        if self.axes.is_none() {
+    /// Requires that there are no axes. Axes whose context was overwritten end.
+    ///
+    /// # Safety
+    /// `context` is valid for reading, with any content.
+    pub(crate) unsafe fn need_no_axes(
+        &mut self,
+        call: Call,
+        context: *const Words,
+    ) -> Result<(), ecan_result_t> {
+        let Some(axes) = &self.axes else { return Ok(()) };
+        let named = || {
+            // SAFETY: the caller's promise. Only memory that was a context is read.
+            unsafe { handle::serial::<Self>(context, Kind::Cia402) }
+        };
+        if context.addr() == self.axes_address && named() != Some(axes.serial) {
+            self.remove_cia402();
             return Ok(());
         }
         let text = format_args!("there are axes on this Port already: deinit them first");
@@ -204,6 +244,26 @@ impl Bus {
 }
 
 impl Entered<Bus> {
+    /// Writes the context of the Port.
+    ///
+    /// # Safety
+    /// `context` is valid for writing.
+    pub(crate) unsafe fn add_port_context(&mut self, context: *mut Words, serial: u64) {
+        self.port_address = context.addr();
+        // SAFETY: the caller's promise.
+        unsafe { self.add_context(context, Kind::Port, serial) };
+    }
+
+    /// Writes the context of the axes.
+    ///
+    /// # Safety
+    /// `context` is valid for writing.
+    pub(crate) unsafe fn add_axes_context(&mut self, context: *mut Words, serial: u64) {
+        self.axes_address = context.addr();
+        // SAFETY: the caller's promise.
+        unsafe { self.add_context(context, Kind::Cia402, serial) };
+    }
+
     /// Returns true if it was entered through the context of the Port.
     #[inline]
     pub(crate) fn names_port(&self) -> bool {
@@ -240,12 +300,29 @@ impl Entered<Bus> {
         }
     }
 
-    /// Rejects a call that runs the cycle, on a master of another owner.
-    pub(crate) fn need_owned(&self, call: Call) -> Result<(), ecan_result_t> {
+    /// Prepares a call that runs the cycle until it ends: rejects it on a master of another owner.
+    pub(crate) fn run_to_end(&self, call: Call) -> Result<(), ecan_result_t> {
         match self.adapter() {
             Some(adapter) if adapter.is_attached() => Err(errors::attached(call)),
-            _ => Ok(()),
+            _ => self.run_cycle(call),
         }
+    }
+
+    /// Sleeps until the next deadline; other threads may use the bus during the sleep.
+    pub(crate) fn wait_next_cycle(&mut self, call: Call) -> Result<(), ecan_result_t> {
+        self.run_cycle(call)?;
+        let wait = match &mut self.layer {
+            Layer::Adapter(adapter) => adapter.begin_wait(),
+            Layer::Port(port) => port.begin_wait(),
+            Layer::Between => return Err(handle::not_initialised(call, Kind::Adapter)),
+        };
+        let start = self.sleep(|| wait.sleep());
+        match &mut self.layer {
+            Layer::Adapter(adapter) => adapter.end_wait(start),
+            Layer::Port(port) => port.end_wait(start),
+            Layer::Between => 0,
+        };
+        Ok(())
     }
 }
 

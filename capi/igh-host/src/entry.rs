@@ -3,6 +3,7 @@
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 
+use crate::guard::Access;
 use crate::handle::{self, Entered, Kind, Pooled, Words};
 
 pub(crate) trait Context: Sized {
@@ -31,10 +32,11 @@ pub(crate) trait Context: Sized {
 pub(crate) unsafe fn enter<C: Context>(
     call: Call,
     context: *const C,
+    access: Access,
 ) -> Result<Entered<C::Object>, ecan_result_t> {
     const { assert!(size_of::<Words>() == size_of::<C>()) };
     // SAFETY: the caller's promise.
-    let object = unsafe { handle::enter(call, context.cast(), C::KIND)? };
+    let object = unsafe { handle::enter(call, context.cast(), C::KIND, access)? };
     if !C::is_current(&object) {
         return Err(handle::not_initialised(call, C::KIND));
     }

@@ -6,11 +6,13 @@
 
 use std::cell::UnsafeCell;
 use std::ops::{Deref, DerefMut};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
+
+use crate::guard::{Access, Busy, Guard};
 
 /// Kind of a context, with the function that initialises it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,11 +58,11 @@ impl Words {
 /// Storage of an object. Never freed: a context may outlive its object.
 pub(crate) struct Slot<T> {
     generation: AtomicU64,
-    is_busy: AtomicBool,
+    guard: Guard,
     object: UnsafeCell<Option<T>>,
 }
 
-// SAFETY: the object is reached only by the thread that set `is_busy`.
+// SAFETY: the object is reached only by the thread that has entered the guard.
 unsafe impl<T: Send> Sync for Slot<T> {}
 
 /// The slots of a type: free ones, and used ones with the address of the context that was
@@ -84,6 +86,12 @@ impl<T> Pool<T> {
 
 pub(crate) trait Pooled: Sized + Send + 'static {
     fn pool() -> &'static Pool<Self>;
+
+    /// Returns true while a cycle is open, which belongs to the thread that began it.
+    #[inline]
+    fn has_open_cycle(&self) -> bool {
+        false
+    }
 }
 
 /// An object in use by this call.
@@ -98,7 +106,7 @@ impl<T: Pooled> Deref for Entered<T> {
 
     #[inline]
     fn deref(&self) -> &T {
-        // SAFETY: this value has set `is_busy`, so no other reference exists; `enter` has seen
+        // SAFETY: this value has entered the guard, so no other reference exists; `enter` has seen
         // the object's generation, which ends when `leave` takes it out.
         unsafe { (*self.slot.object.get()).as_ref().unwrap_unchecked() }
     }
@@ -115,11 +123,30 @@ impl<T: Pooled> DerefMut for Entered<T> {
 impl<T: Pooled> Drop for Entered<T> {
     #[inline]
     fn drop(&mut self) {
-        self.slot.is_busy.store(false, Ordering::Release);
+        // SAFETY: this value has entered the guard.
+        let object = unsafe { (*self.slot.object.get()).as_ref() };
+        self.slot.guard.leave(object.is_some_and(T::has_open_cycle));
     }
 }
 
 impl<T: Pooled> Entered<T> {
+    /// Makes this thread the one that runs the cycle.
+    #[inline]
+    pub(crate) fn run_cycle(&self, call: Call) -> Result<(), ecan_result_t> {
+        self.slot.guard.run_cycle().map_err(|reason| busy(call, reason))
+    }
+
+    /// Keeps the object for this thread until the cycle that it has opened ends.
+    #[inline]
+    pub(crate) fn keep(&self) {
+        self.slot.guard.keep();
+    }
+
+    /// Lets other threads use the object during a sleep of the thread that runs the cycle.
+    pub(crate) fn sleep<R>(&mut self, sleep: impl FnOnce() -> R) -> R {
+        self.slot.guard.sleep(sleep)
+    }
+
     /// Writes another context of the same object.
     ///
     /// # Safety
@@ -133,7 +160,7 @@ impl<T: Pooled> Entered<T> {
     /// Takes the object out of its slot; its contexts name nothing afterwards.
     pub(crate) fn leave(self) -> Option<T> {
         let slot = self.slot;
-        // SAFETY: this value has set `is_busy`.
+        // SAFETY: this value has entered the guard.
         let object = unsafe { (*slot.object.get()).take() };
         slot.generation.fetch_add(1, Ordering::Release);
         drop(self);
@@ -170,7 +197,7 @@ unsafe fn find<T: Pooled>(context: *const Words, kind: Kind) -> Option<(&'static
 }
 
 /// Stores an object in a slot and writes its first context. The old content of the context is
-/// ignored; after an error it names nothing.
+/// ignored; after an error it names nothing. An object whose context was overwritten ends.
 ///
 /// # Errors
 /// The context names a living object already, which stays.
@@ -184,8 +211,14 @@ pub(crate) unsafe fn init<T: Pooled>(
     object: impl FnOnce() -> Result<T, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
     let address = context.addr();
-    if T::pool().slots().living.iter().any(|(living, _)| *living == address) {
-        return Err(living(call));
+    let found = T::pool().slots().living.iter().find(|(living, _)| *living == address).copied();
+    if let Some((_, slot)) = found {
+        // SAFETY: the caller's promise. Only memory that was a context is read.
+        if unsafe { find::<T>(context, kind) }.is_some() {
+            return Err(living(call));
+        }
+        slot.guard.enter(Access::Long).map_err(|reason| busy(call, reason))?;
+        Entered { slot, serial: 0 }.leave();
     }
     // SAFETY: the caller's promise.
     unsafe { clear(context) };
@@ -194,9 +227,10 @@ pub(crate) unsafe fn init<T: Pooled>(
     let slot = slots.free.pop().unwrap_or_else(|| {
         let slot: &'static Slot<T> = Box::leak(Box::new(Slot {
             generation: AtomicU64::new(1),
-            is_busy: AtomicBool::new(false),
+            guard: Guard::new(),
             object: UnsafeCell::new(None),
         }));
+        slot.guard.init();
         std::ptr::from_ref(slot).expose_provenance();
         slot
     });
@@ -207,6 +241,15 @@ pub(crate) unsafe fn init<T: Pooled>(
     // SAFETY: the caller's promise.
     unsafe { write(context, kind, std::ptr::from_ref(slot).addr(), generation, 0) };
     Ok(())
+}
+
+/// Serial of a context that names an object; `None` for memory with other content.
+///
+/// # Safety
+/// `context` is valid for reading, with any content.
+pub(crate) unsafe fn serial<T: Pooled>(context: *const Words, kind: Kind) -> Option<u64> {
+    // SAFETY: the caller's promise.
+    unsafe { find::<T>(context, kind) }.map(|(_, words)| words.serial)
 }
 
 /// # Safety
@@ -223,7 +266,7 @@ fn living(call: Call) -> ecan_result_t {
     call.fail(ecan_result_t::ECAN_ERR_ORDER, text)
 }
 
-/// Enters the object that a context names. Takes no lock and allocates nothing.
+/// Enters the object that a context names. Allocates nothing.
 ///
 /// # Safety
 /// `context` is NULL or valid for reading, with any content.
@@ -232,6 +275,7 @@ pub(crate) unsafe fn enter<T: Pooled>(
     call: Call,
     context: *const Words,
     kind: Kind,
+    access: Access,
 ) -> Result<Entered<T>, ecan_result_t> {
     // SAFETY: the caller's promise.
     unsafe { call.read("context", context)? };
@@ -239,14 +283,18 @@ pub(crate) unsafe fn enter<T: Pooled>(
     let Some((slot, words)) = (unsafe { find::<T>(context, kind) }) else {
         return Err(not_initialised(call, kind));
     };
-    if slot.is_busy.load(Ordering::Acquire) {
-        let text = format_args!("the context is in use by another call");
-        return Err(call.fail(ecan_result_t::ECAN_ERR_BUSY, text));
+    slot.guard.enter(access).map_err(|reason| busy(call, reason))?;
+    // Another thread may have ended the object before this one entered the guard.
+    if slot.generation.load(Ordering::Acquire) != words.generation {
+        slot.guard.leave(false);
+        return Err(not_initialised(call, kind));
     }
-    // No exchange, which would cost as much as the rest of a call: of two threads that come at the
-    // very same instant, against the rules, both may pass.
-    slot.is_busy.store(true, Ordering::Relaxed);
     Ok(Entered { slot, serial: words.serial })
+}
+
+#[cold]
+fn busy(call: Call, reason: Busy) -> ecan_result_t {
+    call.fail(ecan_result_t::ECAN_ERR_BUSY, format_args!("{}", reason.text()))
 }
 
 /// As [`enter`]; `None` for a context that names no object.
@@ -264,7 +312,7 @@ pub(crate) unsafe fn enter_to_end<T: Pooled>(
         if find::<T>(context, kind).is_none() {
             return Ok(None);
         }
-        enter(call, context, kind).map(Some)
+        enter(call, context, kind, Access::Long).map(Some)
     }
 }
 
@@ -279,88 +327,4 @@ pub(crate) fn not_initialised(call: Call, kind: Kind) -> ecan_result_t {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::ffi::c_int;
-    use std::ptr::from_mut;
-
-    use ecan_mcan_host::boundary::call;
-
-    use super::*;
-
-    struct Object(u32);
-
-    static POOL: Pool<Object> = Pool::new();
-
-    impl Pooled for Object {
-        fn pool() -> &'static Pool<Self> {
-            &POOL
-        }
-    }
-
-    fn make(context: &mut Words, value: u32) -> c_int {
-        // SAFETY: the context is valid.
-        call("make", |call| unsafe {
-            init(call, from_mut(context), Kind::Adapter, || Ok(Object(value)))
-        })
-    }
-
-    fn value(context: &Words, kind: Kind) -> Result<u32, c_int> {
-        let mut value = 0;
-        let code = call("value", |call| {
-            // SAFETY: the context is valid.
-            value = unsafe { enter::<Object>(call, context, kind) }?.0;
-            Ok(())
-        });
-        if code == 0 { Ok(value) } else { Err(code) }
-    }
-
-    fn end(context: &Words) -> c_int {
-        call("end", |call| {
-            // SAFETY: the context is valid.
-            unsafe { enter::<Object>(call, context, Kind::Adapter) }?.leave();
-            Ok(())
-        })
-    }
-
-    const NONE: Result<u32, c_int> = Err(ecan_result_t::ECAN_ERR_NOT_INITIALISED.code());
-
-    #[test]
-    fn only_the_context_itself_names_the_object() {
-        let mut context = Words { slot: 1, generation: 2, serial: 3, seal: 4 };
-        assert_eq!(value(&context, Kind::Adapter), NONE);
-        assert_eq!(make(&mut context, 7), 0);
-        assert_eq!(value(&context, Kind::Adapter), Ok(7));
-        assert_eq!(value(&context, Kind::Port), NONE, "of another kind");
-        let copy = [context];
-        assert_eq!(value(&copy[0], Kind::Adapter), NONE, "a copy elsewhere");
-        assert_eq!(make(&mut context, 8), ecan_result_t::ECAN_ERR_ORDER.code());
-        let saved = context;
-        assert_eq!(end(&context), 0);
-        assert_eq!(value(&context, Kind::Adapter), NONE);
-        assert_eq!(end(&context), ecan_result_t::ECAN_ERR_NOT_INITIALISED.code());
-        // The same place and the same slot, with another object in it.
-        assert_eq!(make(&mut context, 9), 0);
-        let now = context;
-        context = saved;
-        assert_eq!(value(&context, Kind::Adapter), NONE, "an old context");
-        assert_eq!(make(&mut context, 8), ecan_result_t::ECAN_ERR_ORDER.code(), "at its place");
-        context = now;
-        assert_eq!(value(&context, Kind::Adapter), Ok(9));
-        assert_eq!(end(&context), 0);
-    }
-
-    #[test]
-    fn object_in_use_is_busy() {
-        let mut context = Words { slot: 0, generation: 0, serial: 0, seal: 0 };
-        assert_eq!(make(&mut context, 7), 0);
-        let outer = call("outer", |call| {
-            // SAFETY: the context is valid.
-            let _inside = unsafe { enter::<Object>(call, &context, Kind::Adapter) }?;
-            assert_eq!(value(&context, Kind::Adapter), Err(ecan_result_t::ECAN_ERR_BUSY.code()));
-            Ok(())
-        });
-        assert_eq!(outer, 0);
-        assert_eq!(value(&context, Kind::Adapter), Ok(7));
-        assert_eq!(end(&context), 0);
-    }
-}
+mod tests;

@@ -14,6 +14,7 @@ mod bus;
 mod callback;
 mod entry;
 mod errors;
+mod guard;
 mod handle;
 mod milliseconds;
 mod port_config;

@@ -1,8 +1,34 @@
 //! The grid of cycle deadlines, shared by waiting calls, the application and the clocks.
 
+use std::fmt;
+use std::sync::Arc;
+
+use ecrt_sys::Clock;
+
 use super::Adapter;
 use crate::clocks::{ClockStatus, DistributedClocks};
-use crate::real_time::{CycleStart, CycleStatistics, CycleTiming};
+use crate::real_time::{CycleStart, CycleStatistics, CycleTiming, TimerWait};
+
+/// A wait for the next deadline, from [`Adapter::begin_wait`]. It borrows nothing.
+#[must_use = "the cycle starts after the sleep"]
+pub struct CycleWait {
+    timer: TimerWait,
+    clock: Arc<dyn Clock>,
+}
+
+impl CycleWait {
+    /// Sleeps until the deadline, with the final spin of [`Adapter::set_cycle_timing`]. Real-time
+    /// safe.
+    pub fn sleep(self) -> CycleStart {
+        self.timer.sleep(self.clock.as_ref())
+    }
+}
+
+impl fmt::Debug for CycleWait {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("CycleWait").field("timer", &self.timer).finish_non_exhaustive()
+    }
+}
 
 impl Adapter {
     /// Sleeps until the next deadline and returns the number of deadlines that were skipped because
@@ -21,9 +47,24 @@ impl Adapter {
     /// [`set_cycle_timing`](Self::set_cycle_timing) selects a spin before the deadline, and catching
     /// up instead of skipping. Real-time safe: it does not allocate.
     pub fn wait_next_cycle(&mut self) -> u64 {
+        let start = self.begin_wait().sleep();
+        self.end_wait(start)
+    }
+
+    /// First part of [`wait_next_cycle`](Self::wait_next_cycle), for an application that protects the
+    /// Adapter by a lock: other threads may use it during [`CycleWait::sleep`], which does not.
+    /// [`end_wait`](Self::end_wait) is the last part. Real-time safe.
+    pub fn begin_wait(&mut self) -> CycleWait {
         self.exchange_startup_rounds();
         let answered_ns = self.sent_ns.saturating_add(self.response_ns);
-        let start = self.cycle_timer.wait_from(self.ecrt.clock().as_ref(), answered_ns);
+        let clock = self.ecrt.clock().clone();
+        CycleWait { timer: self.cycle_timer.begin_wait(clock.now_ns(), answered_ns), clock }
+    }
+
+    /// Last part of [`wait_next_cycle`](Self::wait_next_cycle): the cycle starts. Returns the number
+    /// of deadlines that were skipped. Real-time safe.
+    pub fn end_wait(&mut self, start: CycleStart) -> u64 {
+        self.cycle_timer.end_wait(&start);
         self.cycle_start = start;
         self.cycle_due_ns = Some(start.deadline_ns);
         self.overruns.update(start.skipped);

@@ -13,6 +13,7 @@ mod requests;
 mod startup_round;
 
 pub use cycle::{Delivery, DomainReport};
+pub use cycle_grid::CycleWait;
 pub use operation::{OpProgress, OpWait};
 pub use parallel::run_in_parallel;
 pub use startup_round::StartupRounds;

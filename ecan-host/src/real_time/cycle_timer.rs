@@ -135,20 +135,25 @@ impl CycleTimer {
     /// Sleeps, and spins before the end where that is set. Real-time safe: no allocation, no lock,
     /// no system call but the clock's own sleep. `clock` is the same in every call.
     pub fn wait(&mut self, clock: &dyn Clock) -> CycleStart {
-        self.wait_from(clock, 0)
+        let start = self.begin_wait(clock.now_ns(), 0).sleep(clock);
+        self.end_wait(&start);
+        start
     }
 
-    /// As [`wait`](Self::wait), but not back before `earliest_ns`: a cycle lasts until its answer is
-    /// back, and with that it may take past a point.
-    pub(crate) fn wait_from(&mut self, clock: &dyn Clock, earliest_ns: u64) -> CycleStart {
-        let now = clock.now_ns().max(earliest_ns);
+    /// Determines the next point of the grid. The wait does not end before `earliest_ns`: a cycle
+    /// lasts until its response is back, and with that it may take past a point.
+    pub(crate) fn begin_wait(&mut self, now_ns: u64, earliest_ns: u64) -> TimerWait {
+        let now_ns = now_ns.max(earliest_ns);
         let Some(last) = self.last_ns else {
-            clock.sleep_until_ns(now);
-            let start = clock.now_ns();
-            self.last_ns = Some(start);
-            return CycleStart { deadline_ns: start, ..CycleStart::default() };
+            return TimerWait {
+                deadline_ns: None,
+                until_ns: now_ns,
+                spin_ns: 0,
+                skipped: 0,
+                has_overrun: false,
+            };
         };
-        let missed = now.saturating_sub(last) / self.cycle_ns;
+        let missed = now_ns.saturating_sub(last) / self.cycle_ns;
         let made_up_for = match self.timing.overrun {
             OverrunPolicy::Skip => 0,
             OverrunPolicy::CatchUp { max_cycles } => missed.min(u64::from(max_cycles)),
@@ -158,8 +163,42 @@ impl CycleTimer {
         let deadline_ns = last + (skipped + 1) * self.cycle_ns;
         self.last_ns = Some(deadline_ns);
         self.passed = made_up_for.saturating_sub(1);
-        clock.sleep_and_spin_until_ns(deadline_ns.max(earliest_ns), self.timing.spin_ns);
-        let late_ns = clock.now_ns().saturating_sub(deadline_ns);
-        CycleStart { deadline_ns, late_ns, skipped, has_overrun }
+        TimerWait {
+            deadline_ns: Some(deadline_ns),
+            until_ns: deadline_ns.max(earliest_ns),
+            spin_ns: self.timing.spin_ns,
+            skipped,
+            has_overrun,
+        }
+    }
+
+    /// Starts the grid at the first cycle.
+    pub(crate) fn end_wait(&mut self, start: &CycleStart) {
+        self.last_ns.get_or_insert(start.deadline_ns);
+    }
+}
+
+/// A wait for the next point of the grid, which does not need the timer.
+#[derive(Debug)]
+pub(crate) struct TimerWait {
+    /// `None` for the first point, which is where the wait ends.
+    deadline_ns: Option<u64>,
+    until_ns: u64,
+    spin_ns: u64,
+    skipped: u64,
+    has_overrun: bool,
+}
+
+impl TimerWait {
+    pub(crate) fn sleep(&self, clock: &dyn Clock) -> CycleStart {
+        clock.sleep_and_spin_until_ns(self.until_ns, self.spin_ns);
+        let now_ns = clock.now_ns();
+        let deadline_ns = self.deadline_ns.unwrap_or(now_ns);
+        CycleStart {
+            deadline_ns,
+            late_ns: now_ns.saturating_sub(deadline_ns),
+            skipped: self.skipped,
+            has_overrun: self.has_overrun,
+        }
     }
 }

@@ -10,6 +10,7 @@ mod real_time_config;
 mod report;
 
 pub use cycle_statistics::{CycleStatistics, Distribution};
+pub(crate) use cycle_timer::TimerWait;
 pub use cycle_timer::{CycleStart, CycleTimer, CycleTiming, MAX_SPIN_NS, OverrunPolicy};
 pub use real_time_config::{MAX_STACK_PREFAULT_BYTES, Need, RealTimeConfig, RealTimeFault};
 pub(crate) use report::join;

@@ -150,7 +150,7 @@ pub fn ecan_igh_activate(context: *mut ecan_igh_context_t) {
 ///          ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
 #[export(call, bus bus)]
 pub fn ecan_igh_wait_op_timeout(context: *mut ecan_igh_context_t, timeout_ms: u32) {
-    bus.need_owned(call)?;
+    bus.run_to_end(call)?;
     match bus.port_mut() {
         Some(port) => {
             port.wait_ready_timeout(Duration::from_millis(timeout_ms.into())).or_code(call)

@@ -64,6 +64,7 @@ fn exchange(
         let text = format_args!("there is a Port on it: call igh_mcan_port_cycle_begin and _end");
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
     }
+    bus.run_cycle(call)?;
     half(bus.need_adapter(call)?).or_code(call)
 }
 
@@ -95,9 +96,9 @@ pub fn ecan_igh_send(context: *mut ecan_igh_context_t) {
 /// timer must leave that time, too.
 ///
 /// @usage   rt, the cycle's thread, active bus
-#[export(_, layer adapter)]
+#[export(call, bus bus)]
 pub fn ecan_igh_wait_next_cycle(context: *mut ecan_igh_context_t) {
-    adapter.wait_next_cycle();
+    bus.wait_next_cycle(call)
 }
 
 /// Returns the time of the master's clock: CLOCK_MONOTONIC, or the simulation's.

@@ -27,7 +27,7 @@ fn diagnose<R: Send>(
     let adapter = bus.need_adapter(call)?;
     need_slave(call, adapter, slave)?;
     if adapter.phase() == Phase::Active {
-        bus.need_owned(call)?;
+        bus.run_to_end(call)?;
     }
     let done = match bus.port_mut() {
         Some(port) => port.diagnose(work).or_code(call)?,

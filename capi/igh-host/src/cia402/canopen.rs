@@ -32,7 +32,7 @@ fn network(
     (slave, channel, node_id): (usize, u8, u8),
     size: usize,
 ) -> Result<(&mut Port, Network, NodeHandle), ecan_result_t> {
-    bus.need_owned(call)?;
+    bus.run_to_end(call)?;
     if bus.axes_mut().is_some() {
         let text = format_args!(
             "there are axes on this Port: transfer with igh_cia402_sdo_upload or _download"

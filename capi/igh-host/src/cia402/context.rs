@@ -108,15 +108,16 @@ fn init(
     settings: impl FnOnce(Call) -> Result<Cia402Config, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
     // Living axes may well be those of this context, which stay.
-    bus.need_no_axes(call)?;
-    // SAFETY: `out` was promised that the pointer is valid for writing.
+    // SAFETY: `out` was promised that the pointer is valid.
+    unsafe { bus.need_no_axes(call, context.as_ptr().cast())? };
+    // SAFETY: as above.
     unsafe { handle::clear(context.as_ptr().cast()) };
     let table: Vec<_> =
         (0..).zip(axes).map(|(index, axis)| axis.checked(call, index)).collect::<Result<_, _>>()?;
     let settings = settings(call)?;
     let serial = bus.add_cia402(call, |port| Cia402::new(port, table, settings).or_code(call))?;
     // SAFETY: as above.
-    unsafe { bus.add_context(context.as_ptr().cast(), Kind::Cia402, serial) };
+    unsafe { bus.add_axes_context(context.as_ptr().cast(), serial) };
     Ok(())
 }
 

@@ -68,7 +68,7 @@ pub fn igh_cia402_sdo_upload(
     timeout_ms: u32,
 ) {
     pointers!(call, byte_room(data, size), out(length));
-    bus.need_owned(call)?;
+    bus.run_to_end(call)?;
     let (cia402, port) = bus.need_axes(call)?;
     let value =
         cia402.upload_timeout(port, axis, (index, subindex), duration(timeout_ms)).or_code(call)?;
@@ -95,7 +95,7 @@ pub fn igh_cia402_sdo_download(
     timeout_ms: u32,
 ) {
     pointers!(call, bytes(data, size));
-    bus.need_owned(call)?;
+    bus.run_to_end(call)?;
     let (cia402, port) = bus.need_axes(call)?;
     cia402.download_timeout(port, axis, (index, subindex), data, duration(timeout_ms)).or_code(call)
 }

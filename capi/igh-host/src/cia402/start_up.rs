@@ -23,7 +23,7 @@ fn wait(
     bus: &mut Entered<Bus>,
     work: impl FnOnce(&mut Cia402, &mut Port, &mut dyn FnMut(&AxisProgress)) -> Result<(), Cia402Error>,
 ) -> Result<(), ecan_result_t> {
-    bus.need_owned(call)?;
+    bus.run_to_end(call)?;
     let mut reporter = Reporter::new(bus.axes_mut().and_then(|axes| axes.progress));
     let (cia402, port) = bus.need_axes(call)?;
     work(cia402, port, &mut |progress| reporter.see(progress)).or_code(call)

@@ -62,13 +62,14 @@ pub fn igh_mcan_port_init(
 ) {
     pointers!(call, out(port), sealed(config));
     // The existing Port may be this one; it stays.
-    bus.need_no_port(call)?;
+    // SAFETY: `out` was promised that the pointer is valid.
+    unsafe { bus.need_no_port(call, port.as_ptr().cast())? };
     if bus.need_adapter(call)?.phase() != Phase::Configured {
         let text =
             format_args!("the bus is active already: call igh_mcan_port_init before activation");
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
     }
-    // SAFETY: `out` was promised that the pointer is valid for writing.
+    // SAFETY: as above.
     unsafe { handle::clear(port.as_ptr().cast()) };
     let applied = bus.applied;
     let serial = bus.add_port(call, |adapter| {
@@ -83,7 +84,7 @@ pub fn igh_mcan_port_init(
         Port::on(adapter, config).map_err(|(adapter, error)| (errors::note(call, &error), adapter))
     })?;
     // SAFETY: as above.
-    unsafe { bus.add_context(port.as_ptr().cast(), Kind::Port, serial) };
+    unsafe { bus.add_port_context(port.as_ptr().cast(), serial) };
 }
 
 /// Configures the gateways again, to change N or channels at run time (manual 14.2). Then wait for

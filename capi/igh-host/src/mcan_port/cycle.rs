@@ -22,7 +22,7 @@ use crate::errors::OrCode as _;
 /// @usage   rt, the cycle's thread, active bus
 #[export(call, bus bus)]
 pub fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_t) {
-    bus.need_port(call)?.wait_next_cycle();
+    bus.wait_next_cycle(call)
 }
 
 /// Receives and checks the images, and continues the verification of gateways. First in the cycle.
@@ -35,6 +35,8 @@ pub fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_t) {
 ///          igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER if the bus is not active.
 #[export(call, bus bus)]
 pub fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) {
+    bus.run_cycle(call)?;
+    bus.keep();
     let cycle = bus.need_port(call)?.begin_cycle();
     let error = cycle.receive_error();
     cycle.keep_open();

@@ -1,0 +1,221 @@
+//! The lock of an object that contexts name.
+//!
+//! The thread that runs the cycle has priority: it waits for a short call of another thread, which
+//! inherits its priority, and never gets an error because of one. Other threads get an error while
+//! a call is in progress or a cycle is open.
+
+use std::cell::{Cell, UnsafeCell};
+use std::mem::MaybeUninit;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use libc::{c_int, pthread_mutex_t};
+
+/// Attempts of the cycle thread before it sleeps in the kernel: a call of another thread that runs
+/// takes less than a microsecond.
+const ATTEMPTS: u32 = 64;
+
+/// A lock that an open cycle keeps between the calls of its thread.
+pub(crate) struct Guard {
+    mutex: UnsafeCell<MaybeUninit<pthread_mutex_t>>,
+    /// The thread that has locked the mutex; 0 for none. Only that thread finds its own number.
+    holder: AtomicU64,
+    /// A call of the holder is in progress.
+    is_in_call: AtomicBool,
+    /// An open cycle keeps the mutex.
+    is_kept: AtomicBool,
+    /// The thread that runs the cycle; 0 for none so far.
+    cycle_thread: AtomicU64,
+    /// The cycle thread sleeps until its next cycle.
+    is_asleep: AtomicBool,
+}
+
+// SAFETY: the mutex is made for several threads.
+unsafe impl Sync for Guard {}
+// SAFETY: it moves only before `init`.
+unsafe impl Send for Guard {}
+
+/// Kind of a call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Access {
+    /// Real-time safe, so short enough to let the cycle wait for it.
+    Short,
+    /// Not real-time safe: in the thread of the cycle only, while a cycle runs.
+    Long,
+}
+
+/// Reason why a call cannot use the object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Busy {
+    /// Another thread is in a call, or has a cycle open.
+    OtherThread,
+    /// A call of this thread is in progress: in a callback or a signal handler.
+    ThisThread,
+    /// A long call while another thread waits for its next cycle.
+    CycleRuns,
+}
+
+impl Busy {
+    pub(crate) fn text(self) -> &'static str {
+        match self {
+            Self::OtherThread => {
+                "the context is in use by another thread; retry, or use an ecan_igh_observer_t"
+            }
+            Self::ThisThread => {
+                "a call with this context is in progress in this thread; a callback or a signal \
+                 handler cannot use the context"
+            }
+            Self::CycleRuns => {
+                "another thread runs the cycle, and this function is not real-time safe; call it in \
+                 the thread of the cycle"
+            }
+        }
+    }
+}
+
+/// Number of this thread, never 0. Unlike the system's, it is not used again after the thread's end.
+#[inline]
+fn this_thread() -> u64 {
+    thread_local!(static NUMBER: Cell<u64> = const { Cell::new(0) });
+    static LAST: AtomicU64 = AtomicU64::new(0);
+    NUMBER.with(|number| {
+        if number.get() == 0 {
+            number.set(LAST.fetch_add(1, Ordering::Relaxed) + 1);
+        }
+        number.get()
+    })
+}
+
+impl Guard {
+    /// A guard that [`init`](Self::init) makes usable.
+    pub(crate) const fn new() -> Self {
+        Self {
+            mutex: UnsafeCell::new(MaybeUninit::uninit()),
+            holder: AtomicU64::new(0),
+            is_in_call: AtomicBool::new(false),
+            is_kept: AtomicBool::new(false),
+            cycle_thread: AtomicU64::new(0),
+            is_asleep: AtomicBool::new(false),
+        }
+    }
+
+    /// Prepares the mutex at its final address, once.
+    pub(crate) fn init(&'static self) {
+        let settings = [libc::PTHREAD_PRIO_INHERIT, libc::PTHREAD_PRIO_NONE];
+        let is_ready = settings.into_iter().any(|protocol| {
+            let mut attributes = MaybeUninit::uninit();
+            let attributes = attributes.as_mut_ptr();
+            // SAFETY: the attributes are initialised by the first call; the mutex does not move and
+            // has no user yet.
+            unsafe {
+                libc::pthread_mutexattr_init(attributes);
+                libc::pthread_mutexattr_settype(attributes, libc::PTHREAD_MUTEX_ERRORCHECK);
+                libc::pthread_mutexattr_setrobust(attributes, libc::PTHREAD_MUTEX_ROBUST);
+                libc::pthread_mutexattr_setprotocol(attributes, protocol);
+                let code = libc::pthread_mutex_init(self.mutex(), attributes);
+                libc::pthread_mutexattr_destroy(attributes);
+                code == 0
+            }
+        });
+        assert!(is_ready, "the system rejects a mutex");
+    }
+
+    fn mutex(&self) -> *mut pthread_mutex_t {
+        self.mutex.get().cast()
+    }
+
+    /// Starts a call of this thread.
+    #[inline]
+    pub(crate) fn enter(&self, access: Access) -> Result<(), Busy> {
+        let thread = this_thread();
+        if self.holder.load(Ordering::Relaxed) != thread {
+            self.lock(thread, access)?;
+        } else if self.is_in_call.load(Ordering::Relaxed) {
+            return Err(Busy::ThisThread);
+        }
+        self.is_in_call.store(true, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Ends the call that [`enter`](Self::enter) started. `has_open_cycle` keeps the guard for this
+    /// thread, if it began the cycle.
+    #[inline]
+    pub(crate) fn leave(&self, has_open_cycle: bool) {
+        self.is_in_call.store(false, Ordering::Relaxed);
+        if !(has_open_cycle && self.is_kept.load(Ordering::Relaxed)) {
+            self.unlock();
+        }
+    }
+
+    fn unlock(&self) {
+        self.is_kept.store(false, Ordering::Relaxed);
+        self.holder.store(0, Ordering::Relaxed);
+        // SAFETY: the mutex is initialised and locked by this thread.
+        unsafe { libc::pthread_mutex_unlock(self.mutex()) };
+    }
+
+    fn lock(&self, thread: u64, access: Access) -> Result<(), Busy> {
+        // SAFETY: the mutex is initialised.
+        let mut code = unsafe { libc::pthread_mutex_trylock(self.mutex()) };
+        if code == libc::EBUSY && self.cycle_thread.load(Ordering::Relaxed) == thread {
+            code = self.wait_for_visitor();
+        }
+        if code == libc::EOWNERDEAD {
+            // Its thread ended in an open cycle, which is no obstacle.
+            // SAFETY: this thread has locked the mutex.
+            unsafe { libc::pthread_mutex_consistent(self.mutex()) };
+            self.is_in_call.store(false, Ordering::Relaxed);
+        } else if code != 0 {
+            return Err(Busy::OtherThread);
+        }
+        self.holder.store(thread, Ordering::Relaxed);
+        self.is_kept.store(false, Ordering::Relaxed);
+        if access == Access::Long && self.is_asleep.load(Ordering::Relaxed) {
+            self.unlock();
+            return Err(Busy::CycleRuns);
+        }
+        Ok(())
+    }
+
+    #[cold]
+    fn wait_for_visitor(&self) -> c_int {
+        for _ in 0..ATTEMPTS {
+            std::hint::spin_loop();
+            // SAFETY: the mutex is initialised.
+            let code = unsafe { libc::pthread_mutex_trylock(self.mutex()) };
+            if code != libc::EBUSY {
+                return code;
+            }
+        }
+        // SAFETY: as above. In a signal handler that interrupts the lock itself it is an error.
+        unsafe { libc::pthread_mutex_lock(self.mutex()) }
+    }
+
+    /// Makes this thread, which is in a call, the one that runs the cycle.
+    #[inline]
+    pub(crate) fn run_cycle(&self) -> Result<(), Busy> {
+        if self.is_asleep.load(Ordering::Relaxed) {
+            return Err(Busy::CycleRuns);
+        }
+        self.cycle_thread.store(this_thread(), Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Keeps the guard after this call, while a cycle is open.
+    #[inline]
+    pub(crate) fn keep(&self) {
+        self.is_kept.store(true, Ordering::Relaxed);
+    }
+
+    /// Frees the guard for a sleep of this thread, which is in a call and runs the cycle.
+    pub(crate) fn sleep<R>(&self, sleep: impl FnOnce() -> R) -> R {
+        self.is_asleep.store(true, Ordering::Relaxed);
+        self.leave(false);
+        let slept = sleep();
+        let thread = this_thread();
+        // It succeeds at once: no other thread can run the cycle or keep the guard during the sleep.
+        while self.lock(thread, Access::Short).is_err() {}
+        self.is_in_call.store(true, Ordering::Relaxed);
+        self.is_asleep.store(false, Ordering::Relaxed);
+        slept
+    }
+}
