@@ -436,13 +436,19 @@ int ecan_igh_init(ecan_igh_context_t *context,
  * return ECAN_ERR_ATTACHED; poll ecan_igh_is_operational() or igh_mcan_port_is_ready() instead.
  * Deinit the context before ecrt_master_deactivate() and ecrt_release_master().
  *
- * @param master  The owner's ec_master_t, reserved, of the library that the setting `ecrt` selects
- *                (by default libethercat.so.1).
+ * The library is the libethercat that this process has loaded; it is not loaded again. Under the
+ * simulated libethercat (LD_LIBRARY_PATH=build/sim) the setting `sim...` means this library. A path
+ * as the setting must be that of the loaded library.
+ *
+ * @param master  The owner's ec_master_t, reserved, of the library that this process has loaded.
  *
  * @usage   not rt, the owner's thread, before ecrt_master_activate
- * @return  As ecan_igh_init().
+ * @return  As ecan_igh_init(); ECAN_ERR_ECRT also if the process has loaded no libethercat, or another
+ *          one than the setting `ecrt` selects.
  */
-int ecan_igh_attach(ecan_igh_context_t *context, const ecan_igh_config_t *config, void *master);
+int ecan_igh_attach(ecan_igh_context_t *context,
+                    const ecan_igh_config_t *config,
+                    void *master);
 
 /**
  * Reports that the owner has activated the master.

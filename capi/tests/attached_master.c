@@ -4,9 +4,9 @@
  * frame returns from the echo node.
  *
  *     LD_LIBRARY_PATH=build/sim ./attached_master
+ *     LD_LIBRARY_PATH=build/sim ECAN_ECRT=sim:FILE.toml ./attached_master
  */
 #include <stdio.h>
-#include <time.h>
 
 #include "ecrt_plain.h"
 #include "igh_mcan_port.h"
@@ -22,12 +22,6 @@ static int failed(const char *what)
     return 1;
 }
 
-static void wait_for_cycle(void)
-{
-    const struct timespec cycle = {0, CYCLE_US * 1000L};
-    nanosleep(&cycle, NULL);
-}
-
 /* Runs one cycle; returns the number of echoes of the frame. */
 static int cycle(ec_master_t *master, igh_mcan_port_t *port, int sends)
 {
@@ -36,7 +30,7 @@ static int cycle(ec_master_t *master, igh_mcan_port_t *port, int sends)
     size_t count = 0;
     int echoes = 0;
 
-    wait_for_cycle();
+    igh_mcan_port_wait_next_cycle(port); /* also right in the stepped time of a scenario */
     ecrt_master_receive(master);
     igh_mcan_port_cycle_begin(port);
     igh_mcan_port_receive(port, rx, 16, &count);
@@ -59,7 +53,6 @@ static int run(ec_master_t *master, ecan_igh_context_t *igh, igh_mcan_port_t *po
     int echoes = 0;
 
     ecan_igh_default_config(&config);
-    ecan_igh_config_set_ecrt(&config, ""); /* the library that this program has */
     ecan_igh_config_set_cycle_us(&config, CYCLE_US);
     igh_mcan_port_default_config(&gateways);
     igh_mcan_port_set_classic_channel(&gateways, 0, 0, 1000000);
@@ -67,6 +60,9 @@ static int run(ec_master_t *master, ecan_igh_context_t *igh, igh_mcan_port_t *po
         ecan_igh_attach(igh, &config, master) != ECAN_OK ||
         igh_mcan_port_init(port, igh, &gateways) != ECAN_OK) {
         return failed("attach");
+    }
+    if (ecan_igh_is_simulated(igh) != 1) {
+        return failed("the library does not identify itself as simulated");
     }
     if (ecrt_master_activate(master) != 0) {
         return failed("activate");

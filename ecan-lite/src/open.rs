@@ -20,6 +20,15 @@ pub trait OpenEcrt: Sized {
     /// # Errors
     /// As [`open`](Self::open).
     fn open_setting(setting: &str) -> Result<Self>;
+
+    /// The library that this process has loaded already, for
+    /// [`Adapter::attach`](crate::adapter::Adapter::attach): an application that runs the master
+    /// itself has linked or loaded it. With `sim` in the environment it must be the simulated
+    /// libethercat.
+    ///
+    /// # Errors
+    /// The process has loaded no libethercat, or another one than the environment selects.
+    fn open_loaded() -> Result<Self>;
 }
 
 impl OpenEcrt for Ecrt {
@@ -29,6 +38,10 @@ impl OpenEcrt for Ecrt {
 
     fn open_setting(setting: &str) -> Result<Self> {
         resolve(&EcrtSetting::parse(setting))
+    }
+
+    fn open_loaded() -> Result<Self> {
+        Ok(EcrtSetting::resolve(None)?.find_loaded()?)
     }
 }
 

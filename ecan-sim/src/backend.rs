@@ -70,14 +70,15 @@ pub struct SimOptions {
 pub struct Backend {
     /// The library.
     pub ecrt: Ecrt,
-    /// The simulation; `None` for a real library.
+    /// The simulation; `None` for a loaded library, real or simulated.
     pub simulation: Option<Simulation>,
 }
 
 /// Opens the library of a setting.
 ///
 /// A simulated world is some seconds old when this returns: its gateways have booted and the master
-/// has scanned them.
+/// has scanned them. A process that has loaded the simulated libethercat has its world, so that the
+/// simulator is that library then, and the options have no effect.
 ///
 /// # Errors
 /// The real library cannot be loaded, or the scenario is invalid.
@@ -87,6 +88,9 @@ pub fn open(setting: &EcrtSetting, options: &SimOptions) -> Result<Backend, Back
             Ok(Backend { ecrt: Ecrt::load(path.as_deref())?, simulation: None })
         }
         EcrtSetting::Simulated(name) => {
+            if let Some(ecrt) = setting.loaded_simulator()? {
+                return Ok(Backend { ecrt, simulation: None });
+            }
             let choice = ScenarioChoice::from_setting(name.as_deref())?;
             simulate(&choice, options).map(backend)
         }

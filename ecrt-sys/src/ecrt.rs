@@ -7,9 +7,10 @@ use std::sync::Arc;
 use crate::bindings::ec_master_t;
 use crate::clock::{Clock, MonotonicClock};
 use crate::functions::Functions;
-use crate::library;
+use crate::library::{self, LoadedLibrary};
 use crate::load_error::LoadError;
 use crate::open_master::OpenMaster;
+use crate::simulated_library::SimulatedClock;
 
 /// Source of the functions of an [`Ecrt`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -62,7 +63,8 @@ pub struct Ecrt {
 
 impl Ecrt {
     /// Loads a shared object; `None` selects [`DEFAULT_LIBRARY`](crate::DEFAULT_LIBRARY) in the
-    /// directories of the dynamic loader. The clock is [`MonotonicClock`].
+    /// directories of the dynamic loader. The clock is [`MonotonicClock`], or that of the library if
+    /// it is the simulated libethercat, which identifies itself.
     ///
     /// Opens no master: the call succeeds on a machine without a running master, too.
     ///
@@ -71,17 +73,45 @@ impl Ecrt {
     /// The file is missing or not a libethercat, or its release is unknown or lacks functions.
     pub fn load(path: Option<&Path>) -> Result<Self, LoadError> {
         let (library, functions) = library::load(path)?;
-        let origin =
-            Origin::Library { path: library.path.clone(), version_magic: library.version_magic };
-        Ok(Self {
-            shared: Arc::new(Shared {
-                functions,
-                version: version(library.version_magic),
-                opener: Arc::new(library),
-                origin,
-                clock: Arc::new(MonotonicClock),
+        Self::of_library(library, functions)
+    }
+
+    /// The libethercat that this process has loaded already, for attaching to a master of the
+    /// application: the one that the program or one of its libraries is linked to, otherwise the
+    /// loaded one with the name [`DEFAULT_LIBRARY`](crate::DEFAULT_LIBRARY). Loads nothing.
+    ///
+    /// [`EcrtSetting::find_loaded`](crate::EcrtSetting::find_loaded) also evaluates the setting.
+    ///
+    /// # Errors
+    ///
+    /// [`LoadError::NotLoaded`]; otherwise as [`load`](Self::load).
+    pub fn loaded() -> Result<Self, LoadError> {
+        Self::find_loaded(None)
+    }
+
+    pub(crate) fn find_loaded(path: Option<&Path>) -> Result<Self, LoadError> {
+        match library::find_loaded(path)? {
+            Some((library, functions)) => Self::of_library(library, functions),
+            None => Err(LoadError::NotLoaded {
+                path: path.unwrap_or(Path::new(library::DEFAULT_LIBRARY)).to_owned(),
             }),
-        })
+        }
+    }
+
+    /// The clock of a simulated libethercat is its own, that of the real one the system's.
+    fn of_library(library: LoadedLibrary, functions: Functions) -> Result<Self, LoadError> {
+        let (path, version_magic) = (library.path.clone(), library.version_magic);
+        let library = Arc::new(library);
+        let (origin, clock): (_, Arc<dyn Clock>) = match library.simulated {
+            None => (Origin::Library { path, version_magic }, Arc::new(MonotonicClock)),
+            Some(simulated) => {
+                let scenario = simulated.scenario().ok_or(LoadError::NoWorld { path })?;
+                let clock = SimulatedClock { functions: simulated, _library: library.clone() };
+                (Origin::Simulated { scenario }, Arc::new(clock))
+            }
+        };
+        let version = version(version_magic);
+        Ok(Self { shared: Arc::new(Shared { functions, version, opener: library, origin, clock }) })
     }
 
     /// A simulated library: its functions, its masters, the version that it simulates (0x106 is

@@ -35,6 +35,7 @@ mod library;
 mod load_error;
 mod open_master;
 mod setting;
+mod simulated_library;
 mod symbol_source;
 
 pub use bindings::{

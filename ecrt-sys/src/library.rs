@@ -1,6 +1,7 @@
 //! The shared object: search, version check, lookup of its functions.
 
-use std::ffi::c_uint;
+use std::ffi::{CStr, OsStr, c_uint};
+use std::os::unix::ffi::OsStrExt as _;
 use std::path::{Path, PathBuf};
 
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
@@ -9,6 +10,7 @@ use crate::bindings::ec_master_t;
 use crate::functions::{Functions, table_symbols};
 use crate::load_error::{LoadError, RELEASES};
 use crate::open_master::OpenMaster;
+use crate::simulated_library::SimulatedLibrary;
 use crate::symbol_source::SymbolSource;
 
 /// The default library: IgH's soname, searched in the directories of the dynamic
@@ -40,6 +42,8 @@ pub(crate) struct LoadedLibrary {
     pub(crate) version_magic: u32,
     request: MasterByIndex,
     open: MasterByIndex,
+    /// Its further functions, if it is the simulated libethercat.
+    pub(crate) simulated: Option<SimulatedLibrary>,
     _library: Library,
 }
 
@@ -62,7 +66,53 @@ pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), Lo
     // the system's libethercat; trusting it is what loading it means.
     let library = unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) }
         .map_err(|error| not_loaded(path, &loader_text(&error)))?;
+    look_up(path, library)
+}
 
+/// The libethercat that this process has loaded already: the one with this path, or without a path
+/// the first one whose functions the program finds, otherwise the one with the default name. Loads
+/// nothing.
+pub(crate) fn find_loaded(
+    path: Option<&Path>,
+) -> Result<Option<(LoadedLibrary, Functions)>, LoadError> {
+    let found = match path {
+        Some(path) => already_loaded(path).map(|library| (path.to_owned(), library)),
+        None => in_global_scope().or_else(|| {
+            let path = Path::new(DEFAULT_LIBRARY);
+            already_loaded(path).map(|library| (path.to_owned(), library))
+        }),
+    };
+    found.map(|(path, library)| look_up(&path, library)).transpose()
+}
+
+fn already_loaded(path: &Path) -> Option<Library> {
+    // SAFETY: with RTLD_NOLOAD nothing is loaded, so no initialiser runs.
+    unsafe { Library::open(Some(path), libc::RTLD_NOLOAD | RTLD_NOW | RTLD_LOCAL) }.ok()
+}
+
+/// The libethercat that the program or one of its libraries is linked to.
+fn in_global_scope() -> Option<(PathBuf, Library)> {
+    let program = Library::this();
+    let source = SymbolSource { library: &program, reports_status: true, missing: Vec::new() };
+    let version: VersionMagic = source.find(SYMBOL_VERSION)?;
+    let (text, address) = (std::ptr::null(), std::ptr::null_mut());
+    let mut info =
+        libc::Dl_info { dli_fname: text, dli_fbase: address, dli_sname: text, dli_saddr: address };
+    // SAFETY: `info` is valid for writing, and any address may be asked for.
+    let is_known = unsafe { libc::dladdr(version as *const libc::c_void, &mut info) } != 0;
+    if !is_known || info.dli_fname.is_null() {
+        return None;
+    }
+    // SAFETY: the loader's text of a loaded object, which `program` keeps loaded.
+    let path = unsafe { CStr::from_ptr(info.dli_fname) };
+    let path = PathBuf::from(OsStr::from_bytes(path.to_bytes()));
+    // without a handle of its own the functions are in the program itself
+    let library = already_loaded(&path).unwrap_or(program);
+    Some((path, library))
+}
+
+/// Checks the release of a library and looks up its functions.
+fn look_up(path: &Path, library: Library) -> Result<(LoadedLibrary, Functions), LoadError> {
     let mut source = SymbolSource { library: &library, reports_status: true, missing: Vec::new() };
     // Every release has this function.
     let version: VersionMagic = source
@@ -77,6 +127,7 @@ pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), Lo
 
     let request = source.required(SYMBOL_REQUEST);
     let open = source.required(SYMBOL_OPEN);
+    let simulated = SimulatedLibrary::look_up(&mut source);
     // SAFETY: the library reports that it is libethercat of a supported release, whose return
     // types `reports_status` selects.
     let functions = unsafe { Functions::look_up(&mut source) };
@@ -85,7 +136,8 @@ pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), Lo
         return Err(LoadError::MissingFunctions { path: path.into(), release, missing });
     };
     let path = path.into();
-    Ok((LoadedLibrary { path, version_magic, request, open, _library: library }, functions))
+    let loaded = LoadedLibrary { path, version_magic, request, open, simulated, _library: library };
+    Ok((loaded, functions))
 }
 
 /// The supported release of a version magic.

@@ -16,6 +16,48 @@ pub enum LoadError {
          the cargo feature `sim` (CMake: ECAN_IGH_SIM=ON) or select a libethercat"
     )]
     NoSimulator,
+    /// The process has not loaded the library.
+    #[error(
+        "this process has not loaded {}; attach needs the library that made the master's handle: \
+         link the program with it, or load it before",
+        path.display()
+    )]
+    NotLoaded {
+        /// Path or name of the library.
+        path: PathBuf,
+    },
+    /// The setting `ecrt` selects the simulator, but the loaded library is not simulated.
+    #[error(
+        "the setting `ecrt` is `sim`, but this process has loaded {library}; unset it, or \
+         start the program with the simulated libethercat (LD_LIBRARY_PATH=build/sim)"
+    )]
+    NotSimulated {
+        /// Text of the loaded library.
+        library: String,
+    },
+    /// The world of the loaded simulated library has another scenario than the setting.
+    #[error(
+        "the setting `ecrt` is `sim:{requested}`, but this process has loaded the simulated \
+         libethercat, whose scenario is {loaded}; select the scenario with {variable} alone",
+        variable = crate::ECRT_VARIABLE
+    )]
+    OtherScenario {
+        /// Scenario of the setting.
+        requested: String,
+        /// Scenario of the loaded library.
+        loaded: String,
+    },
+    /// The simulated library cannot open its world.
+    #[error(
+        "the simulated libethercat {} cannot open the scenario that {} selects; its message on \
+         standard error states the reason",
+        path.display(),
+        crate::ECRT_VARIABLE
+    )]
+    NoWorld {
+        /// Path of the library.
+        path: PathBuf,
+    },
     /// The file does not exist.
     #[error(
         "the EtherCAT master library {} was not found ({loader}): {}",

@@ -1,7 +1,7 @@
 use std::ffi::OsString;
 use std::path::PathBuf;
 
-use crate::{Ecrt, LoadError};
+use crate::{Ecrt, LoadError, Origin};
 
 /// Environment variable of the setting `ecrt`.
 pub const ECRT_VARIABLE: &str = "ECAN_ECRT";
@@ -63,6 +63,52 @@ impl EcrtSetting {
         }
     }
 
+    /// The library that this process has loaded already, for attaching to a master of the
+    /// application. A path selects the loaded library of this path; the simulator is the loaded
+    /// simulated libethercat, and otherwise any loaded libethercat is used. Loads nothing, and never
+    /// opens a second simulated world.
+    ///
+    /// # Errors
+    /// [`LoadError::NotLoaded`], [`LoadError::NotSimulated`], [`LoadError::OtherScenario`]; otherwise
+    /// as [`Ecrt::load`].
+    pub fn find_loaded(&self) -> Result<Ecrt, LoadError> {
+        match self {
+            Self::Library(path) => Ecrt::find_loaded(path.as_deref()),
+            Self::Simulated(requested) => Self::simulated(Ecrt::loaded()?, requested.as_deref()),
+        }
+    }
+
+    /// The simulated libethercat that this process has loaded, if the setting selects the simulator:
+    /// a process has one simulated world. `None` without such a library.
+    ///
+    /// # Errors
+    /// [`LoadError::OtherScenario`], [`LoadError::NoWorld`].
+    pub fn loaded_simulator(&self) -> Result<Option<Ecrt>, LoadError> {
+        let Self::Simulated(requested) = self else { return Ok(None) };
+        match Ecrt::loaded() {
+            Ok(ecrt) if ecrt.is_simulated() => {
+                Self::simulated(ecrt, requested.as_deref()).map(Some)
+            }
+            Err(error @ LoadError::NoWorld { .. }) => Err(error),
+            // any other library is not that of the setting
+            _ => Ok(None),
+        }
+    }
+
+    /// Compares a loaded library with a simulated setting.
+    fn simulated(ecrt: Ecrt, requested: Option<&str>) -> Result<Ecrt, LoadError> {
+        match (ecrt.origin(), requested) {
+            (origin @ Origin::Library { .. }, _) => {
+                Err(LoadError::NotSimulated { library: origin.to_string() })
+            }
+            (Origin::Simulated { scenario }, Some(requested)) if scenario != requested => {
+                let (requested, loaded) = (requested.to_owned(), scenario.clone());
+                Err(LoadError::OtherScenario { requested, loaded })
+            }
+            _ => Ok(ecrt),
+        }
+    }
+
     /// Loads the library in a program that was built without the simulator.
     ///
     /// # Errors
@@ -70,7 +116,7 @@ impl EcrtSetting {
     pub fn load(&self) -> Result<Ecrt, LoadError> {
         match self {
             Self::Library(path) => Ecrt::load(path.as_deref()),
-            Self::Simulated(_) => Err(LoadError::NoSimulator),
+            Self::Simulated(_) => self.loaded_simulator()?.ok_or(LoadError::NoSimulator),
         }
     }
 }

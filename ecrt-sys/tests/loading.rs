@@ -4,7 +4,7 @@ mod fake;
 
 use std::path::Path;
 
-use ecrt_sys::{Ecrt, LoadError, Origin};
+use ecrt_sys::{Ecrt, EcrtSetting, LoadError, Origin};
 use fake::{Fake, RELEASES, assert_contains};
 
 #[test]
@@ -107,4 +107,26 @@ fn loaded_library_reports_its_origin() {
             &["libfake.so (version 1.", &version.1.to_string()],
         );
     }
+}
+
+#[test]
+fn loaded_library_is_found_by_its_path() {
+    let Some(fake) = Fake::build(&["MAGIC=0x106"]) else {
+        return;
+    };
+    let setting = EcrtSetting::Library(Some(fake.path()));
+    let error = setting.find_loaded().unwrap_err();
+    assert_eq!(error, LoadError::NotLoaded { path: fake.path() });
+    assert_contains(&error.to_string(), &["has not loaded", "link the program with it"]);
+    let loaded = fake.load();
+    assert_eq!(setting.find_loaded().unwrap().origin(), loaded.origin());
+}
+
+#[test]
+fn process_without_libethercat_has_nothing_to_attach_to() {
+    for text in ["", "sim", "sim:echo"] {
+        let error = EcrtSetting::parse(text).find_loaded().unwrap_err();
+        assert!(matches!(error, LoadError::NotLoaded { .. }), "{text}: {error}");
+    }
+    assert!(EcrtSetting::parse("sim").loaded_simulator().unwrap().is_none());
 }

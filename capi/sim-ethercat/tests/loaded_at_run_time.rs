@@ -5,7 +5,7 @@ mod toolchain;
 use std::thread;
 
 use ecan_host::{Master, OpenError, OpenFailure};
-use ecrt_sys::Ecrt;
+use ecrt_sys::{Ecrt, Origin};
 use toolchain::{SONAME, simulated_library};
 
 #[test]
@@ -16,6 +16,8 @@ fn binding_finds_every_function_and_all_threads_the_same_world() {
     let library = simulated_library();
     let ecrt = Ecrt::load(Some(&library.path().join(SONAME))).expect("it is a libethercat");
     assert_eq!(ecrt.version(), (1, 6));
+    assert_eq!(ecrt.origin(), &Origin::Simulated { scenario: "echo".to_owned() });
+    assert!(ecrt.clock().is_free_running(), "the scenario leaves the clock real");
 
     let ready = std::sync::Barrier::new(4);
     let masters: Vec<_> = thread::scope(|scope| {

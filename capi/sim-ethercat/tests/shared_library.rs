@@ -53,7 +53,9 @@ fn soname_and_symbols_are_the_real_ones() {
         .partition(|(_, symbol)| symbol.starts_with("A "));
     let mut nodes: Vec<_> = nodes.into_iter().map(|(_, symbol)| symbol).collect();
     nodes.sort_unstable();
-    assert_eq!(nodes, ["A LIBETHERCAT_1.5.2", "A LIBETHERCAT_1.5.3", "A LIBETHERCAT_1.6"]);
+    let versions = ["A LIBETHERCAT_1.5.2", "A LIBETHERCAT_1.5.3", "A LIBETHERCAT_1.6"];
+    assert_eq!(nodes, [&["A ECAN_SIM_0.2"], &versions[..]].concat());
+    functions.retain(|(_, symbol)| !symbol.ends_with("@@ECAN_SIM_0.2"));
     functions.sort_unstable_by_key(|(_, symbol)| *symbol);
     let names: Vec<_> =
         functions.iter().map(|(_, symbol)| symbol.trim_start_matches("T ")).collect();

@@ -18,7 +18,7 @@ use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_MASTER};
 use ecan_mcan_host::pointers;
 
 use super::config::{IghConfig, ecan_igh_config_t};
-use super::library;
+use super::library::{self, Library};
 use crate::bus::Bus;
 use crate::callback::StopCallback;
 use crate::entry::Context;
@@ -49,13 +49,14 @@ fn open(
     call: Call,
     context: &OutPointer<ecan_igh_context_t>,
     config: &IghConfig,
+    library: impl FnOnce(Call, &IghConfig) -> Result<Library, ecan_result_t>,
     make: impl FnOnce(&Ecrt, AdapterConfig) -> Result<Adapter, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
     let bus = || {
         let rust = config.configured();
         // A faulty configuration is reported before the library is loaded.
         rust.check().map_err(Error::from).or_code(call)?;
-        let library = library::open(call, config)?;
+        let library = library(call, config)?;
         let adapter = make(&library.ecrt, rust)?;
         Ok(Bus::new(adapter, config.applied(), library.is_stepped))
     };
@@ -83,7 +84,7 @@ fn open(
 #[export(call)]
 pub fn ecan_igh_init(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
     pointers!(call, out(context), sealed(config));
-    open(call, &context, config, |ecrt, rust| {
+    open(call, &context, config, library::open, |ecrt, rust| {
         Adapter::open(ecrt, rust, config.startup_plan()).or_code(call)
     })
 }
@@ -97,11 +98,15 @@ pub fn ecan_igh_init(context: *mut ecan_igh_context_t, config: *const ecan_igh_c
 /// return ECAN_ERR_ATTACHED; poll ecan_igh_is_operational() or igh_mcan_port_is_ready() instead.
 /// Deinit the context before ecrt_master_deactivate() and ecrt_release_master().
 ///
-/// @param master  The owner's ec_master_t, reserved, of the library that the setting `ecrt` selects
-///                (by default libethercat.so.1).
+/// The library is the libethercat that this process has loaded; it is not loaded again. Under the
+/// simulated libethercat (LD_LIBRARY_PATH=build/sim) the setting `sim...` means this library. A path
+/// as the setting must be that of the loaded library.
+///
+/// @param master  The owner's ec_master_t, reserved, of the library that this process has loaded.
 ///
 /// @usage   not rt, the owner's thread, before ecrt_master_activate
-/// @return  As ecan_igh_init().
+/// @return  As ecan_igh_init(); ECAN_ERR_ECRT also if the process has loaded no libethercat, or another
+///          one than the setting `ecrt` selects.
 #[export(call)]
 pub fn ecan_igh_attach(
     context: *mut ecan_igh_context_t,
@@ -109,7 +114,7 @@ pub fn ecan_igh_attach(
     master: *mut c_void,
 ) {
     pointers!(call, out(context), out(master), sealed(config));
-    open(call, &context, config, |ecrt, rust| {
+    open(call, &context, config, library::find_loaded, |ecrt, rust| {
         // SAFETY: the header demands the owner's reserved master of this library.
         let master = unsafe { Master::from_raw(ecrt.clone(), master.as_ptr().cast()) };
         let master = master.map_err(|errno| call.fail(ECAN_ERR_MASTER, format_args!("{errno}")))?;

@@ -23,12 +23,27 @@ fn default_library() -> Option<PathBuf> {
 /// Loads the library that the configuration selects. A simulated one identifies itself on standard
 /// error.
 pub(crate) fn open(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
-    let explicit = config.ecrt.as_ref().map(|text| text.get().unwrap_or_default());
+    let explicit = explicit(config);
     let setting = match EcrtSetting::resolve(explicit).map_err(|error| failed(call, &error))? {
         EcrtSetting::Library(None) if explicit.is_none() => EcrtSetting::Library(default_library()),
         setting => setting,
     };
-    load(&setting, config).map_err(|error| failed(call, &error))
+    load(&setting, config).map(library).map_err(|error| failed(call, &error))
+}
+
+/// The library that this process has loaded, of which the owner of a master has its handle.
+pub(crate) fn find_loaded(call: Call, config: &IghConfig) -> Result<Library, ecan_result_t> {
+    let setting = EcrtSetting::resolve(explicit(config)).map_err(|error| failed(call, &error))?;
+    setting.find_loaded().map(library).map_err(|error| failed(call, &error))
+}
+
+fn explicit(config: &IghConfig) -> Option<&str> {
+    config.ecrt.as_ref().map(|text| text.get().unwrap_or_default())
+}
+
+fn library(ecrt: Ecrt) -> Library {
+    let is_stepped = ecrt.is_simulated() && !ecrt.clock().is_free_running();
+    Library { ecrt, is_stepped }
 }
 
 #[cold]
@@ -37,12 +52,12 @@ fn failed(call: Call, error: &dyn Display) -> ecan_result_t {
 }
 
 #[cfg(not(feature = "sim"))]
-fn load(setting: &EcrtSetting, _: &IghConfig) -> Result<Library, ecan_host::LoadError> {
-    Ok(Library { ecrt: setting.load()?, is_stepped: false })
+fn load(setting: &EcrtSetting, _: &IghConfig) -> Result<Ecrt, ecan_host::LoadError> {
+    setting.load()
 }
 
 #[cfg(feature = "sim")]
-fn load(setting: &EcrtSetting, config: &IghConfig) -> Result<Library, ecan_sim::BackendError> {
+fn load(setting: &EcrtSetting, config: &IghConfig) -> Result<Ecrt, ecan_sim::BackendError> {
     use ecan_sim::{ClockKind, SimOptions};
 
     let clock = if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real };
@@ -56,10 +71,8 @@ fn load(setting: &EcrtSetting, config: &IghConfig) -> Result<Library, ecan_sim::
         bridges: Some(ecan_sim_bridge::make),
     };
     let backend = ecan_sim::open(setting, &options)?;
-    let mut is_stepped = false;
     if let Some(simulation) = &backend.simulation {
         eprintln!("{}", simulation.banner());
-        is_stepped = simulation.clock_kind() == ClockKind::Stepped;
     }
-    Ok(Library { ecrt: backend.ecrt, is_stepped })
+    Ok(backend.ecrt)
 }

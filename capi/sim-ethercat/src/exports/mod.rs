@@ -6,3 +6,4 @@
 mod functions;
 mod opening;
 mod other_mailbox_protocols;
+mod simulated;
