@@ -4,6 +4,7 @@
 //! modes, homing, and targets in every cycle. A [`MotionGuard`] per axis prevents jumps; its
 //! documentation lists what happens to targets in which case.
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 #![forbid(unsafe_code)]
 
 mod axis;

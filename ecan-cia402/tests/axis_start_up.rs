@@ -7,7 +7,9 @@ use std::time::Duration;
 
 use axes::{Fixture, axes, axis, with_quirk};
 use ecan_canopen::DriveState;
-use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config, Cia402Error, Shutdown};
+use ecan_cia402::{
+    AxisConfig, AxisFault, AxisFaults, AxisPhase, Cia402, Cia402Config, Cia402Error, Shutdown,
+};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::config::TxMode;
@@ -126,9 +128,33 @@ fn invalid_table_is_rejected_with_every_fault() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, queue));
     let port = Port::open(&backend.ecrt, (AdapterConfig::new(1), config)).unwrap();
     let error = Cia402::new(&port, axes(1), Cia402Config::default()).unwrap_err();
-    assert!(matches!(error, Cia402Error::TransmitQueue { axis: 0, .. }), "{error}");
+    assert!(matches!(only_fault(error), AxisFault::TransmitQueue { .. }));
     let error = Cia402::new(&port, vec![axis(0, 1, 1)], Cia402Config::default()).unwrap_err();
-    assert!(matches!(error, Cia402Error::ChannelNotEnabled { channel: 1, .. }), "{error}");
+    assert!(matches!(only_fault(error), AxisFault::ChannelNotEnabled { channel: 1, .. }));
+}
+
+fn only_fault(error: Cia402Error) -> AxisFault {
+    match error {
+        Cia402Error::Axes(AxisFaults { faults }) if faults.len() == 1 => faults[0].1,
+        other => panic!("{other}"),
+    }
+}
+
+#[test]
+fn faults_of_values_and_addresses_are_reported_together() {
+    let port = Fixture::single(axes(1)).port;
+    let mut table =
+        vec![axis(0, 0, 1), axis(7, 0, 2), axis(0, 2, 3), axis(0, 0, 1), axis(0, 0, 127)];
+    table[0].step_limit = 0;
+    table[2].following_window = 1;
+    let error = Cia402::new(&port, table, Cia402Config::default()).unwrap_err();
+    let Cia402Error::Axes(AxisFaults { faults }) = error else { panic!("{error}") };
+    let found = |axis: usize| faults.iter().filter(|(index, _)| *index == axis).collect::<Vec<_>>();
+    assert!(found(0).iter().any(|(_, fault)| *fault == AxisFault::NoStep), "{faults:?}");
+    assert!(matches!(found(1)[..], [(_, AxisFault::NoSuchSlave { slave: 7, .. })]), "{faults:?}");
+    assert!(matches!(found(2)[..], [(_, AxisFault::Window { .. })]), "{faults:?}");
+    assert!(matches!(found(3)[..], [(_, AxisFault::SameNode { other: 0, .. })]), "{faults:?}");
+    assert!(matches!(found(4)[..], [(_, AxisFault::HostNode { .. })]), "{faults:?}");
 }
 
 #[test]
@@ -144,11 +170,8 @@ fn axis_on_a_channel_of_one_direction_is_rejected() {
         let port = Port::open(&backend.ecrt, (AdapterConfig::new(1), config)).unwrap();
         let table = vec![axis(0, number, 1)];
         let error = Cia402::new(&port, table, Cia402Config::default()).unwrap_err();
-        let Cia402Error::ChannelDirection { axis: 0, slave: 0, channel: 1, direction } = error
-        else {
-            panic!("{error}")
-        };
-        assert_eq!(direction, missing);
+        let fault = AxisFault::ChannelDirection { slave: 0, channel: 1, direction: missing };
+        assert_eq!(only_fault(error), fault);
         Cia402::new(&port, vec![axis(0, 0, 1)], Cia402Config::default()).unwrap();
     }
 }

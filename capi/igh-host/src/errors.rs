@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use ecan_canopen::{NmtError, SdoFailure, SdoFault, WaitError};
-use ecan_cia402::{Cia402Error, CommandError, ScheduleError};
+use ecan_cia402::{AxisFault, AxisFaults, Cia402Error, CommandError, ScheduleError};
 use ecan_config_file::ConfigFileError;
 use ecan_host::{CycleError, Errno, Error};
 use ecan_mcan_host::boundary::Call;
@@ -192,10 +192,21 @@ impl Coded for Cia402Error {
             Self::Nmt(error) => error.coded(),
             Self::AxisTimeout(_) => (ECAN_ERR_AXES, 0),
             Self::Wait(error) => error.coded(),
-            Self::NoSuchSlave { .. } => (ECAN_ERR_SLAVE, 0),
-            Self::ChannelNotEnabled { .. } => (ECAN_ERR_CHANNEL, 0),
+            Self::Axes(AxisFaults { faults }) => (faults_code(faults), 0),
             _ => (ECAN_ERR_CONFIG, 0),
         }
+    }
+}
+
+/// Code of the faults of an axis table: one for slaves and channels that the Port does not have.
+fn faults_code(faults: &[(usize, AxisFault)]) -> ecan_result_t {
+    let has_only = |is_such: fn(&AxisFault) -> bool| faults.iter().all(|(_, fault)| is_such(fault));
+    if has_only(|fault| matches!(fault, AxisFault::NoSuchSlave { .. })) {
+        ECAN_ERR_SLAVE
+    } else if has_only(|fault| matches!(fault, AxisFault::ChannelNotEnabled { .. })) {
+        ECAN_ERR_CHANNEL
+    } else {
+        ECAN_ERR_CONFIG
     }
 }
 

@@ -189,6 +189,10 @@ static void tables(igh_mcan_port_t *port)
     SAME(127, axes[0].node_id);
     SAME(INT32_MIN, axes[0].target_step);
 
+    BAD(ECAN_ERR_CONFIG, igh_cia402_context_init(&context, port, axes, 1));
+    ERROR_HAS("axis 0: slave 65535 does not exist");
+    ERROR_HAS("axis 0: node 127 (slave 65535, channel 3) has the node-ID of the host's heartbeat");
+    GOOD(igh_cia402_axis_init(&axes[0], 1, 0, 1, 0));
     BAD(ECAN_ERR_SLAVE, igh_cia402_context_init(&context, port, axes, 1));
     GOOD(igh_cia402_axis_init(&axes[0], 0, 3, 1, 0));
     BAD(ECAN_ERR_CHANNEL, igh_cia402_context_init(&context, port, axes, 1));

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use ecan_canopen::OperatingMode;
 
-use super::config::{AxisConfig, AxisFault, target_kind};
+use super::axis_fault::AxisFault;
+use super::config::{AxisConfig, target_kind};
 use super::motion_limits::MotionLimit;
 use super::ramp::{FRACTION_BITS, RampLimits};
 use crate::guard::terms::TargetKind;

@@ -3,7 +3,7 @@
 use ecan_canopen::OperatingMode;
 use thiserror::Error;
 
-use super::config::AxisFault;
+use super::axis_fault::AxisFault;
 use super::interpolation_time::InvalidPeriod;
 use super::units::UnitError;
 

@@ -3,6 +3,7 @@
 #[expect(clippy::module_inception, reason = "a file has the name of its main type")]
 pub(crate) mod axis;
 pub(crate) mod axis_cycle;
+pub(crate) mod axis_fault;
 mod axis_limits;
 pub(crate) mod axis_path;
 mod axis_procedure;
@@ -41,8 +42,9 @@ mod target_tickets;
 pub(crate) mod units;
 mod verification;
 
+pub use axis_fault::AxisFault;
 pub use command_error::CommandError;
-pub use config::{AxisConfig, AxisFault, DriveConfig, NodeReset};
+pub use config::{AxisConfig, DriveConfig, NodeReset};
 pub use homing::{HomingConfig, HomingState};
 pub use host_loss::{HostLoss, HostLossReaction, HostWatch, StopOptions, StopRamp};
 pub use motion_limits::{MotionLimit, MotionLimits};

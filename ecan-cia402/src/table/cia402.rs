@@ -4,11 +4,10 @@ use std::time::Duration;
 
 use ecan_canopen::{Network, NmtCommand, NmtError, NodeConfig, SyncConfig};
 use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
-use ecan_protocol::config::TxMode;
 use ecan_protocol::image::Schedule;
-use ecan_protocol::mapping::Direction;
 
-use super::error::{AxisFaults, Cia402Error, ScheduleError};
+use super::check::checked;
+use super::error::{Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
 use super::path_stop::{PathProfile, PathStop};
@@ -16,9 +15,8 @@ use super::shutdown::Shutdown;
 use super::table_config::{Cia402Config, target_cycles};
 use crate::axis::axis::Axis;
 use crate::axis::command_error::CommandError;
-use crate::axis::config::{AxisConfig, AxisFault};
+use crate::axis::config::AxisConfig;
 use crate::axis::interpolation_time::interpolation_time;
-use crate::axis::ramp::RampLimits;
 use crate::axis::setup_steps::BusConfig;
 use crate::axis::target_period::TargetPeriod;
 use crate::guard::gateway_watch::GatewayWatch;
@@ -145,8 +143,7 @@ impl Cia402 {
         let target_cycles = config.target_cycles();
         let target_period_ns = u64::from(cycle_ns) * u64::from(target_cycles);
         let target_period = TargetPeriod::new(target_cycles, target_period_ns);
-        check(&axes, target_period_ns)?;
-        let axes = at_period(&axes, Duration::from_nanos(target_period_ns))?;
+        let axes = checked(port, axes, &config)?;
         let slaves = port.slave_count();
         let mut network = Network::new(config.network);
         network.set_sync(Some(config.sync))?;
@@ -158,31 +155,7 @@ impl Cia402 {
         let mut table = Vec::with_capacity(axes.len());
         for (index, (axis, ramp)) in axes.into_iter().enumerate() {
             let address = axis.address;
-            let gateway = port
-                .config()
-                .gateways
-                .get(address.slave)
-                .ok_or(Cia402Error::NoSuchSlave { axis: index, slave: address.slave, slaves })?;
             let (slave, channel) = (address.slave, address.channel);
-            let enabled = gateway.channels.get(usize::from(channel)).and_then(Option::as_ref);
-            match enabled.map(|enabled| enabled.can.ram.tx_mode) {
-                None => {
-                    return Err(Cia402Error::ChannelNotEnabled { axis: index, slave, channel });
-                }
-                Some(TxMode::Queue) => {
-                    return Err(Cia402Error::TransmitQueue { axis: index, slave, channel });
-                }
-                Some(TxMode::Fifo) => {}
-            }
-            let is_missing = |direction: &Direction| !gateway.carries(*direction, channel);
-            if let Some(direction) = Direction::ALL.into_iter().find(is_missing) {
-                return Err(Cia402Error::ChannelDirection {
-                    axis: index,
-                    slave,
-                    channel,
-                    direction,
-                });
-            }
             // The heartbeat is watched once the drive has been told to produce one.
             let node = NodeConfig { heartbeat_timeout: Duration::ZERO, ..config.node };
             let handle = network.add_node(address, node)?;
@@ -369,28 +342,4 @@ impl Cia402 {
         };
         channels.into_iter().filter_map(load).collect()
     }
-}
-
-fn check(axes: &[AxisConfig], period_ns: u64) -> Result<(), AxisFaults> {
-    let mut faults = Vec::new();
-    for (index, axis) in axes.iter().enumerate() {
-        axis.check(&mut |fault| faults.push((index, fault)));
-        if axis.needs_interpolation_time() && interpolation_time(period_ns).is_none() {
-            faults.push((index, AxisFault::TargetPeriod { period_ns }));
-        }
-    }
-    if faults.is_empty() { Ok(()) } else { Err(AxisFaults { faults }) }
-}
-
-/// The axes with their limits in increments.
-fn at_period(
-    axes: &[AxisConfig],
-    target_period: Duration,
-) -> Result<Vec<(AxisConfig, RampLimits)>, AxisFaults> {
-    let mut faults = Vec::new();
-    let convert = |(index, axis): (usize, &AxisConfig)| {
-        axis.at_period(target_period, &mut |fault| faults.push((index, fault)))
-    };
-    let axes = axes.iter().enumerate().map(convert).collect();
-    if faults.is_empty() { Ok(axes) } else { Err(AxisFaults { faults }) }
 }

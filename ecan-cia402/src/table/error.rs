@@ -5,11 +5,10 @@ use std::time::Duration;
 
 use ecan_canopen::{NetworkError, NmtError, PdoMappingError, WaitError};
 use ecan_mcan_port::NotSchedulable;
-use ecan_protocol::mapping::Direction;
 use thiserror::Error;
 
+use crate::axis::axis_fault::AxisFault;
 use crate::axis::command_error::CommandError;
-use crate::axis::config::AxisFault;
 use crate::axis::phase::AxisProgress;
 
 /// Reason for which targets or SYNC cannot be scheduled at a phase of Sync0.
@@ -104,16 +103,6 @@ pub enum Cia402Error {
     /// The cycle failed while waiting.
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// The axis table names a gateway that the Port does not have.
-    #[error("axis {axis}: slave {slave} does not exist; the Port has {slaves}")]
-    NoSuchSlave {
-        /// Index of the axis.
-        axis: usize,
-        /// The invalid slave index.
-        slave: usize,
-        /// Gateways of the Port.
-        slaves: usize,
-    },
     /// The PDOs cannot be mapped.
     #[error("axis {axis}: {error}")]
     Mapping {
@@ -121,44 +110,5 @@ pub enum Cia402Error {
         axis: usize,
         /// Cause.
         error: PdoMappingError,
-    },
-    /// The channel sends by CAN ID, not in order: SYNC would overtake its targets, and the end of a
-    /// stale target could not be detected.
-    #[error(
-        "axis {axis}: channel {channel} of slave {slave} sends by CAN ID (Tx queue); axes need \
-         the Tx FIFO"
-    )]
-    TransmitQueue {
-        /// Index of the axis.
-        axis: usize,
-        /// Slave index.
-        slave: usize,
-        /// The channel.
-        channel: u8,
-    },
-    /// The axis is on a channel that only sends or only receives (0x8010:04, 0x8011:04).
-    #[error(
-        "axis {axis}: channel {channel} of slave {slave} is not in the channel mask of the \
-         {direction}; an axis needs both directions"
-    )]
-    ChannelDirection {
-        /// Index of the axis.
-        axis: usize,
-        /// Slave index.
-        slave: usize,
-        /// The channel.
-        channel: u8,
-        /// The direction without the channel.
-        direction: Direction,
-    },
-    /// The axis table names a channel that the Port has not enabled.
-    #[error("axis {axis} is on channel {channel} of slave {slave}, which is not enabled")]
-    ChannelNotEnabled {
-        /// Index of the axis.
-        axis: usize,
-        /// Slave index.
-        slave: usize,
-        /// The channel.
-        channel: u8,
     },
 }

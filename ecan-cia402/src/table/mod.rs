@@ -1,6 +1,7 @@
 //! All axes of a bus: network, axis table and Port together.
 
 mod blocking;
+mod check;
 mod cia402;
 mod commands;
 mod cycle;
@@ -13,6 +14,7 @@ mod shutdown;
 mod stop_together;
 mod table_config;
 
+pub use check::axis_faults;
 pub use cia402::Cia402;
 pub use cycle::SendSummary;
 pub use error::{AxisFaults, AxisTimeout, Cia402Error, ScheduleError};

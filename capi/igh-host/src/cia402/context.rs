@@ -12,13 +12,14 @@
 //! ```
 
 use ecan_c_export::export;
-use ecan_cia402::{Cia402, Cia402Config};
+use ecan_cia402::{Cia402, Cia402Config, axis_faults};
 use ecan_mcan_host::boundary::{Call, OutPointer};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pointers;
 use ecan_mcan_port::Port;
 
 use super::axis::igh_cia402_axis_t;
+use super::axis_table::AxisTable;
 use super::settings::igh_cia402_settings_t;
 use crate::bus::Bus;
 use crate::entry::Context;
@@ -112,10 +113,12 @@ fn init(
     unsafe { bus.need_no_axes(call, context.as_ptr().cast())? };
     // SAFETY: as above.
     unsafe { handle::clear(context.as_ptr().cast()) };
-    let table: Vec<_> =
-        (0..).zip(axes).map(|(index, axis)| axis.checked(call, index)).collect::<Result<_, _>>()?;
+    let table = AxisTable::read(call, axes)?;
     let settings = settings(call)?;
-    let serial = bus.add_cia402(call, |port| Cia402::new(port, table, settings).or_code(call))?;
+    let serial = bus.add_cia402(call, |port| {
+        let table = table.into_axes(call, |axes| axis_faults(port, axes, &settings))?;
+        Cia402::new(port, table, settings).or_code(call)
+    })?;
     // SAFETY: as above.
     unsafe { bus.add_axes_context(context.as_ptr().cast(), serial) };
     Ok(())

@@ -1,6 +1,7 @@
 //! CANopen and CiA 402: `igh_cia402_protocol.h`.
 
 pub mod axis;
+mod axis_table;
 pub mod canopen;
 pub mod commands;
 pub mod context;

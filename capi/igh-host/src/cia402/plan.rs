@@ -7,6 +7,7 @@ use ecan_cia402::{Cia402Config, axis_traffic};
 use ecan_mcan_host::pointers;
 
 use super::axis::igh_cia402_axis_t;
+use super::axis_table::AxisTable;
 use crate::adapter::config::ecan_igh_config_t;
 use crate::mcan_port::config::igh_mcan_port_config_t;
 use crate::mcan_port::plan::plan;
@@ -30,8 +31,7 @@ pub fn igh_cia402_plan(
     size: usize,
 ) {
     pointers!(call, sealed(igh_config), sealed(config), items(axes, axis_count), room(text, size));
-    let axes: Result<Vec<_>, _> =
-        axes.iter().enumerate().map(|(number, axis)| axis.checked(call, number)).collect();
+    let axes = AxisTable::read(call, axes)?.into_axes(call, |_| Vec::new())?;
     let settings = Cia402Config { motion_div: motion_div.max(1), ..Cia402Config::default() };
-    plan(call, igh_config, config, &axis_traffic(&axes?, &settings), text)
+    plan(call, igh_config, config, &axis_traffic(&axes, &settings), text)
 }

@@ -1,0 +1,218 @@
+//! Faults of an axis.
+
+use std::time::Duration;
+
+use ecan_canopen::{NodeAddress, OperatingMode};
+use ecan_protocol::mapping::Direction;
+use thiserror::Error;
+
+use super::interpolation_time::InvalidPeriod;
+use super::motion_limits::MotionLimit;
+
+/// Fault of an axis: of its configuration, or of the axis in its table.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[non_exhaustive]
+pub enum AxisFault {
+    /// A gateway has four channels.
+    #[error("channel {channel} is out of range; allowed: 0 to 3")]
+    Channel {
+        /// The invalid channel.
+        channel: u8,
+    },
+    /// The mode is not supported.
+    #[error("mode {mode} is not supported")]
+    Mode {
+        /// The mode.
+        mode: OperatingMode,
+    },
+    /// The predefined connection set has four PDOs each way.
+    #[error("PDO number {number} is out of range; allowed: 1 to 4")]
+    PdoNumber {
+        /// The invalid number.
+        number: u8,
+    },
+    /// The scale is invalid.
+    #[error("steps_per_turn {steps_per_turn} is invalid; must be finite and not 0")]
+    Scale {
+        /// Steps per turn.
+        steps_per_turn: f64,
+    },
+    /// With a step limit of 0 the axis could never move.
+    #[error("the step limit is 0; must be at least 1")]
+    NoStep,
+    /// The target step exceeds the step limit.
+    #[error("the target step {step} exceeds the step limit {limit}")]
+    TargetStep {
+        /// The step.
+        step: i32,
+        /// The limit.
+        limit: u32,
+    },
+    /// An axis at rest cannot move faster than its targets.
+    #[error("the standstill window {standstill} exceeds the step limit {limit}")]
+    Standstill {
+        /// The window.
+        standstill: u32,
+        /// The limit.
+        limit: u32,
+    },
+    /// The following-error window is smaller than the lag of a correct axis.
+    #[error("the following-error window {window} is below {least}, eight step limits")]
+    Window {
+        /// The window.
+        window: u32,
+        /// Smallest allowed window.
+        least: u32,
+    },
+    /// No target is inside the bounds.
+    #[error("the bounds {min}..{max} are empty")]
+    Bounds {
+        /// Smallest.
+        min: i32,
+        /// Largest.
+        max: i32,
+    },
+    /// An axis of velocity or torque could not stop.
+    #[error("the bounds {min}..{max} exclude 0, so that the axis could not stop; must include 0")]
+    RateBounds {
+        /// Smallest.
+        min: i32,
+        /// Largest.
+        max: i32,
+    },
+    /// The range of the counter is empty.
+    #[error("the position range {min}..{max} is empty")]
+    Range {
+        /// Smallest.
+        min: i32,
+        /// Largest.
+        max: i32,
+    },
+    /// The target period has no value of the interpolation time 0x60C2, so that the drive would not
+    /// move evenly.
+    #[error("{}", InvalidPeriod(*period_ns))]
+    TargetPeriod {
+        /// Target period in nanoseconds.
+        period_ns: u64,
+    },
+    /// No missing TPDO would be tolerated, although one is missing whenever a reply is lost.
+    #[error("the TPDO timeout is 0; must be at least 1")]
+    TpdoTimeout,
+    /// The unit of velocity is invalid.
+    #[error("{units} units of velocity per turn per second are invalid; must be finite and not 0")]
+    VelocityUnits {
+        /// Units of velocity for one turn per second.
+        units: f64,
+    },
+    /// A limit is no number above 0.
+    #[error("the {limit} {value} {} is invalid; must be finite and above 0", limit.unit())]
+    Limit {
+        /// The limit.
+        limit: MotionLimit,
+        /// Its value.
+        value: f64,
+    },
+    /// The host cannot keep the limit: in this mode the drive generates the motion, or the unit of
+    /// its targets is none of motion.
+    #[error("the {limit} cannot be kept in mode {mode}; set it by the objects of the drive")]
+    LimitMode {
+        /// The limit.
+        limit: MotionLimit,
+        /// The mode.
+        mode: OperatingMode,
+    },
+    /// The unit of the drive's velocity is unknown.
+    #[error(
+        "the {limit} cannot be kept in mode {mode}: the unit of the drive's velocity is unknown; set \
+         the velocity units of its scale"
+    )]
+    LimitUnits {
+        /// The limit.
+        limit: MotionLimit,
+        /// The mode.
+        mode: OperatingMode,
+    },
+    /// The limit is less than the smallest value that can be commanded.
+    #[error(
+        "the {limit} {value} {symbol} is below {unit} {symbol}, the smallest with a target period \
+         of {target_period:?}",
+        symbol = limit.unit()
+    )]
+    LimitResolution {
+        /// The limit.
+        limit: MotionLimit,
+        /// Its value.
+        value: f64,
+        /// Smallest value.
+        unit: f64,
+        /// Time between two targets.
+        target_period: Duration,
+    },
+    /// The target step exceeds the velocity limit.
+    #[error(
+        "the target step {step} exceeds {limit}, the velocity limit {velocity} rad/s with a target \
+         period of {target_period:?}"
+    )]
+    TargetStepVelocity {
+        /// The step.
+        step: i32,
+        /// Largest step.
+        limit: u32,
+        /// Velocity limit in rad/s.
+        velocity: f64,
+        /// Time between two targets.
+        target_period: Duration,
+    },
+    /// The axis table names a gateway that the Port does not have.
+    #[error("slave {slave} does not exist; the Port has {slaves}")]
+    NoSuchSlave {
+        /// The invalid slave index.
+        slave: usize,
+        /// Gateways of the Port.
+        slaves: usize,
+    },
+    /// The axis table names a channel that the Port has not enabled.
+    #[error("channel {channel} of slave {slave} is not enabled")]
+    ChannelNotEnabled {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+    },
+    /// The channel sends by CAN ID, not in order: SYNC would overtake its targets, and the end of a
+    /// stale target could not be detected.
+    #[error("channel {channel} of slave {slave} sends by CAN ID (Tx queue); axes need the Tx FIFO")]
+    TransmitQueue {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+    },
+    /// The axis is on a channel that only sends or only receives (0x8010:04, 0x8011:04).
+    #[error(
+        "channel {channel} of slave {slave} is not in the channel mask of the {direction}; an axis \
+         needs both directions"
+    )]
+    ChannelDirection {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// The direction without the channel.
+        direction: Direction,
+    },
+    /// Two axes have the same drive.
+    #[error("{address} is the drive of axis {other} already")]
+    SameNode {
+        /// The drive.
+        address: NodeAddress,
+        /// Index of the other axis.
+        other: usize,
+    },
+    /// The host uses the node-ID of the drive for its heartbeat.
+    #[error("{address} has the node-ID of the host's heartbeat")]
+    HostNode {
+        /// The drive.
+        address: NodeAddress,
+    },
+}

@@ -1,0 +1,96 @@
+//! Checks of an axis table against its Port.
+
+use std::time::Duration;
+
+use ecan_mcan_port::Port;
+use ecan_protocol::config::TxMode;
+use ecan_protocol::mapping::{CHANNELS, Direction};
+
+use super::error::AxisFaults;
+use super::table_config::Cia402Config;
+use crate::axis::axis_fault::AxisFault;
+use crate::axis::config::AxisConfig;
+use crate::axis::interpolation_time::interpolation_time;
+use crate::axis::ramp::RampLimits;
+
+/// Faults of axes on a Port, each with the index of its axis in the table, in this order.
+///
+/// [`Cia402::new`](super::Cia402::new) rejects a table with any of them.
+pub fn axis_faults<'a>(
+    port: &Port,
+    axes: impl IntoIterator<Item = (usize, &'a AxisConfig)>,
+    config: &Cia402Config,
+) -> Vec<(usize, AxisFault)> {
+    let mut faults = Vec::new();
+    examine(port, axes, config, &mut faults);
+    faults
+}
+
+/// The axes with their limits in increments of a target period.
+pub(super) fn checked(
+    port: &Port,
+    axes: Vec<AxisConfig>,
+    config: &Cia402Config,
+) -> Result<Vec<(AxisConfig, RampLimits)>, AxisFaults> {
+    let mut faults = Vec::new();
+    let axes = examine(port, axes.iter().enumerate(), config, &mut faults);
+    if faults.is_empty() { Ok(axes) } else { Err(AxisFaults { faults }) }
+}
+
+fn examine<'a>(
+    port: &Port,
+    axes: impl IntoIterator<Item = (usize, &'a AxisConfig)>,
+    config: &Cia402Config,
+    faults: &mut Vec<(usize, AxisFault)>,
+) -> Vec<(AxisConfig, RampLimits)> {
+    let cycle_ns = u64::from(port.adapter().config().cycle_ns());
+    let period_ns = cycle_ns * u64::from(config.target_cycles());
+    let has_period = interpolation_time(period_ns).is_some();
+    let mut earlier: Vec<(usize, &AxisConfig)> = Vec::new();
+    let mut limited = Vec::new();
+    for (index, axis) in axes {
+        let before = faults.len();
+        let mut report = |fault| faults.push((index, fault));
+        axis.check(&mut report);
+        if axis.needs_interpolation_time() && !has_period {
+            report(AxisFault::TargetPeriod { period_ns });
+        }
+        check_address(port, axis, &mut report);
+        let address = axis.address;
+        if let Some((other, _)) = earlier.iter().find(|(_, earlier)| earlier.address == address) {
+            report(AxisFault::SameNode { address, other: *other });
+        }
+        if config.network.host_heartbeat.is_some_and(|host| host.node == address.node) {
+            report(AxisFault::HostNode { address });
+        }
+        earlier.push((index, axis));
+        // The increments of faulty limits have no meaning.
+        if faults.len() == before {
+            let period = Duration::from_nanos(period_ns);
+            limited.push(axis.at_period(period, &mut |fault| faults.push((index, fault))));
+        }
+    }
+    limited
+}
+
+/// Checks that the Port has the channel of an axis, in both directions and in order.
+fn check_address(port: &Port, axis: &AxisConfig, report: &mut impl FnMut(AxisFault)) {
+    let (slave, channel) = (axis.address.slave, axis.address.channel);
+    let Some(gateway) = port.config().gateways.get(slave) else {
+        return report(AxisFault::NoSuchSlave { slave, slaves: port.slave_count() });
+    };
+    if usize::from(channel) >= CHANNELS {
+        return;
+    }
+    let enabled = gateway.channels.get(usize::from(channel)).and_then(Option::as_ref);
+    match enabled.map(|enabled| enabled.can.ram.tx_mode) {
+        None => return report(AxisFault::ChannelNotEnabled { slave, channel }),
+        Some(TxMode::Queue) => report(AxisFault::TransmitQueue { slave, channel }),
+        Some(TxMode::Fifo) => {}
+    }
+    for direction in Direction::ALL {
+        if !gateway.carries(direction, channel) {
+            report(AxisFault::ChannelDirection { slave, channel, direction });
+        }
+    }
+}
