@@ -231,7 +231,9 @@ fn classic_frame_rules() {
         assert_eq!(pdo_error(compact(), &frame(remote)), PdoError::InvalidDlc);
     }
     assert_eq!(pdo_error(compact(), &frame(0x0200)), PdoError::ReservedBit);
+    // No window, with or without data.
     assert_eq!(pdo_error(window, &frame(0x8000)), PdoError::InvalidDlc);
+    assert_eq!(pdo_error(window, &frame(0x8400)), PdoError::InvalidDlc);
 }
 
 #[test]
@@ -242,18 +244,15 @@ fn window_without_profile_returns_error() {
 }
 
 #[test]
-fn remote_frame_ignores_the_window() {
+fn remote_frame_with_window_ends_without_data() {
     let window = profile(EncapsulationProfile::Window64, OptionFlags::NONE);
     let payload = [0x20, 0x84, 0x05, 0x00, 0x10, 0x00, 0x01, 0x00, 0xAA, 0xBB];
     let image = image(window, 2, &payload);
     let reader = ImageReader::new(Direction::TxPdo, window);
     let packets: Vec<_> = reader.read(&image).unwrap().packets().collect();
-    assert_eq!(packets.len(), 2);
-    let Ok(Packet::Frame(remote)) = packets[0] else {
-        panic!("{packets:?}");
-    };
-    assert!(remote.frame.is_remote());
-    assert_eq!((remote.frame.len(), remote.frame.data().len()), (4, 0));
+    let [Err(diagnosis)] = packets[..] else { panic!("{packets:?}") };
+    assert_eq!(diagnosis.pdo_error(), Some(PdoError::InvalidDlc));
+    assert_eq!((diagnosis.offset, diagnosis.packet_end), (24, 28));
 }
 
 #[test]

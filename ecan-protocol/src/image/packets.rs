@@ -191,8 +191,7 @@ impl Rules {
             if control.has(ControlWord::BRS) {
                 return Err(PdoError::ReservedBit);
             }
-            // A remote frame has no data for a window, so the bit has no effect.
-            if control.has(ControlWord::D64) && !control.is_remote() {
+            if control.has(ControlWord::D64) {
                 return Err(PdoError::InvalidDlc);
             }
         }
