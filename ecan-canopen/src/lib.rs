@@ -34,6 +34,7 @@
 //! ```
 #![cfg_attr(not(feature = "network"), no_std)]
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 #![forbid(unsafe_code)]
 
 mod cia301;

@@ -26,6 +26,7 @@
 //! [`export`] makes startup lists for other masters. All of these block and allocate: do not call
 //! them in the cycle.
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 #![forbid(unsafe_code)]
 
 mod axis;

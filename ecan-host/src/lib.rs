@@ -11,6 +11,7 @@
 //! Nothing here starts a thread or sleeps in the data path: the application owns the cycle.
 //! [`RealTimeConfig`] and [`CycleStatistics`] help it to keep it (manual 13.9).
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 #![deny(unsafe_code)] // allowed in the module `master` only
 
 mod adapter;

@@ -15,6 +15,7 @@
 //!
 //! In a cycle nothing allocates, locks or panics.
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 #![forbid(unsafe_code)]
 
 mod address;

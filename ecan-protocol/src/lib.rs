@@ -36,6 +36,7 @@
 //! ```
 #![no_std]
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod copy;
 mod text_enum;

@@ -1,6 +1,7 @@
 //! A simulated ECAN-Lite gateway: firmware model, CAN buses, nodes, and two front ends: a simulated
 //! libethercat, and slave controllers for Ethernet frames.
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 // Firmware
 mod gateway;

@@ -13,6 +13,7 @@
 //! that the environment variable `ECRT_INCLUDE_DIR` names, otherwise from the crate's own
 //! `ecrt-abi.h`. The tests then check that header's layout.
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 #[cfg(not(feature = "regenerate"))]
 #[allow(missing_docs, non_camel_case_types, clippy::all)]

@@ -7,6 +7,7 @@
 //! A context of C is a few words that name a `bus` in a table of slots; they are checked before any
 //! access (`handle`).
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 #![allow(non_camel_case_types, reason = "the types have their C names")]
 #![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]
 

@@ -5,6 +5,7 @@
 //! header's comments. They are written for readers of C; the head of the headers states the rules
 //! for pointers.
 #![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 #![allow(non_camel_case_types, reason = "the types have their C names")]
 #![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]
 

@@ -14,3 +14,5 @@ pub mod process_data;
 pub mod real_time;
 pub mod sdo;
 pub mod sdo_request;
+#[cfg(feature = "sim")]
+mod standard_error;
