@@ -28,37 +28,49 @@ function(ecan_cargo_build target)
     set(${_arg_OUTPUT} "${_file}" PARENT_SCOPE)
 endfunction()
 
-# A library of the SDK: <name> (shared) and <name>_static.
+# A library of the SDK: <name> (shared) and <name>_static, on top of the library NEEDS.
 function(ecan_add_library name)
-    cmake_parse_arguments(_arg "" "PACKAGE" "FLAGS" ${ARGN})
+    cmake_parse_arguments(_arg "" "PACKAGE;NEEDS" "FLAGS" ${ARGN})
     ecan_cargo_build(${name} PACKAGE ${_arg_PACKAGE} LIBRARY ${name} FLAGS ${_arg_FLAGS}
         OUTPUT _archive)
     set(_static "${CMAKE_CURRENT_BINARY_DIR}/lib${name}.a")
+    set(_map "${PROJECT_SOURCE_DIR}/capi/lib${name}.map")
+    set(_prelink "${PROJECT_SOURCE_DIR}/cmake/PrelinkArchive.cmake")
     add_custom_command(OUTPUT "${_static}"
-        COMMAND ${CMAKE_COMMAND} -E copy_if_different "${_archive}" "${_static}"
-        DEPENDS ${name}_cargo "${_archive}")
+        COMMAND ${CMAKE_COMMAND} "-DCC=${CMAKE_C_COMPILER}" "-DOBJCOPY=${CMAKE_OBJCOPY}"
+            "-DAR=${CMAKE_AR}" "-DARCHIVE=${_archive}" "-DMAP=${_map}" "-DOUTPUT=${_static}"
+            -P "${_prelink}"
+        DEPENDS ${name}_cargo "${_archive}" "${_map}" "${_prelink}")
     add_custom_target(${name}_archive ALL DEPENDS "${_static}")
+    set(_needs_static)
+    if(_arg_NEEDS)
+        set(_needs_static ${_arg_NEEDS}_static)
+    endif()
 
     add_library(${name}_static STATIC IMPORTED GLOBAL)
     add_dependencies(${name}_static ${name}_archive)
     set_target_properties(${name}_static PROPERTIES
         IMPORTED_LOCATION "${_static}"
         INTERFACE_INCLUDE_DIRECTORIES "${PROJECT_SOURCE_DIR}/include"
-        INTERFACE_LINK_LIBRARIES "${ECAN_SYSTEM_LIBRARIES}")
+        INTERFACE_LINK_LIBRARIES "${_needs_static};${ECAN_SYSTEM_LIBRARIES}")
 
-    set(_map "${PROJECT_SOURCE_DIR}/capi/lib${name}.map")
     file(WRITE "${CMAKE_CURRENT_BINARY_DIR}/empty.c" "typedef int ecan_empty;\n")
     add_library(${name} SHARED "${CMAKE_CURRENT_BINARY_DIR}/empty.c")
     add_dependencies(${name} ${name}_archive)
     target_include_directories(${name} INTERFACE
         "$<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>"
         "$<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>")
+    # PUBLIC: an application calls the functions of both.
     target_link_libraries(${name} PRIVATE
-        "-Wl,--whole-archive" "${_static}" "-Wl,--no-whole-archive" ${ECAN_SYSTEM_LIBRARIES})
+        "-Wl,--whole-archive" "${_static}" "-Wl,--no-whole-archive"
+        PUBLIC ${_arg_NEEDS} PRIVATE ${ECAN_SYSTEM_LIBRARIES})
     target_link_options(${name} PRIVATE
         "-Wl,--version-script=${_map}" "-Wl,--gc-sections" "-Wl,--no-undefined"
         "$<$<CONFIG:Release>:-Wl,--strip-debug>")
     set_target_properties(${name} PROPERTIES
+        # The libraries find each other wherever they are installed.
+        BUILD_WITH_INSTALL_RPATH ON
+        INSTALL_RPATH "$<$<BOOL:${_arg_NEEDS}>:$ORIGIN>"
         VERSION ${PROJECT_VERSION}
         # Before 1.0 each minor version may be incompatible.
         SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR}

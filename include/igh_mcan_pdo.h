@@ -2,7 +2,7 @@
  * ECAN-Lite host SDK: the process data protocol (manual 5 to 12).
  *
  * Writes frames into images and reads them, without an EtherCAT master. libecan_mcan_host contains
- * only this layer, libecan_igh_host all layers. For applications that exchange raw process data
+ * this layer, libecan_igh_host the layers above it. For applications that exchange raw process data
  * (manual 15.5.3); not necessary with igh_mcan_port.h.
  *
  * igh_ecan_common.h has the rules for all functions and the change log of all headers.

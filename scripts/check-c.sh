@@ -14,6 +14,9 @@ target=${CARGO_TARGET_DIR:-$PWD/target}
 # Programs that keep the library's clock run in stepped time, which no load of the machine disturbs.
 stepped=sim:$PWD/capi/tests/stepped_echo.toml
 
+# The static libraries in their order.
+static=("$build/libecan_igh_host.a" "$build/libecan_mcan_host.a" -lpthread -ldl -lm)
+
 say() { printf -- '-- %s\n' "$1"; }
 
 say "CMake"
@@ -32,7 +35,7 @@ done
 say "the first program of README.md"
 awk '/^```c$/ { on = 1; next } /^```$/ { on = 0 } on' README.md >"$build/first.c"
 gcc -std=c99 -Wall -Wextra -Wpedantic -Werror -Iinclude "$build/first.c" \
-    "$build/libecan_igh_host.a" -lpthread -ldl -lm -o "$build/first"
+    "${static[@]}" -o "$build/first"
 ECAN_ECRT=$stepped "$build/first" | tail -1
 
 say "every function is in the test"
@@ -40,7 +43,7 @@ capi/tests/every_function/complete.sh
 
 say "every function, under AddressSanitizer"
 gcc -std=c99 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -Wall -Wextra -Werror \
-    -Iinclude capi/tests/every_function/*.c "$build/libecan_igh_host.a" -lpthread -ldl -lm \
+    -Iinclude capi/tests/every_function/*.c "${static[@]}" \
     -o "$build/every_function_sanitized"
 ASAN_OPTIONS=detect_leaks=1 "$build/every_function_sanitized"
 
@@ -73,7 +76,11 @@ gcc port.c $(pkg-config --cflags --libs ecan_igh_host) -o "$build/consumer/by_pk
 g++ port.cpp $(pkg-config --cflags --libs ecan_igh_host) -o "$build/consumer/by_pkg_config_cxx"
 # shellcheck disable=SC2046
 gcc protocol.c $(pkg-config --cflags --libs ecan_mcan_host) -o "$build/consumer/protocol_by_pkg_config"
+# shellcheck disable=SC2046
+gcc port.c $(pkg-config --cflags ecan_igh_host) "-L$library_path" -l:libecan_igh_host.a \
+    -l:libecan_mcan_host.a -lpthread -ldl -lm -o "$build/consumer/static_by_name"
 popd >/dev/null
+"$build/consumer/static_by_name"
 for program in by_pkg_config by_pkg_config_cxx protocol_by_pkg_config; do
     LD_LIBRARY_PATH=$library_path "$build/consumer/$program"
 done

@@ -1,13 +1,13 @@
 # Compares what LIBRARY exports (by NM) with what its version script MAP announces.
 execute_process(COMMAND ${NM} -D --defined-only ${LIBRARY} OUTPUT_VARIABLE _found
     COMMAND_ERROR_IS_FATAL ANY)
-string(REGEX MATCHALL "(ecan|igh)_[a-z0-9_]+@@ECAN_[0-9.]+" _exported "${_found}")
+string(REGEX MATCHALL "(ecan|igh)_[a-z0-9_]+@@ECAN_[A-Z0-9_.]+" _exported "${_found}")
 
 file(STRINGS ${MAP} _lines)
 set(_announced)
 foreach(_line IN LISTS _lines)
     # A list holds no lone semicolon, so file(STRINGS) has kept it escaped.
-    if(_line MATCHES "^(ECAN_[0-9.]+) {")
+    if(_line MATCHES "^(ECAN_[A-Z0-9_.]+) {")
         set(_node ${CMAKE_MATCH_1})
     elseif(_line MATCHES "^ +((ecan|igh)_[a-z0-9_]+)")
         list(APPEND _announced "${CMAKE_MATCH_1}@@${_node}")

@@ -77,7 +77,7 @@ impl Arguments {
         }
         if let Some(out) = &self.into {
             block = parse_quote!({
-                ::ecan_mcan_host::pointers!(call_of_c, out(#out));
+                ::ecan_c_boundary::pointers!(call_of_c, out(#out));
                 #out.store(#block)
             });
         }
@@ -97,7 +97,7 @@ impl Arguments {
             },
             Some("bus") => quote!(let #pattern = &mut #entered;),
             Some("config") => quote! {
-                ::ecan_mcan_host::pointers!(call_of_c, sealed_mut(#context));
+                ::ecan_c_boundary::pointers!(call_of_c, sealed_mut(#context));
                 let #pattern = #context;
             },
             Some(_) => quote! {
@@ -126,7 +126,7 @@ impl Arguments {
             #(#attrs)*
             #[unsafe(no_mangle)]
             #vis #unsafety extern "C" fn #name(#parameters) #output {
-                ::ecan_mcan_host::boundary::#body
+                ::ecan_c_boundary::#body
             }
         })
     }

@@ -22,7 +22,17 @@ pub fn audit(root: &Path, faults: &mut Vec<String>) -> Result<(), String> {
             .lines()
             .filter_map(|line| line.trim().strip_suffix(';'))
             .filter(|name| name.starts_with("ecan_") || name.starts_with("igh_"))
+            // In no header: for the other library of the same version.
+            .filter(|name| !name.starts_with("ecan_private_"))
             .collect();
+        let private = map.lines().filter_map(|line| line.strip_prefix("ECAN_PRIVATE_"));
+        for node in private.filter(|node| *node != concat!(env!("CARGO_PKG_VERSION"), " {")) {
+            faults.push(format!(
+                "capi/{}: the node ECAN_PRIVATE_{node} names another version than {}",
+                library.map,
+                env!("CARGO_PKG_VERSION")
+            ));
+        }
         let mut exported = BTreeSet::new();
         for header in HEADERS.iter().filter(|header| library.headers.contains(&header.name)) {
             for function in sources::functions(root, header)? {

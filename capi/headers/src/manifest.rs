@@ -30,9 +30,10 @@ pub const HEADERS: &[Header] = &[
         intro: &[],
         includes: &[],
         sections: &[
+            "boundary/src/result.rs",
             "mcan-host/src/common/result.rs",
             "mcan-host/src/common/last_error.rs",
-            "mcan-host/src/common/constants.rs",
+            "boundary/src/constants.rs",
             "mcan-host/src/common/version.rs",
         ],
     },
@@ -42,17 +43,20 @@ pub const HEADERS: &[Header] = &[
         title: "ECAN-Lite host SDK: the process data protocol (manual 5 to 12).",
         intro: &[
             "Writes frames into images and reads them, without an EtherCAT master. libecan_mcan_host contains",
-            "only this layer, libecan_igh_host all layers. For applications that exchange raw process data",
+            "this layer, libecan_igh_host the layers above it. For applications that exchange raw process data",
             "(manual 15.5.3); not necessary with igh_mcan_port.h.",
         ],
         includes: &["igh_ecan_common.h"],
         sections: &[
-            "mcan-host/src/pdo/frames.rs",
+            "boundary/src/frames.rs",
             "mcan-host/src/pdo/tx_frames.rs",
+            "boundary/src/profile.rs",
             "mcan-host/src/pdo/profile.rs",
             "mcan-host/src/pdo/writer.rs",
+            "boundary/src/diagnosis.rs",
             "mcan-host/src/pdo/diagnosis.rs",
             "mcan-host/src/pdo/parser.rs",
+            "boundary/src/channel_status.rs",
             "mcan-host/src/pdo/channel_status.rs",
             "mcan-host/src/pdo/tools.rs",
         ],
@@ -134,12 +138,6 @@ pub const LIBRARIES: &[Library] = &[
     Library { map: "libecan_mcan_host.map", headers: &["igh_ecan_common.h", "igh_mcan_pdo.h"] },
     Library {
         map: "libecan_igh_host.map",
-        headers: &[
-            "igh_ecan_common.h",
-            "igh_mcan_pdo.h",
-            "igh_adapter.h",
-            "igh_mcan_port.h",
-            "igh_cia402_protocol.h",
-        ],
+        headers: &["igh_adapter.h", "igh_mcan_port.h", "igh_cia402_protocol.h"],
     },
 ];

@@ -9,13 +9,18 @@ use crate::manifest::Header;
 use crate::{expand, read, sources};
 
 /// Renders a header. A section is the output of cbindgen for one source file, after the heading and
-/// the introduction at the start of the file.
+/// the introduction at the start of the file. Sources in a row with the same heading are one section.
 pub fn header(root: &Path, header: &Header) -> Result<String, String> {
     let template = read(&root.join("capi/headers/templates").join(header.template))?;
     let mut sections = String::new();
+    let mut last = None;
     for section in header.sections {
-        heading(&mut sections, &sources::section(root, section)?);
-        sections.push('\n');
+        let title = sources::heading(root, section)?;
+        if last.as_ref() != Some(&title) {
+            heading(&mut sections, &sources::section(root, section)?);
+            sections.push('\n');
+        }
+        last = Some(title);
         let declarations = declarations(section, &sources::section(root, section)?)?;
         sections.push_str(one_line_comments(&declarations).trim_end());
         sections.push_str("\n\n");

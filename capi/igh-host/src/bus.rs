@@ -1,9 +1,9 @@
 //! The object that the contexts of one master name: the Adapter, a Port on it, axes on the Port.
 
+use ecan_c_boundary::Call;
+use ecan_c_boundary::result::ecan_result_t;
 use ecan_cia402::{Cia402, SendSummary};
 use ecan_host::{Adapter, SdoRequestId};
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
 
 use crate::callback::ProgressCallback;

@@ -1,7 +1,7 @@
 //! Contexts of C, as the attribute `export` enters them.
 
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_c_boundary::Call;
+use ecan_c_boundary::result::ecan_result_t;
 
 use crate::guard::Access;
 use crate::handle::{self, Entered, Kind, Pooled, Words};

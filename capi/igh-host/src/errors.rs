@@ -2,13 +2,12 @@
 
 use std::fmt::Display;
 
+use ecan_c_boundary::result::ecan_result_t::{self, *};
+use ecan_c_boundary::{Call, last_error};
 use ecan_canopen::{NmtError, SdoFailure, SdoFault, WaitError};
 use ecan_cia402::{AxisFault, AxisFaults, Cia402Error, CommandError, ScheduleError};
 use ecan_config_file::ConfigFileError;
 use ecan_host::{CycleError, Errno, Error};
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::last_error;
-use ecan_mcan_host::common::result::ecan_result_t::{self, *};
 use ecan_mcan_port::{AddressError, Backpressure, PortError, SendError};
 
 /// An error of the layers below, as C sees it.

@@ -9,8 +9,8 @@ use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_c_boundary::Call;
+use ecan_c_boundary::result::ecan_result_t;
 
 use crate::guard::{Access, Busy, Guard};
 

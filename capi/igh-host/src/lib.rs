@@ -24,5 +24,6 @@ pub mod adapter;
 pub mod cia402;
 pub mod mcan_port;
 
-// The protocol's functions are part of this library, too.
-pub use ecan_mcan_host::{common, pdo};
+// The tests link its functions.
+#[cfg(test)]
+use ecan_mcan_host as _;

@@ -1,8 +1,8 @@
 //! The Port's configuration as C holds it: with all gateways that a configuration may have.
 
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
-use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_CHANNEL};
+use ecan_c_boundary::Call;
+use ecan_c_boundary::constants::ECAN_MCAN_CHANNELS;
+use ecan_c_boundary::result::ecan_result_t::{self, ECAN_ERR_CHANNEL};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, MAX_GATEWAYS, PortConfig};
 use ecan_protocol::config::List;
 

@@ -12,6 +12,8 @@ use std::ptr::null_mut;
 
 use c_port::CPort;
 use counting::allocations;
+use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
+use ecan_c_boundary::result::ecan_result_t::*;
 use ecan_igh_host::mcan_port::cycle::{
     igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_receive,
     igh_mcan_port_wait_next_cycle,
@@ -23,8 +25,6 @@ use ecan_igh_host::mcan_port::send::{
 use ecan_igh_host::mcan_port::state::{igh_mcan_port_get_cycle_report, igh_mcan_port_get_session};
 use ecan_igh_host::mcan_port::statistics::{igh_mcan_port_get_statistics, igh_mcan_statistics_t};
 use ecan_mcan_host::common::last_error::ecan_last_error;
-use ecan_mcan_host::common::result::ecan_result_t::*;
-use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
 
 const CAPACITY: usize = 64;
 

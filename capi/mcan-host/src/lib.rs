@@ -3,15 +3,13 @@
 //! The C headers `igh_ecan_common.h` and `igh_mcan_pdo.h` are generated from this crate: each
 //! source file of [`common`] and [`pdo`] is a section of one of them, and its doc comments are the
 //! header's comments. They are written for readers of C; the head of the headers states the rules
-//! for pointers.
+//! for pointers. The C types that libecan_igh_host uses as well are in `ecan-c-boundary`.
 #![deny(missing_docs)]
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 #![allow(non_camel_case_types, reason = "the types have their C names")]
 #![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]
 
-// The attribute `export` names this crate.
-extern crate self as ecan_mcan_host;
+mod private;
 
-pub mod boundary;
 pub mod common;
 pub mod pdo;

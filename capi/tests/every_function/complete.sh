@@ -1,9 +1,10 @@
 #!/bin/sh
-# Fails where a function that the libraries export is not called by this test.
+# Fails if an exported function is not called by this test, except those between the libraries.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 missing=0
-for name in $(sed -n 's/^ *\([a-z][a-z0-9_]*\);$/\1/p' "$here"/../../libecan_*.map | sort -u); do
+for name in $(sed -n 's/^ *\([a-z][a-z0-9_]*\);$/\1/p' "$here"/../../libecan_*.map |
+    grep -v "^ecan_private_" | sort -u); do
     if ! grep -Eq "(^|[^a-z0-9_])$name *\(" "$here"/*.c; then
         echo "not called: $name" >&2
         missing=$((missing + 1))

@@ -2,11 +2,10 @@
 
 use std::ffi::{c_char, c_int};
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, mirror, put_text};
 use ecan_c_export::export;
 use ecan_host::{MasterState, SlaveConfigState};
-use ecan_mcan_host::boundary::{Call, put_text};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
 
 use super::context::ecan_igh_context_t;
 use crate::errors::{OrCode as _, no_slave};

@@ -1,9 +1,9 @@
 //! Distributed clocks in the cycle
 
+use ecan_c_boundary::mirror;
+use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_export::export;
 use ecan_host::ClockStatus;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
 
 use super::context::ecan_igh_context_t;
 

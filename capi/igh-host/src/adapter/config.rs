@@ -5,14 +5,13 @@
 
 use std::ffi::c_char;
 
+use ecan_c_boundary::result::ecan_result_t::{self, *};
+use ecan_c_boundary::{Call, Opaque, pointers, put_text};
 use ecan_c_export::export;
 use ecan_host::{
     AdapterConfig, Error, ImageTimes, MAX_SLAVES, MAX_STARTUP_STEPS, SlaveConfig, StartupPlan,
     StartupStep,
 };
-use ecan_mcan_host::boundary::{Call, Opaque, put_text};
-use ecan_mcan_host::common::result::ecan_result_t::{self, *};
-use ecan_mcan_host::pointers;
 use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::List;
 

@@ -3,11 +3,10 @@
 use std::ffi::c_int;
 use std::time::Duration;
 
+use ecan_c_boundary::result::ecan_result_t::{self, ECAN_ERR_ORDER};
+use ecan_c_boundary::{Call, mirror, pointers};
 use ecan_c_export::export;
 use ecan_host::{ClockSource, DcSync, Plan};
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_ORDER};
-use ecan_mcan_host::{mirror, pointers};
 
 use super::config::{IghConfig, ecan_igh_config_t};
 

@@ -3,8 +3,8 @@
 use std::ffi::{c_char, c_int};
 use std::time::Duration;
 
+use ecan_c_boundary::pointers;
 use ecan_c_export::export;
-use ecan_mcan_host::pointers;
 
 use super::config::{ECAN_IGH_MAX_SLAVES, Text, ecan_igh_config_t};
 

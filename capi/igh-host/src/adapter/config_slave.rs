@@ -2,12 +2,11 @@
 
 use std::ffi::c_void;
 
+use ecan_c_boundary::constants::ECAN_PDO_MAX_MULTIPLIER;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, pointers};
 use ecan_c_export::export;
 use ecan_host::{Identity, StartupStep};
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::constants::ECAN_PDO_MAX_MULTIPLIER;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 use ecan_protocol::object::{ObjectType, SdoWrite};
 
 use super::config::ecan_igh_config_t;

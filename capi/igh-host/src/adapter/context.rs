@@ -11,11 +11,10 @@
 use std::ffi::{c_int, c_void};
 use std::time::Duration;
 
+use ecan_c_boundary::result::ecan_result_t::{self, ECAN_ERR_MASTER};
+use ecan_c_boundary::{Call, OutPointer, pointers};
 use ecan_c_export::export;
 use ecan_host::{Adapter, AdapterConfig, Ecrt, Error, Master};
-use ecan_mcan_host::boundary::{Call, OutPointer};
-use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_MASTER};
-use ecan_mcan_host::pointers;
 
 use super::config::{IghConfig, ecan_igh_config_t};
 use super::library::{self, Library};

@@ -5,11 +5,10 @@
 
 use std::ffi::c_int;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, mirror};
 use ecan_c_export::export;
 use ecan_host::{Adapter, CycleError, Delivery, DomainReport, WcState};
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
 
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;

@@ -5,11 +5,10 @@
 
 use std::ffi::c_void;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, pointers};
 use ecan_c_export::export;
 use ecan_host::Diagnostics;
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 
 use super::bus_state::ecan_igh_master_state_t;
 use super::context::ecan_igh_context_t;

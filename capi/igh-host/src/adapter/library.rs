@@ -3,9 +3,9 @@
 use std::fmt::Display;
 use std::path::PathBuf;
 
+use ecan_c_boundary::Call;
+use ecan_c_boundary::result::ecan_result_t::{self, ECAN_ERR_ECRT};
 use ecan_host::{Ecrt, EcrtSetting};
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_ECRT};
 
 use super::config::IghConfig;
 

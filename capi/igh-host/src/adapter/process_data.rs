@@ -2,10 +2,9 @@
 //!
 //! With a Port on the context the RxPDO belongs to the Port: read it, but do not write to it.
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, OutPointer, pointers};
 use ecan_c_export::export;
-use ecan_mcan_host::boundary::{Call, OutPointer};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;

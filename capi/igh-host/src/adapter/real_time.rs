@@ -4,14 +4,13 @@
 
 use std::ffi::c_char;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, mirror, pointers, put_text};
 use ecan_c_export::export;
 use ecan_host::{
     Adapter, CycleStart, CycleStatistics, CycleTiming, Distribution, MAX_SPIN_NS, Need,
     OverrunPolicy, RealTimeConfig, RealTimeError,
 };
-use ecan_mcan_host::boundary::{Call, put_text};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::{mirror, pointers};
 
 use super::context::ecan_igh_context_t;
 

@@ -11,10 +11,10 @@
 //! axes[1].steps_per_turn = 131072.0;
 //! ```
 
+use ecan_c_boundary::pointers;
 use ecan_c_export::export;
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
-use ecan_mcan_host::pointers;
 
 /// Keeps an option code of the drive.
 pub const IGH_CIA402_UNCHANGED: i32 = 2_147_483_647;

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use ecan_c_boundary::Call;
+use ecan_c_boundary::result::ecan_result_t;
 use ecan_canopen::{
     FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
     QuickStopOption, SdoValue, Step, StopOption,
@@ -9,8 +11,6 @@ use ecan_canopen::{
 use ecan_cia402::{
     AxisConfig, AxisFault, AxisFaults, Cia402Error, DriveConfig, MotionLimits, PositionRange, Scale,
 };
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
 
 use super::axis::{
     IGH_CIA402_MAX_FURTHER, IGH_CIA402_UNCHANGED, SEAL, igh_cia402_axis_t, igh_cia402_object_t,
@@ -276,7 +276,7 @@ impl igh_cia402_object_t {
 
 #[cfg(test)]
 mod tests {
-    use ecan_mcan_host::boundary::call;
+    use ecan_c_boundary::call;
     use ecan_mcan_host::common::last_error::ecan_last_error;
     use std::ffi::c_int;
 

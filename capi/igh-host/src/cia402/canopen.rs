@@ -5,13 +5,12 @@
 
 use std::ffi::c_void;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, pointers};
 use ecan_c_export::export;
 use ecan_canopen::{
     Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, NodeId, SdoConfig,
 };
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 use ecan_mcan_port::Port;
 
 use super::sdo::put_value;

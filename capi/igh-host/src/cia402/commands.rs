@@ -6,10 +6,10 @@
 
 use std::ffi::c_int;
 
+use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
 use ecan_canopen::NmtError;
 use ecan_cia402::HomingConfig;
-use ecan_mcan_host::{mirror, pointers};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers;

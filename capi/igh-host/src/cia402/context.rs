@@ -11,11 +11,10 @@
 //! igh_cia402_context_deinit(&motors);
 //! ```
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, OutPointer, pointers};
 use ecan_c_export::export;
 use ecan_cia402::{Cia402, Cia402Config, axis_faults};
-use ecan_mcan_host::boundary::{Call, OutPointer};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 use ecan_mcan_port::Port;
 
 use super::axis::igh_cia402_axis_t;

@@ -15,11 +15,11 @@
 
 use std::ffi::c_int;
 
+use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, mirror, pointers};
 use ecan_c_export::export;
 use ecan_cia402::{Cia402, SendSummary};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
-use ecan_mcan_host::{mirror, pointers};
 use ecan_mcan_port::Cycle;
 
 use super::context::igh_cia402_context_t;
@@ -27,7 +27,6 @@ use crate::bus::{self, Bus};
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 use crate::mcan_port::cycle::owned_rx_frame;
-use ecan_mcan_host::boundary::Call;
 
 /// Offset of igh_cia402_set_scheduled_tx() for sending at once.
 pub const IGH_CIA402_AT_ONCE: u32 = 0xFFFF_FFFF;

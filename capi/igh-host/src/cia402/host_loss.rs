@@ -2,11 +2,10 @@
 
 use std::ffi::c_char;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{mirror, pointers, put_text};
 use ecan_c_export::export;
 use ecan_cia402::{HostLoss, HostLossReaction, HostWatch, StopRamp};
-use ecan_mcan_host::boundary::put_text;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::{mirror, pointers};
 
 use super::context::{igh_cia402_context_t, need_axis};
 

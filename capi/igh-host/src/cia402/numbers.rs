@@ -2,14 +2,13 @@
 
 use std::ffi::c_int;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, mirror};
 use ecan_canopen::{
     DriveState, FaultReaction, HaltOption, NmtCommand, NmtState, NodeLossReaction, OperatingMode,
     QuickStopOption, StopOption,
 };
 use ecan_cia402::NodeReset;
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
 
 mirror! {
     /// An NMT command.

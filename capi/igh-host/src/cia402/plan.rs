@@ -2,9 +2,9 @@
 
 use std::ffi::c_char;
 
+use ecan_c_boundary::pointers;
 use ecan_c_export::export;
 use ecan_cia402::{Cia402Config, axis_traffic};
-use ecan_mcan_host::pointers;
 
 use super::axis::igh_cia402_axis_t;
 use super::axis_table::AxisTable;

@@ -5,11 +5,10 @@
 
 use std::ffi::c_void;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, OutArray, OutPointer, pointers};
 use ecan_c_export::export;
 use ecan_canopen::{Sdo, SdoStartError, WaitError};
-use ecan_mcan_host::boundary::{Call, OutArray, OutPointer};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 
 use super::context::{igh_cia402_context_t, need_axis};
 use crate::errors::{self, OrCode as _};

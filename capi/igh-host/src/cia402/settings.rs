@@ -3,13 +3,12 @@
 use crate::milliseconds::{duration, milliseconds};
 use ecan_c_export::export;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, mirror};
 use ecan_canopen::{
     BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeConfig, NodeId, SdoConfig, SyncConfig,
 };
 use ecan_cia402::{Cia402Config, Takeover};
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::mirror;
 
 /// Marks filled settings.
 const SEAL: u64 = 0x6563_616e_5f63_3432;
@@ -169,7 +168,7 @@ pub fn igh_cia402_default_settings(settings: *mut igh_cia402_settings_t) {
 
 #[cfg(test)]
 mod tests {
-    use ecan_mcan_host::boundary::call;
+    use ecan_c_boundary::call;
     use std::ffi::c_int;
 
     use super::*;

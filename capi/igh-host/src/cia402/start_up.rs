@@ -14,8 +14,8 @@ use crate::bus::Bus;
 use crate::errors::OrCode as _;
 use crate::handle::Entered;
 use crate::milliseconds::duration;
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_c_boundary::Call;
+use ecan_c_boundary::result::ecan_result_t;
 
 /// Waits with the cycle running, and reports progress.
 fn wait(

@@ -2,11 +2,10 @@
 
 use std::ffi::{c_char, c_int};
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{pointers, put_text};
 use ecan_c_export::export;
 use ecan_cia402::{Cia402, GuardState, Shutdown};
-use ecan_mcan_host::boundary::put_text;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers::{igh_canopen_nmt_state_t, igh_cia402_drive_state_t};

@@ -1,10 +1,10 @@
 //! Values of an axis' state
 
+use ecan_c_boundary::mirror;
 use ecan_canopen::Heartbeat;
 use ecan_cia402::{
     AxisError, AxisPhase, Decision, HoldReason, StopCause, TargetRejection, WaitReason,
 };
-use ecan_mcan_host::mirror;
 
 mirror! {
     /// Phase of an axis.

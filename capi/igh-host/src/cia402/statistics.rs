@@ -2,10 +2,10 @@
 //!
 //! Counters only grow.
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
 use ecan_cia402::{AxisStatistics, BusLoad, LoadWarning};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::{mirror, pointers};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::state_terms::igh_cia402_hold_t;

@@ -3,9 +3,9 @@
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr::{from_mut, null, null_mut};
 
+use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
+use ecan_c_boundary::result::ecan_result_t::{self, *};
 use ecan_mcan_host::common::last_error::{ecan_last_abort_code, ecan_last_error};
-use ecan_mcan_host::common::result::ecan_result_t::{self, *};
-use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
 
 use super::axis::*;
 use super::canopen::*;

@@ -2,7 +2,7 @@ use std::ffi::c_int;
 use std::ptr::from_mut;
 use std::sync::atomic::AtomicBool;
 
-use ecan_mcan_host::boundary::call;
+use ecan_c_boundary::call;
 
 use super::*;
 

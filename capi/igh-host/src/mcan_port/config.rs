@@ -3,9 +3,8 @@
 //! Plain data: it may be copied and needs no deinit. igh_mcan_port_apply_config() passes it to the
 //! Adapter's configuration, whose startup SDOs it then determines.
 
+use ecan_c_boundary::{Opaque, pointers};
 use ecan_c_export::export;
-use ecan_mcan_host::boundary::Opaque;
-use ecan_mcan_host::pointers;
 use ecan_mcan_port::{MAX_FILTERS, PortConfig, PortError};
 
 use crate::adapter::config::ecan_igh_config_t;

@@ -1,10 +1,9 @@
 //! Configuration of a channel (manual 13.4)
 
+use ecan_c_boundary::constants::ECAN_MCAN_CHANNELS;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, pointers};
 use ecan_c_export::export;
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 use ecan_mcan_port::{ChannelConfig, MAX_GATEWAYS, Traffic};
 use ecan_protocol::config::{ConfigObject, SamplePointWindow};
 use ecan_protocol::mapping::Direction;

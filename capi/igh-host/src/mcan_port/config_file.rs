@@ -16,11 +16,10 @@
 use std::ffi::{CStr, OsStr, c_char};
 use std::os::unix::ffi::OsStrExt;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{OutArray, OutPointer, pointers};
 use ecan_c_export::export;
 use ecan_config_file::{ConfigFileError, FileFault, FileFaults};
-use ecan_mcan_host::boundary::{OutArray, OutPointer};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 use ecan_mcan_port::Config;
 
 use super::config::igh_mcan_port_config_t;
@@ -172,7 +171,7 @@ mod tests {
     use ecan_host::AdapterConfig;
     use ecan_mcan_port::PortConfig;
 
-    use ecan_mcan_host::boundary::call;
+    use ecan_c_boundary::call;
     use std::ffi::c_int;
 
     use super::*;

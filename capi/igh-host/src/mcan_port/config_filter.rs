@@ -2,9 +2,9 @@
 
 use std::ffi::c_int;
 
+use ecan_c_boundary::Call;
+use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_export::export;
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_protocol::config::{
     ExtendedFilter, ExtendedMatch, FilterAction, List, StandardFilter, StandardMatch,
 };

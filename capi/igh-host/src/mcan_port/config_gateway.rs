@@ -2,8 +2,8 @@
 
 use std::ffi::c_int;
 
+use ecan_c_boundary::profile::{self, IGH_MCAN_OPTION_TX_RESULT};
 use ecan_c_export::export;
-use ecan_mcan_host::pdo::profile::{self, IGH_MCAN_OPTION_TX_RESULT};
 
 use super::config::igh_mcan_port_config_t;
 use crate::port_config::gateway;

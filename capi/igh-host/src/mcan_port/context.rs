@@ -2,11 +2,10 @@
 
 use std::ffi::c_int;
 
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, pointers};
 use ecan_c_export::export;
 use ecan_host::Phase;
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pointers;
 use ecan_mcan_port::Port;
 
 use super::config::igh_mcan_port_config_t;

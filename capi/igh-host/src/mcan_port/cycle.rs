@@ -8,10 +8,9 @@
 //! igh_mcan_port_cycle_end(&mcan);
 //! ```
 
+use ecan_c_boundary::frames::{igh_mcan_rx_frame_t, igh_mcan_rx_kind_t};
+use ecan_c_boundary::{OutArray, pointers};
 use ecan_c_export::export;
-use ecan_mcan_host::boundary::OutArray;
-use ecan_mcan_host::pdo::frames::{igh_mcan_rx_frame_t, igh_mcan_rx_kind_t};
-use ecan_mcan_host::pointers;
 use ecan_mcan_port::{Cycle, Received, ReceivedView, TransmitReport};
 
 use super::context::igh_mcan_port_t;

@@ -5,12 +5,11 @@
 
 use std::ffi::c_char;
 
+use ecan_c_boundary::frames::igh_mcan_tx_frame_t;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, OutArray, pointers, put_text};
 use ecan_c_export::export;
 use ecan_host::Faults;
-use ecan_mcan_host::boundary::{Call, OutArray, put_text};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pdo::frames::igh_mcan_tx_frame_t;
-use ecan_mcan_host::pointers;
 use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortConfig, PortPlan};
 
 use super::config::igh_mcan_port_config_t;

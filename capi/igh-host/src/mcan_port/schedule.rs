@@ -6,11 +6,10 @@
 
 use std::ffi::{c_char, c_int};
 
+use ecan_c_boundary::constants::ECAN_MCAN_CHANNELS;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{mirror, pointers, put_text};
 use ecan_c_export::export;
-use ecan_mcan_host::boundary::put_text;
-use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::{mirror, pointers};
 use ecan_mcan_port::{
     ChannelDrops, MarginCheck, ScheduleAccount, ScheduleConfig, ScheduleDiagnostics, ScheduleFault,
     ScheduleMargin,

@@ -5,13 +5,12 @@
 
 use std::ffi::c_int;
 
-use ecan_c_export::export;
-use ecan_mcan_host::boundary::Call;
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pdo::frames::{
+use ecan_c_boundary::frames::{
     IGH_MCAN_FLAG_EXT, classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_tx_frame_t,
 };
-use ecan_mcan_host::pointers;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, pointers};
+use ecan_c_export::export;
 use ecan_mcan_port::{SendOptions, TransmitHint};
 use ecan_protocol::can::{CanId, FrameRef};
 use ecan_protocol::image::Schedule;

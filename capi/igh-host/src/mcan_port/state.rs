@@ -2,12 +2,11 @@
 
 use std::ffi::{c_char, c_int};
 
+use ecan_c_boundary::channel_status::igh_mcan_channel_status_t;
+use ecan_c_boundary::diagnosis::igh_mcan_pdo_parse_diag_t;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, mirror, pointers, put_text};
 use ecan_c_export::export;
-use ecan_mcan_host::boundary::{Call, put_text};
-use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_host::pdo::channel_status::igh_mcan_channel_status_t;
-use ecan_mcan_host::pdo::diagnosis::igh_mcan_pdo_parse_diag_t;
-use ecan_mcan_host::{mirror, pointers};
 use ecan_mcan_port::{AddressError, ChannelHandle, GatewayHandle, ImageReport, Port, Session};
 
 use super::context::igh_mcan_port_t;

@@ -6,8 +6,8 @@
 //! txpdo_received, txpdo_lost and txpdo_discarded, and at most txpdo_unknown more; the number of
 //! frames in lost and unknown images cannot be known.
 
+use ecan_c_boundary::mirror;
 use ecan_c_export::export;
-use ecan_mcan_host::mirror;
 use ecan_mcan_port::{ChannelStatistics, SlaveStatistics};
 use ecan_protocol::device::Capabilities;
 

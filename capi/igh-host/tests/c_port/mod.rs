@@ -3,6 +3,7 @@
 
 use std::mem::MaybeUninit;
 
+use ecan_c_boundary::profile::IGH_MCAN_OPTION_TX_RESULT;
 use ecan_igh_host::adapter::config::{ecan_igh_config_t, ecan_igh_default_config};
 use ecan_igh_host::adapter::config_master::{
     ecan_igh_config_set_ecrt, ecan_igh_config_set_stepped_clock,
@@ -19,7 +20,8 @@ use ecan_igh_host::mcan_port::config_gateway::{
     igh_mcan_port_set_options, igh_mcan_port_set_paced,
 };
 use ecan_igh_host::mcan_port::context::{igh_mcan_port_init, igh_mcan_port_t};
-use ecan_mcan_host::pdo::profile::IGH_MCAN_OPTION_TX_RESULT;
+// Stores the last error.
+use ecan_mcan_host as _;
 
 /// A gateway that is ready. The contexts must not move.
 pub struct CPort {

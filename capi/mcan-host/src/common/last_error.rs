@@ -2,9 +2,6 @@
 
 use std::cell::RefCell;
 use std::ffi::{c_char, c_int};
-use std::fmt::{self, Write};
-
-use super::result::ecan_result_t;
 
 /// Size of the text buffer; a longer text is cut.
 const TEXT_BYTES: usize = 8192;
@@ -21,23 +18,23 @@ impl LastError {
         Self { code: 0, abort_code: 0, length: 0, text: [0; TEXT_BYTES] }
     }
 
-    fn start(&mut self, code: ecan_result_t) {
-        (self.code, self.abort_code, self.length) = (code.code(), 0, 0);
+    fn start(&mut self, code: c_int, abort_code: u32) {
+        (self.code, self.abort_code, self.length) = (code, abort_code, 0);
         self.text[0] = 0;
     }
-}
 
-/// Writes up to the end of the buffer, with NUL after it; a text is cut between characters only.
-impl Write for LastError {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        let mut room = (TEXT_BYTES - 1 - self.length).min(text.len());
-        while !text.is_char_boundary(room) {
-            room -= 1;
+    /// Appends up to the end of the buffer, with NUL after it; a text is cut between characters
+    /// only. Returns false for a text that was cut.
+    fn extend(&mut self, text: &[u8]) -> bool {
+        let is_continuation = |byte: &u8| byte & 0xC0 == 0x80;
+        let mut length = (TEXT_BYTES - 1 - self.length).min(text.len());
+        while length > 0 && text.get(length).is_some_and(is_continuation) {
+            length -= 1;
         }
-        self.text[self.length..self.length + room].copy_from_slice(&text.as_bytes()[..room]);
-        self.length += room;
+        self.text[self.length..self.length + length].copy_from_slice(&text[..length]);
+        self.length += length;
         self.text[self.length] = 0;
-        if room == text.len() { Ok(()) } else { Err(fmt::Error) }
+        length == text.len()
     }
 }
 
@@ -46,26 +43,14 @@ thread_local! {
     static LAST: RefCell<LastError> = const { RefCell::new(LastError::none()) };
 }
 
-/// Notes an error of this thread. Allocates nothing if `text` does not.
-pub fn note(function: &'static str, code: ecan_result_t, text: fmt::Arguments<'_>) {
-    note_with_abort_code(function, code, text, 0);
+/// Replaces the last error of this thread by one without a text.
+pub(crate) fn start(code: c_int, abort_code: u32) {
+    let _ = LAST.try_with(|last| last.borrow_mut().start(code, abort_code));
 }
 
-/// As [`note`], with the abort code of an SDO transfer.
-pub fn note_with_abort_code(
-    function: &'static str,
-    code: ecan_result_t,
-    text: fmt::Arguments<'_>,
-    abort_code: u32,
-) {
-    // It is borrowed elsewhere only while `text` is formatted, which never calls this function.
-    let _ = LAST.try_with(|last| {
-        let Ok(mut last) = last.try_borrow_mut() else { return };
-        last.start(code);
-        // A text that was cut is an error here.
-        let _ = write!(last, "{function}: ").and_then(|()| last.write_fmt(text));
-        last.abort_code = abort_code;
-    });
+/// Appends UTF-8 to the text of the last error of this thread; returns false for a text that was cut.
+pub(crate) fn extend(text: &[u8]) -> bool {
+    LAST.try_with(|last| last.borrow_mut().extend(text)).unwrap_or(true)
 }
 
 /// Returns the text of this thread's last error: the function, the slave, the object and the
@@ -78,8 +63,7 @@ pub fn note_with_abort_code(
 ///          not in another thread.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_last_error() -> *const c_char {
-    LAST.try_with(|last| last.try_borrow().map_or(c"".as_ptr(), |last| last.text.as_ptr().cast()))
-        .unwrap_or(c"".as_ptr())
+    LAST.try_with(|last| last.borrow().text.as_ptr().cast()).unwrap_or(c"".as_ptr())
 }
 
 /// Returns the code of ecan_last_error().
@@ -88,7 +72,7 @@ pub extern "C" fn ecan_last_error() -> *const c_char {
 /// @return  A negative ecan_result_t; 0 before the first error.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_last_error_code() -> c_int {
-    LAST.try_with(|last| last.try_borrow().map_or(0, |last| last.code)).unwrap_or(0)
+    LAST.try_with(|last| last.borrow().code).unwrap_or(0)
 }
 
 /// Returns the abort code with which a slave or a CANopen node aborted the SDO transfer of the last
@@ -98,7 +82,7 @@ pub extern "C" fn ecan_last_error_code() -> c_int {
 /// @return  0x06090030 for example; 0 if the last error was not an aborted transfer.
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_last_abort_code() -> u32 {
-    LAST.try_with(|last| last.try_borrow().map_or(0, |last| last.abort_code)).unwrap_or(0)
+    LAST.try_with(|last| last.borrow().abort_code).unwrap_or(0)
 }
 
 /// Clears the last error of this thread.
@@ -106,16 +90,15 @@ pub extern "C" fn ecan_last_abort_code() -> u32 {
 /// @usage   rt, any thread, any time
 #[unsafe(no_mangle)]
 pub extern "C" fn ecan_clear_last_error() {
-    let _ = LAST.try_with(|last| {
-        last.try_borrow_mut().map(|mut last| {
-            last.start(ecan_result_t::ECAN_OK);
-        })
-    });
+    start(0, 0);
 }
 
 #[cfg(test)]
 mod tests {
     use std::ffi::CStr;
+
+    use ecan_c_boundary::last_error::{note, note_with_abort_code};
+    use ecan_c_boundary::result::ecan_result_t;
 
     use super::*;
 

@@ -1,6 +1,5 @@
 //! Shared part of all C headers: `igh_ecan_common.h`.
 
-pub mod constants;
 pub mod last_error;
 pub mod result;
 pub mod version;

@@ -2,7 +2,6 @@
 
 pub mod channel_status;
 pub mod diagnosis;
-pub mod frames;
 pub mod parser;
 pub mod profile;
 pub mod tools;

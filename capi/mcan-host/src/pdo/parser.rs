@@ -2,18 +2,16 @@
 
 use std::ffi::c_int;
 
+use ecan_c_boundary::diagnosis::igh_mcan_pdo_parse_diag_t;
+use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
+use ecan_c_boundary::profile::igh_mcan_pdo_profile_t;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, Opaque, OutArray, OutPointer, mirror, pointers};
 use ecan_c_export::export;
 use ecan_protocol::image::{
     Arrival, Header, ImageReader, Packet, ParseDiagnosis, PdoError, SequenceTracker,
 };
 use ecan_protocol::mapping::HEADER_BYTES;
-
-use super::diagnosis::igh_mcan_pdo_parse_diag_t;
-use super::frames::igh_mcan_rx_frame_t;
-use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, Opaque, OutArray, OutPointer};
-use crate::common::result::ecan_result_t;
-use crate::{mirror, pointers};
 
 mirror! {
     /// The header of an image, as transmitted (manual 6), without any check.

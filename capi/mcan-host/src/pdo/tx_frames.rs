@@ -2,16 +2,14 @@
 
 use std::ffi::c_int;
 
-use ecan_c_export::export;
-use ecan_protocol::mapping::CHANNELS;
-
-use super::frames::{
+use ecan_c_boundary::frames::{
     check_hint, classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_rx_kind_t,
     igh_mcan_tx_frame_t,
 };
-use crate::boundary::Call;
-use crate::common::result::ecan_result_t;
-use crate::pointers;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, pointers};
+use ecan_c_export::export;
+use ecan_protocol::mapping::CHANNELS;
 
 /// Checks a slave index and a channel for a frame.
 fn slave_of(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t> {

@@ -8,15 +8,13 @@
 //!     igh_mcan_pdo_writer_finish(&writer, NULL);
 //! ```
 
+use ecan_c_boundary::frames::{classic_frame_at, fd_frame, igh_mcan_tx_frame_t};
+use ecan_c_boundary::profile::igh_mcan_pdo_profile_t;
+use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, Opaque, pointers};
 use ecan_c_export::export;
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::{CommitFields, ImageWriter, Schedule};
-
-use super::frames::{classic_frame_at, fd_frame, igh_mcan_tx_frame_t};
-use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, Opaque};
-use crate::common::result::ecan_result_t;
-use crate::pointers;
 
 /// Writes the images of one direction into a buffer of the application. Plain data without
 /// resources: it may be copied and needs no deinit. One writer serves one buffer; it stores the

@@ -9,7 +9,7 @@
 /// values with their counterparts: `PAIRS`, and `to_rust` for a number that C passes.
 ///
 /// ```
-/// # use ecan_mcan_host::mirror;
+/// # use ecan_c_boundary::mirror;
 /// struct Load { share: f64, channel: Option<u8> }
 /// mirror! {
 ///     /// Load of a channel.

@@ -3,7 +3,7 @@
 use std::ffi::c_char;
 use std::ptr::NonNull;
 
-use crate::common::result::ecan_result_t;
+use crate::result::ecan_result_t;
 
 /// A pointer of C for a result.
 #[derive(Debug)]

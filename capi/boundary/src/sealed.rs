@@ -4,7 +4,7 @@ use std::mem::MaybeUninit;
 
 use super::call::Call;
 use super::out_pointer::OutPointer;
-use crate::common::result::ecan_result_t;
+use crate::result::ecan_result_t;
 
 /// An opaque struct of C that holds a value without resources and may be copied.
 pub trait Opaque: Sized + 'static {

@@ -5,8 +5,8 @@ use std::ffi::c_int;
 use ecan_protocol::can::{CanId, Dlc, FrameError, FrameKind, FrameRef};
 use ecan_protocol::image::{FramePacket, PushError, Schedule, Timestamp, TxResult};
 
-use crate::boundary::{Call, ToResult};
-use crate::common::result::ecan_result_t;
+use crate::result::ecan_result_t;
+use crate::{Call, ToResult};
 
 /// Flag: 29-bit identifier.
 pub const IGH_MCAN_FLAG_EXT: u8 = 1;
@@ -254,7 +254,7 @@ impl igh_mcan_tx_frame_t {
     }
 
     /// All zero: of no frame, sent at once.
-    pub(super) const EMPTY: Self = Self {
+    pub const EMPTY: Self = Self {
         slave: 0,
         channel: 0,
         flags: 0,
@@ -269,7 +269,8 @@ impl igh_mcan_tx_frame_t {
         data: [0; 64],
     };
 
-    pub(super) fn from_frame(slave: u16, channel: u8, frame: FrameRef<'_>) -> Self {
+    /// Frame that is sent at once.
+    pub fn from_frame(slave: u16, channel: u8, frame: FrameRef<'_>) -> Self {
         let (flags, can_id, len) = (flags_of(frame), frame.id().raw(), length_of(frame));
         Self { slave, channel, flags, can_id, len, data: frame.padded_data(), ..Self::EMPTY }
     }
@@ -382,8 +383,9 @@ impl ToResult for PushError {
     }
 }
 
+/// Checks a hint, an [`igh_mcan_hint_t`].
 #[inline]
-pub(super) fn check_hint(call: Call, hint: c_int) -> Result<u8, ecan_result_t> {
+pub fn check_hint(call: Call, hint: c_int) -> Result<u8, ecan_result_t> {
     match hint {
         0..=3 => Ok(hint as u8),
         _ => Err(call.argument("hint", format_args!("{hint} is out of range; allowed: 0 to 3"))),

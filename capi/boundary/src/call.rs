@@ -6,8 +6,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 
 use super::out_pointer::{OutArray, OutPointer};
-use crate::common::last_error;
-use crate::common::result::ecan_result_t;
+use crate::last_error;
+use crate::result::ecan_result_t;
 
 /// An error of the layers below, as C sees it.
 pub trait ToResult: fmt::Display {
@@ -278,6 +278,8 @@ impl Call {
 
 #[cfg(test)]
 mod tests {
+    use ecan_mcan_host::common::last_error::ecan_last_error;
+
     use super::*;
 
     #[test]
@@ -285,7 +287,7 @@ mod tests {
         let code = call("f", |_| panic!("at {}", "work"));
         assert_eq!(code, ecan_result_t::ECAN_ERR_INTERNAL.code());
         // SAFETY: the text ends with NUL and is not changed while it is read.
-        let text = unsafe { CStr::from_ptr(last_error::ecan_last_error()) };
+        let text = unsafe { CStr::from_ptr(ecan_last_error()) };
         assert_eq!(text.to_str(), Ok("f: internal fault: at work"));
     }
 

@@ -1,0 +1,28 @@
+//! The boundary between C and Rust, and the C types that both C libraries use.
+//!
+//! No panic crosses the boundary, every pointer is checked for NULL, and every error stores its
+//! text. Methods that take pointers return `ECAN_ERR_NULL` for NULL if the length is not 0.
+//!
+//! This crate exports no function, so that a program may contain it more than once. The last error
+//! of a thread is in libecan_mcan_host only ([`last_error`]): a program that uses this crate links
+//! `ecan-mcan-host`.
+#![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+#![allow(non_camel_case_types, reason = "the types have their C names")]
+
+mod call;
+mod mirror;
+mod out_pointer;
+mod sealed;
+
+pub mod channel_status;
+pub mod constants;
+pub mod diagnosis;
+pub mod frames;
+pub mod last_error;
+pub mod profile;
+pub mod result;
+
+pub use call::{Call, ToResult, call, code_getter, getter, getter_or};
+pub use out_pointer::{OutArray, OutPointer, put_text};
+pub use sealed::Opaque;

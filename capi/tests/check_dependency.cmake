@@ -1,0 +1,27 @@
+# LIBRARY needs the shared library NEEDED, and defines nothing that it defines (by NM and READELF).
+cmake_minimum_required(VERSION 3.16)
+execute_process(COMMAND ${READELF} -dW ${LIBRARY} OUTPUT_VARIABLE _dynamic COMMAND_ERROR_IS_FATAL ANY)
+execute_process(COMMAND ${READELF} -dW ${NEEDED} OUTPUT_VARIABLE _other COMMAND_ERROR_IS_FATAL ANY)
+string(REGEX MATCH "SONAME\\)[^[]*\\[([^]]+)\\]" _found "${_other}")
+set(_name "${CMAKE_MATCH_1}")
+string(FIND "${_dynamic}" "[${_name}]" _at)
+if(NOT _name OR _at EQUAL -1)
+    message(FATAL_ERROR "${LIBRARY} does not need `${_name}`:\n${_dynamic}")
+endif()
+
+foreach(_file IN ITEMS LIBRARY NEEDED)
+    execute_process(COMMAND ${NM} -D --defined-only ${${_file}} OUTPUT_VARIABLE _lines
+        COMMAND_ERROR_IS_FATAL ANY)
+    # Version nodes are absolute symbols of the same name in both.
+    string(REGEX MATCHALL "[TDBRWVu] [A-Za-z0-9_.$]+" _defined_${_file} "${_lines}")
+endforeach()
+set(_common)
+foreach(_symbol IN LISTS _defined_LIBRARY)
+    if(_symbol IN_LIST _defined_NEEDED)
+        list(APPEND _common "${_symbol}")
+    endif()
+endforeach()
+if(_common OR NOT _defined_LIBRARY OR NOT _defined_NEEDED)
+    message(FATAL_ERROR "${LIBRARY} and ${NEEDED} both define: ${_common}")
+endif()
+message(STATUS "needs ${_name}, no common symbol")
