@@ -41,6 +41,15 @@ ECAN_ECRT=$stepped "$build/first" | tail -1
 say "every function is in the test"
 capi/tests/every_function/complete.sh
 
+say "an exception that leaves a callback"
+g++ -std=c++17 -Wall -Wextra -Werror -Iinclude capi/tests/throwing_callback.cpp \
+    "$build/libecan_igh_host.a" -lpthread -ldl -lm -o "$build/throwing_callback"
+for arguments in "" progress; do
+    # shellcheck disable=SC2086 # none, or one
+    { "$build/throwing_callback" $arguments; } 2>"$build/throwing_callback.log" && exit 1
+    grep "an exception left the callback" "$build/throwing_callback.log"
+done
+
 say "every function, under AddressSanitizer"
 gcc -std=c99 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -Wall -Wextra -Werror \
     -Iinclude capi/tests/every_function/*.c "${static[@]}" \

@@ -19,6 +19,7 @@ mod guard;
 mod handle;
 mod milliseconds;
 mod port_config;
+mod standard_error;
 
 pub mod adapter;
 pub mod cia402;

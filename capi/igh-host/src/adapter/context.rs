@@ -171,14 +171,15 @@ pub fn ecan_igh_wait_op_timeout(context: *mut ecan_igh_context_t, timeout_ms: u3
 /// operations continue as long as the cycle runs. igh_cia402_shutdown_timeout() does not call it.
 ///
 /// @param stop  Gets `user`; NULL for none. It should be quick; a call to the library with this
-///              context returns ECAN_ERR_BUSY there.
+///              context returns ECAN_ERR_BUSY there. It must return: a C++ exception that leaves it
+///              ends the process, with a message on standard error.
 /// @param user  Is passed to it, in the thread that waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
 #[export(_, layer adapter)]
 pub fn ecan_igh_stop_waiting_when(
     context: *mut ecan_igh_context_t,
-    stop: Option<unsafe extern "C" fn(user: *mut c_void) -> c_int>,
+    stop: Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> c_int>,
     user: *mut c_void,
 ) {
     let check = stop.map(|function| {
@@ -236,8 +237,8 @@ pub fn ecan_igh_deinit(context: *mut ecan_igh_context_t) {
 /// Returns 1 if the bus is simulated.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0, or a negative ecan_result_t.
-#[export(_, layer adapter)]
+/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, layer adapter, or 0)]
 pub fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
     Ok(adapter.is_simulated().into())
 }
@@ -246,8 +247,8 @@ pub fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
 /// stepped clock. The program must then take its own deadlines from ecan_igh_now_ns().
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0, or a negative ecan_result_t.
-#[export(_, bus bus)]
+/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, bus bus, or 0)]
 pub fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_context_t) -> c_int {
     Ok(bus.is_stepped.into())
 }

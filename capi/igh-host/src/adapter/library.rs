@@ -72,7 +72,7 @@ fn load(setting: &EcrtSetting, config: &IghConfig) -> Result<Ecrt, ecan_sim::Bac
     };
     let backend = ecan_sim::open(setting, &options)?;
     if let Some(simulation) = &backend.simulation {
-        super::standard_error::write_line(&simulation.banner());
+        crate::standard_error::write_line(&simulation.banner());
     }
     Ok(backend.ecrt)
 }

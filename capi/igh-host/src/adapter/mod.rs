@@ -14,5 +14,3 @@ pub mod process_data;
 pub mod real_time;
 pub mod sdo;
 pub mod sdo_request;
-#[cfg(feature = "sim")]
-mod standard_error;

@@ -48,14 +48,16 @@ impl Reporter {
 ///
 /// @param callback  Gets `user`, the axis, and a text, "axis 0, node 1 (slave 0, channel 0): being
 ///                  enabled, switched on, for 120 ms" for example, which is valid until it returns;
-///                  NULL for none.
+///                  NULL for none. It must return, as that of ecan_igh_stop_waiting_when().
 /// @param user      Is passed to it, in the thread that waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
 #[export(_, bus bus)]
 pub fn igh_cia402_set_progress_callback(
     context: *mut igh_cia402_context_t,
-    callback: Option<unsafe extern "C" fn(user: *mut c_void, axis: usize, text: *const c_char)>,
+    callback: Option<
+        unsafe extern "C-unwind" fn(user: *mut c_void, axis: usize, text: *const c_char),
+    >,
     user: *mut c_void,
 ) {
     if let Some(axes) = bus.axes_mut() {

@@ -222,7 +222,7 @@ struct Seen {
     inner: c_int,
 }
 
-unsafe extern "C" fn note(user: *mut c_void, axis: usize, text: *const c_char) {
+unsafe extern "C-unwind" fn note(user: *mut c_void, axis: usize, text: *const c_char) {
     // SAFETY: the test gave this pointer, and the text is valid until the return.
     unsafe {
         let seen = &mut *user.cast::<Seen>();
