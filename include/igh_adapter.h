@@ -489,7 +489,8 @@ int ecan_igh_wait_op_timeout(ecan_igh_context_t *context, uint32_t timeout_ms);
  * operations continue as long as the cycle runs. igh_cia402_shutdown_timeout() does not call it.
  *
  * @param stop  Gets `user`; NULL for none. It should be quick; a call to the library with this
- *              context returns ECAN_ERR_BUSY there.
+ *              context returns ECAN_ERR_BUSY there. It must return: a C++ exception that leaves it
+ *              ends the process, with a message on standard error.
  * @param user  Is passed to it, in the thread that waits.
  *
  * @usage   not rt, the cycle's thread, after init
@@ -532,7 +533,7 @@ int ecan_igh_deinit(ecan_igh_context_t *context);
  * Returns 1 if the bus is simulated.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0, or a negative ecan_result_t.
+ * @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
  */
 int ecan_igh_is_simulated(ecan_igh_context_t *context);
 
@@ -541,7 +542,7 @@ int ecan_igh_is_simulated(ecan_igh_context_t *context);
  * stepped clock. The program must then take its own deadlines from ecan_igh_now_ns().
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0, or a negative ecan_result_t.
+ * @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
  */
 int ecan_igh_clock_is_stepped(ecan_igh_context_t *context);
 
@@ -650,7 +651,7 @@ uint64_t ecan_igh_response_ns(ecan_igh_context_t *context);
  * otherwise (manual 15.5.2, step 8).
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0, or a negative ecan_result_t. Compare with 1.
+ * @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
  */
 int ecan_igh_domain_is_complete(ecan_igh_context_t *context);
 
@@ -983,7 +984,7 @@ size_t ecan_igh_slave_count(ecan_igh_context_t *context);
  * Returns 1 if all slaves are in OP and the last exchange was complete.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  1 or 0; ECAN_ERR_MASTER. Compare with 1.
+ * @return  1 or 0; 0 after an error, ECAN_ERR_MASTER for example, which ecan_last_error_code() gives.
  */
 int ecan_igh_is_operational(ecan_igh_context_t *context);
 

@@ -613,7 +613,7 @@ size_t igh_cia402_axis_count(igh_cia402_context_t *context);
  *
  * @param callback  Gets `user`, the axis, and a text, "axis 0, node 1 (slave 0, channel 0): being
  *                  enabled, switched on, for 120 ms" for example, which is valid until it returns;
- *                  NULL for none.
+ *                  NULL for none. It must return, as that of ecan_igh_stop_waiting_when().
  * @param user      Is passed to it, in the thread that waits.
  *
  * @usage   not rt, the cycle's thread, after init
@@ -1469,7 +1469,7 @@ int igh_cia402_get_axis_text(igh_cia402_context_t *context, size_t axis, char *t
  * Returns 1 if all axes follow the application's targets; 0 while one is halted.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0, also 0 without any axis, or a negative ecan_result_t. Compare with 1.
+ * @return  1 or 0, also 0 without any axis; 0 after an error, which ecan_last_error_code() gives.
  */
 int igh_cia402_all_running(igh_cia402_context_t *context);
 
@@ -1478,7 +1478,7 @@ int igh_cia402_all_running(igh_cia402_context_t *context);
  * stop, or never reported anything.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0, or a negative ecan_result_t. Compare with 1.
+ * @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
  */
 int igh_cia402_all_stopped(igh_cia402_context_t *context);
 
@@ -1486,7 +1486,7 @@ int igh_cia402_all_stopped(igh_cia402_context_t *context);
  * Returns 1 if the shutdown of igh_cia402_begin_shutdown() is complete, and the host may exit.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0, or a negative ecan_result_t. Compare with 1.
+ * @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
  */
 int igh_cia402_shutdown_is_done(igh_cia402_context_t *context);
 

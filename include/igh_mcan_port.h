@@ -596,7 +596,7 @@ int igh_mcan_port_reconfigure(igh_mcan_port_t *port,
  * Returns 1 if every gateway is ready: in OP and verified.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  1 or 0, or a negative ecan_result_t. Compare with 1.
+ * @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
  */
 int igh_mcan_port_is_ready(igh_mcan_port_t *port);
 

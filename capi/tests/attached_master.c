@@ -61,7 +61,7 @@ static int run(ec_master_t *master, ecan_igh_context_t *igh, igh_mcan_port_t *po
         igh_mcan_port_init(port, igh, &gateways) != ECAN_OK) {
         return failed("attach");
     }
-    if (ecan_igh_is_simulated(igh) != 1) {
+    if (!ecan_igh_is_simulated(igh)) {
         return failed("the library does not identify itself as simulated");
     }
     if (ecrt_master_activate(master) != 0) {
@@ -74,7 +74,7 @@ static int run(ec_master_t *master, ecan_igh_context_t *igh, igh_mcan_port_t *po
         ecan_igh_activate(igh) != ECAN_ERR_ATTACHED) {
         return failed("a call that is reserved for the owner was not rejected");
     }
-    while (igh_mcan_port_is_ready(port) != 1) {
+    while (!igh_mcan_port_is_ready(port)) {
         if (++cycles > START_CYCLES) {
             return failed("the gateway did not come into service");
         }

@@ -57,7 +57,7 @@ int main(void)
     igh_mcan_port_init(&mcan, &igh, &mcan_config);
     ecan_igh_wait_op_timeout(&igh, 10000);
 
-    if (igh_mcan_port_is_ready(&mcan) != 1) {
+    if (!igh_mcan_port_is_ready(&mcan)) {
         return failed("the gateway is not ready");
     }
 

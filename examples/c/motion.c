@@ -263,7 +263,7 @@ static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *m
     bool is_good = print_loads(cia402) && start_up(cia402, bus, motion->cycles) &&
                    print_host_loss_risks(cia402, motion->drive_count) &&
                    move(cia402, bus, motion);
-    is_good &= igh_cia402_all_running(cia402) == 1;
+    is_good &= igh_cia402_all_running(cia402);
     is_good &= motion_table_read(&table, cia402);
 
     printf("%sstopping the axes\n", interrupt_is_set() ? "stopped by the user\n" : "");

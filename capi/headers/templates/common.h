@@ -23,6 +23,12 @@
  *   - Contexts (ecan_igh_context_t, igh_mcan_port_t, igh_cia402_context_t, ecan_igh_diagnostics_t)
  *     need no preparation before their init function and must not be moved; a second deinit is
  *     harmless. Configurations, frames and similar structs are plain data.
+ *   - Predicates (is_, has_, _is_, all_) return 1 or 0. After an error they return 0 and set
+ *     ecan_last_error_code(); call ecan_clear_last_error() first to see whether it is theirs.
+ *   - Memory: if the system has none left, the library ends the process (abort). Only functions
+ *     that are not rt allocate.
+ *   - Callbacks of the application must return: a C++ exception that leaves one ends the process
+ *     (abort) with a message on standard error, and longjmp() out of one is not allowed.
  *   - @usage gives three properties of every function:
  *       "rt" or "not rt": may be called in the real-time cycle, or not. An rt function allocates
  *           nothing, takes no lock of the SDK and makes no system calls except those of the
@@ -76,6 +82,10 @@
  *          A call of another thread succeeds while the cycle sleeps; the cycle's thread never gets
  *          ECAN_ERR_BUSY because of it. An open cycle belongs to the thread that began it. The init
  *          functions end an object whose context was overwritten.
+ *          Predicates return 0 after an error, no longer its code: ecan_igh_domain_is_complete(),
+ *          ecan_igh_is_operational(), ecan_igh_is_simulated(), ecan_igh_clock_is_stepped(),
+ *          igh_mcan_port_is_ready(), igh_cia402_all_running(), igh_cia402_all_stopped(),
+ *          igh_cia402_shutdown_is_done().
  *   0.1.0  First version.
  */
 #ifndef @GUARD@

@@ -75,7 +75,7 @@ void test_adapter_cycle(void)
     GOOD(ecan_igh_init(&context, &config));
     GOOD(ecan_igh_activate(&context));
     BAD(ECAN_ERR_ORDER, ecan_igh_activate(&context));
-    for (cycle = 0; cycle < CYCLES && ecan_igh_is_operational(&context) != 1; cycle++) {
+    for (cycle = 0; cycle < CYCLES && !ecan_igh_is_operational(&context); cycle++) {
         if (ecan_igh_wait_next_cycle(&context) != ECAN_OK ||
             ecan_igh_receive(&context) != ECAN_OK || ecan_igh_send(&context) != ECAN_OK) {
             break;

@@ -28,8 +28,8 @@ static void no_context(int code, ecan_igh_context_t *context)
     BAD(code, ecan_igh_wait_op_timeout(context, 100));
     BAD(code, ecan_igh_reconfigure(context, &config));
     BAD(code, ecan_igh_retry_startup(context));
-    BAD(code, ecan_igh_is_simulated(context));
-    BAD(code, ecan_igh_clock_is_stepped(context));
+    NONE(code, 0, ecan_igh_is_simulated(context));
+    NONE(code, 0, ecan_igh_clock_is_stepped(context));
     NONE(code, 0, ecan_igh_startup_timeout_ms(context));
     BAD(code, ecan_igh_receive(context));
     BAD(code, ecan_igh_send(context));
@@ -44,12 +44,12 @@ static void no_context(int code, ecan_igh_context_t *context)
     BAD(code, ecan_igh_measure_cycles(context));
     BAD(code, ecan_igh_get_cycle_statistics(context, &statistics));
     BAD(code, ecan_igh_get_cycle_statistics_text(context, text, sizeof(text)));
-    BAD(code, ecan_igh_domain_is_complete(context));
+    NONE(code, 0, ecan_igh_domain_is_complete(context));
     BAD(code, ecan_igh_get_domain_report(context, 0, &report));
     BAD(code, ecan_igh_get_rxpdo_buffer(context, 0, &rxpdo, &size));
     BAD(code, ecan_igh_get_txpdo_buffer(context, 0, &txpdo, &size));
     NONE(code, 0, ecan_igh_slave_count(context));
-    BAD(code, ecan_igh_is_operational(context));
+    NONE(code, 0, ecan_igh_is_operational(context));
     BAD(code, ecan_igh_get_slave_state(context, 0, &slave_state));
     BAD(code, ecan_igh_get_master_state(context, &master_state));
     BAD(code, ecan_igh_get_slave_info(context, 0, &info));

@@ -197,5 +197,5 @@ int start_port(ecan_igh_context_t *igh, igh_mcan_port_t *port, const ecan_igh_co
     GOOD(ecan_igh_init(igh, &applied));
     GOOD(igh_mcan_port_init(port, igh, config));
     GOOD(ecan_igh_wait_op_timeout(igh, 20000));
-    return igh_mcan_port_is_ready(port) == 1 ? 0 : -1;
+    return igh_mcan_port_is_ready(port) ? 0 : -1;
 }

@@ -373,7 +373,7 @@ static void shutdown(void)
     igh_cia402_axis_statistics_t statistics;
     SAME(0, igh_cia402_shutdown_is_done(&motors));
     GOOD(igh_cia402_begin_shutdown(&motors));
-    for (int i = 0; i < CYCLES && igh_cia402_shutdown_is_done(&motors) != 1; i++) {
+    for (int i = 0; i < CYCLES && !igh_cia402_shutdown_is_done(&motors); i++) {
         cycle();
     }
     SAME(1, igh_cia402_shutdown_is_done(&motors));

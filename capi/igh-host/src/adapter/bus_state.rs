@@ -99,8 +99,8 @@ pub fn ecan_igh_slave_count(context: *mut ecan_igh_context_t) -> usize {
 /// Returns 1 if all slaves are in OP and the last exchange was complete.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  1 or 0; ECAN_ERR_MASTER. Compare with 1.
-#[export(call, layer adapter)]
+/// @return  1 or 0; 0 after an error, ECAN_ERR_MASTER for example, which ecan_last_error_code() gives.
+#[export(call, layer adapter, or 0)]
 pub fn ecan_igh_is_operational(context: *mut ecan_igh_context_t) -> c_int {
     let all = adapter.all_operational().or_code(call)?;
     Ok(all.into())

@@ -133,8 +133,8 @@ pub fn ecan_igh_response_ns(context: *mut ecan_igh_context_t) -> u64 {
 /// otherwise (manual 15.5.2, step 8).
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
-#[export(_, layer adapter)]
+/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, layer adapter, or 0)]
 pub fn ecan_igh_domain_is_complete(context: *mut ecan_igh_context_t) -> c_int {
     Ok(adapter.domain_is_complete().into())
 }

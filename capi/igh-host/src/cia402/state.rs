@@ -171,8 +171,8 @@ pub fn igh_cia402_get_axis_text(
 /// Returns 1 if all axes follow the application's targets; 0 while one is halted.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0, also 0 without any axis, or a negative ecan_result_t. Compare with 1.
-#[export(_, layer(cia402, _))]
+/// @return  1 or 0, also 0 without any axis; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, layer(cia402, _), or 0)]
 pub fn igh_cia402_all_running(context: *mut igh_cia402_context_t) -> c_int {
     Ok(cia402.all_running().into())
 }
@@ -181,8 +181,8 @@ pub fn igh_cia402_all_running(context: *mut igh_cia402_context_t) -> c_int {
 /// stop, or never reported anything.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
-#[export(_, layer(cia402, _))]
+/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, layer(cia402, _), or 0)]
 pub fn igh_cia402_all_stopped(context: *mut igh_cia402_context_t) -> c_int {
     Ok(cia402.all_stopped().into())
 }
@@ -190,8 +190,8 @@ pub fn igh_cia402_all_stopped(context: *mut igh_cia402_context_t) -> c_int {
 /// Returns 1 if the shutdown of igh_cia402_begin_shutdown() is complete, and the host may exit.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
-#[export(_, layer(cia402, _))]
+/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, layer(cia402, _), or 0)]
 pub fn igh_cia402_shutdown_is_done(context: *mut igh_cia402_context_t) -> c_int {
     let is_done = cia402.shutdown_state() == Shutdown::Done;
     // The last commands must have left before the host does.

@@ -114,8 +114,8 @@ pub fn igh_mcan_port_reconfigure(
 /// Returns 1 if every gateway is ready: in OP and verified.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0, or a negative ecan_result_t. Compare with 1.
-#[export(_, layer port)]
+/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, layer port, or 0)]
 pub fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c_int {
     Ok(port.is_ready().into())
 }
