@@ -1,10 +1,24 @@
+/* SPDX-License-Identifier: MIT OR Apache-2.0 */
+/* Copyright (c) 2026 The ECAN-Lite host SDK authors */
 /**
  * ECAN-Lite host SDK: the Adapter (manual 15.1, 15.5).
  *
  * Master, slaves, one domain for each, startup SDOs, distributed clocks, the cycle and raw process
  * data.
  *
- * igh_ecan_common.h has the rules for all functions and the change log of all headers.
+ * igh_ecan_common.h has the rules for all functions.
+ *
+ * Change log
+ *
+ *   0.2.0  Renamed: ecan_igh_answer_ns to ecan_igh_response_ns.
+ *          Added: ecan_igh_config_set_dc_sync0_planned(), ecan_igh_config_get_dc_margin(),
+ *          ecan_igh_retry_startup().
+ *          Cycle, receive and send functions return ECAN_ERR_ORDER if no cycle is open.
+ *          ecan_igh_init() writes nothing to the slaves; a startup SDO that is aborted is reported by
+ *          ecan_igh_wait_op_timeout(), with ecan_last_abort_code().
+ *          ecan_igh_domain_is_complete(), ecan_igh_is_operational(), ecan_igh_is_simulated() and
+ *          ecan_igh_clock_is_stepped() return 0 after an error, no longer its code.
+ *   0.1.0  First version.
  */
 #ifndef IGH_ADAPTER_H
 #define IGH_ADAPTER_H

@@ -1,9 +1,35 @@
+/* SPDX-License-Identifier: MIT OR Apache-2.0 */
+/* Copyright (c) 2026 The ECAN-Lite host SDK authors */
 /**
  * ECAN-Lite host SDK: CANopen and CiA 402 (manual 15.1, 15.4, 15.5.4).
  *
  * Motors on the gateways: startup, targets, states, SDO.
  *
- * igh_ecan_common.h has the rules for all functions and the change log of all headers.
+ * igh_ecan_common.h has the rules for all functions.
+ *
+ * Change log
+ *
+ *   0.2.0  Renamed: igh_cia402_trouble_t to igh_cia402_axis_error_t, igh_cia402_refusal_t to
+ *          igh_cia402_rejection_t, with their values; IGH_CIA402_DECISION_REFUSED to _REJECTED,
+ *          IGH_CIA402_WAIT_IMAGE_HELD to _IMAGE_UNCONFIRMED, _WAIT_FRAME_REFUSED to _FRAME_REJECTED,
+ *          IGH_CIA402_TROUBLE_RESET_REFUSED to IGH_CIA402_AXIS_ERROR_RESET_FAILED,
+ *          IGH_CANOPEN_HEARTBEAT_UNWATCHED to _UNCONFIGURED, IGH_CIA402_PHASE_QUICK_STOP and
+ *          _PHASE_DISABLING to _PHASE_STOPPING and _PHASE_STOPPED. Fields: refused* to rejected*,
+ *          targets_refused to targets_rejected, trouble to axis_error, auto_take_up to auto_resume,
+ *          take_ups to activations.
+ *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED, _WAIT_BACKLOG, _WAIT_TOGETHER,
+ *          igh_cia402_get_host_loss(), igh_cia402_get_host_loss_text(), igh_cia402_stop_all(),
+ *          igh_cia402_stop_all_timeout(), igh_cia402_all_stopped(), igh_cia402_recover(),
+ *          igh_cia402_recover_all(), igh_cia402_recover_all_timeout(), igh_cia402_stop_together(),
+ *          igh_cia402_stop_cause_t, the phases UNCONTROLLED and INSPECTING, `takeover` of the settings,
+ *          the fields stop_cause, is_stopped, is_recovering and uncontrolled; the fields shutdown,
+ *          disable_operation, halt, fault_reaction and the limits in rad/s of igh_cia402_axis_t.
+ *          Removed: IGH_CIA402_HOLD_MOVING.
+ *          igh_cia402_set_motion_div() is rejected while an axis is configured.
+ *          igh_cia402_all_running() and is_running are 0 for halted axes.
+ *          igh_cia402_all_running(), igh_cia402_all_stopped() and igh_cia402_shutdown_is_done() return
+ *          0 after an error, no longer its code.
+ *   0.1.0  First version.
  */
 #ifndef IGH_CIA402_PROTOCOL_H
 #define IGH_CIA402_PROTOCOL_H

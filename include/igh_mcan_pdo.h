@@ -1,3 +1,5 @@
+/* SPDX-License-Identifier: MIT OR Apache-2.0 */
+/* Copyright (c) 2026 The ECAN-Lite host SDK authors */
 /**
  * ECAN-Lite host SDK: the process data protocol (manual 5 to 12).
  *
@@ -5,7 +7,12 @@
  * this layer, libecan_igh_host the layers above it. For applications that exchange raw process data
  * (manual 15.5.3); not necessary with igh_mcan_port.h.
  *
- * igh_ecan_common.h has the rules for all functions and the change log of all headers.
+ * igh_ecan_common.h has the rules for all functions.
+ *
+ * Change log
+ *
+ *   0.2.0  The functions of this header are in libecan_mcan_host, which libecan_igh_host needs.
+ *   0.1.0  First version.
  */
 #ifndef IGH_MCAN_PDO_H
 #define IGH_MCAN_PDO_H

@@ -1,9 +1,28 @@
+/* SPDX-License-Identifier: MIT OR Apache-2.0 */
+/* Copyright (c) 2026 The ECAN-Lite host SDK authors */
 /**
  * ECAN-Lite host SDK: the MCAN Port (manual 15.1, 15.4, 15.5).
  *
  * CAN and CAN FD frames through ECAN-Lite gateways.
  *
- * igh_ecan_common.h has the rules for all functions and the change log of all headers.
+ * igh_ecan_common.h has the rules for all functions.
+ *
+ * Change log
+ *
+ *   0.2.0  Renamed: igh_mcan_frame_way_t to igh_mcan_frame_route_t, with its values. Fields: refused* to
+ *          rejected*, is_holding to is_unconfirmed, way to route, refuse_without_margin to
+ *          reject_without_margin, give_up_missed to discard_missed.
+ *          Added: igh_mcan_port_set_direction_masks(), igh_mcan_port_get_direction_masks(),
+ *          igh_mcan_port_get_schedule_fault(), igh_mcan_schedule_fault_t, the field depth of
+ *          igh_mcan_schedule_settings_t.
+ *          Added at the end: txpdo_discarded, txpdo_unknown and startup_requests of
+ *          igh_mcan_statistics_t; frames_accepted, frames_lost, frames_unknown, frames_pending,
+ *          frames_confirmed and frames_not_taken of igh_mcan_channel_statistics_t. frames_delivered
+ *          counts frames that a gateway in OP took; frames_discarded only those that were not
+ *          published; sessions_lost no losses during a verification.
+ *          A configuration file with too many gateways or filters is ECAN_ERR_CONFIG.
+ *          igh_mcan_port_is_ready() returns 0 after an error, no longer its code.
+ *   0.1.0  First version.
  */
 #ifndef IGH_MCAN_PORT_H
 #define IGH_MCAN_PORT_H

@@ -41,8 +41,8 @@ pub fn audit(root: &Path, faults: &mut Vec<String>) -> Result<(), String> {
         }
         for name in exported.iter().filter(|name| !listed.contains(name.as_str())) {
             faults.push(format!(
-                "capi/{}: {name} is not listed: add it to the newest node, and to the change log in \
-                 capi/headers/templates/common.h",
+                "capi/{}: {name} is not listed: add it to the newest node, and to the change log of \
+                 its header in capi/headers/changes",
                 library.map
             ));
         }

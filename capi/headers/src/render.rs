@@ -29,7 +29,10 @@ pub fn header(root: &Path, header: &Header) -> Result<String, String> {
     let lines = |prefix: &str, lines: &[&str], suffix: &str| {
         lines.iter().map(|line| format!("{prefix}{line}{suffix}\n")).collect::<String>()
     };
+    let changes = changes(root, header)?;
     Ok(template
+        .replace("@LICENSE@", &license(root)?)
+        .replace("@CHANGES@", &lines(" *   ", &changes.lines().collect::<Vec<_>>(), ""))
         .replace("@TITLE@", header.title)
         .replace("@INTRO@", &lines(" * ", header.intro, ""))
         .replace("@INCLUDES@", &lines("#include \"", header.includes, "\""))
@@ -38,6 +41,26 @@ pub fn header(root: &Path, header: &Header) -> Result<String, String> {
         .replace("@MINOR@", env!("CARGO_PKG_VERSION_MINOR"))
         .replace("@PATCH@", env!("CARGO_PKG_VERSION_PATCH"))
         .replace("@SECTIONS@\n", &sections))
+}
+
+/// The change log of a header. Its first entry is that of the present version.
+fn changes(root: &Path, header: &Header) -> Result<String, String> {
+    let path = root.join("capi/headers/changes").join(header.name.replace(".h", ".txt"));
+    let text = read(&path)?;
+    let version = env!("CARGO_PKG_VERSION");
+    if text.split_whitespace().next() != Some(version) {
+        return Err(format!("{}: the first entry is not that of {version}", path.display()));
+    }
+    Ok(text)
+}
+
+/// SPDX line and copyright line.
+fn license(root: &Path) -> Result<String, String> {
+    let text = read(&root.join("LICENSE-MIT"))?;
+    let copyright = text.lines().find(|line| line.starts_with("Copyright"));
+    let copyright = copyright.ok_or("LICENSE-MIT has no copyright line")?;
+    let license = env!("CARGO_PKG_LICENSE");
+    Ok(format!("/* SPDX-License-Identifier: {license} */\n/* {copyright} */\n"))
 }
 
 fn heading(out: &mut String, source: &str) {

@@ -1,4 +1,4 @@
-/**
+@LICENSE@/**
  * ECAN-Lite host SDK: common part of all headers (manual 15.1).
  *
  * Layers, from the bottom to the top; each header includes the headers of the layers below:
@@ -40,54 +40,9 @@
  *           sleeps in ecan_igh_wait_next_cycle() or igh_mcan_port_wait_next_cycle().
  *       time: before or after which other function.
  *
- * Change log of all headers
+ * Change log
  *
- *   0.2.0  Renamed: ecan_result_words to ecan_result_text, ecan_igh_answer_ns to
- *          ecan_igh_response_ns, igh_cia402_trouble_t to igh_cia402_axis_error_t,
- *          igh_mcan_frame_way_t to igh_mcan_frame_route_t, igh_cia402_refusal_t to
- *          igh_cia402_rejection_t, with their values; IGH_CIA402_DECISION_REFUSED to _REJECTED,
- *          IGH_CIA402_WAIT_IMAGE_HELD to _IMAGE_UNCONFIRMED, _WAIT_FRAME_REFUSED to
- *          _FRAME_REJECTED, IGH_CIA402_TROUBLE_RESET_REFUSED to IGH_CIA402_AXIS_ERROR_RESET_FAILED,
- *          IGH_CANOPEN_HEARTBEAT_UNWATCHED to _UNCONFIGURED. Fields: refused* to rejected*,
- *          targets_refused to targets_rejected, trouble to axis_error, auto_take_up to auto_resume,
- *          take_ups to activations, is_holding to is_unconfirmed, way to route,
- *          refuse_without_margin to reject_without_margin, give_up_missed to discard_missed.
- *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED, _WAIT_BACKLOG.
- *          igh_cia402_set_motion_div() is rejected while an axis is configured.
- *          Added: igh_cia402_get_host_loss(), igh_cia402_get_host_loss_text(), the fields shutdown,
- *          disable_operation, halt and fault_reaction of igh_cia402_axis_t.
- *          IGH_CIA402_PHASE_QUICK_STOP and _PHASE_DISABLING to _PHASE_STOPPING and _PHASE_STOPPED.
- *          New: igh_cia402_stop_all(), igh_cia402_stop_all_timeout(), igh_cia402_all_stopped(),
- *          igh_cia402_recover(), igh_cia402_recover_all(), igh_cia402_recover_all_timeout(), the
- *          phases UNCONTROLLED and INSPECTING, igh_cia402_stop_cause_t, `takeover` of the settings,
- *          the fields stop_cause, is_stopped, is_recovering and uncontrolled.
- *          igh_cia402_all_running() and is_running are 0 for halted axes.
- *          Removed: IGH_CIA402_HOLD_MOVING. Cycle, receive and send functions return ECAN_ERR_ORDER
- *          if no cycle is open. A configuration file with too many gateways or filters is
- *          ECAN_ERR_CONFIG.
- *          Added: ecan_igh_config_set_dc_sync0_planned(), ecan_igh_config_get_dc_margin().
- *          Added: igh_cia402_stop_together, IGH_CIA402_WAIT_TOGETHER, limits in rad/s in
- *          igh_cia402_axis_t.
- *          Added: ecan_igh_retry_startup().
- *          Added: igh_mcan_port_set_direction_masks(), igh_mcan_port_get_direction_masks(),
- *          igh_mcan_port_get_schedule_fault(), igh_mcan_schedule_fault_t, the field depth of
- *          igh_mcan_schedule_settings_t.
- *          Added at the end: txpdo_discarded, txpdo_unknown and startup_requests of
- *          igh_mcan_statistics_t; frames_accepted, frames_lost, frames_unknown, frames_pending,
- *          frames_confirmed and frames_not_taken of igh_mcan_channel_statistics_t. frames_delivered
- *          counts frames that a gateway in OP took; frames_discarded only those that were not
- *          published; sessions_lost no losses during a verification.
- *          ecan_igh_init() writes nothing to the slaves; a startup SDO that is aborted is reported by
- *          ecan_igh_wait_op_timeout(), with ecan_last_abort_code().
- *          A call of another thread succeeds while the cycle sleeps; the cycle's thread never gets
- *          ECAN_ERR_BUSY because of it. An open cycle belongs to the thread that began it. The init
- *          functions end an object whose context was overwritten.
- *          Predicates return 0 after an error, no longer its code: ecan_igh_domain_is_complete(),
- *          ecan_igh_is_operational(), ecan_igh_is_simulated(), ecan_igh_clock_is_stepped(),
- *          igh_mcan_port_is_ready(), igh_cia402_all_running(), igh_cia402_all_stopped(),
- *          igh_cia402_shutdown_is_done().
- *   0.1.0  First version.
- */
+@CHANGES@ */
 #ifndef @GUARD@
 #define @GUARD@
 

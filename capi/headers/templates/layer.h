@@ -1,9 +1,12 @@
-/**
+@LICENSE@/**
  * @TITLE@
  *
 @INTRO@ *
- * igh_ecan_common.h has the rules for all functions and the change log of all headers.
- */
+ * igh_ecan_common.h has the rules for all functions.
+ *
+ * Change log
+ *
+@CHANGES@ */
 #ifndef @GUARD@
 #define @GUARD@
 
