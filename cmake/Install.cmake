@@ -1,4 +1,4 @@
-# Headers, libraries, pkg-config files and a CMake package.
+# Headers, libraries, pkg-config files, a CMake package, API.md and the licences.
 set(_libraries ecan_mcan_host)
 if(TARGET ecan_igh_host)
     list(APPEND _libraries ecan_igh_host)
@@ -9,6 +9,9 @@ file(RELATIVE_PATH _pc_to_prefix
 string(REGEX REPLACE "/$" "" _pc_to_prefix "${_pc_to_prefix}")
 
 install(FILES ${_headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(FILES API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT DESTINATION ${CMAKE_INSTALL_DOCDIR})
+# Those to which API.md refers.
+install(FILES docs/SIMULATION.md docs/TOOL.md DESTINATION ${CMAKE_INSTALL_DOCDIR}/docs)
 install(TARGETS ${_libraries} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 foreach(_library IN LISTS _libraries)
     install(FILES "${CMAKE_CURRENT_BINARY_DIR}/lib${_library}.a"

@@ -9,11 +9,40 @@ find_package(Threads REQUIRED)
 # System libraries of a Rust static library.
 set(ECAN_SYSTEM_LIBRARIES Threads::Threads ${CMAKE_DL_LIBS} m)
 
+# The addresses of other libraries' functions are resolved and write-protected at the load.
+set(ECAN_LINK_OPTIONS
+    "-Wl,--gc-sections" "-Wl,--no-undefined" "-Wl,-z,relro,-z,now" "-Wl,-z,noexecstack"
+    "$<$<CONFIG:Release>:-Wl,--strip-debug>")
+
+# Flags of rustc that keep the paths of this machine out of the libraries.
+function(ecan_rust_flags output)
+    set(_cargo_home "$ENV{CARGO_HOME}")
+    if(NOT _cargo_home)
+        set(_cargo_home "$ENV{HOME}/.cargo")
+    endif()
+    get_filename_component(_bin "${ECAN_CARGO}" DIRECTORY)
+    find_program(ECAN_RUSTC rustc HINTS "${_bin}" REQUIRED)
+    execute_process(COMMAND ${ECAN_RUSTC} --print sysroot WORKING_DIRECTORY "${PROJECT_SOURCE_DIR}"
+        OUTPUT_VARIABLE _sysroot OUTPUT_STRIP_TRAILING_WHITESPACE)
+    # The last prefix that matches counts.
+    set(_flags "--remap-path-prefix=${_cargo_home}=/cargo"
+        "--remap-path-prefix=${_sysroot}=/rust"
+        "--remap-path-prefix=${ECAN_CARGO_TARGET_DIR}=/target"
+        "--remap-path-prefix=${PROJECT_SOURCE_DIR}=/ecan-lite")
+    separate_arguments(_own UNIX_COMMAND "$ENV{RUSTFLAGS}")
+    list(APPEND _own ${_flags})
+    string(ASCII 31 _separator)
+    list(JOIN _own "${_separator}" _joined)
+    set(${output} "${_joined}" PARENT_SCOPE)
+endfunction()
+ecan_rust_flags(ECAN_RUST_FLAGS)
+
 # cargo's release build of a package with further FLAGS; OUTPUT gets the path of its static library.
 function(ecan_cargo_build target)
     cmake_parse_arguments(_arg "" "PACKAGE;LIBRARY;OUTPUT" "FLAGS" ${ARGN})
     set(_file "${ECAN_CARGO_TARGET_DIR}/release/lib${_arg_LIBRARY}.a")
-    set(_environment "CARGO_TARGET_DIR=${ECAN_CARGO_TARGET_DIR}")
+    set(_environment "CARGO_TARGET_DIR=${ECAN_CARGO_TARGET_DIR}"
+        "CARGO_ENCODED_RUSTFLAGS=${ECAN_RUST_FLAGS}")
     if(ECRT_LIBRARY)
         list(APPEND _environment "ECAN_DEFAULT_ECRT=${ECRT_LIBRARY}")
     endif()
@@ -56,6 +85,7 @@ function(ecan_add_library name)
 
     file(WRITE "${CMAKE_CURRENT_BINARY_DIR}/empty.c" "typedef int ecan_empty;\n")
     add_library(${name} SHARED "${CMAKE_CURRENT_BINARY_DIR}/empty.c")
+    target_compile_options(${name} PRIVATE "-ffile-prefix-map=${CMAKE_CURRENT_BINARY_DIR}=.")
     add_dependencies(${name} ${name}_archive)
     target_include_directories(${name} INTERFACE
         "$<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>"
@@ -65,8 +95,7 @@ function(ecan_add_library name)
         "-Wl,--whole-archive" "${_static}" "-Wl,--no-whole-archive"
         PUBLIC ${_arg_NEEDS} PRIVATE ${ECAN_SYSTEM_LIBRARIES})
     target_link_options(${name} PRIVATE
-        "-Wl,--version-script=${_map}" "-Wl,--gc-sections" "-Wl,--no-undefined"
-        "$<$<CONFIG:Release>:-Wl,--strip-debug>")
+        "-Wl,--version-script=${_map}" ${ECAN_LINK_OPTIONS})
     set_target_properties(${name} PROPERTIES
         # The libraries find each other wherever they are installed.
         BUILD_WITH_INSTALL_RPATH ON

@@ -12,8 +12,7 @@ add_dependencies(simulated_ethercat simulated_ethercat_cargo)
 target_link_libraries(simulated_ethercat PRIVATE
     "-Wl,--whole-archive" "${_sim_archive}" "-Wl,--no-whole-archive" ${ECAN_SYSTEM_LIBRARIES})
 target_link_options(simulated_ethercat PRIVATE
-    "-Wl,--version-script=${_sim_map}" "-Wl,--gc-sections" "-Wl,-z,nodelete" "-Wl,--no-undefined"
-    "$<$<CONFIG:Release>:-Wl,--strip-debug>")
+    "-Wl,--version-script=${_sim_map}" "-Wl,-z,nodelete" ${ECAN_LINK_OPTIONS})
 set_target_properties(simulated_ethercat PROPERTIES
     OUTPUT_NAME ethercat VERSION 1.6.2 SOVERSION 1
     LIBRARY_OUTPUT_DIRECTORY "${CMAKE_CURRENT_BINARY_DIR}/sim"

@@ -43,7 +43,7 @@ capi/tests/every_function/complete.sh
 
 say "an exception that leaves a callback"
 g++ -std=c++17 -Wall -Wextra -Werror -Iinclude capi/tests/throwing_callback.cpp \
-    "$build/libecan_igh_host.a" -lpthread -ldl -lm -o "$build/throwing_callback"
+    "${static[@]}" -o "$build/throwing_callback"
 for arguments in "" progress; do
     # shellcheck disable=SC2086 # none, or one
     { "$build/throwing_callback" $arguments; } 2>"$build/throwing_callback.log" && exit 1
@@ -62,12 +62,32 @@ checked=(valgrind --quiet --error-exitcode=1 --leak-check=full
 "${checked[@]}" "$build/capi/tests/every_function"
 ECAN_ECRT=$stepped "${checked[@]}" "$build/capi/tests/manual_fragments"
 
-say "consumers of the installed tree"
+say "the installed tree"
 rm -rf "$build/installed" "$build/consumer"
 cmake --install "$build" --prefix "$build/installed" >"$build/install.log"
 # A tree that was moved works as well.
 mv "$build/installed" "$build/moved"
 trap 'rm -rf "$build/moved"' EXIT
+for file in API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT docs/SIMULATION.md; do
+    test -s "$build/moved/share/doc/EcanLite/$file"
+done
+for header in "$build"/moved/include/*; do
+    grep -q '^/\* SPDX-License-Identifier: ' "$header"
+done
+
+say "no path of this machine in the installed files, addresses write-protected at the load"
+sysroot=$(rustc --print sysroot)
+if grep -rlaF -e "$PWD" -e "$build" -e "${CARGO_HOME:-$HOME/.cargo}/" -e "$sysroot" "$build/moved"; then
+    echo "these files contain a path of the build" >&2
+    exit 1
+fi
+for library in "$build"/moved/lib*/libecan_*.so "$build"/moved/lib/*/libecan_*.so; do
+    [ -e "$library" ] || continue
+    readelf -dW "$library" | grep -q 'FLAGS_1.*NOW'
+    readelf -lW "$library" | grep -q GNU_RELRO
+done
+
+say "consumers"
 cmake -S capi/tests/consumer -B "$build/consumer" -DCMAKE_PREFIX_PATH="$build/moved" \
     >"$build/consumer.log" || { cat "$build/consumer.log"; exit 1; }
 cmake --build "$build/consumer" --parallel 2
