@@ -18,6 +18,8 @@
  *          ecan_igh_wait_op_timeout(), with ecan_last_abort_code().
  *          ecan_igh_domain_is_complete(), ecan_igh_is_operational(), ecan_igh_is_simulated() and
  *          ecan_igh_clock_is_stepped() return 0 after an error, no longer its code.
+ *          Added: `needed` of ecan_igh_config_get_ecrt(), ecan_igh_apply_real_time() and
+ *          ecan_igh_get_cycle_statistics_text().
  *   0.1.0  First version.
  */
 #ifndef IGH_ADAPTER_H
@@ -72,13 +74,16 @@ int ecan_igh_check_config(const ecan_igh_config_t *config);
 /**
  * Gets the setting `ecrt` of a configuration, which selects the EtherCAT master library.
  *
- * @param setting  Buffer; "" if nothing is set and the environment decides.
- * @param size     Its bytes; ECAN_IGH_MAX_SETTING are enough.
+ * @param setting  "" if nothing is set and the environment decides. See the rules for texts in
+ *                 igh_ecan_common.h; ECAN_IGH_MAX_SETTING bytes are enough.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, or ECAN_ERR_BUFFER with the text cut.
+ * @return  ECAN_OK, ECAN_ERR_BUFFER.
  */
-int ecan_igh_config_get_ecrt(const ecan_igh_config_t *config, char *setting, size_t size);
+int ecan_igh_config_get_ecrt(const ecan_igh_config_t *config,
+                             char *setting,
+                             size_t size,
+                             size_t *needed);
 
 /* ---------------------------------------------------------------------------
  * Configuration of the master
@@ -825,16 +830,18 @@ int ecan_igh_default_real_time(ecan_igh_real_time_t *settings);
  * Call it once in the thread of the cycle, before the cycle and after starting threads that must
  * not inherit priority and affinity.
  *
- * @param report  A line for each request: granted, or the reason and what to do. Cut if it does
- *                not fit.
- * @param size    Bytes of the report, NUL included; 0 for no report.
+ * @param report  A line for each request: granted, or the reason and what to do. See the rules for
+ *                texts in igh_ecan_common.h; 1024 bytes are enough.
  *
  * @usage   not rt, the cycle's thread, any time
  * @return  ECAN_OK, also if a request that is not required was denied; ECAN_ERR_PRIVILEGE if a
  *          required one was denied: granted requests stay in force. ECAN_ERR_ARGUMENT for a value
- *          out of range, with nothing applied.
+ *          out of range, with nothing applied. ECAN_ERR_BUFFER if only the report was cut.
  */
-int ecan_igh_apply_real_time(const ecan_igh_real_time_t *settings, char *report, size_t size);
+int ecan_igh_apply_real_time(const ecan_igh_real_time_t *settings,
+                             char *report,
+                             size_t size,
+                             size_t *needed);
 
 /**
  * Sets how ecan_igh_wait_next_cycle() waits, from the next wait on. By default it neither spins
@@ -878,12 +885,15 @@ int ecan_igh_get_cycle_statistics(ecan_igh_context_t *context,
  * Gets the timing of the cycles as text, as in manual 13.9: four lines, the first of them
  * master_period.
  *
- * @param text  Cut if it does not fit; 512 bytes are enough.
+ * @param text  See the rules for texts in igh_ecan_common.h; 512 bytes are enough.
  *
  * @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
- * @return  As ecan_igh_get_cycle_statistics().
+ * @return  As ecan_igh_get_cycle_statistics(); ECAN_ERR_BUFFER.
  */
-int ecan_igh_get_cycle_statistics_text(ecan_igh_context_t *context, char *text, size_t size);
+int ecan_igh_get_cycle_statistics_text(ecan_igh_context_t *context,
+                                       char *text,
+                                       size_t size,
+                                       size_t *needed);
 
 /* ---------------------------------------------------------------------------
  * Raw process data (manual 15.5.3)

@@ -29,6 +29,8 @@
  *          igh_cia402_all_running() and is_running are 0 for halted axes.
  *          igh_cia402_all_running(), igh_cia402_all_stopped() and igh_cia402_shutdown_is_done() return
  *          0 after an error, no longer its code.
+ *          Added: `needed` of igh_cia402_plan(), igh_cia402_get_axis_text() and
+ *          igh_cia402_get_host_loss_text().
  *   0.1.0  First version.
  */
 #ifndef IGH_CIA402_PROTOCOL_H
@@ -553,7 +555,8 @@ int igh_cia402_plan(const ecan_igh_config_t *igh_config,
                     size_t axis_count,
                     uint32_t motion_div,
                     char *text,
-                    size_t size);
+                    size_t size,
+                    size_t *needed);
 
 /* ---------------------------------------------------------------------------
  * Life of the axes
@@ -1484,12 +1487,16 @@ int igh_cia402_get_axis_state(igh_cia402_context_t *context,
  * Gets the state of an axis as text, with its time and the reason if it does not continue: "axis
  * 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms" for example.
  *
- * @param text  Gets the text, with NUL at the end; cut if it does not fit.
- * @param size  Bytes of the buffer.
+ * @param text  See the rules for texts in igh_ecan_common.h.
  *
  * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_BUFFER.
  */
-int igh_cia402_get_axis_text(igh_cia402_context_t *context, size_t axis, char *text, size_t size);
+int igh_cia402_get_axis_text(igh_cia402_context_t *context,
+                             size_t axis,
+                             char *text,
+                             size_t size,
+                             size_t *needed);
 
 /**
  * Returns 1 if all axes follow the application's targets; 0 while one is halted.
@@ -1611,15 +1618,16 @@ int igh_cia402_get_host_loss(igh_cia402_context_t *context,
  * Gets the reaction of a drive to the loss of the host as text: "axis 2, node 5 (slave 0, channel
  * 1), CSV: runs on if the host is lost (the host sends no heartbeat)" for example.
  *
- * @param text  Gets the text, with NUL at the end; cut if it does not fit.
- * @param size  Bytes of the buffer.
+ * @param text  See the rules for texts in igh_ecan_common.h.
  *
  * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_BUFFER.
  */
 int igh_cia402_get_host_loss_text(igh_cia402_context_t *context,
                                   size_t axis,
                                   char *text,
-                                  size_t size);
+                                  size_t size,
+                                  size_t *needed);
 
 /* ---------------------------------------------------------------------------
  * Counters and bus load

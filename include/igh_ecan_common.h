@@ -25,6 +25,10 @@
  *   - Contexts (ecan_igh_context_t, igh_mcan_port_t, igh_cia402_context_t, ecan_igh_diagnostics_t)
  *     need no preparation before their init function and must not be moved; a second deinit is
  *     harmless. Configurations, frames and similar structs are plain data.
+ *   - Texts: functions with (char *text, size_t size, size_t *needed) store a text in UTF-8 that ends
+ *     with NUL. One that does not fit is cut between characters, and the function returns
+ *     ECAN_ERR_BUFFER. `needed` gets the bytes of the whole text, NUL included; it may be NULL. With
+ *     text NULL and size 0 only `needed` is stored. After any other error the text is empty.
  *   - Predicates (is_, has_, _is_, all_) return 1 or 0. After an error they return 0 and set
  *     ecan_last_error_code(); call ecan_clear_last_error() first to see whether it is theirs.
  *   - Memory: if the system has none left, the library ends the process (abort). Only functions
@@ -50,6 +54,8 @@
  *          functions end an object whose context was overwritten.
  *          Predicates return 0 after an error, no longer its code.
  *          The functions of this header are in libecan_mcan_host, which libecan_igh_host needs.
+ *          Functions with a text have the argument `needed`, and return ECAN_ERR_BUFFER for a text that
+ *          was cut. Added: ECAN_ERR_LAYOUT.
  *   0.1.0  First version.
  */
 #ifndef IGH_ECAN_COMMON_H
@@ -100,7 +106,7 @@ typedef enum {
     ECAN_ERR_BUSY = -5,
     /**
      * The buffer is too small; the necessary size is returned if the function has a parameter
-     * for it.
+     * for it. A text is cut, and is valid.
      */
     ECAN_ERR_BUFFER = -6,
     /** A list of the configuration is full. */
@@ -166,6 +172,11 @@ typedef enum {
     ECAN_ERR_PRIVILEGE = -35,
     /** A file cannot be read; ecan_last_error() names it, with the reason. */
     ECAN_ERR_FILE = -36,
+    /**
+     * The image has another layout_id than the profile: the device's active profile differs. Its
+     * frames are stored.
+     */
+    ECAN_ERR_LAYOUT = -37,
     /** An internal fault of the library. Please report it with the text of ecan_last_error(). */
     ECAN_ERR_INTERNAL = -99,
 } ecan_result_t;

@@ -12,6 +12,9 @@
  * Change log
  *
  *   0.2.0  The functions of this header are in libecan_mcan_host, which libecan_igh_host needs.
+ *          Added: `needed` of igh_mcan_pdo_diag_text(); ECAN_ERR_LAYOUT and IGH_MCAN_PDO_LAYOUT of
+ *          igh_mcan_pdo_parse_frames_ex().
+ *          Removed: igh_mcan_pdo_parse_frames(); use igh_mcan_pdo_parse_frames_ex() with NULL.
  *   0.1.0  First version.
  */
 #ifndef IGH_MCAN_PDO_H
@@ -526,6 +529,8 @@ typedef enum {
     IGH_MCAN_PDO_UPDATING = 256,
     /** The header changed while the image was read. Skip it in this cycle. */
     IGH_MCAN_PDO_TORN = 257,
+    /** layout_id is not that of the profile; the frames are valid. */
+    IGH_MCAN_PDO_LAYOUT = 258,
 } igh_mcan_pdo_error_t;
 
 /**
@@ -566,13 +571,15 @@ typedef struct {
 /**
  * Gets a diagnosis as text.
  *
- * @param text  Buffer; the text ends with NUL and is cut if it does not fit.
- * @param size  Bytes of the buffer, 256 are enough.
+ * @param text  See the rules for texts in igh_ecan_common.h; 256 bytes are enough.
  *
  * @usage   not rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_ARGUMENT, or ECAN_ERR_BUFFER with the text cut.
+ * @return  ECAN_OK, ECAN_ERR_BUFFER; ECAN_ERR_ARGUMENT for an unknown error.
  */
-int igh_mcan_pdo_diag_text(const igh_mcan_pdo_parse_diag_t *diag, char *text, size_t size);
+int igh_mcan_pdo_diag_text(const igh_mcan_pdo_parse_diag_t *diag,
+                           char *text,
+                           size_t size,
+                           size_t *needed);
 
 /* ---------------------------------------------------------------------------
  * Reading images
@@ -652,7 +659,8 @@ int igh_mcan_pdo_parse_header(const uint8_t *image, size_t size, igh_mcan_pdo_he
  *
  * @usage   rt, any thread, any time
  * @return  ECAN_OK; ECAN_ERR_PARSE for a fault of the image; ECAN_ERR_IMAGE_BUSY for one that was
- *          being written; ECAN_ERR_BUFFER if size is too small or not all frames fit;
+ *          being written; ECAN_ERR_LAYOUT for an image of another layout than the profile's, whose
+ *          frames are stored; ECAN_ERR_BUFFER if size is too small or not all frames fit;
  *          ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
  */
 int igh_mcan_pdo_parse_frames_ex(const igh_mcan_pdo_profile_t *profile,
@@ -662,19 +670,6 @@ int igh_mcan_pdo_parse_frames_ex(const igh_mcan_pdo_profile_t *profile,
                                  size_t capacity,
                                  size_t *count,
                                  igh_mcan_pdo_parse_diag_t *diag);
-
-/**
- * As igh_mcan_pdo_parse_frames_ex(), without a diagnosis.
- *
- * @usage   rt, any thread, any time
- * @return  As there.
- */
-int igh_mcan_pdo_parse_frames(const igh_mcan_pdo_profile_t *profile,
-                              const uint8_t *txpdo,
-                              size_t size,
-                              igh_mcan_rx_frame_t *frames,
-                              size_t capacity,
-                              size_t *count);
 
 /**
  * Starts tracking sequence numbers.

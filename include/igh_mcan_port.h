@@ -22,6 +22,9 @@
  *          published; sessions_lost no losses during a verification.
  *          A configuration file with too many gateways or filters is ECAN_ERR_CONFIG.
  *          igh_mcan_port_is_ready() returns 0 after an error, no longer its code.
+ *          igh_mcan_port_get_session() and igh_mcan_port_get_schedule_fault() return only the value.
+ *          Added: igh_mcan_port_get_session_text(), igh_mcan_port_get_schedule_fault_text(), `needed` of
+ *          igh_mcan_port_plan().
  *   0.1.0  First version.
  */
 #ifndef IGH_MCAN_PORT_H
@@ -551,20 +554,20 @@ typedef struct {
  * Plans configurations for a given traffic.
  *
  * @param streams  The frames; may be NULL if count is 0.
- * @param text     Gets the plan as a table with its warnings; cut if it does not fit. 4096
- *                 bytes are enough for a few gateways.
- * @param size     Bytes of the text, NUL included; 0 for no text.
+ * @param text     Gets the plan as a table with its warnings, also if the plan has errors; see the
+ *                 rules for texts in igh_ecan_common.h. 4096 bytes are enough for a few gateways.
  *
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of them in
- *          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream.
+ *          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream; ECAN_ERR_BUFFER.
  */
 int igh_mcan_port_plan(const ecan_igh_config_t *igh_config,
                        const igh_mcan_port_config_t *config,
                        const igh_mcan_frame_stream_t *streams,
                        size_t count,
                        char *text,
-                       size_t size);
+                       size_t size,
+                       size_t *needed);
 
 /* ---------------------------------------------------------------------------
  * Life of a Port
@@ -1055,17 +1058,26 @@ int igh_mcan_port_get_schedule_diagnostics(igh_mcan_port_t *port,
  * Returns the reason for which the accounts of a gateway's scheduled frames count accepted frames as
  * unknown, by the last reading of its flags.
  *
- * @param text  Gets the reason as text, with the assumption that does not hold and what to do; empty
- *              without a reason; may be NULL.
- * @param size  Bytes of the buffer; a longer text is cut.
- *
- * @usage   rt with text NULL, the cycle's thread, after init
+ * @usage   rt, the cycle's thread, after init
  * @return  An igh_mcan_schedule_fault_t; ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_schedule_fault(igh_mcan_port_t *port,
-                                     size_t slave,
-                                     char *text,
-                                     size_t size);
+                                     size_t slave);
+
+/**
+ * Gets the reason of igh_mcan_port_get_schedule_fault() as text, with the assumption that does not
+ * hold and what to do; empty without a reason.
+ *
+ * @param text  See the rules for texts in igh_ecan_common.h.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_BUFFER.
+ */
+int igh_mcan_port_get_schedule_fault_text(igh_mcan_port_t *port,
+                                          size_t slave,
+                                          char *text,
+                                          size_t size,
+                                          size_t *needed);
 
 /**
  * Clears the flags of 0xB000:06 and the gateway's other runtime diagnostics in the next cycles
@@ -1127,14 +1139,24 @@ typedef struct {
 /**
  * Returns the state of a gateway's session.
  *
- * @param text  Gets the state as text, with the reason of a failure and the pending step; may be
- *              NULL.
- * @param size  Bytes of the buffer; a longer text is cut.
- *
- * @usage   rt with text NULL, the cycle's thread, after init
+ * @usage   rt, the cycle's thread, after init
  * @return  An igh_mcan_session_t; ECAN_ERR_SLAVE.
  */
-int igh_mcan_port_get_session(igh_mcan_port_t *port, size_t slave, char *text, size_t size);
+int igh_mcan_port_get_session(igh_mcan_port_t *port, size_t slave);
+
+/**
+ * Gets the state of a gateway's session as text, with the reason of a failure and the pending step.
+ *
+ * @param text  See the rules for texts in igh_ecan_common.h.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_BUFFER.
+ */
+int igh_mcan_port_get_session_text(igh_mcan_port_t *port,
+                                   size_t slave,
+                                   char *text,
+                                   size_t size,
+                                   size_t *needed);
 
 /**
  * Gets the report of the current cycle with a gateway.

@@ -30,7 +30,8 @@ bool frame_plan_print(const bus_settings_t *settings, const igh_mcan_tx_frame_t 
             }
         }
     }
-    int code = igh_mcan_port_plan(&igh_config, &mcan_config, streams, count, text, sizeof(text));
+    int code = igh_mcan_port_plan(&igh_config, &mcan_config, streams, count, text, sizeof(text),
+                                  NULL);
     fputs(text, stdout);
     if (code != ECAN_OK) {
         report_sdk_error();

@@ -17,11 +17,11 @@ void session_watch_print(session_watch_t *watch, bus_t *bus, uint64_t elapsed_ns
     size_t slaves = ecan_igh_slave_count(&bus->igh);
     for (size_t slave = 0; slave < slaves; slave++) {
         char text[256];
-        /* Makes the text only for a change, because it takes time. */
-        int session = igh_mcan_port_get_session(&bus->mcan, slave, NULL, 0);
+        int session = igh_mcan_port_get_session(&bus->mcan, slave);
         if (session != watch->sessions[slave]) {
             watch->sessions[slave] = session;
-            if (igh_mcan_port_get_session(&bus->mcan, slave, text, sizeof(text)) >= 0) {
+            if (igh_mcan_port_get_session_text(&bus->mcan, slave, text, sizeof(text), NULL) ==
+                ECAN_OK) {
                 printf("%9.3f s  slave %zu: %s\n", (double)elapsed_ns / 1e9, slave, text);
             }
         }
@@ -104,7 +104,8 @@ bool gateway_report_is_flawless(bus_t *bus, size_t slave)
 {
     igh_mcan_statistics_t count;
     char text[256];
-    int session = igh_mcan_port_get_session(&bus->mcan, slave, text, sizeof(text));
+    int session = igh_mcan_port_get_session(&bus->mcan, slave);
+    igh_mcan_port_get_session_text(&bus->mcan, slave, text, sizeof(text), NULL);
     if (session < 0 || igh_mcan_port_get_statistics(&bus->mcan, slave, &count) != ECAN_OK) {
         report_sdk_error();
         return false;

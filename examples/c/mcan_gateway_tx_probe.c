@@ -204,7 +204,7 @@ static void print_result(bus_t *bus, result_t *result, const arguments_t *argume
            result->sent, result->rejected);
     printf("%" PRIu64 " returned, %" PRIu64 " out of order\n", result->received,
            result->order_errors);
-    if (ecan_igh_get_cycle_statistics_text(&bus->igh, master_period, sizeof(master_period)) ==
+    if (ecan_igh_get_cycle_statistics_text(&bus->igh, master_period, sizeof(master_period), NULL) ==
         ECAN_OK) {
         printf("%s\n", master_period);
     }

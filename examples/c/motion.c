@@ -87,7 +87,7 @@ static bool check_plan(const motion_t *motion)
         return false;
     }
     int code = igh_cia402_plan(&igh_config, &mcan_config, axes, motion->drive_count,
-                               (uint32_t)motion->motion_div, text, sizeof(text));
+                               (uint32_t)motion->motion_div, text, sizeof(text), NULL);
     if (motion->bus.plan) {
         fputs(text, stdout);
     }
@@ -164,7 +164,7 @@ static bool print_host_loss_risks(igh_cia402_context_t *cia402, size_t axis_coun
     bool all_stop = true;
     for (size_t axis = 0; axis < axis_count; axis++) {
         if (igh_cia402_get_host_loss(cia402, axis, &loss) != ECAN_OK ||
-            igh_cia402_get_host_loss_text(cia402, axis, text, sizeof(text)) != ECAN_OK) {
+            igh_cia402_get_host_loss_text(cia402, axis, text, sizeof(text), NULL) != ECAN_OK) {
             report_sdk_error();
             return false;
         }
@@ -219,7 +219,7 @@ static bool print_changes(igh_cia402_context_t *cia402, uint8_t *phases, size_t 
     char text[256];
     for (size_t axis = 0; axis < axis_count; axis++) {
         if (igh_cia402_get_axis_state(cia402, axis, &state) != ECAN_OK ||
-            igh_cia402_get_axis_text(cia402, axis, text, sizeof(text)) != ECAN_OK) {
+            igh_cia402_get_axis_text(cia402, axis, text, sizeof(text), NULL) != ECAN_OK) {
             report_sdk_error();
             return false;
         }

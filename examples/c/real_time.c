@@ -72,7 +72,7 @@ bool real_time_enter(const real_time_t *settings, bus_t *bus)
     if (settings->is_latency_given) {
         requests.wake_up_latency_us = (int32_t)settings->latency_us;
     }
-    int code = ecan_igh_apply_real_time(&requests, text, sizeof(text));
+    int code = ecan_igh_apply_real_time(&requests, text, sizeof(text), NULL);
     printf("%s%s", text, text[0] == '\0' ? "" : "\n");
     if (code != ECAN_OK ||
         ecan_igh_set_cycle_timing(&bus->igh, (uint32_t)settings->spin_us, 0) != ECAN_OK ||
@@ -87,7 +87,7 @@ void real_time_print_statistics(const real_time_t *settings, bus_t *bus)
 {
     char text[512];
     if (is_given(settings) &&
-        ecan_igh_get_cycle_statistics_text(&bus->igh, text, sizeof(text)) == ECAN_OK) {
+        ecan_igh_get_cycle_statistics_text(&bus->igh, text, sizeof(text), NULL) == ECAN_OK) {
         printf("\n%s\n", text);
     }
 }

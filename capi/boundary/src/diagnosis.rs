@@ -46,6 +46,8 @@ pub enum igh_mcan_pdo_error_t {
     IGH_MCAN_PDO_UPDATING = 256,
     /// The header changed while the image was read. Skip it in this cycle.
     IGH_MCAN_PDO_TORN = 257,
+    /// layout_id is not that of the profile; the frames are valid.
+    IGH_MCAN_PDO_LAYOUT = 258,
 }
 
 mirror! {

@@ -13,6 +13,7 @@
 mod call;
 mod mirror;
 mod out_pointer;
+mod out_text;
 mod sealed;
 
 pub mod channel_status;
@@ -24,5 +25,6 @@ pub mod profile;
 pub mod result;
 
 pub use call::{Call, ToResult, call, code_getter, getter, getter_or};
-pub use out_pointer::{OutArray, OutPointer, put_text};
+pub use out_pointer::{OutArray, OutPointer};
+pub use out_text::{OutText, put_text};
 pub use sealed::Opaque;

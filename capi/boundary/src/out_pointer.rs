@@ -1,6 +1,5 @@
 //! Pointers of C for results.
 
-use std::ffi::c_char;
 use std::ptr::NonNull;
 
 use crate::result::ecan_result_t;
@@ -69,6 +68,17 @@ impl<T> OutArray<T> {
         self.count == self.capacity
     }
 
+    /// Stores the first item, if there is room, which the next `push` replaces.
+    pub(super) fn start_with(&mut self, item: T) {
+        self.push(item);
+        self.count = 0;
+    }
+
+    /// Number of items that fit.
+    pub(super) fn capacity(&self) -> usize {
+        self.capacity
+    }
+
     /// Number of stored items.
     #[inline]
     pub fn count(&self) -> usize {
@@ -83,31 +93,9 @@ impl OutArray<u8> {
     }
 }
 
-/// Copies a text into a buffer of C, with NUL at its end; cuts it if it does not fit, and returns
-/// false then.
-pub fn put_text(room: &mut OutArray<c_char>, text: &str) -> bool {
-    let fits = text.len() < room.capacity;
-    let mut length = text.len().min(room.capacity.saturating_sub(1));
-    while !text.is_char_boundary(length) {
-        length -= 1;
-    }
-    for byte in text.as_bytes()[..length].iter().chain(&[0]) {
-        room.push(*byte as c_char);
-    }
-    fits
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn long_text_is_cut_to_the_buffer() {
-        let mut buffer = [1; 4];
-        let mut room = OutArray::new(buffer.as_mut_ptr(), 4);
-        assert!(!put_text(&mut room, "aöö"));
-        assert_eq!(buffer.map(|c| c as u8), [b'a', 0xC3, 0xB6, 0]);
-    }
 
     #[test]
     fn full_array_rejects_items() {

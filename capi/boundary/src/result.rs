@@ -22,7 +22,7 @@ mirror! {
         /// Another thread, or the caller of a callback, uses this object.
         ECAN_ERR_BUSY = -5 => c"the object is in use by another call",
         /// The buffer is too small; the necessary size is returned if the function has a parameter
-        /// for it.
+        /// for it. A text is cut, and is valid.
         ECAN_ERR_BUFFER = -6 => c"the buffer is too small",
         /// A list of the configuration is full.
         ECAN_ERR_FULL = -7 => c"a list is full",
@@ -85,6 +85,9 @@ mirror! {
         ECAN_ERR_PRIVILEGE = -35 => c"the system denied a real-time request",
         /// A file cannot be read; ecan_last_error() names it, with the reason.
         ECAN_ERR_FILE = -36 => c"a file cannot be read",
+        /// The image has another layout_id than the profile: the device's active profile differs. Its
+        /// frames are stored.
+        ECAN_ERR_LAYOUT = -37 => c"the image has another layout than the profile",
         /// An internal fault of the library. Please report it with the text of ecan_last_error().
         ECAN_ERR_INTERNAL = -99 => c"internal fault of the library",
     }

@@ -23,6 +23,10 @@
  *   - Contexts (ecan_igh_context_t, igh_mcan_port_t, igh_cia402_context_t, ecan_igh_diagnostics_t)
  *     need no preparation before their init function and must not be moved; a second deinit is
  *     harmless. Configurations, frames and similar structs are plain data.
+ *   - Texts: functions with (char *text, size_t size, size_t *needed) store a text in UTF-8 that ends
+ *     with NUL. One that does not fit is cut between characters, and the function returns
+ *     ECAN_ERR_BUFFER. `needed` gets the bytes of the whole text, NUL included; it may be NULL. With
+ *     text NULL and size 0 only `needed` is stored. After any other error the text is empty.
  *   - Predicates (is_, has_, _is_, all_) return 1 or 0. After an error they return 0 and set
  *     ecan_last_error_code(); call ecan_clear_last_error() first to see whether it is theirs.
  *   - Memory: if the system has none left, the library ends the process (abort). Only functions

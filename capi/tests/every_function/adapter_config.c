@@ -16,7 +16,7 @@ static void no_config(int code, ecan_igh_config_t *config)
     BAD(code, ecan_igh_config_get_cycle_ns(config, &number));
     BAD(code, ecan_igh_config_get_slave_position(config, 0, &position, &position));
     BAD(code, ecan_igh_config_get_slave_pdo_multipliers(config, 0, &number, &number));
-    BAD(code, ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    BAD(code, ecan_igh_config_get_ecrt(config, text, sizeof(text), NULL));
     BAD(code, ecan_igh_config_set_ecrt(config, "sim"));
     BAD(code, ecan_igh_config_suggest_scenario(config, "echo"));
     BAD(code, ecan_igh_config_set_stepped_clock(config, 1));
@@ -48,19 +48,19 @@ static void settings(ecan_igh_config_t *config)
     char long_text[ECAN_IGH_MAX_SETTING + 1];
 
     fill_garbage(2, text, sizeof(text));
-    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text), NULL));
     SAME(0, text[0]);
     GOOD(ecan_igh_config_set_ecrt(config, "sim:echo"));
-    GOOD(ecan_igh_config_get_ecrt(config, text, 9));
+    GOOD(ecan_igh_config_get_ecrt(config, text, 9, NULL));
     TRUE(strcmp(text, "sim:echo") == 0);
-    BAD(ECAN_ERR_BUFFER, ecan_igh_config_get_ecrt(config, text, 8));
+    BAD(ECAN_ERR_BUFFER, ecan_igh_config_get_ecrt(config, text, 8, NULL));
     TRUE(strcmp(text, "sim:ech") == 0);
-    BAD(ECAN_ERR_BUFFER, ecan_igh_config_get_ecrt(config, text, 1));
+    BAD(ECAN_ERR_BUFFER, ecan_igh_config_get_ecrt(config, text, 1, NULL));
     SAME(0, text[0]);
-    BAD(ECAN_ERR_BUFFER, ecan_igh_config_get_ecrt(config, text, 0));
-    BAD(ECAN_ERR_NULL, ecan_igh_config_get_ecrt(config, NULL, sizeof(text)));
+    BAD(ECAN_ERR_BUFFER, ecan_igh_config_get_ecrt(config, text, 0, NULL));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_ecrt(config, NULL, sizeof(text), NULL));
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_ecrt(config, "\xFF\xFE"));
-    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text), NULL));
     TRUE(strcmp(text, "sim:echo") == 0);
 
     memset(long_text, 'x', sizeof(long_text));
@@ -68,11 +68,11 @@ static void settings(ecan_igh_config_t *config)
     BAD(ECAN_ERR_BUFFER, ecan_igh_config_set_ecrt(config, long_text));
     long_text[ECAN_IGH_MAX_SETTING - 1] = '\0';
     GOOD(ecan_igh_config_set_ecrt(config, long_text));
-    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text), NULL));
     TRUE(strcmp(text, long_text) == 0);
     GOOD(ecan_igh_config_set_ecrt(config, ""));
     GOOD(ecan_igh_config_set_ecrt(config, NULL));
-    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text), NULL));
     SAME(0, text[0]);
 
     GOOD(ecan_igh_config_suggest_scenario(config, "drives"));

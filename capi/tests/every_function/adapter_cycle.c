@@ -35,8 +35,8 @@ static void count_echoes(ecan_igh_context_t *context, const igh_mcan_pdo_profile
         if (igh_mcan_pdo_sequence_observe(&sequence, header.seq_begin, NULL) ==
             IGH_MCAN_PDO_NEXT) {
             next++;
-            GOOD(igh_mcan_pdo_parse_frames(tx_profile, txpdo, tx_bytes, frames,
-                                           ECAN_PDO_MAX_PACKETS, &count));
+            GOOD(igh_mcan_pdo_parse_frames_ex(tx_profile, txpdo, tx_bytes, frames,
+                                              ECAN_PDO_MAX_PACKETS, &count, NULL));
             for (size_t i = 0; i < count; i++) {
                 echoes += frames[i].can_id == 0x321 && memcmp(frames[i].data, DATA, 8) == 0;
             }

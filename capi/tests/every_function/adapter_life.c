@@ -43,7 +43,7 @@ static void no_context(int code, ecan_igh_context_t *context)
     BAD(code, ecan_igh_get_cycle_start(context, &start));
     BAD(code, ecan_igh_measure_cycles(context));
     BAD(code, ecan_igh_get_cycle_statistics(context, &statistics));
-    BAD(code, ecan_igh_get_cycle_statistics_text(context, text, sizeof(text)));
+    BAD(code, ecan_igh_get_cycle_statistics_text(context, text, sizeof(text), NULL));
     NONE(code, 0, ecan_igh_domain_is_complete(context));
     BAD(code, ecan_igh_get_domain_report(context, 0, &report));
     BAD(code, ecan_igh_get_rxpdo_buffer(context, 0, &rxpdo, &size));

@@ -9,36 +9,36 @@ static void privileges(void)
 
     BAD(ECAN_ERR_NULL, ecan_igh_default_real_time(NULL));
     GOOD(ecan_igh_default_real_time(&settings));
-    BAD(ECAN_ERR_NULL, ecan_igh_apply_real_time(NULL, report, sizeof(report)));
-    BAD(ECAN_ERR_NULL, ecan_igh_apply_real_time(&settings, NULL, 10));
+    BAD(ECAN_ERR_NULL, ecan_igh_apply_real_time(NULL, report, sizeof(report), NULL));
+    BAD(ECAN_ERR_NULL, ecan_igh_apply_real_time(&settings, NULL, 10, NULL));
 
     /* No request, no report. */
     fill_garbage(1, report, sizeof(report));
-    GOOD(ecan_igh_apply_real_time(&settings, report, sizeof(report)));
+    GOOD(ecan_igh_apply_real_time(&settings, report, sizeof(report), NULL));
     SAME(0, report[0]);
-    GOOD(ecan_igh_apply_real_time(&settings, NULL, 0));
+    GOOD(ecan_igh_apply_real_time(&settings, NULL, 0, NULL));
 
     settings.priority = 100;
-    BAD(ECAN_ERR_ARGUMENT, ecan_igh_apply_real_time(&settings, report, sizeof(report)));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_apply_real_time(&settings, report, sizeof(report), NULL));
     ERROR_HAS("100");
     settings.priority = -1;
-    BAD(ECAN_ERR_ARGUMENT, ecan_igh_apply_real_time(&settings, report, sizeof(report)));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_apply_real_time(&settings, report, sizeof(report), NULL));
     settings.priority = 0;
     settings.lock_memory = 1;
     settings.stack_bytes = UINT32_MAX;
-    BAD(ECAN_ERR_ARGUMENT, ecan_igh_apply_real_time(&settings, report, sizeof(report)));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_apply_real_time(&settings, report, sizeof(report), NULL));
     ERROR_HAS("stack");
     settings.lock_memory = 0;
 
     /* A CPU that most machines do not have: reported if it is optional, an error if it is
      * required. */
     settings.cpu_mask = UINT64_C(1) << 63;
-    GOOD(ecan_igh_apply_real_time(&settings, report, sizeof(report)));
+    GOOD(ecan_igh_apply_real_time(&settings, report, sizeof(report), NULL));
     TEXT_HAS("CPU 63: not granted", report);
-    GOOD(ecan_igh_apply_real_time(&settings, report, 8));
+    BAD(ECAN_ERR_BUFFER, ecan_igh_apply_real_time(&settings, report, 8, NULL));
     SAME(7, strlen(report));
     settings.is_required = 1;
-    BAD(ECAN_ERR_PRIVILEGE, ecan_igh_apply_real_time(&settings, report, sizeof(report)));
+    BAD(ECAN_ERR_PRIVILEGE, ecan_igh_apply_real_time(&settings, report, sizeof(report), NULL));
     ERROR_HAS("CPU 63");
     TEXT_HAS("CPU 63", report);
 
@@ -46,7 +46,7 @@ static void privileges(void)
     settings.is_required = 0;
     settings.cpu_mask = 0;
     settings.priority = 1;
-    applied = ecan_igh_apply_real_time(&settings, report, sizeof(report));
+    applied = ecan_igh_apply_real_time(&settings, report, sizeof(report), NULL);
     SAME(ECAN_OK, applied);
     TEXT_HAS("SCHED_FIFO priority 1: ", report);
 }
@@ -71,7 +71,7 @@ static void statistics(ecan_igh_context_t *context)
     GOOD(ecan_igh_set_cycle_timing(context, 0, 0));
     BAD(ECAN_ERR_ORDER, ecan_igh_get_cycle_statistics(context, &measured));
     ERROR_HAS("ecan_igh_measure_cycles");
-    BAD(ECAN_ERR_ORDER, ecan_igh_get_cycle_statistics_text(context, text, sizeof(text)));
+    BAD(ECAN_ERR_ORDER, ecan_igh_get_cycle_statistics_text(context, text, sizeof(text), NULL));
     GOOD(ecan_igh_measure_cycles(context));
     GOOD(ecan_igh_get_cycle_statistics(context, &measured));
     SAME(0, measured.cycles);
@@ -89,11 +89,11 @@ static void statistics(ecan_igh_context_t *context)
     SAME(101, measured.run_time.count);
     SAME(0, measured.skipped);
     SAME(0, measured.max_period_error_ns);
-    GOOD(ecan_igh_get_cycle_statistics_text(context, text, sizeof(text)));
+    GOOD(ecan_igh_get_cycle_statistics_text(context, text, sizeof(text), NULL));
     TEXT_HAS("master_period: min/max 1000.000/1000.000 us", text);
     TEXT_HAS("cycles 101, overruns 0, skipped 0", text);
     BAD(ECAN_ERR_NULL, ecan_igh_get_cycle_statistics(context, NULL));
-    BAD(ECAN_ERR_NULL, ecan_igh_get_cycle_statistics_text(context, NULL, 1));
+    BAD(ECAN_ERR_NULL, ecan_igh_get_cycle_statistics_text(context, NULL, 1, NULL));
     BAD(ECAN_ERR_NULL, ecan_igh_get_cycle_start(context, NULL));
 }
 

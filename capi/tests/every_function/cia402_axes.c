@@ -64,11 +64,11 @@ static void no_context(int code, igh_cia402_context_t *context)
     BAD(code, igh_cia402_home(context, 0, &homing));
     BAD(code, igh_cia402_begin_shutdown(context));
     BAD(code, igh_cia402_get_axis_state(context, 0, &state));
-    BAD(code, igh_cia402_get_axis_text(context, 0, text, sizeof(text)));
+    BAD(code, igh_cia402_get_axis_text(context, 0, text, sizeof(text), NULL));
     NONE(code, 0, igh_cia402_all_running(context));
     NONE(code, 0, igh_cia402_shutdown_is_done(context));
     BAD(code, igh_cia402_get_host_loss(context, 0, &loss));
-    BAD(code, igh_cia402_get_host_loss_text(context, 0, text, sizeof(text)));
+    BAD(code, igh_cia402_get_host_loss_text(context, 0, text, sizeof(text), NULL));
     BAD(code, igh_cia402_get_axis_statistics(context, 0, &statistics));
     BAD(code, igh_cia402_get_bus_load(context, &load, 1, &count));
     BAD(code, igh_cia402_sdo_upload(context, 0, 0x1000, 0, data, 8, &count, 100));
@@ -111,9 +111,9 @@ static void null_pointers(igh_mcan_port_t *port, igh_cia402_context_t *context)
     BAD(ECAN_ERR_NULL, igh_cia402_get_send_summary(context, NULL));
     BAD(ECAN_ERR_NULL, igh_cia402_home(context, 0, NULL));
     BAD(ECAN_ERR_NULL, igh_cia402_get_axis_state(context, 0, NULL));
-    BAD(ECAN_ERR_NULL, igh_cia402_get_axis_text(context, 0, NULL, 10));
+    BAD(ECAN_ERR_NULL, igh_cia402_get_axis_text(context, 0, NULL, 10, NULL));
     BAD(ECAN_ERR_NULL, igh_cia402_get_host_loss(context, 0, NULL));
-    BAD(ECAN_ERR_NULL, igh_cia402_get_host_loss_text(context, 0, NULL, 10));
+    BAD(ECAN_ERR_NULL, igh_cia402_get_host_loss_text(context, 0, NULL, 10, NULL));
     BAD(ECAN_ERR_NULL, igh_cia402_get_axis_statistics(context, 0, NULL));
     BAD(ECAN_ERR_NULL, igh_cia402_get_bus_load(context, NULL, 1, &count));
     BAD(ECAN_ERR_NULL, igh_cia402_get_bus_load(context, &load, 1, NULL));
@@ -155,9 +155,9 @@ static void wrong_axis(igh_cia402_context_t *context, size_t axis)
     BAD(code, igh_cia402_change_mode(context, axis, IGH_CIA402_MODE_CSP));
     BAD(code, igh_cia402_home(context, axis, &homing));
     BAD(code, igh_cia402_get_axis_state(context, axis, &state));
-    BAD(code, igh_cia402_get_axis_text(context, axis, text, sizeof(text)));
+    BAD(code, igh_cia402_get_axis_text(context, axis, text, sizeof(text), NULL));
     BAD(code, igh_cia402_get_host_loss(context, axis, &loss));
-    BAD(code, igh_cia402_get_host_loss_text(context, axis, text, sizeof(text)));
+    BAD(code, igh_cia402_get_host_loss_text(context, axis, text, sizeof(text), NULL));
     BAD(code, igh_cia402_get_axis_statistics(context, axis, &statistics));
     BAD(code, igh_cia402_sdo_start_upload(context, axis, 0x1000, 0));
     BAD(code, igh_cia402_sdo_start_download(context, axis, 0x1017, 0, VALUE, 2));

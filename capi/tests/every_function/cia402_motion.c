@@ -336,12 +336,13 @@ static void text_and_load(void)
     char cut[8];
     size_t count = 99;
 
-    GOOD(igh_cia402_get_axis_text(&motors, 2, text, sizeof(text)));
+    GOOD(igh_cia402_get_axis_text(&motors, 2, text, sizeof(text), NULL));
     TEXT_HAS("axis 2, node 2", text);
-    igh_cia402_get_axis_text(&motors, 2, cut, sizeof(cut));
+    BAD(ECAN_ERR_BUFFER, igh_cia402_get_axis_text(&motors, 2, cut, sizeof(cut), &count));
+    SAME(strlen(text) + 1, count);
     SAME(0, strncmp(cut, text, sizeof(cut) - 1));
     SAME(0, cut[sizeof(cut) - 1]);
-    igh_cia402_get_axis_text(&motors, 2, cut, 1);
+    BAD(ECAN_ERR_BUFFER, igh_cia402_get_axis_text(&motors, 2, cut, 1, NULL));
     SAME(0, cut[0]);
     GOOD(igh_cia402_get_host_loss(&motors, 0, &loss));
     SAME(IGH_CIA402_HOST_LOSS_REACTION_QUICK_STOP, loss.reaction);
@@ -351,10 +352,10 @@ static void text_and_load(void)
     SAME(1, loss.is_controlled_stop);
     SAME(1, loss.has_deceleration);
     TRUE(loss.deceleration > 0);
-    GOOD(igh_cia402_get_host_loss_text(&motors, 2, text, sizeof(text)));
+    GOOD(igh_cia402_get_host_loss_text(&motors, 2, text, sizeof(text), NULL));
     TEXT_HAS("axis 2, node 2", text);
     TEXT_HAS("quick stop", text);
-    igh_cia402_get_host_loss_text(&motors, 2, cut, 1);
+    BAD(ECAN_ERR_BUFFER, igh_cia402_get_host_loss_text(&motors, 2, cut, 1, NULL));
     SAME(0, cut[0]);
     GOOD(igh_cia402_get_bus_load(&motors, loads, 3, &count));
     SAME(2, count);

@@ -45,12 +45,13 @@ static const struct {
     {ECAN_ERR_STOPPED, "ECAN_ERR_STOPPED"},
     {ECAN_ERR_PRIVILEGE, "ECAN_ERR_PRIVILEGE"},
     {ECAN_ERR_FILE, "ECAN_ERR_FILE"},
+    {ECAN_ERR_LAYOUT, "ECAN_ERR_LAYOUT"},
     {ECAN_ERR_INTERNAL, "ECAN_ERR_INTERNAL"},
 };
 
 static void codes(void)
 {
-    static const int NO_CODES[] = {1, 100, -37, -98, -100, INT32_MAX, INT32_MIN};
+    static const int NO_CODES[] = {1, 100, -38, -98, -100, INT32_MAX, INT32_MIN};
     for (size_t i = 0; i < ITEMS(CODES); i++) {
         TRUE(strcmp(ecan_result_name(CODES[i].code), CODES[i].name) == 0);
         TRUE(ecan_result_text(CODES[i].code)[0] != '\0');

@@ -228,7 +228,7 @@ static void replaced(const char *path)
         GOOD(ecan_igh_config_add_startup_sdo(&igh_config, 0, 0x2000, 1, VALUE, 1));
     }
     GOOD(igh_mcan_port_load_config(&igh_config, &config, path));
-    GOOD(ecan_igh_config_get_ecrt(&igh_config, setting, sizeof(setting)));
+    GOOD(ecan_igh_config_get_ecrt(&igh_config, setting, sizeof(setting), NULL));
     TRUE(strcmp(setting, "sim:echo") == 0);
     GOOD(ecan_igh_config_get_slave_count(&igh_config, &count));
     SAME(1, count);

@@ -118,7 +118,8 @@ static void faulty_profile(int code, igh_mcan_pdo_profile_t profile)
     NONE(code, 0, igh_mcan_pdo_layout_id(&profile));
     NONE(code, 0, igh_mcan_pdo_bytes(&profile));
     BAD(code, igh_mcan_pdo_writer_init(&writer, &profile));
-    BAD(code, igh_mcan_pdo_parse_frames(&profile, image, sizeof(image), &frame, 1, &count));
+    BAD(code,
+        igh_mcan_pdo_parse_frames_ex(&profile, image, sizeof(image), &frame, 1, &count, NULL));
     BAD(code,
         igh_mcan_pdo_parse_frames_ex(&profile, image, sizeof(image), &frame, 1, &count, NULL));
 }

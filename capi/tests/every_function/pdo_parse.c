@@ -83,13 +83,9 @@ static void sound(void)
     SAME(0, memcmp(frames[0].data, DATA, 8));
     SAME(0, frames[0].data[8]);
     count = 99;
-    GOOD(igh_mcan_pdo_parse_frames(&profile, image, sizeof(image), frames, 1, &count));
+    GOOD(igh_mcan_pdo_parse_frames_ex(&profile, image, sizeof(image), frames, 1, &count, NULL));
     SAME(1, count);
 
-    BAD(ECAN_ERR_NULL, igh_mcan_pdo_parse_frames(NULL, image, sizeof(image), frames, 4, &count));
-    BAD(ECAN_ERR_NULL, igh_mcan_pdo_parse_frames(&profile, NULL, 1024, frames, 4, &count));
-    BAD(ECAN_ERR_NULL, igh_mcan_pdo_parse_frames(&profile, image, 1024, NULL, 4, &count));
-    BAD(ECAN_ERR_NULL, igh_mcan_pdo_parse_frames(&profile, image, 1024, frames, 4, NULL));
     BAD(ECAN_ERR_NULL,
         igh_mcan_pdo_parse_frames_ex(NULL, image, sizeof(image), frames, 4, &count, &diag));
     BAD(ECAN_ERR_NULL,
@@ -98,9 +94,10 @@ static void sound(void)
         igh_mcan_pdo_parse_frames_ex(&profile, image, 1024, NULL, 4, &count, &diag));
     BAD(ECAN_ERR_NULL,
         igh_mcan_pdo_parse_frames_ex(&profile, image, 1024, frames, 4, NULL, &diag));
-    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_parse_frames(&profile, image, 0, frames, 4, &count));
-    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_parse_frames(&profile, image, 1, frames, 4, &count));
-    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_parse_frames(&profile, image, 1023, frames, 4, &count));
+    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_parse_frames_ex(&profile, image, 0, frames, 4, &count, NULL));
+    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_parse_frames_ex(&profile, image, 1, frames, 4, &count, NULL));
+    BAD(ECAN_ERR_BUFFER,
+        igh_mcan_pdo_parse_frames_ex(&profile, image, 1023, frames, 4, &count, NULL));
     count = 99;
     BAD(ECAN_ERR_BUFFER,
         igh_mcan_pdo_parse_frames_ex(&profile, image, 1024, NULL, 0, &count, &diag));
@@ -126,7 +123,8 @@ static void broken(void)
     SAME(0x56d3, diag.payload_crc16);
     SAME(igh_mcan_pdo_crc16(image + 24, 12), diag.computed_crc16);
     SAME(0x01e7, diag.layout_id);
-    BAD(ECAN_ERR_PARSE, igh_mcan_pdo_parse_frames(&profile, image, 1024, frames, 4, &count));
+    BAD(ECAN_ERR_PARSE,
+        igh_mcan_pdo_parse_frames_ex(&profile, image, 1024, frames, 4, &count, NULL));
 
     check_about("an image that is being written");
     make_example();
@@ -170,7 +168,8 @@ static void broken(void)
     check_about("two packets, room for one");
     image[36] &= 0xF8;
     seal_payload(24);
-    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_parse_frames(&profile, image, 1024, frames, 1, &count));
+    BAD(ECAN_ERR_BUFFER,
+        igh_mcan_pdo_parse_frames_ex(&profile, image, 1024, frames, 1, &count, NULL));
     SAME(1, count);
 
     check_about("a kind that there is not");
@@ -228,7 +227,7 @@ static void any_bytes(void)
         TRUE(code == ECAN_OK || code == ECAN_ERR_PARSE || code == ECAN_ERR_IMAGE_BUSY);
         TRUE(count <= ECAN_PDO_MAX_PACKETS);
         TRUE((code == ECAN_OK) == (diag.error == 0));
-        GOOD(igh_mcan_pdo_diag_text(&diag, text, sizeof(text)));
+        GOOD(igh_mcan_pdo_diag_text(&diag, text, sizeof(text), NULL));
     }
 }
 
@@ -240,28 +239,64 @@ static void diagnosis_text(void)
     char text[256];
     size_t count = 0;
     size_t length;
+    size_t needed = 0;
 
     make_example();
     image[30] ^= 0x01;
     igh_mcan_pdo_parse_frames_ex(&profile, image, 1024, frames, 4, &count, &diag);
-    GOOD(igh_mcan_pdo_diag_text(&diag, whole, sizeof(whole)));
+    GOOD(igh_mcan_pdo_diag_text(&diag, whole, sizeof(whole), NULL));
     length = strlen(whole);
     TRUE(length > 0);
-    GOOD(igh_mcan_pdo_diag_text(&diag, text, length + 1));
+    GOOD(igh_mcan_pdo_diag_text(&diag, text, length + 1, NULL));
     TRUE(strcmp(text, whole) == 0);
-    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_diag_text(&diag, text, length));
+    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_diag_text(&diag, text, length, NULL));
     SAME(length - 1, strlen(text));
-    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_diag_text(&diag, text, 1));
+    GOOD(igh_mcan_pdo_diag_text(&diag, NULL, 0, &needed));
+    SAME(length + 1, needed);
+    needed = 0;
+    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_diag_text(&diag, text, 2, &needed));
+    SAME(length + 1, needed);
+    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_diag_text(&diag, text, 1, NULL));
     SAME(0, text[0]);
-    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_diag_text(&diag, text, 0));
-    BAD(ECAN_ERR_NULL, igh_mcan_pdo_diag_text(NULL, text, sizeof(text)));
-    BAD(ECAN_ERR_NULL, igh_mcan_pdo_diag_text(&diag, NULL, sizeof(text)));
+    BAD(ECAN_ERR_BUFFER, igh_mcan_pdo_diag_text(&diag, text, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_pdo_diag_text(NULL, text, sizeof(text), NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_pdo_diag_text(&diag, NULL, sizeof(text), NULL));
     memset(&diag, 0, sizeof(diag));
-    GOOD(igh_mcan_pdo_diag_text(&diag, text, sizeof(text)));
+    GOOD(igh_mcan_pdo_diag_text(&diag, text, sizeof(text), NULL));
     diag.error = 999;
-    BAD(ECAN_ERR_ARGUMENT, igh_mcan_pdo_diag_text(&diag, text, sizeof(text)));
+    BAD(ECAN_ERR_ARGUMENT, igh_mcan_pdo_diag_text(&diag, text, sizeof(text), NULL));
     diag.error = 1;
-    BAD(ECAN_ERR_ARGUMENT, igh_mcan_pdo_diag_text(&diag, text, sizeof(text)));
+    BAD(ECAN_ERR_ARGUMENT, igh_mcan_pdo_diag_text(&diag, text, sizeof(text), NULL));
+}
+
+/* The device has N = 8, the profile N = 7: the frames are read, and the difference is reported. */
+static void other_layout(void)
+{
+    igh_mcan_pdo_profile_t device;
+    igh_mcan_pdo_parse_diag_t diag;
+    igh_mcan_rx_frame_t frames[1];
+    char text[256];
+    size_t count = 0;
+
+    make_example();
+    device = profile;
+    GOOD(igh_mcan_pdo_profile_default(&profile, IGH_MCAN_RXPDO, 7, 0x0f));
+    BAD(ECAN_ERR_LAYOUT,
+        igh_mcan_pdo_parse_frames_ex(&profile, image, 896, frames, 1, &count, &diag));
+    ERROR_HAS("layout_id 0x01E7, the profile 0x01E6");
+    SAME(1, count);
+    SAME(0x123, frames[0].can_id);
+    SAME(IGH_MCAN_PDO_LAYOUT, diag.error);
+    SAME(0x01E7, diag.layout_id);
+    SAME(1, diag.seq);
+    GOOD(igh_mcan_pdo_diag_text(&diag, text, sizeof(text), NULL));
+    TEXT_HAS("layout_id 0x01E7", text);
+    /* A fault of the image comes first. */
+    image[30] ^= 0x01;
+    BAD(ECAN_ERR_PARSE,
+        igh_mcan_pdo_parse_frames_ex(&profile, image, 896, frames, 1, &count, &diag));
+    SAME(IGH_MCAN_PDO_BAD_CRC, diag.error);
+    profile = device;
 }
 
 static void sequences(void)
@@ -294,5 +329,6 @@ void test_pdo_parse(void)
     broken();
     any_bytes();
     diagnosis_text();
+    other_layout();
     sequences();
 }

@@ -19,19 +19,20 @@ static void frames(void)
     stream[1].frames = 1;
     stream[1].cycles = 10;
     stream[1].route = IGH_MCAN_ROUTE_FROM_BUS;
-    GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 2, text, sizeof(text)));
+    GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 2, text, sizeof(text), NULL));
     TEXT_HAS("plan for 1 gateway(s), cycle 1000.0 us", text);
     TEXT_HAS("slave 0 LRW 768", text);
     TEXT_HAS("classic, 29 bit, 8 bytes", text);
     TEXT_HAS("no problems found", text);
-    GOOD(igh_mcan_port_plan(&igh_config, &config, NULL, 0, NULL, 0));
-    GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 2, text, 10));
+    GOOD(igh_mcan_port_plan(&igh_config, &config, NULL, 0, NULL, 0, NULL));
+    BAD(ECAN_ERR_BUFFER, igh_mcan_port_plan(&igh_config, &config, stream, 2, text, 10, NULL));
     SAME(9, strlen(text));
 
     /* Eight frames of 135 bits do not fit a millisecond; every fault is reported. */
     stream[0].frames = 8;
     GOOD(ecan_igh_config_set_pdo_multiplier(&igh_config, 12));
-    BAD(ECAN_ERR_CONFIG, igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));
+    BAD(ECAN_ERR_CONFIG,
+        igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text), NULL));
     ERROR_HAS("% of the bus");
     ERROR_HAS("1486");
     TEXT_HAS("plan for 1 gateway(s)", text);
@@ -40,25 +41,26 @@ static void frames(void)
     /* A schedule without Sync0. */
     stream[0].frames = 1;
     GOOD(igh_mcan_tx_frame_set_schedule(&stream[0].frame, 100000, 1));
-    BAD(ECAN_ERR_CONFIG, igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));
+    BAD(ECAN_ERR_CONFIG,
+        igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text), NULL));
     GOOD(ecan_igh_config_set_dc_sync0(&igh_config, 1000, 700));
-    GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));
+    GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text), NULL));
     TEXT_HAS("leaves at", text);
     GOOD(ecan_igh_config_set_dc_sync0(&igh_config, 0, 0));
 
     stream[0].route = 3;
-    BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0));
+    BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0, NULL));
     stream[0].route = 0;
     stream[0].frames = 2;
     stream[0].cycles = 3;
-    BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0));
+    BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0, NULL));
     stream[0].cycles = 0;
     stream[0].frame.len = 9;
-    BAD(ECAN_ERR_FRAME, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(NULL, &config, stream, 1, NULL, 0));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(&igh_config, NULL, stream, 1, NULL, 0));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(&igh_config, &config, NULL, 1, NULL, 0));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(&igh_config, &config, stream, 0, NULL, 1));
+    BAD(ECAN_ERR_FRAME, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(NULL, &config, stream, 1, NULL, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(&igh_config, NULL, stream, 1, NULL, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(&igh_config, &config, NULL, 1, NULL, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(&igh_config, &config, stream, 0, NULL, 1, NULL));
 }
 
 static void axes(void)
@@ -68,17 +70,18 @@ static void axes(void)
     memset(axis, 0, sizeof(axis));
     GOOD(igh_cia402_axis_init(&axis[0], 0, 0, 1, 0));
     BAD(ECAN_ERR_NOT_INITIALISED,
-        igh_cia402_plan(&igh_config, &config, axis, 2, 1, text, sizeof(text)));
+        igh_cia402_plan(&igh_config, &config, axis, 2, 1, text, sizeof(text), NULL));
     GOOD(igh_cia402_axis_init(&axis[1], 0, 0, 2, 0));
-    GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 0, text, sizeof(text)));
+    GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 0, text, sizeof(text), NULL));
     TEXT_HAS("slave 0 can0", text);
-    GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 4, text, sizeof(text)));
+    GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 4, text, sizeof(text), NULL));
     GOOD(igh_cia402_axis_init(&axis[1], 0, 1, 2, 0));
-    BAD(ECAN_ERR_CONFIG, igh_cia402_plan(&igh_config, &config, axis, 2, 1, text, sizeof(text)));
+    BAD(ECAN_ERR_CONFIG,
+        igh_cia402_plan(&igh_config, &config, axis, 2, 1, text, sizeof(text), NULL));
     ERROR_HAS("channel 1");
-    BAD(ECAN_ERR_NULL, igh_cia402_plan(&igh_config, &config, NULL, 1, 1, NULL, 0));
-    BAD(ECAN_ERR_NULL, igh_cia402_plan(NULL, &config, axis, 1, 1, NULL, 0));
-    BAD(ECAN_ERR_NULL, igh_cia402_plan(&igh_config, NULL, axis, 1, 1, NULL, 0));
+    BAD(ECAN_ERR_NULL, igh_cia402_plan(&igh_config, &config, NULL, 1, 1, NULL, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_cia402_plan(NULL, &config, axis, 1, 1, NULL, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_cia402_plan(&igh_config, NULL, axis, 1, 1, NULL, 0, NULL));
 }
 
 void test_plan(void)

@@ -296,7 +296,7 @@ static void faults(void)
     GOOD(igh_mcan_port_get_parse_diag(&port, 0, &diag));
     SAME(IGH_MCAN_PDO_BAD_CRC, diag.error);
     TRUE(diag.payload_crc16 != diag.computed_crc16);
-    GOOD(igh_mcan_pdo_diag_text(&diag, text, sizeof(text)));
+    GOOD(igh_mcan_pdo_diag_text(&diag, text, sizeof(text), NULL));
     TEXT_HAS("CRC", text);
     GOOD(igh_mcan_port_deinit(&port));
     GOOD(ecan_igh_deinit(&igh));

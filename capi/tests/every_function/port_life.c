@@ -40,7 +40,8 @@ static void no_port(int code, igh_mcan_port_t *port)
     BAD(code, igh_mcan_port_get_last_ticket(port, &ticket));
     NONE(code, 0, igh_mcan_port_image_room(port, 0));
     BAD(code, igh_mcan_port_discard_pending(port, 0));
-    BAD(code, igh_mcan_port_get_session(port, 0, NULL, 0));
+    BAD(code, igh_mcan_port_get_session(port, 0));
+    BAD(code, igh_mcan_port_get_session_text(port, 0, NULL, 0, NULL));
     BAD(code, igh_mcan_port_get_cycle_report(port, 0, &report));
     BAD(code, igh_mcan_port_get_parse_diag(port, 0, &diag));
     BAD(code, igh_mcan_port_get_channel_status(port, 0, 0, &status));
@@ -49,7 +50,8 @@ static void no_port(int code, igh_mcan_port_t *port)
     BAD(code, igh_mcan_port_get_schedule_margin(port, 0, 0, &margin));
     BAD(code, igh_mcan_port_get_schedule_account(port, 0, 0, &account));
     BAD(code, igh_mcan_port_get_schedule_diagnostics(port, 0, &schedule));
-    BAD(code, igh_mcan_port_get_schedule_fault(port, 0, NULL, 0));
+    BAD(code, igh_mcan_port_get_schedule_fault(port, 0));
+    BAD(code, igh_mcan_port_get_schedule_fault_text(port, 0, NULL, 0, NULL));
     BAD(code, igh_mcan_port_clear_schedule_flags(port, 0));
     BAD(code, igh_mcan_port_get_capabilities(port, 0, &capabilities));
     if (port == NULL) {
@@ -103,7 +105,10 @@ static void wrong_indices(igh_mcan_port_t *port, size_t slave)
     igh_mcan_channel_statistics_t channel_statistics;
     igh_mcan_capabilities_t capabilities;
 
-    BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_session(port, slave, text, sizeof(text)));
+    BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_session(port, slave));
+    memset(text, 'x', sizeof(text));
+    BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_session_text(port, slave, text, sizeof(text), NULL));
+    SAME(0, text[0]);
     BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_cycle_report(port, slave, &report));
     BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_parse_diag(port, slave, &diag));
     BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_channel_status(port, slave, 0, &status));
@@ -130,11 +135,14 @@ static void before_it_is_active(igh_mcan_port_t *port)
     size_t count = 99;
 
     SAME(0, igh_mcan_port_is_ready(port));
-    SAME(IGH_MCAN_SESSION_WAITING, igh_mcan_port_get_session(port, 0, text, sizeof(text)));
-    TRUE(text[0] != '\0');
-    SAME(IGH_MCAN_SESSION_WAITING, igh_mcan_port_get_session(port, 0, text, 1));
-    SAME(0, text[0]);
-    SAME(IGH_MCAN_SESSION_WAITING, igh_mcan_port_get_session(port, 0, NULL, 100));
+    SAME(IGH_MCAN_SESSION_WAITING, igh_mcan_port_get_session(port, 0));
+    GOOD(igh_mcan_port_get_session_text(port, 0, text, sizeof(text), NULL));
+    GOOD(igh_mcan_port_get_session_text(port, 0, NULL, 0, &count));
+    SAME(strlen(text) + 1, count);
+    TRUE(count > 1);
+    BAD(ECAN_ERR_BUFFER, igh_mcan_port_get_session_text(port, 0, text, count - 1, NULL));
+    SAME(count - 2, strlen(text));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_session_text(port, 0, NULL, 100, NULL));
     GOOD(igh_mcan_port_get_capabilities(port, 0, &capabilities));
     SAME(4, capabilities.channel_count);
     SAME(1, capabilities.multiplier_min);
@@ -253,7 +261,7 @@ static void at_run_time(void)
     GOOD(ecan_igh_wait_op_timeout(&igh, 20000));
     GOOD(ecan_igh_wait_op_timeout(&igh, 20000));
     SAME(1, igh_mcan_port_is_ready(&port));
-    SAME(IGH_MCAN_SESSION_READY, igh_mcan_port_get_session(&port, 0, NULL, 0));
+    SAME(IGH_MCAN_SESSION_READY, igh_mcan_port_get_session(&port, 0));
     BAD(ECAN_ERR_ORDER, ecan_igh_receive(&igh));
     BAD(ECAN_ERR_ORDER, ecan_igh_send(&igh));
     null_pointers(&igh, &port);

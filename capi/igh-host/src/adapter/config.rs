@@ -6,7 +6,7 @@
 use std::ffi::c_char;
 
 use ecan_c_boundary::result::ecan_result_t::{self, *};
-use ecan_c_boundary::{Call, Opaque, pointers, put_text};
+use ecan_c_boundary::{Call, Opaque, pointers};
 use ecan_c_export::export;
 use ecan_host::{
     AdapterConfig, Error, ImageTimes, MAX_SLAVES, MAX_STARTUP_STEPS, SlaveConfig, StartupPlan,
@@ -185,20 +185,18 @@ pub fn ecan_igh_check_config(config: *const ecan_igh_config_t) {
 
 /// Gets the setting `ecrt` of a configuration, which selects the EtherCAT master library.
 ///
-/// @param setting  Buffer; "" if nothing is set and the environment decides.
-/// @param size     Its bytes; ECAN_IGH_MAX_SETTING are enough.
+/// @param setting  "" if nothing is set and the environment decides. See the rules for texts in
+///                 igh_ecan_common.h; ECAN_IGH_MAX_SETTING bytes are enough.
 ///
 /// @usage   not rt, any thread, any time
-/// @return  ECAN_OK, or ECAN_ERR_BUFFER with the text cut.
+/// @return  ECAN_OK, ECAN_ERR_BUFFER.
 #[export(call)]
 pub fn ecan_igh_config_get_ecrt(
     config: *const ecan_igh_config_t,
     setting: *mut c_char,
     size: usize,
+    needed: *mut usize,
 ) {
-    pointers!(call, sealed(config), room(setting, size));
-    if put_text(&mut setting, config.ecrt.as_ref().and_then(Text::get).unwrap_or_default()) {
-        return Ok(());
-    }
-    Err(call.fail(ECAN_ERR_BUFFER, format_args!("the buffer of {size} bytes is too small")))
+    pointers!(call, out_text(setting, size, needed), sealed(config));
+    setting.put(call, config.ecrt.as_ref().and_then(Text::get).unwrap_or_default())
 }

@@ -5,7 +5,7 @@
 use std::ffi::c_char;
 
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{Call, mirror, pointers, put_text};
+use ecan_c_boundary::{Call, mirror, pointers};
 use ecan_c_export::export;
 use ecan_host::{
     Adapter, CycleStart, CycleStatistics, CycleTiming, Distribution, MAX_SPIN_NS, Need,
@@ -140,36 +140,35 @@ pub fn ecan_igh_default_real_time(settings: *mut ecan_igh_real_time_t) {
 /// Call it once in the thread of the cycle, before the cycle and after starting threads that must
 /// not inherit priority and affinity.
 ///
-/// @param report  A line for each request: granted, or the reason and what to do. Cut if it does
-///                not fit.
-/// @param size    Bytes of the report, NUL included; 0 for no report.
+/// @param report  A line for each request: granted, or the reason and what to do. See the rules for
+///                texts in igh_ecan_common.h; 1024 bytes are enough.
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also if a request that is not required was denied; ECAN_ERR_PRIVILEGE if a
 ///          required one was denied: granted requests stay in force. ECAN_ERR_ARGUMENT for a value
-///          out of range, with nothing applied.
+///          out of range, with nothing applied. ECAN_ERR_BUFFER if only the report was cut.
 #[export(call)]
 pub fn ecan_igh_apply_real_time(
     settings: *const ecan_igh_real_time_t,
     report: *mut c_char,
     size: usize,
+    needed: *mut usize,
 ) {
-    pointers!(call, read(settings), room(report, size));
+    pointers!(call, read(settings), out_text(report, size, needed));
     let applied = config(call, settings)?.apply();
     let text = match &applied {
         Ok(report) | Err(RealTimeError::Missing(report)) => report.to_string(),
         Err(_) => String::new(),
     };
-    if size > 0 {
-        put_text(&mut report, &text);
-    }
+    let stored = report.put(call, &text);
     applied.map(drop).map_err(|error| {
         let code = match error {
             RealTimeError::Settings(_) => ecan_result_t::ECAN_ERR_ARGUMENT,
             _ => ecan_result_t::ECAN_ERR_PRIVILEGE,
         };
         call.fail(code, format_args!("{error}"))
-    })
+    })?;
+    stored
 }
 
 /// Sets how ecan_igh_wait_next_cycle() waits, from the next wait on. By default it neither spins
@@ -239,17 +238,18 @@ pub fn ecan_igh_get_cycle_statistics(
 /// Gets the timing of the cycles as text, as in manual 13.9: four lines, the first of them
 /// master_period.
 ///
-/// @param text  Cut if it does not fit; 512 bytes are enough.
+/// @param text  See the rules for texts in igh_ecan_common.h; 512 bytes are enough.
 ///
 /// @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
-/// @return  As ecan_igh_get_cycle_statistics().
+/// @return  As ecan_igh_get_cycle_statistics(); ECAN_ERR_BUFFER.
 #[export(call, bus bus)]
 pub fn ecan_igh_get_cycle_statistics_text(
     context: *mut ecan_igh_context_t,
     text: *mut c_char,
     size: usize,
+    needed: *mut usize,
 ) {
-    pointers!(call, room(text, size));
+    pointers!(call, out_text(text, size, needed));
     let measured = need_statistics(call, bus.need_adapter(call)?)?;
-    put_text(&mut text, &measured.to_string());
+    text.put(call, &measured.to_string())
 }

@@ -3,7 +3,7 @@
 use std::ffi::c_char;
 
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{mirror, pointers, put_text};
+use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
 use ecan_cia402::{HostLoss, HostLossReaction, HostWatch, StopRamp};
 
@@ -126,20 +126,20 @@ pub fn igh_cia402_get_host_loss(
 /// Gets the reaction of a drive to the loss of the host as text: "axis 2, node 5 (slave 0, channel
 /// 1), CSV: runs on if the host is lost (the host sends no heartbeat)" for example.
 ///
-/// @param text  Gets the text, with NUL at the end; cut if it does not fit.
-/// @param size  Bytes of the buffer.
+/// @param text  See the rules for texts in igh_ecan_common.h.
 ///
 /// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_BUFFER.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_get_host_loss_text(
     context: *mut igh_cia402_context_t,
     axis: usize,
     text: *mut c_char,
     size: usize,
+    needed: *mut usize,
 ) {
-    pointers!(call, room(text, size));
+    pointers!(call, out_text(text, size, needed));
     need_axis(call, cia402, axis)?;
-    if let Some(loss) = cia402.host_loss(axis) {
-        put_text(&mut text, &loss.to_string());
-    }
+    let loss = cia402.host_loss(axis).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)?;
+    text.put(call, &loss.to_string())
 }

@@ -29,8 +29,10 @@ pub fn igh_cia402_plan(
     motion_div: u32,
     text: *mut c_char,
     size: usize,
+    needed: *mut usize,
 ) {
-    pointers!(call, sealed(igh_config), sealed(config), items(axes, axis_count), room(text, size));
+    pointers!(call, out_text(text, size, needed));
+    pointers!(call, sealed(igh_config), sealed(config), items(axes, axis_count));
     let axes = AxisTable::read(call, axes)?.into_axes(call, |_| Vec::new())?;
     let settings = Cia402Config { motion_div: motion_div.max(1), ..Cia402Config::default() };
     plan(call, igh_config, config, &axis_traffic(&axes, &settings), text)

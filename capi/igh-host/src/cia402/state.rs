@@ -2,8 +2,8 @@
 
 use std::ffi::{c_char, c_int};
 
+use ecan_c_boundary::pointers;
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{pointers, put_text};
 use ecan_c_export::export;
 use ecan_cia402::{Cia402, GuardState, Shutdown};
 
@@ -150,22 +150,22 @@ pub fn igh_cia402_get_axis_state(
 /// Gets the state of an axis as text, with its time and the reason if it does not continue: "axis
 /// 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms" for example.
 ///
-/// @param text  Gets the text, with NUL at the end; cut if it does not fit.
-/// @param size  Bytes of the buffer.
+/// @param text  See the rules for texts in igh_ecan_common.h.
 ///
 /// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_BUFFER.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_get_axis_text(
     context: *mut igh_cia402_context_t,
     axis: usize,
     text: *mut c_char,
     size: usize,
+    needed: *mut usize,
 ) {
-    pointers!(call, room(text, size));
+    pointers!(call, out_text(text, size, needed));
     need_axis(call, cia402, axis)?;
-    if let Some(progress) = cia402.progress(axis) {
-        put_text(&mut text, &progress.to_string());
-    }
+    let progress = cia402.progress(axis).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)?;
+    text.put(call, &progress.to_string())
 }
 
 /// Returns 1 if all axes follow the application's targets; 0 while one is halted.

@@ -251,7 +251,8 @@ fn progress_is_reported_once_per_change() {
         ok(igh_cia402_set_progress_callback(rig.motors(), None, null_mut()));
         ok(igh_cia402_finish_all_timeout(rig.motors(), 100));
         let mut text = [1; 8];
-        ok(igh_cia402_get_axis_text(rig.motors(), 0, text.as_mut_ptr(), 8));
+        let cut = igh_cia402_get_axis_text(rig.motors(), 0, text.as_mut_ptr(), 8, null_mut());
+        assert_eq!(cut, code(ECAN_ERR_BUFFER));
         assert_eq!(CStr::from_ptr(text.as_ptr()), c"axis 0,");
     }
     assert_eq!(seen.texts.len(), count);

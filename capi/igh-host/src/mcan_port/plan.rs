@@ -7,7 +7,7 @@ use std::ffi::c_char;
 
 use ecan_c_boundary::frames::igh_mcan_tx_frame_t;
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{Call, OutArray, pointers, put_text};
+use ecan_c_boundary::{Call, OutText, pointers};
 use ecan_c_export::export;
 use ecan_host::Faults;
 use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortConfig, PortPlan};
@@ -82,28 +82,26 @@ pub(crate) fn plan(
     adapter: &IghConfig,
     port: &PortConfig,
     traffic: &[FrameStream],
-    mut room: OutArray<c_char>,
+    text: OutText,
 ) -> Result<(), ecan_result_t> {
     let config = configured(port, adapter.slave_count);
     let adapter = adapter.configured();
     let plan = PortPlan::of(&adapter, &config, traffic);
-    if !room.is_full() {
-        put_text(&mut room, &ecan_plan_table::plan_table(&plan, &adapter, traffic));
-    }
+    let stored = text.put(call, &ecan_plan_table::plan_table(&plan, &adapter, traffic));
     Faults::check(plan.faults(&adapter, &config))
-        .map_err(|faults| call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{faults}")))
+        .map_err(|faults| call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{faults}")))?;
+    stored
 }
 
 /// Plans configurations for a given traffic.
 ///
 /// @param streams  The frames; may be NULL if count is 0.
-/// @param text     Gets the plan as a table with its warnings; cut if it does not fit. 4096
-///                 bytes are enough for a few gateways.
-/// @param size     Bytes of the text, NUL included; 0 for no text.
+/// @param text     Gets the plan as a table with its warnings, also if the plan has errors; see the
+///                 rules for texts in igh_ecan_common.h. 4096 bytes are enough for a few gateways.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of them in
-///          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream.
+///          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream; ECAN_ERR_BUFFER.
 #[export(call)]
 pub fn igh_mcan_port_plan(
     igh_config: *const ecan_igh_config_t,
@@ -112,8 +110,10 @@ pub fn igh_mcan_port_plan(
     count: usize,
     text: *mut c_char,
     size: usize,
+    needed: *mut usize,
 ) {
-    pointers!(call, sealed(igh_config), sealed(config), items(streams, count), room(text, size));
+    pointers!(call, out_text(text, size, needed));
+    pointers!(call, sealed(igh_config), sealed(config), items(streams, count));
     let traffic: Result<Vec<_>, _> = streams.iter().map(|s| s.to_rust(call)).collect();
     plan(call, igh_config, config, &traffic?, text)
 }

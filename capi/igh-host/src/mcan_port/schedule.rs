@@ -8,7 +8,7 @@ use std::ffi::{c_char, c_int};
 
 use ecan_c_boundary::constants::ECAN_MCAN_CHANNELS;
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{mirror, pointers, put_text};
+use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
 use ecan_mcan_port::{
     ChannelDrops, MarginCheck, ScheduleAccount, ScheduleConfig, ScheduleDiagnostics, ScheduleFault,
@@ -261,26 +261,33 @@ pub fn igh_mcan_port_get_schedule_diagnostics(
 /// Returns the reason for which the accounts of a gateway's scheduled frames count accepted frames as
 /// unknown, by the last reading of its flags.
 ///
-/// @param text  Gets the reason as text, with the assumption that does not hold and what to do; empty
-///              without a reason; may be NULL.
-/// @param size  Bytes of the buffer; a longer text is cut.
-///
-/// @usage   rt with text NULL, the cycle's thread, after init
+/// @usage   rt, the cycle's thread, after init
 /// @return  An igh_mcan_schedule_fault_t; ECAN_ERR_SLAVE.
 #[export(call, layer port)]
-pub fn igh_mcan_port_get_schedule_fault(
+pub fn igh_mcan_port_get_schedule_fault(port: *mut igh_mcan_port_t, slave: usize) -> c_int {
+    let gateway = need_slave(call, port, slave)?;
+    Ok(igh_mcan_schedule_fault_t::from(port.schedule_fault(gateway)) as c_int)
+}
+
+/// Gets the reason of igh_mcan_port_get_schedule_fault() as text, with the assumption that does not
+/// hold and what to do; empty without a reason.
+///
+/// @param text  See the rules for texts in igh_ecan_common.h.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_BUFFER.
+#[export(call, layer port)]
+pub fn igh_mcan_port_get_schedule_fault_text(
     port: *mut igh_mcan_port_t,
     slave: usize,
     text: *mut c_char,
     size: usize,
-) -> c_int {
+    needed: *mut usize,
+) {
+    pointers!(call, out_text(text, size, needed));
     let gateway = need_slave(call, port, slave)?;
     let fault = port.schedule_fault(gateway);
-    if !text.is_null() {
-        pointers!(call, room(text, size));
-        put_text(&mut text, &fault.map_or_else(String::new, |fault| fault.to_string()));
-    }
-    Ok(igh_mcan_schedule_fault_t::from(fault) as c_int)
+    text.put(call, &fault.map_or_else(String::new, |fault| fault.to_string()))
 }
 
 /// Clears the flags of 0xB000:06 and the gateway's other runtime diagnostics in the next cycles

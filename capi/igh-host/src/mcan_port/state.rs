@@ -5,7 +5,7 @@ use std::ffi::{c_char, c_int};
 use ecan_c_boundary::channel_status::igh_mcan_channel_status_t;
 use ecan_c_boundary::diagnosis::igh_mcan_pdo_parse_diag_t;
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{Call, mirror, pointers, put_text};
+use ecan_c_boundary::{Call, mirror, pointers};
 use ecan_c_export::export;
 use ecan_mcan_port::{AddressError, ChannelHandle, GatewayHandle, ImageReport, Port, Session};
 
@@ -72,30 +72,37 @@ pub(crate) fn need_slave(
 
 /// Returns the state of a gateway's session.
 ///
-/// @param text  Gets the state as text, with the reason of a failure and the pending step; may be
-///              NULL.
-/// @param size  Bytes of the buffer; a longer text is cut.
-///
-/// @usage   rt with text NULL, the cycle's thread, after init
+/// @usage   rt, the cycle's thread, after init
 /// @return  An igh_mcan_session_t; ECAN_ERR_SLAVE.
 #[export(call, layer port)]
-pub fn igh_mcan_port_get_session(
+pub fn igh_mcan_port_get_session(port: *mut igh_mcan_port_t, slave: usize) -> c_int {
+    let gateway = need_slave(call, port, slave)?;
+    Ok(igh_mcan_session_t::from(port.session(gateway)) as c_int)
+}
+
+/// Gets the state of a gateway's session as text, with the reason of a failure and the pending step.
+///
+/// @param text  See the rules for texts in igh_ecan_common.h.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_BUFFER.
+#[export(call, bus bus)]
+pub fn igh_mcan_port_get_session_text(
     port: *mut igh_mcan_port_t,
     slave: usize,
     text: *mut c_char,
     size: usize,
-) -> c_int {
+    needed: *mut usize,
+) {
+    pointers!(call, out_text(text, size, needed));
+    let port = bus.need_port(call)?;
     let gateway = need_slave(call, port, slave)?;
     let session = port.session(gateway);
-    if !text.is_null() {
-        pointers!(call, room(text, size));
-        let description = match port.waiting_for(gateway) {
-            Some(step) => format!("{session}; it waits for {step}"),
-            None => session.to_string(),
-        };
-        put_text(&mut text, &description);
-    }
-    Ok(igh_mcan_session_t::from(session) as c_int)
+    let description = match port.waiting_for(gateway) {
+        Some(step) => format!("{session}; it waits for {step}"),
+        None => session.to_string(),
+    };
+    text.put(call, &description)
 }
 
 /// Gets the report of the current cycle with a gateway.

@@ -2,7 +2,7 @@
 
 use std::ffi::c_int;
 
-use ecan_c_boundary::diagnosis::igh_mcan_pdo_parse_diag_t;
+use ecan_c_boundary::diagnosis::{igh_mcan_pdo_error_t, igh_mcan_pdo_parse_diag_t};
 use ecan_c_boundary::frames::igh_mcan_rx_frame_t;
 use ecan_c_boundary::profile::igh_mcan_pdo_profile_t;
 use ecan_c_boundary::result::ecan_result_t;
@@ -94,19 +94,47 @@ pub fn igh_mcan_pdo_parse_header(
     header.set((&Header::parse(head)).into());
 }
 
+/// An image that was read as a whole.
+struct Parsed {
+    found: usize,
+    layout: Option<Layout>,
+}
+
+/// A layout other than that of the profile.
+struct Layout {
+    found: Header,
+    expected: u16,
+}
+
+impl Layout {
+    fn diagnosis(&self) -> igh_mcan_pdo_parse_diag_t {
+        igh_mcan_pdo_parse_diag_t {
+            error: igh_mcan_pdo_error_t::IGH_MCAN_PDO_LAYOUT as u16,
+            seq: self.found.seq_begin,
+            payload_len: self.found.payload_len,
+            payload_crc16: self.found.payload_crc16,
+            layout_id: self.found.layout_id,
+            ..Default::default()
+        }
+    }
+}
+
 /// Checks an image and reads its frames (manual 6.1).
 fn parse(
     call: Call,
     profile: &igh_mcan_pdo_profile_t,
     image: &[u8],
     frames: &mut OutArray<igh_mcan_rx_frame_t>,
-) -> Result<Result<usize, ParseDiagnosis>, ecan_result_t> {
+) -> Result<Result<Parsed, ParseDiagnosis>, ecan_result_t> {
     let (direction, profile) = profile.checked(call)?;
     let reader = ImageReader::new(direction, profile);
     let image = match reader.read(image) {
         Ok(image) => image,
         Err(diagnosis) => return Ok(Err(diagnosis)),
     };
+    let layout = image
+        .layout_changed()
+        .then(|| Layout { found: *image.header(), expected: profile.layout_id() });
     let mut found = 0;
     for packet in image.packets() {
         match packet {
@@ -120,7 +148,7 @@ fn parse(
         }
         found += 1;
     }
-    Ok(Ok(found))
+    Ok(Ok(Parsed { found, layout }))
 }
 
 fn parse_into(
@@ -135,15 +163,27 @@ fn parse_into(
     let parsed = parse(call, profile, image, &mut frames)?;
     count.set(frames.count());
     if let Some(diag) = diag {
-        diag.set(parsed.as_ref().err().map(Into::into).unwrap_or_default());
+        diag.set(match &parsed {
+            Ok(Parsed { layout: Some(layout), .. }) => layout.diagnosis(),
+            Ok(_) => igh_mcan_pdo_parse_diag_t::default(),
+            Err(diagnosis) => diagnosis.into(),
+        });
     }
-    let found = parsed.map_err(|diagnosis| match diagnosis.pdo_error() {
+    let Parsed { found, layout } = parsed.map_err(|diagnosis| match diagnosis.pdo_error() {
         Some(PdoError::ActiveArea) => {
             let text = format_args!("{} bytes are not an image of this profile", image.len());
             call.fail(ecan_result_t::ECAN_ERR_BUFFER, text)
         }
         _ => call.error(&diagnosis),
     })?;
+    if let Some(Layout { found, expected }) = layout {
+        let text = format_args!(
+            "the image has layout_id 0x{:04X}, the profile 0x{expected:04X}; use the profile that is \
+             active on the device (0x8010, 0x8011)",
+            found.layout_id
+        );
+        return Err(call.fail(ecan_result_t::ECAN_ERR_LAYOUT, text));
+    }
     if found > frames.count() {
         let text = format_args!("the image holds {found} frames, {} fit", frames.count());
         return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
@@ -166,7 +206,8 @@ fn parse_into(
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_PARSE for a fault of the image; ECAN_ERR_IMAGE_BUSY for one that was
-///          being written; ECAN_ERR_BUFFER if size is too small or not all frames fit;
+///          being written; ECAN_ERR_LAYOUT for an image of another layout than the profile's, whose
+///          frames are stored; ECAN_ERR_BUFFER if size is too small or not all frames fit;
 ///          ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
 #[export(call)]
 pub fn igh_mcan_pdo_parse_frames_ex(
@@ -181,23 +222,6 @@ pub fn igh_mcan_pdo_parse_frames_ex(
     pointers!(call, out(count), optional_out(diag), read(profile), items(txpdo, size));
     pointers!(call, room(frames, capacity));
     parse_into(call, profile, txpdo, frames, count, diag)
-}
-
-/// As igh_mcan_pdo_parse_frames_ex(), without a diagnosis.
-///
-/// @usage   rt, any thread, any time
-/// @return  As there.
-#[export(call)]
-pub fn igh_mcan_pdo_parse_frames(
-    profile: *const igh_mcan_pdo_profile_t,
-    txpdo: *const u8,
-    size: usize,
-    frames: *mut igh_mcan_rx_frame_t,
-    capacity: usize,
-    count: *mut usize,
-) {
-    pointers!(call, out(count), read(profile), items(txpdo, size), room(frames, capacity));
-    parse_into(call, profile, txpdo, frames, count, None)
 }
 
 /// Starts tracking sequence numbers.
