@@ -607,6 +607,8 @@ typedef struct {
     uint8_t inputs;
     /** 1 if both directions were exchanged, else 0. */
     uint8_t is_complete;
+    /** Zero; for fields of later versions. */
+    uint32_t reserved[5];
 } ecan_igh_domain_report_t;
 
 /**
@@ -708,13 +710,15 @@ typedef struct {
     uint8_t has_synchrony;
     /** 1 if the mean phase error is below 0.2 % of the cycle. */
     uint8_t is_locked;
-    /** Not used. */
-    uint8_t reserved;
+    /** Zero. */
+    uint8_t padding;
     /**
      * Cycles since the first reading whose frame was lost, so that the reference clock could
      * not be read.
      */
     uint64_t missed_readings;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[3];
 } ecan_igh_clock_status_t;
 
 /**
@@ -775,8 +779,8 @@ typedef struct {
     uint64_t skipped;
     /** 1 if the cycle before, with the response of the bus, took past a deadline. */
     uint8_t has_overrun;
-    /** Not used. */
-    uint8_t reserved[7];
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[23];
 } ecan_igh_cycle_start_t;
 
 /** Distribution of times, in nanoseconds; all 0 if nothing was recorded. */
@@ -797,6 +801,8 @@ typedef struct {
     uint64_t p99_ns;
     /** 999 of 1000 are at most this long. */
     uint64_t p99_9_ns;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[2];
 } ecan_igh_distribution_t;
 
 /** Timing of the cycles (manual 13.9). */
@@ -815,6 +821,8 @@ typedef struct {
     uint64_t overruns;
     /** Deadlines that were skipped. */
     uint64_t skipped;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[8];
 } ecan_igh_cycle_statistics_t;
 
 /**
@@ -956,8 +964,8 @@ typedef struct {
     uint8_t operational;
     /** An ecan_igh_al_state_t. */
     uint8_t al_state;
-    /** Not used. */
-    uint8_t reserved;
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[13];
 } ecan_igh_slave_state_t;
 
 /** State of the bus as the master reports it. */
@@ -968,8 +976,8 @@ typedef struct {
     uint8_t al_states;
     /** 1 if a link is up. */
     uint8_t link_up;
-    /** Not used. */
-    uint8_t reserved[2];
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[26];
 } ecan_igh_master_state_t;
 
 /** Identity and state of a slave. */
@@ -990,10 +998,12 @@ typedef struct {
     uint8_t al_state;
     /** 1 if the master found an error with the slave and keeps it in its state. */
     uint8_t error_flag;
-    /** Not used. */
-    uint8_t reserved[6];
+    /** Zero. */
+    uint8_t padding[6];
     /** Name; cut if it is too long. */
     char name[64];
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[4];
 } ecan_igh_slave_info_t;
 
 /**

@@ -787,8 +787,8 @@ typedef struct {
     uint32_t syncs;
     /** 1 if every axis got a target of the application. */
     uint8_t all_moved;
-    /** Not used. */
-    uint8_t reserved[7];
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[23];
 } igh_cia402_send_summary_t;
 
 /**
@@ -1470,8 +1470,8 @@ typedef struct {
     uint8_t is_stopped;
     /** 1 while igh_cia402_recover() continues. */
     uint8_t is_recovering;
-    /** Not used. */
-    uint8_t reserved[3];
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[27];
 } igh_cia402_axis_state_t;
 
 /**
@@ -1600,8 +1600,8 @@ typedef struct {
      * and if the reaction is unknown.
      */
     uint8_t is_controlled_stop;
-    /** Not used. */
-    uint8_t reserved[3];
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[19];
 } igh_cia402_host_loss_info_t;
 
 /**
@@ -1693,8 +1693,10 @@ typedef struct {
     uint16_t longest_gap;
     /** An igh_cia402_hold_t: reason of the last hold. */
     uint8_t last_hold;
-    /** Not used. */
-    uint8_t reserved;
+    /** Zero. */
+    uint8_t padding;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[8];
 } igh_cia402_axis_statistics_t;
 
 /**
@@ -1718,6 +1720,8 @@ typedef struct {
     uint8_t channel;
     /** An igh_cia402_load_warning_t. */
     uint8_t warning;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[4];
 } igh_cia402_bus_load_t;
 
 /**

@@ -564,8 +564,8 @@ typedef struct {
     uint8_t tsf;
     /** Kind of the packet. */
     uint8_t kind;
-    /** Not used. */
-    uint8_t reserved[2];
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[10];
 } igh_mcan_pdo_parse_diag_t;
 
 /**
@@ -737,6 +737,8 @@ typedef struct {
     uint8_t rx_pending;
     /** Frames that wait to be sent, as a coarse figure: 0 to 7. */
     uint8_t tx_pending;
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[4];
 } igh_mcan_channel_status_t;
 
 /**

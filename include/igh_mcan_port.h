@@ -456,6 +456,8 @@ typedef struct {
     uint32_t column;
     /** Reason, in UTF-8; cut if it does not fit. */
     char reason[IGH_MCAN_FILE_FAULT_BYTES];
+    /** Zero; for fields of later versions. */
+    uint32_t reserved[6];
 } igh_mcan_file_fault_t;
 
 /**
@@ -700,8 +702,8 @@ typedef struct {
     uint16_t sequence;
     /** Index of the frame in the image, from 0. */
     uint8_t frame_index;
-    /** Not used. */
-    uint8_t reserved[3];
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[11];
 } igh_mcan_ticket_t;
 
 /**
@@ -930,6 +932,8 @@ typedef struct {
     int64_t before_release_ns;
     /** The smallest of the three. */
     int64_t least_ns;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[4];
 } igh_mcan_schedule_margin_t;
 
 /**
@@ -963,6 +967,8 @@ typedef struct {
     uint64_t rejected_late;
     /** Frames among `scheduled` that were accepted without margin. */
     uint64_t without_margin;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[6];
 } igh_mcan_schedule_account_t;
 
 /** Counters of one channel, 0x9020 to 0x9023 (manual 13.2.5). */
@@ -973,6 +979,8 @@ typedef struct {
     uint32_t stale_drops;
     /** :13 Times that the channel was bus-off. */
     uint32_t bus_offs;
+    /** Zero; for fields of later versions. */
+    uint32_t reserved[3];
 } igh_mcan_channel_drops_t;
 
 /**
@@ -1000,8 +1008,8 @@ typedef struct {
      * cleared.
      */
     uint16_t flags;
-    /** Not used. */
-    uint8_t reserved[6];
+    /** Zero; for fields of later versions. */
+    uint8_t reserved[30];
 } igh_mcan_schedule_diagnostics_t;
 
 /**
@@ -1132,8 +1140,8 @@ typedef struct {
     uint8_t is_unconfirmed;
     /** Images lost before this one, by the sequence. */
     uint16_t lost_images;
-    /** Not used. */
-    uint16_t reserved;
+    /** Zero; for fields of later versions. */
+    uint16_t reserved[13];
 } igh_mcan_cycle_report_t;
 
 /**
@@ -1244,6 +1252,8 @@ typedef struct {
     uint64_t txpdo_unknown;
     /** Requests of another startup because the gateway stayed in one state below OP. */
     uint64_t startup_requests;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[9];
 } igh_mcan_statistics_t;
 
 /** Counters of one channel. */
@@ -1290,6 +1300,8 @@ typedef struct {
      * the gateway was not ready.
      */
     uint64_t frames_not_taken;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[9];
 } igh_mcan_channel_statistics_t;
 
 /** Capabilities of a gateway (0xF000, manual 13.8), read when the Port was opened. */
@@ -1350,6 +1362,8 @@ typedef struct {
     uint8_t max_channels;
     /** :15 Option flags that can be set. */
     uint8_t option_mask;
+    /** Zero; for fields of later versions. */
+    uint64_t reserved[7];
 } igh_mcan_capabilities_t;
 
 /**

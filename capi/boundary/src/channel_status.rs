@@ -48,5 +48,7 @@ mirror! {
         rx_pending: u8 = status.rx_pending(),
         /// Frames that wait to be sent, as a coarse figure: 0 to 7.
         tx_pending: u8 = status.tx_pending(),
+        /// Zero; for fields of later versions.
+        reserved: [u8; 4] = [0; 4],
     }
 }

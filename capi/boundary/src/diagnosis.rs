@@ -85,8 +85,8 @@ mirror! {
         tsf: u8,
         /// Kind of the packet.
         kind: u8,
-        /// Not used.
-        reserved: [u8; 2] = [0; 2],
+        /// Zero; for fields of later versions.
+        reserved: [u8; 10] = [0; 10],
     }
 }
 

@@ -33,8 +33,8 @@ mirror! {
         operational: u8,
         /// An ecan_igh_al_state_t.
         al_state: u8,
-        /// Not used.
-        reserved: u8 = 0,
+        /// Zero; for fields of later versions.
+        reserved: [u8; 13] = [0; 13],
     }
 }
 
@@ -47,8 +47,8 @@ mirror! {
         al_states: u8,
         /// 1 if a link is up.
         link_up: u8,
-        /// Not used.
-        reserved: [u8; 2] = [0; 2],
+        /// Zero; for fields of later versions.
+        reserved: [u8; 26] = [0; 26],
     }
 }
 
@@ -72,10 +72,12 @@ pub struct ecan_igh_slave_info_t {
     pub al_state: u8,
     /// 1 if the master found an error with the slave and keeps it in its state.
     pub error_flag: u8,
-    /// Not used.
-    pub reserved: [u8; 6],
+    /// Zero.
+    pub padding: [u8; 6],
     /// Name; cut if it is too long.
     pub name: [c_char; 64],
+    /// Zero; for fields of later versions.
+    pub reserved: [u64; 4],
 }
 
 pub(crate) fn need_slave(
@@ -158,7 +160,8 @@ pub fn ecan_igh_get_slave_info(
         alias: found.alias,
         al_state: found.al_state,
         error_flag: found.error_flag.into(),
-        reserved: [0; 6],
+        padding: [0; 6],
+        reserved: [0; 4],
         name: [0; 64],
     };
     // SAFETY: the room is the array.

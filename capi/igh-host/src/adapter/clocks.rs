@@ -26,11 +26,13 @@ mirror! {
         has_synchrony: u8 = status.synchrony_ns.is_some().into(),
         /// 1 if the mean phase error is below 0.2 % of the cycle.
         is_locked: u8,
-        /// Not used.
-        reserved: u8 = 0,
+        /// Zero.
+        padding: u8 = 0,
         /// Cycles since the first reading whose frame was lost, so that the reference clock could
         /// not be read.
         missed_readings: u64,
+        /// Zero; for fields of later versions.
+        reserved: [u64; 3] = [0; 3],
     }
 }
 

@@ -50,6 +50,8 @@ mirror! {
         inputs: u8 = ecan_igh_delivery_t::from(report.inputs) as u8,
         /// 1 if both directions were exchanged, else 0.
         is_complete: u8 = report.is_complete().into(),
+        /// Zero; for fields of later versions.
+        reserved: [u32; 5] = [0; 5],
     }
 }
 

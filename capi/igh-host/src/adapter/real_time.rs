@@ -48,8 +48,8 @@ mirror! {
         skipped: u64,
         /// 1 if the cycle before, with the response of the bus, took past a deadline.
         has_overrun: u8,
-        /// Not used.
-        reserved: [u8; 7] = [0; 7],
+        /// Zero; for fields of later versions.
+        reserved: [u8; 23] = [0; 23],
     }
 }
 
@@ -73,6 +73,8 @@ mirror! {
         p99_ns: u64,
         /// 999 of 1000 are at most this long.
         p99_9_ns: u64,
+        /// Zero; for fields of later versions.
+        reserved: [u64; 2] = [0; 2],
     }
 }
 
@@ -94,6 +96,8 @@ mirror! {
         overruns: u64 = measured.overruns(),
         /// Deadlines that were skipped.
         skipped: u64 = measured.skipped(),
+        /// Zero; for fields of later versions.
+        reserved: [u64; 8] = [0; 8],
     }
 }
 

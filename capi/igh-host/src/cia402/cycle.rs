@@ -49,8 +49,8 @@ mirror! {
         syncs: u32 = rust.syncs as u32,
         /// 1 if every axis got a target of the application.
         all_moved: u8 = rust.all_moved().into(),
-        /// Not used.
-        reserved: [u8; 7] = [0; 7],
+        /// Zero; for fields of later versions.
+        reserved: [u8; 23] = [0; 23],
     }
 }
 

@@ -84,8 +84,8 @@ pub struct igh_cia402_host_loss_info_t {
     /// 1 if the drive brings the motor to rest and controls it until then; 0 if it runs on or coasts,
     /// and if the reaction is unknown.
     pub is_controlled_stop: u8,
-    /// Not used.
-    pub reserved: [u8; 3],
+    /// Zero; for fields of later versions.
+    pub reserved: [u8; 19],
 }
 
 fn info(loss: &HostLoss) -> igh_cia402_host_loss_info_t {
@@ -105,7 +105,7 @@ fn info(loss: &HostLoss) -> igh_cia402_host_loss_info_t {
         ramp: igh_cia402_stop_ramp_t::from(ramp) as u8,
         has_deceleration: loss.deceleration.is_some().into(),
         is_controlled_stop: loss.reaction.is_controlled_stop().into(),
-        reserved: [0; 3],
+        reserved: [0; 19],
     }
 }
 

@@ -82,8 +82,8 @@ pub struct igh_cia402_axis_state_t {
     pub is_stopped: u8,
     /// 1 while igh_cia402_recover() continues.
     pub is_recovering: u8,
-    /// Not used.
-    pub reserved: [u8; 3],
+    /// Zero; for fields of later versions.
+    pub reserved: [u8; 27],
 }
 
 fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
@@ -130,7 +130,7 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
         stop_cause: igh_cia402_stop_cause_t::from(cia402.stop_cause(axis)) as u8,
         is_stopped: cia402.is_stopped(axis).into(),
         is_recovering: cia402.is_recovering(axis).into(),
-        reserved: [0; 3],
+        reserved: [0; 27],
     })
 }
 

@@ -51,8 +51,10 @@ mirror! {
         longest_gap: u16,
         /// An igh_cia402_hold_t: reason of the last hold.
         last_hold: u8 = igh_cia402_hold_t::from(rust.last_hold) as u8,
-        /// Not used.
-        reserved: u8 = 0,
+        /// Zero.
+        padding: u8 = 0,
+        /// Zero; for fields of later versions.
+        reserved: [u64; 8] = [0; 8],
     }
 }
 
@@ -92,6 +94,8 @@ mirror! {
         channel: u8,
         /// An igh_cia402_load_warning_t.
         warning: u8 = igh_cia402_load_warning_t::from(rust.warning()) as u8,
+        /// Zero; for fields of later versions.
+        reserved: [u64; 4] = [0; 4],
     }
 }
 

@@ -40,6 +40,8 @@ pub struct igh_mcan_file_fault_t {
     pub column: u32,
     /// Reason, in UTF-8; cut if it does not fit.
     pub reason: [c_char; IGH_MCAN_FILE_FAULT_BYTES],
+    /// Zero; for fields of later versions.
+    pub reserved: [u32; 6],
 }
 
 impl From<&FileFault> for igh_mcan_file_fault_t {
@@ -53,7 +55,7 @@ impl From<&FileFault> for igh_mcan_file_fault_t {
             *place = *byte as c_char;
         }
         let number = |number| u32::try_from(number).unwrap_or(u32::MAX);
-        Self { line: number(fault.line), column: number(fault.column), reason }
+        Self { line: number(fault.line), column: number(fault.column), reason, reserved: [0; 6] }
     }
 }
 

@@ -85,6 +85,8 @@ mirror! {
         before_release_ns: i64,
         /// The smallest of the three.
         least_ns: i64 = rust.least_ns(),
+        /// Zero; for fields of later versions.
+        reserved: [u64; 4] = [0; 4],
     }
 }
 
@@ -115,6 +117,8 @@ mirror! {
         rejected_late: u64 = rust.rejected_late,
         /// Frames among `scheduled` that were accepted without margin.
         without_margin: u64,
+        /// Zero; for fields of later versions.
+        reserved: [u64; 6] = [0; 6],
     }
 }
 
@@ -137,6 +141,8 @@ mirror! {
         stale_drops: u32,
         /// :13 Times that the channel was bus-off.
         bus_offs: u32,
+        /// Zero; for fields of later versions.
+        reserved: [u32; 3] = [0; 3],
     }
 }
 
@@ -161,8 +167,8 @@ mirror! {
         /// 0xB000:06 IGH_MCAN_SCHEDULE_ values and others (manual 13.7); they stay until they are
         /// cleared.
         flags: u16,
-        /// Not used.
-        reserved: [u8; 6] = [0; 6],
+        /// Zero; for fields of later versions.
+        reserved: [u8; 30] = [0; 30],
     }
 }
 

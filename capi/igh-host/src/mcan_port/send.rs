@@ -32,8 +32,8 @@ pub struct igh_mcan_ticket_t {
     pub sequence: u16,
     /// Index of the frame in the image, from 0.
     pub frame_index: u8,
-    /// Not used.
-    pub reserved: [u8; 3],
+    /// Zero; for fields of later versions.
+    pub reserved: [u8; 11],
 }
 
 #[inline]
@@ -261,7 +261,7 @@ pub fn igh_mcan_port_get_last_ticket(port: *mut igh_mcan_port_t, ticket: *mut ig
         slave: last.slave as u16,
         sequence: last.sequence as u16,
         frame_index: last.index as u8,
-        reserved: [0; 3],
+        reserved: [0; 11],
     });
 }
 

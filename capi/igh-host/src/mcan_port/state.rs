@@ -58,8 +58,8 @@ pub struct igh_mcan_cycle_report_t {
     pub is_unconfirmed: u8,
     /// Images lost before this one, by the sequence.
     pub lost_images: u16,
-    /// Not used.
-    pub reserved: u16,
+    /// Zero; for fields of later versions.
+    pub reserved: [u16; 13],
 }
 
 pub(crate) fn need_slave(
@@ -129,7 +129,7 @@ pub fn igh_mcan_port_get_cycle_report(
         layout_changed: layout_changed.into(),
         is_unconfirmed: report.is_unconfirmed.into(),
         lost_images,
-        reserved: 0,
+        reserved: [0; 13],
     })
 }
 

@@ -58,6 +58,8 @@ mirror! {
         txpdo_unknown: u64,
         /// Requests of another startup because the gateway stayed in one state below OP.
         startup_requests: u64,
+        /// Zero; for fields of later versions.
+        reserved: [u64; 9] = [0; 9],
     }
 }
 
@@ -99,6 +101,8 @@ mirror! {
         /// Frames that arrived and that the application did not take: left in their cycle, or while
         /// the gateway was not ready.
         frames_not_taken: u64,
+        /// Zero; for fields of later versions.
+        reserved: [u64; 9] = [0; 9],
     }
 }
 
@@ -162,6 +166,8 @@ mirror! {
         max_channels: u8,
         /// :15 Option flags that can be set.
         option_mask: u8,
+        /// Zero; for fields of later versions.
+        reserved: [u64; 7] = [0; 7],
     }
 }
 
