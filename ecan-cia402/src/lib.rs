@@ -9,8 +9,10 @@
 
 mod axis;
 mod guard;
+mod observation;
 mod table;
 
 pub use axis::*;
 pub use guard::*;
+pub use observation::*;
 pub use table::*;

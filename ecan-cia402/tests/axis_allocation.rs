@@ -11,7 +11,7 @@ mod axes;
 
 use axes::{Fixture, axes};
 use counting::allocations;
-use ecan_cia402::{AxisConfig, HomingConfig, PathStop};
+use ecan_cia402::{AxesSnapshot, AxisConfig, HomingConfig, PathStop};
 use ecan_host::AdapterConfig;
 use ecan_sim::{Fault, LossDirection};
 
@@ -40,6 +40,9 @@ fn forty_axes_allocate_nothing() {
     let table = axes(40).into_iter().map(jerk_limited).collect();
     let adapter = AdapterConfig::new(3).with_multiplier(6).with_cycle(Duration::from_millis(2));
     let mut fixture = Fixture::open(ecan_sim::drives(3, 4), adapter, table).started();
+    // Every cycle publishes a snapshot.
+    let observer = fixture.port.adapter().observer();
+    let mut snapshot = observer.snapshot();
     // The simulated world grows its queues to their working size first.
     cycles(&mut fixture, 500);
     assert_eq!(cycles(&mut fixture, 500), 0, "in motion");
@@ -66,5 +69,15 @@ fn forty_axes_allocate_nothing() {
     assert_eq!(fixture.cia402.path_stop(), PathStop::Decelerating);
     assert_eq!(cycles(&mut fixture, 100), 0, "while all axes stop");
     assert_eq!(fixture.cia402.path_stop(), PathStop::Done);
+    snapshot.update().unwrap();
+    assert_eq!(AxesSnapshot::of(&snapshot).map(|axes| axes.axis_count()), Some(40));
+    let before = allocations();
+    observer.quick_stop(3).unwrap();
+    observer.quick_stop_all();
+    assert_eq!(allocations() - before, 0, "commands of an observer");
+    assert_eq!(cycles(&mut fixture, 10), 0, "while they are executed");
+    let before = allocations();
+    snapshot.update().unwrap();
+    assert_eq!(allocations() - before, 0, "a read");
     fixture.check();
 }

@@ -21,6 +21,7 @@ mod config;
 mod deadline;
 mod error;
 mod master;
+mod observer;
 mod phase;
 mod plan;
 mod real_time;
@@ -46,6 +47,10 @@ pub use master::{
     DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner, OpenError,
     OpenFailure, PortInfo, PortKind, RegRequestId, RequestState, SdoError, SdoRequestId,
     SlaveConfigId, SlaveConfigState, SlaveInfo, SyncDirection, WatchdogMode, WcState,
+};
+pub use observer::{
+    CommandTicket, NoSuchAxis, Observer, ObserverError, QuickStop, QuickStops, Section,
+    SectionWriter, Snapshot,
 };
 pub use phase::Phase;
 pub use plan::{

@@ -15,6 +15,7 @@ use crate::schedule::margin::ScheduleTimes;
 use crate::schedule::result_codes::ResultCodes;
 use crate::schedule::watch::{ScheduleWatch, WatchResult};
 use crate::session::machine::{Event, Session, SessionMachine};
+use crate::snapshot;
 use crate::statistics::SlaveStatistics;
 use crate::transmit::transmitter::Transmitter;
 use crate::transmit::window::DEFAULT_DEPTH;
@@ -307,5 +308,6 @@ pub(crate) fn publish(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result
     for (slave, gateway) in gateways.iter_mut().enumerate() {
         gateway.transmitter.end(adapter.rx_pdo_mut(slave), &mut gateway.statistics);
     }
+    snapshot::publish(adapter, gateways);
     adapter.send()
 }

@@ -32,6 +32,7 @@ mod port_config;
 mod receive;
 mod schedule;
 mod session;
+mod snapshot;
 mod statistics;
 mod transmit;
 mod wait;
@@ -62,6 +63,7 @@ pub use schedule::margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin
 pub use session::machine::Session;
 pub use session::pending_step::PendingStep;
 pub use session::verification::{SdoTransfer, VerificationFault};
+pub use snapshot::{PortSnapshot, SessionState};
 pub use statistics::{ChannelStatistics, SlaveStatistics};
 pub use transmit::error::{Backpressure, OkOrTemporary, SendError};
 pub use transmit::options::{SendOptions, SendTicket, TransmitFrame, TransmitHint};

@@ -19,6 +19,7 @@ use crate::schedule::sync0_phase::Sync0Phase;
 use crate::session::machine::Session;
 use crate::session::pending_step::PendingStep;
 use crate::session::verification::VerificationFault;
+use crate::snapshot;
 use crate::statistics::SlaveStatistics;
 
 /// CAN and CAN FD through the gateways of one Adapter (manual 15.1, "MCAN Port").
@@ -55,10 +56,24 @@ impl Port {
     /// # Errors
     /// Any [`PortError`]; the master is released.
     pub fn open(ecrt: &Ecrt, config: impl Into<Config>) -> Result<Self, PortError> {
+        Self::open_with_stop(ecrt, config, None)
+    }
+
+    /// As [`open`](Self::open), with a function that ends the opening and later waits: see
+    /// [`Adapter::open_with_stop`](ecan_host::Adapter::open_with_stop).
+    ///
+    /// # Errors
+    /// As [`open`](Self::open), and [`Error::Stopped`](ecan_host::Error::Stopped).
+    pub fn open_with_stop(
+        ecrt: &Ecrt,
+        config: impl Into<Config>,
+        stop: Option<Box<dyn Fn() -> bool + Send>>,
+    ) -> Result<Self, PortError> {
         let config = config.into();
         config.check()?;
         let startup = config.port.startup_plan(&config.adapter);
-        Self::new(Adapter::open(ecrt, config.adapter, startup)?, config.port)
+        let adapter = Adapter::open_with_stop(ecrt, config.adapter, startup, stop)?;
+        Self::new(adapter, config.port)
     }
 
     /// Creates a Port on an Adapter that is configured and not active yet, opened or attached, whose
@@ -81,6 +96,7 @@ impl Port {
             .and_then(|()| build_gateways(&mut adapter, &config));
         match built {
             Ok(gateways) => {
+                snapshot::reserve(&adapter, gateways.len());
                 if let Some(warning) = config.sync0_warning(adapter.config()) {
                     tracing::warn!("{warning}");
                 }
@@ -129,6 +145,7 @@ impl Port {
         result?;
         self.gateways = build_gateways(&mut self.adapter, &config.port)?;
         *self.config = config.port;
+        snapshot::reserve(&self.adapter, self.gateways.len());
         Ok(())
     }
 

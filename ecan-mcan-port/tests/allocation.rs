@@ -55,6 +55,8 @@ fn full_images_allocate_nothing() {
             AdapterConfig::new(1).with_multiplier(11).with_cycle(Duration::from_millis(1));
         let config = PortConfig::uniform(1, gateway);
         let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
+        // Every cycle publishes a snapshot.
+        let mut snapshot = fixture.port.adapter().observer().snapshot();
         let id = CanId::standard(0x100).unwrap();
         let frames = [0, 1, 2, 3].map(|n| CanFrame::fd(id, &[n; 64], true, false).unwrap());
         // The simulated world grows its queues to their working size first.
@@ -62,6 +64,8 @@ fn full_images_allocate_nothing() {
         let (inside, back) = full_images(&mut fixture, &frames, 500);
         assert!(back > 1_000, "only {back} frames came back");
         assert_eq!(inside, 0, "paced: {paced}");
+        snapshot.update().unwrap();
+        assert_eq!(snapshot.cycle(), fixture.port.adapter().cycle_number());
     }
 }
 

@@ -34,6 +34,8 @@ fn port() -> Port {
     gateway.schedule.watch_ms = 1;
     let mut port = Port::open(&ecrt, (adapter, PortConfig::uniform(2, gateway))).unwrap();
     port.wait_ready().unwrap();
+    // Every cycle publishes a snapshot, to an observer that lives as long as the process.
+    std::mem::forget(port.adapter().observer());
     for slave in 0..2 {
         ecan_null_master::keep_new(port.adapter().tx_pdo(slave));
     }

@@ -50,6 +50,15 @@ impl Scale {
         Self { steps_per_turn: steps, origin: 0, velocity_units: None }
     }
 
+    /// Steps per turn and the step at angle 0.
+    pub(crate) fn parts(self) -> (f64, i32) {
+        (self.steps_per_turn, self.origin)
+    }
+
+    pub(crate) fn of_parts((steps_per_turn, origin): (f64, i32)) -> Self {
+        Self { steps_per_turn, origin, velocity_units: None }
+    }
+
     /// The same scale with angle 0 at `step`.
     pub fn with_origin(self, step: i32) -> Self {
         Self { origin: step, ..self }

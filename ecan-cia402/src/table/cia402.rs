@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use ecan_canopen::{Network, NmtCommand, NmtError, NodeConfig, SyncConfig};
+use ecan_host::QuickStops;
 use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
 use ecan_protocol::image::Schedule;
 
@@ -20,6 +21,7 @@ use crate::axis::interpolation_time::interpolation_time;
 use crate::axis::setup_steps::BusConfig;
 use crate::axis::target_period::TargetPeriod;
 use crate::guard::gateway_watch::GatewayWatch;
+use crate::observation;
 
 /// CiA 402 axes on the gateways of a Port (manual 15.4, 15.5.4).
 ///
@@ -122,6 +124,8 @@ pub struct Cia402 {
     /// A channel gets neither SYNC nor the host's heartbeat, because of an axis without a first
     /// contact.
     pub(super) is_paused: bool,
+    /// Commands of observers.
+    pub(super) quick_stops: QuickStops,
 }
 
 impl Cia402 {
@@ -170,7 +174,9 @@ impl Cia402 {
                 .map_err(|error| Cia402Error::Mapping { axis: index, error })?;
             table.push(axis);
         }
+        observation::reserve(port.adapter(), table.iter().map(|axis| &axis.config));
         Ok(Self {
+            quick_stops: port.adapter().quick_stops(table.len()),
             network,
             axes: table,
             gateways: (0..slaves).map(|slave| GatewayWatch::new(slave, cycles_per_sync)).collect(),

@@ -12,6 +12,7 @@ use crate::axis::host_loss::{HostLoss, StopOptions};
 use crate::axis::interpolation_time::interpolation_time;
 use crate::axis::phase::{AxisError, AxisPhase, AxisProgress};
 use crate::axis::statistics::AxisStatistics;
+use crate::axis::status::AxisStatus;
 use crate::axis::stop::StopCause;
 use crate::axis::units::{Scale, UnitError};
 use crate::guard::motion_guard::MotionGuard;
@@ -484,20 +485,12 @@ impl Cia402 {
     /// it as reached, in PV and PT it reports its speed or torque as reached (statusword bit 10).
     /// False in the cyclic modes, and while a new target is not sent yet.
     pub fn is_target_reached(&self, axis: usize) -> bool {
-        self.axis(axis).is_some_and(|axis| {
-            let is_rejected = matches!(axis.decision, Decision::Reject(_));
-            if axis.targets.requested.is_some_and(|new| axis.target() != Some(new)) && !is_rejected
-            {
-                return false;
-            }
-            let has_taken = match axis.mode {
-                OperatingMode::ProfilePosition => {
-                    axis.target().is_some_and(|target| axis.set_point.has_taken(target))
-                }
-                mode => !mode.is_cyclic() && axis.target().is_some(),
-            };
-            has_taken && axis.drive.has(Statusword::TARGET_REACHED)
-        })
+        self.axis(axis).is_some_and(Axis::is_target_reached)
+    }
+
+    /// Status of an axis, complete. Real-time safe.
+    pub fn axis_status(&self, axis: usize) -> Option<AxisStatus> {
+        self.axis(axis).map(|axis| axis.status(&self.network, self.now_ns))
     }
 
     /// Decision about the target in the last [`send_targets_all`](Self::send_targets_all).

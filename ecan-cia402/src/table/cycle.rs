@@ -1,6 +1,7 @@
 //! The axes in the cycle: receive, then send.
 
 use ecan_canopen::NodeAddress;
+use ecan_host::QuickStop;
 use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
 use ecan_protocol::can::{FrameKind, FrameRef};
 use ecan_protocol::mapping::CHANNELS;
@@ -9,8 +10,10 @@ use super::cia402::Cia402;
 use super::lookup::AxisLookup;
 use crate::axis::axis::Axis;
 use crate::axis::axis_cycle::TargetTurn;
+use crate::axis::stop::StopCause;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::terms::{Decision, WaitReason};
+use crate::observation;
 
 /// Summary of the targets of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -168,6 +171,9 @@ impl Cia402 {
     }
 
     fn send(&mut self, cycle: &mut Cycle<'_>, stepping: bool) -> SendSummary {
+        if self.quick_stops.is_pending() {
+            self.execute_quick_stops();
+        }
         let mut summary = SendSummary::default();
         self.gateways.iter_mut().for_each(|gateway| gateway.begin_send(cycle));
         let path_turn = self.begin_path_turn(|table, axis| {
@@ -228,7 +234,24 @@ impl Cia402 {
         for axis in &mut self.axes {
             axis.update_phase(self.now_ns);
         }
+        if self.quick_stops.is_observed() {
+            observation::publish(cycle.adapter(), &self.axes, &self.network, self.now_ns);
+        }
         summary
+    }
+
+    /// Executes the commands of observers.
+    #[cold]
+    fn execute_quick_stops(&mut self) {
+        let Self { quick_stops, axes, network, now_ns, .. } = self;
+        let mut stop = |axis: &mut Axis| {
+            axis.cancel_procedure(network);
+            axis.stop(StopCause::QuickStop, *now_ns);
+        };
+        quick_stops.execute(|command| match command {
+            QuickStop::All => axes.iter_mut().for_each(&mut stop),
+            QuickStop::Axis(axis) => axes.get_mut(axis).into_iter().for_each(&mut stop),
+        });
     }
 
     fn sync_is_due(&self, cycle: &Cycle<'_>, axis: &Axis) -> bool {

@@ -93,6 +93,7 @@ impl Adapter {
         if self.phase != Phase::Active {
             return Err(CycleError::NotActive { is: self.phase });
         }
+        self.begin_observed_cycle();
         self.start_cycle();
         let mut result = Ok(());
         if !self.is_attached() {
@@ -160,6 +161,7 @@ impl Adapter {
         }
         if self.is_attached() {
             self.end_cycle();
+            self.publish_cycle();
             return result;
         }
         if let Some(clocks) = &mut self.clocks {
@@ -172,6 +174,7 @@ impl Adapter {
         }
         keep(&mut result, sent.map_err(CycleError::library("ecrt_master_send")));
         self.end_cycle();
+        self.publish_cycle();
         result
     }
 

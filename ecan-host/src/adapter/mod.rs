@@ -5,6 +5,7 @@ mod cycle;
 mod cycle_grid;
 mod events;
 mod investigation;
+mod observation;
 mod operation;
 mod parallel;
 mod preparation;
@@ -32,12 +33,14 @@ use crate::config::{AdapterConfig, Identity, WATCHDOG_UNIT};
 use crate::deadline::deadline_ns;
 use crate::error::Error;
 use crate::master::{DomainId, Master, RegRequestId, SlaveConfigId};
+use crate::observer::Publisher;
 use crate::phase::Phase;
 use crate::plan::{DomainLayout, Plan};
 use crate::real_time::{CycleStart, CycleStatistics, CycleTimer, CycleTiming};
 use crate::startup::{StartupPlan, StartupStep};
 use al_status::AlStatusWatch;
 use events::{Outage, Overruns};
+use observation::CycleCounts;
 use operation::StopCheck;
 use preparation::Prepared;
 
@@ -97,6 +100,8 @@ pub struct Adapter {
     clocks: Option<DistributedClocks>,
     clock_correction_ns: i64,
     startup_rounds: StartupRounds,
+    counts: CycleCounts,
+    publisher: Publisher,
 }
 
 impl Adapter {
@@ -111,9 +116,25 @@ impl Adapter {
     /// # Errors
     /// Any [`Error`]; the master is released.
     pub fn open(ecrt: &Ecrt, config: AdapterConfig, startup: StartupPlan) -> Result<Self, Error> {
+        Self::open_with_stop(ecrt, config, startup, None)
+    }
+
+    /// As [`open`](Self::open), with the function of [`stop_waiting_when`](Self::stop_waiting_when) in
+    /// force from the start: it is also called while slaves are being scanned and read, many times per
+    /// second, and ends the opening with [`Error::Stopped`]. An SDO transfer that runs is completed
+    /// before.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open), and [`Error::Stopped`].
+    pub fn open_with_stop(
+        ecrt: &Ecrt,
+        config: AdapterConfig,
+        startup: StartupPlan,
+        stop: Option<Box<dyn Fn() -> bool + Send>>,
+    ) -> Result<Self, Error> {
         config.check()?;
         let master = Master::request(ecrt, config.master_index)?;
-        Self::build(ecrt, master, config, startup, false)
+        Self::build(ecrt, master, config, startup, false, stop)
     }
 
     /// Adds gateways to a master that the application runs itself, for its other slaves on the
@@ -137,7 +158,7 @@ impl Adapter {
             return Err(Error::OwnedMaster);
         }
         config.check()?;
-        Self::build(ecrt, master, config, startup, true)
+        Self::build(ecrt, master, config, startup, true, None)
     }
 
     fn build(
@@ -146,6 +167,7 @@ impl Adapter {
         config: AdapterConfig,
         startup: StartupPlan,
         attached: bool,
+        stop: Option<Box<dyn Fn() -> bool + Send>>,
     ) -> Result<Self, Error> {
         let diagnostics = Diagnostics::open(ecrt, &config)?;
         let cycle_timer = CycleTimer::new(config.cycle_ns(), CycleTiming::default());
@@ -158,7 +180,7 @@ impl Adapter {
             slaves: Vec::new(),
             phase: Phase::Down,
             attached,
-            stop: None,
+            stop: stop.map(StopCheck),
             cycle_timer,
             cycle_start: CycleStart::default(),
             cycle_statistics: None,
@@ -170,6 +192,8 @@ impl Adapter {
             clocks: None,
             clock_correction_ns: 0,
             startup_rounds: StartupRounds::Off,
+            counts: CycleCounts::default(),
+            publisher: Publisher::default(),
         };
         adapter.configure()?;
         Ok(adapter)
@@ -190,6 +214,7 @@ impl Adapter {
             .map(|(index, prepared)| self.configure_slave(index, prepared))
             .collect::<Result<Vec<Slave>, Error>>()?;
         self.select_reference_clock()?;
+        self.publisher.reserve_cycle(self.slaves.len());
         self.phase = Phase::Configured;
         Ok(())
     }
@@ -200,6 +225,7 @@ impl Adapter {
         let deadline_ns = deadline_ns(clock.as_ref(), self.config.preop_timeout);
         loop {
             self.find_slaves()?;
+            self.check_stop()?;
             match self.prepare_slaves() {
                 Err(error) if error.is_temporary() && clock.now_ns() < deadline_ns => {
                     info!("slaves: search repeated ({error})");
@@ -208,7 +234,12 @@ impl Adapter {
                 }
                 result => return result,
             }
+            self.check_stop()?;
         }
+    }
+
+    fn check_stop(&self) -> Result<(), Error> {
+        if self.should_stop() { Err(Error::Stopped) } else { Ok(()) }
     }
 
     /// Waits until all slaves are on the bus in PREOP, and the master is reserved.
@@ -219,6 +250,7 @@ impl Adapter {
         let clock = self.ecrt.clock().clone();
         let deadline_ns = deadline_ns(clock.as_ref(), self.config.preop_timeout);
         loop {
+            self.check_stop()?;
             match identification::look_for_slaves(&self.diagnostics, &self.config) {
                 Ok(()) if self.master.is_reserved() => return Ok(()),
                 Ok(()) => {

@@ -22,7 +22,7 @@ const SDO_TIME_MAX: Duration = Duration::from_millis(200);
 const STATES_TIME: Duration = Duration::from_secs(5);
 
 /// Function of the application that decides whether to end a wait.
-pub(super) struct StopCheck(Box<dyn Fn() -> bool + Send>);
+pub(super) struct StopCheck(pub(super) Box<dyn Fn() -> bool + Send>);
 
 impl fmt::Debug for StopCheck {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -61,9 +61,10 @@ impl Adapter {
         self.stop = stop.map(StopCheck);
     }
 
-    /// Returns whether the application requests the end of calls that wait.
+    /// Returns whether the application requests the end of calls that wait, by that function or by
+    /// [`Observer::request_stop`](crate::Observer::request_stop).
     pub fn should_stop(&self) -> bool {
-        self.stop.as_ref().is_some_and(|stop| (stop.0)())
+        self.is_stop_requested() || self.stop.as_ref().is_some_and(|stop| (stop.0)())
     }
 
     /// Waits until every slave is in OP and exchanges process data, running

@@ -91,7 +91,10 @@ impl Adapter {
     pub(super) fn prepare_slaves(&self) -> Result<Vec<Prepared>, Error> {
         let slaves = 0..self.config.slaves.len();
         if slaves.len() < 2 || !self.ecrt.clock().is_free_running() {
-            let prepare = |slave| prepare(&self.diagnostics, &self.config, &self.startup, slave);
+            let prepare = |slave| {
+                self.check_stop()?;
+                prepare(&self.diagnostics, &self.config, &self.startup, slave)
+            };
             return slaves.map(prepare).collect();
         }
         let (config, startup) = (&self.config, &self.startup);

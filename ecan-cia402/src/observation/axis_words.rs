@@ -1,0 +1,189 @@
+//! Words of an axis in a snapshot.
+
+use std::time::Duration;
+
+use ecan_canopen::{Network, NodeAddress, NodeId, Statusword};
+
+use super::codes;
+use crate::axis::axis::Axis;
+use crate::axis::config::AxisConfig;
+use crate::axis::status::{AxisErrorKind, AxisStatus};
+use crate::axis::units::Scale;
+use crate::guard::position_range::PositionRange;
+use crate::guard::terms::{Decision, TargetRejection};
+
+/// Words that do not change: address, scale and range.
+pub(super) const FIXED_WORDS: usize = 4;
+/// Words of each cycle.
+pub(super) const CYCLE_WORDS: usize = 5;
+/// Words of a rejected target; else their content is old.
+pub(super) const REJECTION_WORDS: usize = 2;
+pub(super) const AXIS_WORDS: usize = FIXED_WORDS + CYCLE_WORDS + REJECTION_WORDS;
+
+const HAS_ACTUAL: u64 = 1;
+const HAS_TARGET: u64 = 1 << 1;
+const HAS_STATUSWORD: u64 = 1 << 2;
+const CONFIGURED: u64 = 1 << 3;
+const RUNNING: u64 = 1 << 4;
+const AT_REST: u64 = 1 << 5;
+const TARGET_REACHED: u64 = 1 << 6;
+const STOPPED: u64 = 1 << 7;
+const RECOVERING: u64 = 1 << 8;
+
+fn flag(is_set: bool, bit: u64) -> u64 {
+    if is_set { bit } else { 0 }
+}
+
+/// Two numbers of 32 bits.
+fn pair(low: i32, high: i32) -> u64 {
+    u64::from(low.cast_unsigned()) | u64::from(high.cast_unsigned()) << 32
+}
+
+fn unpair(word: u64) -> (i32, i32) {
+    ((word as u32).cast_signed(), ((word >> 32) as u32).cast_signed())
+}
+
+pub(super) fn fixed_words(config: &AxisConfig) -> [u64; FIXED_WORDS] {
+    let NodeAddress { slave, channel, node } = config.address;
+    let (kind, min, max) = match config.range {
+        PositionRange::Linear => (0, 0, 0),
+        PositionRange::Wrapping => (1, 0, 0),
+        PositionRange::Modulo { min, max } => (2, min, max),
+    };
+    let address = slave as u64 | u64::from(channel) << 32 | u64::from(node.get()) << 40;
+    let (steps_per_turn, origin) = config.scale.parts();
+    [address, steps_per_turn.to_bits(), pair(origin, kind), pair(min, max)]
+}
+
+fn address_of(word: u64) -> Option<NodeAddress> {
+    let node = NodeId::new((word >> 40) as u8)?;
+    Some(NodeAddress { slave: word as u32 as usize, channel: (word >> 32) as u8, node })
+}
+
+/// Kind of a decision, its reason, and its value.
+fn decision_words(decision: Decision) -> (u8, u8, i32) {
+    match decision {
+        Decision::Closed => (0, 0, 0),
+        Decision::Track(target) => (1, 0, target),
+        Decision::First(target) => (2, 0, target),
+        Decision::Target(target) => (3, 0, target),
+        Decision::Wait(reason) => (4, reason as u8, 0),
+        Decision::Reject(rejection) => (5, rejection_words(rejection).0, 0),
+    }
+}
+
+fn rejection_words(rejection: TargetRejection) -> (u8, [u64; REJECTION_WORDS]) {
+    match rejection {
+        TargetRejection::Step { step, limit } => (0, [step.cast_unsigned(), limit.into()]),
+        TargetRejection::Window { distance, window } => {
+            (1, [distance.cast_unsigned(), window.into()])
+        }
+        TargetRejection::Bounds { target, min, max } => (2, [pair(target, min), pair(max, 0)]),
+        TargetRejection::Counter { target } => (3, [pair(target, 0), 0]),
+        TargetRejection::NoTargets => (4, [0, 0]),
+    }
+}
+
+fn rejection_of(kind: u8, [first, second]: [u64; REJECTION_WORDS]) -> TargetRejection {
+    let (target, min) = unpair(first);
+    match kind {
+        0 => TargetRejection::Step { step: first.cast_signed(), limit: second as u32 },
+        1 => TargetRejection::Window { distance: first.cast_signed(), window: second as u32 },
+        2 => TargetRejection::Bounds { target, min, max: unpair(second).0 },
+        3 => TargetRejection::Counter { target },
+        _ => TargetRejection::NoTargets,
+    }
+}
+
+/// The words of a cycle, and those of a rejected target.
+#[inline]
+pub(super) fn cycle_words(
+    axis: &Axis,
+    network: &Network,
+    now_ns: u64,
+) -> ([u64; CYCLE_WORDS], Option<[u64; REJECTION_WORDS]>) {
+    let (actual, target) = (axis.guard.actual(), axis.target());
+    let statusword = axis.drive.statusword;
+    let flags = flag(actual.is_some(), HAS_ACTUAL)
+        | flag(target.is_some(), HAS_TARGET)
+        | flag(statusword.is_some(), HAS_STATUSWORD)
+        | flag(axis.setup.is_complete(), CONFIGURED)
+        | flag(axis.follows_application(), RUNNING)
+        | flag(axis.is_at_rest(), AT_REST)
+        | flag(axis.is_target_reached(), TARGET_REACHED)
+        | flag(axis.is_stopped(now_ns), STOPPED)
+        | flag(axis.recovery.is_some(), RECOVERING);
+    let (decision, reason, value) = decision_words(axis.decision);
+    let error = axis.error.map_or(0, |error| AxisErrorKind::from(error).raw());
+    let stop = codes::stop_number(axis.state.stop().map(|stop| stop.cause));
+    let words = [
+        pair(actual.unwrap_or(0), target.unwrap_or(0)),
+        flags
+            | u64::from(axis.guard.actual_age()) << 16
+            | u64::from(statusword.map_or(0, |word| word.0)) << 32
+            | u64::from(axis.error_code(network)) << 48,
+        u64::from(value.cast_unsigned())
+            | u64::from(decision) << 32
+            | u64::from(reason) << 35
+            | u64::from(codes::nmt_number(network.nmt_state(axis.node))) << 40
+            | u64::from(network.heartbeat(axis.node) as u8) << 43
+            | u64::from(codes::hold_number(axis.hold_reason())) << 48,
+        u64::from(codes::phase_number(axis.phase))
+            | u64::from(stop) << 32
+            | u64::from(codes::mode_number(axis.mode)) << 56,
+        now_ns.saturating_sub(axis.phase_since_ns) << 8 | u64::from(error),
+    ];
+    let rejected = match axis.decision {
+        Decision::Reject(rejection) => Some(rejection_words(rejection).1),
+        _ => None,
+    };
+    (words, rejected)
+}
+
+/// The status of an axis.
+pub(super) fn status_of(words: &[u64; AXIS_WORDS]) -> Option<AxisStatus> {
+    let [address, steps_per_turn, origin, range, rest @ ..] = *words;
+    let [positions, state, decided, phase, elapsed, first, second] = rest;
+    let (actual, target) = unpair(positions);
+    let (origin, range_kind) = unpair(origin);
+    let (min, max) = unpair(range);
+    let has = |bit| state & bit != 0;
+    let value = unpair(decided).0;
+    let reason = (decided >> 35) as u8 & 0x1F;
+    Some(AxisStatus {
+        address: address_of(address)?,
+        phase: codes::phase(phase as u32)?,
+        elapsed: Duration::from_nanos(elapsed >> 8),
+        error: AxisErrorKind::from_raw(elapsed as u8),
+        mode: codes::mode((phase >> 56) as u8)?,
+        statusword: has(HAS_STATUSWORD).then_some(Statusword((state >> 32) as u16)),
+        error_code: (state >> 48) as u16,
+        nmt_state: codes::nmt_state((decided >> 40) as u8 & 7),
+        heartbeat: codes::heartbeat((decided >> 43) as u8 & 7)?,
+        actual: has(HAS_ACTUAL).then_some(actual),
+        actual_age: (state >> 16) as u16,
+        target: has(HAS_TARGET).then_some(target),
+        decision: match (decided >> 32) as u8 & 7 {
+            1 => Decision::Track(value),
+            2 => Decision::First(value),
+            3 => Decision::Target(value),
+            4 => Decision::Wait(codes::wait_reason(reason)?),
+            5 => Decision::Reject(rejection_of(reason, [first, second])),
+            _ => Decision::Closed,
+        },
+        hold_reason: codes::hold_reason((decided >> 48) as u16),
+        stop_cause: codes::stop_cause((phase >> 32) as u32 & 0xFF_FFFF),
+        is_configured: has(CONFIGURED),
+        is_running: has(RUNNING),
+        is_at_rest: has(AT_REST),
+        is_target_reached: has(TARGET_REACHED),
+        is_stopped: has(STOPPED),
+        is_recovering: has(RECOVERING),
+        scale: Scale::of_parts((f64::from_bits(steps_per_turn), origin)),
+        range: match range_kind {
+            1 => PositionRange::Wrapping,
+            2 => PositionRange::Modulo { min, max },
+            _ => PositionRange::Linear,
+        },
+    })
+}

@@ -1,0 +1,9 @@
+//! The axes' part of a snapshot.
+
+mod axes_snapshot;
+mod axis_words;
+mod codes;
+
+pub use axes_snapshot::AxesSnapshot;
+
+pub(crate) use axes_snapshot::{publish, reserve};

@@ -1,0 +1,18 @@
+//! Observation of the cycle, and commands to it, from other threads.
+
+mod commands;
+mod handle;
+mod publisher;
+mod quick_stops;
+mod ring;
+mod section;
+mod snapshot;
+
+pub use commands::{CommandTicket, NoSuchAxis};
+pub use handle::Observer;
+pub use quick_stops::{QuickStop, QuickStops};
+pub use section::{Section, SectionWriter};
+pub use snapshot::{ObserverError, Snapshot};
+
+pub(crate) use publisher::Publisher;
+pub(crate) use snapshot::CycleRecord;

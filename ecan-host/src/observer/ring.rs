@@ -1,0 +1,230 @@
+//! Ring of versions of the snapshot: one writer, which never waits, and any number of readers.
+
+use std::sync::atomic::{AtomicU64, Ordering, fence};
+use std::sync::{Arc, OnceLock};
+
+use super::section::{Layout, Section};
+
+/// Versions of the ring. A reader repeats its read only if the writer publishes one less than this
+/// while it copies.
+const VERSIONS: usize = 4;
+
+/// Words of one snapshot, with the number of the publication; 0 while it is being written.
+#[derive(Debug)]
+struct Version {
+    number: AtomicU64,
+    words: Box<[AtomicU64]>,
+}
+
+/// Ring of versions with one layout.
+///
+/// Each version has a sequence lock: the writer sets its number to 0, writes the words, and sets the
+/// new number. Two fences order the words between them, so that a reader which finds the same number
+/// before and after its copy has the words of that number.
+///
+/// A larger ring is [appended](Self::append) outside the cycle; the writer continues there with its
+/// next version, and readers follow.
+#[derive(Debug)]
+pub(super) struct Ring {
+    layout: Layout,
+    versions: [Version; VERSIONS],
+    /// Number of the last complete version; 0 before the first.
+    newest: AtomicU64,
+    next: OnceLock<Arc<Ring>>,
+}
+
+impl Ring {
+    pub(super) fn new(layout: Layout) -> Self {
+        let version = |_| Version {
+            number: AtomicU64::new(0),
+            words: layout.initial.iter().copied().map(AtomicU64::new).collect(),
+        };
+        Self {
+            versions: std::array::from_fn(version),
+            layout,
+            newest: AtomicU64::new(0),
+            next: OnceLock::new(),
+        }
+    }
+
+    pub(super) fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    pub(super) fn next(&self) -> Option<&Arc<Self>> {
+        self.next.get()
+    }
+
+    /// Appends a ring; the first one stays. Allocates.
+    pub(super) fn append(&self, layout: Layout) {
+        let _ = self.next.set(Arc::new(Self::new(layout)));
+    }
+
+    pub(super) fn has_version(&self) -> bool {
+        self.newest.load(Ordering::Acquire) != 0
+    }
+
+    /// The last ring of the chain.
+    pub(super) fn last(self: &Arc<Self>) -> &Arc<Self> {
+        let mut ring = self;
+        while let Some(next) = ring.next() {
+            ring = next;
+        }
+        ring
+    }
+
+    /// The last ring of the chain that has a version; this one if none has.
+    pub(super) fn last_written(self: &Arc<Self>) -> &Arc<Self> {
+        let (mut ring, mut found) = (self, self);
+        while let Some(next) = ring.next() {
+            ring = next;
+            if ring.has_version() {
+                found = ring;
+            }
+        }
+        found
+    }
+
+    fn version(&self, number: u64) -> &Version {
+        // infallible: the remainder is an index
+        &self.versions[number as usize % VERSIONS]
+    }
+
+    /// Begins the version `number`, from 1 on, each larger than the one before. Only the writer calls it.
+    pub(super) fn begin(&self, number: u64) {
+        self.version(number).number.store(0, Ordering::Relaxed);
+        // A reader that sees one of the following words also sees the 0.
+        fence(Ordering::Release);
+    }
+
+    /// The words of a section, the first for the number, of the version that was begun.
+    pub(super) fn section(&self, number: u64, section: Section) -> &[AtomicU64] {
+        self.version(number).words.get(self.layout.range(section)).unwrap_or_default()
+    }
+
+    /// Completes the version that was begun.
+    pub(super) fn complete(&self, number: u64) {
+        self.version(number).number.store(number, Ordering::Release);
+        self.newest.store(number, Ordering::Release);
+    }
+
+    /// Copies the newest version and returns its number; `None` before the first. `words` has the
+    /// length of the layout.
+    pub(super) fn read(&self, words: &mut [u64]) -> Option<u64> {
+        loop {
+            let number = self.newest.load(Ordering::Acquire);
+            if number == 0 {
+                return None;
+            }
+            let version = self.version(number);
+            if version.number.load(Ordering::Acquire) == number {
+                for (to, word) in words.iter_mut().zip(&version.words) {
+                    *to = word.load(Ordering::Relaxed);
+                }
+                // Against the one in `begin`.
+                fence(Ordering::Acquire);
+                if version.number.load(Ordering::Relaxed) == number {
+                    return Some(number);
+                }
+            }
+            std::hint::spin_loop();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+
+    use super::*;
+
+    /// Words of a version.
+    const WORDS: usize = if cfg!(miri) { 4 } else { 12 };
+    /// Reads and publications together.
+    const OPERATIONS: u64 = if cfg!(miri) { 400 } else { 10_000_000 };
+    const READERS: usize = 3;
+
+    fn ring(words: usize) -> Ring {
+        Ring::new(Layout::default().with(Section::Adapter, &vec![0; words]))
+    }
+
+    fn publish(ring: &Ring, number: u64) {
+        ring.begin(number);
+        for (nth, word) in ring.section(number, Section::Adapter).iter().enumerate() {
+            word.store(number.wrapping_mul(nth as u64 + 1), Ordering::Relaxed);
+        }
+        ring.complete(number);
+    }
+
+    fn assert_consistent(number: u64, words: &[u64]) {
+        for (nth, word) in words.iter().take(WORDS + 1).enumerate() {
+            assert_eq!(*word, number.wrapping_mul(nth as u64 + 1), "word {nth} of {number}");
+        }
+    }
+
+    #[test]
+    fn concurrent_reads_are_never_torn() {
+        let ring = &ring(WORDS);
+        let operations = &AtomicU64::new(0);
+        let is_running = || operations.fetch_add(1, Ordering::Relaxed) < OPERATIONS;
+        let read = || {
+            let mut words = vec![0; ring.layout().initial.len()];
+            let mut last = 0;
+            while is_running() {
+                let Some(number) = ring.read(&mut words) else { continue };
+                assert_consistent(number, &words);
+                assert!(number >= last, "{number} after {last}");
+                last = number;
+            }
+        };
+        thread::scope(|scope| {
+            for _ in 0..READERS {
+                scope.spawn(read);
+            }
+            let mut published = 0;
+            while is_running() {
+                published += 1;
+                publish(ring, published);
+            }
+            assert!(published > 0);
+        });
+    }
+
+    #[test]
+    fn reader_follows_to_the_ring_with_a_version() {
+        let first = Arc::new(ring(WORDS));
+        let mut words = vec![0; first.layout().initial.len()];
+        assert_eq!(first.read(&mut words), None);
+        publish(&first, 1);
+        first.append(first.layout().with(Section::Port, &[0; 5]));
+        first.last().append(first.layout().with(Section::Port, &[0; 9]));
+        assert!(Arc::ptr_eq(first.last_written(), &first), "nothing was published there yet");
+        let last = first.last();
+        publish(last, 2);
+        assert!(Arc::ptr_eq(first.last_written(), last));
+        let mut more = vec![0; last.layout().initial.len()];
+        assert_eq!(last.read(&mut more), Some(2));
+        assert_eq!(more.len(), words.len() + 9);
+        // The earlier ring still has its last version.
+        assert_eq!(first.read(&mut words), Some(1));
+        assert_consistent(1, &words);
+    }
+
+    #[test]
+    fn version_being_written_is_not_read() {
+        let ring = ring(WORDS);
+        let mut words = vec![0; ring.layout().initial.len()];
+        for number in 1..=20 {
+            ring.begin(number);
+            ring.section(number, Section::Adapter)[1].store(u64::MAX, Ordering::Relaxed);
+            let before = ring.read(&mut words);
+            assert_eq!(before, (number > 1).then_some(number - 1));
+            if let Some(before) = before {
+                assert_consistent(before, &words);
+            }
+            publish(&ring, number);
+            assert_eq!(ring.read(&mut words), Some(number));
+            assert_consistent(number, &words);
+        }
+    }
+}

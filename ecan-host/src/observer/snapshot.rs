@@ -1,0 +1,382 @@
+//! Snapshot of one cycle, and the Adapter's part of it.
+
+use std::sync::Arc;
+
+use thiserror::Error;
+
+use super::commands::CommandTicket;
+use super::handle::Observer;
+use super::publisher::Publisher;
+use super::ring::Ring;
+use super::section::{Section, SectionWriter};
+use crate::adapter::{Delivery, DomainReport};
+use crate::master::WcState;
+use crate::real_time::CycleStart;
+
+/// Words of the cycle, and of each slave.
+const CYCLE_WORDS: usize = 10;
+const SLAVE_WORDS: usize = 2;
+
+/// Error of [`Snapshot::update`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum ObserverError {
+    /// No cycle has run since the first observer.
+    #[error("no cycle has been published yet; retry after the next cycle")]
+    NoCycle,
+    /// The Adapter is gone; the snapshot is that of its last cycle.
+    #[error("the Adapter is closed; no further cycle is published")]
+    Closed,
+}
+
+/// Times of a cycle in a snapshot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct CycleRecord {
+    pub(crate) cycle: u64,
+    pub(crate) time_ns: u64,
+    pub(crate) start: Option<CycleStart>,
+    pub(crate) run_time_ns: u64,
+    pub(crate) overruns: u64,
+    pub(crate) skipped: u64,
+    pub(crate) executed: u64,
+    pub(crate) is_stop_requested: bool,
+}
+
+const HAS_START: u64 = 1;
+const HAS_OVERRUN: u64 = 2;
+const STOP_REQUESTED: u64 = 4;
+
+impl CycleRecord {
+    fn words(&self) -> [u64; CYCLE_WORDS] {
+        let start = self.start.unwrap_or_default();
+        let flag = |is_set: bool, bit: u64| if is_set { bit } else { 0 };
+        let flags = flag(self.start.is_some(), HAS_START)
+            | flag(start.has_overrun, HAS_OVERRUN)
+            | flag(self.is_stop_requested, STOP_REQUESTED);
+        let Self { cycle, time_ns, run_time_ns, overruns, skipped, executed, .. } = *self;
+        let CycleStart { deadline_ns, late_ns, skipped: skipped_before, .. } = start;
+        [
+            cycle,
+            time_ns,
+            deadline_ns,
+            late_ns,
+            skipped_before,
+            run_time_ns,
+            overruns,
+            skipped,
+            executed,
+            flags,
+        ]
+    }
+
+    fn of(words: [u64; CYCLE_WORDS]) -> Self {
+        let [
+            cycle,
+            time_ns,
+            deadline_ns,
+            late_ns,
+            skipped_before,
+            run_time_ns,
+            overruns,
+            skipped,
+            executed,
+            flags,
+        ] = words;
+        let has_overrun = flags & HAS_OVERRUN != 0;
+        let start = CycleStart { deadline_ns, late_ns, skipped: skipped_before, has_overrun };
+        Self {
+            cycle,
+            time_ns,
+            start: (flags & HAS_START != 0).then_some(start),
+            run_time_ns,
+            overruns,
+            skipped,
+            executed,
+            is_stop_requested: flags & STOP_REQUESTED != 0,
+        }
+    }
+}
+
+fn report_words(report: &DomainReport) -> [u64; SLAVE_WORDS] {
+    let counters =
+        u64::from(report.working_counter) | u64::from(report.expected_working_counter) << 32;
+    let state = match report.wc_state {
+        WcState::Zero => 0,
+        WcState::Incomplete => 1,
+        WcState::Complete => 2,
+    };
+    let delivery = |delivery| match delivery {
+        Delivery::None => 0,
+        Delivery::Confirmed => 1,
+        Delivery::Missed => 2,
+        Delivery::Unknown => 3,
+    };
+    [counters, state | delivery(report.outputs) << 8 | delivery(report.inputs) << 16]
+}
+
+fn report_of([counters, states]: [u64; SLAVE_WORDS]) -> DomainReport {
+    let delivery = |code| match code & 0xFF {
+        1 => Delivery::Confirmed,
+        2 => Delivery::Missed,
+        3 => Delivery::Unknown,
+        _ => Delivery::None,
+    };
+    DomainReport {
+        working_counter: counters as u32,
+        expected_working_counter: (counters >> 32) as u32,
+        wc_state: match states & 0xFF {
+            1 => WcState::Incomplete,
+            2 => WcState::Complete,
+            _ => WcState::Zero,
+        },
+        outputs: delivery(states >> 8),
+        inputs: delivery(states >> 16),
+    }
+}
+
+/// Snapshot of one cycle: everything in it belongs to the same cycle.
+///
+/// [`update`](Self::update) replaces it by that of the last cycle. This crate's part is what the
+/// methods return; the layers above read theirs with `PortSnapshot` and `AxesSnapshot`.
+#[derive(Debug)]
+pub struct Snapshot {
+    observer: Observer,
+    ring: Arc<Ring>,
+    /// Number of the version; 0 before the first.
+    number: u64,
+    words: Vec<u64>,
+}
+
+impl Snapshot {
+    pub(super) fn new(observer: Observer) -> Self {
+        let first = observer.shared().first_ring();
+        let ring = Arc::clone(first.last_written());
+        // Room for what is reserved already.
+        let words = Vec::with_capacity(first.last().layout().initial.len());
+        Self { observer, ring, number: 0, words }
+    }
+
+    /// Reads the snapshot of the last cycle. Repeats the read while the cycle overtakes it; takes no
+    /// lock, and memory only after a layer was opened or reconfigured.
+    ///
+    /// # Errors
+    /// [`ObserverError`]. After [`Closed`](ObserverError::Closed) the snapshot is that of the last
+    /// cycle.
+    pub fn update(&mut self) -> Result<(), ObserverError> {
+        // Before the read: the last snapshot is complete if it is set.
+        let is_closed = self.observer.is_closed();
+        let ring = self.ring.last_written();
+        if !Arc::ptr_eq(ring, &self.ring) {
+            self.ring = Arc::clone(ring);
+        }
+        self.words.resize(self.ring.layout().initial.len(), 0);
+        let number = self.ring.read(&mut self.words);
+        self.number = number.unwrap_or(0);
+        match number {
+            _ if is_closed => Err(ObserverError::Closed),
+            Some(_) => Ok(()),
+            None => Err(ObserverError::NoCycle),
+        }
+    }
+
+    /// The observer of this snapshot.
+    pub fn observer(&self) -> &Observer {
+        &self.observer
+    }
+
+    /// Words of a section, without its number; `None` if the cycle did not write it. For the layers of
+    /// the SDK.
+    pub fn section(&self, section: Section) -> Option<&[u64]> {
+        let words = self.words.get(self.ring.layout().range(section))?;
+        match words.split_first() {
+            Some((number, rest)) if *number == self.number && self.number != 0 => Some(rest),
+            _ => None,
+        }
+    }
+
+    fn record(&self) -> CycleRecord {
+        let words = self.section(Section::Adapter).and_then(<[u64]>::first_chunk);
+        words.map_or_else(CycleRecord::default, |words| CycleRecord::of(*words))
+    }
+
+    /// Number of the cycle, counted from 1 by [`Adapter::receive`](crate::Adapter::receive); 0 before
+    /// the first snapshot.
+    pub fn cycle(&self) -> u64 {
+        self.record().cycle
+    }
+
+    /// Time of the cycle: see [`Adapter::cycle_time_ns`](crate::Adapter::cycle_time_ns).
+    pub fn time_ns(&self) -> u64 {
+        self.record().time_ns
+    }
+
+    /// Deadline, delay and skipped deadlines of the cycle; `None` if it began without
+    /// [`Adapter::wait_next_cycle`](crate::Adapter::wait_next_cycle).
+    pub fn cycle_start(&self) -> Option<CycleStart> {
+        self.record().start
+    }
+
+    /// Time from the start of the cycle to the end of its [`send`](crate::Adapter::send), in nanoseconds.
+    pub fn run_time_ns(&self) -> u64 {
+        self.record().run_time_ns
+    }
+
+    /// Cycles that missed a deadline, since the Adapter was opened.
+    pub fn overruns(&self) -> u64 {
+        self.record().overruns
+    }
+
+    /// Deadlines that were skipped, since the Adapter was opened.
+    pub fn skipped(&self) -> u64 {
+        self.record().skipped
+    }
+
+    /// Number of slaves.
+    pub fn slave_count(&self) -> usize {
+        let words = self.section(Section::Adapter).unwrap_or_default();
+        words.len().saturating_sub(CYCLE_WORDS) / SLAVE_WORDS
+    }
+
+    /// Exchange with a slave in this cycle; `None` for an index out of range.
+    pub fn domain_report(&self, slave: usize) -> Option<DomainReport> {
+        let words = self.section(Section::Adapter)?.get(CYCLE_WORDS..)?;
+        words.as_chunks().0.get(slave).copied().map(report_of)
+    }
+
+    /// Number of the last command that was executed; 0 before the first.
+    pub fn executed_command(&self) -> u64 {
+        self.record().executed
+    }
+
+    /// Returns whether this cycle or an earlier one has executed a command.
+    pub fn has_executed(&self, ticket: CommandTicket) -> bool {
+        self.executed_command() >= ticket.number()
+    }
+
+    /// Returns whether the application was requested to stop.
+    pub fn is_stop_requested(&self) -> bool {
+        self.record().is_stop_requested
+    }
+}
+
+impl Publisher {
+    pub(crate) fn reserve_cycle(&self, slave_count: usize) {
+        self.reserve(Section::Adapter, &vec![0; CYCLE_WORDS + slave_count * SLAVE_WORDS]);
+    }
+
+    /// Writes the Adapter's section and completes the version.
+    pub(crate) fn publish<'a>(
+        &mut self,
+        record: &CycleRecord,
+        reports: impl Iterator<Item = &'a DomainReport>,
+    ) {
+        if let Some(mut writer) = self.section(Section::Adapter) {
+            write(&mut writer, record, reports);
+            self.complete();
+        }
+    }
+}
+
+fn write<'a>(
+    writer: &mut SectionWriter<'_>,
+    record: &CycleRecord,
+    reports: impl Iterator<Item = &'a DomainReport>,
+) {
+    writer.write(record.words());
+    for report in reports {
+        writer.write(report_words(report));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn report() -> impl Strategy<Value = DomainReport> {
+        let delivery = prop::sample::select(vec![
+            Delivery::None,
+            Delivery::Confirmed,
+            Delivery::Missed,
+            Delivery::Unknown,
+        ]);
+        let state =
+            prop::sample::select(vec![WcState::Zero, WcState::Incomplete, WcState::Complete]);
+        let parts = (any::<u32>(), any::<u32>(), state, delivery.clone(), delivery);
+        parts.prop_map(|(working_counter, expected_working_counter, wc_state, outputs, inputs)| {
+            DomainReport { working_counter, expected_working_counter, wc_state, outputs, inputs }
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn snapshot_returns_what_the_cycle_published(
+            numbers in any::<[u64; 6]>(),
+            start in prop::option::of((any::<u64>(), any::<u64>(), any::<u64>(), any::<bool>())),
+            is_stop_requested in any::<bool>(),
+            reports in prop::collection::vec(report(), 0..5),
+        ) {
+            let [cycle, time_ns, run_time_ns, overruns, skipped, executed] = numbers;
+            let start = start.map(|(deadline_ns, late_ns, skipped, has_overrun)| {
+                CycleStart { deadline_ns, late_ns, skipped, has_overrun }
+            });
+            let record = CycleRecord {
+                cycle, time_ns, start, run_time_ns, overruns, skipped, executed, is_stop_requested,
+            };
+            let mut publisher = Publisher::default();
+            publisher.reserve_cycle(reports.len());
+            let mut snapshot = publisher.observer().snapshot();
+            prop_assert_eq!(snapshot.update(), Err(ObserverError::NoCycle));
+            publisher.begin();
+            publisher.publish(&record, reports.iter());
+            prop_assert_eq!(snapshot.update(), Ok(()));
+            prop_assert_eq!(snapshot.record(), record);
+            prop_assert_eq!(snapshot.slave_count(), reports.len());
+            for (slave, report) in reports.iter().enumerate() {
+                prop_assert_eq!(snapshot.domain_report(slave), Some(*report));
+            }
+            prop_assert_eq!(snapshot.domain_report(reports.len()), None);
+            drop(publisher);
+            prop_assert_eq!(snapshot.update(), Err(ObserverError::Closed));
+            prop_assert_eq!(snapshot.record(), record);
+        }
+    }
+
+    #[test]
+    fn section_of_another_cycle_is_not_returned() {
+        let mut publisher = Publisher::default();
+        publisher.reserve_cycle(1);
+        let mut snapshot = publisher.observer().snapshot();
+        // Reserved after the snapshot was created.
+        publisher.reserve(Section::Port, &[9, 0]);
+        let record = CycleRecord { cycle: 1, ..CycleRecord::default() };
+        for cycle in 1..20 {
+            publisher.begin();
+            let is_written = cycle % 3 == 0;
+            if is_written {
+                let mut writer = publisher.section(Section::Port).unwrap();
+                writer.skip(1);
+                writer.write([cycle]);
+            }
+            publisher.publish(&record, [].into_iter());
+            snapshot.update().unwrap();
+            let expected: &[u64] = &[9, cycle];
+            assert_eq!(snapshot.section(Section::Port), is_written.then_some(expected));
+            assert_eq!(snapshot.cycle(), 1);
+        }
+    }
+
+    #[test]
+    fn nothing_is_published_without_an_observer() {
+        let mut publisher = Publisher::default();
+        publisher.reserve_cycle(1);
+        publisher.begin();
+        assert!(publisher.section(Section::Adapter).is_none());
+        let observer = publisher.observer();
+        publisher.begin();
+        assert!(publisher.section(Section::Adapter).is_some());
+        publisher.publish(&CycleRecord::default(), [].into_iter());
+        drop(observer);
+        publisher.begin();
+        assert!(publisher.section(Section::Adapter).is_none());
+    }
+}
