@@ -32,6 +32,12 @@ pub enum BackendError {
     /// This node is a bridge, and [`SimOptions::bridges`](crate::SimOptions::bridges) is not set.
     #[error("node \"{0}\" is a bridge; this program does not support bridges")]
     NoBridges(String),
+    /// The scenario has an I/O slave with this name, which the front end `esc` does not have.
+    #[error(
+        "slave \"{0}\" is an I/O, which the simulated wire does not support; remove its [[io]], or \
+         use the simulated libethercat"
+    )]
+    IoOnWire(String),
     /// A scenario file is invalid: its first error.
     #[error("{0}: {1}")]
     Scenario(PathBuf, ScenarioError),

@@ -39,8 +39,8 @@ impl LibraryCall {
 
 /// A fault of the library, on the line, in a gateway, on a bus or in a node.
 ///
-/// `gateway` is the position on the EtherCAT line, from 0; if it does not exist, the fault has no
-/// effect.
+/// `gateway` is the index of a gateway in the order of the EtherCAT line, from 0; if it does not
+/// exist, the fault has no effect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// The frames of the next `cycles` sends with process data are lost, and those of other sends
@@ -61,42 +61,49 @@ pub enum Fault {
     },
     /// The gateway loses its supply for `off_ms` milliseconds, then boots.
     PowerCycle {
-        /// Position.
+        /// Index.
         gateway: usize,
         /// Time without supply, ms.
         off_ms: u32,
     },
     /// The gateway loses its supply permanently.
     PowerOff {
-        /// Position.
+        /// Index.
         gateway: usize,
     },
     /// The cable before the gateway is open for `for_ms` milliseconds: the gateway and those
-    /// downstream keep their supply, but receive no frames. At position 0 the master's own link is
-    /// down.
+    /// downstream keep their supply, but receive no frames. If it is the first slave, the master's own
+    /// link is down.
     LinkLoss {
-        /// Position.
+        /// Index.
         gateway: usize,
         /// Duration, ms.
         for_ms: u32,
     },
+    /// An I/O slave loses its supply for `off_ms` milliseconds.
+    IoPowerCycle {
+        /// Index in [`Scenario::ios`](crate::Scenario::ios).
+        io: usize,
+        /// Time without supply, ms.
+        off_ms: u32,
+    },
     /// A fault inside a gateway.
     Gateway {
-        /// Position.
+        /// Index.
         gateway: usize,
         /// Fault.
         fault: GatewayFault,
     },
     /// The CAN controller of this channel becomes bus-off.
     BusOff {
-        /// Position.
+        /// Index.
         gateway: usize,
         /// Channel, 0 to 3.
         channel: usize,
     },
     /// The next `frames` transmissions of the gateway's channel end in error frames.
     ErrorFrames {
-        /// Position.
+        /// Index.
         gateway: usize,
         /// Channel, 0 to 3.
         channel: usize,

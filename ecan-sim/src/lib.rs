@@ -14,6 +14,10 @@ pub use gateway::{
 
 pub use gateway::variant;
 
+mod io_slave;
+
+pub use io_slave::IoSlave;
+
 mod mailbox;
 
 // CAN side
@@ -81,8 +85,8 @@ pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};
 pub use runner::{RealTimeRunner, RunnerError};
 pub use scenario::{
-    BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, GatewaySpec, MasterBehaviour, NodeKind,
-    NodeSpec, Scenario, ScenarioError, Topology, drives, echo, jitter,
+    BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, GatewaySpec, IoBehaviour, IoSpec,
+    MasterBehaviour, NodeKind, NodeSpec, Scenario, ScenarioError, Topology, drives, echo, jitter,
 };
 pub use simulation::{AttachedNode, Simulation, UnknownBus};
 pub use wake_up::WakeUpDelay;

@@ -57,8 +57,13 @@ impl Simulation {
 
     /// One line for programs to print first; states that the run is simulated.
     pub fn banner(&self) -> String {
-        let Scenario { name, seed, gateways, nodes, .. } = &*self.scenario;
+        let Scenario { name, seed, gateways, ios, nodes, .. } = &*self.scenario;
         let (gateways, nodes) = (gateways.len(), nodes.len());
+        let others = match ios.len() {
+            0 => String::new(),
+            1 => ", 1 I/O slave".to_owned(),
+            count => format!(", {count} I/O slaves"),
+        };
         let clock = match self.clock_kind() {
             ClockKind::Real => "real time",
             ClockKind::Stepped => "stepped time",
@@ -71,7 +76,7 @@ impl Simulation {
         let bridges = self.with_world(|world| world.node_descriptions());
         format!(
             "SIMULATED: no EtherCAT master, no hardware. Scenario {name}: {gateways} \
-             gateway{}, {nodes} node{}, libethercat {version}, {clock}, seed {seed}{bridges}",
+             gateway{}{others}, {nodes} node{}, libethercat {version}, {clock}, seed {seed}{bridges}",
             plural(gateways),
             plural(nodes),
         )

@@ -5,9 +5,11 @@ mod attached_node;
 mod can_side;
 mod deadline_set;
 mod drives;
+mod io_slot;
 mod line;
 mod node_slot;
 mod recording;
+mod slave_description;
 
 use ecan_protocol::mapping::CHANNELS;
 
@@ -20,13 +22,15 @@ use crate::scenario::{GatewaySpec, Scenario, Topology};
 use crate::sii;
 use crate::world::can_side::BusSlot;
 use crate::world::deadline_set::DeadlineSet;
+use crate::world::io_slot::IoSlot;
 use crate::world::line::{ChannelLink, LineSlot};
 use crate::world::node_slot::NodeSlot;
 use crate::world::recording::Recording;
 
 pub use recording::BusFrame;
 
-pub(crate) use line::{CycleFaults, Fmmu, LogicalCommand, ProcessDirection};
+pub(crate) use line::{CycleFaults, Fmmu, LogicalCommand, ProcessDirection, Slot};
+pub(crate) use slave_description::SlaveDescription;
 
 /// Simulated time at which every stepped world begins, ns. Not 0, which some interfaces take for
 /// "no time given".
@@ -43,7 +47,10 @@ pub struct World {
     start: u64,
     seed: u64,
     topology: Topology,
+    /// The slaves in the order of the line.
+    line: Vec<Slot>,
     slots: Vec<LineSlot>,
+    ios: Vec<IoSlot>,
     buses: Vec<BusSlot>,
     nodes: Vec<NodeSlot>,
     /// Time of the next event of each node.
@@ -77,7 +84,9 @@ impl World {
             seed: scenario.seed,
             start: now,
             topology: scenario.topology,
+            line: line::order(scenario),
             slots: Vec::with_capacity(scenario.gateways.len()),
+            ios: scenario.ios.iter().map(|spec| IoSlot::new(spec.clone(), now)).collect(),
             buses: Vec::new(),
             nodes: Vec::with_capacity(scenario.nodes.len()),
             nodes_due: DeadlineSet::default(),
@@ -245,6 +254,7 @@ impl World {
                     slot.cable_open_until = now + ms(for_ms);
                 }
             }
+            Fault::IoPowerCycle { io, off_ms } => self.switch_io_off(io, now + ms(off_ms)),
             Fault::Gateway { gateway, fault } => {
                 self.with_gateway(gateway, |gateway, now| gateway.inject(now, fault));
             }

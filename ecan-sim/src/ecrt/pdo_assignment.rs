@@ -2,7 +2,7 @@
 
 use crate::ecrt::pdo::SYNC_MANAGERS;
 use crate::ecrt::slave_config::SlaveConfig;
-use crate::scenario::GatewaySpec;
+use crate::world::SlaveDescription;
 
 /// One write, and where to continue if the slave aborts it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,18 +19,21 @@ const FIRST_PROCESS_SYNC: u8 = 2;
 /// The writes of a configuration, that the SII of the slave allows.
 ///
 /// A count that cannot be cleared skips its object, a PDO that cannot be assigned ends the list.
-pub(crate) fn assignment_writes(config: &SlaveConfig, spec: &GatewaySpec) -> Vec<AssignmentWrite> {
+pub(crate) fn assignment_writes(
+    config: &SlaveConfig,
+    slave: &SlaveDescription,
+) -> Vec<AssignmentWrite> {
     let mut list = Vec::new();
     for number in FIRST_PROCESS_SYNC..SYNC_MANAGERS {
         let Some(sync) = config.syncs.get(usize::from(number)) else { continue };
-        for pdo in sync.pdos.iter().filter(|_| spec.pdo_configuration) {
+        for pdo in sync.pdos.iter().filter(|_| slave.pdo_configuration) {
             let entries = pdo.entries.iter().map(|entry| {
                 let object = u32::from(entry.index) << 16 | u32::from(entry.subindex) << 8;
                 (object | u32::from(entry.bits), 4)
             });
             push_list(&mut list, pdo.index, entries, false);
         }
-        if spec.pdo_assign {
+        if slave.pdo_assign {
             let pdos = sync.pdos.iter().map(|pdo| (u32::from(pdo.index), 2));
             push_list(&mut list, 0x1C10 + u16::from(number), pdos, true);
         }
@@ -74,8 +77,8 @@ mod tests {
         let mut config = SlaveConfig { vendor_id: 1, product_code: 2, ..SlaveConfig::default() };
         config.syncs[2].pdos =
             [0x1600, 0x1601].map(|index| Pdo { index, entries: Vec::new() }).to_vec();
-        let spec = GatewaySpec::at(0);
-        let list = assignment_writes(&config, &spec);
+        let slave = SlaveDescription::of_gateway(&crate::scenario::GatewaySpec::at(0));
+        let list = assignment_writes(&config, &slave);
         let lines: Vec<_> = list.iter().map(|w| (w.index, w.subindex, w.value, w.size)).collect();
         assert_eq!(
             lines,
@@ -89,7 +92,7 @@ mod tests {
         );
         assert_eq!(list[0].after_failure, 4);
         assert_eq!(list[1].after_failure, usize::MAX);
-        let fixed = GatewaySpec { pdo_assign: false, ..spec };
+        let fixed = SlaveDescription { pdo_assign: false, ..slave };
         assert!(assignment_writes(&config, &fixed).is_empty());
     }
 }

@@ -10,6 +10,8 @@ pub(crate) struct SdoFailure {
 impl SdoFailure {
     /// The slave did not respond or is in the wrong state.
     pub(crate) const UNANSWERED: Self = Self { errno: libc::EIO, abort_code: 0 };
+    /// The SII of the slave has no CoE.
+    pub(crate) const NO_COE: Self = Self { errno: libc::EPROTONOSUPPORT, abort_code: 0 };
     pub(crate) const NO_SLAVE: Self = Self { errno: libc::EINVAL, abort_code: 0 };
 }
 

@@ -5,7 +5,7 @@ use ecan_protocol::object::AbortCode;
 use crate::ecrt::mailbox::{MailboxStep, MailboxTransfer, Pace};
 use crate::ecrt::sdo_object::{SdoFailure, SdoObject};
 use crate::ecrt::timing::{MAILBOX_TIMEOUT_NS, STATE_POLL_NS};
-use crate::world::World;
+use crate::world::{Slot, World};
 
 pub(crate) enum Payload<'a> {
     Download(&'a [u8]),
@@ -21,7 +21,7 @@ pub(crate) enum Progress {
 /// The slave of a transfer.
 #[derive(Clone, Copy)]
 pub(crate) struct Receiver {
-    pub(crate) slot: usize,
+    pub(crate) slot: Slot,
     pub(crate) is_present: bool,
 }
 
@@ -45,7 +45,7 @@ pub(crate) fn proceed(
     if !slave.is_present {
         return Progress::Done(Err(SdoFailure::UNANSWERED));
     }
-    let responds = world.with_gateway(slave.slot, |gateway, now| gateway.mailbox_answers(now));
+    let responds = world.with_gateway_in(slave.slot, |gateway, now| gateway.mailbox_answers(now));
     if responds != Some(true) {
         return match now.saturating_sub(mailbox.since) >= MAILBOX_TIMEOUT_NS {
             true => Progress::Done(Err(SdoFailure::UNANSWERED)),
@@ -56,13 +56,13 @@ pub(crate) fn proceed(
         return Progress::Done(response);
     }
     let response = execute(world, slave.slot, object, payload);
-    match world.with_gateway(slave.slot, |gateway, _| gateway.take_lost_response()) {
+    match world.with_gateway_in(slave.slot, |gateway, _| gateway.take_lost_response()) {
         Some(true) => {
             mailbox.respond(now + MAILBOX_TIMEOUT_NS, Err(SdoFailure::UNANSWERED));
         }
         _ => {
             let delay =
-                world.with_gateway(slave.slot, |gateway, _| gateway.config().mailbox_delay_ns);
+                world.with_gateway_in(slave.slot, |gateway, _| gateway.config().mailbox_delay_ns);
             mailbox.respond(now + delay.unwrap_or(0), response);
         }
     }
@@ -74,12 +74,12 @@ pub(crate) fn proceed(
 
 fn execute(
     world: &mut World,
-    slot: usize,
+    slot: Slot,
     object: SdoObject,
     payload: Payload<'_>,
 ) -> Result<(), SdoFailure> {
     let SdoObject { index, subindex, complete } = object;
-    let result = world.with_gateway(slot, |gateway, now| match payload {
+    let result = world.with_gateway_in(slot, |gateway, now| match payload {
         Payload::Download(data) if complete => gateway.sdo_download_complete(now, index, 0, data),
         Payload::Download(data) => gateway.sdo_download(now, index, subindex, data),
         // no call of the library uploads a whole object

@@ -78,9 +78,11 @@ impl Shared {
         kind: ClockKind,
         bridges: Option<BridgeFactory>,
     ) -> Result<Self, BackendError> {
-        let gateways = scenario.gateways.iter();
-        let boot_ms = gateways.map(|gateway| gateway.config.boot_ms).max().unwrap_or(0);
-        let scans = SCAN_BASE_NS + SCAN_SLAVE_NS * scenario.gateways.len() as u64;
+        let gateways = scenario.gateways.iter().map(|gateway| gateway.config.boot_ms);
+        let ios = scenario.ios.iter().map(|io| io.boot_ms);
+        let boot_ms = gateways.chain(ios).max().unwrap_or(0);
+        let slaves = scenario.gateways.len() + scenario.ios.len();
+        let scans = SCAN_BASE_NS + SCAN_SLAVE_NS * slaves as u64;
         // the dictionaries have been fetched as well
         let fetches = match scenario.master.fetches_dictionary {
             true => DICTIONARY_WAIT_NS + dictionary_ns(scenario.gateways.len() as u64),

@@ -3,8 +3,7 @@
 use crate::ecrt::pdo::{Pdo, direction_of, pdo_bytes};
 use crate::ecrt::process_memory::ProcessMemory;
 use crate::ecrt::sdo_object::SdoObject;
-use crate::scenario::GatewaySpec;
-use crate::world::ProcessDirection;
+use crate::world::{ProcessDirection, SlaveDescription};
 
 pub(super) const MAX_SYNC_MANAGERS: usize = 16;
 
@@ -149,8 +148,8 @@ pub(crate) enum EntrySelector {
 }
 
 impl SlaveConfig {
-    pub(crate) fn fits(&self, slave: &GatewaySpec) -> bool {
-        slave.config.vendor_id == self.vendor_id && slave.config.product_code == self.product_code
+    pub(crate) fn fits(&self, slave: &SlaveDescription) -> bool {
+        slave.vendor_id == self.vendor_id && slave.product_code == self.product_code
     }
 
     /// Sets the slave's default assignment, given by sync manager.

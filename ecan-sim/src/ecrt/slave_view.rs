@@ -7,16 +7,19 @@ use crate::ecrt::al_status::{AL_ERROR, al_status};
 use crate::ecrt::mailbox::Transfer;
 use crate::ecrt::pdo::{Pdo, PdoEntry, SYNC_MANAGERS};
 use crate::ecrt::startup_state::Startup;
-use crate::scenario::GatewaySpec;
-use crate::world::World;
+use crate::scenario::IoSpec;
+use crate::world::{SlaveDescription, Slot, World};
+
+/// PDOs by sync manager.
+type Assignment = [Vec<Pdo>; SYNC_MANAGERS as usize];
 
 #[derive(Debug)]
 pub(crate) struct SlaveView {
-    /// Its gateway in the world.
-    pub(crate) slot: usize,
-    /// Losses of supply of the gateway when it was scanned.
+    /// Its place in the world.
+    pub(crate) slot: Slot,
+    /// Losses of supply of the slave when it was scanned.
     pub(crate) generation: u32,
-    pub(crate) spec: GatewaySpec,
+    pub(crate) description: SlaveDescription,
     /// AL status as last read.
     pub(crate) current: u8,
     pub(crate) requested: AlState,
@@ -28,7 +31,7 @@ pub(crate) struct SlaveView {
     pub(crate) has_dictionary: bool,
     pub(crate) config: Option<usize>,
     /// Assigned PDOs as the scan found them, by sync manager.
-    pub(crate) assigned: [Vec<Pdo>; SYNC_MANAGERS as usize],
+    pub(crate) assigned: Assignment,
     /// The state machine that brings it to the requested state.
     pub(crate) startup: Option<Startup>,
     pub(crate) transfer: Option<Transfer>,
@@ -37,20 +40,16 @@ pub(crate) struct SlaveView {
 }
 
 impl SlaveView {
-    pub(crate) fn scanned(world: &mut World, slot: usize) -> Option<Self> {
-        let spec = world.spec(slot)?.clone();
-        let outputs = read_assignment(world, slot, Direction::RxPdo);
-        let inputs = read_assignment(world, slot, Direction::TxPdo);
-        let mut assigned = [const { Vec::new() }; SYNC_MANAGERS as usize];
-        for (direction, pdos) in [(Direction::RxPdo, outputs), (Direction::TxPdo, inputs)] {
-            if let Some(list) = assigned.get_mut(usize::from(sync_manager(direction))) {
-                *list = pdos;
-            }
-        }
+    pub(crate) fn scanned(world: &mut World, slot: Slot) -> Option<Self> {
+        let description = world.describe(slot)?;
+        let assigned = match world.io_in(slot) {
+            Some(io) => fixed_assignment(io.spec()),
+            None => uploaded_assignment(world, slot),
+        };
         Some(Self {
             slot,
             generation: world.generation(slot),
-            spec,
+            description,
             current: al_status(world, slot),
             requested: AlState::PreOp,
             error_flag: false,
@@ -65,14 +64,16 @@ impl SlaveView {
         })
     }
 
-    /// Returns whether the scanned gateway is still present.
+    /// Returns whether the scanned slave is still present.
     pub(crate) fn is_present(&self, world: &World) -> bool {
-        world.is_reachable(self.slot) && world.generation(self.slot) == self.generation
+        world.reaches(self.slot) && world.generation(self.slot) == self.generation
     }
 
     /// Returns whether the last AL status permits mailbox traffic.
     pub(crate) fn has_mailbox(&self) -> bool {
-        self.current & AL_ERROR == 0 && self.current & 0x0F != AlState::Init.raw()
+        self.description.has_coe
+            && self.current & AL_ERROR == 0
+            && self.current & 0x0F != AlState::Init.raw()
     }
 
     pub(crate) fn is_idle(&self) -> bool {
@@ -80,13 +81,39 @@ impl SlaveView {
     }
 }
 
+/// PDOs of an I/O: its SII lists them.
+fn fixed_assignment(io: &IoSpec) -> Assignment {
+    let pdo = |index, object, bytes| Pdo {
+        index,
+        entries: (1..=bytes)
+            .map(|subindex| PdoEntry { index: object, subindex, bits: 8 })
+            .collect(),
+    };
+    let list = |pdo: Pdo| if pdo.entries.is_empty() { Vec::new() } else { vec![pdo] };
+    let outputs = list(pdo(0x1600, 0x7000, io.outputs));
+    let inputs = list(pdo(0x1A00, 0x6000, io.inputs));
+    [outputs, inputs, Vec::new(), Vec::new()]
+}
+
+/// PDOs of a gateway: the master reads them by SDO.
+fn uploaded_assignment(world: &mut World, slot: Slot) -> Assignment {
+    let mut assigned = Assignment::default();
+    for direction in [Direction::RxPdo, Direction::TxPdo] {
+        let pdos = read_assignment(world, slot, direction);
+        if let Some(list) = assigned.get_mut(usize::from(sync_manager(direction))) {
+            *list = pdos;
+        }
+    }
+    assigned
+}
+
 /// Number of assigned PDOs; 0 if it cannot be read.
-pub(crate) fn assigned_count(world: &mut World, slot: usize, direction: Direction) -> u8 {
+pub(crate) fn assigned_count(world: &mut World, slot: Slot, direction: Direction) -> u8 {
     read(world, slot, assignment_index(direction), 0).unwrap_or(0).min(0xFE) as u8
 }
 
 /// Reads the assigned PDOs and their mapping, up to the first failure.
-fn read_assignment(world: &mut World, slot: usize, direction: Direction) -> Vec<Pdo> {
+fn read_assignment(world: &mut World, slot: Slot, direction: Direction) -> Vec<Pdo> {
     let mut pdos = Vec::new();
     let assignment = assignment_index(direction);
     for position in 1..=assigned_count(world, slot, direction) {
@@ -107,10 +134,10 @@ fn read_assignment(world: &mut World, slot: usize, direction: Direction) -> Vec<
     pdos
 }
 
-fn read(world: &mut World, slot: usize, index: u16, subindex: u8) -> Option<u32> {
+fn read(world: &mut World, slot: Slot, index: u16, subindex: u8) -> Option<u32> {
     let mut data = Vec::new();
     let result = world
-        .with_gateway(slot, |gateway, now| gateway.sdo_upload(now, index, subindex, &mut data));
+        .with_gateway_in(slot, |gateway, now| gateway.sdo_upload(now, index, subindex, &mut data));
     result?.ok()?;
     let mut word = [0; 4];
     for (to, from) in word.iter_mut().zip(&data) {

@@ -45,7 +45,7 @@ impl Wire {
     /// their boot.
     ///
     /// # Errors
-    /// A candump log or an EDS cannot be read; the scenario has a bridge.
+    /// A candump log or an EDS cannot be read; the scenario has a bridge or an I/O slave.
     pub fn new(scenario: &Scenario, now: u64) -> Result<Self, BackendError> {
         Self::with_bridges(scenario, now, None)
     }
@@ -53,12 +53,15 @@ impl Wire {
     /// As [`new`](Self::new), for a scenario that may have bridges.
     ///
     /// # Errors
-    /// A candump log or an EDS cannot be read, or a bridge cannot be made.
+    /// A candump log or an EDS cannot be read, a bridge cannot be made, or the scenario has an I/O slave.
     pub fn with_bridges(
         scenario: &Scenario,
         now: u64,
         bridges: Option<BridgeFactory>,
     ) -> Result<Self, BackendError> {
+        if let Some(io) = scenario.ios.first() {
+            return Err(BackendError::IoOnWire(io.name.clone()));
+        }
         let mut world = World::new(scenario, now, bridges)?;
         world.begin(&scenario.faults);
         let controllers = (0..world.gateway_count()).map(|_| Controller::new()).collect();

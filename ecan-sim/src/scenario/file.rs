@@ -4,6 +4,7 @@
 //! kind of a node or fault is rejected as clearly as an unknown one.
 
 mod raw_fault;
+mod raw_io;
 mod raw_node;
 mod raw_physical_layer;
 
@@ -17,6 +18,7 @@ use toml::Spanned;
 
 use crate::gateway::Sync0Window;
 use crate::scenario::file::raw_fault::RawFault;
+use crate::scenario::file::raw_io::RawIo;
 use crate::scenario::file::raw_node::RawNode;
 use crate::scenario::file::raw_physical_layer::check_transceiver;
 use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, MasterBehaviour, Scenario, Topology};
@@ -57,6 +59,8 @@ struct RawScenario {
     topology: Option<Topology>,
     #[serde(default)]
     gateway: Vec<Spanned<RawGateway>>,
+    #[serde(default)]
+    io: Vec<Spanned<RawIo>>,
     #[serde(default)]
     node: Vec<Spanned<RawNode>>,
     #[serde(default)]
@@ -236,6 +240,11 @@ impl Scenario {
                 source.build(key, |key| spec.config.variant.set(&key, &value))?;
             }
             scenario.gateways.push(spec);
+        }
+        let slaves = scenario.gateways.len() + raw.io.len();
+        for raw in raw.io {
+            let io = source.build(raw, |raw: RawIo| raw.build(&scenario, slaves))?;
+            scenario.ios.push(io);
         }
         for raw in raw.node {
             let node = source.build(raw, |raw: RawNode| raw.build(&scenario, directory))?;

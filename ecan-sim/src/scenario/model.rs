@@ -8,7 +8,7 @@ use crate::drive::DriveConfig;
 use crate::fault::ScriptedFault;
 use crate::gateway::{GatewayModelConfig, SyncManagerConfig};
 use crate::node::{BridgeSpec, FaultyConfig};
-use crate::scenario::MasterBehaviour;
+use crate::scenario::{IoSpec, MasterBehaviour};
 use crate::wake_up::WakeUpDelay;
 
 /// Clock of a simulation.
@@ -172,6 +172,8 @@ pub struct Scenario {
     pub topology: Topology,
     /// The gateways in order of their positions.
     pub gateways: Vec<GatewaySpec>,
+    /// Slaves of other vendors between them.
+    pub ios: Vec<IoSpec>,
     /// The nodes.
     pub nodes: Vec<NodeSpec>,
     /// The scripted faults.
@@ -192,6 +194,7 @@ impl Default for Scenario {
             reserved: false,
             topology: Topology::Line,
             gateways: Vec::new(),
+            ios: Vec::new(),
             nodes: Vec::new(),
             faults: Vec::new(),
         }

@@ -1,17 +1,54 @@
 //! EtherCAT side of the world: which gateways respond, and the effect of logical datagrams.
 
+use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::{ErrorState, StationId};
 use crate::fault::{LibraryCall, LossDirection};
 use crate::gateway::Gateway;
-use crate::scenario::{GatewaySpec, Topology};
+use crate::io_slave::IoSlave;
+use crate::scenario::{GatewaySpec, Scenario, Topology};
+use crate::world::io_slot::IoSlot;
 use crate::world::{NEVER, World};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ProcessDirection {
     Output,
     Input,
+}
+
+/// A slave on the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Slot {
+    /// Index of a gateway.
+    Gateway(usize),
+    /// Index of an I/O slave.
+    Io(usize),
+}
+
+impl Slot {
+    pub(crate) fn gateway(self) -> Option<usize> {
+        match self {
+            Self::Gateway(index) => Some(index),
+            Self::Io(_) => None,
+        }
+    }
+}
+
+/// The slaves of a scenario by their positions: the I/O slaves at theirs, the gateways at the others.
+pub(super) fn order(scenario: &Scenario) -> Vec<Slot> {
+    let mut gateways = (0..scenario.gateways.len()).map(Slot::Gateway);
+    let mut ios: Vec<_> = (0..scenario.ios.len()).collect();
+    ios.sort_by_key(|index| scenario.ios.get(*index).map(|io| io.position));
+    let mut line = Vec::new();
+    for index in ios {
+        let position = scenario.ios.get(index).map_or(0, |io| io.position);
+        let before = position.saturating_sub(line.len());
+        line.extend(gateways.by_ref().take(before));
+        line.push(Slot::Io(index));
+    }
+    line.extend(gateways);
+    line
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +75,25 @@ impl Fmmu {
     fn part<'a>(&self, logical: u32, data: &'a mut [u8]) -> Option<&'a mut [u8]> {
         let from = usize::try_from(self.logical_start.checked_sub(logical)?).ok()?;
         data.get_mut(from..from + usize::from(self.length))
+    }
+
+    /// Exchanges the mapped part of a datagram by `access`, which returns whether it succeeds; returns
+    /// what the slave adds to the working counter.
+    fn exchange(
+        &self,
+        command: LogicalCommand,
+        logical: u32,
+        data: &mut [u8],
+        access: impl FnOnce(ProcessDirection, &mut [u8]) -> bool,
+    ) -> u16 {
+        let weight = match (self.direction, command) {
+            (ProcessDirection::Output, LogicalCommand::Read)
+            | (ProcessDirection::Input, LogicalCommand::Write) => return 0,
+            (ProcessDirection::Output, LogicalCommand::ReadWrite) => 2,
+            _ => 1,
+        };
+        let Some(part) = self.part(logical, data) else { return 0 };
+        if access(self.direction, part) { weight } else { 0 }
     }
 }
 
@@ -101,37 +157,107 @@ pub(crate) struct CycleFaults {
 impl World {
     /// Returns whether the master's own link is up.
     pub(crate) fn link_is_up(&self) -> bool {
-        match (self.topology, self.slots.first()) {
-            (Topology::Line, Some(slot)) => slot.cable_open_until <= self.now,
+        match (self.topology, self.line.first()) {
+            (Topology::Line, Some(Slot::Gateway(first))) => {
+                self.slots.get(*first).is_none_or(|slot| slot.cable_open_until <= self.now)
+            }
             _ => true,
         }
     }
 
+    /// Index of the gateway at a position of the line, from 0; `None` for an I/O slave.
+    pub fn gateway_at(&self, position: usize) -> Option<usize> {
+        self.line.get(position).and_then(|slot| slot.gateway())
+    }
+
     /// Returns whether a frame of the master reaches this gateway and returns: it has booted and
-    /// its cable is connected, and in a line the same holds for all gateways before it.
+    /// its cable is connected, and in a line the same holds for all slaves before it.
     pub fn is_reachable(&self, index: usize) -> bool {
-        let responds =
-            |slot: &LineSlot| slot.cable_open_until <= self.now && slot.gateway.is_responding();
+        self.reaches(Slot::Gateway(index))
+    }
+
+    /// As [`is_reachable`](Self::is_reachable), for any slave.
+    pub(crate) fn reaches(&self, slot: Slot) -> bool {
+        let responds = |slot: &Slot| match *slot {
+            Slot::Gateway(index) => self.slots.get(index).is_some_and(|slot| {
+                slot.cable_open_until <= self.now && slot.gateway.is_responding()
+            }),
+            Slot::Io(index) => self.io(index).is_some_and(|io| io.is_responding(self.now)),
+        };
         match self.topology {
-            Topology::Star => self.slots.get(index).is_some_and(responds),
+            Topology::Star => responds(&slot),
             Topology::Line => {
-                index < self.slots.len() && self.slots.iter().take(index + 1).all(responds)
+                let mut until = self.line.iter().take_while(|other| **other != slot);
+                until.all(responds) && responds(&slot)
             }
         }
     }
 
-    pub(crate) fn generation(&self, index: usize) -> u32 {
-        self.slots.get(index).map_or(0, |slot| slot.generation)
+    /// The slaves that respond, in the order of their positions.
+    pub(crate) fn reached(&self) -> impl Iterator<Item = Slot> {
+        self.line.iter().copied().filter(|slot| self.reaches(*slot))
     }
 
-    pub(crate) fn spec(&self, index: usize) -> Option<&GatewaySpec> {
-        self.slots.get(index).map(|slot| &slot.spec)
+    pub(crate) fn generation(&self, slot: Slot) -> u32 {
+        match slot {
+            Slot::Gateway(index) => self.slots.get(index).map_or(0, |slot| slot.generation),
+            Slot::Io(index) => self.ios.get(index).map_or(0, |slot| slot.generation),
+        }
     }
 
-    pub(crate) fn set_fmmus(&mut self, index: usize, fmmus: impl IntoIterator<Item = Fmmu>) {
-        if let Some(slot) = self.slots.get_mut(index) {
-            slot.fmmus.clear();
-            slot.fmmus.extend(fmmus);
+    /// The gateway, if the slave is one.
+    pub(crate) fn gateway_in(&self, slot: Slot) -> Option<&Gateway> {
+        self.gateway(slot.gateway()?)
+    }
+
+    /// Changes the gateway, if the slave is one.
+    pub(crate) fn with_gateway_in<R>(
+        &mut self,
+        slot: Slot,
+        change: impl FnOnce(&mut Gateway, u64) -> R,
+    ) -> Option<R> {
+        self.with_gateway(slot.gateway()?, change)
+    }
+
+    /// The I/O, if the slave is one.
+    pub(crate) fn io_in(&self, slot: Slot) -> Option<&IoSlave> {
+        match slot {
+            Slot::Gateway(_) => None,
+            Slot::Io(index) => self.io(index),
+        }
+    }
+
+    /// Changes the I/O, if the slave is one.
+    pub(crate) fn io_in_mut(&mut self, slot: Slot) -> Option<&mut IoSlave> {
+        match slot {
+            Slot::Gateway(_) => None,
+            Slot::Io(index) => self.io_mut(index),
+        }
+    }
+
+    /// The master requests an AL state of a slave.
+    pub(crate) fn request_al_state(&mut self, slot: Slot, state: AlState) {
+        self.with_gateway_in(slot, |gateway, now| gateway.request_al_state(now, state));
+        if let Some(io) = self.io_in_mut(slot) {
+            io.request_al_state(state);
+        }
+    }
+
+    pub(crate) fn al_status_code(&self, slot: Slot) -> u16 {
+        match slot {
+            Slot::Gateway(index) => self.gateway(index).map_or(0, Gateway::al_status_code),
+            Slot::Io(index) => self.io(index).map_or(0, IoSlave::al_status_code),
+        }
+    }
+
+    pub(crate) fn set_fmmus(&mut self, slot: Slot, fmmus: impl IntoIterator<Item = Fmmu>) {
+        let target = match slot {
+            Slot::Gateway(index) => self.slots.get_mut(index).map(|slot| &mut slot.fmmus),
+            Slot::Io(index) => self.ios.get_mut(index).map(|slot| &mut slot.fmmus),
+        };
+        if let Some(target) = target {
+            target.clear();
+            target.extend(fmmus);
         }
     }
 
@@ -197,22 +323,32 @@ impl World {
             let Some(slot) = self.slots.get_mut(index) else { continue };
             let mut touched = false;
             for fmmu in &slot.fmmus {
-                let Some(part) = fmmu.part(logical, data) else { continue };
-                let done = match (fmmu.direction, command) {
-                    (ProcessDirection::Output, LogicalCommand::Read)
-                    | (ProcessDirection::Input, LogicalCommand::Write) => false,
-                    (ProcessDirection::Output, _) => {
-                        slot.gateway.write_outputs_arriving(now, arrival, part)
-                    }
-                    (ProcessDirection::Input, _) => slot.gateway.read_inputs(now, part),
-                };
-                touched |= done;
-                let counts_twice = fmmu.direction == ProcessDirection::Output
-                    && command == LogicalCommand::ReadWrite;
-                counter = counter.wrapping_add(u16::from(done) + u16::from(done && counts_twice));
+                let done =
+                    fmmu.exchange(command, logical, data, |direction, part| match direction {
+                        ProcessDirection::Output => {
+                            slot.gateway.write_outputs_arriving(now, arrival, part)
+                        }
+                        ProcessDirection::Input => slot.gateway.read_inputs(now, part),
+                    });
+                touched |= done > 0;
+                counter = counter.wrapping_add(done);
             }
             if touched {
                 self.update_gateway(index);
+            }
+        }
+        for index in 0..self.ios.len() {
+            if !self.reaches(Slot::Io(index)) {
+                continue;
+            }
+            let Some(IoSlot { slave, fmmus, .. }) = self.ios.get_mut(index) else { continue };
+            for fmmu in &*fmmus {
+                let done =
+                    fmmu.exchange(command, logical, data, |direction, part| match direction {
+                        ProcessDirection::Output => slave.write_outputs(now, part),
+                        ProcessDirection::Input => slave.read_inputs(now, part),
+                    });
+                counter = counter.wrapping_add(done);
             }
         }
         counter

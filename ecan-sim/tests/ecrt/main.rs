@@ -7,6 +7,7 @@ mod clocks;
 mod ecrt_support;
 mod faults;
 mod idle_bus;
+mod io_slave;
 mod library_errors;
 mod maintenance;
 mod operation;

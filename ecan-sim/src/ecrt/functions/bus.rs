@@ -1,10 +1,9 @@
 use super::{on_master, store};
 use crate::ecrt::calls::CallResult;
 use crate::ecrt::master::object_count;
-use crate::ecrt::pdo::{Pdo, SYNC_MANAGERS, direction_of};
+use crate::ecrt::pdo::{Pdo, direction_of};
 use crate::ecrt::shared::State;
 use crate::ecrt::slave_view::SlaveView;
-use crate::gateway::DEVICE_NAME;
 use crate::world::ProcessDirection;
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_INVALID, EC_DIR_OUTPUT, EC_PORT_MII, EC_PORT_NOT_IMPLEMENTED,
@@ -15,21 +14,23 @@ use ecrt_sys::{
 use libc::{c_char, c_uint};
 
 fn slave_info(slave: &SlaveView, position: u16, count: usize) -> ec_slave_info_t {
-    let config = &slave.spec.config;
+    let description = &slave.description;
     let mut value = ec_slave_info_t {
         position,
-        vendor_id: config.vendor_id,
-        product_code: config.product_code,
-        revision_number: config.revision,
-        serial_number: config.serial as u32,
-        alias: slave.spec.alias,
+        vendor_id: description.vendor_id,
+        product_code: description.product_code,
+        revision_number: description.revision,
+        serial_number: description.serial,
+        alias: description.alias,
         al_state: slave.current,
         error_flag: u8::from(slave.error_flag),
-        sync_count: SYNC_MANAGERS,
+        sync_count: description.sync_managers,
         sdo_count: if slave.has_dictionary { object_count() } else { 0 },
         ..Default::default()
     };
-    for (to, from) in value.name.iter_mut().zip(DEVICE_NAME.bytes().chain([0])) {
+    // the last byte remains 0
+    let room = value.name.len() - 1;
+    for (to, from) in value.name.iter_mut().take(room).zip(description.name.bytes()) {
         *to = from as c_char;
     }
     let next = position.saturating_add(1);
@@ -61,7 +62,8 @@ unsafe fn store_pdo_info<T>(
 ) -> CallResult {
     let value = on_master(master)?.with(|state| {
         let slave = state.master.slaves.get(usize::from(position));
-        let pdos = slave.and_then(|slave| slave.assigned.get(usize::from(sync)));
+        let has_sync = |slave: &&SlaveView| sync < slave.description.sync_managers;
+        let pdos = slave.filter(has_sync).and_then(|it| it.assigned.get(usize::from(sync)));
         pdos.and_then(|pdos| info(pdos)).ok_or(libc::EINVAL)
     })?;
     // SAFETY: the caller's promise.

@@ -33,7 +33,7 @@ fn take_emergency(config: *const ec_slave_config_t) -> CallResult<[u8; 8]> {
     call.with(|state| {
         let slave = state.master.config(call.object)?.slave;
         let slave = slave.and_then(|slave| state.master.slaves.get(slave)).ok_or(libc::ENOENT)?;
-        let taken = state.world.with_gateway(slave.slot, |gateway, _| gateway.take_emergency());
+        let taken = state.world.with_gateway_in(slave.slot, |gateway, _| gateway.take_emergency());
         taken.flatten().map(crate::gateway::Emergency::message).ok_or(libc::ENOENT)
     })
 }

@@ -10,8 +10,7 @@ use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{
     ACTIVE_POLL_NS, IDLE_POLL_NS, POLL_STEP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS,
 };
-use crate::gateway::variant::SdoInformation;
-use crate::world::World;
+use crate::world::{Slot, World};
 
 /// Registers and SII of a slave.
 const SCAN_SII_STEPS: u64 = 220;
@@ -22,8 +21,8 @@ const STEPS_PER_UPLOAD: u64 = 3;
 
 #[derive(Debug)]
 pub(crate) struct Scan {
-    /// Gateways that responded at its begin.
-    pub(crate) slots: Vec<usize>,
+    /// Slaves that responded at its begin.
+    pub(crate) slots: Vec<Slot>,
     at: usize,
     prepared: bool,
     /// The present slave was in INIT.
@@ -51,7 +50,7 @@ impl MasterModel {
             };
         let (mut responding, mut states) = (0, 0);
         if world.link_is_up() {
-            for slot in (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)) {
+            for slot in world.reached() {
                 responding += 1;
                 states |= al_status(world, slot) & 0x0F;
             }
@@ -125,11 +124,7 @@ impl MasterModel {
         for config in &mut self.configs {
             config.slave = None;
         }
-        let slots: Vec<_> = if world.link_is_up() {
-            (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)).collect()
-        } else {
-            Vec::new()
-        };
+        let slots: Vec<_> = if world.link_is_up() { world.reached().collect() } else { Vec::new() };
         self.scan = Some(Scan { slots, at: 0, prepared: false, was_in_init: false, until_step: 0 });
         self.poll_due = world.now_ns() + SCAN_BASE_NS;
     }
@@ -150,14 +145,13 @@ impl MasterModel {
             return;
         }
         if scan.prepared {
-            if world.is_reachable(slot) {
+            if world.reaches(slot) {
                 let mut scanned = SlaveView::scanned(world, slot);
                 if let Some(slave) = &mut scanned {
                     let stays = self.phase == Phase::Active && !scan.was_in_init;
                     slave.preop_at = (!stays).then_some(now);
-                    let variant = &slave.spec.config.variant;
-                    slave.has_dictionary = !self.behaviour.fetches_dictionary
-                        && variant.sdo_information == SdoInformation::Supported;
+                    slave.has_dictionary =
+                        !self.behaviour.fetches_dictionary && slave.description.has_information;
                 }
                 self.slaves.extend(scanned);
             }
@@ -167,10 +161,8 @@ impl MasterModel {
         } else {
             scan.was_in_init = al_status(world, slot) & 0x0F == AlState::Init.raw();
             if scan.was_in_init {
-                world.with_gateway(slot, |gateway, now| {
-                    gateway.set_up_mailboxes();
-                    gateway.request_al_state(now, AlState::PreOp);
-                });
+                world.with_gateway_in(slot, |gateway, _| gateway.set_up_mailboxes());
+                world.request_al_state(slot, AlState::PreOp);
             }
             scan.prepared = true;
             scan.until_step = self.steps + scan_steps(world, slot);
@@ -190,7 +182,7 @@ impl MasterModel {
             return;
         };
         let Some(slave) = self.slaves.get_mut(position) else { return };
-        if slave.config.is_some() || !config.fits(&slave.spec) {
+        if slave.config.is_some() || !config.fits(&slave.description) {
             return;
         }
         slave.config = Some(index);
@@ -206,22 +198,28 @@ impl MasterModel {
 }
 
 /// Steps of the scan of a slave: its SII, and by SDO the assignment and every assigned PDO.
-fn scan_steps(world: &mut World, slot: usize) -> u64 {
+fn scan_steps(world: &mut World, slot: Slot) -> u64 {
+    if let Slot::Io(_) = slot {
+        return SCAN_SII_STEPS;
+    }
     let chunks: u64 = [Direction::RxPdo, Direction::TxPdo]
         .into_iter()
         .map(|direction| u64::from(assigned_count(world, slot, direction)))
         .sum();
     // a count per direction; of each PDO its index, its count and its entries
     let uploads = 2 + chunks * (2 + UNITS_PER_CHUNK as u64);
-    let has_pdos = world.spec(slot).is_some_and(|spec| spec.sii_pdos);
+    let has_pdos = world.describe(slot).is_some_and(|slave| slave.sii_pdos);
     let sii = SCAN_SII_STEPS + if has_pdos { SCAN_SII_PDO_STEPS } else { 0 };
     sii + uploads * STEPS_PER_UPLOAD
 }
 
 /// Position of a slave by alias and distance; alias 0 counts from the master.
 pub(crate) fn find_slave(slaves: &[SlaveView], alias: u16, distance: u16) -> Option<usize> {
-    let from =
-        if alias == 0 { 0 } else { slaves.iter().position(|slave| slave.spec.alias == alias)? };
+    let from = if alias == 0 {
+        0
+    } else {
+        slaves.iter().position(|slave| slave.description.alias == alias)?
+    };
     let position = from + usize::from(distance);
     (position < slaves.len()).then_some(position)
 }

@@ -4,23 +4,24 @@ use super::MasterModel;
 use crate::ecrt::datagram::Queued;
 use crate::ecrt::timing::TICK_NS;
 use crate::fault::LossDirection;
-use crate::world::World;
+use crate::world::{Slot, World};
 
 /// Tolerated difference of system time to the application time.
 const TOLERANCE_NS: u64 = 1_000_000;
 
 impl MasterModel {
-    /// The reference clock: the slave selected by the application, or the first one. It is unknown
-    /// during a scan.
-    pub(crate) fn reference_clock(&self) -> Option<usize> {
+    /// The reference clock: the slave selected by the application, or the first one with a clock. It is
+    /// unknown during a scan.
+    pub(crate) fn reference_clock(&self) -> Option<Slot> {
         if self.scan.is_some() {
             return None;
         }
-        let position = match self.clocks.selected {
-            Some(config) => self.configs.get(config)?.slave?,
-            None => 0,
+        let mut clocks = self.slaves.iter().filter(|slave| slave.description.has_clock);
+        let slave = match self.clocks.selected {
+            Some(config) => self.slaves.get(self.configs.get(config)?.slave?),
+            None => clocks.next(),
         };
-        self.slaves.get(position).map(|slave| slave.slot)
+        slave.map(|slave| slave.slot)
     }
 
     /// Writes the application time to each slave whose time differs.
@@ -29,7 +30,7 @@ impl MasterModel {
         let passed = now.saturating_sub(self.clocks.set_at_ns);
         let time = self.clocks.app_time.saturating_add(passed + self.offset_error_ns(now));
         for slave in &self.slaves {
-            world.with_gateway(slave.slot, |gateway, now| {
+            world.with_gateway_in(slave.slot, |gateway, now| {
                 let own = gateway.dc_system_time(now);
                 if own.is_none_or(|own| own.abs_diff(time) > TOLERANCE_NS) {
                     gateway.write_dc_system_time(now, time);
@@ -56,7 +57,7 @@ impl MasterModel {
         if lost == Some(LossDirection::Outward) {
             return;
         }
-        let reached = self.reference_clock().filter(|slot| world.is_reachable(*slot));
+        let reached = self.reference_clock().filter(|slot| world.reaches(*slot));
         let Some(reference) = reached else {
             if item == Queued::SlaveClocks {
                 // it returns unchanged
@@ -64,11 +65,11 @@ impl MasterModel {
             }
             return;
         };
-        let time = world.gateway(reference).and_then(|gateway| gateway.dc_system_time(now));
+        let time = world.gateway_in(reference).and_then(|gateway| gateway.dc_system_time(now));
         match item {
             Queued::ReferenceClock => {
                 let target = self.clocks.reference_target;
-                world.with_gateway(reference, |gateway, now| {
+                world.with_gateway_in(reference, |gateway, now| {
                     gateway.correct_dc_system_time(now, target)
                 });
             }
@@ -76,8 +77,8 @@ impl MasterModel {
                 let Some(time) = time else { return };
                 self.clocks.reference_value = time as u32;
                 for slot in self.slaves.iter().map(|slave| slave.slot) {
-                    if slot != reference && world.is_reachable(slot) {
-                        world.with_gateway(slot, |gateway, now| {
+                    if slot != reference && world.reaches(slot) {
+                        world.with_gateway_in(slot, |gateway, now| {
                             gateway.correct_dc_system_time(now, time)
                         });
                     }
@@ -85,8 +86,8 @@ impl MasterModel {
             }
             Queued::ClockMonitor => {
                 let slots = self.slaves.iter().map(|slave| slave.slot);
-                let reached = slots.filter(|slot| world.is_reachable(*slot));
-                let shown = reached.filter_map(|slot| world.gateway(slot));
+                let reached = slots.filter(|slot| world.reaches(*slot));
+                let shown = reached.filter_map(|slot| world.gateway_in(slot));
                 self.clocks.monitor_value =
                     shown.fold(0, |sum, gateway| sum | magnitude(gateway.dc_difference_ns()));
             }

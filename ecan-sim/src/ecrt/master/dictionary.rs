@@ -9,7 +9,6 @@ use ecan_protocol::object::objects;
 use super::{MasterModel, Phase};
 use crate::ecrt::slave_config::RequestProgress;
 use crate::ecrt::timing::{DICTIONARY_STEP_NS, DICTIONARY_TIMEOUT_NS, DICTIONARY_WAIT_NS};
-use crate::gateway::variant::SdoInformation;
 use crate::world::World;
 
 /// Steps of one request: request, mailbox check, fetch.
@@ -61,7 +60,7 @@ impl MasterModel {
             let is_awake = slave.current & 0x0F != 0 && slave.current != AlState::Init.raw();
             let has_waited =
                 slave.preop_at.is_none_or(|since| now.saturating_sub(since) >= DICTIONARY_WAIT_NS);
-            let is_offered = slave.spec.config.variant.sdo_information == SdoInformation::Supported;
+            let is_offered = slave.description.has_information;
             is_awake && has_waited && is_offered && !slave.has_dictionary
         });
         let Some(index) = due else { return };

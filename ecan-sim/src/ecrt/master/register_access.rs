@@ -11,7 +11,7 @@ use crate::ecrt::mailbox::{Transfer, TransferOwner};
 use crate::ecrt::slave_config::{RegRequest, RequestId, RequestProgress};
 use crate::ecrt::timing::REGISTER_NS;
 use crate::gateway::Gateway;
-use crate::world::World;
+use crate::world::{Slot, World};
 
 const AL_CONTROL: u16 = 0x0120;
 const AL_STATUS: u16 = 0x0130;
@@ -76,7 +76,7 @@ impl MasterModel {
     pub(crate) fn finish_reg_request(
         &mut self,
         id: RequestId,
-        slot: usize,
+        slot: Slot,
         present: bool,
         world: &mut World,
     ) {
@@ -100,14 +100,15 @@ impl MasterModel {
 
 /// Reads a register byte. Only AL status, its code and the sync managers are modelled, the others
 /// read as 0.
-fn register(world: &World, slot: usize, address: u16) -> u8 {
-    let Some(gateway) = world.gateway(slot) else { return 0 };
-    let [low, high] = gateway.al_status_code().to_le_bytes();
+fn register(world: &World, slot: Slot, address: u16) -> u8 {
+    let [low, high] = world.al_status_code(slot).to_le_bytes();
     match address {
         AL_STATUS => al_status(world, slot),
         AL_STATUS_CODE => low,
         a if a == AL_STATUS_CODE + 1 => high,
-        a if SYNC_MANAGERS.contains(&a) => sync_manager_register(gateway, a - SYNC_MANAGERS.start),
+        a if SYNC_MANAGERS.contains(&a) => world
+            .gateway_in(slot)
+            .map_or(0, |gateway| sync_manager_register(gateway, a - SYNC_MANAGERS.start)),
         _ => 0,
     }
 }
@@ -121,13 +122,13 @@ fn sync_manager_register(gateway: &Gateway, offset: u16) -> u8 {
 
 /// Writes registers. AL control, and the speed counter start that restarts the control of the
 /// distributed clock, are modelled; others are ignored.
-fn write_registers(world: &mut World, slot: usize, address: u16, data: &[u8]) {
+fn write_registers(world: &mut World, slot: Slot, address: u16, data: &[u8]) {
     let control = AL_CONTROL.checked_sub(address).and_then(|at| data.get(usize::from(at)));
     if let Some(state) = control.and_then(|control| AlState::from_raw(control & 0x0F)) {
-        world.with_gateway(slot, |gateway, now| gateway.request_al_state(now, state));
+        world.request_al_state(slot, state);
     }
     let start = SPEED_COUNTER_START.checked_sub(address).and_then(|at| data.get(usize::from(at)));
     if start.is_some() {
-        world.with_gateway(slot, |gateway, now| gateway.restart_dc_control(now));
+        world.with_gateway_in(slot, |gateway, now| gateway.restart_dc_control(now));
     }
 }

@@ -89,14 +89,15 @@ impl MasterModel {
         let mailbox = self.begin_transfer(now);
         let Some(slave) = self.slaves.get_mut(index) else { return };
         slave.due = u64::MAX;
-        let has_mailbox = slave.has_mailbox();
+        let (has_mailbox, has_coe) = (slave.has_mailbox(), slave.description.has_coe);
         let mut chosen = None;
         for sdo in &mut self.blocking {
             if sdo.position != index || sdo.taken || sdo.result.is_some() {
                 continue;
             }
             if !has_mailbox {
-                sdo.result = Some(Err(SdoFailure::UNANSWERED));
+                let failure = if has_coe { SdoFailure::UNANSWERED } else { SdoFailure::NO_COE };
+                sdo.result = Some(Err(failure));
                 continue;
             }
             sdo.taken = true;

@@ -22,7 +22,7 @@ use crate::ecrt::timing::{
 };
 use crate::gateway::{Gateway, SyncManagerConfig};
 use crate::sii::sync_manager_config;
-use crate::world::World;
+use crate::world::{Slot, World};
 
 /// Control bits of the direction; 1 is written by the master.
 const DIRECTION: u8 = 0x0C;
@@ -80,22 +80,25 @@ impl MasterModel {
         match step {
             Startup::Request(to) => {
                 let from = slave.current & 0x0F;
-                world.with_gateway(slot, |gateway, now| gateway.request_al_state(now, to));
+                world.request_al_state(slot, to);
                 Next::Step(Startup::Wait { to, from, since: now }, STATE_POLL_NS)
             }
             Startup::Wait { to, from, since } => self.wait_state(index, world, to, from, since),
             Startup::ClearRegisters => {
                 world.set_fmmus(slot, []);
-                world.with_gateway(slot, |gateway, _| {
+                world.with_gateway_in(slot, |gateway, _| {
                     for number in 0..4 {
                         gateway.configure_sync_manager(number, None);
                     }
                     gateway.set_dc_sync0(None);
                 });
+                if let Some(io) = world.io_in_mut(slot) {
+                    io.clear_registers();
+                }
                 Next::Step(Startup::Mailboxes, 3 * REGISTER_NS)
             }
             Startup::Mailboxes => {
-                world.with_gateway(slot, |gateway, _| gateway.set_up_mailboxes());
+                world.with_gateway_in(slot, |gateway, _| gateway.set_up_mailboxes());
                 Next::Step(Startup::Request(AlState::PreOp), REGISTER_NS)
             }
             Startup::Sdo { at, mailbox } => self.startup_sdo(index, slot, world, at, mailbox),
@@ -110,7 +113,10 @@ impl MasterModel {
                     let divider = if divider == 0 { WATCHDOG_DIVIDER } else { divider };
                     let intervals = if intervals == 0 { WATCHDOG_INTERVALS } else { intervals };
                     let ns = (u64::from(divider) + 2) * WATCHDOG_STEP_NS * u64::from(intervals);
-                    world.with_gateway(slot, |gateway, _| gateway.set_watchdog_ns(ns));
+                    world.with_gateway_in(slot, |gateway, _| gateway.set_watchdog_ns(ns));
+                    if let Some(io) = world.io_in_mut(slot) {
+                        io.set_watchdog_ns(ns);
+                    }
                 }
                 Next::Step(Startup::SyncManagers, 2 * REGISTER_NS)
             }
@@ -127,15 +133,20 @@ impl MasterModel {
                     world.set_fmmus(slot, fmmus);
                 }
                 let dc = self.attached(index).and_then(|config| config.dc);
+                let has_clock =
+                    self.slaves.get(index).is_some_and(|slave| slave.description.has_clock);
                 let next = match dc {
-                    Some(dc) if dc.assign_activate != 0 => Startup::ClockCycle,
+                    Some(dc) if dc.assign_activate != 0 && has_clock => Startup::ClockCycle,
                     _ => Startup::Request(AlState::SafeOp),
                 };
+                if dc.is_some() && !has_clock {
+                    self.log(index, "does not support distributed clocks");
+                }
                 Next::Step(next, REGISTER_NS)
             }
             Startup::ClockCycle => Next::Step(Startup::ClockSettle { since: now }, CLOCK_SETTLE_NS),
             Startup::ClockSettle { since } => {
-                let difference = world.gateway(slot).map_or(0, Gateway::dc_difference_ns);
+                let difference = world.gateway_in(slot).map_or(0, Gateway::dc_difference_ns);
                 if difference.unsigned_abs() > CLOCK_NEAR_NS {
                     if now.saturating_sub(since) < CLOCK_TIMEOUT_NS {
                         return Next::Step(Startup::ClockSettle { since }, STATE_POLL_NS);
@@ -151,7 +162,7 @@ impl MasterModel {
                     self.log(index, "has no application time: Sync0 will not be in phase");
                 }
                 let has_sync1 = dc.is_some_and(|dc| Clocks::has_sync1(&dc));
-                world.with_gateway(slot, |gateway, _| {
+                world.with_gateway_in(slot, |gateway, _| {
                     gateway.set_dc_sync1(has_sync1);
                     gateway.set_dc_sync0(sync0);
                 });
@@ -189,14 +200,14 @@ impl MasterModel {
             };
         }
         if status & AL_ERROR != 0 {
-            let code = world.gateway(slot).map_or(0, |gateway| gateway.al_status_code());
+            let code = world.al_status_code(slot);
             self.log(
                 index,
                 &format!("rejected the change to {to}: AL status code {}", AlStatusCode(code)),
             );
             // the master acknowledges the error in the state that the slave reports
             if let Some(shown) = AlState::from_raw(status & 0x0F) {
-                world.with_gateway(slot, |gateway, now| gateway.request_al_state(now, shown));
+                world.request_al_state(slot, shown);
             }
             return Next::Failed;
         }
@@ -217,7 +228,7 @@ impl MasterModel {
     /// Continues a download.
     fn download(
         &self,
-        slot: usize,
+        slot: Slot,
         world: &mut World,
         mailbox: &mut MailboxTransfer,
         object: SdoObject,
@@ -230,7 +241,7 @@ impl MasterModel {
     fn startup_sdo(
         &mut self,
         index: usize,
-        slot: usize,
+        slot: Slot,
         world: &mut World,
         at: usize,
         mut mailbox: MailboxTransfer,
@@ -240,11 +251,15 @@ impl MasterModel {
         };
         let next = self.begin_transfer(world.now_ns());
         let Some(sdo) = config.sdos.get(at) else {
-            let spec = world.spec(slot);
-            let list = spec.map_or_else(Vec::new, |spec| assignment_writes(config, spec));
+            let slave = self.slaves.get(index);
+            let list = slave.map_or_else(Vec::new, |it| assignment_writes(config, &it.description));
             return Next::Step(Startup::Assignment { list, at: 0, mailbox: next }, 0);
         };
         let object = sdo.object;
+        if self.slaves.get(index).is_some_and(|slave| !slave.description.has_coe) {
+            self.log_sdo(index, "startup SDO", object, SdoFailure::NO_COE);
+            return Next::Failed;
+        }
         match self.download(slot, world, &mut mailbox, object, &sdo.data) {
             Progress::Waiting(delay) => Next::Step(Startup::Sdo { at, mailbox }, delay),
             Progress::Done(Ok(())) => Next::Step(Startup::Sdo { at: at + 1, mailbox: next }, 0),
@@ -258,7 +273,7 @@ impl MasterModel {
     fn assignment_step(
         &mut self,
         index: usize,
-        slot: usize,
+        slot: Slot,
         world: &mut World,
         list: Vec<AssignmentWrite>,
         at: usize,
@@ -292,7 +307,7 @@ impl MasterModel {
         else {
             return;
         };
-        if !slave.spec.pdo_assign {
+        if !slave.description.pdo_assign {
             return;
         }
         for direction in [Direction::RxPdo, Direction::TxPdo] {
@@ -309,13 +324,16 @@ impl MasterModel {
     /// configuration determines direction and watchdog.
     fn set_up_sync_managers(&mut self, index: usize, world: &mut World) {
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else { return };
+        if world.io_in(slot).is_some() {
+            return self.set_up_io(index, slot, world);
+        }
         for direction in [Direction::RxPdo, Direction::TxPdo] {
             let number = sync_manager(direction);
             let sync =
                 self.attached(index).and_then(|config| config.syncs.get(usize::from(number)));
             let length = sync.map_or(0, |sync| pdo_bytes(&sync.pdos));
             let watchdog = sync.map_or(SyncWatchdog::Default, |sync| sync.watchdog);
-            let sii = world.gateway(slot).map_or(&[][..], Gateway::eeprom);
+            let sii = world.gateway_in(slot).map_or(&[][..], Gateway::eeprom);
             let Some(sii) = sync_manager_config(sii, number) else { continue };
             let written_by_master =
                 if direction == Direction::RxPdo { WRITTEN_BY_MASTER } else { 0 };
@@ -330,15 +348,40 @@ impl MasterModel {
                 },
             };
             let config = (length > 0).then_some(config);
-            world.with_gateway(slot, |gateway, _| {
+            world.with_gateway_in(slot, |gateway, _| {
                 gateway.configure_sync_manager(number, config);
             });
         }
     }
 
+    /// The sync managers of an I/O have the lengths of the configured PDOs, otherwise those of its SII.
+    fn set_up_io(&mut self, index: usize, slot: Slot, world: &mut World) {
+        let Some(slave) = self.slaves.get(index) else { return };
+        let lengths: Vec<_> = slave
+            .assigned
+            .iter()
+            .enumerate()
+            .map(|(number, assigned)| {
+                let configured = self.attached(index).and_then(|config| config.syncs.get(number));
+                let length = |pdos: &[_]| u16::try_from(pdo_bytes(pdos)).unwrap_or(u16::MAX);
+                (length(assigned), configured.map_or(0, |sync| length(&sync.pdos)))
+            })
+            .collect();
+        if lengths.iter().any(|(fixed, configured)| fixed != configured) {
+            self.log(index, "does not support changing its PDO assignment and mapping");
+        }
+        if let Some(io) = world.io_in_mut(slot) {
+            for (number, (_, configured)) in lengths.into_iter().enumerate() {
+                io.configure_sync_manager(number, configured);
+            }
+        }
+    }
+
     fn log_sdo(&mut self, index: usize, what: &str, object: SdoObject, failure: SdoFailure) {
         let object = describe(object.index, object.subindex);
-        let text = if failure.abort_code == 0 {
+        let text = if failure == SdoFailure::NO_COE {
+            format!("{what} {object}: the slave does not support CoE")
+        } else if failure.abort_code == 0 {
             format!("{what} {object}: no response")
         } else {
             format!(

@@ -74,7 +74,7 @@ impl MasterModel {
             true => world.begin_cycle(),
             false => world.faults_between_cycles(),
         };
-        let passed = (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)).count();
+        let passed = world.reached().count();
         let mut delay_ns = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
         let mut frame = FRAME_HEADER_BYTES;
         for &item in &queue {

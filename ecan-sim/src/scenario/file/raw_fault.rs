@@ -12,6 +12,7 @@ pub(super) struct RawFault {
     cycle: Option<u64>,
     at_ms: Option<u64>,
     gateway: Option<usize>,
+    io: Option<usize>,
     channel: Option<usize>,
     node: Option<String>,
     way: Option<LossDirection>,
@@ -37,6 +38,7 @@ enum RawFaultKind {
     PowerCycle,
     PowerOff,
     LinkLoss,
+    IoPowerCycle,
     SdoAbort,
     SdoResponseLost,
     MailboxTimeout,
@@ -122,6 +124,14 @@ impl RawFault {
             Kind::LinkLoss => {
                 let gateway = self.gateway(scenario)?;
                 Other(Fault::LinkLoss { gateway, for_ms: self.for_ms()? })
+            }
+            Kind::IoPowerCycle => {
+                let io = need("io", self.io.take())?;
+                let count = scenario.ios.len();
+                if io >= count {
+                    return Err(format!("I/O {io} does not exist; there are {count}"));
+                }
+                Other(Fault::IoPowerCycle { io, off_ms: self.off_ms() })
             }
             Kind::SdoAbort => Gateway(GatewayFault::SdoAbort {
                 index: need("index", self.index.take())?,

@@ -20,6 +20,7 @@ mod maintenance;
 mod monitor;
 mod monitor_terminal;
 mod objects;
+mod other_slaves;
 mod probe;
 mod python_can;
 mod screens;

@@ -79,10 +79,11 @@ fn process_data(diagnostics: &Diagnostics, slave: usize) -> Check {
     }
 }
 
-/// Bytes of the EEPROM. All gateways of a new simulation are at their positions.
+/// Bytes of the EEPROM. All slaves of a new simulation are at their positions.
 fn simulated_sii(simulation: &Simulation, slave: usize) -> Vec<u8> {
     simulation.with_world(|world| {
-        let words = world.gateway(slave).map_or(&[][..], |gateway| gateway.eeprom());
+        let gateway = world.gateway_at(slave).and_then(|index| world.gateway(index));
+        let words = gateway.map_or(&[][..], |gateway| gateway.eeprom());
         words.iter().flat_map(|word| word.to_le_bytes()).collect()
     })
 }

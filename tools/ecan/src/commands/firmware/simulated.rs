@@ -29,9 +29,11 @@ impl Simulated {
         action: impl Fn(&mut Gateway, u64) -> Result<FirmwareProgress, FirmwareUpdateError>,
     ) -> Result<(), Rejection> {
         loop {
-            let done = self.simulation.with_world(|world| world.with_gateway(slave, &action));
+            let done = self.simulation.with_world(|world| {
+                world.gateway_at(slave).and_then(|index| world.with_gateway(index, &action))
+            });
             match done {
-                None => return Err(Rejection::new(format!("slave {slave} does not exist"))),
+                None => return Err(Rejection::new(format!("slave {slave} is not a gateway"))),
                 Some(Ok(FirmwareProgress::Done)) => return Ok(()),
                 Some(Ok(FirmwareProgress::Busy { .. })) => self.simulation.pass_ns(BUSY_NS),
                 Some(Err(error)) => {
