@@ -29,8 +29,9 @@
  *          igh_cia402_all_running() and is_running are 0 for halted axes.
  *          igh_cia402_all_running(), igh_cia402_all_stopped() and igh_cia402_shutdown_is_done() return
  *          0 after an error, no longer its code.
- *          Added: `needed` of igh_cia402_plan(), igh_cia402_get_axis_text() and
+ *          Added: `needed` of igh_cia402_get_axis_text() and
  *          igh_cia402_get_host_loss_text().
+ *          Moved: igh_cia402_plan() to igh_plan.h.
  *   0.1.0  First version.
  */
 #ifndef IGH_CIA402_PROTOCOL_H
@@ -534,29 +535,6 @@ typedef struct {
  * @usage   not rt, any thread, any time
  */
 int igh_cia402_default_settings(igh_cia402_settings_t *settings);
-
-/* ---------------------------------------------------------------------------
- * Preflight plan of axes
- * --------------------------------------------------------------------------- */
-
-/**
- * Plans configurations for the process data of axes: targets, TPDOs and SYNC. As
- * igh_mcan_port_plan().
- *
- * @param motion_div  Cycles from target to target; 0 counts as 1.
- *
- * @usage   not rt, any thread, any time
- * @return  As igh_mcan_port_plan(); ECAN_ERR_NOT_INITIALISED also for an axis that is not filled,
- *          ECAN_ERR_CONFIG also for a value out of range.
- */
-int igh_cia402_plan(const ecan_igh_config_t *igh_config,
-                    const igh_mcan_port_config_t *config,
-                    const igh_cia402_axis_t *axes,
-                    size_t axis_count,
-                    uint32_t motion_div,
-                    char *text,
-                    size_t size,
-                    size_t *needed);
 
 /* ---------------------------------------------------------------------------
  * Life of the axes

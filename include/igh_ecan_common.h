@@ -11,6 +11,12 @@
  *     igh_mcan_port.h           CAN and CAN FD frames through the gateways
  *     igh_cia402_protocol.h     CANopen and CiA 402 axes
  *
+ * Separate from the layers, included by none of them:
+ *
+ *     igh_real_time.h           real-time thread, timing of the cycles
+ *     igh_plan.h                load of a configuration, before the first run
+ *     igh_sim.h                 scenario, clock and seed of a simulated bus
+ *
  * Rules for all functions
  *
  *   - Return: ECAN_OK (0) or a negative ecan_result_t, unless stated otherwise. ecan_last_error()

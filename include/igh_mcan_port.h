@@ -23,8 +23,8 @@
  *          A configuration file with too many gateways or filters is ECAN_ERR_CONFIG.
  *          igh_mcan_port_is_ready() returns 0 after an error, no longer its code.
  *          igh_mcan_port_get_session() and igh_mcan_port_get_schedule_fault() return only the value.
- *          Added: igh_mcan_port_get_session_text(), igh_mcan_port_get_schedule_fault_text(), `needed` of
- *          igh_mcan_port_plan().
+ *          Added: igh_mcan_port_get_session_text(), igh_mcan_port_get_schedule_fault_text().
+ *          Moved: igh_mcan_port_plan() to igh_plan.h.
  *   0.1.0  First version.
  */
 #ifndef IGH_MCAN_PORT_H
@@ -517,59 +517,6 @@ int igh_mcan_port_parse_config(ecan_igh_config_t *igh_config,
                                igh_mcan_file_fault_t *faults,
                                size_t capacity,
                                size_t *count);
-
-/* ---------------------------------------------------------------------------
- * Preflight plan
- *
- * Load of configurations on wire, CAN buses, images and mailboxes, with warnings and errors,
- * before anything touches a bus.
- * --------------------------------------------------------------------------- */
-
-/** Route of the frames of a plan. */
-typedef enum {
-    /** From the host through the gateway to the bus. */
-    IGH_MCAN_ROUTE_TO_BUS = 0,
-    /** From the bus through the gateway to the host. */
-    IGH_MCAN_ROUTE_FROM_BUS = 1,
-    /** Between other nodes: only bus time counts. */
-    IGH_MCAN_ROUTE_ON_BUS_ONLY = 2,
-} igh_mcan_frame_route_t;
-
-/** Frames of one kind on one channel, for a plan. */
-typedef struct {
-    /**
-     * One of them, filled by igh_mcan_tx_frame_set_can() or a similar function; slave, channel,
-     * kind of CAN ID, flags, length and schedule are relevant.
-     */
-    igh_mcan_tx_frame_t frame;
-    /** Number of frames ... */
-    uint32_t frames;
-    /** ... in this number of cycles; 0 counts as 1. More than one frame needs 1. */
-    uint32_t cycles;
-    /** An igh_mcan_frame_route_t. */
-    uint8_t route;
-    /** Not used. */
-    uint8_t reserved[3];
-} igh_mcan_frame_stream_t;
-
-/**
- * Plans configurations for a given traffic.
- *
- * @param streams  The frames; may be NULL if count is 0.
- * @param text     Gets the plan as a table with its warnings, also if the plan has errors; see the
- *                 rules for texts in igh_ecan_common.h. 4096 bytes are enough for a few gateways.
- *
- * @usage   not rt, any thread, any time
- * @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of them in
- *          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream; ECAN_ERR_BUFFER.
- */
-int igh_mcan_port_plan(const ecan_igh_config_t *igh_config,
-                       const igh_mcan_port_config_t *config,
-                       const igh_mcan_frame_stream_t *streams,
-                       size_t count,
-                       char *text,
-                       size_t size,
-                       size_t *needed);
 
 /* ---------------------------------------------------------------------------
  * Life of a Port

@@ -10,6 +10,7 @@
 
 #include "ecrt_plain.h"
 #include "igh_mcan_port.h"
+#include "igh_sim.h"
 
 #define CYCLE_US 1000
 /* Cycles until the gateway must be ready, and until the frame must have returned. */

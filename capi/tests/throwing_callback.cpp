@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "igh_cia402_protocol.h"
+#include "igh_sim.h"
 
 extern "C" int stop(void *)
 {

@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "igh_sim.h"
 #include "interrupt.h"
 #include "report.h"
 

@@ -2,6 +2,7 @@
 
 #include <stdio.h>
 
+#include "igh_plan.h"
 #include "report.h"
 
 enum { STREAMS = 2 * ECAN_IGH_MAX_SLAVES * ECAN_MCAN_CHANNELS };

@@ -12,6 +12,7 @@
 #include "bring_up.h"
 #include "cycle_result.h"
 #include "frame_plan.h"
+#include "igh_real_time.h"
 #include "interrupt.h"
 #include "options.h"
 #include "real_time.h"

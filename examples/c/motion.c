@@ -7,6 +7,7 @@
 #include "cycle_result.h"
 #include "frame_plan.h"
 #include "igh_cia402_protocol.h"
+#include "igh_plan.h"
 #include "interrupt.h"
 #include "motion_table.h"
 #include "report.h"

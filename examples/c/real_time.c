@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "igh_real_time.h"
 #include "report.h"
 
 enum { STACK_BYTES = 256 * 1024, MAX_CPUS = 64 };

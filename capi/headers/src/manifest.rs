@@ -78,7 +78,6 @@ pub const HEADERS: &[Header] = &[
             "igh-host/src/adapter/context.rs",
             "igh-host/src/adapter/cycle.rs",
             "igh-host/src/adapter/clocks.rs",
-            "igh-host/src/adapter/real_time.rs",
             "igh-host/src/adapter/process_data.rs",
             "igh-host/src/adapter/bus_state.rs",
             "igh-host/src/adapter/sdo.rs",
@@ -98,7 +97,6 @@ pub const HEADERS: &[Header] = &[
             "igh-host/src/mcan_port/config_filter.rs",
             "igh-host/src/mcan_port/config_gateway.rs",
             "igh-host/src/mcan_port/config_file.rs",
-            "igh-host/src/mcan_port/plan.rs",
             "igh-host/src/mcan_port/context.rs",
             "igh-host/src/mcan_port/cycle.rs",
             "igh-host/src/mcan_port/send.rs",
@@ -117,7 +115,6 @@ pub const HEADERS: &[Header] = &[
             "igh-host/src/cia402/numbers.rs",
             "igh-host/src/cia402/axis.rs",
             "igh-host/src/cia402/settings.rs",
-            "igh-host/src/cia402/plan.rs",
             "igh-host/src/cia402/context.rs",
             "igh-host/src/cia402/progress.rs",
             "igh-host/src/cia402/start_up.rs",
@@ -132,12 +129,47 @@ pub const HEADERS: &[Header] = &[
             "igh-host/src/cia402/canopen.rs",
         ],
     },
+    Header {
+        name: "igh_real_time.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the real-time thread and the timing of its cycles (manual 13.9).",
+        intro: &[
+            "Priority, CPUs and locked memory of the cycle's thread; its waits and their statistics.",
+        ],
+        includes: &["igh_adapter.h", "igh_ecan_common.h"],
+        sections: &["igh-host/src/adapter/real_time.rs"],
+    },
+    Header {
+        name: "igh_plan.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the plan of configurations before the first run.",
+        intro: &[
+            "Load of wire, CAN buses, images and mailboxes, with warnings and errors, without a bus.",
+        ],
+        includes: &["igh_cia402_protocol.h", "igh_mcan_port.h"],
+        sections: &["igh-host/src/mcan_port/plan.rs", "igh-host/src/cia402/plan.rs"],
+    },
+    Header {
+        name: "igh_sim.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the built-in simulator.",
+        intro: &["Scenario, clock and seed of a simulated bus. Not necessary to use one."],
+        includes: &["igh_adapter.h", "igh_ecan_common.h"],
+        sections: &["igh-host/src/adapter/simulation.rs"],
+    },
 ];
 
 pub const LIBRARIES: &[Library] = &[
     Library { map: "libecan_mcan_host.map", headers: &["igh_ecan_common.h", "igh_mcan_pdo.h"] },
     Library {
         map: "libecan_igh_host.map",
-        headers: &["igh_adapter.h", "igh_mcan_port.h", "igh_cia402_protocol.h"],
+        headers: &[
+            "igh_adapter.h",
+            "igh_mcan_port.h",
+            "igh_cia402_protocol.h",
+            "igh_real_time.h",
+            "igh_plan.h",
+            "igh_sim.h",
+        ],
     },
 ];

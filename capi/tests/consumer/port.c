@@ -3,6 +3,7 @@
 #include <stdio.h>
 
 #include <igh_cia402_protocol.h>
+#include <igh_sim.h>
 
 static int failed(const char *what)
 {

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include <igh_cia402_protocol.h>
+#include <igh_sim.h>
 
 int main()
 {

@@ -10,6 +10,9 @@
 #include "igh_adapter.h"
 #include "igh_cia402_protocol.h"
 #include "igh_mcan_port.h"
+#include "igh_plan.h"
+#include "igh_real_time.h"
+#include "igh_sim.h"
 
 /* A call that succeeds and does not change the last error. */
 #define GOOD(call)                                                                                 \

@@ -30,35 +30,6 @@ pub fn ecan_igh_config_set_ecrt(config: *mut ecan_igh_config_t, setting: *const 
     };
 }
 
-/// Suggests the scenario for a plain "sim": "echo" (the default) or "drives".
-///
-/// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
-#[export(call, config config)]
-pub fn ecan_igh_config_suggest_scenario(config: *mut ecan_igh_config_t, name: *const c_char) {
-    pointers!(call, text(name));
-    config.scenario = Text::new(call, "name", name)?;
-}
-
-/// Selects the clock of a simulated master, unless its scenario does. A real library ignores it.
-///
-/// @param stepped  0: wall-clock time, the default. Else: time passes only while the program waits
-///                 for the next cycle, as fast as the machine allows; same seed, same result.
-///
-/// @usage   not rt, any thread, before init
-#[export(_, config config)]
-pub fn ecan_igh_config_set_stepped_clock(config: *mut ecan_igh_config_t, stepped: c_int) {
-    config.is_stepped = stepped != 0;
-}
-
-/// Sets the seed of a simulation, in place of the scenario's.
-///
-/// @usage   not rt, any thread, before init
-#[export(_, config config)]
-pub fn ecan_igh_config_set_seed(config: *mut ecan_igh_config_t, seed: u64) {
-    config.seed = Some(seed);
-}
-
 /// Selects the EtherCAT master.
 ///
 /// @param index  0 for /dev/EtherCAT0, the default.

@@ -234,25 +234,6 @@ pub fn ecan_igh_deinit(context: *mut ecan_igh_context_t) {
     drop(bus.leave());
 }
 
-/// Returns 1 if the bus is simulated.
-///
-/// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
-#[export(_, layer adapter, or 0)]
-pub fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
-    Ok(adapter.is_simulated().into())
-}
-
-/// Returns 1 if time passes only while the program waits for the next cycle: in a simulation with a
-/// stepped clock. The program must then take its own deadlines from ecan_igh_now_ns().
-///
-/// @usage   rt, the cycle's thread, after init
-/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
-#[export(_, bus bus, or 0)]
-pub fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_context_t) -> c_int {
-    Ok(bus.is_stepped.into())
-}
-
 /// Returns a sufficient timeout for ecan_igh_wait_op_timeout(), by the startup SDOs, the cycle and
 /// the number of slaves.
 ///

@@ -14,3 +14,4 @@ pub mod process_data;
 pub mod real_time;
 pub mod sdo;
 pub mod sdo_request;
+pub mod simulation;

@@ -24,6 +24,7 @@ use super::targets::*;
 use crate::adapter::config::*;
 use crate::adapter::config_master::*;
 use crate::adapter::context::*;
+use crate::adapter::simulation::*;
 use crate::mcan_port::config::*;
 use crate::mcan_port::config_channel::*;
 use crate::mcan_port::context::*;

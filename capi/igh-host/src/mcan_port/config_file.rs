@@ -178,7 +178,8 @@ mod tests {
 
     use super::*;
     use crate::adapter::config::ecan_igh_default_config;
-    use crate::adapter::config_master::{ecan_igh_config_set_ecrt, ecan_igh_config_set_seed};
+    use crate::adapter::config_master::ecan_igh_config_set_ecrt;
+    use crate::adapter::simulation::ecan_igh_config_set_seed;
     use crate::port_config::configured;
 
     /// Values that the example leaves at a default.
