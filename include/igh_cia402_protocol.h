@@ -20,7 +20,7 @@
  *          Added: IGH_CIA402_WAIT_NOT_DUE, _WAIT_NOT_RECEIVED, _WAIT_BACKLOG, _WAIT_TOGETHER,
  *          igh_cia402_get_host_loss(), igh_cia402_get_host_loss_text(), igh_cia402_stop_all(),
  *          igh_cia402_stop_all_timeout(), igh_cia402_all_stopped(), igh_cia402_recover(),
- *          igh_cia402_recover_all(), igh_cia402_recover_all_timeout(), igh_cia402_stop_together(),
+ *          igh_cia402_recover_all_timeout(), igh_cia402_stop_together(),
  *          igh_cia402_stop_cause_t, the phases UNCONTROLLED and INSPECTING, `takeover` of the settings,
  *          the fields stop_cause, is_stopped, is_recovering and uncontrolled; the fields shutdown,
  *          disable_operation, halt, fault_reaction and the limits in rad/s of igh_cia402_axis_t.
@@ -32,6 +32,9 @@
  *          Added: `needed` of igh_cia402_get_axis_text() and
  *          igh_cia402_get_host_loss_text().
  *          Moved: igh_cia402_plan() to igh_plan.h.
+ *          Removed: igh_cia402_set_target_degrees() and actual_degrees, use radians; igh_cia402_configure_all(),
+ *          igh_cia402_request_actual_position_all(), igh_cia402_disable_all(), igh_cia402_quick_stop_all(),
+ *          igh_cia402_recover_all(), use the function without _all with IGH_CIA402_ALL_AXES.
  *   0.1.0  First version.
  */
 #ifndef IGH_CIA402_PROTOCOL_H
@@ -699,7 +702,7 @@ int igh_cia402_start_up_timeout(igh_cia402_context_t *context, uint32_t timeout_
 int igh_cia402_finish_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
 
 /**
- * Brings all axes back to their targets, as igh_cia402_recover_all(), and waits.
+ * Brings all axes back to their targets, as igh_cia402_recover() with IGH_CIA402_ALL_AXES, and waits.
  *
  * @param timeout_ms  Milliseconds.
  *
@@ -707,7 +710,8 @@ int igh_cia402_finish_all_timeout(igh_cia402_context_t *context, uint32_t timeou
  * @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that do not
  *          follow targets, and the reason.
  */
-int igh_cia402_recover_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+int igh_cia402_recover_all_timeout(igh_cia402_context_t *context,
+                                   uint32_t timeout_ms);
 
 /**
  * Stops all axes, as igh_cia402_stop_all(), and waits until every one has stopped.
@@ -876,16 +880,6 @@ int igh_cia402_set_target(igh_cia402_context_t *context, size_t axis, int32_t ta
 /**
  * As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
  *
- * @param degrees  Degrees of the axis.
- *
- * @usage   rt, the cycle's thread, after init
- * @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle without a position.
- */
-int igh_cia402_set_target_degrees(igh_cia402_context_t *context, size_t axis, double degrees);
-
-/**
- * As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
- *
  * @param radians  Radians of the axis.
  *
  * @usage   rt, the cycle's thread, after init
@@ -907,9 +901,15 @@ int igh_cia402_set_target_step(igh_cia402_context_t *context, size_t axis, int32
  * Commands to axes
  *
  * Each call starts an operation and returns; the cycle continues it, and
- * igh_cia402_get_axis_state() reports the progress. A command to all axes goes to every axis, even
- * after one that rejects it; the code is that of the first rejection.
+ * igh_cia402_get_axis_state() reports the progress. With IGH_CIA402_ALL_AXES a command goes to every
+ * axis, even after one that rejects it; the code is that of the first rejection.
  * --------------------------------------------------------------------------- */
+
+/**
+ * In place of the index of an axis in igh_cia402_configure(), _request_actual_position(), _enable(),
+ * _disable(), _quick_stop(), _recover(), _reset_fault(), _halt() and _resume(): all axes.
+ */
+#define IGH_CIA402_ALL_AXES 4294967295
 
 /**
  * Homing of an axis. igh_cia402_homing_init() fills it. Objects that a drive does not have are
@@ -963,47 +963,32 @@ int igh_cia402_send_nmt_all(igh_cia402_context_t *context, int command);
 int igh_cia402_send_nmt(igh_cia402_context_t *context, size_t axis, int command);
 
 /**
- * Starts configuring every drive that is not configured; igh_cia402_configure_csp_all_timeout()
- * also waits.
- *
- * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK, ECAN_ERR_AXIS_STATE.
- */
-int igh_cia402_configure_all(igh_cia402_context_t *context);
-
-/**
  * Starts configuring a drive, even if it is configured: after a restart, for example. An enabled
- * drive is disabled first.
+ * drive is disabled first. With IGH_CIA402_ALL_AXES only drives that are not configured.
+ * igh_cia402_configure_csp_all_timeout() also waits.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  As igh_cia402_configure_all(); ECAN_ERR_AXIS.
+ * @return  ECAN_OK, ECAN_ERR_AXIS_STATE, ECAN_ERR_AXIS.
  */
 int igh_cia402_configure(igh_cia402_context_t *context, size_t axis);
 
 /**
- * Starts determining the actual position of all axes: waits for pending frames, then for fresh
- * TPDOs of axes at rest.
+ * Starts determining the actual position of an axis: waits for pending frames, then for fresh TPDOs
+ * at rest. igh_cia402_request_actual_position_all_timeout() also waits.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_AXIS_STATE for an axis that is not configured, changes its mode or
- *          is homing.
- */
-int igh_cia402_request_actual_position_all(igh_cia402_context_t *context);
-
-/**
- * Starts determining the actual position of an axis.
- *
- * @usage   rt, the cycle's thread, after init
- * @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
+ *          is homing; ECAN_ERR_AXIS.
  */
 int igh_cia402_request_actual_position(igh_cia402_context_t *context, size_t axis);
 
 /**
- * Starts enabling all drives and activating axes that hold; active axes continue.
+ * Starts enabling all drives and activating axes that hold; active axes continue. The same as
+ * igh_cia402_enable() with IGH_CIA402_ALL_AXES, under the manual's name (15.5.4).
  * igh_cia402_enable_all_timeout() also waits.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  As igh_cia402_request_actual_position_all().
+ * @return  As igh_cia402_request_actual_position().
  */
 int igh_cia402_enable_all(igh_cia402_context_t *context);
 
@@ -1013,16 +998,9 @@ int igh_cia402_enable_all(igh_cia402_context_t *context);
  * enable_timeout_ms the drive is disabled again.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
+ * @return  As igh_cia402_request_actual_position().
  */
 int igh_cia402_enable(igh_cia402_context_t *context, size_t axis);
-
-/**
- * Disables all drives, as igh_cia402_disable().
- *
- * @usage   rt, the cycle's thread, after init
- */
-int igh_cia402_disable_all(igh_cia402_context_t *context);
 
 /**
  * Stops targets at once and disables a drive; 0x605C determines how it stops. igh_cia402_halt()
@@ -1046,13 +1024,6 @@ int igh_cia402_disable(igh_cia402_context_t *context, size_t axis);
 int igh_cia402_stop_together(igh_cia402_context_t *context);
 
 /**
- * Commands a quick stop of all drives, as igh_cia402_quick_stop().
- *
- * @usage   rt, the cycle's thread, after init
- */
-int igh_cia402_quick_stop_all(igh_cia402_context_t *context);
-
-/**
  * Stops targets at once and commands a quick stop, as 0x605A of the drive determines.
  * igh_cia402_enable() activates the axis again.
  *
@@ -1074,6 +1045,7 @@ int igh_cia402_stop_all(igh_cia402_context_t *context);
  * resumes a halted axis. Any other command to the axis ends it. It ends without success, with
  * axis_error, if a fault persists after one reset or another one follows, if the configuration
  * fails twice, if the drive does not answer and may be moving, or if enabling fails three times.
+ * igh_cia402_recover_all_timeout() also waits.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_AXIS_STATE during a change of mode, homing or shutdown; ECAN_ERR_AXIS.
@@ -1082,19 +1054,10 @@ int igh_cia402_recover(igh_cia402_context_t *context,
                        size_t axis);
 
 /**
- * Starts bringing all axes back to their targets, as igh_cia402_recover(); axes that follow them
- * continue. igh_cia402_recover_all_timeout() also waits.
- *
- * @usage   rt, the cycle's thread, after init
- * @return  As igh_cia402_recover().
- */
-int igh_cia402_recover_all(igh_cia402_context_t *context);
-
-/**
  * Resets the fault of a drive. Does not enable it, and does nothing if the drive has no fault.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
+ * @return  As igh_cia402_request_actual_position().
  */
 int igh_cia402_reset_fault(igh_cia402_context_t *context, size_t axis);
 
@@ -1122,8 +1085,8 @@ int igh_cia402_resume(igh_cia402_context_t *context, size_t axis);
  *              homing, which igh_cia402_home() does.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  As igh_cia402_request_actual_position_all(), ECAN_ERR_AXIS_STATE also for a mode that
- *          is not mapped; ECAN_ERR_AXIS, ECAN_ERR_ARGUMENT.
+ * @return  As igh_cia402_request_actual_position(), ECAN_ERR_AXIS_STATE also for a mode that
+ *          is not mapped; ECAN_ERR_ARGUMENT.
  */
 int igh_cia402_change_mode(igh_cia402_context_t *context, size_t axis, int mode);
 
@@ -1144,7 +1107,7 @@ int igh_cia402_homing_init(igh_cia402_homing_t *homing, int8_t method);
  * @param homing  Is copied.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
+ * @return  As igh_cia402_request_actual_position().
  */
 int igh_cia402_home(igh_cia402_context_t *context, size_t axis, const igh_cia402_homing_t *homing);
 
@@ -1387,8 +1350,6 @@ typedef struct {
      * transport times, two cycles or more; the drive's own following error is in 0x60F4.
      */
     int64_t following_error;
-    /** Actual position in degrees, if has_actual is 1. */
-    double actual_degrees;
     /** Actual position in radians, if has_actual is 1. */
     double actual_radians;
     /** Last usable actual position, in steps, if has_actual is 1. */

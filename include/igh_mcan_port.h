@@ -25,6 +25,8 @@
  *          igh_mcan_port_get_session() and igh_mcan_port_get_schedule_fault() return only the value.
  *          Added: igh_mcan_port_get_session_text(), igh_mcan_port_get_schedule_fault_text().
  *          Moved: igh_mcan_port_plan() to igh_plan.h.
+ *          Removed: igh_mcan_port_load_config_ex(); igh_mcan_port_load_config() has its arguments. `count` of
+ *          igh_mcan_port_parse_config() may be NULL.
  *   0.1.0  First version.
  */
 #ifndef IGH_MCAN_PORT_H
@@ -438,7 +440,7 @@ int igh_mcan_port_allow_diagnostic_tests(igh_mcan_port_config_t *config, size_t 
  * `ecan config` also checks, compares and exports the file that an application loads.
  *
  * ecan_igh_default_config(&igh_config);
- * if (igh_mcan_port_load_config(&igh_config, &mcan_config, "cell.toml") != ECAN_OK) {
+ * if (igh_mcan_port_load_config(&igh_config, &mcan_config, "cell.toml", NULL, 0, NULL) != ECAN_OK) {
  *     fprintf(stderr, "%s\n", ecan_last_error());    every fault, with line and column
  * }
  * ecan_igh_init(&igh, &igh_config);
@@ -474,6 +476,10 @@ typedef struct {
  *                    per gateway with policies, and count for ECAN_IGH_MAX_STARTUP_SDOS.
  * @param config      Is overwritten.
  * @param path        Path of the file, relative to the working directory.
+ * @param faults      Gets the faults that fit, in the order of the lines, for an editor for example;
+ *                    may be NULL if capacity is 0. ecan_last_error() holds some eighty of them.
+ * @param capacity    Size of `faults`.
+ * @param count       Gets the number of all faults, 0 for every other error; may be NULL.
  *
  * @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
  * @return  ECAN_OK; ECAN_ERR_FILE if it cannot be read; ECAN_ERR_CONFIG with every fault in
@@ -482,29 +488,13 @@ typedef struct {
  */
 int igh_mcan_port_load_config(ecan_igh_config_t *igh_config,
                               igh_mcan_port_config_t *config,
-                              const char *path);
+                              const char *path,
+                              igh_mcan_file_fault_t *faults,
+                              size_t capacity,
+                              size_t *count);
 
 /**
- * As igh_mcan_port_load_config(), with the faults as data, for an editor for example.
- * ecan_last_error() holds some eighty of them.
- *
- * @param faults    Gets the faults that fit, in the order of the lines; may be NULL if capacity is
- *                  0.
- * @param capacity  Size of `faults`.
- * @param count     Gets the number of all faults; 0 for every other error.
- *
- * @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
- * @return  As igh_mcan_port_load_config().
- */
-int igh_mcan_port_load_config_ex(ecan_igh_config_t *igh_config,
-                                 igh_mcan_port_config_t *config,
-                                 const char *path,
-                                 igh_mcan_file_fault_t *faults,
-                                 size_t capacity,
-                                 size_t *count);
-
-/**
- * As igh_mcan_port_load_config_ex(), from a text in memory.
+ * As igh_mcan_port_load_config(), from a text in memory.
  *
  * @param text  Content of the file, up to a NUL.
  *

@@ -183,7 +183,8 @@ bool bus_settings_configure(const bus_settings_t *settings, ecan_igh_config_t *i
 {
     bool is_good = configure_library(igh_config, settings);
     if (is_good && settings->config != NULL) {
-        is_good = igh_mcan_port_load_config(igh_config, mcan_config, settings->config) == ECAN_OK;
+        is_good = igh_mcan_port_load_config(igh_config, mcan_config, settings->config, NULL, 0,
+                                            NULL) == ECAN_OK;
     } else if (is_good) {
         is_good = configure_master(igh_config, settings) &&
                   configure_gateways(mcan_config, settings);

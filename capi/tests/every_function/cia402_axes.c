@@ -37,25 +37,24 @@ static void no_context(int code, igh_cia402_context_t *context)
     BAD(code, igh_cia402_set_motion_div(context, 1));
     BAD(code, igh_cia402_set_scheduled_tx(context, 0, 0, 0));
     BAD(code, igh_cia402_set_target(context, 0, 0));
-    BAD(code, igh_cia402_set_target_degrees(context, 0, 0.0));
     BAD(code, igh_cia402_set_target_radians(context, 0, 0.0));
     BAD(code, igh_cia402_set_target_step(context, 0, 0));
     BAD(code, igh_cia402_send_nmt_all(context, IGH_CANOPEN_NMT_START));
     BAD(code, igh_cia402_send_nmt(context, 0, IGH_CANOPEN_NMT_START));
-    BAD(code, igh_cia402_configure_all(context));
+    BAD(code, igh_cia402_configure(context, IGH_CIA402_ALL_AXES));
     BAD(code, igh_cia402_configure(context, 0));
-    BAD(code, igh_cia402_request_actual_position_all(context));
+    BAD(code, igh_cia402_request_actual_position(context, IGH_CIA402_ALL_AXES));
     BAD(code, igh_cia402_request_actual_position(context, 0));
     BAD(code, igh_cia402_enable_all(context));
     BAD(code, igh_cia402_enable(context, 0));
-    BAD(code, igh_cia402_disable_all(context));
+    BAD(code, igh_cia402_disable(context, IGH_CIA402_ALL_AXES));
     BAD(code, igh_cia402_disable(context, 0));
-    BAD(code, igh_cia402_quick_stop_all(context));
+    BAD(code, igh_cia402_quick_stop(context, IGH_CIA402_ALL_AXES));
     BAD(code, igh_cia402_stop_together(context));
     BAD(code, igh_cia402_quick_stop(context, 0));
     BAD(code, igh_cia402_stop_all(context));
     BAD(code, igh_cia402_recover(context, 0));
-    BAD(code, igh_cia402_recover_all(context));
+    BAD(code, igh_cia402_recover(context, IGH_CIA402_ALL_AXES));
     NONE(code, 0, igh_cia402_all_stopped(context));
     BAD(code, igh_cia402_reset_fault(context, 0));
     BAD(code, igh_cia402_halt(context, 0));
@@ -140,7 +139,6 @@ static void wrong_axis(igh_cia402_context_t *context, size_t axis)
 
     GOOD(igh_cia402_homing_init(&homing, 35));
     BAD(code, igh_cia402_set_target(context, axis, 0));
-    BAD(code, igh_cia402_set_target_degrees(context, axis, 0.0));
     BAD(code, igh_cia402_set_target_radians(context, axis, 0.0));
     BAD(code, igh_cia402_set_target_step(context, axis, 0));
     BAD(code, igh_cia402_send_nmt(context, axis, IGH_CANOPEN_NMT_START));
@@ -164,6 +162,20 @@ static void wrong_axis(igh_cia402_context_t *context, size_t axis)
     BAD(code, igh_cia402_sdo_poll(context, axis, &sdo_state, data, 8, &count));
     BAD(code, igh_cia402_sdo_upload(context, axis, 0x1000, 0, data, 8, &count, 100));
     BAD(code, igh_cia402_sdo_download(context, axis, 0x1017, 0, VALUE, 2, 100));
+}
+
+/* A command to all axes reaches every one, and returns the first rejection. */
+static void all_axes(igh_cia402_context_t *context)
+{
+    BAD(ECAN_ERR_AXIS_STATE, igh_cia402_enable(context, IGH_CIA402_ALL_AXES));
+    BAD(ECAN_ERR_AXIS_STATE, igh_cia402_request_actual_position(context, IGH_CIA402_ALL_AXES));
+    GOOD(igh_cia402_configure(context, IGH_CIA402_ALL_AXES));
+    GOOD(igh_cia402_halt(context, IGH_CIA402_ALL_AXES));
+    GOOD(igh_cia402_resume(context, IGH_CIA402_ALL_AXES));
+    GOOD(igh_cia402_quick_stop(context, IGH_CIA402_ALL_AXES));
+    GOOD(igh_cia402_disable(context, IGH_CIA402_ALL_AXES));
+    /* Not the index of an axis elsewhere. */
+    BAD(ECAN_ERR_AXIS, igh_cia402_set_target(context, IGH_CIA402_ALL_AXES, 0));
 }
 
 static void tables(igh_mcan_port_t *port)
@@ -325,6 +337,7 @@ void test_cia402_axes(void)
     null_pointers(&port, &context);
     wrong_axis(&context, 2);
     wrong_axis(&context, SIZE_MAX);
+    all_axes(&context);
 
     check_about("axes whose Port has ended");
     GOOD(igh_mcan_port_deinit(&port));

@@ -24,7 +24,7 @@ static void on_progress(void *user, size_t axis, const char *text)
     snprintf(name, sizeof(name), "axis %u", (unsigned)axis);
     progress.is_last_named = strncmp(text, name, strlen(name)) == 0;
     if (progress.calls == 1) {
-        BAD(ECAN_ERR_BUSY, igh_cia402_disable_all(&motors));
+        BAD(ECAN_ERR_BUSY, igh_cia402_disable(&motors, IGH_CIA402_ALL_AXES));
         BAD(ECAN_ERR_BUSY, igh_mcan_port_cycle_begin(&port));
         BAD(ECAN_ERR_BUSY, ecan_igh_deinit(&igh));
         BAD(ECAN_ERR_BUSY, igh_mcan_port_deinit(&port));
@@ -83,7 +83,7 @@ static void too_early(void)
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_enable(&motors, 0));
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_enable_all(&motors));
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_request_actual_position(&motors, 0));
-    BAD(ECAN_ERR_AXIS_STATE, igh_cia402_request_actual_position_all(&motors));
+    BAD(ECAN_ERR_AXIS_STATE, igh_cia402_request_actual_position(&motors, IGH_CIA402_ALL_AXES));
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_request_actual_position_all_timeout(&motors, 100));
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_enable_all_timeout(&motors, 100));
     BAD(ECAN_ERR_AXIS_STATE, igh_cia402_change_mode(&motors, 0, IGH_CIA402_MODE_CSP));
@@ -103,7 +103,7 @@ static void unknown_numbers(void)
     for (size_t i = 0; i < ITEMS(NO_MODES); i++) {
         BAD(ECAN_ERR_ARGUMENT, igh_cia402_change_mode(&motors, 0, NO_MODES[i]));
     }
-    BAD(ECAN_ERR_ARGUMENT, igh_cia402_set_target_degrees(&motors, 0, 1e300));
+    BAD(ECAN_ERR_ARGUMENT, igh_cia402_set_target_radians(&motors, 0, 1e300));
     BAD(ECAN_ERR_ARGUMENT, igh_cia402_set_target_radians(&motors, 0, -1e300));
     BAD(ECAN_ERR_SCHEDULE, igh_cia402_set_scheduled_tx(&motors, 1, 100, 200));
     GOOD(igh_cia402_set_scheduled_tx(&motors, 0, 100, 200));
@@ -206,7 +206,7 @@ static void motion(void)
     GOOD(igh_mcan_port_cycle_end(&port));
     GOOD(igh_cia402_set_target(&motors, 0, state_of(0).target));
     begin();
-    GOOD(igh_cia402_set_target_degrees(&motors, 0, state_of(0).actual_degrees));
+    GOOD(igh_cia402_set_target_radians(&motors, 0, state_of(0).actual_radians));
     GOOD(igh_cia402_set_target_radians(&motors, 1, state_of(1).actual_radians));
     GOOD(igh_cia402_send_targets_all(&motors));
     GOOD(igh_mcan_port_cycle_end(&port));
@@ -243,7 +243,7 @@ static void commands(void)
     }
     GOOD(igh_cia402_enable(&motors, 0));
     TRUE(reaches(0, IGH_CIA402_PHASE_RUNNING));
-    GOOD(igh_cia402_quick_stop_all(&motors));
+    GOOD(igh_cia402_quick_stop(&motors, IGH_CIA402_ALL_AXES));
     for (int i = 0; i < 200; i++) {
         cycle();
     }
@@ -261,7 +261,7 @@ static void commands(void)
     TRUE(state_of(0).drive_state == IGH_CIA402_DRIVE_SWITCH_ON_DISABLED);
     GOOD(igh_cia402_recover(&motors, 0));
     SAME(1, state_of(0).is_recovering);
-    GOOD(igh_cia402_recover_all(&motors));
+    GOOD(igh_cia402_recover(&motors, IGH_CIA402_ALL_AXES));
     GOOD(igh_cia402_recover_all_timeout(&motors, 10000));
     SAME(0, state_of(0).is_recovering);
     SAME(0, igh_cia402_all_stopped(&motors));
@@ -298,12 +298,12 @@ static void commands(void)
     GOOD(igh_cia402_finish_all_timeout(&motors, 20000));
     SAME(IGH_CIA402_MODE_CSP, state_of(2).mode);
 
-    GOOD(igh_cia402_disable_all(&motors));
+    GOOD(igh_cia402_disable(&motors, IGH_CIA402_ALL_AXES));
     for (int i = 0; i < 500; i++) {
         cycle();
     }
     SAME(0, igh_cia402_all_running(&motors));
-    GOOD(igh_cia402_request_actual_position_all(&motors));
+    GOOD(igh_cia402_request_actual_position(&motors, IGH_CIA402_ALL_AXES));
     TRUE(reaches(2, IGH_CIA402_PHASE_READY));
     GOOD(igh_cia402_reset_fault(&motors, 0));
     for (int i = 0; i < 50; i++) {
@@ -322,7 +322,7 @@ static void commands(void)
         cycle();
     }
     SAME(1, state_of(0).is_configured);
-    GOOD(igh_cia402_configure_all(&motors));
+    GOOD(igh_cia402_configure(&motors, IGH_CIA402_ALL_AXES));
     GOOD(igh_cia402_configure_csp_all_timeout(&motors, 20000));
     GOOD(igh_cia402_enable_all_timeout(&motors, 20000));
     SAME(1, igh_cia402_all_running(&motors));

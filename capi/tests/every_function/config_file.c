@@ -55,28 +55,28 @@ static void untouched(void)
 static void wrong_pointers(const char *path)
 {
     static ecan_igh_config_t none;
-    size_t count;
-    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config(NULL, &config, path));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config(&igh_config, NULL, path));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config(&igh_config, &config, NULL));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config_ex(NULL, &config, path, faults, 32, &count));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config_ex(&igh_config, NULL, path, faults, 32, &count));
+    size_t count = 99;
+    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config(NULL, &config, path, NULL, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config(&igh_config, NULL, path, NULL, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config(&igh_config, &config, NULL, NULL, 0, NULL));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config(NULL, &config, path, faults, 32, &count));
+    SAME(0, count);
+    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config(&igh_config, NULL, path, faults, 32, &count));
     BAD(ECAN_ERR_NULL,
-        igh_mcan_port_load_config_ex(&igh_config, &config, NULL, faults, 32, &count));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config_ex(&igh_config, &config, path, NULL, 32, &count));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config_ex(&igh_config, &config, path, faults, 32, NULL));
+        igh_mcan_port_load_config(&igh_config, &config, NULL, faults, 32, &count));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_load_config(&igh_config, &config, path, NULL, 32, &count));
     BAD(ECAN_ERR_ARGUMENT,
-        igh_mcan_port_load_config_ex(&igh_config, &config, path, faults, SIZE_MAX, &count));
+        igh_mcan_port_load_config(&igh_config, &config, path, faults, SIZE_MAX, &count));
     BAD(ECAN_ERR_NULL, igh_mcan_port_parse_config(NULL, &config, SOUND, faults, 32, &count));
     BAD(ECAN_ERR_NULL, igh_mcan_port_parse_config(&igh_config, NULL, SOUND, faults, 32, &count));
     BAD(ECAN_ERR_NULL, igh_mcan_port_parse_config(&igh_config, &config, NULL, faults, 32, &count));
     BAD(ECAN_ERR_NULL, igh_mcan_port_parse_config(&igh_config, &config, SOUND, NULL, 1, &count));
-    BAD(ECAN_ERR_NULL, igh_mcan_port_parse_config(&igh_config, &config, SOUND, faults, 32, NULL));
     for (int kind = 0; kind < GARBAGE_KINDS; kind++) {
         check_about(fill_garbage(kind, &none, sizeof(none)));
-        BAD(ECAN_ERR_NOT_INITIALISED, igh_mcan_port_load_config(&none, &config, path));
         BAD(ECAN_ERR_NOT_INITIALISED,
-            igh_mcan_port_load_config_ex(&none, &config, path, faults, 32, &count));
+            igh_mcan_port_load_config(&none, &config, path, NULL, 0, NULL));
+        BAD(ECAN_ERR_NOT_INITIALISED,
+            igh_mcan_port_load_config(&none, &config, path, faults, 32, &count));
         BAD(ECAN_ERR_NOT_INITIALISED,
             igh_mcan_port_parse_config(&none, &config, SOUND, faults, 32, &count));
     }
@@ -87,15 +87,16 @@ static void wrong_pointers(const char *path)
 static void unreadable(void)
 {
     size_t count = 99;
-    BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, "/no/such/cell.toml"));
-    ERROR_HAS("cannot read /no/such/cell.toml: No such file");
-    BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, "/"));
-    ERROR_HAS("directory");
-    BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, ""));
-    /* A path need not be UTF-8. */
-    BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, "/no/\xFF"));
     BAD(ECAN_ERR_FILE,
-        igh_mcan_port_load_config_ex(&igh_config, &config, "/no/such", faults, 32, &count));
+        igh_mcan_port_load_config(&igh_config, &config, "/no/such/cell.toml", NULL, 0, NULL));
+    ERROR_HAS("cannot read /no/such/cell.toml: No such file");
+    BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, "/", NULL, 0, NULL));
+    ERROR_HAS("directory");
+    BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, "", NULL, 0, NULL));
+    /* A path need not be UTF-8. */
+    BAD(ECAN_ERR_FILE, igh_mcan_port_load_config(&igh_config, &config, "/no/\xFF", NULL, 0, NULL));
+    BAD(ECAN_ERR_FILE,
+        igh_mcan_port_load_config(&igh_config, &config, "/no/such", faults, 32, &count));
     SAME(0, count);
     untouched();
 }
@@ -109,7 +110,7 @@ static void reports_all_faults(void)
     SAME(0, write_file(FAULTY, path, sizeof(path)));
     fill_garbage(2, faults, sizeof(faults));
     BAD(ECAN_ERR_CONFIG,
-        igh_mcan_port_load_config_ex(&igh_config, &config, path, faults, ITEMS(faults), &count));
+        igh_mcan_port_load_config(&igh_config, &config, path, faults, ITEMS(faults), &count));
     SAME(ITEMS(FAULTS), count);
     for (size_t i = 0; i < ITEMS(FAULTS); i++) {
         SAME(FAULTS[i].line, faults[i].line);
@@ -121,7 +122,7 @@ static void reports_all_faults(void)
         ERROR_HAS(location);
     }
     ERROR_HAS(path);
-    BAD(ECAN_ERR_CONFIG, igh_mcan_port_load_config(&igh_config, &config, path));
+    BAD(ECAN_ERR_CONFIG, igh_mcan_port_load_config(&igh_config, &config, path, NULL, 0, NULL));
     ERROR_HAS("10 faults");
     remove_file(path);
 
@@ -132,6 +133,8 @@ static void reports_all_faults(void)
     SAME(ITEMS(FAULTS), count);
     SAME(2, faults[1].line);
     SAME(0xA5A5A5A5, faults[2].line);
+    BAD(ECAN_ERR_CONFIG,
+        igh_mcan_port_parse_config(&igh_config, &config, FAULTY, NULL, 0, NULL));
     BAD(ECAN_ERR_CONFIG,
         igh_mcan_port_parse_config(&igh_config, &config, FAULTY, NULL, 0, &count));
     SAME(ITEMS(FAULTS), count);
@@ -227,7 +230,7 @@ static void replaced(const char *path)
     for (size_t i = 0; i < ECAN_IGH_MAX_STARTUP_SDOS; i++) {
         GOOD(ecan_igh_config_add_startup_sdo(&igh_config, 0, 0x2000, 1, VALUE, 1));
     }
-    GOOD(igh_mcan_port_load_config(&igh_config, &config, path));
+    GOOD(igh_mcan_port_load_config(&igh_config, &config, path, NULL, 0, NULL));
     GOOD(ecan_igh_config_get_ecrt(&igh_config, setting, sizeof(setting), NULL));
     TRUE(strcmp(setting, "sim:echo") == 0);
     GOOD(ecan_igh_config_get_slave_count(&igh_config, &count));
@@ -255,10 +258,10 @@ void test_config_file(void)
     for (int kind = 0; kind < GARBAGE_KINDS; kind++) {
         check_about(fill_garbage(kind, &config, sizeof(config)));
         GOOD(ecan_igh_default_config(&igh_config));
-        GOOD(igh_mcan_port_load_config(&igh_config, &config, path));
+        GOOD(igh_mcan_port_load_config(&igh_config, &config, path, NULL, 0, NULL));
         untouched();
         fill_garbage(kind, &config, sizeof(config));
-        GOOD(igh_mcan_port_load_config_ex(&igh_config, &config, path, NULL, 0, &count));
+        GOOD(igh_mcan_port_load_config(&igh_config, &config, path, NULL, 0, &count));
         SAME(0, count);
         untouched();
         fill_garbage(kind, &config, sizeof(config));

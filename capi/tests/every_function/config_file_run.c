@@ -161,7 +161,7 @@ void test_config_file_run(void)
     SAME(0, write_scenario(SCENARIO, setting, sizeof(setting)));
     SAME(0, write_file(CELL, path, sizeof(path)));
     simulate(&igh_config, setting);
-    GOOD(igh_mcan_port_load_config(&igh_config, &config, path));
+    GOOD(igh_mcan_port_load_config(&igh_config, &config, path, NULL, 0, NULL));
     remove_file(path);
     content_of_the_file();
 
@@ -187,7 +187,7 @@ void test_config_file_run(void)
     /* Another file at run time: its filter rejects frames that the first accepted, and the node
      * of the second gateway has another bit rate. */
     SAME(0, write_file(OTHER_CELL, path, sizeof(path)));
-    GOOD(igh_mcan_port_load_config(&igh_config, &config, path));
+    GOOD(igh_mcan_port_load_config(&igh_config, &config, path, NULL, 0, NULL));
     remove_file(path);
     GOOD(igh_mcan_port_reconfigure(&port, &igh_config, &config));
     GOOD(ecan_igh_wait_op_timeout(&igh, ecan_igh_startup_timeout_ms(&igh)));

@@ -1,20 +1,40 @@
 //! Commands to axes
 //!
 //! Each call starts an operation and returns; the cycle continues it, and
-//! igh_cia402_get_axis_state() reports the progress. A command to all axes goes to every axis, even
-//! after one that rejects it; the code is that of the first rejection.
+//! igh_cia402_get_axis_state() reports the progress. With IGH_CIA402_ALL_AXES a command goes to every
+//! axis, even after one that rejects it; the code is that of the first rejection.
 
 use std::ffi::c_int;
 
 use ecan_c_boundary::{mirror, pointers};
 use ecan_c_export::export;
 use ecan_canopen::NmtError;
-use ecan_cia402::HomingConfig;
+use ecan_cia402::{Cia402, CommandError, HomingConfig};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers;
 use crate::errors::OrCode as _;
 use crate::milliseconds::{duration, milliseconds};
+
+/// In place of the index of an axis in igh_cia402_configure(), _request_actual_position(), _enable(),
+/// _disable(), _quick_stop(), _recover(), _reset_fault(), _halt() and _resume(): all axes.
+pub const IGH_CIA402_ALL_AXES: usize = 0xFFFF_FFFF;
+
+/// Gives a command to an axis, or to all.
+fn command(
+    cia402: &mut Cia402,
+    axis: usize,
+    command: impl Fn(&mut Cia402, usize) -> Result<(), CommandError>,
+) -> Result<(), CommandError> {
+    if axis != IGH_CIA402_ALL_AXES {
+        return command(cia402, axis);
+    }
+    let mut result = Ok(());
+    for axis in 0..cia402.axis_count() {
+        result = result.and(command(cia402, axis));
+    }
+    result
+}
 
 /// Sends an NMT command to all nodes of the channels with axes, with the next targets. After any
 /// command except IGH_CANOPEN_NMT_START the axes hold. The configuration of a drive sends the
@@ -46,51 +66,42 @@ pub fn igh_cia402_send_nmt(context: *mut igh_cia402_context_t, axis: usize, comm
     sent.or_code(call)
 }
 
-/// Starts configuring every drive that is not configured; igh_cia402_configure_csp_all_timeout()
-/// also waits.
-///
-/// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK, ECAN_ERR_AXIS_STATE.
-#[export(call, layer(cia402, _))]
-pub fn igh_cia402_configure_all(context: *mut igh_cia402_context_t) {
-    cia402.configure_all().or_code(call)
-}
-
 /// Starts configuring a drive, even if it is configured: after a restart, for example. An enabled
-/// drive is disabled first.
+/// drive is disabled first. With IGH_CIA402_ALL_AXES only drives that are not configured.
+/// igh_cia402_configure_csp_all_timeout() also waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  As igh_cia402_configure_all(); ECAN_ERR_AXIS.
+/// @return  ECAN_OK, ECAN_ERR_AXIS_STATE, ECAN_ERR_AXIS.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_configure(context: *mut igh_cia402_context_t, axis: usize) {
-    cia402.configure(axis).or_code(call)
+    let started = match axis {
+        IGH_CIA402_ALL_AXES => cia402.configure_all(),
+        axis => cia402.configure(axis),
+    };
+    started.or_code(call)
 }
 
-/// Starts determining the actual position of all axes: waits for pending frames, then for fresh
-/// TPDOs of axes at rest.
+/// Starts determining the actual position of an axis: waits for pending frames, then for fresh TPDOs
+/// at rest. igh_cia402_request_actual_position_all_timeout() also waits.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_AXIS_STATE for an axis that is not configured, changes its mode or
-///          is homing.
-#[export(call, layer(cia402, _))]
-pub fn igh_cia402_request_actual_position_all(context: *mut igh_cia402_context_t) {
-    cia402.read_position_all().or_code(call)
-}
-
-/// Starts determining the actual position of an axis.
-///
-/// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
+///          is homing; ECAN_ERR_AXIS.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_request_actual_position(context: *mut igh_cia402_context_t, axis: usize) {
-    cia402.read_position(axis).or_code(call)
+    let started = match axis {
+        IGH_CIA402_ALL_AXES => cia402.read_position_all(),
+        axis => cia402.read_position(axis),
+    };
+    started.or_code(call)
 }
 
-/// Starts enabling all drives and activating axes that hold; active axes continue.
+/// Starts enabling all drives and activating axes that hold; active axes continue. The same as
+/// igh_cia402_enable() with IGH_CIA402_ALL_AXES, under the manual's name (15.5.4).
 /// igh_cia402_enable_all_timeout() also waits.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_request_actual_position_all().
+/// @return  As igh_cia402_request_actual_position().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_enable_all(context: *mut igh_cia402_context_t) {
     cia402.enable_all().or_code(call)
@@ -101,18 +112,14 @@ pub fn igh_cia402_enable_all(context: *mut igh_cia402_context_t) {
 /// enable_timeout_ms the drive is disabled again.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
+/// @return  As igh_cia402_request_actual_position().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_enable(context: *mut igh_cia402_context_t, axis: usize) {
-    cia402.enable(axis).or_code(call)
-}
-
-/// Disables all drives, as igh_cia402_disable().
-///
-/// @usage   rt, the cycle's thread, after init
-#[export(_, layer(cia402, _))]
-pub fn igh_cia402_disable_all(context: *mut igh_cia402_context_t) {
-    cia402.disable_all();
+    let started = match axis {
+        IGH_CIA402_ALL_AXES => cia402.enable_all(),
+        axis => cia402.enable(axis),
+    };
+    started.or_code(call)
 }
 
 /// Stops targets at once and disables a drive; 0x605C determines how it stops. igh_cia402_halt()
@@ -121,7 +128,7 @@ pub fn igh_cia402_disable_all(context: *mut igh_cia402_context_t) {
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_disable(context: *mut igh_cia402_context_t, axis: usize) {
-    cia402.disable(axis).or_code(call)
+    command(cia402, axis, Cia402::disable).or_code(call)
 }
 
 /// Brings all axes to rest and keeps them enabled, the CSP axes together on their path; targets are
@@ -138,21 +145,13 @@ pub fn igh_cia402_stop_together(context: *mut igh_cia402_context_t) {
     cia402.stop_together();
 }
 
-/// Commands a quick stop of all drives, as igh_cia402_quick_stop().
-///
-/// @usage   rt, the cycle's thread, after init
-#[export(_, layer(cia402, _))]
-pub fn igh_cia402_quick_stop_all(context: *mut igh_cia402_context_t) {
-    cia402.quick_stop_all();
-}
-
 /// Stops targets at once and commands a quick stop, as 0x605A of the drive determines.
 /// igh_cia402_enable() activates the axis again.
 ///
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_quick_stop(context: *mut igh_cia402_context_t, axis: usize) {
-    cia402.quick_stop(axis).or_code(call)
+    command(cia402, axis, Cia402::quick_stop).or_code(call)
 }
 
 /// Stops all axes as fast as their drives can, by quick stop, and disables the drives when they are
@@ -169,31 +168,26 @@ pub fn igh_cia402_stop_all(context: *mut igh_cia402_context_t) {
 /// resumes a halted axis. Any other command to the axis ends it. It ends without success, with
 /// axis_error, if a fault persists after one reset or another one follows, if the configuration
 /// fails twice, if the drive does not answer and may be moving, or if enabling fails three times.
+/// igh_cia402_recover_all_timeout() also waits.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_AXIS_STATE during a change of mode, homing or shutdown; ECAN_ERR_AXIS.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_recover(context: *mut igh_cia402_context_t, axis: usize) {
-    cia402.recover(axis).or_code(call)
-}
-
-/// Starts bringing all axes back to their targets, as igh_cia402_recover(); axes that follow them
-/// continue. igh_cia402_recover_all_timeout() also waits.
-///
-/// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_recover().
-#[export(call, layer(cia402, _))]
-pub fn igh_cia402_recover_all(context: *mut igh_cia402_context_t) {
-    cia402.recover_all().or_code(call)
+    let started = match axis {
+        IGH_CIA402_ALL_AXES => cia402.recover_all(),
+        axis => cia402.recover(axis),
+    };
+    started.or_code(call)
 }
 
 /// Resets the fault of a drive. Does not enable it, and does nothing if the drive has no fault.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
+/// @return  As igh_cia402_request_actual_position().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_reset_fault(context: *mut igh_cia402_context_t, axis: usize) {
-    cia402.reset_fault(axis).or_code(call)
+    command(cia402, axis, Cia402::reset_fault).or_code(call)
 }
 
 /// Brings an active axis to rest and keeps it enabled: in CSP by its ramp, in CSV and CST by
@@ -203,7 +197,7 @@ pub fn igh_cia402_reset_fault(context: *mut igh_cia402_context_t, axis: usize) {
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_halt(context: *mut igh_cia402_context_t, axis: usize) {
-    cia402.halt(axis).or_code(call)
+    command(cia402, axis, Cia402::halt).or_code(call)
 }
 
 /// Lets a halted axis follow targets again.
@@ -211,7 +205,7 @@ pub fn igh_cia402_halt(context: *mut igh_cia402_context_t, axis: usize) {
 /// @usage   rt, the cycle's thread, after init
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_resume(context: *mut igh_cia402_context_t, axis: usize) {
-    cia402.resume(axis).or_code(call)
+    command(cia402, axis, Cia402::resume).or_code(call)
 }
 
 /// Starts changing the mode of a drive, confirmed by its mode display. An active axis is brought to
@@ -221,8 +215,8 @@ pub fn igh_cia402_resume(context: *mut igh_cia402_context_t, axis: usize) {
 ///              homing, which igh_cia402_home() does.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_request_actual_position_all(), ECAN_ERR_AXIS_STATE also for a mode that
-///          is not mapped; ECAN_ERR_AXIS, ECAN_ERR_ARGUMENT.
+/// @return  As igh_cia402_request_actual_position(), ECAN_ERR_AXIS_STATE also for a mode that
+///          is not mapped; ECAN_ERR_ARGUMENT.
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_change_mode(context: *mut igh_cia402_context_t, axis: usize, mode: c_int) {
     cia402.change_mode(axis, numbers::mode(call, mode)?).or_code(call)
@@ -286,7 +280,7 @@ pub fn igh_cia402_homing_init(homing: *mut igh_cia402_homing_t, method: i8) {
 /// @param homing  Is copied.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_request_actual_position_all(); ECAN_ERR_AXIS.
+/// @return  As igh_cia402_request_actual_position().
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_home(
     context: *mut igh_cia402_context_t,

@@ -107,7 +107,7 @@ pub fn igh_cia402_finish_all_timeout(context: *mut igh_cia402_context_t, timeout
     })
 }
 
-/// Brings all axes back to their targets, as igh_cia402_recover_all(), and waits.
+/// Brings all axes back to their targets, as igh_cia402_recover() with IGH_CIA402_ALL_AXES, and waits.
 ///
 /// @param timeout_ms  Milliseconds.
 ///

@@ -23,8 +23,6 @@ pub struct igh_cia402_axis_state_t {
     /// Target minus actual position, in steps, if has_target and has_actual are 1. It contains the
     /// transport times, two cycles or more; the drive's own following error is in 0x60F4.
     pub following_error: i64,
-    /// Actual position in degrees, if has_actual is 1.
-    pub actual_degrees: f64,
     /// Actual position in radians, if has_actual is 1.
     pub actual_radians: f64,
     /// Last usable actual position, in steps, if has_actual is 1.
@@ -98,7 +96,6 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
     Some(igh_cia402_axis_state_t {
         for_ms: u64::try_from(progress.elapsed.as_millis()).unwrap_or(u64::MAX),
         following_error: cia402.following_error(axis).unwrap_or(0),
-        actual_degrees: cia402.actual_degrees(axis).unwrap_or(0.0),
         actual_radians: cia402.actual_radians(axis).unwrap_or(0.0),
         actual: actual.unwrap_or(0),
         target: target.unwrap_or(0),

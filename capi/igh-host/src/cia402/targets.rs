@@ -20,21 +20,6 @@ pub fn igh_cia402_set_target(context: *mut igh_cia402_context_t, axis: usize, ta
 
 /// As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
 ///
-/// @param degrees  Degrees of the axis.
-///
-/// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle without a position.
-#[export(call, layer(cia402, _))]
-pub fn igh_cia402_set_target_degrees(
-    context: *mut igh_cia402_context_t,
-    axis: usize,
-    degrees: f64,
-) {
-    cia402.set_target_degrees(axis, degrees).or_code(call)
-}
-
-/// As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
-///
 /// @param radians  Radians of the axis.
 ///
 /// @usage   rt, the cycle's thread, after init

@@ -207,7 +207,7 @@ fn target_beyond_the_limit_is_rejected_with_its_reason() {
     assert_eq!(state.decision_reason, igh_cia402_rejection_t::IGH_CIA402_REJECTION_STEP as u8);
     // SAFETY: the pointer is valid.
     unsafe {
-        let no_angle = igh_cia402_set_target_degrees(rig.motors(), 0, f64::NAN);
+        let no_angle = igh_cia402_set_target_radians(rig.motors(), 0, f64::NAN);
         assert_eq!(no_angle, code(ECAN_ERR_ARGUMENT));
         ok(igh_cia402_set_target_radians(rig.motors(), 0, 1.0));
         ok(igh_cia402_set_target_step(rig.motors(), 0, 5));
@@ -446,8 +446,8 @@ fn commands_check_their_arguments_and_their_time() {
         assert_eq!(rig.state(0).is_running, 1);
         ok(igh_cia402_halt(motors, 0));
         ok(igh_cia402_resume(motors, 0));
-        ok(igh_cia402_quick_stop_all(motors));
-        ok(igh_cia402_disable_all(motors));
+        ok(igh_cia402_quick_stop(motors, IGH_CIA402_ALL_AXES));
+        ok(igh_cia402_disable(motors, IGH_CIA402_ALL_AXES));
         assert_eq!(rig.state(0).is_running, 0);
         ok(igh_cia402_begin_shutdown(motors));
         assert_eq!(igh_cia402_shutdown_is_done(motors), 0);

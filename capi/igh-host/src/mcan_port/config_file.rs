@@ -6,7 +6,7 @@
 //!
 //! ```c
 //! ecan_igh_default_config(&igh_config);
-//! if (igh_mcan_port_load_config(&igh_config, &mcan_config, "cell.toml") != ECAN_OK) {
+//! if (igh_mcan_port_load_config(&igh_config, &mcan_config, "cell.toml", NULL, 0, NULL) != ECAN_OK) {
 //!     fprintf(stderr, "%s\n", ecan_last_error());    every fault, with line and column
 //! }
 //! ecan_igh_init(&igh, &igh_config);
@@ -24,7 +24,7 @@ use ecan_mcan_port::Config;
 
 use super::config::igh_mcan_port_config_t;
 use crate::adapter::config::{IghConfig, ecan_igh_config_t};
-use crate::errors::{self, OrCode as _};
+use crate::errors;
 use crate::port_config::extended;
 
 /// Bytes of the text of a fault, NUL included.
@@ -59,13 +59,29 @@ impl From<&FileFault> for igh_mcan_file_fault_t {
     }
 }
 
-fn put_faults(
-    FileFaults(found): &FileFaults,
-    faults: &mut OutArray<igh_mcan_file_fault_t>,
-    count: &OutPointer<usize>,
-) {
-    count.set(found.len());
-    found.iter().take_while(|fault| faults.push((*fault).into())).for_each(drop);
+/// The faults of a file, for C.
+struct FaultList {
+    faults: OutArray<igh_mcan_file_fault_t>,
+    count: Option<OutPointer<usize>>,
+}
+
+impl FaultList {
+    fn new(faults: OutArray<igh_mcan_file_fault_t>, count: Option<OutPointer<usize>>) -> Self {
+        let this = Self { faults, count };
+        this.set_count(0);
+        this
+    }
+
+    fn set_count(&self, found: usize) {
+        if let Some(count) = &self.count {
+            count.set(found);
+        }
+    }
+
+    fn put(&mut self, FileFaults(found): &FileFaults) {
+        self.set_count(found.len());
+        found.iter().take_while(|fault| self.faults.push((*fault).into())).for_each(drop);
+    }
 }
 
 /// Stores a file's configuration in both C structs. It is also applied, so that nothing of the file
@@ -93,6 +109,10 @@ fn load(path: &CStr) -> Result<Config, ConfigFileError> {
 ///                    per gateway with policies, and count for ECAN_IGH_MAX_STARTUP_SDOS.
 /// @param config      Is overwritten.
 /// @param path        Path of the file, relative to the working directory.
+/// @param faults      Gets the faults that fit, in the order of the lines, for an editor for example;
+///                    may be NULL if capacity is 0. ecan_last_error() holds some eighty of them.
+/// @param capacity    Size of `faults`.
+/// @param count       Gets the number of all faults, 0 for every other error; may be NULL.
 ///
 /// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
 /// @return  ECAN_OK; ECAN_ERR_FILE if it cannot be read; ECAN_ERR_CONFIG with every fault in
@@ -103,43 +123,23 @@ pub fn igh_mcan_port_load_config(
     igh_config: *mut ecan_igh_config_t,
     config: *mut igh_mcan_port_config_t,
     path: *const c_char,
-) {
-    pointers!(call, sealed_mut(igh_config), out(config), c_str(path));
-    store(&load(path).or_code(call)?, igh_config, &config);
-}
-
-/// As igh_mcan_port_load_config(), with the faults as data, for an editor for example.
-/// ecan_last_error() holds some eighty of them.
-///
-/// @param faults    Gets the faults that fit, in the order of the lines; may be NULL if capacity is
-///                  0.
-/// @param capacity  Size of `faults`.
-/// @param count     Gets the number of all faults; 0 for every other error.
-///
-/// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
-/// @return  As igh_mcan_port_load_config().
-#[export(call)]
-pub fn igh_mcan_port_load_config_ex(
-    igh_config: *mut ecan_igh_config_t,
-    config: *mut igh_mcan_port_config_t,
-    path: *const c_char,
     faults: *mut igh_mcan_file_fault_t,
     capacity: usize,
     count: *mut usize,
 ) {
-    pointers!(call, out(count), room(faults, capacity));
-    count.set(0);
+    pointers!(call, optional_out(count), room(faults, capacity));
+    let mut faults = FaultList::new(faults, count);
     pointers!(call, sealed_mut(igh_config), out(config), c_str(path));
     let file = load(path).map_err(|error| {
         if let ConfigFileError::Faults { faults: found, .. } = &error {
-            put_faults(found, &mut faults, &count);
+            faults.put(found);
         }
         errors::note(call, &error)
     })?;
     store(&file, igh_config, &config);
 }
 
-/// As igh_mcan_port_load_config_ex(), from a text in memory.
+/// As igh_mcan_port_load_config(), from a text in memory.
 ///
 /// @param text  Content of the file, up to a NUL.
 ///
@@ -154,11 +154,11 @@ pub fn igh_mcan_port_parse_config(
     capacity: usize,
     count: *mut usize,
 ) {
-    pointers!(call, out(count), room(faults, capacity));
-    count.set(0);
+    pointers!(call, optional_out(count), room(faults, capacity));
+    let mut faults = FaultList::new(faults, count);
     pointers!(call, sealed_mut(igh_config), out(config), c_str(text));
     let file = ecan_config_file::parse(text.to_bytes()).map_err(|found| {
-        put_faults(&found, &mut faults, &count);
+        faults.put(&found);
         call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{found}"))
     })?;
     store(&file, igh_config, &config);
