@@ -16,7 +16,7 @@ use ecan_protocol::device::AlState;
 use ecan_protocol::image::{CommitFields, ImageWriter, Timestamp};
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::{ObjectType, SdoWrite};
-use ecan_sim::{Fault, GatewayFault};
+use ecan_sim::{Fault, GatewayFault, IoSpec, Scenario};
 
 #[test]
 fn raw_images_carry_frames() {
@@ -324,6 +324,22 @@ fn attached_adapter_leaves_the_master_to_its_owner() {
     ));
     drop(adapter);
     assert!(owner.state().is_ok(), "the owner's handle is still his");
+}
+
+#[test]
+fn slave_without_coe_is_rejected_at_once() {
+    let scenario = Scenario { ios: vec![IoSpec::at(0)], ..ecan_sim::echo(1) };
+    let (ecrt, _simulation) = simulated(scenario);
+    let start_ns = ecrt.clock().now_ns();
+    let (mut config, _) = raw_config();
+    let error = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap_err();
+    assert!(!error.is_temporary());
+    let text = error.to_string();
+    let expected = "it has no mailbox with CoE: configure the alias and the position";
+    assert!(text.starts_with("slave 0 cannot be identified") && text.contains(expected), "{text}");
+    assert!(ecrt.clock().now_ns() - start_ns < 1_000_000_000, "not searched again");
+    config.slaves[0].position = 1;
+    assert!(Adapter::open(&ecrt, config, StartupPlan::default()).is_ok());
 }
 
 #[test]

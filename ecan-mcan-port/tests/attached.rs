@@ -6,10 +6,10 @@ use std::time::Duration;
 mod common;
 
 use common::{Handles, SendData, classic, id};
-use ecan_host::{Adapter, AdapterConfig, DcSync, Master};
-use ecan_mcan_port::{Cycle, GatewayConfig, Port, PortConfig};
+use ecan_host::{Adapter, AdapterConfig, DcSync, Master, WcState};
+use ecan_mcan_port::{Cycle, GatewayConfig, Port, PortConfig, Received};
 use ecan_protocol::image::Schedule;
-use ecan_sim::{ClockKind, SimOptions};
+use ecan_sim::{ClockKind, Fault, IoSpec, Scenario, SimOptions};
 
 /// Sync0 is in phase with the application time of the owner, here half a period behind the grid of
 /// the Port: that a cycle ends behind the shift on its own grid says nothing.
@@ -64,4 +64,73 @@ fn lateness_is_not_judged_by_a_grid_that_sync0_does_not_follow() {
     assert_eq!((account.scheduled, account.withdrawn, account.rejected_late), (50, 0, 0));
     let counters = simulation.with_world(|world| world.counters(0).unwrap());
     assert_eq!(counters.frames_released, 50);
+}
+
+/// The owner exchanges a digital I/O of another vendor in its own domain, upstream of the gateway.
+#[test]
+fn gateway_carries_frames_next_to_the_owners_io() {
+    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+    let io = IoSpec { outputs: 1, inputs: 1, ..IoSpec::at(0) };
+    let scenario = Scenario { ios: vec![io.clone()], ..ecan_sim::echo(1) };
+    let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
+    let (ecrt, simulation) = (backend.ecrt, backend.simulation.unwrap());
+    let mut owner = Master::request(&ecrt, 0).unwrap();
+    let slave = owner.slave_config(0, 0, io.vendor_id, io.product_code).unwrap();
+    let domain = owner.create_domain().unwrap();
+    let output = owner.config_reg_pdo_entry(slave, 0x7000, 1, domain).unwrap();
+    let input = owner.config_reg_pdo_entry(slave, 0x6000, 1, domain).unwrap();
+
+    // SAFETY: the owner outlives the Port below and is used from this thread only.
+    let shared = unsafe { Master::from_raw(ecrt.clone(), owner.as_raw()) }.unwrap();
+    let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
+    adapter.slaves[0].position = 1;
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let startup = config.startup_plan(&adapter);
+    let adapter = Adapter::attach(&ecrt, shared, adapter, startup).unwrap();
+    let mut port = Port::new(adapter, config).unwrap();
+    owner.set_send_interval(1_000).unwrap();
+    owner.activate().unwrap();
+    port.adapter_mut().owner_activated().unwrap();
+
+    let (mut sent, mut received, mut looped_back) = (0_u8, Vec::new(), 0_u32);
+    let mut losses = 0_u32;
+    for cycle_number in 0..20_000_u32 {
+        if cycle_number == 5_000 {
+            // the frames of the gateway pass the I/O: both are lost, and return configured
+            simulation.inject(Fault::IoPowerCycle { io: 0, off_ms: 300 });
+        }
+        port.wait_next_cycle();
+        owner.receive().unwrap();
+        owner.domain_process(domain).unwrap();
+        let is_complete = owner.domain_state(domain).unwrap().wc_state == WcState::Complete;
+        losses += u32::from(!is_complete && (5_000..6_000).contains(&cycle_number));
+        let is_ready = port.is_ready();
+        let mut cycle = port.begin_cycle();
+        for item in cycle.received() {
+            if let Received::Frame(frame) = item.to_owned() {
+                received.push(frame.frame.data()[0]);
+            }
+        }
+        if is_ready && is_complete && cycle_number % 100 == 0 {
+            sent = sent.wrapping_add(1);
+            cycle.send_can(0, 0, id(0x123), &[sent]).unwrap();
+        }
+        assert_eq!(cycle.finish().error(), None);
+        let data = owner.domain_data_mut(domain);
+        looped_back += u32::from(is_complete && sent > 0 && data[input] == data[output]);
+        data[output] = sent;
+        owner.domain_queue(domain).unwrap();
+        owner.send().unwrap();
+    }
+    assert!(port.is_ready() && losses > 100, "{losses} lost cycles");
+    assert!(sent > 100 && received.len() + 2 >= usize::from(sent), "{sent}: {}", received.len());
+    assert!(received.windows(2).all(|pair| pair[1] > pair[0]), "{received:?}");
+    assert!(looped_back > 10_000, "{looped_back}");
+    let driven = |world: &mut ecan_sim::World| {
+        let now = world.now_ns();
+        world.io(0).unwrap().outputs(now).collect::<Vec<_>>()
+    };
+    assert_eq!(simulation.with_world(driven), [sent]);
+    drop(port);
+    assert!(owner.state().is_ok(), "the owner's handle is still valid");
 }

@@ -136,7 +136,13 @@ pub enum Error {
     /// The slave cannot be identified.
     #[error(
         "slave {slave} cannot be identified as an ECAN-Lite: {cause}{}",
-        if cause.is_missing_object() { ", or it is none (assumption H1)" } else { "" }
+        match cause.as_ref() {
+            cause if cause.is_missing_object() => ", or it is none (assumption H1)",
+            cause if cause.lacks_coe() => {
+                "; it has no mailbox with CoE: configure the alias and the position of an ECAN-Lite"
+            }
+            _ => "",
+        }
     )]
     Unrecognised {
         /// Slave index.
@@ -286,6 +292,7 @@ impl Error {
     /// succeed later: the slaves are not ready, an SDO transfer got no answer, the master is busy.
     pub fn is_temporary(&self) -> bool {
         match self {
+            error if error.lacks_coe() => false,
             Self::NoSuchSlave { .. }
             | Self::NotInPreop { .. }
             | Self::NotOperational(_)
@@ -300,6 +307,12 @@ impl Error {
     /// Returns whether the slave rejected an SDO transfer because it does not have the object or the entry.
     pub fn is_missing_object(&self) -> bool {
         matches!(self, Self::Sdo { abort_code: Some(code), .. } if is_missing(*code))
+    }
+
+    /// Returns whether an SDO transfer failed because the slave has no mailbox with CoE by its SII: it is
+    /// another device.
+    pub fn lacks_coe(&self) -> bool {
+        matches!(self, Self::Sdo { errno: Errno::EPROTONOSUPPORT, .. })
     }
 
     /// The value of an uploaded entry, or the one that is
