@@ -21,6 +21,8 @@
  *          Added: `needed` of ecan_igh_config_get_ecrt().
  *          Moved: the real-time thread and the cycle statistics to igh_real_time.h; scenario, clock and seed
  *          of a simulation, ecan_igh_is_simulated() and ecan_igh_clock_is_stepped() to igh_sim.h.
+ *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
+ *          structs that the application fills must be 0.
  *   0.1.0  First version.
  */
 #ifndef IGH_ADAPTER_H

@@ -35,6 +35,9 @@
  *          Removed: igh_cia402_set_target_degrees() and actual_degrees, use radians; igh_cia402_configure_all(),
  *          igh_cia402_request_actual_position_all(), igh_cia402_disable_all(), igh_cia402_quick_stop_all(),
  *          igh_cia402_recover_all(), use the function without _all with IGH_CIA402_ALL_AXES.
+ *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
+ *          structs that the application fills must be 0.
+ *          origin follows steps_per_turn in igh_cia402_axis_t.
  *   0.1.0  First version.
  */
 #ifndef IGH_CIA402_PROTOCOL_H
@@ -256,7 +259,7 @@ typedef struct {
     uint8_t size;
     /** 1 if the drive may lack the object. */
     uint8_t is_optional;
-    /** Not used. */
+    /** Must be 0. */
     uint8_t reserved[3];
 } igh_cia402_object_t;
 
@@ -289,13 +292,13 @@ typedef struct {
     int32_t range_min;
     /** Largest position of IGH_CIA402_RANGE_MODULO, 0x607B:02. */
     int32_t range_max;
-    /** Step at which the angle is 0. Default 0. */
-    int32_t origin;
     /**
      * Steps per turn of the axis, gear included; negative inverts the direction. For angles only.
      * Default 360, one step per degree.
      */
     double steps_per_turn;
+    /** Step at which the angle is 0. Default 0. */
+    int32_t origin;
     /** Step per target that igh_cia402_send_target_step() makes. */
     int32_t target_step;
     /**
@@ -426,8 +429,8 @@ typedef struct {
      * IGH_CIA402_UNCHANGED.
      */
     int32_t fault_reaction;
-    /** Not used. */
-    uint64_t reserved[2];
+    /** Must be 0; for fields of later versions. */
+    uint64_t reserved[8];
 } igh_cia402_axis_t;
 
 /**
@@ -524,10 +527,8 @@ typedef struct {
      * Default IGH_CIA402_TAKEOVER_STOP.
      */
     uint8_t takeover;
-    /** Not used. */
-    uint8_t reserved_bytes[4];
-    /** Not used. */
-    uint64_t reserved[4];
+    /** Must be 0; for fields of later versions. */
+    uint64_t reserved[8];
 } igh_cia402_settings_t;
 
 /**
@@ -936,8 +937,8 @@ typedef struct {
     int8_t method;
     /** 1: the offset is written. Default 0. */
     uint8_t has_offset;
-    /** Not used. */
-    uint8_t reserved[2];
+    /** Must be 0; for fields of later versions. */
+    uint8_t reserved[26];
 } igh_cia402_homing_t;
 
 /**

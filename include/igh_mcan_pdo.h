@@ -15,6 +15,8 @@
  *          Added: `needed` of igh_mcan_pdo_diag_text(); ECAN_ERR_LAYOUT and IGH_MCAN_PDO_LAYOUT of
  *          igh_mcan_pdo_parse_frames_ex().
  *          Removed: igh_mcan_pdo_parse_frames(); use igh_mcan_pdo_parse_frames_ex() with NULL.
+ *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
+ *          structs that the application fills must be 0.
  *   0.1.0  First version.
  */
 #ifndef IGH_MCAN_PDO_H
@@ -130,16 +132,18 @@ typedef struct {
     uint8_t hint;
     /** Not 0: sent offset_ns into the next Sync0 period (manual 8.4). */
     uint8_t scheduled;
-    /** Not used. */
+    /** Must be 0; for fields of later versions. */
     uint8_t reserved;
     /** Phase of Sync0, in nanoseconds. */
     uint32_t offset_ns;
     /** Tag of the application for a scheduled frame. */
     uint16_t tag;
-    /** Not used. */
+    /** Must be 0; for fields of later versions. */
     uint16_t reserved2;
     /** Data. */
     uint8_t data[64];
+    /** Must be 0; for fields of later versions. */
+    uint32_t reserved3[3];
 } igh_mcan_tx_frame_t;
 
 /** A received frame, or the result of a transmission. */
@@ -168,7 +172,7 @@ typedef struct {
     uint16_t sequence;
     /** TX_RESULT: 1 if this SDK sent such a frame, else 0. */
     uint8_t is_known;
-    /** Not used. */
+    /** Zero; for fields of later versions. */
     uint8_t reserved[7];
     /** Time at which the gateway received the frame. */
     uint64_t timestamp;
@@ -316,8 +320,8 @@ typedef struct {
     uint8_t budget;
     /** IGH_MCAN_OPTION_ values. */
     uint8_t options;
-    /** Not used. */
-    uint8_t reserved[2];
+    /** Must be 0; for fields of later versions. */
+    uint8_t reserved[10];
 } igh_mcan_pdo_profile_t;
 
 /**

@@ -27,6 +27,8 @@
  *          Moved: igh_mcan_port_plan() to igh_plan.h.
  *          Removed: igh_mcan_port_load_config_ex(); igh_mcan_port_load_config() has its arguments. `count` of
  *          igh_mcan_port_parse_config() may be NULL.
+ *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
+ *          structs that the application fills must be 0.
  *   0.1.0  First version.
  */
 #ifndef IGH_MCAN_PORT_H
@@ -846,6 +848,8 @@ typedef struct {
     uint8_t discard_missed;
     /** Scheduled frames that the gateway holds, for the plan; 0 for the default. */
     uint16_t depth;
+    /** Must be 0; for fields of later versions. */
+    uint32_t reserved[7];
 } igh_mcan_schedule_settings_t;
 
 /**

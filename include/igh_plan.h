@@ -11,6 +11,8 @@
  *
  *   0.2.0  First version, from igh_mcan_port.h and igh_cia402_protocol.h. Added: `needed` of
  *          igh_mcan_port_plan() and igh_cia402_plan().
+ *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
+ *          structs that the application fills must be 0.
  */
 #ifndef IGH_PLAN_H
 #define IGH_PLAN_H
@@ -52,8 +54,8 @@ typedef struct {
     uint32_t cycles;
     /** An igh_mcan_frame_route_t. */
     uint8_t route;
-    /** Not used. */
-    uint8_t reserved[3];
+    /** Must be 0; for fields of later versions. */
+    uint8_t reserved[23];
 } igh_mcan_frame_stream_t;
 
 /**

@@ -11,6 +11,8 @@
  *
  *   0.2.0  First version, from igh_adapter.h. Added: `needed` of ecan_igh_apply_real_time() and
  *          ecan_igh_get_cycle_statistics_text().
+ *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
+ *          structs that the application fills must be 0.
  */
 #ifndef IGH_REAL_TIME_H
 #define IGH_REAL_TIME_H
@@ -39,8 +41,8 @@ typedef struct {
     uint8_t lock_memory;
     /** 1 makes ecan_igh_apply_real_time() fail if a request is denied. */
     uint8_t is_required;
-    /** Not used. */
-    uint8_t reserved[2];
+    /** Must be 0. */
+    uint8_t padding[2];
     /** With lock_memory: bytes of the thread's stack that are touched in advance, up to 1 MiB. */
     uint32_t stack_bytes;
     /**
@@ -50,6 +52,8 @@ typedef struct {
     int32_t wake_up_latency_us;
     /** CPUs that the thread may run on, bit 0 for CPU 0; 0 leaves the affinity as it is. */
     uint64_t cpu_mask;
+    /** Must be 0; for fields of later versions. */
+    uint64_t reserved[4];
 } ecan_igh_real_time_t;
 
 /** Start of a cycle as ecan_igh_wait_next_cycle() measured it. */

@@ -109,6 +109,20 @@ impl Call {
         self.fail(ecan_result_t::ECAN_ERR_ARGUMENT, format_args!("`{name}` {text}"))
     }
 
+    /// Checks the reserved fields of a struct that the application fills.
+    #[inline]
+    pub fn reserved<T: Default + PartialEq>(
+        self,
+        name: &str,
+        fields: &[T],
+    ) -> Result<(), ecan_result_t> {
+        if fields.iter().all(|field| *field == T::default()) {
+            return Ok(());
+        }
+        let text = format_args!("has a reserved field that is not 0; set the struct to 0 first");
+        Err(self.argument(name, text))
+    }
+
     #[cold]
     pub(super) fn null(self, name: &str) -> ecan_result_t {
         self.fail(ecan_result_t::ECAN_ERR_NULL, format_args!("`{name}` is NULL"))

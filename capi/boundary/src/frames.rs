@@ -110,16 +110,18 @@ pub struct igh_mcan_tx_frame_t {
     pub hint: u8,
     /// Not 0: sent offset_ns into the next Sync0 period (manual 8.4).
     pub scheduled: u8,
-    /// Not used.
+    /// Must be 0; for fields of later versions.
     pub reserved: u8,
     /// Phase of Sync0, in nanoseconds.
     pub offset_ns: u32,
     /// Tag of the application for a scheduled frame.
     pub tag: u16,
-    /// Not used.
+    /// Must be 0; for fields of later versions.
     pub reserved2: u16,
     /// Data.
     pub data: [u8; 64],
+    /// Must be 0; for fields of later versions.
+    pub reserved3: [u32; 3],
 }
 
 /// A received frame, or the result of a transmission.
@@ -150,7 +152,7 @@ pub struct igh_mcan_rx_frame_t {
     pub sequence: u16,
     /// TX_RESULT: 1 if this SDK sent such a frame, else 0.
     pub is_known: u8,
-    /// Not used.
+    /// Zero; for fields of later versions.
     pub reserved: [u8; 7],
     /// Time at which the gateway received the frame.
     pub timestamp: u64,
@@ -233,6 +235,8 @@ impl igh_mcan_tx_frame_t {
     /// Frame that C describes, or `ECAN_ERR_FRAME`.
     #[inline]
     pub fn frame(&self, call: Call) -> Result<FrameRef<'_>, ecan_result_t> {
+        let [a, b, c] = self.reserved3;
+        call.reserved("frame", &[self.reserved.into(), self.reserved2.into(), a, b, c])?;
         let fd = self.flags & IGH_MCAN_FLAG_FD != 0;
         let length = FrameError::Length { length: self.len.into(), fd };
         let data = self.data.get(..usize::from(self.len)).ok_or(length);
@@ -267,6 +271,7 @@ impl igh_mcan_tx_frame_t {
         tag: 0,
         reserved2: 0,
         data: [0; 64],
+        reserved3: [0; 3],
     };
 
     /// Frame that is sent at once.

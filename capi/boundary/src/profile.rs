@@ -73,8 +73,8 @@ pub struct igh_mcan_pdo_profile_t {
     pub budget: u8,
     /// IGH_MCAN_OPTION_ values.
     pub options: u8,
-    /// Not used.
-    pub reserved: [u8; 2],
+    /// Must be 0; for fields of later versions.
+    pub reserved: [u8; 10],
 }
 
 impl ToResult for ProfileError {
@@ -108,6 +108,7 @@ pub fn options(call: Call, bits: u8) -> Result<OptionFlags, ecan_result_t> {
 impl igh_mcan_pdo_profile_t {
     /// Profile that C describes, or the first fault.
     pub fn checked(&self, call: Call) -> Result<(Direction, PdoProfile), ecan_result_t> {
+        call.reserved("profile", &self.reserved)?;
         let direction = match self.direction {
             0 => Direction::RxPdo,
             1 => Direction::TxPdo,
@@ -137,7 +138,7 @@ impl igh_mcan_pdo_profile_t {
             encapsulation: profile.profile.raw(),
             budget: profile.budget.raw(),
             options: profile.options.bits(),
-            reserved: [0; 2],
+            reserved: [0; 10],
         }
     }
 }

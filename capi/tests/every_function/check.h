@@ -100,5 +100,6 @@ void test_cia402_motion(void);
 void test_cia402_sdo(void);
 void test_plan(void);
 void test_stop(void);
+void test_reserved(void);
 
 #endif

@@ -21,6 +21,7 @@ int main(void)
     test_cia402_sdo();
     test_plan();
     test_stop();
+    test_reserved();
     /* Last: it may raise the priority of the thread. */
     test_adapter_real_time();
     if (check_failures() > 0) {

@@ -25,8 +25,8 @@ pub struct ecan_igh_real_time_t {
     pub lock_memory: u8,
     /// 1 makes ecan_igh_apply_real_time() fail if a request is denied.
     pub is_required: u8,
-    /// Not used.
-    pub reserved: [u8; 2],
+    /// Must be 0.
+    pub padding: [u8; 2],
     /// With lock_memory: bytes of the thread's stack that are touched in advance, up to 1 MiB.
     pub stack_bytes: u32,
     /// Keeps the processors out of sleep states that take longer than this time to leave, in
@@ -34,6 +34,8 @@ pub struct ecan_igh_real_time_t {
     pub wake_up_latency_us: i32,
     /// CPUs that the thread may run on, bit 0 for CPU 0; 0 leaves the affinity as it is.
     pub cpu_mask: u64,
+    /// Must be 0; for fields of later versions.
+    pub reserved: [u64; 4],
 }
 
 mirror! {
@@ -102,6 +104,8 @@ mirror! {
 }
 
 fn config(call: Call, requests: &ecan_igh_real_time_t) -> Result<RealTimeConfig, ecan_result_t> {
+    call.reserved("settings", &requests.padding)?;
+    call.reserved("settings", &requests.reserved)?;
     let need = if requests.is_required != 0 { Need::Required } else { Need::Optional };
     let priority = u8::try_from(requests.priority).map_err(|_| {
         let text = format_args!("{} is out of range; allowed: 0 to 99", requests.priority);
@@ -132,10 +136,11 @@ pub fn ecan_igh_default_real_time(settings: *mut ecan_igh_real_time_t) {
         priority: 0,
         lock_memory: 0,
         is_required: 0,
-        reserved: [0; 2],
+        padding: [0; 2],
         stack_bytes: 0,
         wake_up_latency_us: -1,
         cpu_mask: 0,
+        reserved: [0; 4],
     });
 }
 

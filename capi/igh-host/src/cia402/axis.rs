@@ -39,7 +39,7 @@ pub struct igh_cia402_object_t {
     pub size: u8,
     /// 1 if the drive may lack the object.
     pub is_optional: u8,
-    /// Not used.
+    /// Must be 0.
     pub reserved: [u8; 3],
 }
 
@@ -72,11 +72,11 @@ pub struct igh_cia402_axis_t {
     pub range_min: i32,
     /// Largest position of IGH_CIA402_RANGE_MODULO, 0x607B:02.
     pub range_max: i32,
-    /// Step at which the angle is 0. Default 0.
-    pub origin: i32,
     /// Steps per turn of the axis, gear included; negative inverts the direction. For angles only.
     /// Default 360, one step per degree.
     pub steps_per_turn: f64,
+    /// Step at which the angle is 0. Default 0.
+    pub origin: i32,
 
     /// Step per target that igh_cia402_send_target_step() makes.
     pub target_step: i32,
@@ -176,8 +176,8 @@ pub struct igh_cia402_axis_t {
     /// Fault reaction, 0x605E: an igh_cia402_fault_reaction_t, or IGH_CIA402_UNCHANGED. Default
     /// IGH_CIA402_UNCHANGED.
     pub fault_reaction: i32,
-    /// Not used.
-    pub reserved: [u64; 2],
+    /// Must be 0; for fields of later versions.
+    pub reserved: [u64; 8],
 }
 
 /// Fills an axis: CSP, with limits that allow its target step.

@@ -142,7 +142,7 @@ impl igh_cia402_axis_t {
             disable_operation: code(drive.disable_operation.map(StopOption::raw)),
             halt: code(drive.halt.map(HaltOption::raw)),
             fault_reaction: code(drive.fault_reaction.map(FaultReaction::raw)),
-            reserved: [0; 2],
+            reserved: [0; 8],
         }
     }
 
@@ -198,6 +198,9 @@ impl igh_cia402_axis_t {
             silence_other_tpdos: self.silence_other_tpdos != 0,
             further: further.into_iter().filter_map(igh_cia402_object_t::step).collect(),
         };
+        for value in self.reserved.into_iter().filter(|value| *value != 0) {
+            report("reserved", value as i64);
+        }
         let (slave, channel) = (self.slave.into(), self.channel);
         let mut settings = AxisConfig {
             mode: mode?,
@@ -257,7 +260,7 @@ fn given(value: f64) -> Option<f64> {
 }
 
 impl igh_cia402_object_t {
-    /// Step that writes the object; `None` if the value does not fit the size.
+    /// Step that writes the object; `None` if the value does not fit the size, or a reserved field is not 0.
     fn step(&self) -> Option<Step> {
         // A value fits where it is that of the object, read with or without sign.
         let value = self.value;
@@ -269,6 +272,9 @@ impl igh_cia402_object_t {
             _ => return None,
         }
         .ok()?;
+        if self.reserved != [0; 3] {
+            return None;
+        }
         let step = Step::write(self.index, self.subindex, sized);
         Some(if self.is_optional != 0 { step.if_present() } else { step })
     }

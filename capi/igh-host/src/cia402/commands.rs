@@ -243,8 +243,8 @@ mirror! {
         method: i8,
         /// 1: the offset is written. Default 0.
         has_offset: u8 = rust.offset.is_some().into(),
-        /// Not used.
-        reserved: [u8; 2] = [0; 2],
+        /// Must be 0; for fields of later versions.
+        reserved: [u8; 26] = [0; 26],
     }
 }
 
@@ -288,6 +288,7 @@ pub fn igh_cia402_home(
     homing: *const igh_cia402_homing_t,
 ) {
     pointers!(call, read(homing));
+    call.reserved("homing", &homing.reserved)?;
     cia402.home(axis, homing.into()).or_code(call)
 }
 

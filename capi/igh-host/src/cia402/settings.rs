@@ -63,10 +63,8 @@ mirror! {
         /// An igh_cia402_takeover_t: treatment of a drive that is enabled at the first contact.
         /// Default IGH_CIA402_TAKEOVER_STOP.
         takeover: u8 = igh_cia402_takeover_t::from(rust.takeover) as u8,
-        /// Not used.
-        reserved_bytes: [u8; 4] = [0; 4],
-        /// Not used.
-        reserved: [u64; 4] = [0; 4],
+        /// Must be 0; for fields of later versions.
+        reserved: [u64; 8] = [0; 8],
     }
 }
 
@@ -99,6 +97,7 @@ impl igh_cia402_settings_t {
             );
             return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, text));
         }
+        call.reserved("settings", &self.reserved)?;
         let fault = |name: &str, value: u32| {
             let text = format_args!("invalid value {value} for `{name}`");
             call.fail(ecan_result_t::ECAN_ERR_CONFIG, text)

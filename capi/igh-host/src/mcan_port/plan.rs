@@ -41,12 +41,13 @@ pub struct igh_mcan_frame_stream_t {
     pub cycles: u32,
     /// An igh_mcan_frame_route_t.
     pub route: u8,
-    /// Not used.
-    pub reserved: [u8; 3],
+    /// Must be 0; for fields of later versions.
+    pub reserved: [u8; 23],
 }
 
 impl igh_mcan_frame_stream_t {
     fn to_rust(self, call: Call) -> Result<FrameStream, ecan_result_t> {
+        call.reserved("streams", &self.reserved)?;
         let route = match self.route {
             0 => FrameRoute::ToBus,
             1 => FrameRoute::FromBus,

@@ -41,6 +41,8 @@ mirror! {
         discard_missed: u8 = rust.discard_missed.into(),
         /// Scheduled frames that the gateway holds, for the plan; 0 for the default.
         depth: u16,
+        /// Must be 0; for fields of later versions.
+        reserved: [u32; 7] = [0; 7],
     }
 }
 
@@ -207,6 +209,7 @@ pub fn igh_mcan_port_set_schedule(
     settings: *const igh_mcan_schedule_settings_t,
 ) {
     pointers!(call, read(settings));
+    call.reserved("settings", &settings.reserved)?;
     gateway(call, config, slave)?.schedule = (*settings).into();
 }
 

@@ -25,6 +25,7 @@ pub fn igh_mcan_pdo_diag_text(
         let found = format!("layout_id 0x{layout:04X} of the image is not that of the profile");
         return text.put(call, &found);
     }
+    call.reserved("diag", &diag.reserved)?;
     let diagnosis = diag.to_diagnosis().ok_or_else(|| {
         call.argument("diag", format_args!("has the unknown error {}", diag.error))
     })?;

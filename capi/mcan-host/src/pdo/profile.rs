@@ -30,7 +30,7 @@ pub fn igh_mcan_pdo_profile_default(
         encapsulation: 0,
         budget: 0,
         options: 0,
-        reserved: [0; 2],
+        reserved: [0; 10],
     };
     value.checked(call)?;
     profile.set(value);
