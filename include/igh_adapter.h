@@ -72,7 +72,7 @@ int ecan_igh_default_config(ecan_igh_config_t *config);
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error().
  */
-int ecan_igh_check_config(const ecan_igh_config_t *config);
+ECAN_MUST_CHECK int ecan_igh_check_config(const ecan_igh_config_t *config);
 
 /**
  * Gets the setting `ecrt` of a configuration, which selects the EtherCAT master library.
@@ -375,6 +375,7 @@ int ecan_igh_config_set_slave_identity(ecan_igh_config_t *config,
  * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
  *          ECAN_IGH_MAX_STARTUP_SDOS.
  */
+ECAN_MUST_CHECK
 int ecan_igh_config_add_startup_sdo(ecan_igh_config_t *config,
                                     size_t slave,
                                     uint16_t index,
@@ -443,6 +444,7 @@ int ecan_igh_init(ecan_igh_context_t *context,
  * @return  As ecan_igh_init(); ECAN_ERR_ECRT also if the process has loaded no libethercat, or another
  *          one than the setting `ecrt` selects.
  */
+ECAN_MUST_CHECK
 int ecan_igh_attach(ecan_igh_context_t *context,
                     const ecan_igh_config_t *config,
                     void *master);
@@ -454,7 +456,7 @@ int ecan_igh_attach(ecan_igh_context_t *context,
  * @return  ECAN_OK; ECAN_ERR_ORDER for a context that is not attached or active already;
  *          ECAN_ERR_MASTER.
  */
-int ecan_igh_owner_activated(ecan_igh_context_t *context);
+ECAN_MUST_CHECK int ecan_igh_owner_activated(ecan_igh_context_t *context);
 
 /**
  * Starts cyclic operation without waiting for OP: from now on the application runs the cycle and
@@ -463,7 +465,7 @@ int ecan_igh_owner_activated(ecan_igh_context_t *context);
  * @usage   not rt, the cycle's thread, after init and igh_mcan_port_init
  * @return  ECAN_OK; ECAN_ERR_ORDER if it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
  */
-int ecan_igh_activate(ecan_igh_context_t *context);
+ECAN_MUST_CHECK int ecan_igh_activate(ecan_igh_context_t *context);
 
 /**
  * Starts cyclic operation if necessary and runs the cycle until every slave is in OP; with a Port
@@ -502,7 +504,9 @@ int ecan_igh_stop_waiting_when(ecan_igh_context_t *context, int (*stop)(void *us
  * @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port, ECAN_ERR_ATTACHED. A faulty
  *          configuration changes nothing; after any other error reconfigure again.
  */
-int ecan_igh_reconfigure(ecan_igh_context_t *context, const ecan_igh_config_t *config);
+ECAN_MUST_CHECK
+int ecan_igh_reconfigure(ecan_igh_context_t *context,
+                         const ecan_igh_config_t *config);
 
 /**
  * Requests another startup of the slaves whose startup failed; igh_mcan_port_get_session() shows that
@@ -515,6 +519,7 @@ int ecan_igh_reconfigure(ecan_igh_context_t *context, const ecan_igh_config_t *c
  * @return  ECAN_OK; ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_ATTACHED, since the owner
  *          calls ecrt_master_reset(); ECAN_ERR_MASTER.
  */
+ECAN_MUST_CHECK
 int ecan_igh_retry_startup(ecan_igh_context_t *context);
 
 /**
@@ -863,6 +868,7 @@ int ecan_igh_get_slave_info(ecan_igh_context_t *context, size_t slave, ecan_igh_
  *          ECAN_ERR_ATTACHED on an active bus of another owner: use
  *          ecan_igh_diagnostics_sdo_upload() in another thread.
  */
+ECAN_MUST_CHECK
 int ecan_igh_sdo_upload(ecan_igh_context_t *context,
                         size_t slave,
                         uint16_t index,
@@ -880,6 +886,7 @@ int ecan_igh_sdo_upload(ecan_igh_context_t *context,
  * @usage   not rt, the cycle's thread, after init
  * @return  As ecan_igh_sdo_upload().
  */
+ECAN_MUST_CHECK
 int ecan_igh_sdo_download(ecan_igh_context_t *context,
                           size_t slave,
                           uint16_t index,
@@ -916,6 +923,7 @@ typedef enum {
  * @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT,
  *          ECAN_ERR_MASTER.
  */
+ECAN_MUST_CHECK
 int ecan_igh_create_sdo_request(ecan_igh_context_t *context,
                                 size_t slave,
                                 size_t size,
@@ -938,6 +946,7 @@ int ecan_igh_sdo_request_timeout(ecan_igh_context_t *context, size_t request, ui
  * @return  ECAN_OK; ECAN_ERR_ORDER while a transfer of the request is in progress;
  *          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
  */
+ECAN_MUST_CHECK
 int ecan_igh_sdo_request_read(ecan_igh_context_t *context,
                               size_t request,
                               uint16_t index,
@@ -954,6 +963,7 @@ int ecan_igh_sdo_request_read(ecan_igh_context_t *context,
  * @usage   rt, the cycle's thread, active bus
  * @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for another number of bytes.
  */
+ECAN_MUST_CHECK
 int ecan_igh_sdo_request_write(ecan_igh_context_t *context,
                                size_t request,
                                uint16_t index,
@@ -980,6 +990,7 @@ int ecan_igh_sdo_request_state(ecan_igh_context_t *context, size_t request);
  * @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER if the state is not
  *          success; ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
  */
+ECAN_MUST_CHECK
 int ecan_igh_sdo_request_data(ecan_igh_context_t *context,
                               size_t request,
                               void *data,
@@ -1007,7 +1018,9 @@ typedef struct {
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_ORDER for a handle that is open; ECAN_ERR_MASTER.
  */
-int ecan_igh_diagnostics_open(ecan_igh_diagnostics_t *diagnostics, ecan_igh_context_t *context);
+ECAN_MUST_CHECK
+int ecan_igh_diagnostics_open(ecan_igh_diagnostics_t *diagnostics,
+                              ecan_igh_context_t *context);
 
 /**
  * Reads an object of a slave and waits for it; arguments as of ecan_igh_sdo_upload().
@@ -1016,6 +1029,7 @@ int ecan_igh_diagnostics_open(ecan_igh_diagnostics_t *diagnostics, ecan_igh_cont
  * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
  *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
  */
+ECAN_MUST_CHECK
 int ecan_igh_diagnostics_sdo_upload(ecan_igh_diagnostics_t *diagnostics,
                                     size_t slave,
                                     uint16_t index,
@@ -1030,6 +1044,7 @@ int ecan_igh_diagnostics_sdo_upload(ecan_igh_diagnostics_t *diagnostics,
  * @usage   not rt, the handle's thread, after open
  * @return  As ecan_igh_diagnostics_sdo_upload().
  */
+ECAN_MUST_CHECK
 int ecan_igh_diagnostics_sdo_download(ecan_igh_diagnostics_t *diagnostics,
                                       size_t slave,
                                       uint16_t index,

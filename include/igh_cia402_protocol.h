@@ -549,7 +549,7 @@ int igh_cia402_default_settings(igh_cia402_settings_t *settings);
  * igh_cia402_request_actual_position_all_timeout(&motors, 2000);
  * igh_cia402_enable_all_timeout(&motors, 5000);
  * ...                                              the cycle
- * igh_cia402_shutdown_timeout(&motors, 5000);
+ * if (igh_cia402_shutdown_timeout(&motors, 5000) != ECAN_OK) puts(ecan_last_error());
  * igh_cia402_context_deinit(&motors);
  * --------------------------------------------------------------------------- */
 
@@ -590,6 +590,7 @@ int igh_cia402_context_init(igh_cia402_context_t *context,
  * @usage   not rt, the cycle's thread, after igh_mcan_port_init
  * @return  As igh_cia402_context_init().
  */
+ECAN_MUST_CHECK
 int igh_cia402_context_init_ex(igh_cia402_context_t *context,
                                igh_mcan_port_t *port,
                                const igh_cia402_axis_t *axes,
@@ -689,7 +690,7 @@ int igh_cia402_enable_all_timeout(igh_cia402_context_t *context, uint32_t timeou
  * @usage   not rt, the cycle's thread, active bus
  * @return  As those calls.
  */
-int igh_cia402_start_up_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+ECAN_MUST_CHECK int igh_cia402_start_up_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
 
 /**
  * Waits until the changes of mode and the homings of all axes are done.
@@ -700,7 +701,9 @@ int igh_cia402_start_up_timeout(igh_cia402_context_t *context, uint32_t timeout_
  * @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes whose last
  *          command failed, and the reason.
  */
-int igh_cia402_finish_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+ECAN_MUST_CHECK
+int igh_cia402_finish_all_timeout(igh_cia402_context_t *context,
+                                  uint32_t timeout_ms);
 
 /**
  * Brings all axes back to their targets, as igh_cia402_recover() with IGH_CIA402_ALL_AXES, and waits.
@@ -711,6 +714,7 @@ int igh_cia402_finish_all_timeout(igh_cia402_context_t *context, uint32_t timeou
  * @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that do not
  *          follow targets, and the reason.
  */
+ECAN_MUST_CHECK
 int igh_cia402_recover_all_timeout(igh_cia402_context_t *context,
                                    uint32_t timeout_ms);
 
@@ -723,7 +727,7 @@ int igh_cia402_recover_all_timeout(igh_cia402_context_t *context,
  * @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that did not
  *          report that they have stopped. Their stop continues in later cycles.
  */
-int igh_cia402_stop_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+ECAN_MUST_CHECK int igh_cia402_stop_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
 
 /**
  * Shuts down in order, as igh_cia402_begin_shutdown(), and waits.
@@ -734,7 +738,7 @@ int igh_cia402_stop_all_timeout(igh_cia402_context_t *context, uint32_t timeout_
  * @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that could not
  *          be disabled. The shutdown of the other axes is complete.
  */
-int igh_cia402_shutdown_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+ECAN_MUST_CHECK int igh_cia402_shutdown_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
 
 /* ---------------------------------------------------------------------------
  * The cycle
@@ -1721,6 +1725,7 @@ typedef enum {
  *          active; ECAN_ERR_ATTACHED on a master of another owner, use
  *          igh_cia402_sdo_start_upload() there.
  */
+ECAN_MUST_CHECK
 int igh_cia402_sdo_upload(igh_cia402_context_t *context,
                           size_t axis,
                           uint16_t index,
@@ -1741,6 +1746,7 @@ int igh_cia402_sdo_upload(igh_cia402_context_t *context,
  * @return  As igh_cia402_sdo_upload(); on a master of another owner use
  *          igh_cia402_sdo_start_download().
  */
+ECAN_MUST_CHECK
 int igh_cia402_sdo_download(igh_cia402_context_t *context,
                             size_t axis,
                             uint16_t index,
@@ -1756,6 +1762,7 @@ int igh_cia402_sdo_download(igh_cia402_context_t *context,
  * @return  ECAN_OK; ECAN_ERR_AXIS_STATE while another transfer with the drive is in progress;
  *          ECAN_ERR_AXIS.
  */
+ECAN_MUST_CHECK
 int igh_cia402_sdo_start_upload(igh_cia402_context_t *context,
                                 size_t axis,
                                 uint16_t index,
@@ -1771,6 +1778,7 @@ int igh_cia402_sdo_start_upload(igh_cia402_context_t *context,
  * @return  As igh_cia402_sdo_start_upload(); ECAN_ERR_CANOPEN for a value that is longer than
  *          igh_cia402_settings_t.sdo_buffer_bytes.
  */
+ECAN_MUST_CHECK
 int igh_cia402_sdo_start_download(igh_cia402_context_t *context,
                                   size_t axis,
                                   uint16_t index,
@@ -1823,6 +1831,7 @@ int igh_cia402_sdo_poll(igh_cia402_context_t *context,
  *          are axes on the Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master
  *          of another owner.
  */
+ECAN_MUST_CHECK
 int igh_canopen_sdo_upload(igh_mcan_port_t *port,
                            size_t slave,
                            uint8_t channel,
@@ -1844,6 +1853,7 @@ int igh_canopen_sdo_upload(igh_mcan_port_t *port,
  * @usage   not rt, the cycle's thread, active bus
  * @return  As igh_canopen_sdo_upload().
  */
+ECAN_MUST_CHECK
 int igh_canopen_sdo_download(igh_mcan_port_t *port,
                              size_t slave,
                              uint8_t channel,

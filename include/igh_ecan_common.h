@@ -62,6 +62,7 @@
  *          The functions of this header are in libecan_mcan_host, which libecan_igh_host needs.
  *          Functions with a text have the argument `needed`, and return ECAN_ERR_BUFFER for a text that
  *          was cut. Added: ECAN_ERR_LAYOUT.
+ *          Added: ECAN_MUST_CHECK.
  *   0.1.0  First version.
  */
 #ifndef IGH_ECAN_COMMON_H
@@ -83,6 +84,18 @@
 #define ECAN_HAVE_TX_RESULT 1       /* igh_mcan_port_get_last_ticket() */
 #define ECAN_HAVE_CONFIG_FILE 1     /* igh_mcan_port_load_config() */
 #define ECAN_HAVE_SIMULATOR 1       /* the setting "sim" of ecan_igh_config_set_ecrt() */
+
+/**
+ * Marks functions whose result must be used: a program that goes on after an error of theirs does
+ * not do what its author expects. Define it empty before the first header to have no warnings.
+ */
+#ifndef ECAN_MUST_CHECK
+#ifdef __GNUC__
+#define ECAN_MUST_CHECK __attribute__((warn_unused_result))
+#else
+#define ECAN_MUST_CHECK
+#endif
+#endif
 
 #ifdef __cplusplus
 extern "C" {

@@ -346,7 +346,7 @@ int igh_mcan_pdo_profile_default(igh_mcan_pdo_profile_t *profile,
  * @usage   rt, any thread, any time
  * @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
  */
-int igh_mcan_pdo_profile_check(const igh_mcan_pdo_profile_t *profile);
+ECAN_MUST_CHECK int igh_mcan_pdo_profile_check(const igh_mcan_pdo_profile_t *profile);
 
 /**
  * Returns the profile word, as in 0x8010:12 and 0x8011:12 when the profile is active (manual

@@ -87,6 +87,7 @@ int igh_mcan_port_apply_config(ecan_igh_config_t *igh_config, const igh_mcan_por
  * @usage   not rt, any thread, any time
  * @return  As igh_mcan_port_apply_config().
  */
+ECAN_MUST_CHECK
 int igh_mcan_port_check_config(const ecan_igh_config_t *igh_config,
                                const igh_mcan_port_config_t *config);
 
@@ -232,6 +233,7 @@ int igh_mcan_port_set_traffic(igh_mcan_port_config_t *config,
  * @return  ECAN_OK; ECAN_ERR_ARGUMENT for a subindex without configuration or an invalid value;
  *          ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
  */
+ECAN_MUST_CHECK
 int igh_mcan_port_set_channel_object(igh_mcan_port_config_t *config,
                                      size_t slave,
                                      uint8_t channel,
@@ -260,6 +262,7 @@ int igh_mcan_port_get_channel_object(const igh_mcan_port_config_t *config,
  * @usage   not rt, any thread, before apply
  * @return  As igh_mcan_port_set_channel_object().
  */
+ECAN_MUST_CHECK
 int igh_mcan_port_set_data_path_object(igh_mcan_port_config_t *config,
                                        size_t slave,
                                        uint8_t channel,
@@ -327,6 +330,7 @@ typedef enum {
  * @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
  *          IGH_MCAN_MAX_FILTERS.
  */
+ECAN_MUST_CHECK
 int igh_mcan_port_add_standard_filter(igh_mcan_port_config_t *config,
                                       size_t slave,
                                       uint8_t channel,
@@ -341,6 +345,7 @@ int igh_mcan_port_add_standard_filter(igh_mcan_port_config_t *config,
  * @usage   not rt, any thread, before apply
  * @return  As there.
  */
+ECAN_MUST_CHECK
 int igh_mcan_port_add_extended_filter(igh_mcan_port_config_t *config,
                                       size_t slave,
                                       uint8_t channel,
@@ -488,6 +493,7 @@ typedef struct {
  *          ecan_last_error(), by line and column, also for more than ECAN_IGH_MAX_SLAVES gateways
  *          or IGH_MCAN_MAX_FILTERS filters. An error changes neither configuration.
  */
+ECAN_MUST_CHECK
 int igh_mcan_port_load_config(ecan_igh_config_t *igh_config,
                               igh_mcan_port_config_t *config,
                               const char *path,
@@ -503,6 +509,7 @@ int igh_mcan_port_load_config(ecan_igh_config_t *igh_config,
  * @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
  * @return  As igh_mcan_port_load_config(), except ECAN_ERR_FILE.
  */
+ECAN_MUST_CHECK
 int igh_mcan_port_parse_config(ecan_igh_config_t *igh_config,
                                igh_mcan_port_config_t *config,
                                const char *text,
@@ -551,6 +558,7 @@ int igh_mcan_port_init(igh_mcan_port_t *port,
  * @return  As ecan_igh_init(); a faulty configuration changes nothing. After any other error
  *          reconfigure again. ECAN_ERR_ATTACHED.
  */
+ECAN_MUST_CHECK
 int igh_mcan_port_reconfigure(igh_mcan_port_t *port,
                               const ecan_igh_config_t *igh_config,
                               const igh_mcan_port_config_t *config);

@@ -69,6 +69,7 @@ typedef struct {
  * @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of them in
  *          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream; ECAN_ERR_BUFFER.
  */
+ECAN_MUST_CHECK
 int igh_mcan_port_plan(const ecan_igh_config_t *igh_config,
                        const igh_mcan_port_config_t *config,
                        const igh_mcan_frame_stream_t *streams,
@@ -91,6 +92,7 @@ int igh_mcan_port_plan(const ecan_igh_config_t *igh_config,
  * @return  As igh_mcan_port_plan(); ECAN_ERR_NOT_INITIALISED also for an axis that is not filled,
  *          ECAN_ERR_CONFIG also for a value out of range.
  */
+ECAN_MUST_CHECK
 int igh_cia402_plan(const ecan_igh_config_t *igh_config,
                     const igh_mcan_port_config_t *config,
                     const igh_cia402_axis_t *axes,

@@ -133,6 +133,7 @@ int ecan_igh_default_real_time(ecan_igh_real_time_t *settings);
  *          required one was denied: granted requests stay in force. ECAN_ERR_ARGUMENT for a value
  *          out of range, with nothing applied. ECAN_ERR_BUFFER if only the report was cut.
  */
+ECAN_MUST_CHECK
 int ecan_igh_apply_real_time(const ecan_igh_real_time_t *settings,
                              char *report,
                              size_t size,

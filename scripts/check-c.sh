@@ -33,6 +33,17 @@ for header in include/*.h; do
     echo "#include <$name>" | g++ -std=c++11 -Wall -Wextra -Wpedantic -Werror -Iinclude -fsyntax-only -xc++ -
 done
 
+say "a result that must be used"
+ignored='#include "igh_adapter.h"
+void f(ecan_igh_context_t *igh);
+void f(ecan_igh_context_t *igh) { ecan_igh_activate(igh); }'
+for compiler in "gcc -std=c99 -xc" "g++ -std=c++11 -xc++"; do
+    # shellcheck disable=SC2086 # words
+    $compiler -Werror -Iinclude -c -o /dev/null - <<<"$ignored" 2>/dev/null && exit 1
+    # shellcheck disable=SC2086
+    $compiler -Werror -DECAN_MUST_CHECK= -Iinclude -c -o /dev/null - <<<"$ignored"
+done
+
 say "the first program of README.md"
 awk '/^```c$/ { on = 1; next } /^```$/ { on = 0 } on' README.md >"$build/first.c"
 gcc -std=c99 -Wall -Wextra -Wpedantic -Werror -Iinclude "$build/first.c" \

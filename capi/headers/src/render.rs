@@ -3,7 +3,9 @@
 use std::fmt::{Display, Write};
 use std::path::Path;
 
-use cbindgen::{Builder, Config, DocumentationStyle, ExportConfig, Language, Style};
+use cbindgen::{
+    Builder, Config, DocumentationStyle, ExportConfig, FunctionConfig, Language, Style,
+};
 
 use crate::manifest::Header;
 use crate::{expand, read, sources};
@@ -114,6 +116,10 @@ fn declarations(section: &str, source: &str) -> Result<String, String> {
         language: Language::C,
         style: Style::Type,
         documentation_style: DocumentationStyle::Doxy,
+        function: FunctionConfig {
+            must_use: Some("ECAN_MUST_CHECK".into()),
+            ..FunctionConfig::default()
+        },
         no_includes: true,
         usize_is_size_t: true,
         line_length: 100,

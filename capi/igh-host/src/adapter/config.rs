@@ -177,6 +177,7 @@ pub fn ecan_igh_default_config(config: *mut ecan_igh_config_t) {
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error().
+#[must_use]
 #[export(call)]
 pub fn ecan_igh_check_config(config: *const ecan_igh_config_t) {
     pointers!(call, sealed(config));

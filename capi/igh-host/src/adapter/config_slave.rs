@@ -143,6 +143,7 @@ pub fn ecan_igh_config_set_slave_identity(
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
 ///          ECAN_IGH_MAX_STARTUP_SDOS.
+#[must_use]
 #[export(call, config config)]
 pub fn ecan_igh_config_add_startup_sdo(
     config: *mut ecan_igh_config_t,

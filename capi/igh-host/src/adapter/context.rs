@@ -106,6 +106,7 @@ pub fn ecan_igh_init(context: *mut ecan_igh_context_t, config: *const ecan_igh_c
 /// @usage   not rt, the owner's thread, before ecrt_master_activate
 /// @return  As ecan_igh_init(); ECAN_ERR_ECRT also if the process has loaded no libethercat, or another
 ///          one than the setting `ecrt` selects.
+#[must_use]
 #[export(call)]
 pub fn ecan_igh_attach(
     context: *mut ecan_igh_context_t,
@@ -126,6 +127,7 @@ pub fn ecan_igh_attach(
 /// @usage   not rt, the owner's thread, after ecrt_master_activate
 /// @return  ECAN_OK; ECAN_ERR_ORDER for a context that is not attached or active already;
 ///          ECAN_ERR_MASTER.
+#[must_use]
 #[export(call, layer adapter)]
 pub fn ecan_igh_owner_activated(context: *mut ecan_igh_context_t) {
     adapter.owner_activated().or_code(call)
@@ -136,6 +138,7 @@ pub fn ecan_igh_owner_activated(context: *mut ecan_igh_context_t) {
 ///
 /// @usage   not rt, the cycle's thread, after init and igh_mcan_port_init
 /// @return  ECAN_OK; ECAN_ERR_ORDER if it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER.
+#[must_use]
 #[export(call, layer adapter)]
 pub fn ecan_igh_activate(context: *mut ecan_igh_context_t) {
     adapter.activate().or_code(call)
@@ -195,6 +198,7 @@ pub fn ecan_igh_stop_waiting_when(
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port, ECAN_ERR_ATTACHED. A faulty
 ///          configuration changes nothing; after any other error reconfigure again.
+#[must_use]
 #[export(call, bus bus)]
 pub fn ecan_igh_reconfigure(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
     pointers!(call, sealed(config));
@@ -219,6 +223,7 @@ pub fn ecan_igh_reconfigure(context: *mut ecan_igh_context_t, config: *const eca
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_ORDER if the bus is not active; ECAN_ERR_ATTACHED, since the owner
 ///          calls ecrt_master_reset(); ECAN_ERR_MASTER.
+#[must_use]
 #[export(call, layer adapter)]
 pub fn ecan_igh_retry_startup(context: *mut ecan_igh_context_t) {
     adapter.retry_startup().or_code(call)

@@ -52,6 +52,7 @@ impl Context for ecan_igh_diagnostics_t {
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_ORDER for a handle that is open; ECAN_ERR_MASTER.
+#[must_use]
 #[export(call, layer adapter, of context)]
 pub fn ecan_igh_diagnostics_open(
     diagnostics: *mut ecan_igh_diagnostics_t,
@@ -71,6 +72,7 @@ pub fn ecan_igh_diagnostics_open(
 /// @usage   not rt, the handle's thread, after open
 /// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
 ///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
+#[must_use]
 #[export(call, layer diagnostics)]
 pub fn ecan_igh_diagnostics_sdo_upload(
     diagnostics: *mut ecan_igh_diagnostics_t,
@@ -92,6 +94,7 @@ pub fn ecan_igh_diagnostics_sdo_upload(
 ///
 /// @usage   not rt, the handle's thread, after open
 /// @return  As ecan_igh_diagnostics_sdo_upload().
+#[must_use]
 #[export(call, layer diagnostics)]
 pub fn ecan_igh_diagnostics_sdo_download(
     diagnostics: *mut ecan_igh_diagnostics_t,

@@ -156,6 +156,7 @@ pub fn ecan_igh_default_real_time(settings: *mut ecan_igh_real_time_t) {
 /// @return  ECAN_OK, also if a request that is not required was denied; ECAN_ERR_PRIVILEGE if a
 ///          required one was denied: granted requests stay in force. ECAN_ERR_ARGUMENT for a value
 ///          out of range, with nothing applied. ECAN_ERR_BUFFER if only the report was cut.
+#[must_use]
 #[export(call)]
 pub fn ecan_igh_apply_real_time(
     settings: *const ecan_igh_real_time_t,

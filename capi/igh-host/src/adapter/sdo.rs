@@ -54,6 +54,7 @@ fn diagnose<R: Send>(
 ///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_SLAVE, ECAN_ERR_MASTER;
 ///          ECAN_ERR_ATTACHED on an active bus of another owner: use
 ///          ecan_igh_diagnostics_sdo_upload() in another thread.
+#[must_use]
 #[export(call, bus bus)]
 pub fn ecan_igh_sdo_upload(
     context: *mut ecan_igh_context_t,
@@ -82,6 +83,7 @@ pub fn ecan_igh_sdo_upload(
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As ecan_igh_sdo_upload().
+#[must_use]
 #[export(call, bus bus)]
 pub fn ecan_igh_sdo_download(
     context: *mut ecan_igh_context_t,

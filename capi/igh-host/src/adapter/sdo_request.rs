@@ -68,6 +68,7 @@ fn start(
 /// @usage   not rt, the cycle's thread, after init and before the bus is active
 /// @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT,
 ///          ECAN_ERR_MASTER.
+#[must_use]
 #[export(call, bus bus)]
 pub fn ecan_igh_create_sdo_request(
     context: *mut ecan_igh_context_t,
@@ -110,6 +111,7 @@ pub fn ecan_igh_sdo_request_timeout(
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_ORDER while a transfer of the request is in progress;
 ///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+#[must_use]
 #[export(call, bus bus)]
 pub fn ecan_igh_sdo_request_read(
     context: *mut ecan_igh_context_t,
@@ -130,6 +132,7 @@ pub fn ecan_igh_sdo_request_read(
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for another number of bytes.
+#[must_use]
 #[export(call, bus bus)]
 pub fn ecan_igh_sdo_request_write(
     context: *mut ecan_igh_context_t,
@@ -169,6 +172,7 @@ pub fn ecan_igh_sdo_request_state(context: *mut ecan_igh_context_t, request: usi
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER if the state is not
 ///          success; ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+#[must_use]
 #[export(call, bus bus)]
 pub fn ecan_igh_sdo_request_data(
     context: *mut ecan_igh_context_t,

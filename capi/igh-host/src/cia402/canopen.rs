@@ -72,6 +72,7 @@ fn network(
 ///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not active, or there
 ///          are axes on the Port: use igh_cia402_sdo_upload() then; ECAN_ERR_ATTACHED on a master
 ///          of another owner.
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_canopen_sdo_upload(
     port: *mut igh_mcan_port_t,
@@ -101,6 +102,7 @@ pub fn igh_canopen_sdo_upload(
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_canopen_sdo_upload().
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_canopen_sdo_download(
     port: *mut igh_mcan_port_t,

@@ -7,7 +7,7 @@
 //! igh_cia402_request_actual_position_all_timeout(&motors, 2000);
 //! igh_cia402_enable_all_timeout(&motors, 5000);
 //! ...                                              the cycle
-//! igh_cia402_shutdown_timeout(&motors, 5000);
+//! if (igh_cia402_shutdown_timeout(&motors, 5000) != ECAN_OK) puts(ecan_last_error());
 //! igh_cia402_context_deinit(&motors);
 //! ```
 
@@ -88,6 +88,7 @@ pub fn igh_cia402_context_init(
 ///
 /// @usage   not rt, the cycle's thread, after igh_mcan_port_init
 /// @return  As igh_cia402_context_init().
+#[must_use]
 #[export(call, bus bus, of port)]
 pub fn igh_cia402_context_init_ex(
     context: *mut igh_cia402_context_t,

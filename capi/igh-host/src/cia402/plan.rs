@@ -20,6 +20,7 @@ use crate::mcan_port::plan::plan;
 /// @usage   not rt, any thread, any time
 /// @return  As igh_mcan_port_plan(); ECAN_ERR_NOT_INITIALISED also for an axis that is not filled,
 ///          ECAN_ERR_CONFIG also for a value out of range.
+#[must_use]
 #[export(call)]
 pub fn igh_cia402_plan(
     igh_config: *const ecan_igh_config_t,

@@ -55,6 +55,7 @@ pub(crate) fn put_value(
 ///          ECAN_ERR_CANOPEN, ECAN_ERR_AXIS, ECAN_ERR_MASTER; ECAN_ERR_ORDER if the bus is not
 ///          active; ECAN_ERR_ATTACHED on a master of another owner, use
 ///          igh_cia402_sdo_start_upload() there.
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_sdo_upload(
     context: *mut igh_cia402_context_t,
@@ -83,6 +84,7 @@ pub fn igh_cia402_sdo_upload(
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_sdo_upload(); on a master of another owner use
 ///          igh_cia402_sdo_start_download().
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_sdo_download(
     context: *mut igh_cia402_context_t,
@@ -113,6 +115,7 @@ fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_re
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_AXIS_STATE while another transfer with the drive is in progress;
 ///          ECAN_ERR_AXIS.
+#[must_use]
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_sdo_start_upload(
     context: *mut igh_cia402_context_t,
@@ -138,6 +141,7 @@ pub fn igh_cia402_sdo_start_upload(
 /// @usage   rt, the cycle's thread, after init
 /// @return  As igh_cia402_sdo_start_upload(); ECAN_ERR_CANOPEN for a value that is longer than
 ///          igh_cia402_settings_t.sdo_buffer_bytes.
+#[must_use]
 #[export(call, layer(cia402, _))]
 pub fn igh_cia402_sdo_start_download(
     context: *mut igh_cia402_context_t,

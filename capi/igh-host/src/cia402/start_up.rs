@@ -86,6 +86,7 @@ pub fn igh_cia402_enable_all_timeout(context: *mut igh_cia402_context_t, timeout
 ///
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As those calls.
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_start_up_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
     wait(call, bus, |cia402, port, progress| {
@@ -100,6 +101,7 @@ pub fn igh_cia402_start_up_timeout(context: *mut igh_cia402_context_t, timeout_m
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes whose last
 ///          command failed, and the reason.
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_finish_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
     wait(call, bus, |cia402, port, progress| {
@@ -114,6 +116,7 @@ pub fn igh_cia402_finish_all_timeout(context: *mut igh_cia402_context_t, timeout
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that do not
 ///          follow targets, and the reason.
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_recover_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
     wait(call, bus, |cia402, port, progress| {
@@ -128,6 +131,7 @@ pub fn igh_cia402_recover_all_timeout(context: *mut igh_cia402_context_t, timeou
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that did not
 ///          report that they have stopped. Their stop continues in later cycles.
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_stop_all_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
     wait(call, bus, |cia402, port, progress| {
@@ -142,6 +146,7 @@ pub fn igh_cia402_stop_all_timeout(context: *mut igh_cia402_context_t, timeout_m
 /// @usage   not rt, the cycle's thread, active bus
 /// @return  As igh_cia402_configure_csp_all_timeout(); ECAN_ERR_AXES names the axes that could not
 ///          be disabled. The shutdown of the other axes is complete.
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_cia402_shutdown_timeout(context: *mut igh_cia402_context_t, timeout_ms: u32) {
     wait(call, bus, |cia402, port, progress| {

@@ -67,6 +67,7 @@ pub fn igh_mcan_port_apply_config(
 ///
 /// @usage   not rt, any thread, any time
 /// @return  As igh_mcan_port_apply_config().
+#[must_use]
 #[export(call)]
 pub fn igh_mcan_port_check_config(
     igh_config: *const ecan_igh_config_t,

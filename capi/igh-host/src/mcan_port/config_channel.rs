@@ -217,6 +217,7 @@ pub fn igh_mcan_port_set_traffic(
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK; ECAN_ERR_ARGUMENT for a subindex without configuration or an invalid value;
 ///          ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL.
+#[must_use]
 #[export(call, config config)]
 pub fn igh_mcan_port_set_channel_object(
     config: *mut igh_mcan_port_config_t,
@@ -276,6 +277,7 @@ fn no_object(call: Call, index: u16, subindex: u8) -> ecan_result_t {
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  As igh_mcan_port_set_channel_object().
+#[must_use]
 #[export(call, config config)]
 pub fn igh_mcan_port_set_data_path_object(
     config: *mut igh_mcan_port_config_t,

@@ -118,6 +118,7 @@ fn load(path: &CStr) -> Result<Config, ConfigFileError> {
 /// @return  ECAN_OK; ECAN_ERR_FILE if it cannot be read; ECAN_ERR_CONFIG with every fault in
 ///          ecan_last_error(), by line and column, also for more than ECAN_IGH_MAX_SLAVES gateways
 ///          or IGH_MCAN_MAX_FILTERS filters. An error changes neither configuration.
+#[must_use]
 #[export(call)]
 pub fn igh_mcan_port_load_config(
     igh_config: *mut ecan_igh_config_t,
@@ -145,6 +146,7 @@ pub fn igh_mcan_port_load_config(
 ///
 /// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
 /// @return  As igh_mcan_port_load_config(), except ECAN_ERR_FILE.
+#[must_use]
 #[export(call)]
 pub fn igh_mcan_port_parse_config(
     igh_config: *mut ecan_igh_config_t,

@@ -90,6 +90,7 @@ fn add(
 /// @usage   not rt, any thread, before apply
 /// @return  ECAN_OK, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_ARGUMENT; ECAN_ERR_FULL beyond
 ///          IGH_MCAN_MAX_FILTERS.
+#[must_use]
 #[export(call, config config)]
 pub fn igh_mcan_port_add_standard_filter(
     config: *mut igh_mcan_port_config_t,
@@ -110,6 +111,7 @@ pub fn igh_mcan_port_add_standard_filter(
 ///
 /// @usage   not rt, any thread, before apply
 /// @return  As there.
+#[must_use]
 #[export(call, config config)]
 pub fn igh_mcan_port_add_extended_filter(
     config: *mut igh_mcan_port_config_t,

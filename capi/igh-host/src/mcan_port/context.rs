@@ -95,6 +95,7 @@ pub fn igh_mcan_port_init(
 /// @usage   not rt, the cycle's thread, after init
 /// @return  As ecan_igh_init(); a faulty configuration changes nothing. After any other error
 ///          reconfigure again. ECAN_ERR_ATTACHED.
+#[must_use]
 #[export(call, bus bus)]
 pub fn igh_mcan_port_reconfigure(
     port: *mut igh_mcan_port_t,

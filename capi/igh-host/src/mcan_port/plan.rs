@@ -103,6 +103,7 @@ pub(crate) fn plan(
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG if the plan has errors, all of them in
 ///          ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream; ECAN_ERR_BUFFER.
+#[must_use]
 #[export(call)]
 pub fn igh_mcan_port_plan(
     igh_config: *const ecan_igh_config_t,

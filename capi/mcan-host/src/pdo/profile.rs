@@ -40,6 +40,7 @@ pub fn igh_mcan_pdo_profile_default(
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+#[must_use]
 #[export(call)]
 pub fn igh_mcan_pdo_profile_check(profile: *const igh_mcan_pdo_profile_t) {
     pointers!(call, read(profile));
