@@ -33,6 +33,13 @@ for header in include/*.h; do
     echo "#include <$name>" | g++ -std=c++11 -Wall -Wextra -Wpedantic -Werror -Iinclude -fsyntax-only -xc++ -
 done
 
+say "the first program of API.md"
+awk '/^```c$/ && !begun { on = begun = 1; next } /^```$/ { on = 0 } on' API.md >"$build/twelve.c"
+gcc -std=c99 -Wall -Wextra -Wpedantic -Werror -Iinclude "$build/twelve.c" \
+    "${static[@]}" -o "$build/twelve"
+printf '[[gateway]]\n[gateway.can0]\nbitrate = 1_000_000\n' >"$build/twelve.toml"
+ECAN_ECRT=$stepped "$build/twelve" "$build/twelve.toml"
+
 say "a result that must be used"
 ignored='#include "igh_adapter.h"
 void f(ecan_igh_context_t *igh);
