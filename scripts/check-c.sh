@@ -37,7 +37,7 @@ say "the first program of API.md"
 awk '/^```c$/ && !begun { on = begun = 1; next } /^```$/ { on = 0 } on' API.md >"$build/twelve.c"
 gcc -std=c99 -Wall -Wextra -Wpedantic -Werror -Iinclude "$build/twelve.c" \
     "${static[@]}" -o "$build/twelve"
-printf '[[gateway]]\n[gateway.can0]\nbitrate = 1_000_000\n' >"$build/twelve.toml"
+printf '[[gateway]]\nn = 3\n[gateway.can0]\nbitrate = 1_000_000\n' >"$build/twelve.toml"
 ECAN_ECRT=$stepped "$build/twelve" "$build/twelve.toml"
 
 say "a result that must be used"
