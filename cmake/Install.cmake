@@ -11,7 +11,7 @@ string(REGEX REPLACE "/$" "" _pc_to_prefix "${_pc_to_prefix}")
 install(FILES ${_headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 install(FILES API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT DESTINATION ${CMAKE_INSTALL_DOCDIR})
 # Those to which API.md refers.
-install(FILES docs/SIMULATION.md docs/TOOL.md DESTINATION ${CMAKE_INSTALL_DOCDIR}/docs)
+install(FILES docs/ABI.md docs/SIMULATION.md docs/TOOL.md DESTINATION ${CMAKE_INSTALL_DOCDIR}/docs)
 install(TARGETS ${_libraries} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 foreach(_library IN LISTS _libraries)
     install(FILES "${CMAKE_CURRENT_BINARY_DIR}/lib${_library}.a"

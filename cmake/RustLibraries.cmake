@@ -37,6 +37,13 @@ function(ecan_rust_flags output)
 endfunction()
 ecan_rust_flags(ECAN_RUST_FLAGS)
 
+# Before 1.0 each minor version may be incompatible (docs/ABI.md).
+if(PROJECT_VERSION_MAJOR EQUAL 0)
+    set(ECAN_SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
+else()
+    set(ECAN_SOVERSION ${PROJECT_VERSION_MAJOR})
+endif()
+
 # cargo's release build of a package with further FLAGS; OUTPUT gets the path of its static library.
 function(ecan_cargo_build target)
     cmake_parse_arguments(_arg "" "PACKAGE;LIBRARY;OUTPUT" "FLAGS" ${ARGN})
@@ -101,7 +108,6 @@ function(ecan_add_library name)
         BUILD_WITH_INSTALL_RPATH ON
         INSTALL_RPATH "$<$<BOOL:${_arg_NEEDS}>:$ORIGIN>"
         VERSION ${PROJECT_VERSION}
-        # Before 1.0 each minor version may be incompatible.
-        SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR}
+        SOVERSION ${ECAN_SOVERSION}
         LINK_DEPENDS "${_static};${_map}")
 endfunction()

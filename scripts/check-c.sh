@@ -25,6 +25,18 @@ cmake -S . -B "$build" -DECAN_CARGO_TARGET_DIR="$target" >"$build/configure.log"
 cmake --build "$build" --parallel 2
 ctest --test-dir "$build" --output-on-failure
 
+say "the binary interface"
+scripts/check-abi.sh
+# A changed field is found.
+rm -rf "$build/headers"
+cp -r include "$build/headers"
+sed -i 's/uint32_t offset_ns;/int32_t offset_ns;/' "$build/headers/igh_mcan_pdo.h"
+if scripts/check-abi.sh --headers "$build/headers" >"$build/abi.log" 2>&1; then
+    echo "scripts/check-abi.sh does not find a changed field" >&2
+    exit 1
+fi
+grep -m 1 -F "type of 'uint32_t offset_ns' changed" "$build/abi.log"
+
 # Without padding, so that no field of a struct is outside the control of the library.
 say "headers alone, in C99 and in C++11, without padding in structs"
 for header in include/*.h; do
