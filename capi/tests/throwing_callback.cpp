@@ -45,7 +45,9 @@ int main(int argc, char **)
         }
         ecan_igh_wait_op_timeout(&igh, 30000);
         igh_cia402_set_progress_callback(&cia402, progress, nullptr);
-        igh_cia402_start_up_timeout(&cia402, 30000);
+        if (igh_cia402_start_up_timeout(&cia402, 30000) != ECAN_OK) {
+            std::fprintf(stderr, "%s\n", ecan_last_error());
+        }
     } catch (const std::exception &) {
         std::puts("the exception passed through the library");
         return 1;
