@@ -1,5 +1,5 @@
 //! What an axis costs the host in a cycle: taking TPDOs, deciding, sending targets; with ten axes
-//! and with forty.
+//! and with forty. And what publishing a snapshot for observers adds to a whole cycle of ten axes.
 //!
 //! ```text
 //! cargo bench -p ecan-cia402 --bench axes
@@ -10,12 +10,12 @@
 //! time: every axis follows targets, at standstill. Ten and forty axes take turns.
 #![allow(missing_docs)]
 
-use std::time::Duration;
-use std::time::Instant;
+use std::cell::RefCell;
+use std::time::{Duration, Instant};
 
 use ecan_bench::{Outcome, Row, interleaved, print_rows, rounds};
 use ecan_canopen::{NodeAddress, NodeId};
-use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
+use ecan_cia402::{AxesSnapshot, AxisConfig, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::image::Header;
@@ -45,11 +45,11 @@ struct Bench {
 }
 
 impl Bench {
-    fn started(axes: usize) -> Self {
+    fn started(axes: usize, multiplier: u8) -> Self {
         let slaves = axes.div_ceil(ON_GATEWAY);
         let ecrt = ecan_null_master::open(ecan_sim::drives(slaves, ON_CHANNEL as u8)).unwrap();
         let adapter = AdapterConfig::new(slaves as u16)
-            .with_multiplier(6)
+            .with_multiplier(multiplier)
             .with_cycle(Duration::from_millis(2));
         let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
         let mut port = Port::open(&ecrt, (adapter, PortConfig::uniform(slaves, gateway))).unwrap();
@@ -99,13 +99,32 @@ impl Bench {
         (0..REPEAT).map(|_| self.cycle()).sum()
     }
 
+    /// Whole cycles, with the wait, which takes no time on the frozen clock, and with targets of the
+    /// application.
+    fn whole_round(&mut self) -> f64 {
+        let start = Instant::now();
+        for _ in 0..REPEAT {
+            let mut cycle = self.port.next_cycle();
+            self.cia402.process_rx(&mut cycle);
+            for axis in 0..self.axes {
+                let target = self.cia402.target(axis).unwrap();
+                self.cia402.set_target(axis, target).unwrap();
+            }
+            let summary = self.cia402.send_targets_all(&mut cycle);
+            cycle.end().unwrap();
+            assert_eq!(summary.targets, self.axes, "{summary:?}");
+        }
+        start.elapsed().as_nanos() as f64
+    }
+
     fn received(&self) -> u64 {
         (0..self.axes).map(|axis| self.cia402.statistics(axis).tpdos).sum()
     }
 }
 
 fn main() {
-    let (mut ten, mut forty) = (Bench::started(10), Bench::started(40));
+    let (mut ten, mut forty) = (Bench::started(10, 6), Bench::started(40, 6));
+    let whole = RefCell::new(Bench::started(10, 3));
     ecan_null_master::freeze();
     let mut measure = |rounds| interleaved(rounds, || forty.round(), || ten.round());
     measure(rounds(WARM_UP));
@@ -122,6 +141,27 @@ fn main() {
         second / (REPEAT * 10) as f64,
         first / (REPEAT * 40) as f64
     );
-    let row = Row::new("host cost per axis", "one axis of 40 / one axis of 10", ratio / 4.0);
-    print_rows(&[row.with_goals(1.15, 1.15)]);
+    let axis = Row::new("host cost per axis", "one axis of 40 / one axis of 10", ratio / 4.0);
+
+    // The same Port with and without an observer.
+    let observed = || {
+        let observer = whole.borrow().port.adapter().observer();
+        let time = whole.borrow_mut().whole_round();
+        let mut snapshot = observer.snapshot();
+        snapshot.update().unwrap();
+        assert_eq!(AxesSnapshot::of(&snapshot).unwrap().axis_count(), 10);
+        time
+    };
+    let measure = |rounds| interleaved(rounds, observed, || whole.borrow_mut().whole_round());
+    measure(rounds(WARM_UP));
+    let Outcome { first, second, ratio } = measure(rounds(ROUNDS));
+    let cycle_ns = |round: f64| round / REPEAT as f64;
+    println!(
+        "\nTime of a whole cycle of 10 axes with N = 3: {:.0} ns with a snapshot, {:.0} ns without.",
+        cycle_ns(first),
+        cycle_ns(second)
+    );
+    let what = "publishing / whole cycle of Port and axes on a null master";
+    let snapshot = Row::new("snapshot for observers, 10 axes, N = 3", what, ratio - 1.0);
+    print_rows(&[axis.with_goals(1.15, 1.15), snapshot.as_share().with_goals(0.02, 0.02)]);
 }

@@ -50,7 +50,7 @@ impl fmt::Display for SessionState {
 macro_rules! counter_words {
     ($name:ident [$words:literal] $($field:ident)* $(; $other:ident)?) => {
         impl $name {
-            #[inline]
+            #[inline(always)]
             fn words(&self) -> [u64; $words] {
                 let Self { $($field,)* $($other: _,)? } = *self;
                 [$($field),*]

@@ -96,7 +96,7 @@ fn rejection_of(kind: u8, [first, second]: [u64; REJECTION_WORDS]) -> TargetReje
 }
 
 /// The words of a cycle, and those of a rejected target.
-#[inline]
+#[inline(always)]
 pub(super) fn cycle_words(
     axis: &Axis,
     network: &Network,

@@ -64,18 +64,21 @@ impl<'a> SectionWriter<'a> {
     }
 
     /// Writes the next words; words beyond the end of the section are dropped. Real-time safe.
-    #[inline]
+    #[inline(always)]
     pub fn write<const N: usize>(&mut self, words: [u64; N]) {
         if let Some((to, rest)) = self.rest.split_first_chunk::<N>() {
-            for (to, word) in to.iter().zip(words) {
-                to.store(word, Ordering::Relaxed);
+            // Not by iterators, which are not unrolled.
+            let mut nth = 0;
+            while nth < N {
+                to[nth].store(words[nth], Ordering::Relaxed);
+                nth += 1;
             }
             self.rest = rest;
         }
     }
 
     /// Leaves the next words as they are. Real-time safe.
-    #[inline]
+    #[inline(always)]
     pub fn skip(&mut self, count: usize) {
         self.rest = self.rest.get(count..).unwrap_or_default();
     }
