@@ -23,6 +23,7 @@
  *          of a simulation, ecan_igh_is_simulated() and ecan_igh_clock_is_stepped() to igh_sim.h.
  *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
  *          structs that the application fills must be 0.
+ *          Added: ecan_igh_is_stop_requested(), ecan_igh_clear_stop_request().
  *   0.1.0  First version.
  */
 #ifndef IGH_ADAPTER_H
@@ -495,6 +496,23 @@ int ecan_igh_wait_op_timeout(ecan_igh_context_t *context, uint32_t timeout_ms);
  * @usage   not rt, the cycle's thread, after init
  */
 int ecan_igh_stop_waiting_when(ecan_igh_context_t *context, int (*stop)(void *user), void *user);
+
+/**
+ * Returns 1 if an observer requested the application to stop (ecan_igh_observer_request_stop()). All
+ * calls that wait end with ECAN_ERR_STOPPED then, except igh_cia402_shutdown_timeout() and
+ * igh_cia402_stop_all_timeout().
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+ */
+int ecan_igh_is_stop_requested(ecan_igh_context_t *context);
+
+/**
+ * Ends a request to stop: calls wait again.
+ *
+ * @usage   rt, the cycle's thread, after init
+ */
+int ecan_igh_clear_stop_request(ecan_igh_context_t *context);
 
 /**
  * Leaves cyclic operation and configures the slaves again, to change N at run time for example

@@ -150,6 +150,18 @@ pub const HEADERS: &[Header] = &[
         sections: &["igh-host/src/mcan_port/plan.rs", "igh-host/src/cia402/plan.rs"],
     },
     Header {
+        name: "igh_observer.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: observation and commands from other threads.",
+        intro: &["Snapshots of the last cycle, requests to stop and quick stops, without locks."],
+        includes: &["igh_cia402_protocol.h", "igh_mcan_port.h"],
+        sections: &[
+            "igh-host/src/observer/handle.rs",
+            "igh-host/src/observer/snapshot.rs",
+            "igh-host/src/observer/commands.rs",
+        ],
+    },
+    Header {
         name: "igh_sim.h",
         template: "layer.h",
         title: "ECAN-Lite host SDK: the built-in simulator.",
@@ -169,6 +181,7 @@ pub const LIBRARIES: &[Library] = &[
             "igh_cia402_protocol.h",
             "igh_real_time.h",
             "igh_plan.h",
+            "igh_observer.h",
             "igh_sim.h",
         ],
     },

@@ -13,6 +13,7 @@
  *
  *     igh_real_time.h           real-time thread, timing of the cycles
  *     igh_plan.h                load of a configuration, before the first run
+ *     igh_observer.h            snapshots of the cycle and commands for other threads
  *     igh_sim.h                 scenario, clock and seed of a simulated bus
  *
  * Rules for all functions

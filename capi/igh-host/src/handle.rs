@@ -21,6 +21,7 @@ pub(crate) enum Kind {
     Port,
     Cia402,
     Diagnostics,
+    Observer,
 }
 
 impl Kind {
@@ -30,6 +31,7 @@ impl Kind {
             Self::Port => "igh_mcan_port_init",
             Self::Cia402 => "igh_cia402_context_init",
             Self::Diagnostics => "ecan_igh_diagnostics_open",
+            Self::Observer => "ecan_igh_observer_init",
         }
     }
 }
@@ -38,8 +40,8 @@ impl Kind {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Words {
-    slot: usize,
-    generation: u64,
+    pub(crate) slot: usize,
+    pub(crate) generation: u64,
     /// Number of the context among those of its kind that the object has had.
     serial: u64,
     seal: u64,
@@ -173,11 +175,28 @@ impl<T: Pooled> Entered<T> {
 
 /// # Safety
 /// `context` is valid for writing.
-unsafe fn write(context: *mut Words, kind: Kind, slot: usize, generation: u64, serial: u64) {
+pub(crate) unsafe fn write(
+    context: *mut Words,
+    kind: Kind,
+    slot: usize,
+    generation: u64,
+    serial: u64,
+) {
     let mut words = Words { slot, generation, serial, seal: 0 };
     words.seal = words.sealed(context.addr(), kind);
     // SAFETY: the caller's promise.
     unsafe { context.write(words) };
+}
+
+/// Words of a context that bears its seal.
+///
+/// # Safety
+/// `context` is valid for reading, with any content.
+#[inline(always)]
+pub(crate) unsafe fn sealed_words(context: *const Words, kind: Kind) -> Option<Words> {
+    // SAFETY: the caller's promise; any bytes are good for integers.
+    let words = unsafe { context.read() };
+    (words.seal == words.sealed(context.addr(), kind)).then_some(words)
 }
 
 /// Slot that a context names, if any.
@@ -186,11 +205,8 @@ unsafe fn write(context: *mut Words, kind: Kind, slot: usize, generation: u64, s
 /// `context` is valid for reading and was last written to by this module if it bears its seal.
 #[inline(always)]
 unsafe fn find<T: Pooled>(context: *const Words, kind: Kind) -> Option<(&'static Slot<T>, Words)> {
-    // SAFETY: the caller's promise; any bytes are good for integers.
-    let words = unsafe { context.read() };
-    if words.seal != words.sealed(context.addr(), kind) {
-        return None;
-    }
+    // SAFETY: the caller's promise.
+    let words = unsafe { sealed_words(context, kind) }?;
     // SAFETY: the seal says that the words are ours, and slots live for ever.
     let slot = unsafe { &*std::ptr::with_exposed_provenance::<Slot<T>>(words.slot) };
     (slot.generation.load(Ordering::Acquire) == words.generation).then_some((slot, words))
@@ -261,7 +277,7 @@ pub(crate) unsafe fn clear(context: *mut Words) {
 
 /// The error of a context that names a living object already.
 #[cold]
-fn living(call: Call) -> ecan_result_t {
+pub(crate) fn living(call: Call) -> ecan_result_t {
     let text = format_args!("the context is initialised already: deinit it first");
     call.fail(ecan_result_t::ECAN_ERR_ORDER, text)
 }

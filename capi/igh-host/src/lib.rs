@@ -24,6 +24,7 @@ mod standard_error;
 pub mod adapter;
 pub mod cia402;
 pub mod mcan_port;
+pub mod observer;
 
 // The tests link its functions.
 #[cfg(test)]

@@ -24,6 +24,13 @@ use ecan_igh_host::mcan_port::send::{
 };
 use ecan_igh_host::mcan_port::state::{igh_mcan_port_get_cycle_report, igh_mcan_port_get_session};
 use ecan_igh_host::mcan_port::statistics::{igh_mcan_port_get_statistics, igh_mcan_statistics_t};
+use ecan_igh_host::observer::commands::ecan_igh_observer_request_stop;
+use ecan_igh_host::observer::handle::{
+    ecan_igh_observer_deinit, ecan_igh_observer_init, ecan_igh_observer_t,
+};
+use ecan_igh_host::observer::snapshot::{
+    ecan_igh_observed_cycle_t, ecan_igh_observer_get_cycle, ecan_igh_observer_update,
+};
 use ecan_mcan_host::common::last_error::ecan_last_error;
 
 const CAPACITY: usize = 64;
@@ -79,6 +86,12 @@ fn cycle(c: &mut CPort, rx: &mut [igh_mcan_rx_frame_t], counts: &mut Counts) {
 #[test]
 fn full_images_and_rejections_allocate_nothing() {
     let mut c = CPort::ready(4);
+    // Every cycle publishes a snapshot.
+    let mut observer = Box::new(ecan_igh_observer_t { opaque: [0; 4] });
+    let mut observed = ecan_igh_observed_cycle_t::default();
+    let observer: *mut _ = &mut *observer;
+    // SAFETY: every pointer is valid.
+    unsafe { assert_eq!(ecan_igh_observer_init(observer, c.igh()), 0) };
     let mut rx = vec![igh_mcan_rx_frame_t::EMPTY; CAPACITY];
     // The simulated world grows its queues to their working size first.
     let mut warm_up = Counts::default();
@@ -91,4 +104,14 @@ fn full_images_and_rejections_allocate_nothing() {
     }
     assert!(counts.received > 1_000, "{counts:?}");
     assert_eq!(counts.allocations, 0, "{counts:?}");
+    let before = allocations();
+    // SAFETY: every pointer is valid or NULL.
+    unsafe {
+        assert_eq!(ecan_igh_observer_request_stop(observer, null_mut()), 0);
+        assert_eq!(ecan_igh_observer_update(observer), 0);
+        assert_eq!(ecan_igh_observer_get_cycle(observer, &mut observed), 0);
+        assert_eq!(allocations() - before, 0, "an observer");
+        assert_eq!(ecan_igh_observer_deinit(observer), 0);
+    }
+    assert!(observed.cycle > 700, "{observed:?}");
 }

@@ -10,6 +10,7 @@
 #include "igh_adapter.h"
 #include "igh_cia402_protocol.h"
 #include "igh_mcan_port.h"
+#include "igh_observer.h"
 #include "igh_plan.h"
 #include "igh_real_time.h"
 #include "igh_sim.h"
@@ -101,5 +102,6 @@ void test_cia402_sdo(void);
 void test_plan(void);
 void test_stop(void);
 void test_reserved(void);
+void test_observer(void);
 
 #endif

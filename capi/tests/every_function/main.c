@@ -22,6 +22,7 @@ int main(void)
     test_plan();
     test_stop();
     test_reserved();
+    test_observer();
     /* Last: it may raise the priority of the thread. */
     test_adapter_real_time();
     if (check_failures() > 0) {

@@ -16,6 +16,7 @@ use crate::guard::terms::{Decision, GuardState};
 
 ecan_protocol::text_enum! {
     /// Kind of the failure of the last command to an axis: an [`AxisError`] without its details.
+    #[non_exhaustive]
     pub enum AxisErrorKind: u8;
     /// The configuration failed.
     Setup = 1, "configuration failed";

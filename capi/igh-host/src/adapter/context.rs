@@ -192,6 +192,25 @@ pub fn ecan_igh_stop_waiting_when(
     adapter.stop_waiting_when(check);
 }
 
+/// Returns 1 if an observer requested the application to stop (ecan_igh_observer_request_stop()). All
+/// calls that wait end with ECAN_ERR_STOPPED then, except igh_cia402_shutdown_timeout() and
+/// igh_cia402_stop_all_timeout().
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
+#[export(_, layer adapter, or 0)]
+pub fn ecan_igh_is_stop_requested(context: *mut ecan_igh_context_t) -> c_int {
+    Ok(adapter.is_stop_requested().into())
+}
+
+/// Ends a request to stop: calls wait again.
+///
+/// @usage   rt, the cycle's thread, after init
+#[export(_, layer adapter)]
+pub fn ecan_igh_clear_stop_request(context: *mut ecan_igh_context_t) {
+    adapter.clear_stop_request();
+}
+
 /// Leaves cyclic operation and configures the slaves again, to change N at run time for example
 /// (manual 14.2). Then wait for OP again. With a Port use igh_mcan_port_reconfigure().
 ///

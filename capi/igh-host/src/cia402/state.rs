@@ -5,7 +5,7 @@ use std::ffi::{c_char, c_int};
 use ecan_c_boundary::pointers;
 use ecan_c_boundary::result::ecan_result_t;
 use ecan_c_export::export;
-use ecan_cia402::{Cia402, GuardState, Shutdown};
+use ecan_cia402::{AxisStatus, Shutdown};
 
 use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers::{igh_canopen_nmt_state_t, igh_cia402_drive_state_t};
@@ -84,51 +84,43 @@ pub struct igh_cia402_axis_state_t {
     pub reserved: [u8; 27],
 }
 
-fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
-    let (progress, node) = (cia402.progress(axis)?, cia402.node(axis)?);
-    let network = cia402.network();
-    let (actual, target) = (cia402.actual(axis), cia402.target(axis));
-    let decision = cia402.decision(axis);
-    let hold_reason = match cia402.guard(axis)?.state() {
-        GuardState::Holding { reason } => Some(reason),
-        _ => None,
-    };
-    Some(igh_cia402_axis_state_t {
-        for_ms: u64::try_from(progress.elapsed.as_millis()).unwrap_or(u64::MAX),
-        following_error: cia402.following_error(axis).unwrap_or(0),
-        actual_radians: cia402.actual_radians(axis).unwrap_or(0.0),
-        actual: actual.unwrap_or(0),
-        target: target.unwrap_or(0),
-        actual_age: cia402.actual_age(axis),
-        statusword: cia402.statusword(axis).map_or(0, |word| word.0),
-        error_code: network
-            .emcy(node)
-            .and_then(|log| log.last())
-            .map_or(0, |record| record.emcy.code),
-        slave: u16::try_from(progress.address.slave).unwrap_or(u16::MAX),
-        channel: progress.address.channel,
-        node_id: progress.address.node.get(),
-        mode: cia402.mode(axis)?.raw(),
-        phase: igh_cia402_phase_t::from(progress.phase) as u8,
-        drive_state: igh_cia402_drive_state_t::from(cia402.drive_state(axis)) as u8,
-        nmt_state: igh_canopen_nmt_state_t::from(network.nmt_state(node)) as u8,
-        heartbeat: igh_canopen_heartbeat_t::from(network.heartbeat(node)) as u8,
-        decision: igh_cia402_decision_t::from(decision) as u8,
-        decision_reason: decision_reason(decision),
-        hold_reason: igh_cia402_hold_t::from(hold_reason) as u8,
-        axis_error: igh_cia402_axis_error_t::from(progress.error) as u8,
-        is_configured: cia402.is_configured(axis).into(),
-        is_running: cia402.is_running(axis).into(),
-        is_at_rest: cia402.is_at_rest(axis).into(),
-        is_target_reached: cia402.is_target_reached(axis).into(),
-        has_actual: actual.is_some().into(),
-        has_target: target.is_some().into(),
-        has_statusword: cia402.statusword(axis).is_some().into(),
-        stop_cause: igh_cia402_stop_cause_t::from(cia402.stop_cause(axis)) as u8,
-        is_stopped: cia402.is_stopped(axis).into(),
-        is_recovering: cia402.is_recovering(axis).into(),
-        reserved: [0; 27],
-    })
+impl From<AxisStatus> for igh_cia402_axis_state_t {
+    fn from(status: AxisStatus) -> Self {
+        let address = status.address;
+        Self {
+            for_ms: u64::try_from(status.elapsed.as_millis()).unwrap_or(u64::MAX),
+            following_error: status.following_error().unwrap_or(0),
+            actual_radians: status.actual_radians().unwrap_or(0.0),
+            actual: status.actual.unwrap_or(0),
+            target: status.target.unwrap_or(0),
+            actual_age: status.actual_age,
+            statusword: status.statusword.map_or(0, |word| word.0),
+            error_code: status.error_code,
+            slave: u16::try_from(address.slave).unwrap_or(u16::MAX),
+            channel: address.channel,
+            node_id: address.node.get(),
+            mode: status.mode.raw(),
+            phase: igh_cia402_phase_t::from(status.phase) as u8,
+            drive_state: igh_cia402_drive_state_t::from(status.drive_state()) as u8,
+            nmt_state: igh_canopen_nmt_state_t::from(status.nmt_state) as u8,
+            heartbeat: igh_canopen_heartbeat_t::from(status.heartbeat) as u8,
+            decision: igh_cia402_decision_t::from(status.decision) as u8,
+            decision_reason: decision_reason(status.decision),
+            hold_reason: igh_cia402_hold_t::from(status.hold_reason) as u8,
+            axis_error: igh_cia402_axis_error_t::from(status.error) as u8,
+            is_configured: status.is_configured.into(),
+            is_running: status.is_running.into(),
+            is_at_rest: status.is_at_rest.into(),
+            is_target_reached: status.is_target_reached.into(),
+            has_actual: status.actual.is_some().into(),
+            has_target: status.target.is_some().into(),
+            has_statusword: status.statusword.is_some().into(),
+            stop_cause: igh_cia402_stop_cause_t::from(status.stop_cause) as u8,
+            is_stopped: status.is_stopped.into(),
+            is_recovering: status.is_recovering.into(),
+            reserved: [0; 27],
+        }
+    }
 }
 
 /// Gets the state of an axis.
@@ -141,7 +133,7 @@ pub fn igh_cia402_get_axis_state(
     axis_state: *mut igh_cia402_axis_state_t,
 ) {
     need_axis(call, cia402, axis)?;
-    state(cia402, axis).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)
+    cia402.axis_status(axis).map(Into::into).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)
 }
 
 /// Gets the state of an axis as text, with its time and the reason if it does not continue: "axis

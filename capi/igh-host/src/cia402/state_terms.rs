@@ -3,7 +3,7 @@
 use ecan_c_boundary::mirror;
 use ecan_canopen::Heartbeat;
 use ecan_cia402::{
-    AxisError, AxisPhase, Decision, HoldReason, StopCause, TargetRejection, WaitReason,
+    AxisErrorKind, AxisPhase, Decision, HoldReason, StopCause, TargetRejection, WaitReason,
 };
 
 mirror! {
@@ -189,31 +189,31 @@ mirror! {
 
 mirror! {
     /// Error of the last command to an axis; igh_cia402_get_axis_text() gives details.
-    pub enum igh_cia402_axis_error_t from Option<AxisError> {
+    pub enum igh_cia402_axis_error_t from Option<AxisErrorKind> {
         /// No error.
         IGH_CIA402_AXIS_ERROR_NONE = 0 => None,
         /// The configuration failed.
-        IGH_CIA402_AXIS_ERROR_SETUP = 1 => Some(AxisError::Setup(_)),
+        IGH_CIA402_AXIS_ERROR_SETUP = 1 => Some(AxisErrorKind::Setup),
         /// The drive restarted and lost its configuration.
-        IGH_CIA402_AXIS_ERROR_RESTARTED = 2 => Some(AxisError::Restarted),
+        IGH_CIA402_AXIS_ERROR_RESTARTED = 2 => Some(AxisErrorKind::Restarted),
         /// The drive did not reach Operation Enabled in time.
-        IGH_CIA402_AXIS_ERROR_ENABLE_TIMED_OUT = 3 => Some(AxisError::EnableTimedOut { .. }),
+        IGH_CIA402_AXIS_ERROR_ENABLE_TIMED_OUT = 3 => Some(AxisErrorKind::EnableTimedOut),
         /// The drive has a fault; error_code.
-        IGH_CIA402_AXIS_ERROR_FAULT = 4 => Some(AxisError::Fault { .. }),
+        IGH_CIA402_AXIS_ERROR_FAULT = 4 => Some(AxisErrorKind::Fault),
         /// The drive stays in fault after a reset; error_code.
-        IGH_CIA402_AXIS_ERROR_RESET_FAILED = 5 => Some(AxisError::ResetFailed { .. }),
+        IGH_CIA402_AXIS_ERROR_RESET_FAILED = 5 => Some(AxisErrorKind::ResetFailed),
         /// The axis held; hold_reason.
-        IGH_CIA402_AXIS_ERROR_HELD = 6 => Some(AxisError::Held(_)),
+        IGH_CIA402_AXIS_ERROR_HELD = 6 => Some(AxisErrorKind::Held),
         /// Homing ended without a home position.
-        IGH_CIA402_AXIS_ERROR_HOMING = 7 => Some(AxisError::Homing(_)),
+        IGH_CIA402_AXIS_ERROR_HOMING = 7 => Some(AxisErrorKind::Homing),
         /// Homing timed out.
-        IGH_CIA402_AXIS_ERROR_HOMING_TIMED_OUT = 8 => Some(AxisError::HomingTimedOut { .. }),
+        IGH_CIA402_AXIS_ERROR_HOMING_TIMED_OUT = 8 => Some(AxisErrorKind::HomingTimedOut),
         /// The drive rejected a mode.
-        IGH_CIA402_AXIS_ERROR_MODE = 9 => Some(AxisError::Mode(_)),
+        IGH_CIA402_AXIS_ERROR_MODE = 9 => Some(AxisErrorKind::Mode),
         /// The drive was not disabled in time.
-        IGH_CIA402_AXIS_ERROR_NOT_DISABLED = 10 => Some(AxisError::NotDisabled { .. }),
+        IGH_CIA402_AXIS_ERROR_NOT_DISABLED = 10 => Some(AxisErrorKind::NotDisabled),
         /// The drive was enabled when it reported last, and does not answer.
-        IGH_CIA402_AXIS_ERROR_NOT_STOPPED = 11 => Some(AxisError::NotStopped { .. }),
+        IGH_CIA402_AXIS_ERROR_NOT_STOPPED = 11 => Some(AxisErrorKind::NotStopped),
         /// Another one.
         IGH_CIA402_AXIS_ERROR_OTHER = 255 => Some(_),
     }

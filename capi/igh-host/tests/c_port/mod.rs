@@ -62,6 +62,12 @@ impl CPort {
         this
     }
 
+    /// The context of the master.
+    #[allow(dead_code)]
+    pub fn igh(&mut self) -> *mut ecan_igh_context_t {
+        self.igh.as_mut_ptr()
+    }
+
     /// The Port's context.
     pub fn port(&mut self) -> *mut igh_mcan_port_t {
         self.port.as_mut_ptr()

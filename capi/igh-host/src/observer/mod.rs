@@ -1,0 +1,6 @@
+//! Observers: `igh_observer.h`.
+
+pub mod commands;
+pub mod handle;
+mod slot;
+pub mod snapshot;
