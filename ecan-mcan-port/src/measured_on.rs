@@ -5,6 +5,7 @@ use ecan_protocol::device::Capabilities;
 /// Identity of a gateway on which `ecan probe` measured settings; `None` for a number that it does not
 /// report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MeasuredOn {
     /// Serial number (0xF000:07, :08).
     pub serial: Option<u64>,

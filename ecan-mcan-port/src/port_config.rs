@@ -24,6 +24,7 @@ const _: () = assert!(MAX_GATEWAYS == 32 && MAX_FILTERS == 512);
 /// By default the device drains 2 received frames and sends 4 per service; it keeps more traffic in
 /// its caches and loses what they cannot hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Traffic {
     /// Frames received from the bus per cycle; at most 8 are drained.
     pub received: u8,
@@ -40,6 +41,7 @@ impl Default for Traffic {
 
 /// One enabled CAN channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ChannelConfig {
     /// Bit rates, mode, Message RAM and the other objects of 0x8001..0x8004 (manual 13.4).
     pub can: McanChannelConfig,
@@ -78,6 +80,7 @@ impl ChannelConfig {
 
 /// One gateway.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GatewayConfig {
     /// The channels; `None` leaves one out of the channel masks.
     pub channels: [Option<ChannelConfig>; CHANNELS],
@@ -204,6 +207,7 @@ impl GatewayConfig {
 
 /// An acceptance filter (manual 13.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum AcceptanceFilter {
     /// For 11-bit CAN IDs.
     Standard(StandardFilter),
@@ -231,6 +235,7 @@ impl From<ExtendedFilter> for AcceptanceFilter {
 
 /// An acceptance filter of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ChannelFilter {
     /// Slave index.
     pub slave: usize,
@@ -242,6 +247,7 @@ pub struct ChannelFilter {
 
 /// The gateways, in the order of the Adapter's slaves, and the filters of their channels.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PortConfig {
     /// One entry per slave.
     pub gateways: List<GatewayConfig, 32>,

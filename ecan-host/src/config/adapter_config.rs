@@ -25,6 +25,7 @@ pub(crate) const MAX_WATCHDOG: Duration = Duration::from_micros(100 * 0xFFFF);
 
 /// Vendor ID and product code of a slave (object 0x1018).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Identity {
     /// Vendor ID, 0x1018:01.
     pub vendor_id: u32,
@@ -40,6 +41,7 @@ impl fmt::Display for Identity {
 
 /// One gateway on the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SlaveConfig {
     /// Station alias that `position` counts from; 0 counts from the start of the bus.
     pub alias: u16,
@@ -77,6 +79,7 @@ impl Default for SlaveConfig {
 
 /// A startup step that the application adds to a slave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StartupEntry {
     /// Slave index.
     pub slave: usize,
@@ -89,6 +92,7 @@ pub struct StartupEntry {
 /// Plain data: build it, change it, [`check`](Self::check) it as often as needed; nothing touches
 /// the bus before [`Adapter::open`](crate::Adapter::open).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AdapterConfig {
     /// Index of the EtherCAT master, 0 for `/dev/EtherCAT0`.
     pub master_index: u32,

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 /// The clock that the other clocks follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ClockSource {
     /// The host's clock: each cycle corrects the reference clock to the application's time, and the
     /// other slaves to the reference clock.
@@ -21,6 +22,7 @@ pub enum ClockSource {
 
 /// Distributed clocks with Sync0 (manual 8.4, 15.6).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DcSync {
     /// Sync0 period; a whole multiple of the cycle, normally the cycle itself.
     pub cycle: Duration,

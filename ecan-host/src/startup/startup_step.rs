@@ -5,6 +5,7 @@ use ecan_protocol::sequence::{Expectation, Step};
 
 /// One step of a slave's startup: a [`Step`] that every EtherCAT master can execute or export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum StartupStep {
     /// Writes an object. Registered with the master, which sends it in PREOP whenever it configures
     /// the slave.

@@ -6,6 +6,7 @@ use crate::transmit::window::DEFAULT_DEPTH;
 
 /// Treatment of a frame whose margin does not suffice for its phase.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum MarginCheck {
     /// It is sent all the same and counted in
     /// [`ScheduleAccount::without_margin`](crate::ScheduleAccount::without_margin).
@@ -21,6 +22,7 @@ pub enum MarginCheck {
 /// The manual gives no times; docs/ASSUMPTIONS.md states where the defaults come from. Measure better
 /// ones on the machine with `mcan_gateway_tx_probe --sweep`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ScheduleConfig {
     /// Latest time after the cycle's deadline at which the application ends its cycle, in
     /// nanoseconds: wake-up delay and run time.

@@ -60,6 +60,7 @@ impl Phase {
 
 /// A bit timing in physical values (the registers hold each value minus one).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BitTiming {
     /// Prescaler: source clock periods per quantum.
     pub brp: u16,

@@ -12,6 +12,7 @@ use crate::object::{ObjectType, SdoWrite};
 
 /// An acceptance filter: a [`StandardFilter`] or an [`ExtendedFilter`]. Disabled by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Filter<M, I> {
     /// CAN IDs that match.
     pub matching: M,

@@ -6,6 +6,8 @@ mod data_path;
 mod diagnostic_test;
 mod filters;
 mod list;
+#[cfg(feature = "serde")]
+mod list_serde;
 mod mcan_channel;
 mod mcan_channel_check;
 mod mcan_channel_warning;

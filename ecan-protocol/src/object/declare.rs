@@ -146,6 +146,7 @@ macro_rules! object {
     ) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
         pub struct $Config {
             $($( $(#[$field_meta])* pub $field: $ty, )?)+
             $( $(#[$part_meta])* pub $part: $Part, )*

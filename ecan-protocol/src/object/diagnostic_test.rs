@@ -30,6 +30,7 @@ raw_enum! {
 
 /// Stages of the TxPDO path that are skipped (0x8030:02), as bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TxBypass(pub u32);
 
 raw_flags! {
@@ -44,6 +45,7 @@ raw_flags! {
 
 /// Stages of the RxPDO path that are skipped (0x8030:03), as bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RxBypass(pub u32);
 
 raw_flags! {

@@ -7,6 +7,7 @@ use super::value::raw_enum;
 
 /// Action on a frame that matches a filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum FilterAction {
     /// The filter is not used.
     #[default]

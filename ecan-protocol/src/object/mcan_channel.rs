@@ -58,6 +58,7 @@ status_enum! {
 
 /// Bounds of the sample point in 0.1 %, both included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SamplePointWindow {
     /// Lower bound in 0.1 %.
     pub min: u16,

@@ -69,6 +69,7 @@ raw_enum! {
 
 /// A receive FIFO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RxFifo {
     /// Reaction when it is full.
     pub mode: FifoMode,
@@ -80,6 +81,7 @@ pub struct RxFifo {
 
 /// Elements in the Message RAM of a channel: 0x8001:61 to :73.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MessageRamLayout {
     /// RX FIFO0, the default target of frames that no filter matches.
     pub rx_fifo0: RxFifo,

@@ -2,6 +2,7 @@
 
 /// CoE data type of an object dictionary entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ObjectType {
     /// Unsigned, 8 bit.
     U8,

@@ -49,6 +49,7 @@ raw_enum! {
 
 /// Options of a direction, 0x8010:07 and 0x8011:07 (manual 9.1). The device default is none.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OptionFlags(u8);
 
 raw_flags! {

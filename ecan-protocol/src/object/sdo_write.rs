@@ -9,6 +9,7 @@ use super::object_type::ObjectType;
 
 /// One SDO download.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SdoWrite {
     /// Object index.
     pub index: u16,

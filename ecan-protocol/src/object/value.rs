@@ -119,6 +119,7 @@ macro_rules! raw_enum {
     ) => {
         $crate::text_enum! {
             $(#[$meta])*
+            #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
             $vis enum $name: $raw;
             $( $(#[$variant_meta])* $variant = $value, $text; )+
         }

@@ -4,6 +4,7 @@ use core::fmt;
 
 /// Condition on the value of an object, read without sign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Expectation {
     /// Exactly this value.
     Equals(u64),
@@ -22,7 +23,8 @@ pub enum Expectation {
     HasBits(u64),
     /// At least one of these bits.
     HasAny(u64),
-    /// One of these values.
+    /// One of these values. Not serializable.
+    #[cfg_attr(feature = "serde", serde(skip))]
     OneOf(&'static [u64]),
 }
 
