@@ -24,6 +24,8 @@
  *          Structs that the library fills end with reserved fields, which are 0; reserved fields of
  *          structs that the application fills must be 0.
  *          Added: ecan_igh_is_stop_requested(), ecan_igh_clear_stop_request().
+ *          Added: ecan_igh_config_stop_waiting_when(). An overwritten configuration is
+ *          ECAN_ERR_NOT_INITIALISED.
  *   0.1.0  First version.
  */
 #ifndef IGH_ADAPTER_H
@@ -39,7 +41,8 @@ extern "C" {
  * Configuration
  *
  * Plain data: it may be copied and needs no deinit. Nothing touches the bus before
- * ecan_igh_init().
+ * ecan_igh_init(). Bytes that something else than this library has overwritten are
+ * ECAN_ERR_NOT_INITIALISED in every function.
  * --------------------------------------------------------------------------- */
 
 /** Most slaves of a configuration. */
@@ -182,6 +185,21 @@ int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t tim
  *          ecan_igh_init().
  */
 int ecan_igh_config_set_watchdog_us(ecan_igh_config_t *config, uint32_t watchdog_us);
+
+/**
+ * Sets a function that ecan_igh_init() calls many times per second while it waits, for a master that
+ * is still scanning the bus for example, and after it the waiting calls of all layers, as after
+ * ecan_igh_stop_waiting_when(): if it returns other than 0, they end with ECAN_ERR_STOPPED.
+ *
+ * @param stop  Gets `user`; NULL for none. As that of ecan_igh_stop_waiting_when(); must be valid
+ *              as long as a context of this configuration exists.
+ * @param user  Is passed to it, in the thread that waits.
+ *
+ * @usage   not rt, any thread, before init
+ */
+int ecan_igh_config_stop_waiting_when(ecan_igh_config_t *config,
+                                      int (*stop)(void *user),
+                                      void *user);
 
 /* ---------------------------------------------------------------------------
  * Configuration of the distributed clocks
@@ -410,15 +428,17 @@ typedef struct {
  * the startup SDOs when the bus is active. A rejected one is reported by ecan_igh_wait_op_timeout() or
  * igh_mcan_port_wait_ready().
  *
- * Blocks, for seconds if the master is still scanning the bus. A simulated library identifies
- * itself on standard error.
+ * Blocks, for seconds if the master is still scanning the bus;
+ * ecan_igh_config_stop_waiting_when() can end that early. A simulated library identifies itself on
+ * standard error.
  *
  * @param context  Any content; the manual's fragments leave it uninitialised.
  * @param config   Is copied.
  *
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
- *          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL;
+ *          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
+ *          ECAN_ERR_STOPPED;
  *          ECAN_ERR_ORDER for a context that is initialised already. After an error there is
  *          nothing to deinit.
  */

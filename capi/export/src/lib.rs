@@ -97,8 +97,9 @@ impl Arguments {
             },
             Some("bus") => quote!(let #pattern = &mut #entered;),
             Some("config") => quote! {
-                ::ecan_c_boundary::pointers!(call_of_c, sealed_mut(#context));
-                let #pattern = #context;
+                let mut encoded =
+                    unsafe { crate::encoded::EncodedCall::encoded_mut(call_of_c, stringify!(#context), #context)? };
+                let #pattern = &mut *encoded.value;
             },
             Some(_) => quote! {
                 let ended = unsafe { crate::entry::enter_to_end(call_of_c, #context)? };
@@ -106,6 +107,13 @@ impl Arguments {
             },
             None => quote!(),
         };
+        // A configuration is stored only if the body succeeds.
+        if kind.as_deref() == Some("config") {
+            block = parse_quote!({
+                (|| -> ::core::result::Result<(), ::ecan_c_boundary::result::ecan_result_t> #block)()?;
+                return encoded.store(call_of_c);
+            });
+        }
         let text = name.to_string();
         let body = quote!(|call_of_c| { let #call = call_of_c; #enter #block });
         let body = match (&self.failed, returns_code) {

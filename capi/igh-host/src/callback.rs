@@ -2,11 +2,15 @@
 
 use std::ffi::{CStr, c_char, c_int, c_void};
 
+use serde::{Deserialize, Serialize};
+
 use crate::standard_error;
+
+type StopFunction = unsafe extern "C-unwind" fn(user: *mut c_void) -> c_int;
 
 /// Asks the application whether to stop waiting.
 pub(crate) struct StopCallback {
-    pub(crate) function: unsafe extern "C-unwind" fn(user: *mut c_void) -> c_int,
+    pub(crate) function: StopFunction,
     pub(crate) user: *mut c_void,
 }
 
@@ -15,12 +19,47 @@ pub(crate) struct StopCallback {
 unsafe impl Send for StopCallback {}
 
 impl StopCallback {
-    pub(crate) fn is_stop(&self) -> bool {
+    /// The function as the layers below call it.
+    pub(crate) fn check(self) -> Box<dyn Fn() -> bool + Send> {
+        Box::new(move || self.is_stop())
+    }
+
+    fn is_stop(&self) -> bool {
         let guard = UnwindGuard { callback: "ecan_igh_stop_waiting_when()" };
         // SAFETY: the application gave the function for this, with this pointer.
         let is_stop = unsafe { (self.function)(self.user) != 0 };
         std::mem::forget(guard);
         is_stop
+    }
+}
+
+/// A [`StopCallback`] in a configuration, which is bytes: its addresses.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(crate) struct StopAddress {
+    function: u64,
+    user: u64,
+}
+
+impl StopAddress {
+    pub(crate) fn new(function: StopFunction, user: *mut c_void) -> Self {
+        let function = (function as *const ()).expose_provenance();
+        Self { function: function as u64, user: user.expose_provenance() as u64 }
+    }
+
+    #[cfg(test)]
+    pub(crate) fn largest() -> Self {
+        Self { function: u64::MAX, user: u64::MAX }
+    }
+
+    /// # Safety
+    /// `new` made the addresses.
+    pub(crate) unsafe fn callback(self) -> StopCallback {
+        let function: *const () = std::ptr::with_exposed_provenance(self.function as usize);
+        StopCallback {
+            // SAFETY: the caller's promise: it was a function of this type.
+            function: unsafe { std::mem::transmute::<*const (), StopFunction>(function) },
+            user: std::ptr::with_exposed_provenance_mut(self.user as usize),
+        }
     }
 }
 

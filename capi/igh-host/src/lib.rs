@@ -13,6 +13,7 @@
 
 mod bus;
 mod callback;
+mod encoded;
 mod entry;
 mod errors;
 mod guard;

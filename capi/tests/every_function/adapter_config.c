@@ -21,6 +21,7 @@ static void no_config(int code, ecan_igh_config_t *config)
     BAD(code, ecan_igh_config_suggest_scenario(config, "echo"));
     BAD(code, ecan_igh_config_set_stepped_clock(config, 1));
     BAD(code, ecan_igh_config_set_seed(config, 1));
+    BAD(code, ecan_igh_config_stop_waiting_when(config, NULL, NULL));
     BAD(code, ecan_igh_config_set_master_index(config, 0));
     BAD(code, ecan_igh_config_set_slave_count(config, 1));
     BAD(code, ecan_igh_config_set_cycle_us(config, 1000));
@@ -279,6 +280,16 @@ void test_adapter_config(void)
     slaves(&config);
     copy = config;
     GOOD(ecan_igh_check_config(&copy));
+    check_about("an overwritten configuration");
+    for (size_t byte = 0; byte < 200; byte++) {
+        ((uint8_t *)&copy)[byte] ^= 0x10;
+        BAD(ECAN_ERR_NOT_INITIALISED, ecan_igh_check_config(&copy));
+        ((uint8_t *)&copy)[byte] ^= 0x10;
+    }
+    ((uint8_t *)&copy)[100] ^= 0x10;
+    no_config(ECAN_ERR_NOT_INITIALISED, &copy);
+    ERROR_HAS("was overwritten");
+    check_about(NULL);
     getters(&config);
     startup_sdos(&config);
 }

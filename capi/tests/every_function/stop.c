@@ -47,6 +47,51 @@ static void stop_axes(void)
     SAME(0, cycles_left);
 }
 
+/* Calls until the stop, of the function in the configuration. */
+static int calls_left;
+
+static int stop_init(void *user)
+{
+    TRUE(user == &calls_left);
+    return --calls_left <= 0;
+}
+
+/* The master waits for a slave that is not on the bus; the function in the configuration ends that, and
+ * stays in force. */
+static void stop_opening(void)
+{
+    static ecan_igh_config_t config;
+    static igh_mcan_port_config_t gateways;
+    ecan_igh_config_t copy;
+    char setting[256];
+
+    SAME(0, write_scenario("name = \"one\"\n[[gateway]]\n", setting, sizeof(setting)));
+    simulate(&config, setting);
+    GOOD(ecan_igh_config_set_slave_count(&config, 2));
+    GOOD(ecan_igh_config_set_preop_timeout_ms(&config, 60000));
+    GOOD(ecan_igh_config_stop_waiting_when(&config, stop_init, &calls_left));
+    copy = config;
+    calls_left = 10;
+    BAD(ECAN_ERR_STOPPED, ecan_igh_init(&igh, &copy));
+    SAME(0, calls_left);
+    BAD(ECAN_ERR_NOT_INITIALISED, ecan_igh_receive(&igh));
+    GOOD(ecan_igh_config_set_slave_count(&config, 1));
+    GOOD(igh_mcan_port_default_config(&gateways));
+    GOOD(igh_mcan_port_set_classic_channel(&gateways, 0, 0, 1000000));
+    GOOD(igh_mcan_port_apply_config(&config, &gateways));
+    calls_left = 1000;
+    GOOD(ecan_igh_init(&igh, &config));
+    calls_left = 3;
+    BAD(ECAN_ERR_STOPPED, ecan_igh_wait_op_timeout(&igh, 20000));
+    GOOD(ecan_igh_deinit(&igh));
+    calls_left = 0;
+    GOOD(ecan_igh_config_stop_waiting_when(&config, NULL, NULL));
+    GOOD(ecan_igh_init(&igh, &config));
+    GOOD(ecan_igh_wait_op_timeout(&igh, 20000));
+    GOOD(ecan_igh_deinit(&igh));
+    remove_scenario(setting);
+}
+
 void test_stop(void)
 {
     ecan_igh_config_t config;
@@ -65,4 +110,5 @@ void test_stop(void)
     stop_startup();
     stop_axes();
     GOOD(ecan_igh_deinit(&igh));
+    stop_opening();
 }

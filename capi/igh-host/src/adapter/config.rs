@@ -1,12 +1,13 @@
 //! Configuration
 //!
 //! Plain data: it may be copied and needs no deinit. Nothing touches the bus before
-//! ecan_igh_init().
+//! ecan_igh_init(). Bytes that something else than this library has overwritten are
+//! ECAN_ERR_NOT_INITIALISED in every function.
 
 use std::ffi::c_char;
 
 use ecan_c_boundary::result::ecan_result_t::{self, *};
-use ecan_c_boundary::{Call, Opaque, pointers};
+use ecan_c_boundary::{Call, pointers};
 use ecan_c_export::export;
 use ecan_host::{
     AdapterConfig, Error, ImageTimes, MAX_SLAVES, MAX_STARTUP_STEPS, SlaveConfig, StartupPlan,
@@ -14,7 +15,11 @@ use ecan_host::{
 };
 use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::List;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::callback::StopAddress;
+use crate::encoded::{Encoded, EncodedCall as _};
 use crate::errors::{OrCode as _, no_slave};
 use crate::port_config;
 
@@ -47,15 +52,19 @@ impl<const N: usize> Text<N> {
     const EMPTY: Self = Self { bytes: [0; N], length: 0 };
 
     pub(crate) fn new(call: Call, name: &str, text: &str) -> Result<Self, ecan_result_t> {
+        Self::of(text).ok_or_else(|| {
+            let text = format_args!("`{name}` has {} bytes, at most {} fit", text.len(), N - 1);
+            call.fail(ECAN_ERR_BUFFER, text)
+        })
+    }
+
+    /// `None` for a text that does not fit.
+    fn of(text: &str) -> Option<Self> {
         let mut value = Self::EMPTY;
         // As C counts, with NUL at the end.
-        let Some(bytes) = value.bytes[..N - 1].get_mut(..text.len()) else {
-            let text = format_args!("`{name}` has {} bytes, at most {} fit", text.len(), N - 1);
-            return Err(call.fail(ECAN_ERR_BUFFER, text));
-        };
-        bytes.copy_from_slice(text.as_bytes());
+        value.bytes[..N - 1].get_mut(..text.len())?.copy_from_slice(text.as_bytes());
         value.length = text.len();
-        Ok(value)
+        Some(value)
     }
 
     pub(crate) fn get(&self) -> Option<&str> {
@@ -64,8 +73,21 @@ impl<const N: usize> Text<N> {
     }
 }
 
+impl<const N: usize> Serialize for Text<N> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.get().unwrap_or_default().serialize(serializer)
+    }
+}
+
+impl<'de, const N: usize> Deserialize<'de> for Text<N> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <&str>::deserialize(deserializer)?;
+        Self::of(text).ok_or_else(|| D::Error::custom("text is too long"))
+    }
+}
+
 /// Content of an [`ecan_igh_config_t`].
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Serialize, Deserialize)]
 #[expect(missing_debug_implementations, reason = "no one prints 50 kilobytes")]
 pub struct IghConfig {
     /// Has all slaves that a configuration may have; the first `slave_count` are configured.
@@ -76,11 +98,12 @@ pub struct IghConfig {
     pub(crate) scenario: Text<64>,
     pub(crate) is_stepped: bool,
     pub(crate) seed: Option<u64>,
+    pub(crate) stop: Option<StopAddress>,
     /// Set by igh_mcan_port_apply_config().
     pub(crate) port: Option<PortConfig>,
 }
 
-impl Opaque for ecan_igh_config_t {
+impl Encoded for ecan_igh_config_t {
     type Value = IghConfig;
     const SEAL: u64 = 0x6563_616e_5f69_6763;
     const INIT: &'static str = "ecan_igh_default_config";
@@ -95,7 +118,24 @@ impl IghConfig {
             scenario: Text::EMPTY,
             is_stepped: false,
             seed: None,
+            stop: None,
             port: None,
+        }
+    }
+
+    /// With the longest texts.
+    #[cfg(test)]
+    pub(crate) fn largest() -> Self {
+        fn long<const N: usize>() -> Text<N> {
+            Text { bytes: [b'x'; N], length: N - 1 }
+        }
+        let stop = StopAddress::largest();
+        Self {
+            ecrt: Some(long()),
+            scenario: long(),
+            seed: Some(u64::MAX),
+            stop: Some(stop),
+            ..Self::new()
         }
     }
 
@@ -126,7 +166,7 @@ impl IghConfig {
             .map_err(|full| call.fail(ECAN_ERR_FULL, format_args!("startup SDOs: {full}")))
     }
 
-    /// Replaces everything except the library and the simulation.
+    /// Replaces everything except the library, the simulation and the callback.
     pub(crate) fn with(&self, adapter: &AdapterConfig, port: PortConfig) -> Self {
         let mut all = Self::new().adapter.slaves;
         for (slave, configured) in all.iter_mut().zip(adapter.slaves) {
@@ -170,7 +210,7 @@ impl IghConfig {
 #[export(call)]
 pub fn ecan_igh_default_config(config: *mut ecan_igh_config_t) {
     pointers!(call, out(config));
-    config.seal(IghConfig::new());
+    call.encode(&config, &IghConfig::new())
 }
 
 /// Checks a configuration as a whole, without touching the bus. ecan_igh_init() does it, too.
@@ -180,7 +220,7 @@ pub fn ecan_igh_default_config(config: *mut ecan_igh_config_t) {
 #[must_use]
 #[export(call)]
 pub fn ecan_igh_check_config(config: *const ecan_igh_config_t) {
-    pointers!(call, sealed(config));
+    pointers!(call, encoded(config));
     config.configured().check().map_err(Error::from).or_code(call)
 }
 
@@ -198,6 +238,6 @@ pub fn ecan_igh_config_get_ecrt(
     size: usize,
     needed: *mut usize,
 ) {
-    pointers!(call, out_text(setting, size, needed), sealed(config));
+    pointers!(call, out_text(setting, size, needed), encoded(config));
     setting.put(call, config.ecrt.as_ref().and_then(Text::get).unwrap_or_default())
 }

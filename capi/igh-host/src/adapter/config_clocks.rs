@@ -9,6 +9,7 @@ use ecan_c_export::export;
 use ecan_host::{ClockSource, DcSync, Plan};
 
 use super::config::{IghConfig, ecan_igh_config_t};
+use crate::encoded::EncodedCall as _;
 
 mirror! {
     /// The clock that the others follow.
@@ -79,7 +80,7 @@ pub fn ecan_igh_config_get_dc_margin(
     shift_ns: *mut u32,
     margin_ns: *mut i64,
 ) {
-    pointers!(call, sealed(config), out(shift_ns), out(margin_ns));
+    pointers!(call, encoded(config), out(shift_ns), out(margin_ns));
     let Some(dc) = config.adapter.dc else {
         return Err(call.fail(ECAN_ERR_ORDER, format_args!("distributed clocks are off")));
     };

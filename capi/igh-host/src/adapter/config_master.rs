@@ -1,12 +1,14 @@
 //! Configuration of the master
 
-use std::ffi::{c_char, c_int};
+use std::ffi::{c_char, c_int, c_void};
 use std::time::Duration;
 
 use ecan_c_boundary::pointers;
 use ecan_c_export::export;
 
 use super::config::{ECAN_IGH_MAX_SLAVES, Text, ecan_igh_config_t};
+use crate::callback::StopAddress;
+use crate::encoded::EncodedCall as _;
 
 /// Selects the EtherCAT master library.
 ///
@@ -60,7 +62,7 @@ pub fn ecan_igh_config_set_slave_count(config: *mut ecan_igh_config_t, count: us
 /// @usage   not rt, any thread, any time
 #[export(call)]
 pub fn ecan_igh_config_get_slave_count(config: *const ecan_igh_config_t, count: *mut usize) {
-    pointers!(call, sealed(config), out(count));
+    pointers!(call, encoded(config), out(count));
     count.set(config.slave_count);
 }
 
@@ -88,7 +90,7 @@ pub fn ecan_igh_config_set_cycle_us(config: *mut ecan_igh_config_t, cycle_us: u3
 /// @usage   not rt, any thread, any time
 #[export(call)]
 pub fn ecan_igh_config_get_cycle_ns(config: *const ecan_igh_config_t, cycle_ns: *mut u32) {
-    pointers!(call, sealed(config), out(cycle_ns));
+    pointers!(call, encoded(config), out(cycle_ns));
     cycle_ns.set(config.adapter.cycle_ns());
 }
 
@@ -121,4 +123,22 @@ pub fn ecan_igh_config_set_preop_timeout_ms(config: *mut ecan_igh_config_t, time
 #[export(_, config config)]
 pub fn ecan_igh_config_set_watchdog_us(config: *mut ecan_igh_config_t, watchdog_us: u32) {
     config.adapter.watchdog = Duration::from_micros(watchdog_us.into());
+}
+
+/// Sets a function that ecan_igh_init() calls many times per second while it waits, for a master that
+/// is still scanning the bus for example, and after it the waiting calls of all layers, as after
+/// ecan_igh_stop_waiting_when(): if it returns other than 0, they end with ECAN_ERR_STOPPED.
+///
+/// @param stop  Gets `user`; NULL for none. As that of ecan_igh_stop_waiting_when(); must be valid
+///              as long as a context of this configuration exists.
+/// @param user  Is passed to it, in the thread that waits.
+///
+/// @usage   not rt, any thread, before init
+#[export(_, config config)]
+pub fn ecan_igh_config_stop_waiting_when(
+    config: *mut ecan_igh_config_t,
+    stop: Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> c_int>,
+    user: *mut c_void,
+) {
+    config.stop = stop.map(|function| StopAddress::new(function, user));
 }

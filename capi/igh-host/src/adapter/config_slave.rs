@@ -10,6 +10,7 @@ use ecan_host::{Identity, StartupStep};
 use ecan_protocol::object::{ObjectType, SdoWrite};
 
 use super::config::ecan_igh_config_t;
+use crate::encoded::EncodedCall as _;
 
 fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result_t> {
     if !(1..=ECAN_PDO_MAX_MULTIPLIER).contains(&multiplier) {
@@ -78,7 +79,7 @@ pub fn ecan_igh_config_get_slave_pdo_multipliers(
     rx_n: *mut u32,
     tx_n: *mut u32,
 ) {
-    pointers!(call, sealed(config), out(rx_n), out(tx_n));
+    pointers!(call, encoded(config), out(rx_n), out(tx_n));
     let slave = config.slave_of(call, slave)?;
     rx_n.set(slave.rx_multiplier.into());
     tx_n.set(slave.tx_multiplier.into());
@@ -112,7 +113,7 @@ pub fn ecan_igh_config_get_slave_position(
     alias: *mut u16,
     position: *mut u16,
 ) {
-    pointers!(call, sealed(config), out(alias), out(position));
+    pointers!(call, encoded(config), out(alias), out(position));
     let slave = config.slave_of(call, slave)?;
     alias.set(slave.alias);
     position.set(slave.position);

@@ -20,6 +20,7 @@ use super::config::{IghConfig, ecan_igh_config_t};
 use super::library::{self, Library};
 use crate::bus::Bus;
 use crate::callback::StopCallback;
+use crate::encoded::EncodedCall as _;
 use crate::entry::Context;
 use crate::errors::{self, OrCode as _};
 use crate::handle::{self, Entered, Kind};
@@ -69,22 +70,26 @@ fn open(
 /// the startup SDOs when the bus is active. A rejected one is reported by ecan_igh_wait_op_timeout() or
 /// igh_mcan_port_wait_ready().
 ///
-/// Blocks, for seconds if the master is still scanning the bus. A simulated library identifies
-/// itself on standard error.
+/// Blocks, for seconds if the master is still scanning the bus;
+/// ecan_igh_config_stop_waiting_when() can end that early. A simulated library identifies itself on
+/// standard error.
 ///
 /// @param context  Any content; the manual's fragments leave it uninitialised.
 /// @param config   Is copied.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
-///          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL;
+///          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
+///          ECAN_ERR_STOPPED;
 ///          ECAN_ERR_ORDER for a context that is initialised already. After an error there is
 ///          nothing to deinit.
 #[export(call)]
 pub fn ecan_igh_init(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
-    pointers!(call, out(context), sealed(config));
-    open(call, &context, config, library::open, |ecrt, rust| {
-        Adapter::open(ecrt, rust, config.startup_plan()).or_code(call)
+    pointers!(call, out(context), encoded(config));
+    open(call, &context, &config, library::open, |ecrt, rust| {
+        // SAFETY: the configuration has the addresses of ecan_igh_config_stop_waiting_when().
+        let stop = config.stop.map(|stop| unsafe { stop.callback() }.check());
+        Adapter::open_with_stop(ecrt, rust, config.startup_plan(), stop).or_code(call)
     })
 }
 
@@ -113,8 +118,8 @@ pub fn ecan_igh_attach(
     config: *const ecan_igh_config_t,
     master: *mut c_void,
 ) {
-    pointers!(call, out(context), out(master), sealed(config));
-    open(call, &context, config, library::find_loaded, |ecrt, rust| {
+    pointers!(call, out(context), out(master), encoded(config));
+    open(call, &context, &config, library::find_loaded, |ecrt, rust| {
         // SAFETY: the header demands the owner's reserved master of this library.
         let master = unsafe { Master::from_raw(ecrt.clone(), master.as_ptr().cast()) };
         let master = master.map_err(|errno| call.fail(ECAN_ERR_MASTER, format_args!("{errno}")))?;
@@ -185,11 +190,7 @@ pub fn ecan_igh_stop_waiting_when(
     stop: Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> c_int>,
     user: *mut c_void,
 ) {
-    let check = stop.map(|function| {
-        let stop = StopCallback { function, user };
-        Box::new(move || stop.is_stop()) as Box<dyn Fn() -> bool + Send>
-    });
-    adapter.stop_waiting_when(check);
+    adapter.stop_waiting_when(stop.map(|function| StopCallback { function, user }.check()));
 }
 
 /// Returns 1 if an observer requested the application to stop (ecan_igh_observer_request_stop()). All
@@ -220,7 +221,7 @@ pub fn ecan_igh_clear_stop_request(context: *mut ecan_igh_context_t) {
 #[must_use]
 #[export(call, bus bus)]
 pub fn ecan_igh_reconfigure(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
-    pointers!(call, sealed(config));
+    pointers!(call, encoded(config));
     if bus.port_mut().is_some() {
         let text = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));

@@ -9,6 +9,7 @@ use ecan_cia402::{Cia402Config, axis_traffic};
 use super::axis::igh_cia402_axis_t;
 use super::axis_table::AxisTable;
 use crate::adapter::config::ecan_igh_config_t;
+use crate::encoded::EncodedCall as _;
 use crate::mcan_port::config::igh_mcan_port_config_t;
 use crate::mcan_port::plan::plan;
 
@@ -33,8 +34,8 @@ pub fn igh_cia402_plan(
     needed: *mut usize,
 ) {
     pointers!(call, out_text(text, size, needed));
-    pointers!(call, sealed(igh_config), sealed(config), items(axes, axis_count));
+    pointers!(call, encoded(igh_config), encoded(config), items(axes, axis_count));
     let axes = AxisTable::read(call, axes)?.into_axes(call, |_| Vec::new())?;
     let settings = Cia402Config { motion_div: motion_div.max(1), ..Cia402Config::default() };
-    plan(call, igh_config, config, &axis_traffic(&axes, &settings), text)
+    plan(call, &igh_config, &config, &axis_traffic(&axes, &settings), text)
 }

@@ -3,11 +3,12 @@
 //! Plain data: it may be copied and needs no deinit. igh_mcan_port_apply_config() passes it to the
 //! Adapter's configuration, whose startup SDOs it then determines.
 
-use ecan_c_boundary::{Opaque, pointers};
+use ecan_c_boundary::pointers;
 use ecan_c_export::export;
 use ecan_mcan_port::{MAX_FILTERS, PortConfig, PortError};
 
 use crate::adapter::config::ecan_igh_config_t;
+use crate::encoded::{Encoded, EncodedCall as _};
 use crate::errors::OrCode as _;
 use crate::port_config::{configured, extended};
 
@@ -25,7 +26,7 @@ pub struct igh_mcan_port_config_t {
 }
 
 /// Has all gateways that a configuration may have.
-impl Opaque for igh_mcan_port_config_t {
+impl Encoded for igh_mcan_port_config_t {
     type Value = PortConfig;
     const SEAL: u64 = 0x6d63_616e_5f63_6667;
     const INIT: &'static str = "igh_mcan_port_default_config";
@@ -39,7 +40,7 @@ impl Opaque for igh_mcan_port_config_t {
 #[export(call)]
 pub fn igh_mcan_port_default_config(config: *mut igh_mcan_port_config_t) {
     pointers!(call, out(config));
-    config.seal(extended(&PortConfig::default()));
+    call.encode(&config, &extended(&PortConfig::default()))
 }
 
 /// Applies a configuration to the Adapter's: ecan_igh_init() then registers PDO profiles, channel
@@ -56,8 +57,8 @@ pub fn igh_mcan_port_apply_config(
     igh_config: *mut ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
 ) {
-    pointers!(call, sealed(config));
-    let checked = configured(config, adapter.slave_count).check(&adapter.configured());
+    pointers!(call, encoded(config));
+    let checked = configured(&config, adapter.slave_count).check(&adapter.configured());
     checked.map_err(PortError::from).or_code(call)?;
     adapter.port = Some(*config);
 }
@@ -73,7 +74,7 @@ pub fn igh_mcan_port_check_config(
     igh_config: *const ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
 ) {
-    pointers!(call, sealed(igh_config), sealed(config));
-    let checked = configured(config, igh_config.slave_count).check(&igh_config.configured());
+    pointers!(call, encoded(igh_config), encoded(config));
+    let checked = configured(&config, igh_config.slave_count).check(&igh_config.configured());
     checked.map_err(PortError::from).or_code(call)
 }

@@ -10,6 +10,7 @@ use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::describe;
 
 use super::config::igh_mcan_port_config_t;
+use crate::encoded::EncodedCall as _;
 use crate::errors::no_slave;
 use crate::port_config::{self, channel_of};
 
@@ -69,7 +70,7 @@ pub fn igh_mcan_port_get_channel_mask(
     channel_mask: *mut u8,
     canfd_mask: *mut u8,
 ) {
-    pointers!(call, sealed(config), out(channel_mask), out(canfd_mask));
+    pointers!(call, encoded(config), out(channel_mask), out(canfd_mask));
     let gateway = config.gateways.get(slave);
     let gateway = gateway.ok_or_else(|| no_slave(call, slave, MAX_GATEWAYS))?;
     channel_mask.set(gateway.channel_mask());
@@ -121,7 +122,7 @@ pub fn igh_mcan_port_get_direction_masks(
     tx_mask: *mut u8,
     rx_mask: *mut u8,
 ) {
-    pointers!(call, sealed(config), out(tx_mask), out(rx_mask));
+    pointers!(call, encoded(config), out(tx_mask), out(rx_mask));
     let gateway = config.gateways.get(slave);
     let gateway = gateway.ok_or_else(|| no_slave(call, slave, MAX_GATEWAYS))?;
     tx_mask.set(gateway.direction_mask(Direction::TxPdo));
@@ -242,8 +243,8 @@ pub fn igh_mcan_port_get_channel_object(
     subindex: u8,
     value: *mut u32,
 ) {
-    pointers!(call, sealed(config), out(value));
-    let found = channel_of(call, config, slave, channel)?.can.value(subindex);
+    pointers!(call, encoded(config), out(value));
+    let found = channel_of(call, &config, slave, channel)?.can.value(subindex);
     value.set(found.ok_or_else(|| no_object(call, 0x8001 + u16::from(channel), subindex))?);
 }
 
@@ -302,7 +303,7 @@ pub fn igh_mcan_port_get_data_path_object(
     subindex: u8,
     value: *mut u32,
 ) {
-    pointers!(call, sealed(config), out(value));
-    let found = channel_of(call, config, slave, channel)?.data_path.value(subindex);
+    pointers!(call, encoded(config), out(value));
+    let found = channel_of(call, &config, slave, channel)?.data_path.value(subindex);
     value.set(found.ok_or_else(|| no_object(call, 0x8021 + u16::from(channel), subindex))?);
 }

@@ -17,13 +17,14 @@ use std::ffi::{CStr, OsStr, c_char};
 use std::os::unix::ffi::OsStrExt;
 
 use ecan_c_boundary::result::ecan_result_t;
-use ecan_c_boundary::{OutArray, OutPointer, pointers};
+use ecan_c_boundary::{Call, OutArray, OutPointer, pointers};
 use ecan_c_export::export;
 use ecan_config_file::{ConfigFileError, FileFault, FileFaults};
 use ecan_mcan_port::Config;
 
 use super::config::igh_mcan_port_config_t;
-use crate::adapter::config::{IghConfig, ecan_igh_config_t};
+use crate::adapter::config::ecan_igh_config_t;
+use crate::encoded::{EncodedCall as _, EncodedMut};
 use crate::errors;
 use crate::port_config::extended;
 
@@ -86,10 +87,16 @@ impl FaultList {
 
 /// Stores a file's configuration in both C structs. It is also applied, so that nothing of the file
 /// is missing if an application does not apply it.
-fn store(file: &Config, igh_config: &mut IghConfig, config: &OutPointer<igh_mcan_port_config_t>) {
+fn store(
+    call: Call,
+    file: &Config,
+    mut igh_config: EncodedMut<ecan_igh_config_t>,
+    config: &OutPointer<igh_mcan_port_config_t>,
+) -> Result<(), ecan_result_t> {
     let port = extended(&file.port);
-    *igh_config = igh_config.with(&file.adapter, port);
-    config.seal(port);
+    *igh_config.value = igh_config.value.with(&file.adapter, port);
+    igh_config.store(call)?;
+    call.encode(config, &port)
 }
 
 fn load(path: &CStr) -> Result<Config, ConfigFileError> {
@@ -130,14 +137,14 @@ pub fn igh_mcan_port_load_config(
 ) {
     pointers!(call, optional_out(count), room(faults, capacity));
     let mut faults = FaultList::new(faults, count);
-    pointers!(call, sealed_mut(igh_config), out(config), c_str(path));
+    pointers!(call, encoded_mut(igh_config), out(config), c_str(path));
     let file = load(path).map_err(|error| {
         if let ConfigFileError::Faults { faults: found, .. } = &error {
             faults.put(found);
         }
         errors::note(call, &error)
     })?;
-    store(&file, igh_config, &config);
+    store(call, &file, igh_config, &config)
 }
 
 /// As igh_mcan_port_load_config(), from a text in memory.
@@ -158,12 +165,12 @@ pub fn igh_mcan_port_parse_config(
 ) {
     pointers!(call, optional_out(count), room(faults, capacity));
     let mut faults = FaultList::new(faults, count);
-    pointers!(call, sealed_mut(igh_config), out(config), c_str(text));
+    pointers!(call, encoded_mut(igh_config), out(config), c_str(text));
     let file = ecan_config_file::parse(text.to_bytes()).map_err(|found| {
         faults.put(&found);
         call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{found}"))
     })?;
-    store(&file, igh_config, &config);
+    store(call, &file, igh_config, &config)
 }
 
 #[cfg(test)]
@@ -274,8 +281,8 @@ mod tests {
             let mut found = None;
             let code = call("to_rust", |call| {
                 let (adapter, port) = (self.adapter.as_ptr(), self.port.as_ptr());
-                pointers!(call, sealed(adapter), sealed(port));
-                found = Some((adapter.configured(), configured(port, adapter.slave_count)));
+                pointers!(call, encoded(adapter), encoded(port));
+                found = Some((adapter.configured(), configured(&port, adapter.slave_count)));
                 Ok(())
             });
             assert_eq!(code, 0);
@@ -316,7 +323,7 @@ mod tests {
         assert_eq!(c.parse(EXAMPLE), 0);
         let code = call("look", |call| {
             let config = c.adapter.as_ptr();
-            pointers!(call, sealed(config));
+            pointers!(call, encoded(config));
             assert_eq!(
                 (config.ecrt.as_ref().and_then(|text| text.get()), config.seed),
                 (Some("sim:echo"), Some(7))

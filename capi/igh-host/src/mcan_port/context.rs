@@ -12,6 +12,7 @@ use super::config::igh_mcan_port_config_t;
 use crate::adapter::config::ecan_igh_config_t;
 use crate::adapter::context::ecan_igh_context_t;
 use crate::bus::Bus;
+use crate::encoded::EncodedCall as _;
 use crate::entry::Context;
 use crate::errors::{self, OrCode as _};
 use crate::handle::{self, Entered, Kind};
@@ -59,7 +60,7 @@ pub fn igh_mcan_port_init(
     igh: *mut ecan_igh_context_t,
     config: *const igh_mcan_port_config_t,
 ) {
-    pointers!(call, out(port), sealed(config));
+    pointers!(call, out(port), encoded(config));
     // The existing Port may be this one; it stays.
     // SAFETY: `out` was promised that the pointer is valid.
     unsafe { bus.need_no_port(call, port.as_ptr().cast())? };
@@ -72,7 +73,7 @@ pub fn igh_mcan_port_init(
     unsafe { handle::clear(port.as_ptr().cast()) };
     let applied = bus.applied;
     let serial = bus.add_port(call, |adapter| {
-        let config = configured(config, adapter.slave_count());
+        let config = configured(&config, adapter.slave_count());
         if applied.is_some_and(|applied| applied != config) {
             let text = format_args!(
                 "the configuration is not the one that igh_mcan_port_apply_config was given"
@@ -102,9 +103,9 @@ pub fn igh_mcan_port_reconfigure(
     igh_config: *const ecan_igh_config_t,
     config: *const igh_mcan_port_config_t,
 ) {
-    pointers!(call, sealed(igh_config), sealed(config));
+    pointers!(call, encoded(igh_config), encoded(config));
     let (igh_config, config) =
-        (igh_config.configured(), configured(config, igh_config.slave_count));
+        (igh_config.configured(), configured(&config, igh_config.slave_count));
     let reconfigured = bus.need_port(call)?.reconfigure((igh_config, config));
     if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
         bus.forget_configuration();

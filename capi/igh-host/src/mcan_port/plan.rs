@@ -14,6 +14,7 @@ use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortConfig, PortPlan};
 
 use super::config::igh_mcan_port_config_t;
 use crate::adapter::config::{IghConfig, ecan_igh_config_t};
+use crate::encoded::EncodedCall as _;
 use crate::port_config::configured;
 
 /// Route of the frames of a plan.
@@ -115,7 +116,7 @@ pub fn igh_mcan_port_plan(
     needed: *mut usize,
 ) {
     pointers!(call, out_text(text, size, needed));
-    pointers!(call, sealed(igh_config), sealed(config), items(streams, count));
+    pointers!(call, encoded(igh_config), encoded(config), items(streams, count));
     let traffic: Result<Vec<_>, _> = streams.iter().map(|s| s.to_rust(call)).collect();
-    plan(call, igh_config, config, &traffic?, text)
+    plan(call, &igh_config, &config, &traffic?, text)
 }
