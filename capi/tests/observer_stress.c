@@ -3,6 +3,8 @@
  *
  *     observer_stress [CALLS]     default: 10000000 calls in total
  */
+#define _POSIX_C_SOURCE 200809L
+
 #include <inttypes.h>
 #include <pthread.h>
 #include <stdio.h>
