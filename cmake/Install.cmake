@@ -9,6 +9,11 @@ file(RELATIVE_PATH _pc_to_prefix
 string(REGEX REPLACE "/$" "" _pc_to_prefix "${_pc_to_prefix}")
 
 install(FILES ${_headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+if(TARGET ecan_igh_host)
+    # C++17
+    install(FILES include/ecan_lite.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+    install(DIRECTORY include/ecan_lite DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+endif()
 install(FILES API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT DESTINATION ${CMAKE_INSTALL_DOCDIR})
 # Those to which API.md refers.
 install(FILES docs/ABI.md docs/SIMULATION.md docs/TOOL.md DESTINATION ${CMAKE_INSTALL_DOCDIR}/docs)

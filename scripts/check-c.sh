@@ -102,9 +102,9 @@ trap 'rm -rf "$build/moved"' EXIT
 for file in API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT docs/SIMULATION.md; do
     test -s "$build/moved/share/doc/EcanLite/$file"
 done
-for header in "$build"/moved/include/*; do
+while read -r header; do
     grep -q '^/\* SPDX-License-Identifier: ' "$header"
-done
+done < <(find "$build/moved/include" -type f)
 
 say "no path of this machine in the installed files, addresses write-protected at the load"
 sysroot=$(rustc --print sysroot)
@@ -144,6 +144,9 @@ popd >/dev/null
 for program in by_pkg_config by_pkg_config_cxx protocol_by_pkg_config; do
     LD_LIBRARY_PATH=$library_path "$build/consumer/$program"
 done
+
+say "the C++ header and its programs"
+scripts/check-cpp.sh "$build/moved" "$build/cpp"
 
 say "without the simulator"
 cmake -S . -B "$build/plain" -DECAN_IGH_SIM=OFF -DECAN_CARGO_TARGET_DIR="$target" \

@@ -1,0 +1,75 @@
+#!/usr/bin/env bash
+# Proves the C++ header of an installed tree with g++, and with clang++ if it is there: compiles it alone and
+# the examples (found by find_package) as C++17 and C++20 in both error styles, runs the tests of its
+# behaviour, with g++ under AddressSanitizer and UndefinedBehaviorSanitizer. Needs cmake and g++.
+#
+#     scripts/check-cpp.sh INSTALLED_TREE [WORK_DIRECTORY]
+set -euo pipefail
+cd "$(dirname "$0")/.."
+installed=$(cd "$1" && pwd)
+work=${2:-build/cpp}
+mkdir -p "$work"
+work=$(cd "$work" && pwd)
+unset ECAN_ECRT
+
+warnings=(-Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Werror)
+results=(-DECAN_LITE_NO_EXCEPTIONS -fno-exceptions -fno-rtti)
+library_path=$(dirname "$(find "$installed" -name libecan_igh_host.a)")
+static=("-L$library_path" -l:libecan_igh_host.a -l:libecan_mcan_host.a -lpthread -ldl -lm)
+include=-I$installed/include
+
+say() { printf -- '-- C++: %s\n' "$1"; }
+
+say "every result code"
+while read -r code; do
+    grep -q "= $code," "$installed/include/ecan_lite/error.hpp" ||
+        { echo "$code is missing in ecan_lite/error.hpp" >&2 && exit 1; }
+done < <(sed -nE 's/^ *(ECAN_(OK|ERR_[A-Z_]+)) =.*/\1/p' "$installed/include/igh_ecan_common.h")
+
+say "each header alone"
+for header in "$installed"/include/ecan_lite/*.hpp; do
+    echo "#include <ecan_lite/$(basename "$header")>" | g++ -std=c++17 "${warnings[@]}" "$include" \
+        -fsyntax-only -xc++ -
+done
+
+compilers=(g++)
+if command -v clang++ >/dev/null; then
+    compilers+=(clang++)
+else
+    echo "skipped: clang++ is not there"
+fi
+for compiler in "${compilers[@]}"; do
+    for standard in 17 20; do
+        say "$compiler, C++$standard"
+        for style in "" "${results[*]}"; do
+            # shellcheck disable=SC2086 # none, or several
+            echo "#include <ecan_lite.hpp>" | "$compiler" "-std=c++$standard" "${warnings[@]}" $style \
+                "$include" -fsyntax-only -xc++ -
+        done
+        examples=$work/examples-$compiler-$standard
+        cmake -S examples/cpp -B "$examples" -DCMAKE_PREFIX_PATH="$installed" \
+            -DCMAKE_CXX_COMPILER="$compiler" -DCMAKE_CXX_STANDARD="$standard" \
+            -DCMAKE_CXX_FLAGS="-Werror" >"$work/examples.log" || { cat "$work/examples.log"; exit 1; }
+        cmake --build "$examples" --parallel 2 >"$work/examples.log" ||
+            { cat "$work/examples.log"; exit 1; }
+        "$examples/two_axes" --ecrt sim --cycles 200 | grep -q '^axis 1: position '
+        "$examples/frames" --ecrt sim | grep -q '^10F '
+    done
+
+    say "behaviour, $compiler"
+    sanitizers=()
+    if [ "$compiler" = g++ ]; then
+        sanitizers=(-fsanitize=address -fsanitize=undefined -fno-sanitize-recover=undefined)
+    fi
+    "$compiler" -std=c++17 -g "${warnings[@]}" ${sanitizers[@]+"${sanitizers[@]}"} "$include" \
+        capi/tests/cpp/exceptions.cpp capi/tests/cpp/counting_new.cpp "${static[@]}" \
+        -o "$work/exceptions-$compiler"
+    "$work/exceptions-$compiler" 2>/dev/null
+    "$compiler" -std=c++17 -g "${warnings[@]}" "${results[@]}" ${sanitizers[@]+"${sanitizers[@]}"} \
+        "$include" capi/tests/cpp/results.cpp "${static[@]}" -o "$work/results-$compiler"
+    "$work/results-$compiler" 2>/dev/null
+done
+
+say "invalid options are rejected"
+grep -q "invalid value '0' for --cycle-us" < <("$work/examples-g++-17/two_axes" --cycle-us 0 2>&1)
+grep -q 'two_axes: .*not found' < <("$work/examples-g++-17/two_axes" --ecrt /nonexistent.so 2>&1)
