@@ -10,6 +10,10 @@ pub struct Function {
     pub name: String,
     /// Its doc comment, line by line.
     pub comment: Vec<String>,
+    /// Its attribute `export`, if it has one.
+    pub export: Option<String>,
+    /// Its parameters and its return type, on one line.
+    pub signature: String,
     pub location: String,
 }
 
@@ -27,8 +31,12 @@ pub fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
     let text = section(root, name)?;
     let mut comment = Vec::new();
     let mut is_exported = false;
+    let mut export = None;
     for (line, number) in text.lines().zip(1..) {
         is_exported |= line.starts_with("#[export(") || line == "#[unsafe(no_mangle)]";
+        if line.starts_with("#[export(") {
+            export = Some(line.to_owned());
+        }
         let declared =
             line.strip_prefix("pub fn ").or_else(|| line.strip_prefix("pub extern \"C\" fn "));
         if let Some(declared) = declared.filter(|_| is_exported) {
@@ -37,6 +45,8 @@ pub fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
             found.push(Function {
                 name: declared[..end].to_owned(),
                 comment: std::mem::take(&mut comment),
+                export: export.take(),
+                signature: signature(text.lines().skip(number - 1)),
                 location: format!("capi/{name}:{number}"),
             });
         } else if let Some(text) = line.strip_prefix("///") {
@@ -46,6 +56,19 @@ pub fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
         }
     }
     Ok(found)
+}
+
+/// Lines from the declaration of a function to its body.
+fn signature<'a>(lines: impl Iterator<Item = &'a str>) -> String {
+    let mut signature = String::new();
+    for line in lines {
+        signature.push_str(line.trim());
+        signature.push(' ');
+        if line.ends_with('{') {
+            break;
+        }
+    }
+    signature
 }
 
 impl Function {
