@@ -20,10 +20,9 @@ void session_watch_print(session_watch_t *watch, bus_t *bus, uint64_t elapsed_ns
         int session = igh_mcan_port_get_session(&bus->mcan, slave);
         if (session != watch->sessions[slave]) {
             watch->sessions[slave] = session;
-            if (igh_mcan_port_get_session_text(&bus->mcan, slave, text, sizeof(text), NULL) ==
-                ECAN_OK) {
-                printf("%9.3f s  slave %zu: %s\n", (double)elapsed_ns / 1e9, slave, text);
-            }
+            /* A text is valid also if it was cut. */
+            igh_mcan_port_get_session_text(&bus->mcan, slave, text, sizeof(text), NULL);
+            printf("%9.3f s  slave %zu: %s\n", (double)elapsed_ns / 1e9, slave, text);
         }
     }
 }

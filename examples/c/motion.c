@@ -164,12 +164,12 @@ static bool print_host_loss_risks(igh_cia402_context_t *cia402, size_t axis_coun
     char text[256];
     bool all_stop = true;
     for (size_t axis = 0; axis < axis_count; axis++) {
-        if (igh_cia402_get_host_loss(cia402, axis, &loss) != ECAN_OK ||
-            igh_cia402_get_host_loss_text(cia402, axis, text, sizeof(text), NULL) != ECAN_OK) {
+        if (igh_cia402_get_host_loss(cia402, axis, &loss) != ECAN_OK) {
             report_sdk_error();
             return false;
         }
         if (!loss.is_controlled_stop) {
+            igh_cia402_get_host_loss_text(cia402, axis, text, sizeof(text), NULL);
             printf("warning: %s\n", text);
             all_stop = false;
         }
@@ -219,12 +219,12 @@ static bool print_changes(igh_cia402_context_t *cia402, uint8_t *phases, size_t 
     igh_cia402_axis_state_t state;
     char text[256];
     for (size_t axis = 0; axis < axis_count; axis++) {
-        if (igh_cia402_get_axis_state(cia402, axis, &state) != ECAN_OK ||
-            igh_cia402_get_axis_text(cia402, axis, text, sizeof(text), NULL) != ECAN_OK) {
+        if (igh_cia402_get_axis_state(cia402, axis, &state) != ECAN_OK) {
             report_sdk_error();
             return false;
         }
         if (state.phase != phases[axis]) {
+            igh_cia402_get_axis_text(cia402, axis, text, sizeof(text), NULL);
             phases[axis] = state.phase;
             printf("  %s\n", text);
         }

@@ -26,12 +26,11 @@ bool motion_table_read(motion_table_t *table, igh_cia402_context_t *cia402)
     for (table->count = 0; table->count < axes && table->count < MOTION_MAX_AXES; table->count++) {
         motion_row_t *row = &table->rows[table->count];
         if (igh_cia402_get_axis_state(cia402, table->count, &row->state) != ECAN_OK ||
-            igh_cia402_get_axis_statistics(cia402, table->count, &row->statistics) != ECAN_OK ||
-            igh_cia402_get_axis_text(cia402, table->count, row->text, sizeof(row->text), NULL) !=
-                ECAN_OK) {
+            igh_cia402_get_axis_statistics(cia402, table->count, &row->statistics) != ECAN_OK) {
             report_sdk_error();
             return false;
         }
+        igh_cia402_get_axis_text(cia402, table->count, row->text, sizeof(row->text), NULL);
     }
     return true;
 }
