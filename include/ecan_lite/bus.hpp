@@ -75,14 +75,20 @@ struct bus {
         }
     }
 
-    /** The outcome of a call that may have called callbacks. */
-    outcome<> waited(int code)
+    /** Throws the exception of a callback, if there is one. */
+    void throw_pending()
     {
 #ifndef ECAN_LITE_NO_EXCEPTIONS
         if (pending) {
             std::rethrow_exception(std::exchange(pending, nullptr));
         }
 #endif
+    }
+
+    /** The outcome of a call that may have called callbacks. */
+    outcome<> waited(int code)
+    {
+        throw_pending();
         return finish(code);
     }
 };

@@ -23,12 +23,13 @@ public:
      * Opens the master: checks the configuration, reserves the master, identifies the gateways and
      * registers their startup.
      *
+     * @param stop As the function of stop_waiting_when(), from now on: also while the bus is scanned.
      * @usage not rt, any thread
      * @return As ecan_igh_init().
      */
-    static outcome<master> open(const bus_config &config)
+    static outcome<master> open(const bus_config &config, std::function<bool()> stop = {})
     {
-        return make(config,
+        return make(config, std::move(stop),
                     [](ecan_igh_context_t *context, const ecan_igh_config_t *applied) {
                         return ecan_igh_init(context, applied);
                     });
@@ -44,7 +45,7 @@ public:
      */
     static outcome<master> attach(const bus_config &config, void *owned)
     {
-        return make(config,
+        return make(config, {},
                     [owned](ecan_igh_context_t *context, const ecan_igh_config_t *applied) {
                         return ecan_igh_attach(context, applied, owned);
                     });
@@ -176,7 +177,7 @@ private:
     explicit master(detail::bus_ptr bus) noexcept : bus_(std::move(bus)) {}
 
     template <class Open>
-    static outcome<master> make(const bus_config &config, Open open)
+    static outcome<master> make(const bus_config &config, std::function<bool()> stop, Open open)
     {
         if (config.failure_of()) {
             return detail::failed_as<master>(*config.failure_of());
@@ -188,12 +189,14 @@ private:
         if (config.has_channels()) {
             code = igh_mcan_port_apply_config(applied.get(), &config.raw_port());
         }
+        bus->stop = std::move(stop);
+        if (code == ECAN_OK) {
+            code = ecan_igh_config_stop_waiting_when(applied.get(), detail::bus::on_stop, bus.get());
+        }
         if (code == ECAN_OK) {
             code = open(&bus->master, applied.get());
         }
-        if (code == ECAN_OK) {
-            code = ecan_igh_stop_waiting_when(&bus->master, detail::bus::on_stop, bus.get());
-        }
+        bus->throw_pending();
         return detail::finish_with(code, master(std::move(bus)));
     }
 

@@ -157,6 +157,22 @@ void exception_of_a_callback_passes_the_wait()
     CHECK(exchange(port, 20) == 1);
 }
 
+void opening_can_be_stopped()
+{
+    // a missing gateway is searched for until the PREOP timeout
+    auto config = echo();
+    config.set_slave_count(1).set_position(0, 0, 7).set_preop_timeout(60s);
+    int calls = 0;
+    const auto stop = [&calls] { return ++calls == 3; };
+    CHECK(thrown([&] { ecan::master::open(config, stop); }) == ecan::errc::stopped);
+    CHECK(calls == 3);
+    try {
+        ecan::master::open(config, []() -> bool { throw std::range_error("scan"); });
+        FAILED("the exception was lost");
+    } catch (const std::range_error &) {
+    }
+}
+
 void faults_of_a_configuration_are_kept()
 {
     ecan::bus_config config;
@@ -349,6 +365,7 @@ int main()
     cycle_allocates_nothing();
     exception_in_a_cycle_ends_the_cycle();
     exception_of_a_callback_passes_the_wait();
+    opening_can_be_stopped();
     faults_of_a_configuration_are_kept();
     objects_are_read_on_both_handles();
     axes_start_move_and_stop();
