@@ -109,9 +109,15 @@ int main(int argc, char **argv)
     std::signal(SIGTERM, interrupt);
     try {
         machine machine(options);
-        machine.start();
-        machine.move(options.cycles, options.step);
-        machine.print();
+        try {
+            machine.start();
+            machine.move(options.cycles, options.step);
+            machine.print();
+        } catch (const ecan::error &) {
+            // after any failure, no axis is left moving
+            machine.shut_down();
+            throw;
+        }
         machine.shut_down();
     } catch (const ecan::error &error) {
         std::fprintf(stderr, "two_axes: %s\n", error.what());
