@@ -93,6 +93,12 @@ checked=(valgrind --quiet --error-exitcode=1 --leak-check=full
 "${checked[@]}" "$build/capi/tests/every_function"
 ECAN_ECRT=$stepped "${checked[@]}" "$build/capi/tests/manual_fragments"
 
+say "owners of the master, under valgrind"
+for owner in attached_master:stepped_echo attached_io:attached_cell attached_axes:attached_cell; do
+    LD_LIBRARY_PATH=$build/sim ECAN_ECRT=sim:$PWD/capi/tests/${owner#*:}.toml "${checked[@]}" \
+        "$build/capi/tests/${owner%:*}"
+done
+
 say "the installed tree"
 rm -rf "$build/installed" "$build/consumer"
 cmake --install "$build" --prefix "$build/installed" >"$build/install.log"

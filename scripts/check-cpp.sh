@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Proves the C++ header of an installed tree with g++, and with clang++ if it is there: compiles it alone and
 # the examples (found by find_package) as C++17 and C++20 in both error styles, runs the tests of its
-# behaviour, with g++ under AddressSanitizer and UndefinedBehaviorSanitizer. Needs cmake and g++.
+# behaviour, with g++ under AddressSanitizer and UndefinedBehaviorSanitizer, with clang++ under valgrind.
+# Needs cmake, g++ and valgrind.
 #
 #     scripts/check-cpp.sh INSTALLED_TREE [WORK_DIRECTORY]
 set -euo pipefail
@@ -32,6 +33,17 @@ for header in "$installed"/include/ecan_lite/*.hpp; do
         -fsyntax-only -xc++ -
 done
 
+say "the program of API.md"
+{
+    echo '#include <ecan_lite.hpp>'
+    echo 'using namespace std::chrono_literals;'
+    echo 'void run(ecan::span<const std::uint8_t> data);'
+    echo 'void run(ecan::span<const std::uint8_t> data) {'
+    awk '/^```cpp$/ { on = 1; next } /^```$/ { on = 0 } on' API.md
+    echo '}'
+} >"$work/api.cpp"
+g++ -std=c++17 "${warnings[@]}" "$include" -fsyntax-only "$work/api.cpp"
+
 compilers=(g++)
 if command -v clang++ >/dev/null; then
     compilers+=(clang++)
@@ -57,17 +69,22 @@ for compiler in "${compilers[@]}"; do
     done
 
     say "behaviour, $compiler"
+    # the other compiler's programs run under valgrind
     sanitizers=()
+    run=(valgrind --quiet --error-exitcode=1 --leak-check=full "--errors-for-leak-kinds=definite,indirect")
     if [ "$compiler" = g++ ]; then
+        run=()
         sanitizers=(-fsanitize=address -fsanitize=undefined -fno-sanitize-recover=undefined)
     fi
-    "$compiler" -std=c++17 -g "${warnings[@]}" ${sanitizers[@]+"${sanitizers[@]}"} "$include" \
+    "$compiler" -std=c++17 -gdwarf-4 "${warnings[@]}" ${sanitizers[@]+"${sanitizers[@]}"} "$include" \
         capi/tests/cpp/exceptions.cpp capi/tests/cpp/counting_new.cpp "${static[@]}" \
         -o "$work/exceptions-$compiler"
-    "$work/exceptions-$compiler" 2>/dev/null
-    "$compiler" -std=c++17 -g "${warnings[@]}" "${results[@]}" ${sanitizers[@]+"${sanitizers[@]}"} \
+    ${run[@]+"${run[@]}"} "$work/exceptions-$compiler" 2>"$work/exceptions.log" ||
+        { cat "$work/exceptions.log"; exit 1; }
+    "$compiler" -std=c++17 -gdwarf-4 "${warnings[@]}" "${results[@]}" ${sanitizers[@]+"${sanitizers[@]}"} \
         "$include" capi/tests/cpp/results.cpp "${static[@]}" -o "$work/results-$compiler"
-    "$work/results-$compiler" 2>/dev/null
+    ${run[@]+"${run[@]}"} "$work/results-$compiler" 2>"$work/results.log" ||
+        { cat "$work/results.log"; exit 1; }
 done
 
 say "invalid options are rejected"
