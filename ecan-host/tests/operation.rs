@@ -327,6 +327,23 @@ fn attached_adapter_leaves_the_master_to_its_owner() {
 }
 
 #[test]
+fn attaching_ends_early_on_request() {
+    let (ecrt, _simulation) = simulated(ecan_sim::echo(1));
+    let owner = Master::request(&ecrt, 0).unwrap();
+    // SAFETY: the owner outlives the attempt below and is used from this thread only.
+    let shared = unsafe { Master::from_raw(ecrt.clone(), owner.as_raw()) }.unwrap();
+    let (mut config, _) = raw_config();
+    // No slave is there, for a minute.
+    config.slaves[0].position = 1;
+    config.preop_timeout = Duration::from_secs(60);
+    let start_ns = ecrt.clock().now_ns();
+    let stop = Some(Box::new(|| true) as Box<dyn Fn() -> bool + Send>);
+    let attached = Adapter::attach_with_stop(&ecrt, shared, config, StartupPlan::default(), stop);
+    assert!(matches!(attached, Err(Error::Stopped)));
+    assert!(ecrt.clock().now_ns() - start_ns < 10_000_000_000);
+}
+
+#[test]
 fn slave_without_coe_is_rejected_at_once() {
     let scenario = Scenario { ios: vec![IoSpec::at(0)], ..ecan_sim::echo(1) };
     let (ecrt, _simulation) = simulated(scenario);

@@ -154,11 +154,26 @@ impl Adapter {
         config: AdapterConfig,
         startup: StartupPlan,
     ) -> Result<Self, Error> {
+        Self::attach_with_stop(ecrt, master, config, startup, None)
+    }
+
+    /// As [`attach`](Self::attach), with a stop function as of
+    /// [`open_with_stop`](Self::open_with_stop).
+    ///
+    /// # Errors
+    /// As [`attach`](Self::attach), and [`Error::Stopped`].
+    pub fn attach_with_stop(
+        ecrt: &Ecrt,
+        master: Master,
+        config: AdapterConfig,
+        startup: StartupPlan,
+        stop: Option<Box<dyn Fn() -> bool + Send>>,
+    ) -> Result<Self, Error> {
         if !master.is_attached() {
             return Err(Error::OwnedMaster);
         }
         config.check()?;
-        Self::build(ecrt, master, config, startup, true, None)
+        Self::build(ecrt, master, config, startup, true, stop)
     }
 
     fn build(

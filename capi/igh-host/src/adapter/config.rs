@@ -196,6 +196,12 @@ impl IghConfig {
         self.port.as_ref().map_or_else(ImageTimes::default, |port| port.image_times(slave))
     }
 
+    /// The function of ecan_igh_config_stop_waiting_when().
+    pub(crate) fn stop(&self) -> Option<Box<dyn Fn() -> bool + Send>> {
+        // SAFETY: that function made the addresses.
+        self.stop.map(|stop| unsafe { stop.callback() }.check())
+    }
+
     pub(crate) fn startup_plan(&self) -> StartupPlan {
         self.applied().map(|port| port.startup_plan(&self.configured())).unwrap_or_default()
     }

@@ -125,9 +125,10 @@ pub fn ecan_igh_config_set_watchdog_us(config: *mut ecan_igh_config_t, watchdog_
     config.adapter.watchdog = Duration::from_micros(watchdog_us.into());
 }
 
-/// Sets a function that ecan_igh_init() calls many times per second while it waits, for a master that
-/// is still scanning the bus for example, and after it the waiting calls of all layers, as after
-/// ecan_igh_stop_waiting_when(): if it returns other than 0, they end with ECAN_ERR_STOPPED.
+/// Sets a function that ecan_igh_init() and ecan_igh_attach() call many times per second while they
+/// wait, for a master that is still scanning the bus for example: if it returns other than 0, they end
+/// with ECAN_ERR_STOPPED. After them the waiting calls of all layers call it, as after
+/// ecan_igh_stop_waiting_when().
 ///
 /// @param stop  Gets `user`; NULL for none. As that of ecan_igh_stop_waiting_when(); must be valid
 ///              as long as a context of this configuration exists.

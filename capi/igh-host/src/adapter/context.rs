@@ -87,9 +87,7 @@ fn open(
 pub fn ecan_igh_init(context: *mut ecan_igh_context_t, config: *const ecan_igh_config_t) {
     pointers!(call, out(context), encoded(config));
     open(call, &context, &config, library::open, |ecrt, rust| {
-        // SAFETY: the configuration has the addresses of ecan_igh_config_stop_waiting_when().
-        let stop = config.stop.map(|stop| unsafe { stop.callback() }.check());
-        Adapter::open_with_stop(ecrt, rust, config.startup_plan(), stop).or_code(call)
+        Adapter::open_with_stop(ecrt, rust, config.startup_plan(), config.stop()).or_code(call)
     })
 }
 
@@ -123,7 +121,8 @@ pub fn ecan_igh_attach(
         // SAFETY: the header demands the owner's reserved master of this library.
         let master = unsafe { Master::from_raw(ecrt.clone(), master.as_ptr().cast()) };
         let master = master.map_err(|errno| call.fail(ECAN_ERR_MASTER, format_args!("{errno}")))?;
-        Adapter::attach(ecrt, master, rust, config.startup_plan()).or_code(call)
+        let stop = config.stop();
+        Adapter::attach_with_stop(ecrt, master, rust, config.startup_plan(), stop).or_code(call)
     })
 }
 
