@@ -244,7 +244,8 @@ static bool check_sync0(const ecan_igh_config_t *config, const bus_settings_t *s
     if (ecan_igh_config_get_dc_margin(config, &shift_ns, &margin_ns) != ECAN_OK) {
         return true; /* without distributed clocks */
     }
-    printf("Sync0 shift %.1f us, margin by the plan %.1f us\n", shift_ns / 1e3, margin_ns / 1e3);
+    printf("Sync0 shift %.1f us, margin by the plan %.1f us\n", shift_ns / 1e3,
+           (double)margin_ns / 1e3);
     if (margin_ns >= 0) {
         return true;
     }

@@ -9,7 +9,8 @@ static bool append(candump_log_t *log, size_t *capacity, const logged_frame_t *l
 {
     if (log->count == *capacity) {
         size_t grown = *capacity == 0 ? 1024 : 2 * *capacity;
-        logged_frame_t *frames = realloc(log->frames, grown * sizeof(*frames));
+        logged_frame_t *frames =
+            (logged_frame_t *)realloc(log->frames, grown * sizeof(*frames));
         if (frames == NULL) {
             return false;
         }

@@ -38,12 +38,12 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
         .maximum = ECAN_MCAN_CHANNELS - 1,
         .help = "CAN channel of the node"});
     options_add(&list, (option_t){
-        .name = "node", .value_name = "ID", .number = &arguments->node_id, .is_required = true,
-        .minimum = 1, .maximum = 127,
+        .name = "node", .value_name = "ID", .number = &arguments->node_id,
+        .minimum = 1, .maximum = 127, .is_required = true,
         .help = "Node id"});
     options_add(&list, (option_t){
-        .name = "index", .value_name = "INDEX", .number = &arguments->index, .is_required = true,
-        .maximum = UINT16_MAX,
+        .name = "index", .value_name = "INDEX", .number = &arguments->index,
+        .maximum = UINT16_MAX, .is_required = true,
         .help = "Index of the object, hexadecimal with 0x"});
     options_add(&list, (option_t){
         .name = "sub", .value_name = "SUB", .number = &arguments->subindex, .maximum = UINT8_MAX,

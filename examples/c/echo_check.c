@@ -14,14 +14,16 @@ enum { MAX_PENDING = 1024 };
 bool echo_check_init(echo_check_t *check, size_t slaves)
 {
     memset(check, 0, sizeof(*check));
-    check->channels = calloc(slaves * ECAN_MCAN_CHANNELS, sizeof(*check->channels));
+    check->channels =
+        (pending_t *)calloc(slaves * ECAN_MCAN_CHANNELS, sizeof(*check->channels));
     if (check->channels == NULL) {
         report("not enough memory");
         return false;
     }
     check->channel_count = slaves * ECAN_MCAN_CHANNELS;
     for (size_t i = 0; i < check->channel_count; i++) {
-        check->channels[i].frames = calloc(MAX_PENDING, sizeof(igh_mcan_tx_frame_t));
+        check->channels[i].frames =
+            (igh_mcan_tx_frame_t *)calloc(MAX_PENDING, sizeof(igh_mcan_tx_frame_t));
         if (check->channels[i].frames == NULL) {
             report("not enough memory");
             echo_check_free(check);

@@ -131,12 +131,14 @@ static void print_option(const option_t *option)
 
 static void print_help(const option_list_t *list, const char *program)
 {
+    const option_t help = {.name = "help", .help = "Print this"};
+    const option_t version = {.name = "version", .help = "Print the version"};
     printf("%s\n\nUsage: %s [OPTIONS]\n\nOptions:\n", list->about, program);
     for (size_t i = 0; i < list->count; i++) {
         print_option(&list->options[i]);
     }
-    print_option(&(option_t){.name = "help", .help = "Print this"});
-    print_option(&(option_t){.name = "version", .help = "Print the version"});
+    print_option(&help);
+    print_option(&version);
 }
 
 /* Returns true if the command line contains the option. */

@@ -13,15 +13,15 @@ enum { OPTIONS_MAX = 32 };
 typedef struct {
     const char *name;       /* without the dashes */
     const char *value_name; /* name of the value in the help; not for a flag */
-    const char *help;
     bool *flag;             /* a switch without a value */
-    uint64_t *number;       /* a number from minimum to maximum */
-    uint64_t minimum, maximum;
     int32_t *integer;       /* a number that may be negative */
     const char **text;
+    uint64_t *number;       /* a number from minimum to maximum */
+    uint64_t minimum, maximum;
     bool *is_given;         /* may be NULL; gets true if the option is given */
     bool is_required;
     const char *excluded_by; /* option that excludes this one; may be NULL */
+    const char *help;
 } option_t;
 
 typedef struct {

@@ -7,7 +7,8 @@
 
 bool samples_init(samples_t *samples, size_t capacity)
 {
-    *samples = (samples_t){.values = malloc(capacity * sizeof(uint64_t)), .capacity = capacity};
+    *samples = (samples_t){.values = (uint64_t *)malloc(capacity * sizeof(uint64_t)),
+                           .capacity = capacity};
     if (samples->values == NULL) {
         report("not enough memory for %zu samples", capacity);
         return false;
