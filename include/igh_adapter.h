@@ -211,7 +211,7 @@ typedef enum {
     /** The host's: the reference clock is corrected to the application's time in each cycle. */
     ECAN_IGH_CLOCK_HOST = 0,
     /** The reference clock: a phase-locked loop shifts the deadlines of the host's cycle. */
-    ECAN_IGH_CLOCK_REFERENCE = 1,
+    ECAN_IGH_CLOCK_REFERENCE = 1
 } ecan_igh_clock_source_t;
 
 /**
@@ -595,7 +595,7 @@ typedef enum {
     /** The image was not delivered. */
     ECAN_IGH_DELIVERY_MISSED = 2,
     /** Unknown: one of two datagrams counted. */
-    ECAN_IGH_DELIVERY_UNKNOWN = 3,
+    ECAN_IGH_DELIVERY_UNKNOWN = 3
 } ecan_igh_delivery_t;
 
 /** Result of the last exchange with one slave. */
@@ -794,7 +794,7 @@ typedef enum {
     /** SAFEOP. */
     ECAN_IGH_AL_SAFEOP = 4,
     /** OP. */
-    ECAN_IGH_AL_OP = 8,
+    ECAN_IGH_AL_OP = 8
 } ecan_igh_al_state_t;
 
 /** State of a slave as the master reports it. It lags the working counter by seconds. */
@@ -949,7 +949,7 @@ typedef enum {
     /** Done. */
     ECAN_IGH_REQUEST_SUCCESS = 2,
     /** Aborted by the slave, or timed out; the kernel log says which. */
-    ECAN_IGH_REQUEST_ERROR = 3,
+    ECAN_IGH_REQUEST_ERROR = 3
 } ecan_igh_request_state_t;
 
 /**

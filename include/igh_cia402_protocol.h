@@ -65,7 +65,7 @@ typedef enum {
     /** Restarts the node. */
     IGH_CANOPEN_NMT_RESET_NODE = 129,
     /** Restarts the node's communication, with parameters 0x1000.. as at power-on. */
-    IGH_CANOPEN_NMT_RESET_COMMUNICATION = 130,
+    IGH_CANOPEN_NMT_RESET_COMMUNICATION = 130
 } igh_canopen_nmt_t;
 
 /** NMT state of a node. */
@@ -79,7 +79,7 @@ typedef enum {
     /** Pre-operational. */
     IGH_CANOPEN_NMT_STATE_PRE_OPERATIONAL = 127,
     /** Unknown: no heartbeat so far, or none since its reset. */
-    IGH_CANOPEN_NMT_STATE_UNKNOWN = 255,
+    IGH_CANOPEN_NMT_STATE_UNKNOWN = 255
 } igh_canopen_nmt_state_t;
 
 /** A mode of operation, as 0x6060 takes it. */
@@ -99,7 +99,7 @@ typedef enum {
     /** Cyclic synchronous velocity. */
     IGH_CIA402_MODE_CSV = 9,
     /** Cyclic synchronous torque. */
-    IGH_CIA402_MODE_CST = 10,
+    IGH_CIA402_MODE_CST = 10
 } igh_cia402_mode_t;
 
 /** State of a drive, by its statusword. */
@@ -121,7 +121,7 @@ typedef enum {
     /** A fault occurred; its reaction is in progress. */
     IGH_CIA402_DRIVE_FAULT_REACTION = 7,
     /** In fault, the motor is without torque. */
-    IGH_CIA402_DRIVE_FAULT = 8,
+    IGH_CIA402_DRIVE_FAULT = 8
 } igh_cia402_drive_state_t;
 
 /** Start of a node's configuration, in igh_cia402_axis_t.reset. */
@@ -131,7 +131,7 @@ typedef enum {
     /** NMT command Reset communication: parameters of 0x1000.. as at power-on. */
     IGH_CIA402_RESET_COMMUNICATION = 1,
     /** NMT command Reset node. */
-    IGH_CIA402_RESET_NODE = 2,
+    IGH_CIA402_RESET_NODE = 2
 } igh_cia402_reset_t;
 
 /** Range of a position counter, in igh_cia402_axis_t.range. */
@@ -141,7 +141,7 @@ typedef enum {
     /** It wraps over the whole int32_t. */
     IGH_CIA402_RANGE_WRAPPING = 1,
     /** It wraps within 0x607B: one step beyond range_max is range_min. */
-    IGH_CIA402_RANGE_MODULO = 2,
+    IGH_CIA402_RANGE_MODULO = 2
 } igh_cia402_range_t;
 
 /**
@@ -156,7 +156,7 @@ typedef enum {
     /** Disables voltage. */
     IGH_CIA402_HOST_LOSS_DISABLE_VOLTAGE = 2,
     /** Quick stop. */
-    IGH_CIA402_HOST_LOSS_QUICK_STOP = 3,
+    IGH_CIA402_HOST_LOSS_QUICK_STOP = 3
 } igh_cia402_host_loss_t;
 
 /**
@@ -181,7 +181,7 @@ typedef enum {
     /** Slows down at the current limit and stays at rest with power on. */
     IGH_CIA402_QUICK_STOP_CURRENT_LIMIT_AND_STAY = 7,
     /** Slows down at the voltage limit and stays at rest with power on. */
-    IGH_CIA402_QUICK_STOP_VOLTAGE_LIMIT_AND_STAY = 8,
+    IGH_CIA402_QUICK_STOP_VOLTAGE_LIMIT_AND_STAY = 8
 } igh_cia402_quick_stop_t;
 
 /**
@@ -193,7 +193,7 @@ typedef enum {
     /** Disables voltage at once; the motor coasts. */
     IGH_CIA402_STOP_OPTION_DISABLE = 0,
     /** Slows down by its ramp, then switches off. */
-    IGH_CIA402_STOP_OPTION_SLOW_DOWN = 1,
+    IGH_CIA402_STOP_OPTION_SLOW_DOWN = 1
 } igh_cia402_stop_option_t;
 
 /**
@@ -208,7 +208,7 @@ typedef enum {
     /** Slows down at the current limit. */
     IGH_CIA402_HALT_CURRENT_LIMIT = 3,
     /** Slows down at the voltage limit. */
-    IGH_CIA402_HALT_VOLTAGE_LIMIT = 4,
+    IGH_CIA402_HALT_VOLTAGE_LIMIT = 4
 } igh_cia402_halt_option_t;
 
 /**
@@ -225,7 +225,7 @@ typedef enum {
     /** Slows down at the current limit. */
     IGH_CIA402_FAULT_REACTION_CURRENT_LIMIT = 3,
     /** Slows down at the voltage limit. */
-    IGH_CIA402_FAULT_REACTION_VOLTAGE_LIMIT = 4,
+    IGH_CIA402_FAULT_REACTION_VOLTAGE_LIMIT = 4
 } igh_cia402_fault_reaction_t;
 
 /* ---------------------------------------------------------------------------
@@ -464,7 +464,7 @@ typedef enum {
      * It remains enabled if it is at rest and has mode and process data of the configuration;
      * otherwise it is stopped.
      */
-    IGH_CIA402_TAKEOVER_ADOPT = 1,
+    IGH_CIA402_TAKEOVER_ADOPT = 1
 } igh_cia402_takeover_t;
 
 /**
@@ -1172,7 +1172,7 @@ typedef enum {
     /** First contact: the state of the drive is read before anything else is sent. */
     IGH_CIA402_PHASE_INSPECTING = 19,
     /** Another one. */
-    IGH_CIA402_PHASE_OTHER = 255,
+    IGH_CIA402_PHASE_OTHER = 255
 } igh_cia402_phase_t;
 
 /** Decision on an axis' target. */
@@ -1188,7 +1188,7 @@ typedef enum {
     /** No target in this cycle; decision_reason is an igh_cia402_wait_t. */
     IGH_CIA402_DECISION_WAIT = 4,
     /** The target was rejected; decision_reason is an igh_cia402_rejection_t. */
-    IGH_CIA402_DECISION_REJECTED = 5,
+    IGH_CIA402_DECISION_REJECTED = 5
 } igh_cia402_decision_t;
 
 /** Reason why an active axis got nothing in a cycle. Its motion must not continue. */
@@ -1217,7 +1217,7 @@ typedef enum {
     /** igh_cia402_process_rx() was not called in this cycle. */
     IGH_CIA402_WAIT_NOT_RECEIVED = 9,
     /** Another axis of igh_cia402_stop_together() cannot get a target in this cycle. */
-    IGH_CIA402_WAIT_TOGETHER = 10,
+    IGH_CIA402_WAIT_TOGETHER = 10
 } igh_cia402_wait_t;
 
 /** Reason why a target was rejected. The previous target stays. */
@@ -1233,7 +1233,7 @@ typedef enum {
     /** The mode has no targets. */
     IGH_CIA402_REJECTION_NO_TARGETS = 5,
     /** Another reason. */
-    IGH_CIA402_REJECTION_OTHER = 255,
+    IGH_CIA402_REJECTION_OTHER = 255
 } igh_cia402_rejection_t;
 
 /** Reason of a hold: the axis gets no targets until igh_cia402_enable(). */
@@ -1271,7 +1271,7 @@ typedef enum {
     /** The application commanded it. */
     IGH_CIA402_HOLD_COMMANDED = 16,
     /** Another reason. */
-    IGH_CIA402_HOLD_OTHER = 255,
+    IGH_CIA402_HOLD_OTHER = 255
 } igh_cia402_hold_t;
 
 /** Cause of a stop. */
@@ -1297,7 +1297,7 @@ typedef enum {
     /** The drive was enabled at the first contact, or has another configuration. */
     IGH_CIA402_STOP_CAUSE_TAKEOVER = 9,
     /** Another cause. */
-    IGH_CIA402_STOP_CAUSE_OTHER = 255,
+    IGH_CIA402_STOP_CAUSE_OTHER = 255
 } igh_cia402_stop_cause_t;
 
 /** Error of the last command to an axis; igh_cia402_get_axis_text() gives details. */
@@ -1327,7 +1327,7 @@ typedef enum {
     /** The drive was enabled when it reported last, and does not answer. */
     IGH_CIA402_AXIS_ERROR_NOT_STOPPED = 11,
     /** Another one. */
-    IGH_CIA402_AXIS_ERROR_OTHER = 255,
+    IGH_CIA402_AXIS_ERROR_OTHER = 255
 } igh_cia402_axis_error_t;
 
 /** State of a node's heartbeat. */
@@ -1339,7 +1339,7 @@ typedef enum {
     /** Received in time. */
     IGH_CANOPEN_HEARTBEAT_ACTIVE = 2,
     /** Lost. */
-    IGH_CANOPEN_HEARTBEAT_TIMED_OUT = 3,
+    IGH_CANOPEN_HEARTBEAT_TIMED_OUT = 3
 } igh_canopen_heartbeat_t;
 
 /* ---------------------------------------------------------------------------
@@ -1482,7 +1482,7 @@ typedef enum {
     /** By 0x1016, after watch_ms without a heartbeat. */
     IGH_CIA402_HOST_WATCH_ACTIVE = 3,
     /** Another one. */
-    IGH_CIA402_HOST_WATCH_OTHER = 255,
+    IGH_CIA402_HOST_WATCH_OTHER = 255
 } igh_cia402_host_watch_t;
 
 /** Reaction of an enabled drive to the loss of the host. */
@@ -1500,7 +1500,7 @@ typedef enum {
     /** Continues with the last velocity or torque; in PP it moves to the end of its set-points. */
     IGH_CIA402_HOST_LOSS_REACTION_RUNS_ON = 5,
     /** Another one. */
-    IGH_CIA402_HOST_LOSS_REACTION_OTHER = 255,
+    IGH_CIA402_HOST_LOSS_REACTION_OTHER = 255
 } igh_cia402_host_loss_reaction_t;
 
 /** Deceleration of a drive. */
@@ -1516,7 +1516,7 @@ typedef enum {
     /** Voltage limit of the drive. */
     IGH_CIA402_STOP_RAMP_VOLTAGE_LIMIT = 4,
     /** Another one. */
-    IGH_CIA402_STOP_RAMP_OTHER = 255,
+    IGH_CIA402_STOP_RAMP_OTHER = 255
 } igh_cia402_stop_ramp_t;
 
 /**
@@ -1590,7 +1590,7 @@ typedef enum {
     /** More frames in a cycle than the gateway serves in one direction. */
     IGH_CIA402_LOAD_BUDGET = 3,
     /** The bus is too slow for the cycle: targets accumulate, and the axes will hold. */
-    IGH_CIA402_LOAD_TOO_MUCH = 4,
+    IGH_CIA402_LOAD_TOO_MUCH = 4
 } igh_cia402_load_warning_t;
 
 /** Counters of an axis. */
@@ -1708,7 +1708,7 @@ typedef enum {
     /** Done. */
     IGH_CIA402_SDO_DONE = 2,
     /** Failed. */
-    IGH_CIA402_SDO_FAILED = 3,
+    IGH_CIA402_SDO_FAILED = 3
 } igh_cia402_sdo_state_t;
 
 /**

@@ -198,7 +198,7 @@ typedef enum {
      */
     ECAN_ERR_LAYOUT = -37,
     /** An internal fault of the library. Please report it with the text of ecan_last_error(). */
-    ECAN_ERR_INTERNAL = -99,
+    ECAN_ERR_INTERNAL = -99
 } ecan_result_t;
 
 /**
@@ -309,7 +309,7 @@ typedef enum {
     /** CAN2. */
     ECAN_MCAN2 = 2,
     /** CAN3. */
-    ECAN_MCAN3 = 3,
+    ECAN_MCAN3 = 3
 } ecan_mcan_channel_t;
 
 /* ---------------------------------------------------------------------------

@@ -56,7 +56,7 @@ typedef enum {
     /** A dedicated TX buffer. */
     IGH_MCAN_HINT_BUFFER = 2,
     /** The TX queue, sorted by identifier. */
-    IGH_MCAN_HINT_QUEUE = 3,
+    IGH_MCAN_HINT_QUEUE = 3
 } igh_mcan_hint_t;
 
 /**
@@ -71,7 +71,7 @@ typedef enum {
     /** A dedicated RX buffer. */
     IGH_MCAN_SOURCE_BUFFER = 2,
     /** Marked as a high priority message. */
-    IGH_MCAN_SOURCE_HIGH_PRIORITY = 3,
+    IGH_MCAN_SOURCE_HIGH_PRIORITY = 3
 } igh_mcan_source_t;
 
 /** Kind of a received item, in igh_mcan_rx_frame_t.kind. */
@@ -79,7 +79,7 @@ typedef enum {
     /** A CAN frame from the bus. */
     IGH_MCAN_RX_FRAME = 0,
     /** The result of a transmission (manual 10). */
-    IGH_MCAN_RX_TX_RESULT = 1,
+    IGH_MCAN_RX_TX_RESULT = 1
 } igh_mcan_rx_kind_t;
 
 /** Format of igh_mcan_rx_frame_t.timestamp (manual 8.4). The manual gives no unit. */
@@ -91,7 +91,7 @@ typedef enum {
     /** Low 32 bits of the difference to the image's time base. */
     IGH_MCAN_TIMESTAMP_DELTA32 = 2,
     /** The whole time. */
-    IGH_MCAN_TIMESTAMP_FULL64 = 3,
+    IGH_MCAN_TIMESTAMP_FULL64 = 3
 } igh_mcan_timestamp_t;
 
 /**
@@ -110,7 +110,7 @@ typedef enum {
     /** The transmit FIFO is full. */
     IGH_MCAN_TX_RESULT_FIFO_FULL = 4,
     /** The channel is bus-off. */
-    IGH_MCAN_TX_RESULT_BUS_OFF = 5,
+    IGH_MCAN_TX_RESULT_BUS_OFF = 5
 } igh_mcan_tx_result_t;
 
 /**
@@ -281,7 +281,7 @@ typedef enum {
     /** Master to slave. */
     IGH_MCAN_RXPDO = 0,
     /** Slave to master. */
-    IGH_MCAN_TXPDO = 1,
+    IGH_MCAN_TXPDO = 1
 } igh_mcan_direction_t;
 
 /** Encapsulation profile: the format of the packets (manual 9). */
@@ -293,7 +293,7 @@ typedef enum {
     /** 64-byte data windows allowed, no timestamp. */
     IGH_MCAN_ENCAPSULATION_WINDOW64 = 4,
     /** 64-byte data windows and timestamps allowed. */
-    IGH_MCAN_ENCAPSULATION_WINDOW64_TIMESTAMPED = 5,
+    IGH_MCAN_ENCAPSULATION_WINDOW64_TIMESTAMPED = 5
 } igh_mcan_encapsulation_t;
 
 /** Budget policy: how channels share an image (manual 12). */
@@ -303,7 +303,7 @@ typedef enum {
     /** No reserve, everything shared. */
     IGH_MCAN_BUDGET_SHARED_ONLY = 1,
     /** Equal parts for each enabled channel, without borrowing. */
-    IGH_MCAN_BUDGET_DETERMINISTIC = 2,
+    IGH_MCAN_BUDGET_DETERMINISTIC = 2
 } igh_mcan_budget_t;
 
 /** The PDO profile of one direction, 0x8010:03..07 or 0x8011:03..07 (manual 13.2). */
@@ -534,7 +534,7 @@ typedef enum {
     /** The header changed while the image was read. Skip it in this cycle. */
     IGH_MCAN_PDO_TORN = 257,
     /** layout_id is not that of the profile; the frames are valid. */
-    IGH_MCAN_PDO_LAYOUT = 258,
+    IGH_MCAN_PDO_LAYOUT = 258
 } igh_mcan_pdo_error_t;
 
 /**
@@ -598,7 +598,7 @@ typedef enum {
     /** The same image again; its packets were read already. */
     IGH_MCAN_PDO_REPEATED = 2,
     /** A new image after lost ones. */
-    IGH_MCAN_PDO_GAP = 3,
+    IGH_MCAN_PDO_GAP = 3
 } igh_mcan_pdo_arrival_t;
 
 /** The header of an image, as transmitted (manual 6), without any check. */
@@ -714,7 +714,7 @@ typedef enum {
     /** In error. */
     IGH_MCAN_STATE_ERROR = 4,
     /** Listens without sending or acknowledging. */
-    IGH_MCAN_STATE_LISTEN = 5,
+    IGH_MCAN_STATE_LISTEN = 5
 } igh_mcan_state_t;
 
 /** Status of a channel, as the TxPDO header carries it (manual 7). Flags are 0 or 1. */

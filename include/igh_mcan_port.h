@@ -294,7 +294,7 @@ typedef enum {
     /** CAN IDs that equal id1 in the bits set in id2. */
     IGH_MCAN_MATCH_MASKED = 2,
     /** Extended filters: from id1 to id2 without the global mask. Standard filters: no CAN ID. */
-    IGH_MCAN_MATCH_RANGE_UNMASKED = 3,
+    IGH_MCAN_MATCH_RANGE_UNMASKED = 3
 } igh_mcan_match_t;
 
 /** Action for a frame that a filter matches. */
@@ -314,7 +314,7 @@ typedef enum {
     /** Marked as a priority message, into RX FIFO 1. */
     IGH_MCAN_FILTER_PRIORITY_FIFO1 = 6,
     /** Into the receive buffer with number id2; the filter matches only id1. */
-    IGH_MCAN_FILTER_BUFFER = 7,
+    IGH_MCAN_FILTER_BUFFER = 7
 } igh_mcan_filter_action_t;
 
 /**
@@ -828,7 +828,7 @@ typedef enum {
     /** An object that decides on accepted frames cannot be read; the text names it. */
     IGH_MCAN_SCHEDULE_FAULT_UNREADABLE = 3,
     /** Another one; see the text. */
-    IGH_MCAN_SCHEDULE_FAULT_OTHER = 255,
+    IGH_MCAN_SCHEDULE_FAULT_OTHER = 255
 } igh_mcan_schedule_fault_t;
 
 /**
@@ -1057,7 +1057,7 @@ typedef enum {
     /** Ready. */
     IGH_MCAN_SESSION_READY = 2,
     /** Verification failed; it starts again every second. */
-    IGH_MCAN_SESSION_FAILED = 3,
+    IGH_MCAN_SESSION_FAILED = 3
 } igh_mcan_session_t;
 
 /** Kind of the TxPDO image of a cycle. */
@@ -1072,7 +1072,7 @@ typedef enum {
      * An image with a fault, usable up to the fault at most; see
      * igh_mcan_port_get_parse_diag().
      */
-    IGH_MCAN_IMAGE_FAULT = 3,
+    IGH_MCAN_IMAGE_FAULT = 3
 } igh_mcan_image_t;
 
 /** One cycle with one gateway. */

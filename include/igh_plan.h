@@ -38,7 +38,7 @@ typedef enum {
     /** From the bus through the gateway to the host. */
     IGH_MCAN_ROUTE_FROM_BUS = 1,
     /** Between other nodes: only bus time counts. */
-    IGH_MCAN_ROUTE_ON_BUS_ONLY = 2,
+    IGH_MCAN_ROUTE_ON_BUS_ONLY = 2
 } igh_mcan_frame_route_t;
 
 /** Frames of one kind on one channel, for a plan. */

@@ -47,7 +47,7 @@ abidw --load-all-types --no-parameter-names --no-show-locs --no-corpus-path --no
     gcc -E -dM "-I$headers" "$work/headers.c" |
         sed -nE 's/^#define ((ECAN|IGH)_[A-Z0-9_]+) (-?[0-9].*)/\1 \3/p' | grep -vE '^ECAN_VERSION'
     # abidiff takes an additional value of an enumeration for no difference.
-    sed -nE 's/^ +((ECAN|IGH)_[A-Z0-9_]+) = (-?[0-9]+),.*/\1 \3/p' "$headers"/*.h
+    sed -nE 's/^ +((ECAN|IGH)_[A-Z0-9_]+) = (-?[0-9]+),?$/\1 \3/p' "$headers"/*.h
 } | LC_ALL=C sort >"$work/constants"
 for map in capi/libecan_*.map; do
     awk -v library="$(basename "$map" .map)" '/^ECAN/ { node = $1 }

@@ -24,7 +24,7 @@ pub fn header(root: &Path, header: &Header) -> Result<String, String> {
         }
         last = Some(title);
         let declarations = declarations(section, &sources::section(root, section)?)?;
-        sections.push_str(one_line_comments(&declarations).trim_end());
+        sections.push_str(tidy(&declarations).trim_end());
         sections.push_str("\n\n");
     }
     let guard = header.name.to_uppercase().replace('.', "_");
@@ -80,8 +80,8 @@ fn heading(out: &mut String, source: &str) {
     let _ = writeln!(out, " * {rule} */");
 }
 
-/// Puts a comment of one line on one line.
-fn one_line_comments(text: &str) -> String {
+/// Puts a comment of one line on one line, and removes commas that C90 lacks.
+fn tidy(text: &str) -> String {
     let lines: Vec<&str> = text.lines().collect();
     let mut out = String::new();
     let mut at = 0;
@@ -99,6 +99,9 @@ fn one_line_comments(text: &str) -> String {
                 at += 3;
             }
             None => {
+                // C90 has no comma after the last value of an enumeration.
+                let is_last = lines.get(at + 1).is_some_and(|next| next.starts_with('}'));
+                let line = if is_last { line.trim_end_matches(',') } else { line };
                 let _ = writeln!(out, "{line}");
                 at += 1;
             }
