@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Proves the C side: builds everything with CMake, runs its tests, runs the test of every function
-# under AddressSanitizer and valgrind, installs, and builds consumers from the installed tree by
-# find_package and by pkg-config. Needs cmake, gcc, g++, pkg-config and valgrind.
+# Proves the C side: builds everything with CMake, runs its programs, also under sanitizers and
+# valgrind, compares the binary interface, compiles headers and examples by gcc and clang in several
+# standards, installs, and builds consumers from the installed tree by find_package and by pkg-config.
+# Needs cmake, gcc, g++, clang, pkg-config, valgrind and abigail-tools.
 #
 #     scripts/check-c.sh [BUILD_DIRECTORY]
 set -euo pipefail
@@ -20,7 +21,8 @@ static=("$build/libecan_igh_host.a" "$build/libecan_mcan_host.a" -lpthread -ldl 
 say() { printf -- '-- %s\n' "$1"; }
 
 say "CMake"
-cmake -S . -B "$build" -DECAN_CARGO_TARGET_DIR="$target" >"$build/configure.log" ||
+cmake -S . -B "$build" -DECAN_CARGO_TARGET_DIR="$target" \
+    "-DCMAKE_CROSSCOMPILING_EMULATOR=$PWD/capi/tests/runner.sh" >"$build/configure.log" ||
     { cat "$build/configure.log"; exit 1; }
 cmake --build "$build" --parallel 2
 ctest --test-dir "$build" --output-on-failure
@@ -37,12 +39,31 @@ if scripts/check-abi.sh --headers "$build/headers" >"$build/abi.log" 2>&1; then
 fi
 grep -m 1 -F "type of 'uint32_t offset_ns' changed" "$build/abi.log"
 
-# Without padding, so that no field of a struct is outside the control of the library.
-say "headers alone, in C99 and in C++11, without padding in structs"
+# C90 except for stdint.h; without padding, so that no byte of a struct is outside its fields.
+say "headers alone, by gcc and clang"
 for header in include/*.h; do
-    name=$(basename "$header")
-    echo "#include <$name>" | gcc -std=c99 -Wall -Wextra -Wpedantic -Wpadded -Werror -Iinclude -fsyntax-only -xc -
-    echo "#include <$name>" | g++ -std=c++11 -Wall -Wextra -Wpedantic -Werror -Iinclude -fsyntax-only -xc++ -
+    for compiler in "gcc -std=c90 -pedantic -xc" "clang -std=c90 -pedantic -xc" \
+        "gcc -std=c99 -Wpedantic -Wpadded -xc" "g++ -std=c++11 -Wpedantic -xc++" \
+        "clang++ -std=c++11 -Wpedantic -xc++"; do
+        # shellcheck disable=SC2086 # words
+        echo "#include <$(basename "$header")>" |
+            $compiler -Wall -Wextra -Werror -Iinclude -fsyntax-only -
+    done
+done
+
+say "the programs in examples/c as C and C++, by gcc and clang"
+warnings=(-Wall -Wextra -Wconversion -Wsign-conversion -Werror -D_POSIX_C_SOURCE=200809L -Iinclude)
+for compiler in gcc clang; do
+    for standard in c99 c11 c17; do
+        $compiler "-std=$standard" "${warnings[@]}" -fsyntax-only examples/c/*.c
+    done
+done
+# Fields that an initializer leaves out are 0 in both languages.
+for compiler in g++ clang++; do
+    for standard in c++17 c++20; do
+        $compiler "-std=$standard" "${warnings[@]}" -Wno-missing-field-initializers \
+            -Wno-missing-braces -fsyntax-only -xc++ examples/c/*.c
+    done
 done
 
 say "the first program of API.md"
@@ -81,17 +102,43 @@ for arguments in "" progress; do
     grep "an exception left the callback" "$build/throwing_callback.log"
 done
 
-say "every function, under AddressSanitizer"
-gcc -std=c99 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -Wall -Wextra -Werror \
-    -Iinclude capi/tests/every_function/*.c "${static[@]}" \
-    -o "$build/every_function_sanitized"
-ASAN_OPTIONS=detect_leaks=1 "$build/every_function_sanitized"
+# Tests of ctest that run no program of a checker's build.
+without_programs='old_application|symbols_of|dependency_of'
+# Runs the programs of a build; a report of a checker is an error, whatever the program returns.
+# Arguments: name of the checker, build, arguments of ctest.
+run_checked() {
+    local reports=$build/$1
+    ctest --test-dir "$2" --output-on-failure --parallel 2 "${@:3}" >"$build/$1.log" ||
+        { tail -n 40 "$build/$1.log"; exit 1; }
+    tail -n 4 "$build/$1.log" | head -n 2
+    if find "$reports" -type f -size +0 -exec cat {} + | grep -m 60 .; then
+        echo "reports of $1: $reports" >&2
+        exit 1
+    fi
+}
 
-say "every function and the manual's fragments, under valgrind"
-checked=(valgrind --quiet --error-exitcode=1 --leak-check=full
-    "--show-leak-kinds=definite,indirect" "--errors-for-leak-kinds=definite,indirect")
-"${checked[@]}" "$build/capi/tests/every_function"
-ECAN_ECRT=$stepped "${checked[@]}" "$build/capi/tests/manual_fragments"
+say "all programs, under AddressSanitizer and UndefinedBehaviorSanitizer"
+sanitizer="-g -fsanitize=address,undefined -fno-sanitize-recover=undefined"
+rm -rf "$build/asan" && mkdir "$build/asan"
+cmake -S . -B "$build/sanitized" -DECAN_CARGO_TARGET_DIR="$target" \
+    "-DCMAKE_C_FLAGS=$sanitizer" >"$build/sanitized.log"
+cmake --build "$build/sanitized" --parallel 2 >>"$build/sanitized.log" ||
+    { tail -n 40 "$build/sanitized.log"; exit 1; }
+ASAN_OPTIONS=detect_leaks=1:log_path=$build/asan/address UBSAN_OPTIONS=log_path=$build/asan/undefined \
+    run_checked asan "$build/sanitized" --exclude-regex "$without_programs"
+
+# Each program once. Those of which two share a bus in real time are too slow for it.
+say "all programs, under valgrind"
+again='_static$|_whole$|_plan|_faulty|_excludes|_shift|_large_pdos|_real_time'
+real_time='attached_master$|attached_master_by_name'
+rm -rf "$build/valgrind" && mkdir "$build/valgrind"
+# Ten million calls would take it half an hour.
+memcheck="valgrind --quiet --error-exitcode=99 --leak-check=full --show-leak-kinds=definite,indirect
+    --errors-for-leak-kinds=definite,indirect --fair-sched=yes --log-file=$build/valgrind/%p"
+# shellcheck disable=SC2086 # words
+$memcheck "$build/capi/tests/observer_stress" 20000
+ECAN_TEST_RUNNER=$memcheck run_checked valgrind "$build" \
+    --exclude-regex "$without_programs|observer_stress|$again|$real_time"
 
 say "owners of the master, under valgrind"
 for owner in attached_master:stepped_echo attached_io:attached_cell attached_axes:attached_cell; do
