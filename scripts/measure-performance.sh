@@ -121,6 +121,9 @@ image sequence, checks of channel and frame, tickets and statistics.
 repeats a cycle in which every axis sent its TPDO; every axis follows targets at standstill. Four axes on a channel,
 sixteen on a gateway: ten are on one gateway, forty on three.
 
+The snapshot for observers is measured in whole cycles with N = 3: wait, begin, \`process_rx\`, a target per axis,
+\`send_targets_all\`, end. The same Port runs with an observer and without one.
+
 $(details "$axes")
 
     cargo bench -p ecan-cia402 --bench axes

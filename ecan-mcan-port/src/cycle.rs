@@ -101,7 +101,7 @@ impl Port {
     /// # Errors
     /// A [`CycleError`] of the library.
     pub fn repeat_images(&mut self) -> Result<(), CycleError> {
-        publish(&mut self.adapter, &mut self.gateways)
+        publish(&mut self.adapter, &mut self.gateways, self.snapshot_reservation)
     }
 
     /// Sleeps until the next cycle is due and returns the number of missed deadlines: see
@@ -186,7 +186,8 @@ impl Port {
             }
         }
         let receive_error = self.receive_error.take();
-        let send_error = publish(&mut self.adapter, &mut self.gateways).err();
+        let send_error =
+            publish(&mut self.adapter, &mut self.gateways, self.snapshot_reservation).err();
         let has_failed = receive_error.or(send_error).is_some();
         self.failed_cycles = if has_failed { self.failed_cycles.saturating_add(1) } else { 0 };
         let skipped = std::mem::take(&mut self.skipped);

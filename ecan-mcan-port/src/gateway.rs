@@ -304,10 +304,15 @@ fn log_bus_off(slave: usize, channel: usize, is_bus_off: bool) {
     }
 }
 
-pub(crate) fn publish(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result<(), CycleError> {
+/// `reservation` is the number of the snapshot's section.
+pub(crate) fn publish(
+    adapter: &mut Adapter,
+    gateways: &mut [Gateway],
+    reservation: u64,
+) -> Result<(), CycleError> {
     for (slave, gateway) in gateways.iter_mut().enumerate() {
         gateway.transmitter.end(adapter.rx_pdo_mut(slave), &mut gateway.statistics);
     }
-    snapshot::publish(adapter, gateways);
+    snapshot::publish(adapter, gateways, reservation);
     adapter.send()
 }

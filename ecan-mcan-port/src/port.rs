@@ -30,6 +30,8 @@ use crate::statistics::SlaveStatistics;
 pub struct Port {
     pub(crate) adapter: Adapter,
     pub(crate) gateways: Vec<Gateway>,
+    /// Number of the section of the snapshots.
+    pub(crate) snapshot_reservation: u64,
     pub(crate) is_cycle_open: bool,
     /// Of the last cycle that has begun.
     pub(crate) cycle_number: u64,
@@ -96,13 +98,14 @@ impl Port {
             .and_then(|()| build_gateways(&mut adapter, &config));
         match built {
             Ok(gateways) => {
-                snapshot::reserve(&adapter, gateways.len());
+                let snapshot_reservation = snapshot::reserve(&adapter, gateways.len());
                 if let Some(warning) = config.sync0_warning(adapter.config()) {
                     tracing::warn!("{warning}");
                 }
                 let port = Self {
                     adapter,
                     gateways,
+                    snapshot_reservation,
                     is_cycle_open: false,
                     cycle_number: 0,
                     deadline_ns: None,
@@ -145,7 +148,7 @@ impl Port {
         result?;
         self.gateways = build_gateways(&mut self.adapter, &config.port)?;
         *self.config = config.port;
-        snapshot::reserve(&self.adapter, self.gateways.len());
+        self.snapshot_reservation = snapshot::reserve(&self.adapter, self.gateways.len());
         Ok(())
     }
 

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use ecan_host::{Adapter, Section, Snapshot};
+use ecan_host::{Adapter, Section, SectionWriter, Snapshot};
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
 
@@ -46,49 +46,80 @@ impl fmt::Display for SessionState {
     }
 }
 
-/// Conversion of counters to words and back.
+/// Conversion of counters to words and back: those that change in most cycles, and the others, which
+/// are written only if their sum has changed, since they only grow.
 macro_rules! counter_words {
-    ($name:ident [$words:literal] $($field:ident)* $(; $other:ident)?) => {
+    (
+        $name:ident; $($excluded:ident)?;
+        frequent [$frequent_words:ident = $frequent_count:literal] $($frequent:ident)*;
+        rare [$rare_words:ident = $rare_count:literal] $($rare:ident)*
+    ) => {
+        const $frequent_words: usize = $frequent_count;
+        const $rare_words: usize = $rare_count;
+
         impl $name {
             #[inline(always)]
-            fn words(&self) -> [u64; $words] {
-                let Self { $($field,)* $($other: _,)? } = *self;
-                [$($field),*]
+            fn frequent(&self) -> [u64; $frequent_words] {
+                // Names every field.
+                let Self { $($frequent,)* $($rare: _,)* $($excluded: _,)? } = *self;
+                [$($frequent),*]
             }
 
-            fn of_words([$($field),*]: [u64; $words]) -> Self {
-                Self { $($field,)* $($other: Default::default(),)? }
+            #[inline(always)]
+            fn rare(&self) -> [u64; $rare_words] {
+                [$(self.$rare),*]
+            }
+
+            #[inline(always)]
+            fn rare_sum(&self) -> u64 {
+                0_u64 $(.wrapping_add(self.$rare))*
+            }
+
+            fn of_words(
+                [$($frequent),*]: [u64; $frequent_words],
+                [$($rare),*]: [u64; $rare_words],
+            ) -> Self {
+                Self { $($frequent,)* $($rare,)* $($excluded: Default::default(),)? }
             }
         }
     };
 }
 
-counter_words! { ChannelStatistics [17]
-    frames_accepted frames_sent frames_confirmed frames_delivered frames_lost frames_discarded
-    frames_unknown frames_pending frames_received frames_not_taken rejected_image_full
-    rejected_queue_full rejected_bus_off results_ok results_failed bus_off_images
-    not_running_images
+counter_words! { ChannelStatistics; frames_pending;
+    frequent [CHANNEL_FREQUENT = 6]
+        frames_accepted frames_sent frames_confirmed frames_delivered frames_received results_ok;
+    rare [CHANNEL_RARE = 10]
+        frames_lost frames_discarded frames_unknown frames_not_taken rejected_image_full
+        rejected_queue_full rejected_bus_off results_failed bus_off_images not_running_images
 }
 
-counter_words! { SlaveStatistics [19]
-    cycles incomplete_cycles rxpdo_published rxpdo_repeated rxpdo_discarded txpdo_received
-    txpdo_repeated txpdo_lost txpdo_discarded txpdo_unknown txpdo_torn txpdo_incomplete
-    txpdo_layout_changes parse_errors unmatched_results sessions sessions_lost
-    verification_failures startup_requests; channels
+counter_words! { SlaveStatistics; channels;
+    frequent [SLAVE_FREQUENT = 3]
+        cycles rxpdo_published txpdo_received;
+    rare [SLAVE_RARE = 16]
+        incomplete_cycles rxpdo_repeated rxpdo_discarded txpdo_repeated txpdo_lost txpdo_discarded
+        txpdo_unknown txpdo_torn txpdo_incomplete txpdo_layout_changes parse_errors
+        unmatched_results sessions sessions_lost verification_failures startup_requests
 }
 
-const STATE_WORDS: usize = 2;
-const SLAVE_WORDS: usize = 19;
-const CHANNEL_WORDS: usize = 17;
-const GATEWAY_WORDS: usize = STATE_WORDS + SLAVE_WORDS + CHANNELS * CHANNEL_WORDS;
 const STATUS_BITS: usize = 16;
+const STATE_WORDS: usize = 2;
+/// Words that the cycle always writes.
+const FREQUENT: usize = STATE_WORDS + SLAVE_FREQUENT + CHANNELS * CHANNEL_FREQUENT;
+/// The sum of the rare counters, with the number of the reservation, and these counters.
+const RARE: usize = 1 + SLAVE_RARE + CHANNELS * CHANNEL_RARE;
+const GATEWAY_WORDS: usize = FREQUENT + RARE;
 
-pub(crate) fn reserve(adapter: &Adapter, gateways: usize) {
-    adapter.reserve_section(Section::Port, &vec![0; gateways * GATEWAY_WORDS]);
+/// Position of the number of the reservation in the sum: the counters stay below it.
+const RESERVATION_SHIFT: u32 = 40;
+
+/// Returns a number that no other reservation has.
+pub(crate) fn reserve(adapter: &Adapter, gateways: usize) -> u64 {
+    adapter.reserve_section(Section::Port, &vec![0; gateways * GATEWAY_WORDS])
 }
 
 /// Writes the Port's section of this cycle.
-pub(crate) fn publish(adapter: &Adapter, gateways: &[Gateway]) {
+pub(crate) fn publish(adapter: &Adapter, gateways: &[Gateway], reservation: u64) {
     let Some(mut writer) = adapter.section_writer(Section::Port) else { return };
     for gateway in gateways {
         let session = match gateway.session.state() {
@@ -97,21 +128,36 @@ pub(crate) fn publish(adapter: &Adapter, gateways: &[Gateway]) {
             Session::Ready => 2,
             Session::Failed(_) => 3,
         };
-        let mut status = 0;
-        for (channel, word) in gateway.receiver.status().iter().enumerate() {
-            status |= u64::from(word.raw()) << (channel * STATUS_BITS);
-        }
+        let [first, second, third, fourth] =
+            gateway.receiver.status().map(|it| u64::from(it.raw()));
+        let status: u64 = first | second << 16 | third << 32 | fourth << 48;
         writer.write([session | u64::from(gateway.channel_mask) << 8, status]);
-        writer.write(gateway.statistics.words());
-        let channels = gateway.statistics.channels.iter().zip(gateway.transmitter.pending());
-        for (channel, (counters, frames_pending)) in channels.enumerate() {
-            if gateway.has_channel(channel as u8) {
-                writer.write(ChannelStatistics { frames_pending, ..*counters }.words());
+        let statistics = &gateway.statistics;
+        writer.write(statistics.frequent());
+        let mut sum = statistics.rare_sum().wrapping_add(reservation << RESERVATION_SHIFT);
+        for (channel, counters) in statistics.channels.iter().enumerate() {
+            if gateway.channel_mask >> channel & 1 == 1 {
+                writer.write(counters.frequent());
+                sum = sum.wrapping_add(counters.rare_sum());
             } else {
                 // All 0.
-                writer.skip(CHANNEL_WORDS);
+                writer.skip(CHANNEL_FREQUENT);
             }
         }
+        if writer.has_next(sum) {
+            writer.skip(RARE);
+        } else {
+            write_rare(&mut writer, statistics, sum);
+        }
+    }
+}
+
+#[cold]
+fn write_rare(writer: &mut SectionWriter<'_>, statistics: &SlaveStatistics, sum: u64) {
+    writer.write([sum]);
+    writer.write(statistics.rare());
+    for counters in &statistics.channels {
+        writer.write(counters.rare());
     }
 }
 
@@ -158,12 +204,12 @@ impl<'a> PortSnapshot<'a> {
 
     /// Counters of a gateway and its channels.
     pub fn statistics(&self, slave: usize) -> Option<SlaveStatistics> {
-        let words = self.gateways.get(slave)?;
-        let words = words.get(STATE_WORDS..)?;
-        let (counters, rest) = words.split_first_chunk::<SLAVE_WORDS>()?;
-        let mut statistics = SlaveStatistics::of_words(*counters);
-        for (channel, words) in statistics.channels.iter_mut().zip(rest.as_chunks().0) {
-            *channel = ChannelStatistics::of_words(*words);
+        let (frequent, rare) = self.gateways.get(slave)?.split_first_chunk::<FREQUENT>()?;
+        let frequent = frequent.get(STATE_WORDS..)?.first_chunk()?;
+        let rare = rare.get(1..)?.first_chunk()?;
+        let mut statistics = SlaveStatistics::of_words(*frequent, *rare);
+        for (channel, counters) in (0..).zip(&mut statistics.channels) {
+            *counters = self.counters(slave, channel)?;
         }
         Some(statistics)
     }
@@ -171,22 +217,37 @@ impl<'a> PortSnapshot<'a> {
     /// Counters of an enabled channel.
     pub fn channel_statistics(&self, slave: usize, channel: u8) -> Option<ChannelStatistics> {
         self.has_channel(slave, channel)?.then_some(())?;
-        let start = STATE_WORDS + SLAVE_WORDS + usize::from(channel) * CHANNEL_WORDS;
-        let words = self.gateways.get(slave)?.get(start..)?.first_chunk()?;
-        Some(ChannelStatistics::of_words(*words))
+        self.counters(slave, channel)
+    }
+
+    fn counters(&self, slave: usize, channel: u8) -> Option<ChannelStatistics> {
+        let (frequent, rare) = self.gateways.get(slave)?.split_first_chunk::<FREQUENT>()?;
+        let channel = usize::from(channel);
+        let frequent = frequent.get(STATE_WORDS + SLAVE_FREQUENT..)?.as_chunks().0.get(channel)?;
+        let rare = rare.get(1 + SLAVE_RARE..)?.as_chunks().0.get(channel)?;
+        let mut counters = ChannelStatistics::of_words(*frequent, *rare);
+        // Each accepted frame is in exactly one column.
+        let ended = counters.frames_delivered
+            + counters.frames_lost
+            + counters.frames_discarded
+            + counters.frames_unknown;
+        counters.frames_pending = counters.frames_accepted.wrapping_sub(ended);
+        Some(counters)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
-    proptest! {
-        #[test]
-        fn counters_are_read_as_written(slave in any::<[u64; 19]>(), channel in any::<[u64; 17]>()) {
-            prop_assert_eq!(SlaveStatistics::of_words(slave).words(), slave);
-            prop_assert_eq!(ChannelStatistics::of_words(channel).words(), channel);
-        }
+    #[test]
+    fn counters_are_read_as_written() {
+        let slave = SlaveStatistics::of_words([1, 2, 3], std::array::from_fn(|n| n as u64 + 10));
+        assert_eq!(slave.frequent(), [1, 2, 3]);
+        assert_eq!(slave.rare(), std::array::from_fn(|n| n as u64 + 10));
+        assert_eq!(slave.rare_sum(), slave.rare().iter().sum());
+        let channel = ChannelStatistics::of_words([1, 2, 3, 4, 5, 6], [7; CHANNEL_RARE]);
+        assert_eq!(channel.frequent(), [1, 2, 3, 4, 5, 6]);
+        assert_eq!(channel.rare_sum(), 7 * CHANNEL_RARE as u64);
     }
 }

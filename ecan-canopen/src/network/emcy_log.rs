@@ -19,6 +19,7 @@ pub struct EmcyRecord {
 pub struct EmcyLog {
     records: [Option<EmcyRecord>; EMCY_DEPTH],
     count: u32,
+    last_code: u16,
 }
 
 impl EmcyLog {
@@ -28,9 +29,17 @@ impl EmcyLog {
             *record = Some(EmcyRecord { at_ns, emcy });
         }
         self.count = self.count.wrapping_add(1);
+        self.last_code = emcy.code;
+    }
+
+    /// Error code of the last message; 0 before the first, or after the node reset its error.
+    #[inline]
+    pub fn last_code(&self) -> u16 {
+        self.last_code
     }
 
     /// Number of messages, including those that reset an error.
+    #[inline]
     pub fn count(&self) -> u32 {
         self.count
     }

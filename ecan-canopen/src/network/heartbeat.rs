@@ -71,10 +71,12 @@ impl HeartbeatWatch {
         is_overdue
     }
 
+    #[inline]
     pub(super) fn state(&self) -> Heartbeat {
         self.state
     }
 
+    #[inline]
     pub(super) fn timeouts(&self) -> u32 {
         self.timeouts
     }

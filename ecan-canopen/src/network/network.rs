@@ -114,6 +114,7 @@ impl Network {
         channel.node(node).map(NodeHandle)
     }
 
+    #[inline]
     pub(super) fn node(&self, handle: NodeHandle) -> Option<&Node> {
         self.nodes.get(handle.0)
     }
@@ -135,6 +136,7 @@ impl Network {
     // Node state
 
     /// Status of a node; real-time safe.
+    #[inline]
     pub fn status(&self, handle: NodeHandle) -> Option<NodeStatus> {
         self.node(handle).map(Node::status)
     }

@@ -37,14 +37,17 @@ impl NmtTracker {
         });
     }
 
+    #[inline]
     pub(super) fn reported(&self) -> Option<NmtState> {
         self.reported
     }
 
+    #[inline]
     pub(super) fn expected(&self) -> Option<NmtState> {
         self.expected
     }
 
+    #[inline]
     pub(super) fn boot_ups(&self) -> u32 {
         self.boot_ups
     }

@@ -29,6 +29,7 @@ impl Node {
         }
     }
 
+    #[inline]
     pub(super) fn status(&self) -> NodeStatus {
         NodeStatus {
             address: self.address,
@@ -38,6 +39,7 @@ impl Node {
             heartbeat: self.heartbeat.state(),
             heartbeat_timeouts: self.heartbeat.timeouts(),
             emcy_count: self.emcy.count(),
+            error_code: self.emcy.last_code(),
         }
     }
 }
@@ -61,4 +63,6 @@ pub struct NodeStatus {
     pub heartbeat_timeouts: u32,
     /// Number of emergency messages.
     pub emcy_count: u32,
+    /// Error code of the last one; 0 for none, or after the node reset its error.
+    pub error_code: u16,
 }

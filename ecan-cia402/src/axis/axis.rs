@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use ecan_canopen::{
-    CobId, Configurator, DriveState, Network, NmtCommand, NodeHandle, OperatingMode, Statusword,
-    Step, object,
+    CobId, Configurator, DriveState, EmcyLog, Network, NmtCommand, NodeHandle, OperatingMode,
+    Statusword, Step, object,
 };
 use ecan_protocol::can::CanId;
 
@@ -429,7 +429,6 @@ impl Axis {
     }
 
     pub(crate) fn error_code(&self, network: &Network) -> u16 {
-        let last = network.emcy(self.node).and_then(|log| log.last());
-        last.map_or(0, |record| record.emcy.code)
+        network.emcy(self.node).map_or(0, EmcyLog::last_code)
     }
 }

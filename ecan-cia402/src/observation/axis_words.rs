@@ -2,15 +2,18 @@
 
 use std::time::Duration;
 
-use ecan_canopen::{Network, NodeAddress, NodeId, Statusword};
+use ecan_canopen::{Network, NodeAddress, NodeId, NodeStatus, OperatingMode, Statusword};
+use ecan_host::SectionWriter;
 
 use super::codes;
 use crate::axis::axis::Axis;
+use crate::axis::axis_state::AxisState;
 use crate::axis::config::AxisConfig;
+use crate::axis::phase::AxisPhase;
 use crate::axis::status::{AxisErrorKind, AxisStatus};
 use crate::axis::units::Scale;
 use crate::guard::position_range::PositionRange;
-use crate::guard::terms::{Decision, TargetRejection};
+use crate::guard::terms::{Decision, GuardState, TargetRejection};
 
 /// Words that do not change: address, scale and range.
 pub(super) const FIXED_WORDS: usize = 4;
@@ -19,6 +22,14 @@ pub(super) const CYCLE_WORDS: usize = 5;
 /// Words of a rejected target; else their content is old.
 pub(super) const REJECTION_WORDS: usize = 2;
 pub(super) const AXIS_WORDS: usize = FIXED_WORDS + CYCLE_WORDS + REJECTION_WORDS;
+
+/// Words of one axis, by their kind.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct AxisWords<'a> {
+    pub(super) fixed: &'a [u64; FIXED_WORDS],
+    pub(super) cycle: &'a [u64; CYCLE_WORDS],
+    pub(super) rejection: &'a [u64; REJECTION_WORDS],
+}
 
 const HAS_ACTUAL: u64 = 1;
 const HAS_TARGET: u64 = 1 << 1;
@@ -29,6 +40,8 @@ const AT_REST: u64 = 1 << 5;
 const TARGET_REACHED: u64 = 1 << 6;
 const STOPPED: u64 = 1 << 7;
 const RECOVERING: u64 = 1 << 8;
+/// State of the heartbeat: 2 bits above the flags.
+const HEARTBEAT_SHIFT: u32 = 9;
 
 fn flag(is_set: bool, bit: u64) -> u64 {
     if is_set { bit } else { 0 }
@@ -60,14 +73,22 @@ fn address_of(word: u64) -> Option<NodeAddress> {
     Some(NodeAddress { slave: word as u32 as usize, channel: (word >> 32) as u8, node })
 }
 
+const DECISION_TARGET: u8 = 3;
+const DECISION_WAIT: u8 = 4;
+
+#[inline(always)]
+fn decision_number(kind: u8, reason: u8, value: i32) -> u64 {
+    u64::from(value.cast_unsigned()) | u64::from(kind) << 32 | u64::from(reason) << 35
+}
+
 /// Kind of a decision, its reason, and its value.
-fn decision_words(decision: Decision) -> (u8, u8, i32) {
+fn decision_parts(decision: Decision) -> (u8, u8, i32) {
     match decision {
         Decision::Closed => (0, 0, 0),
         Decision::Track(target) => (1, 0, target),
         Decision::First(target) => (2, 0, target),
-        Decision::Target(target) => (3, 0, target),
-        Decision::Wait(reason) => (4, reason as u8, 0),
+        Decision::Target(target) => (DECISION_TARGET, 0, target),
+        Decision::Wait(reason) => (DECISION_WAIT, reason as u8, 0),
         Decision::Reject(rejection) => (5, rejection_words(rejection).0, 0),
     }
 }
@@ -95,55 +116,118 @@ fn rejection_of(kind: u8, [first, second]: [u64; REJECTION_WORDS]) -> TargetReje
     }
 }
 
-/// The words of a cycle, and those of a rejected target.
+/// Word of positions.
 #[inline(always)]
-pub(super) fn cycle_words(
+fn positions(actual: Option<i32>, target: i32) -> u64 {
+    pair(actual.unwrap_or(0), target)
+}
+
+/// Word of what the drive and its node reported, with flags of the axis.
+#[inline(always)]
+fn report_word(axis: &Axis, flags: u64, node: &NodeStatus) -> u64 {
+    let statusword = axis.drive.statusword;
+    flags
+        | flag(axis.guard.actual().is_some(), HAS_ACTUAL)
+        | flag(statusword.is_some(), HAS_STATUSWORD)
+        | (node.heartbeat as u64) << HEARTBEAT_SHIFT
+        | u64::from(axis.guard.actual_age()) << 16
+        | u64::from(statusword.map_or(0, |word| word.0)) << 32
+        | u64::from(node.error_code) << 48
+}
+
+/// Word of the decision, the node and the hold.
+#[inline(always)]
+fn decision_word(decision: u64, node: &NodeStatus, hold: u16) -> u64 {
+    decision | u64::from(codes::nmt_number(node.nmt_state)) << 40 | u64::from(hold) << 48
+}
+
+/// Word of phase, stop and mode.
+#[inline(always)]
+fn phase_word(phase: u32, stop: u32, mode: OperatingMode) -> u64 {
+    u64::from(phase) | u64::from(stop) << 32 | u64::from(codes::mode_number(mode)) << 56
+}
+
+/// Word of the time in the phase, and of the error.
+#[inline(always)]
+fn time_word(axis: &Axis, now_ns: u64, error: u8) -> u64 {
+    now_ns.wrapping_sub(axis.phase_since_ns) << 8 | u64::from(error)
+}
+
+/// Writes the words of an axis in a cycle; those of a rejected target to `rejections`.
+#[inline(always)]
+pub(super) fn write_cycle(
     axis: &Axis,
     network: &Network,
     now_ns: u64,
-) -> ([u64; CYCLE_WORDS], Option<[u64; REJECTION_WORDS]>) {
-    let (actual, target) = (axis.guard.actual(), axis.target());
-    let statusword = axis.drive.statusword;
-    let flags = flag(actual.is_some(), HAS_ACTUAL)
-        | flag(target.is_some(), HAS_TARGET)
-        | flag(statusword.is_some(), HAS_STATUSWORD)
+    cycle: &mut SectionWriter<'_>,
+    rejections: &mut SectionWriter<'_>,
+) {
+    // infallible: the network has the node of each axis
+    let Some(node) = network.status(axis.node) else { return };
+    // The usual state, with few branches: the phase was updated in this cycle.
+    if let AxisPhase::Running = axis.phase
+        && let AxisState::Active = axis.state
+        && let GuardState::Running { target } = axis.guard.state()
+        && let OperatingMode::CyclicPosition = axis.mode
+        && let None = axis.error
+        && let None = axis.recovery
+    {
+        let decision = match axis.decision {
+            Decision::Target(target) => decision_number(DECISION_TARGET, 0, target),
+            Decision::Wait(reason) => decision_number(DECISION_WAIT, reason as u8, 0),
+            _ => return write_unusual(axis, &node, now_ns, cycle, rejections),
+        };
+        let at_rest = flag(axis.targets.is_at_rest(), AT_REST);
+        cycle.write([
+            positions(axis.guard.actual(), target),
+            report_word(axis, HAS_TARGET | CONFIGURED | RUNNING | at_rest, &node),
+            decision_word(decision, &node, 0),
+            phase_word(codes::PHASE_RUNNING, 0, OperatingMode::CyclicPosition),
+            time_word(axis, now_ns, 0),
+        ]);
+        rejections.skip(REJECTION_WORDS);
+        return;
+    }
+    write_unusual(axis, &node, now_ns, cycle, rejections);
+}
+
+#[cold]
+fn write_unusual(
+    axis: &Axis,
+    node: &NodeStatus,
+    now_ns: u64,
+    cycle: &mut SectionWriter<'_>,
+    rejections: &mut SectionWriter<'_>,
+) {
+    let target = axis.target();
+    let flags = flag(target.is_some(), HAS_TARGET)
         | flag(axis.setup.is_complete(), CONFIGURED)
         | flag(axis.follows_application(), RUNNING)
         | flag(axis.is_at_rest(), AT_REST)
         | flag(axis.is_target_reached(), TARGET_REACHED)
         | flag(axis.is_stopped(now_ns), STOPPED)
         | flag(axis.recovery.is_some(), RECOVERING);
-    let (decision, reason, value) = decision_words(axis.decision);
     let error = axis.error.map_or(0, |error| AxisErrorKind::from(error).raw());
     let stop = codes::stop_number(axis.state.stop().map(|stop| stop.cause));
-    let words = [
-        pair(actual.unwrap_or(0), target.unwrap_or(0)),
-        flags
-            | u64::from(axis.guard.actual_age()) << 16
-            | u64::from(statusword.map_or(0, |word| word.0)) << 32
-            | u64::from(axis.error_code(network)) << 48,
-        u64::from(value.cast_unsigned())
-            | u64::from(decision) << 32
-            | u64::from(reason) << 35
-            | u64::from(codes::nmt_number(network.nmt_state(axis.node))) << 40
-            | u64::from(network.heartbeat(axis.node) as u8) << 43
-            | u64::from(codes::hold_number(axis.hold_reason())) << 48,
-        u64::from(codes::phase_number(axis.phase))
-            | u64::from(stop) << 32
-            | u64::from(codes::mode_number(axis.mode)) << 56,
-        now_ns.saturating_sub(axis.phase_since_ns) << 8 | u64::from(error),
-    ];
-    let rejected = match axis.decision {
-        Decision::Reject(rejection) => Some(rejection_words(rejection).1),
-        _ => None,
-    };
-    (words, rejected)
+    let hold = codes::hold_number(axis.hold_reason());
+    let (kind, reason, value) = decision_parts(axis.decision);
+    cycle.write([
+        positions(axis.guard.actual(), target.unwrap_or(0)),
+        report_word(axis, flags, node),
+        decision_word(decision_number(kind, reason, value), node, hold),
+        phase_word(codes::phase_number(axis.phase), stop, axis.mode),
+        time_word(axis, now_ns, error),
+    ]);
+    match axis.decision {
+        Decision::Reject(rejection) => rejections.write(rejection_words(rejection).1),
+        _ => rejections.skip(REJECTION_WORDS),
+    }
 }
 
 /// The status of an axis.
-pub(super) fn status_of(words: &[u64; AXIS_WORDS]) -> Option<AxisStatus> {
-    let [address, steps_per_turn, origin, range, rest @ ..] = *words;
-    let [positions, state, decided, phase, elapsed, first, second] = rest;
+pub(super) fn status_of(words: AxisWords<'_>) -> Option<AxisStatus> {
+    let [address, steps_per_turn, origin, range] = *words.fixed;
+    let [positions, state, decided, phase, elapsed] = *words.cycle;
     let (actual, target) = unpair(positions);
     let (origin, range_kind) = unpair(origin);
     let (min, max) = unpair(range);
@@ -158,17 +242,17 @@ pub(super) fn status_of(words: &[u64; AXIS_WORDS]) -> Option<AxisStatus> {
         mode: codes::mode((phase >> 56) as u8)?,
         statusword: has(HAS_STATUSWORD).then_some(Statusword((state >> 32) as u16)),
         error_code: (state >> 48) as u16,
-        nmt_state: codes::nmt_state((decided >> 40) as u8 & 7),
-        heartbeat: codes::heartbeat((decided >> 43) as u8 & 7)?,
+        nmt_state: codes::nmt_state((decided >> 40) as u8),
+        heartbeat: codes::heartbeat((state >> HEARTBEAT_SHIFT) as u8 & 3)?,
         actual: has(HAS_ACTUAL).then_some(actual),
         actual_age: (state >> 16) as u16,
         target: has(HAS_TARGET).then_some(target),
         decision: match (decided >> 32) as u8 & 7 {
             1 => Decision::Track(value),
             2 => Decision::First(value),
-            3 => Decision::Target(value),
-            4 => Decision::Wait(codes::wait_reason(reason)?),
-            5 => Decision::Reject(rejection_of(reason, [first, second])),
+            DECISION_TARGET => Decision::Target(value),
+            DECISION_WAIT => Decision::Wait(codes::wait_reason(reason)?),
+            5 => Decision::Reject(rejection_of(reason, *words.rejection)),
             _ => Decision::Closed,
         },
         hold_reason: codes::hold_reason((decided >> 48) as u16),

@@ -45,25 +45,14 @@ pub(super) fn drive_state_number(state: Option<DriveState>) -> u8 {
     state.map_or(NONE, |state| state as u8)
 }
 
-/// State of a node: 3 bits.
+/// State of a node: 8 bits.
+#[inline(always)]
 pub(super) fn nmt_number(state: Option<NmtState>) -> u8 {
-    match state {
-        None => 0,
-        Some(NmtState::Initialising) => 1,
-        Some(NmtState::Stopped) => 2,
-        Some(NmtState::Operational) => 3,
-        Some(NmtState::PreOperational) => 4,
-    }
+    state.map_or(NONE, NmtState::raw)
 }
 
 pub(super) fn nmt_state(number: u8) -> Option<NmtState> {
-    Some(match number {
-        1 => NmtState::Initialising,
-        2 => NmtState::Stopped,
-        3 => NmtState::Operational,
-        4 => NmtState::PreOperational,
-        _ => return None,
-    })
+    NmtState::from_raw(number)
 }
 
 /// Reason of a hold: 16 bits, 0 for none.
@@ -142,6 +131,9 @@ pub(super) fn stop_cause(number: u32) -> Option<StopCause> {
     })
 }
 
+/// [`AxisPhase::Running`].
+pub(super) const PHASE_RUNNING: u32 = 8;
+
 /// Phase of an axis: 32 bits.
 pub(super) fn phase_number(phase: AxisPhase) -> u32 {
     let (kind, detail) = match phase {
@@ -156,7 +148,7 @@ pub(super) fn phase_number(phase: AxisPhase) -> u32 {
         }
         AxisPhase::Ready => (6, 0),
         AxisPhase::Enabling(state) => (7, u32::from(drive_state_number(state))),
-        AxisPhase::Running => (8, 0),
+        AxisPhase::Running => (PHASE_RUNNING, 0),
         AxisPhase::Halted => (9, 0),
         AxisPhase::Holding(reason) => (10, u32::from(hold_number(Some(reason)))),
         AxisPhase::Stopping(cause) => (11, stop_number(Some(cause))),
@@ -187,7 +179,7 @@ pub(super) fn phase(number: u32) -> Option<AxisPhase> {
         }
         6 => AxisPhase::Ready,
         7 => AxisPhase::Enabling(drive_state(byte)),
-        8 => AxisPhase::Running,
+        PHASE_RUNNING => AxisPhase::Running,
         9 => AxisPhase::Halted,
         10 => AxisPhase::Holding(hold_reason(detail as u16)?),
         11 => AxisPhase::Stopping(stop_cause(detail)?),

@@ -6,4 +6,4 @@ mod codes;
 
 pub use axes_snapshot::AxesSnapshot;
 
-pub(crate) use axes_snapshot::{publish, reserve};
+pub(crate) use axes_snapshot::{AxesWriter, reserve};

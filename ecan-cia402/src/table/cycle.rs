@@ -13,7 +13,7 @@ use crate::axis::axis_cycle::TargetTurn;
 use crate::axis::stop::StopCause;
 use crate::guard::gateway_watch::GatewayWatch;
 use crate::guard::terms::{Decision, WaitReason};
-use crate::observation;
+use crate::observation::AxesWriter;
 
 /// Summary of the targets of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -231,11 +231,15 @@ impl Cia402 {
         }
         self.network.send(cycle, self.now_ns);
         // A first target activates an axis.
-        for axis in &mut self.axes {
-            axis.update_phase(self.now_ns);
-        }
-        if self.quick_stops.is_observed() {
-            observation::publish(cycle.adapter(), &self.axes, &self.network, self.now_ns);
+        let now_ns = self.now_ns;
+        let is_observed = self.quick_stops.is_observed();
+        if let Some(mut writer) = AxesWriter::new(cycle.adapter(), is_observed, self.axes.len()) {
+            for axis in &mut self.axes {
+                axis.update_phase(now_ns);
+                writer.write(axis, &self.network, now_ns);
+            }
+        } else {
+            self.axes.iter_mut().for_each(|axis| axis.update_phase(now_ns));
         }
         summary
     }

@@ -44,10 +44,10 @@ impl Adapter {
         self.publisher.quick_stops(axis_count)
     }
 
-    /// Reserves a section of the snapshots, with the words that the cycle does not write. For the
-    /// layers of the SDK. Allocates; not for the cycle.
-    pub fn reserve_section(&self, section: Section, initial: &[u64]) {
-        self.publisher.reserve(section, initial);
+    /// Reserves a section of the snapshots, with the words that the cycle does not write. Returns a
+    /// number that no other reservation has. For the layers of the SDK. Allocates; not for the cycle.
+    pub fn reserve_section(&self, section: Section, initial: &[u64]) -> u64 {
+        self.publisher.reserve(section, initial)
     }
 
     /// The writer of a section in the snapshot of this cycle; `None` without an observer. For the

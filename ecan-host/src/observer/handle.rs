@@ -1,6 +1,6 @@
 //! Handle of other threads to the cycle.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::commands::{CommandTicket, Commands, NoSuchAxis};
@@ -15,6 +15,8 @@ pub(super) struct Shared {
     /// The ring that the cycle writes, or an earlier one of the chain. Locked outside the cycle only; it
     /// keeps the rings alive that the cycle leaves.
     pub(super) first_ring: Mutex<Arc<Ring>>,
+    /// Sections that were reserved so far.
+    pub(super) reservations: AtomicU64,
     /// Observers and their snapshots.
     pub(super) observers: AtomicUsize,
     pub(super) is_closed: AtomicBool,
@@ -25,6 +27,7 @@ impl Default for Shared {
         Self {
             commands: Commands::default(),
             first_ring: Mutex::new(Arc::new(Ring::new(Layout::default()))),
+            reservations: AtomicU64::new(0),
             observers: AtomicUsize::new(0),
             is_closed: AtomicBool::new(false),
         }

@@ -47,9 +47,9 @@ impl Publisher {
         self.shared.commands.executed()
     }
 
-    /// Sets the size of a section and its words that the cycle does not write. Allocates; outside the
-    /// cycle.
-    pub(crate) fn reserve(&self, section: Section, initial: &[u64]) {
+    /// Sets the size of a section and its words that the cycle does not write. Returns a number that no
+    /// other reservation has. Allocates; outside the cycle.
+    pub(crate) fn reserve(&self, section: Section, initial: &[u64]) -> u64 {
         let mut first = self.shared.first_ring.lock().unwrap_or_else(PoisonError::into_inner);
         let last = self.ring.last();
         if last.layout().initial_of(section) != initial {
@@ -57,6 +57,7 @@ impl Publisher {
         }
         // Earlier rings end here, if no snapshot uses them.
         *first = Arc::clone(&self.ring);
+        self.shared.reservations.fetch_add(1, Ordering::Relaxed) + 1
     }
 
     /// Begins a version unless one is begun; nothing without an observer.

@@ -77,6 +77,20 @@ impl<'a> SectionWriter<'a> {
         }
     }
 
+    /// Takes the next words apart; fewer at the end of the section. Real-time safe.
+    #[inline(always)]
+    pub fn split(&mut self, count: usize) -> Self {
+        let (first, rest) = self.rest.split_at(count.min(self.rest.len()));
+        self.rest = rest;
+        Self { rest: first }
+    }
+
+    /// Returns whether this version has this word next, from an earlier time. Real-time safe.
+    #[inline(always)]
+    pub fn has_next(&self, word: u64) -> bool {
+        self.rest.first().is_some_and(|next| next.load(Ordering::Relaxed) == word)
+    }
+
     /// Leaves the next words as they are. Real-time safe.
     #[inline(always)]
     pub fn skip(&mut self, count: usize) {
