@@ -140,12 +140,6 @@ $memcheck "$build/capi/tests/observer_stress" 20000
 ECAN_TEST_RUNNER=$memcheck run_checked valgrind "$build" \
     --exclude-regex "$without_programs|observer_stress|$again|$real_time"
 
-say "owners of the master, under valgrind"
-for owner in attached_master:stepped_echo attached_io:attached_cell attached_axes:attached_cell; do
-    LD_LIBRARY_PATH=$build/sim ECAN_ECRT=sim:$PWD/capi/tests/${owner#*:}.toml "${checked[@]}" \
-        "$build/capi/tests/${owner%:*}"
-done
-
 say "the installed tree"
 rm -rf "$build/installed" "$build/consumer"
 cmake --install "$build" --prefix "$build/installed" >"$build/install.log"
