@@ -162,9 +162,22 @@ pub(super) fn write_cycle(
     cycle: &mut SectionWriter<'_>,
     rejections: &mut SectionWriter<'_>,
 ) {
-    // infallible: the network has the node of each axis
-    let Some(node) = network.status(axis.node) else { return };
-    // The usual state, with few branches: the phase was updated in this cycle.
+    if let Some(words) = usual_words(axis, network, now_ns) {
+        cycle.write(words);
+        rejections.skip(REJECTION_WORDS);
+    } else {
+        let (words, rejected) = unusual_words(axis, network, now_ns);
+        cycle.write(words);
+        match rejected {
+            Some(words) => rejections.write(words),
+            None => rejections.skip(REJECTION_WORDS),
+        }
+    }
+}
+
+/// The words in the usual state, with few branches: the phase was updated in this cycle.
+#[inline(always)]
+fn usual_words(axis: &Axis, network: &Network, now_ns: u64) -> Option<[u64; CYCLE_WORDS]> {
     if let AxisPhase::Running = axis.phase
         && let AxisState::Active = axis.state
         && let GuardState::Running { target } = axis.guard.state()
@@ -172,33 +185,34 @@ pub(super) fn write_cycle(
         && let None = axis.error
         && let None = axis.recovery
     {
+        let node = network.status(axis.node)?;
         let decision = match axis.decision {
             Decision::Target(target) => decision_number(DECISION_TARGET, 0, target),
             Decision::Wait(reason) => decision_number(DECISION_WAIT, reason as u8, 0),
-            _ => return write_unusual(axis, &node, now_ns, cycle, rejections),
+            _ => return None,
         };
         let at_rest = flag(axis.targets.is_at_rest(), AT_REST);
-        cycle.write([
+        return Some([
             positions(axis.guard.actual(), target),
             report_word(axis, HAS_TARGET | CONFIGURED | RUNNING | at_rest, &node),
             decision_word(decision, &node, 0),
             phase_word(codes::PHASE_RUNNING, 0, OperatingMode::CyclicPosition),
             time_word(axis, now_ns, 0),
         ]);
-        rejections.skip(REJECTION_WORDS);
-        return;
     }
-    write_unusual(axis, &node, now_ns, cycle, rejections);
+    None
 }
 
+/// The words in any state, and those of a rejected target.
 #[cold]
-fn write_unusual(
+#[inline(never)]
+fn unusual_words(
     axis: &Axis,
-    node: &NodeStatus,
+    network: &Network,
     now_ns: u64,
-    cycle: &mut SectionWriter<'_>,
-    rejections: &mut SectionWriter<'_>,
-) {
+) -> ([u64; CYCLE_WORDS], Option<[u64; REJECTION_WORDS]>) {
+    // infallible: the network has the node of each axis
+    let Some(node) = network.status(axis.node) else { return ([0; CYCLE_WORDS], None) };
     let target = axis.target();
     let flags = flag(target.is_some(), HAS_TARGET)
         | flag(axis.setup.is_complete(), CONFIGURED)
@@ -211,16 +225,16 @@ fn write_unusual(
     let stop = codes::stop_number(axis.state.stop().map(|stop| stop.cause));
     let hold = codes::hold_number(axis.hold_reason());
     let (kind, reason, value) = decision_parts(axis.decision);
-    cycle.write([
+    let words = [
         positions(axis.guard.actual(), target.unwrap_or(0)),
-        report_word(axis, flags, node),
-        decision_word(decision_number(kind, reason, value), node, hold),
+        report_word(axis, flags, &node),
+        decision_word(decision_number(kind, reason, value), &node, hold),
         phase_word(codes::phase_number(axis.phase), stop, axis.mode),
         time_word(axis, now_ns, error),
-    ]);
+    ];
     match axis.decision {
-        Decision::Reject(rejection) => rejections.write(rejection_words(rejection).1),
-        _ => rejections.skip(REJECTION_WORDS),
+        Decision::Reject(rejection) => (words, Some(rejection_words(rejection).1)),
+        _ => (words, None),
     }
 }
 
