@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::commands::{CommandTicket, Commands, NoSuchAxis};
 use super::ring::Ring;
 use super::section::Layout;
-use super::snapshot::Snapshot;
 
 /// What an Adapter shares with its observers.
 #[derive(Debug)]
@@ -40,14 +39,14 @@ impl Shared {
     }
 }
 
-/// Handle for other threads than the cycle's: reads a [`Snapshot`] of the last cycle, and gives commands
+/// Handle for other threads than the cycle's: reads a [`Snapshot`](crate::Snapshot) of the last cycle, and gives commands
 /// that the next cycle executes.
 ///
 /// The cycle never waits for it: publishing takes neither lock nor system call nor memory, and a slow
 /// reader only repeats its own read. While an Adapter has no observer its cycle publishes nothing.
 ///
 /// The commands use atomics only: a signal handler may give them. Each returns a [`CommandTicket`];
-/// [`Snapshot::has_executed`] reports its execution.
+/// [`Snapshot::has_executed`](crate::Snapshot::has_executed) reports its execution.
 ///
 /// ```no_run
 /// # fn run(adapter: &ecan_host::Adapter) {
@@ -74,11 +73,6 @@ impl Observer {
 
     pub(super) fn shared(&self) -> &Shared {
         &self.shared
-    }
-
-    /// Memory for snapshots, empty until its first [`update`](Snapshot::update). Allocates.
-    pub fn snapshot(&self) -> Snapshot {
-        Snapshot::new(self.clone())
     }
 
     /// Returns whether the Adapter is gone: there are no further snapshots, and commands have no effect.

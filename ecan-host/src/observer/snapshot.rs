@@ -146,15 +146,18 @@ pub struct Snapshot {
     words: Vec<u64>,
 }
 
-impl Snapshot {
-    pub(super) fn new(observer: Observer) -> Self {
-        let first = observer.shared().first_ring();
+impl Observer {
+    /// Memory for snapshots, empty until its first [`update`](Snapshot::update). Allocates.
+    pub fn snapshot(&self) -> Snapshot {
+        let first = self.shared().first_ring();
         let ring = Arc::clone(first.last_written());
         // Room for what is reserved already.
         let words = Vec::with_capacity(first.last().layout().initial.len());
-        Self { observer, ring, number: 0, words }
+        Snapshot { observer: self.clone(), ring, number: 0, words }
     }
+}
 
+impl Snapshot {
     /// Reads the snapshot of the last cycle. Repeats the read while the cycle overtakes it; takes no
     /// lock, and memory only after a layer was opened or reconfigured.
     ///
