@@ -44,11 +44,13 @@
  *       "rt" or "not rt": may be called in the real-time cycle, or not. An rt function allocates
  *           nothing, takes no lock of the SDK and makes no system calls except those of the
  *           master. Error texts need no allocation either.
- *       thread: "any thread"; or the cycle's thread, which may change between two cycles. It never
- *           gets ECAN_ERR_BUSY because of another thread: it waits for an rt function there, which
- *           inherits its priority. Another thread gets ECAN_ERR_BUSY while a call is in progress
- *           or a cycle is open, and for functions that are not rt also while the cycle's thread
- *           sleeps in ecan_igh_wait_next_cycle() or igh_mcan_port_wait_next_cycle().
+ *       thread: "any thread"; or the cycle's thread, which may change between two cycles: a cycle
+ *           lasts from ecan_igh_wait_next_cycle() or igh_mcan_port_wait_next_cycle() to
+ *           ecan_igh_send() or igh_mcan_port_cycle_end(). This thread never gets ECAN_ERR_BUSY
+ *           because of a call of another thread: it waits for that call, which inherits its
+ *           priority. Other threads get ECAN_ERR_BUSY while a call is in progress or an image is
+ *           open (igh_mcan_port_cycle_begin() to _end()), and during the whole cycle for functions
+ *           that are not rt or run a cycle. Two threads must not run cycles at the same time.
  *       time: before or after which other function.
  *
  * Change log

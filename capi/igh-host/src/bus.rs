@@ -304,13 +304,14 @@ impl Entered<Bus> {
     pub(crate) fn run_to_end(&self, call: Call) -> Result<(), ecan_result_t> {
         match self.adapter() {
             Some(adapter) if adapter.is_attached() => Err(errors::attached(call)),
-            _ => self.run_cycle(call),
+            // The thread of the cycle waits for this call, instead of losing its cycle to it.
+            _ => self.end_cycle(call),
         }
     }
 
     /// Sleeps until the next deadline; other threads may use the bus during the sleep.
     pub(crate) fn wait_next_cycle(&mut self, call: Call) -> Result<(), ecan_result_t> {
-        self.run_cycle(call)?;
+        self.begin_cycle(call)?;
         let wait = match &mut self.layer {
             Layer::Adapter(adapter) => adapter.begin_wait(),
             Layer::Port(port) => port.begin_wait(),

@@ -6,7 +6,7 @@
 
 use std::cell::{Cell, UnsafeCell};
 use std::mem::MaybeUninit;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 
 use libc::{c_int, pthread_mutex_t};
 
@@ -25,8 +25,10 @@ pub(crate) struct Guard {
     is_kept: AtomicBool,
     /// The thread that runs the cycle; 0 for none so far.
     cycle_thread: AtomicU64,
-    /// The cycle thread sleeps until its next cycle.
-    is_asleep: AtomicBool,
+    /// Its number in the kernel.
+    cycle_tid: AtomicI32,
+    /// The cycle thread waits for its next cycle, or is in it.
+    is_in_cycle: AtomicBool,
 }
 
 // SAFETY: the mutex is made for several threads.
@@ -50,7 +52,8 @@ pub(crate) enum Busy {
     OtherThread,
     /// A call of this thread is in progress: in a callback or a signal handler.
     ThisThread,
-    /// A long call while another thread waits for its next cycle.
+    /// A long call, or one that runs the cycle, while another thread waits for its next cycle or is in
+    /// it.
     CycleRuns,
 }
 
@@ -58,30 +61,34 @@ impl Busy {
     pub(crate) fn text(self) -> &'static str {
         match self {
             Self::OtherThread => {
-                "the context is in use by another thread; retry, or use an ecan_igh_observer_t"
+                "the context is in use by another thread, in a call or an open cycle; other threads than \
+                 that of the cycle use an ecan_igh_observer_t"
             }
             Self::ThisThread => {
                 "a call with this context is in progress in this thread; a callback or a signal \
                  handler cannot use the context"
             }
             Self::CycleRuns => {
-                "another thread runs the cycle, and this function is not real-time safe; call it in \
-                 the thread of the cycle"
+                "another thread runs the cycle; call this function in that thread, or after its last \
+                 cycle"
             }
         }
     }
 }
 
-/// Number of this thread, never 0. Unlike the system's, it is not used again after the thread's end.
+/// This thread: a number that is never 0 and, unlike the system's, not used again after the thread's
+/// end; and its number in the kernel.
 #[inline]
-fn this_thread() -> u64 {
-    thread_local!(static NUMBER: Cell<u64> = const { Cell::new(0) });
+fn this_thread() -> (u64, c_int) {
+    thread_local!(static NUMBERS: Cell<(u64, c_int)> = const { Cell::new((0, 0)) });
     static LAST: AtomicU64 = AtomicU64::new(0);
-    NUMBER.with(|number| {
-        if number.get() == 0 {
-            number.set(LAST.fetch_add(1, Ordering::Relaxed) + 1);
+    NUMBERS.with(|numbers| {
+        if numbers.get().0 == 0 {
+            // SAFETY: the call has no arguments.
+            let tid = unsafe { libc::syscall(libc::SYS_gettid) };
+            numbers.set((LAST.fetch_add(1, Ordering::Relaxed) + 1, tid as c_int));
         }
-        number.get()
+        numbers.get()
     })
 }
 
@@ -94,7 +101,8 @@ impl Guard {
             is_in_call: AtomicBool::new(false),
             is_kept: AtomicBool::new(false),
             cycle_thread: AtomicU64::new(0),
-            is_asleep: AtomicBool::new(false),
+            cycle_tid: AtomicI32::new(0),
+            is_in_cycle: AtomicBool::new(false),
         }
     }
 
@@ -126,7 +134,7 @@ impl Guard {
     /// Starts a call of this thread.
     #[inline]
     pub(crate) fn enter(&self, access: Access) -> Result<(), Busy> {
-        let thread = this_thread();
+        let (thread, _) = this_thread();
         if self.holder.load(Ordering::Relaxed) != thread {
             self.lock(thread, access)?;
         } else if self.is_in_call.load(Ordering::Relaxed) {
@@ -169,7 +177,7 @@ impl Guard {
         }
         self.holder.store(thread, Ordering::Relaxed);
         self.is_kept.store(false, Ordering::Relaxed);
-        if access == Access::Long && self.is_asleep.load(Ordering::Relaxed) {
+        if access == Access::Long && self.has_other_cycle(thread) {
             self.unlock();
             return Err(Busy::CycleRuns);
         }
@@ -190,13 +198,38 @@ impl Guard {
         unsafe { libc::pthread_mutex_lock(self.mutex()) }
     }
 
-    /// Makes this thread, which is in a call, the one that runs the cycle.
+    /// Returns true while another thread waits for its next cycle or is in it. A thread that ended has
+    /// no cycle.
+    fn has_other_cycle(&self, thread: u64) -> bool {
+        self.is_in_cycle.load(Ordering::Relaxed)
+            && self.cycle_thread.load(Ordering::Relaxed) != thread
+            // SAFETY: signal 0 only checks that the thread exists.
+            && unsafe {
+                let tid = self.cycle_tid.load(Ordering::Relaxed);
+                libc::syscall(libc::SYS_tgkill, libc::getpid(), tid, 0) == 0
+            }
+    }
+
+    /// Begins a cycle of this thread, which is in a call, or the wait for one.
     #[inline]
-    pub(crate) fn run_cycle(&self) -> Result<(), Busy> {
-        if self.is_asleep.load(Ordering::Relaxed) {
+    pub(crate) fn begin_cycle(&self) -> Result<(), Busy> {
+        let (thread, tid) = this_thread();
+        if self.has_other_cycle(thread) {
             return Err(Busy::CycleRuns);
         }
-        self.cycle_thread.store(this_thread(), Ordering::Relaxed);
+        self.cycle_thread.store(thread, Ordering::Relaxed);
+        self.cycle_tid.store(tid, Ordering::Relaxed);
+        self.is_in_cycle.store(true, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Ends the cycle of this thread, which is in a call: other threads may run the next one.
+    #[inline]
+    pub(crate) fn end_cycle(&self) -> Result<(), Busy> {
+        if self.has_other_cycle(this_thread().0) {
+            return Err(Busy::CycleRuns);
+        }
+        self.is_in_cycle.store(false, Ordering::Relaxed);
         Ok(())
     }
 
@@ -206,16 +239,14 @@ impl Guard {
         self.is_kept.store(true, Ordering::Relaxed);
     }
 
-    /// Frees the guard for a sleep of this thread, which is in a call and runs the cycle.
+    /// Frees the guard for a sleep of this thread, which is in a call and has begun its cycle.
     pub(crate) fn sleep<R>(&self, sleep: impl FnOnce() -> R) -> R {
-        self.is_asleep.store(true, Ordering::Relaxed);
         self.leave(false);
         let slept = sleep();
-        let thread = this_thread();
-        // It succeeds at once: no other thread can run the cycle or keep the guard during the sleep.
+        let (thread, _) = this_thread();
+        // It succeeds at once: no other thread can begin a cycle or keep the guard during the sleep.
         while self.lock(thread, Access::Short).is_err() {}
         self.is_in_call.store(true, Ordering::Relaxed);
-        self.is_asleep.store(false, Ordering::Relaxed);
         slept
     }
 }

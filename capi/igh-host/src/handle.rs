@@ -132,10 +132,16 @@ impl<T: Pooled> Drop for Entered<T> {
 }
 
 impl<T: Pooled> Entered<T> {
-    /// Makes this thread the one that runs the cycle.
+    /// Begins a cycle of this thread, or the wait for one.
     #[inline]
-    pub(crate) fn run_cycle(&self, call: Call) -> Result<(), ecan_result_t> {
-        self.slot.guard.run_cycle().map_err(|reason| busy(call, reason))
+    pub(crate) fn begin_cycle(&self, call: Call) -> Result<(), ecan_result_t> {
+        self.slot.guard.begin_cycle().map_err(|reason| busy(call, reason))
+    }
+
+    /// Ends the cycle of this thread, if any: other threads may run the next one.
+    #[inline]
+    pub(crate) fn end_cycle(&self, call: Call) -> Result<(), ecan_result_t> {
+        self.slot.guard.end_cycle().map_err(|reason| busy(call, reason))
     }
 
     /// Keeps the object for this thread until the cycle that it has opened ends.

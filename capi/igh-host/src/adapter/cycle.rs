@@ -59,13 +59,14 @@ mirror! {
 fn exchange(
     call: Call,
     bus: &mut Entered<Bus>,
+    claim: impl FnOnce(&Entered<Bus>, Call) -> Result<(), ecan_result_t>,
     half: impl FnOnce(&mut Adapter) -> Result<(), CycleError>,
 ) -> Result<(), ecan_result_t> {
     if bus.port_mut().is_some() {
         let text = format_args!("there is a Port on it: call igh_mcan_port_cycle_begin and _end");
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
     }
-    bus.run_cycle(call)?;
+    claim(bus, call)?;
     half(bus.need_adapter(call)?).or_code(call)
 }
 
@@ -76,7 +77,7 @@ fn exchange(
 ///          ECAN_ERR_ORDER if the bus is not active or there is a Port on it.
 #[export(call, bus bus)]
 pub fn ecan_igh_receive(context: *mut ecan_igh_context_t) {
-    exchange(call, bus, Adapter::receive)
+    exchange(call, bus, Entered::begin_cycle, Adapter::receive)
 }
 
 /// Sends the process data. Last in the cycle.
@@ -85,7 +86,7 @@ pub fn ecan_igh_receive(context: *mut ecan_igh_context_t) {
 /// @return  As ecan_igh_receive().
 #[export(call, bus bus)]
 pub fn ecan_igh_send(context: *mut ecan_igh_context_t) {
-    exchange(call, bus, Adapter::send)
+    exchange(call, bus, Entered::end_cycle, Adapter::send)
 }
 
 /// Sleeps until the next deadline of the cycle, on a grid of the configured period that never

@@ -115,18 +115,38 @@ fn object_in_use_is_busy() {
 }
 
 #[test]
-fn sleeping_cycle_admits_short_calls_only() {
+fn cycle_of_another_thread_admits_short_calls_only() {
     let mut context = NOTHING;
     assert_eq!(make(&mut context, 7), 0);
     inside(&context, |call, entered| {
-        assert_eq!(entered.run_cycle(call), Ok(()));
+        assert_eq!(entered.begin_cycle(call), Ok(()));
         entered.sleep(|| {
             assert_eq!(value_in_thread(&context, Access::Short), Ok(7));
             assert_eq!(value_in_thread(&context, Access::Long), BUSY);
         });
         assert_eq!(value_in_thread(&context, Access::Short), BUSY, "after the sleep");
     });
+    assert_eq!(value_in_thread(&context, Access::Short), Ok(7), "between two calls of the cycle");
+    assert_eq!(value_in_thread(&context, Access::Long), BUSY);
+    std::thread::scope(|scope| {
+        let other =
+            || inside(&context, |call, entered| assert!(entered.begin_cycle(call).is_err()));
+        scope.spawn(other).join().unwrap();
+    });
+    inside(&context, |call, entered| assert_eq!(entered.end_cycle(call), Ok(())));
     assert_eq!(value_in_thread(&context, Access::Long), Ok(7));
+    assert_eq!(end(&context), 0);
+}
+
+#[test]
+fn cycle_ends_with_its_thread() {
+    let mut context = NOTHING;
+    assert_eq!(make(&mut context, 7), 0);
+    std::thread::scope(|scope| {
+        let begin = || inside(&context, |call, it| assert_eq!(it.begin_cycle(call), Ok(())));
+        scope.spawn(begin).join().unwrap();
+    });
+    assert_eq!(value_of(&context, Kind::Adapter, Access::Long), Ok(7));
     assert_eq!(end(&context), 0);
 }
 
@@ -174,12 +194,16 @@ fn cycle_thread_never_loses_to_visitors() {
         }
         for cycle in 0..CYCLES {
             inside(&context, |call, entered| {
-                assert_eq!(entered.run_cycle(call), Ok(()));
+                assert_eq!(entered.begin_cycle(call), Ok(()));
                 entered.sleep(|| ());
                 entered.0 = OPEN;
                 entered.keep();
             });
-            inside(&context, |_, entered| entered.0 = cycle);
+            assert_eq!(value(&context, Kind::Adapter), Ok(OPEN));
+            inside(&context, |call, entered| {
+                assert_eq!(entered.end_cycle(call), Ok(()));
+                entered.0 = cycle;
+            });
             assert_eq!(value(&context, Kind::Adapter), Ok(cycle));
         }
         is_done.store(true, Ordering::Relaxed);

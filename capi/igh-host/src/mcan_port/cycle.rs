@@ -34,7 +34,7 @@ pub fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_t) {
 ///          igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER if the bus is not active.
 #[export(call, bus bus)]
 pub fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) {
-    bus.run_cycle(call)?;
+    bus.begin_cycle(call)?;
     bus.keep();
     let cycle = bus.need_port(call)?.begin_cycle();
     let error = cycle.receive_error();
@@ -47,8 +47,10 @@ pub fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) {
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: continue with the next
 ///          cycle; ECAN_ERR_ORDER if the bus is not active.
-#[export(call, layer port)]
+#[export(call, bus bus)]
 pub fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) {
+    bus.end_cycle(call)?;
+    let port = bus.need_port(call)?;
     let ended = port.open_cycle().map(Cycle::finish);
     let error = match ended {
         Some(summary) => summary.send_error,
