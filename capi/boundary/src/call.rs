@@ -6,7 +6,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 
 use super::out_pointer::{OutArray, OutPointer};
-use super::out_text::OutText;
 use crate::last_error;
 use crate::result::ecan_result_t;
 
@@ -246,25 +245,6 @@ impl Call {
     ) -> Result<OutArray<u8>, ecan_result_t> {
         // SAFETY: the caller's promise.
         unsafe { self.room(name, bytes.cast(), capacity) }
-    }
-
-    /// Takes a buffer for a text, and a pointer for the bytes that the whole text needs, which may be
-    /// NULL and gets 0 until the text is stored.
-    ///
-    /// # Safety
-    /// `text` is NULL or valid for writing `size` bytes, `needed` NULL or valid for writing, as long as
-    /// the result lives.
-    pub unsafe fn out_text(
-        self,
-        name: &str,
-        text: *mut c_char,
-        size: usize,
-        needed: *mut usize,
-    ) -> Result<OutText, ecan_result_t> {
-        // SAFETY: the caller's promise.
-        let (needed, room) =
-            unsafe { (self.optional_out("needed", needed)?, self.room(name, text, size)?) };
-        Ok(OutText::new((!text.is_null()).then_some(room), needed))
     }
 
     #[inline]

@@ -20,7 +20,7 @@ pub struct OutText {
 
 impl OutText {
     /// `None` for no buffer, or no interest in the size.
-    pub(super) fn new(room: Option<OutArray<c_char>>, needed: Option<OutPointer<usize>>) -> Self {
+    fn new(room: Option<OutArray<c_char>>, needed: Option<OutPointer<usize>>) -> Self {
         if let Some(needed) = &needed {
             needed.set(0);
         }
@@ -48,6 +48,27 @@ impl OutText {
         }
         let text = format_args!("the text needs {bytes} bytes, the buffer has {size}");
         Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
+    }
+}
+
+impl Call {
+    /// Takes a buffer for a text, and a pointer for the bytes that the whole text needs, which may be
+    /// NULL and gets 0 until the text is stored.
+    ///
+    /// # Safety
+    /// `text` is NULL or valid for writing `size` bytes, `needed` NULL or valid for writing, as long as
+    /// the result lives.
+    pub unsafe fn out_text(
+        self,
+        name: &str,
+        text: *mut c_char,
+        size: usize,
+        needed: *mut usize,
+    ) -> Result<OutText, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        let (needed, room) =
+            unsafe { (self.optional_out("needed", needed)?, self.room(name, text, size)?) };
+        Ok(OutText::new((!text.is_null()).then_some(room), needed))
     }
 }
 
