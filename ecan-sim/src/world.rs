@@ -5,6 +5,7 @@ mod attached_node;
 mod can_side;
 mod deadline_set;
 mod drives;
+mod fmmu;
 mod io_slot;
 mod line;
 mod node_slot;
@@ -29,7 +30,8 @@ use crate::world::recording::Recording;
 
 pub use recording::BusFrame;
 
-pub(crate) use line::{CycleFaults, Fmmu, LogicalCommand, ProcessDirection, Slot};
+pub(crate) use fmmu::{Fmmu, LogicalCommand, ProcessDirection};
+pub(crate) use line::{CycleFaults, Slot};
 pub(crate) use slave_description::SlaveDescription;
 
 /// Simulated time at which every stepped world begins, ns. Not 0, which some interfaces take for

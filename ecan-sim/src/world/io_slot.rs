@@ -1,9 +1,9 @@
 //! I/O slaves on the line, between the gateways.
 
-use super::line::Fmmu;
 use crate::io_slave::IoSlave;
 use crate::scenario::IoSpec;
 use crate::world::World;
+use crate::world::fmmu::Fmmu;
 
 pub(super) struct IoSlot {
     pub(super) slave: IoSlave,
