@@ -133,9 +133,19 @@ public:
         }
         return *value_;
     }
+    const T &value() const &
+    {
+        if (!value_) {
+            std::abort();
+        }
+        return *value_;
+    }
     T &&value() && { return std::move(value()); }
     T &operator*() & { return value(); }
+    const T &operator*() const & { return value(); }
+    T &&operator*() && { return std::move(value()); }
     T *operator->() { return &value(); }
+    const T *operator->() const { return &value(); }
     /** The failure, if there is no value. */
     const failure &error() const noexcept { return failure_; }
 

@@ -51,11 +51,20 @@ void failures_are_results()
     CHECK(ecan::check(ecan::status()).has_value());
 }
 
+void results_are_read_if_constant()
+{
+    const ecan::result<std::string> text(std::string("abc"));
+    CHECK(text.value() == "abc" && *text == "abc" && text->size() == 3);
+    const auto moved = *ecan::result<std::string>(std::string("d"));
+    CHECK(moved == "d");
+}
+
 } // namespace
 
 int main()
 {
     frames_return();
     failures_are_results();
+    results_are_read_if_constant();
     return check::report("results");
 }
