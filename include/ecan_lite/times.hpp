@@ -28,15 +28,18 @@ inline namespace ECAN_LITE_STYLE {
 namespace detail {
 
 /** A duration as a number of the C interface: rounded up, and limited to its range. */
-template <class Unit>
-constexpr std::uint32_t count_of(std::chrono::nanoseconds duration) noexcept
+template <class Unit, class Duration>
+constexpr std::uint32_t count_of(Duration duration) noexcept
 {
-    const auto count = std::chrono::ceil<Unit>(duration).count();
     constexpr auto most = std::numeric_limits<std::uint32_t>::max();
-    if (count <= 0) {
+    if (duration <= Duration::zero()) {
         return 0;
     }
-    return static_cast<std::uint64_t>(count) < most ? static_cast<std::uint32_t>(count) : most;
+    // before the conversion, which overflows for long durations
+    if (duration > std::chrono::duration_cast<Duration>(Unit(most))) {
+        return most;
+    }
+    return static_cast<std::uint32_t>(std::chrono::ceil<Unit>(duration).count());
 }
 
 constexpr std::uint32_t ms_of(std::chrono::milliseconds duration) noexcept

@@ -353,7 +353,25 @@ void durations_are_rounded_up()
     using ecan::detail::count_of;
     CHECK(count_of<std::chrono::milliseconds>(1500us) == 2);
     CHECK(count_of<std::chrono::microseconds>(-1ns) == 0);
-    CHECK(count_of<std::chrono::nanoseconds>(1000h) == 0xFFFFFFFFu);
+}
+
+void long_durations_are_limited()
+{
+    using ecan::detail::count_of;
+    constexpr std::uint32_t most = 0xFFFFFFFF;
+    CHECK(count_of<std::chrono::nanoseconds>(1000h) == most);
+    CHECK(count_of<std::chrono::milliseconds>(std::chrono::milliseconds::max()) == most);
+    CHECK(count_of<std::chrono::nanoseconds>(std::chrono::hours::max()) == most);
+    CHECK(count_of<std::chrono::milliseconds>(std::chrono::nanoseconds::max()) == most);
+    CHECK(count_of<std::chrono::milliseconds>(std::chrono::milliseconds::min()) == 0);
+    CHECK(count_of<std::chrono::nanoseconds>(4294967295ns) == most);
+    CHECK(count_of<std::chrono::nanoseconds>(4294967294ns) == most - 1);
+    CHECK(count_of<std::chrono::nanoseconds>(4294ms) == 4294000000u);
+    const auto config = echo();
+    auto master = ecan::master::open(config);
+    auto port = ecan::port::open(master, config);
+    master.wait_op(std::chrono::milliseconds::max());
+    CHECK(master.is_operational());
 }
 
 } // namespace
@@ -372,5 +390,6 @@ int main()
     observer_reads_and_commands_from_another_thread();
     faults_of_the_axis_table_are_reported();
     durations_are_rounded_up();
+    long_durations_are_limited();
     return check::report("exceptions");
 }
