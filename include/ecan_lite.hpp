@@ -17,7 +17,7 @@
  * Rules for all classes:
  *
  * - The classes own the C contexts and keep them at one address: objects may be moved, not copied. A
- *   Port or axes keep the master open, so that the order of destruction does not matter. Functions of a
+ *   Port, its cycle or axes keep the master open, so that the order of destruction does not matter. Functions of a
  *   moved-from object return errc::null_pointer.
  * - Errors outside the cycle: an outcome. It is an exception of type ecan::error by default; with
  *   ECAN_LITE_NO_EXCEPTIONS defined (or without exceptions in the compiler) functions return an

@@ -16,21 +16,19 @@ class port;
 
 /**
  * One cycle of a Port: from the received images to the images to send. Its functions are real-time safe.
- * The destructor ends the cycle, also after an exception; end() does so with a status.
+ * The destructor ends the cycle, also after an exception; end() does so with a status. It keeps the
+ * master open like the Port.
  */
 class cycle {
 public:
-    cycle(cycle &&other) noexcept
-        : port_(std::exchange(other.port_, nullptr)), began_(other.began_)
-    {
-    }
+    cycle(cycle &&other) noexcept = default;
     cycle(const cycle &) = delete;
     cycle &operator=(const cycle &) = delete;
     cycle &operator=(cycle &&) = delete;
     ~cycle()
     {
-        if (port_ != nullptr) {
-            detail::ignore(igh_mcan_port_cycle_end(port_));
+        if (bus_) {
+            detail::ignore(igh_mcan_port_cycle_end(&bus_->port));
         }
     }
 
@@ -44,7 +42,7 @@ public:
         igh_mcan_rx_frame_t frames[BATCH];
         for (;;) {
             std::size_t count = 0;
-            const status received(igh_mcan_port_receive(port_, frames, BATCH, &count));
+            const status received(igh_mcan_port_receive(raw(), frames, BATCH, &count));
             for (std::size_t i = 0; i < count; i++) {
                 function(received_frame(frames[i]));
             }
@@ -58,14 +56,14 @@ public:
     std::pair<status, span<igh_mcan_rx_frame_t>> receive(span<igh_mcan_rx_frame_t> frames) noexcept
     {
         std::size_t count = 0;
-        const status received(igh_mcan_port_receive(port_, frames.data(), frames.size(), &count));
+        const status received(igh_mcan_port_receive(raw(), frames.data(), frames.size(), &count));
         return {received, frames.first(count)};
     }
 
     /** Sends a classic CAN frame of up to 8 bytes. A status that is_temporary() allows another attempt. */
     status send(channel_address at, can_id id, span<const std::uint8_t> data) noexcept
     {
-        return status(igh_mcan_port_send_can(port_, at.slave, at.channel, id.value(), id.flag(),
+        return status(igh_mcan_port_send_can(raw(), at.slave, at.channel, id.value(), id.flag(),
                                              data.data(), data.size()));
     }
 
@@ -75,7 +73,7 @@ public:
     {
         const int flags = id.flag() | (options.bit_rate_switch ? IGH_MCAN_FLAG_BRS : 0) |
                           (options.error_state ? IGH_MCAN_FLAG_ESI : 0);
-        return status(igh_mcan_port_send_canfd(port_, at.slave, at.channel, id.value(),
+        return status(igh_mcan_port_send_canfd(raw(), at.slave, at.channel, id.value(),
                                                static_cast<std::uint8_t>(flags), data.data(),
                                                data.size()));
     }
@@ -85,26 +83,32 @@ public:
                     std::chrono::nanoseconds offset, std::uint16_t tag) noexcept
     {
         return status(igh_mcan_port_schedule_can(
-            port_, at.slave, at.channel, id.value(), id.flag(), data.data(), data.size(),
+            raw(), at.slave, at.channel, id.value(), id.flag(), data.data(), data.size(),
             detail::count_of<std::chrono::nanoseconds>(offset), tag));
     }
 
     /** Sends a frame of the C interface. */
     status send(const igh_mcan_tx_frame_t &frame) noexcept
     {
-        return status(igh_mcan_port_send(port_, &frame));
+        return status(igh_mcan_port_send(raw(), &frame));
     }
 
     /** Ends the cycle: completes the images and sends them. */
-    status end() noexcept { return status(igh_mcan_port_cycle_end(std::exchange(port_, nullptr))); }
+    status end() noexcept
+    {
+        const detail::bus_ptr bus = std::move(bus_);
+        return status(igh_mcan_port_cycle_end(detail::port_of(bus)));
+    }
 
 private:
     friend class port;
     static constexpr std::size_t BATCH = 16;
 
-    cycle(igh_mcan_port_t *port, status began) noexcept : port_(port), began_(began) {}
+    cycle(detail::bus_ptr bus, status began) noexcept : bus_(std::move(bus)), began_(began) {}
 
-    igh_mcan_port_t *port_;
+    igh_mcan_port_t *raw() const noexcept { return detail::port_of(bus_); }
+
+    detail::bus_ptr bus_;
     status began_;
 };
 
@@ -140,7 +144,7 @@ public:
     /** Sleeps until the next cycle. Together with begin_cycle() it is next_cycle(). */
     status wait_next_cycle() noexcept { return status(igh_mcan_port_wait_next_cycle(raw())); }
     /** Begins a cycle without waiting: for an own period, and after the receive of the owner. */
-    cycle begin_cycle() noexcept { return {raw(), status(igh_mcan_port_cycle_begin(raw()))}; }
+    cycle begin_cycle() noexcept { return {bus_, status(igh_mcan_port_cycle_begin(raw()))}; }
     /** Waits for the next cycle and begins it. */
     cycle next_cycle() noexcept
     {

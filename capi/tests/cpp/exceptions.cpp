@@ -96,6 +96,21 @@ void order_of_destruction_does_not_matter()
     CHECK(exchange(port, 20) == 1);
 }
 
+void cycle_may_outlive_port_and_master()
+{
+    const auto config = echo();
+    auto master = std::make_unique<ecan::master>(ecan::master::open(config));
+    auto port = std::make_unique<ecan::port>(ecan::port::open(*master, config));
+    master->wait_op();
+    auto cycle = port->next_cycle();
+    port.reset();
+    master.reset();
+    CHECK(!cycle.send(CAN0, ID, DATA).ok());
+    auto moved = std::move(cycle);
+    CHECK(!moved.end().ok());
+    CHECK(moved.end() == ecan::errc::null_pointer);
+}
+
 void cycle_allocates_nothing()
 {
     const auto config = echo();
@@ -380,6 +395,7 @@ int main()
 {
     frames_return_and_contexts_move();
     order_of_destruction_does_not_matter();
+    cycle_may_outlive_port_and_master();
     cycle_allocates_nothing();
     exception_in_a_cycle_ends_the_cycle();
     exception_of_a_callback_passes_the_wait();
