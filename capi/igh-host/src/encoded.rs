@@ -29,6 +29,8 @@ struct Header {
     checksum: u64,
 }
 
+const ZERO: [u8; 256] = [0; 256];
+
 const CHECKSUM: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
 
 impl Header {
@@ -71,7 +73,13 @@ unsafe fn read<S: Encoded>(
     // SAFETY: within the struct.
     let encoding =
         unsafe { slice::from_raw_parts(storage.cast::<u8>().add(size_of::<Header>()), length) };
-    if Header::new(S::SEAL, encoding).checksum != header.checksum {
+    // SAFETY: the rest of the struct.
+    let rest = unsafe {
+        let end = storage.cast::<u8>().add(size_of::<Header>() + length);
+        slice::from_raw_parts(end, capacity::<S>() - length)
+    };
+    let rest_is_zero = rest.chunks(ZERO.len()).all(|part| *part == ZERO[..part.len()]);
+    if Header::new(S::SEAL, encoding).checksum != header.checksum || !rest_is_zero {
         return Err(corrupted::<S>(call, name));
     }
     match postcard::take_from_bytes::<Box<S::Value>>(encoding) {
