@@ -9,6 +9,9 @@ use super::out_pointer::{OutArray, OutPointer};
 use crate::last_error;
 use crate::result::ecan_result_t;
 
+/// Text for a struct of the application with a reserved field that is not 0.
+pub const RESERVED_IS_SET: &str = "has a reserved field that is not 0; set the struct to 0 first";
+
 /// An error of the layers below, as C sees it.
 pub trait ToResult: fmt::Display {
     /// Its code.
@@ -118,8 +121,7 @@ impl Call {
         if fields.iter().all(|field| *field == T::default()) {
             return Ok(());
         }
-        let text = format_args!("has a reserved field that is not 0; set the struct to 0 first");
-        Err(self.argument(name, text))
+        Err(self.argument(name, format_args!("{RESERVED_IS_SET}")))
     }
 
     #[cold]

@@ -24,7 +24,7 @@ pub mod last_error;
 pub mod profile;
 pub mod result;
 
-pub use call::{Call, ToResult, call, code_getter, getter, getter_or};
+pub use call::{Call, RESERVED_IS_SET, ToResult, call, code_getter, getter, getter_or};
 pub use out_pointer::{OutArray, OutPointer};
 pub use out_text::{OutText, put_text};
 pub use sealed::Opaque;

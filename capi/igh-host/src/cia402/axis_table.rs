@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use ecan_c_boundary::Call;
 use ecan_c_boundary::result::ecan_result_t;
+use ecan_c_boundary::{Call, RESERVED_IS_SET};
 use ecan_canopen::{
     FaultReaction, HaltOption, NodeAddress, NodeId, NodeLossReaction, OperatingMode,
     QuickStopOption, SdoValue, Step, StopOption,
@@ -31,6 +31,7 @@ pub(crate) struct AxisTable {
 enum Fault {
     /// Rust's types cannot hold the value of a field.
     Value(String, i64),
+    Reserved,
     Axis(AxisFault),
 }
 
@@ -38,6 +39,7 @@ impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Value(field, value) => write!(f, "invalid value {value} for `{field}`"),
+            Self::Reserved => f.write_str(RESERVED_IS_SET),
             Self::Axis(fault) => fault.fmt(f),
         }
     }
@@ -57,6 +59,9 @@ impl AxisTable {
         }
         let mut table = Self { axes: Vec::new(), faults: Vec::new() };
         for (index, axis) in axes.iter().enumerate() {
+            if axis.reserved_is_set() {
+                table.faults.push((index, Fault::Reserved));
+            }
             let mut report =
                 |field: &str, value| table.faults.push((index, Fault::Value(field.into(), value)));
             table.axes.extend(axis.checked(&mut report).map(|axis| (index, axis)));
@@ -198,9 +203,6 @@ impl igh_cia402_axis_t {
             silence_other_tpdos: self.silence_other_tpdos != 0,
             further: further.into_iter().filter_map(igh_cia402_object_t::step).collect(),
         };
-        for value in self.reserved.into_iter().filter(|value| *value != 0) {
-            report("reserved", value as i64);
-        }
         let (slave, channel) = (self.slave.into(), self.channel);
         let mut settings = AxisConfig {
             mode: mode?,
@@ -225,6 +227,11 @@ impl igh_cia402_axis_t {
             settings.following_window = self.following_window;
         }
         Some(settings)
+    }
+
+    fn reserved_is_set(&self) -> bool {
+        let mut further = self.further.iter().take(self.further_count.into());
+        self.reserved != [0; 8] || further.any(|object| object.reserved != [0; 3])
     }
 
     fn scale(&self) -> Scale {
@@ -260,7 +267,7 @@ fn given(value: f64) -> Option<f64> {
 }
 
 impl igh_cia402_object_t {
-    /// Step that writes the object; `None` if the value does not fit the size, or a reserved field is not 0.
+    /// Step that writes the object; `None` if the value does not fit the size.
     fn step(&self) -> Option<Step> {
         // A value fits where it is that of the object, read with or without sign.
         let value = self.value;
@@ -272,9 +279,6 @@ impl igh_cia402_object_t {
             _ => return None,
         }
         .ok()?;
-        if self.reserved != [0; 3] {
-            return None;
-        }
         let step = Step::write(self.index, self.subindex, sized);
         Some(if self.is_optional != 0 { step.if_present() } else { step })
     }
