@@ -212,7 +212,7 @@ typedef enum {
 const char *ecan_result_name(int code);
 
 /**
- * Returns the meaning of a code, in a few text.
+ * Returns a short description of a code.
  *
  * @usage   rt, any thread, any time
  * @return  "an SDO transfer failed" for example. Static.

@@ -14,7 +14,7 @@ pub extern "C" fn ecan_result_name(code: c_int) -> *const c_char {
     pair.map_or(c"unknown result".as_ptr(), |(_, name, _)| name.as_ptr().cast())
 }
 
-/// Returns the meaning of a code, in a few text.
+/// Returns a short description of a code.
 ///
 /// @usage   rt, any thread, any time
 /// @return  "an SDO transfer failed" for example. Static.
