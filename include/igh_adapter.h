@@ -567,6 +567,7 @@ int ecan_igh_retry_startup(ecan_igh_context_t *context);
  *
  * @usage   not rt, the cycle's thread, any time
  * @return  ECAN_OK, also for a context that is deinitialised already or never was initialised.
+ *          Also for a copy of it, which ends nothing.
  */
 int ecan_igh_deinit(ecan_igh_context_t *context);
 
@@ -1105,6 +1106,7 @@ int ecan_igh_diagnostics_master_state(ecan_igh_diagnostics_t *diagnostics,
  *
  * @usage   not rt, the handle's thread, any time
  * @return  ECAN_OK, also for a handle that is closed already.
+ *          Also for a copy of it, which ends nothing.
  */
 int ecan_igh_diagnostics_deinit(ecan_igh_diagnostics_t *diagnostics);
 

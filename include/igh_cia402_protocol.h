@@ -603,6 +603,7 @@ int igh_cia402_context_init_ex(igh_cia402_context_t *context,
  *
  * @usage   not rt, the cycle's thread, any time
  * @return  ECAN_OK, also for axes that are closed already or were never opened.
+ *          Also for a copy of it, which ends nothing.
  */
 int igh_cia402_context_deinit(igh_cia402_context_t *context);
 

@@ -576,6 +576,7 @@ int igh_mcan_port_is_ready(igh_mcan_port_t *port);
  *
  * @usage   not rt, the cycle's thread, any time
  * @return  ECAN_OK, also for a Port that is closed already or was never opened.
+ *          Also for a copy of it, which ends nothing.
  */
 int igh_mcan_port_deinit(igh_mcan_port_t *port);
 

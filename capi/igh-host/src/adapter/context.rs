@@ -253,6 +253,7 @@ pub fn ecan_igh_retry_startup(context: *mut ecan_igh_context_t) {
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for a context that is deinitialised already or never was initialised.
+///          Also for a copy of it, which ends nothing.
 #[export(_, end bus)]
 pub fn ecan_igh_deinit(context: *mut ecan_igh_context_t) {
     drop(bus.leave());

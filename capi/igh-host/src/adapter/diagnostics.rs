@@ -124,6 +124,7 @@ pub fn ecan_igh_diagnostics_master_state(
 ///
 /// @usage   not rt, the handle's thread, any time
 /// @return  ECAN_OK, also for a handle that is closed already.
+///          Also for a copy of it, which ends nothing.
 #[export(_, end object)]
 pub fn ecan_igh_diagnostics_deinit(diagnostics: *mut ecan_igh_diagnostics_t) {
     drop(object.leave());

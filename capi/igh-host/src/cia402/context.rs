@@ -129,6 +129,7 @@ fn init(
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for axes that are closed already or were never opened.
+///          Also for a copy of it, which ends nothing.
 #[export(_, end mut bus)]
 pub fn igh_cia402_context_deinit(context: *mut igh_cia402_context_t) {
     bus.remove_cia402();

@@ -126,6 +126,7 @@ pub fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c_int {
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for a Port that is closed already or was never opened.
+///          Also for a copy of it, which ends nothing.
 #[export(_, end mut bus)]
 pub fn igh_mcan_port_deinit(port: *mut igh_mcan_port_t) {
     bus.remove_port();
