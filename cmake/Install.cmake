@@ -1,4 +1,4 @@
-# Headers, libraries, pkg-config files, a CMake package, API.md and the licences.
+# Headers, libraries, pkg-config files, a CMake package, the documents and the licences.
 set(_libraries ecan_mcan_host)
 if(TARGET ecan_igh_host)
     list(APPEND _libraries ecan_igh_host)
@@ -15,8 +15,9 @@ if(TARGET ecan_igh_host)
     install(DIRECTORY include/ecan_lite DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 endif()
 install(FILES API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT DESTINATION ${CMAKE_INSTALL_DOCDIR})
-# Those to which API.md refers.
-install(FILES docs/ABI.md docs/SIMULATION.md docs/TOOL.md DESTINATION ${CMAKE_INSTALL_DOCDIR}/docs)
+# In the layout of the repository, in which they refer to each other.
+install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR} FILES_MATCHING PATTERN "*.md")
+install(FILES wireshark/README.md wireshark/ecan_pdo.lua DESTINATION ${CMAKE_INSTALL_DOCDIR}/wireshark)
 install(TARGETS ${_libraries} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 foreach(_library IN LISTS _libraries)
     install(FILES "${CMAKE_CURRENT_BINARY_DIR}/lib${_library}.a"

@@ -149,6 +149,12 @@ trap 'rm -rf "$build/moved"' EXIT
 for file in API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT docs/SIMULATION.md; do
     test -s "$build/moved/share/doc/EcanLite/$file"
 done
+while read -r document; do
+    while read -r link; do
+        [ -e "$(dirname "$document")/$link" ] ||
+            { echo "$document: $link is not installed" >&2 && exit 1; }
+    done < <(grep -oE '\]\([^)#:]+[)#]' "$document" | sed -E 's/^\]\(//; s/[)#]$//' | sort -u)
+done < <(find "$build/moved" -name '*.md')
 while read -r header; do
     grep -q '^/\* SPDX-License-Identifier: ' "$header"
 done < <(find "$build/moved/include" -type f)
