@@ -1,9 +1,9 @@
 #!/bin/sh
-# An application that was built for 0.1 runs with 0.1, and the loader refuses it with the libraries of
-# DIRECTORY, under their own names and under the name of 0.1. It refuses two libraries of different
+# An application that was built for 0.1 runs with 0.1, and the loader rejects it with the libraries of
+# DIRECTORY, under their own names and under the name of 0.1. It rejects two libraries of different
 # versions as well.
 #
-#     refused.sh CC DIRECTORY WORK
+#     rejected.sh CC DIRECTORY WORK
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 cc=$1
@@ -19,7 +19,7 @@ old=libecan_igh_host.so.0.1
 LD_LIBRARY_PATH=$work/old "$work/application"
 
 # The loader ends the program before main, with this in its message.
-refused() {
+rejected() {
     directory=$1
     shift
     if LD_LIBRARY_PATH=$directory LC_ALL=C "$application" 2>"$work/message"; then
@@ -33,12 +33,12 @@ refused() {
     fi
 }
 application=$work/application
-refused "$libraries" "error while loading shared libraries: $old: cannot open shared object file"
+rejected "$libraries" "error while loading shared libraries: $old: cannot open shared object file"
 for library in "$libraries"/libecan_*.so.*; do
     ln -s "$library" "$work/renamed/"
 done
 ln -s "$libraries/libecan_igh_host.so" "$work/renamed/$old"
-refused "$work/renamed" "version \`ECAN_0.1' not found (required by $work/application)"
+rejected "$work/renamed" "version \`ECAN_0.1' not found (required by $work/application)"
 
 # libecan_igh_host of this version beside libecan_mcan_host of another patch level.
 map=$here/../../libecan_mcan_host.map
@@ -55,4 +55,4 @@ application=$work/mixed_application
 "$cc" "$here/application.c" -Wl,--no-as-needed "$libraries/libecan_igh_host.so" \
     "$libraries/libecan_mcan_host.so" -o "$application"
 LD_LIBRARY_PATH=$libraries "$application"
-refused "$work/mixed" "version \`$private' not found (required by "
+rejected "$work/mixed" "version \`$private' not found (required by "
