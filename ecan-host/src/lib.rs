@@ -50,7 +50,7 @@ pub use master::{
 };
 pub use observer::{
     CommandTicket, NoSuchAxis, Observer, ObserverError, QuickStop, QuickStops, Section,
-    SectionWriter, Snapshot,
+    SectionWriter, Snapshot, WordGroup, WordGroups,
 };
 pub use phase::Phase;
 pub use plan::{

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use ecan_host::{Adapter, Section, SectionWriter, Snapshot};
+use ecan_host::{Adapter, Section, Snapshot, WordGroup};
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
 
@@ -104,8 +104,10 @@ counter_words! { SlaveStatistics; channels;
 
 const STATUS_BITS: usize = 16;
 const STATE_WORDS: usize = 2;
+const CHANNELS_START: usize = STATE_WORDS + SLAVE_FREQUENT;
+const CHANNELS_FREQUENT: usize = CHANNELS * CHANNEL_FREQUENT;
 /// Words that the cycle always writes.
-const FREQUENT: usize = STATE_WORDS + SLAVE_FREQUENT + CHANNELS * CHANNEL_FREQUENT;
+const FREQUENT: usize = CHANNELS_START + CHANNELS_FREQUENT;
 /// The sum of the rare counters, with the number of the reservation, and these counters.
 const RARE: usize = 1 + SLAVE_RARE + CHANNELS * CHANNEL_RARE;
 const GATEWAY_WORDS: usize = FREQUENT + RARE;
@@ -121,7 +123,8 @@ pub(crate) fn reserve(adapter: &Adapter, gateways: usize) -> u64 {
 /// Writes the Port's section of this cycle.
 pub(crate) fn publish(adapter: &Adapter, gateways: &[Gateway], reservation: u64) {
     let Some(mut writer) = adapter.section_writer(Section::Port) else { return };
-    for gateway in gateways {
+    let Some(words) = writer.groups::<GATEWAY_WORDS>(gateways.len()) else { return };
+    for (gateway, words) in gateways.iter().zip(words.iter()) {
         let session = match gateway.session.state() {
             Session::Waiting => 0,
             Session::Verifying => 1,
@@ -131,33 +134,36 @@ pub(crate) fn publish(adapter: &Adapter, gateways: &[Gateway], reservation: u64)
         let [first, second, third, fourth] =
             gateway.receiver.status().map(|it| u64::from(it.raw()));
         let status: u64 = first | second << 16 | third << 32 | fourth << 48;
-        writer.write([session | u64::from(gateway.channel_mask) << 8, status]);
+        words
+            .part::<0, STATE_WORDS>()
+            .write([session | u64::from(gateway.channel_mask) << 8, status]);
         let statistics = &gateway.statistics;
-        writer.write(statistics.frequent());
+        words.part::<STATE_WORDS, SLAVE_FREQUENT>().write(statistics.frequent());
         let mut sum = statistics.rare_sum().wrapping_add(reservation << RESERVATION_SHIFT);
-        for (channel, counters) in statistics.channels.iter().enumerate() {
+        let channels =
+            words.part::<CHANNELS_START, CHANNELS_FREQUENT>().groups::<CHANNEL_FREQUENT>();
+        for (channel, (counters, words)) in
+            statistics.channels.iter().zip(channels.iter()).enumerate()
+        {
+            // The counters of another channel are all 0.
             if gateway.channel_mask >> channel & 1 == 1 {
-                writer.write(counters.frequent());
+                words.write(counters.frequent());
                 sum = sum.wrapping_add(counters.rare_sum());
-            } else {
-                // All 0.
-                writer.skip(CHANNEL_FREQUENT);
             }
         }
-        if writer.has_next(sum) {
-            writer.skip(RARE);
-        } else {
-            write_rare(&mut writer, statistics, sum);
+        if !words.part::<FREQUENT, 1>().has([sum]) {
+            write_rare(words.part::<FREQUENT, RARE>(), statistics, sum);
         }
     }
 }
 
 #[cold]
-fn write_rare(writer: &mut SectionWriter<'_>, statistics: &SlaveStatistics, sum: u64) {
-    writer.write([sum]);
-    writer.write(statistics.rare());
-    for counters in &statistics.channels {
-        writer.write(counters.rare());
+fn write_rare(words: WordGroup<'_, RARE>, statistics: &SlaveStatistics, sum: u64) {
+    words.part::<0, 1>().write([sum]);
+    words.part::<1, SLAVE_RARE>().write(statistics.rare());
+    let channels = words.part::<{ 1 + SLAVE_RARE }, { CHANNELS * CHANNEL_RARE }>();
+    for (counters, words) in statistics.channels.iter().zip(channels.groups().iter()) {
+        words.write(counters.rare());
     }
 }
 

@@ -14,7 +14,27 @@ use super::setup::SetupState;
 use super::stop::StopCause;
 
 impl Axis {
-    pub(crate) fn update_phase(&mut self, now_ns: u64) {
+    /// Returns the target of an axis that is running as before.
+    #[inline(always)]
+    pub(crate) fn update_phase(&mut self, now_ns: u64) -> Option<i32> {
+        // The usual cycle, by the few comparisons with which `present_phase` returns Running.
+        if let AxisPhase::Running = self.phase
+            && let AxisState::Active = self.state
+            && let SetupState::Complete = self.setup
+            && let None = self.procedure
+            && let GuardState::Running { target } = self.guard.state()
+            && !self.is_uninspected
+            && !self.targets.is_halted
+            && !self.drive.is_in_fault()
+        {
+            debug_assert_eq!(self.present_phase(now_ns), AxisPhase::Running);
+            return Some(target);
+        }
+        self.change_phase(now_ns);
+        None
+    }
+
+    fn change_phase(&mut self, now_ns: u64) {
         let phase = self.present_phase(now_ns);
         if phase != self.phase {
             let is_uncontrolled = |phase| matches!(phase, AxisPhase::Uncontrolled(_));

@@ -1,50 +1,75 @@
 //! The axes of a snapshot.
 //!
-//! The section has the words that do not change of all axes, then those of each cycle of all axes, then
-//! those of rejected targets.
+//! The section has the time, the words that do not change of all axes, then those of each cycle of all
+//! axes, then those of rejected targets.
 
 use ecan_canopen::Network;
-use ecan_host::{Adapter, Section, SectionWriter, Snapshot};
+use ecan_host::{Adapter, Section, Snapshot, WordGroups};
 
 use super::axis_words::{
-    AXIS_WORDS, AxisWords, CYCLE_WORDS, FIXED_WORDS, REJECTION_WORDS, fixed_words, status_of,
-    write_cycle,
+    AXIS_WORDS, AxisWords, CYCLE_WORDS, FIXED_WORDS, REJECTION_WORDS, encode_any, encode_running,
+    fixed_words, status_of,
 };
 use crate::axis::axis::Axis;
 use crate::axis::config::AxisConfig;
 use crate::axis::status::AxisStatus;
 
+/// Words of the time of the cycle.
+const TIME_WORDS: usize = 1;
+
 pub(crate) fn reserve<'a>(adapter: &Adapter, axes: impl Iterator<Item = &'a AxisConfig>) {
-    let mut words: Vec<u64> = axes.flat_map(fixed_words).collect();
-    words.resize(words.len() / FIXED_WORDS * AXIS_WORDS, 0);
+    let fixed: Vec<u64> = axes.flat_map(fixed_words).collect();
+    let mut words = vec![0; TIME_WORDS];
+    words.extend_from_slice(&fixed);
+    words.resize(TIME_WORDS + fixed.len() / FIXED_WORDS * AXIS_WORDS, 0);
     adapter.reserve_section(Section::Axes, &words);
 }
 
-/// Writes the axes' section of a cycle, one axis after the other.
+/// Writes the axes' section of a cycle.
 pub(crate) struct AxesWriter<'a> {
-    cycle: SectionWriter<'a>,
-    rejections: SectionWriter<'a>,
+    now_ns: u64,
+    cycle: WordGroups<'a, CYCLE_WORDS>,
+    rejections: WordGroups<'a, REJECTION_WORDS>,
 }
 
 impl<'a> AxesWriter<'a> {
     /// `None` if nothing is observed.
-    pub(crate) fn new(adapter: &'a Adapter, is_observed: bool, axis_count: usize) -> Option<Self> {
+    pub(crate) fn new(
+        adapter: &'a Adapter,
+        is_observed: bool,
+        now_ns: u64,
+        axis_count: usize,
+    ) -> Option<Self> {
         let mut rest = adapter.section_writer(Section::Axes).filter(|_| is_observed)?;
+        rest.write([now_ns]);
         rest.skip(axis_count * FIXED_WORDS);
-        let cycle = rest.split(axis_count * CYCLE_WORDS);
-        Some(Self { cycle, rejections: rest })
+        let cycle = rest.groups(axis_count)?;
+        Some(Self { now_ns, cycle, rejections: rest.groups(axis_count)? })
     }
 
-    /// Writes the next axis, whose phase was updated in this cycle.
-    #[inline(always)]
-    pub(crate) fn write(&mut self, axis: &Axis, network: &Network, now_ns: u64) {
-        write_cycle(axis, network, now_ns, &mut self.cycle, &mut self.rejections);
+    /// Updates the phases and writes the axes.
+    pub(crate) fn update(self, axes: &mut [Axis], network: &Network) {
+        let now_ns = self.now_ns;
+        for (axis, to) in axes.iter_mut().zip(self.cycle.iter()) {
+            // Both in one pass, since the checks are the same.
+            let target = axis.update_phase(now_ns);
+            if let Some(words) = target.and_then(|target| encode_running(axis, target, network)) {
+                to.write(words);
+                continue;
+            }
+            let (words, rejection) = encode_any(axis, network, now_ns);
+            to.write(words);
+            if let Some((to, words)) = self.rejections.get(axis.index).zip(rejection) {
+                to.write(words);
+            }
+        }
     }
 }
 
 /// The axes in a [`Snapshot`]: those of the [`Cia402`](crate::Cia402) that was created last.
 #[derive(Debug, Clone, Copy)]
 pub struct AxesSnapshot<'a> {
+    now_ns: u64,
     fixed: &'a [[u64; FIXED_WORDS]],
     cycle: &'a [[u64; CYCLE_WORDS]],
     rejections: &'a [[u64; REJECTION_WORDS]],
@@ -54,11 +79,12 @@ impl<'a> AxesSnapshot<'a> {
     /// The axes' part of a snapshot; `None` if the cycle did not send targets
     /// ([`Cia402::send_targets_all`](crate::Cia402::send_targets_all)).
     pub fn of(snapshot: &'a Snapshot) -> Option<Self> {
-        let words = snapshot.section(Section::Axes)?;
+        let (now_ns, words) = snapshot.section(Section::Axes)?.split_first()?;
         let count = words.len() / AXIS_WORDS;
         let (fixed, rest) = words.split_at_checked(count * FIXED_WORDS)?;
         let (cycle, rejections) = rest.split_at_checked(count * CYCLE_WORDS)?;
         Some(Self {
+            now_ns: *now_ns,
             fixed: fixed.as_chunks().0,
             cycle: cycle.as_chunks().0,
             rejections: rejections.as_chunks().0,
@@ -76,6 +102,7 @@ impl<'a> AxesSnapshot<'a> {
             fixed: self.fixed.get(axis)?,
             cycle: self.cycle.get(axis)?,
             rejection: self.rejections.get(axis)?,
+            now_ns: self.now_ns,
         })
     }
 

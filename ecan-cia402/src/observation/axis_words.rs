@@ -3,22 +3,19 @@
 use std::time::Duration;
 
 use ecan_canopen::{Network, NodeAddress, NodeId, NodeStatus, OperatingMode, Statusword};
-use ecan_host::SectionWriter;
 
 use super::codes;
 use crate::axis::axis::Axis;
-use crate::axis::axis_state::AxisState;
 use crate::axis::config::AxisConfig;
-use crate::axis::phase::AxisPhase;
 use crate::axis::status::{AxisErrorKind, AxisStatus};
 use crate::axis::units::Scale;
 use crate::guard::position_range::PositionRange;
-use crate::guard::terms::{Decision, GuardState, TargetRejection};
+use crate::guard::terms::{Decision, TargetRejection};
 
 /// Words that do not change: address, scale and range.
 pub(super) const FIXED_WORDS: usize = 4;
 /// Words of each cycle.
-pub(super) const CYCLE_WORDS: usize = 5;
+pub(super) const CYCLE_WORDS: usize = 6;
 /// Words of a rejected target; else their content is old.
 pub(super) const REJECTION_WORDS: usize = 2;
 pub(super) const AXIS_WORDS: usize = FIXED_WORDS + CYCLE_WORDS + REJECTION_WORDS;
@@ -29,19 +26,21 @@ pub(super) struct AxisWords<'a> {
     pub(super) fixed: &'a [u64; FIXED_WORDS],
     pub(super) cycle: &'a [u64; CYCLE_WORDS],
     pub(super) rejection: &'a [u64; REJECTION_WORDS],
+    /// Time of the cycle.
+    pub(super) now_ns: u64,
 }
 
-const HAS_ACTUAL: u64 = 1;
+const AT_REST: u64 = 1;
 const HAS_TARGET: u64 = 1 << 1;
 const HAS_STATUSWORD: u64 = 1 << 2;
 const CONFIGURED: u64 = 1 << 3;
 const RUNNING: u64 = 1 << 4;
-const AT_REST: u64 = 1 << 5;
+const HAS_ACTUAL: u64 = 1 << 5;
 const TARGET_REACHED: u64 = 1 << 6;
 const STOPPED: u64 = 1 << 7;
 const RECOVERING: u64 = 1 << 8;
-/// State of the heartbeat: 2 bits above the flags.
-const HEARTBEAT_SHIFT: u32 = 9;
+/// Kind of the decision: 3 bits above the flags.
+const KIND_SHIFT: u32 = 9;
 
 fn flag(is_set: bool, bit: u64) -> u64 {
     if is_set { bit } else { 0 }
@@ -75,11 +74,6 @@ fn address_of(word: u64) -> Option<NodeAddress> {
 
 const DECISION_TARGET: u8 = 3;
 const DECISION_WAIT: u8 = 4;
-
-#[inline(always)]
-fn decision_number(kind: u8, reason: u8, value: i32) -> u64 {
-    u64::from(value.cast_unsigned()) | u64::from(kind) << 32 | u64::from(reason) << 35
-}
 
 /// Kind of a decision, its reason, and its value.
 fn decision_parts(decision: Decision) -> (u8, u8, i32) {
@@ -116,29 +110,26 @@ fn rejection_of(kind: u8, [first, second]: [u64; REJECTION_WORDS]) -> TargetReje
     }
 }
 
-/// Word of positions.
+/// Reason and value of a decision: 40 bits.
 #[inline(always)]
-fn positions(actual: Option<i32>, target: i32) -> u64 {
-    pair(actual.unwrap_or(0), target)
+fn decision_number(reason: u8, value: i32) -> u64 {
+    u64::from(value.cast_unsigned()) | u64::from(reason) << 32
 }
 
-/// Word of what the drive and its node reported, with flags of the axis.
+/// Word of the decision, and of the age of the actual position.
 #[inline(always)]
-fn report_word(axis: &Axis, flags: u64, node: &NodeStatus) -> u64 {
-    let statusword = axis.drive.statusword;
+fn decision_word(axis: &Axis, decision: u64) -> u64 {
+    decision | u64::from(axis.guard.actual_age()) << 48
+}
+
+/// Word of what the drive and its node reported, with flags of the axis and the kind of the decision.
+#[inline(always)]
+fn report_word(flags: u64, kind: u8, node: &NodeStatus, statusword: u16) -> u64 {
     flags
-        | flag(axis.guard.actual().is_some(), HAS_ACTUAL)
-        | flag(statusword.is_some(), HAS_STATUSWORD)
-        | (node.heartbeat as u64) << HEARTBEAT_SHIFT
-        | u64::from(axis.guard.actual_age()) << 16
-        | u64::from(statusword.map_or(0, |word| word.0)) << 32
-        | u64::from(node.error_code) << 48
-}
-
-/// Word of the decision, the node and the hold.
-#[inline(always)]
-fn decision_word(decision: u64, node: &NodeStatus, hold: u16) -> u64 {
-    decision | u64::from(codes::nmt_number(node.nmt_state)) << 40 | u64::from(hold) << 48
+        | u64::from(kind) << KIND_SHIFT
+        | u64::from(codes::nmt_number(node.nmt_state)) << 16
+        | (node.heartbeat as u64) << 24
+        | u64::from(statusword) << 32
 }
 
 /// Word of phase, stop and mode.
@@ -147,74 +138,70 @@ fn phase_word(phase: u32, stop: u32, mode: OperatingMode) -> u64 {
     u64::from(phase) | u64::from(stop) << 32 | u64::from(codes::mode_number(mode)) << 56
 }
 
-/// Word of the time in the phase, and of the error.
+/// Word of the errors, of the node and of the axis, and of the hold.
 #[inline(always)]
-fn time_word(axis: &Axis, now_ns: u64, error: u8) -> u64 {
-    now_ns.wrapping_sub(axis.phase_since_ns) << 8 | u64::from(error)
+fn error_word(node: &NodeStatus, error: u8, hold: u16) -> u64 {
+    u64::from(node.error_code) | u64::from(error) << 16 | u64::from(hold) << 32
 }
 
-/// Writes the words of an axis in a cycle; those of a rejected target to `rejections`.
+/// The words of an axis that is running with this target, in the usual case; most parts of them are
+/// constant.
 #[inline(always)]
-pub(super) fn write_cycle(
+pub(super) fn encode_running(
     axis: &Axis,
+    target: i32,
     network: &Network,
-    now_ns: u64,
-    cycle: &mut SectionWriter<'_>,
-    rejections: &mut SectionWriter<'_>,
-) {
-    if let Some(words) = usual_words(axis, network, now_ns) {
-        cycle.write(words);
-        rejections.skip(REJECTION_WORDS);
-    } else {
-        let (words, rejected) = unusual_words(axis, network, now_ns);
-        cycle.write(words);
-        match rejected {
-            Some(words) => rejections.write(words),
-            None => rejections.skip(REJECTION_WORDS),
-        }
-    }
-}
-
-/// The words in the usual state, with few branches: the phase was updated in this cycle.
-#[inline(always)]
-fn usual_words(axis: &Axis, network: &Network, now_ns: u64) -> Option<[u64; CYCLE_WORDS]> {
-    if let AxisPhase::Running = axis.phase
-        && let AxisState::Active = axis.state
-        && let GuardState::Running { target } = axis.guard.state()
-        && let OperatingMode::CyclicPosition = axis.mode
+) -> Option<[u64; CYCLE_WORDS]> {
+    // First, since it may call.
+    let (kind, decision) = match axis.decision {
+        Decision::Target(target) => (DECISION_TARGET, decision_number(0, target)),
+        _ => (DECISION_WAIT, waiting_number(axis)?),
+    };
+    if let OperatingMode::CyclicPosition = axis.mode
         && let None = axis.error
         && let None = axis.recovery
+        && let Some(actual) = axis.guard.actual()
+        && let Some(statusword) = axis.drive.statusword
     {
         let node = network.status(axis.node)?;
-        let decision = match axis.decision {
-            Decision::Target(target) => decision_number(DECISION_TARGET, 0, target),
-            Decision::Wait(reason) => decision_number(DECISION_WAIT, reason as u8, 0),
-            _ => return None,
-        };
+        let flags = HAS_ACTUAL | HAS_TARGET | HAS_STATUSWORD | CONFIGURED | RUNNING;
         let at_rest = flag(axis.targets.is_at_rest(), AT_REST);
         return Some([
-            positions(axis.guard.actual(), target),
-            report_word(axis, HAS_TARGET | CONFIGURED | RUNNING | at_rest, &node),
-            decision_word(decision, &node, 0),
+            pair(actual, target),
+            decision_word(axis, decision),
+            report_word(flags | at_rest, kind, &node, statusword.0),
+            axis.phase_since_ns,
             phase_word(codes::PHASE_RUNNING, 0, OperatingMode::CyclicPosition),
-            time_word(axis, now_ns, 0),
+            error_word(&node, 0, 0),
         ]);
     }
     None
 }
 
+/// Apart from the kind of the usual decision, which one comparison then finds.
+#[inline(never)]
+fn waiting_number(axis: &Axis) -> Option<u64> {
+    match axis.decision {
+        Decision::Wait(reason) => Some(decision_number(reason as u8, 0)),
+        _ => None,
+    }
+}
+
 /// The words in any state, and those of a rejected target.
 #[cold]
 #[inline(never)]
-fn unusual_words(
+pub(super) fn encode_any(
     axis: &Axis,
     network: &Network,
     now_ns: u64,
 ) -> ([u64; CYCLE_WORDS], Option<[u64; REJECTION_WORDS]>) {
     // infallible: the network has the node of each axis
     let Some(node) = network.status(axis.node) else { return ([0; CYCLE_WORDS], None) };
-    let target = axis.target();
-    let flags = flag(target.is_some(), HAS_TARGET)
+    let (actual, target) = (axis.guard.actual(), axis.target());
+    let statusword = axis.drive.statusword;
+    let flags = flag(actual.is_some(), HAS_ACTUAL)
+        | flag(target.is_some(), HAS_TARGET)
+        | flag(statusword.is_some(), HAS_STATUSWORD)
         | flag(axis.setup.is_complete(), CONFIGURED)
         | flag(axis.follows_application(), RUNNING)
         | flag(axis.is_at_rest(), AT_REST)
@@ -226,11 +213,12 @@ fn unusual_words(
     let hold = codes::hold_number(axis.hold_reason());
     let (kind, reason, value) = decision_parts(axis.decision);
     let words = [
-        positions(axis.guard.actual(), target.unwrap_or(0)),
-        report_word(axis, flags, &node),
-        decision_word(decision_number(kind, reason, value), &node, hold),
+        pair(actual.unwrap_or(0), target.unwrap_or(0)),
+        decision_word(axis, decision_number(reason, value)),
+        report_word(flags, kind, &node, statusword.map_or(0, |word| word.0)),
+        axis.phase_since_ns,
         phase_word(codes::phase_number(axis.phase), stop, axis.mode),
-        time_word(axis, now_ns, error),
+        error_word(&node, error, hold),
     ];
     match axis.decision {
         Decision::Reject(rejection) => (words, Some(rejection_words(rejection).1)),
@@ -241,27 +229,27 @@ fn unusual_words(
 /// The status of an axis.
 pub(super) fn status_of(words: AxisWords<'_>) -> Option<AxisStatus> {
     let [address, steps_per_turn, origin, range] = *words.fixed;
-    let [positions, state, decided, phase, elapsed] = *words.cycle;
+    let [positions, decided, state, since_ns, phase, errors] = *words.cycle;
     let (actual, target) = unpair(positions);
     let (origin, range_kind) = unpair(origin);
     let (min, max) = unpair(range);
     let has = |bit| state & bit != 0;
     let value = unpair(decided).0;
-    let reason = (decided >> 35) as u8 & 0x1F;
+    let reason = (decided >> 32) as u8;
     Some(AxisStatus {
         address: address_of(address)?,
         phase: codes::phase(phase as u32)?,
-        elapsed: Duration::from_nanos(elapsed >> 8),
-        error: AxisErrorKind::from_raw(elapsed as u8),
+        elapsed: Duration::from_nanos(words.now_ns.saturating_sub(since_ns)),
+        error: AxisErrorKind::from_raw((errors >> 16) as u8),
         mode: codes::mode((phase >> 56) as u8)?,
         statusword: has(HAS_STATUSWORD).then_some(Statusword((state >> 32) as u16)),
-        error_code: (state >> 48) as u16,
-        nmt_state: codes::nmt_state((decided >> 40) as u8),
-        heartbeat: codes::heartbeat((state >> HEARTBEAT_SHIFT) as u8 & 3)?,
+        error_code: errors as u16,
+        nmt_state: codes::nmt_state((state >> 16) as u8),
+        heartbeat: codes::heartbeat((state >> 24) as u8)?,
         actual: has(HAS_ACTUAL).then_some(actual),
-        actual_age: (state >> 16) as u16,
+        actual_age: (decided >> 48) as u16,
         target: has(HAS_TARGET).then_some(target),
-        decision: match (decided >> 32) as u8 & 7 {
+        decision: match (state >> KIND_SHIFT) as u8 & 7 {
             1 => Decision::Track(value),
             2 => Decision::First(value),
             DECISION_TARGET => Decision::Target(value),
@@ -269,7 +257,7 @@ pub(super) fn status_of(words: AxisWords<'_>) -> Option<AxisStatus> {
             5 => Decision::Reject(rejection_of(reason, *words.rejection)),
             _ => Decision::Closed,
         },
-        hold_reason: codes::hold_reason((decided >> 48) as u16),
+        hold_reason: codes::hold_reason((errors >> 32) as u16),
         stop_cause: codes::stop_cause((phase >> 32) as u32 & 0xFF_FFFF),
         is_configured: has(CONFIGURED),
         is_running: has(RUNNING),

@@ -45,10 +45,13 @@ pub(super) fn drive_state_number(state: Option<DriveState>) -> u8 {
     state.map_or(NONE, |state| state as u8)
 }
 
+/// The number that the compiler gives to no state, at present: so nothing is converted.
+const NO_NMT_STATE: u8 = 0x80;
+
 /// State of a node: 8 bits.
 #[inline(always)]
 pub(super) fn nmt_number(state: Option<NmtState>) -> u8 {
-    state.map_or(NONE, NmtState::raw)
+    state.map_or(NO_NMT_STATE, |state| state as u8)
 }
 
 pub(super) fn nmt_state(number: u8) -> Option<NmtState> {

@@ -233,13 +233,13 @@ impl Cia402 {
         // A first target activates an axis.
         let now_ns = self.now_ns;
         let is_observed = self.quick_stops.is_observed();
-        if let Some(mut writer) = AxesWriter::new(cycle.adapter(), is_observed, self.axes.len()) {
+        let axis_count = self.axes.len();
+        if let Some(writer) = AxesWriter::new(cycle.adapter(), is_observed, now_ns, axis_count) {
+            writer.update(&mut self.axes, &self.network);
+        } else {
             for axis in &mut self.axes {
                 axis.update_phase(now_ns);
-                writer.write(axis, &self.network, now_ns);
             }
-        } else {
-            self.axes.iter_mut().for_each(|axis| axis.update_phase(now_ns));
         }
         summary
     }

@@ -11,7 +11,7 @@ mod snapshot;
 pub use commands::{CommandTicket, NoSuchAxis};
 pub use handle::Observer;
 pub use quick_stops::{QuickStop, QuickStops};
-pub use section::{Section, SectionWriter};
+pub use section::{Section, SectionWriter, WordGroup, WordGroups};
 pub use snapshot::{ObserverError, Snapshot};
 
 pub(crate) use publisher::Publisher;

@@ -13,7 +13,8 @@ const VERSIONS: usize = 4;
 #[derive(Debug)]
 struct Version {
     number: AtomicU64,
-    words: Box<[AtomicU64]>,
+    /// In the order of the layout. Apart, so that the writer needs no range of all words.
+    sections: [Box<[AtomicU64]>; Section::COUNT],
 }
 
 /// Ring of versions with one layout.
@@ -35,9 +36,10 @@ pub(super) struct Ring {
 
 impl Ring {
     pub(super) fn new(layout: Layout) -> Self {
+        let atomic = |word: &u64| AtomicU64::new(*word);
         let version = |_| Version {
             number: AtomicU64::new(0),
-            words: layout.initial.iter().copied().map(AtomicU64::new).collect(),
+            sections: Section::ALL.map(|it| layout.words_of(it).iter().map(atomic).collect()),
         };
         Self {
             versions: std::array::from_fn(version),
@@ -85,6 +87,7 @@ impl Ring {
         found
     }
 
+    #[inline]
     fn version(&self, number: u64) -> &Version {
         // infallible: the remainder is an index
         &self.versions[number as usize % VERSIONS]
@@ -98,8 +101,14 @@ impl Ring {
     }
 
     /// The words of a section, the first for the number, of the version that was begun.
+    #[inline]
     pub(super) fn section(&self, number: u64, section: Section) -> &[AtomicU64] {
-        self.version(number).words.get(self.layout.range(section)).unwrap_or_default()
+        let [adapter, port, axes] = &self.version(number).sections;
+        match section {
+            Section::Adapter => adapter,
+            Section::Port => port,
+            Section::Axes => axes,
+        }
     }
 
     /// Completes the version that was begun.
@@ -118,7 +127,7 @@ impl Ring {
             }
             let version = self.version(number);
             if version.number.load(Ordering::Acquire) == number {
-                for (to, word) in words.iter_mut().zip(&version.words) {
+                for (to, word) in words.iter_mut().zip(version.sections.iter().flatten()) {
                     *to = word.load(Ordering::Relaxed);
                 }
                 // Against the one in `begin`.

@@ -16,6 +16,7 @@ pub enum Section {
 
 impl Section {
     pub(super) const COUNT: usize = 3;
+    pub(super) const ALL: [Self; Self::COUNT] = [Self::Adapter, Self::Port, Self::Axes];
 }
 
 /// Place of the sections in the words of a version. The first word of a section is the number of the
@@ -32,16 +33,20 @@ impl Layout {
         self.sections.get(section as usize).cloned().unwrap_or_default()
     }
 
+    /// Initial words of a section.
+    pub(super) fn words_of(&self, section: Section) -> &[u64] {
+        self.initial.get(self.range(section)).unwrap_or_default()
+    }
+
     /// Initial words of a section, without its number.
     pub(super) fn initial_of(&self, section: Section) -> &[u64] {
-        let words = self.initial.get(self.range(section)).unwrap_or_default();
-        words.get(1..).unwrap_or_default()
+        self.words_of(section).get(1..).unwrap_or_default()
     }
 
     /// The layout with other initial words of one section.
     pub(super) fn with(&self, section: Section, initial: &[u64]) -> Self {
         let mut words = Vec::new();
-        let sections = [Section::Adapter, Section::Port, Section::Axes].map(|it| {
+        let sections = Section::ALL.map(|it| {
             let content = if it == section { initial } else { self.initial_of(it) };
             let start = words.len();
             words.push(0);
@@ -67,34 +72,77 @@ impl<'a> SectionWriter<'a> {
     #[inline(always)]
     pub fn write<const N: usize>(&mut self, words: [u64; N]) {
         if let Some((to, rest)) = self.rest.split_first_chunk::<N>() {
-            // Not by iterators, which are not unrolled.
-            let mut nth = 0;
-            while nth < N {
-                to[nth].store(words[nth], Ordering::Relaxed);
-                nth += 1;
-            }
+            WordGroup(to).write(words);
             self.rest = rest;
         }
     }
 
-    /// Takes the next words apart; fewer at the end of the section. Real-time safe.
+    /// Takes the next `count` groups of `N` words; `None` if the section has fewer. Real-time safe.
     #[inline(always)]
-    pub fn split(&mut self, count: usize) -> Self {
-        let (first, rest) = self.rest.split_at(count.min(self.rest.len()));
+    pub fn groups<const N: usize>(&mut self, count: usize) -> Option<WordGroups<'a, N>> {
+        let (groups, rest) = self.rest.split_at_checked(count * N)?;
         self.rest = rest;
-        Self { rest: first }
-    }
-
-    /// Returns whether this version has this word next, from an earlier time. Real-time safe.
-    #[inline(always)]
-    pub fn has_next(&self, word: u64) -> bool {
-        self.rest.first().is_some_and(|next| next.load(Ordering::Relaxed) == word)
+        Some(WordGroups(groups.as_chunks().0))
     }
 
     /// Leaves the next words as they are. Real-time safe.
     #[inline(always)]
     pub fn skip(&mut self, count: usize) {
         self.rest = self.rest.get(count..).unwrap_or_default();
+    }
+}
+
+/// Groups of words of a section, one per item. For the layers of the SDK.
+#[derive(Debug, Clone, Copy)]
+pub struct WordGroups<'a, const N: usize>(&'a [[AtomicU64; N]]);
+
+impl<'a, const N: usize> WordGroups<'a, N> {
+    /// All groups.
+    #[inline(always)]
+    pub fn iter(&self) -> impl Iterator<Item = WordGroup<'a, N>> + use<'a, N> {
+        self.0.iter().map(WordGroup)
+    }
+
+    /// One group; `None` for an index out of range.
+    pub fn get(&self, nth: usize) -> Option<WordGroup<'a, N>> {
+        self.0.get(nth).map(WordGroup)
+    }
+}
+
+/// Words of a section that are written together. For the layers of the SDK.
+#[derive(Debug, Clone, Copy)]
+pub struct WordGroup<'a, const N: usize>(&'a [AtomicU64; N]);
+
+impl<'a, const N: usize> WordGroup<'a, N> {
+    /// The words from `START` on; it does not compile unless the group has them.
+    #[inline(always)]
+    pub fn part<const START: usize, const COUNT: usize>(self) -> WordGroup<'a, COUNT> {
+        const { assert!(START + COUNT <= N) };
+        // infallible: checked above, so that the cycle checks nothing
+        WordGroup(self.0[START..].first_chunk().unwrap())
+    }
+
+    /// The words in groups of `M`, without a rest that is smaller.
+    #[inline(always)]
+    pub fn groups<const M: usize>(self) -> WordGroups<'a, M> {
+        WordGroups(self.0.as_chunks().0)
+    }
+
+    /// Writes all words. Real-time safe.
+    #[inline(always)]
+    pub fn write(self, words: [u64; N]) {
+        // Not by iterators, which are not unrolled.
+        let mut nth = 0;
+        while nth < N {
+            self.0[nth].store(words[nth], Ordering::Relaxed);
+            nth += 1;
+        }
+    }
+
+    /// Returns whether this version has these words from an earlier time. Real-time safe.
+    #[inline(always)]
+    pub fn has(self, words: [u64; N]) -> bool {
+        self.0.iter().zip(words).all(|(word, other)| word.load(Ordering::Relaxed) == other)
     }
 }
 

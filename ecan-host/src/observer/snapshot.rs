@@ -46,6 +46,7 @@ const HAS_OVERRUN: u64 = 2;
 const STOP_REQUESTED: u64 = 4;
 
 impl CycleRecord {
+    #[inline(always)]
     fn words(&self) -> [u64; CYCLE_WORDS] {
         let start = self.start.unwrap_or_default();
         let flag = |is_set: bool, bit: u64| if is_set { bit } else { 0 };
@@ -96,6 +97,7 @@ impl CycleRecord {
     }
 }
 
+#[inline(always)]
 fn report_words(report: &DomainReport) -> [u64; SLAVE_WORDS] {
     let counters =
         u64::from(report.working_counter) | u64::from(report.expected_working_counter) << 32;
@@ -267,6 +269,7 @@ impl Publisher {
     }
 
     /// Writes the Adapter's section and completes the version.
+    #[inline(always)]
     pub(crate) fn publish<'a>(
         &mut self,
         record: &CycleRecord,
@@ -279,6 +282,7 @@ impl Publisher {
     }
 }
 
+#[inline(always)]
 fn write<'a>(
     writer: &mut SectionWriter<'_>,
     record: &CycleRecord,
