@@ -25,8 +25,9 @@ extern "C" {
  * Life of an observer
  *
  * A handle for other threads than the cycle's: it reads a snapshot of the last cycle, and gives
- * commands that the next cycle executes. The cycle never waits for it, and no function of this header
- * returns ECAN_ERR_BUSY because of the cycle.
+ * commands that the next cycle executes. The cycle never waits for it. Only ecan_igh_observer_init()
+ * uses the context: from another thread it returns ECAN_ERR_BUSY while a cycle runs. All other
+ * functions work also then.
  *
  * static ecan_igh_observer_t observer;             for the monitor and the signal handler
  * ecan_igh_observer_init(&observer, &igh);         in the thread of the cycle
@@ -90,8 +91,6 @@ typedef struct {
     uint64_t overruns;
     /** Deadlines that were skipped, since ecan_igh_init(). */
     uint64_t skipped;
-    /** Number of the last command that was executed; 0 before the first. */
-    uint64_t executed_command;
     /** Number of slaves. */
     uint32_t slave_count;
     /** Number of axes; 0 if the cycle did not send targets. */
@@ -125,14 +124,18 @@ int ecan_igh_observer_update(ecan_igh_observer_t *observer);
 int ecan_igh_observer_get_cycle(ecan_igh_observer_t *observer, ecan_igh_observed_cycle_t *cycle);
 
 /**
- * Returns 1 if the cycle of the snapshot or an earlier one has executed a command.
+ * Returns 1 if the cycle of the snapshot or an earlier one has executed a command: a quick stop was
+ * given to the axis, whose state reports its effect. A quick stop that was dropped, because its axes
+ * ended or others were opened before a cycle executed it, is never executed. An executed one is
+ * forgotten after 63 such changes.
  *
- * @param ticket  Number that the command gave.
+ * @param ticket  Number that the command gave; 0, of a command that was rejected, is never executed.
  *
  * @usage   rt, any thread but one at a time, after update
  * @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
  */
-int ecan_igh_observer_has_executed(ecan_igh_observer_t *observer, uint64_t ticket);
+int ecan_igh_observer_has_executed(ecan_igh_observer_t *observer,
+                                   uint64_t ticket);
 
 /**
  * Gets the result of the exchange with one slave, as ecan_igh_get_domain_report() does.
@@ -195,9 +198,15 @@ int igh_cia402_observer_get_axis_state(ecan_igh_observer_t *observer,
  * Commands
  *
  * Any thread and any signal handler may give them, also while another thread reads through the same
- * observer: they use atomic operations only, and store no error text. The cycle executes them when it
- * next sends targets: a quick stop is in the image of this cycle or the next one. Each gives a ticket:
- * a number that grows, which ecan_igh_observer_has_executed() compares with the last snapshot.
+ * observer: they use atomic operations only, and store no error text. A request to stop takes effect at
+ * once. The cycle gives quick stops to the axes when it next sends targets: before the targets of this
+ * cycle, or of the next one. The quick stop is then in the image of that cycle if the gateway is ready
+ * and the image has room for its frame, and on the bus if the working counter of the image is complete:
+ * an image that was not confirmed is repeated first.
+ *
+ * Each command gives a ticket, which is not 0; ecan_igh_observer_has_executed() returns 1 for it once a
+ * cycle has given the command to the axis. Its effect is in the state of the axis: stop_cause and
+ * phase.
  * --------------------------------------------------------------------------- */
 
 /**
@@ -205,7 +214,7 @@ int igh_cia402_observer_get_axis_state(ecan_igh_observer_t *observer,
  * igh_cia402_shutdown_timeout() and igh_cia402_stop_all_timeout(), and ecan_igh_is_stop_requested()
  * returns 1 until ecan_igh_clear_stop_request().
  *
- * @param ticket  Gets the number of the command; may be NULL.
+ * @param ticket  Gets the number of the command, 0 if it is rejected; may be NULL.
  *
  * @usage   rt, any thread and signal handlers, after init
  * @return  ECAN_OK; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ORDER if the context has
@@ -215,10 +224,10 @@ int ecan_igh_observer_request_stop(ecan_igh_observer_t *observer, uint64_t *tick
 
 /**
  * Commands a quick stop, as igh_cia402_quick_stop() does: to one axis, or with IGH_CIA402_ALL_AXES
- * to all.
+ * to all of all axis tables.
  *
- * @param axis    Index in the axis table that was opened last.
- * @param ticket  Gets the number of the command; may be NULL.
+ * @param axis    Index in the axis table that was opened last, of those that are open.
+ * @param ticket  Gets the number of the command, 0 if it is rejected; may be NULL.
  *
  * @usage   rt, any thread and signal handlers, after init
  * @return  ECAN_OK; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ORDER if the context has

@@ -236,3 +236,53 @@ fn observer_names_the_axes_of_the_last_table() {
         steps(&mut fixture, &mut snapshot, 5);
     }
 }
+
+#[test]
+fn quick_stop_of_ended_axes_is_never_acknowledged() {
+    let mut fixture = Fixture::single(axes(2)).started();
+    let observer = fixture.port.adapter().observer();
+    let mut snapshot = observer.snapshot();
+    let dropped = [observer.quick_stop(0).unwrap(), observer.quick_stop_all()];
+    // No targets are sent.
+    drop(fixture.port.next_cycle());
+    snapshot.update().unwrap();
+    assert!(!dropped.iter().any(|ticket| snapshot.has_executed(*ticket)));
+    let stop = observer.request_stop();
+    drop(fixture.port.next_cycle());
+    snapshot.update().unwrap();
+    assert!(snapshot.has_executed(stop), "it takes effect at once");
+    fixture.port.adapter().clear_stop_request();
+    fixture.cia402 = Cia402::new(&fixture.port, axes(2), Cia402Config::default()).unwrap();
+    for _ in 0..3 {
+        fixture.step();
+        snapshot.update().unwrap();
+        assert!(!dropped.iter().any(|ticket| snapshot.has_executed(*ticket)));
+        assert_eq!(fixture.cia402.stop_cause(0), None);
+    }
+    let given = observer.quick_stop(1).unwrap();
+    fixture.step();
+    snapshot.update().unwrap();
+    assert!(snapshot.has_executed(given));
+    assert!(!dropped.iter().any(|ticket| snapshot.has_executed(*ticket)));
+}
+
+#[test]
+fn end_of_the_later_table_keeps_commands_of_the_first() {
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
+    let mut fixture = Fixture::open(ecan_sim::drives(1, 4), adapter, axes(4)).started();
+    let observer = fixture.port.adapter().observer();
+    let mut snapshot = observer.snapshot();
+    let later = Cia402::new(&fixture.port, axes(2), Cia402Config::default()).unwrap();
+    let dropped = observer.quick_stop(1).unwrap();
+    drop(later);
+    fixture.step();
+    snapshot.update().unwrap();
+    assert!(!snapshot.has_executed(dropped));
+    assert!(AxesSnapshot::of(&snapshot).is_none(), "axes of the table created last only");
+    assert_eq!(fixture.cia402.stop_cause(1), None);
+    let given = observer.quick_stop(3).unwrap();
+    fixture.step();
+    snapshot.update().unwrap();
+    assert!(snapshot.has_executed(given));
+    assert_eq!(fixture.cia402.stop_cause(3), Some(StopCause::QuickStop));
+}

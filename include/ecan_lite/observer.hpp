@@ -10,7 +10,7 @@
 namespace ecan {
 inline namespace ECAN_LITE_STYLE {
 
-/** A command that the next cycle executes: its status, and its number for observer::has_executed(). */
+/** A command that the next cycle executes: its status, and its number, 0 if it was rejected. */
 struct command {
     status given;
     std::uint64_t ticket = 0;
@@ -104,10 +104,13 @@ public:
             igh_mcan_observer_get_channel_status(raw(), at.slave, at.channel, &channel);
         return known(code, channel);
     }
-    /** Returns whether the cycle of the snapshot or an earlier one has executed a command. */
-    bool has_executed(const command &given) const noexcept
+    /**
+     * Returns whether the cycle of the snapshot or an earlier one has executed a command; never for one
+     * that was rejected. axis() reports the effect of a quick stop.
+     */
+    bool has_executed(const command &of) const noexcept
     {
-        return ecan_igh_observer_has_executed(raw(), given.ticket) == 1;
+        return of.given.ok() && ecan_igh_observer_has_executed(raw(), of.ticket) == 1;
     }
 
     // Commands, also in signal handlers.

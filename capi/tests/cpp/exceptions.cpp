@@ -333,7 +333,9 @@ void observer_reads_and_commands_from_another_thread()
     run(2);
     CHECK(observer.update().ok() && observer.has_executed(stop));
     CHECK(!observer.axis(0)->is_running());
-    CHECK(observer.quick_stop(7).given == ecan::errc::axis);
+    const ecan::command rejected = observer.quick_stop(7);
+    CHECK(rejected.given == ecan::errc::axis && rejected.ticket == 0);
+    CHECK(!observer.has_executed(rejected));
 
     CHECK(observer.request_stop().given.ok());
     CHECK(thrown([&] { axes->start_up(30s); }) == ecan::errc::stopped);

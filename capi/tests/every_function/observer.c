@@ -170,8 +170,18 @@ static void give_commands(void)
     SAME(IGH_CIA402_STOP_CAUSE_NONE, axis.stop_cause);
 
     CODE(ECAN_OK, ecan_igh_observer_request_stop(&observer, &second));
-    TRUE(second > first);
+    TRUE(second != 0 && second != first);
     SAME(1, ecan_igh_is_stop_requested(&igh));
+    SAME(0, ecan_igh_observer_has_executed(&observer, second));
+    /* Takes effect without targets. */
+    GOOD(igh_mcan_port_wait_next_cycle(&port));
+    GOOD(igh_mcan_port_cycle_begin(&port));
+    GOOD(igh_mcan_port_cycle_end(&port));
+    GOOD(ecan_igh_observer_update(&observer));
+    SAME(1, ecan_igh_observer_has_executed(&observer, second));
+    CODE(ECAN_ERR_AXIS, igh_cia402_observer_quick_stop(&observer, 2, &second));
+    SAME(0, second);
+    SAME(0, ecan_igh_observer_has_executed(&observer, second));
     BAD(ECAN_ERR_STOPPED, igh_cia402_enable_all_timeout(&motors, 20000));
     GOOD(ecan_igh_clear_stop_request(&igh));
     SAME(0, ecan_igh_is_stop_requested(&igh));

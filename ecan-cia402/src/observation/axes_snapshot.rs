@@ -40,7 +40,8 @@ impl<'a> AxesWriter<'a> {
         now_ns: u64,
         axis_count: usize,
     ) -> Option<Self> {
-        let mut rest = adapter.section_writer(Section::Axes).filter(|_| is_observed)?;
+        // The writer marks the section as written.
+        let mut rest = is_observed.then(|| adapter.section_writer(Section::Axes)).flatten()?;
         rest.write([now_ns]);
         rest.skip(axis_count * FIXED_WORDS);
         let cycle = rest.groups(axis_count)?;
@@ -66,7 +67,8 @@ impl<'a> AxesWriter<'a> {
     }
 }
 
-/// The axes in a [`Snapshot`]: those of the [`Cia402`](crate::Cia402) that was created last.
+/// The axes in a [`Snapshot`]: those of the [`Cia402`](crate::Cia402) that was created last, and none
+/// after its end.
 #[derive(Debug, Clone, Copy)]
 pub struct AxesSnapshot<'a> {
     now_ns: u64,

@@ -1,11 +1,12 @@
 //! Commands of other threads to the cycle: numbers and flags.
 
-use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
+use super::ticket::{CommandTicket, Kind};
 use crate::config::MAX_SLAVES;
 
 /// Node-IDs of a CAN bus.
@@ -13,24 +14,12 @@ const NODE_IDS: usize = 127;
 /// Most axes of a table: one per node-ID, channel and slave.
 const MAX_AXES: usize = MAX_SLAVES * CHANNELS * NODE_IDS;
 const BITS: usize = u64::BITS as usize;
-
-/// Number of a command. The cycle has executed it as soon as a snapshot
-/// [has it](crate::Snapshot::has_executed).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct CommandTicket(pub(super) u64);
-
-impl CommandTicket {
-    /// The number, from 1 on; later commands have larger ones.
-    pub fn number(self) -> u64 {
-        self.0
-    }
-}
-
-impl fmt::Display for CommandTicket {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.fmt(f)
-    }
-}
+/// Tables whose execution of commands to all axes is tracked.
+const SLOTS: usize = 8;
+/// Terms whose executed commands are remembered.
+const TERMS: u64 = 64;
+/// Content of a slot without a table.
+const FREE: u64 = u64::MAX;
 
 /// Error of a command to an axis that the table does not have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -42,49 +31,92 @@ pub struct NoSuchAxis {
     pub count: usize,
 }
 
+/// Last command of each kind that the cycle has executed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Executed {
+    pub(crate) stop: u64,
+    pub(crate) one: u64,
+    pub(crate) all: u64,
+}
+
+/// A table of axes that lives.
+#[derive(Debug)]
+struct Table {
+    number: u64,
+    axis_count: usize,
+    slot: Option<usize>,
+}
+
 /// Pending commands. Only atomics, so that signal handlers can give commands.
+///
+/// A term is the time between two changes of the tables. A ticket has the term that its giver saw
+/// before it stored the command, so a command that a change of the tables dropped, or may have dropped,
+/// is never reported as executed.
 ///
 /// A command is stored before its number is drawn; so the cycle finds every command with a number up
 /// to the one that it reads first.
 #[derive(Debug)]
 pub(super) struct Commands {
-    last_ticket: AtomicU64,
     stop_requested: AtomicBool,
+    last_stop: AtomicU64,
+    /// Last number of a quick stop.
+    last_quick_stop: AtomicU64,
     /// Commands to all axes.
     quick_stop_all: AtomicU64,
     /// A bit per axis.
     quick_stops: Box<[AtomicU64]>,
-    /// Number of the table of axes that executes quick stops; 0 without one.
+    term: AtomicU64,
+    /// Number of the table that takes commands to one axis; 0 without one.
     axis_table: AtomicU64,
+    /// Number of the table that was registered last.
     last_table: AtomicU64,
     axis_count: AtomicUsize,
-    /// Last number that the table has executed.
-    executed: AtomicU64,
+    /// Last number that each table has executed.
+    seen: [AtomicU64; SLOTS],
+    /// Tables without a slot.
+    untracked: AtomicUsize,
+    /// Last executed tickets of the last terms.
+    executed_one: [AtomicU64; TERMS as usize],
+    executed_all: [AtomicU64; TERMS as usize],
+    /// In the order of registration. Locked outside the cycle only.
+    tables: Mutex<Vec<Table>>,
 }
 
 impl Default for Commands {
     fn default() -> Self {
+        let first = |kind| std::array::from_fn(|_| AtomicU64::new(kind_start(kind, 0)));
         Self {
-            last_ticket: AtomicU64::new(0),
             stop_requested: AtomicBool::new(false),
+            last_stop: AtomicU64::new(0),
+            last_quick_stop: AtomicU64::new(0),
             quick_stop_all: AtomicU64::new(0),
             quick_stops: (0..MAX_AXES.div_ceil(BITS)).map(|_| AtomicU64::new(0)).collect(),
+            term: AtomicU64::new(0),
             axis_table: AtomicU64::new(0),
             last_table: AtomicU64::new(0),
             axis_count: AtomicUsize::new(0),
-            executed: AtomicU64::new(0),
+            seen: std::array::from_fn(|_| AtomicU64::new(FREE)),
+            untracked: AtomicUsize::new(0),
+            executed_one: first(Kind::One),
+            executed_all: first(Kind::All),
+            tables: Mutex::new(Vec::new()),
         }
     }
 }
 
-impl Commands {
-    fn draw(&self) -> CommandTicket {
-        CommandTicket(self.last_ticket.fetch_add(1, Ordering::AcqRel) + 1)
-    }
+fn kind_start(kind: Kind, term: u64) -> u64 {
+    CommandTicket::new(kind, term, 0).number()
+}
 
+fn of_term(words: &[AtomicU64; TERMS as usize], term: u64) -> &AtomicU64 {
+    // infallible: the remainder is an index
+    &words[(term % TERMS) as usize]
+}
+
+impl Commands {
     pub(super) fn request_stop(&self) -> CommandTicket {
         self.stop_requested.store(true, Ordering::Release);
-        self.draw()
+        CommandTicket::new(Kind::Stop, 0, self.last_stop.fetch_add(1, Ordering::AcqRel) + 1)
     }
 
     pub(super) fn clear_stop_request(&self) {
@@ -95,17 +127,28 @@ impl Commands {
         self.stop_requested.load(Ordering::Acquire)
     }
 
+    fn draw(&self, kind: Kind, term: u64) -> CommandTicket {
+        let number = self.last_quick_stop.fetch_add(1, Ordering::AcqRel) + 1;
+        CommandTicket::new(kind, term, number)
+    }
+
+    fn term(&self) -> u64 {
+        self.term.load(Ordering::Acquire)
+    }
+
     pub(super) fn quick_stop_all(&self) -> CommandTicket {
+        let term = self.term();
         self.quick_stop_all.fetch_add(1, Ordering::AcqRel);
-        self.draw()
+        self.draw(Kind::All, term)
     }
 
     pub(super) fn quick_stop(&self, axis: usize) -> Result<CommandTicket, NoSuchAxis> {
+        let term = self.term();
         let count = self.axis_count();
         match self.quick_stops.get(axis / BITS) {
             Some(bits) if axis < count => {
                 bits.fetch_or(1 << (axis % BITS), Ordering::AcqRel);
-                Ok(self.draw())
+                Ok(self.draw(Kind::One, term))
             }
             _ => Err(NoSuchAxis { axis, count }),
         }
@@ -115,41 +158,102 @@ impl Commands {
         self.axis_count.load(Ordering::Acquire)
     }
 
-    /// Number of the last command that the cycle has executed.
-    pub(super) fn executed(&self) -> u64 {
-        match self.axis_table.load(Ordering::Acquire) {
-            0 => self.last_ticket.load(Ordering::Acquire),
-            _ => self.executed.load(Ordering::Acquire),
+    /// The last commands that the cycle has executed. A request to stop takes effect at once; call
+    /// before [`is_stop_requested`](Self::is_stop_requested).
+    pub(super) fn executed(&self) -> Executed {
+        let last_stop = self.last_stop.load(Ordering::Acquire);
+        let term = self.term();
+        Executed {
+            stop: CommandTicket::new(Kind::Stop, 0, last_stop).number(),
+            one: of_term(&self.executed_one, term).load(Ordering::Acquire),
+            all: of_term(&self.executed_all, term).load(Ordering::Acquire),
         }
     }
 
-    // The executing table
-
-    /// Number of the table that executes the quick stops from now on.
-    pub(super) fn register_table(&self, axis_count: usize) -> u64 {
-        let table = self.last_table.fetch_add(1, Ordering::AcqRel) + 1;
-        for bits in &self.quick_stops {
-            bits.store(0, Ordering::Relaxed);
+    /// Returns whether a command is one that the cycle had executed when `executed` was read.
+    pub(super) fn has_executed(&self, executed: &Executed, ticket: CommandTicket) -> bool {
+        let (last, words) = match ticket.kind() {
+            Some(Kind::Stop) => return CommandTicket::from_number(executed.stop).covers(ticket),
+            Some(Kind::One) => (executed.one, &self.executed_one),
+            Some(Kind::All) => (executed.all, &self.executed_all),
+            None => return false,
+        };
+        let last = CommandTicket::from_number(last);
+        if ticket.term() < last.term() {
+            // A term that has ended before: its last ticket does not change.
+            let word = of_term(words, ticket.term()).load(Ordering::Acquire);
+            return CommandTicket::from_number(word).covers(ticket);
         }
-        self.executed.store(self.last_ticket.load(Ordering::Acquire), Ordering::Release);
-        self.axis_table.store(table, Ordering::Release);
-        self.axis_count.store(axis_count.min(MAX_AXES), Ordering::Release);
-        table
+        last.covers(ticket)
     }
 
-    pub(super) fn remove_table(&self, table: u64) {
-        if self.is_table(table) {
+    // The executing tables
+
+    fn tables(&self) -> MutexGuard<'_, Vec<Table>> {
+        self.tables.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a table, which takes the commands to one axis from now on; `ticket` is the last number that
+    /// it need not execute. Returns the number and the slot of the table. Allocates.
+    pub(super) fn register_table(&self, axis_count: usize, ticket: u64) -> (u64, Option<usize>) {
+        let mut tables = self.tables();
+        let number = self.last_table.fetch_add(1, Ordering::AcqRel) + 1;
+        let slot = self.seen.iter().position(|seen| seen.load(Ordering::Acquire) == FREE);
+        match slot.and_then(|slot| self.seen.get(slot)) {
+            Some(seen) => seen.store(ticket, Ordering::Release),
+            None => {
+                self.untracked.fetch_add(1, Ordering::AcqRel);
+            }
+        }
+        tables.push(Table { number, axis_count: axis_count.min(MAX_AXES), slot });
+        self.begin_term(&tables);
+        (number, slot)
+    }
+
+    /// Removes a table; the one registered before it takes the commands.
+    pub(super) fn remove_table(&self, number: u64) {
+        let mut tables = self.tables();
+        let Some(at) = tables.iter().position(|table| table.number == number) else { return };
+        let removed = tables.remove(at);
+        self.begin_term(&tables);
+        // After the new term: `acknowledge` looks at them in the other order.
+        match removed.slot.and_then(|slot| self.seen.get(slot)) {
+            Some(seen) => seen.store(FREE, Ordering::Release),
+            None => {
+                self.untracked.fetch_sub(1, Ordering::AcqRel);
+            }
+        }
+    }
+
+    fn begin_term(&self, tables: &[Table]) {
+        let (number, count) = tables.last().map_or((0, 0), |last| (last.number, last.axis_count));
+        if self.axis_table.load(Ordering::Acquire) != number {
             self.axis_count.store(0, Ordering::Release);
             self.axis_table.store(0, Ordering::Release);
+            for bits in &self.quick_stops {
+                bits.store(0, Ordering::Release);
+            }
         }
+        let term = CommandTicket::new(Kind::One, self.term() + 1, 0).term();
+        of_term(&self.executed_one, term).store(kind_start(Kind::One, term), Ordering::Release);
+        of_term(&self.executed_all, term).store(kind_start(Kind::All, term), Ordering::Release);
+        self.term.store(term, Ordering::Release);
+        self.axis_table.store(number, Ordering::Release);
+        self.axis_count.store(count, Ordering::Release);
     }
 
+    /// Returns whether a table takes the commands to one axis.
     pub(super) fn is_table(&self, table: u64) -> bool {
         self.axis_table.load(Ordering::Acquire) == table
     }
 
-    pub(super) fn last_ticket(&self) -> u64 {
-        self.last_ticket.load(Ordering::Acquire)
+    /// Returns whether a table was registered last.
+    pub(super) fn is_last_table(&self, table: u64) -> bool {
+        self.last_table.load(Ordering::Acquire) == table
+    }
+
+    pub(super) fn last_quick_stop(&self) -> u64 {
+        self.last_quick_stop.load(Ordering::Acquire)
     }
 
     pub(super) fn quick_stops_of_all(&self) -> u64 {
@@ -164,7 +268,30 @@ impl Commands {
         self.quick_stops.iter().take(groups).enumerate().map(take)
     }
 
-    pub(super) fn set_executed(&self, ticket: u64) {
-        self.executed.store(ticket, Ordering::Release);
+    /// Has `execute` take all commands up to a number, and acknowledges them: to one axis if `execute`
+    /// returns true, to all axes once every table has executed them.
+    pub(super) fn acknowledge(
+        &self,
+        ticket: u64,
+        slot: Option<usize>,
+        execute: impl FnOnce() -> bool,
+    ) {
+        let term = self.term();
+        // Another thread may end a later table at the same time, with its commands: a new term.
+        if execute() && self.term() == term {
+            let executed = CommandTicket::new(Kind::One, term, ticket);
+            of_term(&self.executed_one, term).store(executed.number(), Ordering::Release);
+        }
+        if let Some(seen) = slot.and_then(|slot| self.seen.get(slot)) {
+            seen.store(ticket, Ordering::Release);
+        }
+        let of_all = self.seen.iter().map(|seen| seen.load(Ordering::Acquire)).min();
+        let is_tracked = self.untracked.load(Ordering::Acquire) == 0;
+        let Some(of_all) = of_all.filter(|of_all| is_tracked && *of_all != FREE) else { return };
+        // A table that was removed before the slots were read has begun a term.
+        if self.term() == term {
+            let executed = CommandTicket::new(Kind::All, term, of_all);
+            of_term(&self.executed_all, term).store(executed.number(), Ordering::Release);
+        }
     }
 }

@@ -3,9 +3,10 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::commands::{CommandTicket, Commands, NoSuchAxis};
+use super::commands::{Commands, NoSuchAxis};
 use super::ring::Ring;
 use super::section::Layout;
+use super::ticket::CommandTicket;
 
 /// What an Adapter shares with its observers.
 #[derive(Debug)]
@@ -46,7 +47,8 @@ impl Shared {
 /// reader only repeats its own read. While an Adapter has no observer its cycle publishes nothing.
 ///
 /// The commands use atomics only: a signal handler may give them. Each returns a [`CommandTicket`];
-/// [`Snapshot::has_executed`](crate::Snapshot::has_executed) reports its execution.
+/// [`Snapshot::has_executed`](crate::Snapshot::has_executed) reports that a cycle has given the command to
+/// the axis. The state of the axis reports its effect.
 ///
 /// ```no_run
 /// # fn run(adapter: &ecan_host::Adapter) {
@@ -80,7 +82,8 @@ impl Observer {
         self.shared.is_closed.load(Ordering::Acquire)
     }
 
-    /// Number of axes that commands and snapshots can name; those of the table created last.
+    /// Number of axes that commands can name: those of the table that was created last, of those that
+    /// exist.
     pub fn axis_count(&self) -> usize {
         self.shared.commands.axis_count()
     }
@@ -89,12 +92,14 @@ impl Observer {
     /// [`Error::Stopped`](crate::Error::Stopped), but not a shutdown;
     /// [`Adapter::is_stop_requested`](crate::Adapter::is_stop_requested) reports it to the application's own loop.
     /// It stays in force until
-    /// [`clear_stop_request`](crate::Adapter::clear_stop_request). Async-signal-safe.
+    /// [`clear_stop_request`](crate::Adapter::clear_stop_request). It takes effect at once, and the next
+    /// snapshot reports it as executed. Async-signal-safe.
     pub fn request_stop(&self) -> CommandTicket {
         self.shared.commands.request_stop()
     }
 
-    /// Commands a quick stop to an axis, executed when the cycle next sends targets. Async-signal-safe.
+    /// Commands a quick stop to an axis, executed when the cycle next sends targets. It is dropped if
+    /// the axes end before that, and then never reported as executed. Async-signal-safe.
     ///
     /// # Errors
     /// [`NoSuchAxis`].
@@ -102,7 +107,9 @@ impl Observer {
         self.shared.commands.quick_stop(axis)
     }
 
-    /// Commands a quick stop to all axes, executed when the cycle next sends targets. Async-signal-safe.
+    /// Commands a quick stop to all axes of all tables, executed when the cycle next sends their targets,
+    /// and reported as executed when every table has done so; never if a table was created or has ended
+    /// before. Async-signal-safe.
     pub fn quick_stop_all(&self) -> CommandTicket {
         self.shared.commands.quick_stop_all()
     }

@@ -7,12 +7,14 @@ mod quick_stops;
 mod ring;
 mod section;
 mod snapshot;
+mod ticket;
 
-pub use commands::{CommandTicket, NoSuchAxis};
+pub use commands::NoSuchAxis;
 pub use handle::Observer;
 pub use quick_stops::{QuickStop, QuickStops};
 pub use section::{Section, SectionWriter, WordGroup, WordGroups};
 pub use snapshot::{ObserverError, Snapshot};
+pub use ticket::CommandTicket;
 
 pub(crate) use publisher::Publisher;
 pub(crate) use snapshot::CycleRecord;

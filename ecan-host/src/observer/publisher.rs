@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::PoisonError;
 use std::sync::atomic::Ordering;
 
+use super::commands::Executed;
 use super::handle::{Observer, Shared};
 use super::quick_stops::QuickStops;
 use super::ring::Ring;
@@ -43,7 +44,7 @@ impl Publisher {
         self.shared.commands.clear_stop_request();
     }
 
-    pub(crate) fn executed(&self) -> u64 {
+    pub(crate) fn executed(&self) -> Executed {
         self.shared.commands.executed()
     }
 

@@ -4,17 +4,18 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use super::commands::CommandTicket;
+use super::commands::Executed;
 use super::handle::Observer;
 use super::publisher::Publisher;
 use super::ring::Ring;
 use super::section::{Section, SectionWriter};
+use super::ticket::CommandTicket;
 use crate::adapter::{Delivery, DomainReport};
 use crate::master::WcState;
 use crate::real_time::CycleStart;
 
 /// Words of the cycle, and of each slave.
-const CYCLE_WORDS: usize = 10;
+const CYCLE_WORDS: usize = 12;
 const SLAVE_WORDS: usize = 2;
 
 /// Error of [`Snapshot::update`].
@@ -37,7 +38,7 @@ pub(crate) struct CycleRecord {
     pub(crate) run_time_ns: u64,
     pub(crate) overruns: u64,
     pub(crate) skipped: u64,
-    pub(crate) executed: u64,
+    pub(crate) executed: Executed,
     pub(crate) is_stop_requested: bool,
 }
 
@@ -64,7 +65,9 @@ impl CycleRecord {
             run_time_ns,
             overruns,
             skipped,
-            executed,
+            executed.stop,
+            executed.one,
+            executed.all,
             flags,
         ]
     }
@@ -79,7 +82,9 @@ impl CycleRecord {
             run_time_ns,
             overruns,
             skipped,
-            executed,
+            stop,
+            one,
+            all,
             flags,
         ] = words;
         let has_overrun = flags & HAS_OVERRUN != 0;
@@ -91,7 +96,7 @@ impl CycleRecord {
             run_time_ns,
             overruns,
             skipped,
-            executed,
+            executed: Executed { stop, one, all },
             is_stop_requested: flags & STOP_REQUESTED != 0,
         }
     }
@@ -247,14 +252,12 @@ impl Snapshot {
         words.as_chunks().0.get(slave).copied().map(report_of)
     }
 
-    /// Number of the last command that was executed; 0 before the first.
-    pub fn executed_command(&self) -> u64 {
-        self.record().executed
-    }
-
-    /// Returns whether this cycle or an earlier one has executed a command.
+    /// Returns whether this cycle or an earlier one has executed a command: a quick stop was given to
+    /// the axes, whose state reports its effect. A quick stop that was dropped, because the axes ended or
+    /// others were created before a cycle executed it, is never executed; an executed one is forgotten
+    /// after 63 such changes.
     pub fn has_executed(&self, ticket: CommandTicket) -> bool {
-        self.executed_command() >= ticket.number()
+        self.observer.shared().commands.has_executed(&self.record().executed, ticket)
     }
 
     /// Returns whether the application was requested to stop.
@@ -317,12 +320,13 @@ mod tests {
     proptest! {
         #[test]
         fn snapshot_returns_what_the_cycle_published(
-            numbers in any::<[u64; 6]>(),
+            numbers in any::<[u64; 8]>(),
             start in prop::option::of((any::<u64>(), any::<u64>(), any::<u64>(), any::<bool>())),
             is_stop_requested in any::<bool>(),
             reports in prop::collection::vec(report(), 0..5),
         ) {
-            let [cycle, time_ns, run_time_ns, overruns, skipped, executed] = numbers;
+            let [cycle, time_ns, run_time_ns, overruns, skipped, stop, one, all] = numbers;
+            let executed = Executed { stop, one, all };
             let start = start.map(|(deadline_ns, late_ns, skipped, has_overrun)| {
                 CycleStart { deadline_ns, late_ns, skipped, has_overrun }
             });

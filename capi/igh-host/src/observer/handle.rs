@@ -1,8 +1,9 @@
 //! Life of an observer
 //!
 //! A handle for other threads than the cycle's: it reads a snapshot of the last cycle, and gives
-//! commands that the next cycle executes. The cycle never waits for it, and no function of this header
-//! returns ECAN_ERR_BUSY because of the cycle.
+//! commands that the next cycle executes. The cycle never waits for it. Only ecan_igh_observer_init()
+//! uses the context: from another thread it returns ECAN_ERR_BUSY while a cycle runs. All other
+//! functions work also then.
 //!
 //! ```c
 //! static ecan_igh_observer_t observer;             for the monitor and the signal handler

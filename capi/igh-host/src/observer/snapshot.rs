@@ -13,7 +13,7 @@ use ecan_c_boundary::channel_status::igh_mcan_channel_status_t;
 use ecan_c_boundary::result::ecan_result_t::{self, ECAN_ERR_NOT_READY, ECAN_ERR_SLAVE};
 use ecan_c_export::export;
 use ecan_cia402::AxesSnapshot;
-use ecan_host::{ObserverError, Snapshot};
+use ecan_host::{CommandTicket, ObserverError, Snapshot};
 use ecan_mcan_port::{PortSnapshot, SessionState};
 use ecan_protocol::mapping::CHANNELS;
 
@@ -41,8 +41,6 @@ pub struct ecan_igh_observed_cycle_t {
     pub overruns: u64,
     /// Deadlines that were skipped, since ecan_igh_init().
     pub skipped: u64,
-    /// Number of the last command that was executed; 0 before the first.
-    pub executed_command: u64,
     /// Number of slaves.
     pub slave_count: u32,
     /// Number of axes; 0 if the cycle did not send targets.
@@ -157,7 +155,6 @@ pub fn ecan_igh_observer_get_cycle(
             run_time_ns: snapshot.run_time_ns(),
             overruns: snapshot.overruns(),
             skipped: snapshot.skipped(),
-            executed_command: snapshot.executed_command(),
             slave_count: count(snapshot.slave_count()),
             axis_count: AxesSnapshot::of(snapshot).map_or(0, |axes| count(axes.axis_count())),
             has_deadline: start.is_some().into(),
@@ -168,15 +165,20 @@ pub fn ecan_igh_observer_get_cycle(
     })
 }
 
-/// Returns 1 if the cycle of the snapshot or an earlier one has executed a command.
+/// Returns 1 if the cycle of the snapshot or an earlier one has executed a command: a quick stop was
+/// given to the axis, whose state reports its effect. A quick stop that was dropped, because its axes
+/// ended or others were opened before a cycle executed it, is never executed. An executed one is
+/// forgotten after 63 such changes.
 ///
-/// @param ticket  Number that the command gave.
+/// @param ticket  Number that the command gave; 0, of a command that was rejected, is never executed.
 ///
 /// @usage   rt, any thread but one at a time, after update
 /// @return  1 or 0; 0 after an error, which ecan_last_error_code() gives.
 #[export(call, or 0)]
 pub fn ecan_igh_observer_has_executed(observer: *mut ecan_igh_observer_t, ticket: u64) -> c_int {
-    with_snapshot(call, observer, |snapshot| Ok((snapshot.executed_command() >= ticket).into()))
+    with_snapshot(call, observer, |snapshot| {
+        Ok(snapshot.has_executed(CommandTicket::from_number(ticket)).into())
+    })
 }
 
 /// Gets the result of the exchange with one slave, as ecan_igh_get_domain_report() does.
