@@ -161,7 +161,8 @@ fn main() {
         cycle_ns(first),
         cycle_ns(second)
     );
-    let what = "publishing / whole cycle of Port and axes on a null master";
+    let what =
+        "publishing / whole cycle without system calls (null master); with them see the remarks";
     let snapshot = Row::new("snapshot for observers, 10 axes, N = 3", what, ratio - 1.0);
     print_rows(&[axis.with_goals(1.15, 1.15), snapshot.as_share().with_goals(0.02, 0.02)]);
 }

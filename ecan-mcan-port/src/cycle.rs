@@ -5,10 +5,11 @@ use std::ops::Deref;
 use ecan_host::{CycleError, CycleStart, CycleWait, Phase, StartupRounds};
 
 use crate::address::GatewayHandle;
-use crate::gateway::{Gateway, publish};
+use crate::gateway::Gateway;
 use crate::port::Port;
 use crate::receive::items::ReceivedItems;
 use crate::receive::received::Received;
+use crate::snapshot;
 
 /// Failed cycles in a row after which [`Cycle::end`] returns the error.
 pub const MAX_FAILED_CYCLES: u32 = 100;
@@ -101,7 +102,7 @@ impl Port {
     /// # Errors
     /// A [`CycleError`] of the library.
     pub fn repeat_images(&mut self) -> Result<(), CycleError> {
-        publish(&mut self.adapter, &mut self.gateways, self.snapshot_reservation)
+        self.publish()
     }
 
     /// Sleeps until the next cycle is due and returns the number of missed deadlines: see
@@ -126,6 +127,15 @@ impl Port {
         let is_in_phase = !self.adapter.is_attached();
         self.deadline_ns = is_in_phase.then_some(self.adapter.cycle_start().deadline_ns);
         self.skipped
+    }
+
+    /// Publishes the images and the snapshot, and sends.
+    fn publish(&mut self) -> Result<(), CycleError> {
+        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
+            gateway.transmitter.end(self.adapter.rx_pdo_mut(slave), &mut gateway.statistics);
+        }
+        snapshot::publish(&self.adapter, &self.gateways, self.snapshot_reservation);
+        self.adapter.send()
     }
 
     fn needed_rounds(&self) -> StartupRounds {
@@ -186,8 +196,7 @@ impl Port {
             }
         }
         let receive_error = self.receive_error.take();
-        let send_error =
-            publish(&mut self.adapter, &mut self.gateways, self.snapshot_reservation).err();
+        let send_error = self.publish().err();
         let has_failed = receive_error.or(send_error).is_some();
         self.failed_cycles = if has_failed { self.failed_cycles.saturating_add(1) } else { 0 };
         let skipped = std::mem::take(&mut self.skipped);

@@ -1,6 +1,6 @@
 //! One gateway in the Port: its session, images and counters, and its part of the cycle.
 
-use ecan_host::{Adapter, CycleError, Delivery, DomainReport, Plan};
+use ecan_host::{Adapter, Delivery, DomainReport, Plan};
 use ecan_protocol::can::FrameRef;
 use ecan_protocol::device::{AlState, Capabilities};
 use ecan_protocol::image::{ImageReader, ImageWriter, OptionFlags};
@@ -15,7 +15,6 @@ use crate::schedule::margin::ScheduleTimes;
 use crate::schedule::result_codes::ResultCodes;
 use crate::schedule::watch::{ScheduleWatch, WatchResult};
 use crate::session::machine::{Event, Session, SessionMachine};
-use crate::snapshot;
 use crate::statistics::SlaveStatistics;
 use crate::transmit::transmitter::Transmitter;
 use crate::transmit::window::DEFAULT_DEPTH;
@@ -302,17 +301,4 @@ fn log_bus_off(slave: usize, channel: usize, is_bus_off: bool) {
     } else {
         tracing::info!(slave, channel, "slave {slave} channel {channel}: bus-off ended");
     }
-}
-
-/// `reservation` is the number of the snapshot's section.
-pub(crate) fn publish(
-    adapter: &mut Adapter,
-    gateways: &mut [Gateway],
-    reservation: u64,
-) -> Result<(), CycleError> {
-    for (slave, gateway) in gateways.iter_mut().enumerate() {
-        gateway.transmitter.end(adapter.rx_pdo_mut(slave), &mut gateway.statistics);
-    }
-    snapshot::publish(adapter, gateways, reservation);
-    adapter.send()
 }
