@@ -288,7 +288,7 @@ static int next_frame(struct plain_reader *reader, uint16_t control, struct plai
     uint8_t dlc = control >> 3 & 15;
     uint8_t format = control >> 11 & 3;
     size_t length = is_remote(control) ? 0 : fd_lengths[dlc];
-    size_t space = control & PLAIN_WINDOW && !is_remote(control) ? WINDOW_BYTES : length;
+    size_t space = control & PLAIN_WINDOW ? WINDOW_BYTES : length;
     size_t size = padded(profile, 2 + (control & PLAIN_EXTENDED ? 4 : 2) +
                                       timestamp_sizes[format] + space);
 
@@ -296,8 +296,7 @@ static int next_frame(struct plain_reader *reader, uint16_t control, struct plai
         !(profile->formats >> format & 1)) {
         return bad_packet(reader);
     }
-    if (!(control & PLAIN_FD) &&
-        (dlc > 8 || control & PLAIN_BRS || (control & PLAIN_WINDOW && !is_remote(control)))) {
+    if (!(control & PLAIN_FD) && (dlc > 8 || control & (PLAIN_BRS | PLAIN_WINDOW))) {
         return bad_packet(reader);
     }
     if (control & PLAIN_WINDOW && !profile->windows) {
