@@ -104,7 +104,7 @@ done
 
 # Tests of ctest that run no program of a checker's build.
 without_programs='old_application|symbols_of|dependency_of'
-# Runs the programs of a build; a report of a checker is an error, whatever the program returns.
+# Runs the programs of a build; a report of a checker is an error for every exit status.
 # Arguments: name of the checker, build, arguments of ctest.
 run_checked() {
     local reports=$build/$1

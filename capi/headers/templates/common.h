@@ -77,7 +77,7 @@
 #define ECAN_HAVE_SIMULATOR 1       /* the setting "sim" of ecan_igh_config_set_ecrt() */
 
 /**
- * Marks functions whose result must be used: a program that goes on after an error of theirs does
+ * Marks functions whose result must be used: a program that continues after their error does
  * not do what its author expects. Define it empty before the first header to have no warnings.
  */
 #ifndef ECAN_MUST_CHECK

@@ -1,8 +1,8 @@
 //! The lock of an object that contexts name.
 //!
-//! The thread that runs the cycle has priority: it waits for a short call of another thread, which
+//! The thread that runs the cycle has priority: it waits for a call of another thread, which
 //! inherits its priority, and never gets an error because of one. Other threads get an error while
-//! a call is in progress or a cycle is open.
+//! a call is in progress or an image is open, and for long calls from the wait to the end of a cycle.
 
 use std::cell::{Cell, UnsafeCell};
 use std::mem::MaybeUninit;
@@ -14,7 +14,7 @@ use libc::{c_int, pthread_mutex_t};
 /// takes less than a microsecond.
 const ATTEMPTS: u32 = 64;
 
-/// A lock that an open cycle keeps between the calls of its thread.
+/// A lock that an open image keeps between the calls of its thread.
 pub(crate) struct Guard {
     mutex: UnsafeCell<MaybeUninit<pthread_mutex_t>>,
     /// The thread that has locked the mutex; 0 for none. Only that thread finds its own number.

@@ -40,7 +40,7 @@ done
 ln -s "$libraries/libecan_igh_host.so" "$work/renamed/$old"
 rejected "$work/renamed" "version \`ECAN_0.1' not found (required by $work/application)"
 
-# libecan_igh_host of this version beside libecan_mcan_host of another patch level.
+# libecan_igh_host of this version with libecan_mcan_host of another patch level.
 map=$here/../../libecan_mcan_host.map
 node=$(sed -n 's/^\(ECAN_[0-9.]*\) {/\1/p' "$map")
 private=$(sed -n 's/^\(ECAN_PRIVATE_[0-9.]*\) {/\1/p' "$map")
