@@ -9,6 +9,7 @@ use crate::gateway::Gateway;
 use crate::port::Port;
 use crate::receive::items::ReceivedItems;
 use crate::receive::received::Received;
+use crate::sharing::image_stream::CycleStamp;
 use crate::snapshot;
 
 /// Failed cycles in a row after which [`Cycle::end`] returns the error.
@@ -131,11 +132,35 @@ impl Port {
 
     /// Publishes the images and the snapshot, and sends.
     fn publish(&mut self) -> Result<(), CycleError> {
+        let stamp = self.stamp();
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
-            gateway.transmitter.end(self.adapter.rx_pdo_mut(slave), &mut gateway.statistics);
+            let image = self.adapter.rx_pdo_mut(slave);
+            let is_new = gateway.transmitter.end(image, &mut gateway.statistics);
+            if let (true, Some(recorder)) = (is_new, &mut self.recorder) {
+                let queued = self.queues.as_ref().map(|it| it.sent(slave)).unwrap_or_default();
+                recorder.published(stamp, slave, gateway.transmitter.profile(), image, queued);
+            }
         }
         snapshot::publish(&self.adapter, &self.gateways, self.snapshot_reservation);
         self.adapter.send()
+    }
+
+    /// Adds the frames of other threads to the images, after those of the application.
+    fn send_queued(&mut self) {
+        let stamp = self.stamp();
+        let Some(queues) = &mut self.queues else { return };
+        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
+            let (image, first) = (self.adapter.rx_pdo_mut(slave), self.cycle_number as u8);
+            queues.send(slave, gateway, image, first, |channel, frames, taken| {
+                if let Some(recorder) = &mut self.recorder {
+                    recorder.rejected(stamp, slave, channel, frames, taken);
+                }
+            });
+        }
+    }
+
+    fn stamp(&self) -> CycleStamp {
+        (self.cycle_number, self.adapter.cycle_time_ns())
     }
 
     fn needed_rounds(&self) -> StartupRounds {
@@ -159,8 +184,14 @@ impl Port {
         }
         self.cycle_number += 1;
         let since_first_ns = self.deadline_ns.map(|_| self.since_first_ns);
+        let stamp = self.stamp();
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
-            gateway.begin(&mut self.adapter, slave, self.cycle_number, since_first_ns);
+            let number = self.cycle_number;
+            let is_new = gateway.begin(&mut self.adapter, slave, number, since_first_ns);
+            if let (true, Some(recorder)) = (is_new, &mut self.recorder) {
+                let image = self.adapter.tx_pdo(slave);
+                recorder.received(stamp, slave, gateway.receiver.profile(), image);
+            }
         }
         self.retry_startups();
         self.is_cycle_open = true;
@@ -195,6 +226,7 @@ impl Port {
                 gateway.withdraw_late(&mut self.adapter, slave, deadline_ns, since_first_ns);
             }
         }
+        self.send_queued();
         let receive_error = self.receive_error.take();
         let send_error = self.publish().err();
         let has_failed = receive_error.or(send_error).is_some();

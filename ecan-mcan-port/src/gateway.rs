@@ -127,13 +127,14 @@ impl Gateway {
     }
 
     /// Start of the cycle `number`. `since_first_ns` is the application time since the first cycle, if known.
+    /// Returns whether a new image has arrived.
     pub(crate) fn begin(
         &mut self,
         adapter: &mut Adapter,
         slave: usize,
         number: u64,
         since_first_ns: Option<u64>,
-    ) {
+    ) -> bool {
         let report = adapter.domain_report(slave);
         if self.statistics.sessions > 0 {
             self.statistics.cycles += 1;
@@ -150,12 +151,13 @@ impl Gateway {
             let Self { receiver, statistics, .. } = self;
             let may_publish = || may_publish(adapter, slave);
             receiver.pass_over(adapter.tx_pdo(slave), report.inputs, may_publish, statistics);
-            return;
+            return false;
         }
         self.step_watch(adapter, slave);
         self.transmitter.accounts_mut().image_taken(self.receiver.status());
         let Self { transmitter, receiver, statistics, channel_mask, .. } = self;
-        if receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics) {
+        let is_new = receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics);
+        if is_new {
             for (channel, status) in receiver.status().iter().enumerate() {
                 if *channel_mask >> channel & 1 == 1 {
                     statistics.channel(channel as u8).count_status(*status);
@@ -167,6 +169,7 @@ impl Gateway {
                 window.status(*status);
             }
         }
+        is_new
     }
 
     /// Returns whether the master has not noticed that the gateway left OP.

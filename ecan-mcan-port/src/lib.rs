@@ -32,6 +32,7 @@ mod port_config;
 mod receive;
 mod schedule;
 mod session;
+mod sharing;
 mod snapshot;
 mod statistics;
 mod transmit;
@@ -63,6 +64,8 @@ pub use schedule::margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin
 pub use session::machine::Session;
 pub use session::pending_step::PendingStep;
 pub use session::verification::{SdoTransfer, VerificationFault};
+pub use sharing::image_stream::{ImageEvent, ImageRecord, ImageStream, QueuedFrames};
+pub use sharing::transmit_queue::{QueueError, TransmitQueues};
 pub use snapshot::{PortSnapshot, SessionState};
 pub use statistics::{ChannelStatistics, SlaveStatistics};
 pub use transmit::error::{Backpressure, OkOrTemporary, SendError};

@@ -19,6 +19,8 @@ use crate::schedule::sync0_phase::Sync0Phase;
 use crate::session::machine::Session;
 use crate::session::pending_step::PendingStep;
 use crate::session::verification::VerificationFault;
+use crate::sharing::image_stream::ImageRecorder;
+use crate::sharing::transmit_queue::CycleQueues;
 use crate::snapshot;
 use crate::statistics::SlaveStatistics;
 
@@ -45,7 +47,11 @@ pub struct Port {
     pub(crate) skipped: u64,
     /// Failed cycles in a row.
     pub(crate) failed_cycles: u32,
-    /// Boxed: a Port is moved by value when it is opened.
+    /// For another thread, if one has a stream.
+    pub(crate) recorder: Option<ImageRecorder>,
+    /// Of another thread, if it has queues. Boxed, as the configuration: a Port is moved by value when
+    /// it is opened.
+    pub(crate) queues: Option<Box<CycleQueues>>,
     config: Box<PortConfig>,
 }
 
@@ -114,6 +120,8 @@ impl Port {
                     receive_error: None,
                     skipped: 0,
                     failed_cycles: 0,
+                    recorder: None,
+                    queues: None,
                     config: Box::new(config),
                 };
                 for warning in port.profile_warnings() {
@@ -149,6 +157,9 @@ impl Port {
         self.gateways = build_gateways(&mut self.adapter, &config.port)?;
         *self.config = config.port;
         self.snapshot_reservation = snapshot::reserve(&self.adapter, self.gateways.len());
+        if let Some(queues) = &self.queues {
+            queues.set_accepted(&self.gateways);
+        }
         Ok(())
     }
 

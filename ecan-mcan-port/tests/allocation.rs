@@ -55,13 +55,20 @@ fn full_images_allocate_nothing() {
             AdapterConfig::new(1).with_multiplier(11).with_cycle(Duration::from_millis(1));
         let config = PortConfig::uniform(1, gateway);
         let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter, config);
-        // Every cycle publishes a snapshot.
+        // Every cycle publishes a snapshot, copies its images and takes frames of another thread.
+        let mut stream = fixture.port.image_stream(1 << 21);
+        let mut queues = fixture.port.transmit_queues(16);
         let mut snapshot = fixture.port.adapter().observer().snapshot();
         let id = CanId::standard(0x100).unwrap();
         let frames = [0, 1, 2, 3].map(|n| CanFrame::fd(id, &[n; 64], true, false).unwrap());
         // The simulated world grows its queues to their working size first.
         full_images(&mut fixture, &frames, 200);
+        while stream.next().is_some() {}
+        for channel in 0..4 {
+            (0..16).for_each(|_| queues.push(0, channel, &frames[0]).unwrap());
+        }
         let (inside, back) = full_images(&mut fixture, &frames, 500);
+        assert!(stream.next().is_some() && stream.lost() == 0);
         assert!(back > 1_000, "only {back} frames came back");
         assert_eq!(inside, 0, "paced: {paced}");
         snapshot.update().unwrap();

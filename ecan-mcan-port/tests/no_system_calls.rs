@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use ecan_host::{AdapterConfig, ClockSource, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, ReceivedView};
-use ecan_protocol::can::{CanId, FrameRef};
+use ecan_protocol::can::{CanFrame, CanId, FrameRef};
 use ecan_protocol::image::{OptionFlags, Schedule};
 use seccompiler::{BpfProgram, SeccompAction, SeccompFilter};
 
@@ -34,8 +34,14 @@ fn port() -> Port {
     gateway.schedule.watch_ms = 1;
     let mut port = Port::open(&ecrt, (adapter, PortConfig::uniform(2, gateway))).unwrap();
     port.wait_ready().unwrap();
-    // Every cycle publishes a snapshot, to an observer that lives as long as the process.
+    // Every cycle publishes a snapshot, copies its images and takes frames of another thread; the other
+    // ends live as long as the process.
     std::mem::forget(port.adapter().observer());
+    std::mem::forget(port.image_stream(1 << 16));
+    let mut queues = port.transmit_queues(64);
+    let frame = CanFrame::classic(CanId::standard(0x321).unwrap(), &[5]).unwrap();
+    (0..64).for_each(|_| queues.push(0, 2, &frame).unwrap());
+    std::mem::forget(queues);
     for slave in 0..2 {
         ecan_null_master::keep_new(port.adapter().tx_pdo(slave));
     }

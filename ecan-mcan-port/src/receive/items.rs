@@ -8,6 +8,7 @@ use ecan_protocol::image::{Packet, Packets, TxResult};
 
 use crate::gateway::Gateway;
 use crate::receive::received::{ReceivedView, TransmitReport};
+use crate::transmit::history::OpenFrame;
 
 /// The frames and transmit results of a cycle, from [`Cycle::received`](crate::Cycle::received).
 #[derive(Debug)]
@@ -44,17 +45,23 @@ impl<'c> ReceivedItems<'c> {
 impl<'c> OpenImage<'c> {
     #[inline(always)]
     fn next(&mut self) -> Option<ReceivedView<'c>> {
-        match self.packets.next()? {
-            Ok(Packet::Frame(packet)) => {
-                self.gateway.statistics.channel(packet.channel).frames_received += 1;
-                Some(ReceivedView::Frame { slave: self.slave, packet })
-            }
-            Ok(Packet::TxResult(result)) => {
-                Some(ReceivedView::TransmitReport(self.gateway.take_result(self.slave, &result)))
-            }
-            Err(diagnosis) => {
-                self.gateway.receiver.fault(diagnosis, &mut self.gateway.statistics);
-                None
+        loop {
+            match self.packets.next()? {
+                Ok(Packet::Frame(packet)) => {
+                    self.gateway.statistics.channel(packet.channel).frames_received += 1;
+                    return Some(ReceivedView::Frame { slave: self.slave, packet });
+                }
+                Ok(Packet::TxResult(result)) => {
+                    let sent = self.gateway.take_result(&result);
+                    if sent.is_none_or(|frame| !frame.is_queued) {
+                        let report = TransmitReport::new(self.slave, &result, sent);
+                        return Some(ReceivedView::TransmitReport(report));
+                    }
+                }
+                Err(diagnosis) => {
+                    self.gateway.receiver.fault(diagnosis, &mut self.gateway.statistics);
+                    return None;
+                }
             }
         }
     }
@@ -76,7 +83,7 @@ impl Gateway {
         for packet in packets {
             match packet {
                 Ok(Packet::TxResult(result)) => {
-                    self.take_result(slave, &result);
+                    self.take_result(&result);
                 }
                 Ok(Packet::Frame(packet)) => {
                     self.statistics.channel(packet.channel).frames_not_taken += 1;
@@ -90,7 +97,7 @@ impl Gateway {
     }
 
     /// Assigns a transmit result to its frame, and counts it.
-    fn take_result(&mut self, slave: usize, result: &TxResult) -> TransmitReport {
+    fn take_result(&mut self, result: &TxResult) -> Option<OpenFrame> {
         let Self { transmitter, statistics, .. } = self;
         let send = transmitter.take_result(result, statistics);
         if send.is_none() {
@@ -100,7 +107,7 @@ impl Gateway {
         } else {
             statistics.channel(result.channel).results_failed += 1;
         }
-        TransmitReport::new(slave, result, send)
+        send
     }
 }
 

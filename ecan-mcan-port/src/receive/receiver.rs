@@ -3,7 +3,7 @@
 use ecan_host::Delivery;
 use ecan_protocol::image::{
     ChannelStatus, Header, Image, ImageFault, ImageReader, Packet, PacketCursor, Packets,
-    ParseDiagnosis,
+    ParseDiagnosis, PdoProfile,
 };
 use ecan_protocol::mapping::{CHANNELS, HEADER_BYTES};
 
@@ -65,6 +65,10 @@ impl Receiver {
 
     pub(crate) fn status(&self) -> &[ChannelStatus; CHANNELS] {
         &self.header.channel_status
+    }
+
+    pub(crate) fn profile(&self) -> &PdoProfile {
+        self.reader.profile()
     }
 
     pub(crate) fn last_diagnosis(&self) -> Option<ParseDiagnosis> {

@@ -12,6 +12,8 @@ pub(crate) struct OpenFrame {
     pub(crate) tag: Option<u16>,
     /// Index in the image, as in its ticket.
     pub(crate) index: u8,
+    /// It came from a transmit queue.
+    pub(crate) is_queued: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -54,7 +56,15 @@ impl TransmitHistory {
         image.count = index.saturating_add(1);
         image.has_scheduled |= tag.is_some();
         if let Some(slot) = image.frames.get_mut(usize::from(index)) {
-            *slot = Some(OpenFrame { channel, tag, index });
+            *slot = Some(OpenFrame { channel, tag, index, is_queued: false });
+        }
+    }
+
+    /// The last frame of the image came from a transmit queue.
+    pub(crate) fn set_queued(&mut self, sequence: u16, index: u8) {
+        let image = &mut self.images[usize::from(sequence) % DEPTH];
+        if let Some(Some(frame)) = image.frames.get_mut(usize::from(index)) {
+            frame.is_queued = true;
         }
     }
 

@@ -305,16 +305,29 @@ impl Transmitter {
         Ok((sequence, index))
     }
 
-    /// End of a cycle: publishes the image, or repeats the unconfirmed one.
-    pub(crate) fn end(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
+    /// Adds a frame of a transmit queue: the application does not receive its result.
+    pub(crate) fn push_queued(
+        &mut self,
+        image: &mut [u8],
+        channel: u8,
+        frame: FrameRef<'_>,
+    ) -> Result<(), PushError> {
+        let (sequence, index) = self.push(image, channel, 0, frame, None)?;
+        self.history.set_queued(sequence, index);
+        Ok(())
+    }
+
+    /// End of a cycle: publishes the image, or repeats the unconfirmed one. Returns whether the image is
+    /// a new one.
+    pub(crate) fn end(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) -> bool {
         if !std::mem::take(&mut self.is_open) {
             // Without a begin, the image of the last cycle is sent again.
             self.history.repeated(self.published_sequence);
-            return;
+            return false;
         }
         if self.is_unconfirmed {
             statistics.rxpdo_repeated += 1;
-            return;
+            return false;
         }
         self.may_be_taken = false;
         self.published_number += 1;
@@ -330,6 +343,11 @@ impl Transmitter {
         for window in &mut self.windows {
             window.published();
         }
+        true
+    }
+
+    pub(crate) fn profile(&self) -> &PdoProfile {
+        self.writer.profile()
     }
 
     /// Withdraws every frame without confirmed delivery and returns their number. The next published

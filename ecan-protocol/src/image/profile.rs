@@ -1,7 +1,7 @@
 //! Checks, sizes and the profile word of a [`PdoProfile`] (manual 5.2, 5.4.4.1, 13.2).
 
 use crate::mapping::{CHUNK_BYTES, Direction, HEADER_BYTES, MAX_MULTIPLIER};
-use crate::object::pdo_profile::{OptionFlags, PdoProfile};
+use crate::object::pdo_profile::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile};
 
 /// Channels that exist, as a mask.
 const EXISTING_CHANNELS: u8 = 0x0F;
@@ -55,6 +55,26 @@ impl PdoProfile {
             | (self.options.bits() as u32) << 21
     }
 
+    /// The profile of a [`word`](Self::word); `None` if a field has no meaning or an unused bit is set.
+    pub const fn from_word(word: u32) -> Option<Self> {
+        let (profile, budget) = (
+            EncapsulationProfile::from_raw((word >> 13) as u8 & 0x3F),
+            BudgetPolicy::from_raw((word >> 19) as u8 & 0x03),
+        );
+        let options = (word >> 21) as u16;
+        let options = if options > 0xFF { None } else { OptionFlags::from_bits(options as u8) };
+        match (profile, budget, options) {
+            (Some(profile), Some(budget), Some(options)) => Some(Self {
+                multiplier: (word & 0x1F) as u8 + 1,
+                channel_mask: (word >> 5) as u8,
+                profile,
+                budget,
+                options,
+            }),
+            _ => None,
+        }
+    }
+
     /// The short layout identifier in the image header, the profile word folded to 16 bits
     /// (manual 5.4.4.1).
     pub const fn layout_id(&self) -> u16 {
@@ -88,7 +108,6 @@ impl PdoProfile {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::object::pdo_profile::{BudgetPolicy, EncapsulationProfile};
     use std::string::ToString;
     use std::vec::Vec;
 
@@ -102,6 +121,16 @@ mod tests {
             options: OptionFlags::ALL,
         };
         assert_eq!(profile.word(), 23 | 0x05 << 5 | 5 << 13 | 2 << 19 | 0x1F << 21);
+        assert_eq!(PdoProfile::from_word(profile.word()), Some(profile));
+    }
+
+    #[test]
+    fn word_with_unknown_fields_is_rejected() {
+        let word = PdoProfile::default().word();
+        assert_eq!(PdoProfile::from_word(word), Some(PdoProfile::default()));
+        for wrong in [9 << 13, 3 << 19, 0x20 << 21, 1 << 31] {
+            assert_eq!(PdoProfile::from_word(word | wrong), None, "{wrong:#x}");
+        }
     }
 
     #[test]

@@ -1,0 +1,252 @@
+//! Copies of the images of all cycles for another thread.
+
+use std::fmt;
+
+use ecan_protocol::image::{Header, PdoProfile};
+use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, HEADER_BYTES, MAX_MULTIPLIER};
+
+use super::word_ring::{RingReader, RingWriter, ring};
+use crate::port::Port;
+
+/// Words of a record before the image: kind and address, cycle, time, lost records, profile, and the
+/// frames taken from the queues.
+const HEAD_WORDS: usize = 5 + CHANNELS;
+const MAX_IMAGE_BYTES: usize = MAX_MULTIPLIER as usize * CHUNK_BYTES;
+const RECORD_WORDS: usize = HEAD_WORDS + MAX_IMAGE_BYTES / 8;
+
+const RECEIVED: u8 = 0;
+const PUBLISHED: u8 = 1;
+const REJECTED: u8 = 2;
+
+/// Images of all gateways in the order of the cycles, for one other thread:
+/// [`Port::image_stream`].
+///
+/// The cycle copies each image that it receives or publishes for the first time into a bounded ring. If
+/// the ring is full it drops the record and counts it, and waits for nobody.
+pub struct ImageStream {
+    reader: RingReader,
+    record: Box<[u64; RECORD_WORDS]>,
+    image: Box<[u8; MAX_IMAGE_BYTES]>,
+    lost: u64,
+}
+
+impl fmt::Debug for ImageStream {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ImageStream").field("lost", &self.lost).finish_non_exhaustive()
+    }
+}
+
+/// One event of an [`ImageStream`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ImageRecord<'a> {
+    /// Number of the cycle, from 1.
+    pub cycle: u64,
+    /// Time of the cycle, on the Adapter's clock, in nanoseconds: its deadline if the application waits
+    /// for the cycle with the SDK.
+    pub time_ns: u64,
+    /// Records directly before this one that found the ring full.
+    pub lost_before: u32,
+    /// Packets of the images of these records: frames, and transmit results of TxPDO images.
+    pub lost_packets: u32,
+    /// The event.
+    pub event: ImageEvent<'a>,
+}
+
+/// Content of an [`ImageRecord`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageEvent<'a> {
+    /// A new TxPDO image of a ready gateway, checked by the Port.
+    Received {
+        /// Slave index.
+        slave: usize,
+        /// Profile of the image.
+        profile: PdoProfile,
+        /// The image; zeros after its payload.
+        image: &'a [u8],
+    },
+    /// A new RxPDO image. Repetitions of an unconfirmed image are not recorded.
+    Published {
+        /// Slave index.
+        slave: usize,
+        /// Profile of the image.
+        profile: PdoProfile,
+        /// The image; zeros after its payload.
+        image: &'a [u8],
+        /// Packets of each channel that came from the [`TransmitQueues`](crate::TransmitQueues).
+        queued: QueuedFrames,
+    },
+    /// Frames that the cycle took from a queue and did not send, since the gateway is not ready or the
+    /// channel was reconfigured.
+    Rejected {
+        /// Slave index.
+        slave: usize,
+        /// Channel of the gateway, 0 to 3.
+        channel: u8,
+        /// Number of frames.
+        frames: u32,
+        /// Frames that the cycle took from the queue since the start, these included.
+        taken: u64,
+    },
+}
+
+/// Frames of each channel that the cycle took from [`TransmitQueues`](crate::TransmitQueues).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct QueuedFrames {
+    /// Frames in this image: the last packets of the channel, in the order of the queue.
+    pub sent: [u8; CHANNELS],
+    /// Frames since the start, these included, whether they were sent or rejected.
+    pub taken: [u64; CHANNELS],
+}
+
+impl Port {
+    /// Starts to copy the images of all gateways into a ring of at least `capacity_bytes`, and returns
+    /// its reading end, for one other thread. Allocates; not for the cycle.
+    ///
+    /// An earlier stream is closed. The stream continues over [`reconfigure`](Self::reconfigure).
+    pub fn image_stream(&mut self, capacity_bytes: usize) -> ImageStream {
+        let (writer, reader) = ring(capacity_bytes.div_ceil(8).max(2 * (RECORD_WORDS + 1)));
+        self.recorder = Some(ImageRecorder { writer, lost: 0, lost_packets: 0 });
+        ImageStream {
+            reader,
+            record: Box::new([0; RECORD_WORDS]),
+            image: Box::new([0; MAX_IMAGE_BYTES]),
+            lost: 0,
+        }
+    }
+}
+
+impl ImageStream {
+    /// Takes the next record; `None` if the cycle has written no other. Takes neither lock nor memory.
+    // Not an iterator: a record borrows the stream.
+    #[allow(clippy::should_implement_trait)]
+    pub fn next(&mut self) -> Option<ImageRecord<'_>> {
+        let words = self.reader.peek(&mut self.record[..]);
+        self.reader.remove();
+        let (head, image) = self.record.get(..words)?.split_first_chunk::<HEAD_WORDS>()?;
+        let [address, cycle, time_ns, lost, profile, taken @ ..] = *head;
+        let (lost_before, lost_packets) = (lost as u32, (lost >> 32) as u32);
+        let [kind, channel, slave, _, frames @ ..] = address.to_le_bytes();
+        let slave = usize::from(slave);
+        self.lost += u64::from(lost_before);
+        let event = match kind {
+            REJECTED => {
+                let (frames, [taken, ..]) = (u32::from_le_bytes(frames), taken);
+                ImageEvent::Rejected { slave, channel, frames, taken }
+            }
+            _ => {
+                let profile = PdoProfile::from_word(profile as u32)?;
+                let (to, rest) = self.image.split_at_mut_checked(image.len() * 8)?;
+                for (to, word) in to.as_chunks_mut::<8>().0.iter_mut().zip(image) {
+                    *to = word.to_le_bytes();
+                }
+                rest.fill(0);
+                let image = self.image.get(..profile.pdo_bytes())?;
+                match kind {
+                    RECEIVED => ImageEvent::Received { slave, profile, image },
+                    _ => {
+                        let queued = QueuedFrames { sent: frames, taken };
+                        ImageEvent::Published { slave, profile, image, queued }
+                    }
+                }
+            }
+        };
+        Some(ImageRecord { cycle, time_ns, lost_before, lost_packets, event })
+    }
+
+    /// Records that found the ring full, up to the last one that was taken.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Returns whether there will be no further records, apart from those in the ring: the Port is gone,
+    /// or has another stream.
+    pub fn is_closed(&self) -> bool {
+        self.reader.is_closed()
+    }
+}
+
+/// The cycle's end of an [`ImageStream`].
+#[derive(Debug)]
+pub(crate) struct ImageRecorder {
+    writer: RingWriter,
+    /// Records lost since the last one that was written, and the packets of their images.
+    lost: u32,
+    lost_packets: u32,
+}
+
+/// Cycle number and time of a record.
+pub(crate) type CycleStamp = (u64, u64);
+
+impl ImageRecorder {
+    pub(crate) fn received(
+        &mut self,
+        stamp: CycleStamp,
+        slave: usize,
+        profile: &PdoProfile,
+        image: &[u8],
+    ) {
+        let address = [RECEIVED, 0, slave as u8, 0, 0, 0, 0, 0];
+        self.write(stamp, address, profile.word(), [0; CHANNELS], used(image));
+    }
+
+    pub(crate) fn published(
+        &mut self,
+        stamp: CycleStamp,
+        slave: usize,
+        profile: &PdoProfile,
+        image: &[u8],
+        QueuedFrames { sent: [a, b, c, d], taken }: QueuedFrames,
+    ) {
+        let address = [PUBLISHED, 0, slave as u8, 0, a, b, c, d];
+        self.write(stamp, address, profile.word(), taken, used(image));
+    }
+
+    pub(crate) fn rejected(
+        &mut self,
+        stamp: CycleStamp,
+        slave: usize,
+        channel: u8,
+        frames: u32,
+        taken: u64,
+    ) {
+        let [a, b, c, d] = frames.to_le_bytes();
+        let address = [REJECTED, channel, slave as u8, 0, a, b, c, d];
+        self.write(stamp, address, 0, [taken, 0, 0, 0], &[]);
+    }
+
+    fn write(
+        &mut self,
+        (cycle, time_ns): CycleStamp,
+        address: [u8; 8],
+        profile: u32,
+        [a, b, c, d]: [u64; CHANNELS],
+        image: &[u8],
+    ) {
+        if self.writer.is_closed() {
+            return;
+        }
+        let (address, profile) = (u64::from_le_bytes(address), profile.into());
+        let lost = u64::from(self.lost) | u64::from(self.lost_packets) << 32;
+        let head = [address, cycle, time_ns, lost, profile, a, b, c, d];
+        if self.writer.write(&head, image) {
+            (self.lost, self.lost_packets) = (0, 0);
+        } else {
+            self.lost = self.lost.saturating_add(1);
+            self.lost_packets = self.lost_packets.saturating_add(packets(image));
+        }
+    }
+}
+
+fn header(image: &[u8]) -> Option<Header> {
+    image.first_chunk::<HEADER_BYTES>().map(Header::parse)
+}
+
+fn packets(image: &[u8]) -> u32 {
+    header(image).map_or(0, |header| header.frame_count.into())
+}
+
+/// Header and payload of an image.
+fn used(image: &[u8]) -> &[u8] {
+    let payload = header(image).map_or(0, |header| usize::from(header.payload_len));
+    image.get(..HEADER_BYTES + payload).unwrap_or(image)
+}

@@ -1,0 +1,5 @@
+//! The Port's exchange with other threads: copies of its images, and queues of frames to send.
+
+pub(crate) mod image_stream;
+pub(crate) mod transmit_queue;
+mod word_ring;

@@ -1,0 +1,305 @@
+//! Queues of frames that other threads give to the cycle.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+use thiserror::Error;
+
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind, FrameRef};
+use ecan_protocol::image::PushError;
+use ecan_protocol::mapping::CHANNELS;
+
+use super::image_stream::QueuedFrames;
+use super::word_ring::{RingReader, RingWriter, ring};
+use crate::address::AddressError;
+use crate::gateway::Gateway;
+use crate::port::Port;
+
+/// Words of a frame in a ring: its CAN ID, kind and DLC, and the data.
+const FRAME_WORDS: usize = 1 + 8;
+
+/// Error of [`TransmitQueues::push`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum QueueError {
+    /// The queue of the channel is full.
+    #[error("transmit queue of slave {slave} channel {channel} is full; retry in a later cycle")]
+    Full {
+        /// Slave index.
+        slave: usize,
+        /// Channel of the gateway, 0 to 3.
+        channel: u8,
+    },
+    /// No such channel, or it is not enabled.
+    #[error(transparent)]
+    Address(#[from] AddressError),
+    /// A CAN FD frame for a classic channel.
+    #[error(
+        "slave {slave} channel {channel}: CAN FD frame on a classic channel; configure a data bit rate"
+    )]
+    NotFd {
+        /// Slave index.
+        slave: usize,
+        /// Channel of the gateway, 0 to 3.
+        channel: u8,
+    },
+    /// The channel only receives.
+    #[error("slave {slave} channel {channel} only receives; enable it in the RxPDO")]
+    ReceiveOnly {
+        /// Slave index.
+        slave: usize,
+        /// Channel of the gateway, 0 to 3.
+        channel: u8,
+    },
+    /// The Port is gone.
+    #[error("the Port is closed; no frame is sent any more")]
+    Closed,
+}
+
+/// What both ends share about a gateway.
+#[derive(Debug, Default)]
+struct SharedGateway {
+    /// The [`accepted_word`].
+    accepted: AtomicU32,
+    /// Frames that the cycle took from each queue.
+    taken: [AtomicU64; CHANNELS],
+}
+
+/// Queues of frames for the cycle, one per channel of every gateway, filled by one other thread:
+/// [`Port::transmit_queues`].
+///
+/// The cycle sends them after the frames of the application, if the image and the back pressure of the
+/// channel allow it, and never waits. Frames stay in their queue while an image is unconfirmed. If the
+/// gateway is not ready the cycle rejects them. The [`ImageStream`](crate::ImageStream) reports what
+/// was sent and rejected. The application does not receive their transmit results; the statistics
+/// count them as all other frames.
+#[derive(Debug)]
+pub struct TransmitQueues {
+    shared: Arc<[SharedGateway]>,
+    writers: Vec<RingWriter>,
+}
+
+/// The cycle's ends of the queues.
+#[derive(Debug)]
+pub(crate) struct CycleQueues {
+    shared: Arc<[SharedGateway]>,
+    readers: Vec<RingReader>,
+    /// Frames of each channel that were added to the image of this cycle.
+    sent: Vec<[u8; CHANNELS]>,
+}
+
+impl Port {
+    /// Creates queues of at least `depth` frames for each channel of every gateway, filled by one other
+    /// thread. Allocates; not for the cycle.
+    ///
+    /// Earlier queues are closed. The queues remain over [`reconfigure`](Self::reconfigure), for the
+    /// gateways that existed when they were created.
+    pub fn transmit_queues(&mut self, depth: usize) -> TransmitQueues {
+        let count = self.gateways.len();
+        let words = depth.max(1) * (1 + FRAME_WORDS);
+        let (writers, readers) = (0..count * CHANNELS).map(|_| ring(words)).unzip();
+        let shared: Arc<[_]> = (0..count).map(|_| SharedGateway::default()).collect();
+        let queues =
+            CycleQueues { shared: shared.clone(), readers, sent: vec![[0; CHANNELS]; count] };
+        queues.set_accepted(&self.gateways);
+        self.queues = Some(Box::new(queues));
+        TransmitQueues { shared, writers }
+    }
+}
+
+impl TransmitQueues {
+    /// Gives a frame to the cycle. Takes neither lock nor memory.
+    ///
+    /// # Errors
+    /// A [`QueueError`]; the frame is not in the queue.
+    pub fn push(&mut self, slave: usize, channel: u8, frame: &CanFrame) -> Result<(), QueueError> {
+        let count = self.shared.len();
+        let Some(shared) = self.shared.get(slave) else {
+            return Err(AddressError::Slave { slave, count }.into());
+        };
+        if usize::from(channel) >= CHANNELS {
+            return Err(AddressError::Channel { slave, channel }.into());
+        }
+        let [enabled, sending, fd, _] = shared.accepted.load(Ordering::Acquire).to_le_bytes();
+        let is_in = |mask: u8| mask >> channel & 1 == 1;
+        if !is_in(enabled) {
+            return Err(AddressError::Disabled { slave, channel }.into());
+        }
+        if !is_in(sending) {
+            return Err(QueueError::ReceiveOnly { slave, channel });
+        }
+        if frame.is_fd() && !is_in(fd) {
+            return Err(QueueError::NotFd { slave, channel });
+        }
+        let Some(writer) = self.writers.get_mut(slave * CHANNELS + usize::from(channel)) else {
+            return Err(AddressError::Slave { slave, count }.into());
+        };
+        if writer.is_closed() {
+            return Err(QueueError::Closed);
+        }
+        match writer.write(&[frame_word(frame)], frame.data()) {
+            true => Ok(()),
+            false => Err(QueueError::Full { slave, channel }),
+        }
+    }
+
+    /// Frames of a channel that the cycle took from its queue since the start, to send or to reject
+    /// them; 0 for a wrong address.
+    pub fn taken(&self, slave: usize, channel: u8) -> u64 {
+        let shared = self.shared.get(slave);
+        let taken = shared.and_then(|it| it.taken.get(usize::from(channel)));
+        taken.map_or(0, |taken| taken.load(Ordering::Acquire))
+    }
+}
+
+impl CycleQueues {
+    /// Sets what [`TransmitQueues::push`] accepts.
+    pub(crate) fn set_accepted(&self, gateways: &[Gateway]) {
+        for (at, shared) in self.shared.iter().enumerate() {
+            let word = gateways.get(at).map_or(0, accepted_word);
+            shared.accepted.store(word, Ordering::Release);
+        }
+    }
+
+    /// Frames of each channel that [`send`](Self::send) added to the image of this cycle, and those that
+    /// it took from the queue since the start.
+    pub(crate) fn sent(&self, slave: usize) -> QueuedFrames {
+        let counts = self.sent.get(slave).zip(self.shared.get(slave));
+        counts.map_or_else(QueuedFrames::default, |(sent, shared)| QueuedFrames {
+            sent: *sent,
+            taken: shared.taken.each_ref().map(|taken| taken.load(Ordering::Relaxed)),
+        })
+    }
+
+    /// Adds the waiting frames of a gateway to its image; `reject` gets the channel and the number of those
+    /// that are rejected, and of those that were taken from its queue since the start. The channels take turns, beginning with `first`. Real-time safe.
+    pub(crate) fn send(
+        &mut self,
+        slave: usize,
+        gateway: &mut Gateway,
+        image: &mut [u8],
+        first: u8,
+        mut reject: impl FnMut(u8, u32, u64),
+    ) {
+        let start = slave * CHANNELS;
+        let Self { shared, readers, sent } = self;
+        let readers = readers.get_mut(start..start + CHANNELS);
+        let (Some(readers), Some(shared), Some(sent)) =
+            (readers, shared.get(slave), sent.get_mut(slave))
+        else {
+            return;
+        };
+        *sent = [0; CHANNELS];
+        for turn in 0..CHANNELS as u8 {
+            let channel = first.wrapping_add(turn) % CHANNELS as u8;
+            let at = usize::from(channel);
+            let (Some(reader), Some(taken), Some(sent)) =
+                (readers.get_mut(at), shared.taken.get(at), sent.get_mut(at))
+            else {
+                continue;
+            };
+            let mut rejected = 0;
+            while let Some(verdict) = send_next(reader, gateway, image, channel) {
+                match verdict {
+                    Verdict::Wait => break,
+                    Verdict::Sent => *sent = sent.saturating_add(1),
+                    Verdict::Rejected => rejected += 1,
+                }
+                reader.remove();
+                taken.fetch_add(1, Ordering::Release);
+            }
+            if rejected > 0 {
+                reject(channel, rejected, taken.load(Ordering::Relaxed));
+            }
+        }
+    }
+}
+
+/// What becomes of a waiting frame in this cycle.
+enum Verdict {
+    Sent,
+    Rejected,
+    Wait,
+}
+
+fn send_next(
+    reader: &mut RingReader,
+    gateway: &mut Gateway,
+    image: &mut [u8],
+    channel: u8,
+) -> Option<Verdict> {
+    let mut record = [0; FRAME_WORDS];
+    let words = reader.peek(&mut record);
+    let (word, data) = record.get(..words)?.split_first()?;
+    let mut bytes = [0; 64];
+    for (to, word) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(data) {
+        *to = word.to_le_bytes();
+    }
+    let Some(frame) = frame_of(*word, &bytes) else { return Some(Verdict::Rejected) };
+    Some(gateway.send_queued(image, channel, frame))
+}
+
+impl Gateway {
+    fn send_queued(&mut self, image: &mut [u8], channel: u8, frame: FrameRef<'_>) -> Verdict {
+        if !self.accepts(channel, frame) {
+            return Verdict::Rejected;
+        }
+        // An unconfirmed image is published again; the frames of this cycle follow in a later one.
+        let must_wait = self.transmitter.is_unconfirmed()
+            || self.is_paced && !self.transmitter.window(channel).accepts_frames();
+        if must_wait {
+            return Verdict::Wait;
+        }
+        match self.transmitter.push_queued(image, channel, frame) {
+            Ok(()) => {
+                self.statistics.channel(channel).frames_accepted += 1;
+                Verdict::Sent
+            }
+            Err(
+                PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. },
+            ) => Verdict::Wait,
+            Err(_) => Verdict::Rejected,
+        }
+    }
+}
+
+/// Masks of the channels that a gateway has, that can send, and that have CAN FD.
+fn accepted_word(gateway: &Gateway) -> u32 {
+    let mask = |has: fn(&Gateway, u8) -> bool| {
+        (0..CHANNELS as u8).fold(0, |mask, at| mask | u8::from(has(gateway, at)) << at)
+    };
+    let masks = [mask(Gateway::has_channel), mask(Gateway::can_send), mask(Gateway::is_fd)];
+    u32::from_le_bytes([masks[0], masks[1], masks[2], 0])
+}
+
+const EXTENDED: u64 = 1 << 29;
+const REMOTE: u64 = 1 << 30;
+const FD: u64 = 1 << 31;
+const BRS: u64 = 1 << 32;
+const ESI: u64 = 1 << 33;
+const DLC_SHIFT: u32 = 40;
+
+/// CAN ID, kind and DLC of a frame in a ring.
+fn frame_word(frame: &CanFrame) -> u64 {
+    let flag = |is_set: bool, bit: u64| if is_set { bit } else { 0 };
+    let kind = match frame.kind() {
+        FrameKind::Data => 0,
+        FrameKind::Remote => REMOTE,
+        FrameKind::Fd { brs, esi } => FD | flag(brs, BRS) | flag(esi, ESI),
+    };
+    let id = u64::from(frame.id().raw()) | flag(frame.id().is_extended(), EXTENDED);
+    id | kind | u64::from(frame.dlc().value()) << DLC_SHIFT
+}
+
+fn frame_of(word: u64, data: &[u8; 64]) -> Option<FrameRef<'_>> {
+    let id = CanId::new(word as u32 & (EXTENDED as u32 - 1), word & EXTENDED != 0).ok()?;
+    let dlc = Dlc::new((word >> DLC_SHIFT) as u8)?;
+    if word & REMOTE != 0 {
+        return FrameRef::remote(id, dlc).ok();
+    }
+    if word & FD != 0 {
+        let data = data.get(..dlc.fd_len())?;
+        return FrameRef::fd(id, data, word & BRS != 0, word & ESI != 0).ok();
+    }
+    FrameRef::classic(id, data.get(..dlc.classic_len())?).ok()
+}
