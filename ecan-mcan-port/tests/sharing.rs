@@ -237,6 +237,11 @@ fn queued_frames_wait_while_an_image_is_unconfirmed() {
 #[test]
 fn slow_reader_loses_records_and_counts_them() {
     let mut fixture = Fixture::single(gateway());
+    let images = |fixture: &Fixture| {
+        let statistics = fixture.port.statistics(fixture.port.gateway(0).unwrap());
+        statistics.rxpdo_published + statistics.txpdo_received
+    };
+    let before = images(&fixture);
     let mut stream = fixture.port.image_stream(0);
     let send = |fixture: &mut Fixture, id| {
         fixture.cycle(|cycle| {
@@ -245,14 +250,15 @@ fn slow_reader_loses_records_and_counts_them() {
         })
     };
     (0..500).for_each(|id| drop(send(&mut fixture, id)));
+    let written = images(&fixture) - before;
     let taken = std::iter::from_fn(|| stream.next().map(|_| ())).count();
     // The first record after a gap reports it.
     send(&mut fixture, 500);
     let record = stream.next().unwrap();
     let (lost, packets) = (record.lost_before, record.lost_packets);
-    // Per cycle one image of each direction, each with one frame or more.
-    assert!(taken > 2 && (1000..=1002).contains(&(taken as u32 + lost)), "{taken} and {lost}");
-    assert!(packets >= lost, "{packets} packets in {lost} images");
+    assert!(taken > 2 && lost > 800, "{taken} and {lost}");
+    assert_eq!(taken as u64 + u64::from(lost), written);
+    assert!(packets >= lost, "each image had a frame: {packets} packets");
     assert_eq!(stream.lost(), u64::from(lost));
     let second = fixture.port.image_stream(0);
     assert!(stream.is_closed() && !second.is_closed());
