@@ -256,10 +256,9 @@ fn slow_reader_loses_records_and_counts_them() {
     send(&mut fixture, 500);
     let record = stream.next().unwrap();
     let (lost, packets) = (record.lost_before, record.lost_packets);
-    assert!(taken > 2 && lost > 800, "{taken} and {lost}");
-    assert_eq!(taken as u64 + u64::from(lost), written);
-    assert!(packets >= lost, "each image had a frame: {packets} packets");
-    assert_eq!(stream.lost(), u64::from(lost));
+    assert!(taken > 2 && lost > 800 && packets >= lost, "{taken}; {packets} packets in {lost}");
+    // A small image may have found room after a large one did not.
+    assert_eq!(taken as u64 + stream.lost(), written);
     let second = fixture.port.image_stream(0);
     assert!(stream.is_closed() && !second.is_closed());
 }
