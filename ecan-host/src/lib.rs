@@ -32,7 +32,7 @@ pub use adapter::{
 };
 pub use bus::{
     CanController, Diagnostics, IdentificationError, Maintenance, MaintenanceError,
-    RegisterServiceError, SlaveKind, SlaveQuery, denies_object, slave_kinds,
+    RegisterServiceError, SlaveAccess, SlaveKind, SlaveQuery, denies_object, slave_kinds,
 };
 pub use clocks::ClockStatus;
 pub use config::{
@@ -44,9 +44,9 @@ pub use error::{
     value_text,
 };
 pub use master::{
-    DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner, OpenError,
-    OpenFailure, PortInfo, PortKind, RegRequestId, RequestState, SdoError, SdoRequestId,
-    SlaveConfigId, SlaveConfigState, SlaveInfo, SyncDirection, WatchdogMode, WcState,
+    AssignedPdo, DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner,
+    OpenError, OpenFailure, PdoEntry, PortInfo, PortKind, RegRequestId, RequestState, SdoError,
+    SdoRequestId, SlaveConfigId, SlaveConfigState, SlaveInfo, SyncDirection, WatchdogMode, WcState,
 };
 pub use observer::{
     CommandTicket, NoSuchAxis, Observer, ObserverError, QuickStop, QuickStops, Section,

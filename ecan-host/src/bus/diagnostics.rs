@@ -3,9 +3,10 @@
 use ecan_protocol::device::AlState;
 use ecrt_sys::{Clock, Ecrt, Errno};
 
+use super::slave_access::SlaveAccess;
 use crate::config::AdapterConfig;
 use crate::error::{Error, SdoDirection};
-use crate::master::{AssignedPdo, LinkState, Master, MasterState, SdoError, SlaveInfo};
+use crate::master::{AssignedPdo, LinkState, Master, MasterState, SlaveInfo};
 
 /// Time in which a transfer without response is repeated, in nanoseconds: a master collides with
 /// its own mailbox traffic for about a second per slave while it reads the SDO dictionaries after a
@@ -33,19 +34,16 @@ fn may_pass(error: &Error) -> bool {
 /// through [`Adapter::diagnose`](crate::Adapter::diagnose).
 #[derive(Debug)]
 pub struct Diagnostics {
-    master: Master,
+    access: Box<dyn SlaveAccess>,
     addresses: Vec<(u16, u16)>,
 }
 
 impl Diagnostics {
     pub(crate) fn open(ecrt: &Ecrt, config: &AdapterConfig) -> Result<Self, Error> {
-        let mut diagnostics = Self::without_addresses(ecrt, config.master_index)?;
+        let access = Box::new(Master::open(ecrt, config.master_index)?);
+        let mut diagnostics = Self { access, addresses: Vec::new() };
         diagnostics.set_addresses(config);
         Ok(diagnostics)
-    }
-
-    fn without_addresses(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
-        Ok(Self { master: Master::open(ecrt, master_index)?, addresses: Vec::new() })
     }
 
     /// A handle on every slave of the bus, configured or not: the index of a slave is its position.
@@ -53,15 +51,19 @@ impl Diagnostics {
     ///
     /// Blocks while the bus is scanned.
     pub fn of_bus(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
-        let mut diagnostics = Self::without_addresses(ecrt, master_index)?;
-        let count = diagnostics.master_state()?.slaves_responding;
-        diagnostics.addresses =
-            (0..count).filter_map(|at| Some((0, u16::try_from(at).ok()?))).collect();
-        Ok(diagnostics)
+        Self::of_access(Box::new(Master::open(ecrt, master_index)?))
     }
 
-    pub(crate) fn clock(&self) -> &dyn Clock {
-        self.master.ecrt().clock().as_ref()
+    /// As [`of_bus`](Self::of_bus), through any access to the bus.
+    pub fn of_access(access: Box<dyn SlaveAccess>) -> Result<Self, Error> {
+        let count = access.master_state()?.slaves_responding;
+        let addresses = (0..count).filter_map(|at| Some((0, u16::try_from(at).ok()?))).collect();
+        Ok(Self { access, addresses })
+    }
+
+    /// Clock of the bus, or of this host if another program drives the bus.
+    pub fn clock(&self) -> &dyn Clock {
+        self.access.clock()
     }
 
     /// Number of its slaves.
@@ -75,22 +77,18 @@ impl Diagnostics {
 
     /// Number of responding slaves, AL states present on the bus, link.
     pub fn master_state(&self) -> Result<MasterState, Error> {
-        self.master.state().map_err(|e| Error::library("ecrt_master_state", None, e))
+        self.access.master_state()
     }
 
     /// Link of the main device (`device` = 0) or the backup device (1).
     pub fn link_state(&self, device: u32) -> Result<LinkState, Error> {
-        self.master
-            .link_state(device)
-            .map_err(|e| Error::library("ecrt_master_link_state", None, e))
+        self.access.link_state(device)
     }
 
     /// Information about a slave: identity, AL state, error flag, name.
     pub fn slave_info(&self, slave: usize) -> Result<SlaveInfo, Error> {
         let position = self.ring_position(slave)?;
-        self.master
-            .slave_info(position)
-            .map_err(|e| Error::library("ecrt_master_get_slave", Some(slave), e))
+        self.access.slave_info(position).map_err(|error| error.of_slave(slave, 1))
     }
 
     /// AL state of a slave as the master last saw it; `None` for a value that is no state.
@@ -102,9 +100,7 @@ impl Diagnostics {
     /// program assigned since. Without SDO transfers.
     pub(crate) fn assigned_pdos(&self, slave: usize, sync: u8) -> Result<Vec<AssignedPdo>, Error> {
         let position = self.ring_position(slave)?;
-        self.master
-            .assigned_pdos(position, sync)
-            .map_err(|e| Error::library("ecrt_master_get_sync_manager", Some(slave), e))
+        self.access.assigned_pdos(position, sync).map_err(|error| error.of_slave(slave, 1))
     }
 
     /// Uploads an object into `data` and returns its length in bytes. Blocks. A transfer without a
@@ -120,9 +116,7 @@ impl Diagnostics {
         subindex: u8,
         data: &mut [u8],
     ) -> Result<usize, Error> {
-        self.repeat(slave, SdoDirection::Upload, (index, subindex), |position| {
-            self.master.sdo_upload(position, index, subindex, data)
-        })
+        self.repeat(slave, |position| self.access.sdo_upload(position, index, subindex, data))
     }
 
     /// Uploads an object of at most 4 bytes as a little-endian number; repeated as
@@ -132,10 +126,18 @@ impl Diagnostics {
     /// As [`sdo_upload`](Self::sdo_upload).
     pub fn sdo_upload_u32(&self, slave: usize, index: u16, subindex: u8) -> Result<u32, Error> {
         let mut data = [0; 4];
-        self.repeat(slave, SdoDirection::Upload, (index, subindex), |position| {
-            match self.master.sdo_upload(position, index, subindex, &mut data)? {
+        self.repeat(slave, |position| {
+            match self.access.sdo_upload(position, index, subindex, &mut data)? {
                 // The library reports a mailbox error as success without data.
-                0 => Err(SdoError { errno: Errno::EIO, abort_code: None }),
+                0 => Err(Error::Sdo {
+                    slave,
+                    direction: SdoDirection::Upload,
+                    index,
+                    subindex,
+                    errno: Errno::EIO,
+                    abort_code: None,
+                    attempts: 1,
+                }),
                 _ => Ok(()),
             }
         })?;
@@ -153,17 +155,13 @@ impl Diagnostics {
         subindex: u8,
         data: &[u8],
     ) -> Result<(), Error> {
-        self.repeat(slave, SdoDirection::Download, (index, subindex), |position| {
-            self.master.sdo_download(position, index, subindex, data)
-        })
+        self.repeat(slave, |position| self.access.sdo_download(position, index, subindex, data))
     }
 
     fn repeat<R>(
         &self,
         slave: usize,
-        direction: SdoDirection,
-        object: (u16, u8),
-        mut transfer: impl FnMut(u16) -> Result<R, SdoError>,
+        mut transfer: impl FnMut(u16) -> Result<R, Error>,
     ) -> Result<R, Error> {
         let clock = self.clock();
         let end_ns = clock.now_ns().saturating_add(REPEAT_NS);
@@ -171,8 +169,7 @@ impl Diagnostics {
         loop {
             let result = self.ring_position(slave).and_then(|position| {
                 attempts += 1;
-                transfer(position)
-                    .map_err(|failure| Error::sdo(slave, direction, object, failure, attempts))
+                transfer(position).map_err(|error| error.of_slave(slave, attempts))
             });
             match result {
                 Err(error) if may_pass(&error) => {
@@ -209,9 +206,8 @@ impl Diagnostics {
         data: &[u8],
     ) -> Result<(), Error> {
         let position = self.ring_position(slave)?;
-        self.master
-            .sdo_download(position, index, subindex, data)
-            .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, subindex), e, 1))
+        let result = self.access.sdo_download(position, index, subindex, data);
+        result.map_err(|error| error.of_slave(slave, 1))
     }
 
     /// Downloads an object by Complete Access, from subindex 0 on, of which the entry has 16 bits. Never repeated.
@@ -225,9 +221,8 @@ impl Diagnostics {
         data: &[u8],
     ) -> Result<(), Error> {
         let position = self.ring_position(slave)?;
-        self.master
-            .sdo_download_complete(position, index, data)
-            .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, 0), e, 1))
+        let result = self.access.sdo_download_complete(position, index, data);
+        result.map_err(|error| error.of_slave(slave, 1))
     }
 
     /// Current position of a configured slave: alias 0 counts from the start, another one from
@@ -236,14 +231,14 @@ impl Diagnostics {
         let count = self.addresses.len();
         let (alias, position) =
             self.addresses.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
-        let info = self.master.info().map_err(|e| Error::library("ecrt_master", None, e))?;
+        let info = self.access.master_info()?;
         // The list of a master that does not scan keeps slaves that are gone.
         let state = self.master_state()?;
         let responding =
             if info.scan_busy { 0 } else { info.slave_count.min(state.slaves_responding) };
         let on_bus = u16::try_from(responding).unwrap_or(u16::MAX);
         let has_alias =
-            |p: &u16| self.master.slave_info(*p).is_ok_and(|found| found.alias == alias);
+            |p: &u16| self.access.slave_info(*p).is_ok_and(|found| found.alias == alias);
         let base = if alias == 0 { Some(0) } else { (0..on_bus).find(has_alias) };
         base.and_then(|base| base.checked_add(position)).filter(|p| *p < on_bus).ok_or(
             Error::NoSuchSlave { slave, alias, position, responding, is_scanning: info.scan_busy },

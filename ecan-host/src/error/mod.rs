@@ -14,7 +14,7 @@ use thiserror::Error;
 use tracing::debug;
 
 use crate::config::{ConfigFault, Faults, Identity};
-use crate::master::{OpenError, SdoError};
+use crate::master::OpenError;
 use crate::phase::Phase;
 
 pub use assumption::contradicted_assumption;
@@ -278,6 +278,18 @@ pub enum Error {
         /// Number of configured slaves.
         count: usize,
     },
+    /// The program through which the bus is accessed rejects the call.
+    #[error("{reason}")]
+    NotPermitted {
+        /// The call, the program, and what to do.
+        reason: String,
+    },
+    /// The program through which the bus is accessed ended, or its connection failed.
+    #[error("{reason}")]
+    Disconnected {
+        /// The program and the cause.
+        reason: String,
+    },
     /// The application ended the wait, see
     /// [`Adapter::stop_waiting_when`](crate::Adapter::stop_waiting_when).
     #[error("cancelled by the application")]
@@ -331,24 +343,19 @@ impl Error {
         Self::Library { call, slave, errno }
     }
 
-    pub(crate) fn sdo(
-        slave: usize,
-        direction: SdoDirection,
-        (index, subindex): (u16, u8),
-        error: SdoError,
-        attempts: u32,
-    ) -> Self {
-        let error = Self::Sdo {
-            slave,
-            direction,
-            index,
-            subindex,
-            errno: error.errno,
-            abort_code: error.abort_code.map(AbortCode),
-            attempts,
-        };
-        debug!(slave, index, subindex, "{error}");
-        error
+    /// Names the slave by its index instead of its position, and sets the number of attempts.
+    pub(crate) fn of_slave(mut self, at: usize, count: u32) -> Self {
+        match &mut self {
+            Self::Sdo { slave, attempts, .. } => (*slave, *attempts) = (at, count),
+            Self::Library { slave: Some(slave), .. } | Self::NoSuchSlave { slave, .. } => {
+                *slave = at;
+            }
+            _ => {}
+        }
+        if let Self::Sdo { slave, index, subindex, .. } = self {
+            debug!(slave, index, subindex, "{self}");
+        }
+        self
     }
 }
 

@@ -55,7 +55,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub use bus::{LinkState, MasterInfo, MasterState, PortInfo, PortKind, SlaveInfo};
 pub use configuration::{SlaveConfigState, SyncDirection, WatchdogMode};
 pub use open_error::{NodeOwner, OpenError, OpenFailure};
-pub(crate) use pdo_assignment::{AssignedPdo, PdoEntry};
+pub use pdo_assignment::{AssignedPdo, PdoEntry};
 pub use process_data::{DomainState, WcState};
 pub use requests::RequestState;
 pub(crate) use scheduling::set_fifo_priority;

@@ -4,21 +4,24 @@ use ecrt_sys::{Errno, ec_pdo_entry_info_t, ec_pdo_info_t, ec_sync_info_t};
 
 use super::{Answer, Master};
 
-/// An assigned PDO.
+/// A PDO that a sync manager has assigned.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct AssignedPdo {
+pub struct AssignedPdo {
     /// Its mapping object.
-    pub(crate) index: u16,
+    pub index: u16,
     /// Mapped objects.
-    pub(crate) entries: Vec<PdoEntry>,
+    pub entries: Vec<PdoEntry>,
 }
 
-/// A mapped object.
+/// An object that a PDO maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct PdoEntry {
-    pub(crate) index: u16,
-    pub(crate) subindex: u8,
-    pub(crate) bits: u8,
+pub struct PdoEntry {
+    /// Object index.
+    pub index: u16,
+    /// Object subindex.
+    pub subindex: u8,
+    /// Length in bits.
+    pub bits: u8,
 }
 
 impl Master {
