@@ -9,6 +9,7 @@
 //! tickets. A real master adds its system calls.
 #![allow(missing_docs)]
 
+use std::cell::RefCell;
 use std::hint::black_box;
 
 use ecan_bench::{Row, print_rows, warm, wire_ns};
@@ -183,6 +184,29 @@ impl Bench {
         (outcome.ratio, outcome.first / wire)
     }
 
+    /// Cycles that copy their images for another thread, over cycles that do not.
+    fn sharing_row(&mut self) -> Row {
+        let Self { case, frames, port, .. } = self;
+        let handles: Vec<[ChannelHandle; CHANNELS]> = (0..case.slaves)
+            .map(|slave| [0, 1, 2, 3].map(|channel| port.channel(slave, channel).unwrap()))
+            .collect();
+        let stream = RefCell::new(port.image_stream(1 << 20));
+        let port = RefCell::new(port);
+        let run = |is_paused| {
+            let (mut stream, mut port) = (stream.borrow_mut(), port.borrow_mut());
+            stream.set_paused(is_paused);
+            for _ in 0..REPEAT {
+                black_box(Self::cycle(&mut port, &handles, black_box(frames)));
+            }
+            // The other thread reads at another time; here the ring only has to be empty.
+            stream.clear();
+        };
+        let outcome = warm(|| run(false), || run(true));
+        assert_eq!(stream.borrow().lost(), 0);
+        let name = format!("images for another thread, N = {}", case.multiplier);
+        Row::new(name, "whole cycle with / without them, null master", outcome.ratio)
+    }
+
     fn rows(&mut self) -> [Row; 2] {
         let (over_codec, over_wire) = self.measure();
         let Case { slaves, multiplier, frames } = self.case;
@@ -199,6 +223,7 @@ impl Bench {
 fn main() {
     let mut benches: Vec<Bench> = CASES.iter().map(Bench::new).collect();
     ecan_null_master::freeze();
+    let sharing: Vec<_> = benches.iter_mut().map(Bench::sharing_row).collect();
     let mut all = || -> Vec<Row> { benches.iter_mut().flat_map(Bench::rows).collect() };
     let is_accelerated = crc16_is_accelerated();
     let mut rows = all();
@@ -209,5 +234,6 @@ fn main() {
         }
     }
     crc16_use_portable(false);
+    rows.extend(sharing);
     print_rows(&rows);
 }

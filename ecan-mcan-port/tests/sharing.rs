@@ -262,3 +262,18 @@ fn slow_reader_loses_records_and_counts_them() {
     let second = fixture.port.image_stream(0);
     assert!(stream.is_closed() && !second.is_closed());
 }
+
+#[test]
+fn paused_stream_has_no_records_and_loses_none() {
+    let (mut fixture, mut stream, _queues) = shared(gateway(), 8);
+    stream.set_paused(true);
+    fixture.idle(10);
+    assert!(stream.next().is_none());
+    stream.set_paused(false);
+    fixture.idle(3);
+    let record = stream.next().unwrap();
+    assert_eq!((record.lost_before, record.cycle), (0, fixture.port.adapter().cycle_number() - 2));
+    stream.clear();
+    assert!(stream.next().is_none());
+    assert_eq!(stream.lost(), 0);
+}

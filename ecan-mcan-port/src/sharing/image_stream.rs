@@ -153,6 +153,17 @@ impl ImageStream {
         Some(ImageRecord { cycle, time_ns, lost_before, lost_packets, event })
     }
 
+    /// Pauses the stream or continues it: a paused one costs the cycle nothing, and its images are not
+    /// lost records. Records that were written before stay.
+    pub fn set_paused(&mut self, is_paused: bool) {
+        self.reader.set_paused(is_paused);
+    }
+
+    /// Discards all records that were written so far, without counting them.
+    pub fn clear(&mut self) {
+        self.reader.clear();
+    }
+
     /// Records that found the ring full, up to the last one that was taken.
     pub fn lost(&self) -> u64 {
         self.lost
@@ -222,7 +233,7 @@ impl ImageRecorder {
         [a, b, c, d]: [u64; CHANNELS],
         image: &[u8],
     ) {
-        if self.writer.is_closed() {
+        if !self.writer.is_wanted() {
             return;
         }
         let (address, profile) = (u64::from_le_bytes(address), profile.into());

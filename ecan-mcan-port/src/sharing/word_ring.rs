@@ -13,6 +13,8 @@ struct Ring {
     read: OwnLine,
     /// The other end is gone.
     is_closed: AtomicBool,
+    /// The reader wants no records for now.
+    is_paused: AtomicBool,
 }
 
 #[derive(Debug, Default)]
@@ -52,6 +54,7 @@ pub(super) fn ring(words: usize) -> (RingWriter, RingReader) {
         written: OwnLine::default(),
         read: OwnLine::default(),
         is_closed: AtomicBool::new(false),
+        is_paused: AtomicBool::new(false),
     });
     let reader = RingReader { ring: ring.clone(), position: 0, end: 0 };
     (RingWriter { ring, position: 0, read: 0 }, reader)
@@ -61,6 +64,11 @@ impl RingWriter {
     /// Returns whether the reader is gone.
     pub(super) fn is_closed(&self) -> bool {
         self.ring.is_closed.load(Ordering::Relaxed)
+    }
+
+    /// Returns whether the reader takes records.
+    pub(super) fn is_wanted(&self) -> bool {
+        !self.ring.is_paused.load(Ordering::Acquire) && !self.is_closed()
     }
 
     /// Writes a record: `head`, then `bytes` with zeros up to a whole word. Returns false if it does not
@@ -116,6 +124,17 @@ impl RingReader {
             *word = self.ring.slot(position).load(Ordering::Relaxed);
         }
         count as usize - 1
+    }
+
+    /// Sets whether the writer shall pause.
+    pub(super) fn set_paused(&self, is_paused: bool) {
+        self.ring.is_paused.store(is_paused, Ordering::Release);
+    }
+
+    /// Removes all records that were written so far.
+    pub(super) fn clear(&mut self) {
+        self.end = self.ring.written.0.load(Ordering::Acquire);
+        self.remove();
     }
 
     /// Removes the record that was looked at last, if there was one. Real-time safe.
