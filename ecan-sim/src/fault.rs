@@ -1,8 +1,19 @@
-use std::collections::VecDeque;
+//! Faults: their types, their textual form, their schedule and the log of those that took effect.
+
+mod description;
+mod log;
+mod script;
+mod text;
 
 use serde::{Deserialize, Serialize};
 
 use crate::gateway::GatewayFault;
+
+pub use description::{FaultDescription, FaultError, FaultKey, FaultKind};
+pub use log::FaultRecord;
+
+pub(crate) use log::FaultLog;
+pub(crate) use script::FaultScript;
 
 /// Direction in which a frame is lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
@@ -68,6 +79,11 @@ pub enum Fault {
     },
     /// The gateway loses its supply permanently.
     PowerOff {
+        /// Index.
+        gateway: usize,
+    },
+    /// The supply of the gateway returns at once. No effect if the gateway has it.
+    PowerOn {
         /// Index.
         gateway: usize,
     },
@@ -184,6 +200,8 @@ pub enum When {
     Cycle(u64),
     /// Nanoseconds after the start of the simulation.
     At(u64),
+    /// Nanoseconds after the first send with process data at which all gateways are in OP.
+    AfterOp(u64),
 }
 
 /// A fault and its time.
@@ -193,61 +211,4 @@ pub struct ScriptedFault {
     pub when: When,
     /// Fault.
     pub fault: Fault,
-}
-
-#[derive(Debug, Default)]
-pub(crate) struct FaultScript {
-    by_cycle: VecDeque<(u64, Fault)>,
-    by_time: VecDeque<(u64, Fault)>,
-}
-
-impl FaultScript {
-    /// Adds a fault; `start_ns` is the start of the simulation. Faults of one instant occur in the
-    /// order in which they were added.
-    pub(crate) fn add(&mut self, start_ns: u64, scripted: ScriptedFault) {
-        let (list, at) = match scripted.when {
-            When::Cycle(cycle) => (&mut self.by_cycle, cycle),
-            When::At(ns) => (&mut self.by_time, start_ns.saturating_add(ns)),
-        };
-        let index = list.partition_point(|(other, _)| *other <= at);
-        list.insert(index, (at, scripted.fault));
-    }
-
-    pub(crate) fn next_time(&self) -> Option<u64> {
-        self.by_time.front().map(|(at, _)| *at)
-    }
-
-    pub(crate) fn due_time(&mut self, now: u64) -> Option<Fault> {
-        take_due(&mut self.by_time, now)
-    }
-
-    pub(crate) fn due_cycle(&mut self, cycle: u64) -> Option<Fault> {
-        take_due(&mut self.by_cycle, cycle)
-    }
-}
-
-fn take_due(list: &mut VecDeque<(u64, Fault)>, now: u64) -> Option<Fault> {
-    list.pop_front_if(|(at, _)| *at <= now).map(|(_, fault)| fault)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn faults_are_ordered_by_time() {
-        let mut script = FaultScript::default();
-        let power = |gateway| Fault::PowerOff { gateway };
-        for (when, gateway) in [(30, 3), (10, 1), (30, 4), (20, 2)] {
-            script.add(1000, ScriptedFault { when: When::At(when), fault: power(gateway) });
-        }
-        script.add(1000, ScriptedFault { when: When::Cycle(7), fault: power(9) });
-        assert_eq!(script.next_time(), Some(1010));
-        assert_eq!(script.due_time(1009), None);
-        let due: Vec<_> = std::iter::from_fn(|| script.due_time(1030)).collect();
-        assert_eq!(due, [power(1), power(2), power(3), power(4)]);
-        assert_eq!(script.due_cycle(6), None);
-        assert_eq!(script.due_cycle(7), Some(power(9)));
-        assert_eq!(script.due_cycle(8), None);
-    }
 }

@@ -82,7 +82,10 @@ pub use backend_error::BackendError;
 pub use clock::SimClock;
 pub use ecrt_sys::{ECRT_VARIABLE, EcrtSetting};
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
-pub use fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};
+pub use fault::{
+    DriveFault, Fault, FaultDescription, FaultError, FaultKey, FaultKind, FaultRecord, LibraryCall,
+    LossDirection, ScriptedFault, When,
+};
 pub use runner::{RealTimeRunner, RunnerError};
 pub use scenario::{
     BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, GatewaySpec, IoBehaviour, IoSpec,

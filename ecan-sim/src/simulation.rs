@@ -6,7 +6,7 @@ use ecrt_sys::Clock as _;
 use crate::backend_error::BackendError;
 use crate::clock::SimClock;
 use crate::ecrt::Shared;
-use crate::fault::{Fault, ScriptedFault, When};
+use crate::fault::{Fault, FaultDescription, FaultError, FaultRecord, ScriptedFault, When};
 use crate::node::{BridgeFactory, Node};
 use crate::runner::{RealTimeRunner, RunnerError};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
@@ -96,6 +96,26 @@ impl Simulation {
     /// Schedules a fault.
     pub fn schedule(&self, when: When, fault: Fault) {
         self.with_world(|world| world.schedule(ScriptedFault { when, fault }));
+    }
+
+    /// Injects the fault of a description, or schedules it if the description has a time; returns
+    /// the fault.
+    ///
+    /// # Errors
+    /// The description does not fit the scenario.
+    pub fn execute(&self, description: &FaultDescription) -> Result<Fault, FaultError> {
+        let fault = description.fault(&self.scenario)?;
+        match description.when()? {
+            Some(when) => self.schedule(when, fault.clone()),
+            None => self.inject(fault.clone()),
+        }
+        Ok(fault)
+    }
+
+    /// Calls `observer` with each fault at the time it takes effect; see
+    /// [`World::observe_faults`].
+    pub fn observe_faults(&self, observer: impl Fn(&FaultRecord) + Send + 'static) {
+        self.with_world(|world| world.observe_faults(observer));
     }
 
     /// The kernel log of the master, oldest line first. Only it states which startup SDO failed and

@@ -5,6 +5,7 @@ mod attached_node;
 mod can_side;
 mod deadline_set;
 mod drives;
+mod faults;
 mod fmmu;
 mod io_slot;
 mod line;
@@ -15,8 +16,8 @@ mod slave_description;
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::backend_error::BackendError;
-use crate::bus::{BusEvent, BusFault, BusStatistics, CanBus, StationId, StationStatistics};
-use crate::fault::{Fault, FaultScript, LibraryCall, LossDirection, ScriptedFault};
+use crate::bus::{BusEvent, BusStatistics, CanBus, StationId, StationStatistics};
+use crate::fault::{FaultLog, FaultScript, LibraryCall, LossDirection};
 use crate::gateway::{Gateway, GatewayCounters};
 use crate::node::BridgeFactory;
 use crate::scenario::{GatewaySpec, Scenario, Topology};
@@ -60,6 +61,7 @@ pub struct World {
     /// True if the nodes due at this instant have run.
     nodes_had_turn: bool,
     script: FaultScript,
+    fault_log: FaultLog,
     lost: (Option<LossDirection>, u32),
     counter_offset: (i32, u32),
     /// Error number and remaining count, by call of the library.
@@ -94,6 +96,7 @@ impl World {
             nodes_due: DeadlineSet::default(),
             nodes_had_turn: true,
             script: FaultScript::default(),
+            fault_log: FaultLog::default(),
             lost: (None, 0),
             counter_offset: (0, 0),
             library_errors: [(0, 0); LibraryCall::ALL.len()],
@@ -137,14 +140,6 @@ impl World {
             world.update_gateway(slot);
         }
         Ok(world)
-    }
-
-    /// Sets the start of the simulation, to which the times of scripted faults refer.
-    pub(crate) fn begin(&mut self, faults: &[ScriptedFault]) {
-        self.start = self.now;
-        for fault in faults {
-            self.schedule(fault.clone());
-        }
     }
 
     /// Adds a station to a bus; creates the bus if necessary.
@@ -234,55 +229,6 @@ impl World {
         self.buses.get(link.bus).map(|slot| slot.bus.station_statistics(link.station))
     }
 
-    /// Adds a fault to the script.
-    pub fn schedule(&mut self, fault: ScriptedFault) {
-        self.script.add(self.start, fault);
-    }
-
-    /// Injects a fault now.
-    pub fn inject(&mut self, fault: Fault) {
-        let now = self.now;
-        match fault {
-            Fault::LostFrame { direction, cycles } => self.lost = (Some(direction), cycles),
-            Fault::WorkingCounterOffset { offset, cycles } => {
-                self.counter_offset = (offset, cycles);
-            }
-            Fault::PowerCycle { gateway, off_ms } => {
-                self.switch_off(gateway, Some(now + ms(off_ms)));
-            }
-            Fault::PowerOff { gateway } => self.switch_off(gateway, None),
-            Fault::LinkLoss { gateway, for_ms } => {
-                if let Some(slot) = self.slots.get_mut(gateway) {
-                    slot.cable_open_until = now + ms(for_ms);
-                }
-            }
-            Fault::IoPowerCycle { io, off_ms } => self.switch_io_off(io, now + ms(off_ms)),
-            Fault::Gateway { gateway, fault } => {
-                self.with_gateway(gateway, |gateway, now| gateway.inject(now, fault));
-            }
-            Fault::BusOff { gateway, channel } => {
-                self.bus_fault(gateway, channel, BusFault::BusOff);
-            }
-            Fault::ErrorFrames { gateway, channel, frames: count } => {
-                let fault = |station| BusFault::ErrorFrames { station, count };
-                self.bus_fault(gateway, channel, fault);
-            }
-            Fault::NodeSilent { node, for_ms } => {
-                if let Some(slot) = self.nodes.iter_mut().find(|slot| slot.name == node) {
-                    slot.muted_until = now + ms(for_ms);
-                    slot.output.clear();
-                }
-            }
-            Fault::Drive { node, fault } => self.drive_fault(&node, fault),
-            Fault::LibraryError { call, errno, times } => {
-                if let Some(entry) = self.library_errors.get_mut(call as usize) {
-                    *entry = (errno, times);
-                }
-            }
-            Fault::RequestsHeld { for_ms } => self.requests_held_until = now + ms(for_ms),
-        }
-    }
-
     /// Time of the next event.
     pub(crate) fn next_event(&self) -> u64 {
         // Plain loops: this runs at every instant.
@@ -347,16 +293,6 @@ impl World {
             slot.gateway.advance(now);
             self.update_gateway(index);
         }
-    }
-
-    fn switch_off(&mut self, index: usize, on_at: Option<u64>) {
-        let now = self.now;
-        let Some(slot) = self.slots.get_mut(index) else { return };
-        slot.gateway.power(now, false);
-        slot.fmmus.clear();
-        slot.generation = slot.generation.wrapping_add(1);
-        slot.power_on_at = on_at;
-        self.update_gateway(index);
     }
 }
 

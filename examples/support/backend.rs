@@ -57,6 +57,7 @@ impl MasterArguments {
         let backend = ecan_sim::open(&setting, &options)?;
         if let Some(simulation) = &backend.simulation {
             println!("{}", simulation.banner());
+            simulation.observe_faults(|record| eprintln!("{record}"));
         }
         Ok(backend)
     }

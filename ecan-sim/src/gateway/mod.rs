@@ -176,6 +176,12 @@ impl Gateway {
         }
     }
 
+    /// Returns whether the gateway has its supply; it may still boot.
+    #[must_use]
+    pub fn is_powered(&self) -> bool {
+        !self.power.is_off()
+    }
+
     /// Returns whether the slave controller responds to EtherCAT frames.
     #[must_use]
     pub fn is_responding(&self) -> bool {

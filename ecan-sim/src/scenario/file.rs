@@ -3,7 +3,6 @@
 //! The tables are read flat and then checked key by key, so that a key that does not belong to the
 //! kind of a node or fault is rejected as clearly as an unknown one.
 
-mod raw_fault;
 mod raw_io;
 mod raw_node;
 mod raw_physical_layer;
@@ -16,8 +15,8 @@ use ecan_protocol::device::AlStatusCode;
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::fault::{FaultDescription, FaultError, ScriptedFault};
 use crate::gateway::Sync0Window;
-use crate::scenario::file::raw_fault::RawFault;
 use crate::scenario::file::raw_io::RawIo;
 use crate::scenario::file::raw_node::RawNode;
 use crate::scenario::file::raw_physical_layer::check_transceiver;
@@ -64,7 +63,7 @@ struct RawScenario {
     #[serde(default)]
     node: Vec<Spanned<RawNode>>,
     #[serde(default)]
-    fault: Vec<Spanned<RawFault>>,
+    fault: Vec<Spanned<FaultDescription>>,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -251,11 +250,17 @@ impl Scenario {
             scenario.nodes.push(node);
         }
         for raw in raw.fault {
-            let fault = source.build(raw, |raw: RawFault| raw.build(&scenario))?;
+            let fault = source.build(raw, |raw| scripted(&raw, &scenario))?;
             scenario.faults.push(fault);
         }
         Ok(scenario)
     }
+}
+
+fn scripted(raw: &FaultDescription, scenario: &Scenario) -> Result<ScriptedFault, String> {
+    let when = raw.when().and_then(|when| when.ok_or(FaultError::NoTime));
+    let both = when.and_then(|when| Ok(ScriptedFault { when, fault: raw.fault(scenario)? }));
+    both.map_err(|error| error.to_string())
 }
 
 impl RawGateway {

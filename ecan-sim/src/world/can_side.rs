@@ -321,16 +321,17 @@ impl World {
         }
     }
 
+    /// Returns whether the channel exists.
     pub(super) fn bus_fault(
         &mut self,
         gateway: usize,
         channel: usize,
         fault: impl FnOnce(StationId) -> BusFault,
-    ) {
+    ) -> bool {
         let now = self.now;
         let link = self.slots.get(gateway).and_then(|slot| slot.links.get(channel));
-        let Some((bus, station)) = link.map(|link| (link.bus, link.station)) else { return };
-        let Some(slot) = self.buses.get_mut(bus) else { return };
+        let Some((bus, station)) = link.map(|link| (link.bus, link.station)) else { return false };
+        let Some(slot) = self.buses.get_mut(bus) else { return false };
         let mut events = std::mem::take(&mut self.events);
         // The bus injects at the instant it has reached.
         slot.bus.advance(now, &mut events);
@@ -348,5 +349,6 @@ impl World {
         let has_bus = |slot: &&mut LineSlot| slot.links.iter().any(|link| link.bus == bus);
         self.slots.iter_mut().filter(has_bus).for_each(|slot| slot.acts_seen = None);
         self.after_events(bus);
+        true
     }
 }

@@ -33,12 +33,15 @@ impl World {
         drives.find(|(_, drive)| drive.node_id() == node)
     }
 
-    pub(super) fn drive_fault(&mut self, name: &str, fault: DriveFault) {
+    /// Returns whether the drive exists.
+    pub(super) fn drive_fault(&mut self, name: &str, fault: DriveFault) -> bool {
         let now = self.now;
-        let Some(index) = self.nodes.iter().position(|slot| slot.name == name) else { return };
+        let Some(index) = self.nodes.iter().position(|slot| slot.name == name) else {
+            return false;
+        };
         let Some(NodeSlot { node: NodeBody::Drive(drive), output, .. }) = self.nodes.get_mut(index)
         else {
-            return;
+            return false;
         };
         match fault {
             DriveFault::Error { code } => drive.fail(now, code, output),
@@ -51,5 +54,6 @@ impl World {
             DriveFault::Blocked { for_ms } => drive.block(now, now + ms(for_ms), output),
         }
         self.collect_output(index);
+        true
     }
 }

@@ -36,11 +36,12 @@ impl World {
         self.ios.get_mut(index).map(|slot| &mut slot.slave)
     }
 
-    pub(super) fn switch_io_off(&mut self, index: usize, on_at: u64) {
-        if let Some(slot) = self.ios.get_mut(index) {
-            slot.slave.power(Some(on_at));
-            slot.fmmus.clear();
-            slot.generation = slot.generation.wrapping_add(1);
-        }
+    /// Returns whether the I/O slave exists.
+    pub(super) fn switch_io_off(&mut self, index: usize, on_at: u64) -> bool {
+        let Some(slot) = self.ios.get_mut(index) else { return false };
+        slot.slave.power(Some(on_at));
+        slot.fmmus.clear();
+        slot.generation = slot.generation.wrapping_add(1);
+        true
     }
 }

@@ -229,9 +229,7 @@ impl World {
     /// Begins a send with process data: counts it and applies scripted faults.
     pub(crate) fn begin_cycle(&mut self) -> CycleFaults {
         self.cycle += 1;
-        while let Some(fault) = self.script.due_cycle(self.cycle) {
-            self.inject(fault);
-        }
+        self.inject_due_cycle();
         let mut faults = CycleFaults::default();
         if self.lost.1 > 0 {
             self.lost.1 -= 1;

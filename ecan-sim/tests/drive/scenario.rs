@@ -455,12 +455,16 @@ fn drive_errors_are_reported() {
         ("[-10, 10]", "[10, -10]", "the negative limit switch must be below the positive one"),
         ("needs_mode = true", "need_mode = true", "unknown field `need_mode`"),
         (", silent = true", "", "an `sdo` quirk needs either `code` or `silent = true`"),
-        ("code = 0x2310", "code = 0x12310", "an error code has 16 bits"),
-        ("for_ms = 50", "", "this kind of fault needs `for_ms`"),
+        (
+            "code = 0x2310",
+            "code = 0x12310",
+            "`code` of `drive_error` is out of range; allowed: 0 to 0xFFFF",
+        ),
+        ("for_ms = 50", "", "`drive_blocked` needs `for_ms`"),
         (
             "for_ms = 50",
             "for_ms = 50\nregister = 1",
-            "`register` does not belong to a fault of this kind",
+            "`register` does not belong to `drive_blocked`; allowed: node, for_ms",
         ),
     ];
     for (old, new, text) in cases {

@@ -5,6 +5,7 @@ mod c_master;
 mod clocks;
 #[path = "../ecrt_support/mod.rs"]
 mod ecrt_support;
+mod fault_descriptions;
 mod faults;
 mod idle_bus;
 mod io_slave;

@@ -74,6 +74,7 @@ fn scenario_faults_are_reported_and_effective() {
     master.read_until((BRD, 0, 0x0000, 1), |_, counter| counter == 2);
     let printed = program.end(Signal::SIGTERM);
     assert!(printed.contains("--gateways 2 is ignored"), "{printed}");
+    assert!(printed.contains("    1.500 s  fault: gateway 2 without supply\n"), "{printed}");
     assert!(printed.contains("3 gateways, 1 node, on interface veth1, seed 9"), "{printed}");
     assert!(printed.contains(", slcan bridge at 127.0.0.1:"), "{printed}");
     assert!(printed.contains(" on bus 1.2\n"), "{printed}");

@@ -5,7 +5,7 @@ use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 pub use crate::bus::Bus;
 pub use crate::failure::{Failure, Result};
 pub use crate::global::GlobalOptions;
-pub use crate::output::{Output, Tone, note};
+pub use crate::output::{FullScreen, Output, Tone, note};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Context<'a> {
@@ -45,6 +45,7 @@ impl Context<'_> {
         let backend = ecan_sim::open(setting, &options)?;
         if let Some(simulation) = &backend.simulation {
             note(simulation.banner());
+            simulation.observe_faults(|record| note(record));
         }
         Ok(backend)
     }

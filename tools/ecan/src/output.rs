@@ -1,6 +1,7 @@
 //! Output of the program: text for people, JSON for programs.
 
 use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::Serialize;
 
@@ -103,8 +104,30 @@ impl Output {
     }
 }
 
+/// True while a full-screen view uses the terminal.
+static IS_FULL_SCREEN: AtomicBool = AtomicBool::new(false);
+
+/// Discards notes while it exists, because a full-screen view uses the terminal.
+pub struct FullScreen(());
+
+impl FullScreen {
+    pub fn begin() -> Self {
+        IS_FULL_SCREEN.store(true, Ordering::Relaxed);
+        Self(())
+    }
+}
+
+impl Drop for FullScreen {
+    fn drop(&mut self) {
+        IS_FULL_SCREEN.store(false, Ordering::Relaxed);
+    }
+}
+
 /// Prints a line on standard error.
 pub fn note(text: impl std::fmt::Display) {
+    if IS_FULL_SCREEN.load(Ordering::Relaxed) {
+        return;
+    }
     progress::clear();
     let _ = writeln!(io::stderr(), "{text}");
 }

@@ -41,13 +41,18 @@ pub struct Server {
 impl Server {
     /// Gateways switched on at `start_ns` of the monotonic clock.
     pub fn new(
-        wire: Wire,
+        mut wire: Wire,
         socket: PacketSocket,
         dump: Option<Dump>,
         arguments: &WireArguments,
         screen: Screen,
         start_ns: u64,
     ) -> Self {
+        if !arguments.quiet {
+            wire.world_mut().observe_faults(move |record| {
+                screen.line(stamped(record.time_ns, 0, format_args!("fault: {}", record.fault)));
+            });
+        }
         let run_ns = arguments.duration.map(|duration| duration.as_nanos());
         let run_ns = run_ns.map_or(u64::MAX, |ns| u64::try_from(ns).unwrap_or(u64::MAX));
         Self {

@@ -11,7 +11,7 @@ use ecan_host::Diagnostics;
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event};
 
-use crate::context::{Failure, Output, Result, note};
+use crate::context::{Failure, FullScreen, Output, Result, note};
 
 use super::collector::{Collector, GatewayErrors};
 use super::hang_up::HangUp;
@@ -65,6 +65,7 @@ pub fn run(
     let thread = thread.spawn(move || drawing.run()).map_err(Failure::of_thread)?;
     let mut guard = Joined { full: Some(full), thread: Some(thread) };
     arguments.options.real_time.apply(|line| note(line))?;
+    let _full_screen = FullScreen::begin();
     watcher.activate(&arguments.options)?;
     let mut observation = Observation::new(gateways);
     let mut look_ns = 0;

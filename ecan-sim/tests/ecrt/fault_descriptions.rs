@@ -1,0 +1,149 @@
+//! Faults by their textual form, on command and at a time; the log of those that took effect.
+
+use std::path::Path;
+use std::sync::mpsc::channel;
+
+use ecan_sim::{Fault, FaultDescription, FaultKind, Scenario, Simulation};
+
+use crate::ecrt_support::{Program, stepped, stepped_echo};
+
+/// A gateway with all nodes that faults concern.
+const CELL: &str = r#"
+[[gateway]]
+[[io]]
+position = 1
+[[node]]
+kind = "drive"
+bus = "0.0"
+node_id = 1
+name = "shoulder"
+"#;
+
+/// A value of each key.
+const VALUES: [(&str, &str); 17] = [
+    ("gateway", "0"),
+    ("io", "0"),
+    ("channel", "0"),
+    ("node", "'shoulder'"),
+    ("way", "'return'"),
+    ("cycles", "2"),
+    ("offset", "-1"),
+    ("off_ms", "5"),
+    ("for_ms", "5"),
+    ("index", "0x8010"),
+    ("subindex", "1"),
+    ("code", "0x1B"),
+    ("register", "1"),
+    ("times", "3"),
+    ("call", "'send'"),
+    ("errno", "'EINTR'"),
+    ("ns", "-100"),
+];
+
+fn describe(text: &str) -> FaultDescription {
+    toml::from_str(text).unwrap_or_else(|error| panic!("{text}: {error}"))
+}
+
+fn execute(simulation: &Simulation, text: &str) -> Result<Fault, String> {
+    simulation.execute(&describe(text)).map_err(|error| error.to_string())
+}
+
+fn logged(simulation: &Simulation) -> Vec<String> {
+    simulation.with_world(|world| world.faults().map(ToString::to_string).collect())
+}
+
+#[test]
+fn every_kind_takes_effect_with_its_keys() {
+    let scenario = Scenario::from_toml(CELL, "cell", Path::new(".")).unwrap();
+    let simulation = stepped(scenario).simulation.unwrap();
+    for kind in FaultKind::ALL {
+        let before = logged(&simulation).len();
+        let value = |key: &str| VALUES.iter().find(|(name, _)| *name == key).unwrap().1;
+        let keys = kind.keys().iter().map(|key| format!("{key} = {}\n", value(key)));
+        let text = format!("kind = '{}'\n{}", kind.name(), keys.collect::<String>());
+        if *kind == FaultKind::PowerOn {
+            execute(&simulation, "kind = 'power_off'\ngateway = 0").unwrap();
+        }
+        let fault = execute(&simulation, &text).unwrap();
+        let log = logged(&simulation);
+        assert!(log.len() > before, "{text}");
+        assert!(log.last().unwrap().ends_with(&format!("s: fault: {fault}")), "{log:?}");
+    }
+}
+
+#[test]
+fn documentation_lists_every_kind() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/SIMULATION.md");
+    let text = std::fs::read_to_string(path).unwrap();
+    for kind in FaultKind::ALL {
+        let row =
+            format!("| `{}` | `{}` | {} |", kind.name(), kind.keys().join("`, `"), kind.help());
+        assert!(text.contains(&row), "docs/SIMULATION.md lacks this row:\n{row}");
+    }
+}
+
+#[test]
+fn fault_that_concerns_nothing_is_rejected() {
+    let simulation = stepped_echo(1).simulation.unwrap();
+    for (text, reason) in [
+        ("kind = 'power_off'\ngateway = 1", "gateway 1 does not exist; there are 1"),
+        ("kind = 'power_off'", "`power_off` needs `gateway`"),
+        (
+            "kind = 'link_loss'\ngateway = 0\nfor_ms = 1\ntimes = 2",
+            "`times` does not belong to `link_loss`; allowed: gateway, for_ms",
+        ),
+        ("kind = 'drive_error'\nnode = 'echo 0.0'\ncode = 1", "node \"echo 0.0\" is not a drive"),
+    ] {
+        assert_eq!(execute(&simulation, text).unwrap_err(), reason);
+    }
+    // It has its supply.
+    execute(&simulation, "kind = 'power_on'\ngateway = 0").unwrap();
+    assert_eq!(logged(&simulation), [""; 0]);
+}
+
+#[test]
+fn supply_is_switched_on_command() {
+    let mut program = Program::new(stepped_echo(1), &[3]).into_op();
+    let simulation = program.simulation().clone();
+    execute(&simulation, "kind = 'power_off'\ngateway = 0").unwrap();
+    program.cycles(1_500);
+    let is_powered = || simulation.with_world(|world| world.gateway(0).unwrap().is_powered());
+    assert!(!is_powered());
+    execute(&simulation, "kind = 'power_on'\ngateway = 0").unwrap();
+    assert!(is_powered());
+    assert!(program.reaches_op());
+    let log = logged(&simulation);
+    assert!(log[0].ends_with(" s: fault: gateway 0 without supply"), "{log:?}");
+    assert!(log[1].ends_with(" s: fault: gateway 0 supplied again"), "{log:?}");
+}
+
+#[test]
+fn scripted_fault_counts_from_op_and_is_observed() {
+    let text = "[[gateway]]\n[[gateway]]\n[[fault]]\nkind = 'link_loss'\nafter_op_ms = 100\n\
+                gateway = 1\nfor_ms = 20\n";
+    let scenario = Scenario::from_toml(text, "cell", Path::new(".")).unwrap();
+    let mut program = Program::new(stepped(scenario), &[1, 1]);
+    let (sender, observed) = channel();
+    program.simulation().observe_faults(move |record| sender.send(record.clone()).unwrap());
+    program = program.into_op();
+    assert!(observed.try_recv().is_err());
+    let op_ns = program.simulation().with_world(|world| world.now_ns() - world.start_ns());
+    program.cycles(110);
+    let record = observed.try_recv().unwrap();
+    let expected = Fault::LinkLoss { gateway: 1, for_ms: 20 };
+    assert_eq!(record.fault, expected);
+    // The program sees OP with the master's next poll.
+    let op_before = record.time_ns - 100_000_000;
+    assert!(op_before <= op_ns && op_ns - op_before < 100_000_000, "{op_before} {op_ns}");
+    assert_eq!(
+        record.to_string(),
+        format!(
+            "{:.3} s: fault: link loss before gateway 1 for 20 ms",
+            record.time_ns as f64 / 1e9
+        )
+    );
+    // Now the time of OP is known.
+    execute(program.simulation(), "kind = 'lost_frame'\nafter_op_ms = 0").unwrap();
+    program.cycles(2);
+    assert!(matches!(observed.try_recv().unwrap().fault, Fault::LostFrame { .. }));
+}
