@@ -5,6 +5,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::can::CanFrame;
 
+use crate::bus_event::ErrorFrame;
 use crate::session::ReceiveSettings;
 
 /// Maximum number of queued answer bytes; above it the client is not read.
@@ -16,6 +17,17 @@ pub(crate) enum Outgoing {
     Frame(CanFrame, u64),
     /// Bytes of the protocol, and the client's receive settings after them.
     Answer(Vec<u8>, ReceiveSettings),
+    /// An event of the bus with its time, for CAN interfaces.
+    Error(ErrorFrame, u64),
+    /// Result of the client's frame with this tag: its end time if it was sent.
+    Result(u32, Option<u64>),
+}
+
+/// Entries that a client receives besides frames and answers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Reports {
+    pub(crate) has_errors: bool,
+    pub(crate) has_results: bool,
 }
 
 #[derive(Debug, Default)]
@@ -33,14 +45,19 @@ struct State {
 pub(crate) struct ClientQueue {
     state: Mutex<State>,
     max_frames: usize,
+    reports: Reports,
     has_items: Condvar,
     has_room: Condvar,
 }
 
 impl ClientQueue {
     pub(crate) fn new(max_frames: usize) -> Self {
+        Self::with_reports(max_frames, Reports::default())
+    }
+
+    pub(crate) fn with_reports(max_frames: usize, reports: Reports) -> Self {
         let (has_items, has_room) = (Condvar::new(), Condvar::new());
-        Self { state: Mutex::default(), max_frames, has_items, has_room }
+        Self { state: Mutex::default(), max_frames, reports, has_items, has_room }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -49,13 +66,30 @@ impl ClientQueue {
 
     /// Queues a frame; returns false if the queue is full. Does not block.
     pub(crate) fn offer(&self, frame: &CanFrame, time_ns: u64) -> bool {
+        self.offer_bounded(Outgoing::Frame(*frame, time_ns))
+    }
+
+    /// Queues an event if the client receives events; returns false if the queue is full.
+    pub(crate) fn offer_error(&self, error: ErrorFrame, time_ns: u64) -> bool {
+        !self.reports.has_errors || self.offer_bounded(Outgoing::Error(error, time_ns))
+    }
+
+    fn offer_bounded(&self, item: Outgoing) -> bool {
         let mut state = self.lock();
         let has_room = state.frames < self.max_frames;
         if has_room {
             state.frames += 1;
-            self.push(state, Outgoing::Frame(*frame, time_ns));
+            self.push(state, item);
         }
         has_room
+    }
+
+    /// Queues the result of a frame if the client receives results. The client bounds their number:
+    /// it has a limited number of frames without result.
+    pub(crate) fn report_result(&self, tag: u32, sent_ns: Option<u64>) {
+        if self.reports.has_results {
+            self.push(self.lock(), Outgoing::Result(tag, sent_ns));
+        }
     }
 
     /// Queues an answer. Waits while too many answer bytes are queued; returns false once closed.
@@ -100,7 +134,8 @@ impl ClientQueue {
     fn pop(&self, mut state: MutexGuard<'_, State>) -> Option<Outgoing> {
         let item = state.items.pop_front()?;
         match &item {
-            Outgoing::Frame(..) => state.frames -= 1,
+            Outgoing::Frame(..) | Outgoing::Error(..) => state.frames -= 1,
+            Outgoing::Result(..) => {}
             Outgoing::Answer(text, _) => {
                 state.answer_bytes -= text.len();
                 drop(state);

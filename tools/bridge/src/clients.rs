@@ -6,6 +6,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::can::CanFrame;
 
+use crate::bus_event::{BusEvent, ErrorCounters, ErrorFrame};
 use crate::client_queue::ClientQueue;
 use crate::connection::Close;
 use crate::rates::BusRates;
@@ -13,6 +14,17 @@ use crate::statistics::{BridgeStatistics, Counters, count};
 
 /// Identifies a client of one bridge.
 pub type ClientId = u64;
+
+/// A frame of a client for the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClientFrame {
+    /// Sender.
+    pub client: ClientId,
+    /// The frame.
+    pub frame: CanFrame,
+    /// Number by which the sender recognises the result.
+    pub(crate) tag: u32,
+}
 
 #[derive(Debug)]
 struct Client {
@@ -37,9 +49,17 @@ struct State {
     next_client: ClientId,
     closed: bool,
     /// Frames for the bus, with their senders.
-    inbox: VecDeque<(ClientId, CanFrame)>,
+    inbox: VecDeque<ClientFrame>,
     /// Bit rates of the bus, once known.
     bus: Option<BusRates>,
+}
+
+impl State {
+    fn report_result(&self, frame: &ClientFrame, sent_ns: Option<u64>) {
+        if let Some(sender) = self.clients.iter().find(|client| client.id == frame.client) {
+            sender.queue.report_result(frame.tag, sent_ns);
+        }
+    }
 }
 
 /// The clients of one bridge, with bounded queues. No public method blocks.
@@ -119,13 +139,13 @@ impl Clients {
 
     /// Queues a client's frame for the bus; returns false if the queue is full or the bus accepts
     /// none.
-    pub(crate) fn submit(&self, id: ClientId, frame: CanFrame) -> bool {
+    pub(crate) fn submit(&self, frame: ClientFrame) -> bool {
         let mut state = self.lock();
         let has_room = state.inbox.len() < self.queue;
         if state.is_closed_to_clients {
             count(&self.counters.discarded);
         } else if has_room {
-            state.inbox.push_back((id, frame));
+            state.inbox.push_back(frame);
         } else {
             count(&self.counters.dropped_to_bus);
         }
@@ -133,15 +153,15 @@ impl Clients {
     }
 
     /// As [`submit`](Self::submit), but waits for space while the client is connected.
-    pub(crate) fn submit_when_possible(&self, id: ClientId, frame: CanFrame) {
+    pub(crate) fn submit_when_possible(&self, frame: ClientFrame) {
         let mut state = self.lock();
         loop {
-            let is_there = state.clients.iter().any(|client| client.id == id);
+            let is_there = state.clients.iter().any(|client| client.id == frame.client);
             if state.is_closed_to_clients || !is_there {
                 return count(&self.counters.discarded);
             }
             if state.inbox.len() < self.queue {
-                return state.inbox.push_back((id, frame));
+                return state.inbox.push_back(frame);
             }
             state.waiting_clients += 1;
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
@@ -175,14 +195,16 @@ impl Clients {
             return 0;
         }
         let dropped = state.inbox.len();
-        state.inbox.clear();
+        for frame in std::mem::take(&mut state.inbox) {
+            state.report_result(&frame, None);
+        }
         self.wake(&state);
         self.counters.discarded.fetch_add(dropped as u64, Ordering::Relaxed);
         dropped
     }
 
-    /// Takes the next frame of a client for the bus, with the client.
-    pub fn next_for_bus(&self) -> Option<(ClientId, CanFrame)> {
+    /// Takes the next frame of a client for the bus.
+    pub fn next_for_bus(&self) -> Option<ClientFrame> {
         let mut state = self.lock();
         let next = state.inbox.pop_front();
         self.wake(&state);
@@ -192,6 +214,30 @@ impl Clients {
     /// Counts a client frame that was sent on the bus.
     pub fn count_sent(&self) {
         count(&self.counters.sent);
+    }
+
+    /// Reports that a client's frame was sent on the bus, with its end time: all other clients
+    /// receive the frame, and a CAN interface echoes it to its programs.
+    pub fn confirm(&self, sent: &ClientFrame, time_ns: u64) {
+        self.count_sent();
+        self.lock().report_result(sent, Some(time_ns));
+        self.deliver(&sent.frame, time_ns, Some(sent.client));
+    }
+
+    /// Reports that a client's frame was not sent.
+    pub fn fail(&self, frame: &ClientFrame) {
+        count(&self.counters.failed);
+        self.lock().report_result(frame, None);
+    }
+
+    /// Reports an event of the bus to the CAN interfaces, with the error counters if they are known.
+    pub fn report(&self, event: BusEvent, counters: Option<ErrorCounters>, time_ns: u64) {
+        let error = ErrorFrame::of(event, counters);
+        for client in &self.lock().clients {
+            if !client.queue.offer_error(error, time_ns) {
+                count(&self.counters.dropped_to_clients);
+            }
+        }
     }
 
     /// Passes a frame of the bus to every client except its sender, with its end time in

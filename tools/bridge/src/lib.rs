@@ -7,6 +7,7 @@
 //! have their own threads, and a bounded queue drops and counts what exceeds it.
 #![forbid(unsafe_code)]
 
+mod bus_event;
 mod client_queue;
 mod clients;
 mod config;
@@ -30,7 +31,8 @@ mod writer;
 
 #[cfg(feature = "socketcan")]
 pub use self::socketcan::{SocketCanBridge, SocketCanError};
-pub use clients::{ClientId, Clients};
+pub use bus_event::{BusEvent, ErrorCounters};
+pub use clients::{ClientFrame, ClientId, Clients};
 pub use config::{BridgeConfig, BridgeProtocol};
 pub use info::BridgeInfo;
 #[doc(hidden)]

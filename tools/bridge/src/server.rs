@@ -10,7 +10,7 @@ use std::time::Duration;
 use ecan_protocol::can::CanFrame;
 
 use crate::client_queue::ClientQueue;
-use crate::clients::{ClientId, Clients};
+use crate::clients::{ClientFrame, ClientId, Clients};
 use crate::config::{BridgeConfig, BridgeProtocol};
 use crate::connection::{self, Connection};
 use crate::info::BridgeInfo;
@@ -172,17 +172,23 @@ struct ClientUplink<'a> {
     id: ClientId,
 }
 
+impl ClientUplink<'_> {
+    fn untagged(&self, frame: CanFrame) -> ClientFrame {
+        ClientFrame { client: self.id, frame, tag: 0 }
+    }
+}
+
 impl Uplink for ClientUplink<'_> {
     fn bus(&self) -> Option<BusRates> {
         self.clients.bus()
     }
 
     fn send(&mut self, frame: CanFrame) -> bool {
-        self.clients.submit(self.id, frame)
+        self.clients.submit(self.untagged(frame))
     }
 
     fn send_when_possible(&mut self, frame: CanFrame) {
-        self.clients.submit_when_possible(self.id, frame);
+        self.clients.submit_when_possible(self.untagged(frame));
     }
 
     fn count_rejected(&mut self) {

@@ -33,6 +33,8 @@ counters! {
     rejected_clients,
     /// Client frames that were sent on the bus.
     sent,
+    /// Client frames that were passed to the bus and not sent, or without result.
+    failed,
     /// Client frames rejected because the queue to the bus was full.
     dropped_to_bus,
     /// Client frames rejected or discarded because the bus accepted none, for example while the

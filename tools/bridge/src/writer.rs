@@ -49,6 +49,8 @@ impl Writer {
                 Outgoing::Frame(frame, time_ns) => {
                     self.receive_settings.encode(&frame, time_ns, bus, &mut text);
                 }
+                // Entries of CAN interfaces.
+                Outgoing::Error(..) | Outgoing::Result(..) => {}
                 Outgoing::Answer(answer, receive_settings)
                     if receive_settings == self.receive_settings =>
                 {

@@ -5,7 +5,6 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use ecan_bridge::{BridgeConfig, BridgeProtocol, BridgeServer};
-use ecan_protocol::can::CanFrame;
 
 const TIMEOUT: Duration = Duration::from_secs(60);
 
@@ -49,8 +48,8 @@ fn full_queue_blocks_socketcand_client() {
     client.write_all(text.as_bytes()).unwrap();
     for number in 0..100 {
         let next = || server.clients().next_for_bus();
-        let (_, frame): (_, CanFrame) = wait_for("a frame for the bus", next);
-        assert_eq!(frame.data(), [number]);
+        let next = wait_for("a frame for the bus", next);
+        assert_eq!(next.frame.data(), [number]);
     }
     let statistics = server.info().statistics();
     assert_eq!((statistics.dropped_to_bus, statistics.rejected), (0, 0));
@@ -64,7 +63,7 @@ fn blocked_client_and_server_can_end() {
         exchange(&mut client, "< open can0 >", "< hi >");
         client.write_all("< send 123 0 >".repeat(100).as_bytes()).unwrap();
         let frame = wait_for("a frame for the bus", || server.clients().next_for_bus());
-        assert!(frame.1.data().is_empty());
+        assert!(frame.frame.data().is_empty());
         if has_end {
             drop(client);
             wait_for("the client is gone", || {
@@ -85,8 +84,8 @@ fn closed_bus_drops_waiting_and_rejects_new_frames() {
     assert_eq!(server.clients().next_for_bus(), None);
     assert_eq!(server.clients().set_accepting(true), 0);
     exchange(&mut client, "t1250\r", "z\r");
-    let (_, frame) = server.clients().next_for_bus().unwrap();
-    assert_eq!(frame.id().raw(), 0x125);
+    let next = server.clients().next_for_bus().unwrap();
+    assert_eq!(next.frame.id().raw(), 0x125);
     let statistics = server.info().statistics();
     assert_eq!((statistics.discarded, statistics.dropped_to_bus), (2, 0));
 }

@@ -91,7 +91,7 @@ fn last_output_of_program_is_processed() {
     let mut frames = Vec::new();
     let begun = Instant::now();
     while frames.len() < 2 {
-        frames.extend(bridge.clients().next_for_bus().map(|(_, frame)| frame.id().raw()));
+        frames.extend(bridge.clients().next_for_bus().map(|next| next.frame.id().raw()));
         assert!(begun.elapsed() < TIMEOUT, "{frames:X?}");
     }
     assert_eq!(frames, [0x123, 0x124]);

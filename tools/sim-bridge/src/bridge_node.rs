@@ -43,15 +43,15 @@ impl BridgeNode {
 
     fn fill(&mut self, out: &mut NodeOutput) {
         while out.len() < CONTROLLER_DEPTH
-            && let Some((sender, frame)) = self.server.clients().next_for_bus()
+            && let Some(next) = self.server.clients().next_for_bus()
         {
-            out.send(frame);
+            out.send(next.frame);
             // A frame that the bus lost (the controller was reconfigured, the node muted) is never
             // reported as sent and must not stay here forever.
             while self.in_flight.len() > 2 * CONTROLLER_DEPTH {
                 self.in_flight.pop_front();
             }
-            self.in_flight.push_back((sender, frame));
+            self.in_flight.push_back((next.client, next.frame));
         }
     }
 

@@ -8,13 +8,15 @@ use std::time::{Duration, Instant};
 
 use ecan_protocol::can::CanFrame;
 use rustix::io::Errno;
-use socketcan::{CanFdSocket, Socket as _};
+use socketcan::{CanAnyFrame, CanFdSocket, Socket as _};
 
-use crate::client_queue::{ClientQueue, Outgoing};
-use crate::clients::{ClientId, Clients};
+use crate::bus_event::BusEvent;
+use crate::client_queue::{ClientQueue, Outgoing, Reports};
+use crate::clients::{ClientFrame, ClientId, Clients};
 use crate::connection::Close;
-use crate::socketcan::frame::{from_kernel, to_kernel};
-use crate::socketcan::interface::{self, SocketCanError};
+use crate::socketcan::frame::{error_to_kernel, from_kernel, to_kernel};
+use crate::socketcan::interface::{self, SocketCanError, VirtualInterface};
+use crate::socketcan::receive_buffer::ReceiveBuffer;
 use crate::statistics::count;
 
 const LOOK: Duration = Duration::from_millis(50);
@@ -23,18 +25,26 @@ const RETRY: Duration = Duration::from_millis(1);
 /// Maximum time for which a frame waits for an interface with a full queue.
 const TIMEOUT: Duration = Duration::from_millis(200);
 
-/// A CAN interface of Linux, virtual or real, connected to a bus. Dropping it ends its threads; the
-/// interface remains.
+/// A CAN interface of Linux, virtual or real, connected to a bus. Dropping it ends its threads; an
+/// interface that it did not create remains.
 ///
 /// CAN FD frames pass if the interface's MTU allows them (`ip link set vcan0 mtu 72`); others are
 /// counted as [unsupported](crate::BridgeStatistics::unsupported). The bridge does not receive its
-/// own frames from the interface. Error frames are not forwarded.
+/// own frames from the interface. [Events of the bus](crate::BusEvent) become error frames; error
+/// frames of other programs are not forwarded.
+///
+/// Other programs on the interface receive a frame as soon as it is sent, before it is on the bus: a
+/// virtual interface has no transmit result. While the queue to the bus is full, the bridge does not
+/// read the interface. Frames then wait in the receive buffer of its socket; frames that do not fit
+/// are [lost](crate::BridgeStatistics::dropped_to_bus), and an error frame reports them.
 #[derive(Debug)]
 pub struct SocketCanBridge {
     interface: String,
     clients: Arc<Clients>,
     state: Arc<State>,
     threads: Vec<JoinHandle<()>>,
+    /// The interface, if this bridge created it.
+    created: Option<VirtualInterface>,
 }
 
 #[derive(Debug, Default)]
@@ -72,23 +82,46 @@ impl SocketCanBridge {
         Self::over(socket, interface, queue).map_err(failed)
     }
 
+    /// As [`open`](Self::open); creates a virtual interface for CAN FD if there is none with this
+    /// name, and removes it at the end.
+    ///
+    /// # Errors
+    /// As of [`open`](Self::open), or the interface cannot be created.
+    pub fn open_or_create(interface: &str, queue: usize) -> Result<Self, SocketCanError> {
+        let created = match Self::open(interface, queue) {
+            Err(SocketCanError::NoInterface(_)) => VirtualInterface::create(interface)?,
+            opened => return opened,
+        };
+        let mut bridge = Self::open(interface, queue)?;
+        bridge.created = Some(created);
+        Ok(bridge)
+    }
+
+    /// Returns whether this bridge created the interface.
+    pub fn has_created_interface(&self) -> bool {
+        self.created.is_some()
+    }
+
     pub(super) fn over(socket: CanFdSocket, interface: &str, queue: usize) -> io::Result<Self> {
         // Limits the time of a write to a full socket queue.
         socket.set_write_timeout(LOOK)?;
+        let buffer = ReceiveBuffer::of(&socket);
         let (clients, state) = (Arc::new(Clients::new(queue, 1)), Arc::new(State::default()));
-        let queue = Arc::new(ClientQueue::new(clients.queue()));
+        let reports = Reports { has_errors: true, has_results: false };
+        let queue = Arc::new(ClientQueue::with_reports(clients.queue(), reports));
         // The first client is always admitted.
         let id = clients.join(Closing(state.clone()), queue.clone());
         let id = id.ok_or(io::ErrorKind::ConnectionRefused)?;
         let connection =
             Arc::new(Connection { socket, clients: clients.clone(), state: state.clone(), id });
         let interface = interface.to_owned();
-        let mut bridge = Self { interface, clients, state, threads: Vec::with_capacity(2) };
+        let mut bridge =
+            Self { interface, clients, state, threads: Vec::with_capacity(2), created: None };
         let thread =
             |task: &str| thread::Builder::new().name(format!("{} {task}", bridge.interface));
         let (reader, writer) = (thread("reader"), thread("writer"));
         let shared = connection.clone();
-        bridge.threads.push(reader.spawn(move || shared.read_all())?);
+        bridge.threads.push(reader.spawn(move || shared.read_all(buffer))?);
         bridge.threads.push(writer.spawn(move || connection.write_all(&queue))?);
         Ok(bridge)
     }
@@ -134,8 +167,13 @@ struct Connection {
 }
 
 impl Connection {
-    fn read_all(&self) {
+    fn read_all(&self, mut buffer: ReceiveBuffer) {
         while !self.state.is_closed() {
+            let lost = buffer.newly_lost(&self.socket);
+            if lost > 0 {
+                self.clients.counters.dropped_to_bus.fetch_add(lost, Ordering::Relaxed);
+                self.clients.report(BusEvent::TransmitOverflow, None, 0);
+            }
             match self.socket.read_frame_timeout(LOOK) {
                 Ok(frame) => match from_kernel(&frame) {
                     Some(frame) => self.submit(frame),
@@ -163,37 +201,40 @@ impl Connection {
         let can_carry = self.clients.bus().is_some_and(|bus| bus.fd || !frame.is_fd());
         if !can_carry {
             count(&self.clients.counters.mismatched);
-        }
-        if !can_carry || !self.clients.submit(self.id, frame) {
             count(&self.clients.counters.rejected);
+            return self.clients.report(BusEvent::TransmitFailed, None, 0);
         }
+        self.clients.submit_when_possible(ClientFrame { client: self.id, frame, tag: 0 });
     }
 
     fn write_all(&self, queue: &ClientQueue) {
         // The previous frame was dropped: the following ones do not wait.
         let mut is_stuck = false;
         while let Some(outgoing) = queue.take() {
-            // An interface gets no answers.
-            if let Outgoing::Frame(frame, _) = outgoing {
-                self.write(&frame, &mut is_stuck);
+            let kernel = match outgoing {
+                Outgoing::Frame(frame, _) => to_kernel(&frame),
+                Outgoing::Error(error, _) => error_to_kernel(error),
+                // An interface gets no answers and requests no results.
+                Outgoing::Answer(..) | Outgoing::Result(..) => continue,
+            };
+            match kernel {
+                Some(kernel) => self.write(&kernel, &mut is_stuck),
+                None => count(&self.clients.counters.unsupported),
             }
         }
     }
 
-    fn write(&self, frame: &CanFrame, is_stuck: &mut bool) {
-        let Some(kernel) = to_kernel(frame) else {
-            return count(&self.clients.counters.unsupported);
-        };
+    fn write(&self, kernel: &CanAnyFrame, is_stuck: &mut bool) {
         let timeout = if *is_stuck { Duration::ZERO } else { TIMEOUT };
         let start = Instant::now();
         loop {
-            match self.socket.write_frame(&kernel) {
+            match self.socket.write_frame(kernel) {
                 Ok(()) => {
                     *is_stuck = false;
                     return;
                 }
                 // The interface supports only classic CAN.
-                Err(error) if is(&error, Errno::INVAL) && frame.is_fd() => {
+                Err(error) if is(&error, Errno::INVAL) && matches!(kernel, CanAnyFrame::Fd(_)) => {
                     return count(&self.clients.counters.unsupported);
                 }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use ecan_protocol::can::{CanFrame, CanId};
 use socketcan::CanFdSocket;
 
+use crate::bus_event::{BusEvent, ErrorCounters};
 use crate::rates::BusRates;
 use crate::socketcan::SocketCanBridge;
 use crate::statistics::BridgeStatistics;
@@ -59,20 +60,25 @@ fn frames_pass_both_directions_in_order() {
     assert!(clients.is_any_connected());
     kernel.send(&bytes(0x123, 2, 0, &[1, 2], 16)).unwrap();
     kernel.send(&bytes(0x8000_0124, 16, 5, &[3; 16], 72)).unwrap();
-    let (client, first) = wait_until(&bridge, || clients.next_for_bus());
-    let (_, second) = wait_until(&bridge, || clients.next_for_bus());
-    assert_eq!(first, frame(0x123, &[1, 2]));
+    let first = wait_until(&bridge, || clients.next_for_bus());
+    let second = wait_until(&bridge, || clients.next_for_bus());
+    assert_eq!(first.frame, frame(0x123, &[1, 2]));
     let id = CanId::extended(0x124).unwrap();
-    assert_eq!(second, CanFrame::fd(id, &[3; 16], true, false).unwrap());
+    assert_eq!(second.frame, CanFrame::fd(id, &[3; 16], true, false).unwrap());
 
     // A frame from the interface does not return to it; frames of others do.
-    clients.deliver(&first, 1, Some(client));
+    clients.confirm(&first, 1);
     clients.deliver(&frame(0x7FF, &[9]), 2, None);
-    clients.deliver(&second, 3, None);
+    clients.deliver(&second.frame, 3, None);
     assert_eq!(received(&kernel), bytes(0x7FF, 1, 0, &[9], 16));
     assert_eq!(received(&kernel), bytes(0x8000_0124, 16, 5, &[3; 16], 72));
-    let expected =
-        BridgeStatistics { clients: 1, connections: 1, delivered: 2, ..Default::default() };
+    let expected = BridgeStatistics {
+        clients: 1,
+        connections: 1,
+        sent: 1,
+        delivered: 2,
+        ..Default::default()
+    };
     assert_eq!(clients.statistics(), expected);
     assert!(bridge.end().is_none());
 }
@@ -94,14 +100,45 @@ fn frames_unfit_for_bus_are_counted() {
     kernel.send(&bytes(0x2000_0040, 8, 0, &[], 16)).unwrap();
     kernel.send(&[1, 2, 3]).unwrap();
     count(|it| it.rejected, 4);
-    // More frames than the queue holds.
-    for _ in 0..5 {
-        kernel.send(&bytes(0x124, 0, 0, &[], 16)).unwrap();
+    // The interface learns of each frame that the bus cannot carry.
+    for _ in 0..2 {
+        assert_eq!(received(&kernel), bytes(0x2000_0001, 8, 0, &[], 16));
     }
-    count(|it| it.dropped_to_bus, 3);
-    count(|it| it.rejected, 7);
-    let waiting: Vec<_> = std::iter::from_fn(|| clients.next_for_bus()).collect();
-    assert_eq!(waiting.len(), 2);
+}
+
+/// Neither the bridge nor the kernel loses a frame while the bus is slower than the interface.
+#[test]
+fn full_queue_to_bus_stops_reading() {
+    let (bridge, kernel) = bridge(2);
+    let clients = bridge.clients();
+    clients.set_bus(BusRates::classic(500_000));
+    kernel.set_nonblocking(true).unwrap();
+    let mut sent = 0;
+    // The sender is held back when all queues are full.
+    let start = Instant::now();
+    while sent < 100_000 && kernel.send(&bytes(sent, 0, 0, &[], 16)).is_ok() {
+        sent += 1;
+    }
+    assert!((3..100_000).contains(&sent), "{sent} frames in {:?}", start.elapsed());
+    for number in 0..sent {
+        let next = wait_until(&bridge, || clients.next_for_bus());
+        assert_eq!(next.frame.id().raw(), number);
+    }
+    assert_eq!(clients.next_for_bus(), None);
+    assert_eq!(clients.statistics().dropped_to_bus, 0);
+}
+
+#[test]
+fn bus_events_reach_interface_as_error_frames() {
+    let (bridge, kernel) = bridge(8);
+    let clients = bridge.clients();
+    let counters = ErrorCounters { transmit: 130, receive: 2 };
+    clients.report(BusEvent::BusOff, None, 1);
+    clients.deliver(&frame(0x100, &[]), 2, None);
+    clients.report(BusEvent::ErrorPassive, Some(counters), 3);
+    assert_eq!(received(&kernel), bytes(0x2000_0040, 8, 0, &[], 16));
+    assert_eq!(received(&kernel), bytes(0x100, 0, 0, &[], 16));
+    assert_eq!(received(&kernel), bytes(0x2000_0204, 8, 0, &[0, 0x20, 0, 0, 0, 0, 130, 2], 16));
 }
 
 #[test]

@@ -3,9 +3,11 @@
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 use socketcan::id::FdFlags;
 use socketcan::{
-    CanAnyFrame, CanDataFrame, CanFdFrame, CanRemoteFrame, EmbeddedFrame as _, ExtendedId, Id,
-    StandardId,
+    CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanRemoteFrame, EmbeddedFrame as _,
+    ExtendedId, Id, StandardId,
 };
+
+use crate::bus_event::ErrorFrame;
 
 /// A frame for the kernel; `None` if the kernel has no such frame.
 pub(super) fn to_kernel(frame: &CanFrame) -> Option<CanAnyFrame> {
@@ -26,6 +28,11 @@ pub(super) fn to_kernel(frame: &CanFrame) -> Option<CanAnyFrame> {
             CanFdFrame::with_flags(id, frame.data(), flags).map(Into::into)
         }
     }
+}
+
+/// An error frame for the kernel.
+pub(super) fn error_to_kernel(error: ErrorFrame) -> Option<CanAnyFrame> {
+    CanErrorFrame::new_error(error.class, &error.data).ok().map(Into::into)
 }
 
 /// A frame for the bus; `None` for an error frame. A CAN FD frame whose length has no DLC is padded

@@ -1,6 +1,7 @@
-//! Opening of a CAN interface, with explained errors.
+//! Opening and creation of a CAN interface, with explained errors.
 
 use std::io;
+use std::process::{Command, Stdio};
 
 use rustix::io::Errno;
 use socketcan::{CanAddr, CanFdSocket, Socket as _};
@@ -15,13 +16,13 @@ pub enum SocketCanError {
     /// The kernel does not support CAN.
     #[error(
         "this kernel has no SocketCAN ({1}): modprobe can_raw; for a virtual interface \
-         modprobe vcan; ip link add dev {0} type vcan; ip link set {0} up"
+         modprobe vcan; ip link add dev {0} mtu 72 type vcan; ip link set {0} up"
     )]
     NoSocketCan(String, io::Error),
     /// The interface does not exist.
     #[error(
         "network interface {0} does not exist; for a virtual one: modprobe vcan; \
-         ip link add dev {0} type vcan; ip link set {0} up"
+         ip link add dev {0} mtu 72 type vcan; ip link set {0} up"
     )]
     NoInterface(String),
     /// The interface is not a CAN interface.
@@ -33,9 +34,52 @@ pub enum SocketCanError {
          its bit rate: ip link set {0} up type can bitrate 500000"
     )]
     Down(String),
+    /// The interface cannot be created.
+    #[error(
+        "cannot create the CAN interface {interface}: {reason}; as root: modprobe vcan; \
+         ip link add dev {interface} mtu 72 type vcan; ip link set {interface} up"
+    )]
+    Create {
+        /// Name of the interface.
+        interface: String,
+        /// Message of `ip`.
+        reason: String,
+    },
     /// Another error.
     #[error("cannot open the CAN interface {0}: {1}")]
     Open(String, io::Error),
+}
+
+/// A virtual interface that this process created; removed when dropped.
+#[derive(Debug)]
+pub(super) struct VirtualInterface(String);
+
+impl VirtualInterface {
+    /// Creates an interface for CAN FD and sets it up.
+    pub(super) fn create(interface: &str) -> Result<Self, SocketCanError> {
+        let failed = |reason| SocketCanError::Create { interface: interface.to_owned(), reason };
+        ip(&["link", "add", "dev", interface, "mtu", "72", "type", "vcan"]).map_err(failed)?;
+        let created = Self(interface.to_owned());
+        ip(&["link", "set", "dev", interface, "up"]).map_err(failed)?;
+        Ok(created)
+    }
+}
+
+impl Drop for VirtualInterface {
+    fn drop(&mut self) {
+        // Another program may have removed it.
+        let _ = ip(&["link", "delete", "dev", &self.0]);
+    }
+}
+
+/// Runs `ip`; returns its message on failure.
+fn ip(arguments: &[&str]) -> Result<(), String> {
+    let output = Command::new("ip").args(arguments).stdin(Stdio::null()).output();
+    let output = output.map_err(|error| format!("ip: {error}"))?;
+    match output.status.success() {
+        true => Ok(()),
+        false => Err(String::from_utf8_lossy(&output.stderr).trim().to_owned()),
+    }
 }
 
 /// Opens an interface for classic and CAN FD frames. Own frames are not received, but other

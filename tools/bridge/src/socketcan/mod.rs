@@ -3,6 +3,7 @@
 mod bridge;
 mod frame;
 mod interface;
+mod receive_buffer;
 
 #[cfg(test)]
 mod bridge_tests;
