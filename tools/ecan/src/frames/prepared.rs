@@ -1,6 +1,7 @@
 use std::fmt::Display;
 
 use ecan_command_line::interrupt::Interrupt;
+use ecan_protocol::config::McanChannelConfig;
 use ecan_sim::ClockKind;
 
 use super::capture::FrameCapture;
@@ -47,9 +48,13 @@ impl<'a> Prepared<'a> {
     }
 
     pub fn has_fd(&self, channel: u8) -> bool {
-        let gateway = self.setup.config.gateways.first();
-        let channel = gateway.and_then(|it| it.channels.get(usize::from(channel)));
-        channel.is_some_and(|it| it.as_ref().is_some_and(|it| it.can.fd))
+        self.can(channel).is_some_and(|can| can.fd)
+    }
+
+    /// Configuration of a channel; `None` if it is disabled.
+    pub fn can(&self, channel: u8) -> Option<&McanChannelConfig> {
+        let gateway = self.setup.config.gateways.first()?;
+        gateway.channels.get(usize::from(channel))?.as_ref().map(|it| &it.can)
     }
 
     /// Starts the gateway, with a capture if requested; `None` if the user stops.

@@ -65,6 +65,56 @@ fn clients_of_both_protocols_share_the_channel() {
 }
 
 #[test]
+fn all_channels_have_separate_endpoints() {
+    let directory = tempfile::tempdir().unwrap();
+    let link = directory.path().join("can%c").display().to_string();
+    let mut bridge =
+        Running::start(&["--ecrt", "sim", "bridge", "--channel", "all", "--slcan", "--pty", &link]);
+    let mut clients: Vec<_> = (0..4)
+        .map(|channel| {
+            let name = format!("can{channel}");
+            let client = Client::connect(&address(&bridge.line(), "slcan", &name));
+            let path = directory.path().join(&name);
+            assert_eq!(bridge.line(), format!("slcan bridge at {} on {name}", path.display()));
+            let port = std::fs::File::options().read(true).write(true).open(path).unwrap();
+            (client, TimedReader::new(port.try_clone().unwrap()), port)
+        })
+        .collect();
+    for (client, terminal, port) in &mut clients {
+        client.say("S6\rO\r");
+        client.expect("\r\r");
+        port.write_all(b"S6\rO\r").unwrap();
+        assert_eq!(terminal.bytes(2), b"\r\r");
+    }
+    // Each frame stays on its channel, in order; the node on it echoes the frame.
+    for (channel, (client, ..)) in clients.iter_mut().enumerate() {
+        let frames: String =
+            (0..20).map(|number| format!("t{channel}232AA{number:02X}\r")).collect();
+        client.say(&frames);
+    }
+    for (channel, (client, terminal, _)) in clients.iter_mut().enumerate() {
+        let frame = |number| format!("t{channel}232AA{number:02X}\r");
+        let mut echoed = Vec::new();
+        while echoed.len() < 20 {
+            let text = client.hear_through(b"\r");
+            echoed.extend(text.starts_with('t').then_some(text));
+        }
+        assert_eq!(echoed, (0..20).map(frame).collect::<Vec<_>>());
+        // The other endpoint receives the sent frames and their echoes.
+        let bytes = terminal.bytes(40 * frame(0).len());
+        let text = String::from_utf8(bytes).unwrap();
+        let received: Vec<_> = text.split_inclusive('\r').collect();
+        for number in 0..20 {
+            assert_eq!(received.iter().filter(|it| **it == frame(number)).count(), 2, "{text}");
+        }
+    }
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(!errors.contains('#'), "{errors}");
+}
+
+#[test]
 fn slcan_passes_can_fd_at_channel_bit_rates() {
     let mut bridge =
         Running::start(&["--ecrt", "sim", "bridge", "--data-bitrate", "2000000", "--json"]);
@@ -182,7 +232,7 @@ fn rejects_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
     let (status, errors) = bridge.wait();
     assert_eq!(status, Some(0), "{errors}");
     let rejected = answers.iter().filter(|is_taken| !**is_taken).count();
-    let note = format!("# {rejected} client frames rejected: channel not available");
+    let note = format!("# can0: {rejected} client frames rejected: channel not available");
     assert!(errors.contains(&note), "{errors}");
     let back = errors.lines().rfind(|line| line.ends_with(end)).unwrap();
     let back: f64 = back["# (".len()..].split(')').next().unwrap().parse().unwrap();
@@ -246,10 +296,21 @@ fn beacon_announces_socketcand() {
 fn invalid_use_has_message_and_status() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let cases: [(i32, &[&str], &str); 6] = [
+    let cases: [(i32, &[&str], &str); 9] = [
         (2, &["bridge", "--beacon"], "--socketcand"),
         (2, &["bridge", "--slcan", "localhost"], "expected a port, an IP address"),
-        (2, &["bridge", "--channel", "all"], "expected a channel, 0 to 3"),
+        (2, &["bridge", "--channel", "4"], "expected channels 0 to 3"),
+        (2, &["bridge", "--channel", "0,1", "--socketcan", "can%d"], "expected only %g"),
+        (
+            2,
+            &["--ecrt", "sim", "bridge", "--channel", "0,1", "--pty", "/tmp/can"],
+            "--pty: several channels need several names; use %c",
+        ),
+        (
+            2,
+            &["--ecrt", "sim", "bridge", "--channel", "all", "--slcan", "65534"],
+            "no ports after 127.0.0.1:65534",
+        ),
         (2, &["bridge", "--max-clients", "0"], "0 is not in 1..=1000"),
         (6, &["--ecrt", "sim", "bridge", "--pty", "/dev/null"], "cannot create the link /dev/null"),
         (6, &["--ecrt", "sim", "bridge", "--slcan", &port], "cannot listen on 127.0.0.1:"),

@@ -26,11 +26,11 @@ fn missing_interface_is_reported_with_remedy() {
     // Having been asked, a kernel that has CAN has loaded it.
     let protocols = std::fs::read_to_string("/proc/net/protocols").unwrap();
     let expected = match protocols.lines().any(|line| line.starts_with("CAN_RAW")) {
-        true => "ecan: network interface nosuch0 does not exist",
+        true => "ecan: cannot create the CAN interface nosuch0: ",
         false => "ecan: this kernel has no SocketCAN (",
     };
     assert!(message.starts_with(expected), "{message}");
-    let remedy = "modprobe vcan; ip link add dev nosuch0 type vcan; ip link set nosuch0 up";
+    let remedy = "modprobe vcan; ip link add dev nosuch0 mtu 72 type vcan; ip link set nosuch0 up";
     assert!(message.contains(remedy), "{message}");
     assert_eq!(message.lines().count(), 1);
 }

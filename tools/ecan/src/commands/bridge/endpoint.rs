@@ -17,6 +17,18 @@ pub struct Listening(pub SocketAddr);
 impl Listening {
     /// A free port of the loopback interface.
     pub const ANY: Self = Self(SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0));
+
+    /// The address for the channel with this index: ports count up; free ports remain free ports.
+    pub fn following(self, index: u16) -> Result<Self> {
+        let Self(mut address) = self;
+        let port = match address.port() {
+            0 => Some(0),
+            first => first.checked_add(index),
+        };
+        let too_high = || Failure::Usage(format!("no ports after {address} for all channels"));
+        address.set_port(port.ok_or_else(too_high)?);
+        Ok(Self(address))
+    }
 }
 
 impl FromStr for Listening {
@@ -84,7 +96,7 @@ impl Endpoint {
     }
 
     pub fn interface(name: &str) -> Result<Self> {
-        let bridge = SocketCanBridge::open(name, BridgeConfig::default().queue);
+        let bridge = SocketCanBridge::open_or_create(name, BridgeConfig::default().queue);
         bridge.map(Self::Interface).map_err(|error| Failure::Bridge(error.to_string()))
     }
 
@@ -142,6 +154,7 @@ impl Endpoint {
                 counted.mismatched,
                 "frames to the bus rejected: wrong bit rate, or CAN FD is disabled",
             ),
+            (counted.failed, "frames to the bus not sent, or with unknown result"),
             (counted.discarded, "frames to the bus rejected: channel not available or listen-only"),
             (
                 counted.unsupported,

@@ -28,19 +28,16 @@ impl<T> InFlight<T> {
         self.frames.remove(&ticket).map(|(_, frame)| frame)
     }
 
-    pub fn clear(&mut self) {
-        self.frames.clear();
-    }
-
-    /// Removes old entries and returns their number.
-    pub fn forget_old(&mut self, now_ns: u64) -> usize {
-        if now_ns < self.next_look_ns {
-            return 0;
+    /// Removes and returns old entries, or all of them.
+    pub fn forget(&mut self, now_ns: u64, all: bool) -> Vec<T> {
+        if !all && now_ns < self.next_look_ns {
+            return Vec::new();
         }
         self.next_look_ns = now_ns + LOOK_NS;
-        let before = self.frames.len();
-        self.frames.retain(|_, (taken_ns, _)| now_ns.saturating_sub(*taken_ns) < LIMIT_NS);
-        before - self.frames.len()
+        let is_over = |_: &SendTicket, (taken_ns, _): &mut (u64, T)| {
+            all || now_ns.saturating_sub(*taken_ns) >= LIMIT_NS
+        };
+        self.frames.extract_if(is_over).map(|(_, (_, frame))| frame).collect()
     }
 }
 
@@ -57,10 +54,12 @@ mod tests {
         frames.insert(ticket(2), "sent", start);
         frames.insert(ticket(3), "late", start + LOOK_NS);
         assert_eq!(frames.remove(ticket(2)), Some("sent"));
-        assert_eq!(frames.forget_old(start + LIMIT_NS - 1), 0);
-        assert_eq!(frames.forget_old(start + LIMIT_NS - 1 + LOOK_NS), 1);
+        assert_eq!(frames.forget(start + LIMIT_NS - 1, false), [""; 0]);
+        assert_eq!(frames.forget(start + LIMIT_NS - 1 + LOOK_NS, false), ["lost"]);
         assert_eq!(frames.remove(ticket(1)), None);
         assert_eq!(frames.remove(ticket(3)), Some("late"));
-        assert_eq!(frames.forget_old(u64::MAX - LOOK_NS), 0);
+        assert_eq!(frames.forget(u64::MAX - LOOK_NS, false), [""; 0]);
+        frames.insert(ticket(4), "cleared", start);
+        assert_eq!(frames.forget(start, true), ["cleared"]);
     }
 }

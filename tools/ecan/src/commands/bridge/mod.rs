@@ -1,30 +1,31 @@
-//! `ecan bridge`: a channel for other programs.
+//! `ecan bridge`: channels for other programs.
 
 mod beacon;
+mod channel_events;
 mod endpoint;
 mod in_flight;
+mod lane;
+mod name_template;
 mod round_robin;
+mod traffic;
 mod transmit_gate;
 
+use std::collections::HashSet;
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::path::Path;
 
 use clap::Args;
-use ecan_bridge::{BridgeProtocol, BusRates, ClientId};
-use ecan_mcan_port::{Received, Session};
-use ecan_protocol::can::CanFrame;
+use ecan_bridge::{BridgeProtocol, BusRates};
+use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::Direction;
 
 use crate::commands::bridge::beacon::Beacon;
 use crate::commands::bridge::endpoint::{Address, Endpoint, Listening};
-use crate::commands::bridge::in_flight::InFlight;
-use crate::commands::bridge::round_robin::RoundRobin;
-use crate::commands::bridge::transmit_gate::TransmitGate;
+use crate::commands::bridge::lane::Lane;
+use crate::commands::bridge::name_template::{NameTemplate, parse_interface};
+use crate::commands::bridge::traffic::Traffic;
 use crate::context::{Context, Failure, Output, Result, note};
-use crate::frames::{
-    Channels, FrameOptions, GatewayRequirements, Prepared, Service, channel_status, parse_channel,
-    session,
-};
+use crate::frames::{Channels, FrameOptions, GatewayRequirements, Prepared};
 
 pub const EXAMPLES: &str = "\
 Examples:
@@ -32,6 +33,7 @@ Examples:
   ecan bridge --channel 2 --slcan 3333 --socketcand 29536
   ecan bridge --pty /tmp/can0                  slcan on a pseudo-terminal, for example for slcand
   ecan bridge --channel 1 --socketcan vcan0    a CAN interface: candump vcan0, cansend vcan0 123#01
+  ecan bridge --channel all --socketcan can%c  can0 to can3, created if they do not exist
   ecan bridge --socketcand --beacon            SavvyCAN and python-can find the bridge
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
@@ -39,13 +41,15 @@ Examples:
 The bit rates come from the options, the file, or the gateway's configuration. A client that requests
 other bit rates cannot send or receive. Frames are exchanged once per EtherCAT cycle.
 
-Create a virtual CAN interface: modprobe vcan; ip link add dev vcan0 type vcan; ip link set vcan0 up";
+With several channels, TCP ports count up from PORT, and %c in LINK and INTERFACE is the channel (%g the
+index of the gateway). A CAN interface that does not exist is created, which requires CAP_NET_ADMIN, and
+removed at the end: modprobe vcan; ip link add dev can0 mtu 72 type vcan; ip link set can0 up";
 
 #[derive(Debug, Args)]
 pub struct BridgeArguments {
-    /// CAN channel, 0 to 3
-    #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
-    channel: u8,
+    /// CAN channels, 0 to 3, comma-separated, or all
+    #[arg(long, value_name = "CHANNELS", default_value = "0")]
+    channel: Channels,
     /// Serve slcan over TCP at PORT, IP or IP:PORT [default: 127.0.0.1, free port]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
@@ -58,10 +62,10 @@ pub struct BridgeArguments {
     beacon: Option<IpAddr>,
     /// Serve slcan on a pseudo-terminal with the symbolic link LINK
     #[arg(long, value_name = "LINK", num_args = 0..=1, default_missing_value = "")]
-    pty: Option<PathBuf>,
-    /// Connect a CAN interface of this host, for example vcan0; CAN FD if its MTU is 72
+    pty: Option<NameTemplate>,
+    /// Connect a CAN interface of this host, for example vcan0 or can%c
     #[arg(long, value_name = "INTERFACE", value_parser = parse_interface)]
-    socketcan: Option<String>,
+    socketcan: Option<NameTemplate>,
     /// Maximum number of TCP clients, slcan and socketcand
     #[arg(long, value_name = "COUNT", default_value_t = 8,
           value_parser = clap::value_parser!(u16).range(1..=1000))]
@@ -71,22 +75,6 @@ pub struct BridgeArguments {
     listen_only: bool,
     #[command(flatten)]
     options: FrameOptions,
-}
-
-fn parse_interface(text: &str) -> Result<String, String> {
-    let is_possible = (1..=15).contains(&text.len())
-        && text.bytes().all(|byte| byte.is_ascii_graphic() && !matches!(byte, b'/' | b':'));
-    match is_possible {
-        true => Ok(text.to_owned()),
-        false => Err("expected the name of a network interface, for example vcan0".to_owned()),
-    }
-}
-
-#[derive(Clone, Copy, Debug)]
-struct PendingFrame {
-    endpoint: usize,
-    client: ClientId,
-    frame: CanFrame,
 }
 
 pub fn run(arguments: &BridgeArguments, context: &Context) -> Result {
@@ -99,77 +87,91 @@ pub fn run(arguments: &BridgeArguments, context: &Context) -> Result {
         is_listening: arguments.listen_only,
         has_results: true,
         has_end: false,
-        ..GatewayRequirements::on(Channels::only(arguments.channel))
+        ..GatewayRequirements::on(arguments.channel)
     };
     let prepared = Prepared::new(&arguments.options, requirements, context)?;
     // Before the cycle: the threads of the servers must not inherit its real-time settings.
-    let endpoints = listen(arguments)?;
-    let mut gate = TransmitGate::closed(&endpoints);
+    let mut lanes = listen(arguments, &prepared)?;
     let Some(service) = prepared.enter()? else { return Ok(()) };
-    if let Some(can) = service.can(arguments.channel) {
-        let rates = match can.fd {
-            true => BusRates::fd(can.nominal_bitrate, can.data_bitrate),
-            false => BusRates::classic(can.nominal_bitrate),
-        };
-        endpoints.iter().for_each(|endpoint| endpoint.clients().set_bus(rates));
-    }
     // Open before the addresses are printed: early clients are not rejected.
-    gate.set_open(!arguments.listen_only, 0, &endpoints);
-    announce(arguments.channel, &endpoints, &context.output)?;
-    let _beacon = start_beacon(arguments, &endpoints)?;
-    let moved_ns = service.now_ns();
-    let mut bridge = Traffic {
-        channel: arguments.channel,
-        is_listening: arguments.listen_only,
-        service,
-        endpoints,
-        in_flight: InFlight::default(),
-        waiting: None,
-        turns: RoundRobin::default(),
-        gate,
-        moved_ns,
-    };
-    let mut outcome = Ok(());
-    while outcome.is_ok() && !bridge.service.is_interrupted() {
-        outcome = bridge.cycle();
+    for lane in &mut lanes {
+        lane.start(service.now_ns());
     }
-    bridge.report_losses();
-    outcome.and(bridge.service.finish())
+    announce(&lanes, &context.output)?;
+    let _beacons = start_beacons(arguments, &lanes)?;
+    Traffic::new(service, lanes).run()
 }
 
-fn listen(arguments: &BridgeArguments) -> Result<Vec<Endpoint>> {
+/// Creates the endpoints of each channel.
+fn listen(arguments: &BridgeArguments, prepared: &Prepared<'_>) -> Result<Vec<Lane>> {
     let has_another =
         arguments.socketcand.is_some() || arguments.pty.is_some() || arguments.socketcan.is_some();
     let slcan = arguments.slcan.or((!has_another).then_some(Listening::ANY));
-    let mut endpoints = Vec::new();
     let protocols =
         [(BridgeProtocol::Slcan, slcan), (BridgeProtocol::Socketcand, arguments.socketcand)];
-    for (protocol, at) in protocols {
-        if let Some(at) = at {
-            endpoints.push(Endpoint::listen(protocol, at, arguments.max_clients)?);
+    let channels = arguments.channel.iter();
+    let channels: Vec<_> =
+        channels.filter_map(|channel| Some((channel, prepared.can(channel)?))).collect();
+    let names = |template: &Option<NameTemplate>, option| {
+        let names = template.iter().filter(|it| !it.is_empty());
+        let names: Vec<_> =
+            names.flat_map(|it| channels.iter().map(|(channel, _)| it.name(0, *channel))).collect();
+        let distinct: HashSet<_> = names.iter().collect();
+        match distinct.len() == names.len() {
+            true => Ok(()),
+            false => Err(Failure::Usage(format!(
+                "{option}: several channels need several names; use %c for the channel"
+            ))),
         }
+    };
+    names(&arguments.pty, "--pty")?;
+    names(&arguments.socketcan, "--socketcan")?;
+    let mut lanes = Vec::new();
+    for (index, (channel, can)) in (0..).zip(&channels) {
+        let mut endpoints = Vec::new();
+        for (protocol, at) in protocols {
+            if let Some(at) = at {
+                endpoints.push(Endpoint::listen(
+                    protocol,
+                    at.following(index)?,
+                    arguments.max_clients,
+                )?);
+            }
+        }
+        if let Some(link) = &arguments.pty {
+            endpoints.push(Endpoint::terminal(Path::new(&link.name(0, *channel)))?);
+        }
+        if let Some(interface) = &arguments.socketcan {
+            endpoints.push(Endpoint::interface(&interface.name(0, *channel))?);
+        }
+        endpoints.iter().for_each(|it| it.clients().set_bus(rates(can)));
+        lanes.push(Lane::new(*channel, endpoints, arguments.listen_only));
     }
-    if let Some(link) = &arguments.pty {
-        endpoints.push(Endpoint::terminal(link)?);
-    }
-    if let Some(interface) = &arguments.socketcan {
-        endpoints.push(Endpoint::interface(interface)?);
-    }
-    Ok(endpoints)
+    Ok(lanes)
 }
 
-fn start_beacon(arguments: &BridgeArguments, endpoints: &[Endpoint]) -> Result<Option<Beacon>> {
-    let server = endpoints.iter().find_map(Endpoint::socketcand_address);
-    let Some((ip, server)) = arguments.beacon.zip(server) else { return Ok(None) };
+fn rates(can: &McanChannelConfig) -> BusRates {
+    match can.fd {
+        true => BusRates::fd(can.nominal_bitrate, can.data_bitrate),
+        false => BusRates::classic(can.nominal_bitrate),
+    }
+}
+
+fn start_beacons(arguments: &BridgeArguments, lanes: &[Lane]) -> Result<Vec<Beacon>> {
+    let Some(ip) = arguments.beacon else { return Ok(Vec::new()) };
     let to = SocketAddr::new(ip, beacon::PORT);
-    let started = Beacon::start(to, server, arguments.channel);
     let failed = |error| Failure::Bridge(format!("cannot send a beacon to {to}: {error}"));
-    started.map(Some).map_err(failed)
+    let servers = lanes.iter().filter_map(|lane| {
+        let server = lane.endpoints().iter().find_map(Endpoint::socketcand_address)?;
+        Some((lane.channel, server))
+    });
+    servers.map(|(channel, server)| Beacon::start(to, server, channel).map_err(failed)).collect()
 }
 
-fn announce(channel: u8, endpoints: &[Endpoint], output: &Output) -> Result {
-    let addresses: Vec<_> = endpoints.iter().map(|it| it.address(channel)).collect();
-    for (endpoint, Address { address, .. }) in endpoints.iter().zip(&addresses) {
+fn announce(lanes: &[Lane], output: &Output) -> Result {
+    let addresses: Vec<_> = lanes.iter().flat_map(Lane::addresses).collect();
+    let endpoints = lanes.iter().flat_map(Lane::endpoints);
+    for (endpoint, Address { address, .. }) in endpoints.zip(&addresses) {
         if endpoint.is_open_to_others() {
             note(format_args!("every host that can connect to {address} can send on the bus"));
         }
@@ -179,104 +181,4 @@ fn announce(channel: u8, endpoints: &[Endpoint], output: &Output) -> Result {
             writeln!(out, "{protocol} bridge at {address} on can{channel}")
         })
     })
-}
-
-/// A bus without progress for this time, despite pending frames, has no acknowledging node.
-const STALL_NS: u64 = 1_000_000_000;
-
-#[derive(Debug)]
-struct Traffic {
-    channel: u8,
-    is_listening: bool,
-    service: Service,
-    endpoints: Vec<Endpoint>,
-    /// Client frames in the gateway.
-    in_flight: InFlight<PendingFrame>,
-    /// Frame that waits for space.
-    waiting: Option<PendingFrame>,
-    turns: RoundRobin,
-    gate: TransmitGate,
-    /// Time of the last accepted frame, or without pending frames.
-    moved_ns: u64,
-}
-
-impl Traffic {
-    fn cycle(&mut self) -> Result {
-        let cycle = self.service.begin();
-        for arrival in &cycle.arrivals {
-            let time_ns = self.service.absolute_ns(arrival.time_ns);
-            match &arrival.received {
-                Received::Frame(received) => self.deliver(&received.frame, time_ns, None),
-                Received::TransmitReport(report) => {
-                    self.moved_ns = cycle.now_ns;
-                    let held = report.ticket.and_then(|ticket| self.in_flight.remove(ticket));
-                    let Some(held) = held else { continue };
-                    if report.code.is_success() {
-                        self.deliver(&held.frame, time_ns, Some(held));
-                    } else {
-                        note(format_args!("# client frame lost: {}", report.code));
-                    }
-                }
-            }
-        }
-        let is_ready = session(self.service.port()) == Session::Ready;
-        if !is_ready {
-            // Results of frames before the loss never arrive.
-            self.in_flight.clear();
-        }
-        let forgotten = self.in_flight.forget_old(cycle.now_ns);
-        if forgotten > 0 {
-            note(format_args!("# {forgotten} client frames: transmit result unknown"));
-        }
-        let status = channel_status(self.service.port(), self.channel);
-        if self.waiting.is_none() && status.tx_pending() == 0 {
-            self.moved_ns = cycle.now_ns;
-        }
-        let is_stalled = cycle.now_ns - self.moved_ns >= STALL_NS;
-        let can_send = is_ready && !status.bus_off() && !is_stalled && !self.is_listening;
-        let held = self.waiting.take_if(|_| !can_send);
-        self.gate.set_open(can_send, held.iter().count(), &self.endpoints);
-        while let Some(held) = self.waiting.take().or_else(|| self.next_of_clients()) {
-            match self.service.send(self.channel, &held.frame) {
-                Ok(Some(ticket)) => {
-                    self.in_flight.insert(ticket, held, cycle.now_ns);
-                }
-                Ok(None) => {
-                    self.waiting = Some(held);
-                    break;
-                }
-                // An invalid frame of one client must not stop the others.
-                Err(error) => note(format_args!("# client frame rejected: {error}")),
-            }
-        }
-        self.service.end(cycle)?;
-        self.endpoints.iter().try_for_each(Endpoint::check)
-    }
-
-    fn report_losses(&self) {
-        for endpoint in &self.endpoints {
-            let Address { protocol, address, .. } = endpoint.address(self.channel);
-            for loss in endpoint.losses() {
-                note(format_args!("# {protocol} bridge at {address}: {loss}"));
-            }
-        }
-    }
-
-    fn next_of_clients(&mut self) -> Option<PendingFrame> {
-        self.turns.next(self.endpoints.len(), |endpoint| {
-            let (client, frame) = self.endpoints.get(endpoint)?.clients().next_for_bus()?;
-            Some(PendingFrame { endpoint, client, frame })
-        })
-    }
-
-    /// Passes a frame from the bus to all clients except its sender.
-    fn deliver(&self, frame: &CanFrame, time_ns: u64, sent: Option<PendingFrame>) {
-        for (number, endpoint) in self.endpoints.iter().enumerate() {
-            let sender = sent.filter(|held| held.endpoint == number);
-            if sender.is_some() {
-                endpoint.clients().count_sent();
-            }
-            endpoint.clients().deliver(frame, time_ns, sender.map(|held| held.client));
-        }
-    }
 }

@@ -5,17 +5,18 @@ use crate::context::note;
 /// Frames that are sent later, all at once, would be outdated and could move an axis.
 #[derive(Debug)]
 pub struct TransmitGate {
+    channel: u8,
     is_open: bool,
     /// Frames rejected before the gate was closed.
     rejected_before: u64,
 }
 
 impl TransmitGate {
-    pub fn closed(endpoints: &[Endpoint]) -> Self {
+    pub fn closed(channel: u8, endpoints: &[Endpoint]) -> Self {
         for endpoint in endpoints {
             endpoint.clients().set_accepting(false);
         }
-        Self { is_open: false, rejected_before: rejected(endpoints) }
+        Self { channel, is_open: false, rejected_before: rejected(endpoints) }
     }
 
     /// Opens or closes the gate and reports lost frames. `held` pending frames are dropped with
@@ -25,6 +26,7 @@ impl TransmitGate {
             return;
         }
         self.is_open = is_open;
+        let channel = self.channel;
         // Before the first endpoint is closed: from then on its frames are rejected.
         let rejected_before = rejected(endpoints);
         let waiting: usize = endpoints.iter().map(|it| it.clients().set_accepting(is_open)).sum();
@@ -32,13 +34,17 @@ impl TransmitGate {
         if !is_open {
             self.rejected_before = rejected_before + waiting as u64;
             if dropped > 0 {
-                note(format_args!("# {dropped} client frames dropped: channel not available"));
+                note(format_args!(
+                    "# can{channel}: {dropped} client frames dropped: channel not available"
+                ));
             }
             return;
         }
         let rejected = rejected(endpoints) - self.rejected_before;
         if rejected > 0 {
-            note(format_args!("# {rejected} client frames rejected: channel not available"));
+            note(format_args!(
+                "# can{channel}: {rejected} client frames rejected: channel not available"
+            ));
         }
     }
 }

@@ -1,0 +1,110 @@
+//! The cycle of the bridge.
+
+use ecan_bridge::BusEvent;
+use ecan_mcan_port::{Received, Session};
+
+use crate::commands::bridge::channel_events::of_failure;
+use crate::commands::bridge::in_flight::InFlight;
+use crate::commands::bridge::lane::{Lane, PendingFrame};
+use crate::context::{Result, note};
+use crate::frames::{Service, session};
+
+#[derive(Debug)]
+pub struct Traffic {
+    service: Service,
+    lanes: Vec<Lane>,
+    /// Client frames in the gateway, with their lanes.
+    in_flight: InFlight<(usize, PendingFrame)>,
+    /// Lane that sends first in the next cycle: all share the space of an image.
+    first: usize,
+}
+
+impl Traffic {
+    pub fn new(service: Service, lanes: Vec<Lane>) -> Self {
+        Self { service, lanes, in_flight: InFlight::default(), first: 0 }
+    }
+
+    /// Runs until the user stops the command.
+    pub fn run(&mut self) -> Result {
+        let mut outcome = Ok(());
+        while outcome.is_ok() && !self.service.is_interrupted() {
+            outcome = self.cycle();
+        }
+        self.lanes.iter().for_each(Lane::report_losses);
+        outcome.and(self.service.finish())
+    }
+
+    fn cycle(&mut self) -> Result {
+        let cycle = self.service.begin();
+        for arrival in &cycle.arrivals {
+            let time_ns = self.service.absolute_ns(arrival.time_ns);
+            match &arrival.received {
+                Received::Frame(received) => {
+                    let of_channel = |lane: &&Lane| lane.channel == received.channel;
+                    if let Some(lane) = self.lanes.iter().find(of_channel) {
+                        lane.deliver(&received.frame, time_ns);
+                    }
+                }
+                Received::TransmitReport(report) => {
+                    let held = report.ticket.and_then(|ticket| self.in_flight.remove(ticket));
+                    let Some((lane, held)) = held else { continue };
+                    let Some(lane) = self.lanes.get_mut(lane) else { continue };
+                    if report.code.is_success() {
+                        lane.confirm(&held, time_ns, cycle.now_ns);
+                    } else {
+                        let channel = lane.channel;
+                        note(format_args!("# can{channel}: client frame lost: {}", report.code));
+                        lane.report(of_failure(report.code), time_ns);
+                        lane.fail(&held);
+                    }
+                }
+            }
+        }
+        let is_ready = session(self.service.port()) == Session::Ready;
+        // Results of frames before the loss of a session never arrive.
+        let unknown = self.in_flight.forget(cycle.now_ns, !is_ready);
+        if !unknown.is_empty() {
+            note(format_args!("# {} client frames: transmit result unknown", unknown.len()));
+        }
+        let time_ns = self.service.absolute_ns(cycle.now_ns);
+        for (lane, held) in unknown {
+            if let Some(lane) = self.lanes.get(lane) {
+                lane.report(BusEvent::TransmitFailed, time_ns);
+                lane.fail(&held);
+            }
+        }
+        for lane in &mut self.lanes {
+            lane.update(&self.service, is_ready, cycle.now_ns);
+        }
+        self.send(cycle.now_ns);
+        self.service.end(cycle)?;
+        self.lanes.iter().try_for_each(Lane::check)
+    }
+
+    /// Sends frames of the lanes in turn, until no lane has a frame that fits.
+    fn send(&mut self, now_ns: u64) {
+        self.first = (self.first + 1) % self.lanes.len().max(1);
+        let mut has_progress = true;
+        while has_progress {
+            has_progress = false;
+            let (before, from) = self.lanes.split_at_mut(self.first);
+            let numbers = (self.first..).take(from.len()).chain(0..);
+            for (number, lane) in numbers.zip(from.iter_mut().chain(before)) {
+                let Some(held) = lane.take() else { continue };
+                match self.service.send(lane.channel, &held.sent.frame) {
+                    Ok(Some(ticket)) => {
+                        self.in_flight.insert(ticket, (number, held), now_ns);
+                        has_progress = true;
+                    }
+                    Ok(None) => lane.keep(held),
+                    // An invalid frame of one client must not stop the others.
+                    Err(error) => {
+                        note(format_args!("# can{}: client frame rejected: {error}", lane.channel));
+                        lane.fail(&held);
+                        has_progress = true;
+                    }
+                }
+            }
+        }
+    }
+}
