@@ -8,6 +8,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 use crate::gateway::Gateway;
 use crate::session::machine::Session;
+use crate::session::pending_step::PendingStep;
 use crate::statistics::{ChannelStatistics, SlaveStatistics};
 
 /// State of a gateway's session in a snapshot: a [`Session`] without the fault.
@@ -103,6 +104,9 @@ counter_words! { SlaveStatistics; channels;
 }
 
 const STATUS_BITS: usize = 16;
+/// Positions in the word of the session.
+const MASK_SHIFT: u32 = 8;
+const PENDING_SHIFT: u32 = 16;
 const STATE_WORDS: usize = 2;
 const CHANNELS_START: usize = STATE_WORDS + SLAVE_FREQUENT;
 const CHANNELS_FREQUENT: usize = CHANNELS * CHANNEL_FREQUENT;
@@ -134,9 +138,13 @@ pub(crate) fn publish(adapter: &Adapter, gateways: &[Gateway], reservation: u64)
         let [first, second, third, fourth] =
             gateway.receiver.status().map(|it| u64::from(it.raw()));
         let status: u64 = first | second << 16 | third << 32 | fourth << 48;
-        words
-            .part::<0, STATE_WORDS>()
-            .write([session | u64::from(gateway.channel_mask) << 8, status]);
+        let pending = match gateway.session.is_ready() {
+            true => 0,
+            false => PendingStep::encode(gateway.session.awaited(adapter)),
+        };
+        let state =
+            session | u64::from(gateway.channel_mask) << MASK_SHIFT | pending << PENDING_SHIFT;
+        words.part::<0, STATE_WORDS>().write([state, status]);
         let statistics = &gateway.statistics;
         words.part::<STATE_WORDS, SLAVE_FREQUENT>().write(statistics.frequent());
         let mut sum = statistics.rare_sum().wrapping_add(reservation << RESERVATION_SHIFT);
@@ -194,10 +202,18 @@ impl<'a> PortSnapshot<'a> {
         })
     }
 
+    /// Step that a gateway waits for until it is ready; `None` also for one that is ready.
+    pub fn waiting_for(&self, slave: usize) -> Option<PendingStep> {
+        PendingStep::decode(self.gateways.get(slave)?[0] >> PENDING_SHIFT)
+    }
+
     /// Returns whether a channel is enabled.
     pub fn has_channel(&self, slave: usize, channel: u8) -> Option<bool> {
         let words = self.gateways.get(slave)?;
-        Some(usize::from(channel) < CHANNELS && words[0] >> (8 + channel) & 1 == 1)
+        Some(
+            usize::from(channel) < CHANNELS
+                && words[0] >> (MASK_SHIFT + u32::from(channel)) & 1 == 1,
+        )
     }
 
     /// Status word of an enabled channel: see [`Port::channel_status`](crate::Port::channel_status).

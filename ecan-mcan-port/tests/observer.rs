@@ -8,7 +8,8 @@ mod common;
 use common::{Fixture, Handles};
 use ecan_host::{AdapterConfig, Observer, Snapshot};
 use ecan_mcan_port::{
-    ChannelConfig, Config, GatewayConfig, Port, PortConfig, PortError, PortSnapshot, SessionState,
+    ChannelConfig, Config, GatewayConfig, PendingStep, Port, PortConfig, PortError, PortSnapshot,
+    SessionState,
 };
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::Fault;
@@ -22,6 +23,7 @@ fn assert_last_cycle(port: &Port, snapshot: &mut Snapshot) {
     for gateway in port.gateways() {
         let slave = gateway.slave();
         assert_eq!(view.session(slave), Some(port.session(gateway).into()));
+        assert_eq!(view.waiting_for(slave).is_none(), port.gateway_is_ready(gateway));
         assert_eq!(view.statistics(slave), Some(port.statistics(gateway)));
         assert_eq!(snapshot.domain_report(slave), Some(port.adapter().domain_report(slave)));
         for number in 0..5 {
@@ -60,6 +62,7 @@ fn snapshot_equals_the_getters_of_its_cycle() {
     fixture.port.wait_ready().unwrap();
     let id = CanId::standard(0x100).unwrap();
     let frame = CanFrame::classic(id, &[1, 2]).unwrap();
+    let mut steps = Vec::new();
     for nth in 0..3_000 {
         if nth == 1_500 {
             let fault = Fault::PowerCycle { gateway: 1, off_ms: 100 };
@@ -71,7 +74,14 @@ fn snapshot_equals_the_getters_of_its_cycle() {
             }
         });
         assert_last_cycle(&fixture.port, &mut snapshot);
+        steps.extend(PortSnapshot::of(&snapshot).unwrap().waiting_for(1));
     }
+    for step in [PendingStep::Answer, PendingStep::Operational] {
+        assert!(steps.contains(&step), "{step} after the loss of the supply");
+    }
+    assert!(
+        steps.iter().any(|step| matches!(step, PendingStep::Transfer(it) if it.index == 0x8010))
+    );
     let view = PortSnapshot::of(&snapshot).unwrap();
     assert_eq!(view.session(0), Some(SessionState::Ready));
     assert_eq!(view.statistics(1).unwrap().sessions_lost, 1);

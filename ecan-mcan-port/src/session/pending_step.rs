@@ -33,6 +33,49 @@ pub enum PendingStep {
     NextAttempt,
 }
 
+impl PendingStep {
+    /// Number of the step and its transfer in 40 bits, 0 for none.
+    pub(crate) fn encode(step: Option<Self>) -> u64 {
+        let transfer = |code: u64, it: SdoTransfer| {
+            let direction = u64::from(it.is_download) << 32;
+            code | u64::from(it.index) << 8 | u64::from(it.subindex) << 24 | direction
+        };
+        match step {
+            None => 0,
+            Some(Self::Configuration) => 1,
+            Some(Self::Answer) => 2,
+            Some(Self::Operational) => 3,
+            Some(Self::StartupRetry) => 4,
+            Some(Self::ProcessData) => 5,
+            Some(Self::ExclusiveProcessData) => 6,
+            Some(Self::NextAttempt) => 7,
+            Some(Self::Transfer(it)) => transfer(8, it),
+            Some(Self::EarlierTransfer(it)) => transfer(9, it),
+        }
+    }
+
+    /// The step of [`encode`](Self::encode).
+    pub(crate) fn decode(code: u64) -> Option<Self> {
+        let transfer = SdoTransfer {
+            index: (code >> 8) as u16,
+            subindex: (code >> 24) as u8,
+            is_download: code >> 32 & 1 == 1,
+        };
+        match code as u8 {
+            1 => Some(Self::Configuration),
+            2 => Some(Self::Answer),
+            3 => Some(Self::Operational),
+            4 => Some(Self::StartupRetry),
+            5 => Some(Self::ProcessData),
+            6 => Some(Self::ExclusiveProcessData),
+            7 => Some(Self::NextAttempt),
+            8 => Some(Self::Transfer(transfer)),
+            9 => Some(Self::EarlierTransfer(transfer)),
+            _ => None,
+        }
+    }
+}
+
 impl fmt::Display for PendingStep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
