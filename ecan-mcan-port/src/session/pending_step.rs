@@ -99,3 +99,29 @@ impl fmt::Display for PendingStep {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn step_is_decoded_as_encoded() {
+        let download = SdoTransfer { index: 0x8010, subindex: 8, is_download: true };
+        let upload = SdoTransfer { index: 0xFFFF, subindex: 255, is_download: false };
+        let steps = [
+            None,
+            Some(PendingStep::Configuration),
+            Some(PendingStep::Answer),
+            Some(PendingStep::Operational),
+            Some(PendingStep::StartupRetry),
+            Some(PendingStep::ProcessData),
+            Some(PendingStep::ExclusiveProcessData),
+            Some(PendingStep::NextAttempt),
+            Some(PendingStep::Transfer(download)),
+            Some(PendingStep::EarlierTransfer(upload)),
+        ];
+        for step in steps {
+            assert_eq!(PendingStep::decode(PendingStep::encode(step)), step);
+        }
+    }
+}
