@@ -5,14 +5,13 @@ use std::path::PathBuf;
 use clap::{ArgGroup, Args};
 use ecan_candump::Filter;
 use ecan_command_line::new_file::is_standard_stream;
-use ecan_mcan_port::{Received, Session};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::mapping::Direction;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{
-    Channels, Destination, FrameOptions, GatewayRequirements, Prepared, Printer, Screen, Service,
-    Style, TimedFrame, names_channel, session,
+    Channels, Destination, Event, FrameOptions, GatewayRequirements, Prepared, Printer, Screen,
+    Service, Style, TimedFrame, names_channel,
 };
 
 pub const EXAMPLES: &str = "\
@@ -142,10 +141,10 @@ fn receive(arguments: &DumpArguments, mut service: Service, printer: &mut Printe
             is_selected
         });
         for arrival in &cycle.arrivals {
-            let Received::Frame(received) = arrival.received else { continue };
+            let Event::Received(frame) = arrival.event else { continue };
             last_ns = arrival.time_ns;
             let time_ns = service.absolute_ns(arrival.time_ns);
-            printer.put(TimedFrame { time_ns, received }, service.is_real_time());
+            printer.put(TimedFrame { time_ns, frame }, service.is_real_time());
         }
         let is_quiet = timeout_ns.is_some_and(|limit| cycle.now_ns - last_ns >= limit);
         let ended = service.end(cycle);
@@ -169,8 +168,8 @@ fn check_count(received: u64, required: u64, service: &Service) -> Result {
         0 => service.silence(),
         few => format!("{few} of {required} frames received"),
     };
-    match session(service.port()) {
-        Session::Ready => Err(Failure::Incomplete(text)),
-        _ => Err(service.not_ready(&text)),
+    match service.is_ready(0) {
+        true => Err(Failure::Incomplete(text)),
+        false => Err(service.not_ready(0, &text)),
     }
 }

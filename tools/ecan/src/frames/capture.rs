@@ -9,15 +9,13 @@ use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::new_file::{Existing, create, is_standard_stream};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{Port, Received, SendTicket, Session};
 use ecan_protocol::can::CanFrame;
-use ecan_protocol::image::ChannelStatus;
+use ecan_protocol::image::{ChannelStatus, Timestamp};
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
 
 use crate::context::{Failure, Result, note};
-use crate::frames::arrival::Arrival;
 use crate::frames::channels::Channels;
-use crate::frames::single_gateway::{channel_status, session};
+use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Ticket};
 
 const PENDING_FRAMES: usize = 4096;
 
@@ -57,27 +55,44 @@ impl CaptureOptions {
 
 type ImageHeader = [u8; HEADER_BYTES];
 
+/// Recorded state of a gateway.
+#[derive(Debug)]
+struct GatewayCapture {
+    /// Channels whose state is recorded.
+    channels: Channels,
+    status: [Option<ChannelStatus>; CHANNELS],
+    /// Headers of the last images, RxPDO and TxPDO.
+    headers: (ImageHeader, ImageHeader),
+}
+
 #[derive(Debug)]
 pub struct FrameCapture {
     recorder: Recorder,
     path: PathBuf,
     has_images: bool,
-    /// Channels whose state is recorded.
-    channels: Channels,
+    gateways: Vec<GatewayCapture>,
     /// Offset from the cycle clock to the time since 1970.
     since_1970_ns: u64,
-    status: [Option<ChannelStatus>; CHANNELS],
-    /// Headers of the last images, RxPDO and TxPDO.
-    headers: (ImageHeader, ImageHeader),
-    /// Frames without transmit result, with their channels.
-    pending: HashMap<SendTicket, (u8, CanFrame)>,
+    /// Frames without transmit result.
+    pending: HashMap<Ticket, BusFrame>,
+}
+
+/// Number of a channel over all gateways.
+fn port_number(gateway: usize, channel: u8) -> usize {
+    gateway * CHANNELS + usize::from(channel)
+}
+
+impl GatewayCapture {
+    fn new(channels: &Channels) -> Self {
+        Self { channels: *channels, status: [None; CHANNELS], headers: Default::default() }
+    }
 }
 
 impl FrameCapture {
     pub fn start(
         options: &CaptureOptions,
         adapter: &AdapterConfig,
-        channels: Channels,
+        channels: &[Channels],
         interrupt: &Interrupt,
     ) -> Result<Option<Self>> {
         let Some(path) = options.capture.clone() else { return Ok(None) };
@@ -97,10 +112,8 @@ impl FrameCapture {
                     recorder,
                     path,
                     has_images: options.images,
-                    channels,
+                    gateways: channels.iter().map(GatewayCapture::new).collect(),
                     since_1970_ns: 0,
-                    status: [None; CHANNELS],
-                    headers: Default::default(),
                     pending: HashMap::with_capacity(PENDING_FRAMES),
                 }))
             }
@@ -114,75 +127,83 @@ impl FrameCapture {
         Self { since_1970_ns, ..self }
     }
 
-    /// Records the results of a cycle start: the TxPDO image, status changes as error frames,
+    /// Records the results of a cycle start: the TxPDO images, status changes as error frames,
     /// received frames, and sent frames with a transmit result.
-    pub fn after_begin(&mut self, port: &Port, now_ns: u64, arrivals: &[Arrival]) {
-        for channel in self.channels.iter() {
-            let now = channel_status(port, channel);
-            let Some(last) = self.status.get_mut(usize::from(channel)) else { continue };
-            let error = last.and_then(|before| ErrorFrame::of_change(before, now));
-            *last = Some(now);
-            if let Some(error) = error {
-                self.recorder.error(self.absolute_ns(now_ns), channel.into(), error);
+    pub fn after_begin(&mut self, link: &dyn FrameLink, now_ns: u64, arrivals: &[Arrival]) {
+        let time_ns = now_ns.wrapping_add(self.since_1970_ns);
+        for (gateway, capture) in self.gateways.iter_mut().enumerate() {
+            for channel in capture.channels.iter() {
+                let now = link.channel_status(gateway, channel);
+                let Some(last) = capture.status.get_mut(usize::from(channel)) else { continue };
+                let error = last.and_then(|before| ErrorFrame::of_change(before, now));
+                *last = Some(now);
+                if let Some(error) = error {
+                    self.recorder.error(time_ns, port_number(gateway, channel), error);
+                }
+            }
+            if !link.session(gateway).is_ready() {
+                // Results of frames before the loss never arrive.
+                self.pending.retain(|_, sent| sent.gateway != gateway);
             }
         }
-        self.image(port, now_ns, Direction::TxPdo);
-        if session(port) != Session::Ready {
-            // Results of frames before the loss never arrive.
-            self.pending.clear();
-        }
+        self.images(link, Direction::TxPdo);
         for arrival in arrivals {
-            let time_ns = self.absolute_ns(arrival.time_ns);
-            match &arrival.received {
-                Received::Frame(received) => {
-                    let (port_number, frame) = (received.channel.into(), &received.frame);
-                    self.recorder.frame(time_ns, port_number, Traffic::Received, frame);
+            match &arrival.event {
+                Event::Received(received) => {
+                    self.frame(arrival.time_ns, Traffic::Received, received);
                 }
-                Received::TransmitReport(report) => {
-                    let sent = report.ticket.and_then(|ticket| self.pending.remove(&ticket));
-                    if let Some((channel, frame)) = sent.filter(|_| report.code.is_success()) {
-                        self.recorder.frame(time_ns, channel.into(), Traffic::Sent, &frame);
+                Event::Result { ticket, outcome } => {
+                    let sent = ticket.and_then(|ticket| self.pending.remove(&ticket));
+                    if let Some(sent) = sent.filter(|_| outcome.is_success()) {
+                        self.frame(arrival.time_ns, Traffic::Sent, &sent);
                     }
                 }
             }
         }
     }
 
-    pub fn add_pending(&mut self, ticket: SendTicket, channel: u8, frame: &CanFrame) {
-        self.pending.insert(ticket, (channel, *frame));
+    fn frame(&mut self, time_ns: u64, traffic: Traffic, frame: &BusFrame) {
+        let port_number = port_number(frame.gateway, frame.channel);
+        self.recorder.frame(self.absolute_ns(time_ns), port_number, traffic, &frame.frame);
     }
 
-    pub fn after_end(&mut self, port: &Port, now_ns: u64) {
-        self.image(port, now_ns, Direction::RxPdo);
+    pub fn add_pending(&mut self, ticket: Ticket, gateway: usize, channel: u8, frame: &CanFrame) {
+        let sent = BusFrame { gateway, channel, frame: *frame, timestamp: Timestamp::None };
+        self.pending.insert(ticket, sent);
+    }
+
+    pub fn after_end(&mut self, link: &dyn FrameLink) {
+        self.images(link, Direction::RxPdo);
     }
 
     fn absolute_ns(&self, time_ns: u64) -> u64 {
         time_ns.wrapping_add(self.since_1970_ns)
     }
 
-    fn image(&mut self, port: &Port, now_ns: u64, direction: Direction) {
-        let adapter = port.adapter();
-        let (image, last) = match direction {
-            Direction::RxPdo => (adapter.rx_pdo(0), &mut self.headers.0),
-            Direction::TxPdo => (adapter.tx_pdo(0), &mut self.headers.1),
-        };
-        let Some(header) = image.first_chunk() else { return };
-        if !self.has_images || header == last {
+    fn images(&mut self, link: &dyn FrameLink, direction: Direction) {
+        if !self.has_images {
             return;
         }
-        *last = *header;
-        let (Some(slave), Some(gateway)) =
-            (adapter.config().slaves.first(), port.config().gateways.first())
-        else {
-            return;
-        };
-        let multiplier = match direction {
-            Direction::RxPdo => slave.rx_multiplier,
-            Direction::TxPdo => slave.tx_multiplier,
-        };
-        let profile = gateway.profile(direction, multiplier);
-        let origin = ImageOrigin { slave: slave.position, direction, profile };
-        self.recorder.image(self.absolute_ns(now_ns), origin, image);
+        let Self { gateways, recorder, since_1970_ns, .. } = self;
+        link.images(direction, &mut |gateway, time_ns, image| {
+            let Some(header) = image.first_chunk() else { return };
+            let Some(capture) = gateways.get_mut(gateway) else { return };
+            let last = match direction {
+                Direction::RxPdo => &mut capture.headers.0,
+                Direction::TxPdo => &mut capture.headers.1,
+            };
+            let slave = link.adapter_config().slaves.get(gateway);
+            let config = link.port_config().gateways.get(gateway);
+            let (Some(slave), Some(config), true) = (slave, config, header != last) else { return };
+            *last = *header;
+            let multiplier = match direction {
+                Direction::RxPdo => slave.rx_multiplier,
+                Direction::TxPdo => slave.tx_multiplier,
+            };
+            let profile = config.profile(direction, multiplier);
+            let origin = ImageOrigin { slave: slave.position, direction, profile };
+            recorder.image(time_ns.wrapping_add(*since_1970_ns), origin, image);
+        });
     }
 
     pub fn is_over(&self) -> bool {

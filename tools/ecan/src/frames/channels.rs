@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use clap::Args;
-use ecan_mcan_port::Port;
+use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::CHANNELS;
 
@@ -51,6 +51,10 @@ impl Channels {
         (gateway < gateways && self.contains(channel)).then_some((gateway, channel))
     }
 
+    pub fn intersection(self, other: Self) -> Self {
+        Self::of_mask(self.mask & other.mask)
+    }
+
     pub fn contains(self, channel: u8) -> bool {
         self.mask.checked_shr(channel.into()).is_some_and(|mask| mask & 1 == 1)
     }
@@ -95,9 +99,9 @@ pub fn parse_channel(text: &str) -> Result<u8, String> {
     channel.ok_or_else(|| "expected a channel, 0 to 3".to_owned())
 }
 
-/// CAN configuration of a channel of the only gateway of a Port; `None` if the channel is disabled.
-pub fn can_config(port: &Port, channel: u8) -> Option<&McanChannelConfig> {
-    let gateway = port.config().gateways.first()?;
+/// CAN configuration of a channel; `None` if the channel is disabled.
+pub fn can_config(config: &PortConfig, gateway: usize, channel: u8) -> Option<&McanChannelConfig> {
+    let gateway = config.gateways.get(gateway)?;
     gateway.channels.get(usize::from(channel))?.as_ref().map(|channel| &channel.can)
 }
 

@@ -1,18 +1,18 @@
 use std::fmt::Write;
 
 use ecan_candump::{FrameText, ScreenFrame};
-use ecan_mcan_port::ReceivedFrame;
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::image::Timestamp;
 use serde::Serialize;
 
+use crate::frames::link::BusFrame;
 use crate::frames::timestamp::{Style, Timestamps};
 
 #[derive(Clone, Copy, Debug)]
 pub struct TimedFrame {
     /// Time since 1970, or since the start of a stepped simulation.
     pub time_ns: u64,
-    pub received: ReceivedFrame,
+    pub frame: BusFrame,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -68,7 +68,7 @@ impl ScreenLines {
         if self.screen.is_log {
             return self.log.line(timed);
         }
-        let ReceivedFrame { frame, channel, timestamp, .. } = &timed.received;
+        let BusFrame { frame, channel, timestamp, .. } = &timed.frame;
         self.is_indented |= frame.id().is_extended();
         let mut line = String::from(" ");
         // Writing to a String cannot fail.
@@ -103,7 +103,7 @@ impl LogLines {
     }
 
     pub fn line(&mut self, timed: &TimedFrame) -> String {
-        let ReceivedFrame { frame, channel, .. } = &timed.received;
+        let BusFrame { frame, channel, .. } = &timed.frame;
         let time = self.timestamps.text(timed.time_ns);
         let mark = if self.has_extra { " R" } else { "" };
         format!("{time} can{channel} {}{mark}", FrameText(frame))
@@ -127,7 +127,7 @@ fn device_time(timestamp: Timestamp) -> Option<u64> {
 }
 
 fn json(timed: &TimedFrame) -> String {
-    let ReceivedFrame { frame, channel, timestamp, .. } = &timed.received;
+    let BusFrame { frame, channel, timestamp, .. } = &timed.frame;
     let (has_bit_rate_switch, has_error_state) = fd_flags(frame);
     let line = Line {
         time_ns: timed.time_ns,

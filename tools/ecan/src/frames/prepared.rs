@@ -6,40 +6,65 @@ use ecan_sim::ClockKind;
 
 use super::capture::FrameCapture;
 use super::options::FrameOptions;
-use super::service::{CACHE_DEPTH, GatewaySetup, Service, failure, without_fd};
+use super::port_link::PortLink;
+use super::service::{CACHE_DEPTH, ServedGateway, Service, without_fd};
 use super::settings::{GatewayRequirements, Planned, Settings};
 use crate::context::{Bus, Context, Failure, Result, note};
+use crate::frames::channels::{Channels, can_config};
 
-/// A checked gateway on an unmodified bus. Create files and threads now, before the real-time
+/// Checked gateways on an unmodified bus. Create files and threads now, before the real-time
 /// settings of the cycle thread are applied.
 #[derive(Debug)]
 pub struct Prepared<'a> {
     bus: Bus,
-    setup: GatewaySetup,
-    cache_depth: u32,
+    planned: Planned,
+    cache_depths: Vec<u32>,
     options: &'a FrameOptions,
     pub interrupt: Interrupt,
 }
 
 impl<'a> Prepared<'a> {
+    /// Checks the selected or only gateway.
     pub fn new(
         options: &'a FrameOptions,
         requirements: GatewayRequirements,
         context: &Context,
     ) -> Result<Self> {
+        Self::with(options, requirements, context, false)
+    }
+
+    /// Checks the selected gateway, or all of the file or bus.
+    #[expect(dead_code, reason = "for `bridge` with all channels")]
+    pub fn for_all(
+        options: &'a FrameOptions,
+        requirements: GatewayRequirements,
+        context: &Context,
+    ) -> Result<Self> {
+        Self::with(options, requirements, context, true)
+    }
+
+    fn with(
+        options: &'a FrameOptions,
+        requirements: GatewayRequirements,
+        context: &Context,
+        is_for_all: bool,
+    ) -> Result<Self> {
         let settings = Settings::of(&options.gateway)?;
         let interrupt = Interrupt::install()?;
         let kind = if requirements.has_end { ClockKind::Stepped } else { ClockKind::Real };
         let bus = settings.open_bus(context, kind)?;
-        let Planned { positions, adapter, config, channels } =
-            settings.for_one(&bus, requirements, context.global)?;
-        let position = positions.first().copied().unwrap_or_default();
-        config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
-        let setup = GatewaySetup { position, adapter, config, channels };
-        let cache_depth = bus.read(position, 0xF000, 29).unwrap_or(CACHE_DEPTH);
-        Ok(Self { bus, setup, cache_depth, options, interrupt })
+        let planned = match is_for_all {
+            false => settings.for_one(&bus, requirements, context.global)?,
+            true => settings.for_all(&bus, requirements, context.global)?,
+        };
+        let faults = planned.config.check(&planned.adapter);
+        faults.map_err(|faults| planned.failure(faults.into()))?;
+        let depth = |position: &usize| bus.read(*position, 0xF000, 29).unwrap_or(CACHE_DEPTH);
+        let cache_depths = planned.positions.iter().map(depth).collect();
+        Ok(Self { bus, planned, cache_depths, options, interrupt })
     }
 
+    /// Rejects CAN FD frames for a classic channel of the only gateway.
     pub fn needs_fd(&self, what: impl Display, channel: u8) -> Result {
         match self.has_fd(channel) {
             true => Ok(()),
@@ -47,30 +72,36 @@ impl<'a> Prepared<'a> {
         }
     }
 
+    /// Returns whether a channel of the only gateway is configured for CAN FD.
     pub fn has_fd(&self, channel: u8) -> bool {
         self.can(channel).is_some_and(|can| can.fd)
     }
 
-    /// Configuration of a channel; `None` if it is disabled.
+    /// Configuration of a channel of the only gateway; `None` if it is disabled.
     pub fn can(&self, channel: u8) -> Option<&McanChannelConfig> {
-        let gateway = self.setup.config.gateways.first()?;
-        gateway.channels.get(usize::from(channel))?.as_ref().map(|it| &it.can)
+        can_config(&self.planned.config, 0, channel)
     }
 
-    /// Starts the gateway, with a capture if requested; `None` if the user stops.
+    /// Starts the gateways, with a capture if requested; `None` if the user stops.
     pub fn enter(self) -> Result<Option<Service>> {
-        let Self { bus, setup, cache_depth, options, interrupt } = self;
-        let (channels, real_time) = (setup.channels, &options.gateway.real_time);
-        let capture = FrameCapture::start(&options.capture, &setup.adapter, channels, &interrupt)?;
-        let started = real_time
-            .apply(|line| note(line))
-            .map_err(Failure::from)
-            .and_then(|()| Service::start(bus.ecrt(), setup, real_time, &interrupt));
-        let Ok(Some(mut service)) = started else {
+        let Self { bus, planned, cache_depths, options, interrupt } = self;
+        let channels = planned.channels();
+        let real_time = &options.gateway.real_time;
+        let capture =
+            FrameCapture::start(&options.capture, &planned.adapter, &channels, &interrupt)?;
+        let config = (planned.adapter, planned.config);
+        let started = real_time.apply(|line| note(line)).map_err(Failure::from).and_then(|()| {
+            let link = PortLink::start(bus.ecrt(), config, real_time, &interrupt);
+            link.map_err(|error| planned.failure(error))
+        });
+        let Ok(Some(link)) = started else {
             capture.into_iter().for_each(FrameCapture::discard);
-            return started;
+            return started.map(|_| None);
         };
-        service.equip(channels, cache_depth, capture);
-        Ok(Some(service))
+        let of_gateway = |((position, channels), cache_depth): ((&usize, Channels), u32)| {
+            ServedGateway { position: *position, channels, cache_depth }
+        };
+        let gateways = planned.positions.iter().zip(channels).zip(cache_depths).map(of_gateway);
+        Ok(Some(Service::new(Box::new(link), gateways.collect(), capture, interrupt)))
     }
 }

@@ -158,17 +158,16 @@ fn of_log(error: LogFileError) -> Failure {
 
 #[cfg(test)]
 mod tests {
-    use ecan_mcan_port::{ReceiveSource, ReceivedFrame};
     use ecan_protocol::can::{CanFrame, CanId};
     use ecan_protocol::image::Timestamp;
 
     use super::*;
+    use crate::frames::link::BusFrame;
 
     fn timed_frame() -> TimedFrame {
         let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap();
-        let (timestamp, source) = (Timestamp::None, ReceiveSource::default());
-        let received = ReceivedFrame { slave: 0, channel: 0, frame, timestamp, source };
-        TimedFrame { time_ns: 0, received }
+        let frame = BusFrame { gateway: 0, channel: 0, frame, timestamp: Timestamp::None };
+        TimedFrame { time_ns: 0, frame }
     }
 
     #[test]

@@ -1,10 +1,10 @@
-use ecan_mcan_port::{ReceiveSource, Received, ReceivedFrame};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::Timestamp;
 
 use crate::context::{Failure, Output, Result};
 use crate::frames::channels::Channels;
 use crate::frames::format::TimedFrame;
+use crate::frames::link::{BusFrame, Event};
 use crate::frames::printer::Printer;
 use crate::frames::service::{Cycle, Service};
 use crate::frames::summary::Summary;
@@ -44,19 +44,18 @@ impl Record {
     fn sent(&mut self, due: Due, service: &Service) {
         if let Self::Sent(printer) = self {
             let Due { channel, frame, .. } = due;
-            let (timestamp, source) = (Timestamp::None, ReceiveSource::default());
-            let received = ReceivedFrame { slave: 0, channel, frame, timestamp, source };
+            let frame = BusFrame { gateway: 0, channel, frame, timestamp: Timestamp::None };
             // Sent frames are printed without time stamps.
-            printer.put(TimedFrame { time_ns: 0, received }, service.is_real_time());
+            printer.put(TimedFrame { time_ns: 0, frame }, service.is_real_time());
         }
     }
 
     fn received(&mut self, cycle: &Cycle, service: &Service) {
         let Self::Received(printer) = self else { return };
         for arrival in &cycle.arrivals {
-            if let Received::Frame(received) = arrival.received {
+            if let Event::Received(frame) = arrival.event {
                 let time_ns = service.absolute_ns(arrival.time_ns);
-                printer.put(TimedFrame { time_ns, received }, service.is_real_time());
+                printer.put(TimedFrame { time_ns, frame }, service.is_real_time());
             }
         }
     }
@@ -91,7 +90,7 @@ impl Sender {
         let recorded = self.record.finish();
         let captured = service.finish();
         let expected = total.filter(|_| !service.is_interrupted()).unwrap_or(tracker.count());
-        let summary = Summary::of(&tracker, service.port(), expected);
+        let summary = Summary::of(&tracker, &service, expected);
         let printed = match recorded {
             Err(Failure::Output(_) | Failure::ReaderGone) => Ok(()),
             _ => summary.print(output),
@@ -124,13 +123,13 @@ impl Sender {
         let mut next = frames.next().transpose()?;
         while next.is_some() && !service.is_interrupted() && !self.record.is_over() {
             let cycle = service.begin();
-            tracker.look(&cycle, service.port());
+            tracker.look(&cycle, service);
             self.record.received(&cycle, service);
             let mut has_space = true;
             while let Some(due) = next.filter(|due| due.after_ns <= cycle.now_ns - start_ns)
                 && has_space
             {
-                match service.send(due.channel, &due.frame)? {
+                match service.send(0, due.channel, &due.frame)? {
                     Some(ticket) => {
                         tracker.taken(ticket, cycle.now_ns);
                         self.record.sent(due, service);
@@ -153,11 +152,11 @@ impl Sender {
     /// Runs the cycle until all frames are sent or there is no progress; after a stop by the user,
     /// only for the pending frames.
     fn settle(&mut self, service: &mut Service, tracker: &mut TransmitTracker) -> Result {
-        let cycle_ns = u64::from(service.port().adapter().config().cycle_ns());
+        let cycle_ns = service.cycle_ns();
         let mut grace_ns = 0;
-        while !tracker.are_settled(service.port()) || !tracker.controllers_are_empty(service) {
+        while !tracker.are_settled(service) || !tracker.controllers_are_empty(service) {
             let cycle = service.begin();
-            tracker.look(&cycle, service.port());
+            tracker.look(&cycle, service);
             self.record.received(&cycle, service);
             let now_ns = cycle.now_ns;
             service.end(cycle)?;

@@ -1,39 +1,34 @@
-//! A running gateway with its cycle, for the frame commands.
+//! Running gateways with their cycle, for the frame commands.
 
 use std::fmt::Display;
 use std::path::Path;
-use std::time::SystemTime;
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_command_line::real_time::RealTimeArguments;
-use ecan_host::{AdapterConfig, Clock, Ecrt};
-use ecan_mcan_port::{
-    Port, PortConfig, PortError, Received, ReceivedFrame, SendError, SendTicket, Session,
-};
+use ecan_mcan_port::{PortError, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::McanChannelConfig;
-use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::image::ChannelStatus;
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::context::{Failure, Result, note};
-use crate::frames::arrival::Arrival;
 use crate::frames::bit_rates::BitRates;
 use crate::frames::capture::FrameCapture;
 use crate::frames::channels::{Channels, can_config};
-use crate::frames::single_gateway::{session, statistics};
+use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, SessionState, Ticket};
 use crate::frames::status_watch::StatusWatch;
-
-const ARRIVALS: usize = 512;
 
 /// Default depth of a channel's transmit cache (manual 13.8).
 pub const CACHE_DEPTH: u32 = 64;
 
+/// A gateway of a frame command.
 #[derive(Debug)]
-pub struct GatewaySetup {
+pub struct ServedGateway {
+    /// Position on the bus.
     pub position: usize,
-    pub adapter: AdapterConfig,
-    pub config: PortConfig,
-    /// Channels whose changes are reported.
+    /// Channels of the command.
     pub channels: Channels,
+    /// Depth of the firmware's transmit cache per channel (0xF000:29).
+    pub cache_depth: u32,
 }
 
 #[derive(Debug)]
@@ -43,76 +38,30 @@ pub struct Cycle {
     pub arrivals: Vec<Arrival>,
 }
 
+/// Running gateways. A gateway is its index in the command.
 #[derive(Debug)]
 pub struct Service {
-    port: Port,
-    /// Items received during startup, until the first cycle; later an empty buffer.
+    link: Box<dyn FrameLink>,
+    gateways: Vec<ServedGateway>,
+    /// An empty buffer, outside a cycle.
     store: Vec<Arrival>,
     watch: StatusWatch,
-    channels: Channels,
-    /// Offset from the cycle clock to the time since 1970; 0 for stepped time.
-    since_1970_ns: u64,
     capture: Option<FrameCapture>,
-    position: usize,
-    /// Depth of the firmware's transmit cache per channel (0xF000:29).
-    cache_depth: u32,
     interrupt: Interrupt,
 }
 
 impl Service {
-    /// Starts a gateway; `None` if the user stops.
-    pub fn start(
-        ecrt: &Ecrt,
-        setup: GatewaySetup,
-        real_time: &RealTimeArguments,
-        interrupt: &Interrupt,
-    ) -> Result<Option<Self>> {
-        let GatewaySetup { position, adapter, config, channels } = setup;
-        let failed = |error| failure(position, error);
-        if let Some(warning) = config.sync0_warning(&adapter) {
-            note(format_args!("warning: {warning}"));
-        }
-        let mut port = Port::open(ecrt, (adapter, config)).map_err(failed)?;
-        port.profile_warnings().iter().for_each(|warning| note(format_args!("warning: {warning}")));
-        let clock = port.adapter().ecrt().clock().clone();
-        let mut store = Vec::with_capacity(ARRIVALS);
-        // `None` if the user stops.
-        let ready: Result<(), Option<PortError>> =
-            port.wait_ready_with(port.startup_timeout(), |port| {
-                // Single cycles may fail; the timeout ends it all.
-                let mut cycle = port.begin_cycle();
-                let time_ns = clock.now_ns();
-                let arrivals =
-                    cycle.received().map(|item| Arrival { time_ns, received: item.to_owned() });
-                store.extend(arrivals);
-                drop(cycle);
-                if interrupt.is_set() { Err(None) } else { Ok(()) }
-            });
-        match ready {
-            Ok(()) => {}
-            Err(None) => return Ok(None),
-            Err(Some(error)) => return Err(failed(error)),
-        }
-        real_time.set_timing(port.adapter_mut());
-        let watch = StatusWatch::new(channels, &port);
-        let since_1970_ns = since_1970_ns(port.adapter().clock());
-        Ok(Some(Self {
-            port,
-            store,
-            watch,
-            channels: Channels::ALL,
-            since_1970_ns,
-            capture: None,
-            position,
-            cache_depth: CACHE_DEPTH,
-            interrupt: interrupt.clone(),
-        }))
-    }
-
-    pub fn equip(&mut self, channels: Channels, cache_depth: u32, capture: Option<FrameCapture>) {
-        let (is_real_time, since_1970_ns) = (self.is_real_time(), self.since_1970_ns);
-        (self.channels, self.cache_depth) = (channels, cache_depth);
-        self.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
+    pub fn new(
+        link: Box<dyn FrameLink>,
+        gateways: Vec<ServedGateway>,
+        capture: Option<FrameCapture>,
+        interrupt: Interrupt,
+    ) -> Self {
+        let watched: Vec<_> = gateways.iter().map(|it| (it.position, it.channels)).collect();
+        let watch = StatusWatch::new(&watched, link.as_ref());
+        let (is_real_time, since_1970_ns) = (link.is_real_time(), link.since_1970_ns());
+        let capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
+        Self { link, gateways, store: Vec::new(), watch, capture, interrupt }
     }
 
     pub fn begin(&mut self) -> Cycle {
@@ -121,61 +70,57 @@ impl Service {
 
     /// As [`begin`](Self::begin); frames for which `accepts` is false are dropped, also from the
     /// capture.
-    pub fn begin_with(&mut self, mut accepts: impl FnMut(&ReceivedFrame) -> bool) -> Cycle {
+    pub fn begin_with(&mut self, mut accepts: impl FnMut(&BusFrame) -> bool) -> Cycle {
         let mut arrivals = std::mem::take(&mut self.store);
-        let mut cycle = self.port.next_cycle();
-        let now_ns = cycle.adapter().clock().now_ns();
-        let items = cycle.received().map(|item| item.to_owned());
-        arrivals.extend(items.map(|received| Arrival { time_ns: now_ns, received }));
-        cycle.keep_open();
-        arrivals.retain(|arrival| match &arrival.received {
-            Received::Frame(frame) => self.channels.contains(frame.channel) && accepts(frame),
-            Received::TransmitReport(_) => true,
+        let now_ns = self.link.begin(&mut arrivals);
+        arrivals.retain(|arrival| match &arrival.event {
+            Event::Received(received) => {
+                let channels = self.channels(received.gateway);
+                channels.contains(received.channel) && accepts(received)
+            }
+            Event::Result { .. } => true,
         });
         if let Some(capture) = &mut self.capture {
-            capture.after_begin(&self.port, now_ns, &arrivals);
+            capture.after_begin(self.link.as_ref(), now_ns, &arrivals);
         }
         Cycle { now_ns, arrivals }
     }
 
     /// Sends a frame; `None` without space in this cycle.
-    pub fn send(&mut self, channel: u8, frame: &CanFrame) -> Result<Option<SendTicket>> {
-        let Some(mut cycle) = self.port.open_cycle() else { return Ok(None) };
-        let to = cycle.channel(0, channel).map_err(|error| Failure::Usage(error.to_string()))?;
-        match cycle.send(to, frame) {
-            Ok(ticket) => {
-                if let Some(capture) = &mut self.capture {
-                    capture.add_pending(ticket, channel, frame);
-                }
-                Ok(Some(ticket))
-            }
-            Err(error) if error.is_temporary() => Ok(None),
-            Err(SendError::NotFd { .. }) => Err(without_fd("a CAN FD frame", channel, None)),
-            Err(error) => Err(Failure::Usage(error.to_string())),
+    pub fn send(
+        &mut self,
+        gateway: usize,
+        channel: u8,
+        frame: &CanFrame,
+    ) -> Result<Option<Ticket>> {
+        let sent = self.link.send(gateway, channel, frame)?;
+        if let (Some(capture), Some(ticket)) = (&mut self.capture, sent) {
+            capture.add_pending(ticket, gateway, channel, frame);
         }
+        Ok(sent)
     }
 
     /// Ends a cycle and reports bus changes on standard error. Fails if the capture cannot be
     /// written.
     pub fn end(&mut self, cycle: Cycle) -> Result {
-        let ended = self.port.open_cycle().map_or(Ok(()), |open| open.end().map(drop));
+        let ended = self.link.end();
         self.store = cycle.arrivals;
         self.store.clear();
-        let now_ns = self.now_ns();
         if let Some(capture) = &mut self.capture {
-            capture.after_end(&self.port, now_ns);
+            capture.after_end(self.link.as_ref());
             if capture.is_over() {
                 self.finish_capture()?;
             }
         }
         let say = comments(self.absolute_ns(cycle.now_ns));
-        self.watch.look(&self.port, cycle.now_ns, say);
-        ended.map_err(Failure::master)
+        self.watch.look(self.link.as_ref(), cycle.now_ns, say);
+        ended
     }
 
     /// Reports the remaining changes and finishes the capture.
     pub fn finish(&mut self) -> Result {
-        self.watch.finish(&self.port, comments(self.absolute_ns(self.now_ns())));
+        let say = comments(self.absolute_ns(self.now_ns()));
+        self.watch.finish(self.link.as_ref(), say);
         self.finish_capture()
     }
 
@@ -183,38 +128,85 @@ impl Service {
         self.capture.take().map_or(Ok(()), |capture| capture.finish())
     }
 
+    /// Number of gateways.
+    #[expect(dead_code, reason = "for `bridge` with all channels")]
+    pub fn gateways(&self) -> usize {
+        self.gateways.len()
+    }
+
+    /// Position of a gateway on the bus.
+    pub fn position(&self, gateway: usize) -> usize {
+        self.gateways.get(gateway).map_or(0, |it| it.position)
+    }
+
+    /// Channels of the command on a gateway.
+    pub fn channels(&self, gateway: usize) -> Channels {
+        self.gateways.get(gateway).map_or(Channels::NONE, |it| it.channels)
+    }
+
     /// Configuration of a channel; `None` if it is disabled.
-    pub fn can(&self, channel: u8) -> Option<&McanChannelConfig> {
-        can_config(&self.port, channel)
+    pub fn can(&self, gateway: usize, channel: u8) -> Option<&McanChannelConfig> {
+        can_config(self.link.port_config(), gateway, channel)
+    }
+
+    /// Returns whether a channel carries frames in this direction.
+    pub fn carries(&self, gateway: usize, direction: Direction, channel: u8) -> bool {
+        let gateway = self.link.port_config().gateways.get(gateway);
+        gateway.is_some_and(|gateway| gateway.carries(direction, channel))
     }
 
     /// Maximum number of frames in a channel: firmware cache and CAN controller.
-    pub fn capacity(&self, channel: u8) -> u64 {
-        let controller = self.can(channel).map_or(0, |can| can.ram.tx_fifo_size);
-        u64::from(self.cache_depth) + u64::from(controller)
+    pub fn capacity(&self, gateway: usize, channel: u8) -> u64 {
+        let controller = self.can(gateway, channel).map_or(0, |can| can.ram.tx_fifo_size);
+        let cache = self.gateways.get(gateway).map_or(0, |it| it.cache_depth);
+        u64::from(cache) + u64::from(controller)
     }
 
-    pub fn not_ready(&self, what: &str) -> Failure {
-        let reason = match session(&self.port) {
-            Session::Ready => format!("lost temporarily: {what}"),
-            session => format!("lost, now {session}: {what}"),
+    pub fn session(&self, gateway: usize) -> SessionState {
+        self.link.session(gateway)
+    }
+
+    /// Returns whether frames can be sent to a gateway.
+    pub fn is_ready(&self, gateway: usize) -> bool {
+        self.session(gateway).is_ready()
+    }
+
+    /// Status of a channel; "disabled" for one that is not enabled.
+    pub fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus {
+        self.link.channel_status(gateway, channel)
+    }
+
+    /// Counters of a gateway since the start of the command.
+    pub fn statistics(&self, gateway: usize) -> SlaveStatistics {
+        self.link.statistics(gateway)
+    }
+
+    /// Uploads an object of at most 4 bytes in parallel with the cycle.
+    pub fn upload(&mut self, gateway: usize, index: u16, subindex: u8) -> Result<u32> {
+        self.link.upload(gateway, index, subindex)
+    }
+
+    pub fn not_ready(&self, gateway: usize, what: &str) -> Failure {
+        let session = self.session(gateway);
+        let reason = match session.is_ready() {
+            true => format!("lost temporarily: {what}"),
+            false => format!("lost, now {session}: {what}"),
         };
-        Failure::NotReady { position: self.position, reason }
+        Failure::NotReady { position: self.position(gateway), reason }
     }
 
-    /// Text for missing frames, with the bit rates.
+    /// Text for missing frames of the only gateway, with the bit rates.
     pub fn silence(&self) -> String {
-        let counts = statistics(&self.port).channels;
-        if self
-            .channels
+        let (counts, channels) = (self.statistics(0).channels, self.channels(0));
+        if channels
             .iter()
             .any(|at| counts.get(usize::from(at)).is_some_and(|it| it.frames_received > 0))
         {
             return "no received frame passes the filters".to_owned();
         }
-        let channels = self.channels.iter();
         let mut rates: Vec<_> = channels
-            .filter_map(|channel| Some((channel, BitRates::of(self.can(channel)?))))
+            .iter()
+            .filter_map(|channel| Some((channel, BitRates::of(self.can(0, channel)?))))
             .collect();
         let is_alike = rates.windows(2).all(|pair| matches!(pair, [a, b] if a.1 == b.1));
         rates.truncate(if is_alike { 1 } else { CHANNELS });
@@ -225,30 +217,28 @@ impl Service {
         format!("no frame received; check that the other nodes use {}", message.join(", "))
     }
 
-    pub fn port(&self) -> &Port {
-        &self.port
-    }
-
     /// Returns whether the user has stopped the command.
     pub fn is_interrupted(&self) -> bool {
         self.interrupt.is_set()
     }
 
-    pub fn port_mut(&mut self) -> &mut Port {
-        &mut self.port
+    /// Time of the cycle clock in nanoseconds.
+    pub fn now_ns(&self) -> u64 {
+        self.link.now_ns()
     }
 
-    pub fn now_ns(&self) -> u64 {
-        self.port.adapter().clock().now_ns()
+    /// Period of the cycle in nanoseconds.
+    pub fn cycle_ns(&self) -> u64 {
+        self.link.adapter_config().cycle_ns().into()
     }
 
     /// Converts a time of the cycle clock to the time since 1970, or of a stepped simulation.
     pub fn absolute_ns(&self, time_ns: u64) -> u64 {
-        time_ns.wrapping_add(self.since_1970_ns)
+        time_ns.wrapping_add(self.link.since_1970_ns())
     }
 
     pub fn is_real_time(&self) -> bool {
-        self.port.adapter().clock().is_free_running()
+        self.link.is_real_time()
     }
 }
 
@@ -260,14 +250,6 @@ fn comments(time_ns: u64) -> impl FnMut(String) {
 
 fn parts(time_ns: u64) -> (u64, u64) {
     (time_ns / 1_000_000_000, time_ns / 1000 % 1_000_000)
-}
-
-fn since_1970_ns(clock: &dyn Clock) -> u64 {
-    if !clock.is_free_running() {
-        return 0;
-    }
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_nanos()).unwrap_or(0).wrapping_sub(clock.now_ns())
 }
 
 pub fn without_fd(what: impl Display, channel: u8, file: Option<&Path>) -> Failure {

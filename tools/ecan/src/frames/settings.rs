@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ecan_config_file::ResolvedGateway;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::Config;
-use ecan_mcan_port::{GatewayConfig, MAX_GATEWAYS, PortConfig};
+use ecan_mcan_port::{GatewayConfig, MAX_GATEWAYS, PortConfig, PortError};
 use ecan_protocol::config::{List, NodeMode};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::Direction;
@@ -16,6 +16,7 @@ use crate::context::{Bus, Context, Failure, GlobalOptions, Result};
 use crate::frames::bit_rates;
 use crate::frames::channels::Channels;
 use crate::frames::options::GatewayOptions;
+use crate::frames::service::failure;
 
 #[derive(Clone, Copy, Debug)]
 pub struct GatewayRequirements {
@@ -72,7 +73,30 @@ pub struct Planned {
     pub positions: Vec<usize>,
     pub adapter: AdapterConfig,
     pub config: PortConfig,
-    pub channels: Channels,
+    /// Requested channels.
+    pub requested: Channels,
+}
+
+impl Planned {
+    /// Channels of the command on each gateway.
+    pub fn channels(&self) -> Vec<Channels> {
+        let enabled = |gateway: &GatewayConfig| Channels::of_mask(gateway.channel_mask());
+        self.config.gateways.iter().map(|it| enabled(it).intersection(self.requested)).collect()
+    }
+
+    /// Error of the gateways, with the position of the only one, or of the one that it names.
+    pub fn failure(&self, error: PortError) -> Failure {
+        let index = match &error {
+            PortError::NotReady { slave, .. } => *slave,
+            _ => 0,
+        };
+        match failure(self.positions.get(index).copied().unwrap_or_default(), error) {
+            Failure::NotReady { reason, .. } if self.positions.len() > 1 => {
+                Failure::Rejected(reason)
+            }
+            other => other,
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -163,7 +187,7 @@ impl<'a> Settings<'a> {
             requirements.apply(&mut gateway);
             config.gateways.push(gateway).map_err(|_| too_many(positions.len()))?;
         }
-        Ok(Planned { positions, adapter, config, channels: requirements.channels })
+        Ok(Planned { positions, adapter, config, requested: requirements.channels })
     }
 }
 
@@ -183,7 +207,6 @@ fn of_file(
         dc.reference = dc.reference.and_then(index);
     }
     let mut config = PortConfig::default();
-    let mut channels = requirements.channels;
     for found in resolved {
         let slave = file.adapter.slaves.get(found.gateway);
         let gateway = file.port.gateways.get(found.gateway);
@@ -211,9 +234,6 @@ fn of_file(
                 )));
             }
         }
-        if requirements.channels.is_all() && resolved.len() == 1 {
-            channels = enabled;
-        }
         config.add_gateway_of(&file.port, found.gateway).map_err(|_| too_many(resolved.len()))?;
         if let Some(gateway) = config.gateways.last_mut() {
             requirements.apply(gateway);
@@ -228,7 +248,7 @@ fn of_file(
         return Err(no_gateway(path));
     }
     let positions = resolved.iter().map(|it| it.slave).collect();
-    Ok(Planned { positions, adapter, config, channels })
+    Ok(Planned { positions, adapter, config, requested: requirements.channels })
 }
 
 fn too_many(count: usize) -> Failure {

@@ -1,10 +1,10 @@
-use ecan_mcan_port::{Port, Session};
+use ecan_mcan_port::Session;
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::frames::bit_rates::BitRates;
 use crate::frames::channels::{Channels, can_config};
-use crate::frames::single_gateway::{channel_status, session, statistics};
+use crate::frames::link::{FrameLink, SessionState};
 
 /// Interval of the lines of a channel with frequent changes, in nanoseconds.
 const PAUSE_NS: u64 = 1_000_000_000;
@@ -97,73 +97,112 @@ impl Losses {
     }
 }
 
+/// Reported state of a gateway.
 #[derive(Debug)]
-pub struct StatusWatch {
+struct GatewayWatch {
+    gateway: usize,
+    /// Names the gateway if there are several.
+    prefix: String,
     channels: Channels,
     reported: [LastReported; CHANNELS],
-    session: Session,
+    session: SessionState,
     losses: Losses,
     /// Images before the gateway started its sequence again.
     unknown: Losses,
 }
 
-impl StatusWatch {
-    /// Starts with a ready gateway and running channels.
-    pub fn new(channels: Channels, port: &Port) -> Self {
-        let counters = statistics(port);
+impl GatewayWatch {
+    fn new(gateway: usize, prefix: String, channels: Channels, link: &dyn FrameLink) -> Self {
+        let counters = link.statistics(gateway);
         let since = |reported| Losses { reported, ..Losses::default() };
         Self {
+            gateway,
+            prefix,
             channels,
             reported: Default::default(),
-            session: Session::Ready,
+            session: SessionState(Session::Ready),
             losses: since(counters.txpdo_lost),
             unknown: since(counters.txpdo_unknown),
         }
     }
 
-    /// Passes a line for each change to `report`: lost images, and up to one per second and channel in
-    /// the long run.
-    pub fn look(&mut self, port: &Port, now_ns: u64, mut report: impl FnMut(String)) {
-        let session = session(port);
+    fn look(&mut self, link: &dyn FrameLink, now_ns: u64, report: &mut impl FnMut(String)) {
+        let session = link.session(self.gateway);
         if session != self.session {
             self.session = session;
-            report(format!("gateway: {session}"));
+            report(format!("{}gateway: {session}", self.prefix));
         }
-        self.report_losses(port, now_ns, &mut report);
-        if session != Session::Ready {
+        self.report_losses(link, now_ns, report);
+        if !session.is_ready() {
             return;
         }
         for channel in self.channels.iter() {
-            let now = Condition::of(channel_status(port, channel));
+            let now = Condition::of(link.channel_status(self.gateway, channel));
             let reported = self.reported.get_mut(usize::from(channel));
             let Some(message) = reported.and_then(|reported| reported.next(now, now_ns)) else {
                 continue;
             };
-            let rates = can_config(port, channel).filter(|_| now.has_warning || now.is_bus_off);
+            let can = can_config(link.port_config(), self.gateway, channel);
+            let rates = can.filter(|_| now.has_warning || now.is_bus_off);
             let rates = rates.map_or_else(String::new, |can| format!(", at {}", BitRates::of(can)));
-            report(format!("can{channel}: {message}{rates}"));
+            report(format!("{}can{channel}: {message}{rates}", self.prefix));
         }
     }
 
-    pub fn finish(&mut self, port: &Port, mut report: impl FnMut(String)) {
-        self.report_losses(port, u64::MAX, &mut report);
+    fn finish(&mut self, link: &dyn FrameLink, report: &mut impl FnMut(String)) {
+        self.report_losses(link, u64::MAX, report);
         for (channel, reported) in self.reported.iter_mut().enumerate() {
             if let Some(message) = reported.rest() {
-                report(format!("can{channel}: {message}"));
+                report(format!("{}can{channel}: {message}", self.prefix));
             }
         }
     }
 
-    fn report_losses(&mut self, port: &Port, now_ns: u64, mut report: impl FnMut(String)) {
-        let counters = statistics(port);
+    fn report_losses(
+        &mut self,
+        link: &dyn FrameLink,
+        now_ns: u64,
+        report: &mut impl FnMut(String),
+    ) {
+        let (counters, prefix) = (link.statistics(self.gateway), &self.prefix);
         if let Some(lost) = self.losses.next(counters.txpdo_lost, now_ns) {
-            report(format!("gateway: {lost} images lost, received frames may be missing"));
+            report(format!("{prefix}gateway: {lost} images lost, received frames may be missing"));
         }
         if let Some(unknown) = self.unknown.next(counters.txpdo_unknown, now_ns) {
             report(format!(
-                "gateway: up to {unknown} images unknown, received frames may be missing"
+                "{prefix}gateway: up to {unknown} images unknown, received frames may be missing"
             ));
         }
+    }
+}
+
+#[derive(Debug)]
+pub struct StatusWatch {
+    gateways: Vec<GatewayWatch>,
+}
+
+impl StatusWatch {
+    /// Starts with ready gateways and running channels: the position of each gateway, and the
+    /// channels whose changes are reported.
+    pub fn new(gateways: &[(usize, Channels)], link: &dyn FrameLink) -> Self {
+        let watch = |(gateway, (position, channels)): (usize, &(usize, Channels))| {
+            let prefix = match gateways {
+                [_] => String::new(),
+                _ => format!("slave {position} "),
+            };
+            GatewayWatch::new(gateway, prefix, *channels, link)
+        };
+        Self { gateways: gateways.iter().enumerate().map(watch).collect() }
+    }
+
+    /// Passes a line for each change to `report`: lost images, and up to one per second and channel in
+    /// the long run.
+    pub fn look(&mut self, link: &dyn FrameLink, now_ns: u64, mut report: impl FnMut(String)) {
+        self.gateways.iter_mut().for_each(|it| it.look(link, now_ns, &mut report));
+    }
+
+    pub fn finish(&mut self, link: &dyn FrameLink, mut report: impl FnMut(String)) {
+        self.gateways.iter_mut().for_each(|it| it.finish(link, &mut report));
     }
 }
 

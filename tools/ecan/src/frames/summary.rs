@@ -1,8 +1,7 @@
-use ecan_mcan_port::Port;
 use serde::Serialize;
 
 use crate::context::{Failure, Output, Result};
-use crate::frames::single_gateway::statistics;
+use crate::frames::service::Service;
 use crate::frames::transmit_tracker::TransmitTracker;
 
 #[derive(Debug, Serialize)]
@@ -27,9 +26,9 @@ pub struct Summary {
 }
 
 impl Summary {
-    pub fn of(tracker: &TransmitTracker, port: &Port, expected: u64) -> Self {
+    pub fn of(tracker: &TransmitTracker, service: &Service, expected: u64) -> Self {
         let outcome = tracker.outcome();
-        let counters = statistics(port);
+        let counters = service.statistics(0);
         let of = |channel: u8| counters.channels.get(usize::from(channel));
         let channels = tracker.channels().iter().filter_map(of);
         let received = channels.map(|it| it.frames_received).sum();

@@ -5,19 +5,20 @@
 use std::collections::HashMap;
 
 use ecan_diagnosis::registers::TransmitQueueStatus;
-use ecan_mcan_port::{Port, Received, SendTicket, Session};
 use ecan_protocol::config::TxMode;
-use ecan_protocol::image::{ChannelStatus, ResultCode};
+use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::context::{Failure, Result};
 use crate::frames::bit_rates::BitRates;
-use crate::frames::channels::{Channels, can_config};
+use crate::frames::channels::Channels;
+use crate::frames::link::{Event, Outcome, Ticket};
 use crate::frames::service::{Cycle, Service};
-use crate::frames::single_gateway::{channel_status, session};
 
 /// Cycles after the last result until the channel status covers all frames.
 const STATUS_CYCLES: usize = 3;
+/// The only gateway of the command.
+const GATEWAY: usize = 0;
 const PENDING_FRAMES: usize = 4096;
 /// Saturation value of the pending count in the status word.
 const SATURATED: u32 = 7;
@@ -26,11 +27,11 @@ const SATURATED: u32 = 7;
 pub struct TransmitTracker {
     channels: Channels,
     /// Frames without result, with their numbers.
-    open: HashMap<SendTicket, u64>,
+    open: HashMap<Ticket, u64>,
     taken: u64,
     handed_over: u64,
     failed: u64,
-    first_failure: Option<(u64, ResultCode)>,
+    first_failure: Option<(u64, Outcome)>,
     quiet_cycles: usize,
     /// Accepted frames after the last cycles, the oldest first.
     recently_handed_over: [u64; STATUS_CYCLES],
@@ -45,7 +46,7 @@ pub struct TransmitTracker {
     /// Frames that a lost gateway may have held.
     doubtful: u64,
     pending: u32,
-    session: Session,
+    is_ready: bool,
     was_lost: bool,
     is_stopped: bool,
     /// Channel that was bus-off; it may have recovered.
@@ -62,8 +63,8 @@ impl TransmitTracker {
         Self {
             channels,
             open: HashMap::with_capacity(PENDING_FRAMES),
-            capacity: channels.iter().map(|channel| service.capacity(channel)).sum(),
-            session: session(service.port()),
+            capacity: channels.iter().map(|channel| service.capacity(GATEWAY, channel)).sum(),
+            is_ready: service.is_ready(GATEWAY),
             last_progress_ns: now_ns,
             start_ns: now_ns,
             last_departure_ns: now_ns,
@@ -72,35 +73,35 @@ impl TransmitTracker {
     }
 
     /// Adds a frame; numbers count from 0.
-    pub fn taken(&mut self, ticket: SendTicket, now_ns: u64) {
+    pub fn taken(&mut self, ticket: Ticket, now_ns: u64) {
         self.open.insert(ticket, self.taken);
         self.taken += 1;
         (self.quiet_cycles, self.last_progress_ns) = (0, now_ns);
     }
 
-    pub fn look(&mut self, cycle: &Cycle, port: &Port) {
-        self.watch_session(session(port));
-        let is_off = |channel: &u8| channel_status(port, *channel).bus_off();
+    pub fn look(&mut self, cycle: &Cycle, service: &Service) {
+        self.watch_session(service.is_ready(GATEWAY));
+        let is_off = |channel: &u8| service.channel_status(GATEWAY, *channel).bus_off();
         self.bus_off = self.bus_off.or_else(|| self.channels.iter().find(is_off));
         self.quiet_cycles = self.quiet_cycles.saturating_add(1);
         for arrival in &cycle.arrivals {
-            let Received::TransmitReport(report) = &arrival.received else { continue };
-            let Some(number) = report.ticket.and_then(|ticket| self.open.remove(&ticket)) else {
+            let Event::Result { ticket, outcome } = arrival.event else { continue };
+            let Some(number) = ticket.and_then(|ticket| self.open.remove(&ticket)) else {
                 continue;
             };
             (self.quiet_cycles, self.last_progress_ns) = (0, cycle.now_ns);
-            if report.code.is_success() {
+            if outcome.is_success() {
                 self.handed_over += 1;
                 self.last_departure_ns = cycle.now_ns;
             } else {
                 self.failed += 1;
-                self.first_failure.get_or_insert((number, report.code));
+                self.first_failure.get_or_insert((number, outcome));
             }
         }
-        if self.session != Session::Ready {
+        if !self.is_ready {
             return;
         }
-        let pending = pending(self.channels, port);
+        let pending = pending(self.channels, service);
         if pending < self.pending {
             (self.last_progress_ns, self.last_departure_ns) = (cycle.now_ns, cycle.now_ns);
         }
@@ -116,13 +117,13 @@ impl TransmitTracker {
     }
 
     /// A lost gateway drops its frames.
-    fn watch_session(&mut self, session: Session) {
-        if self.session == Session::Ready && session != Session::Ready {
+    fn watch_session(&mut self, is_ready: bool) {
+        if self.is_ready && !is_ready {
             self.was_lost = true;
             self.doubtful += self.possibly_held();
             self.departed = self.handed_over;
         }
-        self.session = session;
+        self.is_ready = is_ready;
     }
 
     fn possibly_held(&self) -> u64 {
@@ -144,7 +145,7 @@ impl TransmitTracker {
     }
 
     /// Number and result of the first rejected frame.
-    pub fn first_failure(&self) -> Option<(u64, ResultCode)> {
+    pub fn first_failure(&self) -> Option<(u64, Outcome)> {
         self.first_failure
     }
 
@@ -154,23 +155,20 @@ impl TransmitTracker {
     }
 
     /// Returns whether every frame has its result and no channel holds frames.
-    pub fn are_settled(&self, port: &Port) -> bool {
+    pub fn are_settled(&self, service: &Service) -> bool {
         self.open.is_empty()
             && self.quiet_cycles >= STATUS_CYCLES
-            && self.channels.iter().all(|it| channel_status(port, it).tx_pending() == 0)
+            && pending(self.channels, service) == 0
     }
 
     /// Reads the transmit FIFOs. Returns whether they are empty; those that cannot be read, or that
     /// are no FIFO, count as empty.
     pub fn controllers_are_empty(&mut self, service: &mut Service) -> bool {
         for channel in self.channels.iter() {
-            let Some(can) = can_config(service.port(), channel) else { continue };
+            let Some(can) = service.can(GATEWAY, channel) else { continue };
             let (mode, size) = (can.ram.tx_mode, can.ram.tx_fifo_size);
-            let read = service.port_mut().diagnose(|diagnostics| {
-                diagnostics.sdo_upload_u32(0, 0x9000 + u16::from(channel), 6)
-            });
-            let held = match read {
-                Ok(Ok(raw)) if mode == TxMode::Fifo => {
+            let held = match service.upload(GATEWAY, 0x9000 + u16::from(channel), 6) {
+                Ok(raw) if mode == TxMode::Fifo => {
                     size.saturating_sub(TransmitQueueStatus::from_raw(raw).free)
                 }
                 _ => 0,
@@ -185,7 +183,7 @@ impl TransmitTracker {
     /// Ends tracking: counts the pending frames, with a mailbox access if the gateway responds.
     pub fn close(&mut self, service: &mut Service, has_answers: bool) {
         self.is_stopped = service.is_interrupted();
-        if !has_answers || self.session != Session::Ready {
+        if !has_answers || !self.is_ready {
             self.doubtful += self.possibly_held();
             return;
         }
@@ -195,24 +193,20 @@ impl TransmitTracker {
             return;
         }
         // The status word saturates; read the count (0x9000:11).
-        let channels: Vec<_> = self.channels.iter().map(u16::from).collect();
-        let counted = service.port_mut().diagnose(|diagnostics| {
-            let count = |channel| diagnostics.sdo_upload_u32(0, 0x9000 + channel, 11);
-            channels.into_iter().map(count).sum::<Result<u32, _>>()
-        });
-        match counted {
-            Ok(Ok(count)) => self.waiting = count.into(),
-            Ok(Err(_)) | Err(_) => self.doubtful += self.possibly_held(),
+        let mut count = |channel: u8| service.upload(GATEWAY, 0x9000 + u16::from(channel), 11);
+        match self.channels.iter().map(&mut count).sum::<Result<u32, _>>() {
+            Ok(count) => self.waiting = count.into(),
+            Err(_) => self.doubtful += self.possibly_held(),
         }
     }
 
     /// Final counts, after [`close`](Self::close). Frames pending in a channel are not sent.
-    pub fn outcome(&self) -> Outcome {
+    pub fn outcome(&self) -> TransmitCounts {
         let doubtful = self.doubtful.min(self.handed_over);
         let waiting = self.waiting.min(self.handed_over - doubtful);
         let (held, open) = (waiting, self.open.len() as u64);
         let is_under_way = self.is_stopped && !self.was_lost;
-        Outcome {
+        TransmitCounts {
             sent: self.handed_over - waiting - doubtful,
             rejected: self.failed,
             waiting: if is_under_way { 0 } else { held },
@@ -224,17 +218,18 @@ impl TransmitTracker {
 
     pub fn failure(&self, service: &Service, message: String, otherwise: Option<&str>) -> Failure {
         if self.was_lost {
-            return service.not_ready(&message);
+            return service.not_ready(GATEWAY, &message);
         }
-        match self.cause(service.port()).or(otherwise.map(str::to_owned)) {
+        match self.cause(service).or(otherwise.map(str::to_owned)) {
             Some(cause) => Failure::Incomplete(format!("{message}: {cause}")),
             None => Failure::Incomplete(message),
         }
     }
 
-    fn cause(&self, port: &Port) -> Option<String> {
+    fn cause(&self, service: &Service) -> Option<String> {
         let rates = |channel| {
-            can_config(port, channel).map_or_else(String::new, |can| BitRates::of(can).to_string())
+            let can = service.can(GATEWAY, channel);
+            can.map_or_else(String::new, |can| BitRates::of(can).to_string())
         };
         if let Some(channel) = self.bus_off {
             let rates = rates(channel);
@@ -243,10 +238,7 @@ impl TransmitTracker {
             ));
         }
         if self.handed_over + self.failed == 0 && !self.open.is_empty() {
-            let gateway = port.config().gateways.first();
-            let only_sends = |channel: &u8| {
-                gateway.is_some_and(|gateway| !gateway.carries(Direction::TxPdo, *channel))
-            };
+            let only_sends = |channel: &u8| !service.carries(GATEWAY, Direction::TxPdo, *channel);
             if let Some(channel) = self.channels.iter().find(only_sends) {
                 return Some(format!(
                     "channel {channel} only sends, and the gateway may report no transmit result of \
@@ -260,11 +252,11 @@ impl TransmitTracker {
             );
         }
         let holds_frames = |channel: &u8| {
-            channel_status(port, *channel).tx_pending() > 0
+            service.channel_status(GATEWAY, *channel).tx_pending() > 0
                 || self.in_controllers.get(usize::from(*channel)).is_some_and(|held| *held > 0)
         };
         let channel = self.channels.iter().find(holds_frames)?;
-        let status: ChannelStatus = channel_status(port, channel);
+        let status: ChannelStatus = service.channel_status(GATEWAY, channel);
         let rates = rates(channel);
         Some(if status.warn() {
             format!(
@@ -278,12 +270,12 @@ impl TransmitTracker {
 }
 
 /// Pending frames in the channels, from their status, up to 7 each.
-fn pending(channels: Channels, port: &Port) -> u32 {
-    channels.iter().map(|it| u32::from(channel_status(port, it).tx_pending())).sum()
+fn pending(channels: Channels, service: &Service) -> u32 {
+    channels.iter().map(|it| u32::from(service.channel_status(GATEWAY, it).tx_pending())).sum()
 }
 
 #[derive(Clone, Copy, Debug)]
-pub struct Outcome {
+pub struct TransmitCounts {
     pub sent: u64,
     pub rejected: u64,
     /// Frames pending in a channel.
@@ -296,7 +288,7 @@ pub struct Outcome {
     pub bus_off: Option<u8>,
 }
 
-impl Outcome {
+impl TransmitCounts {
     /// Frames not confirmed as sent.
     pub fn lost(&self) -> u64 {
         self.rejected + self.waiting + self.unknown

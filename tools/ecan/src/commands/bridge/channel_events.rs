@@ -3,6 +3,8 @@
 use ecan_bridge::BusEvent;
 use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
+use crate::frames::Outcome;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Level {
     Active,
@@ -42,10 +44,10 @@ impl ChannelEvents {
 }
 
 /// Event of a frame that the gateway did not send.
-pub fn of_failure(code: ResultCode) -> BusEvent {
-    match code {
-        ResultCode::BusBusy => BusEvent::LostArbitration,
-        ResultCode::TxFifoFull => BusEvent::TransmitOverflow,
+pub fn of_failure(outcome: Outcome) -> BusEvent {
+    match outcome {
+        Outcome::Result(ResultCode::BusBusy) => BusEvent::LostArbitration,
+        Outcome::Result(ResultCode::TxFifoFull) => BusEvent::TransmitOverflow,
         _ => BusEvent::TransmitFailed,
     }
 }

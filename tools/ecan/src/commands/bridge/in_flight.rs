@@ -1,6 +1,6 @@
 use std::collections::HashMap;
 
-use ecan_mcan_port::SendTicket;
+use crate::frames::Ticket;
 
 /// Time limit of a transmit result: later the image with the result must be lost. Tickets repeat
 /// after 65536 images, 65 s with the usual cycle.
@@ -9,7 +9,7 @@ const LOOK_NS: u64 = 1_000_000_000;
 
 #[derive(Debug)]
 pub struct InFlight<T> {
-    frames: HashMap<SendTicket, (u64, T)>,
+    frames: HashMap<Ticket, (u64, T)>,
     next_look_ns: u64,
 }
 
@@ -20,11 +20,11 @@ impl<T> Default for InFlight<T> {
 }
 
 impl<T> InFlight<T> {
-    pub fn insert(&mut self, ticket: SendTicket, frame: T, now_ns: u64) {
+    pub fn insert(&mut self, ticket: Ticket, frame: T, now_ns: u64) {
         self.frames.insert(ticket, (now_ns, frame));
     }
 
-    pub fn remove(&mut self, ticket: SendTicket) -> Option<T> {
+    pub fn remove(&mut self, ticket: Ticket) -> Option<T> {
         self.frames.remove(&ticket).map(|(_, frame)| frame)
     }
 
@@ -34,7 +34,7 @@ impl<T> InFlight<T> {
             return Vec::new();
         }
         self.next_look_ns = now_ns + LOOK_NS;
-        let is_over = |_: &SendTicket, (taken_ns, _): &mut (u64, T)| {
+        let is_over = |_: &Ticket, (taken_ns, _): &mut (u64, T)| {
             all || now_ns.saturating_sub(*taken_ns) >= LIMIT_NS
         };
         self.frames.extract_if(is_over).map(|(_, (_, frame))| frame).collect()
@@ -43,11 +43,13 @@ impl<T> InFlight<T> {
 
 #[cfg(test)]
 mod tests {
+    use ecan_mcan_port::SendTicket;
+
     use super::*;
 
     #[test]
     fn entry_without_result_expires() {
-        let ticket = |sequence| SendTicket { slave: 0, sequence, index: 0 };
+        let ticket = |sequence| Ticket::from(SendTicket { slave: 0, sequence, index: 0 });
         let mut frames = InFlight::default();
         let start = 5 * LIMIT_NS;
         frames.insert(ticket(1), "lost", start);

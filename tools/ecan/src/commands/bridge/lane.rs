@@ -8,7 +8,7 @@ use crate::commands::bridge::endpoint::{Address, Endpoint};
 use crate::commands::bridge::round_robin::RoundRobin;
 use crate::commands::bridge::transmit_gate::TransmitGate;
 use crate::context::{Result, note};
-use crate::frames::{Service, channel_status};
+use crate::frames::Service;
 
 /// A bus without progress for this time, despite pending frames, has no acknowledging node.
 const STALL_NS: u64 = 1_000_000_000;
@@ -66,7 +66,7 @@ impl Lane {
 
     /// Follows the state of the channel: events, and whether frames can be sent.
     pub fn update(&mut self, service: &Service, is_ready: bool, now_ns: u64) {
-        let status = channel_status(service.port(), self.channel);
+        let status = service.channel_status(0, self.channel);
         let time_ns = service.absolute_ns(now_ns);
         if is_ready {
             while let Some(event) = self.events.next(status) {

@@ -1,13 +1,12 @@
 //! The cycle of the bridge.
 
 use ecan_bridge::BusEvent;
-use ecan_mcan_port::{Received, Session};
 
 use crate::commands::bridge::channel_events::of_failure;
 use crate::commands::bridge::in_flight::InFlight;
 use crate::commands::bridge::lane::{Lane, PendingFrame};
 use crate::context::{Result, note};
-use crate::frames::{Service, session};
+use crate::frames::{Event, Service};
 
 #[derive(Debug)]
 pub struct Traffic {
@@ -38,29 +37,29 @@ impl Traffic {
         let cycle = self.service.begin();
         for arrival in &cycle.arrivals {
             let time_ns = self.service.absolute_ns(arrival.time_ns);
-            match &arrival.received {
-                Received::Frame(received) => {
+            match &arrival.event {
+                Event::Received(received) => {
                     let of_channel = |lane: &&Lane| lane.channel == received.channel;
                     if let Some(lane) = self.lanes.iter().find(of_channel) {
                         lane.deliver(&received.frame, time_ns);
                     }
                 }
-                Received::TransmitReport(report) => {
-                    let held = report.ticket.and_then(|ticket| self.in_flight.remove(ticket));
+                Event::Result { ticket, outcome } => {
+                    let held = ticket.and_then(|ticket| self.in_flight.remove(ticket));
                     let Some((lane, held)) = held else { continue };
                     let Some(lane) = self.lanes.get_mut(lane) else { continue };
-                    if report.code.is_success() {
+                    if outcome.is_success() {
                         lane.confirm(&held, time_ns, cycle.now_ns);
                     } else {
                         let channel = lane.channel;
-                        note(format_args!("# can{channel}: client frame lost: {}", report.code));
-                        lane.report(of_failure(report.code), time_ns);
+                        note(format_args!("# can{channel}: client frame lost: {outcome}"));
+                        lane.report(of_failure(*outcome), time_ns);
                         lane.fail(&held);
                     }
                 }
             }
         }
-        let is_ready = session(self.service.port()) == Session::Ready;
+        let is_ready = self.service.is_ready(0);
         // Results of frames before the loss of a session never arrive.
         let unknown = self.in_flight.forget(cycle.now_ns, !is_ready);
         if !unknown.is_empty() {
@@ -91,7 +90,7 @@ impl Traffic {
             let numbers = (self.first..).take(from.len()).chain(0..);
             for (number, lane) in numbers.zip(from.iter_mut().chain(before)) {
                 let Some(held) = lane.take() else { continue };
-                match self.service.send(lane.channel, &held.sent.frame) {
+                match self.service.send(0, lane.channel, &held.sent.frame) {
                     Ok(Some(ticket)) => {
                         self.in_flight.insert(ticket, (number, held), now_ns);
                         has_progress = true;

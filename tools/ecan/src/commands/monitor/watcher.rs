@@ -32,13 +32,9 @@ impl Watcher {
             is_listening: arguments.listen_only,
             ..GatewayRequirements::on(arguments.channel)
         };
-        let Planned { positions, adapter, config, .. } =
-            settings.for_all(bus, requirements, global)?;
-        let first = positions.first().copied().unwrap_or_default();
-        let failed = |error| match failure(first, error) {
-            Failure::NotReady { reason, .. } if positions.len() > 1 => Failure::Rejected(reason),
-            other => other,
-        };
+        let planned = settings.for_all(bus, requirements, global)?;
+        let Planned { adapter, config, .. } = planned;
+        let failed = |error| planned.failure(error);
         config.check(&adapter).map_err(|faults| failed(faults.into()))?;
         if let Some(warning) = config.sync0_warning(&adapter) {
             note(format_args!("warning: {warning}"));
@@ -46,7 +42,7 @@ impl Watcher {
         let busy = BusTime::new(&config);
         let port = Port::open(bus.ecrt(), (adapter, config)).map_err(failed)?;
         port.profile_warnings().iter().for_each(|warning| note(format_args!("warning: {warning}")));
-        Ok(Self { port, positions, busy })
+        Ok(Self { port, positions: planned.positions, busy })
     }
 
     /// Activates the master; from now on [`cycle`](Self::cycle) must be called.

@@ -1,0 +1,124 @@
+//! The way to the gateways of a frame command.
+
+use std::fmt;
+
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{PortConfig, SendTicket, Session, SlaveStatistics};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::image::{ChannelStatus, ResultCode, Timestamp};
+use ecan_protocol::mapping::Direction;
+
+use crate::context::Result;
+
+/// Identifies a sent frame; its transmit result has the same ticket.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Ticket(u64);
+
+impl From<SendTicket> for Ticket {
+    fn from(SendTicket { slave, sequence, index }: SendTicket) -> Self {
+        Self((slave as u64) << 32 | u64::from(sequence) << 8 | u64::from(index))
+    }
+}
+
+/// Result of a frame that was sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Result of the gateway.
+    Result(ResultCode),
+}
+
+impl Outcome {
+    pub fn is_success(self) -> bool {
+        match self {
+            Self::Result(code) => code.is_success(),
+        }
+    }
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Result(code) => code.fmt(f),
+        }
+    }
+}
+
+/// A CAN frame of a bus. A gateway is its index in the command.
+#[derive(Clone, Copy, Debug)]
+pub struct BusFrame {
+    pub gateway: usize,
+    pub channel: u8,
+    pub frame: CanFrame,
+    /// Time stamp of the gateway.
+    pub timestamp: Timestamp,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Event {
+    Received(BusFrame),
+    Result {
+        /// `None` for a frame of another program.
+        ticket: Option<Ticket>,
+        outcome: Outcome,
+    },
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Arrival {
+    /// Time of the cycle clock in nanoseconds.
+    pub time_ns: u64,
+    pub event: Event,
+}
+
+/// State of the session of a gateway.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SessionState(pub Session);
+
+impl SessionState {
+    pub fn is_ready(self) -> bool {
+        self.0 == Session::Ready
+    }
+}
+
+impl fmt::Display for SessionState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// Gateways with a running cycle.
+pub trait FrameLink: fmt::Debug {
+    fn adapter_config(&self) -> &AdapterConfig;
+
+    fn port_config(&self) -> &PortConfig;
+
+    /// Time of the cycle clock in nanoseconds.
+    fn now_ns(&self) -> u64;
+
+    /// Offset from the cycle clock to the time since 1970; 0 for stepped time.
+    fn since_1970_ns(&self) -> u64;
+
+    fn is_real_time(&self) -> bool;
+
+    /// Waits for a cycle and appends what arrived. Returns the start of the cycle.
+    fn begin(&mut self, arrivals: &mut Vec<Arrival>) -> u64;
+
+    /// Sends a frame; `None` without space in this cycle.
+    fn send(&mut self, gateway: usize, channel: u8, frame: &CanFrame) -> Result<Option<Ticket>>;
+
+    /// Ends the cycle.
+    fn end(&mut self) -> Result;
+
+    fn session(&self, gateway: usize) -> SessionState;
+
+    /// "Disabled" for a channel that is not enabled.
+    fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus;
+
+    fn statistics(&self, gateway: usize) -> SlaveStatistics;
+
+    /// Passes the images of this cycle: gateway, time, image.
+    fn images(&self, direction: Direction, visit: &mut dyn FnMut(usize, u64, &[u8]));
+
+    /// Uploads an object of at most 4 bytes in parallel with the cycle.
+    fn upload(&mut self, gateway: usize, index: u16, subindex: u8) -> Result<u32>;
+}
