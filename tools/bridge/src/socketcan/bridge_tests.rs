@@ -100,7 +100,7 @@ fn frames_unfit_for_bus_are_counted() {
     kernel.send(&bytes(0x2000_0040, 8, 0, &[], 16)).unwrap();
     kernel.send(&[1, 2, 3]).unwrap();
     count(|it| it.rejected, 4);
-    // The interface learns of each frame that the bus cannot carry.
+    // The interface receives an event for each frame that the bus cannot carry.
     for _ in 0..2 {
         assert_eq!(received(&kernel), bytes(0x2000_0001, 8, 0, &[], 16));
     }

@@ -70,7 +70,7 @@ pub enum Command {
     /// Show gateways, channels and cycle in full-screen mode
     #[command(after_help = monitor::EXAMPLES)]
     Monitor(monitor::MonitorArguments),
-    /// Connect other programs to a channel: slcan, socketcand or SocketCAN
+    /// Connect other programs to channels: slcan, socketcand or SocketCAN
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),
     /// Decide by experiments what the manual leaves open about a gateway
