@@ -47,6 +47,7 @@ pub use master::{
     AssignedPdo, DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner,
     OpenError, OpenFailure, PdoEntry, PortInfo, PortKind, RegRequestId, RequestState, SdoError,
     SdoRequestId, SlaveConfigId, SlaveConfigState, SlaveInfo, SyncDirection, WatchdogMode, WcState,
+    leave_real_time,
 };
 pub use observer::{
     CommandTicket, NoSuchAxis, Observer, ObserverError, QuickStop, QuickStops, Section,

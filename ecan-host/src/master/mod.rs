@@ -58,6 +58,7 @@ pub use open_error::{NodeOwner, OpenError, OpenFailure};
 pub use pdo_assignment::{AssignedPdo, PdoEntry};
 pub use process_data::{DomainState, WcState};
 pub use requests::RequestState;
+pub use scheduling::leave_real_time;
 pub(crate) use scheduling::set_fifo_priority;
 pub use sdo::SdoError;
 

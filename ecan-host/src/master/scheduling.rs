@@ -17,6 +17,27 @@ pub fn set_fifo_priority(priority: u8) -> Result<(), Errno> {
     if fault == 0 { Ok(()) } else { Err(Errno::new(fault)) }
 }
 
+/// Puts the calling thread under SCHED_OTHER, for threads that a real-time thread starts: they inherit its
+/// scheduling. Returns whether it was real-time.
+///
+/// # Errors
+/// The error of the system.
+pub fn leave_real_time() -> Result<bool, Errno> {
+    let (mut policy, mut parameters) = (0, libc::sched_param { sched_priority: 0 });
+    // SAFETY: `pthread_self` always names a living thread; the pointers are valid for the calls.
+    let fault = unsafe {
+        match libc::pthread_getschedparam(libc::pthread_self(), &mut policy, &mut parameters) {
+            0 if policy == libc::SCHED_OTHER => return Ok(false),
+            0 => {
+                parameters.sched_priority = 0;
+                libc::pthread_setschedparam(libc::pthread_self(), libc::SCHED_OTHER, &parameters)
+            }
+            fault => fault,
+        }
+    };
+    if fault == 0 { Ok(true) } else { Err(Errno::new(fault)) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -25,5 +46,13 @@ mod tests {
     fn priority_out_of_range_is_rejected() {
         assert_eq!(set_fifo_priority(0), Err(Errno::EINVAL));
         assert_eq!(set_fifo_priority(200), Err(Errno::EINVAL));
+    }
+
+    #[test]
+    fn thread_of_a_real_time_thread_leaves_it() {
+        let inner = || std::thread::spawn(leave_real_time).join().unwrap();
+        let outer = || set_fifo_priority(1).is_ok() == inner().unwrap();
+        assert!(std::thread::spawn(outer).join().unwrap());
+        assert_eq!(inner(), Ok(false));
     }
 }
