@@ -32,6 +32,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 /// Counters of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ChannelStatistics {
     /// Frames that a send accepted.
     pub frames_accepted: u64,
@@ -77,6 +78,7 @@ pub struct ChannelStatistics {
 
 /// Counters of one gateway.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SlaveStatistics {
     /// Cycles since the gateway was ready for the first time.
     pub cycles: u64,
