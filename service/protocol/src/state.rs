@@ -76,6 +76,8 @@ pub enum SessionState {
 pub struct GatewayState {
     /// State of the session.
     pub session: SessionState,
+    /// Step that the gateway waits for until it is ready.
+    pub waiting_for: Option<String>,
     /// Working counter of the cycle, and the expected one.
     pub working_counter: u32,
     /// Expected working counter.

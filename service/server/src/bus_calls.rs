@@ -1,0 +1,217 @@
+//! Requests about the EtherCAT bus, on handles of their own. They block.
+
+use ecan_host::{
+    Diagnostics, Ecrt, Error, Master, PortKind as HostPortKind, SdoDirection as HostDirection,
+    SlaveAccess, SlaveInfo,
+};
+use ecan_service_protocol::{
+    AssignedParams, AssignedPdo, BusError, BusState, DownloadParams, Empty, INVALID_PARAMS, Link,
+    LinkParams, MAX_SDO_BYTES, Method, PdoEntry, PortKind, Request, RpcError, SdoDirection, Slave,
+    SlaveParams, SlavePort, Upload, UploadParams, methods,
+};
+use serde_json::Value;
+
+use crate::session::{parameters, value};
+
+/// Handles of one worker, opened when they are needed.
+#[derive(Debug)]
+pub(crate) struct BusCalls {
+    ecrt: Ecrt,
+    master_index: u32,
+    master: Option<Master>,
+}
+
+impl BusCalls {
+    pub(crate) fn new(ecrt: Ecrt, master_index: u32) -> Self {
+        Self { ecrt, master_index, master: None }
+    }
+
+    /// Executes a request; `None` if the method is another one.
+    pub(crate) fn call(&mut self, request: &Request) -> Option<Result<Value, RpcError>> {
+        Some(match request.method.as_str() {
+            methods::ReadBusState::NAME => self.with(|bus, _: Empty| bus_state(bus), request),
+            methods::ReadLink::NAME => self.with(link, request),
+            methods::ReadSlaves::NAME => self.with(|bus, _: Empty| slaves(bus), request),
+            methods::ReadSlave::NAME => self.with(
+                |bus, params: SlaveParams| Ok(slave(SlaveAccess::slave_info(bus, params.slave)?)),
+                request,
+            ),
+            methods::ReadAssigned::NAME => self.with(assigned, request),
+            methods::UploadSdo::NAME => self.upload(request),
+            methods::DownloadSdo::NAME => self.download(request),
+            _ => return None,
+        })
+    }
+
+    fn master(&mut self) -> Result<&Master, Error> {
+        let opened = match self.master.take() {
+            Some(master) => master,
+            None => Master::open(&self.ecrt, self.master_index)?,
+        };
+        Ok(self.master.insert(opened))
+    }
+
+    fn with<P: serde::de::DeserializeOwned, R: serde::Serialize>(
+        &mut self,
+        call: impl FnOnce(&Master, P) -> Result<R, Error>,
+        request: &Request,
+    ) -> Result<Value, RpcError> {
+        let params = parameters(request)?;
+        let result = self.master().and_then(|master| call(master, params));
+        value(&result.map_err(|error| rpc_error(&error))?)
+    }
+
+    /// Handle that repeats transfers without response. A new one for each transfer, because it fixes the
+    /// number of slaves.
+    fn repeating(&self) -> Result<Diagnostics, Error> {
+        Diagnostics::of_bus(&self.ecrt, self.master_index)
+    }
+
+    fn upload(&mut self, request: &Request) -> Result<Value, RpcError> {
+        let params: UploadParams = parameters(request)?;
+        let UploadParams { slave, index, subindex, max_bytes, once } = params;
+        let max_bytes = max_bytes.unwrap_or(MAX_SDO_BYTES);
+        if !(1..=MAX_SDO_BYTES).contains(&max_bytes) {
+            let text =
+                format!("max_bytes {max_bytes} is out of range; allowed: 1 to {MAX_SDO_BYTES}");
+            return Err(RpcError::new(INVALID_PARAMS, text));
+        }
+        let mut data = vec![0; max_bytes as usize];
+        let result = if once {
+            self.master()
+                .and_then(|bus| SlaveAccess::sdo_upload(bus, slave, index, subindex, &mut data))
+        } else {
+            self.repeating()
+                .and_then(|bus| bus.sdo_upload(slave.into(), index, subindex, &mut data))
+        };
+        data.truncate(result.map_err(|error| rpc_error(&error))?);
+        value(&Upload { data })
+    }
+
+    fn download(&mut self, request: &Request) -> Result<Value, RpcError> {
+        let params: DownloadParams = parameters(request)?;
+        let DownloadParams { slave, index, subindex, data, once, complete } = params;
+        if complete && subindex != 0 {
+            let text =
+                format!("subindex {subindex} with complete access is out of range; allowed: 0");
+            return Err(RpcError::new(INVALID_PARAMS, text));
+        }
+        let result = if complete {
+            self.master()
+                .and_then(|bus| SlaveAccess::sdo_download_complete(bus, slave, index, &data))
+        } else if once {
+            self.master()
+                .and_then(|bus| SlaveAccess::sdo_download(bus, slave, index, subindex, &data))
+        } else {
+            self.repeating().and_then(|bus| bus.sdo_download(slave.into(), index, subindex, &data))
+        };
+        result.map_err(|error| rpc_error(&error))?;
+        value(&Empty {})
+    }
+}
+
+fn bus_state(bus: &Master) -> Result<BusState, Error> {
+    let (info, state) = (bus.master_info()?, bus.master_state()?);
+    Ok(BusState {
+        slave_count: info.slave_count,
+        slaves_responding: state.slaves_responding,
+        al_states: state.al_states,
+        link_up: state.link_up,
+        main_link_up: info.link_up,
+        scan_busy: info.scan_busy,
+        app_time_ns: info.app_time_ns,
+    })
+}
+
+fn link(bus: &Master, params: LinkParams) -> Result<Link, Error> {
+    let state = SlaveAccess::link_state(bus, params.device)?;
+    Ok(Link {
+        slaves_responding: state.slaves_responding,
+        al_states: state.al_states,
+        link_up: state.link_up,
+    })
+}
+
+fn slaves(bus: &Master) -> Result<Vec<Slave>, Error> {
+    let count = bus.master_state()?.slaves_responding;
+    let count = u16::try_from(count).unwrap_or(u16::MAX);
+    (0..count).map(|position| Ok(slave(SlaveAccess::slave_info(bus, position)?))).collect()
+}
+
+fn slave(info: SlaveInfo) -> Slave {
+    Slave {
+        position: info.position,
+        vendor_id: info.vendor_id,
+        product_code: info.product_code,
+        revision_number: info.revision_number,
+        serial_number: info.serial_number,
+        alias: info.alias,
+        current_on_ebus_ma: info.current_on_ebus_ma,
+        al_state: info.al_state,
+        error_flag: info.error_flag,
+        sync_count: info.sync_count,
+        sdo_count: info.sdo_count,
+        name: info.name,
+        ports: info.ports.map(|port| SlavePort {
+            kind: match port.kind {
+                HostPortKind::NotImplemented => PortKind::NotImplemented,
+                HostPortKind::NotConfigured => PortKind::NotConfigured,
+                HostPortKind::EBus => PortKind::Ebus,
+                HostPortKind::Mii => PortKind::Mii,
+            },
+            link_up: port.link_up,
+            loop_closed: port.loop_closed,
+            signal_detected: port.signal_detected,
+            receive_time_ns: port.receive_time_ns,
+            next_slave: port.next_slave,
+            delay_to_next_dc_ns: port.delay_to_next_dc_ns,
+        }),
+    }
+}
+
+fn assigned(bus: &Master, params: AssignedParams) -> Result<Vec<AssignedPdo>, Error> {
+    let found = SlaveAccess::assigned_pdos(bus, params.slave, params.sync)?;
+    let entry = |entry: &ecan_host::PdoEntry| PdoEntry {
+        index: entry.index,
+        subindex: entry.subindex,
+        bits: entry.bits,
+    };
+    let pdo = |pdo: &ecan_host::AssignedPdo| AssignedPdo {
+        index: pdo.index,
+        entries: pdo.entries.iter().map(entry).collect(),
+    };
+    Ok(found.iter().map(pdo).collect())
+}
+
+/// The error of a client's request, with the fields from which the client restores the error.
+pub(crate) fn rpc_error(error: &Error) -> RpcError {
+    let fields = match *error {
+        Error::Sdo { slave, direction, index, subindex, errno, abort_code, attempts } => {
+            BusError::Sdo {
+                slave: slave as u32,
+                direction: match direction {
+                    HostDirection::Upload => SdoDirection::Upload,
+                    HostDirection::Download => SdoDirection::Download,
+                },
+                index,
+                subindex,
+                errno: errno.code(),
+                abort_code: abort_code.map(|code| code.0),
+                attempts,
+            }
+        }
+        Error::NoSuchSlave { slave, alias, position, responding, is_scanning } => {
+            BusError::NoSuchSlave { slave: slave as u32, alias, position, responding, is_scanning }
+        }
+        Error::SlaveIndex { slave, count } => {
+            BusError::SlaveIndex { slave: slave as u32, count: count as u32 }
+        }
+        Error::Library { call, slave, errno } => BusError::Library {
+            call: call.into(),
+            slave: slave.map(|slave| slave as u32),
+            errno: errno.code(),
+        },
+        _ => BusError::Other,
+    };
+    RpcError::bus(error.to_string(), &fields)
+}

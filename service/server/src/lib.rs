@@ -1,0 +1,33 @@
+//! Service of a running ECAN-Lite bus for other programs, on a Unix socket (docs/SERVICE.md).
+//!
+//! [`ServePort::serve`] starts it in the process that runs the cycle. Clients read the state and the
+//! CAN frames of the bus; clients with [`Control`] also send frames and download SDOs. The crate
+//! `ecan-service-client` is the client.
+#![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+#![forbid(unsafe_code)]
+
+mod attachment;
+mod bus;
+mod bus_calls;
+mod bus_view;
+mod client;
+mod config;
+mod extension;
+mod frame_feed;
+mod listener;
+mod offline_session;
+mod output_queue;
+mod permission;
+mod scheduling;
+mod server_loop;
+mod service;
+mod session;
+mod shared;
+mod workers;
+
+pub use config::{Control, ServiceConfig, ServiceError};
+pub use extension::{Extension, Permission};
+#[doc(hidden)]
+pub use offline_session::OfflineSession;
+pub use service::{ServePort, Service};

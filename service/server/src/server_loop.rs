@@ -1,0 +1,302 @@
+//! The service's thread: clients, frames of the cycle, responses of the workers.
+
+use std::collections::BTreeMap;
+use std::os::fd::{AsFd as _, OwnedFd};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use ecan_protocol::mapping::Direction;
+use ecan_service_protocol::{
+    BUSY, FrameReport, GatewaysChanged, ImageDirection, ImageMessage, MessageKind, Response,
+    RpcError, ServiceStats, header,
+};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
+use rustix::net::{SendFlags, send};
+use serde_json::Value;
+
+use crate::attachment::Attachment;
+use crate::bus::Bus;
+use crate::client::Client;
+use crate::frame_feed::{FeedSink, Owner};
+use crate::listener::Listener;
+use crate::permission::{AccessRule, Peer};
+use crate::scheduling::enter_background;
+use crate::session::{ClientId, Session};
+use crate::shared::{Shared, Update, notification};
+use crate::workers::Done;
+
+/// Interval of reading the cycle's ring while a client needs it.
+const ACTIVE_INTERVAL: Duration = Duration::from_millis(1);
+/// Interval of sampling the cycle.
+const SAMPLE_INTERVAL: Duration = Duration::from_millis(50);
+/// Interval of checking the socket file.
+const CHECK_INTERVAL: Duration = Duration::from_secs(1);
+const READ_BYTES: usize = 64 << 10;
+
+/// Limits of a service.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limits {
+    pub(crate) max_clients: usize,
+    pub(crate) queue_bytes: usize,
+    pub(crate) window: u32,
+}
+
+pub(crate) struct ServerLoop {
+    listener: Listener,
+    shared: Arc<Shared>,
+    access: AccessRule,
+    bus: Bus,
+    limits: Limits,
+    clients: Clients,
+    /// Descriptor that is closed to accept, and reject, a client when there is no other one.
+    reserve: Option<OwnedFd>,
+    /// Conditions that were logged.
+    has_no_descriptor: bool,
+    cannot_restore: bool,
+}
+
+/// The clients, as receivers of frames.
+#[derive(Debug, Default)]
+struct Clients {
+    all: BTreeMap<ClientId, Client>,
+    /// Without the list of clients.
+    stats: ServiceStats,
+}
+
+impl ServerLoop {
+    pub(crate) fn new(
+        listener: Listener,
+        shared: Arc<Shared>,
+        access: AccessRule,
+        bus: Bus,
+        limits: Limits,
+    ) -> Self {
+        Self {
+            listener,
+            shared,
+            access,
+            bus,
+            limits,
+            clients: Clients::default(),
+            reserve: open_reserve(),
+            has_no_descriptor: false,
+            cannot_restore: false,
+        }
+    }
+
+    pub(crate) fn run(mut self) {
+        enter_background();
+        let mut buffer = vec![0; READ_BYTES];
+        let (mut next_check, mut next_sample) = (Instant::now(), Instant::now());
+        while !self.shared.is_stopped() {
+            for update in self.shared.take_updates() {
+                self.apply(update);
+            }
+            while let Some(Done { client, id, result }) = self.bus.workers.next_done() {
+                if let Some(client) = self.clients.all.get_mut(&client) {
+                    client.session.respond_later(id, result);
+                }
+            }
+            let now = Instant::now();
+            if now >= next_sample {
+                next_sample = now + SAMPLE_INTERVAL;
+                self.bus.cycle.iter_mut().for_each(|cycle| cycle.view.sample());
+            }
+            if now >= next_check {
+                next_check = now + CHECK_INTERVAL;
+                self.check_socket();
+            }
+            let wait = self.drain();
+            self.clients.all.values_mut().for_each(Client::write);
+            self.clients.all.retain(|_, client| !client.is_over());
+            self.serve(wait, &mut buffer);
+        }
+        self.close();
+    }
+
+    fn apply(&mut self, update: Update) {
+        match update {
+            Update::Cycle(cycle) => {
+                if let Some(old) = &mut self.bus.cycle {
+                    old.feed.close(&mut self.clients);
+                }
+                self.bus.set_cycle(cycle);
+                let hello = &self.bus.hello;
+                let (cycle_ns, gateways) = (hello.cycle_ns, hello.gateways.clone());
+                let changed = GatewaysChanged { cycle_ns, gateways };
+                self.clients.notify(&notification("gateways", &changed));
+            }
+            Update::Notify(method, params) => {
+                self.clients.notify(&Response::notification(&method, params));
+            }
+        }
+    }
+
+    /// Delivers what the cycle wrote; returns the time until it is read again.
+    fn drain(&mut self) -> Duration {
+        let is_needed = self.clients.all.values().any(|client| client.session.needs_images());
+        let Some(cycle) = &mut self.bus.cycle else { return CHECK_INTERVAL };
+        let now_ns = self.bus.clock.now_ns();
+        if cycle.feed.drain(is_needed, now_ns, &mut self.clients) {
+            return Duration::ZERO;
+        }
+        if cycle.feed.is_active() { ACTIVE_INTERVAL } else { SAMPLE_INTERVAL }
+    }
+
+    /// Waits for clients, workers or the time, and reads what clients sent.
+    fn serve(&mut self, wait: Duration, buffer: &mut [u8]) {
+        let waker = self.shared.waker();
+        let mut fds =
+            vec![PollFd::new(waker, PollFlags::IN), PollFd::new(&self.listener, PollFlags::IN)];
+        let clients = self.clients.all.values();
+        fds.extend(clients.map(|client| PollFd::new(&client.socket, client.poll_flags())));
+        let timeout = Timespec::try_from(wait).ok();
+        if poll(&mut fds, timeout.as_ref()).is_err() {
+            return;
+        }
+        let ready: Vec<_> = fds.iter().map(PollFd::revents).collect();
+        if ready.first().is_some_and(|flags| !flags.is_empty()) {
+            waker.clear();
+        }
+        let has_new = ready.get(1).is_some_and(|flags| !flags.is_empty());
+        let with_input = ready.iter().skip(2).any(|flags| flags.contains(PollFlags::IN));
+        if with_input {
+            let clients = self.clients.all.values().map(Client::statistics).collect();
+            self.bus.stats = ServiceStats { clients, ..self.clients.stats.clone() };
+        }
+        for (client, flags) in self.clients.all.values_mut().zip(ready.iter().skip(2)) {
+            if flags.contains(PollFlags::IN) {
+                client.read(buffer, &mut self.bus);
+            } else if flags.intersects(PollFlags::ERR | PollFlags::HUP) {
+                client.hang_up();
+            }
+        }
+        if has_new {
+            self.accept();
+        }
+    }
+
+    fn accept(&mut self) {
+        match self.listener.accept() {
+            Ok(socket) => {
+                self.has_no_descriptor = false;
+                self.admit(socket);
+            }
+            Err(error @ (Errno::MFILE | Errno::NFILE)) => {
+                if !std::mem::replace(&mut self.has_no_descriptor, true) {
+                    tracing::error!("service: cannot accept clients: {error}; raise RLIMIT_NOFILE");
+                }
+                self.reserve = None;
+                // Without a descriptor the socket stays readable, and the loop would not wait.
+                match self.listener.accept() {
+                    Ok(socket) => self.reject(&socket, "the service has no free file descriptor"),
+                    Err(_) => std::thread::sleep(SAMPLE_INTERVAL),
+                }
+                self.reserve = open_reserve();
+            }
+            // A client that has left.
+            Err(_) => {}
+        }
+    }
+
+    fn admit(&mut self, socket: OwnedFd) {
+        let Limits { max_clients, queue_bytes, window } = self.limits;
+        if self.clients.all.len() >= max_clients {
+            let text =
+                format!("{max_clients} clients are connected; close one, or raise max_clients");
+            return self.reject(&socket, &text);
+        }
+        let peer = Peer::of(&socket);
+        let permission = self.access.permission(peer);
+        self.clients.stats.clients_accepted += 1;
+        let id = self.clients.stats.clients_accepted;
+        let session = Session::new(id, permission, queue_bytes, window);
+        self.clients.all.insert(id, Client::new(socket, session, peer));
+    }
+
+    /// Sends the reason, as far as the socket takes it, and closes the connection.
+    fn reject(&mut self, socket: &OwnedFd, reason: &str) {
+        self.clients.stats.clients_rejected += 1;
+        let response = Response::error(Value::Null, RpcError::new(BUSY, reason));
+        let payload = serde_json::to_vec(&response).unwrap_or_default();
+        let mut message = header(MessageKind::Rpc, payload.len()).to_vec();
+        message.extend_from_slice(&payload);
+        let _ = send(socket.as_fd(), &message, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+    }
+
+    fn check_socket(&mut self) {
+        match self.listener.restore() {
+            Ok(is_new) => {
+                self.cannot_restore = false;
+                if is_new {
+                    tracing::warn!("service: socket file was removed; created again");
+                }
+            }
+            Err(error) if !std::mem::replace(&mut self.cannot_restore, true) => {
+                tracing::error!("service: socket file was removed: {error}");
+            }
+            Err(_) => {}
+        }
+    }
+
+    /// Ends every connection, with what the clients take.
+    fn close(&mut self) {
+        if let Some(Attachment { feed, .. }) = self.bus.cycle.as_deref_mut() {
+            feed.close(&mut self.clients);
+        }
+        self.clients.all.values_mut().for_each(Client::write);
+    }
+}
+
+fn open_reserve() -> Option<OwnedFd> {
+    rustix::fs::open("/dev/null", OFlags::RDONLY | OFlags::CLOEXEC, Mode::empty()).ok()
+}
+
+impl Clients {
+    fn notify(&mut self, notification: &Response) {
+        for client in self.all.values_mut() {
+            client.session.notify(notification);
+        }
+    }
+}
+
+impl FeedSink for Clients {
+    fn frame(&mut self, report: &FrameReport, owner: Option<Owner>) {
+        self.stats.frames += 1;
+        let other = FrameReport { tag: 0, ..*report };
+        for (id, client) in &mut self.all {
+            match owner {
+                Some((owner, _)) if owner == *id => client.session.deliver_own(report),
+                _ => client.session.deliver(&other),
+            }
+        }
+    }
+
+    fn image(&mut self, image: ImageMessage<'_>) {
+        let direction = match image.direction {
+            Direction::TxPdo => ImageDirection::Received,
+            Direction::RxPdo => ImageDirection::Published,
+        };
+        for client in self.all.values_mut() {
+            let images = &client.session.images;
+            if images.as_ref().is_some_and(|it| it.selects(image.gateway, direction)) {
+                client.session.output.push_image(image);
+            }
+        }
+    }
+
+    fn lost(&mut self, images: u32, packets: u32) {
+        self.stats.images_lost_in_ring += u64::from(images);
+        self.stats.frames_lost_in_ring += u64::from(packets);
+        for client in self.all.values_mut() {
+            if client.session.frames.is_some() {
+                client.session.output.lose_frames(packets.into());
+            }
+            if client.session.images.is_some() {
+                client.session.output.lose_images(images);
+            }
+        }
+    }
+}

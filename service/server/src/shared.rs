@@ -1,0 +1,58 @@
+//! State that a service and its thread share.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use ecan_service_protocol::Response;
+use serde_json::Value;
+
+use crate::attachment::Attachment;
+use crate::workers::Waker;
+
+/// Change of a running service.
+#[derive(Debug)]
+pub(crate) enum Update {
+    /// A Port runs the cycle, or none.
+    Cycle(Option<Box<Attachment>>),
+    /// A notification for every client.
+    Notify(String, Value),
+}
+
+#[derive(Debug)]
+pub(crate) struct Shared {
+    is_stopped: AtomicBool,
+    updates: Mutex<Vec<Update>>,
+    waker: Waker,
+}
+
+impl Shared {
+    pub(crate) fn new(waker: Waker) -> Self {
+        Self { is_stopped: AtomicBool::new(false), updates: Mutex::default(), waker }
+    }
+
+    pub(crate) fn waker(&self) -> &Waker {
+        &self.waker
+    }
+
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.is_stopped.load(Ordering::Acquire)
+    }
+
+    pub(crate) fn stop(&self) {
+        self.is_stopped.store(true, Ordering::Release);
+        self.waker.wake();
+    }
+
+    pub(crate) fn send(&self, update: Update) {
+        self.updates.lock().unwrap_or_else(PoisonError::into_inner).push(update);
+        self.waker.wake();
+    }
+
+    pub(crate) fn take_updates(&self) -> Vec<Update> {
+        std::mem::take(&mut self.updates.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+pub(crate) fn notification(method: &str, params: &impl serde::Serialize) -> Response {
+    Response::notification(method, serde_json::to_value(params).unwrap_or_default())
+}

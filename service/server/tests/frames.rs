@@ -1,0 +1,224 @@
+//! Frames of a running bus: received, transmitted, results, losses.
+#![allow(missing_docs)]
+
+mod common;
+
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use common::{Fixture, PATIENCE, frame, next, wait_for};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::image::OptionFlags;
+use ecan_service_client::{
+    Client, Event, EventKind, FrameEvent, FrameReport, IdFilter, ImageSubscription, RejectReason,
+    SendError, Subscription,
+};
+
+fn next_frame(client: &Client) -> FrameReport {
+    match next(client) {
+        Event::Frame(report) => report,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn sent_frame_is_echoed_with_its_tag_and_seen_by_others() {
+    let fixture = Fixture::start(|_| ());
+    let (sender, other) = (fixture.client(), fixture.client());
+    other.subscribe(&Subscription::default()).unwrap();
+    let sent = frame(0x123, &[1, 2, 3]);
+    let tag = sender.send(0, 0, &sent).unwrap();
+    let own = next_frame(&sender);
+    assert_eq!((own.event, own.tag, own.frame), (FrameEvent::Transmitted, tag, sent));
+    assert_eq!(sender.in_flight(0, 0), 0);
+    // The other client sees the transmission without the tag, and the answer of the echo node.
+    let events = [next_frame(&other), next_frame(&other)];
+    let kinds = events.map(|report| (report.event, report.tag));
+    assert!(kinds.contains(&(FrameEvent::Transmitted, 0)), "{events:?}");
+    assert!(kinds.contains(&(FrameEvent::Received, 0)), "{events:?}");
+    assert!(events.iter().all(|report| report.time_ns > 0 && report.channel == 0));
+    // The sender has no subscription.
+    assert_eq!(sender.poll(Duration::ZERO).unwrap(), None);
+}
+
+#[test]
+fn fd_frame_and_wrong_frames_have_their_events() {
+    let fixture = Fixture::start(|_| ());
+    let client = fixture.client();
+    let fd = CanFrame::fd(CanId::extended(0x1234_5678).unwrap(), &[9; 64], true, false).unwrap();
+    client.send(0, 1, &fd).unwrap();
+    let report = next_frame(&client);
+    assert_eq!((report.event, report.frame, report.channel), (FrameEvent::Transmitted, fd, 1));
+    for (gateway, channel, frame, reason) in [
+        (0, 0, fd, RejectReason::NotFd),
+        (0, 2, frame(1, &[]), RejectReason::NoSuchChannel),
+        (7, 0, frame(1, &[]), RejectReason::NoSuchChannel),
+    ] {
+        let tag = client.send(gateway, channel, &frame).unwrap();
+        let report = next_frame(&client);
+        assert_eq!((report.event, report.tag), (FrameEvent::Rejected(reason), tag));
+        assert_eq!(client.in_flight(gateway, channel), 0);
+    }
+}
+
+#[test]
+fn gateway_without_results_reports_published_frames() {
+    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
+    assert!(!gateway.tx_options.contains(OptionFlags::TX_RESULT));
+    let fixture = Fixture::with_gateway(gateway, |_| ());
+    let client = fixture.client();
+    assert!(!client.hello().gateways[0].has_results);
+    client.send(0, 0, &frame(5, &[])).unwrap();
+    assert_eq!(next_frame(&client).event, FrameEvent::Published);
+}
+
+#[test]
+fn window_limits_frames_without_result() {
+    let fixture = Fixture::start(|config| config.window = 4);
+    let client = fixture.client();
+    assert_eq!(client.hello().window, 4);
+    let mut sent = 0;
+    let mut was_full = false;
+    let mut finished = 0;
+    while finished < 200 {
+        while sent < 200 {
+            match client.send(0, 0, &frame(1, &[])) {
+                Ok(_) => sent += 1,
+                Err(SendError::WindowFull { window: 4, .. }) => {
+                    was_full = true;
+                    break;
+                }
+                Err(error) => panic!("{error}"),
+            }
+        }
+        assert!(client.in_flight(0, 0) <= 4);
+        while let Some(event) = client.poll(Duration::from_millis(1)).unwrap() {
+            let Event::Frame(report) = event else { panic!("{event:?}") };
+            assert_eq!(report.event, FrameEvent::Transmitted);
+            finished += 1;
+        }
+    }
+    assert!(was_full);
+}
+
+#[test]
+fn subscription_selects_frames() {
+    let fixture = Fixture::start(|_| ());
+    let client = fixture.client();
+    let filter = IdFilter { id: 0x102, mask: 0x7FF };
+    let kinds = vec![EventKind::Transmitted];
+    client.subscribe(&Subscription { kinds, filters: vec![filter], ..Default::default() }).unwrap();
+    fixture.frames_per_cycle.store(4, Ordering::Release);
+    for _ in 0..20 {
+        let report = next_frame(&client);
+        assert_eq!((report.event, report.tag), (FrameEvent::Transmitted, 0));
+        assert_eq!(report.frame.id().raw(), 0x102);
+    }
+    client.unsubscribe().unwrap();
+    while client.poll(Duration::ZERO).unwrap().is_some() {}
+    assert_eq!(client.poll(Duration::from_millis(20)).unwrap(), None);
+}
+
+/// Every frame that the Port counts reaches both clients or is a counted loss.
+#[test]
+fn slow_client_counts_exactly_what_it_loses() {
+    let fixture = Fixture::start(|config| config.queue_bytes = 16 << 10);
+    let before = fixture.statistics().channels[0].frames_received;
+    let (slow, fast) = (fixture.client(), fixture.client());
+    let received = || Subscription { kinds: vec![EventKind::Received], ..Default::default() };
+    slow.subscribe(&received()).unwrap();
+    fast.subscribe(&received()).unwrap();
+    fixture.frames_per_cycle.store(6, Ordering::Release);
+    let mut fast_counts = (0, 0);
+    // The fast client reads all the time, the slow one nothing.
+    wait_for("a loss of the slow client", || {
+        read_all(&fast, &mut fast_counts);
+        let stats = fast.service_stats().unwrap();
+        stats.clients.iter().any(|client| client.frames_lost > 500)
+    });
+    fixture.frames_per_cycle.store(0, Ordering::Release);
+    let count = || fixture.statistics().channels[0].frames_received;
+    let mut last = 0;
+    wait_for("the end of the frames", || {
+        std::thread::sleep(Duration::from_millis(50));
+        std::mem::replace(&mut last, count()) == last
+    });
+    let published = last - before;
+    let mut slow_counts = (0, 0);
+    for (client, counts) in [(&fast, &mut fast_counts), (&slow, &mut slow_counts)] {
+        wait_for("all frames of a client", || {
+            read_all(client, counts);
+            counts.0 + counts.1 >= published
+        });
+        assert_eq!(counts.0 + counts.1, published);
+    }
+    let stats = fast.service_stats().unwrap();
+    assert_eq!(stats.frames_lost_in_ring, 0);
+    let in_service = |at: usize| {
+        let client = &stats.clients[at];
+        (client.frames_delivered, client.frames_lost)
+    };
+    assert_eq!((in_service(0), in_service(1)), (slow_counts, fast_counts));
+}
+
+/// Adds frames and losses.
+fn read_all(client: &Client, counts: &mut (u64, u64)) {
+    while let Some(event) = client.poll(Duration::ZERO).unwrap() {
+        match event {
+            Event::Frame(_) => counts.0 += 1,
+            Event::Lost(lost) => counts.1 += lost.frames + lost.frames_in_client,
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn images_have_both_directions() {
+    let fixture = Fixture::start(|_| ());
+    let client = fixture.client();
+    client.subscribe_images(&ImageSubscription::default()).unwrap();
+    fixture.frames_per_cycle.store(1, Ordering::Release);
+    let mut directions = Vec::new();
+    wait_for("images of both directions", || {
+        if let Event::Image(image) = next(&client) {
+            assert_eq!(image.image.len(), image.profile.pdo_bytes());
+            directions.push(image.direction);
+        }
+        directions.contains(&directions[0])
+            && directions.iter().any(|direction| *direction != directions[0])
+    });
+}
+
+#[test]
+fn reconfiguration_reports_gateways_and_frames_continue() {
+    let fixture = Fixture::start(|_| ());
+    let client = fixture.client();
+    fixture.execute(|port, service| {
+        let adapter = *port.adapter().config();
+        let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
+        port.reconfigure((adapter, ecan_mcan_port::PortConfig::uniform(1, gateway))).unwrap();
+        service.attach(port);
+        port.wait_ready().unwrap();
+    });
+    let Event::Gateways(changed) = next(&client) else { panic!("no notification") };
+    assert_eq!(changed.gateways[0].channels[0].bitrate, 500_000);
+    assert_eq!(changed.gateways[0].channels.len(), 1);
+    client.send(0, 0, &frame(7, &[])).unwrap();
+    assert_eq!(next_frame(&client).event, FrameEvent::Published);
+}
+
+#[test]
+fn detached_service_ends_frames_and_keeps_the_connection() {
+    let fixture = Fixture::start(|_| ());
+    let client = fixture.client();
+    fixture.execute(|_, service| service.detach());
+    let Event::Gateways(changed) = client.poll(PATIENCE).unwrap().unwrap() else { panic!() };
+    assert!(changed.gateways.is_empty() && changed.cycle_ns.is_none());
+    let tag = client.send(0, 0, &frame(7, &[])).unwrap();
+    let report = next_frame(&client);
+    let expected = (FrameEvent::Rejected(RejectReason::NoSuchChannel), tag);
+    assert_eq!((report.event, report.tag), expected);
+    assert!(client.state().unwrap_err().to_string().contains("no cycle"));
+    assert_eq!(client.slaves().unwrap().len(), 1);
+}
