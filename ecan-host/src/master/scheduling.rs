@@ -51,7 +51,7 @@ mod tests {
     #[test]
     fn thread_of_a_real_time_thread_leaves_it() {
         let inner = || std::thread::spawn(leave_real_time).join().unwrap();
-        let outer = || set_fifo_priority(1).is_ok() == inner().unwrap();
+        let outer = move || set_fifo_priority(1).is_ok() == inner().unwrap();
         assert!(std::thread::spawn(outer).join().unwrap());
         assert_eq!(inner(), Ok(false));
     }
