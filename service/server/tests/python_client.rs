@@ -1,0 +1,34 @@
+//! The Python example prints frames of a service and sends one. Skipped without Python.
+#![allow(missing_docs)]
+
+mod common;
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use common::Fixture;
+
+#[test]
+fn python_client_prints_frames_and_sends_one() {
+    if !Command::new("python3").arg("--version").output().is_ok_and(|it| it.status.success()) {
+        return println!("skipped: no python3");
+    }
+    let fixture = Fixture::start(|config| config.name = "bench".into());
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let mut python = Command::new("python3")
+        .arg(root.join("examples/python/service_client.py"))
+        .arg(fixture.path())
+        .arg("123#1122")
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(python.stdout.take().unwrap()).lines().map(Result::unwrap);
+    assert_eq!(lines.next().unwrap(), "# bench, master 0, access control");
+    let frames: Vec<_> = lines.by_ref().take(2).collect();
+    python.kill().unwrap();
+    python.wait().unwrap();
+    let has = |event: &str| frames.iter().any(|line| line.contains(event));
+    assert!(has(" 0.0 transmitted 123 [2] 1122 tag 1"), "{frames:?}");
+    assert!(has(" 0.0 received "), "{frames:?}");
+}
