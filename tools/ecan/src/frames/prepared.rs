@@ -34,7 +34,6 @@ impl<'a> Prepared<'a> {
     }
 
     /// Checks the selected gateway, or all of the file or bus.
-    #[expect(dead_code, reason = "for `bridge` with all channels")]
     pub fn for_all(
         options: &'a FrameOptions,
         requirements: GatewayRequirements,
@@ -74,12 +73,16 @@ impl<'a> Prepared<'a> {
 
     /// Returns whether a channel of the only gateway is configured for CAN FD.
     pub fn has_fd(&self, channel: u8) -> bool {
-        self.can(channel).is_some_and(|can| can.fd)
+        self.can(0, channel).is_some_and(|can| can.fd)
     }
 
-    /// Configuration of a channel of the only gateway; `None` if it is disabled.
-    pub fn can(&self, channel: u8) -> Option<&McanChannelConfig> {
-        can_config(&self.planned.config, 0, channel)
+    pub fn gateways(&self) -> usize {
+        self.planned.positions.len()
+    }
+
+    /// Configuration of a channel; `None` if it is disabled.
+    pub fn can(&self, gateway: usize, channel: u8) -> Option<&McanChannelConfig> {
+        can_config(&self.planned.config, gateway, channel)
     }
 
     /// Starts the gateways, with a capture if requested; `None` if the user stops.

@@ -115,6 +115,19 @@ fn all_channels_have_separate_endpoints() {
 }
 
 #[test]
+fn channels_of_several_gateways_are_separate() {
+    let bus = crate::support::two_gateways();
+    let setting = crate::support::setting(&bus);
+    let mut bridge = Running::start(&["--ecrt", &setting, "bridge", "--all", "--slcan"]);
+    let first = address(&bridge.line(), "slcan", "can0");
+    let line = bridge.line();
+    assert!(line.ends_with(" on can0 of gateway 1"), "{line}");
+    assert_ne!(address(&line, "slcan", "can0"), first);
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
+#[test]
 fn slcan_passes_can_fd_at_channel_bit_rates() {
     let mut bridge =
         Running::start(&["--ecrt", "sim", "bridge", "--data-bitrate", "2000000", "--json"]);

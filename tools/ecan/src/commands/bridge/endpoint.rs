@@ -9,6 +9,7 @@ use ecan_bridge::{
 };
 use serde::Serialize;
 
+use crate::commands::bridge::lane::LaneId;
 use crate::context::{Failure, Result};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +49,8 @@ impl FromStr for Listening {
 pub struct Address {
     pub protocol: &'static str,
     pub address: String,
-    pub channel: u8,
+    #[serde(flatten)]
+    pub lane: LaneId,
 }
 
 /// A server; stops when dropped.
@@ -108,7 +110,7 @@ impl Endpoint {
         }
     }
 
-    pub fn address(&self, channel: u8) -> Address {
+    pub fn address(&self, lane: LaneId) -> Address {
         let (protocol, address) = match self {
             Self::Server(server) => {
                 (server.info().protocol().name(), server.info().address().to_string())
@@ -119,7 +121,7 @@ impl Endpoint {
             }
             Self::Interface(bridge) => ("socketcan", bridge.interface().to_owned()),
         };
-        Address { protocol, address, channel }
+        Address { protocol, address, lane }
     }
 
     pub fn socketcand_address(&self) -> Option<SocketAddr> {

@@ -28,14 +28,14 @@ impl<T> InFlight<T> {
         self.frames.remove(&ticket).map(|(_, frame)| frame)
     }
 
-    /// Removes and returns old entries, or all of them.
-    pub fn forget(&mut self, now_ns: u64, all: bool) -> Vec<T> {
-        if !all && now_ns < self.next_look_ns {
-            return Vec::new();
+    /// Removes and returns old entries, and those whose result cannot arrive any more.
+    pub fn forget(&mut self, now_ns: u64, can_arrive: impl Fn(&T) -> bool) -> Vec<T> {
+        let is_look = now_ns >= self.next_look_ns;
+        if is_look {
+            self.next_look_ns = now_ns + LOOK_NS;
         }
-        self.next_look_ns = now_ns + LOOK_NS;
-        let is_over = |_: &Ticket, (taken_ns, _): &mut (u64, T)| {
-            all || now_ns.saturating_sub(*taken_ns) >= LIMIT_NS
+        let is_over = |_: &Ticket, (taken_ns, frame): &mut (u64, T)| {
+            !can_arrive(frame) || is_look && now_ns.saturating_sub(*taken_ns) >= LIMIT_NS
         };
         self.frames.extract_if(is_over).map(|(_, (_, frame))| frame).collect()
     }
@@ -56,12 +56,12 @@ mod tests {
         frames.insert(ticket(2), "sent", start);
         frames.insert(ticket(3), "late", start + LOOK_NS);
         assert_eq!(frames.remove(ticket(2)), Some("sent"));
-        assert_eq!(frames.forget(start + LIMIT_NS - 1, false), [""; 0]);
-        assert_eq!(frames.forget(start + LIMIT_NS - 1 + LOOK_NS, false), ["lost"]);
+        assert_eq!(frames.forget(start + LIMIT_NS - 1, |_| true), [""; 0]);
+        assert_eq!(frames.forget(start + LIMIT_NS - 1 + LOOK_NS, |_| true), ["lost"]);
         assert_eq!(frames.remove(ticket(1)), None);
         assert_eq!(frames.remove(ticket(3)), Some("late"));
-        assert_eq!(frames.forget(u64::MAX - LOOK_NS, false), [""; 0]);
+        assert_eq!(frames.forget(u64::MAX - LOOK_NS, |_| true), [""; 0]);
         frames.insert(ticket(4), "cleared", start);
-        assert_eq!(frames.forget(start, true), ["cleared"]);
+        assert_eq!(frames.forget(start, |_| false), ["cleared"]);
     }
 }

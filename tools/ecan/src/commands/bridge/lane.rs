@@ -1,7 +1,10 @@
 //! One channel of the bridge with its endpoints.
 
+use std::fmt;
+
 use ecan_bridge::{BusEvent, ClientFrame};
 use ecan_protocol::can::CanFrame;
+use serde::Serialize;
 
 use crate::commands::bridge::channel_events::ChannelEvents;
 use crate::commands::bridge::endpoint::{Address, Endpoint};
@@ -13,6 +16,24 @@ use crate::frames::Service;
 /// A bus without progress for this time, despite pending frames, has no acknowledging node.
 const STALL_NS: u64 = 1_000_000_000;
 
+/// A channel of a gateway, in the order of the command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct LaneId {
+    pub gateway: usize,
+    pub channel: u8,
+}
+
+impl fmt::Display for LaneId {
+    /// For example "can1", or "can1 of gateway 2".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "can{}", self.channel)?;
+        match self.gateway {
+            0 => Ok(()),
+            gateway => write!(f, " of gateway {gateway}"),
+        }
+    }
+}
+
 /// A frame of a client of one endpoint.
 #[derive(Clone, Copy, Debug)]
 pub struct PendingFrame {
@@ -22,7 +43,7 @@ pub struct PendingFrame {
 
 #[derive(Debug)]
 pub struct Lane {
-    pub channel: u8,
+    pub id: LaneId,
     endpoints: Vec<Endpoint>,
     is_listening: bool,
     /// Frame that waits for space.
@@ -36,13 +57,13 @@ pub struct Lane {
 }
 
 impl Lane {
-    pub fn new(channel: u8, endpoints: Vec<Endpoint>, is_listening: bool) -> Self {
+    pub fn new(id: LaneId, endpoints: Vec<Endpoint>, is_listening: bool) -> Self {
         Self {
-            channel,
+            id,
             is_listening,
             waiting: None,
             turns: RoundRobin::default(),
-            gate: TransmitGate::closed(channel, &endpoints),
+            gate: TransmitGate::closed(id, &endpoints),
             events: ChannelEvents::default(),
             moved_ns: 0,
             is_stalled: false,
@@ -55,7 +76,7 @@ impl Lane {
     }
 
     pub fn addresses(&self) -> impl Iterator<Item = Address> {
-        self.endpoints.iter().map(|it| it.address(self.channel))
+        self.endpoints.iter().map(|it| it.address(self.id))
     }
 
     /// Accepts frames of clients from now on.
@@ -65,8 +86,9 @@ impl Lane {
     }
 
     /// Follows the state of the channel: events, and whether frames can be sent.
-    pub fn update(&mut self, service: &Service, is_ready: bool, now_ns: u64) {
-        let status = service.channel_status(0, self.channel);
+    pub fn update(&mut self, service: &Service, now_ns: u64) {
+        let is_ready = service.is_ready(self.id.gateway);
+        let status = service.channel_status(self.id.gateway, self.id.channel);
         let time_ns = service.absolute_ns(now_ns);
         if is_ready {
             while let Some(event) = self.events.next(status) {
@@ -140,7 +162,7 @@ impl Lane {
 
     pub fn report_losses(&self) {
         for endpoint in &self.endpoints {
-            let Address { protocol, address, .. } = endpoint.address(self.channel);
+            let Address { protocol, address, .. } = endpoint.address(self.id);
             for loss in endpoint.losses() {
                 note(format_args!("# {protocol} bridge at {address}: {loss}"));
             }

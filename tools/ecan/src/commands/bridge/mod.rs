@@ -21,7 +21,7 @@ use ecan_protocol::mapping::Direction;
 
 use crate::commands::bridge::beacon::Beacon;
 use crate::commands::bridge::endpoint::{Address, Endpoint, Listening};
-use crate::commands::bridge::lane::Lane;
+use crate::commands::bridge::lane::{Lane, LaneId};
 use crate::commands::bridge::name_template::{NameTemplate, parse_interface};
 use crate::commands::bridge::traffic::Traffic;
 use crate::context::{Context, Failure, Output, Result, note};
@@ -34,6 +34,7 @@ Examples:
   ecan bridge --pty /tmp/can0                  slcan on a pseudo-terminal, for example for slcand
   ecan bridge --channel 1 --socketcan vcan0    a CAN interface: candump vcan0, cansend vcan0 123#01
   ecan bridge --channel all --socketcan can%c  can0 to can3, created if they do not exist
+  ecan bridge --all --channel all --socketcan can%g%c
   ecan bridge --socketcand --beacon            SavvyCAN and python-can find the bridge
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
@@ -50,6 +51,9 @@ pub struct BridgeArguments {
     /// CAN channels, 0 to 3, comma-separated, or all
     #[arg(long, value_name = "CHANNELS", default_value = "0")]
     channel: Channels,
+    /// Serve every gateway of the file or bus
+    #[arg(long, conflicts_with = "slave")]
+    all: bool,
     /// Serve slcan over TCP at PORT, IP or IP:PORT [default: 127.0.0.1, free port]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
@@ -89,7 +93,10 @@ pub fn run(arguments: &BridgeArguments, context: &Context) -> Result {
         has_end: false,
         ..GatewayRequirements::on(arguments.channel)
     };
-    let prepared = Prepared::new(&arguments.options, requirements, context)?;
+    let prepared = match arguments.all {
+        true => Prepared::for_all(&arguments.options, requirements, context)?,
+        false => Prepared::new(&arguments.options, requirements, context)?,
+    };
     // Before the cycle: the threads of the servers must not inherit its real-time settings.
     let mut lanes = listen(arguments, &prepared)?;
     let Some(service) = prepared.enter()? else { return Ok(()) };
@@ -109,43 +116,46 @@ fn listen(arguments: &BridgeArguments, prepared: &Prepared<'_>) -> Result<Vec<La
     let slcan = arguments.slcan.or((!has_another).then_some(Listening::ANY));
     let protocols =
         [(BridgeProtocol::Slcan, slcan), (BridgeProtocol::Socketcand, arguments.socketcand)];
-    let channels = arguments.channel.iter();
-    let channels: Vec<_> =
-        channels.filter_map(|channel| Some((channel, prepared.can(channel)?))).collect();
+    let gateways = 0..prepared.gateways();
+    let channels =
+        gateways.flat_map(|gateway| arguments.channel.iter().map(move |it| (gateway, it)));
+    let channels: Vec<_> = channels
+        .filter_map(|(gateway, channel)| {
+            Some((LaneId { gateway, channel }, prepared.can(gateway, channel)?))
+        })
+        .collect();
     let names = |template: &Option<NameTemplate>, option| {
         let names = template.iter().filter(|it| !it.is_empty());
         let names: Vec<_> =
-            names.flat_map(|it| channels.iter().map(|(channel, _)| it.name(0, *channel))).collect();
+            names.flat_map(|it| channels.iter().map(|(id, _)| it.name(*id))).collect();
         let distinct: HashSet<_> = names.iter().collect();
         match distinct.len() == names.len() {
             true => Ok(()),
             false => Err(Failure::Usage(format!(
-                "{option}: several channels need several names; use %c for the channel"
+                "{option}: several channels need several names; use %c for the channel, and %g for \
+                 the index of the gateway with --all"
             ))),
         }
     };
     names(&arguments.pty, "--pty")?;
     names(&arguments.socketcan, "--socketcan")?;
     let mut lanes = Vec::new();
-    for (index, (channel, can)) in (0..).zip(&channels) {
+    for (index, (id, can)) in (0..).zip(&channels) {
         let mut endpoints = Vec::new();
         for (protocol, at) in protocols {
             if let Some(at) = at {
-                endpoints.push(Endpoint::listen(
-                    protocol,
-                    at.following(index)?,
-                    arguments.max_clients,
-                )?);
+                let at = at.following(index)?;
+                endpoints.push(Endpoint::listen(protocol, at, arguments.max_clients)?);
             }
         }
         if let Some(link) = &arguments.pty {
-            endpoints.push(Endpoint::terminal(Path::new(&link.name(0, *channel)))?);
+            endpoints.push(Endpoint::terminal(Path::new(&link.name(*id)))?);
         }
         if let Some(interface) = &arguments.socketcan {
-            endpoints.push(Endpoint::interface(&interface.name(0, *channel))?);
+            endpoints.push(Endpoint::interface(&interface.name(*id))?);
         }
         endpoints.iter().for_each(|it| it.clients().set_bus(rates(can)));
-        lanes.push(Lane::new(*channel, endpoints, arguments.listen_only));
+        lanes.push(Lane::new(*id, endpoints, arguments.listen_only));
     }
     Ok(lanes)
 }
@@ -163,7 +173,7 @@ fn start_beacons(arguments: &BridgeArguments, lanes: &[Lane]) -> Result<Vec<Beac
     let failed = |error| Failure::Bridge(format!("cannot send a beacon to {to}: {error}"));
     let servers = lanes.iter().filter_map(|lane| {
         let server = lane.endpoints().iter().find_map(Endpoint::socketcand_address)?;
-        Some((lane.channel, server))
+        Some((lane.id.channel, server))
     });
     servers.map(|(channel, server)| Beacon::start(to, server, channel).map_err(failed)).collect()
 }
@@ -177,8 +187,8 @@ fn announce(lanes: &[Lane], output: &Output) -> Result {
         }
     }
     output.data(&addresses, |out| {
-        addresses.iter().try_for_each(|Address { protocol, address, channel }| {
-            writeln!(out, "{protocol} bridge at {address} on can{channel}")
+        addresses.iter().try_for_each(|Address { protocol, address, lane }| {
+            writeln!(out, "{protocol} bridge at {address} on {lane}")
         })
     })
 }

@@ -2,6 +2,8 @@
 
 use std::str::FromStr;
 
+use crate::commands::bridge::lane::LaneId;
+
 /// A name with the placeholders `%g` (index of the gateway) and `%c` (channel).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NameTemplate(String);
@@ -11,7 +13,7 @@ impl NameTemplate {
         self.0.is_empty()
     }
 
-    pub fn name(&self, gateway: usize, channel: u8) -> String {
+    pub fn name(&self, LaneId { gateway, channel }: LaneId) -> String {
         self.0.replace("%g", &gateway.to_string()).replace("%c", &channel.to_string())
     }
 }
@@ -32,7 +34,7 @@ impl FromStr for NameTemplate {
 pub fn parse_interface(text: &str) -> Result<NameTemplate, String> {
     let template: NameTemplate = text.parse()?;
     // All numbers have one digit in the usual case.
-    let name = template.name(0, 0);
+    let name = template.name(LaneId { gateway: 0, channel: 0 });
     let is_possible = (1..=15).contains(&name.len())
         && name.bytes().all(|byte| byte.is_ascii_graphic() && !matches!(byte, b'/' | b':'));
     match is_possible {
@@ -47,7 +49,9 @@ mod tests {
 
     #[test]
     fn placeholders_are_replaced() {
-        let name = |text: &str| text.parse::<NameTemplate>().map(|it| it.name(1, 3));
+        let name = |text: &str| {
+            text.parse::<NameTemplate>().map(|it| it.name(LaneId { gateway: 1, channel: 3 }))
+        };
         assert_eq!(name("vcan0"), Ok("vcan0".to_owned()));
         assert_eq!(name("can%g%c"), Ok("can13".to_owned()));
         assert_eq!(name("c%c-g%g"), Ok("c3-g1".to_owned()));

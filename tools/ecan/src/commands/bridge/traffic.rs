@@ -4,7 +4,7 @@ use ecan_bridge::BusEvent;
 
 use crate::commands::bridge::channel_events::of_failure;
 use crate::commands::bridge::in_flight::InFlight;
-use crate::commands::bridge::lane::{Lane, PendingFrame};
+use crate::commands::bridge::lane::{Lane, LaneId, PendingFrame};
 use crate::context::{Result, note};
 use crate::frames::{Event, Service};
 
@@ -39,8 +39,8 @@ impl Traffic {
             let time_ns = self.service.absolute_ns(arrival.time_ns);
             match &arrival.event {
                 Event::Received(received) => {
-                    let of_channel = |lane: &&Lane| lane.channel == received.channel;
-                    if let Some(lane) = self.lanes.iter().find(of_channel) {
+                    let id = LaneId { gateway: received.gateway, channel: received.channel };
+                    if let Some(lane) = self.lanes.iter().find(|lane| lane.id == id) {
                         lane.deliver(&received.frame, time_ns);
                     }
                 }
@@ -51,33 +51,39 @@ impl Traffic {
                     if outcome.is_success() {
                         lane.confirm(&held, time_ns, cycle.now_ns);
                     } else {
-                        let channel = lane.channel;
-                        note(format_args!("# can{channel}: client frame lost: {outcome}"));
+                        note(format_args!("# {}: client frame lost: {outcome}", lane.id));
                         lane.report(of_failure(*outcome), time_ns);
                         lane.fail(&held);
                     }
                 }
             }
         }
-        let is_ready = self.service.is_ready(0);
-        // Results of frames before the loss of a session never arrive.
-        let unknown = self.in_flight.forget(cycle.now_ns, !is_ready);
-        if !unknown.is_empty() {
-            note(format_args!("# {} client frames: transmit result unknown", unknown.len()));
-        }
-        let time_ns = self.service.absolute_ns(cycle.now_ns);
-        for (lane, held) in unknown {
-            if let Some(lane) = self.lanes.get(lane) {
-                lane.report(BusEvent::TransmitFailed, time_ns);
-                lane.fail(&held);
-            }
-        }
+        self.forget(cycle.now_ns);
         for lane in &mut self.lanes {
-            lane.update(&self.service, is_ready, cycle.now_ns);
+            lane.update(&self.service, cycle.now_ns);
         }
         self.send(cycle.now_ns);
         self.service.end(cycle)?;
         self.lanes.iter().try_for_each(Lane::check)
+    }
+
+    /// Forgets frames without result: old ones, and those of a gateway that is not ready, because
+    /// results of frames before the loss of a session never arrive.
+    fn forget(&mut self, now_ns: u64) {
+        let Self { service, lanes, in_flight, .. } = self;
+        let is_ready = |(lane, _): &(usize, PendingFrame)| {
+            lanes.get(*lane).is_some_and(|lane| service.is_ready(lane.id.gateway))
+        };
+        let unknown = in_flight.forget(now_ns, is_ready);
+        if !unknown.is_empty() {
+            note(format_args!("# {} client frames: transmit result unknown", unknown.len()));
+        }
+        for (lane, held) in unknown {
+            if let Some(lane) = lanes.get(lane) {
+                lane.report(BusEvent::TransmitFailed, service.absolute_ns(now_ns));
+                lane.fail(&held);
+            }
+        }
     }
 
     /// Sends frames of the lanes in turn, until no lane has a frame that fits.
@@ -90,7 +96,7 @@ impl Traffic {
             let numbers = (self.first..).take(from.len()).chain(0..);
             for (number, lane) in numbers.zip(from.iter_mut().chain(before)) {
                 let Some(held) = lane.take() else { continue };
-                match self.service.send(0, lane.channel, &held.sent.frame) {
+                match self.service.send(lane.id.gateway, lane.id.channel, &held.sent.frame) {
                     Ok(Some(ticket)) => {
                         self.in_flight.insert(ticket, (number, held), now_ns);
                         has_progress = true;
@@ -98,7 +104,7 @@ impl Traffic {
                     Ok(None) => lane.keep(held),
                     // An invalid frame of one client must not stop the others.
                     Err(error) => {
-                        note(format_args!("# can{}: client frame rejected: {error}", lane.channel));
+                        note(format_args!("# {}: client frame rejected: {error}", lane.id));
                         lane.fail(&held);
                         has_progress = true;
                     }

@@ -1,22 +1,23 @@
 use crate::commands::bridge::endpoint::Endpoint;
+use crate::commands::bridge::lane::LaneId;
 use crate::context::note;
 
 /// Rejects frames of clients while the gateway is not ready or the channel is bus-off or stalled.
 /// Frames that are sent later, all at once, would be outdated and could move an axis.
 #[derive(Debug)]
 pub struct TransmitGate {
-    channel: u8,
+    lane: LaneId,
     is_open: bool,
     /// Frames rejected before the gate was closed.
     rejected_before: u64,
 }
 
 impl TransmitGate {
-    pub fn closed(channel: u8, endpoints: &[Endpoint]) -> Self {
+    pub fn closed(lane: LaneId, endpoints: &[Endpoint]) -> Self {
         for endpoint in endpoints {
             endpoint.clients().set_accepting(false);
         }
-        Self { channel, is_open: false, rejected_before: rejected(endpoints) }
+        Self { lane, is_open: false, rejected_before: rejected(endpoints) }
     }
 
     /// Opens or closes the gate and reports lost frames. `held` pending frames are dropped with
@@ -26,7 +27,7 @@ impl TransmitGate {
             return;
         }
         self.is_open = is_open;
-        let channel = self.channel;
+        let lane = self.lane;
         // Before the first endpoint is closed: from then on its frames are rejected.
         let rejected_before = rejected(endpoints);
         let waiting: usize = endpoints.iter().map(|it| it.clients().set_accepting(is_open)).sum();
@@ -35,7 +36,7 @@ impl TransmitGate {
             self.rejected_before = rejected_before + waiting as u64;
             if dropped > 0 {
                 note(format_args!(
-                    "# can{channel}: {dropped} client frames dropped: channel not available"
+                    "# {lane}: {dropped} client frames dropped: channel not available"
                 ));
             }
             return;
@@ -43,7 +44,7 @@ impl TransmitGate {
         let rejected = rejected(endpoints) - self.rejected_before;
         if rejected > 0 {
             note(format_args!(
-                "# can{channel}: {rejected} client frames rejected: channel not available"
+                "# {lane}: {rejected} client frames rejected: channel not available"
             ));
         }
     }
