@@ -24,6 +24,7 @@
  *          igh_mcan_port_is_ready() returns 0 after an error, no longer its code.
  *          igh_mcan_port_get_session() and igh_mcan_port_get_schedule_fault() return only the value.
  *          Added: igh_mcan_port_get_session_text(), igh_mcan_port_get_schedule_fault_text().
+ *          Added: igh_mcan_port_serve(), igh_mcan_port_end_service().
  *          Moved: igh_mcan_port_plan() to igh_plan.h.
  *          Removed: igh_mcan_port_load_config_ex(); igh_mcan_port_load_config() has its arguments. `count` of
  *          igh_mcan_port_parse_config() may be NULL.
@@ -797,6 +798,48 @@ size_t igh_mcan_port_image_room(igh_mcan_port_t *port, size_t slave);
  * @return  The number of discarded frames, 0 or more; ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_discard_pending(igh_mcan_port_t *port, size_t slave);
+
+/* ---------------------------------------------------------------------------
+ * Service for other programs
+ *
+ * Programs such as `ecan monitor`, `ecan dump` and `ecan diag`, and clients in any language, take part
+ * in the bus while the application runs its cycle: they connect to a Unix socket (docs/SERVICE.md). The
+ * cycle copies its images to bounded memory and waits for no client.
+ * --------------------------------------------------------------------------- */
+
+/**
+ * Clients of the same user, and of root, may control the bus: send frames, download SDOs, send NMT
+ * commands. Without a flag every client only reads.
+ */
+#define IGH_MCAN_SERVE_CONTROL 1
+
+/** Every client that may open the socket may control the bus. */
+#define IGH_MCAN_SERVE_CONTROL_ALL 2
+
+/**
+ * Starts a service for other programs on threads of its own; it replaces an earlier one. It ends with
+ * igh_mcan_port_end_service() or with the Port, and continues after a reconfiguration.
+ *
+ * @param path   Path of the socket, with the permissions 0660. Its directory is created, not those
+ *               above. `ecan` looks for /run/ecan/master<N>.sock of the master N.
+ * @param flags  0, IGH_MCAN_SERVE_CONTROL or IGH_MCAN_SERVE_CONTROL_ALL.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_FILE if another service uses the socket or it cannot be created;
+ *          ECAN_ERR_ARGUMENT for an unknown flag. After an error there is no service.
+ */
+ECAN_MUST_CHECK
+int igh_mcan_port_serve(igh_mcan_port_t *port,
+                        const char *path,
+                        uint32_t flags);
+
+/**
+ * Ends the service: closes its connections and removes its socket.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, also without a service.
+ */
+int igh_mcan_port_end_service(igh_mcan_port_t *port);
 
 /* ---------------------------------------------------------------------------
  * Scheduled transmission

@@ -100,6 +100,7 @@ pub const HEADERS: &[Header] = &[
             "igh-host/src/mcan_port/context.rs",
             "igh-host/src/mcan_port/cycle.rs",
             "igh-host/src/mcan_port/send.rs",
+            "igh-host/src/mcan_port/service.rs",
             "igh-host/src/mcan_port/schedule.rs",
             "igh-host/src/mcan_port/state.rs",
             "igh-host/src/mcan_port/statistics.rs",

@@ -5,6 +5,7 @@ use ecan_c_boundary::result::ecan_result_t;
 use ecan_cia402::{Cia402, SendSummary};
 use ecan_host::{Adapter, SdoRequestId};
 use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
+use ecan_service::Service;
 
 use crate::callback::ProgressCallback;
 use crate::errors;
@@ -20,6 +21,8 @@ pub(crate) enum Layer {
 
 #[derive(Debug)]
 pub(crate) struct Bus {
+    /// Ends before the Port.
+    pub(crate) service: Option<Service>,
     layer: Layer,
     /// Number of all Ports and axes so far, so that an old context names none.
     contexts: u64,
@@ -90,6 +93,7 @@ impl Pooled for Bus {
 impl Bus {
     pub(crate) fn new(adapter: Adapter, applied: Option<PortConfig>, is_stepped: bool) -> Self {
         Self {
+            service: None,
             layer: Layer::Adapter(Box::new(adapter)),
             contexts: 0,
             port_serial: 0,
@@ -198,6 +202,7 @@ impl Bus {
     }
 
     pub(crate) fn remove_port(&mut self) {
+        self.service = None;
         self.axes = None;
         self.last_ticket = None;
         self.port_serial = 0;
@@ -228,6 +233,9 @@ impl Bus {
 
     /// Drops what a reconfiguration ends: axes, requests, and the applied configuration.
     pub(crate) fn forget_configuration(&mut self) {
+        if let (Some(service), Layer::Port(port)) = (&self.service, &mut self.layer) {
+            service.attach(port);
+        }
         self.remove_cia402();
         self.requests.clear();
         (self.last_ticket, self.applied) = (None, None);

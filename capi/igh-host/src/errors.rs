@@ -9,6 +9,7 @@ use ecan_cia402::{AxisFault, AxisFaults, Cia402Error, CommandError, ScheduleErro
 use ecan_config_file::ConfigFileError;
 use ecan_host::{CycleError, Errno, Error};
 use ecan_mcan_port::{AddressError, Backpressure, PortError, SendError};
+use ecan_service::ServiceError;
 
 /// An error of the layers below, as C sees it.
 pub(crate) trait Coded: Display {
@@ -42,6 +43,12 @@ impl Coded for ConfigFileError {
             Self::Read { .. } => (ECAN_ERR_FILE, 0),
             Self::Faults { .. } => (ECAN_ERR_CONFIG, 0),
         }
+    }
+}
+
+impl Coded for ServiceError {
+    fn coded(&self) -> (ecan_result_t, u32) {
+        (ECAN_ERR_FILE, 0)
     }
 }
 

@@ -94,6 +94,7 @@ void test_port_config(void);
 void test_config_file(void);
 void test_config_file_run(void);
 void test_port_life(void);
+void test_port_service(void);
 void test_port_cycle(void);
 void test_port_schedule(void);
 void test_cia402_axes(void);

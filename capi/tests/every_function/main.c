@@ -14,6 +14,7 @@ int main(void)
     test_config_file();
     test_config_file_run();
     test_port_life();
+    test_port_service();
     test_port_cycle();
     test_port_schedule();
     test_cia402_axes();

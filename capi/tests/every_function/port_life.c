@@ -40,6 +40,8 @@ static void no_port(int code, igh_mcan_port_t *port)
     BAD(code, igh_mcan_port_get_last_ticket(port, &ticket));
     NONE(code, 0, igh_mcan_port_image_room(port, 0));
     BAD(code, igh_mcan_port_discard_pending(port, 0));
+    BAD(code, igh_mcan_port_serve(port, "every_function.sock", 0));
+    BAD(code, igh_mcan_port_end_service(port));
     BAD(code, igh_mcan_port_get_session(port, 0));
     BAD(code, igh_mcan_port_get_session_text(port, 0, NULL, 0, NULL));
     BAD(code, igh_mcan_port_get_cycle_report(port, 0, &report));

@@ -10,5 +10,6 @@ pub mod cycle;
 pub mod plan;
 pub mod schedule;
 pub mod send;
+pub mod service;
 pub mod state;
 pub mod statistics;
