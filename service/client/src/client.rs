@@ -1,6 +1,6 @@
 //! The client.
 
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
@@ -315,7 +315,9 @@ impl Client {
         let _output = self.output.lock().unwrap_or_else(PoisonError::into_inner);
         // The service explains in its last message why it closes the connection.
         match (&self.stream).write_all(&message) {
-            Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {
+            Err(error)
+                if [ErrorKind::BrokenPipe, ErrorKind::ConnectionReset].contains(&error.kind()) =>
+            {
                 self.wait(Duration::ZERO, |_| None::<()>)?;
                 Err(ClientError::Closed)
             }
@@ -348,7 +350,8 @@ impl Client {
                 input = waited.unwrap_or_else(PoisonError::into_inner).0;
             }
             if left.is_zero() {
-                return Ok(take(&mut input));
+                let end = input.end.clone();
+                return take(&mut input).map_or(end.map_or(Ok(None), Err), |it| Ok(Some(it)));
             }
         }
     }
