@@ -18,7 +18,7 @@ const MAX_READS: usize = 4;
 pub(crate) struct Client {
     pub(crate) socket: OwnedFd,
     pub(crate) session: Session,
-    peer: Option<Peer>,
+    pub(crate) peer: Option<Peer>,
     connected: Instant,
     /// The connection failed, or the client closed it.
     is_gone: bool,

@@ -130,6 +130,13 @@ impl ServerLoop {
                 let changed = GatewaysChanged { cycle_ns, gateways };
                 self.clients.notify(&notification("gateways", &changed));
             }
+            Update::Access(access) => {
+                for client in self.clients.all.values_mut() {
+                    client.session.permission = access.permission(client.peer);
+                }
+                self.access = access;
+            }
+            Update::MaxClients(max_clients) => self.limits.max_clients = max_clients,
             Update::Notify(method, params) => {
                 self.clients.notify(&Response::notification(&method, params));
             }

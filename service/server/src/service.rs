@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::attachment::Attachment;
 use crate::bus::Bus;
-use crate::config::{ServiceConfig, ServiceError};
+use crate::config::{Control, ServiceConfig, ServiceError};
 use crate::listener::Listener;
 use crate::permission::AccessRule;
 use crate::server_loop::{Limits, ServerLoop};
@@ -96,6 +96,20 @@ impl Service {
     /// Stops serving a cycle; requests about the bus remain.
     pub fn detach(&self) {
         self.shared.send(Update::Cycle(None));
+    }
+
+    /// Sets the clients with control, also for connected ones. Their `hello` named the access before.
+    ///
+    /// # Errors
+    /// [`ServiceError::NoSuchGroup`]; nothing is changed.
+    pub fn set_control(&self, control: Control) -> Result<(), ServiceError> {
+        self.shared.send(Update::Access(AccessRule::new(control)?));
+        Ok(())
+    }
+
+    /// Sets the limit of clients. Connected clients stay.
+    pub fn set_max_clients(&self, max_clients: usize) {
+        self.shared.send(Update::MaxClients(max_clients));
     }
 
     /// Sends a notification to every client.

@@ -7,6 +7,7 @@ use ecan_service_protocol::Response;
 use serde_json::Value;
 
 use crate::attachment::Attachment;
+use crate::permission::AccessRule;
 use crate::workers::Waker;
 
 /// Change of a running service.
@@ -14,6 +15,10 @@ use crate::workers::Waker;
 pub(crate) enum Update {
     /// A Port runs the cycle, or none.
     Cycle(Option<Box<Attachment>>),
+    /// Another rule for all clients.
+    Access(AccessRule),
+    /// Another limit of clients.
+    MaxClients(usize),
     /// A notification for every client.
     Notify(String, Value),
 }

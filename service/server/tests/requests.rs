@@ -237,6 +237,22 @@ fn socket_is_exclusive_restored_and_removed() {
     assert!(matches!(ended, Some(ClientError::Closed)), "{ended:?}");
 }
 
+#[test]
+fn control_changes_for_connected_clients() {
+    let fixture = Fixture::start(|config| config.control = Control::Nobody);
+    let client = fixture.client();
+    let params = NmtParams { gateway: 0, channel: 0, node: 5, command: NmtCommand::Start };
+    assert_eq!(client.nmt(&params).unwrap_err().rpc().unwrap().code, NOT_PERMITTED);
+    fixture.execute(|_, service| {
+        assert!(service.set_control(Control::Group("no-such-group".into())).is_err());
+        service.set_control(Control::Owner).unwrap();
+        service.set_max_clients(1);
+    });
+    wait_for("control", || client.nmt(&params).is_ok());
+    let rejected = Client::connect(&fixture.path(), "second").unwrap_err();
+    assert_eq!(rejected.rpc().map(|error| error.code), Some(BUSY));
+}
+
 #[derive(Debug)]
 struct Counter;
 
