@@ -305,7 +305,7 @@ impl Accounts {
                 open,
             });
             if gateway.published.len() > MAX_PUBLISHED {
-                gateway.give_up_first(&mut report);
+                gateway.fail_first(&mut report);
             }
         }
     }
@@ -317,7 +317,7 @@ impl Accounts {
             let is_old =
                 |it: &PublishedImage| it.time_ns.saturating_add(RESULT_TIMEOUT_NS) < now_ns;
             while gateway.published.front().is_some_and(is_old) {
-                gateway.give_up_first(&mut report);
+                gateway.fail_first(&mut report);
             }
         }
     }
@@ -327,7 +327,7 @@ impl Accounts {
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
             let mut report = Reporter { time_ns: 0, slave, sink };
             while !gateway.published.is_empty() {
-                gateway.give_up_first(&mut report);
+                gateway.fail_first(&mut report);
             }
             for (channel, queue) in (0_u8..).zip(&mut gateway.channels) {
                 for (owner, frame) in queue.frames.drain(..) {
@@ -373,7 +373,7 @@ impl GatewayAccount {
         }
     }
 
-    fn give_up_first(&mut self, report: &mut Reporter<'_, impl FeedSink>) {
+    fn fail_first(&mut self, report: &mut Reporter<'_, impl FeedSink>) {
         let frames = self.published.pop_front().map_or_else(Vec::new, |image| image.frames);
         for PublishedFrame { channel, frame, owner } in frames.into_iter().flatten() {
             report.frame(channel, frame, owner, NO_RESULT);

@@ -64,15 +64,10 @@ impl OutputQueue {
     /// Adds a frame of the subscription.
     pub(crate) fn push_frame(&mut self, report: &FrameReport) {
         if self.has_room(HEADER_BYTES + FRAME_RECORD_BYTES + MAX_FRAME_RECORD_BYTES) {
-            self.push_record(report);
+            self.push_own(report);
         } else {
             self.lose_frames(1);
         }
-    }
-
-    /// Adds the result of a frame of the client itself.
-    pub(crate) fn push_own(&mut self, report: &FrameReport) {
-        self.push_record(report);
     }
 
     /// Adds the rejection of a frame of the client itself, which counts as no delivered frame.
@@ -82,7 +77,8 @@ impl OutputQueue {
         report.encode(&mut self.batch);
     }
 
-    fn push_record(&mut self, report: &FrameReport) {
+    /// Adds the result of a frame of the client itself.
+    pub(crate) fn push_own(&mut self, report: &FrameReport) {
         self.report_losses(report.time_ns);
         report.encode(&mut self.batch);
         self.counters.frames_delivered += 1;
