@@ -10,10 +10,14 @@
 mod bus_event;
 mod client_queue;
 mod clients;
+#[cfg(feature = "socketcan")]
+mod command;
 mod config;
 mod connection;
 #[cfg(test)]
 mod frame_strategies;
+#[cfg(feature = "socketcan")]
+mod gs_usb;
 mod info;
 mod offline_session;
 mod rates;
@@ -29,6 +33,8 @@ mod terminal;
 mod uplink;
 mod writer;
 
+#[cfg(feature = "socketcan")]
+pub use self::gs_usb::UsbCanBridge;
 #[cfg(feature = "socketcan")]
 pub use self::socketcan::{SocketCanBridge, SocketCanError};
 pub use bus_event::{BusEvent, ErrorCounters};

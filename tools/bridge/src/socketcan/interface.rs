@@ -1,11 +1,12 @@
 //! Opening and creation of a CAN interface, with explained errors.
 
 use std::io;
-use std::process::{Command, Stdio};
 
 use rustix::io::Errno;
 use socketcan::{CanAddr, CanFdSocket, Socket as _};
 use thiserror::Error;
+
+use crate::command::run;
 
 /// Any interface: its number for the kernel.
 const ANY: u32 = 0;
@@ -58,9 +59,10 @@ impl VirtualInterface {
     /// Creates an interface for CAN FD and sets it up.
     pub(super) fn create(interface: &str) -> Result<Self, SocketCanError> {
         let failed = |reason| SocketCanError::Create { interface: interface.to_owned(), reason };
-        ip(&["link", "add", "dev", interface, "mtu", "72", "type", "vcan"]).map_err(failed)?;
+        run("ip", &["link", "add", "dev", interface, "mtu", "72", "type", "vcan"])
+            .map_err(failed)?;
         let created = Self(interface.to_owned());
-        ip(&["link", "set", "dev", interface, "up"]).map_err(failed)?;
+        run("ip", &["link", "set", "dev", interface, "up"]).map_err(failed)?;
         Ok(created)
     }
 }
@@ -68,17 +70,7 @@ impl VirtualInterface {
 impl Drop for VirtualInterface {
     fn drop(&mut self) {
         // Another program may have removed it.
-        let _ = ip(&["link", "delete", "dev", &self.0]);
-    }
-}
-
-/// Runs `ip`; returns its message on failure.
-fn ip(arguments: &[&str]) -> Result<(), String> {
-    let output = Command::new("ip").args(arguments).stdin(Stdio::null()).output();
-    let output = output.map_err(|error| format!("ip: {error}"))?;
-    match output.status.success() {
-        true => Ok(()),
-        false => Err(String::from_utf8_lossy(&output.stderr).trim().to_owned()),
+        let _ = run("ip", &["link", "delete", "dev", &self.0]);
     }
 }
 
