@@ -1,11 +1,12 @@
 #!/bin/bash
 # socketcan-test.sh [ECAN]: can-utils, ISO-TP and Python on `ecan bridge --socketcan`, on the simulator.
 # Needs root, vcan, can-isotp and can-utils; ECAN_PYTHON names a Python with python-can and canopen.
-# It creates the interfaces et00 to et03 and prints what it measures. Status 0: passed, or skipped.
+# BRIDGE_OPTIONS are further options of the bridge, for example --driver gs-usb. It creates the interfaces et00 to et03 and prints what it measures. Status 0: passed, or skipped.
 set -eu
 ecan=${1:-target/debug/ecan}
 python=${ECAN_PYTHON:-python3}
 count=${COUNT:-2000}
+options=${BRIDGE_OPTIONS:-}
 work=$(mktemp -d)
 bridge=
 stop() {
@@ -19,14 +20,14 @@ for program in candump cansend cangen isotpsend isotprecv; do
     command -v "$program" >/dev/null || skip "no $program (can-utils)"
 done
 [ "$(id -u)" = 0 ] || skip "not root"
-modprobe -aq vcan can-raw can-isotp || true
+modprobe -aq vcan can-raw can-isotp vhci-hcd gs_usb || true
 ip link add dev et00 type vcan 2>"$work/errors" || skip "no vcan: $(cat "$work/errors")"
 ip link delete et00
 
 # Starts the bridge on all channels of a simulated bus, and waits for the interfaces.
 start() {
     "$ecan" --ecrt "sim$1" bridge --channel all --socketcan 'et%g%c' --bitrate 1000000 \
-        --data-bitrate 5000000 >"$work/addresses" 2>"$work/errors" &
+        --data-bitrate 5000000 $options >"$work/addresses" 2>"$work/errors" &
     bridge=$!
     until [ "$(grep -c '^socketcan bridge at et0' "$work/addresses")" = 4 ]; do
         kill -0 "$bridge" 2>/dev/null || fail "the bridge has ended"
@@ -96,7 +97,8 @@ for pair in "0 1" "2 3"; do
 done
 echo "isotpsend, isotprecv: 2 x 90 bytes"
 stop
-[ -z "$(ip -br link show type vcan | grep '^et0' || true)" ] || fail "the interfaces remain"
+for _ in $(seq 50); do ip -br link | grep -q '^et0' || break; sleep 0.1; done
+if ip -br link | grep '^et0'; then fail "the interfaces remain"; fi
 if grep '^#' "$work/errors"; then fail "losses"; fi
 
 # Drives on all channels: error frames and CANopen.

@@ -4,8 +4,10 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use clap::ValueEnum;
 use ecan_bridge::{
-    BridgeConfig, BridgeProtocol, BridgeServer, Clients, SerialBridge, SocketCanBridge,
+    BridgeConfig, BridgeProtocol, BridgeServer, BusRates, Clients, SerialBridge, SocketCanBridge,
+    SocketCanError, UsbCanBridge,
 };
 use serde::Serialize;
 
@@ -59,6 +61,17 @@ pub enum Endpoint {
     Server(BridgeServer),
     Terminal { bridge: SerialBridge, link: Option<Link> },
     Interface(SocketCanBridge),
+    UsbInterface(UsbCanBridge),
+}
+
+/// Driver of the CAN interfaces that the bridge creates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum InterfaceDriver {
+    /// Virtual interface, without transmit results
+    #[default]
+    Vcan,
+    /// Emulated USB device, with transmit results and back pressure; requires vhci-hcd
+    GsUsb,
 }
 
 /// Symbolic link to a terminal; removed when dropped.
@@ -97,14 +110,30 @@ impl Endpoint {
         Ok(Self::Terminal { bridge, link: Some(Link(link.to_owned())) })
     }
 
-    pub fn interface(name: &str) -> Result<Self> {
-        let bridge = SocketCanBridge::open_or_create(name, BridgeConfig::default().queue);
+    pub fn interface(name: &str, driver: InterfaceDriver, rates: BusRates) -> Result<Self> {
+        let queue = BridgeConfig::default().queue;
+        let bridge = match (driver, SocketCanBridge::open(name, queue)) {
+            (InterfaceDriver::GsUsb, Err(SocketCanError::NoInterface(_))) => {
+                let bridge = UsbCanBridge::create(name, queue, rates);
+                return bridge.map(Self::UsbInterface).map_err(|reason| {
+                    Failure::Bridge(format!(
+                        "cannot create the CAN interface {name} with the driver gs_usb: {reason}; \
+                         as root: modprobe -a vhci-hcd gs_usb"
+                    ))
+                });
+            }
+            (InterfaceDriver::Vcan, Err(SocketCanError::NoInterface(_))) => {
+                SocketCanBridge::open_or_create(name, queue)
+            }
+            (_, opened) => opened,
+        };
         bridge.map(Self::Interface).map_err(|error| Failure::Bridge(error.to_string()))
     }
 
     pub fn clients(&self) -> &Clients {
         match self {
             Self::Interface(bridge) => bridge.clients(),
+            Self::UsbInterface(bridge) => bridge.clients(),
             Self::Server(server) => server.clients(),
             Self::Terminal { bridge, .. } => bridge.clients(),
         }
@@ -120,6 +149,7 @@ impl Endpoint {
                 ("slcan", path.display().to_string())
             }
             Self::Interface(bridge) => ("socketcan", bridge.interface().to_owned()),
+            Self::UsbInterface(bridge) => ("socketcan", bridge.interface().to_owned()),
         };
         Address { protocol, address, lane }
     }
@@ -135,9 +165,12 @@ impl Endpoint {
     }
 
     pub fn check(&self) -> Result {
-        let Self::Interface(bridge) = self else { return Ok(()) };
-        bridge.end().map_or(Ok(()), |error| {
-            let name = bridge.interface();
+        let (name, end) = match self {
+            Self::Interface(bridge) => (bridge.interface(), bridge.end()),
+            Self::UsbInterface(bridge) => (bridge.interface(), bridge.end()),
+            Self::Server(_) | Self::Terminal { .. } => return Ok(()),
+        };
+        end.map_or(Ok(()), |error| {
             Err(Failure::Bridge(format!("CAN interface {name} is not available: {error}")))
         })
     }
