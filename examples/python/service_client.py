@@ -16,7 +16,8 @@ def write(kind, payload):
 
 
 def read():
-    length, kind = struct.unpack("<IB3x", stream.read(8))
+    header = stream.read(8) or sys.exit("the service closed the connection")
+    length, kind = struct.unpack("<IB3x", header)
     return kind, stream.read(length)
 
 

@@ -16,7 +16,9 @@ fn python_client_prints_frames_and_sends_one() {
     }
     let fixture = Fixture::start(|config| config.name = "bench".into());
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let mut python = Command::new("python3")
+    // Ends a client that waits for a frame that never arrives.
+    let mut python = Command::new("timeout")
+        .args(["30", "python3"])
         .arg(root.join("examples/python/service_client.py"))
         .arg(fixture.path())
         .arg("123#1122")
@@ -26,8 +28,8 @@ fn python_client_prints_frames_and_sends_one() {
     let mut lines = BufReader::new(python.stdout.take().unwrap()).lines().map(Result::unwrap);
     assert_eq!(lines.next().unwrap(), "# bench, master 0, access control");
     let frames: Vec<_> = lines.by_ref().take(2).collect();
-    python.kill().unwrap();
-    python.wait().unwrap();
+    drop(fixture);
+    assert_eq!(python.wait().unwrap().code(), Some(1), "the service closed the connection");
     let has = |event: &str| frames.iter().any(|line| line.contains(event));
     assert!(has(" 0.0 transmitted 123 [2] 1122 tag 1"), "{frames:?}");
     assert!(has(" 0.0 received "), "{frames:?}");
