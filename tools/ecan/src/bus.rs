@@ -8,16 +8,24 @@ use ecan_sim::Backend;
 use crate::failure::{Failure, Result};
 use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::progress;
+use crate::service_access::ServiceConnection;
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose, every_gateway, one_or_all};
 
 /// Time to wait for the end of a scan, in ns: several seconds with many slaves.
 const SCAN_NS: u64 = 30_000_000_000;
 const POLL_NS: u64 = 50_000_000;
 
+/// Way to a bus.
+#[derive(Clone, Debug)]
+enum Path {
+    Library(Ecrt),
+    Service(ServiceConnection),
+}
+
 /// A bus, opened without reserving the master.
 #[derive(Debug)]
 pub struct Bus {
-    ecrt: Ecrt,
+    path: Path,
     master: u32,
     diagnostics: Diagnostics,
     choice: Option<SlaveChoice>,
@@ -27,11 +35,21 @@ impl Bus {
     /// Opens a master of a loaded library, for the slave of `--slave` if given. Waits while the
     /// master scans the bus.
     pub fn of(backend: &Backend, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {
-        let mut bus = Self::on(backend.ecrt.clone(), master, choice)?;
+        Self::open(&Path::Library(backend.ecrt.clone()), master, choice)
+    }
+
+    /// As [`of`](Self::of), through a service.
+    pub fn of_service(connection: ServiceConnection, choice: Option<SlaveChoice>) -> Result<Self> {
+        let master = connection.hello().master;
+        Self::open(&Path::Service(connection), master, choice)
+    }
+
+    fn open(path: &Path, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {
+        let mut bus = Self::on(path, master, choice)?;
         let end_ns = bus.clock().now_ns().saturating_add(SCAN_NS);
         while bus.is_scanning() && bus.clock().now_ns() < end_ns {
             bus.sleep_ns(POLL_NS);
-            bus = Self::on(backend.ecrt.clone(), master, choice)?;
+            bus = Self::on(path, master, choice)?;
         }
         tracing::debug!(master, slaves = bus.diagnostics.slave_count(), "bus opened");
         if !bus.diagnostics.master_state().map_err(Failure::master)?.link_up {
@@ -48,9 +66,13 @@ impl Bus {
         matches!(first, Err(Error::NoSuchSlave { is_scanning: true, .. }))
     }
 
-    fn on(ecrt: Ecrt, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {
-        let diagnostics = Diagnostics::of_bus(&ecrt, master).map_err(Failure::master)?;
-        Ok(Self { ecrt, master, diagnostics, choice })
+    fn on(path: &Path, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {
+        let diagnostics = match path {
+            Path::Library(ecrt) => Diagnostics::of_bus(ecrt, master),
+            Path::Service(connection) => Diagnostics::of_access(Box::new(connection.clone())),
+        };
+        let diagnostics = diagnostics.map_err(Failure::master)?;
+        Ok(Self { path: path.clone(), master, diagnostics, choice })
     }
 
     /// Runs `work` for each slave and returns the results in this order. Each slave has a thread and
@@ -67,9 +89,9 @@ impl Bus {
         let work = &work;
         thread::scope(|scope| {
             let start = |slave: &usize| {
-                let (ecrt, master, choice, slave) =
-                    (self.ecrt.clone(), self.master, self.choice, *slave);
-                let run = move || work(&Self::on(ecrt, master, choice)?, slave);
+                let (path, master, choice, slave) =
+                    (self.path.clone(), self.master, self.choice, *slave);
+                let run = move || work(&Self::on(&path, master, choice)?, slave);
                 let builder = thread::Builder::new().name(format!("slave {slave}"));
                 builder.spawn_scoped(scope, run).map_err(Failure::of_thread)
             };
@@ -81,8 +103,44 @@ impl Bus {
         })
     }
 
-    pub fn ecrt(&self) -> &Ecrt {
-        &self.ecrt
+    /// The library, for a command that runs a cycle of its own.
+    pub fn ecrt(&self) -> Result<&Ecrt> {
+        match &self.path {
+            Path::Library(ecrt) => Ok(ecrt),
+            Path::Service(connection) => Err(Failure::Master(format!(
+                "this command runs a cycle of its own, and {} holds master {}; end that program, \
+                 or use --via direct if it does not run a cycle",
+                connection.program(),
+                self.master
+            ))),
+        }
+    }
+
+    /// The service through which the bus is reached.
+    pub fn service(&self) -> Option<&ServiceConnection> {
+        match &self.path {
+            Path::Library(_) => None,
+            Path::Service(connection) => Some(connection),
+        }
+    }
+
+    pub fn master(&self) -> u32 {
+        self.master
+    }
+
+    pub fn is_simulated(&self) -> bool {
+        match &self.path {
+            Path::Library(ecrt) => ecrt.is_simulated(),
+            Path::Service(connection) => connection.hello().is_simulated,
+        }
+    }
+
+    /// The library, or the service.
+    pub fn origin(&self) -> String {
+        match &self.path {
+            Path::Library(ecrt) => ecrt.origin().to_string(),
+            Path::Service(connection) => connection.to_string(),
+        }
     }
 
     pub fn diagnostics(&self) -> &Diagnostics {
@@ -90,7 +148,7 @@ impl Bus {
     }
 
     pub fn clock(&self) -> &dyn Clock {
-        self.ecrt.clock().as_ref()
+        self.diagnostics.clock()
     }
 
     pub fn sleep_ns(&self, duration_ns: u64) {
@@ -197,6 +255,6 @@ impl Candidates for Bus {
 #[cfg(test)]
 impl Bus {
     pub fn over(ecrt: &Ecrt) -> Self {
-        Self::on(ecrt.clone(), 0, None).unwrap()
+        Self::on(&Path::Library(ecrt.clone()), 0, None).unwrap()
     }
 }

@@ -5,6 +5,8 @@ use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 pub use crate::bus::Bus;
 pub use crate::failure::{Failure, Result};
 pub use crate::global::GlobalOptions;
+use crate::via;
+
 pub use crate::output::{FullScreen, Output, Tone, note};
 
 #[derive(Clone, Copy, Debug)]
@@ -14,13 +16,17 @@ pub struct Context<'a> {
 }
 
 impl Context<'_> {
-    /// Opens the library and the master; reports a simulation on standard error.
+    /// Opens the bus through a service, or the library and the master; reports a service or a
+    /// simulation on standard error.
     pub fn bus(&self) -> Result<Bus> {
         self.bus_of_master(self.global.master(), ClockKind::Stepped)
     }
 
     /// As [`bus`](Self::bus), with the default clock of a simulation.
     pub fn bus_of_master(&self, master: u32, clock: ClockKind) -> Result<Bus> {
+        if let Some(connection) = via::connect(self.global, master)? {
+            return Bus::of_service(connection, self.global.slave);
+        }
         Bus::of(&self.backend(&self.setting()?, clock)?, master, self.global.slave)
     }
 

@@ -77,6 +77,9 @@ impl Failure {
             Self::ProblemsFound | Self::Incomplete(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
+            Self::Device(
+                ecan_host::Error::NotPermitted { .. } | ecan_host::Error::Disconnected { .. },
+            ) => 3,
             Self::Slave(_) => 4,
             Self::Device(_) | Self::Rejected(_) | Self::NotReady { .. } => 5,
             Self::File { .. }

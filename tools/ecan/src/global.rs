@@ -3,6 +3,7 @@ use ecan_command_line::logging::LogArguments;
 
 use crate::failure::{Failure, Result};
 use crate::slave_choice::SlaveChoice;
+use crate::via::Via;
 
 pub const EXIT_STATUS: &str = "\
 Exit status:
@@ -35,6 +36,9 @@ pub struct GlobalOptions {
     /// [default: ECAN_ECRT, or libethercat.so.1]
     #[arg(long, global = true, value_name = "LIBRARY")]
     pub ecrt: Option<String>,
+    /// Way to the bus: auto, direct (library), or the socket of a service (ecan serve)
+    #[arg(long, global = true, value_name = "WAY", default_value = "auto")]
+    pub via: Via,
     /// Index of the EtherCAT master [default: from the configuration file, or 0]
     #[arg(long, global = true, value_name = "N")]
     pub master: Option<u32>,
@@ -59,6 +63,16 @@ impl GlobalOptions {
             None => Ok(()),
             Some(_) => {
                 Err(Failure::Usage(format!("--slave is not used by this command: {reason}")))
+            }
+        }
+    }
+
+    /// Rejects a service for a command that does not use it.
+    pub fn without_service(&self, reason: &str) -> Result {
+        match self.via {
+            Via::Auto | Via::Direct => Ok(()),
+            Via::Service(_) => {
+                Err(Failure::Usage(format!("this command does not use a service: {reason}")))
             }
         }
     }

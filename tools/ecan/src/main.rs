@@ -21,9 +21,11 @@ mod output;
 mod program;
 mod progress;
 mod readings;
+mod service_access;
 mod slave_choice;
 mod table;
 mod value;
+mod via;
 
 use std::process::ExitCode;
 

@@ -141,7 +141,7 @@ fn receive(arguments: &DumpArguments, mut service: Service, printer: &mut Printe
             is_selected
         });
         for arrival in &cycle.arrivals {
-            let Event::Received(frame) = arrival.event else { continue };
+            let Event::Frame(frame) = arrival.event else { continue };
             last_ns = arrival.time_ns;
             let time_ns = service.absolute_ns(arrival.time_ns);
             printer.put(TimedFrame { time_ns, frame }, service.is_real_time());

@@ -45,6 +45,10 @@ impl CaptureOptions {
         self.capture.as_deref()
     }
 
+    pub fn has_images(&self) -> bool {
+        self.images
+    }
+
     pub fn check_apart_from(&self, log: Option<&Path>) -> Result {
         match log.is_some() && log == self.path() {
             true => Err(Failure::Usage("--record and --capture name the same file".to_owned())),
@@ -149,8 +153,9 @@ impl FrameCapture {
         self.images(link, Direction::TxPdo);
         for arrival in arrivals {
             match &arrival.event {
-                Event::Received(received) => {
-                    self.frame(arrival.time_ns, Traffic::Received, received);
+                Event::Frame(frame) => {
+                    let traffic = if frame.is_sent { Traffic::Sent } else { Traffic::Received };
+                    self.frame(arrival.time_ns, traffic, frame);
                 }
                 Event::Result { ticket, outcome } => {
                     let sent = ticket.and_then(|ticket| self.pending.remove(&ticket));
@@ -168,7 +173,8 @@ impl FrameCapture {
     }
 
     pub fn add_pending(&mut self, ticket: Ticket, gateway: usize, channel: u8, frame: &CanFrame) {
-        let sent = BusFrame { gateway, channel, frame: *frame, timestamp: Timestamp::None };
+        let sent =
+            BusFrame { gateway, channel, frame: *frame, timestamp: Timestamp::None, is_sent: true };
         self.pending.insert(ticket, sent);
     }
 

@@ -68,7 +68,7 @@ impl ScreenLines {
         if self.screen.is_log {
             return self.log.line(timed);
         }
-        let BusFrame { frame, channel, timestamp, .. } = &timed.frame;
+        let BusFrame { frame, channel, timestamp, is_sent, .. } = &timed.frame;
         self.is_indented |= frame.id().is_extended();
         let mut line = String::from(" ");
         // Writing to a String cannot fail.
@@ -78,8 +78,9 @@ impl ScreenLines {
         let _ = write!(line, " can{channel}");
         if self.screen.has_extra {
             let (brs, esi) = fd_flags(frame);
+            let direction = if *is_sent { "TX" } else { "RX" };
             let mark = |is_set, letter| if is_set { letter } else { '-' };
-            let _ = write!(line, "  RX {} {}", mark(brs, 'B'), mark(esi, 'E'));
+            let _ = write!(line, "  {direction} {} {}", mark(brs, 'B'), mark(esi, 'E'));
         }
         let Self { is_indented, screen: Screen { has_ascii, .. }, .. } = *self;
         let _ = write!(line, "  {}", ScreenFrame { frame, is_indented, has_ascii });
@@ -103,9 +104,13 @@ impl LogLines {
     }
 
     pub fn line(&mut self, timed: &TimedFrame) -> String {
-        let BusFrame { frame, channel, .. } = &timed.frame;
+        let BusFrame { frame, channel, is_sent, .. } = &timed.frame;
         let time = self.timestamps.text(timed.time_ns);
-        let mark = if self.has_extra { " R" } else { "" };
+        let mark = match (self.has_extra, is_sent) {
+            (false, _) => "",
+            (true, false) => " R",
+            (true, true) => " T",
+        };
         format!("{time} can{channel} {}{mark}", FrameText(frame))
     }
 }

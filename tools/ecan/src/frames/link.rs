@@ -7,12 +7,20 @@ use ecan_mcan_port::{PortConfig, SendTicket, Session, SlaveStatistics};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ChannelStatus, ResultCode, Timestamp};
 use ecan_protocol::mapping::Direction;
+use ecan_service_protocol::{self as service, RejectReason, TransmitFailure};
 
 use crate::context::Result;
 
 /// Identifies a sent frame; its transmit result has the same ticket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Ticket(u64);
+
+impl Ticket {
+    /// Ticket of a frame that was sent through a service.
+    pub fn of_service(tag: u32) -> Self {
+        Self(tag.into())
+    }
+}
 
 impl From<SendTicket> for Ticket {
     fn from(SendTicket { slave, sequence, index }: SendTicket) -> Self {
@@ -25,12 +33,20 @@ impl From<SendTicket> for Ticket {
 pub enum Outcome {
     /// Result of the gateway.
     Result(ResultCode),
+    /// A service reports success, or the gateway reports no results.
+    Sent,
+    /// A service reports a failure.
+    Failed(TransmitFailure),
+    /// A service did not send the frame.
+    Rejected(RejectReason),
 }
 
 impl Outcome {
     pub fn is_success(self) -> bool {
         match self {
             Self::Result(code) => code.is_success(),
+            Self::Sent => true,
+            Self::Failed(_) | Self::Rejected(_) => false,
         }
     }
 }
@@ -39,6 +55,9 @@ impl fmt::Display for Outcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Result(code) => code.fmt(f),
+            Self::Sent => f.write_str("sent"),
+            Self::Failed(failure) => failure.fmt(f),
+            Self::Rejected(reason) => reason.fmt(f),
         }
     }
 }
@@ -51,11 +70,14 @@ pub struct BusFrame {
     pub frame: CanFrame,
     /// Time stamp of the gateway.
     pub timestamp: Timestamp,
+    /// Sent by a program on this bus; false for a received frame.
+    pub is_sent: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
 pub enum Event {
-    Received(BusFrame),
+    /// Received, or sent by another program.
+    Frame(BusFrame),
     Result {
         /// `None` for a frame of another program.
         ticket: Option<Ticket>,
@@ -72,17 +94,41 @@ pub struct Arrival {
 
 /// State of the session of a gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SessionState(pub Session);
+pub enum SessionState {
+    Of(Session),
+    /// A service reports that the verification failed.
+    Failed,
+}
 
 impl SessionState {
     pub fn is_ready(self) -> bool {
-        self.0 == Session::Ready
+        self == Self::Of(Session::Ready)
+    }
+}
+
+impl From<service::SessionState> for SessionState {
+    fn from(state: service::SessionState) -> Self {
+        match state {
+            service::SessionState::Waiting => Self::Of(Session::Waiting),
+            service::SessionState::Verifying => Self::Of(Session::Verifying),
+            service::SessionState::Ready => Self::Of(Session::Ready),
+            service::SessionState::Failed => Self::Failed,
+        }
+    }
+}
+
+impl Default for SessionState {
+    fn default() -> Self {
+        Self::Of(Session::Waiting)
     }
 }
 
 impl fmt::Display for SessionState {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.fmt(f)
+        match self {
+            Self::Of(session) => session.fmt(f),
+            Self::Failed => f.write_str("not ready: verification failed"),
+        }
     }
 }
 

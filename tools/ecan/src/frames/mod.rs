@@ -12,6 +12,8 @@ mod printer;
 pub mod recording;
 mod sender;
 mod service;
+mod service_link;
+mod service_setup;
 mod settings;
 mod status_watch;
 mod summary;

@@ -110,7 +110,7 @@ impl FrameLink for PortLink {
 
     fn session(&self, gateway: usize) -> SessionState {
         let gateway = self.port.gateway(gateway);
-        SessionState(gateway.map_or(Session::Waiting, |it| self.port.session(it)))
+        SessionState::Of(gateway.map_or(Session::Waiting, |it| self.port.session(it)))
     }
 
     fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus {
@@ -144,11 +144,12 @@ impl FrameLink for PortLink {
 
 fn arrival(time_ns: u64, item: ReceivedView<'_>) -> Arrival {
     let event = match item.to_owned() {
-        Received::Frame(received) => Event::Received(BusFrame {
+        Received::Frame(received) => Event::Frame(BusFrame {
             gateway: received.slave,
             channel: received.channel,
             frame: received.frame,
             timestamp: received.timestamp,
+            is_sent: false,
         }),
         Received::TransmitReport(report) => Event::Result {
             ticket: report.ticket.map(Ticket::from),

@@ -5,9 +5,12 @@ use ecan_protocol::config::McanChannelConfig;
 use ecan_sim::ClockKind;
 
 use super::capture::FrameCapture;
+use super::link::FrameLink;
 use super::options::FrameOptions;
 use super::port_link::PortLink;
 use super::service::{CACHE_DEPTH, ServedGateway, Service, without_fd};
+use super::service_link::ServiceLink;
+use super::service_setup::{ServiceSetup, of_service};
 use super::settings::{GatewayRequirements, Planned, Settings};
 use crate::context::{Bus, Context, Failure, Result, note};
 use crate::frames::channels::{Channels, can_config};
@@ -18,6 +21,8 @@ use crate::frames::channels::{Channels, can_config};
 pub struct Prepared<'a> {
     bus: Bus,
     planned: Planned,
+    /// The gateways of a service; `None` for a cycle of this program.
+    service: Option<ServiceSetup>,
     cache_depths: Vec<u32>,
     options: &'a FrameOptions,
     pub interrupt: Interrupt,
@@ -52,15 +57,25 @@ impl<'a> Prepared<'a> {
         let interrupt = Interrupt::install()?;
         let kind = if requirements.has_end { ClockKind::Stepped } else { ClockKind::Real };
         let bus = settings.open_bus(context, kind)?;
-        let planned = match is_for_all {
-            false => settings.for_one(&bus, requirements, context.global)?,
-            true => settings.for_all(&bus, requirements, context.global)?,
+        let (service, planned) = match bus.service() {
+            Some(connection) => {
+                let setup = &options.gateway.setup;
+                let found = of_service(connection, &bus, requirements, setup, is_for_all)?;
+                (Some(found.0), found.1)
+            }
+            None => {
+                let planned = match is_for_all {
+                    false => settings.for_one(&bus, requirements, context.global)?,
+                    true => settings.for_all(&bus, requirements, context.global)?,
+                };
+                let faults = planned.config.check(&planned.adapter);
+                faults.map_err(|faults| planned.failure(faults.into()))?;
+                (None, planned)
+            }
         };
-        let faults = planned.config.check(&planned.adapter);
-        faults.map_err(|faults| planned.failure(faults.into()))?;
         let depth = |position: &usize| bus.read(*position, 0xF000, 29).unwrap_or(CACHE_DEPTH);
         let cache_depths = planned.positions.iter().map(depth).collect();
-        Ok(Self { bus, planned, cache_depths, options, interrupt })
+        Ok(Self { bus, planned, service, cache_depths, options, interrupt })
     }
 
     /// Rejects CAN FD frames for a classic channel of the only gateway.
@@ -87,16 +102,23 @@ impl<'a> Prepared<'a> {
 
     /// Starts the gateways, with a capture if requested; `None` if the user stops.
     pub fn enter(self) -> Result<Option<Service>> {
-        let Self { bus, planned, cache_depths, options, interrupt } = self;
+        let Self { bus, planned, service, cache_depths, options, interrupt } = self;
         let channels = planned.channels();
         let real_time = &options.gateway.real_time;
         let capture =
             FrameCapture::start(&options.capture, &planned.adapter, &channels, &interrupt)?;
         let config = (planned.adapter, planned.config);
-        let started = real_time.apply(|line| note(line)).map_err(Failure::from).and_then(|()| {
-            let link = PortLink::start(bus.ecrt(), config, real_time, &interrupt);
-            link.map_err(|error| planned.failure(error))
-        });
+        let started = match service {
+            Some(ServiceSetup { connection, gateways }) => {
+                let has_images = options.capture.has_images();
+                ServiceLink::start(connection, config, &gateways, has_images).map(boxed)
+            }
+            None => real_time.apply(|line| note(line)).map_err(Failure::from).and_then(|()| {
+                let link = PortLink::start(bus.ecrt()?, config, real_time, &interrupt);
+                let link = link.map_err(|error| planned.failure(error))?;
+                Ok(link.and_then(boxed))
+            }),
+        };
         let Ok(Some(link)) = started else {
             capture.into_iter().for_each(FrameCapture::discard);
             return started.map(|_| None);
@@ -105,6 +127,10 @@ impl<'a> Prepared<'a> {
             ServedGateway { position: *position, channels, cache_depth }
         };
         let gateways = planned.positions.iter().zip(channels).zip(cache_depths).map(of_gateway);
-        Ok(Some(Service::new(Box::new(link), gateways.collect(), capture, interrupt)))
+        Ok(Some(Service::new(link, gateways.collect(), capture, interrupt)))
     }
+}
+
+fn boxed(link: impl FrameLink + 'static) -> Option<Box<dyn FrameLink>> {
+    Some(Box::new(link))
 }

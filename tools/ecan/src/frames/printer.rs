@@ -166,7 +166,8 @@ mod tests {
 
     fn timed_frame() -> TimedFrame {
         let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap();
-        let frame = BusFrame { gateway: 0, channel: 0, frame, timestamp: Timestamp::None };
+        let frame =
+            BusFrame { gateway: 0, channel: 0, frame, timestamp: Timestamp::None, is_sent: false };
         TimedFrame { time_ns: 0, frame }
     }
 

@@ -44,7 +44,8 @@ impl Record {
     fn sent(&mut self, due: Due, service: &Service) {
         if let Self::Sent(printer) = self {
             let Due { channel, frame, .. } = due;
-            let frame = BusFrame { gateway: 0, channel, frame, timestamp: Timestamp::None };
+            let frame =
+                BusFrame { gateway: 0, channel, frame, timestamp: Timestamp::None, is_sent: true };
             // Sent frames are printed without time stamps.
             printer.put(TimedFrame { time_ns: 0, frame }, service.is_real_time());
         }
@@ -53,7 +54,9 @@ impl Record {
     fn received(&mut self, cycle: &Cycle, service: &Service) {
         let Self::Received(printer) = self else { return };
         for arrival in &cycle.arrivals {
-            if let Event::Received(frame) = arrival.event {
+            if let Event::Frame(frame) = arrival.event
+                && !frame.is_sent
+            {
                 let time_ns = service.absolute_ns(arrival.time_ns);
                 printer.put(TimedFrame { time_ns, frame }, service.is_real_time());
             }

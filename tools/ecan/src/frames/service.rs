@@ -74,7 +74,7 @@ impl Service {
         let mut arrivals = std::mem::take(&mut self.store);
         let now_ns = self.link.begin(&mut arrivals);
         arrivals.retain(|arrival| match &arrival.event {
-            Event::Received(received) => {
+            Event::Frame(received) => {
                 let channels = self.channels(received.gateway);
                 channels.contains(received.channel) && accepts(received)
             }

@@ -120,7 +120,7 @@ impl GatewayWatch {
             prefix,
             channels,
             reported: Default::default(),
-            session: SessionState(Session::Ready),
+            session: SessionState::Of(Session::Ready),
             losses: since(counters.txpdo_lost),
             unknown: since(counters.txpdo_unknown),
         }

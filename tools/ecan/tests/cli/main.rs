@@ -30,3 +30,4 @@ mod setup_host;
 mod sii_sm_layout;
 mod socketcan;
 mod timed_reader;
+mod via;

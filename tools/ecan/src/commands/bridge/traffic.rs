@@ -38,7 +38,7 @@ impl Traffic {
         for arrival in &cycle.arrivals {
             let time_ns = self.service.absolute_ns(arrival.time_ns);
             match &arrival.event {
-                Event::Received(received) => {
+                Event::Frame(received) => {
                     let id = LaneId { gateway: received.gateway, channel: received.channel };
                     if let Some(lane) = self.lanes.iter().find(|lane| lane.id == id) {
                         lane.deliver(&received.frame, time_ns);

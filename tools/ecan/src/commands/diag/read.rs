@@ -51,7 +51,7 @@ pub(super) fn bundle(
     snapshot.position = info.position;
     snapshot.al_state = info.al_state;
     snapshot.has_error_flag = info.error_flag;
-    let register = |address, name| register(bus, slave, arguments, context, address, name);
+    let register = |address, name| register(bus, slave, arguments, address, name);
     snapshot.al_status_code = register(AL_STATUS_CODE, "AL status code");
     if snapshot.al_status_code.is_some() && snapshot.state() != Some(AlState::Op) {
         snapshot.sync_managers = sync_managers(|at| register(at, "SM2 and SM3"));
@@ -70,7 +70,7 @@ pub(super) fn bundle(
         hardware: text(0x1009),
         serial: serial_number(|subindex| snapshot.get(0xF000, subindex).ok_or(())).ok(),
     };
-    Ok(Bundle::new(host(bus, context.global), master(bus, context.global)?, gateway, snapshot))
+    Ok(Bundle::new(host(bus, context.global), master(bus)?, gateway, snapshot))
 }
 
 fn read_error(failure: Failure) -> ReadError {
@@ -110,15 +110,14 @@ fn register(
     bus: &Bus,
     slave: usize,
     arguments: &DiagArguments,
-    context: &Context,
     address: u16,
     name: &str,
 ) -> Option<u16> {
     let named = arguments.ethercat.as_deref();
-    if named.is_none() && bus.ecrt().is_simulated() {
+    if named.is_none() && bus.is_simulated() {
         return None;
     }
-    let tool = EthercatTool::find(named, context.global.master());
+    let tool = EthercatTool::find(named, bus.master());
     match tool.and_then(|tool| tool.register(slave, address)) {
         Ok(code) => Some(code),
         Err(error) => {
@@ -135,9 +134,9 @@ fn host(bus: &Bus, global: &GlobalOptions) -> Host {
         kernel: root.first_line("proc/version").unwrap_or_default(),
         system: system_name(&root),
         cpus: std::thread::available_parallelism().map_or(1, usize::from),
-        library: bus.ecrt().origin().to_string(),
+        library: bus.origin(),
         module: root.first_line("sys/module/ec_master/version"),
-        is_simulated: bus.ecrt().is_simulated(),
+        is_simulated: bus.is_simulated(),
         checks: serde_json::to_value(checks).unwrap_or_default(),
     }
 }
@@ -149,7 +148,7 @@ fn system_name(root: &doctor::Root) -> String {
     line.unwrap_or_default().trim_matches('"').to_owned()
 }
 
-fn master(bus: &Bus, global: &GlobalOptions) -> Result<Master> {
+fn master(bus: &Bus) -> Result<Master> {
     let state = bus.diagnostics().master_state().map_err(Failure::master)?;
     let slaves = bus.slaves()?.into_iter().map(|info| Slave {
         position: info.position,
@@ -164,7 +163,7 @@ fn master(bus: &Bus, global: &GlobalOptions) -> Result<Master> {
         links: info.ports.map(|port| port.link_up),
     });
     Ok(Master {
-        index: global.master(),
+        index: bus.master(),
         link_up: state.link_up,
         slaves_responding: state.slaves_responding,
         slaves: slaves.collect(),

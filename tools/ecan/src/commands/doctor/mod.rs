@@ -46,6 +46,7 @@ pub struct DoctorArguments {
 
 pub fn run(arguments: &DoctorArguments, context: &Context) -> Result {
     context.global.without_slave("doctor checks the host; use `ecan diag` for a gateway")?;
+    context.global.without_service("doctor checks this host")?;
     let checks = match &arguments.root {
         Some(path) if !path.is_dir() => {
             return Err(Failure::file("read", path, "not a directory"));

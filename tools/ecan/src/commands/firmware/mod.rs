@@ -104,6 +104,7 @@ struct UpdateReport<'a> {
 }
 
 pub fn run(arguments: &FirmwareArguments, context: &Context) -> Result {
+    context.global.without_service("firmware is transferred by the `ethercat` tool")?;
     match &arguments.action {
         Action::Version => {
             let (gateways, _) = open(arguments, context)?;

@@ -40,7 +40,7 @@ impl Watcher {
             note(format_args!("warning: {warning}"));
         }
         let busy = BusTime::new(&config);
-        let port = Port::open(bus.ecrt(), (adapter, config)).map_err(failed)?;
+        let port = Port::open(bus.ecrt()?, (adapter, config)).map_err(failed)?;
         port.profile_warnings().iter().for_each(|warning| note(format_args!("warning: {warning}")));
         Ok(Self { port, positions: planned.positions, busy })
     }

@@ -63,6 +63,7 @@ struct Planned {
 }
 
 pub fn run(arguments: &PlanArguments, context: &Context) -> Result {
+    context.global.without_service("it computes offline")?;
     let planned = match &arguments.setup.config {
         Some(path) => {
             let file = config_file::read(path)?;

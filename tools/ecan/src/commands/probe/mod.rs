@@ -79,6 +79,7 @@ pub fn run(arguments: &ProbeArguments, context: &Context) -> Result {
     let wired = wired(arguments)?;
     let interrupt = Interrupt::install_with_message("stopping after restoring the configuration")?;
     let bus = context.bus()?;
+    bus.ecrt()?;
     let slave = bus.slave()?;
     if let Some(directory) = &arguments.bundle {
         std::fs::create_dir(directory).map_err(|it| Failure::file("create", directory, it))?;
@@ -130,7 +131,7 @@ fn probe_and_restore(
     let stop = Arc::new(move || flag.is_set());
     let options =
         ProbeOptions { wired: request.wired, last_stage, reason, timing: request.timing, stop };
-    let mut probe = Probe::open(bus.ecrt(), request.master, slave, options)?;
+    let mut probe = Probe::open(bus.ecrt()?, request.master, slave, options)?;
     let findings = probe.run(progress);
     let restored = match &saved {
         Some(saved) if probe.has_changed() => restore(bus, saved),
@@ -139,7 +140,7 @@ fn probe_and_restore(
     Ok(Report {
         program: format!("ecan {}", env!("CARGO_PKG_VERSION")),
         position: slave,
-        is_simulated: bus.ecrt().is_simulated(),
+        is_simulated: bus.is_simulated(),
         was_stopped: interrupt.is_set(),
         findings,
         profile: probe.device_profile().clone(),

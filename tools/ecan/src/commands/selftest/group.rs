@@ -129,7 +129,7 @@ impl GroupTest<'_> {
             }
         }
         let real_time = &self.plan.arguments().real_time;
-        let started = match TestBus::start(bus.ecrt(), config, real_time, self.interrupt) {
+        let started = match TestBus::start(bus.ecrt()?, config, real_time, self.interrupt) {
             Ok(Some(started)) => Start::Ready(Box::new(started)),
             Ok(None) => Start::Stopped,
             Err(error) => {

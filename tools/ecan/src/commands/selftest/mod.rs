@@ -124,6 +124,7 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
     let plan = TestPlan::new(arguments, &rates, master)?;
     let interrupt = Interrupt::install_with_message("stopping after restoring the configuration")?;
     let bus = context.bus_of_master(master, ClockKind::Stepped)?;
+    bus.ecrt()?;
     let slaves = slaves(&bus, arguments)?;
     if let Some(directory) = &arguments.report {
         report::prepare(directory)?;

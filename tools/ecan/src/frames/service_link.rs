@@ -1,0 +1,300 @@
+//! Gateways with the cycle of another program, through its service.
+
+use std::time::{Duration, SystemTime};
+
+use ecan_host::{AdapterConfig, Clock as _, Errno, MonotonicClock, SlaveAccess as _};
+use ecan_mcan_port::{PortConfig, SlaveStatistics};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::image::{ChannelStatus, Timestamp};
+use ecan_protocol::mapping::{CHANNELS, Direction};
+use ecan_service_client::{ClientError, Event as ServiceEvent, ReceivedImage, SendError};
+use ecan_service_protocol::{
+    EventKind, FrameEvent, FrameReport, GatewayState, ImageSubscription, Subscription,
+};
+use serde_json::Value;
+
+use crate::context::{Failure, Result, note};
+use crate::frames::link::{Arrival, BusFrame, Event, FrameLink, Outcome, SessionState, Ticket};
+use crate::service_access::ServiceConnection;
+
+/// Longest age of the state while own frames are sent, and otherwise.
+const SENDING_NS: u64 = 1_000_000_000;
+const STATE_NS: u64 = 50_000_000;
+/// Most events of one cycle.
+const MAX_EVENTS: usize = 4096;
+const LOSS_REPORT_NS: u64 = 1_000_000_000;
+
+/// A gateway of the command.
+#[derive(Debug)]
+struct LinkedGateway {
+    /// Index in the service.
+    index: u16,
+    position: u16,
+    session: SessionState,
+    status: [ChannelStatus; CHANNELS],
+    /// Counters at the start of the command.
+    start: Value,
+    statistics: SlaveStatistics,
+}
+
+#[derive(Debug)]
+pub struct ServiceLink {
+    connection: ServiceConnection,
+    adapter: AdapterConfig,
+    config: PortConfig,
+    gateways: Vec<LinkedGateway>,
+    since_1970_ns: u64,
+    state_at_ns: u64,
+    sent_at_ns: Option<u64>,
+    images: Vec<ReceivedImage>,
+    lost: u64,
+    lost_reported_ns: u64,
+    /// Error that ends the command.
+    failure: Option<Failure>,
+}
+
+impl ServiceLink {
+    /// Subscribes to the frames of gateways: index in the service and position of each, in the order
+    /// of the configuration.
+    pub fn start(
+        connection: ServiceConnection,
+        (adapter, config): (AdapterConfig, PortConfig),
+        gateways: &[(u16, u16)],
+        has_images: bool,
+    ) -> Result<Self> {
+        let linked = |(index, position): &(u16, u16)| LinkedGateway {
+            index: *index,
+            position: *position,
+            session: SessionState::default(),
+            status: [ChannelStatus::default(); CHANNELS],
+            start: Value::Null,
+            statistics: SlaveStatistics::default(),
+        };
+        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let since_1970_ns = u64::try_from(since_1970.unwrap_or_default().as_nanos()).unwrap_or(0);
+        let now_ns = MonotonicClock.now_ns();
+        let mut link = Self {
+            connection,
+            adapter,
+            config,
+            gateways: gateways.iter().map(linked).collect(),
+            since_1970_ns: since_1970_ns.wrapping_sub(now_ns),
+            state_at_ns: now_ns,
+            sent_at_ns: None,
+            images: Vec::new(),
+            lost: 0,
+            lost_reported_ns: 0,
+            failure: None,
+        };
+        link.read_state().map_err(|error| link.error(&error))?;
+        let indices: Vec<_> = gateways.iter().map(|it| it.0).collect();
+        let subscription = Subscription {
+            gateways: indices.clone(),
+            kinds: vec![EventKind::Received, EventKind::Transmitted, EventKind::Published],
+            ..Subscription::default()
+        };
+        let client = link.connection.client();
+        client.subscribe(&subscription).map_err(|error| link.error(&error))?;
+        if has_images {
+            let images = ImageSubscription { gateways: indices, ..ImageSubscription::default() };
+            client.subscribe_images(&images).map_err(|error| link.error(&error))?;
+        }
+        Ok(link)
+    }
+
+    fn error(&self, error: &ClientError) -> Failure {
+        Failure::Device(self.connection.error("service", error))
+    }
+
+    fn read_state(&mut self) -> Result<(), ClientError> {
+        let state = self.connection.client().state()?;
+        self.state_at_ns = MonotonicClock.now_ns();
+        for gateway in &mut self.gateways {
+            if let Some(state) = state.gateways.get(usize::from(gateway.index)) {
+                gateway.update(state);
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads what has arrived; waits for up to one cycle if nothing has.
+    fn read_events(&mut self, arrivals: &mut Vec<Arrival>) -> Result<(), ClientError> {
+        let mut timeout = Duration::from_nanos(self.adapter.cycle_ns().into());
+        let connection = self.connection.clone();
+        for _ in 0..MAX_EVENTS {
+            let Some(event) = connection.client().poll(timeout)? else { break };
+            timeout = Duration::ZERO;
+            match event {
+                ServiceEvent::Frame(report) => arrivals.extend(self.arrival(&report)),
+                ServiceEvent::Image(image) => self.images.push(image),
+                ServiceEvent::Lost(lost) => self.lost += lost.frames + lost.frames_in_client,
+                ServiceEvent::Gateways(_) => {
+                    let program = self.connection.program();
+                    let reason = format!("{program} has configured the bus again; start again");
+                    self.failure = Some(Failure::Device(ecan_host::Error::Disconnected { reason }));
+                }
+                _ => {}
+            }
+        }
+        let is_sending = |sent_at: u64| self.state_at_ns.saturating_sub(sent_at) < SENDING_NS;
+        let is_old = self.now_ns().saturating_sub(self.state_at_ns) >= STATE_NS;
+        if is_old || self.sent_at_ns.is_some_and(is_sending) {
+            self.read_state()?;
+        }
+        Ok(())
+    }
+
+    fn arrival(&self, report: &FrameReport) -> Option<Arrival> {
+        let gateway = self.gateways.iter().position(|it| it.index == report.gateway)?;
+        let event = match report.tag {
+            0 => Event::Frame(BusFrame {
+                gateway,
+                channel: report.channel,
+                frame: report.frame,
+                timestamp: Timestamp::None,
+                is_sent: report.event != FrameEvent::Received,
+            }),
+            tag => Event::Result {
+                ticket: Some(Ticket::of_service(tag)),
+                outcome: match report.event {
+                    FrameEvent::Failed(failure) => Outcome::Failed(failure),
+                    FrameEvent::Rejected(reason) => Outcome::Rejected(reason),
+                    _ => Outcome::Sent,
+                },
+            },
+        };
+        let time_ns = match report.time_ns {
+            0 => self.now_ns(),
+            time_ns => time_ns.wrapping_sub(self.since_1970_ns),
+        };
+        Some(Arrival { time_ns, event })
+    }
+
+    fn report_losses(&mut self) {
+        let now_ns = self.now_ns();
+        if self.lost > 0 && now_ns.saturating_sub(self.lost_reported_ns) >= LOSS_REPORT_NS {
+            note(format_args!("# {} frames lost: this program reads too slowly", self.lost));
+            (self.lost, self.lost_reported_ns) = (0, now_ns);
+        }
+    }
+}
+
+impl LinkedGateway {
+    fn update(&mut self, state: &GatewayState) {
+        self.session = state.session.into();
+        self.status =
+            state.channel_status.map(|raw| ChannelStatus::from_raw(raw.unwrap_or_default()));
+        let counters = Value::Object(state.statistics.clone());
+        if self.start.is_null() {
+            self.start = counters.clone();
+        }
+        let since = difference(&counters, &self.start);
+        self.statistics = serde_json::from_value(since).unwrap_or_default();
+    }
+}
+
+/// Subtracts the numbers of `start`.
+fn difference(now: &Value, start: &Value) -> Value {
+    match (now, start) {
+        (Value::Object(now), Value::Object(start)) => {
+            let entry = |(name, value): (&String, &Value)| {
+                let since =
+                    start.get(name).map_or_else(|| value.clone(), |it| difference(value, it));
+                (name.clone(), since)
+            };
+            Value::Object(now.iter().map(entry).collect())
+        }
+        (Value::Array(now), Value::Array(start)) => {
+            now.iter().zip(start).map(|(now, start)| difference(now, start)).collect()
+        }
+        (now, start) => match (now.as_u64(), start.as_u64()) {
+            (Some(now), Some(start)) => now.saturating_sub(start).into(),
+            _ => now.clone(),
+        },
+    }
+}
+
+impl FrameLink for ServiceLink {
+    fn adapter_config(&self) -> &AdapterConfig {
+        &self.adapter
+    }
+
+    fn port_config(&self) -> &PortConfig {
+        &self.config
+    }
+
+    fn now_ns(&self) -> u64 {
+        MonotonicClock.now_ns()
+    }
+
+    fn since_1970_ns(&self) -> u64 {
+        self.since_1970_ns
+    }
+
+    fn is_real_time(&self) -> bool {
+        true
+    }
+
+    fn begin(&mut self, arrivals: &mut Vec<Arrival>) -> u64 {
+        self.images.clear();
+        if let Err(error) = self.read_events(arrivals) {
+            self.failure = Some(self.error(&error));
+        }
+        self.now_ns()
+    }
+
+    fn send(&mut self, gateway: usize, channel: u8, frame: &CanFrame) -> Result<Option<Ticket>> {
+        let Some(gateway) = self.gateways.get(gateway) else { return Ok(None) };
+        match self.connection.client().send(gateway.index, channel, frame) {
+            Ok(tag) => {
+                self.sent_at_ns = Some(self.now_ns());
+                Ok(Some(Ticket::of_service(tag)))
+            }
+            Err(SendError::WindowFull { .. }) => Ok(None),
+            Err(SendError::Client(error)) => Err(self.error(&error)),
+            Err(error) => {
+                let reason = error.to_string();
+                Err(Failure::Device(ecan_host::Error::NotPermitted { reason }))
+            }
+        }
+    }
+
+    fn end(&mut self) -> Result {
+        self.report_losses();
+        self.failure.take().map_or(Ok(()), Err)
+    }
+
+    fn session(&self, gateway: usize) -> SessionState {
+        self.gateways.get(gateway).map_or_else(SessionState::default, |it| it.session)
+    }
+
+    fn channel_status(&self, gateway: usize, channel: u8) -> ChannelStatus {
+        let status = self.gateways.get(gateway).and_then(|it| it.status.get(usize::from(channel)));
+        status.copied().unwrap_or_default()
+    }
+
+    fn statistics(&self, gateway: usize) -> SlaveStatistics {
+        self.gateways.get(gateway).map_or_else(SlaveStatistics::default, |it| it.statistics)
+    }
+
+    fn images(&self, direction: Direction, visit: &mut dyn FnMut(usize, u64, &[u8])) {
+        for image in self.images.iter().filter(|it| it.direction == direction) {
+            if let Some(gateway) = self.gateways.iter().position(|it| it.index == image.gateway) {
+                let time_ns = image.time_ns.wrapping_sub(self.since_1970_ns);
+                visit(gateway, time_ns, &image.image);
+            }
+        }
+    }
+
+    fn upload(&mut self, gateway: usize, index: u16, subindex: u8) -> Result<u32> {
+        let position = self.gateways.get(gateway).map_or(0, |it| it.position);
+        let mut data = [0; 4];
+        match self.connection.sdo_upload(position, index, subindex, &mut data)? {
+            0 => {
+                let (call, slave) = ("ecrt_master_sdo_upload", Some(usize::from(position)));
+                Err(Failure::Device(ecan_host::Error::Library { call, slave, errno: Errno::EIO }))
+            }
+            _ => Ok(u32::from_le_bytes(data)),
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! The way to the bus: the master library, or the service of a program that holds the master.
+
+use std::convert::Infallible;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use ecan_service_client::{Client, ClientError};
+
+use crate::context::note;
+use crate::failure::{Failure, Result};
+use crate::global::GlobalOptions;
+use crate::service_access::ServiceConnection;
+
+/// Argument of `--via`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Via {
+    /// A service that responds at a default path, otherwise the library.
+    #[default]
+    Auto,
+    Direct,
+    Service(PathBuf),
+}
+
+impl FromStr for Via {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(match text {
+            "auto" => Self::Auto,
+            "direct" => Self::Direct,
+            path => Self::Service(path.into()),
+        })
+    }
+}
+
+/// Connects to the service of a master; `None` for the library. Reports the service on standard
+/// error.
+pub fn connect(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConnection>> {
+    let connection = match &global.via {
+        Via::Service(_) if global.ecrt.is_some() => {
+            let message = "--ecrt and a service exclude each other; use --via direct";
+            return Err(Failure::Usage(message.to_owned()));
+        }
+        Via::Service(path) => {
+            let client = Client::connect(path, "ecan").map_err(|error| failure(path, &error))?;
+            Some(ServiceConnection::new(client, path))
+        }
+        Via::Auto if global.ecrt.is_none() => find(&default_paths(master)),
+        Via::Auto | Via::Direct => None,
+    };
+    let Some(connection) = connection else { return Ok(None) };
+    let found = connection.hello().master;
+    if found != master && (global.master.is_some() || global.via == Via::Auto) {
+        let path = connection.path().display();
+        return Err(Failure::Usage(format!(
+            "{path} serves master {found}, not master {master}; set --master or --via"
+        )));
+    }
+    note(&connection);
+    Ok(Some(connection))
+}
+
+/// Sockets of a service of this master.
+fn default_paths(master: u32) -> Vec<PathBuf> {
+    let name = format!("ecan/master{master}.sock");
+    let user = std::env::var_os("XDG_RUNTIME_DIR").filter(|it| !it.is_empty());
+    std::iter::once(PathBuf::from("/run"))
+        .chain(user.map(PathBuf::from))
+        .map(|directory| directory.join(&name))
+        .collect()
+}
+
+/// The first service that responds. One that exists and cannot be used is reported.
+fn find(paths: &[PathBuf]) -> Option<ServiceConnection> {
+    paths.iter().find_map(|path| match Client::connect(path, "ecan") {
+        Ok(client) => Some(ServiceConnection::new(client, path)),
+        Err(error) => {
+            match kind(&error) {
+                Some(ErrorKind::NotFound | ErrorKind::ConnectionRefused) => {}
+                _ => note(format_args!("service not used: {}", failure(path, &error))),
+            }
+            None
+        }
+    })
+}
+
+fn kind(error: &ClientError) -> Option<ErrorKind> {
+    match error {
+        ClientError::Connect { source, .. } => Some(source.kind()),
+        _ => None,
+    }
+}
+
+fn failure(path: &Path, error: &ClientError) -> Failure {
+    let path = path.display();
+    let action = match kind(error) {
+        Some(ErrorKind::NotFound) => "start the service (ecan serve), or use --via direct",
+        Some(ErrorKind::ConnectionRefused) => {
+            "no program listens there; start the service (ecan serve), or use --via direct"
+        }
+        Some(ErrorKind::PermissionDenied) => "add the user to the group of the socket (ls -l)",
+        _ => return Failure::Master(format!("service at {path}: {error}")),
+    };
+    Failure::Master(format!("{error}; {action}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn way_is_parsed_from_text() {
+        let parse = |text: &str| text.parse::<Via>().unwrap();
+        assert_eq!((parse("auto"), parse("direct")), (Via::Auto, Via::Direct));
+        assert_eq!(parse("/run/x.sock"), Via::Service("/run/x.sock".into()));
+    }
+
+    #[test]
+    fn missing_and_dead_sockets_are_not_services() {
+        let directory = tempfile::tempdir().unwrap();
+        let (missing, dead) = (directory.path().join("none"), directory.path().join("dead"));
+        drop(std::os::unix::net::UnixListener::bind(&dead).unwrap());
+        assert!(find(&[missing.clone(), dead.clone()]).is_none());
+        for (path, words) in [(missing, "start the service"), (dead, "no program listens")] {
+            let error = Client::connect(&path, "test").unwrap_err();
+            let failure = failure(&path, &error);
+            let text = failure.to_string();
+            assert!(text.contains(words) && text.contains("--via direct"), "{text}");
+            assert_eq!(failure.status(), 3);
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! The way to the bus: `--via`.
+
+use std::os::unix::net::UnixListener;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+use ecan_protocol::image::OptionFlags;
+use ecan_service::{Control, ServePort as _, ServiceConfig};
+use ecan_sim::{ClockKind, SimOptions};
+
+use super::support::{SIM, fails, good, simulated};
+
+#[test]
+fn missing_service_names_the_socket_and_the_action() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("none.sock");
+    let message = fails(3, &["--via", path.to_str().unwrap(), "scan"]);
+    assert!(message.contains("none.sock") && message.contains("start the service"), "{message}");
+}
+
+#[test]
+fn dead_socket_is_reported() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("dead.sock");
+    drop(UnixListener::bind(&path).unwrap());
+    let message = fails(3, &["--via", path.to_str().unwrap(), "sdo", "read", "0x1000:0"]);
+    assert!(message.contains("no program listens there"), "{message}");
+}
+
+#[test]
+fn service_and_library_exclude_each_other() {
+    let message = fails(2, &["--ecrt", SIM, "--via", "/run/none.sock", "scan"]);
+    assert!(message.contains("--ecrt and a service exclude each other"), "{message}");
+    assert!(simulated(&["--via", "direct", "scan"]).contains("ECAN-Lite"));
+}
+
+#[test]
+fn offline_command_rejects_a_service() {
+    let message = fails(2, &["--via", "/run/none.sock", "plan"]);
+    assert!(message.contains("does not use a service"), "{message}");
+}
+
+/// An application with a cycle on a simulated bus in real time, and its service.
+struct Application {
+    directory: tempfile::TempDir,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Application {
+    fn start(control: Control) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("master0.sock");
+        let config = ServiceConfig::new(&path).with_control(control).with_name("cell", "1.0");
+        let options = SimOptions { clock: Some(ClockKind::Real), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        let mut gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
+        gateway.tx_options = OptionFlags::TX_RESULT;
+        let config_of_port = PortConfig::uniform(1, gateway);
+        let mut port = Port::open(&backend.ecrt, (AdapterConfig::new(1), config_of_port)).unwrap();
+        let service = port.serve(config).unwrap();
+        port.wait_ready().unwrap();
+        let stop = Arc::new(AtomicBool::new(false));
+        let is_stopped = stop.clone();
+        let thread = std::thread::spawn(move || {
+            while !is_stopped.load(Ordering::Acquire) {
+                let mut cycle = port.next_cycle();
+                let _ = cycle.received().count();
+                cycle.finish();
+            }
+            drop(service);
+        });
+        Self { directory, stop, thread: Some(thread) }
+    }
+
+    fn arguments<'a>(&self, path: &'a mut String, rest: &[&'a str]) -> Vec<&'a str> {
+        *path = self.directory.path().join("master0.sock").to_str().unwrap().to_owned();
+        [&["--via", path.as_str()][..], rest].concat()
+    }
+
+    fn good(&self, rest: &[&str]) -> String {
+        good(&self.arguments(&mut String::new(), rest))
+    }
+
+    fn fails(&self, status: i32, rest: &[&str]) -> String {
+        fails(status, &self.arguments(&mut String::new(), rest))
+    }
+}
+
+impl Drop for Application {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+#[test]
+fn commands_work_in_parallel_through_one_service() {
+    let application = Application::start(Control::Owner);
+    let commands: [&[&str]; 7] = [
+        &["scan"],
+        &["info"],
+        &["caps"],
+        &["diag"],
+        &["sdo", "read", "0x8010:3"],
+        &["send", "--bitrate", "500000", "123#01", "124#0203"],
+        &["gen", "-n", "200", "-g", "0"],
+    ];
+    std::thread::scope(|scope| {
+        let dump = scope.spawn(|| application.good(&["dump", "-n", "100"]));
+        let threads = commands.map(|it| scope.spawn(|| application.good(it)));
+        for (command, thread) in commands.iter().zip(threads) {
+            assert!(!thread.join().unwrap().is_empty(), "{command:?}");
+        }
+        assert_eq!(dump.join().unwrap().lines().count(), 100);
+    });
+}
+
+#[test]
+fn read_only_service_rejects_with_its_reason() {
+    let application = Application::start(Control::Nobody);
+    assert!(application.good(&["sdo", "read", "0x8010:3"]).contains("0x8010:03"));
+    let message = application.fails(3, &["sdo", "write", "0x8010:3", "1"]);
+    assert!(message.contains("read-only") && message.contains("cell 1.0"), "{message}");
+    let message = application.fails(3, &["send", "123#01"]);
+    assert!(message.contains("does not accept frames"), "{message}");
+}
+
+#[test]
+fn options_that_contradict_the_service_are_rejected() {
+    let application = Application::start(Control::Owner);
+    let message = application.fails(2, &["send", "--bitrate", "250000", "123#01"]);
+    assert!(message.contains("--bitrate") && message.contains("500000 bit/s"), "{message}");
+    let message = application.fails(2, &["dump", "--listen-only", "-n", "1"]);
+    assert!(message.contains("--listen-only"), "{message}");
+    let message = application.fails(2, &["dump", "--channel", "2", "-n", "1"]);
+    assert!(message.contains("channel 2"), "{message}");
+    let message = application.fails(3, &["selftest"]);
+    assert!(message.contains("runs a cycle of its own"), "{message}");
+}
