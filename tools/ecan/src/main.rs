@@ -69,6 +69,7 @@ fn main() -> ExitCode {
         Command::Replay(arguments) => commands::replay::run(arguments, &context),
         Command::Monitor(arguments) => commands::monitor::run(arguments, &context),
         Command::Bridge(arguments) => commands::bridge::run(arguments, &context),
+        Command::Serve(arguments) => commands::serve::run(arguments, &context),
         Command::Probe(arguments) => commands::probe::run(arguments, &context),
         Command::Selftest(arguments) => commands::selftest::run(arguments, &context),
         Command::Completions { shell } => {

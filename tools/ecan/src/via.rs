@@ -61,8 +61,8 @@ pub fn connect(global: &GlobalOptions, master: u32) -> Result<Option<ServiceConn
     Ok(Some(connection))
 }
 
-/// Sockets of a service of this master.
-fn default_paths(master: u32) -> Vec<PathBuf> {
+/// Default sockets of a service of this master: of the system, and of the user if it has a directory.
+pub fn default_paths(master: u32) -> Vec<PathBuf> {
     let name = format!("ecan/master{master}.sock");
     let user = std::env::var_os("XDG_RUNTIME_DIR").filter(|it| !it.is_empty());
     std::iter::once(PathBuf::from("/run"))

@@ -21,6 +21,7 @@ pub mod scan;
 pub mod sdo;
 pub mod selftest;
 pub mod send;
+pub mod serve;
 
 use std::path::PathBuf;
 
@@ -73,6 +74,9 @@ pub enum Command {
     /// Connect other programs to channels: slcan, socketcand or SocketCAN
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),
+    /// Hold the master and serve the bus to other programs
+    #[command(after_help = serve::EXAMPLES)]
+    Serve(serve::ServeArguments),
     /// Decide by experiments what the manual leaves open about a gateway
     #[command(after_help = probe::EXAMPLES)]
     Probe(probe::ProbeArguments),

@@ -114,6 +114,11 @@ impl<'a> Settings<'a> {
         Ok(Self { options, file })
     }
 
+    /// Master of the file, unless the user selects another.
+    pub fn master(&self, global: &GlobalOptions) -> u32 {
+        self.file.as_ref().map_or(global.master(), |(_, file)| config_file::master(file, global))
+    }
+
     pub fn open_bus(&self, context: &Context, clock: ClockKind) -> Result<Bus> {
         match &self.file {
             None => context.bus_of_master(context.global.master(), clock),

@@ -26,6 +26,7 @@ mod python_can;
 mod screens;
 mod selftest;
 mod send;
+mod serve;
 mod setup_host;
 mod sii_sm_layout;
 mod socketcan;

@@ -1,0 +1,95 @@
+//! Tests of `ecan serve`.
+
+use std::path::Path;
+use std::time::Duration;
+
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_service_client::{Client, Event, FrameEvent, Subscription};
+use serde_json::json;
+
+use crate::support::{Running, fails};
+
+struct Served {
+    _directory: tempfile::TempDir,
+    path: String,
+    program: Running,
+}
+
+fn serve(options: &[&str]) -> Served {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("bus.sock").display().to_string();
+    let arguments = [&["--ecrt", "sim", "serve", "--socket", &path], options].concat();
+    let mut program = Running::start(&arguments);
+    program.wait_for_error("serving master 0");
+    Served { _directory: directory, path, program }
+}
+
+impl Served {
+    fn client(&self) -> Client {
+        Client::connect(Path::new(&self.path), "test").unwrap()
+    }
+
+    fn end(mut self) {
+        self.program.terminate();
+        let (status, errors) = self.program.wait();
+        assert_eq!(status, Some(0), "{errors}");
+        assert!(!Path::new(&self.path).exists(), "the socket is removed");
+    }
+}
+
+/// Frames until the echo of the node; true for the own frame.
+fn until_echo(client: &Client) -> Vec<bool> {
+    let mut frames = Vec::new();
+    while frames.last() != Some(&false) {
+        let event = client.poll(Duration::from_secs(20)).unwrap().expect("a frame in time");
+        if let Event::Frame(report) = event {
+            frames.push(!matches!(report.event, FrameEvent::Received));
+        }
+    }
+    frames
+}
+
+#[test]
+fn clients_share_the_bus_that_recovers_from_a_fault() {
+    let mut served = serve(&["--bitrate", "500000"]);
+    served.program.wait_for_error("slave 0: ready");
+    let (sender, observer) = (served.client(), served.client());
+    sender.subscribe(&Subscription::default()).unwrap();
+    observer.subscribe(&Subscription::default()).unwrap();
+    let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1, 2]).unwrap();
+    sender.send(0, 1, &frame).unwrap();
+    assert_eq!(until_echo(&sender), [true, false]);
+    assert_eq!(until_echo(&observer), [true, false]);
+
+    let fault = json!({ "kind": "power_cycle", "gateway": 0, "off_ms": 100 });
+    let answer = sender.call("sim.fault", fault).unwrap();
+    assert!(answer["fault"].as_str().is_some_and(|text| text.contains("gateway 0")), "{answer}");
+    served.program.wait_for_error("slave 0: lost");
+    served.program.wait_for_error("slave 0: ready");
+    let error = sender.call("sim.fault", json!({ "kind": "unknown" })).unwrap_err();
+    assert!(error.to_string().contains("unknown"), "{error}");
+    served.end();
+}
+
+#[test]
+fn second_service_and_wrong_paths_are_rejected() {
+    let served = serve(&["--idle"]);
+    let error = fails(7, &["--ecrt", "sim", "serve", "--idle", "--socket", &served.path]);
+    assert!(error.contains("is in use by process"), "{error}");
+    let error = fails(7, &["--ecrt", "sim", "serve", "--idle", "--socket", "/none/such/bus.sock"]);
+    assert!(error.contains("cannot create socket /none/such/bus.sock"), "{error}");
+    let error = fails(2, &["--ecrt", "sim", "--slave", "0", "serve", "--idle"]);
+    assert!(error.contains("--slave is not used"), "{error}");
+    served.end();
+}
+
+#[test]
+fn read_only_service_rejects_frames_and_faults() {
+    let served = serve(&["--idle", "--read-only"]);
+    let client = served.client();
+    assert_eq!(client.slaves().unwrap().len(), 1);
+    let fault = json!({ "kind": "power_off", "gateway": 0 });
+    let error = client.call("sim.fault", fault).unwrap_err();
+    assert!(error.to_string().contains("sim.fault is not permitted"), "{error}");
+    served.end();
+}
