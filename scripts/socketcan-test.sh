@@ -26,6 +26,7 @@ ip link delete et00
 
 # Starts the bridge on all channels of a simulated bus, and waits for the interfaces.
 start() {
+    # shellcheck disable=SC2086 # several options
     "$ecan" --ecrt "sim$1" bridge --channel all --socketcan 'et%g%c' --bitrate 1000000 \
         --data-bitrate 5000000 $options >"$work/addresses" 2>"$work/errors" &
     bridge=$!
@@ -64,7 +65,7 @@ echo "candump, cansend: 4 of 4 frames, CAN FD included"
 for ((number = 0; number < count; number++)); do
     printf '%02X%02X000000000000\n' $((number & 255)) $((number >> 8))
 done >"$work/counted"
-dumps= gens=
+dumps='' gens=''
 for channel in 0 1 2 3; do
     peer=$((channel ^ 1))
     candump -L -n "$count" "et0$peer,10$channel:7FF" >"$work/gen$channel" &
@@ -86,18 +87,21 @@ done
 echo "cangen: 4 x $count frames at once, in order, none lost, $(awk -v a="$begin" -v b="$end" -v n="$count" \
     'BEGIN { printf "%.0f frames/s", 4 * n / (b - a) }')"
 
-for pair in "0 1" "2 3"; do
-    set -- $pair
+for from in 0 2; do
+    set -- "$from" "$((from + 1))"
     isotprecv -s 321 -d 123 "et0$2" >"$work/isotp$1" &
     sleep 0.5
     seq -f '%02.0f' -s ' ' 10 99 | isotpsend -s 123 -d 321 "et0$1"
     wait_for "$work/isotp$1" 1
-    seq -f '%02.0f' -s ' ' 10 99 | tr 'a-z' 'A-Z' | cmp - <(tr -d '\n' <"$work/isotp$1" | sed 's/ *$//; s/$/\n/') ||
+    seq -f '%02.0f' -s ' ' 10 99 | tr '[:lower:]' '[:upper:]' | cmp - <(tr -d '\n' <"$work/isotp$1" | sed 's/ *$//; s/$/\n/') ||
         fail "isotp"
 done
 echo "isotpsend, isotprecv: 2 x 90 bytes"
 stop
-for _ in $(seq 50); do ip -br link | grep -q '^et0' || break; sleep 0.1; done
+for _ in $(seq 50); do
+    if ! ip -br link | grep -q '^et0'; then break; fi
+    sleep 0.1
+done
 if ip -br link | grep '^et0'; then fail "the interfaces remain"; fi
 if grep '^#' "$work/errors"; then fail "losses"; fi
 
