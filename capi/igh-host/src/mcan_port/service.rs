@@ -28,7 +28,7 @@ const FLAGS: u32 = IGH_MCAN_SERVE_CONTROL | IGH_MCAN_SERVE_CONTROL_ALL;
 /// igh_mcan_port_end_service() or with the Port, and continues after a reconfiguration.
 ///
 /// @param path   Path of the socket, with the permissions 0660. Its directory is created, not those
-///               above. `ecan` looks for /run/ecan/master<N>.sock of the master N.
+///               above. /run/ecan/master0.sock is where `ecan` looks for the service of master 0.
 /// @param flags  0, IGH_MCAN_SERVE_CONTROL or IGH_MCAN_SERVE_CONTROL_ALL.
 ///
 /// @usage   not rt, the cycle's thread, after init
