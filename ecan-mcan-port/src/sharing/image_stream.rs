@@ -6,7 +6,6 @@ use ecan_protocol::image::{Header, PdoProfile};
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, HEADER_BYTES, MAX_MULTIPLIER};
 
 use super::word_ring::{RingReader, RingWriter, ring};
-use crate::port::Port;
 
 /// Words of a record before the image: kind and address, cycle, time, lost records, profile, and the
 /// frames taken from the queues.
@@ -19,7 +18,7 @@ const PUBLISHED: u8 = 1;
 const REJECTED: u8 = 2;
 
 /// Images of all gateways in the order of the cycles, for one other thread:
-/// [`Port::image_stream`].
+/// [`Port::image_stream`](crate::Port::image_stream).
 ///
 /// The cycle copies each image that it receives or publishes for the first time into a bounded ring. If
 /// the ring is full it drops the record and counts it, and waits for nobody.
@@ -98,21 +97,16 @@ pub struct QueuedFrames {
     pub taken: [u64; CHANNELS],
 }
 
-impl Port {
-    /// Starts to copy the images of all gateways into a ring of at least `capacity_bytes`, and returns
-    /// its reading end, for one other thread. Allocates; not for the cycle.
-    ///
-    /// An earlier stream is closed. The stream continues over [`reconfigure`](Self::reconfigure).
-    pub fn image_stream(&mut self, capacity_bytes: usize) -> ImageStream {
-        let (writer, reader) = ring(capacity_bytes.div_ceil(8).max(2 * (RECORD_WORDS + 1)));
-        self.recorder = Some(ImageRecorder { writer, lost: 0, lost_packets: 0 });
-        ImageStream {
-            reader,
-            record: Box::new([0; RECORD_WORDS]),
-            image: Box::new([0; MAX_IMAGE_BYTES]),
-            lost: 0,
-        }
-    }
+/// The two ends of a ring of at least `capacity_bytes`.
+pub(crate) fn image_stream(capacity_bytes: usize) -> (ImageRecorder, ImageStream) {
+    let (writer, reader) = ring(capacity_bytes.div_ceil(8).max(2 * (RECORD_WORDS + 1)));
+    let stream = ImageStream {
+        reader,
+        record: Box::new([0; RECORD_WORDS]),
+        image: Box::new([0; MAX_IMAGE_BYTES]),
+        lost: 0,
+    };
+    (ImageRecorder { writer, lost: 0, lost_packets: 0 }, stream)
 }
 
 impl ImageStream {

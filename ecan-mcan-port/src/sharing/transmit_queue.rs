@@ -13,7 +13,6 @@ use super::image_stream::QueuedFrames;
 use super::word_ring::{RingReader, RingWriter, ring};
 use crate::address::AddressError;
 use crate::gateway::Gateway;
-use crate::port::Port;
 
 /// Words of a frame in a ring: its CAN ID, kind and DLC, and the data.
 const FRAME_WORDS: usize = 1 + 8;
@@ -66,7 +65,7 @@ struct SharedGateway {
 }
 
 /// Queues of frames for the cycle, one per channel of every gateway, filled by one other thread:
-/// [`Port::transmit_queues`].
+/// [`Port::transmit_queues`](crate::Port::transmit_queues).
 ///
 /// The cycle sends them after the frames of the application, if the image and the back pressure of the
 /// channel allow it, and never waits. Frames stay in their queue while an image is unconfirmed. If the
@@ -88,23 +87,15 @@ pub(crate) struct CycleQueues {
     sent: Vec<[u8; CHANNELS]>,
 }
 
-impl Port {
-    /// Creates queues of at least `depth` frames for each channel of every gateway, filled by one other
-    /// thread. Allocates; not for the cycle.
-    ///
-    /// Earlier queues are closed. The queues remain over [`reconfigure`](Self::reconfigure), for the
-    /// gateways that existed when they were created.
-    pub fn transmit_queues(&mut self, depth: usize) -> TransmitQueues {
-        let count = self.gateways.len();
-        let words = depth.max(1) * (1 + FRAME_WORDS);
-        let (writers, readers) = (0..count * CHANNELS).map(|_| ring(words)).unzip();
-        let shared: Arc<[_]> = (0..count).map(|_| SharedGateway::default()).collect();
-        let queues =
-            CycleQueues { shared: shared.clone(), readers, sent: vec![[0; CHANNELS]; count] };
-        queues.set_accepted(&self.gateways);
-        self.queues = Some(Box::new(queues));
-        TransmitQueues { shared, writers }
-    }
+/// The two ends of queues of at least `depth` frames for each channel.
+pub(crate) fn transmit_queues(gateways: &[Gateway], depth: usize) -> (CycleQueues, TransmitQueues) {
+    let count = gateways.len();
+    let words = depth.max(1) * (1 + FRAME_WORDS);
+    let (writers, readers) = (0..count * CHANNELS).map(|_| ring(words)).unzip();
+    let shared: Arc<[_]> = (0..count).map(|_| SharedGateway::default()).collect();
+    let queues = CycleQueues { shared: shared.clone(), readers, sent: vec![[0; CHANNELS]; count] };
+    queues.set_accepted(gateways);
+    (queues, TransmitQueues { shared, writers })
 }
 
 impl TransmitQueues {
