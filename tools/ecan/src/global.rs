@@ -3,7 +3,7 @@ use ecan_command_line::logging::LogArguments;
 
 use crate::failure::{Failure, Result};
 use crate::slave_choice::SlaveChoice;
-use crate::via::Via;
+use crate::via_option::Via;
 
 pub const EXIT_STATUS: &str = "\
 Exit status:

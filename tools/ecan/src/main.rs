@@ -26,6 +26,7 @@ mod slave_choice;
 mod table;
 mod value;
 mod via;
+mod via_option;
 
 use std::process::ExitCode;
 

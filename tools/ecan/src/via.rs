@@ -1,38 +1,15 @@
-//! The way to the bus: the master library, or the service of a program that holds the master.
+//! Connection to the service of a program that holds the master.
 
-use std::convert::Infallible;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use ecan_service_client::{Client, ClientError};
 
-use crate::context::note;
 use crate::failure::{Failure, Result};
 use crate::global::GlobalOptions;
+use crate::output::note;
 use crate::service_access::ServiceConnection;
-
-/// Argument of `--via`.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Via {
-    /// A service that responds at a default path, otherwise the library.
-    #[default]
-    Auto,
-    Direct,
-    Service(PathBuf),
-}
-
-impl FromStr for Via {
-    type Err = Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        Ok(match text {
-            "auto" => Self::Auto,
-            "direct" => Self::Direct,
-            path => Self::Service(path.into()),
-        })
-    }
-}
+use crate::via_option::Via;
 
 /// Connects to the service of a master; `None` for the library. Reports the service on standard
 /// error.
@@ -108,13 +85,6 @@ fn failure(path: &Path, error: &ClientError) -> Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn way_is_parsed_from_text() {
-        let parse = |text: &str| text.parse::<Via>().unwrap();
-        assert_eq!((parse("auto"), parse("direct")), (Via::Auto, Via::Direct));
-        assert_eq!(parse("/run/x.sock"), Via::Service("/run/x.sock".into()));
-    }
 
     #[test]
     fn missing_and_dead_sockets_are_not_services() {

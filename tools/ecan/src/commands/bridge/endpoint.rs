@@ -11,7 +11,7 @@ use ecan_bridge::{
 };
 use serde::Serialize;
 
-use crate::commands::bridge::lane::LaneId;
+use crate::commands::bridge::lane_id::LaneId;
 use crate::context::{Failure, Result};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

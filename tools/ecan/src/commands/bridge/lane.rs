@@ -1,13 +1,11 @@
 //! One channel of the bridge with its endpoints.
 
-use std::fmt;
-
 use ecan_bridge::{BusEvent, ClientFrame};
 use ecan_protocol::can::CanFrame;
-use serde::Serialize;
 
 use crate::commands::bridge::channel_events::ChannelEvents;
 use crate::commands::bridge::endpoint::{Address, Endpoint};
+use crate::commands::bridge::lane_id::LaneId;
 use crate::commands::bridge::round_robin::RoundRobin;
 use crate::commands::bridge::transmit_gate::TransmitGate;
 use crate::context::{Result, note};
@@ -15,24 +13,6 @@ use crate::frames::Service;
 
 /// A bus without progress for this time, despite pending frames, has no acknowledging node.
 const STALL_NS: u64 = 1_000_000_000;
-
-/// A channel of a gateway, in the order of the command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct LaneId {
-    pub gateway: usize,
-    pub channel: u8,
-}
-
-impl fmt::Display for LaneId {
-    /// For example "can1", or "can1 of gateway 2".
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "can{}", self.channel)?;
-        match self.gateway {
-            0 => Ok(()),
-            gateway => write!(f, " of gateway {gateway}"),
-        }
-    }
-}
 
 /// A frame of a client of one endpoint.
 #[derive(Clone, Copy, Debug)]

@@ -5,6 +5,7 @@ mod channel_events;
 mod endpoint;
 mod in_flight;
 mod lane;
+mod lane_id;
 mod name_template;
 mod round_robin;
 mod traffic;
@@ -21,7 +22,8 @@ use ecan_protocol::mapping::Direction;
 
 use crate::commands::bridge::beacon::Beacon;
 use crate::commands::bridge::endpoint::{Address, Endpoint, InterfaceDriver, Listening};
-use crate::commands::bridge::lane::{Lane, LaneId};
+use crate::commands::bridge::lane::Lane;
+use crate::commands::bridge::lane_id::LaneId;
 use crate::commands::bridge::name_template::{NameTemplate, parse_interface};
 use crate::commands::bridge::traffic::Traffic;
 use crate::context::{Context, Failure, Output, Result, note};

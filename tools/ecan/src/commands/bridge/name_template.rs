@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use crate::commands::bridge::lane::LaneId;
+use crate::commands::bridge::lane_id::LaneId;
 
 /// A name with the placeholders `%g` (index of the gateway) and `%c` (channel).
 #[derive(Clone, Debug, PartialEq, Eq)]

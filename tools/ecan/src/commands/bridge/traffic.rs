@@ -4,7 +4,8 @@ use ecan_bridge::BusEvent;
 
 use crate::commands::bridge::channel_events::of_failure;
 use crate::commands::bridge::in_flight::InFlight;
-use crate::commands::bridge::lane::{Lane, LaneId, PendingFrame};
+use crate::commands::bridge::lane::{Lane, PendingFrame};
+use crate::commands::bridge::lane_id::LaneId;
 use crate::context::{Result, note};
 use crate::frames::{Event, Service};
 

@@ -1,5 +1,5 @@
 use crate::commands::bridge::endpoint::Endpoint;
-use crate::commands::bridge::lane::LaneId;
+use crate::commands::bridge::lane_id::LaneId;
 use crate::context::note;
 
 /// Rejects frames of clients while the gateway is not ready or the channel is bus-off or stalled.
