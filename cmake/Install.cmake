@@ -17,6 +17,8 @@ endif()
 install(FILES API.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT DESTINATION ${CMAKE_INSTALL_DOCDIR})
 # In the layout of the repository, in which they refer to each other.
 install(DIRECTORY docs DESTINATION ${CMAKE_INSTALL_DOCDIR} FILES_MATCHING PATTERN "*.md")
+install(DIRECTORY examples/python DESTINATION ${CMAKE_INSTALL_DOCDIR}/examples
+    FILES_MATCHING PATTERN "*.py")
 install(FILES wireshark/README.md wireshark/ecan_pdo.lua DESTINATION ${CMAKE_INSTALL_DOCDIR}/wireshark)
 install(TARGETS ${_libraries} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 foreach(_library IN LISTS _libraries)
