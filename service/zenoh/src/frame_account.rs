@@ -1,0 +1,151 @@
+//! Account of a subscriber.
+
+use crate::batch_head::BatchHead;
+
+/// Account of the frames of one key: what arrived and what was lost.
+///
+/// After each sample `received() + lost_on_network()` is the number of frames that the publisher
+/// published since the first sample. A `get` of the key returns the present counters without frames:
+/// after it the account includes a loss at the end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FrameAccount {
+    current: Option<Epoch>,
+    /// Sums of earlier epochs.
+    received: u64,
+    lost_on_network: u64,
+    lost_in_service: u64,
+    restarts: u64,
+}
+
+/// Counters since the start of one epoch of the publisher.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Epoch {
+    epoch: u64,
+    /// Counters before the first sample.
+    first: BatchHead,
+    /// Highest counters.
+    frames: u64,
+    lost: u64,
+    received: u64,
+}
+
+impl Epoch {
+    fn lost_on_network(&self) -> u64 {
+        (self.frames - self.first.frames).saturating_sub(self.received)
+    }
+}
+
+impl FrameAccount {
+    /// Takes a sample: its head and the number of its frame records.
+    pub fn take(&mut self, head: BatchHead, frames: u64) {
+        match &self.current {
+            None => self.begin(head, head),
+            Some(epoch) if epoch.epoch == head.epoch => {}
+            // It started without frames, after the samples of the former one.
+            Some(_) => {
+                self.end_epoch();
+                self.begin(head, BatchHead { epoch: head.epoch, ..BatchHead::default() });
+            }
+        }
+        if let Some(epoch) = &mut self.current {
+            epoch.received += frames;
+            epoch.frames = epoch.frames.max(head.frames + frames);
+            epoch.lost = epoch.lost.max(head.lost);
+        }
+    }
+
+    fn begin(&mut self, head: BatchHead, first: BatchHead) {
+        let (epoch, frames, lost) = (head.epoch, first.frames, first.lost);
+        self.current = Some(Epoch { epoch, first, frames, lost, received: 0 });
+    }
+
+    fn end_epoch(&mut self) {
+        self.received = self.received();
+        self.lost_on_network = self.lost_on_network();
+        self.lost_in_service = self.lost_in_service();
+        self.restarts += 1;
+        self.current = None;
+    }
+
+    /// Frames that arrived.
+    pub fn received(&self) -> u64 {
+        self.received + self.current.map_or(0, |it| it.received)
+    }
+
+    /// Frames that were published and did not arrive: lost by Zenoh or by the network.
+    pub fn lost_on_network(&self) -> u64 {
+        self.lost_on_network + self.current.map_or(0, |it| it.lost_on_network())
+    }
+
+    /// Frames of all channels that the publisher itself lost.
+    pub fn lost_in_service(&self) -> u64 {
+        self.lost_in_service + self.current.map_or(0, |it| it.lost - it.first.lost)
+    }
+
+    /// Number of times that the publisher connected to the service again. Frames of the bus between
+    /// its connections, and a loss at the end of one, are not counted.
+    pub fn restarts(&self) -> u64 {
+        self.restarts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn counts(account: &FrameAccount) -> (u64, u64, u64, u64) {
+        let (received, lost) = (account.received(), account.lost_on_network());
+        (received, lost, account.lost_in_service(), account.restarts())
+    }
+
+    fn head(epoch: u64, frames: u64, lost: u64) -> BatchHead {
+        BatchHead { epoch, frames, lost }
+    }
+
+    #[test]
+    fn new_epoch_counts_from_its_start() {
+        let mut account = FrameAccount::default();
+        account.take(head(5, 1000, 7), 10);
+        assert_eq!(counts(&account), (10, 0, 0, 0));
+        account.take(head(5, 1020, 9), 5);
+        assert_eq!(counts(&account), (15, 10, 2, 0));
+        account.take(head(6, 3, 1), 2);
+        assert_eq!(counts(&account), (17, 13, 3, 1));
+    }
+
+    proptest! {
+        #[test]
+        fn received_and_lost_are_all_published(
+            batches in prop::collection::vec((1u64..50, any::<bool>(), 0u64..3), 1..100),
+            swaps in prop::collection::vec(0usize..100, 0..5),
+        ) {
+            let (mut frames, mut lost, mut arrived) = (17, 4, Vec::new());
+            for (count, is_lost, lost_before) in &batches {
+                lost += lost_before;
+                if !is_lost {
+                    arrived.push((head(1, frames, lost), *count));
+                }
+                frames += count;
+            }
+            // Order does not matter after the first sample.
+            for at in swaps {
+                if at > 0 && at + 1 < arrived.len() {
+                    arrived.swap(at, at + 1);
+                }
+            }
+            let mut account = FrameAccount::default();
+            let mut received = 0;
+            for (head, count) in &arrived {
+                account.take(*head, *count);
+                received += count;
+            }
+            // The reply of a `get`.
+            account.take(head(1, frames, lost), 0);
+            let first = arrived.first().map_or(head(1, frames, lost), |it| it.0);
+            let all = frames - first.frames;
+            prop_assert_eq!(counts(&account), (received, all - received, lost - first.lost, 0));
+        }
+    }
+}

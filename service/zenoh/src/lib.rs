@@ -1,0 +1,37 @@
+//! Publishes the service of a running ECAN-Lite bus to other hosts through Zenoh (docs/SERVICE.md,
+//! "Other hosts").
+//!
+//! Key expressions ([`Keys`]), the head of a publication ([`BatchHead`]) and the account of a
+//! subscriber ([`FrameAccount`]) need no engine. With the feature `engine`, `Publication` is a client
+//! of the service that publishes it.
+#![deny(missing_docs)]
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+#![forbid(unsafe_code)]
+
+mod batch_head;
+mod frame_account;
+#[cfg(any(feature = "engine", test))]
+mod frame_batches;
+mod keys;
+#[cfg(any(feature = "engine", test))]
+mod remote_request;
+#[cfg(any(feature = "engine", test))]
+mod transmit_jobs;
+
+#[cfg(feature = "engine")]
+mod publication;
+#[cfg(feature = "engine")]
+mod publication_error;
+#[cfg(feature = "engine")]
+mod remote_clients;
+#[cfg(feature = "engine")]
+mod zenoh_config;
+
+pub use batch_head::{BATCH_HEAD_BYTES, BatchHead, HeadError};
+pub use frame_account::FrameAccount;
+pub use keys::{Keys, PrefixError};
+
+#[cfg(feature = "engine")]
+pub use publication::{Publication, PublicationConfig, PublicationEvent};
+#[cfg(feature = "engine")]
+pub use publication_error::PublicationError;

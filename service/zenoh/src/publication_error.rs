@@ -1,0 +1,61 @@
+//! Errors of the publication.
+
+use std::path::PathBuf;
+
+use ecan_service_client::ClientError;
+use thiserror::Error;
+
+/// Error of a publication.
+#[derive(Debug, Clone, Error)]
+#[non_exhaustive]
+pub enum PublicationError {
+    /// The configuration file of Zenoh cannot be read, or is not one.
+    #[error("cannot read the Zenoh configuration {}: {reason}", path.display())]
+    ConfigFile {
+        /// The file.
+        path: PathBuf,
+        /// Cause.
+        reason: String,
+    },
+    /// The configuration permits no connection.
+    #[error(
+        "Zenoh configuration {} permits no connection; set connect.endpoints or listen.endpoints, for \
+         example [\"tcp/router:7447\"], or enable scouting.multicast",
+        path.display()
+    )]
+    NoEndpoint {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The session does not open: a router cannot be reached, an address is in use, a certificate
+    /// is wrong.
+    #[error(
+        "cannot open the Zenoh session: {reason}; check the Zenoh configuration and its routers"
+    )]
+    Open {
+        /// Text of Zenoh.
+        reason: String,
+    },
+    /// A call of the session failed.
+    #[error("cannot {action} {key} in Zenoh: {reason}")]
+    Session {
+        /// What failed, for example "publish".
+        action: &'static str,
+        /// The key expression.
+        key: String,
+        /// Text of Zenoh.
+        reason: String,
+    },
+    /// The service cannot be connected, or the connection ended.
+    #[error(transparent)]
+    Service(#[from] ClientError),
+}
+
+impl PublicationError {
+    pub(crate) fn session<E: std::fmt::Display>(
+        action: &'static str,
+        key: &str,
+    ) -> impl FnOnce(E) -> Self {
+        move |error| Self::Session { action, key: key.to_owned(), reason: error.to_string() }
+    }
+}
