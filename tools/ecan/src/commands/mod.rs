@@ -22,6 +22,8 @@ pub mod sdo;
 pub mod selftest;
 pub mod send;
 pub mod serve;
+#[cfg(feature = "zenoh")]
+pub mod zenoh;
 
 use std::path::PathBuf;
 
@@ -77,6 +79,10 @@ pub enum Command {
     /// Hold the master and serve the bus to other programs
     #[command(after_help = serve::EXAMPLES)]
     Serve(serve::ServeArguments),
+    /// Publish a service to other hosts through Zenoh
+    #[cfg(feature = "zenoh")]
+    #[command(after_help = zenoh::EXAMPLES)]
+    Zenoh(zenoh::ZenohArguments),
     /// Decide by experiments what the manual leaves open about a gateway
     #[command(after_help = probe::EXAMPLES)]
     Probe(probe::ProbeArguments),

@@ -1,0 +1,109 @@
+//! `ecan zenoh`: publishes a service to other hosts.
+
+use std::cell::Cell;
+use std::path::PathBuf;
+use std::thread::sleep;
+use std::time::Duration;
+
+use clap::Args;
+use ecan_command_line::interrupt::Interrupt;
+use ecan_service_client::Access;
+use ecan_service_zenoh::{Keys, Publication, PublicationConfig, PublicationError};
+
+use crate::context::{Context, Failure, Result, note};
+use crate::via;
+
+pub const EXAMPLES: &str = "\
+Examples:
+  ecan zenoh zenoh.json5                       other hosts read the service of master 0
+  ecan zenoh zenoh.json5 --control             they also send frames and write objects
+  ecan --via /run/cell.sock zenoh zenoh.json5  the service of an application
+
+Keys and payloads: docs/SERVICE.md. Encryption and access control: in the configuration of Zenoh.";
+
+/// Pause before another attempt to reach a service that ended.
+const PAUSE: Duration = Duration::from_secs(1);
+/// Interval of looking for signals in a pause.
+const POLL: Duration = Duration::from_millis(50);
+
+#[derive(Debug, Args)]
+pub struct ZenohArguments {
+    /// Configuration of Zenoh (JSON5); it listens and uses multicast only if configured
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Permit remote clients to send frames and to change something
+    #[arg(long)]
+    control: bool,
+    /// Prefix of the keys [default: ecan/<HOST>/master<N>]
+    #[arg(long, value_name = "KEY", value_parser = Keys::new)]
+    prefix: Option<Keys>,
+    /// Interval of the states, 10 to 60000
+    #[arg(long, value_name = "MS", default_value_t = 1000,
+          value_parser = clap::value_parser!(u32).range(10..=60_000))]
+    interval: u32,
+}
+
+pub fn run(arguments: &ZenohArguments, context: &Context) -> Result {
+    context.global.without_slave("it publishes the whole service")?;
+    let interrupt = Interrupt::install()?;
+    let connection = via::connect(context.global, context.global.master())?.ok_or_else(|| {
+        Failure::Master("no service to publish; start ecan serve, or set --via".to_owned())
+    })?;
+    let (path, hello) = (connection.path().to_owned(), connection.hello().clone());
+    drop(connection);
+    if arguments.control && hello.access != Access::Control {
+        let reason = hello.access_reason.unwrap_or_default();
+        note(format_args!("warning: --control has no effect: {reason}"));
+    }
+    let keys = arguments.prefix.clone();
+    let keys = keys.unwrap_or_else(|| Keys::of_host(host_name().trim(), hello.master));
+    let prefix = keys.prefix().to_owned();
+    let config = PublicationConfig {
+        keys,
+        has_control: arguments.control,
+        interval: Duration::from_millis(arguments.interval.into()),
+    };
+    let publication = Publication::open(&arguments.file, config).map_err(failure)?;
+    let access = if arguments.control { "control" } else { "read-only" };
+    note(format_args!("publishing {prefix}/** through Zenoh, remote clients: {access}"));
+    let is_lost = Cell::new(false);
+    let report = |event| {
+        if is_lost.replace(false) {
+            note("service found again");
+        }
+        note(event);
+    };
+    while !interrupt.is_set() {
+        match publication.run(&path, &|| interrupt.is_set(), &report) {
+            Ok(()) => {}
+            Err(PublicationError::Service(error)) => {
+                if !is_lost.replace(true) {
+                    note(format_args!("service lost: {error}; waiting for it"));
+                }
+                pause(&interrupt);
+            }
+            Err(error) => return Err(failure(error)),
+        }
+    }
+    Ok(())
+}
+
+fn failure(error: PublicationError) -> Failure {
+    match error {
+        PublicationError::Service(error) => Failure::master(error),
+        error => Failure::Bridge(error.to_string()),
+    }
+}
+
+/// Name of this host; empty if it is not available.
+fn host_name() -> String {
+    std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default()
+}
+
+fn pause(interrupt: &Interrupt) {
+    let mut left = PAUSE;
+    while !left.is_zero() && !interrupt.is_set() {
+        sleep(POLL);
+        left = left.saturating_sub(POLL);
+    }
+}
