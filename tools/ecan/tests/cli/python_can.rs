@@ -1,30 +1,14 @@
 //! python-can on `ecan bridge`: a peer that nobody wrote for it.
 
-use std::io::Write as _;
 use std::path::Path;
 use std::process::Command;
 
+use crate::support::python::python_with;
 use crate::support::{Running, Scenario};
 
-/// Names the interpreter, usually that of a virtual environment.
-const PYTHON_VARIABLE: &str = "ECAN_PYTHON";
-
-/// An interpreter with python-can; says why where there is none. One that was named has to be right.
+/// An interpreter with python-can, if there is one.
 fn python() -> Option<String> {
-    let named = std::env::var(PYTHON_VARIABLE).ok().filter(|value| !value.is_empty());
-    let interpreter = named.clone().unwrap_or_else(|| "python3".to_owned());
-    let imported = Command::new(&interpreter).args(["-c", "import can, serial"]).output();
-    let is_there = imported.is_ok_and(|output| output.status.success());
-    assert!(is_there || named.is_none(), "{PYTHON_VARIABLE}={interpreter} has no python-can");
-    if !is_there {
-        // Past the harness, which would keep it to itself.
-        let _ = writeln!(
-            std::io::stderr(),
-            "skipped: {interpreter} has no python-can and pyserial; {PYTHON_VARIABLE} may name \
-             another"
-        );
-    }
-    is_there.then_some(interpreter)
+    python_with(&["can", "serial"], "python-can and pyserial")
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 pub mod client;
 pub mod on_screen;
+pub mod python;
 pub mod terminal;
 pub mod timed_reader;
 
@@ -163,8 +164,11 @@ pub struct Running {
 
 impl Running {
     pub fn start(arguments: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
-            .args(arguments)
+        Self::spawn(Command::new(env!("CARGO_BIN_EXE_ecan")).args(arguments))
+    }
+
+    pub fn spawn(command: &mut Command) -> Self {
+        let mut child = command
             .env_remove("ECAN_ECRT")
             .stdout(std::process::Stdio::piped())
             .stderr(std::process::Stdio::piped())
@@ -181,6 +185,12 @@ impl Running {
         String::from_utf8(line).unwrap().trim_end_matches('\n').to_owned()
     }
 
+    /// Next line of standard error, without line break.
+    #[cfg(feature = "zenoh")]
+    pub fn error_line(&mut self) -> String {
+        String::from_utf8(self.stderr.through(b'\n')).unwrap().trim_end_matches('\n').to_owned()
+    }
+
     /// Waits for a text on standard error.
     pub fn wait_for_error(&mut self, words: &str) {
         self.stderr.wait_for(words);
@@ -192,8 +202,13 @@ impl Running {
     }
 
     pub fn terminate(&mut self) {
+        self.signal("-TERM");
+    }
+
+    /// Sends a signal, named as for `kill`.
+    pub fn signal(&mut self, signal: &str) {
         let id = self.child.id().to_string();
-        assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+        assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
     }
 
     /// Sends SIGTERM until the program exits.
