@@ -32,3 +32,5 @@ mod sii_sm_layout;
 mod socketcan;
 mod timed_reader;
 mod via;
+#[cfg(feature = "zenoh")]
+mod zenoh;
