@@ -60,6 +60,11 @@ impl Bus {
         Ok(bus)
     }
 
+    /// Opens the bus again, with its present slaves.
+    pub fn again(&self) -> Result<Self> {
+        Self::on(&self.path, self.master, self.choice)
+    }
+
     /// Returns whether the master is still scanning the bus.
     fn is_scanning(&self) -> bool {
         let first = self.diagnostics.slave_info(0);

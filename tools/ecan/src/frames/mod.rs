@@ -22,12 +22,13 @@ mod transmit_tracker;
 
 pub use channels::{ChannelArgument, Channels, names_channel, parse_channel};
 pub use format::{Screen, TimedFrame};
-pub use link::{Event, Outcome, Ticket};
+pub use link::{Event, Outcome, SessionState, Ticket};
 pub use options::{FrameOptions, GatewayOptions, SetupOptions, WATCHDOG};
 pub use prepared::Prepared;
 pub use printer::{Destination, Printer};
 pub use sender::{Due, Record, Sender};
 pub use service::{Service, failure};
+pub use service_setup::of_service;
 pub use settings::{GatewayRequirements, Planned, Settings};
 pub use timestamp::Style;
 pub use transmit_tracker::TransmitTracker;

@@ -158,7 +158,7 @@ fn terminal_is_drawn_until_quit_key() {
         assert!(monitor.is_raw());
         monitor.press(b"p?");
         monitor.wait_for("PAUSED");
-        monitor.wait_for("Keys");
+        monitor.wait_for("close");
         monitor.press(b"?p");
         monitor.press(key);
         assert_eq!(monitor.end().0, Some(0), "{key:?}");

@@ -4,20 +4,25 @@
 
 use std::collections::VecDeque;
 
-use ecan_host::{CycleStatistics, Distribution};
 use ecan_mcan_port::{Session, SlaveStatistics};
 use ecan_protocol::image::ChannelState;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_service_protocol::{AxisState, ServiceStats};
 
-use super::observation::{GatewayObservation, Observation};
-use super::snapshot::{
-    CLASSES, ChannelView, CycleView, Errors, Event, GatewayState, GatewayView, Snapshot, Times,
+use super::cycle_times::CycleTimes;
+use super::id_table::IdTable;
+use super::mailbox::GatewayErrors;
+use super::observation::{
+    FrameItem, GatewayObservation, Layout, LayoutGateway, Observation, ObservedFrame,
 };
+use super::snapshot::{
+    AxesView, ChannelView, Direction, Errors, Event, GatewayState, GatewayView, Head, IdsView,
+    Snapshot,
+};
+use super::source::Origin;
+use crate::frames::SessionState;
 
 const EVENTS: usize = 200;
-
-/// Error counters of one gateway; `None` if it does not respond.
-pub type GatewayErrors = Option<[Errors; CHANNELS]>;
 
 #[derive(Clone, Debug)]
 struct Moment {
@@ -33,10 +38,12 @@ struct Counted {
 
 #[derive(Clone, Debug, Default)]
 struct Memory {
-    position: usize,
+    layout: LayoutGateway,
     now: GatewayObservation,
     /// Counters at the last clear.
     base: SlaveStatistics,
+    /// Bus time of the frames since the start, in seconds.
+    busy_s: [f64; CHANNELS],
     errors: GatewayErrors,
     errors_base: GatewayErrors,
     lost_ns: Option<u64>,
@@ -44,135 +51,178 @@ struct Memory {
 
 #[derive(Debug)]
 pub struct Collector {
-    is_simulated: bool,
-    cycle_ns: u32,
+    origin: Origin,
     window_ns: u64,
     start_ns: Option<u64>,
-    cycles: CycleStatistics,
-    histogram: [u64; CLASSES],
-    unmeasured: u64,
-    last_begin_ns: Option<u64>,
+    now_ns: u64,
+    interruption: Option<&'static str>,
+    cycle: CycleTimes,
     history: VecDeque<Moment>,
     gateways: Vec<Memory>,
+    ids: IdTable,
+    frames_lost: u64,
+    axes: Vec<AxisState>,
+    service: Option<ServiceStats>,
     events: VecDeque<Event>,
 }
 
 impl Collector {
-    /// Creates a collector for the gateways at these positions; rates are computed over the last
-    /// `window_ns`.
-    pub fn new(positions: &[usize], cycle_ns: u32, window_ns: u64, is_simulated: bool) -> Self {
-        let memory = |position: &usize| Memory { position: *position, ..Memory::default() };
+    /// Creates a collector; rates are computed over the last `window_ns`.
+    pub fn new(origin: Origin, window_ns: u64) -> Self {
         Self {
-            is_simulated,
-            cycle_ns,
+            origin,
             window_ns,
             start_ns: None,
-            cycles: CycleStatistics::new(cycle_ns),
-            histogram: [0; CLASSES],
-            unmeasured: 0,
-            last_begin_ns: None,
+            now_ns: 0,
+            interruption: None,
+            cycle: CycleTimes::new(&Layout::default()),
             history: VecDeque::new(),
-            gateways: positions.iter().map(memory).collect(),
+            gateways: Vec::new(),
+            ids: IdTable::default(),
+            frames_lost: 0,
+            axes: Vec::new(),
+            service: None,
             events: VecDeque::new(),
         }
     }
 
     pub fn take(&mut self, observation: &Observation) {
+        self.now_ns = observation.now_ns;
         self.start_ns.get_or_insert(observation.now_ns);
-        self.measure(observation);
-        for (at, seen) in observation.gateways.iter().enumerate() {
-            self.report_changes(at, seen, observation.now_ns);
-            if let Some(gateway) = self.gateways.get_mut(at) {
-                gateway.now = *seen;
-            }
+        self.cycle.take(observation);
+        observation.frames.items().for_each(|item| self.take_frame(&item));
+        // Its gateways are those of the frames that follow.
+        if let Some(layout) = &observation.layout {
+            self.set_layout(layout);
         }
-        let counted = |gateway: &GatewayObservation| Counted {
-            received: gateway.statistics.channels.map(|channel| channel.frames_received),
+        self.interruption = observation.interruption;
+        if self.interruption.is_none() {
+            for (at, seen) in observation.gateways.iter().enumerate() {
+                self.report_changes(at, seen);
+                if let Some(gateway) = self.gateways.get_mut(at) {
+                    gateway.now = seen.clone();
+                }
+            }
+            self.report_axis_errors(&observation.axes);
+            self.axes.clone_from(&observation.axes);
+            self.service.clone_from(&observation.service);
+        }
+        let counted = |gateway: &Memory| Counted {
+            received: gateway.now.statistics.channels.map(|channel| channel.frames_received),
             busy_s: gateway.busy_s,
         };
-        let gateways = observation.gateways.iter().map(counted).collect();
-        self.history.push_back(Moment { now_ns: observation.now_ns, gateways });
+        let gateways = self.gateways.iter().map(counted).collect();
+        self.history.push_back(Moment { now_ns: self.now_ns, gateways });
         // Keep one moment at or before the start of the window.
-        let begin_ns = observation.now_ns.saturating_sub(self.window_ns);
+        let begin_ns = self.window_begin_ns();
         while self.history.get(1).is_some_and(|second| second.now_ns <= begin_ns) {
             self.history.pop_front();
         }
     }
 
-    pub fn take_errors(&mut self, at: usize, errors: GatewayErrors) {
-        if let Some(gateway) = self.gateways.get_mut(at) {
+    fn window_begin_ns(&self) -> u64 {
+        self.now_ns.saturating_sub(self.window_ns)
+    }
+
+    fn set_layout(&mut self, layout: &Layout) {
+        let memory = |gateway: &LayoutGateway| Memory {
+            layout: gateway.clone(),
+            base: gateway.base,
+            now: GatewayObservation { statistics: gateway.base, ..Default::default() },
+            ..Memory::default()
+        };
+        self.gateways = layout.gateways.iter().map(memory).collect();
+        self.cycle = CycleTimes::new(layout);
+        self.ids = IdTable::default();
+        self.history.clear();
+        layout.event.iter().for_each(|event| self.add_event(event.clone()));
+    }
+
+    fn take_frame(&mut self, item: &FrameItem) {
+        match item {
+            FrameItem::Frame(frame) => {
+                self.ids.add(frame);
+                self.count_bus_time(frame);
+            }
+            FrameItem::Lost(count) => {
+                self.ids.lose();
+                self.frames_lost += count;
+            }
+        }
+    }
+
+    fn count_bus_time(&mut self, frame: &ObservedFrame) {
+        let (Some(gateway), channel) =
+            (self.gateways.get_mut(frame.gateway), usize::from(frame.channel))
+        else {
+            return;
+        };
+        let rates = gateway.layout.rates.get(channel);
+        if let (Some(rates), Some(busy_s)) = (rates, gateway.busy_s.get_mut(channel))
+            && frame.direction != Direction::Failed
+        {
+            *busy_s += rates.seconds(&frame.frame);
+        }
+    }
+
+    /// Takes the error counters of the gateway at a position.
+    pub fn take_errors(&mut self, position: usize, errors: GatewayErrors) {
+        if let Some(gateway) = self.gateways.iter_mut().find(|it| it.layout.position == position) {
             gateway.errors = errors;
         }
     }
 
     pub fn clear(&mut self) {
-        self.cycles.clear();
-        self.histogram = [0; CLASSES];
-        (self.unmeasured, self.last_begin_ns) = (0, None);
+        self.cycle.clear();
         for gateway in &mut self.gateways {
             gateway.base = gateway.now.statistics;
             gateway.errors_base = gateway.errors;
         }
+        self.ids = IdTable::default();
+        self.frames_lost = 0;
         self.events.clear();
     }
 
-    fn measure(&mut self, observation: &Observation) {
-        for mark in &observation.marks {
-            self.cycles.begin(&mark.start);
-            self.cycles.end(mark.end_ns);
-            let begin_ns = mark.start.begun_ns();
-            if let Some(before_ns) = self.last_begin_ns.replace(begin_ns) {
-                let class = class(begin_ns.saturating_sub(before_ns), self.cycle_ns);
-                if let Some(count) = self.histogram.get_mut(class) {
-                    *count += 1;
-                }
-            }
-        }
-        self.unmeasured += observation.unmeasured;
-        if observation.unmeasured > 0 {
-            // Unmeasured cycles came after the marks: the next mark starts a new period.
-            self.cycles.pause();
-            self.last_begin_ns = None;
-        }
-    }
-
-    fn add_event(&mut self, now_ns: u64, words: String) {
-        let seconds = self.seconds(now_ns);
+    fn add_event(&mut self, words: String) {
+        let seconds = self.seconds();
         if self.events.len() == EVENTS {
             self.events.pop_front();
         }
         self.events.push_back(Event { seconds, words });
     }
 
-    fn seconds(&self, now_ns: u64) -> f64 {
-        now_ns.saturating_sub(self.start_ns.unwrap_or(now_ns)) as f64 / 1e9
+    fn seconds(&self) -> f64 {
+        self.now_ns.saturating_sub(self.start_ns.unwrap_or(self.now_ns)) as f64 / 1e9
     }
 
-    fn report_changes(&mut self, at: usize, seen: &GatewayObservation, now_ns: u64) {
+    fn report_changes(&mut self, at: usize, seen: &GatewayObservation) {
         let Some(memory) = self.gateways.get(at) else { return };
-        let (before, position, lost_ns) = (memory.now, memory.position, memory.lost_ns);
-        let (was, is) = (before.session == Session::Ready, seen.session == Session::Ready);
+        let (before, position, lost_ns) = (&memory.now, memory.layout.position, memory.lost_ns);
+        let (was, is) = (before.session.is_ready(), seen.session.is_ready());
         let mut lines = Vec::new();
         // Check the counter too: a gateway may be lost and ready again between two observations.
         let is_lost_again = seen.statistics.sessions_lost > before.statistics.sessions_lost;
-        let mut lost_ns = if is_lost_again { Some(now_ns) } else { lost_ns };
+        let mut lost_ns = if is_lost_again { Some(self.now_ns) } else { lost_ns };
         if is_lost_again {
             lines.push(format!("gateway {position}: lost"));
         }
         if is && (!was || is_lost_again) {
             lines.push(match lost_ns.take() {
                 Some(since_ns) => {
-                    let away_s = now_ns.saturating_sub(since_ns) as f64 / 1e9;
+                    let away_s = self.now_ns.saturating_sub(since_ns) as f64 / 1e9;
                     format!("gateway {position}: ready again after {away_s:.1} s")
                 }
                 None => format!("gateway {position}: ready"),
             });
         }
-        if let (false, Session::Failed(fault)) = (seen.session == before.session, seen.session) {
+        if let (false, Some(fault)) = (seen.session == before.session, fault(seen.session)) {
             lines.push(format!("gateway {position}: {fault}"));
         }
         if is {
-            let channels = before.channels.iter().zip(seen.channels).zip(seen.has_been_bus_off);
+            let counters = before.statistics.channels.iter().zip(seen.statistics.channels);
+            // An observation may miss a short one; its images are counted.
+            let has_been_off = counters.map(|(old, new)| new.bus_off_images > old.bus_off_images);
+            let channels = before.channels.iter().zip(seen.channels).zip(has_been_off);
             for (channel, ((old, new), has_been_off)) in channels.enumerate() {
                 let was_off = was && old.bus_off();
                 if !was_off && (new.bus_off() || has_been_off) {
@@ -187,51 +237,70 @@ impl Collector {
             memory.lost_ns = lost_ns;
         }
         for line in lines {
-            self.add_event(now_ns, line);
+            self.add_event(line);
+        }
+    }
+
+    fn report_axis_errors(&mut self, axes: &[AxisState]) {
+        let address = |axis: &AxisState| (axis.gateway, axis.channel, axis.node_id);
+        for axis in axes {
+            let before = self.axes.iter().find(|it| address(it) == address(axis));
+            if let (Some(error), false) =
+                (&axis.error, before.is_some_and(|it| it.error == axis.error))
+            {
+                let (gateway, channel, node) = address(axis);
+                self.add_event(format!("gateway {gateway} can{channel} node {node}: {error}"));
+            }
         }
     }
 
     pub fn snapshot(&self) -> Snapshot {
-        let now_ns = self.history.back().map_or(0, |moment| moment.now_ns);
+        let positions: Vec<_> = self.gateways.iter().map(|it| it.layout.position).collect();
+        let has_axes = !self.axes.is_empty();
         Snapshot {
-            seconds: self.seconds(now_ns),
-            is_simulated: self.is_simulated,
-            cycle: CycleView {
-                cycle_us: f64::from(self.cycle_ns) / 1e3,
-                cycles: self.cycles.cycles(),
-                overruns: self.cycles.overruns(),
-                skipped: self.cycles.skipped(),
-                unmeasured: self.unmeasured,
-                period: times(&self.cycles.period()),
-                run_time: times(&self.cycles.run_time()),
-                histogram: self.histogram,
+            head: Head {
+                seconds: self.seconds(),
+                is_simulated: self.origin.is_simulated,
+                program: self.origin.program.clone(),
+                interruption: self.interruption,
+                frames_lost: self.frames_lost,
             },
+            service: self.service.clone(),
+            cycle: self.cycle.view(),
             gateways: (0..).zip(&self.gateways).map(|(at, it)| self.gateway(at, it)).collect(),
             events: self.events.iter().cloned().collect(),
+            ids: IdsView {
+                not_listed: self.ids.not_listed(),
+                ids: self.ids.rows(&positions, self.now_ns, self.window_begin_ns()),
+            },
+            axes: AxesView {
+                without_axes: (!has_axes).then(|| self.origin.without_axes.clone()),
+                axes: self.axes.clone(),
+            },
         }
     }
 
     fn gateway(&self, at: usize, memory: &Memory) -> GatewayView {
         let (now, base) = (&memory.now.statistics, &memory.base);
         let since = |count: fn(&SlaveStatistics) -> u64| count(now).saturating_sub(count(base));
-        let state = match memory.now.session {
-            Session::Ready => GatewayState::Ready,
+        let session = memory.now.session;
+        let state = match session {
+            SessionState::Of(Session::Ready) => GatewayState::Ready,
             _ if now.sessions > 0 => GatewayState::Lost,
             _ => GatewayState::Starting,
         };
-        let reason = match (memory.now.session, memory.now.waiting_for) {
-            (Session::Ready, _) => String::new(),
-            (Session::Failed(fault), _) => fault.to_string(),
-            (_, Some(awaited)) => format!("waiting for {awaited}"),
-            (session, None) => session.to_string(),
+        let reason = match (fault(session), memory.now.waiting_for.text()) {
+            _ if session.is_ready() => String::new(),
+            (Some(fault), _) => fault,
+            (None, Some(awaited)) => format!("waiting for {awaited}"),
+            (None, None) => session.to_string(),
         };
-        let domain = &memory.now.domain;
         GatewayView {
-            position: memory.position,
+            position: memory.layout.position,
             state,
             reason,
-            working_counter: domain.working_counter,
-            expected_working_counter: domain.expected_working_counter,
+            working_counter: memory.now.working_counter,
+            expected_working_counter: memory.now.expected_working_counter,
             incomplete_cycles: since(|it| it.incomplete_cycles),
             lost_images: since(|it| it.txpdo_lost),
             unknown_images: since(|it| it.txpdo_unknown),
@@ -308,49 +377,29 @@ fn since(now: u64, base: u64) -> u64 {
     now.checked_sub(base).unwrap_or(now)
 }
 
-fn class(period_ns: u64, cycle_ns: u32) -> usize {
-    let difference_ns = period_ns as i64 - i64::from(cycle_ns);
-    let ends_ns = [-100_000, -10_000, -1_000, 1_001, 10_001, 100_001];
-    ends_ns.iter().take_while(|end| difference_ns >= **end).count()
-}
-
-fn times(of: &Distribution) -> Times {
-    let us = |ns: u64| ns as f64 / 1e3;
-    Times {
-        min_us: us(of.min_ns),
-        p50_us: us(of.p50_ns),
-        p95_us: us(of.p95_ns),
-        p99_us: us(of.p99_ns),
-        p99_9_us: us(of.p99_9_ns),
-        max_us: us(of.max_ns),
+fn fault(session: SessionState) -> Option<String> {
+    match session {
+        SessionState::Of(Session::Failed(fault)) => Some(fault.to_string()),
+        SessionState::Failed => Some("verification failed".to_owned()),
+        SessionState::Of(_) => None,
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use ecan_host::CycleStart;
+    use ecan_mcan_port::{ChannelConfig, GatewayConfig};
+    use ecan_protocol::can::{CanFrame, CanId};
 
-    use super::super::observation::Mark;
+    use super::super::bus_time::ChannelRates;
     use super::*;
 
-    #[test]
-    fn periods_are_classified() {
-        let table = [
-            (0, 0),
-            (899_999, 0),
-            (900_000, 1),
-            (990_000, 2),
-            (999_000, 3),
-            (1_000_000, 3),
-            (1_001_000, 3),
-            (1_001_001, 4),
-            (1_010_001, 5),
-            (1_100_000, 5),
-            (1_100_001, 6),
-        ];
-        for (period_ns, expected) in table {
-            assert_eq!(class(period_ns, 1_000_000), expected, "{period_ns}");
-        }
+    fn collector(position: usize, window_ns: u64) -> Collector {
+        let config = GatewayConfig::on_channel(2, ChannelConfig::classic(500_000));
+        let rates = ChannelRates::of(&config);
+        let gateways = vec![LayoutGateway { position, rates, ..LayoutGateway::default() }];
+        let mut collector = Collector::new(Origin::default(), window_ns);
+        collector.set_layout(&Layout { cycle_ns: 1_000_000, gateways, ..Layout::default() });
+        collector
     }
 
     fn observe(collector: &mut Collector, now_ns: u64, change: impl Fn(&mut GatewayObservation)) {
@@ -361,36 +410,11 @@ mod tests {
     }
 
     #[test]
-    fn gap_of_unmeasured_cycles_is_not_a_period() {
-        let mut collector = Collector::new(&[0], 1_000_000, u64::MAX, true);
-        let mut observe = |starts_ns: [u64; 2], unmeasured| {
-            let mut observation = Observation::new(1);
-            for start_ns in starts_ns {
-                let start =
-                    CycleStart { deadline_ns: start_ns, late_ns: 0, skipped: 1, has_overrun: true };
-                observation.mark(Mark { start, end_ns: start_ns + 200_000 });
-            }
-            observation.unmeasured = unmeasured;
-            collector.take(&observation);
-            collector.snapshot().cycle
-        };
-        observe([1_000_000, 2_000_000], 3);
-        // Five milliseconds after the last measured one.
-        let cycle = observe([7_000_000, 8_000_000], 0);
-        assert_eq!((cycle.cycles, cycle.unmeasured), (4, 3));
-        assert_eq!(cycle.histogram, [0, 0, 0, 2, 0, 0, 0]);
-        assert_eq!((cycle.period.min_us, cycle.period.max_us), (1000.0, 1000.0));
-        assert_eq!((cycle.overruns, cycle.skipped), (2, 2));
-        let cycle = observe([9_000_000, 10_000_000], 0);
-        assert_eq!(cycle.histogram, [0, 0, 0, 4, 0, 0, 0]);
-    }
-
-    #[test]
     fn loss_and_recovery_between_observations_is_reported() {
-        let mut collector = Collector::new(&[4], 1_000_000, u64::MAX, true);
+        let mut collector = collector(4, u64::MAX);
         let ready = |lost| {
             move |gateway: &mut GatewayObservation| {
-                gateway.session = Session::Ready;
+                gateway.session = SessionState::Of(Session::Ready);
                 gateway.statistics.sessions = lost + 1;
                 gateway.statistics.sessions_lost = lost;
             }
@@ -407,23 +431,89 @@ mod tests {
 
     #[test]
     fn rates_use_the_window_and_counters_the_last_clear() {
-        let mut collector = Collector::new(&[0], 1_000_000, 1_000_000_000, true);
-        let at = |frames: u64| {
-            move |gateway: &mut GatewayObservation| {
-                gateway.session = Session::Ready;
-                gateway.statistics.channels[2].frames_received = frames;
-                gateway.busy_s[2] = frames as f64 / 1e3;
+        let mut collector = collector(0, 1_000_000_000);
+        let mut observation = Observation::new(1);
+        let mut observe = |collector: &mut Collector, second: u64, frames: u64| {
+            observation.clear();
+            observation.now_ns = second * 1_000_000_000;
+            let gateway = &mut observation.gateways[0];
+            gateway.session = SessionState::Of(Session::Ready);
+            let received = &mut gateway.statistics.channels[2].frames_received;
+            let (before, gateway, channel) = (std::mem::replace(received, frames), 0, 2);
+            for _ in before..frames {
+                let (time_ns, direction) = (observation.now_ns, Direction::Received);
+                let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[0; 8]).unwrap();
+                observation.frames.push(ObservedFrame {
+                    time_ns,
+                    gateway,
+                    channel,
+                    direction,
+                    frame,
+                });
             }
+            collector.take(&observation);
+            collector.snapshot().gateways[0].channels[2].clone()
         };
-        for (second, frames) in [(0, 0), (1, 1000), (2, 1100)] {
-            observe(&mut collector, second * 1_000_000_000, at(frames));
-        }
-        let channel = |collector: &Collector| collector.snapshot().gateways[0].channels[2].clone();
-        assert_eq!(channel(&collector).received, 1100);
-        assert!((channel(&collector).rx_per_second - 100.0).abs() < 1e-9);
-        assert!((channel(&collector).load - 0.1).abs() < 1e-9);
+        observe(&mut collector, 0, 0);
+        observe(&mut collector, 1, 1000);
+        let channel = observe(&mut collector, 2, 1100);
+        assert_eq!(channel.received, 1100);
+        assert!((channel.rx_per_second - 100.0).abs() < 1e-9);
+        // 111 bits at 500 kbit/s.
+        assert!((channel.load - 100.0 * 111.0 / 500_000.0).abs() < 1e-9, "{}", channel.load);
+        assert_eq!(collector.snapshot().ids.ids[0].count, 1100);
         collector.clear();
-        observe(&mut collector, 3_000_000_000, at(1103));
-        assert_eq!(channel(&collector).received, 3);
+        assert_eq!(observe(&mut collector, 3, 1103).received, 3);
+        assert_eq!(collector.snapshot().ids.ids[0].count, 3);
+    }
+
+    #[test]
+    fn interruption_keeps_the_last_state_and_is_a_problem() {
+        let mut collector = collector(0, u64::MAX);
+        let mut observation = Observation::new(1);
+        observation.gateways[0].session = SessionState::Of(Session::Ready);
+        collector.take(&observation);
+        assert!(!collector.snapshot().has_problem());
+        observation.gateways[0].session = SessionState::Failed;
+        observation.interruption = Some("NO RESPONSE");
+        collector.take(&observation);
+        let snapshot = collector.snapshot();
+        assert_eq!(snapshot.gateways[0].state, GatewayState::Ready);
+        assert!(snapshot.has_problem() && snapshot.head.interruption.is_some());
+    }
+
+    #[test]
+    fn new_layout_counts_again_and_is_an_event() {
+        let mut collector = collector(3, u64::MAX);
+        observe(&mut collector, 0, |gateway| gateway.statistics.sessions_lost = 7);
+        let base = SlaveStatistics { sessions_lost: 5, ..SlaveStatistics::default() };
+        let gateway = |position| LayoutGateway { position, base, ..LayoutGateway::default() };
+        let event = Some("configured again".to_owned());
+        let gateways = vec![gateway(8), gateway(9)];
+        let mut observation = Observation::new(2);
+        observation.layout = Some(Layout { gateways, event, ..Layout::default() });
+        observation.gateways.iter_mut().for_each(|it| it.statistics.sessions_lost = 5);
+        observation.frames.lose(4);
+        collector.take(&observation);
+        let snapshot = collector.snapshot();
+        let gateways: Vec<_> =
+            snapshot.gateways.iter().map(|it| (it.position, it.times_lost)).collect();
+        assert_eq!(gateways, [(8, 0), (9, 0)]);
+        assert_eq!(snapshot.events.last().unwrap().words, "configured again");
+        assert_eq!(snapshot.head.frames_lost, 4);
+    }
+
+    #[test]
+    fn axis_error_is_an_event_once() {
+        let mut collector = collector(0, u64::MAX);
+        let axes = super::super::screen::fixtures::axes().axes.axes;
+        let mut observation = Observation { axes, ..Observation::new(1) };
+        collector.take(&observation);
+        collector.take(&observation);
+        observation.axes[1].error = None;
+        collector.take(&observation);
+        let words: Vec<_> = collector.events.iter().map(|it| it.words.as_str()).collect();
+        assert_eq!(words, ["gateway 0 can1 node 4: the drive is in fault"]);
+        assert_eq!(collector.snapshot().axes.without_axes, None);
     }
 }

@@ -1,46 +1,69 @@
 //! `ecan monitor`: live view of gateways, channels and cycle.
 
+mod axis_text;
+mod bus_time;
 mod collector;
+mod cycle_times;
 mod hang_up;
+mod id_table;
+mod id_text;
 mod keys;
+mod mailbox;
 mod observation;
+mod port_source;
 mod screen;
+mod service_source;
 mod snapshot;
+mod source;
 mod terminal;
 mod text;
-mod watcher;
 
 use std::io::IsTerminal;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
-use ecan_sim::ClockKind;
 
 use crate::context::{Context, Failure, Result, note};
-use crate::frames::{Channels, GatewayOptions, Settings};
+use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Settings};
 
+use collector::Collector;
+use keys::{Choice, Sort, View};
 use observation::Observation;
-use watcher::Watcher;
+use port_source::PortSource;
+use service_source::ServiceSource;
+use snapshot::{Report, Snapshot};
+use source::Source;
 
 const LOOK_NS: u64 = 100_000_000;
 
 pub const EXAMPLES: &str = "\
 Examples:
-  ecan monitor --bitrate 1000000               all gateways of the bus, in full-screen mode
+  ecan monitor                                 the bus of a running service (ecan serve, application)
+  ecan monitor --via /run/cell.sock            as above, by its socket
+  ecan monitor --bitrate 1000000               without a service: all gateways of the bus
   ecan --slave 1 monitor --listen-only         one gateway, without acknowledging on its CAN buses
   ecan monitor --config cell.toml              the gateways of a file, with its settings
-  ecan monitor --once --for 10                 print the state after 10 seconds
-  ecan monitor --for 60 --json > minute.json   JSON output
+  ecan monitor --view ids --channel 0          frames by CAN ID, on channel 0
+  ecan monitor --view axes --once              print the axes of the application
+  ecan monitor --for 60 --json > minute.json   JSON output after a minute
 
-Keys: q, Esc, Ctrl-C end; p pause; c clear counters; arrows select gateway and channel; ? help.
+Keys: 1, 2, 3 views; q, Esc, Ctrl-C end; p pause; c clear counters; arrows select; s order of the
+CAN IDs; ? help.
 
-The command runs the cycle itself: it cannot run in parallel with another application of the master.
+Through a service the command runs in parallel with the application, and nothing that it reads is
+exclusive. A service samples the times of the cycle, so that it reports no periods. Without a service
+the command runs the cycle itself: it cannot run in parallel with another application of the master.
 If standard output is not a terminal, it prints once. Exit status 1 if a gateway is not ready at the
-end or a channel is bus-off.
+end, a channel is bus-off or an axis has an error.
 
-Load is the bus load of the frames that reach the host, without stuff bits and without frames that
-filters or full buffers drop. TEC and REC are the error counters of the CAN controller. Dropped frames
-and bus-offs are counted by the gateway from its start or the last clear, all others from the start.";
+Load is the bus load of the frames that reach the host or that programs send, without stuff bits and
+without frames that filters or full buffers drop. TEC and REC are the error counters of the CAN
+controller. Dropped frames and bus-offs are counted by the gateway from its start or the last clear,
+all others from the start of the command.
+
+CAN IDs: bus is gateway.channel; dir is rx, tx (sent by a program, through a service only) or err
+(sent without success); F after the DLC is CAN FD, R a remote frame. Times are those of the cycle.
+Marked bytes changed in the last second; with --once, since the start. At most 4096 CAN IDs are listed.";
 
 #[derive(Debug, Args)]
 pub struct MonitorArguments {
@@ -50,7 +73,13 @@ pub struct MonitorArguments {
     /// Observe for this time, in s, then print as with --once
     #[arg(long = "for", value_name = "SECONDS", value_parser = parse_seconds)]
     seconds: Option<f64>,
-    /// Channels to enable, 0 to 3, comma-separated, or all; with --config: channels of the file
+    /// First view; with --once and --json the printed one
+    #[arg(long, value_enum, value_name = "VIEW", default_value_t)]
+    view: View,
+    /// Order of the CAN IDs
+    #[arg(long, value_enum, value_name = "ORDER", default_value_t)]
+    sort: Sort,
+    /// Channels to enable, or to list through a service; 0 to 3, comma-separated, or all
     #[arg(long, value_name = "CHANNELS", default_value = "all", conflicts_with = "config")]
     channel: Channels,
     /// Listen without acknowledging; another node must acknowledge
@@ -69,57 +98,98 @@ pub fn run(arguments: &MonitorArguments, context: &Context) -> Result {
     // The terminal must be restored, which takes up to a second.
     let interrupt = Interrupt::install_patient()?;
     let is_asked_once = arguments.once || arguments.seconds.is_some() || context.global.json;
-    if is_asked_once || !std::io::stdout().is_terminal() {
-        return print_once(arguments, &interrupt, is_asked_once, context);
-    }
+    let is_once = is_asked_once || !std::io::stdout().is_terminal();
     let settings = Settings::of(&arguments.options)?;
-    let bus = settings.open_bus(context, ClockKind::Real)?;
-    let watcher = Watcher::open(&bus, &settings, arguments, context.global)?;
-    terminal::run(watcher, arguments, &interrupt, &context.output)
-}
-
-fn print_once(
-    arguments: &MonitorArguments,
-    interrupt: &Interrupt,
-    is_asked: bool,
-    context: &Context,
-) -> Result {
+    let bus = settings.open_bus(context, PortSource::clock(is_once))?;
     let seconds = arguments.seconds.unwrap_or(1.0);
-    let settings = Settings::of(&arguments.options)?;
-    let bus = settings.open_bus(context, ClockKind::Stepped)?;
-    if !is_asked {
+    if is_once && !is_asked_once {
         note(format_args!(
             "standard output is not a terminal: printing once after {seconds} s, as with --once"
         ));
     }
-    let mut watcher = Watcher::open(&bus, &settings, arguments, context.global)?;
-    arguments.options.real_time.apply(|line| note(line))?;
-    let length_ns = (seconds * 1e9) as u64;
-    let mut collector = watcher.collector(length_ns);
-    let mut observation = Observation::new(watcher.positions().len());
-    watcher.activate(&arguments.options)?;
-    let mut look_ns = 0;
-    let mut look = |watcher: &Watcher, observation: &mut Observation, is_last: bool| {
-        let now_ns = watcher.now_ns();
-        if now_ns >= look_ns || is_last || observation.is_nearly_full() {
-            look_ns = now_ns.saturating_add(LOOK_NS);
-            watcher.look(observation);
-            collector.take(observation);
-            observation.clear();
+    let requirements = GatewayRequirements {
+        is_listening: arguments.listen_only,
+        ..GatewayRequirements::on(arguments.channel)
+    };
+    let mut source: Box<dyn Source + '_> = match bus.service().cloned() {
+        Some(connection) => {
+            let setup = &arguments.options.setup;
+            Box::new(ServiceSource::open(bus, connection, requirements, setup)?)
+        }
+        None => {
+            let global = context.global;
+            Box::new(PortSource::open(&bus, &settings, requirements, arguments, global)?)
         }
     };
-    watcher.wait_ready(interrupt, |it, seen| look(it, seen, false), &mut observation)?;
-    look(&watcher, &mut observation, true);
-    let end_ns = watcher.now_ns().saturating_add(length_ns);
-    while watcher.now_ns() < end_ns && !interrupt.is_set() {
-        watcher.cycle(&mut observation)?;
-        look(&watcher, &mut observation, false);
+    let (view, sort, filter) = (arguments.view, arguments.sort, arguments.channel);
+    let choice = Choice { view, sort, filter, ..Choice::default() };
+    match is_once {
+        true => print_once(source.as_mut(), seconds, choice, &interrupt, context),
+        false => terminal::run(source.as_mut(), choice, &interrupt, &context.output),
     }
-    look(&watcher, &mut observation, true);
-    for (at, errors) in watcher.read_errors().into_iter().enumerate() {
-        collector.take_errors(at, errors);
+}
+
+fn print_once(
+    source: &mut dyn Source,
+    seconds: f64,
+    choice: Choice,
+    interrupt: &Interrupt,
+    context: &Context,
+) -> Result {
+    source.enter_thread()?;
+    let length_ns = (seconds * 1e9) as u64;
+    let mut collector = Collector::new(source.origin(), length_ns);
+    source.start()?;
+    observe_while(source, &mut collector, interrupt, |it| it.is_starting())?;
+    let end_ns = source.now_ns().saturating_add(length_ns);
+    observe_while(source, &mut collector, interrupt, |it| it.now_ns() < end_ns)?;
+    for (position, errors) in source.read_errors() {
+        collector.take_errors(position, errors);
     }
     let snapshot = collector.snapshot();
-    context.output.data(&snapshot, |out| text::print(out, &snapshot))?;
+    print(&snapshot, choice, context)?;
     if snapshot.has_problem() { Err(Failure::ProblemsFound) } else { Ok(()) }
+}
+
+/// Observes until the condition is false or the user stops.
+fn observe_while(
+    source: &mut dyn Source,
+    collector: &mut Collector,
+    interrupt: &Interrupt,
+    goes_on: impl Fn(&dyn Source) -> bool,
+) -> Result {
+    let mut observation = source.observation();
+    let mut look = |source: &mut dyn Source, observation: &mut Observation| -> Result {
+        source.look(observation)?;
+        collector.take(observation);
+        observation.clear();
+        Ok(())
+    };
+    look(source, &mut observation)?;
+    let mut look_ns = 0;
+    while goes_on(source) && !interrupt.is_set() {
+        source.observe(&mut observation)?;
+        if source.now_ns() >= look_ns || observation.is_nearly_full() {
+            look_ns = source.now_ns().saturating_add(LOOK_NS);
+            look(source, &mut observation)?;
+        }
+    }
+    look(source, &mut observation)
+}
+
+fn print(snapshot: &Snapshot, choice: Choice, context: &Context) -> Result {
+    let (output, head) = (&context.output, &snapshot.head);
+    match choice.view {
+        View::Overview => output.data(snapshot, |out| text::print(out, snapshot)),
+        View::Ids => {
+            let ids = choice.ids(snapshot).into_iter().copied().collect();
+            let ids = snapshot::IdsView { ids, ..snapshot.ids };
+            let report = Report { head, view: &ids };
+            output.data(&report, |out| id_text::print(out, snapshot, choice))
+        }
+        View::Axes => {
+            let report = Report { head, view: &snapshot.axes };
+            output.data(&report, |out| axis_text::print(out, &snapshot.axes))
+        }
+    }
 }

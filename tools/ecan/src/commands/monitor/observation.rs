@@ -1,65 +1,185 @@
-//! Raw values of the cycle, in preallocated memory that is passed back and forth.
+//! Values of the bus at one time, in memory that is passed back and forth.
 
-use ecan_host::{CycleStart, DomainReport};
-use ecan_mcan_port::{
-    ChannelConfig, PendingStep, Port, PortConfig, Received, Session, SlaveStatistics,
-};
-use ecan_protocol::can::FrameBits;
+use ecan_host::CycleStart;
+use ecan_mcan_port::{PendingStep, SlaveStatistics};
+use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::CHANNELS;
+use ecan_service_protocol::{AxisState, CycleState, SampledTimes, ServiceStats};
+
+use super::bus_time::ChannelRates;
+use super::snapshot::Direction;
+use crate::frames::SessionState;
 
 const MARKS: usize = 4096;
+const FRAMES: usize = 16_384;
 
+/// The gateways of the observations that follow.
+#[derive(Clone, Debug, Default)]
+pub struct Layout {
+    pub cycle_ns: u32,
+    /// Counters of the cycle from which the view counts.
+    pub base: CycleState,
+    pub gateways: Vec<LayoutGateway>,
+    /// Event to show, for a change while the command runs.
+    pub event: Option<String>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct LayoutGateway {
+    /// Position on the bus.
+    pub position: usize,
+    /// Counters from which the view counts.
+    pub base: SlaveStatistics,
+    pub rates: [ChannelRates; CHANNELS],
+}
+
+/// Start and end of a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Mark {
     pub start: CycleStart,
     pub end_ns: u64,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+/// State and times of a cycle of another program, of which it samples some.
+#[derive(Clone, Debug)]
+pub struct SampledCycle {
+    pub cycle: CycleState,
+    pub run_time: SampledTimes,
+    pub late: SampledTimes,
+}
+
+#[derive(Clone, Debug, Default)]
+pub enum WaitingFor {
+    #[default]
+    Nothing,
+    Step(PendingStep),
+    Text(String),
+}
+
+impl WaitingFor {
+    pub fn text(&self) -> Option<String> {
+        match self {
+            Self::Nothing => None,
+            Self::Step(step) => Some(step.to_string()),
+            Self::Text(text) => Some(text.clone()),
+        }
+    }
+}
+
+#[derive(Clone, Debug, Default)]
 pub struct GatewayObservation {
-    pub session: Session,
-    pub waiting_for: Option<PendingStep>,
-    pub domain: DomainReport,
+    pub session: SessionState,
+    pub waiting_for: WaitingFor,
+    pub working_counter: u32,
+    pub expected_working_counter: u32,
     pub statistics: SlaveStatistics,
     pub channels: [ChannelStatus; CHANNELS],
-    /// Whether the channel was bus-off in a cycle since the last observation.
-    pub has_been_bus_off: [bool; CHANNELS],
-    /// Bus time of the received frames since the start, in seconds.
-    pub busy_s: [f64; CHANNELS],
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct ObservedFrame {
+    pub time_ns: u64,
+    /// Index of the gateway.
+    pub gateway: usize,
+    pub channel: u8,
+    pub direction: Direction,
+    pub frame: CanFrame,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum FrameItem {
+    Frame(ObservedFrame),
+    /// Number of frames that were lost at this point.
+    Lost(u64),
+}
+
+/// Frames in order, in preallocated memory.
+#[derive(Debug, Default)]
+pub struct FrameBuffer {
+    items: Vec<FrameItem>,
+    lost_at_end: u64,
+}
+
+impl FrameBuffer {
+    fn new() -> Self {
+        Self { items: Vec::with_capacity(FRAMES), lost_at_end: 0 }
+    }
+
+    /// Adds a frame, or counts it as lost. Does not allocate.
+    pub fn push(&mut self, frame: ObservedFrame) {
+        self.add(FrameItem::Frame(frame), 1);
+    }
+
+    /// Counts lost frames. Does not allocate.
+    pub fn lose(&mut self, count: u64) {
+        self.add(FrameItem::Lost(count), count);
+    }
+
+    fn add(&mut self, item: FrameItem, frames: u64) {
+        if self.items.len() < self.items.capacity() {
+            self.items.push(item);
+        } else {
+            self.lost_at_end += frames;
+        }
+    }
+
+    pub fn items(&self) -> impl Iterator<Item = FrameItem> {
+        let lost = (self.lost_at_end > 0).then_some(FrameItem::Lost(self.lost_at_end));
+        self.items.iter().copied().chain(lost)
+    }
+
+    pub fn is_nearly_full(&self) -> bool {
+        self.items.len() >= FRAMES / 2
+    }
+
+    fn clear(&mut self) {
+        self.items.clear();
+        self.lost_at_end = 0;
+    }
 }
 
 /// Values since the last observation.
 #[derive(Debug, Default)]
 pub struct Observation {
+    /// On the clock of the frames.
     pub now_ns: u64,
+    /// In the first observation, and after a change of the gateways.
+    pub layout: Option<Layout>,
+    /// Reason why the values are old.
+    pub interruption: Option<&'static str>,
+    /// Cycles, if each one is measured.
     pub marks: Vec<Mark>,
     /// Cycles that did not fit.
     pub unmeasured: u64,
+    /// The cycle, if it is sampled.
+    pub sampled: Option<SampledCycle>,
     pub gateways: Vec<GatewayObservation>,
+    pub frames: FrameBuffer,
+    pub axes: Vec<AxisState>,
+    pub service: Option<ServiceStats>,
 }
 
 impl Observation {
     pub fn new(gateways: usize) -> Self {
         Self {
-            now_ns: 0,
             marks: Vec::with_capacity(MARKS),
-            unmeasured: 0,
             gateways: vec![GatewayObservation::default(); gateways],
+            frames: FrameBuffer::new(),
+            ..Self::default()
         }
     }
 
     pub fn is_nearly_full(&self) -> bool {
-        self.marks.len() >= MARKS / 2
+        self.marks.len() >= MARKS / 2 || self.frames.is_nearly_full()
     }
 
     /// Clears the values and keeps the memory.
     pub fn clear(&mut self) {
+        (self.layout, self.sampled) = (None, None);
         self.marks.clear();
         self.unmeasured = 0;
-        for gateway in &mut self.gateways {
-            gateway.has_been_bus_off = [false; CHANNELS];
-        }
+        self.frames.clear();
     }
 
     /// Records a cycle. Does not allocate.
@@ -70,80 +190,33 @@ impl Observation {
             self.unmeasured += 1;
         }
     }
-
-    /// Records the state of the gateways. Does not allocate.
-    pub fn look(&mut self, port: &Port, busy: &BusTime, now_ns: u64) {
-        self.now_ns = now_ns;
-        self.look_for_bus_off(port);
-        for (handle, gateway) in port.gateways().zip(&mut self.gateways) {
-            let slave = handle.slave();
-            *gateway = GatewayObservation {
-                session: port.session(handle),
-                waiting_for: port.waiting_for(handle),
-                domain: port.adapter().domain_report(slave),
-                statistics: port.statistics(handle),
-                channels: std::array::from_fn(|channel| {
-                    let channel = port.channel(slave, channel as u8);
-                    channel.map(|channel| port.channel_status(channel)).unwrap_or_default()
-                }),
-                busy_s: busy.of(slave),
-                has_been_bus_off: gateway.has_been_bus_off,
-            };
-        }
-    }
-
-    /// Records channels in bus-off, once per cycle: an observation may miss a short one. Does not
-    /// allocate.
-    pub fn look_for_bus_off(&mut self, port: &Port) {
-        for channel in port.channels() {
-            let Some(gateway) = self.gateways.get_mut(channel.slave()) else { continue };
-            if let Some(has_been) = gateway.has_been_bus_off.get_mut(usize::from(channel.channel()))
-            {
-                *has_been |= port.channel_status(channel).bus_off();
-            }
-        }
-    }
 }
 
-/// Sums the bus time of received frames, without stuff bits.
-#[derive(Debug)]
-pub struct BusTime {
-    gateways: Vec<[ChannelTime; CHANNELS]>,
-}
+#[cfg(test)]
+mod tests {
+    use ecan_protocol::can::CanId;
 
-/// Bit rates of a channel in bit/s, and the bus time of its frames.
-#[derive(Clone, Copy, Debug, Default)]
-struct ChannelTime {
-    nominal_bitrate: u32,
-    data_bitrate: u32,
-    seconds: f64,
-}
+    use super::*;
 
-impl BusTime {
-    pub fn new(config: &PortConfig) -> Self {
-        let channel = |channel: &Option<ChannelConfig>| {
-            let Some(ChannelConfig { can, .. }) = channel else { return ChannelTime::default() };
-            let nominal_bitrate = can.nominal_bitrate;
-            let data_bitrate = if can.fd { can.data_bitrate } else { nominal_bitrate };
-            ChannelTime { nominal_bitrate, data_bitrate, seconds: 0.0 }
-        };
-        let gateways = config.gateways.iter().map(|it| it.channels.each_ref().map(channel));
-        Self { gateways: gateways.collect() }
-    }
-
-    /// Counts a received frame. Does not allocate.
-    pub fn count(&mut self, received: &Received) {
-        let Received::Frame(received) = received else { return };
-        let gateway = self.gateways.get_mut(received.slave);
-        let channel = gateway.and_then(|it| it.get_mut(usize::from(received.channel)));
-        if let Some(channel) = channel {
-            let bits = FrameBits::least(received.frame.as_ref());
-            channel.seconds += bits.seconds(channel.nominal_bitrate, channel.data_bitrate);
-        }
-    }
-
-    fn of(&self, slave: usize) -> [f64; CHANNELS] {
-        let gateway = self.gateways.get(slave).copied().unwrap_or_default();
-        gateway.map(|channel| channel.seconds)
+    #[test]
+    fn full_frame_buffer_counts_losses_at_its_end() {
+        let mut buffer = FrameBuffer::new();
+        let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap();
+        let (time_ns, gateway, channel, direction) = (0, 0, 0, Direction::Received);
+        let frame = ObservedFrame { time_ns, gateway, channel, direction, frame };
+        let capacity = buffer.items.capacity();
+        buffer.lose(5);
+        (0..capacity).for_each(|_| buffer.push(frame));
+        buffer.lose(7);
+        assert_eq!((buffer.items.capacity(), buffer.items().count()), (capacity, capacity + 1));
+        let lost: Vec<_> = buffer
+            .items()
+            .enumerate()
+            .filter_map(|(at, item)| match item {
+                FrameItem::Lost(count) => Some((at, count)),
+                FrameItem::Frame(_) => None,
+            })
+            .collect();
+        assert_eq!(lost, [(0, 5), (capacity, 8)]);
     }
 }

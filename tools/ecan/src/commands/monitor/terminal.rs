@@ -1,28 +1,28 @@
-//! Full-screen mode: the cycle on the main thread, drawing and mailbox on other threads.
+//! Full-screen mode: the source on the main thread, drawing and mailbox on other threads.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_host::Diagnostics;
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event};
 
-use crate::context::{Failure, FullScreen, Output, Result, note};
+use crate::context::{Failure, FullScreen, Output, Result};
 
-use super::collector::{Collector, GatewayErrors};
+use super::LOOK_NS;
+use super::collector::Collector;
 use super::hang_up::HangUp;
 use super::keys::{Action, Choice};
+use super::mailbox::{GatewayErrors, Mailbox};
 use super::observation::Observation;
 use super::screen;
 use super::snapshot::Snapshot;
-use super::watcher::{Watcher, read_errors};
-use super::{LOOK_NS, MonitorArguments};
+use super::source::Source;
 
-/// Number of observations passed between the cycle and the drawing.
+/// Number of observations passed between the source and the drawing.
 const OBSERVATIONS: usize = 3;
 /// Window for the rates, in nanoseconds.
 const WINDOW_NS: u64 = 1_000_000_000;
@@ -31,56 +31,61 @@ const FRAME: Duration = Duration::from_millis(100);
 /// Time limit for the end of the drawing, which blocks if its terminal is blocked.
 const END: Duration = Duration::from_secs(1);
 const LOOK: Duration = Duration::from_millis(5);
-const ERRORS_PAUSE: Duration = Duration::from_millis(1000);
 
 pub fn run(
-    mut watcher: Watcher,
-    arguments: &MonitorArguments,
+    source: &mut dyn Source,
+    choice: Choice,
     interrupt: &Interrupt,
     output: &Output,
 ) -> Result {
-    let gateways = watcher.positions().len();
     let (full, seen) = sync_channel(OBSERVATIONS);
     let (spent, empty) = sync_channel(OBSERVATIONS);
     for _ in 1..OBSERVATIONS {
         // All observations fit into the queue.
-        let _ = spent.try_send(Observation::new(gateways));
+        let _ = spent.try_send(source.observation());
     }
     let (errors_out, errors_in) = channel();
     // Started before the real-time settings of the cycle thread, which it must not inherit.
-    let _mailbox = Mailbox::start(watcher.open_diagnostics()?, gateways, errors_out)?;
+    let mut _mailbox = Mailbox::start(source.error_reader()?, errors_out.clone())?;
     let hang_up = HangUp::watch().map_err(Failure::of_thread)?;
     let drawing = Drawing {
-        collector: watcher.collector(WINDOW_NS),
+        collector: Collector::new(source.origin(), WINDOW_NS),
         seen,
         spent,
         errors: errors_in,
         is_over: Arc::new(AtomicBool::new(false)),
         has_color: output.has_color(),
-        gateways,
+        choice,
         draw: screen::draw,
     };
     let is_over = drawing.is_over.clone();
     let thread = std::thread::Builder::new().name("drawing".to_owned());
     let thread = thread.spawn(move || drawing.run()).map_err(Failure::of_thread)?;
     let mut guard = Joined { full: Some(full), thread: Some(thread) };
-    arguments.options.real_time.apply(|line| note(line))?;
+    source.enter_thread()?;
     let _full_screen = FullScreen::begin();
-    watcher.activate(&arguments.options)?;
-    let mut observation = Observation::new(gateways);
+    source.start()?;
+    let mut observation = source.observation();
+    // The first observation has the gateways of the frames that follow.
+    let mut outcome = source.look(&mut observation);
+    if let (Ok(()), Ok(next)) = (&outcome, empty.try_recv()) {
+        guard.hand_over(std::mem::replace(&mut observation, next));
+    }
     let mut look_ns = 0;
-    let mut outcome = Ok(());
     let is_wanted = || !interrupt.is_set() && !hang_up.is_set() && !is_over.load(Ordering::Relaxed);
     while outcome.is_ok() && is_wanted() {
-        outcome = watcher.cycle(&mut observation);
-        let now_ns = watcher.now_ns();
-        if now_ns < look_ns {
+        outcome = source.observe(&mut observation);
+        let now_ns = source.now_ns();
+        if outcome.is_err() || (now_ns < look_ns && !observation.is_nearly_full()) {
             continue;
         }
-        // If the drawing is late, the cycle continues with its own observations.
+        // If the drawing is late, the source continues with its own observation.
         if let Ok(next) = empty.try_recv() {
             look_ns = now_ns.saturating_add(LOOK_NS);
-            watcher.look(&mut observation);
+            outcome = source.look(&mut observation);
+            if observation.layout.is_some() && outcome.is_ok() {
+                _mailbox = Mailbox::start(source.error_reader()?, errors_out.clone())?;
+            }
             guard.hand_over(std::mem::replace(&mut observation, next));
         }
     }
@@ -136,14 +141,15 @@ struct Drawing {
     collector: Collector,
     seen: Receiver<Observation>,
     spent: SyncSender<Observation>,
+    /// By the position of the gateway.
     errors: Receiver<(usize, GatewayErrors)>,
     is_over: Arc<AtomicBool>,
     has_color: bool,
-    gateways: usize,
+    choice: Choice,
     draw: Draw,
 }
 
-/// Reports the end of the drawing to the cycle.
+/// Reports the end of the drawing to the source.
 struct Over(Arc<AtomicBool>);
 
 impl Drop for Over {
@@ -193,7 +199,7 @@ impl Drawing {
     }
 
     fn draw_all(&mut self, terminal: &mut ratatui::DefaultTerminal) -> Result {
-        let mut choice = Choice::default();
+        let mut choice = self.choice;
         let mut shown = self.collector.snapshot();
         loop {
             loop {
@@ -203,8 +209,8 @@ impl Drawing {
                     Err(std::sync::mpsc::TryRecvError::Disconnected) => return Ok(()),
                 }
             }
-            while let Ok((at, errors)) = self.errors.try_recv() {
-                self.collector.take_errors(at, errors);
+            while let Ok((position, errors)) = self.errors.try_recv() {
+                self.collector.take_errors(position, errors);
             }
             if !choice.is_paused {
                 shown = self.collector.snapshot();
@@ -213,7 +219,7 @@ impl Drawing {
             let mut is_waiting = event::poll(FRAME)?;
             while is_waiting {
                 if let Event::Key(key) = event::read()? {
-                    match choice.press(key, self.gateways) {
+                    match choice.press(key, &shown) {
                         Action::Quit => return Ok(()),
                         Action::Clear => self.collector.clear(),
                         Action::None => {}
@@ -222,34 +228,6 @@ impl Drawing {
                 is_waiting = event::poll(Duration::ZERO)?;
             }
         }
-    }
-}
-
-/// Reads the error counters periodically. Not joined at the end: a lost slave may block the master.
-struct Mailbox {
-    _stop: Sender<()>,
-}
-
-impl Mailbox {
-    fn start(
-        diagnostics: Diagnostics,
-        gateways: usize,
-        errors: Sender<(usize, GatewayErrors)>,
-    ) -> Result<Self> {
-        let (stop, stopped) = channel::<()>();
-        std::thread::Builder::new()
-            .name("mailbox".to_owned())
-            .spawn(move || {
-                while stopped.recv_timeout(ERRORS_PAUSE) == Err(RecvTimeoutError::Timeout) {
-                    for at in 0..gateways {
-                        if errors.send((at, read_errors(&diagnostics, at))).is_err() {
-                            return;
-                        }
-                    }
-                }
-            })
-            .map_err(Failure::of_thread)?;
-        Ok(Self { _stop: stop })
     }
 }
 

@@ -4,6 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use super::super::observation::{Layout, LayoutGateway};
+use super::super::source::Origin;
 use super::*;
 
 #[allow(dead_code)]
@@ -45,18 +47,20 @@ fn start(draw: Draw) -> (Joined, Arc<AtomicBool>) {
     let (_, errors) = channel();
     let is_over = Arc::new(AtomicBool::new(false));
     let drawing = Drawing {
-        collector: Collector::new(&[0], 1_000_000, WINDOW_NS, true),
+        collector: Collector::new(Origin::default(), WINDOW_NS),
         seen,
         spent,
         errors,
         is_over: is_over.clone(),
         has_color: false,
-        gateways: 1,
+        choice: Choice::default(),
         draw,
     };
     let thread = std::thread::spawn(move || drawing.run());
     let joined = Joined { full: Some(full), thread: Some(thread) };
-    joined.hand_over(Observation::new(1));
+    let gateways = vec![LayoutGateway::default()];
+    let layout = Some(Layout { gateways, ..Layout::default() });
+    joined.hand_over(Observation { layout, ..Observation::new(1) });
     (joined, is_over)
 }
 

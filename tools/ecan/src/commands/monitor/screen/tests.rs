@@ -3,8 +3,10 @@
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 
-use super::super::snapshot::{CycleView, Errors, Event, Times};
+use super::super::keys::Sort;
+use super::fixtures::{axes, bus_off, healthy, ids, lost, through_service};
 use super::*;
+use crate::frames::Channels;
 
 /// Text of the screen, without trailing blanks.
 fn screen(width: u16, height: u16, snapshot: &Snapshot, choice: Choice) -> String {
@@ -31,95 +33,27 @@ fn color(snapshot: &Snapshot, words: &str, has_color: bool) -> Color {
     panic!("{words} is not on the screen");
 }
 
-fn channel(load: f64) -> ChannelView {
-    ChannelView {
-        state: Some("run".to_owned()),
-        rx_per_second: load * 4500.0,
-        received: 120_400,
-        load,
-        errors: Some(Errors::default()),
-        ..ChannelView::default()
-    }
-}
-
-fn gateway(position: usize) -> GatewayView {
-    GatewayView {
-        position,
-        state: GatewayState::Ready,
-        working_counter: 3,
-        expected_working_counter: 3,
-        times_in_service: 1,
-        channels: [channel(0.402), channel(0.1), channel(0.0), channel(0.0)],
-        ..GatewayView::default()
-    }
-}
-
-fn healthy(gateways: usize) -> Snapshot {
-    Snapshot {
-        seconds: 61.7,
-        is_simulated: true,
-        cycle: CycleView {
-            cycle_us: 1000.0,
-            cycles: 61_700,
-            overruns: 1,
-            skipped: 2,
-            period: Times {
-                min_us: 948.2,
-                p50_us: 1000.0,
-                p95_us: 1004.3,
-                p99_us: 1010.1,
-                p99_9_us: 1044.4,
-                max_us: 2013.9,
-            },
-            run_time: Times { min_us: 11.0, max_us: 87.5, ..Times::default() },
-            histogram: [0, 31, 5_000, 50_000, 6_000, 668, 1],
-            ..CycleView::default()
-        },
-        gateways: (0..gateways).map(gateway).collect(),
-        events: vec![Event { seconds: 0.9, words: "gateway 0: ready".to_owned() }],
-    }
-}
-
-fn bus_off() -> Snapshot {
-    let mut snapshot = healthy(1);
-    snapshot.gateways[0].channels[1] = ChannelView {
-        state: Some("bus-off".to_owned()),
-        is_bus_off: true,
-        has_warning: true,
-        tx_pending: 7,
-        errors: Some(Errors { transmit: 255, receive: 3, dropped: 12, bus_offs: 2 }),
-        ..ChannelView::default()
-    };
-    snapshot
-}
-
-fn lost() -> Snapshot {
-    let mut snapshot = healthy(2);
-    let channels = std::array::from_fn(|_| ChannelView::default());
-    snapshot.gateways[1] = GatewayView {
-        state: GatewayState::Lost,
-        reason: "waiting for OP".to_owned(),
-        working_counter: 0,
-        incomplete_cycles: 812,
-        times_lost: 1,
-        channels,
-        ..gateway(1)
-    };
-    snapshot.events.push(Event { seconds: 60.9, words: "gateway 1: lost".to_owned() });
-    snapshot
-}
-
 /// Compares a screen with its file.
 macro_rules! shows {
     ($name:literal, $size:expr, $snapshot:expr, $choice:expr) => {
         let (width, height) = $size;
         let shown = screen(width, height, &$snapshot, $choice);
-        let expected = include_str!(concat!("screens/", $name, ".txt"));
+        let expected = include_str!(concat!("expected/", $name, ".txt"));
         assert_eq!(shown, expected, "{}:\n{shown}", $name);
     };
 }
 
-const FIRST: Choice = Choice { gateway: 0, channel: 0, is_paused: false, has_help: false };
+const FIRST: Choice = Choice {
+    view: View::Overview,
+    gateway: 0,
+    channel: 0,
+    id: 0,
+    sort: Sort::Id,
+    filter: Channels::ALL,
+    axis: 0,
+    is_paused: false,
+    has_help: false,
+};
 
 #[test]
 fn healthy_gateway_screen() {
@@ -153,7 +87,8 @@ fn narrow_terminal_omits_columns() {
 fn tiny_terminal_shows_problems_first() {
     assert_eq!(screen(20, 2, &lost(), FIRST), "1 LOST\n0 ready\n");
     assert_eq!(screen(26, 2, &bus_off(), FIRST), "0 bus-off can1\nSIMULATED  q end  ? help\n");
-    let real = Snapshot { is_simulated: false, ..bus_off() };
+    let mut real = bus_off();
+    real.head.is_simulated = false;
     assert_eq!(screen(26, 3, &real, FIRST), "0 bus-off can1\n\nq end  ? help\n");
     let expected = "\
 1 LOST
@@ -171,10 +106,15 @@ SIMULATED  q end  ? help
 
 #[test]
 fn any_size_can_be_drawn() {
-    let help = Choice { has_help: true, gateway: 19, channel: 3, is_paused: true };
-    for snapshot in [Snapshot::default(), lost(), healthy(20)] {
+    let help = Choice { has_help: true, gateway: 19, channel: 3, is_paused: true, ..FIRST };
+    let last = Choice { id: usize::MAX, axis: usize::MAX, ..FIRST };
+    let choices = [View::Overview, View::Ids, View::Axes].map(|view| Choice { view, ..last });
+    let snapshots = [Snapshot::default(), lost(), healthy(20), through_service(), ids(), axes()];
+    for (snapshot, choice) in
+        snapshots.iter().flat_map(|it| choices.into_iter().chain([help]).map(move |at| (it, at)))
+    {
         for (width, height) in [(0, 0), (1, 1), (54, 14), (55, 15), (80, 3), (3, 80), (400, 100)] {
-            let lines = screen(width, height, &snapshot, help);
+            let lines = screen(width, height, snapshot, choice);
             assert_eq!(lines.lines().count(), usize::from(height));
         }
     }
@@ -188,4 +128,39 @@ fn selected_gateway_of_many_is_visible() {
 #[test]
 fn help_is_over_the_rest() {
     shows!("help", (60, 14), healthy(1), Choice { has_help: true, is_paused: true, ..FIRST });
+}
+
+#[test]
+fn screen_of_80_columns_has_received_frames() {
+    shows!("standard", (80, 24), healthy(1), FIRST);
+}
+
+#[test]
+fn service_screen_has_sampled_times_clients_and_losses() {
+    shows!("service", (80, 24), through_service(), FIRST);
+    shows!("service_wide", (120, 40), through_service(), FIRST);
+}
+
+#[test]
+fn ids_screen_has_data_with_marked_changes() {
+    let choice = Choice { view: View::Ids, ..FIRST };
+    shows!("ids", (80, 24), ids(), choice);
+    // The row of the CAN FD frame; it has 64 bytes.
+    shows!("ids_fd", (80, 24), ids(), Choice { id: 4, filter: Channels::only(1), ..choice });
+    shows!("ids_wide", (120, 30), ids(), Choice { sort: Sort::Period, id: 30, ..choice });
+    let mut terminal = Terminal::new(TestBackend::new(80, 24)).unwrap();
+    terminal.draw(|frame| draw(frame, &ids(), choice, false)).unwrap();
+    let buffer = terminal.backend().buffer();
+    // The data of the first row; byte 1 changed, without colours too.
+    let is_marked = |x| buffer[(x, 3)].modifier.contains(Modifier::UNDERLINED);
+    let marked: Vec<_> = (56..79).map(is_marked).enumerate().filter(|it| it.1).collect();
+    assert_eq!(marked, [(3, true), (4, true)]);
+}
+
+#[test]
+fn axes_screen_has_positions_and_the_selected_axis() {
+    let choice = Choice { view: View::Axes, ..FIRST };
+    shows!("axes", (80, 24), axes(), Choice { axis: 1, ..choice });
+    shows!("axes_wide", (140, 24), axes(), choice);
+    shows!("axes_none", (80, 14), healthy(1), choice);
 }

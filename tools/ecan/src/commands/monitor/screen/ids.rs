@@ -1,0 +1,90 @@
+//! The view of frames by gateway, channel, CAN ID and direction.
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Cell, Paragraph, Table, TableState};
+
+use super::super::id_text::{ID_TITLES, id_cells, id_summary, ids_title};
+use super::super::keys::Choice;
+use super::super::snapshot::{Direction, IdView, Snapshot};
+use super::Tint;
+use super::columns::Columns;
+
+/// "FF " of a byte.
+const BYTE_WIDTH: usize = 3;
+
+pub fn draw(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
+    let rows = choice.ids(snapshot);
+    let selected = choice.id.min(rows.len().saturating_sub(1));
+    let per_line = (usize::from(area.width.saturating_sub(2)) / BYTE_WIDTH / 8).max(1) * 8;
+    let bytes = rows.get(selected).map_or(0, |row| row.frame.data().len());
+    // Border, summary and data.
+    let detail = 3 + bytes.div_ceil(per_line).max(1) as u16;
+    let [table_area, detail_area] =
+        Layout::vertical([Constraint::Min(6), Constraint::Length(detail)]).areas(area);
+    draw_table(frame, table_area, snapshot, choice, (&rows, selected), tint);
+    let block = Block::bordered();
+    let mut lines = Vec::new();
+    if let Some(row) = rows.get(selected) {
+        lines.push(Line::raw(id_summary(row)));
+        let data: Vec<_> = row.frame.data().iter().enumerate().collect();
+        lines.extend(data.chunks(per_line).map(|bytes| data_line(bytes, row, tint)));
+    }
+    frame.render_widget(Paragraph::new(lines).block(block), detail_area);
+}
+
+fn draw_table(
+    frame: &mut Frame,
+    area: Rect,
+    snapshot: &Snapshot,
+    choice: Choice,
+    (rows, selected): (&[&IdView], usize),
+    tint: Tint,
+) {
+    const WIDTHS: [u16; 9] = [4, 3, 8, 8, 8, 8, 3, 5, 0];
+    let width = area.width.saturating_sub(2);
+    let columns = std::array::from_fn(|at| (ID_TITLES[at], WIDTHS[at]));
+    let columns = Columns::new(columns, [8, 0, 2, 1, 3, 4, 7, 6, 5], width.saturating_sub(8));
+    let used: u16 = WIDTHS.iter().map(|width| width + 1).sum::<u16>() - 1;
+    let room = usize::from(width.saturating_sub(used)).max(8);
+    let shown = rows.iter().map(|row| {
+        let [bus, direction, id, count, period, mean, dlc, age] = id_cells(row);
+        let texts = [bus, direction, id, count, period, mean, dlc, age].map(Cell::from);
+        let [a, b, c, d, e, f, g, h] = texts;
+        let style = match row.direction {
+            Direction::Failed => tint.of(Color::Red),
+            Direction::Received | Direction::Sent => Style::new(),
+        };
+        columns.row([a, b, c, d, e, f, g, h, Cell::from(data_cell(row, room, tint))]).style(style)
+    });
+    let table = Table::new(shown, columns.widths())
+        .header(columns.titles())
+        .row_highlight_style(Modifier::REVERSED)
+        .block(Block::bordered().title(ids_title(snapshot, choice, rows.len())));
+    let mut state = TableState::new().with_selected(selected);
+    frame.render_stateful_widget(table, area, &mut state);
+}
+
+/// The data, or their begin.
+fn data_cell(row: &IdView, room: usize, tint: Tint) -> Line<'static> {
+    let data: Vec<_> = row.frame.data().iter().enumerate().collect();
+    if data.len() * BYTE_WIDTH <= room + 1 {
+        return data_line(&data, row, tint);
+    }
+    let fitting = data.get(..room.saturating_sub(1) / BYTE_WIDTH).unwrap_or_default();
+    let mut line = data_line(fitting, row, tint);
+    line.push_span(Span::raw("…"));
+    line
+}
+
+fn data_line(bytes: &[(usize, &u8)], row: &IdView, tint: Tint) -> Line<'static> {
+    let changed = tint.of(Color::Yellow).add_modifier(Modifier::BOLD | Modifier::UNDERLINED);
+    let spans = bytes.iter().flat_map(|(at, byte)| {
+        let is_changed = row.changed >> at & 1 == 1;
+        let style = if is_changed { changed } else { Style::new() };
+        [Span::styled(format!("{byte:02X}"), style), Span::raw(" ")]
+    });
+    Line::from(spans.collect::<Vec<_>>())
+}
