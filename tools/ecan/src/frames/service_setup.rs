@@ -1,7 +1,7 @@
 //! Configuration of the gateways of a service, checked against the requirements of a command.
 
 use ecan_config_file::{ResolvedGateway, find};
-use ecan_host::AdapterConfig;
+use ecan_host::{AdapterConfig, SlaveConfig};
 use ecan_mcan_port::PortConfig;
 use ecan_protocol::config::{List, McanChannelConfig, NodeMode};
 use ecan_protocol::mapping::Direction;
@@ -38,7 +38,11 @@ pub fn of_service(
     };
     let adapter: AdapterConfig = serde_json::from_value(config.adapter).map_err(unreadable)?;
     let port: PortConfig = serde_json::from_value(config.port).map_err(unreadable)?;
-    let mut resolved = find(bus.diagnostics(), &adapter.slaves).map_err(resolve_failure)?;
+    let found = find(bus.diagnostics(), &adapter.slaves);
+    let mut resolved = match by_position(&adapter.slaves) {
+        Some(all) if found.is_err() && requirements.may_be_absent => all,
+        _ => found.map_err(resolve_failure)?,
+    };
     if bus.is_chosen() || (!is_for_all && resolved.len() > 1) {
         let chosen = bus.slave()?;
         resolved.retain(|it| it.slave == chosen);
@@ -67,6 +71,15 @@ pub fn of_service(
     let small = |value: usize| u16::try_from(value).unwrap_or(u16::MAX);
     let gateways = resolved.iter().map(|it| (small(it.gateway), small(it.slave))).collect();
     Ok((ServiceSetup { connection: connection.clone(), gateways }, planned))
+}
+
+/// Gateways whose configuration names their position on the bus, also without a response.
+fn by_position(slaves: &[SlaveConfig]) -> Option<Vec<ResolvedGateway>> {
+    let resolved = |(gateway, slave): (usize, &SlaveConfig)| {
+        let slave = (slave.alias == 0).then(|| usize::from(slave.position))?;
+        Some(ResolvedGateway { gateway, slave })
+    };
+    slaves.iter().enumerate().map(resolved).collect()
 }
 
 fn full(error: impl std::fmt::Display) -> Failure {
