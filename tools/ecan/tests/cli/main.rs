@@ -18,6 +18,7 @@ mod frames_files;
 mod host;
 mod maintenance;
 mod monitor;
+mod monitor_service;
 mod monitor_terminal;
 mod objects;
 mod other_slaves;

@@ -1,5 +1,6 @@
 //! Runs of the program.
 
+pub mod application;
 pub mod client;
 pub mod on_screen;
 pub mod python;
@@ -7,6 +8,8 @@ pub mod terminal;
 pub mod timed_reader;
 
 use std::process::{Command, Output};
+
+use rustix::process::{Pid, Signal, kill_process};
 
 use self::timed_reader::TimedReader;
 
@@ -209,6 +212,11 @@ impl Running {
     pub fn signal(&mut self, signal: &str) {
         let id = self.child.id().to_string();
         assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
+    }
+
+    /// Sends a signal.
+    pub fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).unwrap();
     }
 
     /// Sends SIGTERM until the program exits.
