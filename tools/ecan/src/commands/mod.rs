@@ -70,7 +70,7 @@ pub enum Command {
     /// Send the frames of a candump log at their recorded times
     #[command(after_help = replay::EXAMPLES)]
     Replay(replay::ReplayArguments),
-    /// Show gateways, channels and cycle in full-screen mode
+    /// Show gateways, CAN IDs, axes and cycle in full-screen mode
     #[command(after_help = monitor::EXAMPLES)]
     Monitor(monitor::MonitorArguments),
     /// Connect other programs to channels: slcan, socketcand or SocketCAN
