@@ -124,16 +124,24 @@ impl ServiceSource {
         let state = self.client.state().map_err(|error| failure(&self.connection, &error))?;
         self.time = FrameTime { is_free_running: self.time.is_free_running, ..Default::default() };
         self.time.update(&state.cycle);
-        let gateways = found.gateways.iter().zip(&planned.config.gateways);
-        let gateway = |((index, position), config): (&(u16, u16), _)| LayoutGateway {
-            position: usize::from(*position),
-            base: state.gateways.get(usize::from(*index)).map(statistics).unwrap_or_default(),
-            rates: ChannelRates::of(config),
+        let gateways = found.gateways.iter().zip(planned.config.gateways.iter());
+        let gateway = |((index, position), config): (&(u16, u16), _)| {
+            let base = state.gateways.get(usize::from(*index)).and_then(statistics);
+            Some(LayoutGateway {
+                position: usize::from(*position),
+                base: base?,
+                rates: ChannelRates::of(config),
+            })
         };
+        let gateways: Option<Vec<_>> = gateways.map(gateway).collect();
+        let gateways = gateways.ok_or_else(|| {
+            let program = self.connection.program();
+            Failure::Master(format!("{program}: unknown counters; use ecan of the same version"))
+        })?;
         self.layout = Some(Layout {
             cycle_ns: planned.adapter.cycle_ns(),
             base: state.cycle,
-            gateways: gateways.map(gateway).collect(),
+            gateways,
             event,
         });
         self.gateways = found.gateways;
@@ -292,8 +300,8 @@ fn failure(connection: &ServiceConnection, error: &ClientError) -> Failure {
     Failure::Device(connection.error("service", error))
 }
 
-fn statistics(state: &GatewayState) -> SlaveStatistics {
-    serde_json::from_value(Value::Object(state.statistics.clone())).unwrap_or_default()
+fn statistics(state: &GatewayState) -> Option<SlaveStatistics> {
+    serde_json::from_value(Value::Object(state.statistics.clone())).ok()
 }
 
 fn gateway_observation(state: &GatewayState) -> GatewayObservation {
@@ -302,7 +310,7 @@ fn gateway_observation(state: &GatewayState) -> GatewayObservation {
         waiting_for: state.waiting_for.clone().map_or(WaitingFor::Nothing, WaitingFor::Text),
         working_counter: state.working_counter,
         expected_working_counter: state.expected_working_counter,
-        statistics: statistics(state),
+        statistics: statistics(state).unwrap_or_default(),
         channels: state.channel_status.map(|status| ChannelStatus::from_raw(status.unwrap_or(0))),
     }
 }

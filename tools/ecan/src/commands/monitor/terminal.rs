@@ -62,10 +62,10 @@ pub fn run(
     let thread = std::thread::Builder::new().name("drawing".to_owned());
     let thread = thread.spawn(move || drawing.run()).map_err(Failure::of_thread)?;
     let mut guard = Joined { full: Some(full), thread: Some(thread) };
+    let mut observation = source.observation();
     source.enter_thread()?;
     let _full_screen = FullScreen::begin();
     source.start()?;
-    let mut observation = source.observation();
     // The first observation has the gateways of the frames that follow.
     let mut outcome = source.look(&mut observation);
     if let (Ok(()), Ok(next)) = (&outcome, empty.try_recv()) {
@@ -83,8 +83,10 @@ pub fn run(
         if let Ok(next) = empty.try_recv() {
             look_ns = now_ns.saturating_add(LOOK_NS);
             outcome = source.look(&mut observation);
-            if observation.layout.is_some() && outcome.is_ok() {
-                _mailbox = Mailbox::start(source.error_reader()?, errors_out.clone())?;
+            if observation.layout.is_some()
+                && let Ok(reader) = source.error_reader()
+            {
+                _mailbox = Mailbox::start(reader, errors_out.clone())?;
             }
             guard.hand_over(std::mem::replace(&mut observation, next));
         }

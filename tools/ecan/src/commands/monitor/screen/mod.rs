@@ -90,6 +90,7 @@ fn draw_tiny(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice,
     if choice.is_paused {
         lines.push(Line::raw("PAUSED"));
     }
+    lines.extend(snapshot.head.interruption.map(Line::raw));
     lines.extend(gateways.into_iter().map(|gateway| {
         let off = (0..CHANNELS).zip(&gateway.channels).filter(|(_, channel)| channel.is_bus_off);
         let off: String = off.map(|(at, _)| format!(" can{at}")).collect();

@@ -102,6 +102,9 @@ SIMULATED  q end  ? help
     assert_eq!(screen(40, 7, &lost(), FIRST), expected);
     let paused = Choice { is_paused: true, ..FIRST };
     assert_eq!(screen(20, 2, &lost(), paused), "PAUSED\n1 LOST\n");
+    let mut old = lost();
+    old.head.interruption = Some("NO RESPONSE");
+    assert_eq!(screen(20, 2, &old, FIRST), "NO RESPONSE\n1 LOST\n");
 }
 
 #[test]
