@@ -1,6 +1,8 @@
 //! `ecan monitor` through a service.
 
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
@@ -228,13 +230,26 @@ fn service_configured_again_is_followed() {
     assert_eq!(monitor.end().0.code(), Some(0));
 }
 
+/// Frames in the rows of the CAN IDs, and those that the title counts as lost.
+fn accounted(screen: &str) -> u64 {
+    let is_row = |line: &&str| line.starts_with("│0.");
+    let count = |line: &str| line.split_whitespace().nth(3)?.parse::<u64>().ok();
+    let listed: u64 = screen.lines().filter(is_row).filter_map(count).sum();
+    let title = screen.lines().next().unwrap_or_default();
+    let words = title.split(" frames lost here").next().unwrap_or_default();
+    let lost = words.split_whitespace().last().and_then(|it| it.parse::<u64>().ok());
+    listed + lost.unwrap_or(0)
+}
+
 #[test]
 fn slow_terminal_loses_counted_frames() {
     let frame = CanFrame::classic(CanId::standard(0x7FF).unwrap(), &[0; 8]).unwrap();
+    let is_sending = Arc::new(AtomicBool::new(true));
+    let is_active = is_sending.clone();
     let application = Application::start(move |cycle| {
         for channel in 0..4 {
             let channel = cycle.channel(0, channel).unwrap();
-            for _ in 0..20 {
+            for _ in 0..if is_active.load(Ordering::Relaxed) { 20 } else { 0 } {
                 let _ = cycle.send(channel, &frame);
             }
         }
@@ -245,17 +260,27 @@ fn slow_terminal_loses_counted_frames() {
     // Not read from here on.
     monitor.fill();
     let client = Client::connect(Path::new(&path), "test").unwrap();
-    let delivered = || {
+    let selected = || {
         let stats = client.service_stats().unwrap();
         let monitor = stats.clients.iter().find(|it| it.name == "ecan monitor").unwrap();
-        monitor.frames_delivered
+        monitor.frames_delivered + monitor.frames_lost
     };
     // More than its memory holds.
-    let begin = delivered();
-    while delivered() < begin + 60_000 {
+    let begin = selected();
+    while selected() < begin + 60_000 {
         std::thread::yield_now();
     }
+    is_sending.store(false, Ordering::Relaxed);
+    let cycle = || client.state().unwrap().cycle.cycle;
+    let end = cycle() + 200;
+    while cycle() < end {
+        std::thread::yield_now();
+    }
+    // Drawn again, over what filled the terminal.
+    monitor.resize((100, 30));
     monitor.wait_for("frames lost here");
+    let all = selected();
+    monitor.wait_until("every frame", |it| accounted(&it.screen()) == all);
     monitor.press(b"q");
     assert_eq!(monitor.end().0.code(), Some(0));
 }
