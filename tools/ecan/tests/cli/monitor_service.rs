@@ -89,12 +89,12 @@ fn ids_have_directions_periods_and_changed_bytes() {
 
     let text = good(&arguments);
     let mut lines = text.lines();
-    assert_eq!(lines.next(), Some("2 CAN IDs of all channels, by CAN ID"));
+    assert_eq!(lines.next(), Some("CAN IDs, all channels: 2 rows by CAN ID"));
     let rows: Vec<Vec<_>> = lines.skip(1).map(|it| it.split_whitespace().collect()).collect();
     assert_eq!((rows.len(), &rows[1][..3]), (2, &["0.1", "tx", "123"][..]), "{text}");
     assert_eq!((rows[1][6], rows[1][8], rows[1][9]), ("2", "1", "A0"), "{text}");
     let text = good(&[&arguments[..], &["--channel", "0", "--sort", "count"]].concat());
-    assert_eq!(text.lines().next(), Some("0 CAN IDs of channel 0, by count"));
+    assert_eq!(text.lines().next(), Some("CAN IDs, channel 0: 0 rows by count"));
 }
 
 #[test]
@@ -296,15 +296,15 @@ fn ids_beyond_the_screen_are_reached_by_keys() {
     });
     let mut monitor =
         OnScreen::start((80, 24), &["--via", &application.path(), "monitor", "--view", "ids"]);
-    monitor.wait_for("120 CAN IDs of all channels, by CAN ID");
+    monitor.wait_for("CAN IDs, all channels: 120 rows by CAN ID");
     assert!(!monitor.screen().contains("tx  13B"));
     monitor.press(b"\x1b[F");
     monitor.wait_for("0.2  tx  13B");
     monitor.wait_for("gateway 0 can2 tx 13B, classic, 0 bytes");
     monitor.press(b"s");
-    monitor.wait_for("by count");
+    monitor.wait_for("120 rows by count");
     monitor.press(b"\x1b[C");
-    monitor.wait_for("0 CAN IDs of channel 0");
+    monitor.wait_for("CAN IDs, channel 0: 0 rows");
     monitor.press(b"q");
     assert_eq!(monitor.end().0.code(), Some(0));
 }

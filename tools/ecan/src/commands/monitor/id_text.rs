@@ -98,7 +98,7 @@ pub fn ids_title(snapshot: &Snapshot, choice: Choice, shown: usize) -> String {
         0 => String::new(),
         frames => format!("; {frames} frames of further CAN IDs"),
     };
-    format!("{shown} CAN IDs of {filter}, by {}{more}", choice.sort.text())
+    format!("CAN IDs, {filter}: {shown} rows by {}{more}", choice.sort.text())
 }
 
 pub fn print(out: &mut dyn Write, snapshot: &Snapshot, choice: Choice) -> std::io::Result<()> {

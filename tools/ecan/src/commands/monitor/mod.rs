@@ -22,6 +22,7 @@ use std::io::IsTerminal;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
+use ecan_sim::ClockKind;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{Channels, GatewayOptions, GatewayRequirements, Settings};
@@ -31,7 +32,7 @@ use keys::{Choice, Sort, View};
 use observation::Observation;
 use port_source::PortSource;
 use service_source::ServiceSource;
-use snapshot::{Report, Snapshot};
+use snapshot::{Head, Report, Snapshot};
 use source::Source;
 
 const LOOK_NS: u64 = 100_000_000;
@@ -50,9 +51,9 @@ Examples:
 Keys: 1, 2, 3 views; q, Esc, Ctrl-C end; p pause; c clear counters; arrows select; s order of the
 CAN IDs; ? help.
 
-Through a service the command runs in parallel with the application, and nothing that it reads is
-exclusive. A service samples the times of the cycle, so that it reports no periods. Without a service
-the command runs the cycle itself: it cannot run in parallel with another application of the master.
+Through a service the command runs in parallel with the application and only reads. A service samples
+the times of the cycle, so that it reports no periods. Without a service the command runs the cycle
+itself: it cannot run in parallel with another application of the master.
 If standard output is not a terminal, it prints once. Exit status 1 if a gateway is not ready at the
 end, a channel is bus-off or an axis has an error.
 
@@ -100,7 +101,8 @@ pub fn run(arguments: &MonitorArguments, context: &Context) -> Result {
     let is_asked_once = arguments.once || arguments.seconds.is_some() || context.global.json;
     let is_once = is_asked_once || !std::io::stdout().is_terminal();
     let settings = Settings::of(&arguments.options)?;
-    let bus = settings.open_bus(context, PortSource::clock(is_once))?;
+    let clock = if is_once { ClockKind::Stepped } else { ClockKind::Real };
+    let bus = settings.open_bus(context, clock)?;
     let seconds = arguments.seconds.unwrap_or(1.0);
     if is_once && !is_asked_once {
         note(format_args!(
@@ -149,6 +151,11 @@ fn print_once(
     }
     let snapshot = collector.snapshot();
     print(&snapshot, choice, context)?;
+    let Head { frames_lost, interruption, .. } = &snapshot.head;
+    if *frames_lost > 0 {
+        note(format_args!("{frames_lost} frames lost: this program reads too slowly"));
+    }
+    interruption.iter().for_each(|it| note(format_args!("the values are old: {it}")));
     if snapshot.has_problem() { Err(Failure::ProblemsFound) } else { Ok(()) }
 }
 
@@ -157,7 +164,7 @@ fn observe_while(
     source: &mut dyn Source,
     collector: &mut Collector,
     interrupt: &Interrupt,
-    goes_on: impl Fn(&dyn Source) -> bool,
+    is_wanted: impl Fn(&dyn Source) -> bool,
 ) -> Result {
     let mut observation = source.observation();
     let mut look = |source: &mut dyn Source, observation: &mut Observation| -> Result {
@@ -168,7 +175,7 @@ fn observe_while(
     };
     look(source, &mut observation)?;
     let mut look_ns = 0;
-    while goes_on(source) && !interrupt.is_set() {
+    while is_wanted(source) && !interrupt.is_set() {
         source.observe(&mut observation)?;
         if source.now_ns() >= look_ns || observation.is_nearly_full() {
             look_ns = source.now_ns().saturating_add(LOOK_NS);

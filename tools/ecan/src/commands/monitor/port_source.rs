@@ -1,7 +1,6 @@
 //! Observations of a cycle of this program, which keeps the gateways ready.
 
 use ecan_mcan_port::{Port, PortError, Received};
-use ecan_sim::ClockKind;
 
 use super::MonitorArguments;
 use super::bus_time::ChannelRates;
@@ -59,11 +58,6 @@ impl<'a> PortSource<'a> {
             options: &arguments.options,
             startup_end_ns: 0,
         })
-    }
-
-    /// Default clock of a simulation.
-    pub fn clock(is_once: bool) -> ClockKind {
-        if is_once { ClockKind::Stepped } else { ClockKind::Real }
     }
 }
 
