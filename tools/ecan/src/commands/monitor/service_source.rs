@@ -29,8 +29,8 @@ const RETRY_NS: u64 = 1_000_000_000;
 /// Most events of one call.
 const MAX_EVENTS: usize = 4096;
 /// Time for a response, and without a new cycle.
-const RESPONSE: Duration = Duration::from_secs(1);
-const STALLED_NS: u64 = 1_000_000_000;
+const RESPONSE: Duration = Duration::from_secs(2);
+const STALLED_NS: u64 = 2_000_000_000;
 
 const NO_CYCLE: &str = "NO CYCLE";
 const NO_RESPONSE: &str = "NO RESPONSE";
@@ -99,8 +99,7 @@ impl ServiceSource {
         setup: &SetupOptions,
     ) -> Result<Self> {
         let client = Client::connect(connection.path(), "ecan monitor");
-        let mut client = client.map_err(|error| failure(&connection, &error))?;
-        client.set_request_timeout(RESPONSE);
+        let client = client.map_err(|error| failure(&connection, &error))?;
         let is_free_running = connection.hello().is_free_running;
         let mut source = Self {
             bus,
@@ -114,6 +113,7 @@ impl ServiceSource {
             time: FrameTime { is_free_running, ..FrameTime::default() },
         };
         source.read_layout(None)?;
+        source.client.set_request_timeout(RESPONSE);
         Ok(source)
     }
 
@@ -153,6 +153,8 @@ impl ServiceSource {
 
     /// Reads the gateways again, after the service has configured the bus.
     fn read_layout_again(&mut self) -> Result {
+        // The events so far are those of the gateways before.
+        while self.client.poll(Duration::ZERO).is_ok_and(|event| event.is_some()) {}
         self.bus = self.bus.again()?;
         self.read_layout(Some("the service has configured the bus again".to_owned()))
     }
