@@ -31,6 +31,12 @@ impl<const N: usize> Columns<N> {
         self.shown.contains(&column)
     }
 
+    /// Width of the column that takes the rest.
+    pub fn rest(&self, width: u16) -> usize {
+        let others = self.shown(&self.widths).filter(|width| **width > 0);
+        width.saturating_sub(others.map(|width| width + 1).sum()).into()
+    }
+
     pub fn widths(&self) -> Vec<Constraint> {
         let constraint = |width: u16| match width {
             0 => Constraint::Min(0),

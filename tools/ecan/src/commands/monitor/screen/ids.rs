@@ -43,13 +43,17 @@ fn draw_table(
     (rows, selected): (&[&IdView], usize),
     tint: Tint,
 ) {
+    const LEAST_DATA: u16 = 8;
     const WIDTHS: [u16; 9] = [4, 3, 8, 8, 8, 8, 3, 5, 0];
     let width = area.width.saturating_sub(2);
     let columns = std::array::from_fn(|at| (ID_TITLES[at], WIDTHS[at]));
-    let columns = Columns::new(columns, [8, 0, 2, 1, 3, 4, 7, 6, 5], width.saturating_sub(8));
-    let used: u16 = WIDTHS.iter().map(|width| width + 1).sum::<u16>() - 1;
-    let room = usize::from(width.saturating_sub(used)).max(8);
-    let shown = rows.iter().map(|row| {
+    let columns =
+        Columns::new(columns, [8, 0, 2, 1, 3, 4, 7, 6, 5], width.saturating_sub(LEAST_DATA));
+    let room = columns.rest(width);
+    // Border and titles.
+    let visible = usize::from(area.height.saturating_sub(3)).max(1);
+    let skipped = selected.saturating_sub(visible - 1);
+    let shown = rows.iter().skip(skipped).take(visible).map(|row| {
         let [bus, direction, id, count, period, mean, dlc, age] = id_cells(row);
         let texts = [bus, direction, id, count, period, mean, dlc, age].map(Cell::from);
         let [a, b, c, d, e, f, g, h] = texts;
@@ -63,7 +67,7 @@ fn draw_table(
         .header(columns.titles())
         .row_highlight_style(Modifier::REVERSED)
         .block(Block::bordered().title(ids_title(snapshot, choice, rows.len())));
-    let mut state = TableState::new().with_selected(selected);
+    let mut state = TableState::new().with_selected(selected - skipped);
     frame.render_stateful_widget(table, area, &mut state);
 }
 

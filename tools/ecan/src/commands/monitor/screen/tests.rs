@@ -150,6 +150,7 @@ fn ids_screen_has_data_with_marked_changes() {
     shows!("ids", (80, 24), ids(), choice);
     // The row of the CAN FD frame; it has 64 bytes.
     shows!("ids_fd", (80, 24), ids(), Choice { id: 4, filter: Channels::only(1), ..choice });
+    shows!("ids_narrow", (54, 14), ids(), Choice { id: 20, ..choice });
     shows!("ids_wide", (120, 30), ids(), Choice { sort: Sort::Period, id: 30, ..choice });
     let mut terminal = Terminal::new(TestBackend::new(80, 24)).unwrap();
     terminal.draw(|frame| draw(frame, &ids(), choice, false)).unwrap();
