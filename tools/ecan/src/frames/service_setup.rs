@@ -38,11 +38,10 @@ pub fn of_service(
     };
     let adapter: AdapterConfig = serde_json::from_value(config.adapter).map_err(unreadable)?;
     let port: PortConfig = serde_json::from_value(config.port).map_err(unreadable)?;
-    let found = find(bus.diagnostics(), &adapter.slaves);
-    let mut resolved = match by_position(&adapter.slaves) {
-        Some(all) if found.is_err() && requirements.may_be_absent => all,
-        _ => found.map_err(resolve_failure)?,
-    };
+    let resolved = find(bus.diagnostics(), &adapter.slaves);
+    // A gateway that is lost does not prevent the commands for the others.
+    let resolved = resolved.or_else(|error| by_position(&adapter.slaves).ok_or(error));
+    let mut resolved = resolved.map_err(resolve_failure)?;
     if bus.is_chosen() || (!is_for_all && resolved.len() > 1) {
         let chosen = bus.slave()?;
         resolved.retain(|it| it.slave == chosen);

@@ -29,8 +29,6 @@ pub struct GatewayRequirements {
     /// Received frames need time stamps of the gateway.
     pub has_device_time: bool,
     pub has_results: bool,
-    /// The gateways of a service need not respond.
-    pub may_be_absent: bool,
     /// The command ends, so a simulation need not run in real time.
     pub has_end: bool,
 }
@@ -45,7 +43,6 @@ impl GatewayRequirements {
             is_listening: false,
             has_device_time: false,
             has_results: false,
-            may_be_absent: false,
             has_end: true,
         }
     }

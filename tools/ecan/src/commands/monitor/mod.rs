@@ -111,7 +111,6 @@ pub fn run(arguments: &MonitorArguments, context: &Context) -> Result {
     }
     let requirements = GatewayRequirements {
         is_listening: arguments.listen_only,
-        may_be_absent: true,
         ..GatewayRequirements::on(arguments.channel)
     };
     let mut source: Box<dyn Source + '_> = match bus.service().cloned() {
