@@ -251,7 +251,7 @@ fn python_on_another_host_counts_what_a_cut_cable_loses() {
     });
     let sent = sent.load(Ordering::Acquire);
     shown.read_until(&mut observer, |number| number == sent - 1);
-    observer.signal("-INT");
+    observer.signal(rustix::process::Signal::INT);
     let account = shown.read_account(&mut observer);
     let lost = delivered - shown.frames;
     let expected =

@@ -205,13 +205,7 @@ impl Running {
     }
 
     pub fn terminate(&mut self) {
-        self.signal("-TERM");
-    }
-
-    /// Sends a signal, named as for `kill`.
-    pub fn signal(&mut self, signal: &str) {
-        let id = self.child.id().to_string();
-        assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
+        self.signal(Signal::TERM);
     }
 
     /// Sends a signal.
