@@ -13,21 +13,21 @@ use serde_json::Value;
 
 use crate::session::{parameters, value};
 
-/// Handles of one worker, opened when they are needed.
+/// Requests about the bus of a master, each with a handle of its own: an idle one would keep IgH's
+/// module loaded, and stepped time waits for the threads that have one.
 #[derive(Debug)]
 pub(crate) struct BusCalls {
     ecrt: Ecrt,
     master_index: u32,
-    master: Option<Master>,
 }
 
 impl BusCalls {
     pub(crate) fn new(ecrt: Ecrt, master_index: u32) -> Self {
-        Self { ecrt, master_index, master: None }
+        Self { ecrt, master_index }
     }
 
     /// Executes a request; `None` if the method is another one.
-    pub(crate) fn call(&mut self, request: &Request) -> Option<Result<Value, RpcError>> {
+    pub(crate) fn call(&self, request: &Request) -> Option<Result<Value, RpcError>> {
         Some(match request.method.as_str() {
             methods::ReadBusState::NAME => self.with(|bus, _: Empty| bus_state(bus), request),
             methods::ReadLink::NAME => self.with(link, request),
@@ -43,21 +43,17 @@ impl BusCalls {
         })
     }
 
-    fn master(&mut self) -> Result<&Master, Error> {
-        let opened = match self.master.take() {
-            Some(master) => master,
-            None => Master::open(&self.ecrt, self.master_index)?,
-        };
-        Ok(self.master.insert(opened))
+    fn master(&self) -> Result<Master, Error> {
+        Ok(Master::open(&self.ecrt, self.master_index)?)
     }
 
     fn with<P: serde::de::DeserializeOwned, R: serde::Serialize>(
-        &mut self,
+        &self,
         call: impl FnOnce(&Master, P) -> Result<R, Error>,
         request: &Request,
     ) -> Result<Value, RpcError> {
         let params = parameters(request)?;
-        let result = self.master().and_then(|master| call(master, params));
+        let result = self.master().and_then(|master| call(&master, params));
         value(&result.map_err(|error| rpc_error(&error))?)
     }
 
@@ -67,7 +63,7 @@ impl BusCalls {
         Diagnostics::of_bus(&self.ecrt, self.master_index)
     }
 
-    fn upload(&mut self, request: &Request) -> Result<Value, RpcError> {
+    fn upload(&self, request: &Request) -> Result<Value, RpcError> {
         let params: UploadParams = parameters(request)?;
         let UploadParams { slave, index, subindex, max_bytes, once } = params;
         let max_bytes = max_bytes.unwrap_or(MAX_SDO_BYTES);
@@ -79,7 +75,7 @@ impl BusCalls {
         let mut data = vec![0; max_bytes as usize];
         let result = if once {
             self.master()
-                .and_then(|bus| SlaveAccess::sdo_upload(bus, slave, index, subindex, &mut data))
+                .and_then(|bus| SlaveAccess::sdo_upload(&bus, slave, index, subindex, &mut data))
         } else {
             self.repeating()
                 .and_then(|bus| bus.sdo_upload(slave.into(), index, subindex, &mut data))
@@ -88,7 +84,7 @@ impl BusCalls {
         value(&Upload { data })
     }
 
-    fn download(&mut self, request: &Request) -> Result<Value, RpcError> {
+    fn download(&self, request: &Request) -> Result<Value, RpcError> {
         let params: DownloadParams = parameters(request)?;
         let DownloadParams { slave, index, subindex, data, once, complete } = params;
         if complete && subindex != 0 {
@@ -98,10 +94,10 @@ impl BusCalls {
         }
         let result = if complete {
             self.master()
-                .and_then(|bus| SlaveAccess::sdo_download_complete(bus, slave, index, &data))
+                .and_then(|bus| SlaveAccess::sdo_download_complete(&bus, slave, index, &data))
         } else if once {
             self.master()
-                .and_then(|bus| SlaveAccess::sdo_download(bus, slave, index, subindex, &data))
+                .and_then(|bus| SlaveAccess::sdo_download(&bus, slave, index, subindex, &data))
         } else {
             self.repeating().and_then(|bus| bus.sdo_download(slave.into(), index, subindex, &data))
         };

@@ -135,7 +135,7 @@ struct Worker {
 }
 
 impl Worker {
-    fn run(mut self) {
+    fn run(self) {
         enter_background();
         loop {
             let next = self.jobs.lock().unwrap_or_else(PoisonError::into_inner).recv();
@@ -148,7 +148,7 @@ impl Worker {
         }
     }
 
-    fn execute(&mut self, request: &Request, permission: &Permission) -> Result<Value, RpcError> {
+    fn execute(&self, request: &Request, permission: &Permission) -> Result<Value, RpcError> {
         let method = &request.method;
         let of_program =
             || self.extensions.iter().find_map(|it| it.call(method, &request.params, permission));

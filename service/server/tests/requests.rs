@@ -7,7 +7,7 @@ use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-use common::{Fixture, PATIENCE, exists, frame, wait_for};
+use common::{Fixture, PATIENCE, exists, frame, gateway, wait_for};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::PortConfig;
 use ecan_service::{Control, Extension, Permission, Service, ServiceConfig, ServiceError};
@@ -79,6 +79,16 @@ fn sdo_errors_arrive_unchanged() {
     let no_slave = client.sdo_upload(&upload(9, 0x8001, 19)).unwrap_err();
     let fields = no_slave.rpc().unwrap().bus_error();
     assert_eq!(fields, Some(BusError::SlaveIndex { slave: 9, count: 1 }));
+}
+
+#[test]
+fn requests_work_in_stepped_time() {
+    let fixture = Fixture::with_clock(ClockKind::Stepped, gateway(), |_| ());
+    let client = fixture.client();
+    for _ in 0..20 {
+        assert_eq!(client.sdo_upload(&upload(0, 0x8010, 3)).unwrap(), [3]);
+        assert_eq!(client.bus_state().unwrap().slaves_responding, 1);
+    }
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! A Port on a simulated bus in real time, with a service, on a thread of its own.
+//! A Port on a simulated bus with a service, on a thread of its own.
 #![allow(dead_code, missing_docs)]
 
 use std::os::unix::net::UnixStream;
@@ -46,11 +46,19 @@ impl Fixture {
     }
 
     pub fn with_gateway(gateway: GatewayConfig, change: impl FnOnce(&mut ServiceConfig)) -> Self {
+        Self::with_clock(ClockKind::Real, gateway, change)
+    }
+
+    pub fn with_clock(
+        clock: ClockKind,
+        gateway: GatewayConfig,
+        change: impl FnOnce(&mut ServiceConfig),
+    ) -> Self {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("master0.sock");
         let mut config = ServiceConfig::new(path).with_control(Control::Owner);
         change(&mut config);
-        let options = SimOptions { clock: Some(ClockKind::Real), ..SimOptions::default() };
+        let options = SimOptions { clock: Some(clock), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
         let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
         let mut port =
