@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use crate::document::{Document, Table};
+use crate::document::{Document, Includes, Table};
 use crate::fault::FileFaults;
 
 /// Measured values; `None` for one that no experiment measured.
@@ -51,7 +51,9 @@ impl DeviceProfile {
     /// # Errors
     /// Every fault, with line and column.
     pub fn parse(bytes: &[u8]) -> Result<Self, FileFaults> {
-        Document::read(bytes, None, |document, root| Self::read(Table::root(document, root)))
+        Document::read(bytes, Includes::None, |document, root| {
+            Self::read(Table::root(document, root))
+        })
     }
 
     /// Keys and values of what was measured.

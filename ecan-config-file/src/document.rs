@@ -4,18 +4,27 @@
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
 
 use crate::fault::{FileFault, FileFaults};
 
+/// Files that a text may include, by their names in it.
+#[derive(Clone, Debug, Default)]
+pub(crate) enum Includes {
+    #[default]
+    None,
+    /// The names are relative to a directory.
+    Directory(PathBuf),
+    Texts(BTreeMap<String, String>),
+}
+
 /// Faults and locations of a text.
 pub(crate) struct Document<'i> {
     text: &'i str,
-    /// Directory that paths of the text are relative to.
-    base: Option<PathBuf>,
+    includes: Includes,
     /// Start of each line, in bytes.
     lines: Vec<usize>,
     faults: RefCell<Vec<(usize, String)>>,
@@ -27,13 +36,13 @@ pub(crate) struct Document<'i> {
 }
 
 impl Document<'_> {
-    /// Reads the bytes of a file, in a directory that its paths are relative to.
+    /// Reads the bytes of a file with the files that it may include.
     ///
     /// # Errors
     /// Every fault, also of the syntax; bytes that are not UTF-8 do not hide others.
     pub(crate) fn read<T>(
         bytes: &[u8],
-        base: Option<&Path>,
+        includes: Includes,
         read: impl FnOnce(&Document<'_>, &Spanned<DeTable<'_>>) -> T,
     ) -> Result<T, FileFaults> {
         let mut text = String::with_capacity(bytes.len());
@@ -46,7 +55,7 @@ impl Document<'_> {
             }
         }
         let (mut document, root) = Document::parse(&text);
-        document.base = base.map(Path::to_owned);
+        document.includes = includes;
         for (at, byte) in invalid {
             document.push(at, format!("byte 0x{byte:02X} is not UTF-8"));
         }
@@ -62,7 +71,7 @@ impl<'i> Document<'i> {
         let (root, errors) = DeTable::parse_recoverable(text);
         let mut document = Self {
             text,
-            base: None,
+            includes: Includes::None,
             lines: std::iter::once(0)
                 .chain(text.match_indices('\n').map(|(at, _)| at + 1))
                 .collect(),
@@ -253,9 +262,9 @@ impl<'t, 'i> Table<'t, 'i> {
             .collect()
     }
 
-    /// Directory that paths are relative to; `None` for a text without a file.
-    pub(crate) fn base(&self) -> Option<&'t Path> {
-        self.document.base.as_deref()
+    /// Files that the text may include.
+    pub(crate) fn includes(&self) -> &'t Includes {
+        &self.document.includes
     }
 
     /// A string.

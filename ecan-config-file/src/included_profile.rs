@@ -9,7 +9,7 @@ use ecan_mcan_port::{GatewayConfig, MeasuredOn, ScheduleConfig};
 use ecan_protocol::config::NodeMode;
 
 use crate::device_profile::DeviceProfile;
-use crate::document::Table;
+use crate::document::{Includes, Table};
 use crate::fault::ConfigFileError;
 
 /// Key of the path in the table of a gateway.
@@ -48,16 +48,19 @@ impl fmt::Display for ProfileEffect {
 /// Reads the path and the file. A fault of the file is one of the key.
 pub(crate) fn read(table: &mut Table<'_, '_>, gateway: usize) -> Option<IncludedProfile> {
     let name = table.text(KEY)?;
-    let Some(base) = table.base() else {
-        table.fault(
-            KEY,
-            "`device_profile` is relative to the configuration file: load the configuration from a \
-             file, or copy the values to `[gateway.schedule]`",
-        );
-        return None;
+    let (path, profile) = match table.includes() {
+        Includes::None => {
+            table.fault(
+                KEY,
+                "`device_profile` is relative to the configuration file: load the configuration from a \
+                 file, or copy the values to `[gateway.schedule]`",
+            );
+            return None;
+        }
+        Includes::Directory(base) => (base.join(name), load(&base.join(name))),
+        Includes::Texts(texts) => (name.into(), of_text(name, texts.get(name))),
     };
-    let path = base.join(name);
-    match load(&path) {
+    match profile {
         Ok(profile) => Some(IncludedProfile { gateway, path, profile, effects: Vec::new() }),
         Err(ConfigFileError::Faults { path, faults }) => {
             for fault in faults.0 {
@@ -74,6 +77,13 @@ pub(crate) fn read(table: &mut Table<'_, '_>, gateway: usize) -> Option<Included
 
 fn load(path: &Path) -> Result<DeviceProfile, ConfigFileError> {
     crate::load_by(path, DeviceProfile::parse)
+}
+
+fn of_text(name: &str, text: Option<&String>) -> Result<DeviceProfile, ConfigFileError> {
+    let reason = || std::io::Error::new(std::io::ErrorKind::NotFound, "it was not passed");
+    let text = text.ok_or_else(|| ConfigFileError::Read { path: name.into(), reason: reason() })?;
+    DeviceProfile::parse(text.as_bytes())
+        .map_err(|faults| ConfigFileError::Faults { path: name.into(), faults })
 }
 
 impl IncludedProfile {

@@ -48,6 +48,7 @@ mod gateway;
 mod idle_keys;
 mod included_profile;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
@@ -65,7 +66,7 @@ pub use flash::{ConfigChecksums, FlashCommand};
 pub use included_profile::{IncludedProfile, ProfileEffect};
 
 use bus::Bus;
-use document::{Document, Table};
+use document::{Document, Includes, Table};
 
 /// A commented file with every key. The values are the defaults, unless a comment says otherwise.
 pub const EXAMPLE: &str = include_str!("example.toml");
@@ -83,8 +84,8 @@ pub fn startup(config: &Config, gateway: usize) -> Vec<StartupStep> {
     steps
 }
 
-fn read(bytes: &[u8], base: Option<&Path>) -> Result<Bus, FileFaults> {
-    Document::read(bytes, base, |document, root| {
+fn read(bytes: &[u8], includes: Includes) -> Result<Bus, FileFaults> {
+    Document::read(bytes, includes, |document, root| {
         let bus = bus::read(Table::root(document, root));
         if document.is_valid_toml() {
             check::check(document, &bus.config);
@@ -100,7 +101,16 @@ fn read(bytes: &[u8], base: Option<&Path>) -> Result<Bus, FileFaults> {
 /// # Errors
 /// Every fault, with line and column; bytes that are not UTF-8 do not hide other faults.
 pub fn parse(bytes: &[u8]) -> Result<Config, FileFaults> {
-    Ok(read(bytes, None)?.config)
+    Ok(read(bytes, Includes::None)?.config)
+}
+
+/// As [`parse`], with the texts of the device profiles that it includes, by their names in it: for a
+/// configuration that another program has sent.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_with(bytes: &[u8], texts: BTreeMap<String, String>) -> Result<Config, FileFaults> {
+    Ok(read(bytes, Includes::Texts(texts))?.config)
 }
 
 /// Reads the axes of a configuration from the bytes of a file, in their order; empty without axes.
@@ -108,7 +118,7 @@ pub fn parse(bytes: &[u8]) -> Result<Config, FileFaults> {
 /// # Errors
 /// Every fault of the file, with line and column.
 pub fn parse_axes(bytes: &[u8]) -> Result<Vec<AxisConfig>, FileFaults> {
-    Ok(read(bytes, None)?.axes.into_iter().flatten().collect())
+    Ok(read(bytes, Includes::None)?.axes.into_iter().flatten().collect())
 }
 
 /// No configuration is larger; the path may be a device, or a log by mistake.
@@ -152,7 +162,7 @@ pub fn load_profiles(path: impl AsRef<Path>) -> Result<Vec<IncludedProfile>, Con
 
 fn load_bus(path: &Path) -> Result<Bus, ConfigFileError> {
     let base = path.parent().unwrap_or(Path::new(""));
-    load_by(path, |bytes| read(bytes, Some(base)))
+    load_by(path, |bytes| read(bytes, Includes::Directory(base.to_owned())))
 }
 
 fn load_by<T>(
