@@ -133,6 +133,19 @@ impl Client {
     /// # Errors
     /// [`ClientError::Rpc`] if the service rejects it.
     pub fn call(&self, method: &str, params: Value) -> Result<Value, ClientError> {
+        self.call_within(method, params, self.request_timeout)
+    }
+
+    /// As [`call`](Self::call), with the time for the response.
+    ///
+    /// # Errors
+    /// As [`call`](Self::call).
+    pub fn call_within(
+        &self,
+        method: &str,
+        params: Value,
+        timeout: Duration,
+    ) -> Result<Value, ClientError> {
         let id = {
             let mut input = self.input();
             let id = input.next_id;
@@ -140,12 +153,18 @@ impl Client {
             input.inbox.expect_response(id);
             id
         };
-        let result = self.call_with_id(id, method, params);
+        let result = self.call_with_id(id, method, params, timeout);
         self.input().inbox.forget_response(id);
         result
     }
 
-    fn call_with_id(&self, id: u64, method: &str, params: Value) -> Result<Value, ClientError> {
+    fn call_with_id(
+        &self,
+        id: u64,
+        method: &str,
+        params: Value,
+        timeout: Duration,
+    ) -> Result<Value, ClientError> {
         let payload = serde_json::to_vec(&Request::new(id, method, params))?;
         if payload.len() > MAX_CLIENT_PAYLOAD {
             return Err(ClientError::Protocol(format!(
@@ -154,11 +173,11 @@ impl Client {
             )));
         }
         self.write(MessageKind::Rpc, &payload)?;
-        match self.wait(self.request_timeout, |input| input.inbox.take_response(id))? {
+        match self.wait(timeout, |input| input.inbox.take_response(id))? {
             Some(result) => result.map_err(|error| ClientError::Rpc(Box::new(error))),
             None => Err(ClientError::Timeout {
                 method: method.into(),
-                timeout_ms: u64::try_from(self.request_timeout.as_millis()).unwrap_or(u64::MAX),
+                timeout_ms: u64::try_from(timeout.as_millis()).unwrap_or(u64::MAX),
             }),
         }
     }
