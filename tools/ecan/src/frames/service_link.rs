@@ -9,7 +9,8 @@ use ecan_protocol::image::{ChannelStatus, Timestamp};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 use ecan_service_client::{ClientError, Event as ServiceEvent, ReceivedImage, SendError};
 use ecan_service_protocol::{
-    EventKind, FrameEvent, FrameReport, GatewayState, ImageSubscription, Subscription,
+    EventKind, FrameEvent, FrameReport, Gateway, GatewayState, ImageSubscription, NOT_AVAILABLE,
+    Subscription,
 };
 use serde_json::Value;
 
@@ -106,8 +107,39 @@ impl ServiceLink {
         Failure::Device(self.connection.error("service", error))
     }
 
+    /// Continues if the gateways of the command have the channels that they had.
+    fn take_gateways(&mut self, new: &[Gateway]) {
+        let program = self.connection.program();
+        let known = &self.connection.hello().gateways;
+        let is_same = |it: &LinkedGateway| {
+            let index = usize::from(it.index);
+            known.get(index) == new.get(index)
+        };
+        for gateway in &mut self.gateways {
+            // The counters begin again.
+            (gateway.session, gateway.start) = (SessionState::default(), Value::Null);
+        }
+        if new.is_empty() {
+            note(format_args!("# {program} has stopped its cycle; waiting for it"));
+        } else if self.gateways.iter().all(is_same) {
+            note(format_args!("# {program} has configured the bus again, with the same channels"));
+        } else {
+            let reason =
+                format!("{program} has configured the bus again, with other channels; start again");
+            self.failure = Some(Failure::Device(ecan_host::Error::Disconnected { reason }));
+        }
+    }
+
     fn read_state(&mut self) -> Result<(), ClientError> {
-        let state = self.connection.client().state()?;
+        let state = match self.connection.client().state() {
+            // Without a cycle the gateways are not ready.
+            Err(error) if error.rpc().is_some_and(|rpc| rpc.code == NOT_AVAILABLE) => {
+                self.state_at_ns = MonotonicClock.now_ns();
+                self.gateways.iter_mut().for_each(|it| it.session = SessionState::default());
+                return Ok(());
+            }
+            state => state?,
+        };
         self.state_at_ns = MonotonicClock.now_ns();
         for gateway in &mut self.gateways {
             if let Some(state) = state.gateways.get(usize::from(gateway.index)) {
@@ -128,11 +160,7 @@ impl ServiceLink {
                 ServiceEvent::Frame(report) => arrivals.extend(self.arrival(&report)),
                 ServiceEvent::Image(image) => self.images.push(image),
                 ServiceEvent::Lost(lost) => self.lost += lost.frames + lost.frames_in_client,
-                ServiceEvent::Gateways(_) => {
-                    let program = self.connection.program();
-                    let reason = format!("{program} has configured the bus again; start again");
-                    self.failure = Some(Failure::Device(ecan_host::Error::Disconnected { reason }));
-                }
+                ServiceEvent::Gateways(changed) => self.take_gateways(&changed.gateways),
                 _ => {}
             }
         }
