@@ -8,6 +8,7 @@
 
 mod bus;
 mod commands;
+mod config_changes;
 mod config_file;
 mod confirmation;
 mod context;
@@ -21,6 +22,7 @@ mod output;
 mod program;
 mod progress;
 mod readings;
+mod reconfiguration;
 mod service_access;
 mod slave_choice;
 mod table;

@@ -47,7 +47,7 @@ impl GatewayRequirements {
         }
     }
 
-    fn apply(self, gateway: &mut GatewayConfig) {
+    pub fn apply(self, gateway: &mut GatewayConfig) {
         if self.has_results {
             gateway.tx_options = gateway.tx_options.with(OptionFlags::TX_RESULT);
         }
@@ -68,7 +68,7 @@ impl GatewayRequirements {
     }
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Planned {
     pub positions: Vec<usize>,
     pub adapter: AdapterConfig,
@@ -119,6 +119,11 @@ impl<'a> Settings<'a> {
         self.file.as_ref().map_or(global.master(), |(_, file)| config_file::master(file, global))
     }
 
+    /// Replaces the file.
+    pub fn set_file(&mut self, path: PathBuf, file: Config) {
+        self.file = Some((path, file));
+    }
+
     pub fn open_bus(&self, context: &Context, clock: ClockKind) -> Result<Bus> {
         match &self.file {
             None => context.bus_of_master(context.global.master(), clock),
@@ -159,8 +164,7 @@ impl<'a> Settings<'a> {
         global: &GlobalOptions,
     ) -> Result<Planned> {
         if let Some((path, file)) = &self.file {
-            let resolved = config_file::resolve(file, bus)?;
-            return of_file(path, file, &resolved, requirements, global);
+            return of_whole_file(path, file, bus, requirements, global);
         }
         let positions = bus.chosen_or_every_gateway()?;
         self.of_options(bus, positions, requirements, global.master())
@@ -194,6 +198,17 @@ impl<'a> Settings<'a> {
         }
         Ok(Planned { positions, adapter, config, requested: requirements.channels })
     }
+}
+
+/// Configuration for the selected gateway of a file, or for all.
+pub fn of_whole_file(
+    path: &Path,
+    file: &Config,
+    bus: &Bus,
+    requirements: GatewayRequirements,
+    global: &GlobalOptions,
+) -> Result<Planned> {
+    of_file(path, file, &config_file::resolve(file, bus)?, requirements, global)
 }
 
 /// Configuration from a file. All its channels are enabled; the command uses the requested ones.

@@ -24,6 +24,7 @@ mod objects;
 mod other_slaves;
 mod probe;
 mod python_can;
+mod reconfigure;
 mod screens;
 mod selftest;
 mod send;

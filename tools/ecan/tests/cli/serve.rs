@@ -9,27 +9,28 @@ use serde_json::json;
 
 use crate::support::{Running, fails};
 
-struct Served {
-    _directory: tempfile::TempDir,
-    path: String,
-    program: Running,
+/// Running service with its socket.
+pub struct Served {
+    pub directory: tempfile::TempDir,
+    pub path: String,
+    pub program: Running,
 }
 
-fn serve(options: &[&str]) -> Served {
+pub fn serve(options: &[&str]) -> Served {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("bus.sock").display().to_string();
     let arguments = [&["--ecrt", "sim", "serve", "--socket", &path], options].concat();
     let mut program = Running::start(&arguments);
     program.wait_for_error("serving master 0");
-    Served { _directory: directory, path, program }
+    Served { directory, path, program }
 }
 
 impl Served {
-    fn client(&self) -> Client {
+    pub fn client(&self) -> Client {
         Client::connect(Path::new(&self.path), "test").unwrap()
     }
 
-    fn end(mut self) {
+    pub fn end(mut self) {
         self.program.terminate();
         let (status, errors) = self.program.wait();
         assert_eq!(status, Some(0), "{errors}");

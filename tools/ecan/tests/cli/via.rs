@@ -145,3 +145,13 @@ fn options_that_contradict_the_service_are_rejected() {
     let message = application.fails(3, &["selftest"]);
     assert!(message.contains("runs a cycle of its own"), "{message}");
 }
+
+#[test]
+fn application_rejects_another_configuration() {
+    let application = Application::start(Control::Owner);
+    let file = application.directory.path().join("cell.toml");
+    std::fs::write(&file, "[[gateway]]\nn = 3\ncan0 = { bitrate = 500_000 }\n").unwrap();
+    let message = application.fails(5, &["config", "apply", file.to_str().unwrap()]);
+    assert!(message.contains("cell 1.0 (pid"), "{message}");
+    assert!(message.contains("change the configuration of that program"), "{message}");
+}

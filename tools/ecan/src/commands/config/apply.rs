@@ -8,10 +8,13 @@ use ecan_host::{Diagnostics, StartupStep};
 use ecan_mcan_port::Config;
 use ecan_protocol::device::OptionalObject;
 use ecan_protocol::object::describe;
+use ecan_sim::ClockKind;
 use serde::Serialize;
 
 use crate::config_file;
 use crate::context::{Context, Failure, Output, Result, Tone};
+use crate::reconfiguration::{self, ConfigText, ReadyGateway, Report};
+use crate::service_access::ServiceConnection;
 
 #[derive(Debug, Serialize)]
 struct Applied {
@@ -36,7 +39,15 @@ struct Part {
 
 pub fn run(path: &Path, with_steps: bool, context: &Context) -> Result {
     let file = config_file::read(path)?;
-    let (bus, resolved) = super::open_gateways(&file, context)?;
+    let bus = config_file::open_bus(&file, context, ClockKind::Stepped)?;
+    if let Some(connection) = bus.service()
+        && let Some(report) = through_service(connection, path, with_steps, context)?
+    {
+        return context
+            .output
+            .data(&report, |out| print_report(&report, path, &context.output, out));
+    }
+    let resolved = config_file::resolve(&file, &bus)?;
     let mut applied: Vec<_> = resolved.into_iter().map(Applied::nothing).collect();
     let failed = write_all(bus.diagnostics(), &file, &mut applied).err();
     context.output.data(&applied, |out| {
@@ -47,6 +58,53 @@ pub fn run(path: &Path, with_steps: bool, context: &Context) -> Result {
         None if applied.iter().all(|it| it.lacking.is_empty()) => Ok(()),
         None => Err(Failure::ProblemsFound),
     }
+}
+
+/// Configures the gateways through a service that keeps them ready; `None` if it runs no cycle.
+fn through_service(
+    connection: &ServiceConnection,
+    path: &Path,
+    with_steps: bool,
+    context: &Context,
+) -> Result<Option<Report>> {
+    let has_cycle = connection.hello().cycle_ns.is_some();
+    let is_whole = !with_steps && context.global.slave.is_none();
+    if has_cycle && !is_whole {
+        let message = "--steps and --slave are not used here: the service configures all gateways of \
+                       the file";
+        return Err(Failure::Usage(message.to_owned()));
+    }
+    let report = match is_whole {
+        true => reconfiguration::request(connection, &ConfigText::read(path)?)?,
+        false => None,
+    };
+    if has_cycle && report.is_none() {
+        return Err(Failure::Rejected(format!(
+            "{} does not permit another configuration: it has configured the gateways and runs their \
+             cycle; change the configuration of that program and restart it",
+            connection.program()
+        )));
+    }
+    Ok(report)
+}
+
+fn print_report(
+    report: &Report,
+    path: &Path,
+    output: &Output,
+    out: &mut dyn Write,
+) -> std::io::Result<()> {
+    for ReadyGateway { position, gateway } in &report.gateways {
+        let text =
+            format!("slave {position}: configured as gateway {gateway} of {}", path.display());
+        writeln!(out, "{}", output.toned(Tone::Good, text))?;
+    }
+    report.changes.iter().try_for_each(|change| writeln!(out, "  {change}"))?;
+    if report.changes.is_empty() {
+        writeln!(out, "  no setting differs from the former configuration")?;
+    }
+    let label = output.toned(Tone::Warning, "warning:");
+    report.warnings.iter().try_for_each(|warning| writeln!(out, "{label} {warning}"))
 }
 
 /// Writes to the gateways, up to the first failure, after it has examined all of them.

@@ -5,6 +5,7 @@ use std::path::Path;
 use ecan_config_file::{Difference, ResolvedGateway, differences};
 use serde::Serialize;
 
+use crate::commands::serve;
 use crate::config_file;
 use crate::context::{Context, Failure, Result, Tone, note};
 
@@ -40,8 +41,11 @@ impl From<Difference> for Differing {
 }
 
 pub fn run(path: &Path, counts_active: bool, context: &Context) -> Result {
-    let file = config_file::read(path)?;
+    let mut file = config_file::read(path)?;
     let (bus, resolved) = super::open_gateways(&file, context)?;
+    if bus.service().is_some_and(|it| serve::keeps_gateways(it.hello())) {
+        file.port.gateways.iter_mut().for_each(|it| serve::requirements().apply(it));
+    }
     let mut compared = Vec::new();
     let mut failed = None;
     for ResolvedGateway { gateway, slave: position } in resolved {

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use ecan_config_file::{ConfigChecksums, FlashCommand};
 use ecan_host::MaintenanceError;
+use ecan_protocol::device::MaintenanceStatus;
 use serde::Serialize;
 
 use crate::config_file;
@@ -58,8 +59,9 @@ pub fn run(
                     (done.active_crc, done.stored_crc) = (Some(active_crc), Some(stored_crc));
                 }
                 Err(error) => {
+                    let error = failure(error, position, &bus);
                     done.error = Some(error.to_string());
-                    failed = Some(failure(error, position));
+                    failed = Some(error);
                 }
             }
         }
@@ -86,10 +88,18 @@ fn gateways(arguments: &FlashArguments, context: &Context) -> Result<(Bus, Vec<u
     }
 }
 
-fn failure(error: MaintenanceError, position: usize) -> Failure {
-    match error {
-        MaintenanceError::Device(error) => Failure::Device(error),
-        other => Failure::Rejected(format!("slave {position}: {other}")),
+fn failure(error: MaintenanceError, position: usize, bus: &Bus) -> Failure {
+    let cycle = bus.service().filter(|it| it.hello().cycle_ns.is_some());
+    match (error, cycle) {
+        (MaintenanceError::Device(error), _) => Failure::Device(error),
+        (error @ MaintenanceError::Status(MaintenanceStatus::Denied), Some(connection)) => {
+            Failure::Rejected(format!(
+                "slave {position}: {error}; {} keeps it in OP: end that program, or use a service \
+                 without a cycle (ecan serve --idle)",
+                connection.program()
+            ))
+        }
+        (other, _) => Failure::Rejected(format!("slave {position}: {other}")),
     }
 }
 

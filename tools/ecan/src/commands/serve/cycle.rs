@@ -1,56 +1,62 @@
 //! The cycle of the gateways that `ecan serve` keeps ready.
 
+use std::sync::mpsc::Receiver;
+
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::{Port, Session};
+use ecan_mcan_port::{Config, Port, PortError, Session};
+use ecan_service::Service;
 use ecan_sim::Backend;
 
-use crate::context::{Bus, Context, Failure, Result, note};
-use crate::frames::{Channels, GatewayRequirements, Planned, Settings};
+use crate::context::{Failure, Result, note};
+use crate::frames::{Channels, GatewayRequirements, Planned};
 
 use super::ServeArguments;
+use super::reconfigure::{NotConfigured, Request};
 
 #[derive(Debug)]
 pub struct GatewayCycle {
     port: Port,
-    positions: Vec<usize>,
+    planned: Planned,
     /// Gateways that were ready in the last cycle.
     were_ready: Vec<bool>,
     has_been_ready: bool,
 }
 
+/// Requirements of the service for a configuration.
+pub fn requirements() -> GatewayRequirements {
+    GatewayRequirements {
+        has_results: true,
+        has_end: false,
+        ..GatewayRequirements::on(Channels::ALL)
+    }
+}
+
 impl GatewayCycle {
-    /// Configures the gateways of the file or of the bus and activates the master.
+    /// Configures the gateways, activates the master and serves the cycle.
     pub fn start(
         backend: &Backend,
-        settings: &Settings<'_>,
+        planned: Planned,
         arguments: &ServeArguments,
-        context: &Context,
+        service: &Service,
+        interrupt: &Interrupt,
     ) -> Result<Self> {
-        let bus = Bus::of(backend, settings.master(context.global), None)?;
-        let requirements = GatewayRequirements {
-            has_results: true,
-            has_end: false,
-            ..GatewayRequirements::on(Channels::ALL)
-        };
-        let planned = settings.for_all(&bus, requirements, context.global)?;
-        let Planned { adapter, config, .. } = planned;
-        let failed = |error| planned.failure(error);
+        let (adapter, config) = (planned.adapter, planned.config);
         if let Some(warning) = config.sync0_warning(&adapter) {
             note(format_args!("warning: {warning}"));
         }
-        let mut port = Port::open(&backend.ecrt, (adapter, config)).map_err(failed)?;
+        let is_stopped = interrupt.clone();
+        let stop: Box<dyn Fn() -> bool + Send> = Box::new(move || is_stopped.is_set());
+        let port = Port::open_with_stop(&backend.ecrt, (adapter, config), Some(stop));
+        let mut port = port.map_err(|error| planned.failure(error))?;
         port.profile_warnings().iter().for_each(|warning| note(format_args!("warning: {warning}")));
         let real_time = &arguments.options.real_time;
         real_time.apply(|line| note(line))?;
         real_time.set_timing(port.adapter_mut());
         let timeout = port.startup_timeout();
         port.adapter_mut().begin_op_wait(timeout).map_err(Failure::master)?;
+        service.attach(&mut port);
         let were_ready = vec![false; planned.positions.len()];
-        Ok(Self { port, positions: planned.positions, were_ready, has_been_ready: false })
-    }
-
-    pub fn port_mut(&mut self) -> &mut Port {
-        &mut self.port
+        Ok(Self { port, planned, were_ready, has_been_ready: false })
     }
 
     /// Returns whether all gateways were ready at one time.
@@ -58,10 +64,28 @@ impl GatewayCycle {
         self.has_been_ready
     }
 
-    /// Runs the cycle until the user stops the command. The Port makes lost gateways ready again.
+    pub fn config(&self) -> Config {
+        (self.planned.adapter, self.planned.config).into()
+    }
+
+    pub fn planned(&self) -> &Planned {
+        &self.planned
+    }
+
+    pub fn warnings(&self) -> Vec<String> {
+        let sync0 = self.planned.config.sync0_warning(&self.planned.adapter);
+        sync0.iter().map(ToString::to_string).chain(self.port.profile_warnings()).collect()
+    }
+
+    /// Runs the cycle until the user stops the command, `None`, or a client requests another
+    /// configuration. The Port makes lost gateways ready again.
     ///
     /// Fails if the master does not work any more, or a channel that must only listen does not.
-    pub fn run(&mut self, interrupt: &Interrupt) -> Result {
+    pub fn run(
+        &mut self,
+        interrupt: &Interrupt,
+        requests: &Receiver<Request>,
+    ) -> Result<Option<Request>> {
         while !interrupt.is_set() {
             let mut cycle = self.port.next_cycle();
             // The service has its copy.
@@ -71,8 +95,37 @@ impl GatewayCycle {
                 return Err(Failure::Rejected(error.to_string()));
             }
             self.report_changes();
+            if let Ok(request) = requests.try_recv() {
+                return Ok(Some(request));
+            }
         }
-        Ok(())
+        Ok(None)
+    }
+
+    /// Configures the gateways again and waits until they are ready. If that fails, it returns to the
+    /// former configuration.
+    pub fn reconfigure(
+        &mut self,
+        planned: Planned,
+        service: &Service,
+    ) -> Result<(), Box<NotConfigured>> {
+        let former = std::mem::replace(&mut self.planned, planned);
+        let Err(error) = self.configure(service) else { return Ok(()) };
+        let cause = self.planned.failure(error);
+        self.planned = former;
+        let restored = self.configure(service).map_err(|error| self.planned.failure(error));
+        Err(Box::new(NotConfigured { cause, restored }))
+    }
+
+    fn configure(&mut self, service: &Service) -> Result<(), PortError> {
+        self.were_ready = vec![false; self.planned.positions.len()];
+        self.port.reconfigure((self.planned.adapter, self.planned.config))?;
+        service.attach(&mut self.port);
+        self.wait_ready()
+    }
+
+    pub fn wait_ready(&mut self) -> Result<(), PortError> {
+        self.port.wait_ready()
     }
 
     fn report_changes(&mut self) {
@@ -81,7 +134,8 @@ impl GatewayCycle {
             let session = self.port.session(gateway);
             let is_ready = session == Session::Ready;
             if std::mem::replace(was_ready, is_ready) != is_ready {
-                let position = self.positions.get(gateway.slave()).copied().unwrap_or_default();
+                let positions = &self.planned.positions;
+                let position = positions.get(gateway.slave()).copied().unwrap_or_default();
                 let state = if is_ready { "ready" } else { "lost" };
                 note(format_args!("slave {position}: {state}"));
             }

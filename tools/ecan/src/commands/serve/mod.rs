@@ -1,6 +1,8 @@
 //! `ecan serve`: holds the master, keeps the gateways ready and serves the bus to other programs.
 
 mod cycle;
+mod daemon;
+mod reconfigure;
 mod simulation;
 
 use std::path::PathBuf;
@@ -10,13 +12,16 @@ use std::time::Duration;
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_service::{Control, Service, ServiceConfig};
+use ecan_service_client::Hello;
 use ecan_sim::{Backend, ClockKind};
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{GatewayOptions, Settings};
 use crate::via::default_paths;
 
-use cycle::GatewayCycle;
+pub use cycle::requirements;
+use daemon::Daemon;
+use reconfigure::ReconfigureMethod;
 use simulation::SimulationMethods;
 
 pub const EXAMPLES: &str = "\
@@ -29,10 +34,10 @@ Examples:
 Clients: ecan --via, docs/SERVICE.md. A fault that may pass (no link, a slave that does not answer) does not end the
 command: it tries again.";
 
+/// Name of the program in its service.
+const NAME: &str = "ecan serve";
 /// Interval of looking for signals without a cycle.
 const POLL: Duration = Duration::from_millis(50);
-/// Pauses before further attempts to start the gateways.
-const PAUSES_S: [u64; 4] = [1, 2, 5, 10];
 
 #[derive(Debug, Args)]
 pub struct ServeArguments {
@@ -66,7 +71,11 @@ pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     let interrupt = Interrupt::install()?;
     let master = settings.master(context.global);
     let backend = context.backend(&context.setting()?, ClockKind::Real)?;
-    let config = service_config(arguments, &backend, master)?;
+    let mut config = service_config(arguments, &backend, master)?;
+    let (reconfigure, requests) = ReconfigureMethod::new(&backend, master, context.global);
+    if !arguments.idle {
+        config = config.with_extension(reconfigure);
+    }
     let service = Service::of_bus(&backend.ecrt, master, config);
     let service = service.map_err(|error| Failure::Host(error.to_string()))?;
     let access = match (arguments.read_only, &arguments.control_group) {
@@ -78,28 +87,17 @@ pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     if arguments.idle {
         return idle(&backend, &interrupt);
     }
-    let mut attempts = 0;
-    while !interrupt.is_set() {
-        let started = GatewayCycle::start(&backend, &settings, arguments, context);
-        let ended = started.and_then(|mut cycle| {
-            service.attach(cycle.port_mut());
-            let ended = cycle.run(&interrupt);
-            attempts = if cycle.has_been_ready() { 0 } else { attempts };
-            ended
-        });
-        service.detach();
-        match ended {
-            Ok(()) => {}
-            Err(error) if is_lasting(&error) => return Err(error),
-            Err(error) => {
-                let pause_s = PAUSES_S.get(attempts).or(PAUSES_S.last()).copied().unwrap_or(1);
-                attempts += 1;
-                note(format_args!("serve: {error}; next attempt in {pause_s} s"));
-                wait(Duration::from_secs(pause_s), &interrupt);
-            }
-        }
-    }
-    Ok(())
+    let daemon = Daemon {
+        backend: &backend,
+        settings,
+        arguments,
+        context,
+        service: &service,
+        interrupt: &interrupt,
+        requests,
+        last: None,
+    };
+    daemon.run()
 }
 
 fn service_config(
@@ -116,14 +114,18 @@ fn service_config(
         Some(group) => Control::Group(group.clone()),
         None => Control::Owner,
     };
-    let mut config = ServiceConfig::new(path)
-        .with_control(control)
-        .with_name("ecan serve", env!("CARGO_PKG_VERSION"));
+    let mut config =
+        ServiceConfig::new(path).with_control(control).with_name(NAME, env!("CARGO_PKG_VERSION"));
     (config.group, config.max_clients) = (arguments.group.clone(), arguments.max_clients.into());
     if let Some(simulation) = &backend.simulation {
         config = config.with_extension(SimulationMethods::new(simulation));
     }
     Ok(config)
+}
+
+/// Returns whether a service is `ecan serve` with its [`requirements`].
+pub fn keeps_gateways(hello: &Hello) -> bool {
+    hello.server == NAME && hello.cycle_ns.is_some()
 }
 
 fn default_socket(master: u32) -> Result<PathBuf> {
@@ -140,25 +142,4 @@ fn idle(backend: &Backend, interrupt: &Interrupt) -> Result {
         sleep(POLL);
     }
     Ok(())
-}
-
-/// Returns whether another attempt would end with the same error.
-fn is_lasting(error: &Failure) -> bool {
-    !matches!(
-        error,
-        Failure::Master(_)
-            | Failure::Slave(_)
-            | Failure::Device(_)
-            | Failure::Rejected(_)
-            | Failure::NotReady { .. }
-    )
-}
-
-fn wait(duration: Duration, interrupt: &Interrupt) {
-    let mut left = duration;
-    while !left.is_zero() && !interrupt.is_set() {
-        let step = left.min(POLL);
-        sleep(step);
-        left -= step;
-    }
 }

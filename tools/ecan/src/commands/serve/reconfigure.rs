@@ -1,0 +1,152 @@
+//! Method `reconfigure`: checks a configuration file on a worker of the service and hands it over to
+//! the thread of the cycle.
+
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Mutex, TryLockError};
+
+use ecan_mcan_port::Config;
+use ecan_service::{Extension, Permission};
+use ecan_service_client::{BUS_ERROR, BUSY, INVALID_PARAMS, NOT_AVAILABLE, RpcError};
+use ecan_sim::Backend;
+use serde_json::{Value, json};
+
+use crate::context::{Bus, Failure, GlobalOptions, Result};
+use crate::frames::{Planned, of_whole_file};
+use crate::reconfiguration::{ConfigText, METHOD, ReadyGateway, Report};
+
+use super::cycle::requirements;
+
+/// A configuration for the thread of the cycle, checked and with its gateways on the bus.
+#[derive(Debug)]
+pub struct Request {
+    pub path: PathBuf,
+    pub file: Config,
+    pub planned: Planned,
+    reply: SyncSender<Result<Report, RpcError>>,
+}
+
+/// Error of a configuration that failed on the gateways.
+#[derive(Debug)]
+pub struct NotConfigured {
+    pub cause: Failure,
+    /// Result of the return to the former configuration.
+    pub restored: Result,
+}
+
+impl Request {
+    /// Ends the call.
+    pub fn reply(self, result: Result<Report, &NotConfigured>) {
+        let result = result.map_err(|NotConfigured { cause, restored }| {
+            let end = match restored {
+                Ok(()) => "the former configuration is active again".to_owned(),
+                Err(error) => format!(
+                    "the former configuration is not active again: {error}; the service tries again"
+                ),
+            };
+            let data = json!({ "kind": "reconfiguration", "is_restored": restored.is_ok() });
+            let message = format!("{}: {cause}; {end}", self.path.display());
+            RpcError { data, ..RpcError::new(BUS_ERROR, message) }
+        });
+        // The client may have gone.
+        let _ = self.reply.send(result);
+    }
+}
+
+impl Planned {
+    /// Report of gateways that are ready with this configuration.
+    pub fn report(&self, former: &Config, warnings: Vec<String>) -> Report {
+        let config = Config::from((self.adapter, self.config));
+        let ready =
+            |(gateway, position): (usize, &usize)| ReadyGateway { position: *position, gateway };
+        Report {
+            gateways: self.positions.iter().enumerate().map(ready).collect(),
+            changes: crate::config_changes::changes(former, &config),
+            warnings,
+        }
+    }
+}
+
+#[derive(Debug)]
+pub struct ReconfigureMethod {
+    backend: Backend,
+    master: u32,
+    global: GlobalOptions,
+    /// Locked during a call: there is one at a time.
+    requests: Mutex<SyncSender<Request>>,
+}
+
+impl ReconfigureMethod {
+    /// The method, and its requests for the thread of the cycle.
+    pub fn new(
+        backend: &Backend,
+        master: u32,
+        global: &GlobalOptions,
+    ) -> (Self, Receiver<Request>) {
+        let (sender, requests) = sync_channel(1);
+        let (backend, global) = (backend.clone(), global.clone());
+        (Self { backend, master, global, requests: Mutex::new(sender) }, requests)
+    }
+
+    fn reconfigure(&self, config: &ConfigText) -> Result<Report, RpcError> {
+        let requests = match self.requests.try_lock() {
+            Ok(requests) => requests,
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+            Err(TryLockError::WouldBlock) => {
+                let text = "another reconfiguration is in progress; call again when it has ended";
+                return Err(RpcError::new(BUSY, text));
+            }
+        };
+        let file = config.parse().map_err(|faults| {
+            let listed = faults.0.iter();
+            let listed = listed
+                .map(|it| json!({ "line": it.line, "column": it.column, "reason": it.reason }));
+            let data = json!({ "kind": "faults", "faults": listed.collect::<Vec<_>>() });
+            let message = format!("{}: {faults}; nothing was changed", config.name);
+            RpcError { data, ..RpcError::new(INVALID_PARAMS, message) }
+        })?;
+        let path = PathBuf::from(&config.name);
+        let planned = self.plan(&path, &file).map_err(|error| {
+            let message = format!("{}: {error}; nothing was changed", config.name);
+            RpcError::new(INVALID_PARAMS, message)
+        })?;
+        let ends = |_| RpcError::new(NOT_AVAILABLE, "the service ends; nothing is configured");
+        let (reply, result) = sync_channel(1);
+        let request = Request { path, file, planned, reply };
+        requests.send(request).map_err(|_| ends(()))?;
+        result.recv().map_err(|_| ends(()))?
+    }
+
+    /// Finds the gateways of the file and checks the whole configuration.
+    fn plan(&self, path: &std::path::Path, file: &Config) -> Result<Planned> {
+        let bus = Bus::of(&self.backend, self.master, None)?;
+        let planned = of_whole_file(path, file, &bus, requirements(), &self.global)?;
+        let found = planned.adapter.master_index;
+        if found != self.master {
+            return Err(Failure::Usage(format!(
+                "the file selects master {found}; this service holds master {}",
+                self.master
+            )));
+        }
+        let checked = Config::from((planned.adapter, planned.config)).check();
+        checked.map_err(|faults| Failure::Usage(faults.to_string()))?;
+        Ok(planned)
+    }
+}
+
+impl Extension for ReconfigureMethod {
+    fn call(
+        &self,
+        method: &str,
+        params: &Value,
+        access: &Permission,
+    ) -> Option<Result<Value, RpcError>> {
+        (method == METHOD).then(|| {
+            access.need_control(method)?;
+            let config: ConfigText = serde_json::from_value(params.clone()).map_err(|error| {
+                RpcError::new(INVALID_PARAMS, format!("invalid parameters of {METHOD}: {error}"))
+            })?;
+            Ok(json!(self.reconfigure(&config)?))
+        })
+    }
+}
