@@ -105,6 +105,11 @@ impl Gateway {
         })
     }
 
+    pub(crate) fn set_limits(&mut self, config: &GatewayConfig) {
+        self.is_paced = config.paced;
+        (self.hold_limit, self.input_limit) = (config.hold_limit, config.input_limit);
+    }
+
     #[inline]
     pub(crate) fn has_channel(&self, channel: u8) -> bool {
         usize::from(channel) < CHANNELS && self.channel_mask >> channel & 1 == 1

@@ -163,6 +163,16 @@ impl Port {
         Ok(())
     }
 
+    /// Takes over what concerns the host only from another configuration of the same gateways: `paced`,
+    /// `hold_limit` and `input_limit`. All else needs [`reconfigure`](Self::reconfigure). Real-time safe.
+    pub fn set_limits(&mut self, config: &PortConfig) {
+        let gateways = self.gateways.iter_mut().zip(&mut *self.config.gateways);
+        for ((gateway, active), new) in gateways.zip(&config.gateways) {
+            active.set_limits(new);
+            gateway.set_limits(active);
+        }
+    }
+
     /// The Adapter of this Port.
     pub fn adapter(&self) -> &Adapter {
         &self.adapter

@@ -171,6 +171,12 @@ impl GatewayConfig {
         self
     }
 
+    /// Takes over `paced`, `hold_limit` and `input_limit` of another configuration.
+    pub fn set_limits(&mut self, other: &Self) {
+        (self.paced, self.hold_limit) = (other.paced, other.hold_limit.max(1));
+        self.input_limit = other.input_limit;
+    }
+
     /// Bit mask of the enabled channels.
     pub fn channel_mask(&self) -> u8 {
         self.channels

@@ -8,6 +8,7 @@ mod common;
 use common::{Fixture, classic, frame};
 use ecan_host::{AdapterConfig, Diagnostics, Phase};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortError};
+use ecan_sim::{Fault, LossDirection};
 
 fn adapter(multiplier: u8) -> AdapterConfig {
     AdapterConfig::new(1).with_multiplier(multiplier).with_cycle(Duration::from_millis(1))
@@ -78,6 +79,25 @@ fn configuration_in_force_can_be_changed_and_given_back() {
     fixture.port.reconfigure((larger, config)).unwrap();
     fixture.port.wait_ready().unwrap();
     assert_eq!(fixture.carry(0, &[frame(1, &[])], 50).len(), 1);
+}
+
+#[test]
+fn limits_change_without_a_reconfiguration() {
+    let mut gateway = GatewayConfig::on_channel(0, classic());
+    let config = PortConfig::uniform(1, gateway);
+    let mut fixture = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+    let outage = || Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 };
+    fixture.simulation.inject(outage());
+    fixture.idle(20);
+    assert!(fixture.port.is_ready());
+    gateway.hold_limit = 3;
+    gateway.channels[0] = Some(ChannelConfig::classic(125_000));
+    fixture.port.set_limits(&PortConfig::uniform(1, gateway));
+    let active = fixture.port.config().gateways[0];
+    assert_eq!((active.hold_limit, active.channels[0]), (3, Some(classic())));
+    assert_eq!(fixture.carry(0, &[frame(1, &[])], 50).len(), 1);
+    fixture.simulation.inject(outage());
+    assert!(fixture.until(20, |port| !port.is_ready()).is_some());
 }
 
 #[test]
