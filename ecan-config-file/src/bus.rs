@@ -8,7 +8,8 @@ use ecan_mcan_port::{MAX_FILTERS, PortConfig};
 
 use crate::document::{Table, store};
 use crate::included_profile::IncludedProfile;
-use crate::{axis, gateway};
+use crate::service::ServiceSettings;
+use crate::{axis, gateway, service};
 use ecan_mcan_port::Config;
 
 /// Largest index of a master or slave.
@@ -20,6 +21,7 @@ pub(crate) struct Bus {
     /// `None` for an axis without a valid address.
     pub(crate) axes: Vec<Option<AxisConfig>>,
     pub(crate) profiles: Vec<IncludedProfile>,
+    pub(crate) service: ServiceSettings,
 }
 
 pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
@@ -69,7 +71,8 @@ pub(crate) fn read(mut table: Table<'_, '_>) -> Bus {
         DcSync { shift: shift.unwrap_or_else(planned), ..dc }
     });
     let axes = table.tables("axis").into_iter().map(axis::read).collect();
-    Bus { config: (adapter, port).into(), axes, profiles }
+    let service = table.table("service").map(service::read).unwrap_or_default();
+    Bus { config: (adapter, port).into(), axes, profiles, service }
 }
 
 /// The settings, and the shift if it is there.

@@ -47,6 +47,7 @@ mod flash;
 mod gateway;
 mod idle_keys;
 mod included_profile;
+mod service;
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -64,6 +65,7 @@ pub use difference::{Difference, Expected};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{ConfigChecksums, FlashCommand};
 pub use included_profile::{IncludedProfile, ProfileEffect};
+pub use service::ServiceSettings;
 
 use bus::Bus;
 use document::{Document, Includes, Table};
@@ -158,6 +160,14 @@ pub fn load_axes(path: impl AsRef<Path>) -> Result<Vec<AxisConfig>, ConfigFileEr
 /// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load_profiles(path: impl AsRef<Path>) -> Result<Vec<IncludedProfile>, ConfigFileError> {
     Ok(load_bus(path.as_ref())?.profiles)
+}
+
+/// Reads the settings of the service of `ecan serve`.
+///
+/// # Errors
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
+pub fn load_service(path: impl AsRef<Path>) -> Result<ServiceSettings, ConfigFileError> {
+    Ok(load_bus(path.as_ref())?.service)
 }
 
 fn load_bus(path: &Path) -> Result<Bus, ConfigFileError> {

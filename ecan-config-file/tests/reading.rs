@@ -3,7 +3,9 @@
 
 use std::time::Duration;
 
-use ecan_config_file::{ConfigFileError, EXAMPLE, FileFaults, load, parse};
+use ecan_config_file::{
+    ConfigFileError, EXAMPLE, FileFaults, ServiceSettings, load, load_service, parse,
+};
 use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
 use ecan_mcan_port::Config;
 use ecan_protocol::config::{
@@ -64,6 +66,7 @@ fn example_has_every_key() {
     let tables = [
         ("", "nonsense = 1"),
         ("", "[dc]\nnonsense = 1"),
+        ("", "[service]\nnonsense = 1"),
         ("[[gateway]]\n", "nonsense = 1"),
         ("[[gateway]]\n", "identity = { nonsense = 1 }"),
         ("[[gateway]]\n", "tx_pdo = { nonsense = 1 }"),
@@ -90,7 +93,7 @@ fn example_has_every_key() {
                 || EXAMPLE.contains(&format!("[gateway.{key}]"))
                 || EXAMPLE.contains(&format!("[gateway.can0.{key}]"))
                 || EXAMPLE.contains(&format!("[[gateway.can0.{key}]]"))
-                || ["dc", "gateway", "axis", "can2", "can3"].contains(&key);
+                || ["dc", "service", "gateway", "axis", "can2", "can3"].contains(&key);
             assert!(is_there, "{key} of {table}");
         }
     }
@@ -389,6 +392,25 @@ fn invalid_utf8_has_a_location_and_hides_nothing() {
     );
     assert!(parse(b"\xFF\xFE").is_err());
     assert_eq!(parse(EXAMPLE.as_bytes()).unwrap(), read(EXAMPLE).unwrap());
+}
+
+#[test]
+fn service_settings_are_read() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cell.toml");
+    let load = |service: &str| {
+        let text = format!("{service}[[gateway]]\nn = 3\ncan0 = {{ bitrate = 500_000 }}\n");
+        std::fs::write(&path, text).unwrap();
+        load_service(&path)
+    };
+    assert_eq!(load("").unwrap(), ServiceSettings::default());
+    let settings = load("[service]\ncontrol_group = \"ecan\"\nmax_clients = 7\n").unwrap();
+    assert_eq!(settings.control_group.as_deref(), Some("ecan"));
+    assert_eq!((settings.read_only, settings.max_clients), (None, Some(7)));
+    let error = load("[service]\nread_only = true\ncontrol_group = \"a\"\nmax_clients = 0\n");
+    let error = error.unwrap_err().to_string();
+    assert!(error.contains("`control_group` and `read_only` exclude each other"), "{error}");
+    assert!(error.contains("`max_clients` = 0 is out of range; allowed: 1 to 1000"), "{error}");
 }
 
 #[test]
