@@ -1,9 +1,13 @@
 //! SIGINT and SIGTERM as a flag for the cycle.
 
-use std::io::Write;
+use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
 use std::time::{Duration, Instant};
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
 
 /// Later signals within this time belong to the first: `timeout` and shells signal a process and
 /// its group.
@@ -14,17 +18,7 @@ const ENDED_BY_SIGNAL: i32 = 130;
 /// The signal handlers cannot be installed.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot install handlers for SIGINT and SIGTERM: {0}")]
-pub struct InterruptError(String);
-
-impl From<ctrlc::Error> for InterruptError {
-    fn from(error: ctrlc::Error) -> Self {
-        Self(match error {
-            // The `Display` of `ctrlc` omits the reason.
-            ctrlc::Error::System(error) => error.to_string(),
-            other => other.to_string(),
-        })
-    }
-}
+pub struct InterruptError(#[from] io::Error);
 
 /// Flag set by the user's request to stop.
 #[derive(Debug, Clone, Default)]
@@ -37,10 +31,30 @@ impl Interrupt {
     /// # Errors
     /// The system rejects the handlers.
     pub fn install() -> Result<Self, InterruptError> {
+        Self::install_with(None)
+    }
+
+    /// As [`install`](Self::install), for a program that SIGHUP does not end: the thread of the signals
+    /// calls `on_hang_up`.
+    ///
+    /// # Errors
+    /// As [`install`](Self::install).
+    pub fn install_with_hang_up(
+        on_hang_up: impl FnMut() + Send + 'static,
+    ) -> Result<Self, InterruptError> {
+        Self::install_with(Some(Box::new(on_hang_up)))
+    }
+
+    fn install_with(
+        mut on_hang_up: Option<Box<dyn FnMut() + Send>>,
+    ) -> Result<Self, InterruptError> {
         let interrupt = Self::default();
         let flag = interrupt.clone();
         let mut first: Option<Instant> = None;
-        ctrlc::set_handler(move || {
+        on_signals(move |signal| {
+            if let (SIGHUP, Some(on_hang_up)) = (signal, &mut on_hang_up) {
+                return on_hang_up();
+            }
             let since = first.get_or_insert_with(Instant::now).elapsed();
             if flag.is_set() && since >= ONE_REQUEST {
                 std::process::exit(ENDED_BY_SIGNAL);
@@ -71,7 +85,7 @@ impl Interrupt {
     fn install_patient_with(on_signal: impl Fn() + Send + 'static) -> Result<Self, InterruptError> {
         let interrupt = Self::default();
         let flag = interrupt.0.clone();
-        ctrlc::set_handler(move || {
+        on_signals(move |_| {
             if !flag.swap(true, Ordering::Relaxed) {
                 on_signal();
             }
@@ -93,4 +107,11 @@ impl Interrupt {
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
+}
+
+/// Calls `handle` on a thread for each signal.
+fn on_signals(mut handle: impl FnMut(i32) + Send + 'static) -> io::Result<()> {
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    let run = move || signals.forever().for_each(&mut handle);
+    thread::Builder::new().name("signals".into()).spawn(run).map(drop)
 }
