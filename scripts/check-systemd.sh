@@ -1,0 +1,15 @@
+#!/usr/bin/env bash
+# Checks the systemd units of tools/ecan/systemd, without the program that they start.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+directory=$(mktemp -d)
+trap 'rm -r "$directory"' EXIT
+for unit in tools/ecan/systemd/*.service tools/ecan/systemd/*.socket; do
+    sed 's#/usr/local/bin/ecan#/bin/true#' "$unit" >"$directory/$(basename "$unit")"
+done
+problems=$(systemd-analyze verify "$directory"/* 2>&1) || true
+if [[ -n $problems ]]; then
+    printf '%s\n' "$problems"
+    exit 1
+fi
+echo "the systemd units have no problems"
