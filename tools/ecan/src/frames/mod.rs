@@ -29,6 +29,6 @@ pub use printer::{Destination, Printer};
 pub use sender::{Due, Record, Sender};
 pub use service::{Service, failure};
 pub use service_setup::of_service;
-pub use settings::{GatewayRequirements, Planned, Settings, of_whole_file};
+pub use settings::{GatewayRequirements, Planned, Settings, of_file_offline, of_whole_file};
 pub use timestamp::Style;
 pub use transmit_tracker::TransmitTracker;

@@ -124,6 +124,12 @@ impl<'a> Settings<'a> {
         self.file = Some((path, file));
     }
 
+    /// Takes over the limits of another configuration of the same gateways.
+    pub fn set_limits(&mut self, config: &PortConfig) {
+        let gateways = self.file.iter_mut().flat_map(|(_, file)| &mut *file.port.gateways);
+        gateways.zip(&config.gateways).for_each(|(active, new)| active.set_limits(new));
+    }
+
     pub fn open_bus(&self, context: &Context, clock: ClockKind) -> Result<Bus> {
         match &self.file {
             None => context.bus_of_master(context.global.master(), clock),
@@ -209,6 +215,20 @@ pub fn of_whole_file(
     global: &GlobalOptions,
 ) -> Result<Planned> {
     of_file(path, file, &config_file::resolve(file, bus)?, requirements, global)
+}
+
+/// As [`of_whole_file`], without a bus: the positions are those of the file.
+pub fn of_file_offline(
+    path: &Path,
+    file: &Config,
+    requirements: GatewayRequirements,
+    global: &GlobalOptions,
+) -> Result<Planned> {
+    let slaves = file.adapter.slaves.iter().enumerate();
+    let resolved = slaves
+        .map(|(gateway, it)| ResolvedGateway { gateway, slave: usize::from(it.position) })
+        .collect::<Vec<_>>();
+    of_file(path, file, &resolved, requirements, global)
 }
 
 /// Configuration from a file. All its channels are enabled; the command uses the requested ones.

@@ -29,6 +29,7 @@ mod screens;
 mod selftest;
 mod send;
 mod serve;
+mod serve_daemon;
 mod setup_host;
 mod sii_sm_layout;
 mod socketcan;

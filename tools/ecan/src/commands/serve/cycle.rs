@@ -3,7 +3,7 @@
 use std::sync::mpsc::Receiver;
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::{Config, Port, PortError, Session};
+use ecan_mcan_port::{Config, Port, PortConfig, PortError, Session};
 use ecan_service::Service;
 use ecan_sim::Backend;
 
@@ -11,12 +11,15 @@ use crate::context::{Failure, Result, note};
 use crate::frames::{Channels, GatewayRequirements, Planned};
 
 use super::ServeArguments;
-use super::reconfigure::{NotConfigured, Request};
+use super::daemon::Command;
+use super::notification::{Event, Notifier};
+use super::reconfigure::NotConfigured;
 
 #[derive(Debug)]
 pub struct GatewayCycle {
     port: Port,
     planned: Planned,
+    notifier: Notifier,
     /// Gateways that were ready in the last cycle.
     were_ready: Vec<bool>,
     has_been_ready: bool,
@@ -39,6 +42,7 @@ impl GatewayCycle {
         arguments: &ServeArguments,
         service: &Service,
         interrupt: &Interrupt,
+        notifier: &Notifier,
     ) -> Result<Self> {
         let (adapter, config) = (planned.adapter, planned.config);
         if let Some(warning) = config.sync0_warning(&adapter) {
@@ -55,8 +59,10 @@ impl GatewayCycle {
         let timeout = port.startup_timeout();
         port.adapter_mut().begin_op_wait(timeout).map_err(Failure::master)?;
         service.attach(&mut port);
-        let were_ready = vec![false; planned.positions.len()];
-        Ok(Self { port, planned, were_ready, has_been_ready: false })
+        let (were_ready, notifier) = (Vec::new(), notifier.clone());
+        let mut cycle = Self { port, planned, notifier, were_ready, has_been_ready: false };
+        cycle.report_start();
+        Ok(cycle)
     }
 
     /// Returns whether all gateways were ready at one time.
@@ -77,15 +83,20 @@ impl GatewayCycle {
         sync0.iter().map(ToString::to_string).chain(self.port.profile_warnings()).collect()
     }
 
-    /// Runs the cycle until the user stops the command, `None`, or a client requests another
-    /// configuration. The Port makes lost gateways ready again.
+    pub fn set_limits(&mut self, config: &PortConfig) {
+        self.port.set_limits(config);
+        self.planned.config = *self.port.config();
+    }
+
+    /// Runs the cycle until the user stops the command, `None`, or a command arrives. The Port makes
+    /// lost gateways ready again.
     ///
     /// Fails if the master does not work any more, or a channel that must only listen does not.
     pub fn run(
         &mut self,
         interrupt: &Interrupt,
-        requests: &Receiver<Request>,
-    ) -> Result<Option<Request>> {
+        commands: &Receiver<Command>,
+    ) -> Result<Option<Command>> {
         while !interrupt.is_set() {
             let mut cycle = self.port.next_cycle();
             // The service has its copy.
@@ -95,8 +106,9 @@ impl GatewayCycle {
                 return Err(Failure::Rejected(error.to_string()));
             }
             self.report_changes();
-            if let Ok(request) = requests.try_recv() {
-                return Ok(Some(request));
+            self.notifier.cycle();
+            if let Ok(command) = commands.try_recv() {
+                return Ok(Some(command));
             }
         }
         Ok(None)
@@ -118,7 +130,7 @@ impl GatewayCycle {
     }
 
     fn configure(&mut self, service: &Service) -> Result<(), PortError> {
-        self.were_ready = vec![false; self.planned.positions.len()];
+        self.report_start();
         self.port.reconfigure((self.planned.adapter, self.planned.config))?;
         service.attach(&mut self.port);
         self.wait_ready()
@@ -128,16 +140,19 @@ impl GatewayCycle {
         self.port.wait_ready()
     }
 
+    fn report_start(&mut self) {
+        let positions = self.planned.positions.clone();
+        self.were_ready = vec![false; positions.len()];
+        self.notifier.send(Event::Start(positions, self.port.startup_timeout()));
+    }
+
     fn report_changes(&mut self) {
         self.has_been_ready |= self.port.is_ready();
         for (gateway, was_ready) in self.port.gateways().zip(&mut self.were_ready) {
             let session = self.port.session(gateway);
             let is_ready = session == Session::Ready;
             if std::mem::replace(was_ready, is_ready) != is_ready {
-                let positions = &self.planned.positions;
-                let position = positions.get(gateway.slave()).copied().unwrap_or_default();
-                let state = if is_ready { "ready" } else { "lost" };
-                note(format_args!("slave {position}: {state}"));
+                self.notifier.send(Event::Gateway { index: gateway.slave(), is_ready });
             }
         }
     }

@@ -1,10 +1,11 @@
 //! The gateways of `ecan serve` through attempts to start them, reconfigurations and failures.
 
+use std::sync::PoisonError;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::Config;
+use ecan_mcan_port::PortConfig;
 use ecan_service::Service;
 use ecan_sim::Backend;
 
@@ -12,11 +13,21 @@ use crate::context::{Bus, Context, Failure, Result, note};
 use crate::frames::Settings;
 
 use super::cycle::{GatewayCycle, requirements};
+use super::notification::{Event, Notifier};
 use super::reconfigure::{NotConfigured, Request};
+use super::reload::ActiveConfig;
 use super::{POLL, ServeArguments};
 
 /// Pauses before further attempts to start the gateways.
 const PAUSES_S: [u64; 4] = [1, 2, 5, 10];
+
+/// Command to the thread of the cycle.
+#[derive(Debug)]
+pub enum Command {
+    Reconfigure(Box<Request>),
+    /// Host settings of the same gateways.
+    Limits(Box<PortConfig>),
+}
 
 pub struct Daemon<'a> {
     pub backend: &'a Backend,
@@ -26,9 +37,9 @@ pub struct Daemon<'a> {
     pub context: &'a Context<'a>,
     pub service: &'a Service,
     pub interrupt: &'a Interrupt,
-    pub requests: Receiver<Request>,
-    /// Configuration that the gateways had last.
-    pub last: Option<Config>,
+    pub commands: Receiver<Command>,
+    pub notifier: &'a Notifier,
+    pub active: ActiveConfig,
 }
 
 impl Daemon<'_> {
@@ -37,8 +48,10 @@ impl Daemon<'_> {
         let mut attempts = 0;
         let mut request = None;
         while !self.interrupt.is_set() {
+            self.notifier.no_cycle();
             let ended = self.hold(request.take(), &mut attempts);
             self.service.detach();
+            self.notifier.no_cycle();
             match ended {
                 Ok(()) => {}
                 Err(_) if self.interrupt.is_set() => {}
@@ -46,7 +59,9 @@ impl Daemon<'_> {
                 Err(error) => {
                     let pause_s = PAUSES_S.get(attempts).or(PAUSES_S.last()).copied().unwrap_or(1);
                     attempts += 1;
-                    note(format_args!("serve: {error}; next attempt in {pause_s} s"));
+                    let state = format!("{error}; next attempt in {pause_s} s");
+                    note(format_args!("serve: {state}"));
+                    self.notifier.send(Event::State(state));
                     request = self.wait(Duration::from_secs(pause_s));
                 }
             }
@@ -55,7 +70,7 @@ impl Daemon<'_> {
     }
 
     /// Starts the gateways and holds them until a failure.
-    fn hold(&mut self, request: Option<Request>, attempts: &mut usize) -> Result {
+    fn hold(&mut self, request: Option<Box<Request>>, attempts: &mut usize) -> Result {
         let mut cycle = match request {
             Some(request) => self.start_requested(request)?,
             None => {
@@ -66,14 +81,19 @@ impl Daemon<'_> {
             }
         };
         loop {
-            self.last = Some(cycle.config());
-            let ended = cycle.run(self.interrupt, &self.requests);
+            *self.active.lock().unwrap_or_else(PoisonError::into_inner) = Some(cycle.config());
+            let ended = cycle.run(self.interrupt, &self.commands);
             if cycle.has_been_ready() {
                 *attempts = 0;
             }
             match ended? {
                 None => return Ok(()),
-                Some(request) => {
+                Some(Command::Limits(config)) => {
+                    cycle.set_limits(&config);
+                    self.settings.set_limits(&config);
+                }
+                Some(Command::Reconfigure(request)) => {
+                    self.notifier.no_cycle();
                     let result = cycle.reconfigure(request.planned.clone(), self.service);
                     self.finish(request, &cycle, result)?;
                 }
@@ -82,13 +102,13 @@ impl Daemon<'_> {
     }
 
     fn start(&self, planned: crate::frames::Planned) -> Result<GatewayCycle> {
-        let Self { backend, arguments, service, interrupt, .. } = self;
-        GatewayCycle::start(backend, planned, arguments, service, interrupt)
+        let Self { backend, arguments, service, interrupt, notifier, .. } = self;
+        GatewayCycle::start(backend, planned, arguments, service, interrupt, notifier)
     }
 
     /// Starts the gateways with the configuration of a client. If that fails, the next attempt uses the
     /// former one.
-    fn start_requested(&mut self, request: Request) -> Result<GatewayCycle> {
+    fn start_requested(&mut self, request: Box<Request>) -> Result<GatewayCycle> {
         let started = self.start(request.planned.clone()).and_then(|mut cycle| {
             let ready = cycle.wait_ready();
             ready.map_err(|error| cycle.planned().failure(error)).map(|()| cycle)
@@ -110,7 +130,7 @@ impl Daemon<'_> {
     /// Responds to a request, and keeps its configuration if it is active.
     fn finish(
         &mut self,
-        request: Request,
+        request: Box<Request>,
         cycle: &GatewayCycle,
         result: Result<(), Box<NotConfigured>>,
     ) -> Result {
@@ -119,9 +139,9 @@ impl Daemon<'_> {
             Ok(()) => {
                 note(format_args!("configuration {name}: active, by request of a client"));
                 self.settings.set_file(request.path.clone(), request.file);
-                let active = cycle.config();
-                let former = self.last.as_ref().unwrap_or(&active);
-                let report = request.planned.report(former, cycle.warnings());
+                let former = *self.active.lock().unwrap_or_else(PoisonError::into_inner);
+                let former = former.unwrap_or_else(|| cycle.config());
+                let report = request.planned.report(&former, cycle.warnings());
                 request.reply(Ok(report));
                 Ok(())
             }
@@ -134,12 +154,14 @@ impl Daemon<'_> {
     }
 
     /// Waits for a time, the end of the command or a request.
-    fn wait(&self, duration: Duration) -> Option<Request> {
+    fn wait(&mut self, duration: Duration) -> Option<Box<Request>> {
         let end = Instant::now() + duration;
         while !self.interrupt.is_set() {
             let left = end.saturating_duration_since(Instant::now());
-            match self.requests.recv_timeout(left.min(POLL)) {
-                Ok(request) => return Some(request),
+            self.notifier.no_cycle();
+            match self.commands.recv_timeout(left.min(POLL)) {
+                Ok(Command::Reconfigure(request)) => return Some(request),
+                Ok(Command::Limits(config)) => self.settings.set_limits(&config),
                 Err(RecvTimeoutError::Disconnected) => std::thread::sleep(left.min(POLL)),
                 Err(RecvTimeoutError::Timeout) => {}
             }

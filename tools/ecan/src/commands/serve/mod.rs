@@ -2,18 +2,25 @@
 
 mod cycle;
 mod daemon;
+mod notification;
 mod reconfigure;
+mod reload;
 mod simulation;
 
+use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::channel;
 use std::thread::sleep;
 use std::time::Duration;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
+use ecan_config_file::{ServiceSettings, load_service};
 use ecan_service::{Control, Service, ServiceConfig};
 use ecan_service_client::Hello;
 use ecan_sim::{Backend, ClockKind};
+use listenfd::ListenFd;
 
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{GatewayOptions, Settings};
@@ -21,7 +28,9 @@ use crate::via::default_paths;
 
 pub use cycle::requirements;
 use daemon::Daemon;
+use notification::{Event, Notifier};
 use reconfigure::ReconfigureMethod;
+use reload::{ActiveConfig, Reloader};
 use simulation::SimulationMethods;
 
 pub const EXAMPLES: &str = "\
@@ -31,11 +40,12 @@ Examples:
   ecan serve --idle                            no cycle: SDO transfers only
   ecan --ecrt sim:drives serve                 a simulated machine that stays alive
 
-Clients: ecan --via, docs/SERVICE.md. A fault that may pass (no link, a slave that does not answer) does not end the
-command: it tries again.";
+Clients: ecan --via, docs/SERVICE.md. SIGHUP reads the file again. A fault that may pass (no link, a slave that does
+not answer) does not end the command: it tries again.";
 
 /// Name of the program in its service.
 const NAME: &str = "ecan serve";
+const MAX_CLIENTS: u16 = 64;
 /// Interval of looking for signals without a cycle.
 const POLL: Duration = Duration::from_millis(50);
 
@@ -48,16 +58,8 @@ pub struct ServeArguments {
     /// Group of the socket [default: of this process]
     #[arg(long, value_name = "GROUP")]
     group: Option<String>,
-    /// Reject requests that send frames or change something
-    #[arg(long)]
-    read_only: bool,
-    /// Permit control to the members of a group [default: to this user and root]
-    #[arg(long, value_name = "GROUP", conflicts_with = "read_only")]
-    control_group: Option<String>,
-    /// Maximum number of clients
-    #[arg(long, value_name = "COUNT", default_value_t = 64,
-          value_parser = clap::value_parser!(u16).range(1..=1000))]
-    max_clients: u16,
+    #[command(flatten)]
+    access: Access,
     /// Run no cycle; serve the state of the bus and SDO transfers only
     #[arg(long, conflicts_with_all = ["config", "bitrate"])]
     idle: bool,
@@ -65,62 +67,147 @@ pub struct ServeArguments {
     options: GatewayOptions,
 }
 
+/// Access of the clients; what is not given comes from the table `[service]` of the file.
+#[derive(Clone, Debug, Args)]
+pub struct Access {
+    /// Reject requests that send frames or change something
+    #[arg(long)]
+    read_only: bool,
+    /// Permit control to the members of a group [default: to this user and root]
+    #[arg(long, value_name = "GROUP", conflicts_with = "read_only")]
+    control_group: Option<String>,
+    /// Maximum number of clients [default: 64]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    max_clients: Option<u16>,
+}
+
+impl Access {
+    /// Control and limit of clients, with the settings of a file.
+    fn with(&self, file: &ServiceSettings) -> (Control, u16) {
+        let own = (self.read_only, &self.control_group);
+        let of_file = (file.read_only == Some(true), &file.control_group);
+        let control = match (own, of_file) {
+            ((true, _), _) => Control::Nobody,
+            ((_, Some(group)), _) => Control::Group(group.clone()),
+            (_, (true, _)) => Control::Nobody,
+            (_, (_, Some(group))) => Control::Group(group.clone()),
+            _ => Control::Owner,
+        };
+        (control, self.max_clients.or(file.max_clients).unwrap_or(MAX_CLIENTS))
+    }
+}
+
 pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     context.global.without_slave("it serves all gateways of the bus or of the file")?;
     let settings = Settings::of(&arguments.options)?;
-    let interrupt = Interrupt::install()?;
+    let (notifier, events) = Notifier::new();
+    let on_hang_up = notifier.clone();
+    let interrupt = Interrupt::install_with_hang_up(move || on_hang_up.send(Event::HangUp))?;
     let master = settings.master(context.global);
     let backend = context.backend(&context.setting()?, ClockKind::Real)?;
-    let mut config = service_config(arguments, &backend, master)?;
-    let (reconfigure, requests) = ReconfigureMethod::new(&backend, master, context.global);
+    let (sender, commands) = channel();
+    let path = arguments.options.setup.config.clone();
+    let of_file = path.as_ref().map(load_service).transpose();
+    let of_file = of_file.map_err(|error| Failure::Usage(error.to_string()))?.unwrap_or_default();
+    let mut config = service_config(arguments, &of_file, &backend, master)?;
     if !arguments.idle {
-        config = config.with_extension(reconfigure);
+        let sender = sender.clone();
+        let method = ReconfigureMethod::new(&backend, master, context.global, sender);
+        config = config.with_extension(method);
     }
+    let access = access_text(&config.control);
     let service = Service::of_bus(&backend.ecrt, master, config);
-    let service = service.map_err(|error| Failure::Host(error.to_string()))?;
-    let access = match (arguments.read_only, &arguments.control_group) {
-        (true, _) => "read-only".to_owned(),
-        (false, Some(group)) => format!("control for group {group}"),
-        (false, None) => "control for this user".to_owned(),
-    };
+    let service = Arc::new(service.map_err(|error| Failure::Host(error.to_string()))?);
     note(format_args!("serving master {master} at {}, {access}", service.path().display()));
-    if arguments.idle {
-        return idle(&backend, &interrupt);
-    }
-    let daemon = Daemon {
-        backend: &backend,
-        settings,
-        arguments,
-        context,
-        service: &service,
-        interrupt: &interrupt,
-        requests,
-        last: None,
+    let active = ActiveConfig::default();
+    let reloader = Reloader {
+        path,
+        global: context.global.clone(),
+        access: arguments.access.clone(),
+        last_access: arguments.access.with(&of_file),
+        active: active.clone(),
+        service: Arc::downgrade(&service),
+        commands: sender,
     };
-    daemon.run()
+    let reporter = notifier.start(events, reloader)?;
+    let ended = if arguments.idle {
+        idle(&backend, &interrupt, &notifier)
+    } else {
+        let daemon = Daemon {
+            backend: &backend,
+            settings,
+            arguments,
+            context,
+            service: &service,
+            interrupt: &interrupt,
+            commands,
+            notifier: &notifier,
+            active,
+        };
+        daemon.run()
+    };
+    notifier.send(Event::End);
+    // A panic in it was reported on standard error.
+    let _ = reporter.join();
+    ended
+}
+
+fn access_text(control: &Control) -> String {
+    match control {
+        Control::Nobody => "read-only".to_owned(),
+        Control::Group(group) => format!("control for group {group}"),
+        _ => "control for this user".to_owned(),
+    }
 }
 
 fn service_config(
     arguments: &ServeArguments,
+    of_file: &ServiceSettings,
     backend: &Backend,
     master: u32,
 ) -> Result<ServiceConfig> {
-    let path = match &arguments.socket {
-        Some(path) => path.clone(),
-        None => default_socket(master)?,
+    let passed = passed_socket()?;
+    let path = match (&passed, &arguments.socket) {
+        (Some(_), Some(path)) => {
+            return Err(Failure::Usage(format!(
+                "--socket {} and a socket of the service manager exclude each other; remove --socket",
+                path.display()
+            )));
+        }
+        (Some(socket), None) => path_of(socket),
+        (None, Some(path)) => path.clone(),
+        (None, None) => default_socket(master)?,
     };
-    let control = match &arguments.control_group {
-        _ if arguments.read_only => Control::Nobody,
-        Some(group) => Control::Group(group.clone()),
-        None => Control::Owner,
-    };
+    let (control, max_clients) = arguments.access.with(of_file);
     let mut config =
         ServiceConfig::new(path).with_control(control).with_name(NAME, env!("CARGO_PKG_VERSION"));
-    (config.group, config.max_clients) = (arguments.group.clone(), arguments.max_clients.into());
+    (config.group, config.max_clients) = (arguments.group.clone(), max_clients.into());
+    config.listener = passed;
     if let Some(simulation) = &backend.simulation {
         config = config.with_extension(SimulationMethods::new(simulation));
     }
     Ok(config)
+}
+
+/// The socket of the service manager (LISTEN_FDS); `None` without one.
+fn passed_socket() -> Result<Option<UnixListener>> {
+    let mut passed = ListenFd::from_env();
+    let wrong = |error: &dyn std::fmt::Display| {
+        Failure::Usage(format!(
+            "the service manager must pass one listening Unix stream socket (ListenStream=): {error}"
+        ))
+    };
+    match passed.len() {
+        0 => Ok(None),
+        1 => passed.take_unix_listener(0).map_err(|error| wrong(&error)),
+        count => Err(wrong(&format_args!("it passes {count}"))),
+    }
+}
+
+fn path_of(socket: &UnixListener) -> PathBuf {
+    let address = socket.local_addr().ok();
+    let path = address.as_ref().and_then(|it| it.as_pathname()).map(PathBuf::from);
+    path.unwrap_or_else(|| "the socket of the service manager".into())
 }
 
 /// Returns whether a service is `ecan serve` with its [`requirements`].
@@ -135,10 +222,12 @@ fn default_socket(master: u32) -> Result<PathBuf> {
 }
 
 /// Serves a bus without a cycle. A simulation needs a thread that lets its time pass.
-fn idle(backend: &Backend, interrupt: &Interrupt) -> Result {
+fn idle(backend: &Backend, interrupt: &Interrupt, notifier: &Notifier) -> Result {
     let runner = backend.simulation.as_ref().map(ecan_sim::Simulation::keep_running);
     let _runner = runner.transpose().map_err(|error| Failure::Host(error.to_string()))?;
+    notifier.send(Event::Idle);
     while !interrupt.is_set() {
+        notifier.cycle();
         sleep(POLL);
     }
     Ok(())

@@ -2,7 +2,7 @@
 //! the thread of the cycle.
 
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Sender, SyncSender, sync_channel};
 use std::sync::{Mutex, TryLockError};
 
 use ecan_mcan_port::Config;
@@ -16,6 +16,7 @@ use crate::frames::{Planned, of_whole_file};
 use crate::reconfiguration::{ConfigText, METHOD, ReadyGateway, Report};
 
 use super::cycle::requirements;
+use super::daemon::Command;
 
 /// A configuration for the thread of the cycle, checked and with its gateways on the bus.
 #[derive(Debug)]
@@ -73,24 +74,24 @@ pub struct ReconfigureMethod {
     master: u32,
     global: GlobalOptions,
     /// Locked during a call: there is one at a time.
-    requests: Mutex<SyncSender<Request>>,
+    commands: Mutex<Sender<Command>>,
 }
 
 impl ReconfigureMethod {
-    /// The method, and its requests for the thread of the cycle.
+    /// The method, which sends its commands to the thread of the cycle.
     pub fn new(
         backend: &Backend,
         master: u32,
         global: &GlobalOptions,
-    ) -> (Self, Receiver<Request>) {
-        let (sender, requests) = sync_channel(1);
+        commands: Sender<Command>,
+    ) -> Self {
         let (backend, global) = (backend.clone(), global.clone());
-        (Self { backend, master, global, requests: Mutex::new(sender) }, requests)
+        Self { backend, master, global, commands: Mutex::new(commands) }
     }
 
     fn reconfigure(&self, config: &ConfigText) -> Result<Report, RpcError> {
-        let requests = match self.requests.try_lock() {
-            Ok(requests) => requests,
+        let commands = match self.commands.try_lock() {
+            Ok(commands) => commands,
             Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
             Err(TryLockError::WouldBlock) => {
                 let text = "another reconfiguration is in progress; call again when it has ended";
@@ -113,7 +114,8 @@ impl ReconfigureMethod {
         let ends = |_| RpcError::new(NOT_AVAILABLE, "the service ends; nothing is configured");
         let (reply, result) = sync_channel(1);
         let request = Request { path, file, planned, reply };
-        requests.send(request).map_err(|_| ends(()))?;
+        let command = Command::Reconfigure(Box::new(request));
+        commands.send(command).map_err(|_| ends(()))?;
         result.recv().map_err(|_| ends(()))?
     }
 

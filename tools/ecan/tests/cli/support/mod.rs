@@ -208,6 +208,12 @@ impl Running {
         self.signal(Signal::TERM);
     }
 
+    /// Kills it and waits for its end.
+    pub fn kill(&mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
     /// Sends a signal.
     pub fn signal(&self, signal: Signal) {
         kill_process(Pid::from_child(&self.child), signal).unwrap();

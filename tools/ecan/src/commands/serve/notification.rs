@@ -1,0 +1,258 @@
+//! Reports to the user and to the service manager (systemd): readiness, state, watchdog.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use sd_notify::NotifyState;
+
+use crate::context::{Failure, Result, note};
+
+use super::reload::Reloader;
+
+/// Time until the service counts as started without gateways that could be configured.
+const START_LIMIT: Duration = Duration::from_secs(10);
+/// Longest time without a cycle while gateways are configured: each step has its own limit.
+const CONFIGURATION_LIMIT: Duration = Duration::from_secs(300);
+const MAX_INTERVAL: Duration = Duration::from_secs(1);
+
+/// An event for the reporter.
+#[derive(Debug)]
+pub enum Event {
+    /// Gateways at these positions start; the time that this may take.
+    Start(Vec<usize>, Duration),
+    /// A gateway became ready or was lost.
+    Gateway {
+        index: usize,
+        is_ready: bool,
+    },
+    /// The state without gateways.
+    State(String),
+    /// The service runs no cycle.
+    Idle,
+    /// SIGHUP.
+    HangUp,
+    End,
+}
+
+/// Decides whether the watchdog is pinged.
+#[derive(Debug)]
+struct Watchdog {
+    interval: Duration,
+    /// Last step of the cycle's thread, and its time.
+    seen: (u64, Instant),
+}
+
+impl Watchdog {
+    /// Returns whether the thread of the cycle has made progress.
+    fn is_alive(&mut self, steps: u64, is_cycle: bool, now: Instant) -> bool {
+        if steps != self.seen.0 {
+            self.seen = (steps, now);
+        }
+        let limit = if is_cycle { self.interval / 2 } else { CONFIGURATION_LIMIT };
+        now.saturating_duration_since(self.seen.1) < limit
+    }
+}
+
+/// Progress of the thread of the cycle.
+#[derive(Debug, Default)]
+struct Progress {
+    steps: AtomicU64,
+    is_cycle: AtomicBool,
+}
+
+/// Sends events to the reporter, without waiting for it.
+#[derive(Clone, Debug)]
+pub struct Notifier {
+    events: Sender<Event>,
+    progress: Arc<Progress>,
+}
+
+impl Notifier {
+    /// The notifier, and its events for [`start`](Self::start).
+    pub fn new() -> (Self, Receiver<Event>) {
+        let (events, receiver) = channel();
+        (Self { events, progress: Arc::default() }, receiver)
+    }
+
+    /// Starts the reporter.
+    pub fn start(&self, events: Receiver<Event>, reloader: Reloader) -> Result<JoinHandle<()>> {
+        let now = Instant::now();
+        let watchdog = sd_notify::watchdog_enabled();
+        let watchdog = watchdog.map(|interval| Watchdog { interval, seen: (0, now) });
+        let reporter = Reporter {
+            events,
+            progress: self.progress.clone(),
+            reloader,
+            watchdog,
+            ready_at: Some(now + START_LIMIT),
+            positions: Vec::new(),
+            are_ready: Vec::new(),
+            status: String::new(),
+        };
+        let builder = thread::Builder::new().name("notification".to_owned());
+        builder.spawn(move || reporter.run()).map_err(Failure::of_thread)
+    }
+
+    pub fn send(&self, event: Event) {
+        // The reporter ends after the command only.
+        let _ = self.events.send(event);
+    }
+
+    /// A cycle has ended; real-time safe.
+    pub fn cycle(&self) {
+        self.progress.is_cycle.store(true, Ordering::Relaxed);
+        self.progress.steps.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The thread begins something that takes longer than a cycle.
+    pub fn no_cycle(&self) {
+        self.progress.is_cycle.store(false, Ordering::Relaxed);
+        self.progress.steps.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+struct Reporter {
+    events: Receiver<Event>,
+    progress: Arc<Progress>,
+    reloader: Reloader,
+    watchdog: Option<Watchdog>,
+    /// Time at which the service counts as started; `None` after it.
+    ready_at: Option<Instant>,
+    positions: Vec<usize>,
+    are_ready: Vec<bool>,
+    status: String,
+}
+
+impl Reporter {
+    fn run(mut self) {
+        let watchdog = self.watchdog.as_ref();
+        let interval = watchdog.map_or(MAX_INTERVAL, |it| (it.interval / 4).min(MAX_INTERVAL));
+        loop {
+            match self.events.recv_timeout(interval) {
+                Ok(Event::End) | Err(RecvTimeoutError::Disconnected) => break,
+                Ok(event) => self.take(event),
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            self.report_start();
+            self.ping();
+        }
+        notify(&[NotifyState::Stopping]);
+    }
+
+    fn take(&mut self, event: Event) {
+        match event {
+            Event::Start(positions, timeout) => {
+                if let Some(ready_at) = &mut self.ready_at {
+                    *ready_at = Instant::now() + timeout;
+                }
+                self.are_ready = vec![false; positions.len()];
+                self.positions = positions;
+            }
+            Event::Gateway { index, is_ready } => {
+                let position = self.positions.get(index).copied().unwrap_or_default();
+                note(format_args!("slave {position}: {}", if is_ready { "ready" } else { "lost" }));
+                if let Some(ready) = self.are_ready.get_mut(index) {
+                    *ready = is_ready;
+                }
+            }
+            Event::State(text) => {
+                self.positions.clear();
+                self.are_ready.clear();
+                return self.set_status(text);
+            }
+            Event::Idle => {
+                self.ready_at = Some(Instant::now());
+                return self.set_status("no cycle: state of the bus and SDO transfers".to_owned());
+            }
+            Event::HangUp => {
+                let now = NotifyState::monotonic_usec_now().ok();
+                notify(&std::iter::once(NotifyState::Reloading).chain(now).collect::<Vec<_>>());
+                let end = match self.reloader.reload() {
+                    Ok(()) => "",
+                    Err(error) => {
+                        note(format_args!("reload: nothing was changed: {error}"));
+                        "; the last reload failed"
+                    }
+                };
+                let status = format!("{}{end}", self.status);
+                notify(&[NotifyState::Ready, NotifyState::Status(&status)]);
+                return;
+            }
+            Event::End => {}
+        }
+        self.set_status(self.text());
+    }
+
+    fn text(&self) -> String {
+        let missing: Vec<_> = self.positions.iter().zip(&self.are_ready).collect();
+        let missing = missing.iter().filter(|(_, is_ready)| !**is_ready);
+        let missing: Vec<_> = missing.map(|(position, _)| position.to_string()).collect();
+        let total = self.positions.len();
+        let ready = total - missing.len();
+        match missing.is_empty() {
+            true => format!("{ready} of {total} gateways ready"),
+            false => {
+                format!(
+                    "{ready} of {total} gateways ready; not ready: slave {}",
+                    missing.join(", ")
+                )
+            }
+        }
+    }
+
+    fn set_status(&mut self, status: String) {
+        if self.status != status {
+            notify(&[NotifyState::Status(&status)]);
+            self.status = status;
+        }
+    }
+
+    fn report_start(&mut self) {
+        let Some(ready_at) = self.ready_at else { return };
+        let are_ready = !self.are_ready.is_empty() && self.are_ready.iter().all(|it| *it);
+        if are_ready || Instant::now() >= ready_at {
+            notify(&[NotifyState::Ready, NotifyState::Status(&self.status)]);
+            self.ready_at = None;
+        }
+    }
+
+    fn ping(&mut self) {
+        let Some(watchdog) = &mut self.watchdog else { return };
+        let steps = self.progress.steps.load(Ordering::Relaxed);
+        let is_cycle = self.progress.is_cycle.load(Ordering::Relaxed);
+        if watchdog.is_alive(steps, is_cycle, Instant::now()) {
+            notify(&[NotifyState::Watchdog]);
+        }
+    }
+}
+
+fn notify(states: &[NotifyState<'_>]) {
+    if let Err(error) = sd_notify::notify(states) {
+        tracing::warn!("service manager not notified: {error}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stuck_cycle_ends_the_pings() {
+        let start = Instant::now();
+        let mut watchdog = Watchdog { interval: Duration::from_secs(10), seen: (0, start) };
+        let mut is_alive = |steps, is_cycle, seconds| {
+            watchdog.is_alive(steps, is_cycle, start + Duration::from_secs(seconds))
+        };
+        assert!(is_alive(0, false, 30), "gateways are being configured");
+        assert!(is_alive(1000, true, 31));
+        assert!(is_alive(1000, true, 35), "a late thread of notification");
+        assert!(!is_alive(1000, true, 36));
+        assert!(is_alive(1001, true, 37));
+        assert!(is_alive(1002, false, 38));
+        assert!(is_alive(1002, false, 337));
+        assert!(!is_alive(1002, false, 338), "configuration without end");
+    }
+}
