@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use ecan_protocol::can::CanFrame;
 use ecan_service_protocol::{
     Access, ActiveConfig, AssignedParams, AssignedPdo, Axes, BusState, DownloadParams, Empty,
-    Hello, HelloParams, ImageSubscription, Link, LinkParams, MAX_CLIENT_PAYLOAD, MessageKind,
+    Hello, HelloParams, ImageSubscription, Link, LinkParams, MAX_REQUEST_PAYLOAD, MessageKind,
     Method, NmtParams, PROTOCOL_VERSION, Request, ServiceStats, Slave, SlaveParams, State,
     Subscription, TransmitRecord, UploadParams, header, methods,
 };
@@ -166,9 +166,9 @@ impl Client {
         timeout: Duration,
     ) -> Result<Value, ClientError> {
         let payload = serde_json::to_vec(&Request::new(id, method, params))?;
-        if payload.len() > MAX_CLIENT_PAYLOAD {
+        if payload.len() > MAX_REQUEST_PAYLOAD {
             return Err(ClientError::Protocol(format!(
-                "request {method} has {} bytes; allowed: at most {MAX_CLIENT_PAYLOAD}",
+                "request {method} has {} bytes; allowed: at most {MAX_REQUEST_PAYLOAD}",
                 payload.len()
             )));
         }

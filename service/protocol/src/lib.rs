@@ -40,8 +40,8 @@ pub use frame_record::{
 pub use hello::{Access, Channel, Gateway, GatewaysChanged, Hello, HelloParams, PROTOCOL_VERSION};
 pub use image_message::{IMAGE_HEAD_BYTES, ImageMessage};
 pub use message::{
-    HEADER_BYTES, HeaderError, MAX_CLIENT_PAYLOAD, MAX_SERVICE_PAYLOAD, MessageKind, MessageReader,
-    Sender, header, read_header,
+    HEADER_BYTES, HeaderError, MAX_REQUEST_PAYLOAD, MAX_SERVICE_PAYLOAD, MAX_TRANSMIT_PAYLOAD,
+    MessageKind, MessageReader, Sender, header, read_header,
 };
 pub use method::{Empty, METHODS, Method, methods};
 pub use nmt::{NmtCommand, NmtParams};

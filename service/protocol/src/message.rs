@@ -6,8 +6,10 @@ use thiserror::Error;
 pub const HEADER_BYTES: usize = 8;
 /// Largest payload from the service, in bytes.
 pub const MAX_SERVICE_PAYLOAD: usize = 1 << 20;
-/// Largest payload from a client, in bytes.
-pub const MAX_CLIENT_PAYLOAD: usize = 64 << 10;
+/// Largest request of a client, in bytes.
+pub const MAX_REQUEST_PAYLOAD: usize = 1 << 20;
+/// Largest batch of transmit records, in bytes.
+pub const MAX_TRANSMIT_PAYLOAD: usize = 64 << 10;
 
 /// Type of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -46,10 +48,11 @@ pub enum Sender {
 
 impl Sender {
     /// Largest payload, in bytes.
-    pub const fn max_payload(self) -> usize {
-        match self {
-            Self::Service => MAX_SERVICE_PAYLOAD,
-            Self::Client => MAX_CLIENT_PAYLOAD,
+    pub const fn max_payload(self, kind: MessageKind) -> usize {
+        match (self, kind) {
+            (Self::Service, _) => MAX_SERVICE_PAYLOAD,
+            (Self::Client, MessageKind::Transmit) => MAX_TRANSMIT_PAYLOAD,
+            (Self::Client, _) => MAX_REQUEST_PAYLOAD,
         }
     }
 
@@ -71,7 +74,7 @@ pub enum HeaderError {
     TooLong {
         /// Length in the header.
         bytes: u32,
-        /// Largest length in this direction.
+        /// Largest length of this type in this direction.
         max: usize,
     },
     /// No such type, or one of the other direction.
@@ -105,7 +108,7 @@ pub fn read_header(
     if reserved != [0; 3] {
         return Err(HeaderError::Reserved(reserved));
     }
-    let max = sender.max_payload();
+    let max = sender.max_payload(kind);
     match usize::try_from(bytes) {
         Ok(length) if length <= max => Ok((kind, length)),
         _ => Err(HeaderError::TooLong { bytes, max }),

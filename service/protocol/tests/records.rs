@@ -69,11 +69,13 @@ fn header_of_other_direction_returns_error() {
     assert_eq!(read_header(frames, Sender::Client), Err(HeaderError::Kind(2)));
     let transmit = header(MessageKind::Transmit, 0);
     assert_eq!(read_header(transmit, Sender::Service), Err(HeaderError::Kind(3)));
-    let long = header(MessageKind::Rpc, MAX_CLIENT_PAYLOAD + 1);
-    let max = MAX_CLIENT_PAYLOAD;
-    let too_long = HeaderError::TooLong { bytes: max as u32 + 1, max };
-    assert_eq!(read_header(long, Sender::Client), Err(too_long));
-    assert!(read_header(long, Sender::Service).is_ok());
+    for (kind, max) in
+        [(MessageKind::Rpc, MAX_REQUEST_PAYLOAD), (MessageKind::Transmit, MAX_TRANSMIT_PAYLOAD)]
+    {
+        let too_long = HeaderError::TooLong { bytes: max as u32 + 1, max };
+        assert_eq!(read_header(header(kind, max + 1), Sender::Client), Err(too_long));
+        assert_eq!(read_header(header(kind, max), Sender::Client), Ok((kind, max)));
+    }
 }
 
 fn transmit(bytes: &[u8]) -> Result<Vec<TransmitRecord>, RecordError> {

@@ -188,7 +188,7 @@ fn broken_clients_are_answered_and_disturb_nobody() {
         (response.error.unwrap().code, read(&mut stream).is_none())
     };
     assert_eq!(code(&[0xFF; 16], false), (INVALID_REQUEST, true));
-    let oversized = header(MessageKind::Rpc, MAX_CLIENT_PAYLOAD + 1);
+    let oversized = header(MessageKind::Rpc, MAX_REQUEST_PAYLOAD + 1);
     assert_eq!(code(&oversized, true), (INVALID_REQUEST, true));
     let mut bad_record = header(MessageKind::Transmit, 3).to_vec();
     bad_record.extend_from_slice(&[1, 2, 3]);

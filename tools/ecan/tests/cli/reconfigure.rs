@@ -117,6 +117,8 @@ fn apply_changes_n_and_bit_rate_for_all_clients() {
     assert_eq!(served.good(&["config", "diff", "--active", &file]), "");
     let message = served.fails(5, &["config", "save"]);
     assert!(message.contains("keeps it in OP: end that program, or use"), "{message}");
+    // As large as the file of many gateways.
+    let file = served.file(&format!("# {}\n{OTHER}", "x".repeat(400_000)));
     let json = served.good(&["config", "apply", &file, "--json"]);
     let report: Value = serde_json::from_str(&json).unwrap();
     assert_eq!(report["changes"], json!([]));
