@@ -1,16 +1,27 @@
 use std::path::Path;
 
-use ecan_config_file::{ConfigFileError, ResolveError, ResolvedGateway, find, load};
+use ecan_config_file::{
+    ConfigFileError, ResolveError, ResolvedGateway, ServiceSettings, find, load, load_service,
+};
 use ecan_mcan_port::Config;
 use ecan_sim::ClockKind;
 
 use crate::context::{Bus, Context, Failure, GlobalOptions, Result};
 
 pub fn read(path: &Path) -> Result<Config> {
-    load(path).map_err(|error| match error {
+    load(path).map_err(failure)
+}
+
+/// Settings of the service in a file.
+pub fn service(path: &Path) -> Result<ServiceSettings> {
+    load_service(path).map_err(failure)
+}
+
+pub fn failure(error: ConfigFileError) -> Failure {
+    match error {
         ConfigFileError::Read { path, reason } => Failure::file("read", &path, reason),
         ConfigFileError::Faults { path, faults } => Failure::file("use", &path, faults),
-    })
+    }
 }
 
 /// Master of a file, unless the user selects another.

@@ -10,6 +10,7 @@ use ecan_service_client::METHOD_NOT_FOUND;
 use serde::{Deserialize, Serialize};
 
 use crate::config_changes::Change;
+use crate::config_file;
 use crate::context::{Failure, Result};
 use crate::service_access::ServiceConnection;
 
@@ -53,7 +54,7 @@ impl ConfigText {
             std::fs::read_to_string(path).map_err(|error| Failure::file("read", path, error))
         };
         let base = path.parent().unwrap_or(Path::new(""));
-        let profiles = load_profiles(path).map_err(|error| Failure::file("use", path, error))?;
+        let profiles = load_profiles(path).map_err(config_file::failure)?;
         let mut files = BTreeMap::new();
         for included in profiles {
             let name = included.path.strip_prefix(base).unwrap_or(&included.path);

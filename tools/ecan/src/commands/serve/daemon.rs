@@ -5,12 +5,12 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::PortConfig;
+use ecan_mcan_port::{Config, PortConfig};
 use ecan_service::Service;
 use ecan_sim::Backend;
 
 use crate::context::{Bus, Context, Failure, Result, note};
-use crate::frames::Settings;
+use crate::frames::{Planned, Settings};
 
 use super::cycle::{GatewayCycle, requirements};
 use super::notification::{Event, Notifier};
@@ -80,8 +80,8 @@ impl Daemon<'_> {
                 self.start(planned)?
             }
         };
+        self.set_active(&cycle);
         loop {
-            *self.active.lock().unwrap_or_else(PoisonError::into_inner) = Some(cycle.config());
             let ended = cycle.run(self.interrupt, &self.commands);
             if cycle.has_been_ready() {
                 *attempts = 0;
@@ -101,7 +101,13 @@ impl Daemon<'_> {
         }
     }
 
-    fn start(&self, planned: crate::frames::Planned) -> Result<GatewayCycle> {
+    /// Not between cycles: the reloader may hold the lock.
+    fn set_active(&self, cycle: &GatewayCycle) -> Option<Config> {
+        let mut active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
+        active.replace(cycle.config())
+    }
+
+    fn start(&self, planned: Planned) -> Result<GatewayCycle> {
         let Self { backend, arguments, service, interrupt, notifier, .. } = self;
         GatewayCycle::start(backend, planned, arguments, service, interrupt, notifier)
     }
@@ -139,8 +145,7 @@ impl Daemon<'_> {
             Ok(()) => {
                 note(format_args!("configuration {name}: active, by request of a client"));
                 self.settings.set_file(request.path.clone(), request.file);
-                let former = *self.active.lock().unwrap_or_else(PoisonError::into_inner);
-                let former = former.unwrap_or_else(|| cycle.config());
+                let former = self.set_active(cycle).unwrap_or_else(|| cycle.config());
                 let report = request.planned.report(&former, cycle.warnings());
                 request.reply(Ok(report));
                 Ok(())

@@ -16,12 +16,13 @@ use std::time::Duration;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
-use ecan_config_file::{ServiceSettings, load_service};
+use ecan_config_file::ServiceSettings;
 use ecan_service::{Control, Service, ServiceConfig};
 use ecan_service_client::Hello;
 use ecan_sim::{Backend, ClockKind};
 use listenfd::ListenFd;
 
+use crate::config_file;
 use crate::context::{Context, Failure, Result, note};
 use crate::frames::{GatewayOptions, Settings};
 use crate::via::default_paths;
@@ -107,8 +108,7 @@ pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
     let backend = context.backend(&context.setting()?, ClockKind::Real)?;
     let (sender, commands) = channel();
     let path = arguments.options.setup.config.clone();
-    let of_file = path.as_ref().map(load_service).transpose();
-    let of_file = of_file.map_err(|error| Failure::Usage(error.to_string()))?.unwrap_or_default();
+    let of_file = path.as_deref().map(config_file::service).transpose()?.unwrap_or_default();
     let mut config = service_config(arguments, &of_file, &backend, master)?;
     if !arguments.idle {
         let sender = sender.clone();

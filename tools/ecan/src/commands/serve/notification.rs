@@ -15,7 +15,7 @@ use super::reload::Reloader;
 /// Time until the service counts as started without gateways that could be configured.
 const START_LIMIT: Duration = Duration::from_secs(10);
 /// Longest time without a cycle while gateways are configured: each step has its own limit.
-const CONFIGURATION_LIMIT: Duration = Duration::from_secs(300);
+const CONFIGURATION_LIMIT: Duration = Duration::from_secs(600);
 const MAX_INTERVAL: Duration = Duration::from_secs(1);
 
 /// An event for the reporter.
@@ -88,6 +88,7 @@ impl Notifier {
             reloader,
             watchdog,
             ready_at: Some(now + START_LIMIT),
+            is_first: true,
             positions: Vec::new(),
             are_ready: Vec::new(),
             status: String::new(),
@@ -121,6 +122,7 @@ struct Reporter {
     watchdog: Option<Watchdog>,
     /// Time at which the service counts as started; `None` after it.
     ready_at: Option<Instant>,
+    is_first: bool,
     positions: Vec<usize>,
     are_ready: Vec<bool>,
     status: String,
@@ -145,8 +147,9 @@ impl Reporter {
     fn take(&mut self, event: Event) {
         match event {
             Event::Start(positions, timeout) => {
-                if let Some(ready_at) = &mut self.ready_at {
-                    *ready_at = Instant::now() + timeout;
+                // The first start only: without one that succeeds it would never be over.
+                if std::mem::take(&mut self.is_first) && self.ready_at.is_some() {
+                    self.ready_at = Some(Instant::now() + timeout);
                 }
                 self.are_ready = vec![false; positions.len()];
                 self.positions = positions;
@@ -252,7 +255,7 @@ mod tests {
         assert!(!is_alive(1000, true, 36));
         assert!(is_alive(1001, true, 37));
         assert!(is_alive(1002, false, 38));
-        assert!(is_alive(1002, false, 337));
-        assert!(!is_alive(1002, false, 338), "configuration without end");
+        assert!(is_alive(1002, false, 637));
+        assert!(!is_alive(1002, false, 638), "configuration without end");
     }
 }

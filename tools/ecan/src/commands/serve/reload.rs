@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-use ecan_config_file::{ServiceSettings, load_service};
+use ecan_config_file::ServiceSettings;
 use ecan_mcan_port::Config;
 use ecan_service::{Control, Service};
 
-use crate::config_changes::changes;
+use crate::config_changes::{Change, changes};
 use crate::config_file;
 use crate::context::{Failure, GlobalOptions, Result, note};
 use crate::frames::of_file_offline;
@@ -43,33 +43,20 @@ impl Reloader {
             return Ok(());
         };
         let file = config_file::read(&path)?;
-        let settings = load_service(&path).map_err(|error| Failure::file("use", &path, error))?;
+        let settings = config_file::service(&path)?;
         let planned = of_file_offline(&path, &file, requirements(), &self.global)?;
         self.set_access(&service, &settings)?;
         let name = path.display();
-        let new = Config::from((planned.adapter, planned.config));
-        let mut active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(active) = &mut *active else {
+        let Some((limits, others)) = self.apply(&(planned.adapter, planned.config).into()) else {
             note(format_args!("reload {name}: read; no gateway has started yet"));
             return Ok(());
         };
-        // Gateways are compared by their index.
-        let is_same_bus = active.adapter.slaves.len() == new.adapter.slaves.len();
-        let is_limit = |setting: &str| LIMITS.iter().any(|end| setting.ends_with(end));
-        let (limits, others): (Vec<_>, Vec<_>) =
-            changes(active, &new).into_iter().partition(|it| is_same_bus && is_limit(&it.setting));
         for change in &others {
             let action = match change.setting.as_str() {
                 "master_index" => "needs a restart of the service".to_owned(),
                 _ => format!("needs `ecan config apply {name}`, for which the gateways leave OP"),
             };
             note(format_args!("reload {name}: {change}: {action}"));
-        }
-        if !limits.is_empty() {
-            let gateways = active.port.gateways.iter_mut().zip(&new.port.gateways);
-            gateways.for_each(|(active, new)| active.set_limits(new));
-            // The thread of the cycle ends after this one.
-            let _ = self.commands.send(Command::Limits(Box::new(new.port)));
         }
         for change in &limits {
             note(format_args!("reload {name}: {change}: active now"));
@@ -78,6 +65,24 @@ impl Reloader {
             note(format_args!("reload {name}: no setting of the gateways differs"));
         }
         Ok(())
+    }
+
+    /// Applies the limits; returns their changes and the others, `None` before the first start.
+    fn apply(&self, new: &Config) -> Option<(Vec<Change>, Vec<Change>)> {
+        let mut active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
+        let active = active.as_mut()?;
+        // Gateways are compared by their index.
+        let is_same_bus = active.adapter.slaves.len() == new.adapter.slaves.len();
+        let is_limit = |setting: &str| LIMITS.iter().any(|end| setting.ends_with(end));
+        let (limits, others): (Vec<_>, Vec<_>) =
+            changes(active, new).into_iter().partition(|it| is_same_bus && is_limit(&it.setting));
+        if !limits.is_empty() {
+            let gateways = active.port.gateways.iter_mut().zip(&new.port.gateways);
+            gateways.for_each(|(active, new)| active.set_limits(new));
+            // The thread of the cycle ends after this one.
+            let _ = self.commands.send(Command::Limits(Box::new(new.port)));
+        }
+        Some((limits, others))
     }
 
     /// Sets the access, also if it is the same: users may have joined or left the group.
