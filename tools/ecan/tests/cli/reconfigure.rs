@@ -11,7 +11,7 @@ use ecan_service_client::{
 use serde_json::{Value, json};
 
 use super::serve::{Served, serve};
-use super::support::{Running, fails, good};
+use super::support::{Running, fails, good, setting, two_gateways};
 
 // A watchdog that a busy machine does not miss.
 const ONE: &str = "\
@@ -123,6 +123,32 @@ fn apply_changes_n_and_bit_rate_for_all_clients() {
     let report: Value = serde_json::from_str(&json).unwrap();
     assert_eq!(report["changes"], json!([]));
     assert_eq!(report["gateways"], json!([{ "position": 0, "gateway": 0 }]));
+    served.end();
+}
+
+#[test]
+fn apply_changes_the_set_of_gateways() {
+    let bus = two_gateways();
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("cell.toml");
+    std::fs::write(&file, ONE).unwrap();
+    let path = directory.path().join("bus.sock").display().to_string();
+    let file = file.to_str().unwrap();
+    let arguments = ["--ecrt", &setting(&bus), "serve", "--socket", &path, "--config", file];
+    let mut program = Running::start(&arguments);
+    program.wait_for_error("slave 0: ready");
+    let served = Served { directory, path, program };
+    let client = served.client();
+    let second = "[[gateway]]\nalias = 7\nn = 2\ncan3 = { bitrate = 125_000 }\n";
+    let printed = served.good(&["config", "apply", &served.file(&format!("{ONE}{second}"))]);
+    assert!(printed.contains("slave 1: configured as gateway 1"), "{printed}");
+    assert!(printed.contains("  gateway[1]: none -> set\n"), "{printed}");
+    assert_eq!(next_gateways(&client).gateways.len(), 2);
+    let only = format!("watchdog_us = 2_000_000\n{second}");
+    let printed = served.good(&["config", "apply", &served.file(&only)]);
+    assert!(printed.starts_with("slave 1: configured as gateway 0"), "{printed}");
+    let gateways = next_gateways(&client).gateways;
+    assert_eq!((gateways.len(), gateways[0].alias, gateways[0].channels[0].channel), (1, 7, 3));
     served.end();
 }
 

@@ -3,8 +3,11 @@
 use std::os::unix::net::{UnixDatagram, UnixListener};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use ecan_service_client::Client;
+use nix::sys::ptrace;
+use nix::unistd::Pid;
 use rustix::process::Signal;
 use serde_json::json;
 
@@ -18,6 +21,8 @@ watchdog_us = 2_000_000
 n = 3
 can0 = { bitrate = 500_000 }
 ";
+
+const WATCHDOG: Duration = Duration::from_secs(2);
 
 /// Service manager that receives the notifications of a service with this configuration.
 struct Manager {
@@ -54,7 +59,9 @@ impl Manager {
         let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
         command.args(["--ecrt", ecrt, "serve", "--config"]).arg(self.path("cell.toml"));
         command.args(["--socket", &self.socket()]);
-        command.env("NOTIFY_SOCKET", self.path("notify")).env("WATCHDOG_USEC", "4000000");
+        command
+            .env("NOTIFY_SOCKET", self.path("notify"))
+            .env("WATCHDOG_USEC", WATCHDOG.as_micros().to_string());
         Running::spawn(&mut command)
     }
 
@@ -103,6 +110,27 @@ fn service_manager_receives_state_pings_and_end() {
     program.terminate();
     manager.wait_for("STOPPING=1\n");
     assert_eq!(program.wait().0, Some(0));
+}
+
+/// A debugger stops the thread of the cycle, and this thread only.
+#[test]
+fn stuck_cycle_ends_the_pings_of_the_watchdog() {
+    let mut manager = Manager::new(FILE);
+    let program = manager.start("sim");
+    manager.wait_for("READY=1\n");
+    manager.wait_for_ping();
+    let cycle = Pid::from_raw(program.id().try_into().unwrap());
+    if let Err(error) = ptrace::seize(cycle, ptrace::Options::empty()) {
+        eprintln!("skipped: this system does not permit ptrace: {error}");
+        return;
+    }
+    ptrace::interrupt(cycle).unwrap();
+    manager.notifications.set_read_timeout(Some(WATCHDOG * 4)).unwrap();
+    while manager.notifications.recv(&mut [0; 4096]).is_ok() {}
+    manager.notifications.set_read_timeout(Some(LIMIT)).unwrap();
+    ptrace::detach(cycle, None).unwrap();
+    manager.wait_for_ping();
+    ends(program);
 }
 
 #[test]

@@ -208,6 +208,10 @@ impl Running {
         self.signal(Signal::TERM);
     }
 
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Kills it and waits for its end.
     pub fn kill(&mut self) {
         self.child.kill().unwrap();
