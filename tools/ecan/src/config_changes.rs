@@ -1,5 +1,7 @@
 //! Comparison of two configurations, setting by setting.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use ecan_mcan_port::Config;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -33,10 +35,36 @@ pub fn changes(before: &Config, after: &Config) -> Vec<Change> {
             serde_json::to_value(config.port).unwrap_or_default(),
         )
     };
-    let ((adapter, port), (new_adapter, new_port)) = (value(before), value(after));
+    let ((mut adapter, mut port), (mut new_adapter, mut new_port)) = (value(before), value(after));
+    let lists =
+        [("startup", &mut adapter, &mut new_adapter), ("filters", &mut port, &mut new_port)];
+    let lists =
+        lists.map(|(name, before, after)| (of_gateways(name, before), of_gateways(name, after)));
     compare("", &adapter, &new_adapter, &mut found);
     compare("", &port, &new_port, &mut found);
+    for (before, after) in &lists {
+        let none = Value::Array(Vec::new());
+        let keys: BTreeSet<_> = before.keys().chain(after.keys()).collect();
+        for key in keys {
+            let list = |lists: &BTreeMap<_, _>| lists.get(key).cloned().unwrap_or(none.clone());
+            compare(key, &list(before), &list(after), &mut found);
+        }
+    }
     found
+}
+
+/// Takes a list whose entries have the index of a gateway, by their settings.
+fn of_gateways(name: &str, side: &mut Value) -> BTreeMap<String, Value> {
+    let mut lists = BTreeMap::new();
+    let entries = side.as_object_mut().and_then(|it| it.remove(name)).unwrap_or_default();
+    for entry in entries.as_array().into_iter().flatten() {
+        let number = |key| entry.get(key).and_then(Value::as_u64);
+        let channel = number("channel").map_or_else(String::new, |it| format!(".can{it}"));
+        let setting = format!("gateway[{}]{channel}.{name}", number("slave").unwrap_or_default());
+        let list = lists.entry(setting).or_insert_with(|| Value::Array(Vec::new()));
+        list.as_array_mut().into_iter().for_each(|it| it.push(entry.clone()));
+    }
+    lists
 }
 
 fn compare(path: &str, before: &Value, after: &Value, found: &mut Vec<Change>) {
@@ -52,7 +80,8 @@ fn compare(path: &str, before: &Value, after: &Value, found: &mut Vec<Change>) {
         // A list of filters or SDOs is one setting, those of gateways and channels are not.
         (Value::Array(one), Value::Array(other))
             if one.iter().chain(other).all(|it| it.is_object() || it.is_null())
-                && !["filters", "startup"].contains(&path) =>
+                && !path.ends_with(".filters")
+                && !path.ends_with(".startup") =>
         {
             for at in 0..one.len().max(other.len()) {
                 let item = |list: &[Value]| list.get(at).cloned().unwrap_or_default();
@@ -88,6 +117,7 @@ fn text(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),
         Value::String(text) => text.clone(),
+        Value::Array(items) if items.len() == 1 => "1 entry".to_owned(),
         Value::Array(items) => format!("{} entries", items.len()),
         Value::Object(_) => match duration_us(value) {
             Some(us) => format!("{us} us"),
@@ -107,6 +137,7 @@ mod tests {
     use std::time::Duration;
 
     use ecan_mcan_port::{ChannelConfig, GatewayConfig};
+    use ecan_protocol::config::StandardFilter;
 
     use super::*;
 
@@ -144,7 +175,17 @@ mod tests {
     fn added_parts_are_one_change_each() {
         let mut after = config().with_gateway(GatewayConfig::default());
         after.port.gateways[0].channels[0] = Some(ChannelConfig::classic(125_000));
-        let expected = ["gateway[1]: none -> set", "gateway[0].can0: none -> set"];
+        let filter = |id1| StandardFilter { id1, ..StandardFilter::default() };
+        after.port.add_filter(0, 1, filter(1)).unwrap();
+        let expected = [
+            "gateway[1]: none -> set",
+            "gateway[0].can0: none -> set",
+            "gateway[0].can1.filters: 0 entries -> 1 entry",
+        ];
         assert_eq!(texts(&config(), &after), expected);
+        let before = after;
+        after.port.filters.clear();
+        after.port.add_filter(0, 1, filter(2)).unwrap();
+        assert_eq!(texts(&before, &after), ["gateway[0].can1.filters: other 1 entry"]);
     }
 }
