@@ -232,3 +232,36 @@ fn idle(backend: &Backend, interrupt: &Interrupt, notifier: &Notifier) -> Result
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_override_the_table_of_the_file() {
+        let access = |read_only, group: Option<&str>, max_clients| Access {
+            read_only,
+            control_group: group.map(str::to_owned),
+            max_clients,
+        };
+        let none = ServiceSettings::default();
+        let group = ServiceSettings {
+            control_group: Some("file".to_owned()),
+            max_clients: Some(3),
+            ..none.clone()
+        };
+        let read_only = ServiceSettings { read_only: Some(true), ..none.clone() };
+        let of = |name: &str| Control::Group(name.to_owned());
+        let cases = [
+            (access(false, None, None), &none, Control::Owner, MAX_CLIENTS),
+            (access(false, None, None), &group, of("file"), 3),
+            (access(false, Some("own"), Some(9)), &group, of("own"), 9),
+            (access(true, None, None), &group, Control::Nobody, 3),
+            (access(false, None, None), &read_only, Control::Nobody, MAX_CLIENTS),
+            (access(false, Some("own"), None), &read_only, of("own"), MAX_CLIENTS),
+        ];
+        for (access, file, control, max_clients) in cases {
+            assert_eq!(access.with(file), (control, max_clients), "{access:?} {file:?}");
+        }
+    }
+}
