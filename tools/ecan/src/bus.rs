@@ -35,19 +35,34 @@ impl Bus {
     /// Opens a master of a loaded library, for the slave of `--slave` if given. Waits while the
     /// master scans the bus.
     pub fn of(backend: &Backend, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {
-        Self::open(&Path::Library(backend.ecrt.clone()), master, choice)
+        Self::of_until(backend, master, choice, &|| false)
+    }
+
+    /// As [`of`](Self::of); `is_stopped` ends the wait.
+    pub fn of_until(
+        backend: &Backend,
+        master: u32,
+        choice: Option<SlaveChoice>,
+        is_stopped: &dyn Fn() -> bool,
+    ) -> Result<Self> {
+        Self::open(&Path::Library(backend.ecrt.clone()), master, choice, is_stopped)
     }
 
     /// As [`of`](Self::of), through a service.
     pub fn of_service(connection: ServiceConnection, choice: Option<SlaveChoice>) -> Result<Self> {
         let master = connection.hello().master;
-        Self::open(&Path::Service(connection), master, choice)
+        Self::open(&Path::Service(connection), master, choice, &|| false)
     }
 
-    fn open(path: &Path, master: u32, choice: Option<SlaveChoice>) -> Result<Self> {
+    fn open(
+        path: &Path,
+        master: u32,
+        choice: Option<SlaveChoice>,
+        is_stopped: &dyn Fn() -> bool,
+    ) -> Result<Self> {
         let mut bus = Self::on(path, master, choice)?;
         let end_ns = bus.clock().now_ns().saturating_add(SCAN_NS);
-        while bus.is_scanning() && bus.clock().now_ns() < end_ns {
+        while bus.is_scanning() && bus.clock().now_ns() < end_ns && !is_stopped() {
             bus.sleep_ns(POLL_NS);
             bus = Self::on(path, master, choice)?;
         }

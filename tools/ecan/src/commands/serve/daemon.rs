@@ -75,7 +75,9 @@ impl Daemon<'_> {
             Some(request) => self.start_requested(request)?,
             None => {
                 let global = self.context.global;
-                let bus = Bus::of(self.backend, self.settings.master(global), None)?;
+                let (master, is_stopped) =
+                    (self.settings.master(global), || self.interrupt.is_set());
+                let bus = Bus::of_until(self.backend, master, None, &is_stopped)?;
                 let planned = self.settings.for_all(&bus, requirements(), global)?;
                 self.start(planned)?
             }
