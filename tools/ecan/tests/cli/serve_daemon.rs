@@ -148,6 +148,22 @@ fn gateway_that_is_plugged_in_later_is_started() {
 }
 
 #[test]
+fn service_manager_that_does_not_read_delays_nothing() {
+    let manager = Manager::new(FILE);
+    let mut program = manager.start("sim");
+    program.wait_for_error("slave 0: ready");
+    let client = Client::connect(&manager.path("bus.sock"), "test").unwrap();
+    // The system keeps about ten messages.
+    for _ in 0..10 {
+        let fault = json!({ "kind": "power_cycle", "gateway": 0, "off_ms": 10 });
+        client.call("sim.fault", fault).unwrap();
+        program.signal(Signal::HUP);
+    }
+    assert_eq!(client.slaves().unwrap().len(), 1);
+    ends(program);
+}
+
+#[test]
 fn missing_master_is_waited_for() {
     let mut manager = Manager::new(&format!("master = 3\n{FILE}"));
     let program = manager.start("sim");

@@ -146,9 +146,7 @@ pub fn run(arguments: &ServeArguments, context: &Context) -> Result {
         };
         daemon.run()
     };
-    notifier.send(Event::End);
-    // A panic in it was reported on standard error.
-    let _ = reporter.join();
+    notifier.end(&reporter);
     ended
 }
 

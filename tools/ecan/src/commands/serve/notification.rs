@@ -16,6 +16,8 @@ use super::reload::Reloader;
 const START_LIMIT: Duration = Duration::from_secs(10);
 /// Longest time without a cycle while gateways are configured: each step has its own limit.
 const CONFIGURATION_LIMIT: Duration = Duration::from_secs(600);
+/// Time that the end of the command waits for the service manager.
+const END_LIMIT: Duration = Duration::from_secs(1);
 const MAX_INTERVAL: Duration = Duration::from_secs(1);
 
 /// An event for the reporter.
@@ -100,6 +102,15 @@ impl Notifier {
     pub fn send(&self, event: Event) {
         // The reporter ends after the command only.
         let _ = self.events.send(event);
+    }
+
+    /// Ends the reporter. It may wait for a service manager that does not read.
+    pub fn end(&self, reporter: &JoinHandle<()>) {
+        self.send(Event::End);
+        let end = Instant::now() + END_LIMIT;
+        while !reporter.is_finished() && Instant::now() < end {
+            thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// A cycle has ended; real-time safe.
