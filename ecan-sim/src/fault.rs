@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::gateway::GatewayFault;
 
-pub use description::{FaultDescription, FaultError, FaultKey, FaultKind};
+pub use description::{FaultDescription, FaultError, FaultKey, FaultKind, FaultValue};
 pub use log::FaultRecord;
 
 pub(crate) use log::FaultLog;
@@ -211,4 +211,15 @@ pub struct ScriptedFault {
     pub when: When,
     /// Fault.
     pub fault: Fault,
+}
+
+/// Effect of a fault on command, see [`Simulation::execute`](crate::Simulation::execute).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FaultEffect {
+    /// The fault took effect.
+    Injected(FaultRecord),
+    /// Its time has not come.
+    Scheduled(ScriptedFault),
+    /// Nothing has changed, for example because the gateway has its supply already.
+    Nothing(Fault),
 }

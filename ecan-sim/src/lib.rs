@@ -83,8 +83,8 @@ pub use clock::SimClock;
 pub use ecrt_sys::{ECRT_VARIABLE, EcrtSetting};
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{
-    DriveFault, Fault, FaultDescription, FaultError, FaultKey, FaultKind, FaultRecord, LibraryCall,
-    LossDirection, ScriptedFault, When,
+    DriveFault, Fault, FaultDescription, FaultEffect, FaultError, FaultKey, FaultKind, FaultRecord,
+    FaultValue, LibraryCall, LossDirection, ScriptedFault, When,
 };
 pub use runner::{RealTimeRunner, RunnerError};
 pub use scenario::{

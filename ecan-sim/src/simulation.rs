@@ -6,7 +6,9 @@ use ecrt_sys::Clock as _;
 use crate::backend_error::BackendError;
 use crate::clock::SimClock;
 use crate::ecrt::Shared;
-use crate::fault::{Fault, FaultDescription, FaultError, FaultRecord, ScriptedFault, When};
+use crate::fault::{
+    Fault, FaultDescription, FaultEffect, FaultError, FaultRecord, ScriptedFault, When,
+};
 use crate::node::{BridgeFactory, Node};
 use crate::runner::{RealTimeRunner, RunnerError};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
@@ -38,6 +40,11 @@ impl Simulation {
     /// Name of the scenario.
     pub fn scenario_name(&self) -> &str {
         &self.scenario.name
+    }
+
+    /// The scenario.
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
     }
 
     /// Seed of all random values.
@@ -98,18 +105,27 @@ impl Simulation {
         self.with_world(|world| world.schedule(ScriptedFault { when, fault }));
     }
 
-    /// Injects the fault of a description, or schedules it if the description has a time; returns
-    /// the fault.
+    /// Injects the fault of a description, or schedules it if the description has a time.
     ///
     /// # Errors
     /// The description does not fit the scenario.
-    pub fn execute(&self, description: &FaultDescription) -> Result<Fault, FaultError> {
+    pub fn execute(&self, description: &FaultDescription) -> Result<FaultEffect, FaultError> {
         let fault = description.fault(&self.scenario)?;
-        match description.when()? {
-            Some(when) => self.schedule(when, fault.clone()),
-            None => self.inject(fault.clone()),
-        }
-        Ok(fault)
+        self.with_world(|world| {
+            let now_ns = world.now_ns().saturating_sub(world.start_ns());
+            Ok(match description.when(now_ns)? {
+                Some(when) => {
+                    let scripted = ScriptedFault { when, fault };
+                    world.schedule(scripted.clone());
+                    FaultEffect::Scheduled(scripted)
+                }
+                None => {
+                    let has_effect = world.inject(fault.clone());
+                    let record = world.faults().last().filter(|_| has_effect).cloned();
+                    record.map_or(FaultEffect::Nothing(fault), FaultEffect::Injected)
+                }
+            })
+        })
     }
 
     /// Calls `observer` with each fault at the time it takes effect; see

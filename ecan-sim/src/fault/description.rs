@@ -13,8 +13,45 @@ use crate::scenario::{NodeKind, NodeSpec, Scenario};
 pub struct FaultKey {
     /// Name. A name that ends in `_ms` is a duration in milliseconds.
     pub name: &'static str,
-    /// Meaning, in one line.
+    /// Type of its value.
+    pub value: FaultValue,
+    /// Meaning, in one line; with the default of an optional key.
     pub help: &'static str,
+}
+
+impl FaultKey {
+    /// Returns whether the kinds with this key need it.
+    pub fn is_required(&self) -> bool {
+        !self.help.contains("[default: ")
+    }
+}
+
+/// Type of the value of a [`FaultKey`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FaultValue {
+    /// An integer.
+    Number,
+    /// A text.
+    Text,
+    /// A number or a name.
+    NumberOrText,
+}
+
+trait KeyType {
+    const VALUE: FaultValue;
+}
+
+macro_rules! key_types {
+    ($($type:ty => $value:ident,)+) => {
+        $( impl KeyType for $type { const VALUE: FaultValue = FaultValue::$value; } )+
+    };
+}
+
+key_types! {
+    u8 => Number, u16 => Number, u32 => Number, u64 => Number, usize => Number,
+    i32 => Number, i64 => Number,
+    String => Text, LossDirection => Text, LibraryCall => Text,
+    toml::Value => NumberOrText,
 }
 
 macro_rules! keys {
@@ -30,9 +67,15 @@ macro_rules! keys {
         }
 
         impl FaultDescription {
-            /// The keys besides `kind`.
+            /// The keys of the time. A description has at most one of them.
+            pub const TIMES: [&str; 4] = ["cycle", "at_ms", "after_ms", "after_op_ms"];
+            /// The keys besides `kind`, those of the time first.
             pub const KEYS: &[FaultKey] =
-                &[$( FaultKey { name: stringify!($key), help: concat!($($help),+).trim_ascii() }, )+];
+                &[$( FaultKey {
+                    name: stringify!($key),
+                    value: <$type as KeyType>::VALUE,
+                    help: concat!($($help),+).trim_ascii(),
+                }, )+];
         }
     };
 }
@@ -40,13 +83,15 @@ macro_rules! keys {
 keys! {
     /// Time: the n-th send with process data since the start of the simulation, from 1
     cycle: u64,
-    /// Time since the start of the simulation, in ms
+    /// Time since the start of the simulation
     at_ms: u64,
-    /// Time since all gateways are in OP for the first time, in ms
+    /// Time from now; in a scenario file from the start of the simulation
+    after_ms: u64,
+    /// Time since all gateways are in OP for the first time
     after_op_ms: u64,
-    /// Index of the gateway
+    /// Index of the gateway [default: the only one]
     gateway: usize,
-    /// Index of the I/O slave
+    /// Index of the I/O slave [default: the only one]
     io: usize,
     /// Channel, 0 to 3
     channel: usize,
@@ -58,9 +103,9 @@ keys! {
     cycles: u32,
     /// Difference of the working counter
     offset: i32,
-    /// Time without supply, in ms [default: 1000]
+    /// Time without supply [default: 1000 ms]
     off_ms: u32,
-    /// Duration, in ms
+    /// Duration
     for_ms: u32,
     /// Index of the object
     index: u16,
@@ -169,10 +214,10 @@ kinds! {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FaultError {
     /// A scheduled fault has no time.
-    #[error("a fault needs one of `cycle`, `at_ms` and `after_op_ms`")]
+    #[error("a fault needs one of `{}`", FaultDescription::TIMES.join("`, `"))]
     NoTime,
     /// There are several times.
-    #[error("a fault has only one of `cycle`, `at_ms` and `after_op_ms`")]
+    #[error("a fault has only one of `{}`", FaultDescription::TIMES.join("`, `"))]
     SeveralTimes,
     /// A necessary key is missing.
     #[error("`{}` needs `{key}`", kind.name())]
@@ -181,6 +226,16 @@ pub enum FaultError {
         kind: FaultKind,
         /// Key.
         key: &'static str,
+    },
+    /// A key that selects one of several is missing.
+    #[error("`{}` needs `{key}`; there are {count}", kind.name())]
+    NotSelected {
+        /// Kind.
+        kind: FaultKind,
+        /// Key.
+        key: &'static str,
+        /// Number of those that exist.
+        count: usize,
     },
     /// A key belongs to other kinds.
     #[error("`{key}` does not belong to `{}`; allowed: {}", kind.name(), kind.keys().join(", "))]
@@ -236,12 +291,13 @@ const ERRNO_NAMES: [(&str, i32); 12] = [
 const ERRNO_MAX: i64 = 4095;
 
 impl FaultDescription {
-    /// The time, if one is given.
-    pub(crate) fn when(&self) -> Result<Option<When>, FaultError> {
+    /// The time, if one is given, `now_ns` after the start of the simulation.
+    pub(crate) fn when(&self, now_ns: u64) -> Result<Option<When>, FaultError> {
         let ns = |ms: u64| ms.saturating_mul(1_000_000);
         let times = [
             self.cycle.map(When::Cycle),
             self.at_ms.map(|ms| When::At(ns(ms))),
+            self.after_ms.map(|ms| When::At(now_ns.saturating_add(ns(ms)))),
             self.after_op_ms.map(|ms| When::AfterOp(ns(ms))),
         ];
         let mut given = times.into_iter().flatten();
@@ -261,9 +317,8 @@ impl FaultDescription {
     fn check_keys(&self) -> Result<(), FaultError> {
         let kind = self.kind;
         let keys = toml::Table::try_from(self).unwrap_or_default();
-        let is_own = |key: &str| {
-            ["kind", "cycle", "at_ms", "after_op_ms"].contains(&key) || kind.keys().contains(&key)
-        };
+        let is_own =
+            |key: &str| key == "kind" || Self::TIMES.contains(&key) || kind.keys().contains(&key);
         match keys.into_iter().find(|(key, _)| !is_own(key)) {
             Some((key, _)) => Err(FaultError::Foreign { kind, key }),
             None => Ok(()),
@@ -293,8 +348,8 @@ impl Resolver<'_> {
             Kind::PowerOn => Fault::PowerOn { gateway: self.gateway()? },
             Kind::LinkLoss => Fault::LinkLoss { gateway: self.gateway()?, for_ms: self.for_ms()? },
             Kind::IoPowerCycle => {
-                let io = self.need("io", raw.io)?;
-                Fault::IoPowerCycle { io: existing("I/O", io, self.scenario.ios.len())?, off_ms }
+                let io = self.one_of("I/O", "io", raw.io, self.scenario.ios.len())?;
+                Fault::IoPowerCycle { io, off_ms }
             }
             Kind::SdoAbort => self.in_gateway(GatewayFault::SdoAbort {
                 index: self.need("index", raw.index)?,
@@ -378,8 +433,22 @@ impl Resolver<'_> {
     }
 
     fn gateway(&self) -> Result<usize, FaultError> {
-        let gateway = self.need("gateway", self.raw.gateway)?;
-        existing("gateway", gateway, self.scenario.gateways.len())
+        self.one_of("gateway", "gateway", self.raw.gateway, self.scenario.gateways.len())
+    }
+
+    /// The given one, or the only one.
+    fn one_of(
+        &self,
+        what: &'static str,
+        key: &'static str,
+        given: Option<usize>,
+        count: usize,
+    ) -> Result<usize, FaultError> {
+        match (given, count) {
+            (Some(number), _) => existing(what, number, count),
+            (None, 1) => Ok(0),
+            (None, _) => Err(FaultError::NotSelected { kind: self.raw.kind, key, count }),
+        }
     }
 
     fn channel(&self) -> Result<usize, FaultError> {

@@ -24,9 +24,9 @@ impl FaultScript {
         insert(list, at, scripted.fault);
     }
 
-    /// Returns whether [`begin_op`](Self::begin_op) was not called yet.
-    pub(crate) fn waits_for_op(&self) -> bool {
-        self.op_at.is_none()
+    /// Time at which all gateways were in OP for the first time.
+    pub(crate) fn op_at(&self) -> Option<u64> {
+        self.op_at
     }
 
     /// All gateways are in OP for the first time.
@@ -35,6 +35,19 @@ impl FaultScript {
         for (ns, fault) in std::mem::take(&mut self.after_op) {
             insert(&mut self.by_time, now.saturating_add(ns), fault);
         }
+    }
+
+    /// The faults whose time has not come: by time, by cycle, by the time after OP.
+    pub(crate) fn pending(&self, start_ns: u64) -> impl Iterator<Item = ScriptedFault> {
+        let with = |when: fn(u64) -> When, from: u64| {
+            move |(at, fault): &(u64, Fault)| ScriptedFault {
+                when: when(at.saturating_sub(from)),
+                fault: fault.clone(),
+            }
+        };
+        let by_time = self.by_time.iter().map(with(When::At, start_ns));
+        let by_cycle = self.by_cycle.iter().map(with(When::Cycle, 0));
+        by_time.chain(by_cycle).chain(self.after_op.iter().map(with(When::AfterOp, 0)))
     }
 
     pub(crate) fn next_time(&self) -> Option<u64> {
@@ -78,6 +91,8 @@ mod tests {
         assert_eq!(script.due_time(1009), None);
         let due: Vec<_> = std::iter::from_fn(|| script.due_time(1030)).collect();
         assert_eq!(due, [power(1), power(2), power(3), power(4)]);
+        let pending: Vec<_> = script.pending(1000).collect();
+        assert_eq!(pending, [ScriptedFault { when: When::Cycle(7), fault: power(9) }]);
         assert_eq!(script.due_cycle(6), None);
         assert_eq!(script.due_cycle(7), Some(power(9)));
         assert_eq!(script.due_cycle(8), None);
@@ -90,10 +105,12 @@ mod tests {
             |ns, gateway| ScriptedFault { when: When::AfterOp(ns), fault: power(gateway) };
         script.add(0, after_op(20, 2));
         script.add(0, after_op(10, 1));
-        assert_eq!((script.next_time(), script.waits_for_op()), (None, true));
+        assert_eq!((script.next_time(), script.op_at()), (None, None));
         script.begin_op(500);
-        assert!(!script.waits_for_op());
+        assert_eq!(script.op_at(), Some(500));
         script.add(0, after_op(15, 3));
+        let times: Vec<_> = script.pending(100).map(|it| it.when).collect();
+        assert_eq!(times, [When::At(410), When::At(415), When::At(420)]);
         let due: Vec<_> = std::iter::from_fn(|| script.due_time(515)).collect();
         assert_eq!(due, [power(1), power(3)]);
         assert_eq!(script.next_time(), Some(520));

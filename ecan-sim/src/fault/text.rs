@@ -1,6 +1,8 @@
 use std::fmt::{self, Display, Formatter};
 
-use crate::fault::{DriveFault, Fault, LibraryCall, LossDirection};
+use crate::fault::{
+    DriveFault, Fault, FaultEffect, LibraryCall, LossDirection, ScriptedFault, When,
+};
 use crate::gateway::GatewayFault;
 
 impl Display for Fault {
@@ -101,6 +103,34 @@ impl Display for LibraryCall {
             Self::DomainQueue => "ecrt_domain_queue",
             Self::DomainState => "ecrt_domain_state",
         })
+    }
+}
+
+impl Display for When {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let seconds = |ns: u64| ns as f64 / 1e9;
+        match *self {
+            Self::Cycle(cycle) => write!(f, "at cycle {cycle}"),
+            Self::At(ns) => write!(f, "at {:.3} s", seconds(ns)),
+            Self::AfterOp(ns) => write!(f, "{:.3} s after OP", seconds(ns)),
+        }
+    }
+}
+
+impl Display for ScriptedFault {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.when, self.fault)
+    }
+}
+
+/// The line that programs print: that of the record, or of the fault with its time.
+impl Display for FaultEffect {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Injected(record) => record.fmt(f),
+            Self::Scheduled(fault) => fault.fmt(f),
+            Self::Nothing(fault) => write!(f, "no effect: {fault}"),
+        }
     }
 }
 

@@ -258,7 +258,7 @@ impl Scenario {
 }
 
 fn scripted(raw: &FaultDescription, scenario: &Scenario) -> Result<ScriptedFault, String> {
-    let when = raw.when().and_then(|when| when.ok_or(FaultError::NoTime));
+    let when = raw.when(0).and_then(|when| when.ok_or(FaultError::NoTime));
     let both = when.and_then(|when| Ok(ScriptedFault { when, fault: raw.fault(scenario)? }));
     both.map_err(|error| error.to_string())
 }

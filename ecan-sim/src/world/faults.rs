@@ -19,12 +19,25 @@ impl World {
         self.script.add(self.start, fault);
     }
 
-    /// Injects a fault now.
-    pub fn inject(&mut self, fault: Fault) {
-        if self.apply(&fault) {
+    /// Injects a fault now. Returns whether it takes effect; then it is the last one of
+    /// [`faults`](Self::faults).
+    pub fn inject(&mut self, fault: Fault) -> bool {
+        let has_effect = self.apply(&fault);
+        if has_effect {
             let (time_ns, cycle) = (self.now.saturating_sub(self.start), self.cycle);
             self.fault_log.add(FaultRecord { time_ns, cycle, fault });
         }
+        has_effect
+    }
+
+    /// The faults that are scheduled and have not taken effect.
+    pub fn pending_faults(&self) -> impl Iterator<Item = ScriptedFault> {
+        self.script.pending(self.start)
+    }
+
+    /// Nanoseconds from the start of the simulation until all gateways were in OP for the first time.
+    pub fn op_ns(&self) -> Option<u64> {
+        self.script.op_at().map(|at| at.saturating_sub(self.start))
     }
 
     /// The last 256 faults that took effect, oldest first.
@@ -40,7 +53,7 @@ impl World {
 
     /// Injects the faults of this cycle.
     pub(super) fn inject_due_cycle(&mut self) {
-        if self.script.waits_for_op() && self.are_all_in_op() {
+        if self.script.op_at().is_none() && self.are_all_in_op() {
             self.script.begin_op(self.now);
         }
         while let Some(fault) = self.script.due_cycle(self.cycle) {

@@ -114,6 +114,18 @@ impl World {
         }
     }
 
+    /// Returns whether the cable of a gateway towards the master is open ([`Fault::LinkLoss`]).
+    ///
+    /// [`Fault::LinkLoss`]: crate::Fault::LinkLoss
+    pub fn is_cable_open(&self, gateway: usize) -> bool {
+        self.slots.get(gateway).is_some_and(|slot| slot.cable_open_until > self.now)
+    }
+
+    /// Position on the line of a gateway.
+    pub fn position_of(&self, gateway: usize) -> Option<usize> {
+        self.line.iter().position(|slot| *slot == Slot::Gateway(gateway))
+    }
+
     /// Index of the gateway at a position of the line, from 0; `None` for an I/O slave.
     pub fn gateway_at(&self, position: usize) -> Option<usize> {
         self.line.get(position).and_then(|slot| slot.gateway())

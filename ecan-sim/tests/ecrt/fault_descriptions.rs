@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::mpsc::channel;
 
-use ecan_sim::{Fault, FaultDescription, FaultKind, Scenario, Simulation};
+use ecan_sim::{Fault, FaultDescription, FaultEffect, FaultKind, Scenario, Simulation, When};
 
 use crate::ecrt_support::{Program, stepped, stepped_echo};
 
@@ -44,7 +44,7 @@ fn describe(text: &str) -> FaultDescription {
     toml::from_str(text).unwrap_or_else(|error| panic!("{text}: {error}"))
 }
 
-fn execute(simulation: &Simulation, text: &str) -> Result<Fault, String> {
+fn execute(simulation: &Simulation, text: &str) -> Result<FaultEffect, String> {
     simulation.execute(&describe(text)).map_err(|error| error.to_string())
 }
 
@@ -64,10 +64,11 @@ fn every_kind_takes_effect_with_its_keys() {
         if *kind == FaultKind::PowerOn {
             execute(&simulation, "kind = 'power_off'\ngateway = 0").unwrap();
         }
-        let fault = execute(&simulation, &text).unwrap();
+        let effect = execute(&simulation, &text).unwrap();
         let log = logged(&simulation);
         assert!(log.len() > before, "{text}");
-        assert!(log.last().unwrap().ends_with(&format!("s: fault: {fault}")), "{log:?}");
+        assert!(matches!(effect, FaultEffect::Injected(_)), "{effect:?}");
+        assert_eq!(log.last(), Some(&effect.to_string()));
     }
 }
 
@@ -87,7 +88,7 @@ fn fault_that_concerns_nothing_is_rejected() {
     let simulation = stepped_echo(1).simulation.unwrap();
     for (text, reason) in [
         ("kind = 'power_off'\ngateway = 1", "gateway 1 does not exist; there are 1"),
-        ("kind = 'power_off'", "`power_off` needs `gateway`"),
+        ("kind = 'bus_off'", "`bus_off` needs `channel`"),
         (
             "kind = 'link_loss'\ngateway = 0\nfor_ms = 1\ntimes = 2",
             "`times` does not belong to `link_loss`; allowed: gateway, for_ms",
@@ -96,9 +97,46 @@ fn fault_that_concerns_nothing_is_rejected() {
     ] {
         assert_eq!(execute(&simulation, text).unwrap_err(), reason);
     }
-    // It has its supply.
-    execute(&simulation, "kind = 'power_on'\ngateway = 0").unwrap();
+    let effect = execute(&simulation, "kind = 'power_on'\ngateway = 0").unwrap();
+    assert_eq!(effect.to_string(), "no effect: gateway 0 supplied again");
     assert_eq!(logged(&simulation), [""; 0]);
+}
+
+#[test]
+fn only_gateway_and_io_are_the_default() {
+    let scenario = Scenario::from_toml(CELL, "cell", Path::new(".")).unwrap();
+    let simulation = stepped(scenario).simulation.unwrap();
+    let text = |text| execute(&simulation, text).unwrap().to_string();
+    assert!(text("kind = 'link_loss'\nfor_ms = 1").ends_with("before gateway 0 for 1 ms"));
+    assert!(text("kind = 'io_power_cycle'").ends_with("I/O 0 without supply for 1000 ms"));
+    let error = execute(&stepped_echo(2).simulation.unwrap(), "kind = 'power_off'").unwrap_err();
+    assert_eq!(error, "`power_off` needs `gateway`; there are 2");
+}
+
+#[test]
+fn scheduled_faults_are_pending_until_their_time() {
+    let simulation = stepped_echo(1).simulation.unwrap();
+    let pending = || simulation.with_world(|it| it.pending_faults().collect::<Vec<_>>());
+    simulation.pass_ns(2_000_000);
+    let now_ns = simulation.with_world(|world| world.now_ns() - world.start_ns());
+    for (time, text) in [
+        ("after_op_ms = 1500", "1.500 s after OP: gateway 0 without supply".to_owned()),
+        ("cycle = 7", "at cycle 7: gateway 0 without supply".to_owned()),
+        ("at_ms = 60000", "at 60.000 s: gateway 0 without supply".to_owned()),
+        (
+            "after_ms = 3",
+            format!("at {:.3} s: gateway 0 without supply", (now_ns + 3_000_000) as f64 / 1e9),
+        ),
+    ] {
+        let effect = execute(&simulation, &format!("kind = 'power_off'\n{time}")).unwrap();
+        assert_eq!(effect.to_string(), text);
+    }
+    let times: Vec<_> = pending().into_iter().map(|it| it.when).collect();
+    let after = When::At(now_ns + 3_000_000);
+    let others = [When::At(60_000_000_000), When::Cycle(7), When::AfterOp(1_500_000_000)];
+    assert_eq!(times, [&[after], &others[..]].concat());
+    simulation.pass_ns(4_000_000);
+    assert_eq!((pending().len(), logged(&simulation).len()), (3, 1));
 }
 
 #[test]
