@@ -256,8 +256,13 @@ pub enum FaultError {
         count: usize,
     },
     /// The scenario has no node of this name.
-    #[error("node \"{0}\" does not exist")]
-    NoSuchNode(String),
+    #[error("node \"{name}\" does not exist; there are: {known}")]
+    NoSuchNode {
+        /// The name.
+        name: String,
+        /// Names of those that exist.
+        known: String,
+    },
     /// The node is no drive.
     #[error("node \"{0}\" is not a drive")]
     NotADrive(String),
@@ -429,7 +434,13 @@ impl Resolver<'_> {
     fn node(&self) -> Result<&NodeSpec, FaultError> {
         let name = self.need("node", self.raw.node.as_ref())?;
         let node = self.scenario.nodes.iter().find(|known| known.name == *name);
-        node.ok_or_else(|| FaultError::NoSuchNode(name.clone()))
+        node.ok_or_else(|| {
+            let known = self.scenario.nodes.iter().map(|it| it.name.as_str());
+            FaultError::NoSuchNode {
+                name: name.clone(),
+                known: known.collect::<Vec<_>>().join(", "),
+            }
+        })
     }
 
     fn gateway(&self) -> Result<usize, FaultError> {

@@ -132,6 +132,20 @@ pub enum NodeKind {
     Drive(Box<DriveSpec>),
 }
 
+impl NodeKind {
+    /// Name in scenario files.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Echo => "echo",
+            Self::Replay { .. } => "replay",
+            Self::Silent => "silent",
+            Self::Bridge(_) => "bridge",
+            Self::Faulty(_) => "faulty",
+            Self::Drive(_) => "drive",
+        }
+    }
+}
+
 /// One node on a bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NodeSpec {

@@ -73,6 +73,7 @@ fn main() -> ExitCode {
         Command::Monitor(arguments) => commands::monitor::run(arguments, &context),
         Command::Bridge(arguments) => commands::bridge::run(arguments, &context),
         Command::Serve(arguments) => commands::serve::run(arguments, &context),
+        Command::Sim(arguments) => commands::sim::run(arguments, &context),
         #[cfg(feature = "zenoh")]
         Command::Zenoh(arguments) => commands::zenoh::run(arguments, &context),
         Command::Probe(arguments) => commands::probe::run(arguments, &context),

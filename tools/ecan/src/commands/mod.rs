@@ -22,6 +22,7 @@ pub mod sdo;
 pub mod selftest;
 pub mod send;
 pub mod serve;
+pub mod sim;
 #[cfg(feature = "zenoh")]
 pub mod zenoh;
 
@@ -79,6 +80,9 @@ pub enum Command {
     /// Hold the master and serve the bus to other programs
     #[command(after_help = serve::EXAMPLES)]
     Serve(serve::ServeArguments),
+    /// Inject faults into the simulated machine of a service, and show its state
+    #[command(after_help = sim::EXAMPLES)]
+    Sim(sim::SimArguments),
     /// Publish a service to other hosts through Zenoh
     #[cfg(feature = "zenoh")]
     #[command(after_help = zenoh::EXAMPLES)]

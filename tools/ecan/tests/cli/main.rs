@@ -32,6 +32,7 @@ mod serve;
 mod serve_daemon;
 mod setup_host;
 mod sii_sm_layout;
+mod sim;
 mod socketcan;
 mod timed_reader;
 mod via;

@@ -17,9 +17,14 @@ pub struct Served {
 }
 
 pub fn serve(options: &[&str]) -> Served {
+    serve_bus("sim", options)
+}
+
+/// Starts `ecan serve` with this library.
+pub fn serve_bus(ecrt: &str, options: &[&str]) -> Served {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("bus.sock").display().to_string();
-    let arguments = [&["--ecrt", "sim", "serve", "--socket", &path], options].concat();
+    let arguments = [&["--ecrt", ecrt, "serve", "--socket", &path], options].concat();
     let mut program = Running::start(&arguments);
     program.wait_for_error("serving master 0");
     Served { directory, path, program }

@@ -142,6 +142,8 @@ fn options_that_contradict_the_service_are_rejected() {
     assert!(message.contains("--listen-only"), "{message}");
     let message = application.fails(2, &["dump", "--channel", "2", "-n", "1"]);
     assert!(message.contains("channel 2"), "{message}");
+    let message = application.fails(3, &["sim", "status"]);
+    assert!(message.contains("cell 1.0") && message.contains("does not offer"), "{message}");
     let message = application.fails(3, &["selftest"]);
     assert!(message.contains("runs a cycle of its own"), "{message}");
 }

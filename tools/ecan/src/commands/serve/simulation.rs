@@ -1,13 +1,14 @@
-//! Methods of the service that change a simulated machine.
+//! Methods of the service for a simulated machine.
 
 use ecan_service::{Extension, Permission};
-use ecan_service_client::{INVALID_PARAMS, RpcError};
-use ecan_sim::{FaultDescription, Simulation};
-use serde_json::{Value, json};
+use ecan_service_client::{INTERNAL_ERROR, INVALID_PARAMS, RpcError};
+use ecan_sim::Simulation;
+use serde::Serialize;
+use serde_json::Value;
 
-/// Method that injects a fault, or schedules it. Its parameters are the keys of a `[[fault]]` of a
-/// scenario file.
-const FAULT: &str = "sim.fault";
+use crate::commands::sim::{
+    FAULT_METHOD, FAULTS_METHOD, FaultList, FaultReport, STATUS_METHOD, SimulationStatus,
+};
 
 #[derive(Debug)]
 pub struct SimulationMethods {
@@ -15,9 +16,18 @@ pub struct SimulationMethods {
 }
 
 impl SimulationMethods {
-    /// Methods for this simulation; prints each fault that takes effect.
     pub fn new(simulation: &Simulation) -> Self {
         Self { simulation: simulation.clone() }
+    }
+
+    fn inject(&self, params: &Value, access: &Permission) -> Result<Value, RpcError> {
+        access.need_control(FAULT_METHOD)?;
+        let invalid = |text: String| RpcError::new(INVALID_PARAMS, text);
+        let fault = serde_json::from_value(params.clone());
+        let fault = fault.map_err(|error| invalid(format!("{FAULT_METHOD}: {error}")))?;
+        let effect = self.simulation.execute(&fault);
+        let effect = effect.map_err(|error| invalid(error.to_string()))?;
+        json(&FaultReport::from(&effect))
     }
 }
 
@@ -28,14 +38,15 @@ impl Extension for SimulationMethods {
         params: &Value,
         access: &Permission,
     ) -> Option<Result<Value, RpcError>> {
-        (method == FAULT).then(|| {
-            access.need_control(method)?;
-            let invalid = |text: String| RpcError::new(INVALID_PARAMS, text);
-            let fault: FaultDescription = serde_json::from_value(params.clone())
-                .map_err(|error| invalid(format!("{FAULT}: {error}")))?;
-            let fault = self.simulation.execute(&fault);
-            let fault = fault.map_err(|error| invalid(format!("{FAULT}: {error}")))?;
-            Ok(json!({ "fault": fault.to_string() }))
-        })
+        match method {
+            FAULT_METHOD => Some(self.inject(params, access)),
+            FAULTS_METHOD => Some(json(&FaultList::of(&self.simulation))),
+            STATUS_METHOD => Some(json(&SimulationStatus::of(&self.simulation))),
+            _ => None,
+        }
     }
+}
+
+fn json(result: &impl Serialize) -> Result<Value, RpcError> {
+    serde_json::to_value(result).map_err(|error| RpcError::new(INTERNAL_ERROR, error.to_string()))
 }
