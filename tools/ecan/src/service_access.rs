@@ -45,6 +45,11 @@ impl ServiceConnection {
         format!("{server} {server_version} (pid {pid})")
     }
 
+    /// Reason why this client may only read.
+    pub fn read_only_reason(&self) -> &str {
+        self.hello().access_reason.as_deref().unwrap_or("it is read-only")
+    }
+
     fn failed(&self, call: &'static str) -> impl FnOnce(ClientError) -> Error {
         move |error| self.error(call, &error)
     }

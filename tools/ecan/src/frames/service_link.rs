@@ -103,6 +103,10 @@ impl ServiceLink {
         Ok(link)
     }
 
+    pub fn connection(&self) -> &ServiceConnection {
+        &self.connection
+    }
+
     fn error(&self, error: &ClientError) -> Failure {
         Failure::Device(self.connection.error("service", error))
     }

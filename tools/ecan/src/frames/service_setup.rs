@@ -22,12 +22,30 @@ pub struct ServiceSetup {
     pub gateways: Vec<(u16, u16)>,
 }
 
-/// Selects the gateways of a service: the selected or only one, or all.
+/// Selects the gateways of a service for a command: the selected or only one, or all.
 pub fn of_service(
     connection: &ServiceConnection,
     bus: &Bus,
     requirements: GatewayRequirements,
     options: &SetupOptions,
+    is_for_all: bool,
+) -> Result<(ServiceSetup, Planned)> {
+    let (setup, mut planned) = gateways_of_service(connection, bus, is_for_all)?;
+    planned.requested = requirements.channels;
+    let program = connection.program();
+    check(&program, &planned, requirements, options)?;
+    let is_sending = requirements.directions == [Direction::RxPdo];
+    if let (true, Access::Read) = (is_sending, connection.hello().access) {
+        let reason = connection.read_only_reason();
+        return Err(Failure::Master(format!("{program} does not accept frames: {reason}")));
+    }
+    Ok((setup, planned))
+}
+
+/// The selected or only gateway of a service, or all, with their configuration.
+pub fn gateways_of_service(
+    connection: &ServiceConnection,
+    bus: &Bus,
     is_for_all: bool,
 ) -> Result<(ServiceSetup, Planned)> {
     let program = connection.program();
@@ -54,18 +72,12 @@ pub fn of_service(
         positions: resolved.iter().map(|it| it.slave).collect(),
         adapter: AdapterConfig { slaves: List::new(), startup: List::new(), ..adapter },
         config: PortConfig::default(),
-        requested: requirements.channels,
+        requested: Channels::ALL,
     };
     for ResolvedGateway { gateway, .. } in &resolved {
         let slave = adapter.slaves.get(*gateway).copied();
         slave.into_iter().try_for_each(|it| planned.adapter.slaves.push(it)).map_err(full)?;
         planned.config.add_gateway_of(&port, *gateway).map_err(full)?;
-    }
-    check(&program, &planned, requirements, options)?;
-    let is_sending = requirements.directions == [Direction::RxPdo];
-    if let (true, Access::Read) = (is_sending, connection.hello().access) {
-        let reason = connection.hello().access_reason.as_deref().unwrap_or("it is read-only");
-        return Err(Failure::Master(format!("{program} does not accept frames: {reason}")));
     }
     let small = |value: usize| u16::try_from(value).unwrap_or(u16::MAX);
     let gateways = resolved.iter().map(|it| (small(it.gateway), small(it.slave))).collect();

@@ -27,6 +27,7 @@ mod python_can;
 mod reconfigure;
 mod screens;
 mod selftest;
+mod selftest_service;
 mod send;
 mod serve;
 mod serve_daemon;

@@ -144,8 +144,12 @@ fn options_that_contradict_the_service_are_rejected() {
     assert!(message.contains("channel 2"), "{message}");
     let message = application.fails(3, &["sim", "status"]);
     assert!(message.contains("cell 1.0") && message.contains("does not offer"), "{message}");
-    let message = application.fails(3, &["selftest"]);
+    let message = application.fails(3, &["probe"]);
     assert!(message.contains("runs a cycle of its own"), "{message}");
+    for command in [&["firmware", "version"][..], &["firmware", "update", "/dev/null"]] {
+        let message = application.fails(3, command);
+        assert!(message.contains("FoE") && message.contains("--via direct"), "{message}");
+    }
 }
 
 #[test]

@@ -27,6 +27,7 @@ use crate::confirmation::confirm;
 use crate::context::{Bus, Context, Failure, Output, Result, Tone, note};
 use crate::ethercat_tool::SlaveEntry;
 use crate::table;
+use crate::via;
 
 /// Show or update the firmware over FoE (manual 15.3.1)
 ///
@@ -104,7 +105,13 @@ struct UpdateReport<'a> {
 }
 
 pub fn run(arguments: &FirmwareArguments, context: &Context) -> Result {
-    context.global.without_service("firmware is transferred by the `ethercat` tool")?;
+    if let Some(connection) = via::connect(context.global, context.global.master())? {
+        return Err(Failure::Master(format!(
+            "a service does not transfer firmware (FoE), and {} holds the master; end that program, or \
+             use --via direct if the gateway may restart in parallel with it; `ecan info` shows the version",
+            connection.program()
+        )));
+    }
     match &arguments.action {
         Action::Version => {
             let (gateways, _) = open(arguments, context)?;

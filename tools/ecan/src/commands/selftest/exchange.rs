@@ -1,10 +1,11 @@
 //! Sends the frames of a test and compares the received frames.
 
+use std::collections::BTreeMap;
 use std::fmt::Display;
 
 use ecan_diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus};
 use ecan_host::Error;
-use ecan_mcan_port::{ChannelHandle, Cycle, ReceivedFrame, SendError};
+use ecan_mcan_port::ChannelHandle;
 use ecan_protocol::can::CanFrame;
 use serde::Serialize;
 
@@ -16,7 +17,7 @@ use super::test_bus::TestBus;
 /// Time without progress that ends a test, in ns; a frame of 64 bytes takes 6 ms at 125 kbit/s.
 const STANDSTILL_NS: u64 = 500_000_000;
 /// Cycles to wait for further frames after the last one.
-const QUIET_CYCLES: u32 = 20;
+const QUIET_CYCLES: u64 = 20;
 
 /// Route from one channel to another, or to itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,19 +129,19 @@ impl Traffic {
         self.has_come.iter().all(|has_come| *has_come)
     }
 
-    /// Handles a frame received on the route's channel, if it belongs to the route.
+    /// Handles a frame received on the route's channel. Returns whether it is the first one with its
+    /// number: progress.
     fn take(&mut self, came: &CanFrame) -> bool {
-        let Some((_, number)) = origin(came).filter(|(from, _)| *from == self.route.from) else {
+        let number = origin(came).filter(|(from, _)| *from == self.route.from);
+        let number = number.map(|(_, number)| usize::from(number));
+        let is_sent = |number: &usize| *number < self.counts.sent as usize;
+        let slot = number
+            .filter(is_sent)
+            .and_then(|number| Some((self.frames.get(number)?, self.has_come.get_mut(number)?)));
+        let Some((sent, has_come)) = slot else {
+            self.counts.strange += 1;
             return false;
         };
-        let number = usize::from(number);
-        let (Some(sent), Some(has_come)) = (self.frames.get(number), self.has_come.get_mut(number))
-        else {
-            return false;
-        };
-        if number >= self.counts.sent as usize {
-            return false;
-        }
         let is_repeated = std::mem::replace(has_come, true);
         match difference(sent, came) {
             Some(message) => {
@@ -150,80 +151,99 @@ impl Traffic {
             None if is_repeated => self.counts.repeated += 1,
             None => self.counts.received += 1,
         }
-        true
+        !is_repeated
     }
 }
 
+/// A received frame: gateway, channel, frame.
+pub(super) type Received = (usize, u8, CanFrame);
+
 /// Traffic of one gateway.
-struct GatewayTraffic {
+pub(super) struct GatewayTraffic {
     gateway: usize,
     routes: Vec<Traffic>,
-    channels: Vec<ChannelHandle>,
-    /// Cycles since all frames were received.
-    quiet: u32,
+    /// Time of the last progress.
     last_ns: u64,
     is_over: bool,
+    waits: Waits,
+}
+
+/// Times without a frame that end an exchange, in ns.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Waits {
+    /// After the last expected frame.
+    pub(super) quiet_ns: u64,
+    /// While frames are missing.
+    pub(super) standstill_ns: u64,
 }
 
 impl GatewayTraffic {
-    fn new(
-        bus: &TestBus,
+    pub(super) fn new(
         gateway: usize,
         routes: &[Route],
         count: u16,
         is_fd: bool,
+        now_ns: u64,
+        waits: Waits,
     ) -> Result<Self> {
-        let wrong = |error: &dyn Display| Failure::Usage(error.to_string());
-        let (mut traffics, mut channels) = (Vec::new(), Vec::new());
+        let mut traffics = Vec::new();
         for route in routes {
             let frames = (0..count).map(|number| frame(route.from, number, is_fd));
-            let frames = frames.collect::<Result<Vec<_>, _>>().map_err(|error| wrong(&error))?;
+            let frames = frames.collect::<Result<Vec<_>, _>>().map_err(usage)?;
             let has_come = vec![false; frames.len()];
             traffics.push(Traffic { route: *route, frames, has_come, counts: Counts::default() });
-            let channel = bus.port().channel(gateway, route.from);
-            channels.push(channel.map_err(|error| wrong(&error))?);
         }
-        let last_ns = bus.now_ns();
-        Ok(Self { gateway, routes: traffics, channels, quiet: 0, last_ns, is_over: false })
+        Ok(Self { gateway, routes: traffics, last_ns: now_ns, is_over: false, waits })
     }
 
-    fn receive(&mut self, frames: &[ReceivedFrame], now_ns: u64) {
-        self.quiet = if self.routes.iter().all(Traffic::is_complete) { self.quiet + 1 } else { 0 };
-        for received in frames.iter().filter(|received| received.slave == self.gateway) {
-            let on_channel = |traffic: &&mut Traffic| traffic.route.to == received.channel;
+    pub(super) fn is_over(&self) -> bool {
+        self.is_over
+    }
+
+    /// Counts of the routes.
+    pub(super) fn into_counts(self) -> Vec<Counts> {
+        self.routes.into_iter().map(|traffic| traffic.counts).collect()
+    }
+
+    /// Handles the received frames, then sends on the routes in turn, so that no channel fills the
+    /// whole image. `send` returns false without space.
+    pub(super) fn step(
+        &mut self,
+        received: &[Received],
+        now_ns: u64,
+        mut send: impl FnMut(usize, u8, &CanFrame) -> Result<bool>,
+    ) -> Result {
+        for (_, channel, frame) in received.iter().filter(|it| it.0 == self.gateway) {
+            let on_channel = |traffic: &&mut Traffic| traffic.route.to == *channel;
             let Some(traffic) = self.routes.iter_mut().find(on_channel) else { continue };
-            match traffic.take(&received.frame) {
-                true => self.last_ns = now_ns,
-                false => traffic.counts.strange += 1,
+            if traffic.take(frame) {
+                self.last_ns = now_ns;
             }
         }
-    }
-
-    /// Sends on the routes in turn, so that no channel fills the whole image.
-    fn send(&mut self, cycle: &mut Cycle<'_>, now_ns: u64) -> Result<(), SendError> {
         let mut is_open = vec![true; self.routes.len()];
         while is_open.contains(&true) {
-            let routes = self.routes.iter_mut().zip(&self.channels);
-            for ((traffic, channel), is_open) in routes.zip(&mut is_open) {
-                let taken = match traffic.next() {
-                    Some(frame) => match cycle.send(*channel, frame) {
-                        Ok(_) => true,
-                        Err(error) if error.is_temporary() => false,
-                        Err(error) => return Err(error),
-                    },
+            for (traffic, is_open) in self.routes.iter_mut().zip(&mut is_open) {
+                let is_sent = match traffic.next() {
+                    Some(frame) => send(self.gateway, traffic.route.from, frame)?,
                     None => false,
                 };
-                traffic.counts.sent += u32::from(taken);
-                *is_open = taken;
-                if taken {
+                traffic.counts.sent += u32::from(is_sent);
+                *is_open = is_sent;
+                if is_sent {
                     self.last_ns = now_ns;
                 }
             }
         }
-        self.is_over =
-            self.quiet >= QUIET_CYCLES || now_ns.saturating_sub(self.last_ns) >= STANDSTILL_NS;
+        let Waits { quiet_ns, standstill_ns } = self.waits;
+        let is_complete = self.routes.iter().all(Traffic::is_complete);
+        let wait_ns = if is_complete { quiet_ns } else { standstill_ns };
+        self.is_over = now_ns.saturating_sub(self.last_ns) >= wait_ns;
         Ok(())
     }
+}
+
+fn usage(error: impl Display) -> Failure {
+    Failure::Usage(error.to_string())
 }
 
 /// Sends `count` frames on every route of all gateways in parallel; returns when all are received
@@ -236,26 +256,36 @@ pub(super) fn exchange(
     count: u16,
     is_fd: bool,
 ) -> Result<Option<Vec<Vec<Counts>>>> {
-    let start = |gateway: &usize| GatewayTraffic::new(bus, *gateway, routes, count, is_fd);
+    let cycle_ns = u64::from(bus.port().adapter().config().cycle_ns());
+    let waits = Waits { quiet_ns: QUIET_CYCLES * cycle_ns, standstill_ns: STANDSTILL_NS };
+    let now_ns = bus.now_ns();
+    let start =
+        |gateway: &usize| GatewayTraffic::new(*gateway, routes, count, is_fd, now_ns, waits);
     let mut traffics = gateways.iter().map(start).collect::<Result<Vec<_>>>()?;
+    let mut handles = BTreeMap::<(usize, u8), ChannelHandle>::new();
+    for (gateway, route) in gateways.iter().flat_map(|it| routes.iter().map(move |at| (it, at))) {
+        let handle = bus.port().channel(*gateway, route.from).map_err(usage)?;
+        handles.insert((*gateway, route.from), handle);
+    }
     while traffics.iter().any(|traffic| !traffic.is_over) {
         if bus.is_interrupted() {
             return Ok(None);
         }
-        let sent = bus.cycle(|cycle| {
+        bus.cycle(|cycle| {
             let now_ns = cycle.adapter().clock().now_ns();
-            let frames: Vec<_> =
-                cycle.received().filter_map(|item| item.to_owned().frame().copied()).collect();
-            for traffic in traffics.iter_mut().filter(|traffic| !traffic.is_over) {
-                traffic.receive(&frames, now_ns);
-                traffic.send(cycle, now_ns)?;
-            }
-            Ok(())
-        })?;
-        sent.map_err(|error: SendError| Failure::Usage(error.to_string()))?;
+            let frames = cycle.received().filter_map(|item| item.to_owned().frame().copied());
+            let received: Vec<_> = frames.map(|it| (it.slave, it.channel, it.frame)).collect();
+            let mut send = |gateway, channel, frame: &CanFrame| {
+                let Some(handle) = handles.get(&(gateway, channel)) else { return Ok(false) };
+                match cycle.send(*handle, frame) {
+                    Ok(_) => Ok(true),
+                    Err(error) if error.is_temporary() => Ok(false),
+                    Err(error) => Err(usage(error)),
+                }
+            };
+            let open = traffics.iter_mut().filter(|traffic| !traffic.is_over);
+            open.into_iter().try_for_each(|traffic| traffic.step(&received, now_ns, &mut send))
+        })??;
     }
-    let counts = |traffic: GatewayTraffic| {
-        traffic.routes.into_iter().map(|traffic| traffic.counts).collect()
-    };
-    Ok(Some(traffics.into_iter().map(counts).collect()))
+    Ok(Some(traffics.into_iter().map(GatewayTraffic::into_counts).collect()))
 }

@@ -15,7 +15,7 @@ use super::channel_setup::ChannelSetup;
 use super::check_counts::check_counts;
 use super::exchange::{ChannelCounters, ChannelState, exchange};
 use super::observation::{FramesReceived, Traffic, require_no_traffic};
-use super::report::{Check, Figures, Report};
+use super::report::{Check, Report};
 use super::start_failure::{StartFailure, start_failures};
 use super::steps::{TestPath, TestPlan, TestStep};
 use super::test_bus::TestBus;
@@ -292,14 +292,8 @@ impl GroupTest<'_> {
                 let concerned: Vec<_> =
                     states.iter().filter(|(_, it)| is_concerned(it.channel)).collect();
                 let found = check_counts(step.path, *route, &counts, count, &concerned);
-                let is_good = found.is_ok();
-                let detail = found.unwrap_or_else(|faults| faults + &pause);
-                let (bitrate, data_bitrate) = step.rate.bit_rates();
-                let channels = concerned.into_iter().map(|(_, after)| *after).collect();
-                let (from, to) = (route.from, route.to);
-                let frames = Figures { from, to, bitrate, data_bitrate, counts, channels };
-                let name = step.check_name(*route);
-                let check = Check { name, is_good, detail, frames: Some(frames) };
+                let found = found.map_err(|faults| faults + &pause);
+                let check = Check::of_route(step, *route, counts, &concerned, found);
                 it.member.report.checks.push(check);
             }
         }

@@ -6,6 +6,7 @@ mod exchange;
 mod frames;
 mod group;
 mod identity;
+mod in_service;
 mod observation;
 mod rates;
 mod report;
@@ -60,7 +61,11 @@ for that, because no command deactivates a channel. The Flash is not written. Re
 Reports are named SERIAL.json, or position-POSITION.json without serial number. Earlier reports are
 kept: the next one is SERIAL-2.json.
 
-Exit status 0 if all tests pass, 1 if a test fails.";
+Through a service (--via, ecan serve) only what does not disturb its program is tested: identity, state,
+error counters and, with control, frames between wired channels without other traffic. The rest is listed
+as not tested.
+
+Exit status 0 if no test fails, 1 if a test fails.";
 
 #[derive(Debug, Args)]
 pub struct SelftestArguments {
@@ -113,6 +118,7 @@ pub struct SelftestArguments {
 #[derive(Debug, Serialize)]
 struct Selftest {
     is_good: bool,
+    is_complete: bool,
     gateways: Vec<Report>,
 }
 
@@ -124,19 +130,23 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
     let plan = TestPlan::new(arguments, &rates, master)?;
     let interrupt = Interrupt::install_with_message("stopping after restoring the configuration")?;
     let bus = context.bus_of_master(master, ClockKind::Stepped)?;
-    bus.ecrt()?;
     let slaves = slaves(&bus, arguments)?;
     if let Some(directory) = &arguments.report {
         report::prepare(directory)?;
     }
-    if !arguments.force {
-        let traffic = of_active_channels(&bus, &slaves, plan.tested(), arguments.observe);
-        observation::require_no_traffic(&traffic, arguments.observe)?;
-    }
-    arguments.real_time.apply(|line| note(line))?;
-    let (run, mut tested) = test_and_restore(&bus, &plan, &slaves, &interrupt)?;
+    let (run, mut reports) = match bus.service() {
+        Some(connection) => in_service::test(&bus, connection, &plan, &slaves, &interrupt)?,
+        None => {
+            if !arguments.force {
+                let traffic = of_active_channels(&bus, &slaves, plan.tested(), arguments.observe);
+                observation::require_no_traffic(&traffic, arguments.observe)?;
+            }
+            arguments.real_time.apply(|line| note(line))?;
+            test_and_restore(&bus, &plan, &slaves, &interrupt)?
+        }
+    };
     let (mut serials, mut unwritten) = (BTreeSet::new(), None);
-    for TestedGateway { report, .. } in &mut tested {
+    for report in &mut reports {
         let serial = report.own_serial();
         let is_duplicate = serial.is_some_and(|serial| !serials.insert(serial));
         if let Some(serial) = serial.filter(|_| is_duplicate) {
@@ -144,6 +154,7 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
             report.add("serial number", Err(message));
         }
         report.is_good = report.is_good_so_far();
+        report.is_complete = report.left_out() == 0;
         if let Some(directory) = &arguments.report
             && let Err(failure) = report.write(directory, is_duplicate)
         {
@@ -151,7 +162,6 @@ pub fn run(arguments: &SelftestArguments, context: &Context) -> Result {
             unwritten.get_or_insert(failure);
         }
     }
-    let reports: Vec<_> = tested.into_iter().map(|it| it.report).collect();
     let is_good = run.is_ok() && reports.iter().all(|report| report.is_good);
     let is_tested = reports.iter().any(Report::has_frames);
     if run.is_ok() || is_tested {
@@ -173,14 +183,14 @@ fn test_and_restore(
     plan: &TestPlan<'_>,
     slaves: &[usize],
     interrupt: &Interrupt,
-) -> Result<(Result<GroupEnd>, Vec<TestedGateway>)> {
+) -> Result<(Result<GroupEnd>, Vec<Report>)> {
     let mut tested = read(bus, slaves, plan.arguments());
     let run = test(bus, plan, interrupt, &mut tested);
     restore(bus, plan, &mut tested)?;
     if matches!(run, Ok(GroupEnd::Stopped)) {
         tested.iter_mut().for_each(|it| it.report.stop());
     }
-    Ok((run, tested))
+    Ok((run, tested.into_iter().map(|it| it.report).collect()))
 }
 
 struct TestedGateway {
@@ -195,24 +205,40 @@ struct TestedGateway {
 fn read(bus: &Bus, slaves: &[usize], arguments: &SelftestArguments) -> Vec<TestedGateway> {
     let _progress = Progress::show("reading the configuration");
     tracing::info!(?slaves, "reading identity and configuration");
+    let read = if arguments.restart { Saved::by_restart } else { Saved::read };
+    let read = read_with(bus, slaves, arguments, |bus, slave, report| {
+        read(bus, slave)
+            .map_err(|error| report.add("configuration", Err(format!("not read: {error}"))))
+            .ok()
+    });
+    let untouched = |(report, saved): (_, Option<Option<Saved>>)| TestedGateway {
+        report,
+        saved: saved.flatten(),
+        is_changed: false,
+        was_lost: false,
+    };
+    read.into_iter().map(untouched).collect()
+}
+
+/// Reads the identity of the slaves, and more of those that are gateways.
+fn read_with<T: Send>(
+    bus: &Bus,
+    slaves: &[usize],
+    arguments: &SelftestArguments,
+    more: impl Fn(&Bus, usize, &mut Report) -> T + Sync,
+) -> Vec<(Report, Option<T>)> {
     let expected = arguments.expect_version.as_deref();
     let read = bus.in_parallel(slaves, |bus, slave| {
         let time = jiff::Timestamp::now().to_string();
         let mut report = Report { position: slave, time, ..Report::default() };
-        let mut saved = None;
-        if identity::check(bus, slave, expected, &mut report) {
-            let read = if arguments.restart { Saved::by_restart } else { Saved::read };
-            match read(bus, slave) {
-                Ok(read) => saved = Some(read),
-                Err(error) => report.add("configuration", Err(format!("not read: {error}"))),
-            }
-        }
-        Ok(TestedGateway { report, saved, is_changed: false, was_lost: false })
+        let is_gateway = identity::check(bus, slave, expected, &mut report);
+        let found = is_gateway.then(|| more(bus, slave, &mut report));
+        Ok((report, found))
     });
     let failed = |(slave, failure): (usize, Failure)| {
         let mut report = Report { position: slave, ..Report::default() };
         report.add("recognition", Err(failure.to_string()));
-        TestedGateway { report, saved: None, is_changed: false, was_lost: false }
+        (report, None)
     };
     let read = slaves.iter().zip(read);
     read.map(|(slave, read)| read.unwrap_or_else(|failure| failed((*slave, failure)))).collect()
@@ -288,7 +314,8 @@ fn restore(bus: &Bus, plan: &TestPlan<'_>, tested: &mut [TestedGateway]) -> Resu
 }
 
 fn print(is_good: bool, gateways: Vec<Report>, output: &Output) -> Result {
-    let selftest = Selftest { is_good, gateways };
+    let is_complete = gateways.iter().all(|report| report.is_complete);
+    let selftest = Selftest { is_good, is_complete, gateways };
     output.data(&selftest, |out| {
         selftest.gateways.iter().try_for_each(|report| report.print(output, out))
     })

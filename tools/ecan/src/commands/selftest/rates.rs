@@ -53,6 +53,10 @@ impl Rate {
         rates
     }
 
+    pub(super) fn of_channel(can: &McanChannelConfig) -> Self {
+        Self { can: *can }
+    }
+
     pub(super) fn channel(&self, mode: NodeMode) -> ChannelConfig {
         let data = self.is_fd().then_some(self.can.data_bitrate);
         let mut settings = plain(self.can.nominal_bitrate, data);

@@ -6,15 +6,36 @@ use serde::Serialize;
 
 use crate::context::{Failure, Output, Result, Tone};
 
-use super::exchange::{ChannelState, Counts};
+use super::exchange::{ChannelCounters, ChannelState, Counts, Route};
+use super::steps::TestStep;
 
 #[derive(Debug, Serialize)]
 pub(super) struct Check {
     pub(super) name: String,
-    pub(super) is_good: bool,
+    /// `None` if not tested, with the reason in `detail`.
+    pub(super) is_good: Option<bool>,
     pub(super) detail: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) frames: Option<Figures>,
+}
+
+impl Check {
+    /// Check of the frames of a route; `states` are those of its channels before and after.
+    pub(super) fn of_route(
+        step: &TestStep<'_>,
+        route: Route,
+        counts: Counts,
+        states: &[&(ChannelCounters, ChannelState)],
+        found: Result<String, String>,
+    ) -> Self {
+        let (bitrate, data_bitrate) = step.rate.bit_rates();
+        let channels = states.iter().map(|(_, after)| *after).collect();
+        let Route { from, to } = route;
+        let frames = Figures { from, to, bitrate, data_bitrate, counts, channels };
+        let is_good = Some(found.is_ok());
+        let (Ok(detail) | Err(detail)) = found;
+        Self { name: step.check_name(route), is_good, detail, frames: Some(frames) }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -31,7 +52,10 @@ pub(super) struct Figures {
 
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Report {
+    /// No check failed.
     pub(super) is_good: bool,
+    /// Nothing was left out.
+    pub(super) is_complete: bool,
     pub(super) was_stopped: bool,
     /// Start time of the test, from the clock of this computer.
     pub(super) time: String,
@@ -49,9 +73,19 @@ pub(super) struct Report {
 
 impl Report {
     pub(super) fn add(&mut self, name: impl Into<String>, found: Result<String, String>) {
-        let is_good = found.is_ok();
+        let is_good = Some(found.is_ok());
         let (Ok(detail) | Err(detail)) = found;
         self.checks.push(Check { name: name.into(), is_good, detail, frames: None });
+    }
+
+    /// Adds a check that is not executed.
+    pub(super) fn leave_out(&mut self, name: impl Into<String>, reason: impl Into<String>) {
+        let (name, detail) = (name.into(), reason.into());
+        self.checks.push(Check { name, is_good: None, detail, frames: None });
+    }
+
+    pub(super) fn left_out(&self) -> usize {
+        self.checks.iter().filter(|check| check.is_good.is_none()).count()
     }
 
     pub(super) fn stop(&mut self) {
@@ -60,7 +94,7 @@ impl Report {
     }
 
     pub(super) fn is_good_so_far(&self) -> bool {
-        self.checks.iter().all(|check| check.is_good)
+        self.checks.iter().all(|check| check.is_good != Some(false))
     }
 
     /// Returns whether any frames were exchanged.
@@ -83,16 +117,22 @@ impl Report {
             true => output.toned(Tone::Good, "passed"),
             false => output.toned(Tone::Bad, "FAILED"),
         };
-        writeln!(out, "{}: {verdict}", self.title())?;
+        let left_out = match self.left_out() {
+            0 => String::new(),
+            count => format!(", {count} not tested"),
+        };
+        writeln!(out, "{}: {verdict}{left_out}", self.title())?;
         let width = self.checks.iter().map(|check| check.name.len()).max().unwrap_or(0);
         for Check { name, is_good, detail, .. } in &self.checks {
             let mark = match is_good {
-                true => output.toned(Tone::Good, "good  "),
-                false => output.toned(Tone::Bad, "FAILED"),
+                Some(true) => output.toned(Tone::Good, "good  "),
+                Some(false) => output.toned(Tone::Bad, "FAILED"),
+                None => output.toned(Tone::Warning, "-     "),
             };
             // The result follows the name, possibly on several lines.
             let detail = detail.replace('\n', "\n          ");
-            writeln!(out, "  {mark}  {name:<width$}  {detail}")?;
+            let not_tested = if is_good.is_none() { "not tested: " } else { "" };
+            writeln!(out, "  {mark}  {name:<width$}  {not_tested}{detail}")?;
         }
         match &self.file {
             Some(file) => writeln!(out, "  report: {file}"),

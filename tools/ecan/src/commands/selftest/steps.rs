@@ -101,6 +101,11 @@ impl<'a> TestPlan<'a> {
         self.arguments
     }
 
+    /// The wired channels.
+    pub(super) fn pairs(&self) -> &[(u8, u8)] {
+        self.arguments.wired.as_ref().map_or(&[], |wiring| wiring.pairs())
+    }
+
     /// At each bit rate the loopbacks, then the wires.
     pub(super) fn steps(&self) -> Vec<TestStep<'_>> {
         let paths = [(TestPath::Loopback, &self.loops[..]), (TestPath::Wire, &self.wires[..])];
