@@ -1,9 +1,12 @@
 //! The way to the bus: `--via`.
 
+use std::io::{BufRead as _, BufReader};
 use std::os::unix::net::UnixListener;
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
@@ -11,7 +14,7 @@ use ecan_protocol::image::OptionFlags;
 use ecan_service::{Control, ServePort as _, ServiceConfig};
 use ecan_sim::{ClockKind, SimOptions};
 
-use super::support::{SIM, fails, good, simulated};
+use super::support::{SIM, Scenario, fails, good, simulated};
 
 #[test]
 fn missing_service_names_the_socket_and_the_action() {
@@ -43,6 +46,9 @@ fn offline_command_rejects_a_service() {
     assert!(message.contains("does not use a service"), "{message}");
 }
 
+/// Socket in the directory of the user (`XDG_RUNTIME_DIR`).
+const SOCKET: &str = "ecan/master0.sock";
+
 /// An application with a cycle on a simulated bus in real time, and its service.
 struct Application {
     directory: tempfile::TempDir,
@@ -53,14 +59,16 @@ struct Application {
 impl Application {
     fn start(control: Control) -> Self {
         let directory = tempfile::tempdir().unwrap();
-        let path = directory.path().join("master0.sock");
+        let path = directory.path().join(SOCKET);
         let config = ServiceConfig::new(&path).with_control(control).with_name("cell", "1.0");
         let options = SimOptions { clock: Some(ClockKind::Real), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
         let mut gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
         gateway.tx_options = OptionFlags::TX_RESULT;
         let config_of_port = PortConfig::uniform(1, gateway);
-        let mut port = Port::open(&backend.ecrt, (AdapterConfig::new(1), config_of_port)).unwrap();
+        // Longer than a busy machine pauses: no frame is lost.
+        let adapter = AdapterConfig::new(1).with_watchdog(Duration::from_secs(5));
+        let mut port = Port::open(&backend.ecrt, (adapter, config_of_port)).unwrap();
         let service = port.serve(config).unwrap();
         port.wait_ready().unwrap();
         let stop = Arc::new(AtomicBool::new(false));
@@ -77,12 +85,25 @@ impl Application {
     }
 
     fn arguments<'a>(&self, path: &'a mut String, rest: &[&'a str]) -> Vec<&'a str> {
-        *path = self.directory.path().join("master0.sock").to_str().unwrap().to_owned();
+        *path = self.directory.path().join(SOCKET).to_str().unwrap().to_owned();
         [&["--via", path.as_str()][..], rest].concat()
     }
 
     fn good(&self, rest: &[&str]) -> String {
         good(&self.arguments(&mut String::new(), rest))
+    }
+
+    /// Starts a command that finds the service at its default path.
+    fn start_auto(&self, command: &[&str]) -> Child {
+        Command::new(env!("CARGO_BIN_EXE_ecan"))
+            .args(command)
+            .env_remove("ECAN_ECRT")
+            .env("XDG_RUNTIME_DIR", self.directory.path())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
     }
 
     fn fails(&self, status: i32, rest: &[&str]) -> String {
@@ -121,6 +142,51 @@ fn commands_work_in_parallel_through_one_service() {
         }
         assert_eq!(dump.join().unwrap().lines().count(), 100);
     });
+}
+
+#[test]
+fn every_command_finds_and_reports_the_service() {
+    let application = Application::start(Control::Owner);
+    let path = application.directory.path().join(SOCKET);
+    let note =
+        format!("via {}: cell 1.0 (pid {}), master 0, control", path.display(), std::process::id());
+    let files = Scenario::new("");
+    let log = files.write("a.log", "(0.000000) can0 123#00\n");
+    let file = files.write("cell.toml", &good(&["config", "example"]));
+    for command in [
+        "scan",
+        "info",
+        "caps",
+        "sdo read 0x8010:3",
+        &format!("config diff {file}"),
+        "diag",
+        "send 123#00",
+        "gen -n 2 -g 1",
+        &format!("replay {log}"),
+        "monitor --once",
+        "selftest",
+    ] {
+        for json in [None, Some("--json")] {
+            let words: Vec<_> = json.into_iter().chain(command.split(' ')).collect();
+            let output = application.start_auto(&words).wait_with_output().unwrap();
+            let errors = String::from_utf8(output.stderr).unwrap();
+            assert!(matches!(output.status.code(), Some(0 | 1)), "{command}: {errors}");
+            assert_eq!(errors.lines().next(), Some(note.as_str()), "{command}: {errors}");
+            if json.is_some() && !output.stdout.is_empty() {
+                let printed = serde_json::from_slice::<serde_json::Value>(&output.stdout);
+                assert!(printed.is_ok(), "{command}: {printed:?}");
+            }
+        }
+    }
+    for command in ["dump", "bridge --slcan 127.0.0.1:0"] {
+        let words: Vec<_> = ["--json"].into_iter().chain(command.split(' ')).collect();
+        let mut program = application.start_auto(&words);
+        let mut line = String::new();
+        BufReader::new(program.stderr.take().unwrap()).read_line(&mut line).unwrap();
+        program.kill().unwrap();
+        program.wait().unwrap();
+        assert_eq!(line.trim_end(), note, "{command}");
+    }
 }
 
 #[test]
