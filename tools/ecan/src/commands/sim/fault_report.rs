@@ -37,6 +37,10 @@ impl FaultReport {
     fn new(state: FaultState, fault: String, text: String) -> Self {
         Self { state, time_ns: None, cycle: None, after_op_ns: None, fault, text }
     }
+
+    pub fn print(&self, out: &mut dyn Write) -> io::Result<()> {
+        writeln!(out, "{}", self.text)
+    }
 }
 
 impl From<&FaultRecord> for FaultReport {
@@ -93,6 +97,6 @@ impl FaultList {
             return writeln!(out, "no faults");
         }
         let mut all = self.injected.iter().chain(&self.pending);
-        all.try_for_each(|fault| writeln!(out, "{}", fault.text))
+        all.try_for_each(|fault| fault.print(out))
     }
 }

@@ -5,6 +5,9 @@ mod fault_report;
 mod fault_request;
 mod status;
 
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
 use clap::{Args, Subcommand, ValueEnum};
 use ecan_service_client::{INVALID_PARAMS, METHOD_NOT_FOUND};
 use ecan_sim::FaultKind;
@@ -27,6 +30,10 @@ pub const FAULT_METHOD: &str = "sim.fault";
 pub const FAULTS_METHOD: &str = "sim.faults";
 /// Method that returns a [`SimulationStatus`].
 pub const STATUS_METHOD: &str = "sim.status";
+
+/// Longest wait for a gateway after its supply returns, and interval of its states.
+const WAIT: Duration = Duration::from_secs(60);
+const POLL: Duration = Duration::from_millis(20);
 
 pub const EXAMPLES: &str = "\
 Examples:
@@ -56,6 +63,9 @@ enum Action {
         /// Time without supply of `cycle` [default: 1s]
         #[arg(long, value_name = "TIME", value_parser = duration::parse)]
         off: Option<Value>,
+        /// Wait until the gateway is in OP again, or in PREOP if the service runs no cycle
+        #[arg(long)]
+        wait: bool,
     },
     /// Inject a fault, now or at a time
     #[command(after_help = "\
@@ -94,31 +104,65 @@ pub fn run(arguments: &SimArguments, context: &Context) -> Result {
         Action::Power { supply, off: Some(_), .. } if *supply != Supply::Cycle => {
             Err(Failure::Usage("--off belongs to `cycle`".to_owned()))
         }
-        Action::Power { gateway, supply, off } => {
-            let gateway = ("gateway", Value::from(*gateway));
-            let off = off.as_ref().map(|off| ("off_ms", off.clone()));
-            let keys = std::iter::once(gateway).chain(off);
-            inject(FaultRequest::new(supply.fault(), keys), context)
+        Action::Power { supply: Supply::Off, wait: true, .. } => {
+            Err(Failure::Usage("--wait belongs to `on` and `cycle`".to_owned()))
         }
-        Action::Fault { fault } => inject(fault.clone(), context),
+        Action::Power { gateway, supply, off, wait } => {
+            let index = ("gateway", Value::from(*gateway));
+            let off = off.as_ref().map(|off| ("off_ms", off.clone()));
+            let keys = std::iter::once(index).chain(off);
+            let connection = connect(context)?;
+            let report = inject(FaultRequest::new(supply.fault(), keys), &connection)?;
+            if *wait {
+                wait_for(*gateway, &connection)?;
+            }
+            output.data(&report, |out| report.print(out))
+        }
+        Action::Fault { fault } => {
+            let report = inject(fault.clone(), &connect(context)?)?;
+            output.data(&report, |out| report.print(out))
+        }
         Action::Faults => {
-            let faults: FaultList = call(FAULTS_METHOD, Value::Null, context)?;
+            let faults: FaultList = call(FAULTS_METHOD, Value::Null, &connect(context)?)?;
             output.data(&faults, |out| faults.print(out))
         }
         Action::Status => {
-            let status: SimulationStatus = call(STATUS_METHOD, Value::Null, context)?;
+            let status: SimulationStatus = call(STATUS_METHOD, Value::Null, &connect(context)?)?;
             output.data(&status, |out| status.print(out))
         }
     }
 }
 
-fn inject(fault: FaultRequest, context: &Context) -> Result {
-    let report: FaultReport = call(FAULT_METHOD, fault.into_params(), context)?;
-    context.output.data(&report, |out| writeln!(out, "{}", report.text))
+fn inject(fault: FaultRequest, connection: &ServiceConnection) -> Result<FaultReport> {
+    call(FAULT_METHOD, fault.into_params(), connection)
 }
 
-fn call<T: DeserializeOwned>(method: &str, params: Value, context: &Context) -> Result<T> {
-    let connection = connect(context)?;
+/// Waits until a gateway is started.
+fn wait_for(gateway: usize, connection: &ServiceConnection) -> Result {
+    let has_cycle = connection.hello().cycle_ns.is_some();
+    let end = Instant::now() + WAIT;
+    loop {
+        let status: SimulationStatus = call(STATUS_METHOD, Value::Null, connection)?;
+        let Some(status) = status.gateways.get(gateway) else { return Ok(()) };
+        if status.is_started(has_cycle) {
+            return Ok(());
+        }
+        if Instant::now() > end {
+            return Err(Failure::Rejected(format!(
+                "gateway {gateway} has not started within {} s: {}; see `ecan diag`",
+                WAIT.as_secs(),
+                status.state()
+            )));
+        }
+        sleep(POLL);
+    }
+}
+
+fn call<T: DeserializeOwned>(
+    method: &str,
+    params: Value,
+    connection: &ServiceConnection,
+) -> Result<T> {
     let program = connection.program();
     let result = connection.client().call(method, params).map_err(|error| match error.rpc() {
         Some(rpc) if rpc.code == INVALID_PARAMS => Failure::Usage(rpc.message.clone()),

@@ -114,7 +114,17 @@ impl GatewayStatus {
         }
     }
 
-    fn state(&self) -> String {
+    /// Returns whether the master has identified it, and has brought it to OP if a cycle runs.
+    pub fn is_started(&self, has_cycle: bool) -> bool {
+        let is_in_state = match self.al_state.as_deref() {
+            Some("OP") => true,
+            Some("PREOP" | "SAFEOP") => !has_cycle,
+            _ => false,
+        };
+        is_in_state && self.is_reachable && self.al_error.is_none()
+    }
+
+    pub fn state(&self) -> String {
         let state = match &self.al_state {
             Some(state) => state.as_str(),
             None if self.is_powered => "booting",
