@@ -74,7 +74,7 @@ impl Display for GatewayFault {
             Self::MailboxSilent { ms } => write!(f, "mailbox silent for {ms} ms"),
             Self::ServiceStall { ms } => write!(f, "data path stalled for {ms} ms"),
             Self::FlashFailure { times } => {
-                write!(f, "{} of the flash fail", counted(times, "operation"))
+                write!(f, "flash fails in {}", counted(times, "operation"))
             }
         }
     }

@@ -1,11 +1,17 @@
 //! The screens in docs/TOOL.md are what the program prints.
 //!
-//! In a block of kind `console` a line that begins with `$ ` is a command, the lines behind it are its
-//! output and its error messages, `...` stands for any number of lines. A comment of one line
-//! `<!-- $ command -->` prepares what a reader has anyway. All run in one directory, in their order.
+//! In a block of kind `console` a line that begins with `$ ` is a command, the lines after it are its
+//! output and its error messages. A line `...` stands for any number of lines, `...` in a line for any
+//! text. A command that ends in ` &` runs in the background until `kill %1`; its lines are those of its
+//! start. A comment of one line `<!-- $ command -->` prepares what a reader has anyway. All run in one
+//! directory, in their order. The banner of a simulation and the note on a service are left out.
 
-use std::path::Path;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::support::timed_reader::TimedReader;
 
 struct Screen<'a> {
     line: usize,
@@ -33,33 +39,94 @@ fn screens(document: &str) -> Vec<Screen<'_>> {
     screens
 }
 
-fn run(command: &str, directory: &Path) -> String {
-    let programs = Path::new(env!("CARGO_BIN_EXE_ecan")).parent().unwrap();
-    let path = std::env::var("PATH").unwrap();
-    let output = Command::new("sh")
-        .args(["-c", &format!("{{ {command}\n}} 2>&1")])
-        .current_dir(directory)
-        .env("PATH", format!("{}:{path}", programs.display()))
-        .env("COLUMNS", "100")
-        .env_remove("ECAN_ECRT")
-        .output()
-        .unwrap();
-    let shown = String::from_utf8(output.stdout).unwrap();
-    shown
-        .lines()
-        .filter(|line| !line.starts_with("SIMULATED"))
-        // Commands of builds with further features.
-        .filter(|line| !line.starts_with("  zenoh  "))
-        .fold(String::new(), |text, line| text + line.trim_end() + "\n")
+/// Runs the commands of the screens.
+struct Shell {
+    directory: PathBuf,
+    background: Option<(Child, TimedReader)>,
 }
 
-/// Returns whether the lines are those that are expected, with `...` for any number of lines.
+impl Shell {
+    fn command(&self, script: &str) -> Command {
+        let programs = Path::new(env!("CARGO_BIN_EXE_ecan")).parent().unwrap();
+        let path = std::env::var("PATH").unwrap();
+        let mut command = Command::new("sh");
+        command
+            .args(["-c", script])
+            .current_dir(&self.directory)
+            .env("PATH", format!("{}:{path}", programs.display()))
+            .env("COLUMNS", "100")
+            .env_remove("ECAN_ECRT");
+        command
+    }
+
+    /// Returns the output of a command; of one in the background the first `lines`.
+    fn run(&mut self, command: &str, lines: usize) -> String {
+        if let Some(command) = command.strip_suffix(" &") {
+            return self.start(command, lines);
+        }
+        if command == "kill %1" {
+            let (mut child, mut reader) = self.background.take().expect("a background command");
+            kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
+            let status = reader.end_of(&mut child);
+            assert!(status.success(), "{status}: {}", reader.text());
+            return String::new();
+        }
+        let output = self.command(&format!("{{ {command}\n}} 2>&1")).output().unwrap();
+        let shown = String::from_utf8(output.stdout).unwrap();
+        shown.lines().filter_map(shown_line).collect()
+    }
+
+    fn start(&mut self, command: &str, lines: usize) -> String {
+        let mut child = self
+            .command(&format!("exec {command} 2>&1"))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut reader = TimedReader::new(child.stdout.take().unwrap());
+        let line = || String::from_utf8(reader.through(b'\n')).unwrap();
+        let read = std::iter::repeat_with(line).take_while(|line| !line.is_empty());
+        let shown = read.filter_map(|line| shown_line(&line)).take(lines).collect();
+        self.background = Some((child, reader));
+        shown
+    }
+}
+
+impl Drop for Shell {
+    fn drop(&mut self) {
+        if let Some((child, _)) = &mut self.background {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// The line as the document has it, with a line break.
+fn shown_line(line: &str) -> Option<String> {
+    // Also commands of builds with further features.
+    let is_left_out = ["SIMULATED", "via ", "  zenoh  "].iter().any(|it| line.starts_with(it));
+    (!is_left_out).then(|| line.trim_end().to_owned() + "\n")
+}
+
+/// Returns whether the lines are those that are expected.
 fn fits(expected: &[&str], lines: &[&str]) -> bool {
     match (expected.split_first(), lines.split_first()) {
         (None, None) => true,
         (Some((&"...", rest)), _) => (0..=lines.len()).any(|skipped| fits(rest, &lines[skipped..])),
-        (Some((wanted, expected)), Some((line, lines))) => wanted == line && fits(expected, lines),
+        (Some((wanted, expected)), Some((line, lines))) => {
+            line_fits(wanted, line) && fits(expected, lines)
+        }
         _ => false,
+    }
+}
+
+fn line_fits(wanted: &str, line: &str) -> bool {
+    match wanted.split_once("...") {
+        None => wanted == line,
+        Some((start, rest)) => line.strip_prefix(start).is_some_and(|line| {
+            let tails = line.char_indices().map(|(at, _)| &line[at..]).chain([""]);
+            tails.into_iter().any(|tail| line_fits(rest, tail))
+        }),
     }
 }
 
@@ -69,11 +136,13 @@ fn screens_of_tool_md_match_the_program() {
         std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/TOOL.md"))
             .unwrap();
     let directory = tempfile::tempdir().unwrap();
+    let mut shell = Shell { directory: directory.path().to_owned(), background: None };
     let screens = screens(&document);
     assert!(screens.len() > 10, "{} screens", screens.len());
     let mut wrong = String::new();
     for screen in screens {
-        let shown = run(screen.command, directory.path());
+        let count = screen.expected.as_ref().map_or(0, Vec::len);
+        let shown = shell.run(screen.command, count);
         let Some(expected) = screen.expected else { continue };
         if !fits(&expected, &shown.lines().collect::<Vec<_>>()) {
             let Screen { line, command, .. } = screen;
@@ -90,4 +159,13 @@ fn dots_match_any_number_of_lines() {
     assert!(fits(&["..."], &[]));
     assert!(!fits(&["a", "...", "d"], &["a", "b"]));
     assert!(!fits(&["a"], &["a", "b"]));
+}
+
+#[test]
+fn dots_in_a_line_match_any_text() {
+    assert!(line_fits("... s: fault", "1.25 s: fault"));
+    assert!(line_fits("from ... to ... at once", "from a to b to c at once"));
+    assert!(line_fits("at ...", "at "));
+    assert!(!line_fits("from ... to", "from a to b"));
+    assert!(!line_fits("... s: fault", "1.25 s: fault 2"));
 }
