@@ -193,6 +193,10 @@ impl Port {
                 recorder.received(stamp, slave, gateway.receiver.profile(), image);
             }
         }
+        if !self.has_been_ready && self.is_ready() {
+            self.has_been_ready = true;
+            self.adapter.clock().gateways_ready();
+        }
         self.retry_startups();
         self.is_cycle_open = true;
     }

@@ -35,6 +35,8 @@ pub struct Port {
     /// Number of the section of the snapshots.
     pub(crate) snapshot_reservation: u64,
     pub(crate) is_cycle_open: bool,
+    /// All gateways were ready at one time.
+    pub(crate) has_been_ready: bool,
     /// Of the last cycle that has begun.
     pub(crate) cycle_number: u64,
     /// Deadline of the running cycle; `None` without a wait for the cycle.
@@ -113,6 +115,7 @@ impl Port {
                     gateways,
                     snapshot_reservation,
                     is_cycle_open: false,
+                    has_been_ready: false,
                     cycle_number: 0,
                     deadline_ns: None,
                     sync0_phase: Sync0Phase::default(),

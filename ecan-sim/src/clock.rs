@@ -30,4 +30,8 @@ impl Clock for SimClock {
     fn is_free_running(&self) -> bool {
         self.shared.kind == ClockKind::Real
     }
+
+    fn gateways_ready(&self) {
+        self.shared.with(|state| state.world.begin_ready());
+    }
 }

@@ -202,6 +202,9 @@ pub enum When {
     At(u64),
     /// Nanoseconds after the first send with process data at which all gateways are in OP.
     AfterOp(u64),
+    /// Nanoseconds after a Port reports all its gateways ready for the first time
+    /// ([`Clock::gateways_ready`](ecrt_sys::Clock::gateways_ready)).
+    AfterReady(u64),
 }
 
 /// A fault and its time.

@@ -31,6 +31,10 @@ pub trait Clock: Send + Sync {
     fn is_free_running(&self) -> bool {
         false
     }
+
+    /// Called when all gateways of the program are ready for the first time, on the thread of the
+    /// cycle. A simulation counts times of its scenario from it; the default does nothing.
+    fn gateways_ready(&self) {}
 }
 
 /// The system's `CLOCK_MONOTONIC`.

@@ -16,6 +16,7 @@ pub(crate) struct SimulatedLibrary {
     now_ns: unsafe extern "C" fn() -> u64,
     sleep_until_ns: unsafe extern "C" fn(deadline_ns: u64, spin_ns: u64),
     clock_is_stepped: unsafe extern "C" fn() -> c_int,
+    gateways_ready: unsafe extern "C" fn(),
 }
 
 impl SimulatedLibrary {
@@ -25,11 +26,13 @@ impl SimulatedLibrary {
         let now_ns = source.required("ecan_sim_now_ns");
         let sleep_until_ns = source.required("ecan_sim_sleep_until_ns");
         let clock_is_stepped = source.required("ecan_sim_clock_is_stepped");
+        let gateways_ready = source.required("ecan_sim_gateways_ready");
         Some(Self {
             scenario,
             now_ns: now_ns?,
             sleep_until_ns: sleep_until_ns?,
             clock_is_stepped: clock_is_stepped?,
+            gateways_ready: gateways_ready?,
         })
     }
 
@@ -71,5 +74,10 @@ impl<L: Send + Sync> Clock for SimulatedClock<L> {
     fn is_free_running(&self) -> bool {
         // SAFETY: the library is loaded, and its function takes nothing.
         unsafe { (self.functions.clock_is_stepped)() == 0 }
+    }
+
+    fn gateways_ready(&self) {
+        // SAFETY: the library is loaded, and its function takes nothing.
+        unsafe { (self.functions.gateways_ready)() }
     }
 }

@@ -68,7 +68,8 @@ macro_rules! keys {
 
         impl FaultDescription {
             /// The keys of the time. A description has at most one of them.
-            pub const TIMES: [&str; 4] = ["cycle", "at_ms", "after_ms", "after_op_ms"];
+            pub const TIMES: [&str; 5] =
+                ["cycle", "at_ms", "after_ms", "after_op_ms", "after_ready_ms"];
             /// The keys besides `kind`, those of the time first.
             pub const KEYS: &[FaultKey] =
                 &[$( FaultKey {
@@ -89,6 +90,8 @@ keys! {
     after_ms: u64,
     /// Time since all gateways are in OP for the first time
     after_op_ms: u64,
+    /// Time since the program has all gateways ready for the first time
+    after_ready_ms: u64,
     /// Index of the gateway [default: the only one]
     gateway: usize,
     /// Index of the I/O slave [default: the only one]
@@ -304,6 +307,7 @@ impl FaultDescription {
             self.at_ms.map(|ms| When::At(ns(ms))),
             self.after_ms.map(|ms| When::At(now_ns.saturating_add(ns(ms)))),
             self.after_op_ms.map(|ms| When::AfterOp(ns(ms))),
+            self.after_ready_ms.map(|ms| When::AfterReady(ns(ms))),
         ];
         let mut given = times.into_iter().flatten();
         match (given.next(), given.next()) {

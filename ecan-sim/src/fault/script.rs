@@ -7,37 +7,55 @@ use crate::fault::{Fault, ScriptedFault, When};
 pub(crate) struct FaultScript {
     by_cycle: VecDeque<(u64, Fault)>,
     by_time: VecDeque<(u64, Fault)>,
-    /// Faults with their distance from the time in `op_at`, until that is known.
-    after_op: VecDeque<(u64, Fault)>,
-    op_at: Option<u64>,
+    op: Milestone,
+    ready: Milestone,
+}
+
+/// An event whose time is not known in advance.
+#[derive(Debug, Default)]
+struct Milestone {
+    at: Option<u64>,
+    /// Faults with their distance from it, until its time is known.
+    waiting: VecDeque<(u64, Fault)>,
 }
 
 impl FaultScript {
     /// Adds a fault; `start_ns` is the start of the simulation.
     pub(crate) fn add(&mut self, start_ns: u64, scripted: ScriptedFault) {
-        let (list, at) = match (scripted.when, self.op_at) {
-            (When::Cycle(cycle), _) => (&mut self.by_cycle, cycle),
-            (When::At(ns), _) => (&mut self.by_time, start_ns.saturating_add(ns)),
-            (When::AfterOp(ns), Some(op_at)) => (&mut self.by_time, op_at.saturating_add(ns)),
-            (When::AfterOp(ns), None) => (&mut self.after_op, ns),
+        let fault = scripted.fault;
+        let (milestone, ns) = match scripted.when {
+            When::Cycle(cycle) => return insert(&mut self.by_cycle, cycle, fault),
+            When::At(ns) => return insert(&mut self.by_time, start_ns.saturating_add(ns), fault),
+            When::AfterOp(ns) => (&mut self.op, ns),
+            When::AfterReady(ns) => (&mut self.ready, ns),
         };
-        insert(list, at, scripted.fault);
+        match milestone.at {
+            Some(at) => insert(&mut self.by_time, at.saturating_add(ns), fault),
+            None => insert(&mut milestone.waiting, ns, fault),
+        }
     }
 
     /// Time at which all gateways were in OP for the first time.
     pub(crate) fn op_at(&self) -> Option<u64> {
-        self.op_at
+        self.op.at
     }
 
-    /// All gateways are in OP for the first time.
+    /// Time at which the program had all gateways ready for the first time.
+    pub(crate) fn ready_at(&self) -> Option<u64> {
+        self.ready.at
+    }
+
+    /// All gateways are in OP. Only the first call has an effect.
     pub(crate) fn begin_op(&mut self, now: u64) {
-        self.op_at = Some(now);
-        for (ns, fault) in std::mem::take(&mut self.after_op) {
-            insert(&mut self.by_time, now.saturating_add(ns), fault);
-        }
+        self.op.begin(now, &mut self.by_time);
     }
 
-    /// The faults whose time has not come: by time, by cycle, by the time after OP.
+    /// As [`begin_op`](Self::begin_op), for gateways that are ready.
+    pub(crate) fn begin_ready(&mut self, now: u64) {
+        self.ready.begin(now, &mut self.by_time);
+    }
+
+    /// The faults whose time has not come: by time, by cycle, by the time after OP and after ready.
     pub(crate) fn pending(&self, start_ns: u64) -> impl Iterator<Item = ScriptedFault> {
         let with = |when: fn(u64) -> When, from: u64| {
             move |(at, fault): &(u64, Fault)| ScriptedFault {
@@ -47,7 +65,9 @@ impl FaultScript {
         };
         let by_time = self.by_time.iter().map(with(When::At, start_ns));
         let by_cycle = self.by_cycle.iter().map(with(When::Cycle, 0));
-        by_time.chain(by_cycle).chain(self.after_op.iter().map(with(When::AfterOp, 0)))
+        let after_op = self.op.waiting.iter().map(with(When::AfterOp, 0));
+        let after_ready = self.ready.waiting.iter().map(with(When::AfterReady, 0));
+        by_time.chain(by_cycle).chain(after_op).chain(after_ready)
     }
 
     pub(crate) fn next_time(&self) -> Option<u64> {
@@ -60,6 +80,15 @@ impl FaultScript {
 
     pub(crate) fn due_cycle(&mut self, cycle: u64) -> Option<Fault> {
         take_due(&mut self.by_cycle, cycle)
+    }
+}
+
+impl Milestone {
+    fn begin(&mut self, now: u64, by_time: &mut VecDeque<(u64, Fault)>) {
+        self.at.get_or_insert(now);
+        for (ns, fault) in std::mem::take(&mut self.waiting) {
+            insert(by_time, now.saturating_add(ns), fault);
+        }
     }
 }
 
@@ -111,6 +140,8 @@ mod tests {
         script.add(0, after_op(15, 3));
         let times: Vec<_> = script.pending(100).map(|it| it.when).collect();
         assert_eq!(times, [When::At(410), When::At(415), When::At(420)]);
+        script.begin_op(510);
+        assert_eq!((script.op_at(), script.ready_at()), (Some(500), None));
         let due: Vec<_> = std::iter::from_fn(|| script.due_time(515)).collect();
         assert_eq!(due, [power(1), power(3)]);
         assert_eq!(script.next_time(), Some(520));

@@ -113,6 +113,7 @@ impl Display for When {
             Self::Cycle(cycle) => write!(f, "at cycle {cycle}"),
             Self::At(ns) => write!(f, "at {:.3} s", seconds(ns)),
             Self::AfterOp(ns) => write!(f, "{:.3} s after OP", seconds(ns)),
+            Self::AfterReady(ns) => write!(f, "{:.3} s after ready", seconds(ns)),
         }
     }
 }

@@ -51,6 +51,16 @@ impl World {
         self.fault_log.observe(Box::new(observer));
     }
 
+    /// As [`op_ns`](Self::op_ns), until the program had all gateways ready.
+    pub fn ready_ns(&self) -> Option<u64> {
+        self.script.ready_at().map(|at| at.saturating_sub(self.start))
+    }
+
+    /// The program has all gateways ready.
+    pub(crate) fn begin_ready(&mut self) {
+        self.script.begin_ready(self.now);
+    }
+
     /// Injects the faults of this cycle.
     pub(super) fn inject_due_cycle(&mut self) {
         if self.script.op_at().is_none() && self.are_all_in_op() {

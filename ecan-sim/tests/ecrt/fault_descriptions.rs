@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::mpsc::channel;
 
 use ecan_sim::{Fault, FaultDescription, FaultEffect, FaultKind, Scenario, Simulation, When};
+use ecrt_sys::Clock as _;
 
 use crate::ecrt_support::{Program, stepped, stepped_echo};
 
@@ -121,6 +122,7 @@ fn scheduled_faults_are_pending_until_their_time() {
     let now_ns = simulation.with_world(|world| world.now_ns() - world.start_ns());
     for (time, text) in [
         ("after_op_ms = 1500", "1.500 s after OP: gateway 0 without supply".to_owned()),
+        ("after_ready_ms = 4", "0.004 s after ready: gateway 0 without supply".to_owned()),
         ("cycle = 7", "at cycle 7: gateway 0 without supply".to_owned()),
         ("at_ms = 60000", "at 60.000 s: gateway 0 without supply".to_owned()),
         (
@@ -133,10 +135,20 @@ fn scheduled_faults_are_pending_until_their_time() {
     }
     let times: Vec<_> = pending().into_iter().map(|it| it.when).collect();
     let after = When::At(now_ns + 3_000_000);
-    let others = [When::At(60_000_000_000), When::Cycle(7), When::AfterOp(1_500_000_000)];
+    let others = [
+        When::At(60_000_000_000),
+        When::Cycle(7),
+        When::AfterOp(1_500_000_000),
+        When::AfterReady(4_000_000),
+    ];
     assert_eq!(times, [&[after], &others[..]].concat());
     simulation.pass_ns(4_000_000);
-    assert_eq!((pending().len(), logged(&simulation).len()), (3, 1));
+    assert_eq!((pending().len(), logged(&simulation).len()), (4, 1));
+    simulation.clock().gateways_ready();
+    let ready_ns = simulation.with_world(|world| world.ready_ns()).unwrap();
+    assert_eq!(pending()[0].when, When::At(ready_ns + 4_000_000));
+    simulation.pass_ns(4_000_000);
+    assert_eq!((pending().len(), logged(&simulation).len()), (3, 2));
 }
 
 #[test]

@@ -39,6 +39,12 @@ pub extern "C" fn ecan_sim_sleep_until_ns(deadline_ns: u64, spin_ns: u64) {
     on_clock(|clock| clock.sleep_and_spin_until_ns(deadline_ns, spin_ns));
 }
 
+/// Begins the times of the scenario that count from the first time that all gateways are ready.
+#[unsafe(no_mangle)]
+pub extern "C" fn ecan_sim_gateways_ready() {
+    on_clock(|clock| clock.gateways_ready());
+}
+
 /// Uses the clock of the world, otherwise that of the system; catches panics.
 fn on_clock<R: Default>(action: impl FnOnce(&dyn Clock) -> R + std::panic::UnwindSafe) -> R {
     let answer = catch_unwind(|| match world::clock() {

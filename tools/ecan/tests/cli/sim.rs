@@ -18,7 +18,7 @@ node_id = 5
 kind = \"bus_off\"
 gateway = 1
 channel = 0
-after_op_ms = 3600000
+after_ready_ms = 3600000
 ";
 
 fn serve_cell(options: &[&str]) -> Served {
@@ -56,6 +56,11 @@ fn supply_is_switched_while_the_machine_lives() {
     assert_eq!(status["nodes"][0]["name"], "shoulder");
     assert_eq!(status["nodes"][0]["kind"], "drive");
 
+    let ready_ns = status["ready_ns"].as_u64().unwrap();
+    assert!(status["op_ns"].as_u64().unwrap() < ready_ns);
+    let bus_off_ns = served.sim_json(&["faults"])["pending"][0]["time_ns"].as_u64().unwrap();
+    assert_eq!(bus_off_ns, ready_ns + 3_600_000_000_000);
+
     let text = served.sim(&["power", "0", "off"]);
     assert!(text.ends_with(" s: fault: gateway 0 without supply\n"), "{text}");
     served.program.wait_for_error(text.trim_end());
@@ -82,7 +87,7 @@ fn supply_is_switched_while_the_machine_lives() {
 #[test]
 fn faults_are_listed_with_their_times() {
     let served = serve_cell(&["--idle"]);
-    let pending = "pending 3600.000 s after OP: gateway 1 channel 0: bus-off\n";
+    let pending = "pending 3600.000 s after ready: gateway 1 channel 0: bus-off\n";
     assert_eq!(served.sim(&["faults"]), pending);
     let injected = served.sim_json(&["fault", "al-error", "--gateway", "0", "--code", "0x1B"]);
     assert_eq!(injected["state"], "injected");
@@ -96,7 +101,7 @@ fn faults_are_listed_with_their_times() {
     let faults = served.sim_json(&["faults"]);
     assert_eq!(faults["injected"], serde_json::json!([injected]));
     assert_eq!(faults["pending"][0], scheduled);
-    assert_eq!(faults["pending"][1]["after_op_ns"], 3_600_000_000_000_u64);
+    assert_eq!(faults["pending"][1]["after_ready_ns"], 3_600_000_000_000_u64);
 
     served.sim(&["fault", "link-loss", "--gateway", "1", "--for", "20ms", "--after", "1ms"]);
     while served.sim_json(&["faults"])["injected"].as_array().unwrap().len() < 2 {}
@@ -106,7 +111,7 @@ fn faults_are_listed_with_their_times() {
 #[test]
 fn wrong_faults_are_rejected() {
     let served = serve_cell(&["--idle", "--read-only"]);
-    assert!(served.sim(&["status"]).contains("not all gateways were in OP"));
+    assert!(served.sim(&["status"]).contains("all gateways in OP not yet, ready not yet"));
     let message = served.sim_fails(3, &["power", "0", "off"]);
     assert!(message.contains("sim.fault is not permitted"), "{message}");
     served.end();

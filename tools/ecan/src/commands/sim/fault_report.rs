@@ -27,6 +27,9 @@ pub struct FaultReport {
     /// Time after all gateways are in OP for the first time, in ns.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub after_op_ns: Option<u64>,
+    /// Time after the program has all gateways ready for the first time, in ns.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub after_ready_ns: Option<u64>,
     /// The fault.
     pub fault: String,
     /// The fault with its time, as a line for users.
@@ -35,7 +38,15 @@ pub struct FaultReport {
 
 impl FaultReport {
     fn new(state: FaultState, fault: String, text: String) -> Self {
-        Self { state, time_ns: None, cycle: None, after_op_ns: None, fault, text }
+        Self {
+            state,
+            time_ns: None,
+            cycle: None,
+            after_op_ns: None,
+            after_ready_ns: None,
+            fault,
+            text,
+        }
     }
 
     pub fn print(&self, out: &mut dyn Write) -> io::Result<()> {
@@ -59,6 +70,7 @@ impl From<&ScriptedFault> for FaultReport {
             When::At(ns) => Self { time_ns: Some(ns), ..new },
             When::Cycle(cycle) => Self { cycle: Some(cycle), ..new },
             When::AfterOp(ns) => Self { after_op_ns: Some(ns), ..new },
+            When::AfterReady(ns) => Self { after_ready_ns: Some(ns), ..new },
         }
     }
 }

@@ -18,6 +18,8 @@ pub struct SimulationStatus {
     pub cycle: u64,
     /// Time at which all gateways were in OP for the first time, in ns.
     pub op_ns: Option<u64>,
+    /// Time at which the program had all gateways ready for the first time, in ns.
+    pub ready_ns: Option<u64>,
     pub gateways: Vec<GatewayStatus>,
     pub nodes: Vec<NodeStatus>,
 }
@@ -62,6 +64,7 @@ impl SimulationStatus {
             time_ns: world.now_ns().saturating_sub(world.start_ns()),
             cycle: world.cycles(),
             op_ns: world.op_ns(),
+            ready_ns: world.ready_ns(),
             gateways: (0..world.gateway_count())
                 .filter_map(|index| Some(GatewayStatus::of(world, index, world.gateway(index)?)))
                 .collect(),
@@ -70,12 +73,12 @@ impl SimulationStatus {
     }
 
     pub fn print(&self, out: &mut dyn Write) -> io::Result<()> {
-        let Self { scenario, seed, time_ns, cycle, op_ns, gateways, nodes } = self;
+        let Self { scenario, seed, time_ns, cycle, op_ns, ready_ns, gateways, nodes } = self;
         let seconds = |ns: u64| ns as f64 / 1e9;
-        let op = match op_ns {
-            Some(ns) => format!("all gateways first in OP at {:.3} s", seconds(*ns)),
-            None => "not all gateways were in OP".to_owned(),
+        let at = |ns: &Option<u64>| {
+            ns.map_or("not yet".to_owned(), |ns| format!("at {:.3} s", seconds(ns)))
         };
+        let op = format!("all gateways in OP {}, ready {}", at(op_ns), at(ready_ns));
         let time = seconds(*time_ns);
         writeln!(out, "scenario {scenario}, seed {seed}: {time:.3} s, {cycle} cycles, {op}")?;
         let titles = ["GATEWAY", "POS", "SUPPLY", "CABLE", "REACHED", "STATE"];
