@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::support::{Scenario, fails, first_silent, setting, two_gateways};
+use crate::support::{FakeLibrary, Scenario, fails, first_silent, setting, two_gateways};
 
 /// Commands that are about one gateway.
 fn commands_of_one(files: &Scenario) -> Vec<Vec<String>> {
@@ -67,16 +67,9 @@ fn missing_master_returns_status_3() {
 
 #[test]
 fn missing_permission_returns_status_3() {
-    // A library whose master 102 answers with EACCES.
-    let sources = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecrt-sys");
-    let directory = tempfile::tempdir().unwrap();
-    let library = directory.path().join("libethercat.so").display().to_string();
-    let compiled = Command::new("cc")
-        .args(["-shared", "-fPIC", "-I", sources, "-o", &library])
-        .arg(format!("{sources}/tests/fake/libethercat.c"))
-        .status();
-    let Ok(compiled) = compiled else { return println!("skipped: there is no C compiler (cc)") };
-    assert!(compiled.success());
+    // Its master 102 answers with EACCES.
+    let Some(library) = FakeLibrary::build() else { return };
+    let library = library.path();
     let files = Scenario::new("");
     for command in commands_of_one(&files).into_iter().chain(commands_of_all(&files)) {
         let message = fails(3, &with(&command, &["--ecrt", &library, "--master", "102"]));

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::serve::{Served, serve_bus};
-use crate::support::{fails, good, scenario, setting};
+use crate::support::{FakeLibrary, fails, good, scenario, setting};
 
 const CELL: &str = "\
 name = \"cell\"
@@ -135,6 +135,17 @@ fn wrong_faults_are_rejected() {
     ] {
         let message = served.sim_fails(2, arguments);
         assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    served.end();
+}
+
+#[test]
+fn real_bus_is_never_changed() {
+    let Some(library) = FakeLibrary::build() else { return };
+    let served = serve_bus(&library.path(), &["--idle"]);
+    for arguments in [&["status"][..], &["power", "0", "off"]] {
+        let message = served.sim_fails(3, arguments);
+        assert!(message.contains("holds a real bus"), "{message}");
     }
     served.end();
 }

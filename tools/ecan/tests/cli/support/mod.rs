@@ -93,6 +93,31 @@ pub fn write_program(path: &std::path::Path, text: &str) {
     assert!(status.success());
 }
 
+/// A libethercat without a simulation, of `ecrt-sys`.
+pub struct FakeLibrary(tempfile::TempDir);
+
+impl FakeLibrary {
+    /// `None` without a C compiler, with a message.
+    pub fn build() -> Option<Self> {
+        let sources = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecrt-sys");
+        let library = Self(tempfile::tempdir().unwrap());
+        let compiled = Command::new("cc")
+            .args(["-shared", "-fPIC", "-I", sources, "-o", &library.path()])
+            .arg(format!("{sources}/tests/fake/libethercat.c"))
+            .status();
+        let Ok(compiled) = compiled else {
+            println!("skipped: there is no C compiler (cc)");
+            return None;
+        };
+        assert!(compiled.success());
+        Some(library)
+    }
+
+    pub fn path(&self) -> String {
+        self.0.path().join("libethercat.so").display().to_string()
+    }
+}
+
 /// Directory with a scenario of one gateway and these tables, and other files.
 pub struct Scenario {
     directory: tempfile::TempDir,
