@@ -7,6 +7,7 @@ mod bridge;
 mod bus_symptoms;
 mod capture;
 mod config;
+mod crowd;
 mod diagnosis;
 mod dump;
 mod every_command;
