@@ -203,7 +203,8 @@ impl Bench {
         };
         let outcome = warm(|| run(false), || run(true));
         assert_eq!(stream.borrow().lost(), 0);
-        let name = format!("images for another thread, N = {}", case.multiplier);
+        let name =
+            format!("images for another thread, {} slaves, N = {}", case.slaves, case.multiplier);
         Row::new(name, "whole cycle with / without them, null master", outcome.ratio)
     }
 

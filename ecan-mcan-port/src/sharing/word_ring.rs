@@ -24,7 +24,26 @@ struct OwnLine(AtomicU64);
 impl Ring {
     fn slot(&self, position: u64) -> &AtomicU64 {
         // infallible: the number of words is a power of two and not 0
-        &self.words[position as usize & (self.words.len() - 1)]
+        &self.words[self.index(position)]
+    }
+
+    fn index(&self, position: u64) -> usize {
+        position as usize & (self.words.len() - 1)
+    }
+
+    /// Writes words from `position` on, at most as many as there are; returns the next position. In two
+    /// loops over slices, which the compiler unrolls.
+    #[inline]
+    fn store<T>(&self, position: u64, words: &[T], word_of: impl Fn(&T) -> u64) -> u64 {
+        let (second, first) = self.words.split_at(self.index(position));
+        let (to_end, from_start) = words.split_at(words.len().min(first.len()));
+        for (slots, words) in [(first, to_end), (second, from_start)] {
+            slots
+                .iter()
+                .zip(words)
+                .for_each(|(slot, it)| slot.store(word_of(it), Ordering::Relaxed));
+        }
+        position + words.len() as u64
     }
 }
 
@@ -83,20 +102,15 @@ impl RingWriter {
                 return false;
             }
         }
-        let mut position = self.position;
-        let mut put = |word: u64| {
-            self.ring.slot(position).store(word, Ordering::Relaxed);
-            position += 1;
-        };
-        put(count as u64);
-        head.iter().for_each(|word| put(*word));
         let (whole, rest) = bytes.as_chunks::<8>();
-        whole.iter().for_each(|word| put(u64::from_le_bytes(*word)));
-        if !rest.is_empty() {
-            let mut last = [0; 8];
-            last[..rest.len()].copy_from_slice(rest);
-            put(u64::from_le_bytes(last));
-        }
+        let mut last = [0; 8];
+        last[..rest.len()].copy_from_slice(rest);
+        let last = if rest.is_empty() { &[][..] } else { &[last] };
+        let mut position = self.position;
+        position = self.ring.store(position, &[count as u64], |word| *word);
+        position = self.ring.store(position, head, |word| *word);
+        position = self.ring.store(position, whole, |word| u64::from_le_bytes(*word));
+        position = self.ring.store(position, last, |word| u64::from_le_bytes(*word));
         self.position = position;
         // The reader that sees this position sees the words before it.
         self.ring.written.0.store(position, Ordering::Release);
